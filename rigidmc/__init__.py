@@ -1,0 +1,56 @@
+"""rigidmc: Monte Carlo ensembles of rigid bodies with a fixed point, millions of tops in parallel.
+
+    import rigidmc as rm
+    scene = rm.Scene(rm.Body.from_moments((1, 2, 3)), start=rm.Start(omega=(rm.normal(0, 1e-3), 1.0, 0.0)))
+    ds = rm.simulate(scene, integrator="rk4", dt=1e-2, t_end=40.0, members=100_000, every=0.1, save=("omega",))
+
+The names below are loaded when first used: importing rigidmc compiles nothing and takes a millisecond.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "Body": "body",
+    "Gravity": "effects",
+    "OutputExists": "errors",
+    "Scene": "scene",
+    "SceneError": "errors",
+    "SceneWarning": "errors",
+    "Run": "scene",
+    "Start": "sampling",
+    "ViscousDamping": "effects",
+    "distribution": "sampling",
+    "normal": "sampling",
+    "open": "storage",
+    "simulate": "simulation",
+    "uniform": "sampling",
+}
+__all__ = [  # noqa: RUF022
+    "Body", "Scene", "Start", "Run", "simulate", "open",
+    "Gravity", "ViscousDamping", "normal", "uniform", "distribution",
+    "SceneError", "SceneWarning", "OutputExists",
+]  # fmt: skip
+
+if TYPE_CHECKING:
+    from rigidmc.body import Body
+    from rigidmc.effects import Gravity, ViscousDamping
+    from rigidmc.errors import OutputExists, SceneError, SceneWarning
+    from rigidmc.sampling import Start, distribution, normal, uniform
+    from rigidmc.scene import Run, Scene
+    from rigidmc.simulation import simulate
+    from rigidmc.storage import open_result as open
+
+
+def __getattr__(name):
+    if name not in _HOMES:
+        raise AttributeError(f"module 'rigidmc' has no attribute '{name}'")
+    found = getattr(import_module(f"rigidmc.{_HOMES[name]}"), "open_result" if name == "open" else name)
+    globals()[name] = found
+    return found
+
+
+def __dir__():
+    return [*__all__, "__version__"]

@@ -1,0 +1,66 @@
+"""Euler's equations of a rigid body with a fixed point, in body angular momentum L and attitude q.
+
+dL/dt = L x omega + tau,   dq/dt = 1/2 q (0, omega),   omega_i = L_i / I_i          (TdC (3.35), (3.7))
+"""
+
+from typing import NamedTuple
+
+from rigidmc.dynamics.so3 import attitude_rate
+
+
+class MassProperties(NamedTuple):
+    """What a kernel knows of a body, in its principal axes.
+
+    i1, i2, i3 : reciprocal principal moments 1/I [1/(kg m^2)]
+    a1, a2, a3 : (I2 - I3)/(I2 I3) and cyclic [1/(kg m^2)], from the difference of moments: 1/I3 - 1/I2 would cancel
+    p1, p2, p3 : mass times centre of mass, the static moment [kg m]
+    """
+
+    i1: float
+    i2: float
+    i3: float
+    a1: float
+    a2: float
+    a3: float
+    p1: float
+    p2: float
+    p3: float
+
+    @staticmethod
+    def of(moments, static_moment):
+        """From principal moments (I1, I2, I3) and static moment, numbers or arrays with one entry per member."""
+        one, two, three = moments
+        return MassProperties(
+            1.0 / one,
+            1.0 / two,
+            1.0 / three,
+            (two - three) / two / three,  # two divisions: the product I2 I3 of a nano body would underflow
+            (three - one) / three / one,
+            (one - two) / one / two,
+            *static_moment,
+        )
+
+
+def angular_velocity(body, l):
+    """omega_i = L_i/I_i [rad/s]."""
+    return body.i1 * l[0], body.i2 * l[1], body.i3 * l[2]
+
+
+def kinetic_energy(body, l):
+    """T = 1/2 sum L_i^2/I_i [J], TdC (3.16)."""
+    return 0.5 * (body.i1 * l[0] * l[0] + body.i2 * l[1] * l[1] + body.i3 * l[2] * l[2])
+
+
+def free_rate(body, l):
+    """dL/dt = L x omega of a free body, TdC (3.35)."""
+    return body.a1 * l[1] * l[2], body.a2 * l[2] * l[0], body.a3 * l[0] * l[1]
+
+
+def derivative(body, tau, q, l):
+    """(dq/dt, dL/dt) under the body-frame torque tau."""
+    half = 0.5 * body.i1 * l[0], 0.5 * body.i2 * l[1], 0.5 * body.i3 * l[2]
+    return attitude_rate(q, half), (
+        body.a1 * l[1] * l[2] + tau[0],
+        body.a2 * l[2] * l[0] + tau[1],
+        body.a3 * l[0] * l[1] + tau[2],
+    )

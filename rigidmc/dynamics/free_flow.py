@@ -1,0 +1,205 @@
+"""The exact motion of a free rigid body over a step, without branches, inverse functions or a modulus.
+
+Momentum by the addition theorem of Jacobi's elliptic functions, attitude by one phase (Celledoni, Fasso, Saefstroem & Zanna,
+SIAM J. Sci. Comput. 30 (2008) 2084). One formula serves spheres, symmetric bodies, separatrix and near-degenerate bodies.
+The formulas want the middle moment on axis 2; `free_flow` relabels the axes cyclically, by selects, where it is not.
+"""
+
+import math
+from typing import NamedTuple
+
+from rigidmc.dynamics.euler import angular_velocity
+from rigidmc.dynamics.so3 import add, axpy, dot, multiply, scale, select, sincos, touch_up
+
+
+class Arc(NamedTuple):
+    """How far the flow goes in time h: S = sn-like, g1 = 1 - f1, g3 = 1 - f3, with S' = f1 f3, f1' = -x S f3, f3' = -y S f1."""
+
+    s: float
+    g1: float
+    g3: float
+
+
+class Axes(NamedTuple):
+    """The constants of a body whose middle axis is axis 2."""
+
+    i1: float
+    i3: float
+    a1: float
+    a2: float
+    a3: float
+
+
+def arc(h, x, y):
+    """The Arc of a short time, by the series of S and f1^2 = 1 - x S^2, f3^2 = 1 - y S^2.
+
+    The next term of the series is 0.0036 (h sqrt(max(x, y)))^12: 5e-17 at 0.07, 4e-15 at 0.1.
+    """
+    z = h * h
+    u, p = x + y, x * y
+    uu = u * u
+    s = h * (
+        1.0
+        - z
+        * (
+            u * (1 / 6)
+            - z
+            * (
+                (uu + 12.0 * p) * (1 / 120)
+                - z
+                * (
+                    u * (uu + 132.0 * p) * (1 / 5040)
+                    - z
+                    * (
+                        (uu * uu + 1224.0 * uu * p + 3024.0 * p * p) * (1 / 362880)
+                        - z * (u * (uu * uu + 11064.0 * uu * p + 71280.0 * p * p) * (1 / 39916800))
+                    )
+                )
+            )
+        )
+    )
+    ss = s * s
+    one, three = 1.0 + math.sqrt(1.0 - x * ss), 1.0 + math.sqrt(1.0 - y * ss)
+    r = ss / (one * three)
+    return Arc(s, x * r * three, y * r * one)
+
+
+def doubled(a, x, y):
+    """The Arc of twice the time; 1 - f' from the factored form, so that no digit cancels."""
+    ss = a.s * a.s
+    f1, f3 = 1.0 - a.g1, 1.0 - a.g3
+    r = 1.0 / (1.0 - x * y * ss * ss)
+    return Arc(2.0 * a.s * f1 * f3 * r, 2.0 * x * ss * f3 * f3 * r, 2.0 * y * ss * f1 * f1 * r)
+
+
+def increment(body, a, p, l):
+    """L(t + h) - L(t) of a free body; conserves T and |L|^2 to rounding for any S, with errors that do not add up.
+
+    The plain form L1' = (f1 L1 + f3 S a1 L2 L3)/D drifts linearly (1e-12 after 1e4 steps); this one walks (5e-15).
+    """
+    f1, f3 = 1.0 - a.g1, 1.0 - a.g3
+    u = p * a.s * a.s
+    r = 1.0 / (1.0 - u)
+    return (
+        r * (f3 * a.s * body.a1 * l[1] * l[2] + (u - a.g1) * l[0]),
+        r * (a.s * body.a2 * l[0] * l[2] + (u - a.g1 - a.g3 + a.g1 * a.g3) * l[1]),
+        r * (f1 * a.s * body.a3 * l[0] * l[1] + (u - a.g3) * l[2]),
+    )
+
+
+def squares(body, l):
+    """(P, Q1, Q3) = (a1 a3 L2^2, -a2 a3 L1^2, -a1 a2 L3^2) >= 0; x = P + Q3 and y = P + Q1 are constants of motion."""
+    return body.a1 * body.a3 * l[1] * l[1], -body.a2 * body.a3 * l[0] * l[0], -body.a1 * body.a2 * l[2] * l[2]
+
+
+def turn_rate(body, l):
+    """lambda = sqrt(P + max(Q1, Q3)) [rad/s], the frequency of the motion of L in the body."""
+    p, q1, q3 = squares(body, l)
+    return math.sqrt(p + max(q1, q3))
+
+
+def _share(body, on_third, u):
+    """(f, v, v', v'') with f = 1/(1 + c) and v = c/(1 + c) along the free motion of the unit momentum u, c = |u_j|, j = 3 or 1."""
+    j = select(on_third, u[2], u[0])
+    rate = select(on_third, body.a3 * u[0], body.a1 * u[2]) * u[1] * select(j < 0.0, -1.0, 1.0)
+    c = abs(j)
+    p, q1, q3 = squares(body, u)
+    f = 1.0 / (1.0 + c)
+    ff = f * f
+    return f, c * f, rate * ff, ff * (c * (p - select(on_third, q1, q3)) - 2.0 * rate * rate * f)
+
+
+def _panels(body, on_third, half, whole, h, u, start, count):
+    """(change of u, end of u, end of f, integral of v) over len(count) panels of length h.
+
+    A panel's integral by the rule that is exact for polynomials of degree 7: v, v', v'' at both ends, where they come free with the
+    flow, and v alone in the middle; its error is 5e-9 h^9 v^(8).
+    """
+    if len(count) == 0:
+        return (0.0, 0.0, 0.0), u, start[0], 0.0
+    p, f1, f3 = body.a1 * body.a3 * u[1] * u[1], 1.0 - half.g1, 1.0 - half.g3
+    d = 1.0 - p * half.s * half.s
+    first = f1 * u[0] + f3 * half.s * body.a1 * u[1] * u[2]
+    third = f3 * u[2] + f1 * half.s * body.a3 * u[0] * u[1]
+    middle = abs(select(on_third, third, first))
+    change = increment(body, whole, p, u)
+    u = add(u, change)
+    end = _share(body, on_third, u)
+    integral = h * (
+        (19 / 70) * (start[1] + end[1])
+        + (16 / 35) * (middle / (d + middle))
+        + h * ((1 / 35) * (start[2] - end[2]) + h * (1 / 840) * (start[3] + end[3]))
+    )
+    rest, u, f, more = _panels(body, on_third, half, whole, h, u, end, count[1:])
+    return add(change, rest), u, f, integral + more
+
+
+def _half_and_whole(h, x, y, halvings):
+    """(Arc of h/2, Arc of h): the series at h/2^(1 + len(halvings)), then doublings."""
+    if len(halvings) == 0:
+        half = arc(0.5 * h, x, y)
+        return half, doubled(half, x, y)
+    half = _half_and_whole(0.5 * h, x, y, halvings[1:])[1]
+    return half, doubled(half, x, y)
+
+
+def free_flow(body, halvings, panels, h, q, l):
+    """(q, L) of a free body after time h.
+
+        psi = integral of (2T + |L| |L_j| / I_j) / (|L| + |L_j|) dt,   q1 = q0 P(L0)* exp(psi e_j / 2) P(L1)
+
+    where P(L) turns L to the body axis e_j, the one (1 or 3) about which L circles. |L|, T and the space momentum are kept to
+    rounding at any h; the phase is exact for symmetric bodies and of order 8 in h otherwise.
+
+    halvings, panels : tuples whose LENGTHS say how often the series' argument is halved and into how many panels h is cut
+    """
+    g = math.sqrt(dot(l, l))
+    one, two, three = scale(1.0 / select(g > 0.0, g, 1.0), l)
+    u = one, two, select(g > 0.0, three, 1.0)  # at rest any unit vector will do: nothing turns
+    twice_energy = dot(u, angular_velocity(body, u))
+    # axis 2 is the middle one unless a1 a3 < 0; of a body symmetric about axis 2 either other axis will do
+    elsewhere, one_fits = body.a1 * body.a3 < 0.0, body.a2 * body.a3 >= 0.0
+    first, third = elsewhere & one_fits, elsewhere & (not one_fits)
+    u = _relabel(first, third, u)
+    i1, _, i3 = _relabel(first, third, (body.i1, body.i2, body.i3))
+    body = Axes(i1, i3, *_relabel(first, third, (body.a1, body.a2, body.a3)))
+    h = h * g / len(panels)  # from here on the time is |L| t and the momentum is the unit vector u
+    p, q1, q3 = squares(body, u)
+    half, whole = _half_and_whole(h, p + q3, p + q1, halvings)
+    on_third = q3 >= q1
+    start = _share(body, on_third, u)
+    change, end, f, integral = _panels(body, on_third, half, whole, h, u, start, panels)
+    # psi' = 2T (1 - v) + v/I_j: written so that nothing cancels for needles, where 1/I_j exceeds 2T by orders of magnitude
+    phase = twice_energy * (h * len(panels) - integral) + select(on_third, body.i3, body.i1) * integral
+    s, c = sincos(0.5 * phase)
+    s = s * select(select(on_third, u[2], u[0]) < 0.0, -1.0, 1.0)
+    turn = multiply(_conjugate(_to_axis(on_third, u)), (c, select(on_third, 0.0, s), 0.0, select(on_third, s, 0.0)))
+    turn = multiply(turn, _to_axis(on_third, end))
+    r = 0.5 * math.sqrt(start[0] * f)  # |P(u)|^2 = 2 (1 + c) before normalisation
+    one, two, three = _relabel(third, first, scale(r, turn[1:]))
+    return touch_up(multiply(q, (r * turn[0], one, two, three))), axpy(l, g, _relabel(third, first, change))
+
+
+def _relabel(first, third, v):
+    """v with its axes shifted so that axis 1 (if `first`) or axis 3 (if `third`) becomes axis 2; swap the two to go back."""
+    return (
+        select(first, v[2], select(third, v[1], v[0])),
+        select(first, v[0], select(third, v[2], v[1])),
+        select(first, v[1], select(third, v[0], v[2])),
+    )
+
+
+def _to_axis(on_third, u):
+    """Quaternion of norm sqrt(2 (1 + c)) that turns the unit vector u to sign(u_j) e_j, j = 3 or 1, c = |u_j|."""
+    j = select(on_third, u[2], u[0])
+    sign = select(j < 0.0, -1.0, 1.0)
+    return (
+        1.0 + abs(j),
+        select(on_third, sign * u[1], 0.0),
+        select(on_third, -sign * u[0], sign * u[2]),
+        select(on_third, 0.0, -sign * u[1]),
+    )
+
+
+def _conjugate(q):
+    return q[0], -q[1], -q[2], -q[3]

@@ -1,0 +1,164 @@
+"""Rotations for kernels: vectors, unit quaternions (scalar first, body -> space), sine and cosine without branches.
+
+Conventions: A = R(q) maps body to space components, columns of A are the body axes (TdC (3.1)-(3.5));
+q and -q are one attitude; a product `multiply(p, q)` turns by q first, then by p.
+"""
+
+import math
+
+# pi/2 in three parts of 33, 33 and 53 bits (Cody & Waite; the parts of fdlibm's e_rem_pio2): n*part is exact for n < 2^20,
+# beyond it the error is that of the rounded argument itself.
+_HALF_PI_1, _HALF_PI_2, _HALF_PI_3 = 1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21
+_TWO_OVER_PI = 0.63661977236758134308
+_ROUND = 6755399441055744.0  # 1.5 * 2^52: adding and subtracting it rounds to the nearest integer, with no libm call
+
+
+def select(condition, a, b):
+    """`a if condition else b`, both evaluated: a blend in lanes, never a branch."""
+    return a if condition else b
+
+
+def dot(a, b):
+    """Scalar product of two 3-vectors."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a, b):
+    """Vector product of two 3-vectors."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def add(a, b):
+    """Sum of two 3-vectors."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+def scale(s, a):
+    """s*a of a number and a 3-vector."""
+    return s * a[0], s * a[1], s * a[2]
+
+
+def axpy(a, s, b):
+    """a + s*b of two 3-vectors."""
+    return a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]
+
+
+def axpy4(a, s, b):
+    """a + s*b of two quaternions."""
+    return a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2], a[3] + s * b[3]
+
+
+def multiply(p, q):
+    """Hamilton product p q."""
+    return (
+        p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3],
+        p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2],
+        p[0] * q[2] + p[2] * q[0] + p[3] * q[1] - p[1] * q[3],
+        p[0] * q[3] + p[3] * q[0] + p[1] * q[2] - p[2] * q[1],
+    )
+
+
+def attitude_rate(q, w):
+    """dq/dt = 1/2 q (0, w) for body angular velocity w; `w` is given HALVED, which the caller folds into 1/I."""
+    return (
+        -q[1] * w[0] - q[2] * w[1] - q[3] * w[2],
+        q[0] * w[0] + q[2] * w[2] - q[3] * w[1],
+        q[0] * w[1] + q[3] * w[0] - q[1] * w[2],
+        q[0] * w[2] + q[1] * w[1] - q[2] * w[0],
+    )
+
+
+def up(q):
+    """The space z axis in body components, third row of A: (2(xz - wy), 2(yz + wx), w^2 - x^2 - y^2 + z^2)."""
+    return (
+        2.0 * (q[1] * q[3] - q[0] * q[2]),
+        2.0 * (q[2] * q[3] + q[0] * q[1]),
+        q[0] * q[0] - q[1] * q[1] - q[2] * q[2] + q[3] * q[3],
+    )
+
+
+def renormalise(q):
+    """q/|q|: one square root and one division keep any step size on the sphere (a Newton step would not)."""
+    r = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return r * q[0], r * q[1], r * q[2], r * q[3]
+
+
+def touch_up(q):
+    """q (3 - |q|^2)/2: one Newton step to |q| = 1, exact to rounding when |q|^2 is within 1e-8 of 1."""
+    r = 1.5 - 0.5 * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return r * q[0], r * q[1], r * q[2], r * q[3]
+
+
+def sincos(x):
+    """(sin x, cos x) without branch or libm call, |error| <= 1.2e-16 for |x| < 1e6.
+
+    Cody-Waite reduction to [-pi/4, pi/4], then the polynomials of fdlibm's k_sin and k_cos.
+    """
+    n = (x * _TWO_OVER_PI + _ROUND) - _ROUND
+    r = ((x - n * _HALF_PI_1) - n * _HALF_PI_2) - n * _HALF_PI_3
+    z = r * r
+    s = r + r * z * (
+        -1.66666666666666324348e-01
+        + z
+        * (
+            8.33333333332248946124e-03
+            + z
+            * (
+                -1.98412698298579493134e-04
+                + z * (2.75573137070700676789e-06 + z * (-2.50507602534068634195e-08 + z * 1.58969099521155010221e-10))
+            )
+        )
+    )
+    c = 1.0 - (
+        0.5 * z
+        - z
+        * z
+        * (
+            4.16666666666666019037e-02
+            + z
+            * (
+                -1.38888888888741095749e-03
+                + z
+                * (
+                    2.48015872894767294178e-05
+                    + z * (-2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 - z * 1.13596475577881948265e-11))
+                )
+            )
+        )
+    )
+    quarter = n - 4.0 * ((n * 0.25 + _ROUND) - _ROUND)  # n mod 4 as -2, -1, 0, 1, 2
+    odd = abs(quarter) == 1.0
+    half = abs(quarter) == 2.0
+    sine = select(odd, c, s)
+    cosine = select(odd, s, c)
+    sine = select((quarter == -1.0) | half, -sine, sine)
+    cosine = select((quarter == 1.0) | half, -cosine, cosine)
+    return sine, cosine
+
+
+def exponential(u):
+    """exp(u/2) as a unit quaternion: the turn by |u| about u. Accurate to rounding for every |u| < 1e6, 0 included."""
+    angle = math.sqrt(dot(u, u))
+    s, c = sincos(0.5 * angle)
+    r = select(angle > 0.0, s / select(angle > 0.0, angle, 1.0), 0.5)
+    return c, r * u[0], r * u[1], r * u[2]
+
+
+def expm1(x):
+    """exp(x) - 1 without branch or libm call, relative error <= 1e-15 for -44 < x <= 20; below it is -1 to rounding.
+
+    Series of degree 8 at x/256 (the next term is 2e-13^... < 1e-17 relative for |x| <= 44), then e <- e (2 + e) eight times.
+    """
+    y = max(x, -44.0) * 0.00390625
+    e = y * (
+        1.0
+        + y * (1 / 2 + y * (1 / 6 + y * (1 / 24 + y * (1 / 120 + y * (1 / 720 + y * (1 / 5040 + y * (1 / 40320 + y / 362880)))))))
+    )
+    e = e * (2.0 + e)
+    e = e * (2.0 + e)
+    e = e * (2.0 + e)
+    e = e * (2.0 + e)
+    e = e * (2.0 + e)
+    e = e * (2.0 + e)
+    e = e * (2.0 + e)
+    return e * (2.0 + e)

@@ -1,0 +1,31 @@
+"""Uniform gravity on a body whose centre of mass is off the fixed point."""
+
+import math
+from typing import NamedTuple
+
+from rigidmc.dynamics.so3 import cross, dot, up
+
+
+class Gravity(NamedTuple):
+    """Uniform gravity along -z.
+
+        tau = -g m r x u(q),   E = g m r . u(q),   u = A^T e_z          (TdC Example 3.7)
+
+    with m r the body's static moment; any direction of r in the body.
+
+    g : acceleration of gravity [m/s^2]
+    """
+
+    g: float
+
+    units = {"g": "m s-2"}
+    limits = {"g": (-math.inf, math.inf)}
+
+    def torque(self, body, q):
+        return cross(up(q), (self.g * body.p1, self.g * body.p2, self.g * body.p3))
+
+    def energy(self, body, q):
+        return self.g * dot((body.p1, body.p2, body.p3), up(q))
+
+    def energy_scale(self, body):
+        return abs(self.g) * math.sqrt(body.p1 * body.p1 + body.p2 * body.p2 + body.p3 * body.p3)

@@ -1,0 +1,65 @@
+"""What integrators and observables ask of a tuple of effects; the empty tuple costs nothing."""
+
+from rigidmc.dynamics.methods import method
+from rigidmc.dynamics.so3 import add, axpy
+
+
+@method
+def torque(effect, body, t, q, l):
+    """Body-frame torque of one effect [N m]."""
+    return 0.0, 0.0, 0.0
+
+
+@method
+def energy(effect, body, q):
+    """Potential energy of one effect [J]."""
+    return 0.0
+
+
+@method
+def energy_scale(effect, body):
+    """Largest |potential energy| of one effect [J]: what a drift of energy is small against."""
+    return 0.0
+
+
+@method
+def kick(effect, body, t, h, q, l):
+    """L after the flow of one effect alone over h; exact as it stands where the torque depends on q alone."""
+    return axpy(l, h, torque(effect, body, t, q, l))
+
+
+def total_torque(effects, body, t, q, l):
+    """Sum of the torques of all effects [N m]."""
+    if len(effects) == 0:
+        return 0.0, 0.0, 0.0
+    if len(effects) == 1:
+        return torque(effects[0], body, t, q, l)
+    return add(torque(effects[0], body, t, q, l), total_torque(effects[1:], body, t, q, l))
+
+
+def total_energy(effects, body, q):
+    """Sum of the potential energies of all effects [J]."""
+    if len(effects) == 0:
+        return 0.0
+    return energy(effects[0], body, q) + total_energy(effects[1:], body, q)
+
+
+def total_energy_scale(effects, body):
+    """Sum of the largest potential energies of all effects [J]."""
+    if len(effects) == 0:
+        return 0.0
+    return energy_scale(effects[0], body) + total_energy_scale(effects[1:], body)
+
+
+def kick_all(effects, body, t, h, q, l):
+    """The effects' flows over h one after the other, first to last."""
+    if len(effects) == 0:
+        return l
+    return kick_all(effects[1:], body, t, h, q, kick(effects[0], body, t, h, q, l))
+
+
+def kick_all_back(effects, body, t, h, q, l):
+    """The same, last to first: the mirror image that makes a composition symmetric."""
+    if len(effects) == 0:
+        return l
+    return kick(effects[0], body, t, h, q, kick_all_back(effects[1:], body, t, h, q, l))

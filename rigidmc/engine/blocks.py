@@ -1,0 +1,61 @@
+"""Blocks of members on threads: no kernel call is longer than a blink, and everything else happens between calls."""
+
+import threading
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+
+from rigidmc.engine import kernel
+
+CALL = 3_000_000  # member-steps per kernel call: 10 to 60 ms at 50 to 300 M/s on two threads
+
+
+class Stopped(Exception):
+    """Raised in a worker whose run was called off."""
+
+
+def run_block(job, stop=None, progress=None):
+    """Take one block from the first step to the last. job: see `Job`."""
+    block, steps, done = job.block, job.total, 0
+    size = max(1, block.shape[1])
+    piece = max(1, CALL // size)
+    while done < steps:
+        if stop is not None and stop.is_set():
+            raise Stopped
+        last = min(steps, done + piece)
+        kernel.advance(
+            job.integrator, job.effects, job.observables, job.attitude, block,
+            job.out, job.width, job.column, job.h, done, last, job.stride, steps,
+        )  # fmt: skip
+        if progress is not None:
+            progress(size * (last - done))
+        done = last
+    return job
+
+
+def run_blocks(make, count, threads, finished, progress=None, poll=None):
+    """Run make(i) -> job for i in range(count) on threads, and finished(job) in this thread as each is done.
+
+    At most threads + 2 blocks are alive at once. `poll` is called in this thread five times a second. Whatever is raised here or in a
+    worker, Ctrl-C included, stops all workers within one kernel call and is raised again.
+    """
+    stop = threading.Event()
+
+    def work(i):
+        return run_block(make(i), stop, progress)
+
+    pool = ThreadPoolExecutor(threads, thread_name_prefix="rigidmc")
+    pending: set[Future] = set()
+    following = iter(range(count))
+    try:
+        while True:
+            while len(pending) < threads + 2 and (i := next(following, None)) is not None:
+                pending.add(pool.submit(work, i))
+            if not pending:
+                return
+            done, pending = wait(pending, timeout=0.2 if poll else None, return_when=FIRST_COMPLETED)
+            for future in done:
+                finished(future.result())
+            if poll:
+                poll()
+    finally:
+        stop.set()
+        pool.shutdown(wait=True, cancel_futures=True)

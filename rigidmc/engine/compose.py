@@ -1,0 +1,106 @@
+"""From a tuple of effects to one straight-line function: the one clever file.
+
+Physics is written as plain functions and as methods of NamedTuples. Here they become callable from compiled code: a plain
+function through `overload` with itself as the implementation, a method through `overload` on the TYPE of its NamedTuple.
+Tuples of effects are unrolled by recursion on their type, so a kernel holds what a scene lists and nothing else, and
+Numba's disk cache works, since no function is ever an argument.
+"""
+
+import inspect
+
+from numba.core import types
+from numba.extending import intrinsic, overload
+
+import rigidmc.integrators.verbs
+import rigidmc.observables.verbs  # noqa: F401  (imported so that METHODS is complete)
+from rigidmc.dynamics import euler, free_flow, so3
+from rigidmc.dynamics.methods import METHODS, arguments
+from rigidmc.effects import verbs
+from rigidmc.integrators import lie
+
+# "nsz" lets an absent effect's +0.0 vanish (12 packed adds a step without it), "contract" allows fused multiply-add.
+# No other flag: "nnan" or "ninf" would delete the check for non-finite members.
+FLAGS = {"error_model": "numpy", "fastmath": {"nsz", "contract"}}
+_INLINE = {**FLAGS, "forceinline": True}  # without forced inlining no lane loop vectorises
+
+_known = set()
+
+
+def inline(function):
+    """Let compiled code call a plain Python function, inlined."""
+    if function not in _known:
+        _known.add(function)
+        overload(function, jit_options=_INLINE, strict=False)(lambda *args: function)
+    return function
+
+
+def _compile_method(call):
+    """Let compiled code call a generic function of `rigidmc.dynamics.methods`."""
+    name, default, available = call.__name__, inline(call.default), call.available
+
+    @overload(call, jit_options=_INLINE, strict=False)
+    def resolve(part, *values):
+        function = getattr(part.instance_class, name, None)
+        if function is None:
+            return default
+        inline(function)
+        at = [available.index(argument) for argument in arguments(function)]
+        a, b, c, d, e, f = at + [0] * (6 - len(at))
+        return (
+            lambda part, *v: function(part),
+            lambda part, *v: function(part, v[a]),
+            lambda part, *v: function(part, v[a], v[b]),
+            lambda part, *v: function(part, v[a], v[b], v[c]),
+            lambda part, *v: function(part, v[a], v[b], v[c], v[d]),
+            lambda part, *v: function(part, v[a], v[b], v[c], v[d], v[e]),
+            lambda part, *v: function(part, v[a], v[b], v[c], v[d], v[e], v[f]),
+        )[len(at)]
+
+
+@intrinsic(prefer_literal=False)
+def _read(typing_context, part, work, row, lane, stride):
+    """A NamedTuple of the type of `part` from work[(row + i)*stride + lane], i = 0, 1, ..."""
+    signature = part(part, work, row, lane, stride)
+
+    def generate(context, builder, signature, values):
+        array = context.make_array(signature.args[1])(context, builder, values[1])
+        row, lane, stride = values[2:]
+        fields = []
+        for i in range(len(part)):
+            index = builder.add(builder.mul(builder.add(row, row.type(i)), stride), lane)
+            fields.append(builder.load(builder.gep(array.data, [index])))
+        return context.make_tuple(builder, part, fields)
+
+    return signature, generate
+
+
+def read(part, work, row, lane, stride):
+    """A NamedTuple of the type of `part` from the rows of a workspace."""
+    return type(part)(*(work[(row + i) * stride + lane] for i in range(len(part))))
+
+
+@overload(read, jit_options=_INLINE)
+def _compiled_read(part, work, row, lane, stride):
+    if isinstance(part, types.BaseAnonymousTuple) or not hasattr(part, "instance_class"):
+        return None
+    return lambda part, work, row, lane, stride: _read(part, work, row, lane, stride)
+
+
+def read_all(parts, work, row, lane, stride):
+    """A tuple of NamedTuples of the types of `parts` from consecutive rows."""
+    if len(parts) == 0:
+        return ()
+    first = read(parts[0], work, row, lane, stride)
+    return (first,) + read_all(parts[1:], work, row + len(parts[0]), lane, stride)
+
+
+def _plain_functions(module):
+    return [f for f in vars(module).values() if inspect.isfunction(f) and f.__module__ == module.__name__ and f not in METHODS]
+
+
+for _module in (so3, euler, free_flow, verbs, lie):
+    for _function in _plain_functions(_module):
+        inline(_function)
+inline(read_all)
+for _call in METHODS:
+    _compile_method(_call)

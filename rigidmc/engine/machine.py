@@ -1,0 +1,144 @@
+"""This machine: the widest vectors it has, and a private disk cache of kernels that dies with any change of the sources."""
+
+import hashlib
+import logging
+import os
+import shutil
+import stat
+import sys
+import time
+from typing import Any
+
+import llvmlite
+import llvmlite.binding as llvm
+import numba
+import platformdirs
+
+config: Any = numba.config
+log = logging.getLogger("rigidmc")
+_PACKAGE = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+_KEEP_SECONDS = 30 * 86400  # kernels of other versions of the sources are deleted after a month
+
+
+def use_widest_vectors():
+    """Let LLVM use 512-bit vectors where the CPU has them: x1.3 to x1.5 on CPUs that it tunes for 256 bit.
+
+    Works only before the first compilation of the process; a user's NUMBA_CPU_FEATURES or NUMBA_CPU_NAME wins.
+    """
+    if config.CPU_FEATURES is None and config.CPU_NAME is None:
+        features = llvm.get_host_cpu_features()
+        if features.get("avx512f"):
+            config.CPU_FEATURES = features.flatten() + ",-prefer-256-bit"
+
+
+def vector_bits():
+    """Width of the widest vector registers that kernels of this process may use [bit]."""
+    features = (config.CPU_FEATURES or llvm.get_host_cpu_features().flatten()).split(",")
+    if "+avx512f" in features and "+prefer-256-bit" not in features:
+        return 512
+    return 256 if "+avx2" in features or "+avx512f" in features else 128
+
+
+def threads_available():
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def source_stamp():
+    """Hash of all the package's sources and of the compilers: any change of either makes every cached kernel stale."""
+    digest = hashlib.sha256(f"{sys.version} numba {numba.__version__} llvmlite {llvmlite.__version__}".encode())
+    for folder, folders, files in os.walk(_PACKAGE):
+        folders.sort()
+        for name in sorted(files):
+            if name.endswith(".py"):
+                with open(os.path.join(folder, name), "rb") as file:
+                    digest.update(name.encode() + b"\0" + file.read())
+    return digest.hexdigest()[:32]
+
+
+def cache_folder():
+    """Where compiled kernels are kept: RIGIDMC_CACHE_DIR, else the user's own cache folder."""
+    return os.environ.get("RIGIDMC_CACHE_DIR") or os.path.join(platformdirs.user_cache_dir("rigidmc", appauthor=False), "kernels")
+
+
+def _private(folder):
+    """Make a folder that only this user can write to; raise OSError where that cannot be had."""
+    os.makedirs(folder, mode=0o700, exist_ok=True)
+    facts = os.stat(folder)
+    if hasattr(os, "getuid") and (facts.st_uid != os.getuid() or stat.S_IMODE(facts.st_mode) & 0o022):
+        raise PermissionError(f"{folder} is not private to this user; compiled code is not loaded from it")
+    probe = os.path.join(folder, f".probe-{os.getpid()}")
+    with open(probe, "w"):
+        pass
+    os.unlink(probe)
+    return folder
+
+
+def _forget_old(folder, stamp):
+    for name in os.listdir(folder):
+        path = os.path.join(folder, name)
+        if name != stamp and os.path.isdir(path) and time.time() - os.stat(path).st_mtime > _KEEP_SECONDS:
+            shutil.rmtree(path, ignore_errors=True)
+
+
+def cached(kernel):
+    """Give a jitted kernel the private disk cache, or none and one log line where there can be no such cache."""
+    try:
+        from numba.core import caching
+
+        folder = _private(os.path.join(_private(cache_folder()), source_stamp()))
+        _forget_old(cache_folder(), os.path.basename(folder))
+
+        class Locator(caching._CacheLocator):
+            get_cache_path = staticmethod(lambda: folder)
+            get_source_stamp = staticmethod(lambda: os.path.basename(folder))
+            get_disambiguator = staticmethod(lambda: "kernel")
+            from_function = classmethod(lambda cls, function, file: cls())
+
+        class Implementation(caching.CompileResultCacheImpl):
+            _locator_classes: list = [Locator]  # noqa: RUF012
+
+        class Files(caching.IndexDataCacheFile):
+            """One file for each kernel, named by its key: processes that compile at once cannot mix up their entries."""
+
+            def _name(self, key):
+                return hashlib.sha256(repr(key).encode()).hexdigest() + ".nbc"
+
+            def save(self, key, data):
+                self._save_data(self._name(key), data)
+
+            def load(self, key):
+                try:
+                    return self._load_data(self._name(key))
+                except OSError:
+                    return None
+
+        class Cache(caching.FunctionCache):
+            """Knows only the package's own types: a user's class of the same name may have other physics."""
+
+            _impl_class = Implementation
+
+            def load_overload(self, signature, context):
+                return super().load_overload(signature, context) if _own(signature) else None
+
+            def save_overload(self, signature, data):
+                if _own(signature):
+                    super().save_overload(signature, data)
+
+        kernel._cache = Cache(kernel.py_func)
+        kernel._cache._cache_file = Files(folder, "kernel", os.path.basename(folder))
+    except (ImportError, AttributeError, OSError, RuntimeError) as error:
+        log.warning("kernels are compiled anew in every process: %s", error)
+    return kernel
+
+
+def _own(signature):
+    """Whether all the NamedTuples of a signature, those within tuples included, are the package's."""
+    pending = list(getattr(signature, "args", signature))
+    while pending:
+        kind = pending.pop()
+        owner = getattr(kind, "instance_class", None)
+        if owner is not None and not owner.__module__.startswith("rigidmc."):
+            return False
+        pending.extend(kind) if hasattr(kind, "__iter__") else None
+    return True

@@ -1,0 +1,137 @@
+"""What a run would take, before it is run; and what this machine is."""
+
+import os
+import platform
+import sys
+from importlib.metadata import PackageNotFoundError, version
+
+import numpy as np
+
+from rigidmc.body import IDENTITY
+from rigidmc.effects import name_of
+from rigidmc.engine import kernel
+from rigidmc.engine.machine import cache_folder, threads_available, vector_bits
+from rigidmc.observables import OBSERVABLES, rows_of
+from rigidmc.planning import prepare
+from rigidmc.sampling import Distribution
+from rigidmc.storage.schema import conservation, length, member_variables
+
+
+def cost_per_step(scene, plan, members=256, seconds=0.05):
+    """Nanoseconds per member-step on one thread of this machine, measured on the scene's own first members."""
+    import time
+
+    from rigidmc.planning import stage
+    from rigidmc.simulation import block_arguments, compile_kernel
+
+    compile_kernel(scene, plan)
+    best, steps = np.inf, 16
+    for _ in range(12):
+        block, _ = stage(scene, plan.first, members, plan.carried)
+        began = time.perf_counter()
+        kernel.advance(*block_arguments(scene, plan, block), 0, steps, steps, steps)
+        took = time.perf_counter() - began
+        best = min(best, took / (members * steps))
+        steps = int(min(1e6, max(16, steps * seconds / 4 / max(took, 1e-9))))
+        seconds -= took
+        if seconds < 0:
+            break
+    return 1e9 * best * plan.pieces
+
+
+def describe(scene, threads):
+    """What a scene is, which effects are compiled, and what a run of it would take."""
+    plan = prepare(scene, threads=threads)
+    run = scene.run
+    lines = [f"{scene.title}: {scene.summary}".rstrip(": ")]
+    if scene.source:
+        lines.append(f"source       {scene.source}")
+    lines.append(
+        f"body         moments {_words(scene.body.moments)} kg m2, mass {_words(scene.body.mass)} kg, centre {_words(scene.body.centre)} m"
+    )
+    if scene.body.axes != IDENTITY:
+        lines.append(
+            "             principal axes (columns) " + "; ".join(" ".join(f"{x:.4g}" for x in row) for row in scene.body.axes)
+        )
+    which = "omega" if scene.start.momentum is None else "momentum"
+    attitude = "uniform on SO(3)" if scene.start.attitude == "uniform" else _words(scene.start.attitude)
+    lines.append(f"start        {which} {_words(getattr(scene.start, which))} {OBSERVABLES[which].units}; attitude {attitude}")
+    compiled = [
+        f"{name_of(e)}({', '.join(f'{k} = {_words(v)}' for k, v in zip(e._fields, e, strict=True))})" for e in scene.effects
+    ]
+    lines.append(
+        f"compiled     {run.integrator}; effects: {', '.join(compiled) or 'none (free body)'}; {'with' if plan.carried else 'no'} attitude"
+    )
+    kept = conservation(scene)
+    lines.append(f"conserved    energy: {kept['energy']}; |L|^2: {kept['l2']}")
+    pieces = f" of {plan.pieces} pieces each" if plan.pieces > 1 else ""
+    lines.append(
+        f"steps        {plan.steps:,}{pieces}, dt = {plan.dt:.6g} s, t_end = {run.t_end:g} s, omega dt <= {plan.angle:.2g} rad"
+    )
+    lines.append(f"saves        {plan.times.size:,} times of {', '.join(run.save) or 'nothing'}")
+    memory, file = sizes(scene, plan, threads)
+    lines.append(f"members      {plan.members:,} in blocks of {plan.block:,} on {threads} threads")
+    lines.append(
+        f"memory       {_bytes(memory)} as a Dataset in memory; about {_bytes(0.25e9 + threads * 64 * 2**20)} at most with -o FILE"
+    )
+    lines.append(f"file         {_bytes(file)}")
+    cost = cost_per_step(scene, plan)
+    seconds = cost * 1e-9 * plan.members * plan.steps / threads
+    lines.append(
+        f"cost         {cost:.2f} ns per member-step on one thread (measured now); about {seconds:.2g} s for the steps on {threads} threads"
+    )
+    lines += [f"note         {note}" for note in plan.notes]
+    return "\n".join(lines)
+
+
+def sizes(scene, plan, threads):
+    """(bytes of a Dataset in memory, the engine's own included; bytes of a file)."""
+    members = member_variables(scene, plan.carried)
+    each = {name: np.prod([length(d, plan) for d in v.dims]) * np.dtype(v.dtype).itemsize for name, v in members.items()}
+    saved = 8 * plan.times.size * plan.members * rows_of(*scene.run.save)
+    changing = sum(size for name, size in each.items() if name not in plan.constant)
+    scratch = (threads + 2) * plan.block * 8 * (kernel.EFFECTS + 20)
+    return int(saved + changing + scratch + 0.25e9), int(saved + changing + 8 * plan.members + 20_000)
+
+
+def machine_facts():
+    """Facts of this machine and installation that decide speed and bits."""
+    folder = cache_folder()
+    cached = [os.path.join(top, f) for top, _, files in os.walk(folder) for f in files if f.endswith(".nbc")]
+    facts = {
+        "cpu": _cpu(),
+        "cores": f"{threads_available()} usable of {os.cpu_count()}",
+        "vectors": f"{vector_bits()} bit, {vector_bits() // 64} float64 lanes; a kernel works on {kernel.LANES} members at once",
+        "threads": threads_available(),
+        "kernel cache": f"{folder} ({len(cached)} kernels, {sum(map(os.path.getsize, cached)) / 1e6:.1f} MB)",
+        "python": sys.version.split()[0],
+        "system": platform.platform(),
+    }
+    for package in ("rigidmc", "numpy", "numba", "llvmlite", "xarray", "netCDF4", "scipy", "pydantic", "matplotlib"):
+        try:
+            facts[package] = version(package)
+        except PackageNotFoundError:
+            facts[package] = "not installed"
+    return facts
+
+
+def _cpu():
+    try:
+        with open("/proc/cpuinfo") as file:
+            return next(line.split(":", 1)[1].strip() for line in file if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or platform.machine()
+
+
+def _words(value):
+    """A quantity or a tuple of them for people."""
+    if isinstance(value, tuple):
+        return "(" + ", ".join(_words(v) for v in value) + ")"
+    if isinstance(value, Distribution):
+        parameters = value.parameters if value.name in ("normal", "uniform") else [f"{k} = {v:g}" for k, v in value.parameters]
+        return f"{value.name}({', '.join(p if isinstance(p, str) else f'{p:g}' for p in parameters)})"
+    return f"{value:.6g}" if isinstance(value, float) else f"one of {value.size:,} rows"
+
+
+def _bytes(size):
+    return f"{size / 1e9:.2f} GB" if size > 5e8 else f"{size / 1e6:.1f} MB"

@@ -1,0 +1,43 @@
+"""What a free top keeps: energy and |L|^2, and how far they have drifted."""
+
+from typing import NamedTuple
+
+from rigidmc.dynamics.euler import kinetic_energy
+from rigidmc.dynamics.so3 import dot
+from rigidmc.effects.verbs import total_energy
+
+
+class Energy(NamedTuple):
+    """E = 1/2 L . I^-1 L + potential energy of the effects, TdC (3.16), (3.33)."""
+
+    units, long_name, dims = "J", "energy", ()
+
+    def value(self, body, effects, q, l):
+        return (kinetic_energy(body, l) + total_energy(effects, body, q),)
+
+
+class L2(NamedTuple):
+    """|L|^2."""
+
+    units, long_name, dims = "kg2 m4 s-2", "squared angular momentum", ()
+
+    def value(self, l):
+        return (dot(l, l),)
+
+
+class EnergyDrift(NamedTuple):
+    """(E - E(0))/|E(0)|; where |E(0)| is under 1e-3 of the energies in play, relative to that."""
+
+    units, long_name, dims = "1", "relative drift of energy", ()
+
+    def value(self, body, effects, q, l, start):
+        return ((kinetic_energy(body, l) + total_energy(effects, body, q) - start[0]) / start[1],)
+
+
+class L2Drift(NamedTuple):
+    """(|L|^2 - |L(0)|^2)/|L(0)|^2; the absolute change for a top that starts at rest."""
+
+    units, long_name, dims = "1", "relative drift of |L|^2", ()
+
+    def value(self, l, start):
+        return ((dot(l, l) - start[2]) / (start[2] if start[2] > 0.0 else 1.0),)

@@ -1,0 +1,9 @@
+"""The one thing a kernel asks of an observable."""
+
+from rigidmc.dynamics.methods import method
+
+
+@method
+def value(observable, body, effects, t, q, l, start):
+    """Tuple of values at time t; start = (energy, scale of energy, |L|^2) at t = 0."""
+    return (0.0,)

@@ -1,0 +1,180 @@
+"""From a scene to a plan, everything resolved before the first step, and from a plan to a block of members at its start."""
+
+import math
+from fractions import Fraction
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rigidmc.body import broken
+from rigidmc.dynamics.euler import MassProperties
+from rigidmc.dynamics.methods import names
+from rigidmc.effects import name_of
+from rigidmc.engine import kernel
+from rigidmc.errors import SceneError
+from rigidmc.integrators import INTEGRATORS
+from rigidmc.observables import OBSERVABLES, rows_of
+from rigidmc.sampling import Distribution, draw, is_shared, rows
+from rigidmc.scene import PILOT
+
+BLOCK = 4096  # members: 30 to 40 rows of them stay in a 2 MB cache, and a kernel call on them is 10 ms or more
+SLAB = 32 * 2**20  # bytes of saved values that a block may hold on its way to a file
+MARGIN = 2.0  # a member beyond the pilot may spin faster than all of the pilot: 7 sigma where the pilot reaches 3.5
+
+
+class Plan(NamedTuple):
+    """What a run will do, resolved."""
+
+    first: int  # index of the first member
+    members: int
+    steps: int
+    dt: float
+    stride: int  # steps between saves
+    times: np.ndarray
+    pieces: int  # the step is made in so many pieces of dt/pieces
+    integrator: Any  # the instance that is compiled
+    carried: bool  # whether the attitude is
+    block: int  # members of a block
+    constant: frozenset  # names of the member variables that are the same for all
+    angle: float  # largest |omega| dt of the pilot [rad]
+    notes: tuple  # what the user should know
+
+
+def steps_and_saves(t_end, dt, every):
+    """(steps, dt, stride, notes): a whole number of steps to t_end and of steps between saves, with a step not above dt.
+
+    Decimal numbers are taken as the fractions they are written as, so that 10 / 0.3 is 100/3. Raises SceneError where `every`
+    and t_end have no common step of at least dt/2.
+    """
+    end, step = Fraction(repr(t_end)), Fraction(repr(dt))
+    if every is None or every >= t_end:
+        steps = stride = max(1, math.ceil(end / step * (1 - Fraction(1, 10**9))))
+    else:
+        ratio = end / Fraction(repr(every))  # p/q: steps must be a multiple of p for stride = steps q/p to be whole
+        multiples = max(1, math.ceil(end / step / ratio.numerator * (1 - Fraction(1, 10**9))))
+        steps = multiples * ratio.numerator
+        stride = multiples * ratio.denominator
+        if steps > 2 * math.ceil(end / step) and steps > 1000:
+            rule = f"no step near dt = {dt:g} divides both it and t_end = {t_end:g}; choose an `every` that divides t_end"
+            raise SceneError("run", "every", every, rule)
+    made = t_end / steps
+    notes = () if abs(made / dt - 1) < 1e-9 else (f"dt reduced from {dt:g} to {made:.10g} s, which divides t_end and every",)
+    return steps, made, stride, notes
+
+
+def carries_attitude(scene):
+    """Whether anything needs the attitude: an effect that names q, or an observable of it that is saved."""
+    needed = [names(e, "torque", "kick", "energy") for e in scene.effects]
+    needed += [names(OBSERVABLES[name], "value") for name in scene.run.save if name == "attitude"]
+    return any("q" in n for n in needed)
+
+
+def prepare(scene, first=0, members=None, threads=1, streaming=False, block=None):
+    """The Plan of a checked scene; raises SceneError."""
+    scene.check()
+    run = scene.run
+    members = run.members if members is None else members
+    steps, dt, stride, notes = steps_and_saves(run.t_end, run.dt, run.every)
+    carried = carries_attitude(scene)
+    angle, turn = _speeds(scene, dt)
+    if angle > 1.0:
+        notes += (
+            f"omega dt reaches {angle:.3g} rad per step, more than 1: expect large errors; dt <= {dt / angle:.2g} s would do",
+        )
+    integrator, pieces = INTEGRATORS[run.integrator](), 1
+    if hasattr(integrator, "prepared"):
+        if not scene.effects or run.integrator == "exact" or turn <= integrator.largest_turn:
+            integrator, pieces = integrator.prepared(turn, carried)
+        else:
+            rule = f"the free motion would turn by {turn:.3g} rad in a step, more than {integrator.largest_turn:g}; use dt <= {dt * integrator.largest_turn / turn:.2g}"
+            raise SceneError("run", "dt", run.dt, rule)
+    slots = [s for s in range(0, steps, stride)] + [steps]
+    values = rows_of(*run.save)
+    if block is None:
+        block = min(BLOCK, _lanes(math.ceil(members / (4 * threads))))
+        if streaming:
+            block = min(block, max(kernel.LANES, SLAB // (8 * max(1, values) * len(slots)) // kernel.LANES * kernel.LANES))
+    return Plan(
+        first, members, steps, dt, stride, np.array(slots) * dt, pieces, integrator, carried, block, _constant(scene), angle, notes
+    )  # fmt: skip
+
+
+def _lanes(count):
+    return kernel.LANES * math.ceil(count / kernel.LANES)
+
+
+def _constant(scene):
+    """Member variables that need not be stored a million times in memory."""
+    same = {"moments"} if is_shared(*scene.body.moments) else set()
+    same |= {"mass"} if is_shared(scene.body.mass) else set()
+    same |= {"centre"} if is_shared(*scene.body.centre) else set()
+    which = "omega" if scene.start.momentum is None else "momentum"
+    same |= {f"start_{which}"} if is_shared(*getattr(scene.start, which)) else set()
+    if scene.start.attitude != "uniform" and is_shared(*scene.start.attitude):
+        same |= {"start_attitude"}
+    return frozenset(same)
+
+
+def _speeds(scene, dt):
+    """(largest |omega| dt, bound on lambda dt) over the pilot [rad]; lambda is the rate at which free motion turns L in the body."""
+    count = max(PILOT, rows(*scene.quantities()) or 0)
+    count = (
+        count if any(not isinstance(q, float) for q in scene.quantities()) or scene.start.attitude == "uniform" else kernel.LANES
+    )
+    block, _ = stage(scene, 0, count, carries_attitude(scene))
+    body, l = MassProperties(*block[kernel.BODY : kernel.EFFECTS]), block[kernel.MOMENTUM : kernel.START]
+    a, i = np.array([body.a1, body.a2, body.a3]), np.array([body.i1, body.i2, body.i3])
+    with np.errstate(all="ignore"):
+        omega = np.sqrt((i * i * l * l).sum(0))
+        products = np.stack([a[1] * a[2] * l[0] * l[0], a[2] * a[0] * l[1] * l[1], a[0] * a[1] * l[2] * l[2]])
+        rate = np.sqrt(products.max(0) - products.min(0))
+        scale = np.zeros(count)
+        row = kernel.EFFECTS
+        for effect in scene.effects:
+            present = type(effect)(*block[row : row + len(effect)])
+            row += len(effect)
+            if hasattr(effect, "energy_scale"):
+                scale += _each(present, body, count)
+        # torques can bring the kinetic energy from T to T + 2 V, and |L| with it
+        kinetic = 0.5 * (i * l * l).sum(0) + 2.0 * scale
+        bound = np.sqrt(2.0 * kinetic / i.min(0)) * np.sqrt(np.abs(a).max(0) * np.sort(np.abs(a), axis=0)[1])
+        rate = np.where(scale > 0.0, bound, rate)
+    margin = MARGIN if any(isinstance(q, Distribution) for q in scene.quantities()) else 1.0
+    return float(np.nanmax(omega)) * dt, margin * float(np.nanmax(rate)) * dt
+
+
+def _each(effect, body, count):
+    """energy_scale of an effect for each column, in plain Python: at most a pilot's worth, or shared values once."""
+    columns = np.array([*effect, *body]).reshape(len(effect) + 9, count)
+    if (columns == columns[:, :1]).all():
+        columns = columns[:, :1]
+    size = len(effect)
+    scales = [type(effect)(*c[:size]).energy_scale(MassProperties(*c[size:])) for c in columns.T.tolist()]
+    return np.broadcast_to(np.array(scales), (count,))
+
+
+def stage(scene, first, count, carried):
+    """(block, start): rows of `count` members as the kernel wants them, and what they were made from by the names of the result."""
+    seed = scene.run.seed
+    moments, mass, centre = scene.body.sample(seed, first, count)
+    which, spin = scene.start.spin(seed, first, count)
+    effects = [
+        (f"{name_of(e)}_{field}", draw((value,), seed, f"effects.{name_of(e)}.{field}", first, count)[0])
+        for e in scene.effects
+        for field, value in zip(e._fields, e, strict=True)
+    ]
+    start = {"moments": moments, "mass": mass, "centre": centre, f"start_{which}": spin, **dict(effects)}
+    block = np.zeros((kernel.EFFECTS + len(effects), count))
+    block[kernel.ATTITUDE] = 1.0
+    if carried:
+        start["start_attitude"] = block[kernel.ATTITUDE : kernel.MOMENTUM] = scene.start.quaternions(seed, first, count)
+        if scene.start.attitude != "uniform" and len(scene.start.attitude) == 3:
+            start["start_euler"] = draw(scene.start.attitude, seed, "start.attitude", first, count)
+    block[kernel.MOMENTUM : kernel.START] = spin * moments if which == "omega" else spin
+    bad = broken(moments) | ~(mass > 0)
+    block[kernel.STATUS, bad] = kernel.STATUSES["invalid_body"]
+    with np.errstate(all="ignore"):
+        block[kernel.BODY : kernel.EFFECTS] = MassProperties.of(tuple(moments), tuple(mass * centre))
+    for i, (_, values) in enumerate(effects):
+        block[kernel.EFFECTS + i] = values
+    return block, start

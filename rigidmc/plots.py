@@ -1,0 +1,317 @@
+"""Pictures of an ensemble, one function each: the only importer of matplotlib. A picture is a Figure; pyplot is left alone.
+
+All take a Dataset of simulate() and, to draw into a figure of one's own, its axes. They read evenly spaced members and times, so that
+a million members take seconds; of the drifts, all. A flagged member (status not 0) is in no picture: the heading of a new figure
+counts them. ValueError where a picture has nothing to draw, with what to save.
+"""
+
+import os
+from pathlib import Path
+from textwrap import fill
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from matplotlib.patheffects import withStroke
+from scipy.ndimage import uniform_filter
+
+SUFFIXES = (".png", ".pdf", ".svg")
+TIMES, MEMBERS, POINTS = 400, 20_000, 2_000_000  # at most TIMES saves are read, and MEMBERS members, more while under POINTS vectors
+DRAWN = 4  # members drawn one by one: more are spaghetti
+BINS, SMOOTH = 120, 3  # bins across a disc, averaged 3 x 3 (about 4 degrees): a thin ensemble shows on both sides of a path
+COARSE = np.cos(np.radians(30.0))  # saves further apart than this are dots, not a line
+DENSITY, INK, PATH, BAND, CORE, MEDIAN = "cividis_r", "#222222", "#d94801", "#c6dbef", "#6baed6", "#08306b"
+HALO = [withStroke(linewidth=2.0, foreground="white")]
+
+
+def summary(ds, figure=None):
+    """The picture of a run: momentum sphere, with attitude also the axis in space, middle component against time, drifts.
+
+    With fewer than three saves of omega or momentum, the spread at the start and at the end stands in for the time series.
+    """
+    spheres = [momentum_sphere, axis_sphere] if "attitude" in ds else [momentum_sphere]
+    figure = figure or _figure(ds, (13.0, 8.0) if len(spheres) > 1 else (10.0, 8.0))
+    if not (ds.status.values == 0).any():
+        figure.text(0.5, 0.5, "nothing to draw: every member is flagged", ha="center")
+        return figure
+    sample, grid = _sample(ds), figure.add_gridspec(2, 1, height_ratios=[1.15, 1.0])
+    for place, picture in zip(grid[0].subgridspec(1, len(spheres)), spheres, strict=True):
+        picture(sample, figure.add_subplot(place))
+    left, right = grid[1].subgridspec(1, 2, width_ratios=[1.4, 1.0])
+    series = ("omega" in ds or "momentum" in ds) and ds.sizes["time"] > 2
+    (middle_component if series else start_and_end)(sample, figure.add_subplot(left))
+    drift_histogram(ds, figure.add_subplot(right))
+    return figure
+
+
+def momentum_sphere(ds, axes=None):
+    """Where the angular momentum points in the body: density on the momentum sphere, with the paths of a few members.
+
+    Two hemispheres in Lambert's equal-area projection, seen from both ends of the axis of the middle moment (a symmetric top: of its
+    symmetry axis); where all stay inside a cap, the cap alone. All saves are shown together; where there are two, the last. Where
+    all members are one asymmetric body, its separatrices 2 T I_mid = L^2: great circles, here straight lines.
+
+    ds : with omega or momentum; else start_omega or start_momentum is shown, and the title says so
+    """
+    sample = _sample(ds)
+    l, when = _vectors(sample, "momentum")
+    moments = sample.moments.values
+    body = np.median(moments, axis=1)
+    turn = np.roll(np.arange(3), 2 - _central_axis(body))  # the axes that point right, up and at the reader
+    right, up, toward = body[turn]
+    with np.errstate(all="ignore"):
+        slope = np.sqrt((toward / right - 1.0) / (1.0 - toward / up))
+    one_body = np.ptp(moments, axis=1).max() <= 1e-12 * body.max()
+    axes = axes or _figure(ds, (8.0, 5.2)).add_subplot()
+    lines = [slope, -slope] if one_body and 0.0 < slope < np.inf else []
+    _hemispheres(axes, l[:, turn] if len(l) > 2 else l[-1:, turn], [str(axis + 1) for axis in turn], lines)
+    axes.set_title(f"Direction of the angular momentum in body axes, {when}", fontsize=10)
+    return axes.figure
+
+
+def axis_sphere(ds, axes=None):
+    """Where axis 3 of the body points in space: density on the unit sphere, from above (+z) and below, with a few members' paths.
+
+    The third column of A, (2(xz + wy), 2(yz - wx), w^2 - x^2 - y^2 + z^2), projected and chosen in time as in `momentum_sphere`.
+
+    ds : with attitude
+    """
+    if "attitude" not in ds:
+        raise ValueError('axis_sphere needs the attitude, which was not saved: run with save=("attitude",)')
+    sample = _sample(ds)
+    w, x, y, z = np.moveaxis(sample.attitude.transpose("time", "quat", "member").values, 1, 0)
+    e3 = np.stack([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), w * w - x * x - y * y + z * z], axis=1)
+    axes = axes or _figure(ds, (8.0, 5.2)).add_subplot()
+    _hemispheres(axes, e3 if len(e3) > 2 else e3[-1:], ["x", "y", "z"])
+    axes.set_title(f"Axis 3 of the body in space, {_span(sample)}", fontsize=10)
+    return axes.figure
+
+
+def middle_component(ds, axes=None):
+    """The angular velocity about the axis of the middle moment against time: median, quantile bands and a few members.
+
+    ds : with omega or momentum at three times or more
+    """
+    sample = _sample(ds)
+    omega, _ = _vectors(sample, "omega")
+    if len(omega) < 3:
+        raise ValueError('middle_component needs omega at three times or more: run with every=... and save=("omega",)')
+    moments, t = sample.moments.values, sample.time.values
+    axis = np.argsort(moments, axis=0, kind="stable")[1]
+    value = np.take_along_axis(omega, axis[None, None], axis=1)[:, 0]
+    low, quarter, median, three_quarters, high = np.quantile(value, [0.05, 0.25, 0.5, 0.75, 0.95], axis=1)
+    axes = axes or _figure(ds, (7.0, 4.2)).add_subplot()
+    axes.fill_between(t, low, high, color=BAND, linewidth=0, label="5 to 95 %")
+    axes.fill_between(t, quarter, three_quarters, color=CORE, linewidth=0, label="25 to 75 %")
+    axes.plot(t, median, color=MEDIAN, linewidth=2.0, label="median")
+    for line in axes.plot(t, value[:, _few(value)], color=PATH, linewidth=0.8)[:1]:
+        line.set_label("single members")
+    name = f"\\omega_{axis[0] + 1}" if np.ptp(axis) == 0 else "\\omega_\\mathrm{mid}"
+    axes.set(xlabel="time [s]", ylabel=f"${name}$ [rad/s]", xlim=(t[0], t[-1]))
+    symmetric = _central_axis(np.median(moments, axis=1)) != axis[0]
+    where = "across the symmetry axis" if symmetric else "about the axis of the middle moment"
+    axes.set_title(f"Angular velocity {where}", fontsize=10, pad=20)
+    _legend_above(axes, ncols=4)
+    return axes.figure
+
+
+def start_and_end(ds, axes=None):
+    """How each component of the angular velocity is spread at the start and at the end; each histogram is scaled to its own peak.
+
+    ds : with omega or momentum; else start_omega or start_momentum is shown alone
+    """
+    sample = _sample(ds)
+    omega, when = _vectors(sample, "omega")
+    names = {0: when} if len(omega) == 1 else {0: f"t = {sample.time.values[0]:g} s", -1: f"t = {sample.time.values[-1]:g} s"}
+    edges = np.linspace(omega.min(), omega.max() or 1e-300, 102) if np.ptp(omega) else omega.min() + np.linspace(-0.5, 0.5, 102)
+    axes = axes or _figure(ds, (7.0, 4.2)).add_subplot()
+    for row in range(3):
+        for time, name in names.items():
+            count = np.histogram(omega[time, row], edges)[0]
+            style = {"color": MEDIAN, "linewidth": 1.2} if time else {"color": BAND, "fill": True}
+            axes.stairs(0.85 * count / count.max() - row, edges, baseline=-row, label=None if row else name, **style)
+    axes.set(xlabel="angular velocity, body axes [rad/s]", ylabel="members, each row to its peak", ylim=(-2.1, 1.0))
+    axes.set_yticks([0, -1, -2], [f"$\\omega_{i}$" for i in (1, 2, 3)])
+    axes.set_title("Spread of the angular velocity", fontsize=10, pad=20)
+    _legend_above(axes, ncols=2)
+    return axes.figure
+
+
+def drift_histogram(ds, axes=None):
+    """Histograms of energy_drift_max and l2_drift_max over all members, on logarithmic axes, with median and worst.
+
+    A drift of exactly 0 has no place on the axis: the legend counts them. Where physics does not conserve a quantity (its attribute
+    `conserved`), the title says why.
+    """
+    axes = axes or _figure(ds, (7.0, 4.2)).add_subplot()
+    drifts = {"E": ds.energy_drift_max, "$|L|^2$": ds.l2_drift_max}
+    values = {symbol: drift.values[(ds.status.values == 0) & np.isfinite(drift.values)] for symbol, drift in drifts.items()}
+    decades = np.concatenate([np.log10(v[v > 0.0]) for v in values.values()])
+    first, last = (np.floor(decades.min()), np.floor(decades.max()) + 1) if decades.size else (-17, -15)
+    edges = 10.0 ** np.linspace(first, last, round(10 * (last - first)) + 1)
+    title = ["Largest relative drift of each member"]
+    styles = ({"color": CORE, "fill": True}, MEDIAN), ({"color": INK, "linewidth": 1.2}, INK)
+    for (symbol, v), (style, color) in zip(values.items(), styles, strict=True):
+        zeros, worst, middle = np.count_nonzero(v == 0.0), v.max(initial=0.0), np.median(v) if v.size else 0.0
+        label = f"{symbol}: median (¦) {middle:.1e}, worst (▾) {worst:.1e}" + (f", {zeros:,} members at 0" if zeros else "")
+        axes.stairs(np.histogram(v, edges)[0], edges, label=label, **style)
+        if worst > 0.0:
+            axes.axvline(max(middle, edges[0]), color=color, linestyle="--", linewidth=1.0)
+            axes.plot(worst, 0.03, "v", color=color, markersize=7, transform=axes.get_xaxis_transform())
+        conserved = drifts[symbol].attrs.get("conserved", "yes")
+        if conserved != "yes":
+            title.append(fill(f"{symbol} is not conserved: {conserved.removeprefix('no').lstrip(':, ')}", 60))
+    axes.set(xscale="log", yscale="log", xlabel="largest relative drift [1]", ylabel="members per bin", xlim=(edges[0], edges[-1]))
+    axes.set_ylim(bottom=0.7)
+    axes.set_title("\n".join(title), fontsize=10, pad=32)
+    _legend_above(axes, ncols=1)
+    return axes.figure
+
+
+def check_suffix(path):
+    """ValueError for a path that does not end in .png, .pdf or .svg."""
+    if Path(path).suffix.lower() not in SUFFIXES:
+        raise ValueError(f"{path}: a picture ends in {', '.join(SUFFIXES)}, not in {Path(path).suffix!r}")
+
+
+def save(figure, path):
+    """Write a picture by its suffix, under a temporary name in the same folder, then renamed; ValueError as `check_suffix`."""
+    check_suffix(path)
+    path = Path(path)
+    half = path.with_name(f".{path.name}.part-{os.getpid()}")
+    try:
+        figure.savefig(half, dpi=150, format=path.suffix[1:].lower())
+        os.replace(half, path)
+    finally:
+        half.unlink(missing_ok=True)
+
+
+def _sample(ds):
+    """Evenly spaced members and times, in memory, without flagged members; a sample of a sample is the sample."""
+    times, members = ds.sizes.get("time", 1), ds.sizes["member"]
+    every, stride = -(-times // TIMES), -(-members // max(MEMBERS, POINTS // min(times, TIMES)))
+    states = [name for name in ("omega", "momentum", "attitude", "start_omega", "start_momentum") if name in ds]
+    even = {"time": slice((times - 1) % every, None, every), "member": slice(None, None, stride)}  # the last time is kept
+    sample = ds[[*states, "moments", "status"]].isel(even, missing_dims="ignore").load()
+    good = sample.status == 0
+    for name in states:
+        good = good & np.isfinite(sample[name]).all([dim for dim in sample[name].dims if dim != "member"])
+    if not good.any():
+        raise ValueError(f"nothing to draw: all of the {good.size:,} members looked at are flagged or not finite")
+    return sample if good.all() else sample.isel(member=good.values)
+
+
+def _vectors(sample, name):
+    """omega or momentum (time, axis, member), from either by L_i = I_i omega_i, or else at the start; and its times in words."""
+    for prefix in ("", "start_"):
+        for found in ("omega", "momentum"):
+            if prefix + found in sample:
+                v = sample[prefix + found].transpose(..., "axis", "member").values
+                v = v if v.ndim == 3 else v[None]
+                moments = sample.moments.transpose("axis", "member").values
+                v = v if found == name else v * moments if name == "momentum" else v / moments
+                return v, "at the start" if prefix else _span(sample)
+    raise ValueError('nothing to draw: neither omega nor momentum, not even at the start: run with save=("omega",)')
+
+
+def _span(sample):
+    t = sample.time.values
+    return f"t = {t[0]:g} to {t[-1]:g} s" if t.size > 2 else f"t = {t[-1]:g} s"
+
+
+def _central_axis(moments):
+    """The axis of the middle moment; where two moments are equal, that of the third."""
+    low, middle, high = np.argsort(moments, kind="stable")
+    same = 1e-9 * moments[high]
+    if moments[middle] - moments[low] <= same:
+        return high
+    return low if moments[high] - moments[middle] <= same else middle
+
+
+def _few(values):
+    """DRAWN members, evenly spaced over the last axis."""
+    return np.unique(np.linspace(0, values.shape[-1] - 1, DRAWN).round().astype(int))
+
+
+def _lambert(right, up, toward):
+    """Lambert's azimuthal equal-area projection of unit vectors, a hemisphere onto a disc of radius sqrt(2); nan far past its rim."""
+    return np.stack([right, up]) * np.sqrt(2.0 / (1.0 + np.where(toward > -0.5, toward, np.nan)))
+
+
+def _density(v, sides, limit):
+    """Density of unit vectors (time, axis, member) on discs seen from `sides`, in units of an isotropic ensemble's; empty is nan."""
+    right, up, toward = np.moveaxis(v, 1, 0).reshape(3, -1)
+    fine = (np.arange(8 * BINS) + 0.5) / (4 * BINS) - 1.0
+    area = (np.hypot(fine, fine[:, None]) < 1.0).reshape(BINS, 8, BINS, 8).mean(axis=(1, 3))  # the part of a bin on the disc
+    isotropic = uniform_filter(area, SMOOTH, mode="constant") * (v[:, 0].size * (2.0 * limit / BINS) ** 2 / (4.0 * np.pi))
+    density = []
+    for side in sides:
+        seen = side * toward >= 0.0
+        x, y = (_lambert(side * right[seen], up[seen], side * toward[seen]) / limit + 1.0) * (BINS / 2)
+        place = y.clip(0, BINS - 1).astype(np.intp) * BINS + x.clip(0, BINS - 1).astype(np.intp)
+        count = uniform_filter(np.bincount(place, minlength=BINS**2).reshape(BINS, BINS).astype(float), SMOOTH, mode="constant")
+        present = (count > 0.5 / SMOOTH**2) & (area > 0.0)
+        density.append(np.divide(count, isotropic, out=np.full(count.shape, np.nan), where=present))
+    return density
+
+
+def _hemispheres(axes, v, names, slopes=()):
+    """Density and a few paths of the directions v (time, axis, member) on two discs or one cap; axes right, up, at the reader."""
+    with np.errstate(all="ignore"):
+        v = v / np.sqrt(np.sum(v * v, axis=1, keepdims=True))
+    lowest, highest = np.nanmin(v[:, 2]), np.nanmax(v[:, 2])
+    sides = [1, -1] if lowest <= 0.0 <= highest else [1 if lowest > 0.0 else -1]
+    inner = max(lowest, -highest, 0.0)
+    angle = next(a for a in (1, 2, 5, 10, 20, 30, 45, 60, 90) if np.cos(np.radians(a)) <= inner + 1e-12)
+    limit = 2.0 * np.sin(np.radians(angle) / 2.0)
+    density = _density(v, sides, limit)
+    norm = LogNorm(np.nanmin(density), max(np.nanmax(density), 10.0 * np.nanmin(density)))
+    few = v[:, :, _few(v)]
+    moves = len(few) > 1
+    dense = moves and np.nanquantile(np.sum(few[1:] * few[:-1], axis=1), 0.05) > COARSE
+    style = {"linewidth": 0.8, "path_effects": HALO} if dense else {"linestyle": "", "marker": ".", "markersize": 3}
+    for disc, side in enumerate(sides):
+        centre = 2.45 * limit * disc
+        rim = axes.add_patch(Circle((centre, 0.0), limit, facecolor="none", edgecolor=INK, linewidth=0.8, zorder=4))
+        box = (centre - limit, centre + limit, -limit, limit)
+        image = axes.imshow(density[disc], DENSITY, norm, extent=box, origin="lower", interpolation="nearest", clip_path=rim)
+        for slope in slopes:
+            x = np.array([-limit, limit]) / np.hypot(1.0, slope)
+            axes.plot(centre + x, slope * x, "--", color=INK, linewidth=0.8, label="separatrices")
+        for k in range(few.shape[2]) if moves else ():
+            x, y = _lambert(side * few[:, 0, k], few[:, 1, k], side * few[:, 2, k])
+            axes.plot(x + centre, y, color=PATH, clip_path=rim, label="single members", **style)
+        for x, y, sign, name in ((1, 0, side, 0), (-1, 0, -side, 0), (0, 1, 1, 1), (0, -1, -1, 1), (0, 0, side, 2)):
+            text, offset = f"${'+' if sign > 0 else '-'}{names[name]}$", (12 * x, 9 * y if name < 2 else 9)
+            where = {"xy": (centre + x * limit, y * limit), "xytext": offset, "textcoords": "offset points"}
+            axes.annotate(text, **where, ha="center", va="center", path_effects=HALO, zorder=5)
+        axes.plot(centre, 0.0, "o", color=INK, markersize=4, markeredgecolor="white", zorder=5)
+    axes.set(xlim=(-1.2 * limit, centre + 1.2 * limit), ylim=(-1.2 * limit, 1.2 * limit), aspect="equal")
+    axes.set_axis_off()
+    entries = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    note = None if angle == 90 else f"rim: {angle}° from centre"
+    if entries or note:
+        place = {"loc": "lower center"} if len(sides) > 1 else {"loc": "lower left", "bbox_to_anchor": (0.85, 0.0)}
+        axes.legend(entries.values(), entries, title=note, fontsize=8, title_fontsize=8, frameon=False, handlelength=1.4, **place)
+    bar = axes.figure.colorbar(image, ax=axes, location="bottom", shrink=0.5, aspect=40, pad=0.01)
+    bar.set_label("density (isotropic: 1)", fontsize=9)
+    bar.ax.tick_params(labelsize=8)
+
+
+def _legend_above(axes, ncols):
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 0.99), ncols=ncols, fontsize=8, frameon=False, columnspacing=1.2)
+
+
+def _figure(ds, size):
+    """An empty figure headed by what was run: title, members, integrator, dt, seed, and how many members are flagged."""
+    figure = Figure(size, layout="constrained")
+    FigureCanvasAgg(figure)
+    flagged = np.count_nonzero(ds.status.values)
+    facts = [f"{ds.sizes['member']:,} members", ds.attrs.get("integrator", "")]
+    facts += [f"dt = {ds.attrs['dt']:.6g} s"] if "dt" in ds.attrs else []
+    facts += [f"seed {ds.attrs['seed']}"] if "seed" in ds.attrs else []
+    facts += [f"{flagged:,} flagged and left out"] if flagged else []
+    figure.suptitle(f"{ds.attrs.get('title', 'ensemble')}: {', '.join(filter(None, facts))}", fontsize=11)
+    return figure

@@ -1,0 +1,79 @@
+"""Progress of a run: a bar with members/s and time left on a terminal, a line now and then elsewhere, or a user's function."""
+
+import sys
+import threading
+import time
+from contextlib import contextmanager
+
+_LINE_SECONDS = 10.0  # between plain lines
+
+
+class _Report:
+    """Counts member-steps from any thread; `poll` is called by the main thread and shows them."""
+
+    def __init__(self, total, show):
+        self.total, self.done, self.show = total, 0, show
+        self._lock = threading.Lock()
+
+    def step(self, count):
+        with self._lock:
+            self.done = min(self.total, self.done + count)
+
+    def poll(self):
+        self.show(self.done, self.total)
+
+
+@contextmanager
+def reporter(progress, total):
+    """A report with step(count) and poll(); progress: False, True, or a function of (done, total)."""
+    if callable(progress):
+        report = _Report(total, progress)
+        yield report
+        report.poll()
+    elif not progress:
+        yield _Report(total, lambda done, total: None)
+    elif sys.stderr.isatty():
+        with _bar(total) as report:
+            yield report
+            report.poll()
+    else:
+        report = _Report(total, _lines())
+        yield report
+
+
+@contextmanager
+def _bar(total):
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    columns = (
+        TextColumn("{task.percentage:5.1f} %"),
+        BarColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    began = time.perf_counter()
+    with Progress(*columns, console=Console(stderr=True), transient=False) as bar:
+        task = bar.add_task("", total=total, rate="")
+
+        def show(done, total):
+            rate = done / max(1e-9, time.perf_counter() - began)
+            bar.update(task, completed=done, rate=f"{rate / 1e6:.0f} M member-steps/s")
+
+        yield _Report(total, show)
+
+
+def _lines():
+    began = last = time.perf_counter()
+
+    def show(done, total):
+        nonlocal last
+        now = time.perf_counter()
+        if now - last > _LINE_SECONDS:
+            last = now
+            left = (now - began) * (total - done) / max(1, done)
+            print(f"{100 * done / total:.0f} % done, {left:.0f} s left", file=sys.stderr, flush=True)
+
+    return show

@@ -1,0 +1,220 @@
+"""The main job on one screen: a scene becomes a plan, blocks of members run through the kernel, a Dataset or a file comes out."""
+
+import math
+import time
+import warnings
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rigidmc.engine import kernel
+from rigidmc.engine.blocks import run_blocks
+from rigidmc.engine.machine import threads_available
+from rigidmc.errors import SceneError, SceneWarning
+from rigidmc.observables import OBSERVABLES, rows_of
+from rigidmc.planning import prepare, stage
+from rigidmc.progress import reporter
+from rigidmc.sampling import quantity, rows
+from rigidmc.storage import Writer, open_result, refuse_existing
+from rigidmc.storage.schema import attributes, coordinates, length, member_variables, saved_variables
+
+
+class Job(NamedTuple):
+    """One block on its way: its members, its rows, and where its values go; see `rigidmc.engine.kernel.advance`."""
+
+    first: int
+    size: int  # members, the padding not counted
+    start: dict
+    integrator: Any
+    effects: tuple
+    observables: tuple
+    attitude: tuple
+    block: np.ndarray
+    out: np.ndarray
+    width: int
+    column: int
+    h: float
+    stride: int
+    total: int
+
+
+def simulate(
+    scene, integrator=None, dt=None, t_end=None, members=None, seed=None, every=None, save=None,
+    threads=None, progress=False, output=None, force=False, block=None,
+):  # fmt: skip
+    """Integrate an ensemble and return an xarray Dataset with dimensions member, time, axis, quat.
+
+    scene : Scene; what is None below is taken from its run settings
+    integrator : "rk4", "rkmk4", "strang", "exact"
+    dt : step [s]; reduced where it divides neither t_end nor every, which a warning says
+    members : how many, or a range of member indices: a member's bits depend on scene, seed and its index alone
+    every : time between saves [s]; without it the first and last state are saved
+    save : names of observables, e.g. ("omega", "attitude", "energy")
+    threads : default one per core that the process may use
+    progress : True for a bar on a terminal (lines elsewhere), or a function of (done, total) member-steps
+    output : write this netCDF file block by block, in memory that does not grow, and open it lazily; `force` replaces one that is there
+    block : members of a block, a multiple of 32; no result depends on it
+
+    Raises SceneError for a scene that cannot be run, OutputExists for an output that is there. Members that turn non-finite are
+    flagged in `status` and frozen at their last good state; the others do not change by a bit.
+    """
+    first, count = 0, None
+    if isinstance(members, range):
+        first, count = members.start, len(members)
+        if members.step != 1 or first < 0 or not count:
+            raise SceneError("run", "members", members, "expected a range of member indices with step 1")
+        members = rows(*scene.quantities()) or members.stop
+    if save is not None:
+        save = (save,) if isinstance(save, str) else tuple(save)
+    numbers = {"dt": dt, "t_end": t_end, "every": every}
+    numbers = {k: v if v is None else quantity(v, "run", k) for k, v in numbers.items()}
+    members, seed = (v.item() if isinstance(v, np.integer) else v for v in (members, seed))
+    scene = scene.with_run(integrator=integrator, members=members, seed=seed, save=save, **numbers)
+    threads = _threads(threads)
+    plan = prepare(scene, first, count, threads, output is not None, block)
+    for note in plan.notes:
+        warnings.warn(note, SceneWarning, stacklevel=2)
+    if output is not None:
+        refuse_existing(output, force)
+    return run(scene, plan, threads, progress, output, force)
+
+
+def run(scene, plan, threads, progress=False, output=None, force=False):
+    """Run a plan; `dataset.encoding["rigidmc"]` tells what it cost and how many members are flagged. See `simulate`."""
+    compiled = compile_kernel(scene, plan)
+    sink = _File(output, scene, plan, force) if output is not None else _Memory(scene, plan)
+    flagged = dict.fromkeys(kernel.STATUSES, 0)
+
+    def make(i):
+        low = i * plan.block
+        count = min(plan.block, plan.members - low)
+        block, start = stage(scene, plan.first + low, _lanes(count), plan.carried)
+        return _job(scene, plan, plan.first + low, count, block, start, *sink.room(low, count))
+
+    def finished(job):
+        status = job.block[kernel.STATUS, : job.size].astype("i1")
+        for name, code in kernel.STATUSES.items():
+            flagged[name] += int((status == code).sum())
+        drift = {"energy_drift_max": job.block[kernel.DRIFT], "l2_drift_max": job.block[kernel.DRIFT + 1]}
+        sink.take(job, {**drift, "status": status, **job.start})
+
+    began = time.perf_counter()
+    with reporter(progress, plan.members * plan.steps * plan.pieces) as report:
+        try:
+            run_blocks(make, math.ceil(plan.members / plan.block), threads, finished, report.step, report.poll)
+            dataset = sink.finish()
+        except BaseException:
+            sink.discard()
+            raise
+    seconds = time.perf_counter() - began
+    dataset.encoding["rigidmc"] = {"compile_seconds": compiled, "run_seconds": seconds, "flagged": flagged, "steps": plan.steps}
+    return dataset
+
+
+def compile_kernel(scene, plan):
+    """Compile, or load from the cache, the kernel of a plan; seconds that it took."""
+    began = time.perf_counter()
+    rows_needed = kernel.EFFECTS + sum(len(e) for e in scene.effects)
+    kernel.advance(*block_arguments(scene, plan, np.zeros((rows_needed, 0))), 0, 0, 1, 1)
+    return time.perf_counter() - began
+
+
+def block_arguments(scene, plan, block):
+    """Arguments of `kernel.advance` up to h, for a block of which nothing is saved."""
+    job = _job(scene, plan, 0, 0, block, {}, np.empty(0), 0, 0)
+    return job.integrator, job.effects, job.observables, job.attitude, job.block, job.out, job.width, job.column, job.h
+
+
+def _job(scene, plan, first, count, block, start, out, width, column):
+    effects = tuple(type(e)(*[0.0] * len(e)) for e in scene.effects)  # only their types matter: the values are rows of the block
+    observables = tuple(OBSERVABLES[name]() for name in scene.run.save)
+    attitude = (0.0,) if plan.carried else ()
+    h, stride, total = plan.dt / plan.pieces, plan.stride * plan.pieces, plan.steps * plan.pieces
+    return Job(first, count, start, plan.integrator, effects, observables, attitude, block, out, width, column, h, stride, total)
+
+
+def _threads(threads):
+    if threads is not None and (isinstance(threads, bool) or not isinstance(threads, int) or threads < 1):
+        raise SceneError("", "threads", threads, "expected a whole number of at least 1")
+    return threads or threads_available()
+
+
+def _lanes(count):
+    return kernel.LANES * math.ceil(count / kernel.LANES)
+
+
+def _split(scene, values):
+    """{name: view} of the value rows (time, row, member) of each observable."""
+    parts, row = {}, 0
+    for name in scene.run.save:
+        size = rows_of(name)
+        parts[name] = values[:, row : row + size] if OBSERVABLES[name].dims else values[:, row]
+        row += size
+    return parts
+
+
+class _Memory:
+    """Collects blocks in one Dataset; the kernel writes saved values straight to their place."""
+
+    def __init__(self, scene, plan):
+        self.scene, self.plan = scene, plan
+        self.width = _lanes(plan.members)
+        self.values = rows_of(*scene.run.save)
+        self.out = np.empty(plan.times.size * self.values * self.width)
+        self.variables = member_variables(scene, plan.carried)
+        self.arrays = {
+            name: np.empty([length(d, plan) for d in v.dims], v.dtype)
+            for name, v in self.variables.items()
+            if name not in plan.constant
+        }
+
+    def room(self, low, count):
+        return self.out, self.width if self.values else 0, low
+
+    def take(self, job, results):
+        part = slice(job.first - self.plan.first, job.first - self.plan.first + job.size)
+        for name in self.variables:
+            if name not in self.arrays:  # the same for all members: one column serves
+                column = results[name][..., :1]
+                self.arrays[name] = np.broadcast_to(column.copy(), (*column.shape[:-1], self.plan.members))
+            elif name not in self.plan.constant:
+                self.arrays[name][..., part] = results[name][..., : job.size]
+
+    def finish(self):
+        import xarray as xr
+
+        saved = saved_variables(self.scene)
+        values = self.out.reshape(self.plan.times.size, self.values, self.width)[..., : self.plan.members]
+        arrays = {**self.arrays, **_split(self.scene, values)}
+        variables = {name: (v.dims, arrays[name], v.attrs) for name, v in {**self.variables, **saved}.items()}
+        return xr.Dataset(variables, coordinates(self.plan), attributes(self.scene, self.plan))
+
+    def discard(self):
+        self.out = np.empty(0)
+
+
+class _File:
+    """Writes blocks to a netCDF file as they are done."""
+
+    def __init__(self, path, scene, plan, force):
+        self.scene, self.plan, self.path = scene, plan, path
+        self.values = rows_of(*scene.run.save)
+        self.names = set(member_variables(scene, plan.carried))
+        self.writer = Writer(path, scene, plan, force)
+
+    def room(self, low, count):
+        width = _lanes(count)
+        return np.empty(self.plan.times.size * self.values * width), width if self.values else 0, 0
+
+    def take(self, job, results):
+        values = {k: v for k, v in results.items() if k in self.names}
+        if self.values:
+            values |= _split(self.scene, job.out.reshape(self.plan.times.size, self.values, job.width))
+        self.writer.write(job.first, job.size, values)
+
+    def finish(self):
+        self.writer.finish()
+        return open_result(self.path)
+
+    def discard(self):
+        self.writer.discard()

@@ -1,0 +1,106 @@
+"""One netCDF4 file: written block by block under a temporary name, renamed when whole."""
+
+import contextlib
+import os
+from typing import Any
+
+import netCDF4
+import numpy as np
+
+from rigidmc.errors import OutputExists
+from rigidmc.storage.schema import attributes, coordinates, length, member_variables, saved_variables
+
+
+def refuse_existing(path, force):
+    """Raise OutputExists where a result would overwrite a file."""
+    if os.path.lexists(path) and not force:
+        raise OutputExists(f"{path} exists; nothing was written (use --force, or force=True, to replace it)")
+    folder = os.path.dirname(os.path.abspath(path))
+    if not os.path.isdir(folder):
+        raise FileNotFoundError(f"{folder}: no such folder; nothing was written")
+    if not os.access(folder, os.W_OK):
+        raise PermissionError(f"{folder}: not writable; nothing was written")
+
+
+class Writer:
+    """A result file that grows by blocks of members; memory does not grow with it."""
+
+    def __init__(self, path, scene, plan, force=False):
+        refuse_existing(path, force)
+        self.path, self.force = path, force
+        self._temporary = f"{path}.part-{os.getpid()}"
+        self._first = plan.first
+        try:
+            self._file = netCDF4.Dataset(self._temporary, "w", format="NETCDF4", clobber=True)
+            self._define(scene, plan)
+        except BaseException:
+            self.discard()
+            raise
+
+    def _define(self, scene, plan):
+        file = self._file
+        file.set_fill_off()
+        for dim in ("time", "axis", "quat", "member"):
+            file.createDimension(dim, length(dim, plan))
+        for name, (dims, values, attrs) in coordinates(plan).items():
+            variable = file.createVariable(name, str if values.dtype.kind == "U" else values.dtype, dims)
+            variable.setncatts(attrs)
+            variable[:] = values.astype(object) if values.dtype.kind == "U" else values
+        for name, (dims, dtype, attrs) in {**member_variables(scene, plan.carried), **saved_variables(scene)}.items():
+            sizes = [length(d, plan) for d in dims]
+            # one chunk holds a block of members and up to 128 times: cheap to write, and to read by member or by time
+            chunks = [min(size, plan.block if d == "member" else 128) for d, size in zip(dims, sizes, strict=True)]
+            packed: dict[str, Any] = {"compression": "zlib", "complevel": 1} if name in plan.constant else {}
+            file.createVariable(name, dtype, dims, chunksizes=chunks, **packed).setncatts(attrs)
+        file.setncatts(attributes(scene, plan))
+
+    def write(self, first, count, values):
+        """Write {name: array with the member dimension last} for members first ... first + count - 1."""
+        part = slice(first - self._first, first - self._first + count)
+        for name, array in values.items():
+            self._file.variables[name][..., part] = array[..., :count]
+
+    def finish(self):
+        """Close, make durable and give the file its name."""
+        self._file.close()
+        with open(self._temporary, "rb") as file:
+            os.fsync(file.fileno())
+        if not self.force and os.path.lexists(self.path):
+            self.discard()
+            raise OutputExists(f"{self.path} appeared while the run was on; nothing was overwritten")
+        os.replace(self._temporary, self.path)
+        with contextlib.suppress(OSError):  # some file systems cannot sync a folder
+            folder = os.open(os.path.dirname(os.path.abspath(self.path)), os.O_RDONLY)
+            os.fsync(folder)
+            os.close(folder)
+
+    def discard(self):
+        """Leave nothing behind."""
+        with contextlib.suppress(Exception):
+            self._file.close()
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(self._temporary)
+
+
+def scene_of(path, settings=()):
+    """The scene of a result file, with its columns where it had one row per member."""
+    from rigidmc.scene import Scene
+
+    with netCDF4.Dataset(path) as file:
+        file.set_auto_mask(False)
+
+        def stored(name, axis):
+            return np.asarray(file.variables[name][:] if axis is None else file.variables[name][axis - 1])
+
+        return Scene.loads(file.getncattr("scene"), path, settings, stored)
+
+
+def open_result(path):
+    """A result as an xarray Dataset, read lazily; ValueError where the file is no result of rigidmc."""
+    import xarray as xr
+
+    dataset = xr.open_dataset(path, engine="netcdf4")
+    if "scene" not in dataset.attrs:
+        dataset.close()
+        raise ValueError(f"{path}: not a result of rigidmc (it has no attribute 'scene')")
+    return dataset

@@ -1,0 +1,119 @@
+"""The layout of a result: which variables, their dimensions and attributes. A Dataset in memory and a netCDF file are the same."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rigidmc import __version__
+from rigidmc.effects import name_of
+from rigidmc.engine.kernel import LOOK, STATUSES
+from rigidmc.observables import OBSERVABLES
+from rigidmc.sampling import is_shared
+
+_LENGTHS = {"axis": 3, "quat": 4}
+
+
+class Variable(NamedTuple):
+    """One variable of a result: dimensions, type and attributes."""
+
+    dims: tuple
+    dtype: str
+    attrs: dict[str, Any]
+
+
+def conservation(scene):
+    """{"energy": "yes" or the reason why not, "l2": ...} by the physics of the scene."""
+    lossy = [name_of(e) for e in scene.effects if not getattr(e, "conservative", hasattr(e, "energy"))]
+    kept = "yes" if not lossy else f"no: {', '.join(lossy)} changes the energy"
+    torques = [name_of(e) for e in scene.effects]
+    return {"energy": kept, "l2": "yes" if not torques else f"no: {', '.join(torques)} changes the angular momentum"}
+
+
+def coordinates(plan):
+    """Coordinates of a result as {name: (dims, values, attrs)}."""
+    return {
+        "member": (("member",), np.arange(plan.first, plan.first + plan.members), {"long_name": "index of the member"}),
+        "time": (("time",), plan.times, {"units": "s", "long_name": "time"}),
+        "axis": (("axis",), np.array([1, 2, 3]), {"long_name": "principal axis of the body"}),
+        "quat": (("quat",), np.array(["w", "x", "y", "z"]), {"long_name": "component of the quaternion, scalar first"}),
+    }
+
+
+def saved_variables(scene):
+    """Variables at save times, in the order of the kernel's value rows: {name: Variable}."""
+    kept, variables = conservation(scene), {}
+    for name in scene.run.save:
+        kind = OBSERVABLES[name]
+        attrs = {"units": kind.units, "long_name": kind.long_name}
+        if name.startswith(("energy", "l2")):
+            attrs["conserved"] = kept[name.split("_")[0]]
+        variables[name] = Variable(("time", *kind.dims, "member"), "f8", attrs)
+    return variables
+
+
+def member_variables(scene, carried):
+    """Variables with one value per member that every result has: {name: Variable}."""
+    kept = conservation(scene)
+    over = f"largest over every {LOOK}th step and all saves"
+    drift = "relative to the start's energy (to 1e-3 of the energies in play where that is smaller)"
+    variables = {
+        "energy_drift_max": Variable(
+            ("member",), "f8", {"units": "1", "long_name": f"|E - E(0)| {drift}, {over}", "conserved": kept["energy"]}
+        ),
+        "l2_drift_max": Variable(
+            ("member",), "f8", {"units": "1", "long_name": f"relative change of |L|^2, {over}", "conserved": kept["l2"]}
+        ),
+        "status": Variable(
+            ("member",),
+            "i1",
+            {
+                "long_name": "health of the member; one that is not ok is frozen at its last good state",
+                "flag_values": np.array(list(STATUSES.values()), "i1"),
+                "flag_meanings": " ".join(STATUSES),
+            },
+        ),
+        "moments": Variable(
+            ("axis", "member"), "f8", {"units": "kg m2", "long_name": "principal moments of inertia about the fixed point"}
+        ),
+    }
+    if any(hasattr(e, "energy") for e in scene.effects) or not is_shared(scene.body.mass, *scene.body.centre):
+        variables["mass"] = Variable(("member",), "f8", {"units": "kg", "long_name": "mass"})
+        variables["centre"] = Variable(("axis", "member"), "f8", {"units": "m", "long_name": "centre of mass, principal axes"})
+    for effect in scene.effects:
+        for name, value in zip(effect._fields, effect, strict=True):
+            if not is_shared(value):
+                attrs = {"units": getattr(effect, "units", {}).get(name, "1"), "long_name": f"{name} of {name_of(effect)}"}
+                variables[f"{name_of(effect)}_{name}"] = Variable(("member",), "f8", attrs)
+    which = "omega" if scene.start.momentum is None else "momentum"
+    kind = OBSERVABLES[which]
+    variables[f"start_{which}"] = Variable(
+        ("axis", "member"), "f8", {"units": kind.units, "long_name": f"{kind.long_name}, at t = 0"}
+    )
+    if carried:
+        kind = OBSERVABLES["attitude"]
+        variables["start_attitude"] = Variable(("quat", "member"), "f8", {"units": "1", "long_name": f"{kind.long_name}, at t = 0"})
+        if scene.start.attitude != "uniform" and len(scene.start.attitude) == 3 and not is_shared(*scene.start.attitude):
+            attrs = {"units": "rad", "long_name": "Euler angles z-x-z (phi, theta, psi), at t = 0"}
+            variables["start_euler"] = Variable(("axis", "member"), "f8", attrs)
+    return variables
+
+
+def attributes(scene, plan):
+    """Global attributes; the scene's TOML and the member range are enough to run it again to the same bits."""
+    return {
+        "Conventions": "CF-1.11",
+        "title": scene.title,
+        "source": f"rigidmc {__version__}",
+        "version": __version__,
+        "scene": scene.dumps(),
+        "seed": scene.run.seed,
+        "integrator": scene.run.integrator,
+        "dt": plan.dt,
+        "steps": plan.steps,
+        "pieces_per_step": plan.pieces,
+    }
+
+
+def length(dim, plan):
+    """Size of a dimension."""
+    return {"member": plan.members, "time": plan.times.size, **_LENGTHS}[dim]

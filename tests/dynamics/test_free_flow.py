@@ -1,0 +1,274 @@
+"""The exact free motion: right to rounding for every body and start, for ever, and at any scale."""
+
+import itertools
+import math
+from functools import cache
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+from rigidmc.dynamics.euler import MassProperties, kinetic_energy
+from rigidmc.dynamics.free_flow import arc, doubled, free_flow, increment, squares, turn_rate
+from rigidmc.dynamics.so3 import add, multiply
+from rigidmc.engine import kernel as K
+from rigidmc.integrators import Exact
+from tests.kernels import make_block, prepare, run
+from tests.problems import HARD, PROBLEMS
+from tests.reference import DIGITS, attitude_error, rotation, taylor
+
+IDENTITY = (1.0, 0.0, 0.0, 0.0)
+TILTED = (0.5, -0.1, 0.7, math.sqrt(0.25))
+
+
+def body_of(moments):
+    return MassProperties.of(tuple(map(float, moments)), (0.0, 0.0, 0.0))
+
+
+def flow(moments, momentum, h, q=IDENTITY, halvings=0, panels=4):
+    return free_flow(body_of(moments), (1.0,) * halvings, (1.0,) * panels, h, q, momentum)
+
+
+@cache
+def truth(moments, momentum, h):
+    q, l = taylor(moments, momentum, h)
+    return np.array(q, float), np.array(l, float)
+
+
+def errors(moments, momentum, h, **how):
+    """(angle [rad], |L error|/|L|) of one step."""
+    q, l = flow(moments, momentum, h, **how)
+    true_q, true_l = truth(moments, momentum, h)
+    return float(attitude_error(q, true_q)), float(np.linalg.norm(l - true_l) / np.linalg.norm(true_l))
+
+
+def half_radian(moments, momentum):
+    return 0.5 / max(abs(l / i) for l, i in zip(momentum, moments, strict=True))
+
+
+@pytest.mark.parametrize("name", HARD)
+def test_a_step_is_right_to_rounding(name):
+    moments, momentum = HARD[name]
+    for sign in (1.0, -1.0):
+        angle, relative = errors(moments, momentum, sign * half_radian(moments, momentum))
+        print("M step", name, angle, relative)
+        assert angle < 1e-13
+        assert relative < 1e-13
+
+
+@pytest.mark.parametrize("order", list(itertools.permutations((0, 1, 2))))
+def test_any_order_of_the_axes_and_any_octant(order):
+    worst = 0.0
+    for momentum in ((0.3, 0.9, 0.7), (0.9, 0.3, 0.2)):  # circling about the one and the other axis
+        for signs in itertools.product((1.0, -1.0), repeat=3):
+            moments = tuple((1.0, 1.3, 2.0)[i] for i in order)
+            worst = max(worst, *errors(moments, tuple(signs[i] * momentum[i] for i in order), 0.4))
+    print("M order", worst)
+    assert worst < 1e-13
+
+
+@pytest.mark.parametrize("moments", [(1.0, 1.0, 2.0), (1.0, 2.0, 1.0), (2.0, 1.0, 1.0), (15.0, 15.0, 0.5), (15.0, 0.5, 15.0), (0.5, 15.0, 15.0)])
+def test_the_axis_of_a_symmetric_body_may_be_any(moments):
+    momentum = 0.3, 0.4, -0.2
+    q, l = IDENTITY, momentum
+    for _ in range(100):  # long enough for every component off the axis to change sign
+        q, l = flow(moments, l, 0.1, q=q, panels=1)
+    true_q, true_l = truth(moments, momentum, 10.0)
+    print("M symmetric", attitude_error(q, true_q), np.abs(l - true_l).max())
+    assert attitude_error(q, true_q) < 1e-13
+    assert np.abs(l - true_l).max() < 1e-14
+
+
+@pytest.mark.parametrize("split", [10.0**-k for k in range(4, 16)])
+def test_nothing_happens_at_the_symmetric_limit(split):
+    worst = 0.0
+    for moments in ((1.0, 1.0 + split, 3.0), (1.0, 3.0, 3.0 + split), (1.0 + split, 3.0, 1.0), (1.0, 1.0 + split, 1.0 + 2 * split)):
+        worst = max(worst, *errors(moments, (0.3, 0.2, 0.1), 1.0), *errors(moments, (0.1, -0.02, 0.3), 1.0))
+    print("M split", worst)
+    assert worst < 1e-13
+
+
+@pytest.mark.parametrize("split", [10.0**-k for k in range(4, 16)])
+def test_nothing_happens_at_the_separatrix(split):
+    root3 = math.sqrt(3.0)
+    worst = 0.0
+    for momentum in ((1.0 + split, 1.0, root3), (1.0 - split, 1.0, root3), (-1.0, 1.0, -root3 - split), (split, 2.0, 0.0)):
+        worst = max(worst, *errors((1.0, 2.0, 3.0), momentum, 0.5))
+    print("M separatrix", worst)
+    assert worst < 1e-13
+
+
+def test_a_symmetric_body_takes_any_step():
+    for moments, momentum in (((1.0, 1.0, 2.0), (0.3, 0.2, 0.1)), ((1.0, 2.0, 2.0), (0.3, 0.2, 0.1))):
+        angle, relative = errors(moments, momentum, 60.0, halvings=7, panels=1)
+        print("M anystep", angle, relative)
+        assert angle < 1e-13
+        assert relative < 1e-13
+
+
+def test_too_few_halvings_conserve_everything_and_are_wrong():
+    moments, momentum = (1.0, 2.0, 3.0), (1.0, 0.8, 1.2)
+    h = 3.0
+    true_l = truth(moments, momentum, h)[1]
+    good, bad = (np.array(flow(moments, momentum, h, halvings=n, panels=1)[1]) for n in (7, 0))
+    print("M halvings", np.abs(good - true_l).max(), np.abs(bad - true_l).max(), bad @ bad / np.dot(momentum, momentum) - 1)
+    assert np.abs(good - true_l).max() < 1e-14
+    assert np.abs(bad - true_l).max() > 1e-3
+    assert abs(bad @ bad / np.dot(momentum, momentum) - 1.0) < 1e-14
+
+
+def test_the_phase_rule_is_of_order_8():
+    moments, momentum = (0.6, 0.8, 1.0), (1.8, 0.4, -0.9)
+    steps = [1.6, 1.13, 0.8, 0.566]
+    angle, relative = zip(*(errors(moments, momentum, h, halvings=5, panels=1) for h in steps), strict=True)
+    slopes = [math.log(a / b) / math.log(h / k) for a, b, h, k in zip(angle, angle[1:], steps, steps[1:], strict=False)]
+    print("M phase", angle, relative, slopes)
+    assert max(relative) < 1e-14  # the momentum is exact at any step
+    assert abs(slopes[-1] - 9.0) < 0.3  # the error of one step, so one more than the order
+
+
+def test_panels_cut_a_step_without_a_seam():
+    moments, momentum = HARD["generic"]
+    one = flow(moments, momentum, 0.1, panels=1)
+    q, l = one
+    for _ in range(3):
+        q, l = flow(moments, l, 0.1, q=q, panels=1)
+    four = flow(moments, momentum, 0.4, panels=4)
+    assert attitude_error(four[0], q) < 1e-15
+    assert np.abs(np.subtract(four[1], l)).max() < 1e-15
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_principal_axis_stays_put_to_the_bit(axis, sign):
+    for moments in itertools.permutations((1.0, 2.0, 3.0)):
+        for size in (1.0, 0.7, 3.3, 1e-9):
+            momentum = tuple(sign * size if i == axis else 0.0 for i in range(3))
+            q, l = TILTED, momentum
+            turn = 0.1 / size
+            for _ in range(50):
+                q, l = flow(moments, l, turn, q=q, panels=1)
+                assert l == momentum
+            angle = 50 * turn * sign * size / moments[axis]
+            true = multiply(TILTED, [math.cos(angle / 2), *(math.sin(angle / 2) * (i == axis) for i in range(3))])
+            assert attitude_error(q, true) < 1e-14
+
+
+def test_rest_no_time_and_there_and_back():
+    q, l = flow((1.0, 2.0, 3.0), (0.0, 0.0, 0.0), 1.0, q=TILTED)
+    assert l == (0.0, 0.0, 0.0)
+    assert attitude_error(q, TILTED) < 1e-15
+    for moments, momentum in HARD.values():
+        h = half_radian(moments, momentum)
+        q, l = flow(moments, momentum, 0.0, q=TILTED)
+        assert l == momentum
+        assert attitude_error(q, TILTED) < 1e-15
+        q, l = flow(moments, momentum, h, q=TILTED)
+        q, l = flow(moments, l, -h, q=q)
+        print("M back", attitude_error(q, TILTED), np.linalg.norm(np.subtract(l, momentum)) / np.linalg.norm(momentum))
+        assert attitude_error(q, TILTED) < 1e-13
+        assert np.linalg.norm(np.subtract(l, momentum)) < 1e-14 * np.linalg.norm(momentum)
+
+
+@pytest.mark.parametrize("size", [1e-150, 1e-30, 1e30, 1e150])
+@pytest.mark.parametrize("mass", [1e-40, 1e-20, 1.0, 8e37])
+def test_scale_does_not_matter(size, mass):
+    q, l = flow((1.0, 1.3, 2.0), (0.3, 0.9, 0.7), 0.4)
+    big_q, big_l = flow((mass, 1.3 * mass, 2.0 * mass), (0.3 * size, 0.9 * size, 0.7 * size), 0.4 / size * mass)
+    assert attitude_error(big_q, q) < 1e-15
+    assert np.abs(np.divide(big_l, size) - l).max() < 1e-15
+
+
+def test_invariants_of_hard_and_random_bodies_over_ten_thousand_steps():
+    some = np.random.default_rng(1)
+    masses = some.uniform(0.2, 1.0, (3, 48))
+    moments = np.column_stack([np.array([m for m, _ in HARD.values()]).T, masses.sum(0) - masses])
+    momentum = np.column_stack([np.array([l for _, l in HARD.values()]).T, some.normal(size=(3, 48))])
+    block = make_block(MassProperties.of(moments, np.zeros_like(moments)), (), np.array([TILTED]).T, momentum)
+    before = block[:7].copy()
+    run(block, Exact(), (), 0.05, 10_000)
+    space = [np.array([rotation(b[:4, m]) @ b[4:7, m] for m in range(b.shape[1])]) for b in (before, block)]
+    drift = np.linalg.norm(space[1] - space[0], axis=1) / np.linalg.norm(space[0], axis=1)
+    norm = np.abs((block[:4] ** 2).sum(0) - 1.0)
+    print("M invariants", block[K.DRIFT].max(), block[K.DRIFT + 1].max(), drift.max(), norm.max())
+    assert block[K.DRIFT].max() < 1e-13
+    assert block[K.DRIFT + 1].max() < 1e-13
+    assert drift.max() < 1e-13
+    assert norm.max() < 4e-16
+
+
+def test_the_plain_form_drifts_where_the_increments_do_not():
+    body, start = body_of((1.0, 2.0, 3.0)), (1.0, 1.3, -0.4)
+
+    def parts(l):
+        p, q1, q3 = squares(body, l)
+        return doubled(arc(0.02, p + q3, p + q1), p + q3, p + q1), p
+
+    def plain(l):
+        (s, g1, g3), p = parts(l)
+        f1, f3, d = 1.0 - g1, 1.0 - g3, 1.0 - p * s * s
+        return (
+            (f1 * l[0] + f3 * s * body.a1 * l[1] * l[2]) / d,
+            (f1 * f3 * l[1] + s * body.a2 * l[0] * l[2]) / d,
+            (f3 * l[2] + f1 * s * body.a3 * l[0] * l[1]) / d,
+        )
+
+    def increments(l):
+        return add(l, increment(body, *parts(l), l))
+
+    def drift(step, steps):
+        l = start
+        for _ in range(steps):
+            l = step(l)
+        return abs(kinetic_energy(body, l) / kinetic_energy(body, start) - 1.0), abs(np.dot(l, l) / np.dot(start, start) - 1.0)
+
+    good, bad, worse = max(drift(increments, 10_000)), max(drift(plain, 5_000)), max(drift(plain, 10_000))
+    print("M plain", good, bad, worse)
+    assert np.abs(np.subtract(plain(start), increments(start))).max() < 1e-15  # the same map
+    assert good < 2e-14
+    assert worse > 1e-13
+    assert 1.7 < worse / bad < 2.3  # linear
+
+
+# flips repeat only as well as the closest approach to the middle axis is kept: 1e-16 of |L| against that distance
+@pytest.mark.parametrize(
+    ("name", "again"), [("flip_1e-2", 1e-12), ("flip_1e-4", 1e-12), ("flip_1e-8", 1e-6), ("flip_fast", 1e-12), ("tennis_racket", 1e-12)]
+)
+def test_flips_come_when_they_should(name, again):
+    problem = PROBLEMS[name]
+    body, flip = problem.body, problem.more["flip"]
+    lam = turn_rate(body, problem.momentum)
+
+    def crossing(guess):
+        """When the middle component is 0, by Newton from a guess."""
+        for _ in range(12):
+            steps = math.ceil(guess * lam)
+            integrator, pieces = prepare(Exact, lam * guess / steps, attitude=False)
+            block = make_block(body, (), np.array([IDENTITY]).T, np.array([problem.momentum]).T)
+            run(block, integrator, (), guess / steps / pieces, steps * pieces, attitude=False)
+            l = block[K.MOMENTUM : K.START, 0]
+            print("M driftinflip", block[K.DRIFT:K.DRIFT+2,0], pieces, steps, integrator)
+            late = l[1] / (body.a2 * l[0] * l[2])
+            guess -= np.clip(late, -0.2 / lam, 0.2 / lam)
+        return guess
+
+    first = crossing(flip / 2)
+    second = crossing(first + flip)
+    g2 = np.dot(problem.momentum, problem.momentum)
+    d2 = g2 - 2*kinetic_energy(body, problem.momentum)*problem.moments[1]
+    print("M flip", name, first / (flip / 2) - 1, (second - first) / flip - 1, ((second - first) / flip - 1)/(1.1e-16/d2*g2))
+    if problem.momentum[2] == 0.0:  # starts at the extreme
+        assert abs(first / (flip / 2) - 1.0) < 1e-13
+    assert abs((second - first) / flip - 1.0) < again
+
+
+def test_published_flip_intervals_are_those_of_the_elliptic_integral():
+    for problem in (p for p in PROBLEMS.values() if "flip" in p.more):
+        with mp.workdps(DIGITS):
+            i, w = [mp.mpf(repr(x)) for x in problem.moments], [mp.mpf(repr(x)) for x in problem.omega]
+            p = (i[1] - i[2]) * (i[0] - i[1]) / (i[0] * i[2]) * w[1] ** 2
+            q1, q3 = (i[2] - i[0]) * (i[1] - i[0]) / (i[1] * i[2]) * w[0] ** 2, (i[1] - i[2]) * (i[0] - i[2]) / (i[0] * i[1]) * w[2] ** 2
+            square = p + max(q1, q3)
+            flip = 2 * mp.ellipk(1 - abs(q1 - q3) / square) / mp.sqrt(square)
+            print("M elliptic", float(flip / problem.more["flip"] - 1))
+            assert abs(flip / problem.more["flip"] - 1) < 1e-15

@@ -1,0 +1,168 @@
+"""Truths that owe nothing to the package: a 40-digit Taylor series, and textbook integrators with NumPy matrices."""
+
+import mpmath as mp
+import numpy as np
+from scipy.integrate import solve_ivp
+
+DIGITS = 40
+
+
+def taylor(moments, momentum, time, attitude=(1, 0, 0, 0), weight=(0, 0, 0), damping=0, degree=36):
+    """(q, L) as lists of 40-digit numbers: L' = L x w - weight x u - damping L, q' = 1/2 q (0, w), u = A^T e_z.
+
+    Each step is the Taylor polynomial of the solution, its coefficients from the products of those before (Cauchy).
+    """
+    with mp.workdps(DIGITS):
+        inverse = [1 / mp.mpf(i) for i in moments]
+        q, l, c = ([mp.mpf(x) for x in values] for values in (attitude, momentum, weight))
+        rate = sum(abs(x * i) for x, i in zip(l, inverse, strict=True)) + mp.sqrt(sum(map(abs, c)) * max(inverse)) + abs(damping)
+        steps = int(mp.ceil(abs(time) * rate / mp.mpf("0.3"))) + 1
+        h = mp.mpf(time) / steps
+        for _ in range(steps):
+            q, l = _taylor_step(inverse, c, mp.mpf(damping), q, l, h, degree)
+        return q, l
+
+
+def _taylor_step(inverse, c, damping, q, l, h, degree):
+    q, l = [[x] for x in q], [[x] for x in l]
+    w = [[x[0] * i] for x, i in zip(l, inverse, strict=True)]
+    for k in range(degree):
+
+        def times(a, b, k=k):
+            return mp.fdot(a[: k + 1], b[k::-1])
+
+        def cross(a, b):
+            return [times(a[i], b[j]) - times(a[j], b[i]) for i, j in ((1, 2), (2, 0), (0, 1))]
+
+        u = (
+            2 * (times(q[1], q[3]) - times(q[0], q[2])),
+            2 * (times(q[2], q[3]) + times(q[0], q[1])),
+            times(q[0], q[0]) - times(q[1], q[1]) - times(q[2], q[2]) + times(q[3], q[3]),
+        )
+        vector = [times(q[0], w[i]) + x for i, x in enumerate(cross(q[1:], w))]
+        slope = [-times(q[1], w[0]) - times(q[2], w[1]) - times(q[3], w[2]), *vector]
+        torque = [c[j] * u[i] - c[i] * u[j] - damping * l[m][k] for m, (i, j) in enumerate(((1, 2), (2, 0), (0, 1)))]
+        force = [a + b for a, b in zip(cross(l, w), torque, strict=True)]
+        for a, slope_a in zip(q, slope, strict=True):
+            a.append(slope_a / (2 * (k + 1)))
+        for a, b, force_a, i in zip(l, w, force, inverse, strict=True):
+            a.append(force_a / (k + 1))
+            b.append(a[-1] * i)
+    powers = [h**k for k in range(degree + 1)]
+    return [mp.fdot(a, powers) for a in q], [mp.fdot(a, powers) for a in l]
+
+
+def true_end(problem, time=None, damping=0.0):
+    """(q, L) of a catalogued problem as arrays, from the Taylor series."""
+    weight = [mp.mpf(problem.gravity) * mp.mpf(p) for p in problem.static_moment]
+    q, l = taylor(problem.moments, problem.momentum, time or problem.time, problem.attitude, weight, damping)
+    return np.array(q, float), np.array(l, float)
+
+
+def attitude_error(q, p):
+    """Angle between attitudes (4, ...) [rad]; never arccos |q.p|, which loses half the digits."""
+    q, p = np.asarray(q, float), np.asarray(p, float)
+    chord = np.minimum(np.linalg.norm((q.T - p.T), axis=-1), np.linalg.norm((q.T + p.T), axis=-1))
+    return 2.0 * np.arcsin(np.minimum(chord / 2.0, 1.0))
+
+
+def rotation(q):
+    """A of x_space = A x_body, TdC (3.1)."""
+    w, v = q[0], np.asarray(q[1:], float)
+    return (w * w - v @ v) * np.eye(3) + 2.0 * np.outer(v, v) + 2.0 * w * hat(v)
+
+
+def hat(v):
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def rodrigues(u):
+    """exp(hat(u))."""
+    angle = np.linalg.norm(u)
+    k = hat(u)
+    return np.eye(3) + np.sinc(angle / np.pi) * k + 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2 * k @ k
+
+
+class Top:
+    """A problem with a matrix for its attitude, and its torques the long way round."""
+
+    def __init__(self, problem, damping=0.0):
+        self.inertia, self.static = np.diag(problem.moments), np.array(problem.static_moment)
+        self.weight, self.damping = np.array([0.0, 0.0, -problem.gravity]), damping
+        self.start = rotation(problem.attitude), np.array(problem.momentum, float)
+
+    def omega(self, l):
+        return np.linalg.solve(self.inertia, l)
+
+    def gravity(self, a):
+        return np.cross(self.static, a.T @ self.weight)
+
+    def force(self, a, l):
+        return np.cross(l, self.omega(l)) + self.gravity(a) - self.damping * l
+
+    def rates(self, t, y):
+        a, l = y[:9].reshape(3, 3), y[9:]
+        return np.concatenate([(a @ hat(self.omega(l))).ravel(), self.force(a, l)])
+
+
+def naive_rk4(problem, h, steps, damping=0.0):
+    """Classical Runge-Kutta on the quaternion, normalised after each step; (A, L)."""
+    top = Top(problem, damping)
+
+    def rates(y):
+        q, l = y[:4], y[4:]
+        w = top.omega(l)
+        slope = 0.5 * np.concatenate([[-q[1:] @ w], q[0] * w + np.cross(q[1:], w)])
+        return np.concatenate([slope, top.force(rotation(q), l)])
+
+    y = np.concatenate([problem.attitude, problem.momentum])
+    for _ in range(steps):
+        k1 = rates(y)
+        k2 = rates(y + h / 2 * k1)
+        k3 = rates(y + h / 2 * k2)
+        k4 = rates(y + h * k3)
+        y = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        y[:4] /= np.linalg.norm(y[:4])
+    return rotation(y[:4]), y[4:]
+
+
+def naive_rkmk4(problem, h, steps, damping=0.0):
+    """Runge-Kutta-Munthe-Kaas with matrices: A <- A exp(hat(u)), u' = dexp^-1(u) w with two commutators; (A, L)."""
+    top = Top(problem, damping)
+    a, l = top.start
+
+    def rates(u, l):
+        w = top.omega(l)
+        k = hat(u)
+        return w + 0.5 * k @ w + k @ k @ w / 12.0, top.force(a @ rodrigues(u), l)
+
+    for _ in range(steps):
+        zero = np.zeros(3)
+        u1, l1 = rates(zero, l)
+        u2, l2 = rates(h / 2 * u1, l + h / 2 * l1)
+        u3, l3 = rates(h / 2 * u2, l + h / 2 * l2)
+        u4, l4 = rates(h * u3, l + h * l3)
+        a = a @ rodrigues(h / 6 * (u1 + 2 * u2 + 2 * u3 + u4))
+        l = l + h / 6 * (l1 + 2 * l2 + 2 * l3 + l4)
+    return a, l
+
+
+def naive_strang(problem, h, steps, damping=0.0):
+    """Half a kick, free motion by an adaptive Runge-Kutta of order 8 at its tightest, half a kick; (A, L)."""
+    top, free = Top(problem, damping), Top(problem)
+    free.weight = np.zeros(3)
+    a, l = top.start
+    for _ in range(steps):
+        l = np.exp(-damping * h / 2) * (l + h / 2 * top.gravity(a))
+        y = solve_ivp(free.rates, (0.0, h), np.concatenate([a.ravel(), l]), method="DOP853", rtol=2.3e-14, atol=1e-16).y[:, -1]
+        a, l = y[:9].reshape(3, 3), y[9:]
+        l = np.exp(-damping * h / 2) * l + h / 2 * top.gravity(a)
+    return a, l
+
+
+def naive_exact(problem, h, steps, damping=0.0):
+    """The free motion itself, which is what a splitting does with no torque to split off."""
+    return naive_strang(problem, h, steps)
+
+
+NAIVE = {"rk4": naive_rk4, "rkmk4": naive_rkmk4, "strang": naive_strang, "exact": naive_exact}
