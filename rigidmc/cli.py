@@ -117,7 +117,7 @@ def run_scene(
     """Run a scene: integrate its ensemble, write the result and a picture, and say what it cost."""
     began = time.perf_counter()
     with reported():
-        from rigidmc.errors import OutputExists, SceneError
+        from rigidmc.errors import OutputExists, SceneError, SceneWarning
         from rigidmc.simulation import simulate
 
         loaded = _load(
@@ -127,9 +127,10 @@ def run_scene(
             if path is not None and os.path.lexists(path) and not force:
                 raise OutputExists(f"{path} exists; nothing was written (use --force to replace it)")
         if plot is not None:
-            _plots().check_suffix(plot)
+            _check_suffix(plot)
         try:
             with warnings.catch_warnings():
+                warnings.simplefilter("always", SceneWarning)
                 warnings.showwarning = lambda message, *_, **__: print(f"rigidmc: note: {message}", file=sys.stderr)
                 dataset = simulate(loaded, threads=threads, progress=True, output=output, force=force)
         except SceneError as error:
@@ -153,6 +154,13 @@ def _plots():
     return plots
 
 
+def _check_suffix(path):
+    try:
+        _plots().check_suffix(path)
+    except ValueError as error:
+        _fail(error, INVALID)
+
+
 def _close(dataset, cost, wall, files):
     """The closing summary."""
     import numpy as np
@@ -173,6 +181,8 @@ def _close(dataset, cost, wall, files):
             print(f"  drift of {word:6s}  median {np.median(values):.1e}   worst {values.max():.1e}{kept}")
     flags = ", ".join(f"{v:,} {k}" for k, v in cost["flagged"].items() if v and k != "ok")
     print(f"  flagged members: {flags or 'none'}")
+    if not files:
+        print("  nothing was written: -o FILE keeps the result, --plot FILE draws it")
     for path in files:
         print(f"  wrote {path} ({os.path.getsize(path) / 1e6:,.1f} MB)")
 
@@ -218,23 +228,35 @@ def check(scene: SceneArgument, settings: Set = []):  # noqa: B006
 
 
 _FORMAT = """\
-Without NAME: the shipped scenes. With NAME: that scene's file, with comments, ready to copy:
+List the shipped scenes, or print one (with comments, ready to copy).
 
-  rigidmc scenes heavy_top > mine.toml;  rigidmc run mine.toml -o mine.nc
+rigidmc scenes heavy_top > mine.toml
+rigidmc run mine.toml -o mine.nc
 
-A scene file is TOML with the tables \\[body], \\[effects.NAME], \\[start], \\[run]. SI units, angles in rad.
+A scene file is TOML; SI units, angles in rad:
 
-  \\[body]     moments = \\[I1, I2, I3] (kg m2), or tensor (3x3), or one of
-             cylinder = { mass, radius, height }, box = { mass, size = \\[x, y, z] }, particles = { masses, positions };
-             mass (kg) and centre = \\[x, y, z] (m) of the centre of mass, where moments or tensor are given;
-             pivot = \\[x, y, z]: the point of the body that is held fixed instead
-  \\[effects.gravity] g (m/s2);   \\[effects.viscous_damping] rate (1/s)
-  \\[start]    omega (rad/s) or momentum (kg m2/s), three components in principal axes;
-             attitude = "uniform", a quaternion \\[w, x, y, z], Euler angles z-x-z \\[phi, theta, psi], or a 3x3 matrix
-  \\[run]      integrator, dt (s), t_end (s), members, seed, every (s between saves), save = \\["omega", ...]
+\\[body]
+  moments = \\[I1, I2, I3]   principal moments about the fixed point, kg m2
+  or one of  tensor = 3x3,  cylinder = { mass, radius, height },
+  box = { mass, size = \\[x, y, z] },  particles = { masses, positions }
+  mass, centre = \\[x, y, z]   kg, m; with moments or tensor
+  pivot = \\[x, y, z]          the point of the body held fixed instead
 
-Every number of body, effects and start may be a distribution: { normal = \\[mean, sd] }, { uniform = \\[low, high] },
-or any continuous one of scipy.stats by name: { gamma = { a = 2.0, scale = 0.1 } }.
+\\[effects.gravity]
+  g                          m/s2
+\\[effects.viscous_damping]
+  rate                       1/s
+
+\\[start]
+  omega or momentum          rad/s or kg m2/s, in principal axes
+  attitude                   "uniform", quaternion \\[w, x, y, z], 3x3 matrix,
+                             or Euler angles z-x-z \\[phi, theta, psi]
+\\[run]
+  integrator, dt, t_end, members, seed, every, save
+
+Any number of body, effects and start may be a distribution:
+  { normal = \\[mean, sd] },  { uniform = \\[low, high] },
+  or one of scipy.stats:  { gamma = { a = 2.0, scale = 0.1 } }
 """
 
 
@@ -269,7 +291,7 @@ def plot(
             raise SceneError("", "--picture", picture, f"no such picture; known: {', '.join(pictures)}", nearest(picture, pictures))
         refuse_existing(output, force)
         plots = _plots()
-        plots.check_suffix(output)
+        _check_suffix(output)
         try:
             with open_result(file) as dataset:
                 plots.save(getattr(plots, picture)(dataset), output)
@@ -281,25 +303,13 @@ def plot(
 @app.command()
 def integrators():
     """List the integrators: order, what they keep, which torques they take."""
-    from rich.console import Console
-    from rich.table import Table
-
     from rigidmc.integrators import INTEGRATORS
 
-    table = Table("name", "order", "evaluations", "reversible", "keeps", "takes", "what it is", box=None)
     for name, kind in INTEGRATORS.items():
-        order = "exact" if kind.order == float("inf") else str(kind.order)
-        keeps = ", ".join(kind.conserves) or "-"
-        table.add_row(
-            name,
-            order,
-            str(kind.evaluations),
-            "yes" if kind.reversible else "no",
-            keeps,
-            kind.accepts,
-            kind.__doc__.split(",")[0].split(".")[0],
-        )
-    Console().print(table)
+        order = "exact" if kind.order == float("inf") else f"order {kind.order}"
+        keeps = ", ".join(kind.conserves) or "nothing"
+        print(f"{name:8s} {kind.__doc__.splitlines()[0]}")
+        print(f"         {order}, {'reversible' if kind.reversible else 'not reversible'}; takes {kind.accepts}; keeps {keeps}")
 
 
 @app.command()

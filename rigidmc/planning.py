@@ -69,15 +69,14 @@ def carries_attitude(scene):
     return any("q" in n for n in needed)
 
 
-def prepare(scene, first=0, members=None, threads=1, streaming=False, block=None):
+def prepare(scene, threads=1, streaming=False, block=None):
     """The Plan of a checked scene; raises SceneError."""
     scene.check()
     run = scene.run
-    members = run.members if members is None else members
     steps, dt, stride, notes = steps_and_saves(run.t_end, run.dt, run.every)
     carried = carries_attitude(scene)
     angle, turn = _speeds(scene, dt)
-    if angle > 1.0:
+    if angle > 1.0 and INTEGRATORS[run.integrator].order < math.inf:
         notes += (
             f"omega dt reaches {angle:.3g} rad per step, more than 1: expect large errors; dt <= {dt / angle:.2g} s would do",
         )
@@ -91,11 +90,11 @@ def prepare(scene, first=0, members=None, threads=1, streaming=False, block=None
     slots = [s for s in range(0, steps, stride)] + [steps]
     values = rows_of(*run.save)
     if block is None:
-        block = min(BLOCK, _lanes(math.ceil(members / (4 * threads))))
+        block = min(BLOCK, _lanes(math.ceil(run.members / (4 * threads))))
         if streaming:
             block = min(block, max(kernel.LANES, SLAB // (8 * max(1, values) * len(slots)) // kernel.LANES * kernel.LANES))
     return Plan(
-        first, members, steps, dt, stride, np.array(slots) * dt, pieces, integrator, carried, block, _constant(scene), angle, notes
+        run.first, run.members, steps, dt, stride, np.array(slots) * dt, pieces, integrator, carried, block, _constant(scene), angle, notes
     )  # fmt: skip
 
 

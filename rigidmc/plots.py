@@ -15,13 +15,15 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
+from matplotlib.ticker import NullFormatter
 from scipy.ndimage import uniform_filter
 
 SUFFIXES = (".png", ".pdf", ".svg")
-TIMES, MEMBERS, POINTS = 400, 20_000, 2_000_000  # at most TIMES saves are read, and MEMBERS members, more while under POINTS vectors
+TIMES, MEMBERS, POINTS = 400, 20_000, 2_000_000  # read are TIMES saves at most, and MEMBERS members, or more up to POINTS vectors
 DRAWN = 4  # members drawn one by one: more are spaghetti
 BINS, SMOOTH = 120, 3  # bins across a disc, averaged 3 x 3 (about 4 degrees): a thin ensemble shows on both sides of a path
-COARSE = np.cos(np.radians(30.0))  # saves further apart than this are dots, not a line
+COARSE = 0.8  # mean cosine of the turn from one save to the next; below it a path is dots, as lines would cut its corners
+SWINGS = 25  # where members turn back more often than this, only one is drawn: of the few, the one that swings widest
 DENSITY, INK, PATH, BAND, CORE, MEDIAN = "cividis_r", "#222222", "#d94801", "#c6dbef", "#6baed6", "#08306b"
 HALO = [withStroke(linewidth=2.0, foreground="white")]
 
@@ -50,8 +52,9 @@ def momentum_sphere(ds, axes=None):
     """Where the angular momentum points in the body: density on the momentum sphere, with the paths of a few members.
 
     Two hemispheres in Lambert's equal-area projection, seen from both ends of the axis of the middle moment (a symmetric top: of its
-    symmetry axis); where all stay inside a cap, the cap alone. All saves are shown together; where there are two, the last. Where
-    all members are one asymmetric body, its separatrices 2 T I_mid = L^2: great circles, here straight lines.
+    symmetry axis); where all stay inside a cap, the cap alone. All saves are shown together; where there are two, the last. The path
+    of a free body is its polhode, the curve of constant energy and |L|^2 through its start; with torques it is the saves. Where all
+    members are one asymmetric body, its separatrices 2 T I_mid = L^2 are drawn: great circles, here straight lines.
 
     ds : with omega or momentum; else start_omega or start_momentum is shown, and the title says so
     """
@@ -65,8 +68,12 @@ def momentum_sphere(ds, axes=None):
         slope = np.sqrt((toward / right - 1.0) / (1.0 - toward / up))
     one_body = np.ptp(moments, axis=1).max() <= 1e-12 * body.max()
     axes = axes or _figure(ds, (8.0, 5.2)).add_subplot()
+    free = all(sample[f"{name}_drift_max"].attrs.get("conserved") == "yes" for name in ("energy", "l2"))
+    few = _few(l)
+    paths = _polhodes(l[0][:, few], moments[:, few]) if free else l[..., few]
     lines = [slope, -slope] if one_body and 0.0 < slope < np.inf else []
-    _hemispheres(axes, l[:, turn] if len(l) > 2 else l[-1:, turn], [str(axis + 1) for axis in turn], lines)
+    v = l if len(l) > 2 else l[-1:]
+    _hemispheres(axes, v[:, turn], paths[:, turn], [str(axis + 1) for axis in turn], lines)
     axes.set_title(f"Direction of the angular momentum in body axes, {when}", fontsize=10)
     return axes.figure
 
@@ -84,7 +91,7 @@ def axis_sphere(ds, axes=None):
     w, x, y, z = np.moveaxis(sample.attitude.transpose("time", "quat", "member").values, 1, 0)
     e3 = np.stack([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), w * w - x * x - y * y + z * z], axis=1)
     axes = axes or _figure(ds, (8.0, 5.2)).add_subplot()
-    _hemispheres(axes, e3 if len(e3) > 2 else e3[-1:], ["x", "y", "z"])
+    _hemispheres(axes, e3 if len(e3) > 2 else e3[-1:], e3[..., _few(e3)], ["x", "y", "z"])
     axes.set_title(f"Axis 3 of the body in space, {_span(sample)}", fontsize=10)
     return axes.figure
 
@@ -106,8 +113,11 @@ def middle_component(ds, axes=None):
     axes.fill_between(t, low, high, color=BAND, linewidth=0, label="5 to 95 %")
     axes.fill_between(t, quarter, three_quarters, color=CORE, linewidth=0, label="25 to 75 %")
     axes.plot(t, median, color=MEDIAN, linewidth=2.0, label="median")
-    for line in axes.plot(t, value[:, _few(value)], color=PATH, linewidth=0.8)[:1]:
-        line.set_label("single members")
+    few = value[:, _few(value)]
+    if np.count_nonzero(np.diff(np.sign(np.diff(few, axis=0)), axis=0)) > SWINGS * few.shape[1]:
+        few = few[:, np.argmax(np.ptp(few, axis=0)), None]
+    for k, line in enumerate(axes.plot(t, few, color=PATH, linewidth=0.8)):
+        line.set_label("_" if k else "one member" if few.shape[1] == 1 else "single members")
     name = f"\\omega_{axis[0] + 1}" if np.ptp(axis) == 0 else "\\omega_\\mathrm{mid}"
     axes.set(xlabel="time [s]", ylabel=f"${name}$ [rad/s]", xlim=(t[0], t[-1]))
     symmetric = _central_axis(np.median(moments, axis=1)) != axis[0]
@@ -124,8 +134,8 @@ def start_and_end(ds, axes=None):
     """
     sample = _sample(ds)
     omega, when = _vectors(sample, "omega")
-    names = {0: when} if len(omega) == 1 else {0: f"t = {sample.time.values[0]:g} s", -1: f"t = {sample.time.values[-1]:g} s"}
-    edges = np.linspace(omega.min(), omega.max() or 1e-300, 102) if np.ptp(omega) else omega.min() + np.linspace(-0.5, 0.5, 102)
+    names = {0: when} if len(omega) == 1 else {0: _span(sample, 0), -1: _span(sample, -1)}
+    edges = np.linspace(omega.min(), omega.max(), 102) if np.ptp(omega) else omega.min() + np.linspace(-0.5, 0.5, 102)
     axes = axes or _figure(ds, (7.0, 4.2)).add_subplot()
     for row in range(3):
         for time, name in names.items():
@@ -151,21 +161,24 @@ def drift_histogram(ds, axes=None):
     decades = np.concatenate([np.log10(v[v > 0.0]) for v in values.values()])
     first, last = (np.floor(decades.min()), np.floor(decades.max()) + 1) if decades.size else (-17, -15)
     edges = 10.0 ** np.linspace(first, last, round(10 * (last - first)) + 1)
-    title = ["Largest relative drift of each member"]
+    title, top = ["Largest relative drift of each member"], 5
     styles = ({"color": CORE, "fill": True}, MEDIAN), ({"color": INK, "linewidth": 1.2}, INK)
     for (symbol, v), (style, color) in zip(values.items(), styles, strict=True):
         zeros, worst, middle = np.count_nonzero(v == 0.0), v.max(initial=0.0), np.median(v) if v.size else 0.0
-        label = f"{symbol}: median (¦) {middle:.1e}, worst (▾) {worst:.1e}" + (f", {zeros:,} members at 0" if zeros else "")
-        axes.stairs(np.histogram(v, edges)[0], edges, label=label, **style)
+        label = f"{symbol}: median (¦) {middle:.1e}, worst (▾) {worst:.1e}" + (f"; {_members(zeros)} at 0" if zeros else "")
+        count = np.histogram(v, edges)[0]
+        top = max(top, count.max())
+        axes.stairs(count, edges, label=label, **style)
         if worst > 0.0:
             axes.axvline(max(middle, edges[0]), color=color, linestyle="--", linewidth=1.0)
             axes.plot(worst, 0.03, "v", color=color, markersize=7, transform=axes.get_xaxis_transform())
         conserved = drifts[symbol].attrs.get("conserved", "yes")
         if conserved != "yes":
-            title.append(fill(f"{symbol} is not conserved: {conserved.removeprefix('no').lstrip(':, ')}", 60))
-    axes.set(xscale="log", yscale="log", xlabel="largest relative drift [1]", ylabel="members per bin", xlim=(edges[0], edges[-1]))
-    axes.set_ylim(bottom=0.7)
-    axes.set_title("\n".join(title), fontsize=10, pad=32)
+            title.append(fill(f"{symbol} is not conserved: {conserved.removeprefix('no').lstrip(':, ')}", 62))
+    axes.set(xlabel="largest relative drift [1]", ylabel="members per bin", xlim=(edges[0], edges[-1]), ylim=(0.7, 2 * top))
+    axes.set(xscale="log", yscale="log")
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.set_title("\n".join(title), fontsize=10 if len(title) == 1 else 9, pad=32)
     _legend_above(axes, ncols=1)
     return axes.figure
 
@@ -194,7 +207,7 @@ def _sample(ds):
     every, stride = -(-times // TIMES), -(-members // max(MEMBERS, POINTS // min(times, TIMES)))
     states = [name for name in ("omega", "momentum", "attitude", "start_omega", "start_momentum") if name in ds]
     even = {"time": slice((times - 1) % every, None, every), "member": slice(None, None, stride)}  # the last time is kept
-    sample = ds[[*states, "moments", "status"]].isel(even, missing_dims="ignore").load()
+    sample = ds[[*states, "moments", "status", "energy_drift_max", "l2_drift_max"]].isel(even, missing_dims="ignore").load()
     good = sample.status == 0
     for name in states:
         good = good & np.isfinite(sample[name]).all([dim for dim in sample[name].dims if dim != "member"])
@@ -212,13 +225,17 @@ def _vectors(sample, name):
                 v = v if v.ndim == 3 else v[None]
                 moments = sample.moments.transpose("axis", "member").values
                 v = v if found == name else v * moments if name == "momentum" else v / moments
-                return v, "at the start" if prefix else _span(sample)
+                return v, "at the start (nothing later was saved)" if prefix else _span(sample)
     raise ValueError('nothing to draw: neither omega nor momentum, not even at the start: run with save=("omega",)')
 
 
-def _span(sample):
+def _span(sample, save=None):
     t = sample.time.values
-    return f"t = {t[0]:g} to {t[-1]:g} s" if t.size > 2 else f"t = {t[-1]:g} s"
+    return f"t = {t[0]:,.7g} to {t[-1]:,.7g} s" if save is None and t.size > 2 else f"t = {t[-1 if save is None else save]:,.7g} s"
+
+
+def _members(count):
+    return f"{count:,} member{'' if count == 1 else 's'}"
 
 
 def _central_axis(moments):
@@ -233,6 +250,25 @@ def _central_axis(moments):
 def _few(values):
     """DRAWN members, evenly spaced over the last axis."""
     return np.unique(np.linspace(0, values.shape[-1] - 1, DRAWN).round().astype(int))
+
+
+def _polhodes(l, moments):
+    """Closed curves (point, axis, member) through the directions l (axis, member), around the axis of the least or largest moment.
+
+    With u = L/|L| and c = sum u_i^2/I_i = 2 T/L^2: the distance rho from axis e at the angle phi from the middle axis m obeys
+    rho^2 (cos^2 phi/I_m + sin^2 phi/I_a - 1/I_e) = c - 1/I_e.
+    """
+    phi, curves = np.linspace(0.0, 2.0 * np.pi, 721), np.empty((721, *l.shape))
+    with np.errstate(all="ignore"):
+        for k, inverse in enumerate(1.0 / moments.T):
+            u = l[:, k] / np.sqrt(l[:, k] @ l[:, k])
+            c = u * u @ inverse
+            order = np.argsort(inverse)
+            a, m, e = order if c > inverse[order[1]] else order[::-1]
+            rho2 = (c - inverse[e]) / (np.cos(phi) ** 2 * inverse[m] + np.sin(phi) ** 2 * inverse[a] - inverse[e])
+            curves[:, e, k] = np.copysign(np.sqrt(1.0 - rho2.clip(0.0, 1.0)), u[e])
+            curves[:, m, k], curves[:, a, k] = np.sqrt(rho2) * np.cos(phi), np.sqrt(rho2) * np.sin(phi)
+    return curves
 
 
 def _lambert(right, up, toward):
@@ -257,20 +293,26 @@ def _density(v, sides, limit):
     return density
 
 
-def _hemispheres(axes, v, names, slopes=()):
-    """Density and a few paths of the directions v (time, axis, member) on two discs or one cap; axes right, up, at the reader."""
+def _hemispheres(axes, v, paths, names, slopes=()):
+    """Density of v and lines along paths, both (time, axis, member), on two discs or one cap; axes right, up and at the reader."""
     with np.errstate(all="ignore"):
-        v = v / np.sqrt(np.sum(v * v, axis=1, keepdims=True))
-    lowest, highest = np.nanmin(v[:, 2]), np.nanmax(v[:, 2])
+        v, paths = v / np.linalg.norm(v, axis=1, keepdims=True), paths / np.linalg.norm(paths, axis=1, keepdims=True)
+    axes.set_axis_off()
+    if not np.isfinite(v).any():
+        axes.text(0.5, 0.5, "no direction: every member is at rest", ha="center", transform=axes.transAxes)
+        return
+    heights = np.append(v[:, 2], paths[:, 2])
+    lowest, highest = np.nanmin(heights), np.nanmax(heights)
     sides = [1, -1] if lowest <= 0.0 <= highest else [1 if lowest > 0.0 else -1]
     inner = max(lowest, -highest, 0.0)
     angle = next(a for a in (1, 2, 5, 10, 20, 30, 45, 60, 90) if np.cos(np.radians(a)) <= inner + 1e-12)
     limit = 2.0 * np.sin(np.radians(angle) / 2.0)
     density = _density(v, sides, limit)
-    norm = LogNorm(np.nanmin(density), max(np.nanmax(density), 10.0 * np.nanmin(density)))
-    few = v[:, :, _few(v)]
-    moves = len(few) > 1
-    dense = moves and np.nanquantile(np.sum(few[1:] * few[:-1], axis=1), 0.05) > COARSE
+    first, last = np.floor(np.log10(np.nanmin(density))), np.ceil(np.log10(np.nanmax(density)))
+    norm = LogNorm(10.0**first, 10.0 ** max(last, first + 1))
+    step = np.diff(paths, axis=0)
+    length = np.linalg.norm(step, axis=1)
+    dense = np.nansum(step[1:] * step[:-1]) >= COARSE * np.nansum(length[1:] * length[:-1])
     style = {"linewidth": 0.8, "path_effects": HALO} if dense else {"linestyle": "", "marker": ".", "markersize": 3}
     for disc, side in enumerate(sides):
         centre = 2.45 * limit * disc
@@ -279,17 +321,16 @@ def _hemispheres(axes, v, names, slopes=()):
         image = axes.imshow(density[disc], DENSITY, norm, extent=box, origin="lower", interpolation="nearest", clip_path=rim)
         for slope in slopes:
             x = np.array([-limit, limit]) / np.hypot(1.0, slope)
-            axes.plot(centre + x, slope * x, "--", color=INK, linewidth=0.8, label="separatrices")
-        for k in range(few.shape[2]) if moves else ():
-            x, y = _lambert(side * few[:, 0, k], few[:, 1, k], side * few[:, 2, k])
+            axes.plot(centre + x, slope * x, "--", color=INK, linewidth=0.8, zorder=3, label="separatrices")
+        for right, up, toward in paths.transpose(2, 1, 0) if len(paths) > 2 else ():
+            x, y = _lambert(side * right, up, side * toward)
             axes.plot(x + centre, y, color=PATH, clip_path=rim, label="single members", **style)
         for x, y, sign, name in ((1, 0, side, 0), (-1, 0, -side, 0), (0, 1, 1, 1), (0, -1, -1, 1), (0, 0, side, 2)):
-            text, offset = f"${'+' if sign > 0 else '-'}{names[name]}$", (12 * x, 9 * y if name < 2 else 9)
-            where = {"xy": (centre + x * limit, y * limit), "xytext": offset, "textcoords": "offset points"}
-            axes.annotate(text, **where, ha="center", va="center", path_effects=HALO, zorder=5)
+            offset = (12 * x, 9 * y) if name < 2 else (14, 0) if max(slopes, default=0.0) > 1.0 else (0, 9)
+            text, where = f"${'+' if sign > 0 else '-'}{names[name]}$", {"xy": (centre + x * limit, y * limit), "xytext": offset}
+            axes.annotate(text, **where, textcoords="offset points", ha="center", va="center", path_effects=HALO, zorder=5)
         axes.plot(centre, 0.0, "o", color=INK, markersize=4, markeredgecolor="white", zorder=5)
     axes.set(xlim=(-1.2 * limit, centre + 1.2 * limit), ylim=(-1.2 * limit, 1.2 * limit), aspect="equal")
-    axes.set_axis_off()
     entries = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
     note = None if angle == 90 else f"rim: {angle}° from centre"
     if entries or note:
@@ -309,7 +350,7 @@ def _figure(ds, size):
     figure = Figure(size, layout="constrained")
     FigureCanvasAgg(figure)
     flagged = np.count_nonzero(ds.status.values)
-    facts = [f"{ds.sizes['member']:,} members", ds.attrs.get("integrator", "")]
+    facts = [_members(ds.sizes["member"]), ds.attrs.get("integrator", "")]
     facts += [f"dt = {ds.attrs['dt']:.6g} s"] if "dt" in ds.attrs else []
     facts += [f"seed {ds.attrs['seed']}"] if "seed" in ds.attrs else []
     facts += [f"{flagged:,} flagged and left out"] if flagged else []

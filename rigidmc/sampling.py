@@ -71,7 +71,7 @@ def distribution(name, *values, **parameters):
         import scipy.stats
 
         known = [n for n in dir(scipy.stats) if isinstance(getattr(scipy.stats, n), scipy.stats.rv_continuous)]
-        error = unknown("", "distribution", name, "distribution", known)
+        error = unknown("", "distribution", name, "distribution", ["normal", "uniform", *known])
         error.rule = (
             "no such distribution; known: normal = [mean, sd], uniform = [low, high], and the continuous ones of scipy.stats"
         )
@@ -207,11 +207,14 @@ def _attitude(value):
     if hasattr(value, "as_quat"):
         value = np.asarray(value.as_quat(scalar_first=True))
         value = value if value.ndim == 2 else tuple(value.tolist())
+    if not hasattr(value, "__len__") or isinstance(value, dict):
+        rule = 'expected "uniform", a quaternion (w, x, y, z), Euler angles (phi, theta, psi), or a 3x3 matrix'
+        raise SceneError("start", "attitude", value, rule)
     shape = _shape(value)
     if shape in ((3, 3), (len(value), 3, 3)):
         q = quaternion_from_matrix(np.asarray(value, dtype=float), "start", "attitude")
         value = tuple(q.tolist()) if q.ndim == 1 else q
-    size = 3 if shape[-1:] == (3,) and len(shape) < 3 and shape != (3, 3) else 4
+    size = 3 if (shape[1] if isinstance(value, np.ndarray) and len(shape) == 2 else len(value)) == 3 else 4
     parts = vector(value, "start", "attitude", size)
     if size == 4 and rows(*parts) is not None and any(isinstance(p, Distribution) for p in parts):
         raise SceneError("start", "attitude", None, "a quaternion has distributions or arrays as components, not both")

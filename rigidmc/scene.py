@@ -33,6 +33,7 @@ class Run(_Table):
     dt: Annotated[float, Field(gt=0, description="step [s]")] = 0.01
     t_end: Annotated[float, Field(gt=0, description="end time [s]")] = 10.0
     members: Annotated[int, Field(gt=0, description="members of the ensemble")] = 1000
+    first: Annotated[int, Field(ge=0, description="index of the first member")] = 0
     seed: Annotated[int, Field(ge=0, description="seed of all random draws")] = 0
     every: Annotated[float, Field(gt=0, description="time between saves [s]; without it first and last")] | None = None
     save: tuple[str, ...] = ("omega",)
@@ -119,8 +120,9 @@ class Scene:
             rule = f"it is the motion of a free body and takes no torque, but the scene has {names}; use strang or rk4"
             raise SceneError("run", "integrator", self.run.integrator, rule)
         count = rows(*self.quantities())
-        if count is not None and count != self.run.members:
-            raise SceneError("run", "members", self.run.members, f"the scene has arrays with one row for each of {count} members")
+        if count is not None and count < self.run.first + self.run.members:
+            rule = f"the scene has arrays with rows for {count} members only"
+            raise SceneError("run", "members", self.run.first + self.run.members, rule)
         moments, mass, _ = self.body.sample(self.run.seed, 0, PILOT)
         bad = np.flatnonzero(broken(moments) | ~(mass > 0))
         if bad.size:
@@ -191,7 +193,7 @@ class Scene:
         scene = cls(body, tuple(effects), start, run, file.title or "scene", file.summary, file.source)
         return scene.with_run()
 
-    def dumps(self, stored_names=False):
+    def dumps(self):
         """The scene as TOML; arrays with one row per member become references to the variables of the result."""
         body = {"moments": _plain(self.body.moments, "moments"), "mass": _plain(self.body.mass, "mass")}
         body["centre"] = _plain(self.body.centre, "centre")
@@ -237,9 +239,12 @@ def read_source(source):
 def _effect(effect: Any) -> Any:
     """An effect with its parameters checked."""
     fields = getattr(effect, "_fields", None)
-    if fields is None or not (hasattr(effect, "torque") or hasattr(effect, "kick")):
+    if fields is None or isinstance(effect, type) or not (hasattr(effect, "torque") or hasattr(effect, "kick")):
         raise SceneError(
-            "effects", "effect", effect, f"expected an effect such as {', '.join(k.__name__ for k in EFFECTS.values())}"
+            "effects",
+            "effect",
+            effect,
+            f"expected an effect with its parameters, one of {', '.join(k.__name__ for k in EFFECTS.values())}",
         )
     table = f"effects.{name_of(effect)}"
     for name, value, (low, high) in zip(fields, effect, _limits(effect), strict=True):
@@ -351,7 +356,8 @@ def _set(data, dotted, value):
 
 def _from_pydantic(error, table, model, data):
     """The first complaint of pydantic as a SceneError."""
-    first = error.errors()[0]
+    # a misspelt key comes before the right one that it leaves missing
+    first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
     place = [
         str(p)
         for p in first["loc"]

@@ -58,20 +58,21 @@ def simulate(
     Raises SceneError for a scene that cannot be run, OutputExists for an output that is there. Members that turn non-finite are
     flagged in `status` and frozen at their last good state; the others do not change by a bit.
     """
-    first, count = 0, None
+    first = None
     if isinstance(members, range):
-        first, count = members.start, len(members)
-        if members.step != 1 or first < 0 or not count:
+        if members.step != 1 or members.start < 0 or not members:
             raise SceneError("run", "members", members, "expected a range of member indices with step 1")
-        members = rows(*scene.quantities()) or members.stop
+        first, members = members.start, len(members)
+    elif members is None and (count := rows(*scene.quantities())) is not None:
+        members = count - scene.run.first
     if save is not None:
         save = (save,) if isinstance(save, str) else tuple(save)
     numbers = {"dt": dt, "t_end": t_end, "every": every}
     numbers = {k: v if v is None else quantity(v, "run", k) for k, v in numbers.items()}
     members, seed = (v.item() if isinstance(v, np.integer) else v for v in (members, seed))
-    scene = scene.with_run(integrator=integrator, members=members, seed=seed, save=save, **numbers)
+    scene = scene.with_run(integrator=integrator, first=first, members=members, seed=seed, save=save, **numbers)
     threads = _threads(threads)
-    plan = prepare(scene, first, count, threads, output is not None, block)
+    plan = prepare(scene, threads, output is not None, block)
     for note in plan.notes:
         warnings.warn(note, SceneWarning, stacklevel=2)
     if output is not None:

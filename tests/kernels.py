@@ -3,10 +3,11 @@
 import numpy as np
 
 from rigidmc.dynamics.euler import MassProperties
+from rigidmc.dynamics.free_flow import turn_rate
 from rigidmc.engine import kernel as K
-from rigidmc.observables import SIZES
 
 NOTHING = np.empty(0)
+SIZES = {(): 1, ("axis",): 3, ("quat",): 4}
 
 
 def make_block(body, effects, attitude, momentum):
@@ -65,7 +66,13 @@ def prepare(kind, turn, attitude=True):
 
 
 def turn(problem, h):
-    """lambda h, the turn of the momentum within the body in a step, from above [rad]; a kick may add a tenth."""
-    a = problem.body[3:6]
-    lam = max(np.sqrt(abs(a[i] * a[j])) for i, j in ((0, 1), (1, 2), (0, 2)))
-    return float(1.1 * abs(h) * lam * np.linalg.norm(problem.momentum))
+    """Turn of the momentum within the body in a step h [rad]; a tenth more, for what kicks may add."""
+    return 1.1 * abs(h) * turn_rate_of(problem.moments, problem.momentum)
+
+
+def turn_rate_of(moments, momentum):
+    """lambda = sqrt(P + max(Q1, Q3)) of `rigidmc.dynamics.free_flow`, whatever the order of the axes [rad/s]."""
+    order = np.argsort(moments)
+    moments, momentum = (np.asarray(x, float)[order] for x in (moments, momentum))
+    size = np.linalg.norm(momentum)
+    return float(size * turn_rate(MassProperties.of(tuple(moments), (0.0, 0.0, 0.0)), tuple(momentum / size)))

@@ -126,15 +126,15 @@ def naive_rk4(problem, h, steps, damping=0.0):
     return rotation(y[:4]), y[4:]
 
 
-def naive_rkmk4(problem, h, steps, damping=0.0):
-    """Runge-Kutta-Munthe-Kaas with matrices: A <- A exp(hat(u)), u' = dexp^-1(u) w with two commutators; (A, L)."""
+def naive_rkmk4(problem, h, steps, damping=0.0, half=0.5):
+    """Runge-Kutta-Munthe-Kaas with matrices: A <- A exp(hat(u)), u' = w + half u x w + u x (u x w)/12; (A, L)."""
     top = Top(problem, damping)
     a, l = top.start
 
     def rates(u, l):
         w = top.omega(l)
         k = hat(u)
-        return w + 0.5 * k @ w + k @ k @ w / 12.0, top.force(a @ rodrigues(u), l)
+        return w + half * k @ w + k @ k @ w / 12.0, top.force(a @ rodrigues(u), l)
 
     for _ in range(steps):
         zero = np.zeros(3)

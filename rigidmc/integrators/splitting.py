@@ -22,7 +22,7 @@ class Strang(NamedTuple):
     order = 2
     evaluations = 1
     reversible = True
-    conserves = ("|q|", "L_z under gravity")
+    conserves = ("|q|", "|L|^2", "T", "L in space")
     accepts = "torques with an exact flow"
     largest_turn = 4.0  # [rad] in a step: 32 panels; more would compile for minutes and be no good
 

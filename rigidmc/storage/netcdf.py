@@ -90,7 +90,9 @@ def scene_of(path, settings=()):
         file.set_auto_mask(False)
 
         def stored(name, axis):
-            return np.asarray(file.variables[name][:] if axis is None else file.variables[name][axis - 1])
+            rows = file.variables[name][:] if axis is None else file.variables[name][axis - 1]
+            # a file that starts at a later member has no rows before it, and needs none: they only keep the index right
+            return np.concatenate([np.repeat(rows[:1], int(file.variables["member"][0])), rows])
 
         return Scene.loads(file.getncattr("scene"), path, settings, stored)
 

@@ -105,7 +105,7 @@ def attributes(scene, plan):
         "title": scene.title,
         "source": f"rigidmc {__version__}",
         "version": __version__,
-        "scene": scene.dumps(),
+        "scene": scene.with_run(dt=plan.dt).dumps(),
         "seed": scene.run.seed,
         "integrator": scene.run.integrator,
         "dt": plan.dt,

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from rigidmc.dynamics.euler import MassProperties, kinetic_energy
-from rigidmc.dynamics.free_flow import arc, doubled, free_flow, increment, squares, turn_rate
+from rigidmc.dynamics.free_flow import arc, doubled, free_flow, increment, squares
 from rigidmc.dynamics.so3 import add, multiply
 from rigidmc.engine import kernel as K
 from rigidmc.integrators import Exact
-from tests.kernels import make_block, prepare, run
+from tests.kernels import make_block, prepare, run, turn_rate_of
 from tests.problems import HARD, PROBLEMS
 from tests.reference import DIGITS, attitude_error, rotation, taylor
 
@@ -25,8 +25,11 @@ def body_of(moments):
     return MassProperties.of(tuple(map(float, moments)), (0.0, 0.0, 0.0))
 
 
-def flow(moments, momentum, h, q=IDENTITY, halvings=0, panels=4):
-    return free_flow(body_of(moments), (1.0,) * halvings, (1.0,) * panels, h, q, momentum)
+def flow(moments, momentum, h, q=IDENTITY, halvings=0, panels=None):
+    """One step, cut into panels of at most 1/8 rad unless told."""
+    body = body_of(moments)
+    panels = panels or max(1, math.ceil(8.0 * abs(h) * turn_rate_of(moments, momentum)))
+    return free_flow(body, (1.0,) * halvings, (1.0,) * panels, h, q, momentum)
 
 
 @cache
@@ -51,9 +54,8 @@ def test_a_step_is_right_to_rounding(name):
     moments, momentum = HARD[name]
     for sign in (1.0, -1.0):
         angle, relative = errors(moments, momentum, sign * half_radian(moments, momentum))
-        print("M step", name, angle, relative)
-        assert angle < 1e-13
-        assert relative < 1e-13
+        assert angle < (1e-13 if "needle" in name else 2e-15)  # measured 1.6e-14 and 3e-16
+        assert relative < 4e-15  # measured 4e-16
 
 
 @pytest.mark.parametrize("order", list(itertools.permutations((0, 1, 2))))
@@ -63,8 +65,7 @@ def test_any_order_of_the_axes_and_any_octant(order):
         for signs in itertools.product((1.0, -1.0), repeat=3):
             moments = tuple((1.0, 1.3, 2.0)[i] for i in order)
             worst = max(worst, *errors(moments, tuple(signs[i] * momentum[i] for i in order), 0.4))
-    print("M order", worst)
-    assert worst < 1e-13
+    assert worst < 2e-15  # measured 1.5e-16
 
 
 @pytest.mark.parametrize("moments", [(1.0, 1.0, 2.0), (1.0, 2.0, 1.0), (2.0, 1.0, 1.0), (15.0, 15.0, 0.5), (15.0, 0.5, 15.0), (0.5, 15.0, 15.0)])
@@ -74,9 +75,8 @@ def test_the_axis_of_a_symmetric_body_may_be_any(moments):
     for _ in range(100):  # long enough for every component off the axis to change sign
         q, l = flow(moments, l, 0.1, q=q, panels=1)
     true_q, true_l = truth(moments, momentum, 10.0)
-    print("M symmetric", attitude_error(q, true_q), np.abs(l - true_l).max())
-    assert attitude_error(q, true_q) < 1e-13
-    assert np.abs(l - true_l).max() < 1e-14
+    assert attitude_error(q, true_q) < 2e-14  # measured 4e-15
+    assert np.abs(l - true_l).max() < 3e-15  # measured 5e-16
 
 
 @pytest.mark.parametrize("split", [10.0**-k for k in range(4, 16)])
@@ -84,8 +84,7 @@ def test_nothing_happens_at_the_symmetric_limit(split):
     worst = 0.0
     for moments in ((1.0, 1.0 + split, 3.0), (1.0, 3.0, 3.0 + split), (1.0 + split, 3.0, 1.0), (1.0, 1.0 + split, 1.0 + 2 * split)):
         worst = max(worst, *errors(moments, (0.3, 0.2, 0.1), 1.0), *errors(moments, (0.1, -0.02, 0.3), 1.0))
-    print("M split", worst)
-    assert worst < 1e-13
+    assert worst < 2e-15  # measured 2e-16
 
 
 @pytest.mark.parametrize("split", [10.0**-k for k in range(4, 16)])
@@ -94,37 +93,34 @@ def test_nothing_happens_at_the_separatrix(split):
     worst = 0.0
     for momentum in ((1.0 + split, 1.0, root3), (1.0 - split, 1.0, root3), (-1.0, 1.0, -root3 - split), (split, 2.0, 0.0)):
         worst = max(worst, *errors((1.0, 2.0, 3.0), momentum, 0.5))
-    print("M separatrix", worst)
-    assert worst < 1e-13
+    assert worst < 1e-14  # measured 1.0e-15
 
 
 def test_a_symmetric_body_takes_any_step():
     for moments, momentum in (((1.0, 1.0, 2.0), (0.3, 0.2, 0.1)), ((1.0, 2.0, 2.0), (0.3, 0.2, 0.1))):
         angle, relative = errors(moments, momentum, 60.0, halvings=7, panels=1)
-        print("M anystep", angle, relative)
-        assert angle < 1e-13
-        assert relative < 1e-13
+        assert angle < 1e-14  # measured 1.6e-15
+        assert relative < 1e-14  # measured 1.8e-15
 
 
 def test_too_few_halvings_conserve_everything_and_are_wrong():
     moments, momentum = (1.0, 2.0, 3.0), (1.0, 0.8, 1.2)
-    h = 3.0
+    h = 5.0
     true_l = truth(moments, momentum, h)[1]
     good, bad = (np.array(flow(moments, momentum, h, halvings=n, panels=1)[1]) for n in (7, 0))
-    print("M halvings", np.abs(good - true_l).max(), np.abs(bad - true_l).max(), bad @ bad / np.dot(momentum, momentum) - 1)
-    assert np.abs(good - true_l).max() < 1e-14
-    assert np.abs(bad - true_l).max() > 1e-3
-    assert abs(bad @ bad / np.dot(momentum, momentum) - 1.0) < 1e-14
+    assert np.abs(good - true_l).max() < 2e-14  # measured 2.0e-15
+    assert np.abs(bad - true_l).max() > 0.1  # measured 0.37
+    assert abs(bad @ bad / np.dot(momentum, momentum) - 1.0) < 2e-14  # measured 2.1e-15
 
 
 def test_the_phase_rule_is_of_order_8():
     moments, momentum = (0.6, 0.8, 1.0), (1.8, 0.4, -0.9)
-    steps = [1.6, 1.13, 0.8, 0.566]
+    steps = [1.13, 0.8, 0.566, 0.4]
     angle, relative = zip(*(errors(moments, momentum, h, halvings=5, panels=1) for h in steps), strict=True)
     slopes = [math.log(a / b) / math.log(h / k) for a, b, h, k in zip(angle, angle[1:], steps, steps[1:], strict=False)]
-    print("M phase", angle, relative, slopes)
-    assert max(relative) < 1e-14  # the momentum is exact at any step
-    assert abs(slopes[-1] - 9.0) < 0.3  # the error of one step, so one more than the order
+    assert max(relative) < 4e-15  # measured 4e-16: the momentum is exact at any step
+    assert abs(slopes[1] - 9.0) < 0.2  # measured 8.98: the error of one step, so one more than the order
+    assert abs(slopes[2] - 9.0) < 0.3  # measured 9.13
 
 
 def test_panels_cut_a_step_without_a_seam():
@@ -155,7 +151,7 @@ def test_a_principal_axis_stays_put_to_the_bit(axis, sign):
 
 
 def test_rest_no_time_and_there_and_back():
-    q, l = flow((1.0, 2.0, 3.0), (0.0, 0.0, 0.0), 1.0, q=TILTED)
+    q, l = flow((1.0, 2.0, 3.0), (0.0, 0.0, 0.0), 1.0, q=TILTED, panels=1)
     assert l == (0.0, 0.0, 0.0)
     assert attitude_error(q, TILTED) < 1e-15
     for moments, momentum in HARD.values():
@@ -165,14 +161,14 @@ def test_rest_no_time_and_there_and_back():
         assert attitude_error(q, TILTED) < 1e-15
         q, l = flow(moments, momentum, h, q=TILTED)
         q, l = flow(moments, l, -h, q=q)
-        print("M back", attitude_error(q, TILTED), np.linalg.norm(np.subtract(l, momentum)) / np.linalg.norm(momentum))
-        assert attitude_error(q, TILTED) < 1e-13
-        assert np.linalg.norm(np.subtract(l, momentum)) < 1e-14 * np.linalg.norm(momentum)
+        assert attitude_error(q, TILTED) < 3e-14  # measured 3e-15, a needle; 3e-16 otherwise
+        assert np.linalg.norm(np.subtract(l, momentum)) < 2e-15 * np.linalg.norm(momentum)  # measured 2e-16
 
 
 @pytest.mark.parametrize("size", [1e-150, 1e-30, 1e30, 1e150])
-@pytest.mark.parametrize("mass", [1e-40, 1e-20, 1.0, 8e37])
+@pytest.mark.parametrize("mass", [1e-46, 1e-20, 1.0, 8e37])
 def test_scale_does_not_matter(size, mass):
+    """From molecules to planets in SI units, and any speed that a double can hold."""
     q, l = flow((1.0, 1.3, 2.0), (0.3, 0.9, 0.7), 0.4)
     big_q, big_l = flow((mass, 1.3 * mass, 2.0 * mass), (0.3 * size, 0.9 * size, 0.7 * size), 0.4 / size * mass)
     assert attitude_error(big_q, q) < 1e-15
@@ -190,19 +186,18 @@ def test_invariants_of_hard_and_random_bodies_over_ten_thousand_steps():
     space = [np.array([rotation(b[:4, m]) @ b[4:7, m] for m in range(b.shape[1])]) for b in (before, block)]
     drift = np.linalg.norm(space[1] - space[0], axis=1) / np.linalg.norm(space[0], axis=1)
     norm = np.abs((block[:4] ** 2).sum(0) - 1.0)
-    print("M invariants", block[K.DRIFT].max(), block[K.DRIFT + 1].max(), drift.max(), norm.max())
-    assert block[K.DRIFT].max() < 1e-13
-    assert block[K.DRIFT + 1].max() < 1e-13
-    assert drift.max() < 1e-13
-    assert norm.max() < 4e-16
+    assert block[K.DRIFT].max() < 1e-13  # measured 2.1e-14
+    assert block[K.DRIFT + 1].max() < 1e-13  # measured 2.2e-14
+    assert drift.max() < 3e-13  # measured 6e-14: momentum in space, which the attitude turns
+    assert norm.max() < 1e-15  # measured 2e-16
 
 
 def test_the_plain_form_drifts_where_the_increments_do_not():
-    body, start = body_of((1.0, 2.0, 3.0)), (1.0, 1.3, -0.4)
+    body, start = body_of((0.6, 0.8, 1.0)), (1.8, 0.4, -0.9)
 
     def parts(l):
         p, q1, q3 = squares(body, l)
-        return doubled(arc(0.02, p + q3, p + q1), p + q3, p + q1), p
+        return doubled(arc(0.005, p + q3, p + q1), p + q3, p + q1), p
 
     def plain(l):
         (s, g1, g3), p = parts(l)
@@ -223,43 +218,39 @@ def test_the_plain_form_drifts_where_the_increments_do_not():
         return abs(kinetic_energy(body, l) / kinetic_energy(body, start) - 1.0), abs(np.dot(l, l) / np.dot(start, start) - 1.0)
 
     good, bad, worse = max(drift(increments, 10_000)), max(drift(plain, 5_000)), max(drift(plain, 10_000))
-    print("M plain", good, bad, worse)
     assert np.abs(np.subtract(plain(start), increments(start))).max() < 1e-15  # the same map
-    assert good < 2e-14
-    assert worse > 1e-13
-    assert 1.7 < worse / bad < 2.3  # linear
+    assert good < 2e-14  # measured 3e-15
+    assert worse > 3e-13  # measured 9e-13
+    assert 1.5 < worse / bad < 2.5  # measured 1.8: it grows with time
 
 
-# flips repeat only as well as the closest approach to the middle axis is kept: 1e-16 of |L| against that distance
-@pytest.mark.parametrize(
-    ("name", "again"), [("flip_1e-2", 1e-12), ("flip_1e-4", 1e-12), ("flip_1e-8", 1e-6), ("flip_fast", 1e-12), ("tennis_racket", 1e-12)]
-)
-def test_flips_come_when_they_should(name, again):
+@pytest.mark.parametrize("name", [n for n, p in PROBLEMS.items() if "flip" in p.more])
+def test_flips_come_when_they_should(name):
     problem = PROBLEMS[name]
     body, flip = problem.body, problem.more["flip"]
-    lam = turn_rate(body, problem.momentum)
+    lam = turn_rate_of(problem.moments, problem.momentum)
 
     def crossing(guess):
         """When the middle component is 0, by Newton from a guess."""
-        for _ in range(12):
+        for _ in range(20):
             steps = math.ceil(guess * lam)
             integrator, pieces = prepare(Exact, lam * guess / steps, attitude=False)
             block = make_block(body, (), np.array([IDENTITY]).T, np.array([problem.momentum]).T)
             run(block, integrator, (), guess / steps / pieces, steps * pieces, attitude=False)
             l = block[K.MOMENTUM : K.START, 0]
-            print("M driftinflip", block[K.DRIFT:K.DRIFT+2,0], pieces, steps, integrator)
             late = l[1] / (body.a2 * l[0] * l[2])
-            guess -= np.clip(late, -0.2 / lam, 0.2 / lam)
+            guess -= np.clip(late, -0.3 / lam, 0.3 / lam)
         return guess
 
     first = crossing(flip / 2)
-    second = crossing(first + flip)
-    g2 = np.dot(problem.momentum, problem.momentum)
-    d2 = g2 - 2*kinetic_energy(body, problem.momentum)*problem.moments[1]
-    print("M flip", name, first / (flip / 2) - 1, (second - first) / flip - 1, ((second - first) / flip - 1)/(1.1e-16/d2*g2))
-    if problem.momentum[2] == 0.0:  # starts at the extreme
-        assert abs(first / (flip / 2) - 1.0) < 1e-13
-    assert abs((second - first) / flip - 1.0) < again
+    if problem.momentum[2] == 0.0:  # starts at the extreme, where the middle component turns back
+        assert abs(first / (flip / 2) - 1.0) < 2e-14  # measured 3.1e-15
+    # the next one comes as well as |L|^2 - 2 T I2, the distance from the separatrix, is kept: to 1e-16 |L|^2
+    i, l = problem.moments, problem.momentum
+    distance = abs(l[0] ** 2 * (1 - i[1] / i[0]) + l[2] ** 2 * (1 - i[1] / i[2])) / np.dot(l, l)
+    bound = 0.5 * 1.1e-16 / distance  # measured 0.07 of 1.1e-16/distance
+    if bound < 1e-3:  # so at every start but 1e-8 from the axis
+        assert abs((crossing(first + flip) - first) / flip - 1.0) < bound
 
 
 def test_published_flip_intervals_are_those_of_the_elliptic_integral():
@@ -270,5 +261,4 @@ def test_published_flip_intervals_are_those_of_the_elliptic_integral():
             q1, q3 = (i[2] - i[0]) * (i[1] - i[0]) / (i[1] * i[2]) * w[0] ** 2, (i[1] - i[2]) * (i[0] - i[2]) / (i[0] * i[1]) * w[2] ** 2
             square = p + max(q1, q3)
             flip = 2 * mp.ellipk(1 - abs(q1 - q3) / square) / mp.sqrt(square)
-            print("M elliptic", float(flip / problem.more["flip"] - 1))
-            assert abs(flip / problem.more["flip"] - 1) < 1e-15
+            assert abs(flip / problem.more["flip"] - 1) < 1e-15  # measured 2e-16

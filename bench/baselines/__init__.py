@@ -1,0 +1,37 @@
+"""The baselines in C: built on the spot with gcc, called through ctypes."""
+
+import ctypes
+import os
+import shutil
+import subprocess
+import tempfile
+
+FLAGS = ("-O3", "-march=native", "-ffast-math", "-mprefer-vector-width=512", "-fopenmp", "-shared", "-fPIC")
+_HERE = os.path.dirname(os.path.abspath(__file__))
+
+
+def compiler_version():
+    """Version of gcc, or None where there is none."""
+    gcc = shutil.which("gcc")
+    return subprocess.run([gcc, "-dumpfullversion"], capture_output=True, text=True).stdout.strip() if gcc else None
+
+
+def build(source, *options):
+    """Compile bench/baselines/SOURCE to a temporary folder and load it; OSError says why where that fails."""
+    if shutil.which("gcc") is None:
+        raise OSError("no gcc on this machine: the C baselines are left out")
+    with tempfile.TemporaryDirectory() as folder:
+        target = os.path.join(folder, "baseline.so")
+        command = ["gcc", *FLAGS, *options, os.path.join(_HERE, source), "-o", target, "-lm"]
+        made = subprocess.run(command, capture_output=True, text=True)
+        if made.returncode != 0:
+            raise OSError(f"{' '.join(command)}: {made.stderr.strip()}")
+        library = ctypes.CDLL(target)  # stays mapped after the file is gone
+    for name in ("rk4_free", "rk4_heavy", "rk4_free_512", "rk4_heavy_512"):
+        if hasattr(library, name):
+            function = getattr(library, name)
+            function.argtypes, function.restype = [ctypes.c_void_p, ctypes.c_long, ctypes.c_long, ctypes.c_double], None
+    if hasattr(library, "fma_peak"):
+        library.fma_peak.argtypes = [ctypes.c_long, ctypes.c_int, ctypes.POINTER(ctypes.c_double)]
+        library.fma_peak.restype = ctypes.c_double
+    return library

@@ -1,0 +1,129 @@
+"""Bodies: tensors, principal axes, parallel axes, against the numbers of the chapter and random clouds of particles."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import rigidmc as rm
+from rigidmc.body import broken, principal
+
+
+def test_four_particles_of_the_chapter():
+    """TdC Example 3.2: moments 1, 3, 4 (m a^2), axes (1, 1, 0), (1, -1, 0), (0, 0, 1)."""
+    m, a = 0.3, 0.7
+    body = rm.Body.from_particles([m] * 4, [(a, 0, 0), (0, a, 0), (a, a, 0), (0, 0, 0)])
+    assert np.allclose(body.tensor, m * a * a * np.array([[2, -1, 0], [-1, 2, 0], [0, 0, 4]]), rtol=0, atol=4e-16)  # measured 2e-16
+    assert np.allclose(body.moments, m * a * a * np.array([1, 3, 4]), rtol=1e-15)
+    axes = np.array(body.axes)
+    assert np.allclose(np.abs(axes), np.array([[1, 1, 0], [1, 1, 0], [0, 0, np.sqrt(2)]]) / np.sqrt(2), atol=1e-15)
+    assert axes[0, 0] * axes[1, 0] > 0 > axes[0, 1] * axes[1, 1]
+    assert body.mass == pytest.approx(4 * m)
+    assert body.centre == pytest.approx((a / 2, a / 2, 0))
+
+
+def test_cylinder_on_the_edge_of_its_base():
+    """Theory: M/12 [[3a^2+4h^2, 0, -6ah], [0, 15a^2+4h^2, 0], [-6ah, 0, 18a^2]]; with h = sqrt(3) a: 9/4, 9/4, 1/2 (M a^2)."""
+    mass, a = 1.7, 0.2
+    for h in (0.1, 0.3, np.sqrt(3) * a):
+        body = rm.Body.cylinder(mass, a, h).pivoted_at((a, 0, -h / 2))
+        direct = (
+            mass
+            / 12
+            * np.array([[3 * a * a + 4 * h * h, 0, 6 * a * h], [0, 15 * a * a + 4 * h * h, 0], [6 * a * h, 0, 18 * a * a]])
+        )
+        assert np.allclose(
+            body.tensor, direct, rtol=0, atol=1e-16
+        )  # x points from the axis to the edge here: the sign of I13 turns
+        root = np.sqrt(225 * a**4 + 24 * a * a * h * h + 16 * h**4)
+        expected = (
+            mass / 24 * np.array([2 * (15 * a * a + 4 * h * h), 21 * a * a + 4 * h * h + root, 21 * a * a + 4 * h * h - root])
+        )
+        assert np.allclose(sorted(body.moments), sorted(expected), rtol=1e-14)
+    assert np.allclose(sorted(body.moments), mass * a * a * np.array([0.5, 2.25, 2.25]), rtol=1e-14)
+    along = np.array(body.axes)[:, int(np.argmin(body.moments))]
+    assert np.allclose(np.abs(along), np.array([2, 0, np.sqrt(3)]) / np.sqrt(7), atol=1e-14)
+
+
+def test_solids_against_clouds_of_points():
+    """Cylinder and box against a midpoint sum over 80^3 cells; the error of that sum is 1/80^2."""
+    x = (np.arange(80) + 0.5) / 80 - 0.5
+    grid = np.stack(np.meshgrid(x, x, x, indexing="ij"), -1).reshape(-1, 3)
+    box = rm.Body.from_particles(np.full(len(grid), 2.0 / len(grid)), grid * (0.3, 0.5, 0.7))
+    assert np.allclose(box.moments, rm.Body.box(2.0, (0.3, 0.5, 0.7)).moments, rtol=2e-4)  # measured 1.6e-4
+    inside = grid[(grid[:, 0] ** 2 + grid[:, 1] ** 2) <= 0.25] * (0.4, 0.4, 0.9)
+    cylinder = rm.Body.from_particles(np.full(len(inside), 2.0 / len(inside)), inside)
+    assert np.allclose(sorted(cylinder.moments), sorted(rm.Body.cylinder(2.0, 0.2, 0.9).moments), rtol=3e-3)
+
+
+clouds = st.integers(0, 2**32 - 1).map(np.random.default_rng)
+
+
+@given(clouds)
+def test_kinetic_energy_of_particles(rng):
+    """TdC (3.15), (3.16), (3.25): T and L from the tensor equal the sums over particles."""
+    m, r, w = rng.uniform(0.1, 1, 7), rng.normal(size=(7, 3)), rng.normal(size=3)
+    tensor = rm.Body.from_particles(m, r).tensor
+    v = np.cross(w, r)
+    assert 0.5 * w @ tensor @ w == pytest.approx(0.5 * (m * (v * v).sum(1)).sum(), rel=1e-12)
+    assert np.allclose(tensor @ w, (m[:, None] * np.cross(r, v)).sum(0), rtol=1e-12, atol=1e-12)
+
+
+@given(clouds)
+def test_parallel_axes(rng):
+    """TdC (3.26)-(3.28): moving the pivot equals counting the particles from the new point; there and back is the identity."""
+    m, r, point = rng.uniform(0.1, 1, 7), rng.normal(size=(7, 3)), rng.normal(size=3)
+    body = rm.Body.from_particles(m, r)
+    moved = body.pivoted_at(tuple(point))
+    assert np.allclose(moved.tensor, rm.Body.from_particles(m, r - point).tensor, rtol=0, atol=1e-12 * np.abs(moved.tensor).max())
+    back = moved.pivoted_at(tuple(-point))
+    assert np.allclose(back.tensor, body.tensor, rtol=0, atol=1e-12 * np.abs(moved.tensor).max())
+    assert not np.allclose(rm.Body.from_particles(m, r + point).tensor, moved.tensor, rtol=1e-3)  # the wrong sign of the shift
+
+
+@given(clouds, st.sampled_from(["general", "two equal", "three equal"]))
+def test_principal_axes(rng, kind):
+    """TdC (3.19)-(3.23): I = B diag B^T with det B = +1, also with equal moments."""
+    moments = {"general": rng.uniform(0.5, 1, 3), "two equal": np.array([0.7, 0.7, 1.0]), "three equal": np.full(3, 0.9)}[kind]
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    tensor = (turn * moments) @ turn.T
+    tensor = 0.5 * (tensor + tensor.T)
+    found, axes = principal(tensor)
+    assert np.allclose((axes * found) @ axes.T, tensor, rtol=0, atol=2e-15)  # measured 9e-16
+    assert np.linalg.det(axes) == pytest.approx(1.0, abs=1e-14)
+    assert np.allclose(sorted(found), sorted(moments), rtol=0, atol=2e-15)
+
+
+def test_a_diagonal_tensor_keeps_its_axes():
+    body = rm.Body.from_tensor(np.diag([3.0, 1.0, 2.5]))
+    assert body.moments == (3.0, 1.0, 2.5)
+    assert np.array_equal(body.axes, np.eye(3))
+
+
+def test_which_bodies_cannot_be():
+    good = [(1, 2, 3), (1, 1, 1), (1, 1, 2), (0.1 + 0.2, 0.1, 0.2)]
+    bad = [(1, 2, 3.0001), (0, 1, 1), (-1, 1, 1), (np.nan, 1, 1)]
+    assert not broken(np.array(good, float).T).any()
+    assert broken(np.array(bad, float).T).all()
+
+
+@pytest.mark.parametrize(
+    ("make", "rule"),
+    [
+        (lambda: rm.Body.from_moments((1, 2, 9)), "triangle inequality"),
+        (lambda: rm.Body.from_moments((-1, 2, 2)), "positive"),
+        (lambda: rm.Body.from_moments((1, 2)), "3 components"),
+        (lambda: rm.Body.from_moments(np.array([[1, 2, 3], [1, 1, 9.0]])), "row 1"),
+        (lambda: rm.Body.from_moments((1, 2, 3), mass=0), "mass must be positive"),
+        (lambda: rm.Body.from_tensor([[1, 0, 0], [0, 1, 0.5], [0, 0, 1]]), "symmetric"),
+        (lambda: rm.Body.from_tensor(np.eye(2)), "3x3"),
+        (lambda: rm.Body.from_particles([1, 1], [(0, 0, 1)]), "shape"),
+        (lambda: rm.Body.from_particles([0, 0], [(0, 0, 1), (1, 0, 0)]), "some mass positive"),
+        (lambda: rm.Body.from_particles([1, 1], [(0, 0, 1), (0, 0, 2)]), "positive"),  # a line has no third moment
+        (lambda: rm.Body.cylinder(1, -1, 1), "positive"),
+        (lambda: rm.Body.from_moments((rm.uniform(1, 2), 2, 2)).pivoted_at((1, 0, 0)), "plain numbers"),
+    ],
+)
+def test_bad_bodies(make, rule):
+    with pytest.raises(rm.SceneError, match=rule):
+        make()

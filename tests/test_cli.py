@@ -1,0 +1,211 @@
+"""The command line: exit codes, messages without tracebacks, and that what existed stays as it was."""
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import rigidmc as rm
+from rigidmc.cli import app
+
+COMMAND = [sys.executable, "-c", "from rigidmc.cli import main; main()"]
+
+
+def run(*words):
+    return CliRunner().invoke(app, [str(w) for w in words])
+
+
+def failed(result, code, *words):
+    assert result.exit_code == code, result.output
+    assert "Traceback" not in result.output
+    for word in words:
+        assert word in result.output, result.output
+
+
+def test_run_writes_a_result_and_a_picture(tmp_path):
+    out, picture = tmp_path / "d.nc", tmp_path / "d.png"
+    result = run("run", "dzhanibekov", "--members", 500, "--t-end", 2, "-o", out, "--plot", picture)
+    assert result.exit_code == 0, result.output
+    for word in ("500 members", "member-steps/s", "drift of energy", "flagged members: none", "d.nc", "d.png"):
+        assert word in result.output
+    assert picture.stat().st_size > 20_000
+    with rm.open(out) as ds:
+        assert ds.sizes["member"] == 500
+        assert float(ds.energy_drift_max.max()) < 5e-8  # measured 1.7e-8
+    assert sorted(os.listdir(tmp_path)) == ["d.nc", "d.png"]
+
+
+def test_what_is_run_can_be_set(tmp_path):
+    out = tmp_path / "h.nc"
+    words = [
+        "--members",
+        3,
+        "--dt",
+        0.001,
+        "--t-end",
+        0.5,
+        "--every",
+        0.1,
+        "--seed",
+        4,
+        "--integrator",
+        "rkmk4",
+        "--save",
+        "momentum,l2",
+    ]
+    result = run("run", "heavy_top", *words, "--set", "effects.gravity.g=1.62", "-o", out)
+    assert result.exit_code == 0, result.output
+    with rm.open(out) as ds:
+        assert set(ds.data_vars) >= {"momentum", "l2"}
+        assert "omega" not in ds
+        assert ds.attrs["integrator"] == "rkmk4"
+        assert ds.attrs["seed"] == 4
+        assert "g = 1.62" in ds.attrs["scene"]
+        assert ds.sizes["time"] == 6
+
+
+def test_a_result_file_is_a_scene(tmp_path):
+    one, two = tmp_path / "1.nc", tmp_path / "2.nc"
+    assert run("run", "tennis_racket", "--members", 40, "--t-end", 0.5, "-o", one).exit_code == 0
+    assert run("run", one, "-o", two).exit_code == 0
+    with rm.open(one) as a, rm.open(two) as b:
+        assert a.identical(b)
+
+
+def test_existing_files_are_refused_and_intact(tmp_path):
+    out = tmp_path / "there.nc"
+    out.write_bytes(b"precious")
+    failed(run("run", "nasa_brick", "-o", out), 6, "there.nc exists", "nothing was written")
+    failed(run("run", "nasa_brick", "--plot", out), 6, "exists")
+    assert out.read_bytes() == b"precious"
+    assert os.listdir(tmp_path) == ["there.nc"]
+    assert run("run", "nasa_brick", "--t-end", 0.1, "-o", out, "--force").exit_code == 0
+    with rm.open(out) as ds:
+        assert ds.attrs["title"] == "nasa_brick"
+
+
+def test_folders_that_are_not_there(tmp_path):
+    failed(run("run", "nasa_brick", "-o", tmp_path / "no" / "x.nc"), 74, "no such folder")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_folders_that_cannot_be_written(tmp_path):
+    tmp_path.chmod(0o500)
+    failed(run("run", "nasa_brick", "-o", tmp_path / "x.nc"), 74, "not writable")
+
+
+def test_usage():
+    failed(run("run"), 2)
+    failed(run("run", "dzhanibekov", "--members", "ten"), 2, "integer")
+    failed(run("fly", "dzhanibekov"), 2)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["run", "dzanibekov"], "did you mean 'dzhanibekov'"),
+        (["run", "heavy_top", "--integrator", "exact"], "takes no torque"),
+        (["run", "heavy_top", "--integrator", "rk5"], "did you mean 'rk4'"),
+        (["run", "dzhanibekov", "--members", "0"], "greater than 0"),
+        (["run", "dzhanibekov", "--dt", "-1"], "greater than 0"),
+        (["run", "dzhanibekov", "--save", "omga"], "did you mean 'omega'"),
+        (["run", "dzhanibekov", "--set", "body.moments=[1,2,9]"], "triangle inequality"),
+        (["run", "dzhanibekov", "--set", "moments"], "table.key=value"),
+        (["run", "dzhanibekov", "--plot", "x.gif"], ".png, .pdf, .svg"),
+        (["show", "heavy_top", "--integrator", "exact"], "takes no torque"),
+        (["check", "dzhanibekov", "--set", "run.dtt=1"], "did you mean 'dt'"),
+        (["scenes", "heavytop"], "did you mean 'heavy_top'"),
+        (["plot", __file__, "-o", "x.png", "--picture", "sumary"], "did you mean 'summary'"),
+    ],
+)
+def test_invalid_scenes_exit_3(words, message):
+    failed(run(*words), 3, message)
+
+
+def test_plot_of_what_is_no_result(tmp_path):
+    failed(run("plot", tmp_path / "none.nc", "-o", tmp_path / "x.png"), 74, "none.nc")
+    (tmp_path / "text.nc").write_text("not netCDF")
+    failed(run("plot", tmp_path / "text.nc", "-o", tmp_path / "x.png"), 74, "text.nc")
+    assert not (tmp_path / "x.png").exists()
+
+
+def test_flagged_members_exit_4(tmp_path):
+    scene = tmp_path / "wild.toml"
+    scene.write_text("[body]\nmoments=[1.0, 2.0, 2.5]\n[start]\nomega=[1e160, 1.0, 0.0]\n[run]\nmembers=3\ndt=0.1\nt_end=1.0")
+    failed(run("run", scene), 4, "flagged members: 3 non_finite")
+
+
+def test_a_full_disk(tmp_path):
+    """A limit on file size stands for a full disk: exit 74, one message, nothing left, what was there intact."""
+    (tmp_path / "there.nc").write_bytes(b"precious")
+
+    def limit():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
+
+    words = ["run", "tennis_racket", "--members", "2000", "-o", str(tmp_path / "there.nc"), "--force"]
+    # the kernel cache must be warm, or its files would meet the limit first
+    assert run("run", "tennis_racket", "--members", 1, "-o", tmp_path / "warm.nc").exit_code == 0
+    made = subprocess.run([*COMMAND, *words], capture_output=True, text=True, preexec_fn=limit)
+    assert made.returncode == 74, made.stderr
+    assert "Traceback" not in made.stderr
+    assert "nothing that existed was changed" in made.stderr
+    assert (tmp_path / "there.nc").read_bytes() == b"precious"
+    assert sorted(os.listdir(tmp_path)) == ["there.nc", "warm.nc"]
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_signals(tmp_path, number, code):
+    """Stopped in the middle: the code of the signal, within a second, and no file under any name."""
+    words = ["run", "dzhanibekov", "--members", "2000000", "-o", str(tmp_path / "x.nc")]
+    process = subprocess.Popen([*COMMAND, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+    while not any(name.startswith("x.nc.part") for name in os.listdir(tmp_path)) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    time.sleep(0.5)
+    process.send_signal(number)
+    sent = time.monotonic()
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode == code, errors
+    assert time.monotonic() - sent < 2.0  # measured 0.2 to 0.4 s; 1 s is asked for on a machine at rest
+    assert "Traceback" not in errors
+    assert os.listdir(tmp_path) == []
+
+
+def test_show_says_what_is_compiled():
+    free, heavy = run("show", "dzhanibekov").output, run("show", "heavy_top").output
+    assert "effects: none (free body); no attitude" in free
+    assert "effects: gravity(g = 9.81); with attitude" in heavy
+    for text in (free, heavy):
+        for word in ("members", "memory", "file", "ns per member-step", "steps", "conserved"):
+            assert word in text
+
+
+def test_check_scenes_integrators_doctor():
+    assert run("check", "heavy_top").exit_code == 0
+    listing = run("scenes").output
+    assert all(name in listing for name in ("dzhanibekov", "toutatis", "cylinder_on_edge"))
+    assert run("scenes", "toutatis").output.startswith("title")
+    assert all(name in run("integrators").output for name in ("rk4", "rkmk4", "strang", "exact"))
+    facts = run("doctor").output
+    assert all(word in facts for word in ("vectors", "threads", "kernel cache", "numba"))
+
+
+def test_nasa_brick_from_the_command_line(tmp_path):
+    """NASA/TM-2015-218675 check-case 2, rates at 30 s to 1e-9 deg/s, with rk4 at 1 ms and with one exact step."""
+    expected = (12.61839077591422, -17.39747476161139, 31.11958888694434)
+    for words in ([], ["--integrator", "exact", "--dt", "30", "--every", "30"]):
+        out = tmp_path / f"n{len(words)}.nc"
+        assert run("run", "nasa_brick", *words, "-o", out).exit_code == 0
+        with rm.open(out) as ds:
+            error = np.abs(np.degrees(ds.omega.values[-1, :, 0]) - expected).max()
+        assert error < 5e-12  # measured 1.2e-12 and 2.7e-14; asked 1e-9
+    rough = tmp_path / "rough.nc"
+    run("run", "nasa_brick", "--dt", "0.1", "-o", rough)
+    with rm.open(rough) as ds:
+        assert np.abs(np.degrees(ds.omega.values[-1, :, 0]) - expected).max() > 1e-6

@@ -1,0 +1,346 @@
+"""The pictures, read back through their figures: what is drawn, from which members, with which labels; and what is said when data lack."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import xarray as xr
+
+pytest.importorskip("matplotlib")
+
+from rigidmc import plots
+
+MOMENTS = (1.0, 2.0, 3.0)
+STATES = {"omega": "axis", "attitude": "quat"}
+
+
+def euler(w, moments):
+    i1, i2, i3 = moments
+    return np.stack([(i2 - i3) / i1 * w[1] * w[2], (i3 - i1) / i2 * w[2] * w[0], (i1 - i2) / i3 * w[0] * w[1]])
+
+
+def flips(members=400, saves=61, t_end=45.0, dt=0.05, moments=MOMENTS, spread=1e-3):
+    """Free bodies about their middle axis, by RK4 in NumPy, as the Dataset of simulate()."""
+    start = np.stack([np.random.default_rng(7).normal(0.0, spread, members), np.ones(members), np.zeros(members)])
+    steps, w, kept = round(t_end / dt), start, []
+    save = set(np.linspace(0, steps, saves).round().astype(int))
+    for step in range(steps + 1):
+        if step in save:
+            kept.append(w)
+        k1 = euler(w, moments)
+        k2 = euler(w + dt / 2 * k1, moments)
+        k3 = euler(w + dt / 2 * k2, moments)
+        w = w + dt / 6 * (k1 + 2 * k2 + 2 * k3 + euler(w + dt * k3, moments))
+    return dataset(np.array(sorted(save)) * dt, omega=np.stack(kept), start_omega=start, moments=moments)
+
+
+def dataset(time, start_omega, moments=MOMENTS, **states):
+    """A Dataset as simulate() gives it, from saved states (time, component, member)."""
+    members = start_omega.shape[-1]
+    drift = np.geomspace(1e-14, 1e-11, members)
+    variables = {
+        "energy_drift_max": ("member", drift, {"units": "1", "conserved": "yes"}),
+        "l2_drift_max": ("member", 2.0 * drift, {"units": "1", "conserved": "yes"}),
+        "status": ("member", np.zeros(members, np.int8)),
+        "moments": (("axis", "member"), np.repeat(np.array(moments)[:, None], members, axis=1)),
+        "start_omega": (("axis", "member"), start_omega),
+    }
+    variables |= {name: (("time", STATES[name], "member"), values) for name, values in states.items()}
+    coords = {"member": np.arange(members), "time": np.asarray(time, float), "axis": [1, 2, 3], "quat": list("wxyz")}
+    return xr.Dataset(variables, coords, {"title": "flips", "integrator": "rk4", "dt": 0.05, "seed": 7})
+
+
+@pytest.fixture(scope="module")
+def free():
+    return flips()
+
+
+@pytest.fixture(scope="module")
+def ends(free):
+    return free.isel(time=[0, -1])
+
+
+@pytest.fixture
+def tops(free):
+    """Bodies whose axis 3 leans 0 to 40 degrees from the vertical, by a rotation about x; |L|^2 is not conserved."""
+    half = np.radians(np.linspace(0.0, 40.0, free.sizes["member"])) / 2.0
+    attitude = np.zeros((free.sizes["time"], 4, free.sizes["member"]))
+    attitude[:, 0], attitude[:, 1] = np.cos(half), np.sin(half)
+    tops = free.assign(attitude=(("time", "quat", "member"), attitude))
+    tops["l2_drift_max"].attrs["conserved"] = "no: gravity exerts a torque"
+    return tops
+
+
+def legend(axes):
+    return [text.get_text() for text in axes.get_legend().get_texts()]
+
+
+def discs(figure):
+    return [np.ma.filled(image.get_array(), np.nan) for image in figure.axes[0].images]
+
+
+def draw(figure):
+    """Lay out and render, where matplotlib's warnings come from."""
+    figure.canvas.draw()
+    return figure
+
+
+def test_momentum_sphere_shows_two_discs_axes_paths_and_separatrices(free):
+    figure = draw(plots.momentum_sphere(free))
+    axes, bar = figure.axes
+    assert len(axes.images) == 2
+    assert {text.get_text() for text in axes.texts} == {f"${sign}{axis}$" for sign in "+-" for axis in (1, 2, 3)}
+    assert set(legend(axes)) == {"separatrices", "single members"}
+    assert bar.get_xlabel() == "density (isotropic: 1)"
+    assert axes.get_title() == "Direction of the angular momentum in body axes, t = 0 to 45 s"
+    assert figure.get_suptitle() == "flips: 400 members, rk4, dt = 0.05 s, seed 7"
+
+
+def test_separatrices_are_where_2t_i_mid_is_l2(free):
+    line = next(line for line in plots.momentum_sphere(free).axes[0].lines if line.get_label() == "separatrices")
+    (x0, x1), (y0, y1) = line.get_data()
+    l3, l1 = x1 - x0, y1 - y0  # to the right is axis 3, up is axis 1: the middle axis looks at the reader
+    for scale, zero in ((1.0, True), (1.2, False)):
+        l = np.array([scale * l1, 0.7, l3])
+        assert (abs(np.sum(l**2 / MOMENTS) * MOMENTS[1] / (l @ l) - 1.0) < 1e-14) == zero  # measured 2e-16; 0.09 off the line
+
+
+def test_density_is_one_for_an_isotropic_ensemble_and_holds_all_members():
+    rng = np.random.default_rng(1)
+    v = rng.normal(size=(1, 3, 1_000_000))
+    v /= np.linalg.norm(v, axis=1)
+    both = np.stack(plots._density(v, (1, -1), np.sqrt(2.0)))
+    disc = np.isfinite(both)
+    assert disc.mean() == pytest.approx(np.pi / 4.0, abs=0.02)  # measured 0.799: a bin that the rim cuts counts whole
+    assert np.median(both[disc]) == pytest.approx(1.0, abs=3e-3)  # measured 1.0003
+    assert np.std(both[disc]) < 0.06  # measured 0.052; of 1,000,000 in 22,600 bins, nine of them together: 0.050
+    lopsided = np.stack(plots._density(np.abs(v), (1, -1), np.sqrt(2.0)))
+    assert np.isnan(lopsided[1]).all()
+    assert np.nanmedian(lopsided[0]) == pytest.approx(8.0, abs=0.1)  # one octant of eight; measured 7.98
+
+
+def test_polhodes_keep_energy_and_pass_through_the_start():
+    moments = np.array([[1.0, 1.0, 3.0], [2.0, 2.0, 2.0], [3.0, 3.0, 2.0]])
+    l = np.array([[0.1, 2.0, 0.3], [1.0, 1.0, 0.2], [1.0, -0.1, 0.5]])
+    curves = plots._polhodes(l, moments)
+    for k in range(3):
+        u, inverse = l[:, k] / np.linalg.norm(l[:, k]), 1.0 / moments[:, k]
+        assert np.abs(np.linalg.norm(curves[..., k], axis=1) - 1.0).max() < 1e-15  # measured 1e-16
+        assert np.abs(curves[..., k] ** 2 @ inverse - u**2 @ inverse).max() < 1e-15  # measured 2e-16
+        assert (
+            np.abs(curves[..., k] ** 2 @ inverse[[1, 0, 2]] - u**2 @ inverse[[1, 0, 2]]).max() > 0.1
+        )  # measured 0.11 or more: another body
+        assert np.linalg.norm(curves[..., k] - u, axis=1).min() < 0.01  # measured 0.003 or less, with 721 points around
+
+
+def test_both_hemispheres_are_shown_where_a_path_goes_on_to_the_other(free):
+    bare = free.drop_vars("omega")
+    bare["start_omega"][:] = np.array([0.5, 0.1, 0.1])[:, None]  # one point; its polhode goes around axis 1
+    assert len(plots.momentum_sphere(bare).axes[0].images) == 2
+
+
+def test_paths_of_tops_under_torque_are_their_saves(tops):
+    saved = plots._vectors(tops, "momentum")[0][:, :, 0]
+    line = next(line for line in plots.momentum_sphere(tops).axes[0].lines if line.get_label() == "single members")
+    u = saved / np.linalg.norm(saved, axis=1, keepdims=True)
+    seen = u[:, 1] > 0.0
+    assert np.allclose(line.get_xdata()[seen], (u[:, 2] * np.sqrt(2.0 / (1.0 + u[:, 1])))[seen], atol=1e-14)
+
+
+def test_middle_component_has_bands_units_and_a_few_members(free):
+    figure = draw(plots.middle_component(free))
+    (axes,) = figure.axes
+    assert axes.get_xlabel() == "time [s]"
+    assert axes.get_ylabel() == "$\\omega_2$ [rad/s]"
+    assert legend(axes) == ["5 to 95 %", "25 to 75 %", "median", "single members"]
+    median, *few = axes.lines
+    assert len(few) == plots.DRAWN
+    assert np.array_equal(median.get_ydata(), np.median(free.omega.sel(axis=2), axis=1))
+    assert median.get_ydata().min() < -0.99  # it flips
+    assert np.array_equal(few[-1].get_ydata(), free.omega.sel(axis=2, member=399))
+
+
+def test_middle_component_follows_the_middle_moment_of_each_member(free):
+    mixed = free.copy(deep=True)
+    mixed["moments"][:, 200:] = np.array([2.0, 1.0, 3.0])[:, None]
+    mixed["omega"][:, :, 200:] = mixed.omega.values[:, [1, 0, 2], 200:]
+    (axes,) = plots.middle_component(mixed).axes
+    assert axes.get_ylabel() == "$\\omega_\\mathrm{mid}$ [rad/s]"
+    assert np.array_equal(axes.lines[0].get_ydata(), np.median(free.omega.sel(axis=2), axis=1))
+    assert "separatrices" not in legend(plots.momentum_sphere(mixed).axes[0])  # not one body
+
+
+def test_symmetric_tops_are_seen_along_their_symmetry_axis(free):
+    lagrange = free.assign(moments=free.moments.copy(data=np.repeat([[2.0], [2.0], [1.0]], 400, axis=1)))
+    texts = draw(plots.momentum_sphere(lagrange)).axes[0].texts
+    assert texts[4].get_text() == "$+3$"
+    assert texts[4].xy == (0.0, 0.0)
+    assert plots.middle_component(lagrange).axes[0].get_title() == "Angular velocity across the symmetry axis"
+
+
+def test_momentum_saved_instead_of_omega_gives_the_same_pictures(free):
+    other = free.assign(momentum=free.omega * free.moments).drop_vars("omega")
+    assert np.array_equal(discs(plots.momentum_sphere(free)), discs(plots.momentum_sphere(other)), equal_nan=True)
+    medians = [plots.middle_component(ds).axes[0].lines[0].get_ydata() for ds in (free, other)]
+    assert np.abs(medians[0] - medians[1]).max() < 1e-15  # measured 0: moments are 1, 2, 3
+    started = other.rename(start_omega="start_momentum").drop_vars("momentum")
+    started["start_momentum"] = started.start_momentum * started.moments
+    assert np.isfinite(plots._vectors(started, "omega")[0]).all()
+
+
+def test_drift_histogram_marks_median_worst_and_zeros(free):
+    ds = free.copy(deep=True)
+    ds["energy_drift_max"][:3] = 0.0
+    (axes,) = draw(plots.drift_histogram(ds)).axes
+    assert axes.get_xlabel() == "largest relative drift [1]"
+    assert axes.get_xscale() == "log"
+    energy, l2 = legend(axes)
+    assert energy == "E: median (¦) 3.2e-13, worst (▾) 1.0e-11; 3 members at 0"
+    assert l2 == "$|L|^2$: median (¦) 6.3e-13, worst (▾) 2.0e-11"
+    assert [patch.get_data().values.sum() for patch in axes.patches] == [397, 400]
+    assert "conserved" not in axes.get_title()
+
+
+def test_drift_histogram_says_what_is_not_conserved(tops):
+    title = draw(plots.drift_histogram(tops)).axes[0].get_title()
+    assert title.endswith("$|L|^2$ is not conserved: gravity exerts a torque")
+    assert "E is" not in title
+
+
+@pytest.mark.parametrize("value", [0.0, np.nan])
+def test_drift_histogram_without_a_drift_to_show(free, value):
+    ds = free.assign({name: ("member", np.full(400, value)) for name in ("energy_drift_max", "l2_drift_max")})
+    assert sum(patch.get_data().values.sum() for patch in draw(plots.drift_histogram(ds)).axes[0].patches) == 0
+
+
+def test_axis_sphere_shows_the_third_column_of_a_on_one_cap(tops):
+    figure = draw(plots.axis_sphere(tops))
+    (density,) = discs(figure)
+    row, column = np.nonzero(np.isfinite(density))
+    assert figure.axes[0].get_legend().get_title().get_text() == "rim: 45° from centre"
+    assert abs(column - (plots.BINS - 1) / 2).max() < 3  # on the y axis ...
+    assert row.min() < 0.1 * plots.BINS  # ... from near the rim at -y: (0, -sin, cos) ...
+    assert abs(row.max() - plots.BINS / 2) < 3  # ... to the vertical
+    assert figure.axes[0].get_title() == "Axis 3 of the body in space, t = 0 to 45 s"
+
+
+def test_summary_composes_all_and_heads_them(free, tops):
+    figure = draw(plots.summary(free))
+    titles = " ".join(axes.get_title() for axes in figure.axes)
+    assert all(words in titles for words in ("Direction of the angular momentum", "middle moment", "drift"))
+    assert figure.get_suptitle().startswith("flips: 400 members, rk4, dt = 0.05 s, seed 7")
+    assert "Axis 3" not in titles
+    assert "Axis 3" in " ".join(axes.get_title() for axes in draw(plots.summary(tops)).axes)
+
+
+def test_summary_of_first_and_last_save_shows_the_spread(ends):
+    figure = draw(plots.summary(ends))
+    spread = next(axes for axes in figure.axes if axes.get_title() == "Spread of the angular velocity")
+    assert legend(spread) == ["t = 0 s", "t = 45 s"]
+    assert spread.get_xlabel() == "angular velocity, body axes [rad/s]"
+    assert "t = 45 s" in figure.axes[0].get_title()
+
+
+def test_summary_without_states_shows_the_start_and_says_so(free):
+    bare = free.drop_vars("omega")
+    figure = draw(plots.summary(bare))
+    assert figure.axes[0].get_title().endswith("at the start (nothing later was saved)")
+    assert any(axes.get_legend() and legend(axes) == ["at the start (nothing later was saved)"] for axes in figure.axes)
+    for ds, picture, wanted in (
+        (bare, plots.middle_component, "every="),
+        (bare, plots.axis_sphere, 'save=("attitude",)'),
+        (bare.drop_vars("start_omega"), plots.momentum_sphere, 'save=("omega",)'),
+    ):
+        with pytest.raises(ValueError, match="run with") as error:
+            picture(ds)
+        assert wanted in str(error.value)
+
+
+def test_a_flagged_member_is_left_out_and_counted(free):
+    bad = free.copy(deep=True)
+    bad["status"][5], bad["omega"][30:, :, 5], bad["energy_drift_max"][5] = 1, 1e6, 1e9
+    bad["omega"][2, 1, 6] = np.nan  # not flagged, and still no harm
+    good = free.drop_sel(member=[5, 6])
+    figure = draw(plots.summary(bad))
+    assert figure.get_suptitle().endswith("1 flagged and left out")
+    assert np.array_equal(discs(figure), discs(plots.summary(good)), equal_nan=True)
+    assert np.array_equal(*(plots.middle_component(ds).axes[0].lines[0].get_ydata() for ds in (bad, good)))
+    assert "worst (▾) 1.0e-11" in legend(plots.drift_histogram(bad).axes[0])[0]
+    bad["status"][5] = 0
+    assert not np.array_equal(discs(plots.summary(bad)), discs(plots.summary(good)), equal_nan=True)
+
+
+def test_nothing_but_flagged_members(free):
+    dead = free.assign(status=("member", np.ones(400, np.int8)))
+    assert draw(plots.summary(dead)).texts[-1].get_text() == "nothing to draw: every member is flagged"
+    with pytest.raises(ValueError, match="400 members"):
+        plots.momentum_sphere(dead)
+
+
+@pytest.mark.parametrize("members", [1, 2, 3])
+def test_a_handful_of_members(free, members):
+    figure = draw(plots.summary(free.isel(member=slice(members))))
+    assert f"{members} member{'s' if members > 1 else ''}," in figure.get_suptitle()
+
+
+def test_bodies_at_rest_have_no_direction():
+    rest = dataset([0.0, 1.0], np.zeros((3, 5)), omega=np.zeros((2, 3, 5)))
+    assert "at rest" in draw(plots.summary(rest)).axes[0].texts[0].get_text()
+
+
+def test_spherical_bodies_and_bodies_that_stay_on_an_axis():
+    start = np.repeat([[0.0], [0.0], [1.0]], 4, axis=1)
+    for moments in ((2.0, 2.0, 2.0), (1.0, 2.0, 3.0)):
+        draw(plots.summary(dataset([0.0, 1.0, 2.0], start, moments, omega=np.repeat(start[None], 3, axis=0))))
+
+
+def test_what_is_read_is_bounded_and_ends_with_the_last_save():
+    huge = np.broadcast_to(np.array([0.1, 1.0, 0.2])[None, :, None], (1001, 3, 300_000))  # 7 GB, were it in memory
+    sample = plots._sample(dataset(np.arange(1001.0), huge[0], omega=huge))
+    assert sample.sizes["time"] <= plots.TIMES
+    assert sample.sizes["member"] <= plots.MEMBERS
+    assert sample.time[-1] == 1000.0
+    assert plots._sample(sample).sizes == sample.sizes
+    two = plots._sample(dataset([0.0, 1.0], huge[0], omega=huge[:2]))
+    assert two.sizes["member"] == 300_000  # under POINTS vectors all members are read
+
+
+def test_a_picture_goes_into_given_axes(free):
+    figure = plots.Figure((4.0, 3.0))
+    axes = figure.add_subplot()
+    assert plots.middle_component(free, axes) is figure
+    assert figure.axes == [axes]
+    assert figure.get_suptitle() == ""
+    assert plots.summary(free, figure) is figure
+
+
+@pytest.mark.parametrize(("suffix", "magic"), [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml"), ("PNG", b"\x89PNG")])
+def test_save_writes_by_suffix_and_leaves_nothing_else(free, tmp_path, suffix, magic):
+    path = tmp_path / f"flips.{suffix}"
+    plots.save(plots.drift_histogram(free), str(path))
+    assert path.read_bytes().startswith(magic)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_save_refuses_other_suffixes_and_keeps_the_old_picture(free, tmp_path, monkeypatch):
+    figure = plots.drift_histogram(free)
+    for name in ("flips.jpeg", "flips"):
+        with pytest.raises(ValueError, match=r"\.png, \.pdf, \.svg"):
+            plots.save(figure, tmp_path / name)
+    old = tmp_path / "flips.png"
+    old.write_bytes(b"old")
+
+    def full(half, **_):
+        half.write_bytes(b"half")
+        raise OSError("No space left on device")
+
+    monkeypatch.setattr(figure, "savefig", full)
+    with pytest.raises(OSError, match="No space"):
+        plots.save(figure, old)
+    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("flips.png", b"old")]
+
+
+def test_pyplot_is_left_alone():
+    code = "import sys, rigidmc.plots; assert 'matplotlib.pyplot' not in sys.modules"
+    subprocess.run([sys.executable, "-W", "error", "-c", code], check=True)

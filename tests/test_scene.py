@@ -1,0 +1,212 @@
+"""Scenes: TOML there and back, shipped scenes, and a message for everything that can be wrong."""
+
+import numpy as np
+import pytest
+import tomli_w
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import rigidmc as rm
+from rigidmc.planning import steps_and_saves
+from rigidmc.scene import shipped
+
+GOOD = """
+title = "test"
+[body]
+moments = [1.0, 2.0, 2.5]
+centre = [0.0, 0.0, 0.1]
+[effects.gravity]
+g = 9.81
+[start]
+omega = [{ normal = [0.0, 0.001] }, 1.0, 0.0]
+attitude = "uniform"
+[run]
+integrator = "rk4"
+members = 100
+"""
+
+BAD = {  # what is replaced, by what, and what the message must say
+    "unknown table": ("[body]", "[bdy]", ["bdy", "did you mean 'body'"]),
+    "unknown key": ("omega =", "omgea =", ["[start]", "omgea", "did you mean 'omega'"]),
+    "unknown run key": ("members =", "member =", ["[run]", "member", "did you mean 'members'"]),
+    "unknown effect": ("effects.gravity", "effects.gravty", ["gravty", "did you mean 'gravity'"]),
+    "unknown parameter": ("g = 9.81", "k = 9.81", ["[effects.gravity]", "k", "known: g"]),
+    "missing parameter": ("g = 9.81", "", ["[effects.gravity]", "g", "missing"]),
+    "unknown integrator": ('"rk4"', '"rk5"', ["[run]", "integrator", "'rk5'", "did you mean 'rk4'"]),
+    "integrator no word": ('"rk4"', "4", ["[run]", "integrator", "string"]),
+    "exact under gravity": ('"rk4"', '"exact"', ["[run]", "takes no torque", "gravity", "strang"]),
+    "triangle": ("[1.0, 2.0, 2.5]", "[1.0, 2.0, 9.0]", ["[body]", "moments", "triangle inequality", "9", "3"]),
+    "negative moment": ("[1.0, 2.0, 2.5]", "[-1.0, 2.0, 2.5]", ["[body]", "moments", "positive"]),
+    "two moments": ("[1.0, 2.0, 2.5]", "[1.0, 2.0]", ["[body]", "moments", "3 components"]),
+    "nan moment": ("[1.0, 2.0, 2.5]", "[nan, 2.0, 2.5]", ["[body]", "moments", "finite"]),
+    "text for a number": ("9.81", '"9.81 m/s2"', ["[effects.gravity]", "g", "'9.81 m/s2'", "number"]),
+    "two shapes": ("[body]", "[body]\nbox = { mass = 1.0, size = [1, 1, 1] }", ["[body]", "exactly one"]),
+    "dt zero": ("members = 100", "dt = 0.0", ["[run]", "dt", "0.0", "greater than 0"]),
+    "dt negative": ("members = 100", "dt = -0.1", ["[run]", "dt", "-0.1", "greater than 0"]),
+    "dt nan": ("members = 100", "dt = nan", ["[run]", "dt", "finite"]),
+    "members zero": ("members = 100", "members = 0", ["[run]", "members", "greater than 0"]),
+    "members fractional": ("members = 100", "members = 1.5", ["[run]", "members", "integer"]),
+    "seed negative": ("members = 100", "seed = -1", ["[run]", "seed", "greater than or equal to 0"]),
+    "save unknown": ("members = 100", 'save = ["omga"]', ["[run]", "save", "did you mean 'omega'"]),
+    "every indivisible": ("members = 100", "every = 3.14159\nt_end = 10.0", ["[run]", "every", "divides"]),
+    "quaternion zero": ('"uniform"', "[0, 0, 0, 0]", ["[start]", "attitude", "norm 0"]),
+    "no rotation": ('"uniform"', "[[1, 0, 0], [0, 1, 0], [0, 0.1, 1]]", ["[start]", "attitude", "differs from 1 by 0.1"]),
+    "unknown attitude": ('"uniform"', '"unifrom"', ["[start]", "attitude", "did you mean 'uniform'"]),
+    "unknown distribution": ("normal", "norml", ["[start]", "omega", "did you mean 'normal'"]),
+    "sd negative": ("0.001", "-0.001", ["[start]", "omega", "standard deviation > 0"]),
+    "bodies that cannot be": ("[1.0, 2.0, 2.5]", "[{ uniform = [0.1, 2.0] }, 1.0, 1.5]", ["[body]", "sampled bodies are none"]),
+    "no TOML": ("[start]", "[start", ["not valid TOML", "line"]),
+    "stored rows": ("[{ normal = [0.0, 0.001] }, 1.0, 0.0]", '{ stored = "start_omega" }', ["[start]", "omega", "result file"]),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_scenes(case):
+    old, new, words = BAD[case]
+    assert old in GOOD
+    with pytest.raises(rm.SceneError) as caught:
+        prepared(GOOD.replace(old, new, 1))
+    message = str(caught.value)
+    assert message.startswith("mine.toml: ")
+    assert "\n" not in message or "TOML" in message
+    for word in words:
+        assert word in message, message
+
+
+def prepared(text):
+    from rigidmc.planning import prepare
+
+    scene = rm.Scene.loads(text, "mine.toml")
+    try:
+        return prepare(scene)
+    except rm.SceneError as error:
+        error.file = "mine.toml"
+        raise
+
+
+def test_the_good_scene_is_good():
+    assert prepared(GOOD).members == 100
+
+
+values = st.recursive(
+    st.none().map(lambda _: "") | st.booleans() | st.integers(-3, 3) | st.floats(allow_nan=True) | st.text(max_size=5),
+    lambda inner: (
+        st.lists(inner, max_size=4) | st.dictionaries(st.sampled_from(["normal", "uniform", "g", "x"]), inner, max_size=2)
+    ),
+    max_leaves=6,
+)
+places = st.sampled_from(
+    ["body.moments", "body.mass", "body.centre", "body.pivot", "body.tensor", "body.cylinder", "body.particles", "effects.gravity.g",
+     "effects.viscous_damping", "effects", "start.omega", "start.momentum", "start.attitude", "start", "run.dt", "run.t_end", "run.members",
+     "run.every", "run.save", "run.integrator", "run.seed", "run", "title", "body"]
+)  # fmt: skip
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(places, values)
+def test_any_value_anywhere_is_good_or_gets_one_message(place, value):
+    """Hypothesis puts anything anywhere: a scene loads or a SceneError says why; nothing else is ever raised."""
+    import tomllib
+    import warnings
+
+    data = tomllib.loads(GOOD)
+    *tables, key = place.split(".")
+    inner = data
+    for table in tables:
+        inner = inner.setdefault(table, {})
+    inner[key] = value
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            prepared(tomli_w.dumps(data))
+        except rm.SceneError as error:
+            assert str(error).startswith("mine.toml: ")
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_shipped_scenes_load_and_return(name):
+    scene = rm.Scene.load(name)
+    again = rm.Scene.loads(scene.dumps())
+    assert again.dumps() == scene.dumps()
+    assert scene.title == name
+    assert scene.summary
+    assert scene.source
+    scene.check()
+
+
+def test_the_t_handle_is_what_its_file_says():
+    """Bar and stem as solid cylinders, joined by parallel axes: the moments written in dzhanibekov.toml."""
+    density, r, bar, stem = 8500.0, 0.005, 0.08, 0.04
+    m1, m2 = density * np.pi * r * r * bar, density * np.pi * r * r * stem
+    z = m2 * stem / 2 / (m1 + m2)
+    bar_side, bar_axis = m1 / 12 * (3 * r * r + bar * bar), m1 * r * r / 2
+    stem_side, stem_axis = m2 / 12 * (3 * r * r + stem * stem), m2 * r * r / 2
+    shift = m1 * z * z + m2 * (stem / 2 - z) ** 2
+    scene = rm.Scene.load("dzhanibekov")
+    assert scene.body.moments == pytest.approx(
+        (bar_axis + stem_side + shift, bar_side + stem_side + shift, bar_side + stem_axis), rel=1e-14
+    )
+    assert scene.body.mass == pytest.approx(m1 + m2, rel=1e-14)
+
+
+def test_a_misspelt_name_gets_the_nearest():
+    with pytest.raises(FileNotFoundError, match="did you mean 'heavy_top'"):
+        rm.Scene.load("heavytop")
+
+
+def test_settings_override():
+    scene = rm.Scene.load(
+        "bruels_cardona", [("effects.gravity.g", "1.62"), ("body.moments", "[1, 2, 2.5]"), ("run.integrator", "rkmk4")]
+    )
+    assert scene.effects == (rm.Gravity(1.62),)
+    assert scene.body.moments == (1.0, 2.0, 2.5)
+    assert scene.run.integrator == "rkmk4"
+
+
+def test_effects_have_one_order():
+    body = rm.Body.from_moments((1, 2, 2.5), centre=(0, 0, 1))
+    one = rm.Scene(body, (rm.ViscousDamping(0.1), rm.Gravity(9.81)))
+    assert [type(e) for e in one.effects] == [rm.Gravity, rm.ViscousDamping]
+
+
+@pytest.mark.parametrize(
+    ("make", "rule"),
+    [
+        (lambda b: rm.Scene(b, effects=("gravity",)), "expected an effect"),
+        (lambda b: rm.Scene(b, effects=(rm.Gravity,)), "with its parameters"),
+        (lambda b: rm.Scene(b, effects=(rm.ViscousDamping(-1.0),)), "between 0 and inf"),
+        (lambda b: rm.Scene(b, effects=(rm.Gravity(float("nan")),)), "finite"),
+        (lambda b: rm.Scene((1, 2, 3)), "expected a Body"),
+        (lambda b: rm.Scene(b, start=(0, 0, 1)), "expected a Start"),
+        (lambda b: rm.Scene(b, (rm.Gravity(np.ones(3)),), rm.Start(omega=np.ones((4, 3)))), "same number of rows"),
+        (lambda b: rm.simulate(rm.Scene(b, start=rm.Start(omega=np.ones((4, 3)))), members=5), "rows for 4 members only"),
+        (lambda b: rm.simulate(rm.Scene(b), threads=0), "at least 1"),
+        (lambda b: rm.simulate(rm.Scene(b), members=range(5, 5)), "range"),
+        (lambda b: rm.simulate(rm.Scene(b), dt="small"), "finite number"),
+    ],
+)
+def test_bad_scenes_in_python(make, rule):
+    with pytest.raises(rm.SceneError, match=rule):
+        make(rm.Body.from_moments((1, 2, 2.5)))
+
+
+@pytest.mark.parametrize(
+    ("t_end", "dt", "every", "expected"),
+    [
+        (10.0, 0.01, None, (1000, 1000)),
+        (10.0, 0.01, 0.1, (1000, 10)),
+        (10.0, 0.03, None, (334, 334)),
+        (10.0, 0.03, 0.1, (400, 4)),
+        (10.0, 0.1, 0.3, (100, 3)),
+        (1.0, 5.0, None, (1, 1)),
+        (1.0, 0.1, 2.0, (10, 10)),
+        (0.3, 0.1, 0.1, (3, 1)),
+    ],
+)
+def test_steps_and_saves(t_end, dt, every, expected):
+    steps, made, stride, notes = steps_and_saves(t_end, dt, every)
+    assert (steps, stride) == expected
+    assert made <= dt * (1 + 1e-9)
+    assert steps * made == pytest.approx(t_end, rel=1e-15)
+    assert bool(notes) == (abs(made / dt - 1) > 1e-9)
+    assert steps_and_saves(t_end, made, every)[:3] == (steps, made, stride)  # the reduced step is a fixed point
