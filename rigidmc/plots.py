@@ -1,8 +1,8 @@
 """Pictures of an ensemble, one function each: the only importer of matplotlib. A picture is a Figure; pyplot is left alone.
 
-All take a Dataset of simulate() and, to draw into a figure of one's own, its axes. They read evenly spaced members and times, so that
-a million members take seconds; of the drifts, all. A flagged member (status not 0) is in no picture: the heading of a new figure
-counts them. ValueError where a picture has nothing to draw, with what to save.
+All take a Dataset of simulate() and, to draw into a figure of one's own, its axes. They read evenly spaced members and times, so
+that a million members take seconds; of the drifts, all. A flagged member (status not 0) is in no picture: the heading of a new
+figure counts them. ValueError where a picture has nothing to draw, with what to save.
 """
 
 import os
@@ -51,10 +51,10 @@ def summary(ds, figure=None):
 def momentum_sphere(ds, axes=None):
     """Where the angular momentum points in the body: density on the momentum sphere, with the paths of a few members.
 
-    Two hemispheres in Lambert's equal-area projection, seen from both ends of the axis of the middle moment (a symmetric top: of its
-    symmetry axis); where all stay inside a cap, the cap alone. All saves are shown together; where there are two, the last. The path
-    of a free body is its polhode, the curve of constant energy and |L|^2 through its start; with torques it is the saves. Where all
-    members are one asymmetric body, its separatrices 2 T I_mid = L^2 are drawn: great circles, here straight lines.
+    Two hemispheres in Lambert's equal-area projection, seen from both ends of the axis of the middle moment (a symmetric top: of
+    its symmetry axis); where all stay inside a cap, the cap alone. All saves are shown together; where there are two, the last.
+    The path of a free body is its polhode, the curve of constant energy and |L|^2 through its start; with torques it is the saves.
+    Where all members are one asymmetric body, its separatrices 2 T I_mid = L^2 are drawn: great circles, here straight lines.
 
     ds : with omega or momentum; else start_omega or start_momentum is shown, and the title says so
     """
@@ -272,12 +272,12 @@ def _polhodes(l, moments):
 
 
 def _lambert(right, up, toward):
-    """Lambert's azimuthal equal-area projection of unit vectors, a hemisphere onto a disc of radius sqrt(2); nan far past its rim."""
+    """Lambert's azimuthal equal-area projection of unit vectors, a hemisphere onto a disc of radius sqrt(2); nan far past it."""
     return np.stack([right, up]) * np.sqrt(2.0 / (1.0 + np.where(toward > -0.5, toward, np.nan)))
 
 
 def _density(v, sides, limit):
-    """Density of unit vectors (time, axis, member) on discs seen from `sides`, in units of an isotropic ensemble's; empty is nan."""
+    """Density of unit vectors (time, axis, member) on discs seen from `sides`, relative to an isotropic ensemble; empty is nan."""
     right, up, toward = np.moveaxis(v, 1, 0).reshape(3, -1)
     fine = (np.arange(8 * BINS) + 0.5) / (4 * BINS) - 1.0
     area = (np.hypot(fine, fine[:, None]) < 1.0).reshape(BINS, 8, BINS, 8).mean(axis=(1, 3))  # the part of a bin on the disc

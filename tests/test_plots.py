@@ -1,4 +1,4 @@
-"""The pictures, read back through their figures: what is drawn, from which members, with which labels; and what is said when data lack."""
+"""The pictures, read back through their figures: what is drawn, from which members, how labelled; and what is said without data."""
 
 import subprocess
 import sys

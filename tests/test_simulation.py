@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import warnings
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -226,6 +227,25 @@ def test_progress_is_told():
     seen = []
     rm.simulate(FREE, **SETTINGS, progress=lambda done, total: seen.append((done, total)))
     assert seen[-1] == (300 * 100, 300 * 100)
+
+
+def test_effects_of_one_shape_or_name_are_not_mixed_up():
+    """Numba's own dispatch takes tuples of NamedTuples of one shape for one type; a second effect would get the first one's torque."""
+
+    class Gravity(NamedTuple):
+        g: float
+
+        def torque(self, body, q):
+            down = up(q)
+            return self.g * body.p3 * down[1], -self.g * body.p3 * down[0], 0.0
+
+    body = rm.Body.from_moments((1.0, 2.0, 2.5), centre=(0, 0, 0.1))
+    ends = []
+    for effect in (rm.Gravity(9.81), Gravity(9.81), Gravity(-9.81), rm.ViscousDamping(9.81), rm.Gravity(9.81), rm.Gravity(-9.81)):
+        ds = rm.simulate(rm.Scene(body, effect, rm.Start(omega=(1, 0, 0))), members=1, t_end=1.0)
+        ends.append(float(ds.omega[-1, 0, 0]))
+    assert ends == pytest.approx([1.4769072, 1.4769072, 0.57623184, 5.49e-5, 1.4769072, 0.57623184], rel=1e-5)
+    assert ends[0] == ends[4]
 
 
 def test_python_in_five_lines():

@@ -32,6 +32,5 @@ def build(source, *options):
             function = getattr(library, name)
             function.argtypes, function.restype = [ctypes.c_void_p, ctypes.c_long, ctypes.c_long, ctypes.c_double], None
     if hasattr(library, "fma_peak"):
-        library.fma_peak.argtypes = [ctypes.c_long, ctypes.c_int, ctypes.POINTER(ctypes.c_double)]
-        library.fma_peak.restype = ctypes.c_double
+        library.fma_peak.argtypes, library.fma_peak.restype = [ctypes.c_long, ctypes.c_int], ctypes.c_double
     return library

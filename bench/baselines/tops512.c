@@ -4,11 +4,11 @@
  *   - moves w = h/4 omega instead of l: no product by 1/I in any stage; l only on the way in and out
  *   - a stage is q + x o w in 12 multiply-adds (o the quaternion product), not 12 and then 4 to scale and add
  *   - 3 q(t+h) = x + 2 y + z - q + z o w with the stages x, y, z: nothing is summed twice; the norm 3 goes with the normalisation
- * 88 multiply-adds free, 144 heavy, against 127 and 183 in tops.c; additions run beside them on Zen 4.
+ * 91 products and multiply-adds free, 147 heavy, against 127 and 183 in tops.c; additions run beside them on Zen 4.
  *
- * Tried, in M member-steps/s free | heavy as in tops.c (422 | 305 in the same rounds):
- *   vectors at once 1: 531 | 342   2: 587 | 363   4: 561 | 354;   1/sqrt instead of Newton, 2 vectors: 546 | 339
- *   l instead of w: 505 | 335;   lanes inside and steps outside, 32 tops: 509 | 323, 64 tops: 483 | 316
+ * Tried, in M member-steps/s free | heavy, measured as in tops.c (which had 411 | 297 in the same rounds):
+ *   vectors at once 1: 563 | 352   2: 597 | 373   4: 602 | 373;   2 with -fschedule-insns: 533 | 364
+ *   1/sqrt instead of Newton: 93 % of it;   l instead of w: 505 | 329, with lanes inside and steps outside 502 | 319
  */
 #ifdef __AVX512F__
 #include <immintrin.h>

@@ -56,11 +56,23 @@ def free_rate(body, l):
     return body.a1 * l[1] * l[2], body.a2 * l[2] * l[0], body.a3 * l[0] * l[1]
 
 
-def derivative(body, tau, q, l):
-    """(dq/dt, dL/dt) under the body-frame torque tau."""
-    half = 0.5 * body.i1 * l[0], 0.5 * body.i2 * l[1], 0.5 * body.i3 * l[2]
-    return attitude_rate(q, half), (
-        body.a1 * l[1] * l[2] + tau[0],
-        body.a2 * l[2] * l[0] + tau[1],
-        body.a3 * l[0] * l[1] + tau[2],
-    )
+class Rates(NamedTuple):
+    """Coefficients of the increments over a time h: h/(2 I_i) for the attitude, h a_i for the momentum."""
+
+    w1: float
+    w2: float
+    w3: float
+    a1: float
+    a2: float
+    a3: float
+
+
+def scaled(body, h):
+    """The Rates of a body over h."""
+    return Rates(0.5 * h * body.i1, 0.5 * h * body.i2, 0.5 * h * body.i3, h * body.a1, h * body.a2, h * body.a3)
+
+
+def increments(rates, q, l):
+    """(h dq/dt, h dL/dt) of a free body, for rates = scaled(body, h)."""
+    dq = attitude_rate(q, (rates.w1 * l[0], rates.w2 * l[1], rates.w3 * l[2]))
+    return dq, (rates.a1 * (l[1] * l[2]), rates.a2 * (l[2] * l[0]), rates.a3 * (l[0] * l[1]))

@@ -33,6 +33,11 @@ def add(a, b):
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
+def add4(a, b):
+    """Sum of two quaternions."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]
+
+
 def scale(s, a):
     """s*a of a number and a 3-vector."""
     return s * a[0], s * a[1], s * a[2]

@@ -37,6 +37,13 @@ def total_torque(effects, body, t, q, l):
     return add(torque(effects[0], body, t, q, l), total_torque(effects[1:], body, t, q, l))
 
 
+def push(effects, body, t, h, q, l, change):
+    """change + h * (torque of all effects at t, q, L): no work at all where there is none."""
+    if len(effects) == 0:
+        return change
+    return axpy(change, h, total_torque(effects, body, t, q, l))
+
+
 def total_energy(effects, body, q):
     """Sum of the potential energies of all effects [J]."""
     if len(effects) == 0:

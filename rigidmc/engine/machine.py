@@ -96,7 +96,7 @@ def cached(kernel):
             from_function = classmethod(lambda cls, function, file: cls())
 
         class Implementation(caching.CompileResultCacheImpl):
-            _locator_classes: list = [Locator]  # noqa: RUF012
+            _locator_classes: list = [Locator]
 
         class Files(caching.IndexDataCacheFile):
             """One file for each kernel, named by its key: processes that compile at once cannot mix up their entries."""

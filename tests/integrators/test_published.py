@@ -44,8 +44,7 @@ def test_nasa_simulators_at_all_their_times(simulator):
         q, l = (np.array(x) for x in step(INTEGRATORS["exact"](), brick.body, (), 0.0, sample[0] - before[0], tuple(q[:, 0]), tuple(l[:, 0])))
         q, l = q[:, None], l[:, None]
         worst = max(worst, np.abs(np.degrees(l[:, 0] / brick.moments) - sample[1:]).max())
-    print("M",worst)
-    assert worst < 2e-9  # measured WORST deg/s: that is how far the simulators are off
+    assert worst < 1e-9  # measured 3.6e-10 deg/s: that is how far the simulators are off
 
 
 def test_cardona_top_has_its_published_energy():
@@ -92,7 +91,7 @@ def test_published_ends(name, problem):
     steps, bound = {
         "rk4": (20_000, 1e-12),  # measured 1.5e-13
         "rkmk4": (20_000, 1e-12),  # measured 1.1e-13
-        "strang": (200_000, 2e-8) if problem.gravity else (20, 1e-14),  # measured 4e-9 and 1.7e-15
+        "strang": (200_000, 2e-8) if problem.gravity else (100, 1e-13),  # measured 4e-9 and MMM
         "exact": (1, 2e-14),  # measured 2.6e-15
     }[name]
     q, l = end(name, problem, steps)

@@ -1,0 +1,51 @@
+"""python -m bench [names...] [--output DIR] [--quick]: run benches, print their tables, write their rows."""
+
+import argparse
+import importlib
+import os
+import tempfile
+import time
+
+# name -> module with run(quick) -> rows and report(rows); imported only when asked for, after the environment below is set
+BENCHES = {
+    "throughput": "bench.throughput",
+    "startup": "bench.startup",
+    "memory": "bench.memory",
+    "accuracy": "bench.accuracy",
+}
+HERE = os.path.dirname(os.path.abspath(__file__))
+
+
+def main():
+    parser = argparse.ArgumentParser(prog="python -m bench", description="Benchmarks of rigidmc; without names all of them.")
+    parser.add_argument("names", nargs="*", metavar="name", help=f"any of {', '.join(BENCHES)}")
+    parser.add_argument("--output", default=os.path.join(HERE, "results"), metavar="DIR", help="where NAME.json goes")
+    parser.add_argument("--quick", action="store_true", help="fewer rounds and smaller runs: to see that it works, not for figures")
+    options = parser.parse_args()
+    if unknown := [name for name in options.names if name not in BENCHES]:
+        parser.error(f"no bench {', '.join(unknown)}; there are {', '.join(BENCHES)}")
+    # sleeping, not spinning: the idle OpenMP threads of one candidate would take the cores of the next
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    os.environ.setdefault("OMP_NUM_THREADS", str(_cores()))
+    os.environ.setdefault("NUMBA_NUM_THREADS", str(_cores()))
+    with tempfile.TemporaryDirectory(prefix="rigidmc-bench-") as cache:
+        os.environ["RIGIDMC_CACHE_DIR"] = cache  # empty: what is called a first call compiles
+        from bench import harness
+
+        print(harness.card_text(harness.machine_card()))
+        for name in options.names or BENCHES:
+            began = time.perf_counter()
+            bench = importlib.import_module(BENCHES[name])
+            print(f"\n== {name}")
+            rows = bench.run(options.quick)
+            bench.report(rows)
+            path = harness.write(options.output, name, rows)
+            print(f"{name}: {time.perf_counter() - began:.0f} s, rows in {os.path.relpath(path)}")
+
+
+def _cores():
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,136 @@
+"""The candidates of the throughput bench: the same tops through kernels, C, naive Numba and simulate()."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+import rigidmc
+from bench import baselines, tops
+from bench.baselines import naive
+from rigidmc.effects import Gravity
+from rigidmc.engine.machine import threads_available
+from rigidmc.integrators import RK4, Exact, Strang
+
+MEMBERS, STEPS, H = 65536, 1000, 0.01
+SAVES = ("omega", "attitude", "energy", "l2")
+GRAVITY = (Gravity(tops.GRAVITY),)
+
+
+class Candidate(NamedTuple):
+    """run(prepare()) is timed without prepare(); read(of what run returned) gives (attitude or None, momentum) at the end."""
+
+    prepare: Callable
+    run: Callable
+    read: Callable | None
+    same_as: str = ""  # the candidate that it must agree with
+    work: float = MEMBERS * STEPS  # member-steps, or floating-point operations of the peak
+
+
+def kernels(ensemble):
+    """rigidmc's kernel with blocks on threads, as simulate() runs it."""
+    all_cores = tops.pool(threads_available())
+
+    def candidate(integrator, effects, attitude=True, pool=all_cores, same_as="kernel rk4 free"):
+        def run(parts):
+            tops.advance(parts, integrator, effects, attitude, H, STEPS, pool)
+            return parts
+
+        def read(parts):
+            q, l = tops.state(parts)
+            return q if attitude else None, l
+
+        return Candidate(lambda: tops.blocks(ensemble, effects), run, read, same_as)
+
+    return {
+        "kernel rk4 free": candidate(RK4(), ()),
+        "kernel rk4 free, one thread": candidate(RK4(), (), pool=tops.pool(1)),
+        "kernel rk4 heavy": candidate(RK4(), GRAVITY, same_as="kernel rk4 heavy"),
+        "kernel exact": candidate(Exact(), ()),
+        "kernel exact, momentum only": candidate(Exact(), (), attitude=False),
+        "kernel strang heavy": candidate(Strang(), GRAVITY, same_as="kernel rk4 heavy"),
+    }
+
+
+def compiled(ensemble, notes):
+    """C and the FMA peak; without gcc none, without 512-bit vectors fewer, and a note."""
+    try:
+        plain, aim, peak = (baselines.build(name) for name in ("tops.c", "tops512.c", "peak.c"))
+    except OSError as error:
+        notes["C"] = str(error)
+        return {}
+
+    def candidate(function, same_as):
+        def run(rows):
+            function(rows.ctypes.data, MEMBERS, STEPS, H)
+            return rows
+
+        return Candidate(lambda: tops.columns(ensemble), run, lambda rows: (rows[:4], rows[4:7]), same_as)
+
+    found = {
+        "C structure of arrays, free": candidate(plain.rk4_free, "kernel rk4 free"),
+        "C structure of arrays, heavy": candidate(plain.rk4_heavy, "kernel rk4 heavy"),
+    }
+    if hasattr(aim, "rk4_free_512"):
+        found["C 512-bit intrinsics, free"] = candidate(aim.rk4_free_512, "kernel rk4 free")
+        found["C 512-bit intrinsics, heavy"] = candidate(aim.rk4_heavy_512, "kernel rk4 heavy")
+    else:
+        notes["C 512-bit intrinsics"] = "left out: this CPU has no AVX-512"
+    count = 50_000_000  # 0.16 s at 58 GFLOP/s a thread
+
+    def summit(threads):
+        return Candidate(lambda: threads, lambda number: peak.fma_peak(count, number), None, work=count * peak.fma_peak(1, threads))
+
+    return {**found, "peak": summit(threads_available()), "peak, one thread": summit(1)}
+
+
+def numba(ensemble):
+    """Naive Numba: prange over tops, from the main thread."""
+
+    def prepare():
+        rows = tops.columns(ensemble)
+        return [np.ascontiguousarray(part.T) for part in (rows[:7], rows[7:10], rows[10:13], rows[13:])]
+
+    def free(arrays):
+        naive.rk4_free(*arrays[:3], STEPS, H)
+        return arrays[0]
+
+    def heavy(arrays):
+        naive.rk4_heavy(*arrays, STEPS, H)
+        return arrays[0]
+
+    def read(state):
+        return state.T[:4], state.T[4:]
+
+    return {
+        "naive prange, free": Candidate(prepare, free, read, "kernel rk4 free"),
+        "naive prange, heavy": Candidate(prepare, heavy, read, "kernel rk4 heavy"),
+    }
+
+
+def simulate(ensemble, notes):
+    """The whole call, scene to Dataset; the attitude is asked for so that it is carried, as in the kernels above."""
+    if not hasattr(rigidmc, "simulate"):
+        notes["simulate"] = "left out: rigidmc.simulate does not exist yet"
+        return {}
+    body = rigidmc.Body.from_moments(ensemble.moments.T.copy(), mass=1.0, centre=ensemble.static.T.copy())
+    start = rigidmc.Start(omega=ensemble.omega.T.copy(), attitude=ensemble.attitude.T.copy())
+
+    def candidate(effects, every, save, same_as):
+        def run(scene):
+            options: dict[str, Any] = {"members": MEMBERS, "seed": 7, "every": every, "save": save, "progress": False}
+            return rigidmc.simulate(scene, integrator="rk4", dt=H, t_end=H * STEPS, **options)
+
+        def read(data):
+            last = data.isel(time=-1)
+            return last.attitude.transpose("quat", "member").values, last.omega.transpose(
+                "axis", "member"
+            ).values * ensemble.moments
+
+        return Candidate(lambda: rigidmc.Scene(body, effects=effects, start=start), run, read, same_as)
+
+    return {
+        "simulate rk4 free, final state": candidate((), None, ("omega", "attitude"), "kernel rk4 free"),
+        "simulate rk4 free, 100 saves": candidate((), H * STEPS / 100, SAVES, "kernel rk4 free"),
+        "simulate rk4 heavy, final state": candidate(GRAVITY, None, ("omega", "attitude"), "kernel rk4 heavy"),
+    }

@@ -1,0 +1,141 @@
+"""What all benches share: the machine card, interleaved timing, JSON rows, tables."""
+
+import datetime
+import json
+import os
+import platform
+import statistics
+import time
+
+import llvmlite
+import numba
+import numpy
+from rich.console import Console
+from rich.table import Table
+
+import rigidmc
+from bench.baselines import compiler_version
+from rigidmc.engine.machine import threads_available, use_widest_vectors, vector_bits
+
+
+def machine_card():
+    """What the figures depend on, as a dict."""
+    use_widest_vectors()  # as a kernel would before its first compilation
+    return {
+        "cpu": _cpu(),
+        "cores": threads_available(),
+        "memory_gb": round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9, 1),
+        "vector_bits": vector_bits(),
+        "python": platform.python_version(),
+        "numpy": numpy.__version__,
+        "numba": numba.__version__,
+        "llvmlite": llvmlite.__version__,
+        "gcc": compiler_version(),
+        "rigidmc": rigidmc.__version__,
+        "date": datetime.date.today().isoformat(),
+    }
+
+
+def _cpu():
+    try:
+        with open("/proc/cpuinfo") as file:
+            facts = dict(line.split(":", 1) for line in file.read().split("\n\n")[0].splitlines() if ":" in line)
+        facts = {key.strip(): value.strip() for key, value in facts.items()}
+        return f"{facts['model name']} (family {facts.get('cpu family', '?')}, model {facts.get('model', '?')})"
+    except (OSError, KeyError):
+        return platform.processor() or platform.machine()
+
+
+def card_text(card):
+    """The card as one paragraph."""
+    return ", ".join(f"{key} {value}" for key, value in card.items())
+
+
+def interleaved(candidates, rounds, cpu=None):
+    """{name: seconds of each round}: every round runs all candidates, each round starting one further on.
+
+    candidates : {name: function} or {name: (prepare, function)}; what prepare() returns goes to the function and is not timed.
+    cpu : a dict that receives {name: CPU seconds of each round}, all threads together
+
+    Each runs once untimed before the first round, so that nothing is compiled in a round. Neighbours on a shared machine come and
+    go within seconds: ratios within a round are what to trust, and CPU seconds where a neighbour takes a core for good.
+    """
+    names = list(candidates)
+    seconds: dict[str, list[float]] = {name: [] for name in names}
+    for name in names:
+        once(candidates[name])
+    for i in range(rounds):
+        for name in names[i % len(names) :] + names[: i % len(names)]:
+            wall, busy = once(candidates[name])
+            seconds[name].append(wall)
+            if cpu is not None:
+                cpu.setdefault(name, []).append(busy)
+    return seconds
+
+
+def once(candidate):
+    """(seconds, CPU seconds of all threads) of one run of a candidate."""
+    prepare, function = candidate if isinstance(candidate, tuple) else (None, candidate)
+    given = (prepare(),) if prepare else ()
+    began, busy = time.perf_counter(), time.process_time()
+    function(*given)
+    return time.perf_counter() - began, time.process_time() - busy
+
+
+def ratio(numerator, denominator):
+    """Median over rounds of the ratio of two lists of seconds, round by round."""
+    return statistics.median(a / b for a, b in zip(numerator, denominator, strict=True))
+
+
+def median(values):
+    """Median of a list, nan of an empty one."""
+    return statistics.median(values) if values else float("nan")
+
+
+def target(what, asked, measured, unit="", at_most=False, aim=False, note=""):
+    """A row of the closing table: what was asked and what was measured. aim: hoped for, not asked."""
+    met = None if measured is None else bool(measured <= asked if at_most else measured >= asked)
+    row = {"kind": "target", "what": what, "asked": asked, "measured": measured, "unit": unit}
+    return {**row, "met": met, "at_most": at_most, "aim": aim, "note": note}
+
+
+def asked_text(row):
+    """What a target row asks, for people."""
+    return f"{'at most' if row['at_most'] else 'aim' if row['aim'] else 'at least'} {row['asked']:g} {row['unit']}".strip()
+
+
+def measured_text(row):
+    """What a target row measured, for people."""
+    return "not measured" if row["measured"] is None else f"{row['measured']:.3g} {row['unit']}".strip()
+
+
+def met_text(row):
+    """Whether a target row is met, for people."""
+    return {True: "yes", False: "not yet" if row["aim"] else "NO", None: "-"}[row["met"]]
+
+
+def report_targets(rows):
+    """Print the closing table: asked, measured, met."""
+    lines = [(r["what"], asked_text(r), measured_text(r), met_text(r), r["note"]) for r in rows if r["kind"] == "target"]
+    table("asked and measured", ("", "asked", "measured", "met", ""), lines)
+
+
+def table(title, columns, lines):
+    """Print a table; wide terminals or not, no cell is cut."""
+    sheet = Table(*columns, title=title, title_justify="left")
+    for i, column in enumerate(sheet.columns):
+        column.justify = "left" if i == 0 or i == len(columns) - 1 else "right"
+    for line in lines:
+        sheet.add_row(*(str(cell) for cell in line))
+    Console(width=max(120, Console().width)).print(sheet)
+
+
+def write(folder, name, rows):
+    """Write {"machine": card, "rows": rows} to folder/name.json; returns its path."""
+    os.makedirs(folder, exist_ok=True)
+    path = os.path.join(folder, f"{name}.json")
+    with open(path + ".part", "w") as file:
+        json.dump({"machine": machine_card(), "rows": rows}, file, indent=1)
+        file.write("\n")
+    os.replace(path + ".part", path)
+    return path

@@ -1,0 +1,121 @@
+"""Member-steps per second of kernels and of simulate(), against C, naive Numba and the FMA peak, interleaved in one run."""
+
+import statistics
+import time
+
+import numpy as np
+
+from bench import candidates, harness, tops
+from rigidmc.engine.machine import threads_available
+
+FLOPS = 217  # of a free rk4 step with attitude, counted on the textbook form
+# largest and median relative error of omega against the candidate that it must agree with
+SAME = (1e-10, 1e-13)  # measured 1.5e-11 and 1.0e-14, in heavy tops, where rounding grows a thousandfold in 10 s; free 4e-13
+OTHER_METHOD = {"kernel exact": (1e-5, 1e-8), "kernel exact, momentum only": (1e-5, 1e-8), "kernel strang heavy": (1.0, 1e-3)}
+
+
+def run(quick):
+    """All rows of the bench."""
+    ensemble, notes = tops.random_tops(candidates.MEMBERS), {}
+    field = candidates.kernels(ensemble) | candidates.compiled(ensemble, notes)
+    field |= candidates.numba(ensemble) | candidates.simulate(ensemble, notes)
+    rows = [{"kind": "note", "name": name, "note": note} for name, note in notes.items()]
+    first, ends = {}, {}
+    for name, candidate in field.items():
+        if candidate.read:
+            given = candidate.prepare()
+            began = time.perf_counter()
+            result = candidate.run(given)
+            first[name] = time.perf_counter() - began
+            ends[name] = candidate.read(result)
+    rows += [check(name, *ends[name], *ends[field[name].same_as], ensemble) for name in ends]
+    cpu = {}
+    seconds = harness.interleaved({name: (c.prepare, c.run) for name, c in field.items()}, 3 if quick else 11, cpu)
+    rows += [rate(name, field[name].work, seconds[name], cpu[name], first.get(name)) for name in field]
+    return rows + targets(seconds, cpu, field, threads_available())
+
+
+def check(name, q, l, other_q, other_l, ensemble):
+    """Row of errors against the candidate that must give the same answer; AssertionError where it does not."""
+    error = tops.omega_error(ensemble, l, other_l)
+    turn = float(tops.attitude_error(q, other_q).max()) if q is not None else None
+    worst, middle = float(error.max()), float(np.median(error))
+    limits = OTHER_METHOD.get(name, SAME)
+    assert worst <= limits[0], f"{name}: omega is off by {worst:.2g}, more than {limits[0]:g}: not the same problem"
+    assert middle <= limits[1], f"{name}: omega is off by {middle:.2g} in the middle, more than {limits[1]:g}"
+    return {"kind": "check", "name": name, "omega_worst": worst, "omega_median": middle, "attitude_worst": turn}
+
+
+def rate(name, work, seconds, cpu, first):
+    """Row of what a candidate reached; undisturbed: had every core been its own, from CPU seconds."""
+    scale, unit = (1e-9, "GFLOP/s") if name.startswith("peak") else (1e-6, "M member-steps/s")
+    middle, best = statistics.median(seconds), min(seconds)
+    threads = 1 if name.endswith("one thread") else threads_available()
+    undisturbed = scale * work * threads / statistics.median(cpu)
+    row = {"kind": "rate", "name": name, "unit": unit, "rate": scale * work / middle, "best": scale * work / best}
+    row["undisturbed"] = undisturbed
+    return {**row, "compile_s": max(0.0, first - middle) if first else None, "seconds": seconds, "cpu_seconds": cpu}
+
+
+def targets(seconds, cpu, field, cores):
+    """Rows of asked against measured: medians over rounds of ratios within a round, of wall seconds and of CPU seconds."""
+
+    def row(what, asked, unit, name, other, factor=1.0, aim=False):
+        if name not in seconds or other not in seconds:
+            return harness.target(what, asked, None, unit, aim=aim)
+        ratio, busy = (factor * harness.ratio(s[other], s[name]) for s in (seconds, cpu))
+        return harness.target(what, asked, ratio, unit, aim=aim, note=f"{busy:.3g} {unit} in CPU seconds")
+
+    free, heavy, saves, exact = "kernel rk4 free", "kernel rk4 heavy", "simulate rk4 free, 100 saves", "kernel exact"
+    c_free, c_heavy = "C structure of arrays, free", "C structure of arrays, heavy"
+    percent = 100 * FLOPS * field[free].work / field["peak"].work if "peak" in field else 0.0
+    rows = [
+        row("rk4 free, kernel / C structure of arrays", 1.0, "x", free, c_free),
+        row("rk4 free, kernel / naive prange", 6.0, "x", free, "naive prange, free"),
+        row(f"rk4 free, kernel / FMA peak ({FLOPS} flops a step)", 60.0, "%", free, "peak", percent),
+        row("rk4 free, kernel / C with 512-bit intrinsics", 1.0, "x", free, "C 512-bit intrinsics, free", aim=True),
+        row("rk4 heavy, kernel / C structure of arrays", 0.9, "x", heavy, c_heavy),
+        row("rk4 heavy, kernel / naive prange", 5.0, "x", heavy, "naive prange, heavy"),
+        row("rk4 heavy, kernel / C with 512-bit intrinsics", 1.0, "x", heavy, "C 512-bit intrinsics, heavy", aim=True),
+        row("simulate(), final state / kernel", 0.85, "x", "simulate rk4 free, final state", free),
+        row("simulate(), 100 saves / C without saves", 0.4, "x", saves, c_free),
+        row("exact, momentum only / C's rk4 steps", 0.55, "x", "kernel exact, momentum only", c_free),
+        row("exact with attitude / C's rk4 steps", 0.28, "x", exact, c_free),
+    ]
+    if cores > 1:
+        ratio = harness.ratio(seconds[free + ", one thread"], seconds[free])
+        rows.append(harness.target(f"rk4 free, kernel: {cores} threads / one", 1.85 if cores == 2 else 0.9 * cores, ratio, "x"))
+    return rows
+
+
+def report(rows):
+    """Print what was measured."""
+    for row in rows:
+        if row["kind"] == "note":
+            print(f"{row['name']}: {row['note']}")
+    checks = [row for row in rows if row["kind"] == "check"]
+    lines = [
+        (
+            r["name"],
+            f"{r['omega_worst']:.1e}",
+            f"{r['omega_median']:.1e}",
+            "-" if r["attitude_worst"] is None else f"{r['attitude_worst']:.1e}",
+        )
+        for r in checks
+    ]
+    harness.table("same answers? omega relative, attitude in rad", ("against rigidmc's rk4", "worst", "median", "attitude"), lines)
+    lines = [
+        (
+            r["name"],
+            f"{r['rate']:.0f}",
+            f"{r['best']:.0f}",
+            f"{r['undisturbed']:.0f}",
+            r["unit"],
+            "-" if r["compile_s"] is None else f"{r['compile_s']:.1f} s",
+        )
+        for r in rows
+        if r["kind"] == "rate"
+    ]
+    what = f"{candidates.MEMBERS:,} different tops, {candidates.STEPS:,} steps, {threads_available()} threads"
+    harness.table(what, ("", "median", "best", "in CPU seconds", "", "first call, more"), lines)
+    harness.report_targets(rows)

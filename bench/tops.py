@@ -1,0 +1,93 @@
+"""The problem that benches share: tops that are all different, and how to run them through each candidate."""
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
+
+import numpy as np
+
+from rigidmc.dynamics.euler import MassProperties
+from rigidmc.engine import kernel
+
+GRAVITY = 9.81  # m/s^2
+BLOCK = 4096  # members of a block, as in rigidmc.planning
+
+
+class Tops(NamedTuple):
+    """Different bodies in different states, one column for each member, in SI units."""
+
+    moments: np.ndarray  # (3, n)
+    static: np.ndarray  # (3, n) mass times centre of mass
+    attitude: np.ndarray  # (4, n)
+    omega: np.ndarray  # (3, n)
+
+    @property
+    def momentum(self):
+        return self.moments * self.omega
+
+    @property
+    def body(self):
+        return np.array(MassProperties.of(self.moments, self.static))
+
+
+def random_tops(members, seed=7):
+    """Second moments uniform in (0.2, 1), I = sums of two, so that no body is impossible; omega and attitude of any direction."""
+    random = np.random.default_rng(seed)
+    second = random.uniform(0.2, 1.0, (3, members))
+    attitude = random.normal(size=(4, members))
+    return Tops(
+        second.sum(0) - second,
+        random.normal(0.0, 0.1, (3, members)),
+        attitude / np.sqrt((attitude * attitude).sum(0)),
+        random.normal(size=(3, members)),
+    )
+
+
+def blocks(tops, effects, size=BLOCK):
+    """The blocks of rows that `kernel.advance` works on, at their start."""
+    n = tops.omega.shape[1]
+    rows = np.zeros((kernel.EFFECTS + sum(map(len, effects)), n))
+    rows[kernel.ATTITUDE : kernel.MOMENTUM] = tops.attitude
+    rows[kernel.MOMENTUM : kernel.START] = tops.momentum
+    rows[kernel.BODY : kernel.EFFECTS] = tops.body
+    for row, value in enumerate((v for effect in effects for v in effect), kernel.EFFECTS):
+        rows[row] = value
+    return [np.ascontiguousarray(rows[:, low : low + size]) for low in range(0, n, size)]
+
+
+def advance(parts, integrator, effects, attitude, h, steps, pool):
+    """Move blocks by `steps` steps h on the threads of a pool, final state only."""
+    carried, nothing = (0.0,) if attitude else (), np.empty(0)
+
+    def move(block):
+        kernel.advance(integrator, effects, (), carried, block, nothing, 0, 0, h, 0, steps, steps, steps)
+
+    for _ in pool.map(move, parts):
+        pass
+
+
+def state(parts):
+    """(attitude (4, n), momentum (3, n)) of blocks."""
+    rows = np.concatenate([block[: kernel.START] for block in parts], axis=1)
+    return rows[: kernel.MOMENTUM], rows[kernel.MOMENTUM :]
+
+
+def columns(tops):
+    """The rows of bench/baselines/tops.c: q, l, reciprocal moments, (I2 - I3)/(I2 I3), weight times centre of mass."""
+    return np.concatenate([tops.attitude, tops.momentum, tops.body[:6], GRAVITY * tops.static])
+
+
+def pool(threads):
+    """A pool of worker threads."""
+    return ThreadPoolExecutor(threads)
+
+
+def omega_error(tops, momentum, reference):
+    """|omega - reference| / |reference| of each member, from momenta."""
+    difference = (momentum - reference) / tops.moments
+    return np.sqrt((difference**2).sum(0) / ((reference / tops.moments) ** 2).sum(0))
+
+
+def attitude_error(q, p):
+    """Angle of the turn between attitudes [rad]: 4 asin(d/2), d the distance of q from p or -p, whichever is nearer."""
+    distance = np.sqrt(np.minimum(((q - p) ** 2).sum(0), ((q + p) ** 2).sum(0)))
+    return 4.0 * np.arcsin(np.minimum(0.5 * distance, 1.0))

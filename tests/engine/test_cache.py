@@ -1,0 +1,156 @@
+"""The disk cache of kernels: fast the second time, dead with any change of the sources, never a danger.
+
+Each test runs a copy of the package in processes of their own, with a cache folder of their own.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import rigidmc
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "getuid"), reason="folder permissions are those of POSIX")
+
+RUN = """
+import json, logging, os, sys
+logging.basicConfig(format="%(name)s %(levelname)s %(message)s")
+from typing import NamedTuple
+import numpy as np
+from rigidmc.dynamics.euler import MassProperties
+from rigidmc.effects import Gravity
+from rigidmc.engine import kernel as K
+from rigidmc.integrators import RK4
+
+class Own(NamedTuple):
+    size: float
+    def torque(self, t, l):
+        return self.size * SIGN, t * l[1], 0.0
+
+effect = {"gravity": Gravity(9.81), "own": Own(0.5), "none": None}[sys.argv[1]]
+effects = (effect,) if effect else ()
+block = np.zeros((K.EFFECTS + len(effects), K.LANES))
+block[:K.START] = np.array([0.6, 0.0, 0.8, 0.0, 1.0, 2.0, 3.0])[:, None]
+block[K.BODY:K.EFFECTS] = np.array(MassProperties.of((1.0, 1.2, 1.5), (0.1, 0.2, 0.3)))[:, None]
+block[K.EFFECTS:] = effect[0] if effect else 0.0
+K.advance(RK4(), effects, (), (0.0,), block, np.empty(0), 0, 0, 0.01, 0, 4, 4, 4)
+print(json.dumps({"state": block[:K.START, 0].tolist(), "hits": sum(K.advance.stats.cache_hits.values()),
+                  "misses": sum(K.advance.stats.cache_misses.values()), "home": os.path.dirname(K.__file__)}))
+"""
+
+
+@pytest.fixture
+def place(tmp_path):
+    """A folder with a copy of the package and nothing else."""
+    shutil.copytree(Path(rigidmc.__file__).parent, tmp_path / "rigidmc", ignore=shutil.ignore_patterns("__pycache__"))
+    return tmp_path
+
+
+def ran(place, effect="gravity", cache=None, sign=1):
+    """(what a process with that effect printed, its log)."""
+    cache = cache or place / "cache"
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("NUMBA")}
+    environment |= {"RIGIDMC_CACHE_DIR": str(cache), "PYTHONPATH": str(place), "PYTHONDONTWRITEBYTECODE": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", RUN.replace("SIGN", str(sign)), effect], cwd=place, env=environment, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    found = __import__("json").loads(done.stdout)
+    assert Path(found["home"]).is_relative_to(place)
+    return found, done.stderr
+
+
+def kernels_in(folder):
+    return sorted(folder.rglob("*.nbc"))
+
+
+def test_a_changed_source_changes_the_kernel(place):
+    first, log = ran(place)
+    assert (first["hits"], first["misses"], log) == (0, 1, "")
+    assert len(kernels_in(place / "cache")) == 1
+    again, _ = ran(place)
+    assert (again["hits"], again["misses"]) == (1, 0)  # loaded, not compiled
+    assert again["state"] == first["state"]
+
+    source = place / "rigidmc" / "effects" / "gravity.py"
+    text, stamp = source.read_text(), source.stat()
+    assert "return cross(up(q)," in text
+    source.write_text(text.replace("return cross(up(q),", "return cross(up((q[0], -q[1], -q[2], -q[3])),"))
+    os.utime(source, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))  # not even its date tells
+    changed, _ = ran(place)
+    assert (changed["hits"], changed["misses"]) == (0, 1)
+    assert changed["state"] != first["state"]
+
+    source.write_text(text)
+    back, _ = ran(place)
+    assert (back["hits"], back["misses"]) == (1, 0)  # the old kernels are still there
+    assert back["state"] == first["state"]
+
+
+def test_a_torn_kernel_file_is_compiled_anew(place):
+    first, _ = ran(place, "none")
+    (kernel,) = kernels_in(place / "cache")
+    kernel.write_bytes(kernel.read_bytes()[:100])
+    again, _ = ran(place, "none")
+    assert again["state"] == first["state"]
+
+
+@pytest.mark.parametrize("kind", ["below a file", "read only", "writable by the group"])
+def test_without_a_private_folder_there_is_a_warning_and_no_cache(place, kind):
+    cache = place / "cache"
+    if kind == "below a file":
+        (place / "file").write_text("")
+        cache = place / "file" / "cache"
+    else:
+        cache.mkdir(mode=0o700)
+        cache.chmod(0o500 if kind == "read only" else 0o770)
+        if kind == "read only" and os.getuid() == 0:
+            pytest.skip("root may write anywhere")
+    found, log = ran(place, "none", cache)
+    assert found["hits"] == 0
+    assert log.count("\n") == 1
+    assert "rigidmc WARNING kernels are compiled anew in every process" in log
+    assert not kernels_in(place)
+    if kind == "writable by the group":
+        assert "not private" in log
+
+
+def test_a_user_effect_works_and_is_never_taken_from_the_cache(place):
+    """Two classes of one name, defined in two scripts, have different physics."""
+    first, log = ran(place, "own", sign=1)
+    assert log == ""
+    other, _ = ran(place, "own", sign=-1)
+    assert (first["hits"], other["hits"]) == (0, 0)
+    assert not kernels_in(place / "cache")
+    assert first["state"] != other["state"]
+
+    from rigidmc.dynamics.euler import MassProperties
+    from rigidmc.integrators import RK4
+    from rigidmc.integrators.verbs import step
+
+    class Own(tuple):
+        size = 0.5
+
+        def torque(self, t, l):
+            return self.size, t * l[1], 0.0
+
+    q, l = (0.6, 0.0, 0.8, 0.0), (1.0, 2.0, 3.0)
+    for i in range(4):
+        q, l = step(RK4(), MassProperties.of((1.0, 1.2, 1.5), (0.1, 0.2, 0.3)), (Own(),), 0.01 * i, 0.01, q, l)
+    assert max(abs(a - b) for a, b in zip((*q, *l), first["state"], strict=True)) < 1e-14  # measured
+
+
+def test_old_kernels_of_other_sources_are_forgotten(place):
+    ran(place, "none")
+    (mine,) = (place / "cache").iterdir()
+    old, recent = place / "cache" / ("0" * 32), place / "cache" / ("1" * 32)
+    for folder in (old, recent):
+        folder.mkdir()
+    os.utime(old, (0, 0))
+    ran(place, "none")
+    assert not old.exists()
+    assert recent.exists()
+    assert mine.exists()

@@ -1,0 +1,239 @@
+"""The kernel: a member's bits depend on the member alone, a sick one harms nobody, drifts and saves are what they say."""
+
+import os
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rigidmc.dynamics.euler import MassProperties
+from rigidmc.effects import Gravity, ViscousDamping
+from rigidmc.engine import kernel as K
+from rigidmc.integrators import RK4, RKMK4, Exact, Strang
+from rigidmc.observables import OBSERVABLES
+from tests.kernels import SIZES, block_of, make_block, run, slots
+from tests.problems import PROBLEMS
+
+EFFECTS = Gravity(9.81), ViscousDamping(0.1)
+EVERYTHING = tuple(kind() for kind in OBSERVABLES.values())
+ROWS = sum(SIZES[o.dims] for o in EVERYTHING)
+H, TOTAL, STRIDE, MEMBERS = 0.01, 47, 10, 96  # the last save is off the stride
+
+
+def tops(members=MEMBERS, effects=EFFECTS):
+    """A block of bodies of all kinds."""
+    some = np.random.default_rng(1)
+    masses = some.uniform(0.2, 1.0, (3, members))
+    attitude = some.normal(size=(4, members))
+    body = MassProperties.of(masses.sum(0) - masses, some.normal(size=(3, members)) * 0.1)
+    return make_block(body, effects, attitude / np.linalg.norm(attitude, axis=0), some.normal(size=(3, members)))
+
+
+@pytest.fixture(scope="module")
+def whole():
+    """(block, saves) of all the tops in one call."""
+    block = tops()
+    return block, run(block, RK4(), EFFECTS, H, TOTAL, EVERYTHING, STRIDE)
+
+
+def same(a, b):
+    return a.shape == b.shape and a.tobytes() == b.tobytes()
+
+
+def rows_of(name):
+    names = [n for n, kind in OBSERVABLES.items() for _ in range(SIZES[kind.dims])]
+    return [i for i, n in enumerate(names) if n == name]
+
+
+def in_blocks(size, threads):
+    """The tops in blocks that share one array of saves."""
+    block = tops()
+    parts = [np.ascontiguousarray(block[:, low : low + size]) for low in range(0, MEMBERS, size)]
+    out = np.zeros(slots(TOTAL, STRIDE) * ROWS * MEMBERS)
+
+    def work(i):
+        K.advance(RK4(), EFFECTS, EVERYTHING, (0.0,), parts[i], out, MEMBERS, i * size, H, 0, TOTAL, STRIDE, TOTAL)
+
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(work, range(len(parts))))
+    return np.concatenate(parts, axis=1), out.reshape(-1, ROWS, MEMBERS)
+
+
+@pytest.mark.parametrize(("size", "threads"), [(96, 1), (32, 1), (32, 2), (32, 3)])
+def test_block_size_and_threads_change_no_bit(whole, size, threads):
+    block, out = in_blocks(size, threads)
+    assert same(block, whole[0])
+    assert same(out, whole[1])
+
+
+def test_place_in_the_block_and_company_change_no_bit(whole):
+    order = np.random.default_rng(2).permutation(MEMBERS)
+    for members in (order, order[:32], np.array([5, 77, 40] + [11] * 29)):
+        block = np.ascontiguousarray(tops()[:, members])
+        out = run(block, RK4(), EFFECTS, H, TOTAL, EVERYTHING, STRIDE)
+        assert same(block, np.ascontiguousarray(whole[0][:, members]))
+        assert same(out, np.ascontiguousarray(whole[1][:, :, members]))
+
+
+@pytest.mark.parametrize("cuts", [(1,), (16, 32), (7, 10, 33, 46)])
+def test_a_run_in_several_calls_is_the_run(whole, cuts):
+    block = tops()
+    out = run(block, RK4(), EFFECTS, H, TOTAL, EVERYTHING, STRIDE, cuts=cuts)
+    assert same(block[: K.DRIFT], whole[0][: K.DRIFT])
+    assert same(out, whole[1])
+    if all(cut % K.LOOK == 0 for cut in cuts):  # a cut elsewhere is one more look, which may find a larger drift
+        assert same(block, whole[0])
+
+
+def test_one_bit_of_the_start_is_not_lost(whole):
+    block = tops()
+    block[K.MOMENTUM, 3] = np.nextafter(block[K.MOMENTUM, 3], np.inf)
+    run(block, RK4(), EFFECTS, H, TOTAL, EVERYTHING, STRIDE)
+    assert np.flatnonzero((block != whole[0]).any(axis=0)).tolist() == [3]
+
+
+def test_saves_are_at_every_stride_and_at_the_end(whole):
+    assert slots(TOTAL, STRIDE) == len(whole[1]) == 6
+    for slot, steps in enumerate([0, 10, 20, 30, 40, 47]):
+        block = tops()
+        run(block, RK4(), EFFECTS, H, steps, EVERYTHING, STRIDE)
+        assert same(whole[1][slot][rows_of("attitude")], block[K.ATTITUDE : K.MOMENTUM])
+        assert same(whole[1][slot][rows_of("momentum")], block[K.MOMENTUM : K.START])
+    assert np.isfinite(whole[1]).all()
+
+
+def test_a_stride_beyond_the_end_saves_the_first_and_the_last(whole):
+    block = tops()
+    out = run(block, RK4(), EFFECTS, H, TOTAL, EVERYTHING, 10**9)
+    assert same(out, np.ascontiguousarray(whole[1][[0, -1]]))
+
+
+def energy_of(block, q, l):
+    """Kinetic and potential energy with NumPy, and how large the potential can be."""
+    body = MassProperties(*block[K.BODY : K.EFFECTS])
+    arm = np.array([body.p1, body.p2, body.p3])
+    up = 2 * (q[1] * q[3] - q[0] * q[2]), 2 * (q[2] * q[3] + q[0] * q[1]), q[0] ** 2 - q[1] ** 2 - q[2] ** 2 + q[3] ** 2
+    kinetic = 0.5 * (body.i1 * l[0] ** 2 + body.i2 * l[1] ** 2 + body.i3 * l[2] ** 2)
+    return kinetic, 9.81 * (arm[0] * up[0] + arm[1] * up[1] + arm[2] * up[2]), 9.81 * np.linalg.norm(arm, axis=0)
+
+
+def test_drift_rows_are_the_largest_drifts_of_all_looks():
+    block = tops()
+    kinetic, potential, _ = energy_of(block, block[:4], block[4:7])
+    # member 0 starts with no energy to speak of: its drift is measured against the energies in play
+    block[K.BODY + 6 : K.EFFECTS, 0] *= -np.sign(potential[0])
+    block[4:7, 0] *= np.sqrt(np.abs(potential[0]) / kinetic[0])
+    kinetic, potential, bound = energy_of(block, block[:4], block[4:7])
+    scale = np.maximum(np.abs(kinetic + potential), 1e-3 * (kinetic + bound))
+    assert abs(kinetic[0] + potential[0]) < 1e-12 < 1e-4 < scale[0]
+    out = run(block, RK4(), EFFECTS, H, TOTAL, EVERYTHING, 1)
+    q, l = (out[:, rows_of(name)].transpose(1, 0, 2) for name in ("attitude", "momentum"))
+    energies, squares = np.add(*energy_of(block, q, l)[:2]), (l**2).sum(0)
+    drift, drift2 = (energies - energies[0]) / scale, squares / squares[0] - 1.0
+    assert (block[K.DRIFT] > 1e-4).all()  # damped: there is something to see
+    assert np.abs(np.abs(drift).max(0) - block[K.DRIFT]).max() < 1e-12  # measured 6e-14: member 0, whose energy is 39 times its scale
+    assert np.abs(np.abs(drift2).max(0) - block[K.DRIFT + 1]).max() < 7e-14  # measured 7e-15
+    assert np.abs(out[:, rows_of("energy_drift")[0]] - drift).max() < 2e-12  # measured 2e-13
+    assert np.abs(out[:, rows_of("l2_drift")[0]] - drift2).max() < 7e-14  # measured 7e-15
+    assert np.abs(out[:, rows_of("energy")[0]] - energies).max() < 2e-14  # measured 1.8e-15
+    assert np.abs(out[:, rows_of("l2")[0]] - squares).max() < 2e-14  # measured 1.8e-15
+    assert np.abs(out[:, rows_of("omega")] - block[K.BODY : K.BODY + 3] * out[:, rows_of("momentum")]).max() < 1e-15  # measured 0
+
+
+def test_a_look_every_sixteen_steps_finds_drift_without_saves():
+    many, few = tops(), tops()
+    run(many, RK4(), EFFECTS, H, 64, EVERYTHING, 1)
+    run(few, RK4(), EFFECTS, H, 64)
+    assert same(many[: K.START], few[: K.START])
+    assert (few[K.DRIFT : K.STATUS] <= many[K.DRIFT : K.STATUS]).all()
+    assert (few[K.DRIFT : K.STATUS] > 0).all()
+    assert (few[K.GOOD_STEP] == 64).all()
+
+
+def test_sick_members_are_flagged_and_frozen_and_harm_nobody():
+    """Among thousands: one starts with nan, one with inf, one blows up on the way, one is an invalid body on entry."""
+    members, steps = 2048, 200
+    healthy = tops(members)
+    sick = healthy.copy()
+    nan, inf, growing, invalid = 1000, 31, 77, 2047
+    sick[K.MOMENTUM + 1, nan] = np.nan
+    sick[K.ATTITUDE, inf] = np.inf
+    sick[K.BODY : K.EFFECTS, growing] = [1.0] * 3 + [0.0] * 6  # a free sphere under negative damping
+    sick[K.EFFECTS + 1, growing] = -50.0
+    sick[K.STATUS, invalid] = K.STATUSES["invalid_body"]
+    before = sick.copy()
+    run(healthy, RK4(), EFFECTS, H, steps, EVERYTHING, 50)
+    out = run(sick, RK4(), EFFECTS, H, steps, EVERYTHING, 50)
+    others = np.setdiff1d(np.arange(members), [nan, inf, growing, invalid])
+    assert same(np.ascontiguousarray(sick[:, others]), np.ascontiguousarray(healthy[:, others]))
+    assert not sick[K.STATUS, others].any()
+    assert sick[K.STATUS, [nan, inf, growing, invalid]].tolist() == [K.STATUSES[s] for s in ["non_finite"] * 3 + ["invalid_body"]]
+    for m in (nan, inf, invalid):
+        assert same(sick[:7, m], before[:7, m])  # as they came
+        assert sick[K.GOOD_STEP, m] == 0
+        assert np.isnan(sick[K.DRIFT, m])
+    last = int(sick[K.GOOD_STEP, growing])
+    assert 100 < last < steps  # measured 176
+    again = np.ascontiguousarray(before[:, growing // 32 * 32 : growing // 32 * 32 + 32])
+    run(again, RK4(), EFFECTS, H, last, EVERYTHING, 50)
+    assert again[K.STATUS, growing % 32] == 0
+    assert same(sick[:7, growing], again[:7, growing % 32])  # frozen at its last good state
+    assert np.isfinite(sick[: K.STATUS, growing]).all()
+    slot = last // 50 + 1
+    assert np.isfinite(out[:, :, growing]).all()
+    assert (out[slot:, 3:6, growing] == sick[K.MOMENTUM : K.START, growing]).all()  # saved frozen ever after
+
+
+@pytest.mark.parametrize("integrator", [RK4(), Exact()], ids=["rk4", "exact"])
+def test_without_attitude_the_momentum_has_the_same_bits(integrator):
+    with_it, without = tops(effects=()), tops(effects=())
+    before = without[: K.MOMENTUM].copy()
+    run(with_it, integrator, (), H, 100)
+    run(without, integrator, (), H, 100, attitude=False)
+    assert same(with_it[K.MOMENTUM : K.GOOD_STEP], without[K.MOMENTUM : K.GOOD_STEP])
+    assert same(without[: K.MOMENTUM], before)  # not moved
+    assert not same(with_it[: K.MOMENTUM], before)
+
+
+def test_no_step_at_all():
+    block = tops()
+    before = block[:7].copy()
+    out = run(block, RK4(), EFFECTS, H, 0, EVERYTHING)
+    assert same(block[:7], before)
+    assert not block[K.STATUS].any()
+    assert len(out) == 1
+
+
+def physics():
+    """A few steps of every integrator with everything on, for compiled and plain Python alike."""
+    results = {}
+    bodies = [PROBLEMS[n] for n in ("hairer_heavy", "simo_wong_top", "cardona_top")]
+    for integrator, effects in ((RK4(), EFFECTS), (RKMK4(), EFFECTS), (Strang((), (1.0, 1.0)), EFFECTS), (Exact(), ())):
+        block = block_of(bodies, effects)
+        saved = EVERYTHING if isinstance(integrator, RK4) else ()
+        out = run(block, integrator, effects, 1e-3, 20, saved, 7)
+        results[type(integrator).__name__] = block
+        if saved:
+            results["saves"] = out
+    return results
+
+
+def test_plain_python_runs_the_same_physics(tmp_path):
+    root = Path(__file__).parents[2]
+    code = f"import numpy; from tests.engine.test_kernel import physics; numpy.savez({str(tmp_path / 'plain.npz')!r}, **physics())"
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
+    subprocess.run([sys.executable, "-c", code], cwd=root, env=environment, check=True)
+    plain = np.load(tmp_path / "plain.npz")
+    compiled = physics()
+    assert set(plain) == set(compiled)
+    for name, block in compiled.items():
+        if name == "saves":
+            error = np.abs(plain[name] - block) / np.maximum(np.abs(block).max(axis=(0, 2), keepdims=True), 1.0)
+            assert error.max() < 4e-15  # measured 4e-16
+            continue
+        for rows in (slice(K.ATTITUDE, K.MOMENTUM), slice(K.MOMENTUM, K.START)):
+            error = np.abs(plain[name][rows] - block[rows]) / np.linalg.norm(block[rows], axis=0)
+            assert error.max() < 4e-15  # measured 4e-16: fused multiply-add rounds once less
