@@ -327,7 +327,10 @@ def doctor(machine: Annotated[bool, typer.Option("--json", help="As JSON.")] = F
 
 def main():
     """Entry point of the `rigidmc` command."""
-    app()
+    try:
+        app()
+    except KeyboardInterrupt:  # before or after the work itself
+        sys.exit(INTERRUPTED)
 
 
 if __name__ == "__main__":

@@ -24,8 +24,9 @@ class _Report:
 
 
 @contextmanager
-def reporter(progress, total):
-    """A report with step(count) and poll(); progress: False, True, or a function of (done, total)."""
+def reporter(progress, members, steps):
+    """A report with step(count) and poll(); progress: False, True, or a function of (done, total) member-steps."""
+    total = members * steps
     if callable(progress):
         report = _Report(total, progress)
         yield report
@@ -33,7 +34,7 @@ def reporter(progress, total):
     elif not progress:
         yield _Report(total, lambda done, total: None)
     elif sys.stderr.isatty():
-        with _bar(total) as report:
+        with _bar(total, steps) as report:
             yield report
             report.poll()
     else:
@@ -42,7 +43,7 @@ def reporter(progress, total):
 
 
 @contextmanager
-def _bar(total):
+def _bar(total, steps):
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
@@ -60,7 +61,7 @@ def _bar(total):
 
         def show(done, total):
             rate = done / max(1e-9, time.perf_counter() - began)
-            bar.update(task, completed=done, rate=f"{rate / 1e6:.0f} M member-steps/s")
+            bar.update(task, completed=done, rate=f"{rate / steps:,.0f} members/s")
 
         yield _Report(total, show)
 

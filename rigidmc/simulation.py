@@ -94,13 +94,13 @@ def run(scene, plan, threads, progress=False, output=None, force=False):
 
     def finished(job):
         status = job.block[kernel.STATUS, : job.size].astype("i1")
-        for name, code in kernel.STATUSES.items():
-            flagged[name] += int((status == code).sum())
+        for code, count in enumerate(np.bincount(status, minlength=len(kernel.STATUSES))):
+            flagged[list(kernel.STATUSES)[code]] += int(count)
         drift = {"energy_drift_max": job.block[kernel.DRIFT], "l2_drift_max": job.block[kernel.DRIFT + 1]}
         sink.take(job, {**drift, "status": status, **job.start})
 
     began = time.perf_counter()
-    with reporter(progress, plan.members * plan.steps * plan.pieces) as report:
+    with reporter(progress, plan.members, plan.steps * plan.pieces) as report:
         try:
             run_blocks(make, math.ceil(plan.members / plan.block), threads, finished, report.step, report.poll)
             dataset = sink.finish()

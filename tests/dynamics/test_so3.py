@@ -157,6 +157,7 @@ def test_vectors(a, b):
     assert math.isclose(dot(a, b), float(np.dot(a, b)), rel_tol=0, abs_tol=1e-15)
     assert so3.add(a, b) == so3.axpy(a, 1.0, b) == tuple(np.add(a, b))
     assert so3.scale(2.0, a) == so3.add(a, a)
+    assert so3.add4((1.0, *a), (2.0, *b)) == so3.axpy4((1.0, *a), 1.0, (2.0, *b)) == (3.0, *so3.add(a, b))
 
 
 @given(quaternion, st.floats(-4e-9, 4e-9))

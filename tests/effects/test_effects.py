@@ -13,7 +13,7 @@ from rigidmc.dynamics.euler import MassProperties, angular_velocity
 from rigidmc.dynamics.methods import names
 from rigidmc.dynamics.so3 import cross, dot, exponential, multiply, renormalise, up
 from rigidmc.effects import EFFECTS, Gravity, ViscousDamping, canonical, name_of
-from rigidmc.effects.verbs import energy, energy_scale, kick, kick_all, kick_all_back, torque, total_energy, total_torque
+from rigidmc.effects.verbs import energy, energy_scale, kick, kick_all, kick_all_back, push, torque, total_energy, total_torque
 from tests.reference import rotation
 
 EXAMPLES = {"gravity": Gravity(9.81), "viscous_damping": ViscousDamping(0.3)}
@@ -148,6 +148,8 @@ def test_several_effects_act_together():
     together = total_torque(effects, BODY, 0.0, q, l)
     assert np.allclose(together, np.sum([torque(e, BODY, 0.0, q, l) for e in effects], axis=0), rtol=0, atol=1e-15)
     assert total_torque((), BODY, 0.0, q, l) == (0.0, 0.0, 0.0)
+    assert np.allclose(push(effects, BODY, 0.0, 0.2, q, l, l), np.add(l, np.multiply(0.2, together)), rtol=0, atol=1e-15)
+    assert push((), BODY, 0.0, 0.2, q, l, l) is l
     assert total_energy(effects, BODY, q) == energy(effects[0], BODY, q)
     there = kick_all(effects, BODY, 0.0, 0.2, q, l)
     assert np.allclose(kick_all_back(effects, BODY, 0.2, -0.2, q, there), l, rtol=0, atol=1e-15)  # one is the mirror of the other

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from numba import njit
 
-from rigidmc.dynamics.euler import free_rate
-from rigidmc.dynamics.so3 import attitude_rate, axpy, axpy4, renormalise
+from rigidmc.dynamics.euler import increments, scaled
+from rigidmc.dynamics.so3 import add, add4, axpy, axpy4, renormalise
 from rigidmc.effects import Gravity, ViscousDamping
 from rigidmc.engine import kernel as K
 from rigidmc.engine.compose import FLAGS
@@ -39,15 +39,13 @@ class HandWritten(NamedTuple):
     """RK4 of a free body as one writes it for that alone."""
 
     def step(self, body, h, q, l):
-        def rate(q, l):
-            return attitude_rate(q, (0.5 * body.i1 * l[0], 0.5 * body.i2 * l[1], 0.5 * body.i3 * l[2])), free_rate(body, l)
-
-        dq1, dl1 = rate(q, l)
-        dq2, dl2 = rate(axpy4(q, 0.5 * h, dq1), axpy(l, 0.5 * h, dl1))
-        dq3, dl3 = rate(axpy4(q, 0.5 * h, dq2), axpy(l, 0.5 * h, dl2))
-        dq4, dl4 = rate(axpy4(q, h, dq3), axpy(l, h, dl3))
-        q = axpy4(axpy4(q, h / 6.0, axpy4(dq1, 1.0, dq4)), h / 3.0, axpy4(dq2, 1.0, dq3))
-        return renormalise(q), axpy(axpy(l, h / 6.0, axpy(dl1, 1.0, dl4)), h / 3.0, axpy(dl2, 1.0, dl3))
+        half = scaled(body, 0.5 * h)
+        dq1, dl1 = increments(half, q, l)
+        dq2, dl2 = increments(half, add4(q, dq1), add(l, dl1))
+        dq3, dl3 = increments(half, add4(q, dq2), add(l, dl2))
+        dq4, dl4 = increments(half, add4(q, add4(dq3, dq3)), add(l, add(dl3, dl3)))
+        q = axpy4(q, 1.0 / 3.0, axpy4(add4(dq1, dq4), 2.0, add4(dq2, dq3)))
+        return renormalise(q), axpy(l, 1.0 / 3.0, axpy(add(dl1, dl4), 2.0, add(dl2, dl3)))
 
 
 G, D, WITH, WITHOUT = Gravity(1.0), ViscousDamping(1.0), (0.0,), ()
@@ -88,7 +86,7 @@ def blocks_of(assembly):
 def counted(name):
     """What the step loop of a freshly compiled kernel does; a kernel from the disk cache has no assembly to read."""
     integrator, effects, attitude = (CASES | BROKEN)[name]
-    kernel = njit(nogil=True, **FLAGS)(K.advance.py_func)
+    kernel = njit(nogil=True, **FLAGS)(K._advance)
     block = np.zeros((K.EFFECTS + sum(map(len, effects)), 0))
     kernel(integrator, effects, (), attitude, block, np.empty(0), 0, 0, 0.01, 0, 1, 1, 1)
     (assembly,) = kernel.inspect_asm().values()
