@@ -263,13 +263,13 @@ Any number of body, effects and start may be a distribution:
 @app.command(help=_FORMAT.replace("\n\n", "\n\n\b\n"))
 def scenes(name: Annotated[str | None, typer.Argument(help="A shipped scene to print.")] = None):
     with reported():
-        from rigidmc.scene import Scene, read_source, shipped
+        from rigidmc.scene_file import load, read_source, shipped
 
         if name is not None:
             print(read_source(name), end="")
             return
         for word in shipped():
-            print(f"{word:18s} {Scene.load(word).summary}")
+            print(f"{word:18s} {load(word).summary}")
 
 
 @app.command()

@@ -1,32 +1,30 @@
-"""A scene: body, effects, start and run settings; one TOML file. Scene files hold data and execute nothing."""
+"""A scene: body, effects, start and run settings, and what of them cannot be run."""
 
-import os
-import tomllib
 from dataclasses import dataclass, field, replace
-from importlib import resources
 from typing import Annotated, Any
 
 import numpy as np
-import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from rigidmc.body import IDENTITY, Body, broken
+from rigidmc.body import Body, broken
 from rigidmc.effects import EFFECTS, canonical, name_of
-from rigidmc.errors import SceneError, nearest, unknown
+from rigidmc.errors import SceneError, unknown
 from rigidmc.integrators import INTEGRATORS
 from rigidmc.observables import OBSERVABLES
-from rigidmc.sampling import Distribution, Start, distribution, draw, quantity, rows
+from rigidmc.sampling import Distribution, Start, draw, quantity, rows
 
 PILOT = (
     4096  # members whose sampled values are looked at before a run; always the same ones, so that bits do not depend on `members`
 )
 
 
-class _Table(BaseModel):
+class Table(BaseModel):
+    """A table of a scene file: no unknown keys, no conversions, finite numbers."""
+
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
 
-class Run(_Table):
+class Run(Table):
     """How a scene is run; every setting can be overridden by `simulate` and on the command line."""
 
     integrator: str = "rk4"
@@ -37,27 +35,6 @@ class Run(_Table):
     seed: Annotated[int, Field(ge=0, description="seed of all random draws")] = 0
     every: Annotated[float, Field(gt=0, description="time between saves [s]; without it first and last")] | None = None
     save: tuple[str, ...] = ("omega",)
-
-
-class _File(_Table):
-    """The tables of a scene file; what is inside body, effects and start is checked by Body, Effect and Start themselves."""
-
-    title: str = ""
-    summary: str = ""
-    source: str = ""
-    body: dict[str, Any]
-    effects: dict[str, Any] = {}
-    start: dict[str, Any]
-    run: dict[str, Any] = {}
-
-
-_SHAPES: dict[str, Any] = {  # ways to give a body in a scene file: key -> (its own keys, maker)
-    "moments": None,
-    "tensor": None,
-    "cylinder": (("mass", "radius", "height"), Body.cylinder),
-    "box": (("mass", "size"), Body.box),
-    "particles": (("masses", "positions"), Body.from_particles),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +80,7 @@ class Scene:
         try:
             run = Run.model_validate({**self.run.model_dump(), **given})
         except ValidationError as error:
-            raise _from_pydantic(error, "run", Run, given) from None
+            raise complaint(error, "run", Run, given) from None
         if run.integrator not in INTEGRATORS:
             raise unknown("run", "integrator", run.integrator, "integrator", INTEGRATORS)
         for name in run.save:
@@ -137,103 +114,25 @@ class Scene:
                     raise SceneError(f"effects.{name_of(effect)}", name, float(drawn.min()), rule)
         return self
 
-    @classmethod
-    def load(cls, source, settings=()):
-        """A scene from a TOML file, the name of a shipped scene, or a result file (.nc); `settings` are (dotted key, value) pairs.
+    @staticmethod
+    def load(source, settings=()):
+        """A scene from a TOML file, the name of a shipped scene, or a result file (.nc); see `rigidmc.scene_file.load`."""
+        from rigidmc.scene_file import load
 
-        Raises SceneError for what is wrong in it, FileNotFoundError where there is no such file or name.
-        """
-        source = os.fspath(source)
-        if source.endswith(".nc"):
-            from rigidmc.storage import scene_of
+        return load(source, settings)
 
-            return scene_of(source, settings)
-        text = read_source(source)
-        return cls.loads(text, source, settings)
+    @staticmethod
+    def loads(text, file="scene"):
+        """A scene from TOML text; `file` is named in errors."""
+        from rigidmc.scene_file import loads
 
-    @classmethod
-    def loads(cls, text, file="scene", settings=(), stored=None):
-        """A scene from TOML text; `stored(name, axis)` gives the columns of a result file that the text refers to."""
-        try:
-            data = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
-            raise SceneError("", "TOML", None, f"not valid TOML: {error}", file=file) from None
-        try:
-            for key, value in settings:
-                _set(data, key, value)
-            return cls._from_tables(data, stored)
-        except SceneError as error:
-            error.file = error.file or file
-            raise
-        except ValidationError as error:
-            made = _from_pydantic(error, "", _File, data)
-            made.file = file
-            raise made from None
-
-    @classmethod
-    def _from_tables(cls, data, stored):
-        file = _File(**data)
-        try:
-            run = Run.model_validate({k: tuple(v) if isinstance(v, list) else v for k, v in file.run.items()})
-        except ValidationError as error:
-            raise _from_pydantic(error, "run", Run, file.run) from None
-        effects = []
-        for name, table in file.effects.items():
-            if name not in EFFECTS:
-                raise unknown("effects", name, None, "effect", EFFECTS)
-            fields = EFFECTS[name]._fields
-            _only(table, fields, f"effects.{name}")
-            missing = [f for f in fields if f not in table and f not in EFFECTS[name]._field_defaults]
-            if missing:
-                raise SceneError(f"effects.{name}", missing[0], None, "is missing")
-            effects.append(EFFECTS[name](**{k: _parse(v, f"effects.{name}", k, stored) for k, v in table.items()}))
-        _only(file.start, ("omega", "momentum", "attitude"), "start")
-        start = Start(**{k: _parse(v, "start", k, stored) for k, v in file.start.items()})
-        body = _body(file.body, stored)
-        scene = cls(body, tuple(effects), start, run, file.title or "scene", file.summary, file.source)
-        return scene.with_run()
+        return loads(text, file)
 
     def dumps(self):
         """The scene as TOML; arrays with one row per member become references to the variables of the result."""
-        body = {"moments": _plain(self.body.moments, "moments"), "mass": _plain(self.body.mass, "mass")}
-        body["centre"] = _plain(self.body.centre, "centre")
-        if self.body.axes != IDENTITY:
-            body["axes"] = [list(row) for row in self.body.axes]
-        which = "omega" if self.start.momentum is None else "momentum"
-        attitude = self.start.attitude
-        angles = "start_attitude" if attitude == "uniform" or len(attitude) == 4 else "start_euler"
-        start = {which: _plain(getattr(self.start, which), f"start_{which}")}
-        start["attitude"] = attitude if attitude == "uniform" else _plain(attitude, angles)
-        effects = {}
-        for effect in self.effects:
-            effects[name_of(effect)] = {k: _plain(v, f"{name_of(effect)}_{k}") for k, v in zip(effect._fields, effect, strict=True)}
-        tables = {
-            "title": self.title,
-            "summary": self.summary,
-            "source": self.source,
-            "body": body,
-            "effects": effects,
-            "start": start,
-        }
-        run = {k: list(v) if isinstance(v, tuple) else v for k, v in self.run.model_dump().items() if v is not None}
-        return tomli_w.dumps({**{k: v for k, v in tables.items() if v != ""}, "run": run})
+        from rigidmc.scene_file import dumps
 
-
-def shipped():
-    """Names of the scenes that come with the package."""
-    return sorted(p.name[:-5] for p in resources.files("rigidmc.scenes").iterdir() if p.name.endswith(".toml"))
-
-
-def read_source(source):
-    """The TOML text of a scene file or of a shipped scene; FileNotFoundError with the nearest name where there is neither."""
-    if source in shipped():
-        return resources.files("rigidmc.scenes").joinpath(f"{source}.toml").read_text("utf-8")
-    if os.path.exists(source):
-        with open(source, encoding="utf-8") as file:
-            return file.read()
-    close = nearest(os.path.basename(source).removesuffix(".toml"), shipped())
-    hint = f" (did you mean '{close}'?)" if close else ""
-    raise FileNotFoundError(f"{source}: no such file, and no shipped scene of that name{hint}; shipped: {', '.join(shipped())}")
+        return dumps(self)
 
 
 def _effect(effect: Any) -> Any:
@@ -257,104 +156,7 @@ def _limits(effect):
     return [getattr(effect, "limits", {}).get(name, (-np.inf, np.inf)) for name in effect._fields]
 
 
-def _body(table, stored):
-    """The body of a scene file."""
-    _only(table, (*_SHAPES, "mass", "centre", "axes", "pivot"), "body")
-    given = [k for k in _SHAPES if k in table]
-    if len(given) != 1:
-        raise SceneError("body", " | ".join(_SHAPES), None, f"give exactly one of these, not {len(given)}")
-    shape = given[0]
-    parts = {k: _parse(table[k], "body", k, stored) for k in ("mass", "centre") if k in table}
-    if _SHAPES[shape] is None:
-        value = _parse(table[shape], "body", shape, stored) if shape == "moments" else table[shape]
-        body = (
-            Body.from_moments(value, **parts) if shape == "moments" else Body.from_tensor(_numbers(value, "body", shape), **parts)
-        )
-    else:
-        keys, make = _SHAPES[shape]
-        extra = [k for k in ("mass", "centre") if k in table]
-        if extra:
-            raise SceneError(
-                "body", extra[0], table[extra[0]], f"a {shape} has its mass and centre inside its own table: {', '.join(keys)}"
-            )
-        _only(table[shape], keys, f"body.{shape}")
-        missing = [k for k in keys if k not in table[shape]]
-        if missing:
-            raise SceneError(f"body.{shape}", missing[0], None, "is missing")
-        body = make(*(_numbers(table[shape][k], f"body.{shape}", k) for k in keys))
-    if "axes" in table:
-        body = replace(body, axes=tuple(map(tuple, _numbers(table["axes"], "body", "axes"))))
-    return body.pivoted_at(table["pivot"]) if "pivot" in table else body
-
-
-def _numbers(value, table, key):
-    """Numbers, or lists of numbers, as they stand."""
-    try:
-        array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        raise SceneError(table, key, value, "expected numbers") from None
-    if isinstance(value, str) or not np.isfinite(array).all():
-        raise SceneError(table, key, value, "expected finite numbers")
-    return value
-
-
-def _only(table, allowed, name):
-    if not isinstance(table, dict):
-        raise SceneError("", name, table, f"expected a table with the keys {', '.join(allowed)}")
-    for key in table:
-        if key not in allowed:
-            raise unknown(name, key, None, "key", allowed)
-
-
-def _parse(value, table, key, stored):
-    """Numbers, lists, {distribution = parameters} and {stored = name, axis = i} of a scene file as quantities."""
-    if isinstance(value, list):
-        return [_parse(v, table, key, stored) for v in value]
-    if not isinstance(value, dict):
-        return value
-    if "stored" in value:
-        if stored is None:
-            raise SceneError(table, key, value, "refers to the rows of a result file; load that file instead")
-        return stored(value["stored"], value.get("axis"))
-    if len(value) != 1:
-        raise SceneError(table, key, value, "expected a number or one distribution, e.g. { normal = [0.0, 0.001] }")
-    ((name, parameters),) = value.items()
-    try:
-        if isinstance(parameters, dict):
-            return distribution(name, **parameters)
-        return distribution(name, *(parameters if isinstance(parameters, list) else [parameters]))
-    except SceneError as error:
-        raise SceneError(table, key, value, error.rule, error.nearest) from None
-
-
-def _plain(value, name, axis=None):
-    """A quantity or a tuple of them as it stands in TOML."""
-    if isinstance(value, tuple):
-        return [_plain(v, name, i + 1) for i, v in enumerate(value)]
-    if isinstance(value, Distribution):
-        return value.as_table()
-    if isinstance(value, np.ndarray):
-        return {"stored": name} if axis is None else {"stored": name, "axis": axis}
-    return value
-
-
-def _set(data, dotted, value):
-    """data[a][b] = value for the key a.b; the value is TOML, or else a plain word."""
-    *tables, key = dotted.split(".")
-    for table in tables:
-        data = data.setdefault(table, {})
-        if not isinstance(data, dict):
-            raise SceneError("", dotted, value, f"'{table}' is not a table")
-    try:
-        data[key] = tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
-        data[key] = value
-    if key in _SHAPES and tables[-1:] == ["body"]:
-        for other in set(_SHAPES) - {key}:
-            data.pop(other, None)
-
-
-def _from_pydantic(error, table, model, data):
+def complaint(error, table, model, data):
     """The first complaint of pydantic as a SceneError."""
     # a misspelt key comes before the right one that it leaves missing
     first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")

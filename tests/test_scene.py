@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 import rigidmc as rm
 from rigidmc.planning import steps_and_saves
-from rigidmc.scene import shipped
+from rigidmc.scene_file import shipped
 
 GOOD = """
 title = "test"

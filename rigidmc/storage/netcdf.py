@@ -84,7 +84,7 @@ class Writer:
 
 def scene_of(path, settings=()):
     """The scene of a result file, with its columns where it had one row per member."""
-    from rigidmc.scene import Scene
+    from rigidmc.scene_file import loads
 
     with netCDF4.Dataset(path) as file:
         file.set_auto_mask(False)
@@ -94,7 +94,7 @@ def scene_of(path, settings=()):
             # a file that starts at a later member has no rows before it, and needs none: they only keep the index right
             return np.concatenate([np.repeat(rows[:1], int(file.variables["member"][0])), rows])
 
-        return Scene.loads(file.getncattr("scene"), path, settings, stored)
+        return loads(file.getncattr("scene"), path, settings, stored)
 
 
 def open_result(path):

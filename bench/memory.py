@@ -1,0 +1,74 @@
+"""Peak memory of a large ensemble, through simulate() and from the shell, and that it does not grow with the number of steps."""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+
+from bench import harness, startup
+
+MEMBERS = 2_000_000
+ASKED = 1.5  # GB
+GROWTH = 1.02  # of ten times the steps: allocators and page tables wobble by a per cent
+
+# A process between this one and the one that is measured: on Linux a child's ru_maxrss is at least what its parent held when it
+# was started, which is 10 MB here and could be 1 GB there.
+WATCH = """
+import json, os, subprocess, sys
+child = subprocess.Popen(sys.argv[1:], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+words = child.stderr.read()
+_, status, usage = os.wait4(child.pid, 0)
+code = os.waitstatus_to_exitcode(status)
+print(json.dumps({"code": code, "words": words[-2000:].decode(errors="replace"), "kilobytes": usage.ru_maxrss}))
+"""
+
+# free tops with attitude, final state only
+SIMULATE = """
+import sys
+import rigidmc as rm
+members, t_end = int(sys.argv[1]), float(sys.argv[2])
+spin = rm.Start(omega=(rm.normal(0, 0.01), rm.normal(0, 0.01), 6.28), attitude="uniform")
+scene = rm.Scene(rm.Body.from_moments((1.15e-5, 3.97e-5, 2.92e-5)), start=spin)
+data = rm.simulate(scene, integrator="rk4", dt=0.01, t_end=t_end, members=members, seed=1, save=("omega", "attitude"), progress=False)
+assert int((data.status != 0).sum()) == 0
+"""
+
+
+def peak(command, folder):
+    """Peak resident memory of a command [GB]; RuntimeError with its last words if it fails."""
+    path = os.pathsep.join(filter(None, [os.getcwd(), os.environ.get("PYTHONPATH")]))
+    watch = [sys.executable, "-I", "-S", "-c", WATCH, *command]
+    done = subprocess.run(watch, cwd=folder, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, check=True)
+    facts = json.loads(done.stdout)
+    if facts["code"] != 0:
+        raise RuntimeError(f"{' '.join(command)[:200]} ended with {facts['code']}: {facts['words']}")
+    return facts["kilobytes"] * (1 if sys.platform == "darwin" else 1024) / 1e9
+
+
+def run(quick):
+    """All rows of the bench."""
+    members, t_end = (200_000, 1.0) if quick else (MEMBERS, 10.0)
+    with tempfile.TemporaryDirectory(prefix="rigidmc-bench-") as folder:
+
+        def simulated(t_end, _):
+            return peak([sys.executable, "-c", SIMULATE, str(members), str(t_end)], folder)
+
+        def commanded(t_end, name):
+            words = ["run", "dzhanibekov", "--members", str(members), "--t-end", str(t_end), "--every", str(t_end)]
+            return peak([*startup.command(), *words, "--save", "omega,attitude", "-o", name], folder)
+
+        rows = []
+        for name, measure in (("simulate()", simulated), ("rigidmc run -o FILE", commanded)):
+            first = measure(t_end / 10, "first.nc")  # compiles, which takes 50 MB
+            short, long = measure(t_end / 10, "short.nc"), measure(t_end, "long.nc")
+            for what, end, value in (("first run", t_end / 10, first), ("short", t_end / 10, short), ("long", t_end, long)):
+                rows.append({"kind": "peak", "name": name, "what": what, "members": members, "t_end": end, "gigabytes": value})
+            rows.append(harness.target(f"{name}, {members:,} members, final state", ASKED, max(first, long), "GB", at_most=True))
+            rows.append(harness.target(f"{name}, ten times the steps", GROWTH, long / short, "x", at_most=True))
+    return rows
+
+
+def report(rows):
+    """Print what was measured."""
+    harness.report_targets(rows)

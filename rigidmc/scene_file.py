@@ -1,0 +1,235 @@
+"""Scene files: TOML in, a checked Scene out, and back. They hold data and execute nothing."""
+
+import os
+import tomllib
+from dataclasses import replace
+from importlib import resources
+from typing import Any
+
+import numpy as np
+import tomli_w
+from pydantic import ValidationError
+
+from rigidmc.body import IDENTITY, Body
+from rigidmc.effects import EFFECTS, name_of
+from rigidmc.errors import SceneError, nearest, unknown
+from rigidmc.sampling import Distribution, Start, distribution
+from rigidmc.scene import Run, Scene, Table, complaint
+
+
+class _File(Table):
+    """The tables of a scene file; what is inside body, effects and start is checked by Body, Effect and Start themselves."""
+
+    title: str = ""
+    summary: str = ""
+    source: str = ""
+    body: dict[str, Any]
+    effects: dict[str, Any] = {}
+    start: dict[str, Any]
+    run: dict[str, Any] = {}
+
+
+_SHAPES: dict[str, Any] = {  # ways to give a body in a scene file: key -> (its own keys, maker)
+    "moments": None,
+    "tensor": None,
+    "cylinder": (("mass", "radius", "height"), Body.cylinder),
+    "box": (("mass", "size"), Body.box),
+    "particles": (("masses", "positions"), Body.from_particles),
+}
+
+
+def load(source, settings=()):
+    """A scene from a TOML file, the name of a shipped scene, or a result file (.nc); `settings` are (dotted key, value) pairs.
+
+    Raises SceneError for what is wrong in it, FileNotFoundError where there is no such file or name.
+    """
+    source = os.fspath(source)
+    if source.endswith(".nc"):
+        from rigidmc.storage import scene_of
+
+        return scene_of(source, settings)
+    text = read_source(source)
+    return loads(text, source, settings)
+
+
+def loads(text, file="scene", settings=(), stored=None):
+    """A scene from TOML text; `stored(name, axis)` gives the columns of a result file that the text refers to."""
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise SceneError("", "TOML", None, f"not valid TOML: {error}", file=file) from None
+    try:
+        for key, value in settings:
+            _set(data, key, value)
+        return _from_tables(data, stored)
+    except SceneError as error:
+        error.file = error.file or file
+        raise
+    except ValidationError as error:
+        made = complaint(error, "", _File, data)
+        made.file = file
+        raise made from None
+
+
+def _from_tables(data, stored):
+    """The scene of parsed TOML."""
+    file = _File(**data)
+    try:
+        run = Run.model_validate({k: tuple(v) if isinstance(v, list) else v for k, v in file.run.items()})
+    except ValidationError as error:
+        raise complaint(error, "run", Run, file.run) from None
+    effects = []
+    for name, table in file.effects.items():
+        if name not in EFFECTS:
+            raise unknown("effects", name, None, "effect", EFFECTS)
+        fields = EFFECTS[name]._fields
+        _only(table, fields, f"effects.{name}")
+        missing = [f for f in fields if f not in table and f not in EFFECTS[name]._field_defaults]
+        if missing:
+            raise SceneError(f"effects.{name}", missing[0], None, "is missing")
+        effects.append(EFFECTS[name](**{k: _parse(v, f"effects.{name}", k, stored) for k, v in table.items()}))
+    _only(file.start, ("omega", "momentum", "attitude"), "start")
+    start = Start(**{k: _parse(v, "start", k, stored) for k, v in file.start.items()})
+    body = _body(file.body, stored)
+    scene = Scene(body, tuple(effects), start, run, file.title or "scene", file.summary, file.source)
+    return scene.with_run()
+
+
+def dumps(scene):
+    """The scene as TOML; arrays with one row per member become references to the variables of the result."""
+    body = {"moments": _plain(scene.body.moments, "moments"), "mass": _plain(scene.body.mass, "mass")}
+    body["centre"] = _plain(scene.body.centre, "centre")
+    if scene.body.axes != IDENTITY:
+        body["axes"] = [list(row) for row in scene.body.axes]
+    which = "omega" if scene.start.momentum is None else "momentum"
+    attitude = scene.start.attitude
+    angles = "start_attitude" if attitude == "uniform" or len(attitude) == 4 else "start_euler"
+    start = {which: _plain(getattr(scene.start, which), f"start_{which}")}
+    start["attitude"] = attitude if attitude == "uniform" else _plain(attitude, angles)
+    effects = {}
+    for effect in scene.effects:
+        effects[name_of(effect)] = {k: _plain(v, f"{name_of(effect)}_{k}") for k, v in zip(effect._fields, effect, strict=True)}
+    tables = {
+        "title": scene.title,
+        "summary": scene.summary,
+        "source": scene.source,
+        "body": body,
+        "effects": effects,
+        "start": start,
+    }
+    run = {k: list(v) if isinstance(v, tuple) else v for k, v in scene.run.model_dump().items() if v is not None}
+    return tomli_w.dumps({**{k: v for k, v in tables.items() if v != ""}, "run": run})
+
+
+def shipped():
+    """Names of the scenes that come with the package."""
+    return sorted(p.name[:-5] for p in resources.files("rigidmc.scenes").iterdir() if p.name.endswith(".toml"))
+
+
+def read_source(source):
+    """The TOML text of a scene file or of a shipped scene; FileNotFoundError with the nearest name where there is neither."""
+    if source in shipped():
+        return resources.files("rigidmc.scenes").joinpath(f"{source}.toml").read_text("utf-8")
+    if os.path.exists(source):
+        with open(source, encoding="utf-8") as file:
+            return file.read()
+    close = nearest(os.path.basename(source).removesuffix(".toml"), shipped())
+    hint = f" (did you mean '{close}'?)" if close else ""
+    raise FileNotFoundError(f"{source}: no such file, and no shipped scene of that name{hint}; shipped: {', '.join(shipped())}")
+
+
+def _body(table, stored):
+    """The body of a scene file."""
+    _only(table, (*_SHAPES, "mass", "centre", "axes", "pivot"), "body")
+    given = [k for k in _SHAPES if k in table]
+    if len(given) != 1:
+        raise SceneError("body", " | ".join(_SHAPES), None, f"give exactly one of these, not {len(given)}")
+    shape = given[0]
+    parts = {k: _parse(table[k], "body", k, stored) for k in ("mass", "centre") if k in table}
+    if _SHAPES[shape] is None:
+        value = _parse(table[shape], "body", shape, stored) if shape == "moments" else table[shape]
+        body = (
+            Body.from_moments(value, **parts) if shape == "moments" else Body.from_tensor(_numbers(value, "body", shape), **parts)
+        )
+    else:
+        keys, make = _SHAPES[shape]
+        extra = [k for k in ("mass", "centre") if k in table]
+        if extra:
+            raise SceneError(
+                "body", extra[0], table[extra[0]], f"a {shape} has its mass and centre inside its own table: {', '.join(keys)}"
+            )
+        _only(table[shape], keys, f"body.{shape}")
+        missing = [k for k in keys if k not in table[shape]]
+        if missing:
+            raise SceneError(f"body.{shape}", missing[0], None, "is missing")
+        body = make(*(_numbers(table[shape][k], f"body.{shape}", k) for k in keys))
+    if "axes" in table:
+        body = replace(body, axes=tuple(map(tuple, _numbers(table["axes"], "body", "axes"))))
+    return body.pivoted_at(table["pivot"]) if "pivot" in table else body
+
+
+def _numbers(value, table, key):
+    """Numbers, or lists of numbers, as they stand."""
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise SceneError(table, key, value, "expected numbers") from None
+    if isinstance(value, str) or not np.isfinite(array).all():
+        raise SceneError(table, key, value, "expected finite numbers")
+    return value
+
+
+def _only(table, allowed, name):
+    if not isinstance(table, dict):
+        raise SceneError("", name, table, f"expected a table with the keys {', '.join(allowed)}")
+    for key in table:
+        if key not in allowed:
+            raise unknown(name, key, None, "key", allowed)
+
+
+def _parse(value, table, key, stored):
+    """Numbers, lists, {distribution = parameters} and {stored = name, axis = i} of a scene file as quantities."""
+    if isinstance(value, list):
+        return [_parse(v, table, key, stored) for v in value]
+    if not isinstance(value, dict):
+        return value
+    if "stored" in value:
+        if stored is None:
+            raise SceneError(table, key, value, "refers to the rows of a result file; load that file instead")
+        return stored(value["stored"], value.get("axis"))
+    if len(value) != 1:
+        raise SceneError(table, key, value, "expected a number or one distribution, e.g. { normal = [0.0, 0.001] }")
+    ((name, parameters),) = value.items()
+    try:
+        if isinstance(parameters, dict):
+            return distribution(name, **parameters)
+        return distribution(name, *(parameters if isinstance(parameters, list) else [parameters]))
+    except SceneError as error:
+        raise SceneError(table, key, value, error.rule, error.nearest) from None
+
+
+def _plain(value, name, axis=None):
+    """A quantity or a tuple of them as it stands in TOML."""
+    if isinstance(value, tuple):
+        return [_plain(v, name, i + 1) for i, v in enumerate(value)]
+    if isinstance(value, Distribution):
+        return value.as_table()
+    if isinstance(value, np.ndarray):
+        return {"stored": name} if axis is None else {"stored": name, "axis": axis}
+    return value
+
+
+def _set(data, dotted, value):
+    """data[a][b] = value for the key a.b; the value is TOML, or else a plain word."""
+    *tables, key = dotted.split(".")
+    for table in tables:
+        data = data.setdefault(table, {})
+        if not isinstance(data, dict):
+            raise SceneError("", dotted, value, f"'{table}' is not a table")
+    try:
+        data[key] = tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        data[key] = value
+    if key in _SHAPES and tables[-1:] == ["body"]:
+        for other in set(_SHAPES) - {key}:
+            data.pop(other, None)

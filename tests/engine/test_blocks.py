@@ -1,0 +1,82 @@
+"""Blocks on threads: the same bits however they are cut, and an end to everything when something goes wrong."""
+
+import threading
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from rigidmc.effects import Gravity
+from rigidmc.engine import blocks
+from rigidmc.integrators import RK4
+from rigidmc.observables import Momentum
+from tests.engine.test_kernel import tops
+
+H, TOTAL, STRIDE, MEMBERS = 0.01, 200, 30, 96
+
+
+def job(low, size, out):
+    effects = (Gravity(9.81),)
+    return SimpleNamespace(
+        integrator=RK4(), effects=effects, observables=(Momentum(),), attitude=(0.0,), h=H, total=TOTAL, stride=STRIDE,
+        block=np.ascontiguousarray(tops(effects=effects)[:, low : low + size]), out=out, width=MEMBERS, column=low,
+    )  # fmt: skip
+
+
+def ran(size, threads):
+    """(block, saves, member-steps reported) of the tops in blocks of `size`."""
+    out, done, steps = np.zeros((TOTAL // STRIDE + 2) * 3 * MEMBERS), {}, []
+    blocks.run_blocks(
+        lambda i: job(i * size, size, out), MEMBERS // size, threads, lambda j: done.update({j.column: j.block}), steps.append
+    )
+    return np.concatenate([done[low] for low in sorted(done)], axis=1), out, sum(steps)
+
+
+def test_bits_do_not_depend_on_how_the_work_is_cut(monkeypatch):
+    """Not even the largest drifts, though they are looked for now and then only."""
+    whole, saves, steps = ran(96, 1)
+    assert steps == MEMBERS * TOTAL
+    monkeypatch.setattr(blocks, "CALL", 7 * 96)  # calls of 7 steps of the whole, of 21 of a third of it
+    for size, threads in ((96, 1), (32, 1), (32, 2)):
+        block, out, steps = ran(size, threads)
+        assert steps == MEMBERS * TOTAL
+        assert out.tobytes() == saves.tobytes()
+        assert block.tobytes() == whole.tobytes()
+
+
+def test_a_failure_stops_everything_and_is_raised():
+    started = []
+
+    def make(i):
+        started.append(i)
+        if i == 3:
+            raise MemoryError("no room for block 3")
+        return job(0, 32, np.zeros((TOTAL // STRIDE + 2) * 3 * MEMBERS))
+
+    with pytest.raises(MemoryError, match="block 3"):
+        blocks.run_blocks(make, 1000, 2, lambda j: None)
+    assert len(started) < 20
+
+
+def test_a_keyboard_interrupt_between_calls_stops_the_workers():
+    def poll():
+        raise KeyboardInterrupt
+
+    before = threading.active_count()
+    with pytest.raises(KeyboardInterrupt):
+        blocks.run_blocks(lambda i: job(0, 32, np.zeros((TOTAL // STRIDE + 2) * 3 * MEMBERS)), 10**6, 2, lambda j: None, poll=poll)
+    assert threading.active_count() == before
+
+
+def test_few_blocks_are_alive_at_once():
+    alive, most = set(), []
+
+    def make(i):
+        alive.add(i)
+        most.append(len(alive))
+        made = job(0, 32, np.zeros((TOTAL // STRIDE + 2) * 3 * MEMBERS))
+        made.index = i
+        return made
+
+    blocks.run_blocks(make, 40, 2, lambda j: alive.discard(j.index))
+    assert max(most) <= 4  # threads + 2
