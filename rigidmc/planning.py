@@ -133,23 +133,13 @@ def _speeds(scene, dt):
             present = type(effect)(*block[row : row + len(effect)])
             row += len(effect)
             if hasattr(effect, "energy_scale"):
-                scale += _each(present, body, count)
+                scale += present.energy_scale(body)
         # torques can bring the kinetic energy from T to T + 2 V, and |L| with it
         kinetic = 0.5 * (i * l * l).sum(0) + 2.0 * scale
         bound = np.sqrt(2.0 * kinetic / i.min(0)) * np.sqrt(np.abs(a).max(0) * np.sort(np.abs(a), axis=0)[1])
         rate = np.where(scale > 0.0, bound, rate)
     margin = MARGIN if any(isinstance(q, Distribution) for q in scene.quantities()) else 1.0
     return float(np.nanmax(omega)) * dt, margin * float(np.nanmax(rate)) * dt
-
-
-def _each(effect, body, count):
-    """energy_scale of an effect for each column, in plain Python: at most a pilot's worth, or shared values once."""
-    columns = np.array([*effect, *body]).reshape(len(effect) + 9, count)
-    if (columns == columns[:, :1]).all():
-        columns = columns[:, :1]
-    size = len(effect)
-    scales = [type(effect)(*c[:size]).energy_scale(MassProperties(*c[size:])) for c in columns.T.tolist()]
-    return np.broadcast_to(np.array(scales), (count,))
 
 
 def stage(scene, first, count, carried):

@@ -5,8 +5,6 @@ dL/dt = L x omega + tau,   dq/dt = 1/2 q (0, omega),   omega_i = L_i / I_i      
 
 from typing import NamedTuple
 
-from rigidmc.dynamics.so3 import attitude_rate
-
 
 class MassProperties(NamedTuple):
     """What a kernel knows of a body, in its principal axes.
@@ -57,7 +55,7 @@ def free_rate(body, l):
 
 
 class Rates(NamedTuple):
-    """Coefficients of the increments over a time h: h/(2 I_i) for the attitude, h a_i for the momentum."""
+    """A body's coefficients over a time h: h/(2 I_i) for the attitude, h a_i for the momentum."""
 
     w1: float
     w2: float
@@ -72,7 +70,21 @@ def scaled(body, h):
     return Rates(0.5 * h * body.i1, 0.5 * h * body.i2, 0.5 * h * body.i3, h * body.a1, h * body.a2, h * body.a3)
 
 
-def increments(rates, q, l):
-    """(h dq/dt, h dL/dt) of a free body, for rates = scaled(body, h)."""
-    dq = attitude_rate(q, (rates.w1 * l[0], rates.w2 * l[1], rates.w3 * l[2]))
-    return dq, (rates.a1 * (l[1] * l[2]), rates.a2 * (l[2] * l[0]), rates.a3 * (l[0] * l[1]))
+def twice(rates):
+    """The Rates over 2h, by additions."""
+    r = rates
+    return Rates(r.w1 + r.w1, r.w2 + r.w2, r.w3 + r.w3, r.a1 + r.a1, r.a2 + r.a2, r.a3 + r.a3)
+
+
+def turn(rates, l):
+    """h omega / 2, the half turn in a time h."""
+    return rates.w1 * l[0], rates.w2 * l[1], rates.w3 * l[2]
+
+
+def spun(rates, onto, l):
+    """onto + h L x omega, the free change of the momentum at l."""
+    return (
+        onto[0] + rates.a1 * (l[1] * l[2]),
+        onto[1] + rates.a2 * (l[2] * l[0]),
+        onto[2] + rates.a3 * (l[0] * l[1]),
+    )

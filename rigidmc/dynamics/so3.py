@@ -38,6 +38,16 @@ def add4(a, b):
     return a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]
 
 
+def difference(a, b):
+    """a - b of two 3-vectors."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+def difference4(a, b):
+    """a - b of two quaternions."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]
+
+
 def scale(s, a):
     """s*a of a number and a 3-vector."""
     return s * a[0], s * a[1], s * a[2]
@@ -63,13 +73,13 @@ def multiply(p, q):
     )
 
 
-def attitude_rate(q, w):
-    """dq/dt = 1/2 q (0, w) for body angular velocity w; `w` is given HALVED, which the caller folds into 1/I."""
+def turned(q, p, w):
+    """q + p (0, w), in fused multiply-adds: with w = h omega/2 the change of attitude over h at the rate of p, dq/dt = 1/2 q (0, omega)."""
     return (
-        -q[1] * w[0] - q[2] * w[1] - q[3] * w[2],
-        q[0] * w[0] + q[2] * w[2] - q[3] * w[1],
-        q[0] * w[1] + q[3] * w[0] - q[1] * w[2],
-        q[0] * w[2] + q[1] * w[1] - q[2] * w[0],
+        q[0] - p[1] * w[0] - p[2] * w[1] - p[3] * w[2],
+        q[1] + p[0] * w[0] + p[2] * w[2] - p[3] * w[1],
+        q[2] + p[0] * w[1] + p[3] * w[0] - p[1] * w[2],
+        q[3] + p[0] * w[2] + p[1] * w[1] - p[2] * w[0],
     )
 
 
@@ -82,9 +92,11 @@ def up(q):
     )
 
 
-def renormalise(q):
-    """q/|q|: one square root and one division keep any step size on the sphere (a Newton step would not)."""
-    r = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+def third(q):
+    """q/|q| for a quaternion of norm about 3: two Newton steps, exact to rounding when | |q|/3 - 1 | < 1e-4; no root, no division."""
+    n = (1.0 / 9.0) * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    r = 1.5 - 0.5 * n
+    r = r * (0.5 - (n * r) * (r * (1.0 / 6.0)))
     return r * q[0], r * q[1], r * q[2], r * q[3]
 
 

@@ -28,4 +28,4 @@ class Gravity(NamedTuple):
         return self.g * dot((body.p1, body.p2, body.p3), up(q))
 
     def energy_scale(self, body):
-        return abs(self.g) * math.sqrt(body.p1 * body.p1 + body.p2 * body.p2 + body.p3 * body.p3)
+        return abs(self.g) * (abs(body.p1) + abs(body.p2) + abs(body.p3))

@@ -18,7 +18,7 @@ def energy(effect, body, q):
 
 @method
 def energy_scale(effect, body):
-    """Largest |potential energy| of one effect [J]: what a drift of energy is small against."""
+    """A bound on the |potential energy| of one effect [J], by plain arithmetic: arrays pass through it too."""
     return 0.0
 
 
@@ -52,7 +52,7 @@ def total_energy(effects, body, q):
 
 
 def total_energy_scale(effects, body):
-    """Sum of the largest potential energies of all effects [J]."""
+    """Sum of the bounds on the potential energies of all effects [J]."""
     if len(effects) == 0:
         return 0.0
     return energy_scale(effects[0], body) + total_energy_scale(effects[1:], body)
