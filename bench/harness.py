@@ -134,8 +134,8 @@ def write(folder, name, rows):
     """Write {"machine": card, "rows": rows} to folder/name.json; returns its path."""
     os.makedirs(folder, exist_ok=True)
     path = os.path.join(folder, f"{name}.json")
-    with open(path + ".part", "w") as file:
+    with open(path + ".tmp", "w") as file:
         json.dump({"machine": machine_card(), "rows": rows}, file, indent=1)
         file.write("\n")
-    os.replace(path + ".part", path)
+    os.replace(path + ".tmp", path)
     return path

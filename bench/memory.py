@@ -30,7 +30,8 @@ import rigidmc as rm
 members, t_end = int(sys.argv[1]), float(sys.argv[2])
 spin = rm.Start(omega=(rm.normal(0, 0.01), rm.normal(0, 0.01), 6.28), attitude="uniform")
 scene = rm.Scene(rm.Body.from_moments((1.15e-5, 3.97e-5, 2.92e-5)), start=spin)
-data = rm.simulate(scene, integrator="rk4", dt=0.01, t_end=t_end, members=members, seed=1, save=("omega", "attitude"), progress=False)
+run = dict(integrator="rk4", dt=0.01, t_end=t_end, members=members, seed=1, save=("omega", "attitude"))
+data = rm.simulate(scene, **run)
 assert int((data.status != 0).sum()) == 0
 """
 

@@ -1,9 +1,10 @@
 """The compiled kernel on arrays: members in, states and saves out, nothing of the package above the engine."""
 
+from itertools import pairwise
+
 import numpy as np
 
 from rigidmc.dynamics.euler import MassProperties
-from rigidmc.dynamics.free_flow import turn_rate
 from rigidmc.engine import kernel as K
 
 NOTHING = np.empty(0)
@@ -25,7 +26,9 @@ def make_block(body, effects, attitude, momentum):
 def block_of(problems, effects=None):
     """The block of named problems, one a member; their own gravity where `effects` is not given."""
     moments, static = (np.array([getattr(p, name) for p in problems], float).T for name in ("moments", "static_moment"))
-    effects = effects if effects is not None else tuple(type(e)(np.array([p.gravity for p in problems])) for e in problems[0].effects)
+    effects = (
+        effects if effects is not None else tuple(type(e)(np.array([p.gravity for p in problems])) for e in problems[0].effects)
+    )
     attitude, momentum = (np.array([getattr(p, name) for p in problems]).T for name in ("attitude", "momentum"))
     return make_block(MassProperties.of(moments, static), effects, attitude, momentum)
 
@@ -45,9 +48,9 @@ def run(block, integrator, effects, h, steps, observables=(), stride=None, attit
     width = block.shape[1] if observables else 0
     out = np.full(slots(steps, stride) * size * width, -1.0) if observables else NOTHING
     types = tuple(type(e)(*[0.0] * len(e)) for e in effects)  # the kernel reads the fields from the block
-    edges = [0, *cuts, steps]
-    for first, last in zip(edges, edges[1:], strict=False):
-        K.advance(integrator, types, observables, (0.0,) if attitude else (), block, out, width, 0, float(h), first, last, stride, steps)
+    moved = (0.0,) if attitude else ()
+    for first, last in pairwise([0, *cuts, steps]):
+        K.advance(integrator, types, observables, moved, block, out, width, 0, float(h), first, last, stride, steps)
     return out.reshape(-1, size, width) if observables else None
 
 
@@ -71,8 +74,10 @@ def turn(problem, h):
 
 
 def turn_rate_of(moments, momentum):
-    """lambda = sqrt(P + max(Q1, Q3)) of `rigidmc.dynamics.free_flow`, whatever the order of the axes [rad/s]."""
+    """lambda = sqrt(P + max(Q1, Q3)) [rad/s], the frequency of the motion of L in the body, whatever the order of its axes."""
     order = np.argsort(moments)
-    moments, momentum = (np.asarray(x, float)[order] for x in (moments, momentum))
-    size = np.linalg.norm(momentum)
-    return float(size * turn_rate(MassProperties.of(tuple(moments), (0.0, 0.0, 0.0)), tuple(momentum / size)))
+    (one, two, three), size = np.asarray(moments, float)[order], np.linalg.norm(momentum)
+    u = np.asarray(momentum, float)[order] / size
+    first, second, third = (two - three) / two / three, (three - one) / three / one, (one - two) / one / two
+    p, q1, q3 = first * third * u[1] ** 2, -second * third * u[0] ** 2, -first * second * u[2] ** 2
+    return float(size * np.sqrt(p + max(q1, q3)))

@@ -72,6 +72,11 @@ def rotation(q):
     return (w * w - v @ v) * np.eye(3) + 2.0 * np.outer(v, v) + 2.0 * w * hat(v)
 
 
+def unit(q):
+    """q/|q| as a tuple."""
+    return tuple(float(x) for x in np.divide(q, np.linalg.norm(q)))
+
+
 def hat(v):
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
@@ -105,7 +110,7 @@ class Top:
         return np.concatenate([(a @ hat(self.omega(l))).ravel(), self.force(a, l)])
 
 
-def naive_rk4(problem, h, steps, damping=0.0):
+def naive_rk4(problem, h, steps, damping=0.0, normalised=True):
     """Classical Runge-Kutta on the quaternion, normalised after each step; (A, L)."""
     top = Top(problem, damping)
 
@@ -122,7 +127,7 @@ def naive_rk4(problem, h, steps, damping=0.0):
         k3 = rates(y + h / 2 * k2)
         k4 = rates(y + h * k3)
         y = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-        y[:4] /= np.linalg.norm(y[:4])
+        y[:4] /= np.linalg.norm(y[:4]) if normalised else 1.0
     return rotation(y[:4]), y[4:]
 
 

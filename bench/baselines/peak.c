@@ -14,8 +14,9 @@ static __attribute__((noinline)) double chains(long count) {
   for (long i = 0; i < count; i++) {
     c0 = c0 * m + a, c1 = c1 * m + a, c2 = c2 * m + a, c3 = c3 * m + a, c4 = c4 * m + a, c5 = c5 * m + a;
     c6 = c6 * m + a, c7 = c7 * m + a, c8 = c8 * m + a, c9 = c9 * m + a, ca = ca * m + a, cb = cb * m + a;
-#ifdef __x86_64__ /* keeps gcc from unrolling into another shape: an array of chains went through memory, 20 GFLOP/s instead of 58 */
-    __asm__ volatile("" : "+v"(c0), "+v"(c1), "+v"(c2), "+v"(c3), "+v"(c4), "+v"(c5), "+v"(c6), "+v"(c7), "+v"(c8), "+v"(c9), "+v"(ca), "+v"(cb));
+#ifdef __x86_64__ /* gcc must not reshape the loop: an array of chains went through memory, 20 GFLOP/s instead of 58 */
+    __asm__ volatile("" : "+v"(c0), "+v"(c1), "+v"(c2), "+v"(c3), "+v"(c4), "+v"(c5));
+    __asm__ volatile("" : "+v"(c6), "+v"(c7), "+v"(c8), "+v"(c9), "+v"(ca), "+v"(cb));
 #endif
   }
   c0 += c1 + c2 + c3 + c4 + c5 + c6 + c7 + c8 + c9 + ca + cb;

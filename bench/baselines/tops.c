@@ -68,8 +68,12 @@ static inline __attribute__((always_inline)) void chunk(double *s, long n, long 
 }
 
 /* functions of their own: gcc outlines a parallel region before it inlines, and `heavy` would be a variable there */
-static __attribute__((noinline)) void chunk_free(double *s, long n, long low, long steps, double h) { chunk(s, n, low, steps, h, 0); }
-static __attribute__((noinline)) void chunk_heavy(double *s, long n, long low, long steps, double h) { chunk(s, n, low, steps, h, 1); }
+static __attribute__((noinline)) void chunk_free(double *s, long n, long low, long steps, double h) {
+  chunk(s, n, low, steps, h, 0);
+}
+static __attribute__((noinline)) void chunk_heavy(double *s, long n, long low, long steps, double h) {
+  chunk(s, n, low, steps, h, 1);
+}
 
 void rk4_free(double *s, long n, long steps, double h) {
 #pragma omp parallel for schedule(dynamic, 4)

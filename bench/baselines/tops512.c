@@ -42,7 +42,8 @@ INLINE v3 kicked(v3 onto, v4 q, v3 w, body b, const int heavy, const int twice) 
     v x = FNMA(q.a, q.c, MUL(q.b, q.d)), y = FMA(q.a, q.b, MUL(q.c, q.d));
     v z = FNMA(q.c, q.c, FNMA(q.b, q.b, FMA(q.d, q.d, MUL(q.a, q.a))));
     if (twice) x = ADD(x, x), y = ADD(y, y), z = ADD(z, z);
-    onto = (v3){FNMA(z, b.p12, FMA(y, b.p13, onto.a)), FNMA(x, b.p23, FMA(z, b.p21, onto.b)), FNMA(y, b.p31, FMA(x, b.p32, onto.c))};
+    onto = (v3){FNMA(z, b.p12, FMA(y, b.p13, onto.a)), FNMA(x, b.p23, FMA(z, b.p21, onto.b)),
+                FNMA(y, b.p31, FMA(x, b.p32, onto.c))};
   }
   return (v3){FMA(k.a, MUL(w.b, w.c), onto.a), FMA(k.b, MUL(w.c, w.a), onto.b), FMA(k.c, MUL(w.a, w.b), onto.c)};
 }
@@ -60,7 +61,8 @@ INLINE void step(v4 *at, v3 *rate, body b, const int heavy) {
   v4 z = turned(s, y, (v3){ADD(wy.a, wy.a), ADD(wy.b, wy.b), ADD(wy.c, wy.c)});
   v3 wz = kicked(w, y, wy, b, heavy, 1);
   v4 q = turned((v4){sum(s.a, x.a, y.a, z.a), sum(s.b, x.b, y.b, z.b), sum(s.c, x.c, y.c, z.c), sum(s.d, x.d, y.d, z.d)}, z, wz);
-  v3 d = kicked((v3){change(w.a, wx.a, wy.a, wz.a), change(w.b, wx.b, wy.b, wz.b), change(w.c, wx.c, wy.c, wz.c)}, z, wz, b, heavy, 0);
+  v3 d = {change(w.a, wx.a, wy.a, wz.a), change(w.b, wx.b, wy.b, wz.b), change(w.c, wx.c, wy.c, wz.c)};
+  d = kicked(d, z, wz, b, heavy, 0);
   *rate = (v3){FMA(SET(1.0 / 3), d.a, w.a), FMA(SET(1.0 / 3), d.b, w.b), FMA(SET(1.0 / 3), d.c, w.c)};
   v square = FMA(q.d, q.d, FMA(q.c, q.c, FMA(q.b, q.b, MUL(q.a, q.a))));
   v r = FNMA(square, SET(1.0 / 54), SET(0.5)); /* (3 - |q/3|^2)/2/3 */
@@ -80,7 +82,8 @@ INLINE void group(double *s, long n, long low, long steps, double h, const int h
     q[j] = (v4){IN(0), IN(1), IN(2), IN(3)};
     w[j] = (v3){f.a * IN(4), f.b * IN(5), f.c * IN(6)};
     b[j].scale = f;
-    b[j].k = (v3){SET(h / 2) * IN(10) * f.a / (f.b * f.c), SET(h / 2) * IN(11) * f.b / (f.c * f.a), SET(h / 2) * IN(12) * f.c / (f.a * f.b)};
+    v3 a = {SET(h / 2) * IN(10), SET(h / 2) * IN(11), SET(h / 2) * IN(12)};
+    b[j].k = (v3){a.a * f.a / (f.b * f.c), a.b * f.b / (f.c * f.a), a.c * f.c / (f.a * f.b)};
     b[j].k2 = (v3){b[j].k.a + b[j].k.a, b[j].k.b + b[j].k.b, b[j].k.c + b[j].k.c};
     if (heavy) {
       v p1 = SET(h) * IN(13), p2 = SET(h) * IN(14), p3 = SET(h) * IN(15), half = SET(0.5);
@@ -98,8 +101,12 @@ INLINE void group(double *s, long n, long low, long steps, double h, const int h
   }
 }
 
-static __attribute__((noinline)) void group_free(double *s, long n, long low, long steps, double h) { group(s, n, low, steps, h, 0); }
-static __attribute__((noinline)) void group_heavy(double *s, long n, long low, long steps, double h) { group(s, n, low, steps, h, 1); }
+static __attribute__((noinline)) void group_free(double *s, long n, long low, long steps, double h) {
+  group(s, n, low, steps, h, 0);
+}
+static __attribute__((noinline)) void group_heavy(double *s, long n, long low, long steps, double h) {
+  group(s, n, low, steps, h, 1);
+}
 
 void rk4_free_512(double *s, long n, long steps, double h) {
 #pragma omp parallel for schedule(dynamic, 16)

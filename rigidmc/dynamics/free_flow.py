@@ -35,24 +35,20 @@ def arc(h, x, y):
 
     The next term of the series is 0.0036 (h sqrt(max(x, y)))^12: 5e-17 at 0.07, 4e-15 at 0.1.
     """
-    z = h * h
-    u, p = x + y, x * y
+    hx, hy = h * h * x, h * h * y  # pure numbers: x and y alone reach 1e92 for the moments of a molecule
+    u, p = hx + hy, hx * hy
     uu = u * u
     s = h * (
         1.0
-        - z
-        * (
+        - (
             u * (1 / 6)
-            - z
-            * (
+            - (
                 (uu + 12.0 * p) * (1 / 120)
-                - z
-                * (
+                - (
                     u * (uu + 132.0 * p) * (1 / 5040)
-                    - z
-                    * (
+                    - (
                         (uu * uu + 1224.0 * uu * p + 3024.0 * p * p) * (1 / 362880)
-                        - z * (u * (uu * uu + 11064.0 * uu * p + 71280.0 * p * p) * (1 / 39916800))
+                        - (u * (uu * uu + 11064.0 * uu * p + 71280.0 * p * p) * (1 / 39916800))
                     )
                 )
             )
@@ -68,7 +64,7 @@ def doubled(a, x, y):
     """The Arc of twice the time; 1 - f' from the factored form, so that no digit cancels."""
     ss = a.s * a.s
     f1, f3 = 1.0 - a.g1, 1.0 - a.g3
-    r = 1.0 / (1.0 - x * y * ss * ss)
+    r = 1.0 / (1.0 - (x * ss) * (y * ss))
     return Arc(2.0 * a.s * f1 * f3 * r, 2.0 * x * ss * f3 * f3 * r, 2.0 * y * ss * f1 * f1 * r)
 
 

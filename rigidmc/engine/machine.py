@@ -110,7 +110,7 @@ def cached(kernel):
             def load(self, key):
                 try:
                     return self._load_data(self._name(key))
-                except OSError:
+                except Exception:  # not there, torn, or of another version: compile anew
                     return None
 
         class Cache(caching.FunctionCache):

@@ -11,7 +11,7 @@ PANEL_TURN = 0.125  # turn lambda h of one panel: phase error 4e-16, series erro
 class Exact(NamedTuple):
     """The free motion itself: any step, no error but rounding. Refuses torques.
 
-    Long steps are cut into pieces that turn by at most 1/8 rad (attitude) or 1 rad (momentum alone), chosen once for the scene.
+    Long steps are cut into pieces that turn by at most 1 rad, with up to 8 panels of the phase each, chosen once for the scene.
     Source: Celledoni, Fasso, Saefstroem & Zanna, SIAM J. Sci. Comput. 30 (2008) 2084; see `rigidmc.dynamics.free_flow`.
     """
 
@@ -26,10 +26,10 @@ class Exact(NamedTuple):
 
     def prepared(self, turn, attitude):
         """(integrator, pieces per step) for steps that turn by `turn` = lambda dt [rad]."""
-        limit = PANEL_TURN if attitude else 1.0
-        pieces = max(1, math.ceil(turn / limit))
-        halvings = max(0, math.ceil(math.log2(max(turn / pieces, 1e-300) / PANEL_TURN)))
-        return Exact((1.0,) * halvings, (1.0,)), pieces
+        pieces = max(1, math.ceil(turn))
+        doublings = max(0, math.ceil(math.log2(max(turn / pieces, 1e-300) / PANEL_TURN)))
+        made = Exact((), (1.0,) * 2**doublings) if attitude else Exact((1.0,) * doublings, (1.0,))
+        return made, pieces
 
     def step(self, body, h, q, l):
         return free_flow(body, self.halvings, self.panels, h, q, l)

@@ -1,6 +1,6 @@
 """What is recorded at save times. An observable is a NamedTuple with `value` and its facts; a new one is one class and one line below.
 
-    value(self, [body, effects, t, q, l, start]) -> tuple of floats        start = (energy, its scale, |L|^2) at t = 0
+    value(self, [body, effects, t, q, l, start]) -> tuple of floats        start = (E, 1/scale of E, |L|^2, 1/|L|^2) at t = 0
 
 Facts: units, long_name, dims (() for a number, ("axis",) for 3, ("quat",) for 4).
 """

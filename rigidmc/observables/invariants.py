@@ -31,7 +31,7 @@ class EnergyDrift(NamedTuple):
     units, long_name, dims = "1", "relative drift of energy", ()
 
     def value(self, body, effects, q, l, start):
-        return ((kinetic_energy(body, l) + total_energy(effects, body, q) - start[0]) / start[1],)
+        return ((kinetic_energy(body, l) + total_energy(effects, body, q) - start[0]) * start[1],)
 
 
 class L2Drift(NamedTuple):
@@ -40,4 +40,4 @@ class L2Drift(NamedTuple):
     units, long_name, dims = "1", "relative drift of |L|^2", ()
 
     def value(self, l, start):
-        return ((dot(l, l) - start[2]) / (start[2] if start[2] > 0.0 else 1.0),)
+        return ((dot(l, l) - start[2]) * start[3],)

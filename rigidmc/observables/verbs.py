@@ -5,5 +5,5 @@ from rigidmc.dynamics.methods import method
 
 @method
 def value(observable, body, effects, t, q, l, start):
-    """Tuple of values at time t; start = (energy, scale of energy, |L|^2) at t = 0."""
+    """Tuple of values at time t; start = (E, 1/scale of E, |L|^2, 1/|L|^2) at t = 0."""
     return (0.0,)

@@ -60,21 +60,23 @@ def test_a_step_is_right_to_rounding(name):
 
 @pytest.mark.parametrize("order", list(itertools.permutations((0, 1, 2))))
 def test_any_order_of_the_axes_and_any_octant(order):
-    worst = 0.0
-    for momentum in ((0.3, 0.9, 0.7), (0.9, 0.3, 0.2)):  # circling about the one and the other axis
-        for signs in itertools.product((1.0, -1.0), repeat=3):
-            moments = tuple((1.0, 1.3, 2.0)[i] for i in order)
+    moments, worst = tuple((1.0, 1.3, 2.0)[i] for i in order), 0.0
+    octants = list(itertools.product((1.0, -1.0), repeat=3))
+    for momentum, some in (((0.3, 0.9, 0.7), octants), ((0.9, 0.3, 0.2), octants[::3])):  # circling about one axis, about the other
+        for signs in some:
             worst = max(worst, *errors(moments, tuple(signs[i] * momentum[i] for i in order), 0.4))
     assert worst < 2e-15  # measured 1.5e-16
 
 
-@pytest.mark.parametrize("moments", [(1.0, 1.0, 2.0), (1.0, 2.0, 1.0), (2.0, 1.0, 1.0), (15.0, 15.0, 0.5), (15.0, 0.5, 15.0), (0.5, 15.0, 15.0)])
+@pytest.mark.parametrize(
+    "moments", [(1.0, 1.0, 2.0), (1.0, 2.0, 1.0), (2.0, 1.0, 1.0), (15.0, 15.0, 0.5), (15.0, 0.5, 15.0), (0.5, 15.0, 15.0)]
+)
 def test_the_axis_of_a_symmetric_body_may_be_any(moments):
     momentum = 0.3, 0.4, -0.2
     q, l = IDENTITY, momentum
-    for _ in range(100):  # long enough for every component off the axis to change sign
+    for _ in range(50):  # long enough for components off the axis to change sign
         q, l = flow(moments, l, 0.1, q=q, panels=1)
-    true_q, true_l = truth(moments, momentum, 10.0)
+    true_q, true_l = truth(moments, momentum, 5.0)
     assert attitude_error(q, true_q) < 2e-14  # measured 4e-15
     assert np.abs(l - true_l).max() < 3e-15  # measured 5e-16
 
@@ -125,40 +127,39 @@ def test_the_phase_rule_is_of_order_8():
 
 def test_panels_cut_a_step_without_a_seam():
     moments, momentum = HARD["generic"]
-    one = flow(moments, momentum, 0.1, panels=1)
-    q, l = one
+    q, l = flow(moments, momentum, 0.1, panels=1)
     for _ in range(3):
         q, l = flow(moments, l, 0.1, q=q, panels=1)
     four = flow(moments, momentum, 0.4, panels=4)
-    assert attitude_error(four[0], q) < 1e-15
-    assert np.abs(np.subtract(four[1], l)).max() < 1e-15
+    assert attitude_error(four[0], q) < 1e-15  # measured 1.2e-16
+    assert np.abs(np.subtract(four[1], l)).max() < 1e-15  # measured 0
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_principal_axis_stays_put_to_the_bit(axis, sign):
+@pytest.mark.parametrize(("turn", "halvings"), [(0.1, 0), (1.0, 3)])
+def test_a_principal_axis_stays_put_to_the_bit(axis, sign, turn, halvings):
     for moments in itertools.permutations((1.0, 2.0, 3.0)):
         for size in (1.0, 0.7, 3.3, 1e-9):
             momentum = tuple(sign * size if i == axis else 0.0 for i in range(3))
             q, l = TILTED, momentum
-            turn = 0.1 / size
             for _ in range(50):
-                q, l = flow(moments, l, turn, q=q, panels=1)
+                q, l = flow(moments, l, turn / size, q=q, halvings=halvings, panels=1)
                 assert l == momentum
-            angle = 50 * turn * sign * size / moments[axis]
+            angle = 50 * turn * sign / moments[axis]
             true = multiply(TILTED, [math.cos(angle / 2), *(math.sin(angle / 2) * (i == axis) for i in range(3))])
-            assert attitude_error(q, true) < 1e-14
+            assert attitude_error(q, true) < 5e-14  # measured 6e-15 after 50 rad
 
 
 def test_rest_no_time_and_there_and_back():
     q, l = flow((1.0, 2.0, 3.0), (0.0, 0.0, 0.0), 1.0, q=TILTED, panels=1)
     assert l == (0.0, 0.0, 0.0)
-    assert attitude_error(q, TILTED) < 1e-15
+    assert attitude_error(q, TILTED) < 1e-15  # measured 0
     for moments, momentum in HARD.values():
         h = half_radian(moments, momentum)
         q, l = flow(moments, momentum, 0.0, q=TILTED)
         assert l == momentum
-        assert attitude_error(q, TILTED) < 1e-15
+        assert attitude_error(q, TILTED) < 1e-15  # measured 1.4e-16
         q, l = flow(moments, momentum, h, q=TILTED)
         q, l = flow(moments, l, -h, q=q)
         assert attitude_error(q, TILTED) < 3e-14  # measured 3e-15, a needle; 3e-16 otherwise
@@ -171,8 +172,8 @@ def test_scale_does_not_matter(size, mass):
     """From molecules to planets in SI units, and any speed that a double can hold."""
     q, l = flow((1.0, 1.3, 2.0), (0.3, 0.9, 0.7), 0.4)
     big_q, big_l = flow((mass, 1.3 * mass, 2.0 * mass), (0.3 * size, 0.9 * size, 0.7 * size), 0.4 / size * mass)
-    assert attitude_error(big_q, q) < 1e-15
-    assert np.abs(np.divide(big_l, size) - l).max() < 1e-15
+    assert attitude_error(big_q, q) < 1e-15  # measured 7e-17
+    assert np.abs(np.divide(big_l, size) - l).max() < 1e-15  # measured 1.1e-16
 
 
 def test_invariants_of_hard_and_random_bodies_over_ten_thousand_steps():
@@ -190,6 +191,18 @@ def test_invariants_of_hard_and_random_bodies_over_ten_thousand_steps():
     assert block[K.DRIFT + 1].max() < 1e-13  # measured 2.2e-14
     assert drift.max() < 3e-13  # measured 6e-14: momentum in space, which the attitude turns
     assert norm.max() < 1e-15  # measured 2e-16
+
+
+def test_many_steps_along_and_across_the_separatrix_stay_right():
+    names = ("generic", "separatrix", "separatrix_above", "separatrix_below", "near_middle_axis", "prolate", "needle_on_edge")
+    h, steps = 0.05, 60
+    moments, momentum = (np.array([HARD[n][i] for n in names]).T for i in (0, 1))
+    block = make_block(MassProperties.of(moments, np.zeros_like(moments)), (), np.array([IDENTITY]).T, momentum)
+    run(block, Exact(), (), h, steps)
+    for m, name in enumerate(names):
+        q, l = truth(*HARD[name], h * steps)
+        assert attitude_error(block[:4, m], q) < 1e-14  # measured 1.0e-15
+        assert np.linalg.norm(block[4:7, m] - l) < 8e-15 * np.linalg.norm(l)  # measured 8e-16
 
 
 def test_the_plain_form_drifts_where_the_increments_do_not():
@@ -258,7 +271,10 @@ def test_published_flip_intervals_are_those_of_the_elliptic_integral():
         with mp.workdps(DIGITS):
             i, w = [mp.mpf(repr(x)) for x in problem.moments], [mp.mpf(repr(x)) for x in problem.omega]
             p = (i[1] - i[2]) * (i[0] - i[1]) / (i[0] * i[2]) * w[1] ** 2
-            q1, q3 = (i[2] - i[0]) * (i[1] - i[0]) / (i[1] * i[2]) * w[0] ** 2, (i[1] - i[2]) * (i[0] - i[2]) / (i[0] * i[1]) * w[2] ** 2
+            q1, q3 = (
+                (i[2] - i[0]) * (i[1] - i[0]) / (i[1] * i[2]) * w[0] ** 2,
+                (i[1] - i[2]) * (i[0] - i[2]) / (i[0] * i[1]) * w[2] ** 2,
+            )
             square = p + max(q1, q3)
             flip = 2 * mp.ellipk(1 - abs(q1 - q3) / square) / mp.sqrt(square)
             assert abs(flip / problem.more["flip"] - 1) < 1e-15  # measured 2e-16

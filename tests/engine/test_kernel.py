@@ -82,10 +82,8 @@ def test_place_in_the_block_and_company_change_no_bit(whole):
 def test_a_run_in_several_calls_is_the_run(whole, cuts):
     block = tops()
     out = run(block, RK4(), EFFECTS, H, TOTAL, EVERYTHING, STRIDE, cuts=cuts)
-    assert same(block[: K.DRIFT], whole[0][: K.DRIFT])
+    assert same(block, whole[0])  # the largest drifts too: no look is added where a call ends
     assert same(out, whole[1])
-    if all(cut % K.LOOK == 0 for cut in cuts):  # a cut elsewhere is one more look, which may find a larger drift
-        assert same(block, whole[0])
 
 
 def test_one_bit_of_the_start_is_not_lost(whole):
@@ -117,7 +115,7 @@ def energy_of(block, q, l):
     arm = np.array([body.p1, body.p2, body.p3])
     up = 2 * (q[1] * q[3] - q[0] * q[2]), 2 * (q[2] * q[3] + q[0] * q[1]), q[0] ** 2 - q[1] ** 2 - q[2] ** 2 + q[3] ** 2
     kinetic = 0.5 * (body.i1 * l[0] ** 2 + body.i2 * l[1] ** 2 + body.i3 * l[2] ** 2)
-    return kinetic, 9.81 * (arm[0] * up[0] + arm[1] * up[1] + arm[2] * up[2]), 9.81 * np.linalg.norm(arm, axis=0)
+    return kinetic, 9.81 * (arm[0] * up[0] + arm[1] * up[1] + arm[2] * up[2]), 9.81 * np.abs(arm).sum(0)
 
 
 def test_drift_rows_are_the_largest_drifts_of_all_looks():
@@ -129,17 +127,20 @@ def test_drift_rows_are_the_largest_drifts_of_all_looks():
     kinetic, potential, bound = energy_of(block, block[:4], block[4:7])
     scale = np.maximum(np.abs(kinetic + potential), 1e-3 * (kinetic + bound))
     assert abs(kinetic[0] + potential[0]) < 1e-12 < 1e-4 < scale[0]
-    out = run(block, RK4(), EFFECTS, H, TOTAL, EVERYTHING, 1)
+    block[K.EFFECTS + 1, MEMBERS // 2 :] = 0.0  # half of them without damping: their drift, from large steps, comes and goes
+    out = run(block, RK4(), EFFECTS, 10 * H, TOTAL, EVERYTHING, 1)
     q, l = (out[:, rows_of(name)].transpose(1, 0, 2) for name in ("attitude", "momentum"))
     energies, squares = np.add(*energy_of(block, q, l)[:2]), (l**2).sum(0)
     drift, drift2 = (energies - energies[0]) / scale, squares / squares[0] - 1.0
-    assert (block[K.DRIFT] > 1e-4).all()  # damped: there is something to see
-    assert np.abs(np.abs(drift).max(0) - block[K.DRIFT]).max() < 1e-12  # measured 6e-14: member 0, whose energy is 39 times its scale
+    assert (block[K.DRIFT] > 5e-8).all()  # measured 1.1e-7: there is something to see
+    assert (np.abs(drift).argmax(0) < TOTAL).sum() > 10  # measured 32: and not at the end
+    # the energy of member 0 reaches many times its scale, and its drift shows the rounding of that
+    assert np.abs(np.abs(drift).max(0) - block[K.DRIFT]).max() < 3e-12  # measured 3e-13
     assert np.abs(np.abs(drift2).max(0) - block[K.DRIFT + 1]).max() < 7e-14  # measured 7e-15
-    assert np.abs(out[:, rows_of("energy_drift")[0]] - drift).max() < 2e-12  # measured 2e-13
-    assert np.abs(out[:, rows_of("l2_drift")[0]] - drift2).max() < 7e-14  # measured 7e-15
-    assert np.abs(out[:, rows_of("energy")[0]] - energies).max() < 2e-14  # measured 1.8e-15
-    assert np.abs(out[:, rows_of("l2")[0]] - squares).max() < 2e-14  # measured 1.8e-15
+    assert np.abs(out[:, rows_of("energy_drift")[0]] - drift).max() < 4e-12  # measured 4e-13
+    assert np.abs(out[:, rows_of("l2_drift")[0]] - drift2).max() < 3e-13  # measured 3e-14
+    assert np.abs(out[:, rows_of("energy")[0]] - energies).max() < 2e-14  # measured 2e-15
+    assert np.abs(out[:, rows_of("l2")[0]] - squares).max() < 4e-14  # measured 4e-15
     assert np.abs(out[:, rows_of("omega")] - block[K.BODY : K.BODY + 3] * out[:, rows_of("momentum")]).max() < 1e-15  # measured 0
 
 
@@ -163,6 +164,7 @@ def test_sick_members_are_flagged_and_frozen_and_harm_nobody():
     sick[K.ATTITUDE, inf] = np.inf
     sick[K.BODY : K.EFFECTS, growing] = [1.0] * 3 + [0.0] * 6  # a free sphere under negative damping
     sick[K.EFFECTS + 1, growing] = -50.0
+    sick[K.MOMENTUM : K.START, growing] *= 1e-30  # which takes 150 steps to turn it too fast
     sick[K.STATUS, invalid] = K.STATUSES["invalid_body"]
     before = sick.copy()
     run(healthy, RK4(), EFFECTS, H, steps, EVERYTHING, 50)

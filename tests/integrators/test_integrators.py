@@ -1,16 +1,16 @@
-"""One loop over INTEGRATORS: order, there and back, what is conserved, agreement with naive NumPy. A new one is tested by its facts."""
+"""One loop over INTEGRATORS: order, there and back, conservation, agreement with naive NumPy. A new one is tested by its facts."""
 
 import math
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from rigidmc.dynamics.euler import angular_velocity, increments, kinetic_energy, scaled
-from rigidmc.dynamics.so3 import axpy4
+from rigidmc.dynamics.euler import angular_velocity, kinetic_energy
 from rigidmc.effects import Gravity, ViscousDamping
 from rigidmc.engine import kernel as K
 from rigidmc.integrators import INTEGRATORS
@@ -18,7 +18,7 @@ from rigidmc.integrators.verbs import step
 from rigidmc.observables import Attitude, Energy, Momentum
 from tests.kernels import block_of, march, prepare, run, turn
 from tests.problems import PROBLEMS
-from tests.reference import NAIVE, attitude_error, rotation, true_end
+from tests.reference import NAIVE, attitude_error, naive_rk4, rotation, true_end
 
 FREE, HEAVY = PROBLEMS["hairer_free"], PROBLEMS["hairer_heavy"]
 DAMPING = 0.1
@@ -37,7 +37,7 @@ def end_error(name, problem, steps, effects=None, end=None):
 
 
 def orders(errors):
-    return [math.log2(a / b) for a, b in zip(errors, errors[1:], strict=False)]
+    return [math.log2(a / b) for a, b in pairwise(errors)]
 
 
 @EVERY
@@ -133,25 +133,22 @@ def drifts(name, problem, h, steps):
 
 @EVERY
 def test_conserves_what_it_says_and_nothing_else(name):
-    for keep, drift in drifts(name, FREE, 0.1, 2000).items():
+    for keep, drift in drifts(name, FREE, 0.15, 2000).items():
         if keep in INTEGRATORS[name].conserves:
-            assert drift < 4e-14  # measured 4e-15
+            assert drift < 8e-14  # measured 8e-15
         elif keep != "|q|":  # rk4 does not keep it but puts it right
-            assert drift > 1e-6  # measured 4e-6 to 1.3e-5
-    assert set(INTEGRATORS[name].conserves) <= set(drifts(name, FREE, 0.1, 1))
+            assert drift > 1e-6  # measured 3e-5 to 6e-5
+    assert set(INTEGRATORS[name].conserves) <= set(drifts(name, FREE, 0.15, 1))
 
 
 @EVERY
 def test_the_attitude_stays_on_the_sphere(name):
-    assert drifts(name, FREE, 0.1, 2000)["|q|"] < 2e-15  # measured 2e-16
+    assert drifts(name, FREE, 0.15, 2000)["|q|"] < 2e-15  # measured 2e-16
 
 
 def test_rk4_without_its_normalisation_leaves_the_sphere():
-    q, l, rates = FREE.attitude, FREE.momentum, scaled(FREE.body, 0.1)
-    for _ in range(100):  # the midpoint rule will do
-        half = axpy4(q, 0.5, increments(rates, q, l)[0])
-        q = axpy4(q, 1.0, increments(rates, half, l)[0])
-    assert abs(sum(x * x for x in q) - 1.0) > 1e-4  # measured MMM
+    a, _ = naive_rk4(FREE, 0.15, 2000, normalised=False)
+    assert abs(np.linalg.det(a) - 1.0) > 1e-3  # measured 0.015
 
 
 def heavy_errors(name, h, seconds, saves):
@@ -192,18 +189,18 @@ def naive_error(name, problem, h, steps, damping=0.0, **twin):
 
 @EVERY
 def test_agrees_with_naive_numpy_on_a_free_body(name):
-    assert naive_error(name, FREE, 0.1, 30) < 5e-14  # measured 8e-15
+    assert naive_error(name, FREE, 0.15, 20) < 5e-14  # measured 8e-15
 
 
 @ANY_TORQUE
 def test_agrees_with_naive_numpy_on_heavy_bodies(name):
-    assert naive_error(name, HEAVY, 0.1, 30) < 1e-13  # measured 2e-14
-    assert naive_error(name, HEAVY, 0.1, 30, DAMPING) < 1e-13  # measured 1.1e-14
+    assert naive_error(name, HEAVY, 0.15, 20) < 1.5e-13  # measured 1.6e-14
+    assert naive_error(name, HEAVY, 0.15, 20, DAMPING) < 1.5e-13  # measured 1.4e-14
     assert naive_error(name, PROBLEMS["simo_wong_top"], 0.004, 30) < 5e-14  # measured 9e-15
 
 
 def test_a_wrong_sign_in_the_commutator_is_caught():
-    assert naive_error("rkmk4", HEAVY, 0.1, 30, half=-0.5) > 1e-4
+    assert naive_error("rkmk4", HEAVY, 0.15, 20, half=-0.5) > 1e-3  # measured 0.011
 
 
 def test_a_damped_free_top_is_a_free_top_at_another_time():
@@ -212,7 +209,10 @@ def test_a_damped_free_top_is_a_free_top_at_another_time():
     other = (1.0 - math.exp(-DAMPING * time)) / DAMPING
     end = true_end(FREE, other)
     end = end[0], math.exp(-DAMPING * time) * end[1]
-    errors = {n: end_error(n, replace(FREE, time=time), 400, (Gravity(0.0), ViscousDamping(DAMPING)), end) for n in ("rk4", "rkmk4", "strang")}
+    errors = {
+        n: end_error(n, replace(FREE, time=time), 400, (Gravity(0.0), ViscousDamping(DAMPING)), end)
+        for n in ("rk4", "rkmk4", "strang")
+    }
     assert errors["rk4"] < 2e-8  # measured 4e-9
     assert errors["rkmk4"] < 5e-9  # measured 1e-9
     assert errors["strang"] < 2e-6  # measured 4e-7

@@ -1,0 +1,102 @@
+"""python -m bench.readme: redraw README's tables between their markers from bench/results/*.json."""
+
+import json
+import os
+import re
+import sys
+
+ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+RESULTS = os.path.join(ROOT, "bench", "results")
+
+
+def main():
+    path = os.path.join(ROOT, "README.md")
+    with open(path) as file:
+        text = before = file.read()
+    for name, draw in DRAWN.items():
+        rows = os.path.join(RESULTS, f"{name}.json")
+        if not os.path.exists(rows):
+            print(f"{name}: no bench/results/{name}.json; run python -m bench {name}", file=sys.stderr)
+            continue
+        with open(rows) as file:
+            result = json.load(file)
+        text, count = replaced(text, name, draw(result["rows"], result["machine"]))
+        if not count:
+            print(f"{name}: README.md has no <!-- bench:{name} --> ... <!-- /bench:{name} -->", file=sys.stderr)
+    if text != before:
+        with open(path + ".tmp", "w") as file:
+            file.write(text)
+        os.replace(path + ".tmp", path)
+    print("README.md redrawn" if text != before else "README.md is up to date")
+
+
+def replaced(text, name, content):
+    """(text with what stands between the markers of `name` replaced, how many times)."""
+    pattern = rf"(<!-- bench:{name} -->\n).*?(<!-- /bench:{name} -->)"
+    return re.subn(pattern, lambda found: found[1] + content + "\n" + found[2], text, flags=re.DOTALL)
+
+
+def table(columns, lines):
+    """A markdown table; numbers to the right."""
+    rule = ["---" if i == 0 else "---:" for i in range(len(columns))]
+    return "\n".join("| " + " | ".join(map(str, line)) + " |" for line in [columns, rule, *lines])
+
+
+def accuracy(rows, machine):
+    """What an accuracy costs: for each error the best integrator and the others that reach it."""
+    lines = []
+    for row in rows:
+        if row["kind"] == "choice" and row["best"]:
+            same = [r for r in rows if r["kind"] == "choice" and (r["body"], r["limit"]) == (row["body"], row["limit"])]
+            others = ", ".join(f"{r['integrator']} {_count(r['members_per_s'])}" for r in same[1:])
+            step = f"{row['dt']:.2g} s"
+            lines.append((row["body"], f"{row['limit']:.0e}", f"{row['integrator']}, {step}", _count(row["members_per_s"]), others))
+    columns = ("tops", "error after 10 s at most", "integrator, step", "members per second", "others")
+    words = "Error of the worst of 2,048 random tops, relative in omega and in rad in attitude"
+    return f"{table(columns, lines)}\n\n{words}; {_machine(machine)}."
+
+
+def throughput(rows, machine):
+    """Member-steps per second, free and heavy side by side, and times the C baseline."""
+    rates = {r["name"]: r for r in rows if r["kind"] == "rate"}
+
+    def cell(name, baseline):
+        if name not in rates:
+            return ""
+        speed, base = rates[name]["undisturbed"], rates.get(baseline)
+        return f"{speed:.0f}" + (f" ({speed / base['undisturbed']:.2f}x)" if base else "")
+
+    base = "C structure of arrays, free", "C structure of arrays, heavy"
+    pairs = {
+        "rigidmc, rk4, kernel": ("kernel rk4 free", "kernel rk4 heavy"),
+        "rigidmc, rk4, `simulate()`": ("simulate rk4 free, final state", "simulate rk4 heavy, final state"),
+        "rigidmc, rk4, `simulate()` with 100 saves of 9 values": ("simulate rk4 free, 100 saves", ""),
+        "rigidmc, exact (free) / strang (heavy)": ("kernel exact", "kernel strang heavy"),
+        "rigidmc, exact, momentum only": ("kernel exact, momentum only", ""),
+        "C, structure of arrays, gcc -O3 -march=native -ffast-math": base,
+        "C, explicit 512-bit vectors, few operations": ("C 512-bit intrinsics, free", "C 512-bit intrinsics, heavy"),
+        "Numba `prange` over tops": ("naive prange, free", "naive prange, heavy"),
+    }
+    lines = [(what, cell(free, base[0]), cell(heavy, base[1])) for what, (free, heavy) in pairs.items()]
+    words = (
+        "Million member-steps per second from CPU seconds, float64, 65,536 different tops, all cores; in brackets against plain C"
+    )
+    return f"{table(('', 'free', 'with gravity'), lines)}\n\n{words}; {_machine(machine)}."
+
+
+def _machine(machine):
+    return f"{machine['cores']} cores of {machine['cpu']}, {machine['vector_bits']}-bit vectors"
+
+
+def _count(number):
+    """Two digits of a large number for people."""
+    for size, word in ((1e6, " M"), (1e3, " k")):
+        if number >= size:
+            return f"{number / size:.2g}{word}" if number < 99.5 * size else f"{number / size:.0f}{word}"
+    return f"{number:.2g}"
+
+
+DRAWN = {"accuracy": accuracy, "throughput": throughput}
+
+if __name__ == "__main__":
+    main()
