@@ -88,12 +88,6 @@ def squares(body, l):
     return body.a1 * body.a3 * l[1] * l[1], -body.a2 * body.a3 * l[0] * l[0], -body.a1 * body.a2 * l[2] * l[2]
 
 
-def turn_rate(body, l):
-    """lambda = sqrt(P + max(Q1, Q3)) [rad/s], the frequency of the motion of L in the body."""
-    p, q1, q3 = squares(body, l)
-    return math.sqrt(p + max(q1, q3))
-
-
 def _share(body, on_third, u):
     """(f, v, v', v'') with f = 1/(1 + c) and v = c/(1 + c) along the free motion of the unit momentum u, c = |u_j|, j = 3 or 1."""
     j = select(on_third, u[2], u[0])

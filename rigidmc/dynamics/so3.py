@@ -107,7 +107,7 @@ def touch_up(q):
 
 
 def sincos(x):
-    """(sin x, cos x) without branch or libm call, |error| <= 1.2e-16 for |x| < 1e6.
+    """(sin x, cos x) without branch or libm call, |error| <= 1.6e-16 for |x| < 1e6.
 
     Cody-Waite reduction to [-pi/4, pi/4], then the polynomials of fdlibm's k_sin and k_cos.
     """
@@ -162,7 +162,7 @@ def exponential(u):
 
 
 def expm1(x):
-    """exp(x) - 1 without branch or libm call, relative error <= 1e-15 for -44 < x <= 20; below it is -1 to rounding.
+    """exp(x) - 1 without branch or libm call, relative error <= 7e-16 for -44 < x < 0 (below, it is -1 to rounding), 9e-15 at 20.
 
     Series of degree 8 at x/256 (the next term is 2e-13^... < 1e-17 relative for |x| <= 44), then e <- e (2 + e) eight times.
     """

@@ -144,6 +144,16 @@ def test_drift_rows_are_the_largest_drifts_of_all_looks():
     assert np.abs(out[:, rows_of("omega")] - block[K.BODY : K.BODY + 3] * out[:, rows_of("momentum")]).max() < 1e-15  # measured 0
 
 
+def test_a_top_that_starts_at_rest_drifts_absolutely():
+    block = tops()
+    block[K.MOMENTUM : K.START, 5] = 0.0
+    out = run(block, RK4(), EFFECTS, H, TOTAL, EVERYTHING, 1)
+    squares = out[:, rows_of("l2")[0], 5]
+    assert (out[:, rows_of("l2_drift")[0], 5] == squares).all()
+    assert block[K.DRIFT + 1, 5] == squares.max() > 0.0
+    assert block[K.STATUS, 5] == K.STATUSES["ok"]
+
+
 def test_a_look_every_sixteen_steps_finds_drift_without_saves():
     many, few = tops(), tops()
     run(many, RK4(), EFFECTS, H, 64, EVERYTHING, 1)
