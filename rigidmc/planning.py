@@ -75,18 +75,19 @@ def prepare(scene, threads=1, streaming=False, block=None):
     run = scene.run
     steps, dt, stride, notes = steps_and_saves(run.t_end, run.dt, run.every)
     carried = carries_attitude(scene)
-    angle, turn = _speeds(scene, dt)
-    if angle > 1.0 and INTEGRATORS[run.integrator].order < math.inf:
+    angle = _angle(scene, dt)
+    integrator, pieces = INTEGRATORS[run.integrator](), 1
+    if angle > 1.0 and integrator.order < math.inf:
         notes += (
             f"omega dt reaches {angle:.3g} rad per step, more than 1: expect large errors; dt <= {dt / angle:.2g} s would do",
         )
-    integrator, pieces = INTEGRATORS[run.integrator](), 1
     if hasattr(integrator, "prepared"):
-        if not scene.effects or run.integrator == "exact" or turn <= integrator.largest_turn:
-            integrator, pieces = integrator.prepared(turn, carried)
-        else:
-            rule = f"the free motion would turn by {turn:.3g} rad in a step, more than {integrator.largest_turn:g}; use dt <= {dt * integrator.largest_turn / turn:.2g}"
+        turn = _turn(scene, dt)
+        if turn > integrator.largest_turn:
+            largest = integrator.largest_turn
+            rule = f"the free motion would turn by {turn:.3g} rad in a step, more than {largest:g}; use dt <= {dt * largest / turn:.2g}"
             raise SceneError("run", "dt", run.dt, rule)
+        integrator, pieces = integrator.prepared(turn, carried)
     slots = [s for s in range(0, steps, stride)] + [steps]
     values = rows_of(*run.save)
     if block is None:
@@ -114,32 +115,41 @@ def _constant(scene):
     return frozenset(same)
 
 
-def _speeds(scene, dt):
-    """(largest |omega| dt, bound on lambda dt) over the pilot [rad]; lambda is the rate at which free motion turns L in the body."""
-    count = max(PILOT, rows(*scene.quantities()) or 0)
-    count = (
-        count if any(not isinstance(q, float) for q in scene.quantities()) or scene.start.attitude == "uniform" else kernel.LANES
-    )
-    block, _ = stage(scene, 0, count, carries_attitude(scene))
+def _pilot(scene):
+    """How many members a look at the ensemble takes in: always the same first ones, and every row of arrays."""
+    alike = is_shared(*scene.quantities()) and scene.start.attitude != "uniform"
+    return kernel.LANES if alike else max(PILOT, rows(*scene.quantities()) or 0)
+
+
+def _angle(scene, dt):
+    """Largest |omega| dt of the pilot at the start [rad]."""
+    count, seed = _pilot(scene), scene.run.seed
+    which, spin = scene.start.spin(seed, 0, count)
+    with np.errstate(all="ignore"):
+        x, y, z = spin if which == "omega" else spin / scene.body.sample(seed, 0, count)[0]
+        return float(np.sqrt(np.nanmax(x * x + y * y + z * z))) * dt
+
+
+def _turn(scene, dt):
+    """Bound on lambda dt over the pilot [rad]; lambda is the rate at which free motion turns L in the body."""
+    block, _ = stage(scene, 0, _pilot(scene), carries_attitude(scene))
     body, l = MassProperties(*block[kernel.BODY : kernel.EFFECTS]), block[kernel.MOMENTUM : kernel.START]
     a, i = np.array([body.a1, body.a2, body.a3]), np.array([body.i1, body.i2, body.i3])
     with np.errstate(all="ignore"):
-        omega = np.sqrt((i * i * l * l).sum(0))
         products = np.stack([a[1] * a[2] * l[0] * l[0], a[2] * a[0] * l[1] * l[1], a[0] * a[1] * l[2] * l[2]])
         rate = np.sqrt(products.max(0) - products.min(0))
-        scale = np.zeros(count)
+        scale = np.zeros(l.shape[1])
         row = kernel.EFFECTS
         for effect in scene.effects:
-            present = type(effect)(*block[row : row + len(effect)])
-            row += len(effect)
             if hasattr(effect, "energy_scale"):
-                scale += present.energy_scale(body)
+                scale += type(effect)(*block[row : row + len(effect)]).energy_scale(body)
+            row += len(effect)
         # torques can bring the kinetic energy from T to T + 2 V, and |L| with it
         kinetic = 0.5 * (i * l * l).sum(0) + 2.0 * scale
         bound = np.sqrt(2.0 * kinetic / i.min(0)) * np.sqrt(np.abs(a).max(0) * np.sort(np.abs(a), axis=0)[1])
         rate = np.where(scale > 0.0, bound, rate)
     margin = MARGIN if any(isinstance(q, Distribution) for q in scene.quantities()) else 1.0
-    return float(np.nanmax(omega)) * dt, margin * float(np.nanmax(rate)) * dt
+    return margin * float(np.max(rate, where=np.isfinite(rate), initial=0.0)) * dt  # a member past that is flagged, not planned for
 
 
 def stage(scene, first, count, carried):

@@ -164,7 +164,8 @@ def exponential(u):
 def expm1(x):
     """exp(x) - 1 without branch or libm call, relative error <= 7e-16 for -44 < x < 0 (below, it is -1 to rounding), 9e-15 at 20.
 
-    Series of degree 8 at x/256 (the next term is 2e-13^... < 1e-17 relative for |x| <= 44), then e <- e (2 + e) eight times.
+    Series of degree 9 at x/256, then e <- e (2 + e) eight times. The next term is 3e-22 of x at |x| = 1 and 3e-14 at 44, where
+    nothing of it is left for x < 0.
     """
     y = max(x, -44.0) * 0.00390625
     e = y * (

@@ -23,6 +23,7 @@ class Exact(NamedTuple):
     reversible = True
     conserves = ("|q|", "|L|^2", "T", "L in space")
     accepts = "no torque"
+    largest_turn = math.inf  # [rad] in a step
 
     def prepared(self, turn, attitude):
         """(integrator, pieces per step) for steps that turn by `turn` = lambda dt [rad]."""
