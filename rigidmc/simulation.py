@@ -6,6 +6,7 @@ import warnings
 from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from rigidmc.engine import kernel
 from rigidmc.engine.blocks import run_blocks
@@ -182,8 +183,6 @@ class _Memory:
                 self.arrays[name][..., part] = results[name][..., : job.size]
 
     def finish(self):
-        import xarray as xr
-
         saved = saved_variables(self.scene)
         values = self.out.reshape(self.plan.times.size, self.values, self.width)[..., : self.plan.members]
         arrays = {**self.arrays, **_split(self.scene, values)}
