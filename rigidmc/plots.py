@@ -16,12 +16,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import NullFormatter
-from scipy.ndimage import uniform_filter
+
+from rigidmc.sphere import central_axis, density, lambert, polhodes
 
 SUFFIXES = (".png", ".pdf", ".svg")
 TIMES, MEMBERS, POINTS = 400, 20_000, 2_000_000  # read are TIMES saves at most, and MEMBERS members, or more up to POINTS vectors
 DRAWN = 4  # members drawn one by one: more are spaghetti
-BINS, SMOOTH = 120, 3  # bins across a disc, averaged 3 x 3 (about 4 degrees): a thin ensemble shows on both sides of a path
 COARSE = 0.8  # mean cosine of the turn from one save to the next; below it a path is dots, as lines would cut its corners
 SWINGS = 25  # where members turn back more often than this, only one is drawn: of the few, the one that swings widest
 DENSITY, INK, PATH, BAND, CORE, MEDIAN = "cividis_r", "#222222", "#d94801", "#c6dbef", "#6baed6", "#08306b"
@@ -62,7 +62,7 @@ def momentum_sphere(ds, axes=None):
     l, when = _vectors(sample, "momentum")
     moments = sample.moments.values
     body = np.median(moments, axis=1)
-    turn = np.roll(np.arange(3), 2 - _central_axis(body))  # the axes that point right, up and at the reader
+    turn = np.roll(np.arange(3), 2 - central_axis(body))  # the axes that point right, up and at the reader
     right, up, toward = body[turn]
     with np.errstate(all="ignore"):
         slope = np.sqrt((toward / right - 1.0) / (1.0 - toward / up))
@@ -70,7 +70,7 @@ def momentum_sphere(ds, axes=None):
     axes = axes or _figure(ds, (8.0, 5.2)).add_subplot()
     free = all(sample[f"{name}_drift_max"].attrs.get("conserved") == "yes" for name in ("energy", "l2"))
     few = _few(l)
-    paths = _polhodes(l[0][:, few], moments[:, few]) if free else l[..., few]
+    paths = polhodes(l[0][:, few], moments[:, few]) if free else l[..., few]
     lines = [slope, -slope] if one_body and 0.0 < slope < np.inf else []
     v = l if len(l) > 2 else l[-1:]
     _hemispheres(axes, v[:, turn], paths[:, turn], [str(axis + 1) for axis in turn], lines)
@@ -120,7 +120,7 @@ def middle_component(ds, axes=None):
         line.set_label("_" if k else "one member" if few.shape[1] == 1 else "single members")
     name = f"\\omega_{axis[0] + 1}" if np.ptp(axis) == 0 else "\\omega_\\mathrm{mid}"
     axes.set(xlabel="time [s]", ylabel=f"${name}$ [rad/s]", xlim=(t[0], t[-1]))
-    symmetric = _central_axis(np.median(moments, axis=1)) != axis[0]
+    symmetric = central_axis(np.median(moments, axis=1)) != axis[0]
     where = "across the symmetry axis" if symmetric else "about the axis of the middle moment"
     axes.set_title(f"Angular velocity {where}", fontsize=10, pad=20)
     _legend_above(axes, ncols=4)
@@ -238,59 +238,9 @@ def _members(count):
     return f"{count:,} member{'' if count == 1 else 's'}"
 
 
-def _central_axis(moments):
-    """The axis of the middle moment; where two moments are equal, that of the third."""
-    low, middle, high = np.argsort(moments, kind="stable")
-    same = 1e-9 * moments[high]
-    if moments[middle] - moments[low] <= same:
-        return high
-    return low if moments[high] - moments[middle] <= same else middle
-
-
 def _few(values):
     """DRAWN members, evenly spaced over the last axis."""
     return np.unique(np.linspace(0, values.shape[-1] - 1, DRAWN).round().astype(int))
-
-
-def _polhodes(l, moments):
-    """Closed curves (point, axis, member) through the directions l (axis, member), around the axis of the least or largest moment.
-
-    With u = L/|L| and c = sum u_i^2/I_i = 2 T/L^2: the distance rho from axis e at the angle phi from the middle axis m obeys
-    rho^2 (cos^2 phi/I_m + sin^2 phi/I_a - 1/I_e) = c - 1/I_e.
-    """
-    phi, curves = np.linspace(0.0, 2.0 * np.pi, 721), np.empty((721, *l.shape))
-    with np.errstate(all="ignore"):
-        for k, inverse in enumerate(1.0 / moments.T):
-            u = l[:, k] / np.sqrt(l[:, k] @ l[:, k])
-            c = u * u @ inverse
-            order = np.argsort(inverse)
-            a, m, e = order if c > inverse[order[1]] else order[::-1]
-            rho2 = (c - inverse[e]) / (np.cos(phi) ** 2 * inverse[m] + np.sin(phi) ** 2 * inverse[a] - inverse[e])
-            curves[:, e, k] = np.copysign(np.sqrt(1.0 - rho2.clip(0.0, 1.0)), u[e])
-            curves[:, m, k], curves[:, a, k] = np.sqrt(rho2) * np.cos(phi), np.sqrt(rho2) * np.sin(phi)
-    return curves
-
-
-def _lambert(right, up, toward):
-    """Lambert's azimuthal equal-area projection of unit vectors, a hemisphere onto a disc of radius sqrt(2); nan far past it."""
-    return np.stack([right, up]) * np.sqrt(2.0 / (1.0 + np.where(toward > -0.5, toward, np.nan)))
-
-
-def _density(v, sides, limit):
-    """Density of unit vectors (time, axis, member) on discs seen from `sides`, relative to an isotropic ensemble; empty is nan."""
-    right, up, toward = np.moveaxis(v, 1, 0).reshape(3, -1)
-    fine = (np.arange(8 * BINS) + 0.5) / (4 * BINS) - 1.0
-    area = (np.hypot(fine, fine[:, None]) < 1.0).reshape(BINS, 8, BINS, 8).mean(axis=(1, 3))  # the part of a bin on the disc
-    isotropic = uniform_filter(area, SMOOTH, mode="constant") * (v[:, 0].size * (2.0 * limit / BINS) ** 2 / (4.0 * np.pi))
-    density = []
-    for side in sides:
-        seen = side * toward >= 0.0
-        x, y = (_lambert(side * right[seen], up[seen], side * toward[seen]) / limit + 1.0) * (BINS / 2)
-        place = y.clip(0, BINS - 1).astype(np.intp) * BINS + x.clip(0, BINS - 1).astype(np.intp)
-        count = uniform_filter(np.bincount(place, minlength=BINS**2).reshape(BINS, BINS).astype(float), SMOOTH, mode="constant")
-        present = (count > 0.5 / SMOOTH**2) & (area > 0.0)
-        density.append(np.divide(count, isotropic, out=np.full(count.shape, np.nan), where=present))
-    return density
 
 
 def _hemispheres(axes, v, paths, names, slopes=()):
@@ -307,8 +257,8 @@ def _hemispheres(axes, v, paths, names, slopes=()):
     inner = max(lowest, -highest, 0.0)
     angle = next(a for a in (1, 2, 5, 10, 20, 30, 45, 60, 90) if np.cos(np.radians(a)) <= inner + 1e-12)
     limit = 2.0 * np.sin(np.radians(angle) / 2.0)
-    density = _density(v, sides, limit)
-    first, last = np.floor(np.log10(np.nanmin(density))), np.ceil(np.log10(np.nanmax(density)))
+    shown = density(v, sides, limit)
+    first, last = np.floor(np.log10(np.nanmin(shown))), np.ceil(np.log10(np.nanmax(shown)))
     norm = LogNorm(10.0**first, 10.0 ** max(last, first + 1))
     step = np.diff(paths, axis=0)
     length = np.linalg.norm(step, axis=1)
@@ -318,12 +268,12 @@ def _hemispheres(axes, v, paths, names, slopes=()):
         centre = 2.45 * limit * disc
         rim = axes.add_patch(Circle((centre, 0.0), limit, facecolor="none", edgecolor=INK, linewidth=0.8, zorder=4))
         box = (centre - limit, centre + limit, -limit, limit)
-        image = axes.imshow(density[disc], DENSITY, norm, extent=box, origin="lower", interpolation="nearest", clip_path=rim)
+        image = axes.imshow(shown[disc], DENSITY, norm, extent=box, origin="lower", interpolation="nearest", clip_path=rim)
         for slope in slopes:
             x = np.array([-limit, limit]) / np.hypot(1.0, slope)
             axes.plot(centre + x, slope * x, "--", color=INK, linewidth=0.8, zorder=3, label="separatrices")
         for right, up, toward in paths.transpose(2, 1, 0) if len(paths) > 2 else ():
-            x, y = _lambert(side * right, up, side * toward)
+            x, y = lambert(side * right, up, side * toward)
             axes.plot(x + centre, y, color=PATH, clip_path=rim, label="single members", **style)
         for x, y, sign, name in ((1, 0, side, 0), (-1, 0, -side, 0), (0, 1, 1, 1), (0, -1, -1, 1), (0, 0, side, 2)):
             offset = (12 * x, 9 * y) if name < 2 else (14, 0) if max(slopes, default=0.0) > 1.0 else (0, 9)

@@ -9,7 +9,7 @@ import xarray as xr
 
 pytest.importorskip("matplotlib")
 
-from rigidmc import plots
+from rigidmc import plots, sphere
 
 MOMENTS = (1.0, 2.0, 3.0)
 STATES = {"omega": "axis", "attitude": "quat"}
@@ -110,12 +110,12 @@ def test_density_is_one_for_an_isotropic_ensemble_and_holds_all_members():
     rng = np.random.default_rng(1)
     v = rng.normal(size=(1, 3, 1_000_000))
     v /= np.linalg.norm(v, axis=1)
-    both = np.stack(plots._density(v, (1, -1), np.sqrt(2.0)))
+    both = np.stack(sphere.density(v, (1, -1), np.sqrt(2.0)))
     disc = np.isfinite(both)
     assert disc.mean() == pytest.approx(np.pi / 4.0, abs=0.02)  # measured 0.799: a bin that the rim cuts counts whole
     assert np.median(both[disc]) == pytest.approx(1.0, abs=3e-3)  # measured 1.0003
     assert np.std(both[disc]) < 0.06  # measured 0.052; of 1,000,000 in 22,600 bins, nine of them together: 0.050
-    lopsided = np.stack(plots._density(np.abs(v), (1, -1), np.sqrt(2.0)))
+    lopsided = np.stack(sphere.density(np.abs(v), (1, -1), np.sqrt(2.0)))
     assert np.isnan(lopsided[1]).all()
     assert np.nanmedian(lopsided[0]) == pytest.approx(8.0, abs=0.1)  # one octant of eight; measured 7.98
 
@@ -123,7 +123,7 @@ def test_density_is_one_for_an_isotropic_ensemble_and_holds_all_members():
 def test_polhodes_keep_energy_and_pass_through_the_start():
     moments = np.array([[1.0, 1.0, 3.0], [2.0, 2.0, 2.0], [3.0, 3.0, 2.0]])
     l = np.array([[0.1, 2.0, 0.3], [1.0, 1.0, 0.2], [1.0, -0.1, 0.5]])
-    curves = plots._polhodes(l, moments)
+    curves = sphere.polhodes(l, moments)
     for k in range(3):
         u, inverse = l[:, k] / np.linalg.norm(l[:, k]), 1.0 / moments[:, k]
         assert np.abs(np.linalg.norm(curves[..., k], axis=1) - 1.0).max() < 1e-15  # measured 1e-16
@@ -219,9 +219,9 @@ def test_axis_sphere_shows_the_third_column_of_a_on_one_cap(tops):
     (density,) = discs(figure)
     row, column = np.nonzero(np.isfinite(density))
     assert figure.axes[0].get_legend().get_title().get_text() == "rim: 45° from centre"
-    assert abs(column - (plots.BINS - 1) / 2).max() < 3  # on the y axis ...
-    assert row.min() < 0.1 * plots.BINS  # ... from near the rim at -y: (0, -sin, cos) ...
-    assert abs(row.max() - plots.BINS / 2) < 3  # ... to the vertical
+    assert abs(column - (sphere.BINS - 1) / 2).max() < 3  # on the y axis ...
+    assert row.min() < 0.1 * sphere.BINS  # ... from near the rim at -y: (0, -sin, cos) ...
+    assert abs(row.max() - sphere.BINS / 2) < 3  # ... to the vertical
     assert figure.axes[0].get_title() == "Axis 3 of the body in space, t = 0 to 45 s"
 
 

@@ -1,0 +1,30 @@
+"""List the shipped scenes, or print one (with comments, ready to copy).
+
+rigidmc scenes heavy_top > mine.toml
+rigidmc run mine.toml -o mine.nc
+
+A scene file is TOML; SI units, angles in rad:
+
+[body]
+  moments = [I1, I2, I3]   principal moments about the fixed point, kg m2
+  or one of  tensor = 3x3,  cylinder = { mass, radius, height },
+  box = { mass, size = [x, y, z] },  particles = { masses, positions }
+  mass, centre = [x, y, z]   kg, m; with moments or tensor
+  pivot = [x, y, z]          the point of the body held fixed instead
+
+[effects.gravity]
+  g                          m/s2
+[effects.viscous_damping]
+  rate                       1/s
+
+[start]
+  omega or momentum          rad/s or kg m2/s, in principal axes
+  attitude                   "uniform", quaternion [w, x, y, z], 3x3 matrix,
+                             or Euler angles z-x-z [phi, theta, psi]
+[run]
+  integrator, dt, t_end, members, seed, every, save
+
+Any number of body, effects and start may be a distribution:
+  { normal = [mean, sd] },  { uniform = [low, high] },
+  or one of scipy.stats:  { gamma = { a = 2.0, scale = 0.1 } }
+"""
