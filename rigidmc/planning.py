@@ -91,7 +91,7 @@ def prepare(scene, threads=1, streaming=False, block=None):
     slots = [s for s in range(0, steps, stride)] + [steps]
     values = rows_of(*run.save)
     if block is None:
-        block = min(BLOCK, _lanes(math.ceil(run.members / (4 * threads))))
+        block = min(BLOCK, whole_lanes(math.ceil(run.members / (4 * threads))))
         if streaming:
             block = min(block, max(kernel.LANES, SLAB // (8 * max(1, values) * len(slots)) // kernel.LANES * kernel.LANES))
     return Plan(
@@ -99,7 +99,8 @@ def prepare(scene, threads=1, streaming=False, block=None):
     )  # fmt: skip
 
 
-def _lanes(count):
+def whole_lanes(count):
+    """A number of members rounded up to whole lanes."""
     return kernel.LANES * math.ceil(count / kernel.LANES)
 
 

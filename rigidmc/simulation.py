@@ -13,7 +13,7 @@ from rigidmc.engine.blocks import run_blocks
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.observables import OBSERVABLES, rows_of
-from rigidmc.planning import prepare, stage
+from rigidmc.planning import prepare, stage, whole_lanes
 from rigidmc.progress import reporter
 from rigidmc.sampling import quantity, rows
 from rigidmc.storage import Writer, open_result, refuse_existing
@@ -90,7 +90,7 @@ def run(scene, plan, threads, progress=False, output=None, force=False):
     def make(i):
         low = i * plan.block
         count = min(plan.block, plan.members - low)
-        block, start = stage(scene, plan.first + low, _lanes(count), plan.carried)
+        block, start = stage(scene, plan.first + low, whole_lanes(count), plan.carried)
         return _job(scene, plan, plan.first + low, count, block, start, *sink.room(low, count))
 
     def finished(job):
@@ -141,10 +141,6 @@ def _threads(threads):
     return threads or threads_available()
 
 
-def _lanes(count):
-    return kernel.LANES * math.ceil(count / kernel.LANES)
-
-
 def _split(scene, values):
     """{name: view} of the value rows (time, row, member) of each observable."""
     parts, row = {}, 0
@@ -160,7 +156,7 @@ class _Memory:
 
     def __init__(self, scene, plan):
         self.scene, self.plan = scene, plan
-        self.width = _lanes(plan.members)
+        self.width = whole_lanes(plan.members)
         self.values = rows_of(*scene.run.save)
         self.out = np.empty(plan.times.size * self.values * self.width)
         self.variables = member_variables(scene, plan.carried)
@@ -203,7 +199,7 @@ class _File:
         self.writer = Writer(path, scene, plan, force)
 
     def room(self, low, count):
-        width = _lanes(count)
+        width = whole_lanes(count)
         return np.empty(self.plan.times.size * self.values * width), width if self.values else 0, 0
 
     def take(self, job, results):
