@@ -70,6 +70,9 @@ def reported():
         _fail(error, REFUSED)
     except FileNotFoundError as error:
         _fail(error, INVALID if "shipped scene" in str(error) else IO)
+    except BrokenPipeError:  # whoever read our lines has gone
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise typer.Exit(OK) from None
     except (OSError, RuntimeError) as error:
         if isinstance(error, RuntimeError) and "HDF error" not in str(error) and "NetCDF" not in str(error):
             raise

@@ -37,6 +37,7 @@ class Plan(NamedTuple):
     block: int  # members of a block
     constant: frozenset  # names of the member variables that are the same for all
     angle: float  # largest |omega| dt of the pilot [rad]
+    turn_rate: float | None  # bound on the rate of free motion, where the integrator asks for it [rad/s]
     notes: tuple  # what the user should know
 
 
@@ -76,13 +77,14 @@ def prepare(scene, threads=1, streaming=False, block=None):
     steps, dt, stride, notes = steps_and_saves(run.t_end, run.dt, run.every)
     carried = carries_attitude(scene)
     angle = _angle(scene, dt)
-    integrator, pieces = INTEGRATORS[run.integrator](), 1
+    integrator, pieces, rate = INTEGRATORS[run.integrator](), 1, None
     if angle > 1.0 and integrator.order < math.inf:
         notes += (
             f"omega dt reaches {angle:.3g} rad per step, more than 1: expect large errors; dt <= {dt / angle:.2g} s would do",
         )
     if hasattr(integrator, "prepared"):
-        turn = _turn(scene, dt)
+        rate = _turn_rate(scene) if run.turn_rate is None else run.turn_rate
+        turn = rate * dt
         if turn > integrator.largest_turn:
             largest = integrator.largest_turn
             rule = f"the free motion would turn by {turn:.3g} rad in a step, more than {largest:g}; use dt <= {dt * largest / turn:.2g}"
@@ -95,7 +97,7 @@ def prepare(scene, threads=1, streaming=False, block=None):
         if streaming:
             block = min(block, max(kernel.LANES, SLAB // (8 * max(1, values) * len(slots)) // kernel.LANES * kernel.LANES))
     return Plan(
-        run.first, run.members, steps, dt, stride, np.array(slots) * dt, pieces, integrator, carried, block, _constant(scene), angle, notes
+        run.first, run.members, steps, dt, stride, np.array(slots) * dt, pieces, integrator, carried, block, _constant(scene), angle, rate, notes
     )  # fmt: skip
 
 
@@ -131,8 +133,8 @@ def _angle(scene, dt):
         return float(np.sqrt(np.nanmax(x * x + y * y + z * z))) * dt
 
 
-def _turn(scene, dt):
-    """Bound on lambda dt over the pilot [rad]; lambda is the rate at which free motion turns L in the body."""
+def _turn_rate(scene):
+    """Bound on lambda over the pilot [rad/s], the rate at which free motion turns L in the body."""
     block, _ = stage(scene, 0, _pilot(scene), carries_attitude(scene))
     body, l = MassProperties(*block[kernel.BODY : kernel.EFFECTS]), block[kernel.MOMENTUM : kernel.START]
     a, i = np.array([body.a1, body.a2, body.a3]), np.array([body.i1, body.i2, body.i3])
@@ -150,7 +152,7 @@ def _turn(scene, dt):
         bound = np.sqrt(2.0 * kinetic / i.min(0)) * np.sqrt(np.abs(a).max(0) * np.sort(np.abs(a), axis=0)[1])
         rate = np.where(scale > 0.0, bound, rate)
     margin = MARGIN if any(isinstance(q, Distribution) for q in scene.quantities()) else 1.0
-    return margin * float(np.max(rate, where=np.isfinite(rate), initial=0.0)) * dt  # a member past that is flagged, not planned for
+    return margin * float(np.max(rate, where=np.isfinite(rate), initial=0.0))  # a member past that is flagged, not planned for
 
 
 def stage(scene, first, count, carried):

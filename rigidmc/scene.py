@@ -33,6 +33,9 @@ class Run(Table):
     members: Annotated[int, Field(gt=0, description="members of the ensemble")] = 1000
     first: Annotated[int, Field(ge=0, description="index of the first member")] = 0
     seed: Annotated[int, Field(ge=0, description="seed of all random draws")] = 0
+    turn_rate: (
+        Annotated[float, Field(ge=0, description="bound on the rate of free motion [rad/s]; else from the first members")] | None
+    ) = None
     every: Annotated[float, Field(gt=0, description="time between saves [s]; without it first and last")] | None = None
     save: tuple[str, ...] = ("omega",)
 

@@ -49,10 +49,10 @@ def load(source, settings=()):
 
         return scene_of(source, settings)
     text = read_source(source)
-    return loads(text, source, settings)
+    return loads(text, source, settings, title=os.path.basename(source).removesuffix(".toml"))
 
 
-def loads(text, file="scene", settings=(), stored=None):
+def loads(text, file="scene", settings=(), stored=None, title="scene"):
     """A scene from TOML text; `stored(name, axis)` gives the columns of a result file that the text refers to."""
     try:
         data = tomllib.loads(text)
@@ -61,7 +61,7 @@ def loads(text, file="scene", settings=(), stored=None):
     try:
         for key, value in settings:
             _set(data, key, value)
-        return _from_tables(data, stored)
+        return _from_tables(data, stored, title)
     except SceneError as error:
         error.file = error.file or file
         raise
@@ -71,7 +71,7 @@ def loads(text, file="scene", settings=(), stored=None):
         raise made from None
 
 
-def _from_tables(data, stored):
+def _from_tables(data, stored, title):
     """The scene of parsed TOML."""
     file = _File(**data)
     try:
@@ -91,7 +91,7 @@ def _from_tables(data, stored):
     _only(file.start, ("omega", "momentum", "attitude"), "start")
     start = Start(**{k: _parse(v, "start", k, stored) for k, v in file.start.items()})
     body = _body(file.body, stored)
-    scene = Scene(body, tuple(effects), start, run, file.title or "scene", file.summary, file.source)
+    scene = Scene(body, tuple(effects), start, run, file.title or title, file.summary, file.source)
     return scene.with_run()
 
 

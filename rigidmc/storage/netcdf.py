@@ -15,8 +15,8 @@ def refuse_existing(path, force):
     """Raise OutputExists where a result would overwrite a file."""
     if os.path.lexists(path) and not force:
         raise OutputExists(f"{path} exists; nothing was written (use --force, or force=True, to replace it)")
-    folder = os.path.dirname(os.path.abspath(path))
-    if not os.path.isdir(folder):
+    folder = os.path.dirname(path) or os.curdir
+    if not os.path.basename(path) or not os.path.isdir(folder):
         raise FileNotFoundError(f"{folder}: no such folder; nothing was written")
     if not os.access(folder, os.W_OK):
         raise PermissionError(f"{folder}: not writable; nothing was written")

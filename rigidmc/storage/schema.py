@@ -8,7 +8,7 @@ from rigidmc import __version__
 from rigidmc.effects import name_of
 from rigidmc.engine.kernel import LOOK, STATUSES
 from rigidmc.observables import OBSERVABLES
-from rigidmc.sampling import is_shared
+from rigidmc.sampling import is_shared, rows
 
 _LENGTHS = {"axis": 3, "quat": 4}
 
@@ -100,12 +100,15 @@ def member_variables(scene, carried):
 
 def attributes(scene, plan):
     """Global attributes; the scene's TOML and the member range are enough to run it again to the same bits."""
+    # of arrays, the file keeps the rows of its own members only: what was chosen by looking at all of them is written down
+    partial = rows(*scene.quantities()) not in (None, plan.members)
+    resolved = scene.with_run(dt=plan.dt, turn_rate=plan.turn_rate if partial else None)
     return {
         "Conventions": "CF-1.11",
         "title": scene.title,
         "source": f"rigidmc {__version__}",
         "version": __version__,
-        "scene": scene.with_run(dt=plan.dt).dumps(),
+        "scene": resolved.dumps(),
         "seed": scene.run.seed,
         "integrator": scene.run.integrator,
         "dt": plan.dt,
