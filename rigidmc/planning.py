@@ -17,7 +17,7 @@ from rigidmc.observables import OBSERVABLES, rows_of
 from rigidmc.sampling import Distribution, draw, is_shared, rows
 from rigidmc.scene import PILOT
 
-BLOCK = 4096  # members: 30 to 40 rows of them stay in a 2 MB cache, and a kernel call on them is 10 ms or more
+BLOCK = 4096  # members: their 30 to 40 rows are 1 MB, and a kernel call on them is 10 ms or more
 SLAB = 32 * 2**20  # bytes of saved values that a block may hold on its way to a file
 MARGIN = 2.0  # a member beyond the pilot may spin faster than all of the pilot: 7 sigma where the pilot reaches 3.5
 

@@ -172,7 +172,7 @@ def test_signals(tmp_path, number, code):
     sent = time.monotonic()
     _, errors = process.communicate(timeout=30)
     assert process.returncode == code, errors
-    assert time.monotonic() - sent < 2.0  # measured 0.2 to 0.4 s; 1 s is asked for on a machine at rest
+    assert time.monotonic() - sent < 2.0  # measured 0.4 to 0.6 s; 1 s is asked for on a machine at rest
     assert "Traceback" not in errors
     assert os.listdir(tmp_path) == []
 
@@ -204,7 +204,7 @@ def test_nasa_brick_from_the_command_line(tmp_path):
         assert run("run", "nasa_brick", *words, "-o", out).exit_code == 0
         with rm.open(out) as ds:
             error = np.abs(np.degrees(ds.omega.values[-1, :, 0]) - expected).max()
-        assert error < 5e-12  # measured 1.2e-12 and 2.7e-14; asked 1e-9
+        assert error < 5e-12  # measured 5.3e-13 and 1.2e-14; asked 1e-9
     rough = tmp_path / "rough.nc"
     run("run", "nasa_brick", "--dt", "0.1", "-o", rough)
     with rm.open(rough) as ds:

@@ -21,7 +21,7 @@ from rigidmc.integrators.verbs import step
 from rigidmc.observables.verbs import value
 
 LANES = 32  # 16 to 128 differ by under 3 %; small means little padding
-LOOK = 32  # steps between two looks at drift and health: a look each step costs 25 % of rk4, every 16th 3 to 5 %
+LOOK = 32  # steps between two looks at drift and health: a look each step costs 20 to 25 % of rk4, every 16th up to 5 %
 
 # rows of a block
 ATTITUDE, MOMENTUM, START, DRIFT, STATUS, GOOD_STEP, GOOD, BODY, EFFECTS = 0, 4, 7, 11, 13, 14, 15, 22, 31

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from rigidmc.dynamics.free_flow import free_flow
 
-PANEL_TURN = 0.125  # turn lambda h of one panel: phase error 4e-16, series error 2e-16 (measured against 40 digits)
+PANEL_TURN = 0.125  # turn lambda h of one panel: attitude off by 4.4e-16, momentum by 1.4e-16 (25 random bodies against 40 digits)
 
 
 class Exact(NamedTuple):
