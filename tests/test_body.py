@@ -13,7 +13,9 @@ def test_four_particles_of_the_chapter():
     """TdC Example 3.2: moments 1, 3, 4 (m a^2), axes (1, 1, 0), (1, -1, 0), (0, 0, 1)."""
     m, a = 0.3, 0.7
     body = rm.Body.from_particles([m] * 4, [(a, 0, 0), (0, a, 0), (a, a, 0), (0, 0, 0)])
-    assert np.allclose(body.tensor, m * a * a * np.array([[2, -1, 0], [-1, 2, 0], [0, 0, 4]]), rtol=0, atol=1e-15)  # measured 3.3e-16
+    assert np.allclose(
+        body.tensor, m * a * a * np.array([[2, -1, 0], [-1, 2, 0], [0, 0, 4]]), rtol=0, atol=1e-15
+    )  # measured 3.3e-16
     assert np.allclose(body.moments, m * a * a * np.array([1, 3, 4]), rtol=1e-15)
     axes = np.array(body.axes)
     assert np.allclose(np.abs(axes), np.array([[1, 1, 0], [1, 1, 0], [0, 0, np.sqrt(2)]]) / np.sqrt(2), atol=1e-15)
