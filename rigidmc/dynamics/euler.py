@@ -27,16 +27,23 @@ class MassProperties(NamedTuple):
     @staticmethod
     def of(moments, static_moment):
         """From principal moments (I1, I2, I3) and static moment, numbers or arrays with one entry per member."""
-        one, two, three = moments
-        return MassProperties(
-            1.0 / one,
-            1.0 / two,
-            1.0 / three,
-            (two - three) / two / three,  # two divisions: the product I2 I3 of a nano body would underflow
-            (three - one) / three / one,
-            (one - two) / one / two,
-            *static_moment,
-        )
+        return mass_properties(moments, static_moment)
+
+
+def mass_properties(moments, static_moment):
+    """The MassProperties of principal moments (I1, I2, I3) and static moment."""
+    one, two, three = moments
+    return MassProperties(
+        1.0 / one,
+        1.0 / two,
+        1.0 / three,
+        (two - three) / two / three,  # two divisions: the product I2 I3 of a nano body would underflow
+        (three - one) / three / one,
+        (one - two) / one / two,
+        static_moment[0],
+        static_moment[1],
+        static_moment[2],
+    )
 
 
 def angular_velocity(body, l):

@@ -9,7 +9,7 @@ import math
 from typing import NamedTuple
 
 from rigidmc.dynamics.euler import angular_velocity
-from rigidmc.dynamics.so3 import add, axpy, dot, multiply, scale, select, sincos, touch_up
+from rigidmc.dynamics.so3 import add, axpy, conjugate, dot, multiply, scale, select, sincos, touch_up
 
 
 class Arc(NamedTuple):
@@ -150,9 +150,9 @@ def free_flow(body, halvings, panels, h, q, l):
     # axis 2 is the middle one unless a1 a3 < 0; of a body symmetric about axis 2 either other axis will do
     elsewhere, one_fits = body.a1 * body.a3 < 0.0, body.a2 * body.a3 >= 0.0
     first, third = elsewhere & one_fits, elsewhere & (not one_fits)
-    u = _relabel(first, third, u)
-    i1, _, i3 = _relabel(first, third, (body.i1, body.i2, body.i3))
-    body = Axes(i1, i3, *_relabel(first, third, (body.a1, body.a2, body.a3)))
+    u = relabel(first, third, u)
+    i1, _, i3 = relabel(first, third, (body.i1, body.i2, body.i3))
+    body = Axes(i1, i3, *relabel(first, third, (body.a1, body.a2, body.a3)))
     h = h * g / len(panels)  # from here on the time is |L| t and the momentum is the unit vector u
     p, q1, q3 = squares(body, u)
     half, whole = _half_and_whole(h, p + q3, p + q1, halvings)
@@ -163,14 +163,14 @@ def free_flow(body, halvings, panels, h, q, l):
     phase = twice_energy * (h * len(panels) - integral) + select(on_third, body.i3, body.i1) * integral
     s, c = sincos(0.5 * phase)
     s = s * select(select(on_third, u[2], u[0]) < 0.0, -1.0, 1.0)
-    turn = multiply(_conjugate(_to_axis(on_third, u)), (c, select(on_third, 0.0, s), 0.0, select(on_third, s, 0.0)))
-    turn = multiply(turn, _to_axis(on_third, end))
+    turn = multiply(conjugate(to_axis(on_third, u)), (c, select(on_third, 0.0, s), 0.0, select(on_third, s, 0.0)))
+    turn = multiply(turn, to_axis(on_third, end))
     r = 0.5 * math.sqrt(start[0] * f)  # |P(u)|^2 = 2 (1 + c) before normalisation
-    one, two, three = _relabel(third, first, scale(r, turn[1:]))
-    return touch_up(multiply(q, (r * turn[0], one, two, three))), axpy(l, g, _relabel(third, first, change))
+    one, two, three = relabel(third, first, scale(r, turn[1:]))
+    return touch_up(multiply(q, (r * turn[0], one, two, three))), axpy(l, g, relabel(third, first, change))
 
 
-def _relabel(first, third, v):
+def relabel(first, third, v):
     """v with its axes shifted so that axis 1 (if `first`) or axis 3 (if `third`) becomes axis 2; swap the two to go back."""
     return (
         select(first, v[2], select(third, v[1], v[0])),
@@ -179,7 +179,7 @@ def _relabel(first, third, v):
     )
 
 
-def _to_axis(on_third, u):
+def to_axis(on_third, u):
     """Quaternion of norm sqrt(2 (1 + c)) that turns the unit vector u to sign(u_j) e_j, j = 3 or 1, c = |u_j|."""
     j = select(on_third, u[2], u[0])
     sign = select(j < 0.0, -1.0, 1.0)
@@ -189,7 +189,3 @@ def _to_axis(on_third, u):
         select(on_third, -sign * u[0], sign * u[2]),
         select(on_third, 0.0, -sign * u[1]),
     )
-
-
-def _conjugate(q):
-    return q[0], -q[1], -q[2], -q[3]

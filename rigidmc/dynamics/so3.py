@@ -73,6 +73,17 @@ def multiply(p, q):
     )
 
 
+def conjugate(q):
+    """The inverse of a unit quaternion."""
+    return q[0], -q[1], -q[2], -q[3]
+
+
+def normalised(q):
+    """q/|q|."""
+    r = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return r * q[0], r * q[1], r * q[2], r * q[3]
+
+
 def turned(q, p, w):
     """q + p (0, w), in fused multiply-adds: with w = h omega/2 the change of attitude over h at the rate of p, dq/dt = 1/2 q (0, omega)."""
     return (

@@ -34,7 +34,7 @@ def inline(function):
     return function
 
 
-def _compile_method(call):
+def compile_method(call):
     """Let compiled code call a generic function of `rigidmc.dynamics.methods`."""
     name, default, available = call.__name__, inline(call.default), call.available
 
@@ -94,13 +94,15 @@ def read_all(parts, work, row, lane, stride):
     return (first,) + read_all(parts[1:], work, row + len(parts[0]), lane, stride)
 
 
-def _plain_functions(module):
-    return [f for f in vars(module).values() if inspect.isfunction(f) and f.__module__ == module.__name__ and f not in METHODS]
+def inline_all(module):
+    """Let compiled code call every plain function of a module."""
+    for function in list(vars(module).values()):
+        if inspect.isfunction(function) and function.__module__ == module.__name__ and function not in METHODS:
+            inline(function)
 
 
 for _module in (so3, euler, free_flow, verbs, lie):
-    for _function in _plain_functions(_module):
-        inline(_function)
+    inline_all(_module)
 inline(read_all)
 for _call in METHODS:
-    _compile_method(_call)
+    compile_method(_call)

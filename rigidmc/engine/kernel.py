@@ -6,17 +6,14 @@ workspace `work[row*LANES + lane]`: the only arrangement in which LLVM proves th
 """
 
 import math
-import threading
-from typing import Any
 
 import numpy as np
-from numba import config, njit, typeof
 
 from rigidmc.dynamics.euler import MassProperties, kinetic_energy
 from rigidmc.dynamics.so3 import dot
 from rigidmc.effects.verbs import total_energy, total_energy_scale
-from rigidmc.engine.compose import FLAGS, inline, read, read_all
-from rigidmc.engine.machine import cached, use_widest_vectors
+from rigidmc.engine.compose import inline, read, read_all
+from rigidmc.engine.entries import Compiled
 from rigidmc.integrators.verbs import step
 from rigidmc.observables.verbs import value
 
@@ -150,28 +147,10 @@ def _advance(integrator, effects, observables, attitude, block, out, width, colu
                 block[i, low + k] = work[i * LANES + k]
 
 
-use_widest_vectors()
-dispatcher: Any = _advance if config.DISABLE_JIT else cached(njit(nogil=True, **FLAGS)(_advance))
-_entries: dict[tuple, Any] = {}
-_compiling = threading.Lock()
-
-
-def entry(*arguments):
-    """The compiled kernel for the types of these arguments.
-
-    Numba's own call takes tuples of different NamedTuples for one type (its fingerprint of nested tuples leaves the class out), and
-    would run the kernel of the first effect it met for every other; `typeof` tells them apart.
-    """
-    if config.DISABLE_JIT:
-        return _advance
-    signature = tuple(typeof(a) for a in arguments)
-    with _compiling:
-        if signature not in _entries:
-            dispatcher.compile(signature)
-            _entries[signature] = dispatcher.overloads[signature].entry_point
-    return _entries[signature]
+_compiled = Compiled(_advance)
+dispatcher, entry = _compiled.dispatcher, _compiled.entry
 
 
 def advance(*arguments):
     """Run the kernel; see `_advance` for the arguments."""
-    return entry(*arguments)(*arguments)
+    return _compiled(*arguments)

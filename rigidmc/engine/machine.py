@@ -102,7 +102,8 @@ def cached(kernel):
             """One file for each kernel, named by its key: processes that compile at once cannot mix up their entries."""
 
             def _name(self, key):
-                return hashlib.sha256(repr(key).encode()).hexdigest() + ".nbc"
+                homes = [kind.__module__ for kind in _classes(key[0])]  # the text of a type leaves its module out
+                return hashlib.sha256(repr((key, homes)).encode()).hexdigest() + ".nbc"
 
             def save(self, key, data):
                 self._save_data(self._name(key), data)
@@ -132,13 +133,17 @@ def cached(kernel):
     return kernel
 
 
-def _own(signature):
-    """Whether all the NamedTuples of a signature, those within tuples included, are the package's."""
-    pending = list(getattr(signature, "args", signature))
+def _classes(signature):
+    """All the NamedTuples of a signature, those within tuples included."""
+    found, pending = [], list(getattr(signature, "args", signature))
     while pending:
         kind = pending.pop()
-        owner = getattr(kind, "instance_class", None)
-        if owner is not None and not owner.__module__.startswith("rigidmc."):
-            return False
+        if hasattr(kind, "instance_class"):
+            found.append(kind.instance_class)
         pending.extend(kind) if hasattr(kind, "__iter__") else None
-    return True
+    return found
+
+
+def _own(signature):
+    """Whether all the NamedTuples of a signature are the package's."""
+    return all(kind.__module__.startswith("rigidmc.") for kind in _classes(signature))

@@ -1,0 +1,42 @@
+"""Compiled functions, found by the types of their arguments."""
+
+import threading
+from typing import Any
+
+import numba
+from numba import njit, typeof
+
+from rigidmc.engine.compose import FLAGS
+from rigidmc.engine.machine import cached, use_widest_vectors
+
+config: Any = numba.config
+_options: Any = {"nogil": True, **FLAGS}
+use_widest_vectors()
+
+
+class Compiled:
+    """A plain function that is compiled, outside Python's global lock, when it is first called with some types.
+
+    Numba's own call takes tuples of different NamedTuples for one type (its fingerprint of nested tuples leaves the class out), and
+    would run the kernel of the first effect it met for every other; `typeof` tells them apart.
+    """
+
+    def __init__(self, function):
+        self.function = function
+        self.dispatcher: Any = function if config.DISABLE_JIT else cached(njit(**_options)(function))
+        self._entries: dict[tuple, Any] = {}
+        self._compiling = threading.Lock()
+
+    def entry(self, *arguments):
+        """The machine code for the types of these arguments."""
+        if config.DISABLE_JIT:
+            return self.function
+        signature = tuple(typeof(a) for a in arguments)
+        with self._compiling:
+            if signature not in self._entries:
+                self.dispatcher.compile(signature)
+                self._entries[signature] = self.dispatcher.overloads[signature].entry_point
+        return self._entries[signature]
+
+    def __call__(self, *arguments):
+        return self.entry(*arguments)(*arguments)

@@ -1,0 +1,230 @@
+"""Jacobi's elliptic functions and integrals that keep their accuracy as the modulus goes to 1: mc = 1 - m is carried, never formed.
+
+sn, cn, dn rise from the series at u/2^11 by the addition theorem, in forms without a subtraction that cancels; the integral of the
+third kind rises with them, one arctangent a level (Carlson's duplication read backwards, with no root: DLMF 19.26.18).
+"""
+
+import math
+import sys
+from typing import NamedTuple
+
+from rigidmc.dynamics.free_flow import arc
+from rigidmc.dynamics.so3 import select
+from rigidmc.engine.compose import inline_all
+
+SMALLEST = 1e-120  # mc below it is taken for it, and mc = 0 for the separatrix itself: K = 139.5 there, and sech K = 2e-60
+_TERMS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+_ROUND = 6755399441055744.0  # 1.5 * 2^52
+_EIGHTH = 0.41421356237309503  # tan(pi/8)
+
+
+class Third(NamedTuple):
+    """An integral of the third kind as the angle Theta(u) = mu * integral_0^u sn^2/(1 + nu sn^2), mu^2 = nu (1 + nu)(m + nu)."""
+
+    one_plus_nu: float
+    mu: float
+
+
+def third(nu, one_plus_nu, m_plus_nu):
+    """The Third of nu >= 0, or of -1 <= nu <= -m: there mu^2 is positive too."""
+    return Third(one_plus_nu, math.sqrt(nu * one_plus_nu * m_plus_nu))
+
+
+def divided(a, b):
+    """a/b, and 0 where b is 0."""
+    return select(b == 0.0, 0.0, a / select(b == 0.0, 1.0, b))
+
+
+def arctan2(y, x):
+    """atan2(y, x) without branch or libm call; |relative error| <= 3e-16; 0 for (0, 0)."""
+    a, b = abs(y), abs(x)
+    low, high = min(a, b), max(a, b)
+    high = select(high > 0.0, high, 1.0)
+    far = low > _EIGHTH * high
+    z = select(far, low - high, low) / select(far, high + low, high)
+    w = z * z
+    # atan z = z + z^3 P(z^2) on |z| <= tan(pi/8): interpolation at the Chebyshev nodes, relative error 7e-18
+    p = 0.03923165829558719 + w * -0.01917688706911062
+    p = -0.0508544973794026 + w * p
+    p = 0.0585814891280221 + w * p
+    p = -0.06664511447381948 + w * p
+    p = 0.07692183190826087 + w * p
+    p = -0.09090904578123903 + w * p
+    p = 0.11111111015256361 + w * p
+    p = -0.14285714284666542 + w * p
+    p = 0.1999999999999552 + w * p
+    p = -0.3333333333333333 + w * p
+    angle = z + z * w * p + select(far, 0.25 * math.pi, 0.0)
+    angle = select(a > b, 0.5 * math.pi - angle, angle)
+    angle = select(x < 0.0, math.pi - angle, angle)
+    return select(y < 0.0, -angle, angle)
+
+
+def nearest_integer(x):
+    """The integer next to x, |x| < 2^51."""
+    return (x + _ROUND) - _ROUND
+
+
+def _mean(ab):
+    """One round of the arithmetic-geometric mean."""
+    return 0.5 * (ab[0] + ab[1]), math.sqrt(ab[0] * ab[1])
+
+
+def _means(ab):
+    return _mean(_mean(_mean(ab)))
+
+
+def quarter_period(mc):
+    """K(m) = pi / (2 agm(1, sqrt(mc))), DLMF 19.8.5."""
+    # twelve rounds: from 1e-60 to equality in 64-bit numbers
+    return 0.5 * math.pi / _means(_means(_means(_means((1.0, math.sqrt(max(mc, SMALLEST)))))))[0]
+
+
+def _duplicated(xyz):
+    """One round of Carlson's duplication, which leaves R_F as it is, DLMF 19.26.18."""
+    rx, ry, rz = math.sqrt(xyz[0]), math.sqrt(xyz[1]), math.sqrt(xyz[2])
+    shift = rx * ry + ry * rz + rz * rx
+    return 0.25 * (xyz[0] + shift), 0.25 * (xyz[1] + shift), 0.25 * (xyz[2] + shift)
+
+
+def _duplicated_4(xyz):
+    return _duplicated(_duplicated(_duplicated(_duplicated(xyz))))
+
+
+def carlson_first(x, y, z):
+    """R_F(x, y, z): duplications until the deviations are 1e-2, then the series of degree 7, DLMF 19.36.1."""
+    # thirteen: from a ratio of 1e-122 on
+    x, y, z = _duplicated(_duplicated_4(_duplicated_4(_duplicated_4((x, y, z)))))
+    middle = (x + y + z) * (1 / 3)
+    a, b = 1.0 - x / middle, 1.0 - y / middle
+    c = -a - b
+    e2, e3 = a * b - c * c, a * b * c
+    series = (
+        1.0 - e2 / 10 + e3 / 14 + e2 * e2 / 24 - 3 * e2 * e3 / 44 - 5 * e2 * e2 * e2 / 208 + 3 * e3 * e3 / 104 + e2 * e2 * e3 / 16
+    )
+    return series / math.sqrt(middle)
+
+
+def first_kind(s, c, mc, quarter):
+    """F(phi | m) for sin phi, cos phi, -pi <= phi <= pi, and K(m)."""
+    ss, cc = s * s, c * c
+    # an amplitude of exactly pi/2 in a soliton is K itself: the floor keeps the ratio of the arguments above SMALLEST
+    f = abs(s) * carlson_first(max(cc, 0.01 * SMALLEST), cc + max(mc, SMALLEST) * ss, 1.0)
+    f = select(c < 0.0, 2.0 * quarter - f, f)
+    return select(s < 0.0, -f, f)
+
+
+def _raised(thirds, angles, s, c, d):
+    """The angles at 2u from those at u and sn, cn, dn at 2u."""
+    if len(thirds) == 0:
+        return ()
+    ss = s * s
+    p = c * c + thirds[0].one_plus_nu * ss
+    angle = 2.0 * angles[0] + arctan2(thirds[0].mu * s * ss, p * (1.0 + c + d) + c * d)
+    return (angle,) + _raised(thirds[1:], angles[1:], s, c, d)
+
+
+def _doubled(modulus, thirds, state):
+    """(sn, cn, dn, angles) at 2u from those at u, 0 <= 2u <= K.
+
+    sn 2u = 2 s c d/D, cn 2u = (c^2 d^2 - mc s^2)/D = 1 - 2 s^2 d^2/D, dn 2u = (c^2 d^2 + mc s^2)/D, D = c^2 + s^2 d^2: as long as
+    cn is near 1 it comes from 1 - cn, which is small to many digits; later from the product, which does not cancel for 2u <= K.
+    """
+    m, mc = modulus
+    s, c, d, angles = state
+    ss, cc, dd = s * s, c * c, d * d
+    r = 1.0 / (cc + ss * dd)
+    product, rest = cc * dd, mc * ss
+    gc, gd = 2.0 * ss * dd * r, 2.0 * m * ss * cc * r
+    s = 2.0 * s * c * d * r
+    c = select(gc < 0.5, 1.0 - gc, (product - rest) * r)
+    d = select(gd < 0.5, 1.0 - gd, (product + rest) * r)
+    return s, c, d, _raised(thirds, angles, s, c, d)
+
+
+def _doubled_3(modulus, thirds, state):
+    return _doubled(modulus, thirds, _doubled(modulus, thirds, _doubled(modulus, thirds, state)))
+
+
+def _series(ks, m, nu, x, before, last, e, power):
+    """sum over k >= 1 of e_k x^k/(2k + 3), e_k the coefficients of 1/((1 + nu x) sqrt((1 - x)(1 - m x)))."""
+    if len(ks) == 0:
+        return 0.0
+    k = ks[0]
+    following = ((k - 0.5) * (1.0 + m) * last - (k - 1.0) * m * before) / k
+    e, power = following - nu * e, power * x
+    return e * power / (2.0 * k + 3.0) + _series(ks[1:], m, nu, x, last, following, e, power)
+
+
+def _first_angles(m, thirds, s):
+    """The angles of a small u, by the series of their integrands in sn u: mu s^3 (1/3 + e_1 s^2/5 + ...); it counts for 4^-11 of an
+    angle at u < 1 and for a tenth at K(SMALLEST), where seven terms leave 1e-16."""
+    if len(thirds) == 0:
+        return ()
+    ss = s * s
+    series = 1 / 3 + _series(_TERMS, m, thirds[0].one_plus_nu - 1.0, ss, 0.0, 1.0, 1.0, 1.0)
+    return (thirds[0].mu * s * ss * series,) + _first_angles(m, thirds[1:], s)
+
+
+def _signed(sign, angles):
+    if len(angles) == 0:
+        return ()
+    return (sign * angles[0],) + _signed(sign, angles[1:])
+
+
+def jacobi(u, m, mc, thirds):
+    """(sn u, cn u, dn u, angles of the thirds at u) for |u| <= K."""
+    mc = max(mc, SMALLEST)
+    start = arc(abs(u) / 2048.0, 1.0, m)
+    state = (start.s, 1.0 - start.g1, 1.0 - start.g3, _first_angles(m, thirds, start.s))
+    # eleven doublings: u/2^11 <= 0.069 for u <= K(SMALLEST), where the series is good to 1e-16
+    state = _doubled_3((m, mc), thirds, _doubled_3((m, mc), thirds, _doubled_3((m, mc), thirds, state)))
+    s, c, d, angles = _doubled((m, mc), thirds, _doubled((m, mc), thirds, state))
+    sign = select(u < 0.0, -1.0, 1.0)
+    return sign * s, c, d, _signed(sign, angles)
+
+
+def jacobi_at(u, m, mc, thirds, s, c, d):
+    """The angles at 0 <= u <= K where sn, cn, dn are known better than u: the last doubling takes them, not their rounded image."""
+    half = jacobi(0.5 * u, m, mc, thirds)
+    return _raised(thirds, half[3], s, c, d)
+
+
+def complete(quarter, m, mc, thirds):
+    """The angles at u = K."""
+    return jacobi_at(quarter, m, mc, thirds, 1.0, 0.0, math.sqrt(max(mc, SMALLEST)))
+
+
+def reduced(u, mc, quarter):
+    """(n, v): u = 2 n K + v with |v| <= K; a soliton (mc = 0) has no period, and past K(SMALLEST) nothing but its angles moves."""
+    n = select(mc > 0.0, nearest_integer(u / (2.0 * quarter)), 0.0)
+    v = u - 2.0 * n * quarter
+    return n, max(min(v, quarter), -quarter)
+
+
+def angle_past(one, angle, whole, u, n, v, mc):
+    """Theta(u) from Theta(v) and Theta(K); on a soliton's tail sn^2 = 1 and Theta goes on at the rate mu/(1 + nu)."""
+    return angle + 2.0 * n * whole + select(mc > 0.0, 0.0, (u - v) * divided(one.mu, one.one_plus_nu))
+
+
+def parity(n):
+    """(-1)^n of a whole number n."""
+    return 1.0 - 2.0 * abs(n - 2.0 * nearest_integer(0.5 * n))
+
+
+class JacobiAt(NamedTuple):
+    """(sn, cn, dn, am) at any u."""
+
+    u: float
+    m: float
+    mc: float
+
+    def values(self):
+        quarter = quarter_period(self.mc)
+        n, v = reduced(self.u, self.mc, quarter)
+        s, c, d, _ = jacobi(v, self.m, self.mc, ())
+        odd = parity(n)
+        return odd * s, odd * c, d, arctan2(s, c) + math.pi * n
+
+
+inline_all(sys.modules[__name__])
