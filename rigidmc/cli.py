@@ -272,6 +272,29 @@ def plot(
         print(f"wrote {output}")
 
 
+@app.command("exact")
+def exact_command(
+    scene: SceneArgument,
+    at: Annotated[float | None, typer.Option(help="Time [s]; default the scene's t_end. Negative: the closed form alone.")] = None,
+    members: Annotated[int, typer.Option(min=1, help="How many members, the first ones.")] = 1000,
+    integrator: Integrator = None, dt: Dt = None, settings: Set = [],  # noqa: B006
+):  # fmt: skip
+    """The closed form of a scene at a time, beside its integration, with the difference."""
+    with reported():
+        from rigidmc.closed_form import compare
+        from rigidmc.errors import SceneError, SceneWarning
+
+        loaded = _load(scene, settings, integrator=integrator, dt=dt)
+        with warnings.catch_warnings():
+            warnings.simplefilter("always", SceneWarning)
+            warnings.showwarning = lambda message, *_, **__: print(f"rigidmc: note: {message}", file=sys.stderr)
+            try:
+                print("\n".join(compare(loaded, loaded.run.t_end if at is None else at, members)))
+            except SceneError as error:
+                error.file = error.file or scene
+                raise
+
+
 @app.command()
 def integrators():
     """List the integrators: order, what they keep, which torques they take."""
