@@ -23,6 +23,10 @@ _HOMES = {
     "Start": "sampling",
     "ViscousDamping": "effects",
     "distribution": "sampling",
+    "free_motion": "exact.free_top",
+    "free_top": "exact.free_top",
+    "lagrange_motion": "exact.lagrange_top",
+    "lagrange_top": "exact.lagrange_top",
     "normal": "sampling",
     "open": "storage",
     "simulate": "simulation",
@@ -30,6 +34,7 @@ _HOMES = {
 }
 __all__ = [  # noqa: RUF022
     "Body", "Scene", "Start", "Run", "simulate", "open",
+    "free_top", "free_motion", "lagrange_top", "lagrange_motion",
     "Gravity", "ViscousDamping", "normal", "uniform", "distribution",
     "SceneError", "SceneWarning", "OutputExists",
 ]  # fmt: skip
@@ -38,6 +43,8 @@ if TYPE_CHECKING:
     from rigidmc.body import Body
     from rigidmc.effects import Gravity, ViscousDamping
     from rigidmc.errors import OutputExists, SceneError, SceneWarning
+    from rigidmc.exact.free_top import free_motion, free_top
+    from rigidmc.exact.lagrange_top import lagrange_motion, lagrange_top
     from rigidmc.sampling import Start, distribution, normal, uniform
     from rigidmc.scene import Run, Scene
     from rigidmc.simulation import simulate

@@ -278,18 +278,32 @@ def exact_command(
     at: Annotated[float | None, typer.Option(help="Time [s]; default the scene's t_end. Negative: the closed form alone.")] = None,
     members: Annotated[int, typer.Option(min=1, help="How many members, the first ones.")] = 1000,
     integrator: Integrator = None, dt: Dt = None, settings: Set = [],  # noqa: B006
+    plot: Annotated[str | None, typer.Option(metavar="FILE", help="Picture of the first member (.png, .pdf, .svg).")] = None,
+    force: Force = False,
 ):  # fmt: skip
     """The closed form of a scene at a time, beside its integration, with the difference."""
     with reported():
-        from rigidmc.closed_form import compare
+        from rigidmc.closed_form import closed_form, compare
         from rigidmc.errors import SceneError, SceneWarning
+        from rigidmc.storage import refuse_existing
 
         loaded = _load(scene, settings, integrator=integrator, dt=dt)
+        at = loaded.run.t_end if at is None else at
+        if plot is not None:
+            refuse_existing(plot, force)
+            _check_suffix(plot)
         with warnings.catch_warnings():
             warnings.simplefilter("always", SceneWarning)
             warnings.showwarning = lambda message, *_, **__: print(f"rigidmc: note: {message}", file=sys.stderr)
             try:
-                print("\n".join(compare(loaded, loaded.run.t_end if at is None else at, members)))
+                print("\n".join(compare(loaded, at, members)))
+                if plot is not None:
+                    from rigidmc import exact_plots
+
+                    case = closed_form(loaded, 1)
+                    title = f"{loaded.title}: {case.name}, closed form of member {loaded.run.first}"
+                    _plots().save(exact_plots.case_summary(case, title, abs(at) or loaded.run.t_end), plot)
+                    print(f"wrote {plot}")
             except SceneError as error:
                 error.file = error.file or scene
                 raise

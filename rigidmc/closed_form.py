@@ -18,32 +18,52 @@ COVERED = (
 )
 
 
-class Exact(NamedTuple):
-    """name : of the closed form in words;  motion : Motion (members, ...) at the time;  what : Kind or Nutation of the members"""
+class Case(NamedTuple):
+    """What a closed form needs of the first members of a scene: moments, momentum (n, 3) and attitude (n, 4) at the start.
+
+    weight : m g l (n,) about the symmetry axis of a Lagrange top, None of a free one;  axis : that axis;  damping : rate (n,) [1/s]
+    """
 
     name: str
-    motion: Motion
-    what: Any
+    moments: np.ndarray
+    momentum: np.ndarray
+    attitude: np.ndarray
+    weight: Any
+    axis: int
+    damping: np.ndarray
+
+    def motion(self, t):
+        """The Motion of the members at t [s]."""
+        if self.weight is not None:
+            return lagrange_top(self.moments, self.weight, self.momentum, self.attitude, t, axis=self.axis)
+        rate = self.damping
+        # L' = L x omega - rate L runs through the undamped motion at the time (1 - exp(-rate t))/rate
+        shrunk = np.where(rate > 0.0, -np.expm1(-rate * t) / np.where(rate > 0.0, rate, 1.0), t)
+        l, omega, q = free_top(self.moments, self.momentum, self.attitude, shrunk)
+        left = np.exp(-rate * t)[:, None]
+        return Motion(left * l, left * omega, q)
+
+    def what(self):
+        """Kind of a free motion, Nutation of a Lagrange top."""
+        if self.weight is None:
+            return free_motion(self.moments, self.momentum)
+        return lagrange_motion(self.moments, self.weight, self.momentum, self.attitude, axis=self.axis)
 
 
-def closed_form(scene, t, members=None):
-    """The Exact state at t [s] of the first members of a scene; SceneError where no closed form covers it, with why."""
+def closed_form(scene, members=None):
+    """The Case of the first members of a scene; SceneError where no closed form covers it, with why."""
     scene.check()
     block, start = stage(scene, scene.run.first, members or scene.run.members, True)
     moments, momentum, attitude = start["moments"].T, block[kernel.MOMENTUM : kernel.START].T, block[: kernel.MOMENTUM].T
     effects = {name_of(effect) for effect in scene.effects}
+    if unknown := sorted(effects - {"gravity", "viscous_damping"}):
+        raise _uncovered(f"the scene has {', '.join(unknown)}")
     weight = (start["gravity_g"] * start["mass"] * start["centre"]).T if "gravity" in effects else np.zeros(moments.shape)
-    if effects - {"gravity", "viscous_damping"}:
-        raise _uncovered(f"nothing is known of {', '.join(sorted(effects - {'gravity', 'viscous_damping'}))}")
+    rate = start.get("viscous_damping_rate", np.zeros(len(moments)))
     if not np.any(weight):
-        rate = start.get("viscous_damping_rate", np.zeros(len(moments)))
-        # L' = L x omega - rate L runs through the undamped motion at the time (1 - exp(-rate t))/rate
-        shrunk = np.where(rate > 0.0, -np.expm1(-rate * t) / np.where(rate > 0.0, rate, 1.0), t)
-        l, omega, q = free_top(moments, momentum, attitude, shrunk)
-        left = np.exp(-rate * t)[:, None]
-        name = "free top" + (" with viscous damping" if "viscous_damping" in effects else "")
-        return Exact(name, Motion(left * l, left * omega, q), free_motion(moments, momentum))
-    if "viscous_damping" in effects:
+        name = "free top" + (" with viscous damping" if np.any(rate) else "")
+        return Case(name, moments, momentum, attitude, None, 0, rate)
+    if np.any(rate):
         raise _uncovered("a damped heavy top has none")
     heavy = np.flatnonzero(np.any(np.abs(weight) > 1e-12 * np.abs(weight).max(), axis=0))
     if heavy.size > 1:
@@ -51,13 +71,12 @@ def closed_form(scene, t, members=None):
         raise _uncovered(f"its centre of mass ({centre}) m in principal axes lies on none of them")
     axis = int(heavy[0]) + 1
     i, j = (k for k in range(3) if k != axis - 1)
-    if np.any(np.abs(moments[:, i] - moments[:, j]) > 1e-12 * moments[:, i]):
-        at = int(np.argmax(np.abs(moments[:, i] - moments[:, j])))
-        raise _uncovered(
-            f"its centre of mass lies on axis {axis}, but I{i + 1} = {moments[at, i]:.6g} and I{j + 1} = {moments[at, j]:.6g} are not equal"
-        )
-    arguments = moments, weight[:, axis - 1], momentum, attitude
-    return Exact("Lagrange top", lagrange_top(*arguments, t, axis=axis), lagrange_motion(*arguments, axis=axis))
+    apart = np.abs(moments[:, i] - moments[:, j])
+    if np.any(apart > 1e-12 * moments[:, i]):
+        at = int(np.argmax(apart))
+        rule = f"its centre of mass lies on axis {axis}, but I{i + 1} = {moments[at, i]:.6g} and I{j + 1} = {moments[at, j]:.6g} differ"
+        raise _uncovered(rule)
+    return Case("Lagrange top", moments, momentum, attitude, weight[:, axis - 1], axis, rate)
 
 
 def _uncovered(why):
@@ -73,7 +92,8 @@ def angle_between(p, q):
 def compare(scene, at, members):
     """Lines of text: the closed form of a scene at a time, its integration, and how far they are apart over the first members."""
     members = min(members, scene.run.members)
-    name, motion, what = closed_form(scene, at, members)
+    case = closed_form(scene, members)
+    name, motion, what = case.name, case.motion(at), case.what()
     lines = [f"{scene.title}: {name}, closed form at t = {at:g} s, {members:,} member{'s' * (members > 1)}"]
     kinds, counts = np.unique(what.kind, return_counts=True)
     order = np.argsort(-counts)

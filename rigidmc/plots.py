@@ -297,12 +297,17 @@ def _legend_above(axes, ncols):
 
 def _figure(ds, size):
     """An empty figure headed by what was run: title, members, integrator, dt, seed, and how many members are flagged."""
-    figure = Figure(size, layout="constrained")
-    FigureCanvasAgg(figure)
     flagged = np.count_nonzero(ds.status.values)
     facts = [_members(ds.sizes["member"]), ds.attrs.get("integrator", "")]
     facts += [f"dt = {ds.attrs['dt']:.6g} s"] if "dt" in ds.attrs else []
     facts += [f"seed {ds.attrs['seed']}"] if "seed" in ds.attrs else []
     facts += [f"{flagged:,} flagged and left out"] if flagged else []
-    figure.suptitle(f"{ds.attrs.get('title', 'ensemble')}: {', '.join(filter(None, facts))}", fontsize=11)
+    return new_figure(f"{ds.attrs.get('title', 'ensemble')}: {', '.join(filter(None, facts))}", size)
+
+
+def new_figure(title, size):
+    """An empty figure with a heading."""
+    figure = Figure(size, layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(title, fontsize=11)
     return figure

@@ -44,6 +44,12 @@ class Nutation(NamedTuple):
     spin: np.ndarray
 
 
+def with_axis_third(axis, moments, momentum, attitude):
+    """moments, momentum (3, ...) and attitude (4, ...) in body axes relabelled cyclically so that `axis` is the third."""
+    moments, momentum = np.roll(moments, 3 - axis, 0), np.roll(momentum, 3 - axis, 0)
+    return moments, momentum, np.stack(multiply(attitude, _TURNS[axis]))
+
+
 def _orbits(moments, weight, momentum, attitude, axis):
     """(table of Orbits, arguments as columns (A, C, k, L, attitude), leading shape, bad, which are turned upside down)."""
     if axis not in _TURNS:
@@ -52,7 +58,7 @@ def _orbits(moments, weight, momentum, attitude, axis):
         ("moments", moments, 3), ("weight", weight, 0), ("momentum", momentum, 3), ("attitude", quaternions(attitude), 4)
     )
     moments, (weight,), momentum, attitude = columns
-    moments, momentum = np.roll(moments, 3 - axis, 0), np.roll(momentum, 3 - axis, 0)
+    moments, momentum, attitude = with_axis_third(axis, moments, momentum, attitude)
     unequal = np.abs(moments[0] - moments[1]) > 1e-12 * np.abs(moments[0])
     if unequal.any():
         at = int(np.flatnonzero(unequal)[0])
@@ -65,7 +71,6 @@ def _orbits(moments, weight, momentum, attitude, axis):
     finite = np.isfinite(weight) & np.isfinite(momentum).all(0) & (np.linalg.norm(attitude, axis=0) > 0)
     bad = unequal | broken(moments) | ~finite
     flag(bad & ~unequal, "moments must be positive and obey I_i <= I_j + I_k, the rest be finite, and a quaternion have a norm")
-    attitude = np.stack(multiply(attitude, _TURNS[axis]))
     below = weight < 0.0  # the same motion upside down: a turn by pi about the space axis x
     attitude = np.where(below, np.stack(multiply((0.0, 1.0, 0.0, 0.0), attitude)), attitude)
     columns = np.concatenate([moments[[0, 2]], np.abs(weight)[None], momentum, attitude])
