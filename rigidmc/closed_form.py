@@ -10,6 +10,7 @@ from rigidmc.errors import SceneError
 from rigidmc.exact.free_top import Motion, free_motion, free_top
 from rigidmc.exact.lagrange_top import lagrange_motion, lagrange_top
 from rigidmc.planning import stage
+from rigidmc.rotation import attitude_error
 from rigidmc.simulation import simulate
 
 COVERED = (
@@ -83,12 +84,6 @@ def _uncovered(why):
     return SceneError("", "scene", None, f"no closed form covers it: {why}; covered are {COVERED}")
 
 
-def angle_between(p, q):
-    """Rotation angle between attitudes (..., 4) [rad], 4 arcsin(|p -+ q|/2): arccos |p.q| would lose half the digits."""
-    chord = np.minimum(np.linalg.norm(p - q, axis=-1), np.linalg.norm(p + q, axis=-1))
-    return 4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))
-
-
 def compare(scene, at, members):
     """Lines of text: the closed form of a scene at a time, its integration, and how far they are apart over the first members."""
     members = min(members, scene.run.members)
@@ -123,7 +118,7 @@ def compare(scene, at, members):
     )
     lines += [f"{word:12s} {a:24.16g} {b:24.16g} {b - a:12.2e}" for word, a, b in rows]
     apart = np.linalg.norm(omega - motion.omega, axis=-1)[good]
-    turned = angle_between(attitude, motion.attitude)[good]
+    turned = attitude_error(attitude, motion.attitude)[good]
     for word, values, unit in (("omega", apart, "rad/s"), ("attitude", turned, "rad")):
         lines.append(
             f"{word:12s} apart by {np.median(values):.2e} {unit} (median), {values.max():.2e} {unit} (worst) over {good.sum():,} members"

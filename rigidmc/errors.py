@@ -1,6 +1,9 @@
 """Errors for people: what was given, where it stands, what is allowed, and the nearest right word."""
 
 import difflib
+import warnings
+
+import numpy as np
 
 
 class SceneError(ValueError):
@@ -37,6 +40,15 @@ def unknown(table, key, value, kind, words):
     return SceneError(
         table, key, value, f"no such {kind}; known: {', '.join(words)}", nearest(value if value is not None else key, words)
     )
+
+
+def flag(bad, rule, table="", key="input"):
+    """SceneError where all elements are bad, a SceneWarning that counts them where some are; they are nan in the result."""
+    count, size = int(np.count_nonzero(bad)), np.size(bad)
+    if count and count == size:
+        raise SceneError(table, key, None, f"{rule} (all of {count:,} are bad)" if count > 1 else rule)
+    if count:
+        warnings.warn(f"{count:,} of {size:,} elements are nan in the result: {rule}", SceneWarning, stacklevel=4)
 
 
 def _short(value):

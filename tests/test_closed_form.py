@@ -6,7 +6,8 @@ from typer.testing import CliRunner
 
 from rigidmc import Body, Gravity, Scene, SceneError, Start, ViscousDamping, normal
 from rigidmc.cli import app
-from rigidmc.closed_form import angle_between, closed_form, compare
+from rigidmc.closed_form import closed_form, compare
+from rigidmc.rotation import attitude_error
 from rigidmc.simulation import simulate
 from tests import reference
 
@@ -22,7 +23,7 @@ def worst(scene, members=64, **settings):
     scene = scene.with_run(members=members, save=("omega", "attitude"), **settings)
     last = simulate(scene).isel(time=-1)
     motion = closed_form(scene).motion(scene.run.t_end)
-    turned = angle_between(last.attitude.transpose("member", "quat").values, motion.attitude)
+    turned = attitude_error(last.attitude.transpose("member", "quat").values, motion.attitude)
     return np.abs(last.omega.transpose("member", "axis").values - motion.omega).max(), turned.max()
 
 

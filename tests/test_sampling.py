@@ -5,7 +5,7 @@ import pytest
 import scipy.stats
 
 import rigidmc as rm
-from rigidmc.rotation import matrix_from_quaternion, quaternion_from_euler
+from rigidmc.rotation import matrix, quaternion_from_euler
 from rigidmc.sampling import draw
 
 COUNT = 1 << 16
@@ -49,7 +49,7 @@ def test_attitudes_do_not_depend_on_how_they_are_asked_for(attitude):
 def test_uniform_attitudes():
     """Each entry of a uniform rotation has mean 0 and variance 1/3; the body axis 3 is uniform on the sphere."""
     q = rm.Start(omega=(0, 0, 1), attitude="uniform").quaternions(3, 0, COUNT)
-    matrices = matrix_from_quaternion(q.T)
+    matrices = matrix(q.T)
     assert np.abs(matrices.mean(0)).max() < 5 / np.sqrt(3 * COUNT)  # five standard errors; measured 1.7
     assert np.abs((matrices**2).mean(0) - 1 / 3).max() < 5 * np.sqrt(4 / 45 / COUNT)
     assert scipy.stats.kstest(matrices[:, 2, 2], scipy.stats.uniform(-1, 2).cdf).pvalue > 1e-3

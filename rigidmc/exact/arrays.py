@@ -1,15 +1,8 @@
-"""Arguments of the closed forms: leading shapes broadcast, components go first, and what is bad is counted."""
-
-import warnings
+"""Arguments of the closed forms: leading shapes broadcast, components go first."""
 
 import numpy as np
 
-from rigidmc.errors import SceneError, SceneWarning
-
-
-def quaternions(attitude):
-    """Quaternions (..., 4) of a scipy Rotation, or of what is quaternions already."""
-    return attitude.as_quat(scalar_first=True) if hasattr(attitude, "as_quat") else attitude
+from rigidmc.errors import SceneError
 
 
 def aligned(*arguments):
@@ -45,12 +38,3 @@ def spread(shape, t):
         raise SceneError("", "t", None, rule) from None
     rows = np.arange(int(np.prod(shape, dtype=int))).reshape(shape)
     return whole, np.broadcast_to(rows, whole).reshape(-1), np.broadcast_to(t, whole).reshape(-1)
-
-
-def flag(bad, rule):
-    """SceneError where all elements are bad, a SceneWarning that counts them where some are."""
-    count = int(np.count_nonzero(bad))
-    if count and count == bad.size:
-        raise SceneError("", "input", None, f"{rule}: true of none of {count:,} given" if count > 1 else rule)
-    if count:
-        warnings.warn(f"{count:,} of {bad.size:,} elements are nan in the result: {rule}", SceneWarning, stacklevel=3)

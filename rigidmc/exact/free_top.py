@@ -6,8 +6,10 @@ import numpy as np
 
 from rigidmc.body import broken
 from rigidmc.engine.formulas import evaluate
-from rigidmc.exact.arrays import aligned, flag, quaternions, spread
+from rigidmc.errors import flag
+from rigidmc.exact.arrays import aligned, spread
 from rigidmc.exact.free_orbit import Orbit, Phase, Reached, Started
+from rigidmc.rotation import quaternion
 
 
 class Motion(NamedTuple):
@@ -46,10 +48,13 @@ class Kind(NamedTuple):
 def _orbits(moments, momentum, attitude):
     """(table of Orbits, one row per top; leading shape; which rows are bad)."""
     shape, (moments, momentum, attitude) = aligned(
-        ("moments", moments, 3), ("momentum", momentum, 3), ("attitude", quaternions(attitude), 4)
+        ("moments", moments, 3), ("momentum", momentum, 3), ("attitude", quaternion(attitude), 4)
     )
     bad = broken(moments) | ~np.isfinite(momentum).all(0) | ~(np.linalg.norm(attitude, axis=0) > 0)
-    flag(bad, "moments must be positive and obey I_i <= I_j + I_k, momenta finite, and a quaternion have a norm")
+    flag(
+        bad & ~np.isnan(attitude).any(0),
+        "moments must be positive and obey I_i <= I_j + I_k, momenta finite, and a quaternion have a norm",
+    )
     columns = np.concatenate([moments, momentum, attitude])
     columns[:, bad] = np.nan
     table = evaluate(Started, len(Orbit._fields), columns).T.copy()

@@ -7,9 +7,11 @@ import numpy as np
 from rigidmc.body import broken
 from rigidmc.dynamics.so3 import conjugate, multiply
 from rigidmc.engine.formulas import evaluate
-from rigidmc.exact.arrays import aligned, flag, quaternions, spread
+from rigidmc.errors import flag
+from rigidmc.exact.arrays import aligned, spread
 from rigidmc.exact.free_top import Motion
 from rigidmc.exact.lagrange_orbit import Orbit, Reached, Started
+from rigidmc.rotation import quaternion
 
 SAME = 1e-12  # relative to what they are compared with, widths and rates under it count as 0 in naming a kind of motion
 _TURNS = {
@@ -55,7 +57,7 @@ def _orbits(moments, weight, momentum, attitude, axis):
     if axis not in _TURNS:
         raise ValueError(f"axis = {axis!r}: the symmetry axis is 1, 2 or 3")
     shape, columns = aligned(
-        ("moments", moments, 3), ("weight", weight, 0), ("momentum", momentum, 3), ("attitude", quaternions(attitude), 4)
+        ("moments", moments, 3), ("weight", weight, 0), ("momentum", momentum, 3), ("attitude", quaternion(attitude), 4)
     )
     moments, (weight,), momentum, attitude = columns
     moments, momentum, attitude = with_axis_third(axis, moments, momentum, attitude)
@@ -70,7 +72,10 @@ def _orbits(moments, weight, momentum, attitude, axis):
         flag(unequal, rule)
     finite = np.isfinite(weight) & np.isfinite(momentum).all(0) & (np.linalg.norm(attitude, axis=0) > 0)
     bad = unequal | broken(moments) | ~finite
-    flag(bad & ~unequal, "moments must be positive and obey I_i <= I_j + I_k, the rest be finite, and a quaternion have a norm")
+    flag(
+        bad & ~unequal & ~np.isnan(attitude).any(0),
+        "moments must be positive and obey I_i <= I_j + I_k, the rest be finite, and a quaternion have a norm",
+    )
     below = weight < 0.0  # the same motion upside down: a turn by pi about the space axis x
     attitude = np.where(below, np.stack(multiply((0.0, 1.0, 0.0, 0.0), attitude)), attitude)
     columns = np.concatenate([moments[[0, 2]], np.abs(weight)[None], momentum, attitude])

@@ -1,0 +1,161 @@
+"""Rotations for users: all conversions both ways, frames, angular velocity, Euler rates, against scipy, mpmath and finite differences."""
+
+import mpmath as mp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from rigidmc import rotation as R
+from rigidmc.errors import SceneError, SceneWarning
+from rigidmc.exact.free_top import free_top
+
+RNG = np.random.default_rng(31)
+Q = RNG.normal(size=(200, 4))
+Q /= np.linalg.norm(Q, axis=1, keepdims=True)
+ANGLE = st.floats(-6.0, 6.0)
+UNIT = st.tuples(*[st.floats(-1.0, 1.0)] * 4).filter(lambda q: sum(x * x for x in q) > 1e-3)
+
+
+def test_matrix_quaternion_and_rotation_vector_are_scipys():
+    scipys = Rotation.from_quat(Q, scalar_first=True)
+    assert np.abs(R.matrix(Q) - scipys.as_matrix()).max() < 1e-15  # 4.4e-16
+    assert np.abs(R.rotation_vector(Q) - scipys.as_rotvec()).max() < 2e-15  # 6.7e-16
+    assert R.attitude_error(R.from_rotation_vector(scipys.as_rotvec()), Q).max() < 3e-15  # 7.9e-16
+    assert R.attitude_error(R.quaternion(scipys.as_matrix()), Q).max() < 3e-15  # 4.6e-16
+    assert R.attitude_error(R.rotation(Q), scipys).max() < 3e-15  # 5.1e-16
+
+
+@pytest.mark.parametrize(("convention", "scipys"), [("zxz", "ZXZ"), ("zyz", "ZYZ")])
+def test_euler_angles_are_those_of_the_chapter(convention, scipys):
+    angles = np.stack([RNG.uniform(-3, 3, 100), RNG.uniform(0.1, 3.0, 100), RNG.uniform(-3, 3, 100)], -1)
+    assert R.attitude_error(R.from_euler(angles, convention), Rotation.from_euler(scipys, angles)).max() < 3e-15  # 6.3e-16
+    assert np.abs(R.euler(R.from_euler(angles, convention), convention) - angles).max() < 1e-14  # 4.4e-16
+
+
+def test_third_column_under_3_36_has_the_mathematics_sign_not_the_scans():
+    angles = phi, theta, _ = np.array([0.7, 1.1, -0.4])
+    column = R.matrix(R.from_euler(angles))[:, 2]
+    right = np.array([np.sin(theta) * np.sin(phi), -np.sin(theta) * np.cos(phi), np.cos(theta)])
+    assert np.abs(column - right).max() < 1e-15  # 2.2e-16
+    assert np.abs(column - right * [1, -1, 1]).max() > 0.5
+
+
+@given(UNIT, st.sampled_from(R.CONVENTIONS))
+@settings(max_examples=200, deadline=None)
+def test_euler_angles_give_the_attitude_back(q, convention):
+    assert R.attitude_error(R.from_euler(R.euler(q, convention), convention), q) < 4e-15  # 1.1e-15
+
+
+@given(
+    ANGLE, ANGLE, st.sampled_from([0.0, 1e-300, 1e-18, 1e-9, np.pi, np.pi - 1e-9, np.pi - 1e-15]), st.sampled_from(R.CONVENTIONS)
+)
+@settings(max_examples=200, deadline=None)
+def test_near_sin_theta_0_the_angles_still_describe_the_attitude(phi, psi, theta, convention):
+    q = R.from_euler((phi, theta, psi), convention)
+    back = R.euler(q, convention)
+    assert R.attitude_error(R.from_euler(back, convention), q) < 4e-15  # 7.0e-16
+    assert (np.abs(back) <= np.pi).all()
+
+
+def test_where_sin_theta_is_0_psi_is_0():
+    assert R.euler((np.cos(0.4), 0.0, 0.0, np.sin(0.4))) == pytest.approx([0.8, 0.0, 0.0], abs=1e-15)
+    assert R.euler((0.0, np.cos(0.4), np.sin(0.4), 0.0)) == pytest.approx([0.8, np.pi, 0.0], abs=1e-15)
+
+
+@given(UNIT, UNIT, UNIT)
+@settings(max_examples=100, deadline=None)
+def test_group_laws(p, q, r):
+    a, b, c = (R.matrix(x) for x in (p, q, r))
+    assert np.abs(a @ a.T - np.eye(3)).max() < 1e-14  # 8.9e-16
+    assert np.linalg.det(a) == pytest.approx(1.0, abs=1e-14)
+    assert np.abs((a @ b) @ c - a @ (b @ c)).max() < 1e-14  # 2.2e-16
+    assert R.attitude_error(R.quaternion(a @ b), Rotation.from_matrix(a) * Rotation.from_matrix(b)) < 1e-14  # 6.4e-16
+
+
+def test_components_in_both_frames():
+    v = RNG.normal(size=(200, 3))
+    space = R.to_space(Q, v)
+    assert np.abs(np.linalg.norm(space, axis=1) - np.linalg.norm(v, axis=1)).max() < 2e-15  # 1.8e-15
+    assert np.abs(R.to_body(Q, space) - v).max() < 3e-15  # 2.2e-15
+    assert np.abs(R.to_space(R.from_euler((np.pi / 2, 0, 0)), (1.0, 0, 0)) - [0, 1, 0]).max() < 1e-15  # active, body to space
+
+
+@pytest.mark.parametrize("angle", ["1e-15", "1e-12", "1e-8", "0.3", "3.1", "3.14159265358979"])
+def test_attitude_error_keeps_its_digits(angle):
+    with mp.workdps(40):
+        half = mp.mpf(angle) / 2
+        q = float(mp.cos(half)), 0.0, float(mp.sin(half)), 0.0
+    assert R.attitude_error((1, 0, 0, 0), q) == pytest.approx(float(angle), rel=1e-14)
+    with np.errstate(invalid="ignore"):
+        if float(angle) < 1e-9:  # what it is not made of
+            assert 2.0 * np.arccos(min(q[0], 1.0)) == 0.0
+
+
+def test_angular_velocity_of_a_turn_about_z():
+    phi, rate = 0.8, 2.5
+    a = R.matrix(R.from_euler((phi, 0.0, 0.0)))
+    da = rate * np.array([[-np.sin(phi), -np.cos(phi), 0], [np.cos(phi), -np.sin(phi), 0], [0, 0, 0]])
+    assert np.abs(R.angular_velocity(a, da) - [0, 0, rate]).max() < 1e-15  # 0.0e+00
+    assert np.abs(R.angular_velocity_space(a, da) - [0, 0, rate]).max() < 1e-15  # 0.0e+00
+    assert np.abs(R.angular_velocity(a, da.T) - [0, 0, rate]).max() > 1.0  # the twin with the transposed rate is caught
+
+
+def test_angular_velocity_in_both_frames_is_one_vector():
+    a, omega = R.matrix(Q), RNG.normal(size=(200, 3))
+    rate = a @ R.hat(omega)
+    assert np.abs(R.angular_velocity(a, rate) - omega).max() < 2e-15  # 1.3e-15
+    assert np.abs(R.angular_velocity_space(a, rate) - R.to_space(Q, omega)).max() < 3e-15  # 8.9e-16
+
+
+def test_angular_velocity_of_a_series_converges_with_order_6_whatever_the_signs():
+    errors = []
+    for n in (100, 200, 400):
+        t = np.linspace(0.0, 10.0, n) + 0.2 * 10.0 / n * np.sin(np.arange(n))  # uneven
+        motion = free_top((1.0, 2.0, 3.0), (0.3, 2.0, 0.4), (1.0, 0, 0, 0), t)
+        signs = RNG.choice([-1.0, 1.0], n)[:, None]
+        errors.append(np.abs(R.angular_velocity_of_series(t, signs * motion.attitude) - motion.omega).max())
+        space = R.angular_velocity_of_series(t, motion.attitude, space=True)
+        assert np.abs(R.to_body(motion.attitude, space) - motion.omega).max() == pytest.approx(errors[-1], rel=1e-3)
+    assert errors[0] / errors[1] > 2.0**5.5
+    assert errors[1] / errors[2] > 2.0**5.5
+
+
+@pytest.mark.parametrize("convention", R.CONVENTIONS)
+def test_euler_rates_both_ways_and_their_energy(convention):
+    angles = np.stack([RNG.uniform(-3, 3, 50), RNG.uniform(0.3, 2.8, 50), RNG.uniform(-3, 3, 50)], -1)
+    rates, h = RNG.normal(size=(50, 3)), 1e-5
+    omega = R.omega_from_euler_rates(angles, rates, convention)
+    before, after = (R.matrix(R.from_euler(angles + s * h * rates, convention)) for s in (-1, 1))
+    a = R.matrix(R.from_euler(angles, convention))
+    assert np.abs(R.angular_velocity(a, (after - before) / (2 * h)) - omega).max() < 1e-8  # 1.4e-09
+    assert np.abs(R.euler_rates(angles, omega, convention) - rates).max() < 1e-13  # 5.0e-16
+    moments = np.array([1.0, 2.0, 2.5])
+    energy = R.kinetic_energy_of_euler_rates(moments, angles, rates, convention)
+    assert np.abs(energy - 0.5 * (moments * omega**2).sum(-1)).max() < 1e-14  # 0.0e+00
+    assert np.abs(R.omega_from_euler_rates(angles, rates * [1, -1, 1], convention) - omega).max() > 0.1
+
+
+def test_rates_where_sin_theta_is_0_are_nan_and_counted():
+    angles = np.array([[0.1, 0.5, 0.2], [0.1, 0.0, 0.2], [0.3, 1.0, 0.1]])
+    with pytest.warns(SceneWarning, match="1 of 3"):
+        rates = R.euler_rates(angles, (0.1, 0.2, 0.3))
+    assert np.isnan(rates[1, 0])
+    assert (rates[[0, 2]] == R.euler_rates(angles[[0, 2]], (0.1, 0.2, 0.3))).all()
+
+
+def test_what_is_no_rotation_is_refused_with_how_far():
+    with pytest.raises(SceneError, match=r"differs from 1 by 0\.21"):
+        R.quaternion(1.1 * np.eye(3))
+    with pytest.raises(SceneError, match="mirror"):
+        R.quaternion(np.diag([1.0, 1.0, -1.0]))
+    with pytest.raises(SceneError, match=r"shape \(5,\)"):
+        R.quaternion(np.ones(5))
+    good = R.matrix(Q[:3])
+    spoilt = good.copy()
+    spoilt[1] *= 1.5
+    with pytest.warns(SceneWarning, match="1 of 3"):
+        found = R.quaternion(spoilt)
+    assert np.isnan(found[1]).all()
+    assert (found[[0, 2]] == R.quaternion(good)[[0, 2]]).all()
