@@ -1,13 +1,15 @@
 """The body: mass, centre of mass, principal moments about the fixed point and the axes they belong to."""
 
+import inspect
 from dataclasses import dataclass
 
 import numpy as np
 
-from rigidmc.errors import SceneError
+from rigidmc import inertia, rotation, solids
+from rigidmc.errors import SceneError, unknown
+from rigidmc.inertia import broken
 from rigidmc.sampling import Distribution, draw, is_shared, quantity, vector
 
-_SLACK = 1e-12  # a flat plate obeys I3 = I1 + I2 only to rounding
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
@@ -68,12 +70,12 @@ class Body:
         two axes are positive and the third completes a right-handed set.
         """
         tensor = np.asarray(tensor, dtype=float)
-        if tensor.shape != (3, 3) or not np.isfinite(tensor).all():
+        if tensor.shape != (3, 3):
             raise SceneError("body", "tensor", tensor.tolist(), "expected 3x3 finite numbers")
-        size = np.abs(tensor).max()
-        if np.abs(tensor - tensor.T).max() > 1e-9 * size:
-            raise SceneError("body", "tensor", tensor.tolist(), "an inertia tensor is symmetric")
-        moments, axes = principal(0.5 * (tensor + tensor.T))
+        try:
+            moments, axes = inertia.principal_axes(tensor)
+        except SceneError as error:
+            raise SceneError("body", "tensor", tensor.tolist(), error.rule) from None
         return cls(tuple(moments.tolist()), mass, centre, tuple(map(tuple, axes.tolist())))
 
     @classmethod
@@ -89,21 +91,71 @@ class Body:
                 "body", "particles", None, "masses and positions must be finite, masses not negative, and some mass positive"
             )
         mass = float(masses.sum())
-        tensor = np.einsum("n,nij->ij", masses, _shift(positions))
-        return cls.from_tensor(tensor, mass, tuple((masses @ positions / mass).tolist()))
+        return cls.from_tensor(inertia.of_particles(masses, positions), mass, tuple((masses @ positions / mass).tolist()))
+
+    @classmethod
+    def solid(cls, name, **sizes):
+        """A solid of uniform density by its name in `rigidmc.solids.SOLIDS`, about the point that its docstring names, axis 3 its own.
+
+        sizes : its arguments, e.g. solid("hollow_cylinder", mass=1.0, inner=0.1, outer=0.2, height=0.3); all positive
+        """
+        if name not in solids.SOLIDS:
+            raise unknown("body", name, None, "solid", solids.SOLIDS)
+        make, table = solids.SOLIDS[name], f"body.{name}"
+        wanted = tuple(inspect.signature(make).parameters)
+        for key in sizes:
+            if key not in wanted:
+                raise unknown(table, key, None, "key", wanted)
+        for key in wanted:
+            if key not in sizes:
+                raise SceneError(table, key, None, "is missing")
+        mass, centre, tensor = make(**{key: _positive(sizes[key], key, table) for key in wanted})
+        return cls(tuple(np.diag(tensor).tolist()), mass, centre)
 
     @classmethod
     def cylinder(cls, mass, radius, height):
         """Solid cylinder about its centre, axis 3 along it: M/12 diag(3a^2 + h^2, 3a^2 + h^2, 6a^2), TdC Example 3.1."""
-        mass, radius, height = (_positive(v, k) for v, k in ((mass, "mass"), (radius, "radius"), (height, "height")))
-        side = mass / 12 * (3 * radius**2 + height**2)
-        return cls((side, side, mass * radius**2 / 2), mass)
+        return cls.solid("cylinder", mass=mass, radius=radius, height=height)
 
     @classmethod
     def box(cls, mass, size):
         """Solid box with edges (x, y, z) about its centre: M/12 diag(y^2 + z^2, z^2 + x^2, x^2 + y^2)."""
-        mass, (x, y, z) = _positive(mass, "mass"), (_positive(v, "size") for v in vector(size, "body", "size"))
-        return cls((mass / 12 * (y * y + z * z), mass / 12 * (z * z + x * x), mass / 12 * (x * x + y * y)), mass)
+        return cls.solid("box", mass=mass, size=size)
+
+    @classmethod
+    def from_density(cls, density, region, tolerance=1e-10):
+        """From a density over a region, TdC (3.17), by Gauss-Legendre rules; the body turns about the origin.
+
+        density : number or function rho(x, y, z) of arrays [kg/m^3]
+        region : ("box", (x0, x1), (y0, y1), (z0, z1)), ("cylinder", radius, (z0, z1)), or ((x0, x1), y of x, z of x and y): functions
+            that give the pair of limits, of arrays
+        tolerance : relative; SceneError with the estimate where two rules differ by more
+
+        The rules are of 24 and 40 points a dimension: a smooth density is integrated to rounding, one with edges inside is refused.
+        """
+        parts = [_moments_of(density, region, points) for points in (24, 40)]
+        error = np.abs(parts[1] - parts[0]).max() / np.abs(parts[1]).max()
+        if not error <= tolerance:
+            rule = f"the integral is not settled: two rules differ by {error:.1e} of it, more than {tolerance:g}; cut the region where the density jumps"
+            raise SceneError("body", "density", None, rule)
+        mass, first, second = parts[1][0], parts[1][1:4], parts[1][4:].reshape(3, 3)
+        if not mass > 0:
+            raise SceneError("body", "density", None, f"the mass is {mass:.3g}; it must be positive")
+        return cls.from_tensor(np.trace(second) * np.eye(3) - second, float(mass), tuple((first / mass).tolist()))
+
+    @classmethod
+    def from_mesh(cls, path, density=None, mass=None, scale=1.0):
+        """From a closed triangle mesh of uniform density (STL, OBJ; extra `mesh`), turning about the file's origin.
+
+        density [kg/m^3] or mass [kg]; scale : metres per unit of the file. SceneError for a mesh that is not watertight.
+        """
+        from rigidmc import mesh
+
+        if (density is None) == (mass is None):
+            raise SceneError("body.mesh", "density", density, "give either density or mass, one of them")
+        found, centre, tensor = mesh.mass_properties(mesh.load(path, _positive(scale, "scale", "body.mesh")), 1.0)
+        by = _positive(density, "density", "body.mesh") if mass is None else _positive(mass, "mass", "body.mesh") / found
+        return cls.from_tensor(by * tensor, float(by * found), tuple(centre.tolist()))
 
     def pivoted_at(self, point):
         """The same body turning about another of its points (own axes [m]), by the parallel axes theorem, TdC (3.26), (3.27)."""
@@ -112,9 +164,62 @@ class Body:
             raise SceneError(
                 "body", "pivot", None, "only a body given by plain numbers can be moved; give moments about the new point instead"
             )
-        old, new = np.array(self.centre), np.array(self.centre) - np.array(point)
-        tensor = self.tensor + self.mass * (_shift(new) - _shift(old))
+        new = np.array(self.centre) - np.array(point)
+        tensor = inertia.about_point(inertia.about_centre(self.tensor, self.mass, self.centre), self.mass, new)
         return Body.from_tensor(tensor, self.mass, tuple(new.tolist()))
+
+    def about_centre(self):
+        """The same body turning about its centre of mass, TdC (3.28)."""
+        return self.pivoted_at(self.centre)
+
+    def joined(self, other, at=(0.0, 0.0, 0.0), turned=(1.0, 0.0, 0.0, 0.0)):
+        """This body and another as one, about this one's fixed point. The other's origin lies `at` [m] and its axes are `turned` (an
+        attitude) in this one's own axes. Where they overlap, mass counts twice."""
+        return self._with(other, at, turned, 1.0)
+
+    def without(self, other, at=(0.0, 0.0, 0.0), turned=(1.0, 0.0, 0.0, 0.0)):
+        """This body less another that lies within it, placed as in `joined`; SceneError where what remains is no body."""
+        return self._with(other, at, turned, -1.0)
+
+    def _with(self, other, at, turned, sign):
+        for body in (self, other):
+            if not is_shared(*body.moments, body.mass, *body.centre):
+                raise SceneError("body", "join", None, "only bodies given by plain numbers can be joined")
+        a, at = rotation.matrix(turned), np.asarray(at, dtype=float)
+        centre = a @ np.array(other.centre)
+        bare = inertia.about_centre(a @ other.tensor @ a.T, other.mass, centre)
+        tensor = self.tensor + sign * inertia.about_point(bare, other.mass, at + centre)
+        mass = self.mass + sign * other.mass
+        if not mass > 0:
+            raise SceneError("body", "mass", mass, "nothing remains: the part taken away is not lighter than the body")
+        middle = (self.mass * np.array(self.centre) + sign * other.mass * (at + centre)) / mass
+        inertia.principal_axes(inertia.about_centre(tensor, mass, middle))  # a remainder must be one about its own centre too
+        return Body.from_tensor(tensor, mass, tuple(middle.tolist()))
+
+    def to_principal(self, vector):
+        """Components in the principal axes, in which results come, of vectors (..., 3) in the body's own axes."""
+        return np.asarray(vector, dtype=float) @ np.array(self.axes)
+
+    def to_own(self, vector):
+        """Components in the body's own axes of vectors (..., 3) in principal axes, such as omega and momentum of a result."""
+        return np.asarray(vector, dtype=float) @ np.array(self.axes).T
+
+    def own_attitude(self, attitude):
+        """Attitudes (..., 4) of the body's own axes from those of the principal axes, as results have them."""
+        inverse = rotation.quaternion(np.array(self.axes)) * np.array([1.0, -1.0, -1.0, -1.0])
+        return rotation.product(rotation.quaternion(attitude), inverse)
+
+    def principal_attitude(self, attitude):
+        """Attitudes (..., 4) of the principal axes, as `Start` takes them, from those of the body's own axes."""
+        return rotation.product(rotation.quaternion(attitude), rotation.quaternion(np.array(self.axes)))
+
+    def angular_momentum(self, omega):
+        """L = I omega (..., 3), TdC (3.25), both in the body's own axes."""
+        return inertia.angular_momentum(self.tensor, omega)
+
+    def kinetic_energy(self, omega):
+        """T = 1/2 omega I omega (...), TdC (3.16), omega (..., 3) in the body's own axes."""
+        return inertia.kinetic_energy(self.tensor, omega)
 
     @property
     def tensor(self):
@@ -139,34 +244,42 @@ class Body:
         return moments, mass, centre
 
 
-def broken(moments):
-    """Which bodies cannot be: a moment is not positive, or exceeds the sum of the other two. moments (3, ...) -> bool (...)."""
-    one, two, three = moments
-    total = (one + two + three) * (1 + _SLACK)
-    return ~((np.minimum(np.minimum(one, two), three) > 0) & (2 * np.maximum(np.maximum(one, two), three) <= total))
+def _moments_of(density, region, points):
+    """(mass, three first and nine second moments) of a density over a region, by a product Gauss-Legendre rule."""
+    node, weight = np.polynomial.legendre.leggauss(points)
+
+    def stretched(low, high):
+        low, high = np.broadcast_arrays(np.asarray(low, dtype=float)[..., None], np.asarray(high, dtype=float)[..., None])
+        return 0.5 * (high + low) + 0.5 * (high - low) * node, 0.5 * (high - low) * weight
+
+    if region[0] == "cylinder":
+        radius, limits = _positive(region[1], "radius", "region"), region[2]
+        r, wr = stretched(0.0, radius)
+        angle = 2.0 * np.pi * np.arange(2 * points) / (2 * points)  # the trapezoidal rule is Gauss's of a circle
+        z, wz = stretched(*limits)
+        x, y, z = (r[:, None, None] * np.cos(angle)[:, None]), (r[:, None, None] * np.sin(angle)[:, None]), z
+        volume = (wr * r)[:, None, None] * np.full((angle.size, 1), np.pi / points) * wz
+    else:
+        along, in_y, in_z = region[1:] if region[0] == "box" else region
+        x, wx = stretched(*along)
+        y, wy = stretched(*(in_y(x) if callable(in_y) else in_y))
+        y, wy = np.broadcast_to(y, (points, points)), np.broadcast_to(wy, (points, points))
+        z, wz = stretched(*(in_z(x[:, None], y) if callable(in_z) else in_z))
+        x, y, volume = x[:, None, None], y[..., None], wx[:, None, None] * wy[..., None] * wz
+    x, y, z, volume = np.broadcast_arrays(x, y, z, volume)
+    mass = volume * (density(x, y, z) if callable(density) else density)
+    place = np.stack([x, y, z]).reshape(3, -1)
+    mass = mass.ravel()
+    return np.concatenate([[mass.sum()], place @ mass, ((place * mass) @ place.T).ravel()])
 
 
-def principal(tensor):
-    """(moments (3,), axes (3, 3) as columns, right-handed) of a symmetric tensor; see Body.from_tensor for the choice."""
-    off = np.abs(tensor[[0, 0, 1], [1, 2, 2]]).max()
-    if off <= 1e-15 * np.abs(tensor).max():
-        return np.diag(tensor).copy(), np.eye(3)
-    moments, axes = np.linalg.eigh(tensor)
-    for i in (0, 1):
-        axes[:, i] *= np.sign(axes[np.abs(axes[:, i]).argmax(), i])
-    axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
-    return moments, axes
-
-
-def _shift(r):
-    """r^2 1 - r r^T for vectors (..., 3)."""
-    return np.einsum("...i,...i", r, r)[..., None, None] * np.eye(3) - r[..., :, None] * r[..., None, :]
-
-
-def _positive(value, key):
-    value = quantity(value, "body", key)
+def _positive(value, key, table="body"):
+    """A positive number, or a list of them as it is."""
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return tuple(_positive(v, key, table) for v in value)
+    value = quantity(value, table, key)
     if not is_shared(value):
-        raise SceneError("body", key, None, "shapes take plain numbers; for bodies that differ give moments instead")
+        raise SceneError(table, key, None, "shapes take plain numbers; for bodies that differ give moments instead")
     if not value > 0:
-        raise SceneError("body", key, value, "must be positive")
+        raise SceneError(table, key, value, "must be positive")
     return value

@@ -1,4 +1,4 @@
-"""The command line: rigidmc run, show, check, scenes, plot, integrators, doctor. Nothing heavy is imported before it is needed."""
+"""The command line: rigidmc run, show, check, scenes, body, exact, plot, integrators, doctor. Nothing heavy is imported before it is needed."""
 
 import json
 import os
@@ -270,6 +270,27 @@ def plot(
         except ValueError as error:
             _fail(error, INVALID)
         print(f"wrote {output}")
+
+
+@app.command("body")
+def body_command(
+    source: Annotated[str, typer.Argument(metavar="FILE|NAME", help="A scene file, a shipped scene, or a mesh (.stl, .obj).")],
+    density: Annotated[float | None, typer.Option(help="Of a mesh [kg/m3]; default 1.")] = None,
+    mass: Annotated[float | None, typer.Option(help="Of a mesh [kg], instead of the density.")] = None,
+    scale: Annotated[float, typer.Option(help="Metres per unit of a mesh file: 0.001 for millimetres.")] = 1.0,
+    machine: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+):
+    """Say what a body is: mass, centre, tensor, principal axes, which rotations are stable and how fast the unstable one grows."""
+    with reported():
+        from rigidmc.body_report import body_of, describe, facts
+        from rigidmc.errors import SceneError
+
+        try:
+            body, title = body_of(source, density, mass, scale)
+            print(json.dumps(facts(body), indent=1) if machine else "\n".join(describe(body, title)))
+        except SceneError as error:
+            error.file = error.file or source
+            raise
 
 
 @app.command("exact")

@@ -8,6 +8,7 @@ hat(omega). Arrays have components last and any leading shape. Whatever takes an
 
 import numpy as np
 
+from rigidmc.dynamics.so3 import multiply
 from rigidmc.errors import SceneError, flag
 
 CONVENTIONS = ("zxz", "zyz")
@@ -126,6 +127,11 @@ def to_body(attitude, vector):
     return np.einsum("...ji,...j->...i", matrix(attitude), np.asarray(vector, dtype=float))
 
 
+def product(p, q):
+    """Hamilton products p q (..., 4): the turn q first, then p."""
+    return np.stack(multiply(np.moveaxis(np.asarray(p), -1, 0), np.moveaxis(np.asarray(q), -1, 0)), -1)
+
+
 def attitude_error(p, q):
     """The angle (...) [rad] between two attitudes: 4 arcsin(|p -+ q|/2), never arccos |p.q|, which loses half the digits."""
     p, q = quaternion(p), quaternion(q)
@@ -167,7 +173,7 @@ def angular_velocity_of_series(t, attitude, space=False, points=7):
     ]  # weights reproduce the derivative of every power up to the last
     weights = np.linalg.solve(powers, np.broadcast_to(np.eye(points)[:, 1:2], (t.size, points, 1)))[..., 0] / scale
     own = q[:, None]
-    turns = rotation_vector(_product(own * np.array([1.0, -1.0, -1.0, -1.0]), q[stencil]))
+    turns = rotation_vector(product(own * np.array([1.0, -1.0, -1.0, -1.0]), q[stencil]))
     omega = np.einsum("np,np...->n...", weights, turns)
     return to_space(q, omega) if space else omega
 
@@ -215,12 +221,6 @@ def hat(v):
 
 def _vee(m):
     return 0.5 * np.stack([m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]], -1)
-
-
-def _product(p, q):
-    from rigidmc.dynamics.so3 import multiply
-
-    return np.stack(multiply(np.moveaxis(p, -1, 0), np.moveaxis(q, -1, 0)), -1)
 
 
 def _wrapped(angle):

@@ -1,8 +1,10 @@
 """Scene files: TOML in, a checked Scene out, and back. They hold data and execute nothing."""
 
+import inspect
 import os
 import tomllib
 from dataclasses import replace
+from functools import partial
 from importlib import resources
 from typing import Any
 
@@ -15,6 +17,7 @@ from rigidmc.effects import EFFECTS, name_of
 from rigidmc.errors import SceneError, nearest, unknown
 from rigidmc.sampling import Distribution, Start, distribution
 from rigidmc.scene import Run, Scene, Table, complaint
+from rigidmc.solids import SOLIDS
 
 
 class _File(Table):
@@ -32,8 +35,7 @@ class _File(Table):
 _SHAPES: dict[str, Any] = {  # ways to give a body in a scene file: key -> (its own keys, maker)
     "moments": None,
     "tensor": None,
-    "cylinder": (("mass", "radius", "height"), Body.cylinder),
-    "box": (("mass", "size"), Body.box),
+    **{name: (tuple(inspect.signature(make).parameters), partial(Body.solid, name)) for name, make in SOLIDS.items()},
     "particles": (("masses", "positions"), Body.from_particles),
 }
 
@@ -162,7 +164,7 @@ def _body(table, stored):
         missing = [k for k in keys if k not in table[shape]]
         if missing:
             raise SceneError(f"body.{shape}", missing[0], None, "is missing")
-        body = make(*(_numbers(table[shape][k], f"body.{shape}", k) for k in keys))
+        body = make(**{k: _numbers(table[shape][k], f"body.{shape}", k) for k in keys})
     if "axes" in table:
         body = replace(body, axes=tuple(map(tuple, _numbers(table["axes"], "body", "axes"))))
     return body.pivoted_at(table["pivot"]) if "pivot" in table else body

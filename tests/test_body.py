@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import rigidmc as rm
-from rigidmc.body import broken, principal
+from rigidmc.body import broken
+from rigidmc.inertia import principal_axes as principal
 
 
 def test_four_particles_of_the_chapter():

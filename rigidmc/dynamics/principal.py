@@ -1,6 +1,7 @@
 """Principal axes of a symmetric 3x3 tensor, without branches: Jacobi's rotations, gathered in a unit quaternion."""
 
 import math
+from typing import NamedTuple
 
 from rigidmc.dynamics.so3 import cross, multiply, normalised, select, touch_up
 
@@ -53,11 +54,11 @@ def _pointed(v):
 def principal(xx, yy, zz, yz, zx, xy):
     """(moments, first, second, third axis): 12 numbers; ascending, right-handed, the first two axes pointed.
 
-    A tensor whose off-diagonal elements are below 1e-15 of its largest keeps its own axes in their order. Six sweeps: after four the
+    A tensor whose off-diagonal elements are below 4e-15 of its largest (the rounding of sums) keeps its own axes in their order. Six sweeps: after four the
     off-diagonal elements of a 3x3 tensor are below rounding; their cube counts.
     """
     size = max(max(abs(xx), abs(yy)), abs(zz))
-    diagonal = max(max(abs(yz), abs(zx)), abs(xy)) <= 1e-15 * size
+    diagonal = max(max(abs(yz), abs(zx)), abs(xy)) <= 4e-15 * size
     a, b, c, _, _, _, q = _swept_3(_swept_3((xx, yy, zz, yz, zx, xy, (1.0, 0.0, 0.0, 0.0))))
     w, x, y, z = touch_up(normalised(q))
     one = (a, 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (z * x - w * y))
@@ -82,3 +83,17 @@ def principal(xx, yy, zz, yz, zx, xy):
         select(diagonal, 0.0, g[1]),
         select(diagonal, 1.0, g[2]),
     )
+
+
+class Principal(NamedTuple):
+    """The formula: `principal` of the six elements of a tensor."""
+
+    xx: float
+    yy: float
+    zz: float
+    yz: float
+    zx: float
+    xy: float
+
+    def values(self):
+        return principal(self.xx, self.yy, self.zz, self.yz, self.zx, self.xy)

@@ -13,7 +13,7 @@ from numba.extending import intrinsic, overload
 
 import rigidmc.integrators.verbs
 import rigidmc.observables.verbs  # noqa: F401  (imported so that METHODS is complete)
-from rigidmc.dynamics import euler, free_flow, so3
+from rigidmc.dynamics import euler, free_flow, principal, so3
 from rigidmc.dynamics.methods import METHODS, arguments
 from rigidmc.effects import verbs
 from rigidmc.integrators import lie
@@ -101,7 +101,7 @@ def inline_all(module):
             inline(function)
 
 
-for _module in (so3, euler, free_flow, verbs, lie):
+for _module in (so3, euler, free_flow, principal, verbs, lie):
     inline_all(_module)
 inline(read_all)
 for _call in METHODS:

@@ -7,8 +7,13 @@ A scene file is TOML; SI units, angles in rad:
 
 [body]
   moments = [I1, I2, I3]   principal moments about the fixed point, kg m2
-  or one of  tensor = 3x3,  cylinder = { mass, radius, height },
-  box = { mass, size = [x, y, z] },  particles = { masses, positions }
+  or one of  tensor = 3x3,  particles = { masses, positions },
+  box = { mass, size = [x, y, z] },  plate = { mass, size = [x, y] },
+  ball, shell, disc or ring = { mass, radius },
+  cylinder or cone = { mass, radius, height },  rod = { mass, length, radius },
+  hollow_cylinder = { mass, inner, outer, height },
+  ellipsoid = { mass, semiaxes = [a, b, c] },
+  t_handle = { density, radius, bar, stem }
   mass, centre = [x, y, z]   kg, m; with moments or tensor
   pivot = [x, y, z]          the point of the body held fixed instead
 
