@@ -12,6 +12,7 @@ BENCHES = {
     "startup": "bench.startup",
     "memory": "bench.memory",
     "accuracy": "bench.accuracy",
+    "exact": "bench.exact",
 }
 HERE = os.path.dirname(os.path.abspath(__file__))
 

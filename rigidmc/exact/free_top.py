@@ -4,7 +4,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rigidmc.body import broken
 from rigidmc.engine.formulas import evaluate
 from rigidmc.errors import flag
 from rigidmc.exact.arrays import aligned, spread
@@ -50,10 +49,10 @@ def _orbits(moments, momentum, attitude):
     shape, (moments, momentum, attitude) = aligned(
         ("moments", moments, 3), ("momentum", momentum, 3), ("attitude", quaternion(attitude), 4)
     )
-    bad = broken(moments) | ~np.isfinite(momentum).all(0) | ~(np.linalg.norm(attitude, axis=0) > 0)
+    bad = ~((moments > 0) & (moments < np.inf)).all(0) | ~np.isfinite(momentum).all(0) | ~(np.linalg.norm(attitude, axis=0) > 0)
     flag(
         bad & ~np.isnan(attitude).any(0),
-        "moments must be positive and obey I_i <= I_j + I_k, momenta finite, and a quaternion have a norm",
+        "moments must be positive, momenta finite, and a quaternion have a norm",
     )
     columns = np.concatenate([moments, momentum, attitude])
     columns[:, bad] = np.nan
@@ -65,7 +64,7 @@ def _orbits(moments, momentum, attitude):
 def free_top(moments, momentum, attitude, t):
     """The exact motion of free rigid bodies: Motion(momentum, omega, attitude) at any time, TdC (3.35) and Example 3.6.
 
-    moments : principal moments (..., 3) [kg m^2], in any order
+    moments : principal moments (..., 3) [kg m^2], in any order; any positive ones, also those that no body has (published problems do)
     momentum : angular momentum in principal axes (..., 3) at t = 0 [kg m^2/s]
     attitude : quaternions (..., 4) or a scipy Rotation, body to space, at t = 0
     t : times (...) [s]: sparse, huge, negative

@@ -4,7 +4,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rigidmc.body import broken
 from rigidmc.dynamics.so3 import conjugate, multiply
 from rigidmc.engine.formulas import evaluate
 from rigidmc.errors import flag
@@ -71,10 +70,10 @@ def _orbits(moments, weight, momentum, attitude, axis):
         )
         flag(unequal, rule)
     finite = np.isfinite(weight) & np.isfinite(momentum).all(0) & (np.linalg.norm(attitude, axis=0) > 0)
-    bad = unequal | broken(moments) | ~finite
+    bad = unequal | ~((moments > 0) & (moments < np.inf)).all(0) | ~finite
     flag(
         bad & ~unequal & ~np.isnan(attitude).any(0),
-        "moments must be positive and obey I_i <= I_j + I_k, the rest be finite, and a quaternion have a norm",
+        "moments must be positive, the rest finite, and a quaternion have a norm",
     )
     below = weight < 0.0  # the same motion upside down: a turn by pi about the space axis x
     attitude = np.where(below, np.stack(multiply((0.0, 1.0, 0.0, 0.0), attitude)), attitude)
@@ -119,7 +118,7 @@ def lagrange_motion(moments, weight, momentum, attitude, axis=3):
         fixed = (o.width <= SAME) | (o.v1 == o.v2)
         vertical = fixed & ((o.v1 <= SAME) | (o.y2 <= SAME))
         homoclinic = ~fixed & (o.mc < SAME)
-        period = np.where(fixed | homoclinic, np.inf, 2.0 * o.quarter / o.rate)
+        period = np.where(fixed | (o.mc == 0.0), np.inf, 2.0 * o.quarter / o.rate)
         lower, upper = o.e_minus + o.b * o.v1, o.e_minus + o.b * o.v2
         fast = np.abs(o.e_minus) + np.abs(o.b) * o.v1
         plus = np.where(o.direct == 1.0, 2.0 * (o.quarter * o.h_s / o.h_c - o.plus_all), np.pi + 2.0 * o.plus_all)
@@ -137,6 +136,8 @@ def lagrange_motion(moments, weight, momentum, attitude, axis=3):
         }
         low, high = (2.0 * np.arctan2(np.sqrt(v), np.sqrt(y)) for v, y in ((o.v1, o.y1), (o.v2, o.y2)))
         height = (q[0] ** 2 + q[3] ** 2 - q[1] ** 2 - q[2] ** 2) / (q**2).sum(0)
+        precession = np.where(np.isfinite(period), sigma + delta, np.nan)
+        spin = np.where(np.isfinite(period), sigma - delta, np.nan)
     upside = np.where(below, -1.0, 1.0)
     values = (
         np.select(list(kinds.values()), list(kinds), "monotone precession"),
@@ -149,8 +150,8 @@ def lagrange_motion(moments, weight, momentum, attitude, axis=3):
         o.mc,
         o.rate,
         period,
-        upside * np.where(np.isfinite(period), sigma + delta, np.nan),
-        np.where(np.isfinite(period), sigma - delta, np.nan),
+        upside * precession,
+        spin,
     )
     return Nutation(*(np.reshape(v, shape) for v in values))
 

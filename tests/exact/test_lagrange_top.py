@@ -1,0 +1,196 @@
+"""The exact Lagrange top against Taylor series, 50-digit classical forms and published tops; every kind of motion; bad input."""
+
+import numpy as np
+import pytest
+
+from rigidmc import SceneError, SceneWarning, lagrange_motion, lagrange_top
+from rigidmc.exact import constants
+from rigidmc.exact.lagrange_top import effective_potential, sleeping_growth, steady_precession
+from rigidmc.rotation import attitude_error, euler, from_euler, matrix, omega_from_euler_rates
+from tests import reference
+from tests.exact import oracles
+from tests.problems import PROBLEMS
+
+RNG = np.random.default_rng(43)
+I, K = np.array([1.0, 1.0, 0.7]), 1.3
+
+
+def leaning(theta):
+    return np.cos(theta / 2), np.sin(theta / 2), 0.0, 0.0
+
+
+def off(motion, truth):
+    """(momentum error, attitude error [rad])."""
+    q, l = (np.array([float(x) for x in v]) for v in truth)
+    return np.abs(motion.momentum - l).max() / max(np.linalg.norm(l), 1.0), attitude_error(motion.attitude, q)
+
+
+STARTS = {  # theta, momentum
+    "pendulum": (1.0, (0, 0, 0)),
+    "over the top": (1.0, (5.0, 0, 0)),
+    "fast": (1.0, (0, 0, 20.0)),
+    "upright": (0.0, (1.0, 0.5, 2.0)),
+    "upright, nearly sleeping": (0.0, (0.01, 0.5, 6.0)),
+    "next to upright": (1e-9, (1.0, 0.2, 0.6)),
+    "hanging": (np.pi, (1.0, 0.5, 2.0)),
+    "next to hanging": (np.pi - 1e-9, (1e-6, 0.0, 2.0)),
+    "sleeping, disturbed": (0.0, (1e-8, 0.0, 0.6)),
+    "steady": (1.0, (0.0, 1.0, 2.0)),
+    "critical": (0.001, (0.0, 0.0, 2.0 * np.sqrt(1.3) * 1.001)),
+}
+
+
+@pytest.mark.parametrize("name", STARTS)
+@pytest.mark.parametrize("t", [0.0, -2.9, 3.0])
+def test_starts_anywhere(name, t):
+    theta, l = STARTS[name]
+    q = (0.0, 1.0, 0.0, 0.0) if name == "hanging" else leaning(theta)
+    momentum, attitude = off(lagrange_top(I, K, l, q, t), reference.taylor(I, l, t, q, weight=(0, 0, K)))
+    assert momentum < 2e-15
+    assert attitude < 2e-14
+
+
+def test_random_tops_and_weights_below():
+    for weight in (0.8, -0.8, 0.0):
+        for _ in range(4):
+            l, q = RNG.normal(size=3), RNG.normal(size=4)
+            q /= np.linalg.norm(q)
+            momentum, attitude = off(
+                lagrange_top(I, weight, l, q, 4.1), reference.taylor(I, l, 4.1, tuple(q), weight=(0, 0, weight))
+            )
+            assert momentum < 4e-15
+            assert attitude < 1e-14
+
+
+def test_far_times_against_the_classical_forms():
+    for _ in range(6):
+        l, q = RNG.normal(size=3), RNG.normal(size=4)
+        momentum, attitude = off(lagrange_top(I, K, l, q, 3000.0), oracles.lagrange(1.0, 0.7, K, l, q, 3000.0))
+        assert momentum < 1e-11
+        assert attitude < 1e-11
+
+
+@pytest.mark.parametrize(("name", "axis"), [("cardona_top", 2), ("simo_wong_top", 3)])
+def test_published_tops(name, axis):
+    p = PROBLEMS[name]
+    end = lagrange_top(p.moments, p.gravity * p.static_moment[axis - 1], p.momentum, p.attitude, p.time, axis=axis)
+    if p.end_attitude:
+        assert attitude_error(end.attitude, p.end_attitude) < 5e-14
+    else:
+        assert np.abs(matrix(end.attitude)[:, 2] - p.more["axis"]).max() < 2e-15
+
+
+def test_homoclinic_motion_in_closed_form():
+    a, c, k = 1.0, 0.7, 1.3
+    rate = np.sqrt(k / a)
+    dphi, dpsi = 2 * rate / np.sqrt(3), (3 * a - c) * rate / (c * np.sqrt(3))
+    q = from_euler((0.0, np.pi / 3, 0.0))
+    l = np.array([a, a, c]) * omega_from_euler_rates((0.0, np.pi / 3, 0.0), (dphi, 0.0, dpsi))
+    t = np.linspace(0.0, 8.0, 30)
+    theta = euler(lagrange_top((a, a, c), k, l, q, t).attitude)[:, 1]
+    assert np.abs(1.0 / np.cos(theta) - 1.0 - 1.0 / np.cosh(rate * t)).max() < 1e-12
+    assert lagrange_motion((a, a, c), k, l, q).kind == "homoclinic"
+
+
+def test_sleeping_top_stays_and_its_stability():
+    for spin in (0.6, 6.0):
+        end = lagrange_top(I, K, (0.0, 0.0, spin), (1.0, 0, 0, 0), np.array([-1e3, 1e3]))
+        assert (matrix(end.attitude)[:, 2, 2] == 1.0).all()
+        assert np.abs(end.momentum[:, :2]).max() == 0.0
+        half = 0.5 * spin / 0.7 * 1e3
+        assert attitude_error(end.attitude[1], (np.cos(half), 0, 0, np.sin(half))) < 1e-11
+        assert lagrange_motion(I, K, (0.0, 0.0, spin), (1.0, 0, 0, 0)).kind == "sleeping"
+    growth = sleeping_growth(I, K, 0.6 / 0.7)
+    assert sleeping_growth(I, K, 6.0 / 0.7) == 0.0
+    tilt = [np.hypot(*(lagrange_top(I, K, (1e-10, 0, 0.6), (1, 0, 0, 0), t).attitude[1:3])) for t in (8.0, 9.0)]
+    assert np.log(tilt[1] / tilt[0]) == pytest.approx(growth, rel=1e-6)
+
+
+def test_kinds_of_motion_and_their_angles():
+    cases = {
+        "at rest": (np.pi, (0, 0, 0)),
+        "steady precession": None,
+        "pendulum": (1.0, (0.3, 0, 0)),
+        "cusps": (0.9, (0, 0, 3.0)),
+        "loops": (0.9, (0, -0.35, 3.0)),
+        "monotone precession": (0.9, (0, 0.5, 3.0)),
+    }
+    slow, fast = steady_precession(I, K, 4.0, 0.9)
+    for kind, case in cases.items():
+        theta, l = case or (0.9, I * omega_from_euler_rates((0, 0.9, 0), (slow, 0.0, 4.0 - slow * np.cos(0.9))))
+        q = (0.0, 1.0, 0.0, 0.0) if kind == "at rest" else leaning(theta)
+        what = lagrange_motion(I, K, l, q)
+        assert what.kind == kind
+        if np.isfinite(what.period):
+            path = lagrange_top(I, K, l, q, np.linspace(0.0, 1.0, 2001) * what.period)
+            tilt = euler(path.attitude)[:, 1]
+            rough = 1e-3 if kind == "pendulum" else 1e-5  # a pendulum swings through theta = pi, a corner of theta
+            assert abs(tilt.max() - what.low) < rough
+            assert abs(tilt.min() - what.high) < rough
+            angles = euler(path.attitude[[0, -1]])
+            for column, advance in ((0, what.precession), (2, what.spin)):
+                if kind != "pendulum":
+                    assert np.remainder(angles[1, column] - angles[0, column] - advance + 1.0, 2 * np.pi) == pytest.approx(
+                        1.0, abs=1e-12
+                    )
+            for turning in (what.low, what.high):
+                if kind != "pendulum":
+                    u = effective_potential(I, K, what.p_phi, what.p_psi, turning)
+                    assert u == pytest.approx(float(what.energy), rel=1e-12)
+    for rate in (slow, fast):  # both rates hold theta where it is
+        l = I * omega_from_euler_rates((0, 0.9, 0), (rate, 0.0, 4.0 - rate * np.cos(0.9)))
+        path = lagrange_top(I, K, l, leaning(0.9), np.linspace(0.0, 20.0, 50)).attitude
+        assert np.abs(euler(path)[:, 1] - 0.9).max() < 1e-13
+
+
+def test_unequal_moments_are_refused_and_flagged():
+    with pytest.raises(SceneError, match="I1 and I2 must be equal"):
+        lagrange_top((1.0, 1.2, 0.7), K, (0, 0, 1), leaning(0.3), 1.0)
+    moments = np.tile(I, (5, 1))
+    good = lagrange_top(moments, K, (0.1, 0.2, 1.0), leaning(0.3), 1.0)
+    moments[2, 1] = 1.1
+    with pytest.warns(SceneWarning, match="1 of 5"):
+        found = lagrange_top(moments, K, (0.1, 0.2, 1.0), leaning(0.3), 1.0)
+    assert np.isnan(found.attitude[2]).all()
+    keep = [0, 1, 3, 4]
+    assert (found.attitude[keep] == good.attitude[keep]).all()
+
+
+def test_constants_of_kovalevskaya_and_of_goryachev_and_chaplygin():
+    q = np.array([0.8, 0.3, 0.4, 0.2])
+    q /= np.linalg.norm(q)
+    c, l, up = (0.7, 0.4, 0.0), np.array([0.3, 0.9, -0.4]), matrix(q)[2]
+    for moments, function, start in (
+        ((2.0, 2.0, 1.0), constants.kovalevskaya, l),
+        ((4.0, 4.0, 1.0), constants.goryachev_chaplygin, l - (l @ up) * up),
+    ):
+        p, end = (np.array([float(x) for x in v]) for v in reference.taylor(moments, tuple(start), 5.0, tuple(q), weight=c))
+        value = function(moments, c, start, up)
+        assert function(moments, c, end, matrix(p)[2]) == pytest.approx(value, rel=4e-15)
+        assert function(moments, np.multiply(c, -1.0), end, matrix(p)[2]) != pytest.approx(
+            function(moments, np.multiply(c, -1.0), start, up), rel=1e-3
+        )
+        with pytest.raises(SceneError, match=r"I1 = I2"):
+            function((1.0, 2.0, 2.5), c, start, up)
+    with pytest.raises(SceneError, match="needs L_z"):
+        constants.goryachev_chaplygin((4.0, 4.0, 1.0), c, l, up)
+
+
+def test_griolis_precession_and_staudes_rotation():
+    moments, k = np.array([1.0, 1.5, 2.2]), 1.3
+    start, end = constants.grioli(moments, k, 0.0), constants.grioli(moments, k, 3.0)
+    axis = np.cross(start.up, [0.0, 0.0, 1.0])
+    angle = np.arctan2(np.linalg.norm(axis), start.up[2])
+    q = (np.cos(angle / 2), *(np.sin(angle / 2) * axis / np.linalg.norm(axis)))
+    p, l = (
+        np.array([float(x) for x in v])
+        for v in reference.taylor(moments, tuple(moments * start.omega), 3.0, q, weight=tuple(k * start.centre))
+    )
+    assert np.abs(l / moments - end.omega).max() < 2e-15
+    assert np.abs(matrix(p)[2] - end.up).max() < 2e-15
+    up = np.array([0.5, 0.3, 0.8]) / np.linalg.norm([0.5, 0.3, 0.8])
+    c = 2.1 * moments * up + 0.4 * up
+    square, defect = constants.staude(moments, c, up)
+    assert square == pytest.approx(2.1, rel=1e-14)
+    assert defect < 1e-15
+    assert constants.staude(moments, c + [0.0, 0.1, 0.0], up)[1] > 1e-3
