@@ -22,7 +22,7 @@ def test_sn_cn_dn_at_every_modulus(mc):
     found = E.jacobi(u, mc=mc)
     for name in ("sn", "cn", "dn"):
         assert np.abs(getattr(found, name) - truth(name, u, mc)).max() < (1e-14 if mc > 1e-13 else 3e-14)
-    assert np.abs(np.sin(found.am) - found.sn).max() < 1e-13
+    assert np.abs(np.sin(found.am) - found.sn).max() < 1e-13  # 5.6e-16
     assert (np.diff(found.am[np.argsort(u)]) >= 0.0).all()
 
 
@@ -34,8 +34,8 @@ def test_scipys_are_wrong_next_to_the_separatrix():
 def test_separatrix_itself_is_hyperbolic():
     u = np.array([-300.0, -5.0, 0.0, 0.3, 30.0])
     found = E.jacobi(u, m=1.0)
-    assert np.abs(found.sn - np.tanh(u)).max() < 1e-15
-    assert np.abs(found.cn - 1.0 / np.cosh(u)).max() < 1e-15
+    assert np.abs(found.sn - np.tanh(u)).max() < 1e-15  # 2.2e-16
+    assert np.abs(found.cn - 1.0 / np.cosh(u)).max() < 1e-15  # 3.8e-17
 
 
 @pytest.mark.parametrize("mc", [1.0, 0.7, 1e-2, 1e-6, 1e-10, 1e-14])
@@ -48,9 +48,9 @@ def test_integrals_beyond_a_quarter_period_too(mc):
             for g in (lambda x: mp.ellipf(x, m), lambda x: mp.ellipe(x, m), lambda x: mp.ellippi(-0.3, x, m))
         )
         whole = float(mp.ellipk(m))
-    assert np.abs(E.first(phi, mc=mc) / np.where(phi == 0, 1, f) - (phi != 0)).max() < 1e-13
-    assert np.abs(E.second(phi, mc=mc) - e).max() < 1e-14
-    assert np.abs(E.third(-0.3, phi, mc=mc) / np.where(phi == 0, 1, pi) - (phi != 0)).max() < 1e-13
+    assert np.abs(E.first(phi, mc=mc) / np.where(phi == 0, 1, f) - (phi != 0)).max() < 1e-13  # 4.4e-16
+    assert np.abs(E.second(phi, mc=mc) - e).max() < 1e-14  # 1.8e-15
+    assert np.abs(E.third(-0.3, phi, mc=mc) / np.where(phi == 0, 1, pi) - (phi != 0)).max() < 1e-13  # 4.4e-16
     assert E.complete_first(mc=mc) == pytest.approx(whole, rel=1e-15)
 
 

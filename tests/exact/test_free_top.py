@@ -26,34 +26,34 @@ def off(motion, truth):
 def test_hard_bodies(name):
     moments, l = HARD[name]
     momentum, attitude = off(free_top(moments, l, START, 5.0), reference.taylor(moments, l, 5.0))
-    assert momentum < 2e-15
-    assert attitude < 2e-14
+    assert momentum < 2e-15  # 5.9e-16
+    assert attitude < 2e-14  # 1.0e-14
 
 
 @pytest.mark.parametrize("moments", list(itertools.permutations((1.0, 1.3, 2.0))))
 def test_moments_in_any_order(moments):
     l, q = RNG.normal(size=3), tuple(Rotation.random(rng=RNG).as_quat(scalar_first=True))
     momentum, attitude = off(free_top(moments, l, q, -7.3), reference.taylor(moments, l, -7.3, q))
-    assert momentum < 4e-15
-    assert attitude < 2e-14
+    assert momentum < 4e-15  # 4.5e-16
+    assert attitude < 2e-14  # 4.6e-15
 
 
 def test_far_times_against_the_classical_forms():
     for _ in range(8):
         moments, l = np.sort(RNG.uniform(0.5, 1.0, 3)), RNG.normal(size=3)
         momentum, attitude = off(free_top(moments, l, START, 5000.0), oracles.free(moments, l, 5000.0))
-        assert momentum < 5e-12
-        assert attitude < 2e-11
+        assert momentum < 5e-12  # 3.6e-13
+        assert attitude < 2e-11  # 1.4e-12
 
 
 def test_oracles_agree_with_taylor_series():
     moments, l = (0.6, 0.8, 1.0), (1.8, 0.4, -0.9)
     for l in ((1.8, 0.4, -0.9), (0.3, 0.4, 0.9)):
-        assert max(off(free_top(moments, l, START, 3.0), oracles.free(moments, l, 3.0))) < 1e-14
+        assert max(off(free_top(moments, l, START, 3.0), oracles.free(moments, l, 3.0))) < 1e-14  # 6.4e-16
         q, end = oracles.free(moments, l, 3.0)
         p, other = reference.taylor(moments, l, 3.0)
-        assert max(abs(float(a - b)) for a, b in zip(end, other, strict=True)) < 1e-30
-        assert attitude_error([float(x) for x in q], [float(x) for x in p]) < 1e-16
+        assert max(abs(float(a - b)) for a, b in zip(end, other, strict=True)) < 1e-30  # 7.3e-41
+        assert attitude_error([float(x) for x in q], [float(x) for x in p]) < 1e-16  # 0.0e+00
 
 
 def test_invariants_and_the_broken_twin():
@@ -61,9 +61,9 @@ def test_invariants_and_the_broken_twin():
     motion = free_top(moments, l, START, np.array([0.1, 3.0, 500.0]))
     for weight in (1.0, moments):
         before, after = (l**2 / weight).sum(-1), (motion.momentum**2 / weight).sum(-1)
-        assert np.abs(after / before - 1.0).max() < 2e-15
+        assert np.abs(after / before - 1.0).max() < 2e-15  # 1.0e-15
     space = np.einsum("...ij,...j->...i", matrix(motion.attitude), motion.momentum)
-    assert (np.abs(space - l).max((1, 2)) / np.linalg.norm(l, axis=-1)[:, 0]).max() < 3e-15
+    assert (np.abs(space - l).max((1, 2)) / np.linalg.norm(l, axis=-1)[:, 0]).max() < 3e-15  # 7.1e-16
     assert np.abs(((motion.momentum * 1.001) ** 2 / moments).sum(-1) / (l**2 / moments).sum(-1) - 1.0).min() > 1e-3
 
 
@@ -72,13 +72,13 @@ def test_time_is_a_group():
     first = free_top(moments, l, START, 3.7)
     two = free_top(moments, first.momentum, first.attitude, 6.1)
     one = free_top(moments, l, START, 9.8)
-    assert np.abs(two.momentum - one.momentum).max() < 1e-14
-    assert attitude_error(two.attitude, one.attitude) < 2e-14
+    assert np.abs(two.momentum - one.momentum).max() < 1e-14  # 4.4e-16
+    assert attitude_error(two.attitude, one.attitude) < 2e-14  # 2.9e-15
     back = free_top(moments, one.momentum, one.attitude, -9.8)
-    assert np.abs(back.momentum - l).max() < 1e-14
-    assert attitude_error(back.attitude, START) < 2e-14
+    assert np.abs(back.momentum - l).max() < 1e-14  # 8.3e-16
+    assert attitude_error(back.attitude, START) < 2e-14  # 3.2e-15
     start = free_top(moments, l, START, 0.0)
-    assert np.abs(start.momentum - l).max() < 1e-15
+    assert np.abs(start.momentum - l).max() < 1e-15  # 2.2e-16
 
 
 @pytest.mark.parametrize("name", [n for n, p in PROBLEMS.items() if "flip" in p.more])
@@ -91,14 +91,14 @@ def test_flip_intervals(name):
 def test_published_ends(name):
     p = PROBLEMS[name]
     motion = free_top(p.moments, p.momentum, START, p.time)
-    assert np.abs(motion.momentum - p.end_momentum).max() < 5e-15
+    assert np.abs(motion.momentum - p.end_momentum).max() < 5e-15  # 3.4e-15
 
 
 def test_a_period_turns_the_attitude_by_turn_and_the_momentum_sweeps_montgomerys_angle():
     for moments, l in (((0.6, 0.8, 1.0), (1.8, 0.4, -0.9)), ((1.0, 2.0, 3.0), (0.2, 0.3, 1.0)), ((2.0, 1.0, 2.5), (0.9, 0.2, 0.3))):
         what = free_motion(moments, l)
         end, u = free_top(moments, l, START, what.period), np.array(l) / np.linalg.norm(l)
-        assert np.abs(end.momentum - l).max() < 1e-14
+        assert np.abs(end.momentum - l).max() < 1e-14  # 2.2e-16
         angle = rotation_vector(end.attitude) @ u
         assert np.remainder(angle - what.turn + 1.0, 2 * np.pi) == pytest.approx(1.0, abs=1e-13)
         path = free_top(moments, l, START, np.linspace(0.0, 1.0, 4001) * what.period).momentum
@@ -129,9 +129,9 @@ def test_kinds_of_motion():
 def test_spins_about_principal_axes_stay_put(axis, t):
     l = -1.3 * np.eye(3)[axis]
     motion = free_top((1.0, 2.0, 3.0), l, START, t)
-    assert np.abs(motion.momentum - l).max() < 1e-15
+    assert np.abs(motion.momentum - l).max() < 1e-15  # 2.2e-16
     half = 0.5 * l[axis] / (axis + 1.0) * t
-    assert attitude_error(motion.attitude, [np.cos(half), *(np.sin(half) * np.eye(3)[axis])]) < 1e-11
+    assert attitude_error(motion.attitude, [np.cos(half), *(np.sin(half) * np.eye(3)[axis])]) < 1e-11  # 1.7e-16
 
 
 def test_one_bad_element_is_nan_and_counted_and_its_neighbours_stay_to_the_bit():
@@ -161,4 +161,4 @@ def test_shapes_broadcast_and_scipys_rotations_are_taken():
     q = Rotation.random(5, rng=RNG)
     motion = free_top(np.array([1.0, 2.0, 2.5]), RNG.normal(size=(5, 3)), q, np.linspace(0, 1, 4)[:, None])
     assert motion.attitude.shape == (4, 5, 4)
-    assert attitude_error(motion.attitude[0], q).max() < 2e-15
+    assert attitude_error(motion.attitude[0], q).max() < 2e-15  # 8.8e-16
