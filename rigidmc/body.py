@@ -109,7 +109,13 @@ class Body:
         for key in wanted:
             if key not in sizes:
                 raise SceneError(table, key, None, "is missing")
-        mass, centre, tensor = make(**{key: _positive(sizes[key], key, table) for key in wanted})
+        given = {}
+        for key in wanted:
+            count = solids.COMPONENTS.get((name, key))
+            parts = (sizes[key],) if count is None else vector(sizes[key], table, key, count)
+            values = tuple(_positive(value, key, table) for value in parts)
+            given[key] = values[0] if count is None else values
+        mass, centre, tensor = make(**given)
         return cls(tuple(np.diag(tensor).tolist()), mass, centre)
 
     @classmethod
@@ -131,21 +137,24 @@ class Body:
             that give the pair of limits, of arrays
         tolerance : relative; SceneError with the estimate where two rules differ by more
 
-        The rules are of 24 and 40 points a dimension: a smooth density is integrated to rounding, one with edges inside is refused.
+        The rules are of 24 and 40 points a dimension: a smooth density is integrated to rounding, also where limits meet like roots, as
+        at the rim of a ball; one with edges inside is refused.
         """
-        parts = [_moments_of(density, region, points) for points in (24, 40)]
-        error = np.abs(parts[1] - parts[0]).max() / np.abs(parts[1]).max()
+        coarse, fine = (inertia.moments_of_density(density, region, points) for points in (24, 40))
+        mass, first, second = fine[0], fine[1:4], fine[4:].reshape(3, 3)
+        if not mass > 0:
+            raise SceneError("body", "density", None, f"the mass is {mass:.3g}; it must be positive")
+        # mass and moments have their own units: first moments are measured by the geometric mean of the two
+        scale = np.array([mass, *[np.sqrt(mass * np.trace(second))] * 3, *[np.trace(second)] * 9])
+        error = (np.abs(fine - coarse) / scale).max()
         if not error <= tolerance:
             rule = f"the integral is not settled: two rules differ by {error:.1e} of it, more than {tolerance:g}; cut the region where the density jumps"
             raise SceneError("body", "density", None, rule)
-        mass, first, second = parts[1][0], parts[1][1:4], parts[1][4:].reshape(3, 3)
-        if not mass > 0:
-            raise SceneError("body", "density", None, f"the mass is {mass:.3g}; it must be positive")
         return cls.from_tensor(np.trace(second) * np.eye(3) - second, float(mass), tuple((first / mass).tolist()))
 
     @classmethod
     def from_mesh(cls, path, density=None, mass=None, scale=1.0):
-        """From a closed triangle mesh of uniform density (STL, OBJ; extra `mesh`), turning about the file's origin.
+        """From a closed triangle mesh of uniform density (STL, OBJ; extra `mesh`, or a trimesh.Trimesh), turning about its origin.
 
         density [kg/m^3] or mass [kg]; scale : metres per unit of the file. SceneError for a mesh that is not watertight.
         """
@@ -183,9 +192,12 @@ class Body:
 
     def _with(self, other, at, turned, sign):
         for body in (self, other):
-            if not is_shared(*body.moments, body.mass, *body.centre):
+            if not isinstance(body, Body) or not is_shared(*body.moments, body.mass, *body.centre):
                 raise SceneError("body", "join", None, "only bodies given by plain numbers can be joined")
-        a, at = rotation.matrix(turned), np.asarray(at, dtype=float)
+        place = vector(at, "body", "at")
+        if not is_shared(*place):
+            raise SceneError("body", "at", None, "expected plain numbers")
+        a, at = rotation.matrix(turned), np.array(place)
         centre = a @ np.array(other.centre)
         bare = inertia.about_centre(a @ other.tensor @ a.T, other.mass, centre)
         tensor = self.tensor + sign * inertia.about_point(bare, other.mass, at + centre)
@@ -244,39 +256,7 @@ class Body:
         return moments, mass, centre
 
 
-def _moments_of(density, region, points):
-    """(mass, three first and nine second moments) of a density over a region, by a product Gauss-Legendre rule."""
-    node, weight = np.polynomial.legendre.leggauss(points)
-
-    def stretched(low, high):
-        low, high = np.broadcast_arrays(np.asarray(low, dtype=float)[..., None], np.asarray(high, dtype=float)[..., None])
-        return 0.5 * (high + low) + 0.5 * (high - low) * node, 0.5 * (high - low) * weight
-
-    if region[0] == "cylinder":
-        radius, limits = _positive(region[1], "radius", "region"), region[2]
-        r, wr = stretched(0.0, radius)
-        angle = 2.0 * np.pi * np.arange(2 * points) / (2 * points)  # the trapezoidal rule is Gauss's of a circle
-        z, wz = stretched(*limits)
-        x, y, z = (r[:, None, None] * np.cos(angle)[:, None]), (r[:, None, None] * np.sin(angle)[:, None]), z
-        volume = (wr * r)[:, None, None] * np.full((angle.size, 1), np.pi / points) * wz
-    else:
-        along, in_y, in_z = region[1:] if region[0] == "box" else region
-        x, wx = stretched(*along)
-        y, wy = stretched(*(in_y(x) if callable(in_y) else in_y))
-        y, wy = np.broadcast_to(y, (points, points)), np.broadcast_to(wy, (points, points))
-        z, wz = stretched(*(in_z(x[:, None], y) if callable(in_z) else in_z))
-        x, y, volume = x[:, None, None], y[..., None], wx[:, None, None] * wy[..., None] * wz
-    x, y, z, volume = np.broadcast_arrays(x, y, z, volume)
-    mass = volume * (density(x, y, z) if callable(density) else density)
-    place = np.stack([x, y, z]).reshape(3, -1)
-    mass = mass.ravel()
-    return np.concatenate([[mass.sum()], place @ mass, ((place * mass) @ place.T).ravel()])
-
-
 def _positive(value, key, table="body"):
-    """A positive number, or a list of them as it is."""
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return tuple(_positive(v, key, table) for v in value)
     value = quantity(value, table, key)
     if not is_shared(value):
         raise SceneError(table, key, None, "shapes take plain numbers; for bodies that differ give moments instead")

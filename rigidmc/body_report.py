@@ -4,6 +4,8 @@ import numpy as np
 
 from rigidmc import inertia
 from rigidmc.body import Body
+from rigidmc.errors import SceneError
+from rigidmc.sampling import is_shared
 
 SAME = 1e-12  # relative difference under which moments count as equal
 MESHES = (".stl", ".obj", ".ply", ".off")
@@ -15,7 +17,16 @@ def body_of(source, density=None, mass=None, scale=1.0):
         return Body.from_mesh(source, 1.0 if density is None and mass is None else density, mass, scale), source
     from rigidmc.scene_file import load
 
+    if density is not None or mass is not None or scale != 1.0:
+        raise SceneError("", "--density, --mass, --scale", None, "are for meshes; a scene has its mass in its [body]")
     scene = load(source)
+    if not is_shared(*scene.body.quantities()):
+        raise SceneError(
+            "body",
+            "moments",
+            None,
+            "the body differs from member to member; give plain numbers to see one, e.g. a copy of the scene",
+        )
     return scene.body, scene.title
 
 

@@ -7,12 +7,16 @@ import numpy as np
 
 from rigidmc.errors import SceneError
 
+_MIX = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio, odd
+
 
 def load(path, scale=1.0):
-    """The triangles (n, 3, 3) [m] of a mesh file; SceneError for a file that is none or is not closed, with what is wrong.
+    """The triangles (n, 3, 3) [m] of a mesh file or a trimesh.Trimesh; SceneError for one that is not closed, with what is wrong.
 
     scale : metres per unit of the file; most STL are in millimetres, 0.001
     """
+    if hasattr(path, "faces") and hasattr(path, "vertices"):
+        return _closed(path, "Trimesh", scale)
     try:
         import trimesh
     except ImportError as error:
@@ -20,13 +24,46 @@ def load(path, scale=1.0):
     if not os.path.exists(path):
         raise FileNotFoundError(f"{path}: no such file")
     try:
-        mesh: Any = trimesh.load(path, force="mesh")
+        mesh: Any = trimesh.load(path, force="mesh", process=False)
     except Exception as error:  # trimesh raises whatever its readers do
         raise SceneError("", "mesh", os.fspath(path), f"is no mesh that trimesh can read: {error}") from None
+    return _closed(mesh, os.fspath(path), scale)
+
+
+def _closed(mesh, name, scale):
+    """The triangles (n, 3, 3) of a mesh with `vertices` and `faces`, checked."""
     if not len(mesh.faces):
-        raise SceneError("", "mesh", os.fspath(path), "has no triangles")
-    check(mesh.faces, os.fspath(path))
-    return scale * np.asarray(mesh.vertices, dtype=float)[mesh.faces]
+        raise SceneError("", "mesh", name, "has no triangles")
+    vertices = np.asarray(mesh.vertices, dtype=float) + 0.0  # -0.0 is 0.0
+    faces = merged(vertices)[np.asarray(mesh.faces)]
+    # a triangle with two corners in one place encloses nothing, and its edges would count as holes
+    thin = (faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0])
+    faces = faces[~thin]
+    if not len(faces):
+        raise SceneError("", "mesh", name, "has no triangles with an area")
+    check(faces, name)
+    return scale * vertices[faces]
+
+
+def merged(vertices):
+    """Index (n,) of the first vertex with the same coordinates, for each of vertices (n, 3): an STL repeats them for every triangle.
+
+    To the bit: trimesh merges what is closer than 1e-8, whatever the unit, and makes holes in small parts given in metres.
+    """
+    # sorted by a hash, as sorting by coordinates takes three times as long; places that share a hash could only stay unmerged
+    key = np.zeros(len(vertices), dtype=np.uint64)
+    for bits in np.ascontiguousarray(vertices).view(np.uint64).T:
+        key ^= bits
+        key ^= key >> np.uint64(32)  # the digits of round numbers are all in the upper half
+        key *= _MIX
+        key ^= key >> np.uint64(29)
+    order = np.argsort(key, kind="stable")
+    x, y, z = vertices[order].T
+    same = (x[1:] == x[:-1]) & (y[1:] == y[:-1]) & (z[1:] == z[:-1])
+    start = np.concatenate([[0], np.cumsum(~same)])
+    index = np.empty(len(vertices), dtype=np.int64)
+    index[order] = order[np.flatnonzero(np.concatenate([[True], ~same]))][start]
+    return index
 
 
 def check(faces, name="mesh"):

@@ -8,6 +8,7 @@ import numpy as np
 from rigidmc.errors import SceneError
 
 _ZERO = (0.0, 0.0, 0.0)
+COMPONENTS = {("box", "size"): 3, ("plate", "size"): 2, ("ellipsoid", "semiaxes"): 3}  # of the arguments that are no numbers
 
 
 def _diagonal(mass, *moments):

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from rigidmc import Body, Gravity, Scene, Start, coordinates, inertia, rotation, simulate
 from rigidmc.closed_form import closed_form
+from rigidmc.exact.chapter import jacobi_omega, symmetric_omega
 from rigidmc.exact.free_top import free_top
 from rigidmc.exact.lagrange_top import effective_potential, lagrange_motion, lagrange_top
 from tests import reference
@@ -151,6 +152,21 @@ def test_chapter_3_35_and_example_3_5_two_equal_moments():
     )
     moments = np.array([one, one, three])
     assert np.abs(free_top(moments, moments * omega, (1, 0, 0, 0), t).omega - wanted).max() < 1e-13  # 2.3e-15
+
+
+def test_chapter_example_3_5_as_the_chapter_writes_it():
+    moments, omega, t = np.array([1.0, 1.0, 1.6]), np.array([0.4, -0.3, 2.0]), np.linspace(-9.0, 9.0, 7)
+    assert np.abs(symmetric_omega(moments, omega, t) - free_top(moments, moments * omega, (1, 0, 0, 0), t).omega).max() < 2e-14
+    with pytest.raises(ValueError, match="I1 = I2"):
+        symmetric_omega((1, 2, 2.5), omega, t)
+
+
+@pytest.mark.parametrize("start", [(0.7, 0.0, 0.9), (1.5, 0.0, 0.2)])  # on either side of the separatrix
+def test_chapter_example_3_6_as_the_chapter_writes_it(start):
+    moments, t = np.array([1.0, 2.0, 3.0]), np.linspace(-9.0, 9.0, 7)
+    l = moments * start
+    omega = jacobi_omega(moments, 0.5 * (l * start).sum(), (l * l).sum(), t)
+    assert np.abs(omega - free_top(moments, l, (1, 0, 0, 0), t).omega).max() < 2e-14
 
 
 def test_chapter_example_3_6_constants_and_jacobis_solution_in_omega_and_attitude():
