@@ -1,0 +1,75 @@
+"""Formulas over arrays: the plain function's values, whatever the number of elements, threads and rows; packed machine code."""
+
+import json
+import math
+import os
+import platform
+import subprocess
+import sys
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from rigidmc.dynamics.principal import Principal
+from rigidmc.engine.formulas import PIECE, evaluate
+from rigidmc.engine.kernel import LANES
+
+
+class Product(NamedTuple):
+    """a b + c and a root: a formula of this file, compiled in this process only."""
+
+    a: float
+    b: float
+    c: float
+
+    def values(self):
+        return self.a * self.b + self.c, math.sqrt(self.a)
+
+
+@pytest.mark.parametrize("count", [1, LANES - 1, LANES, LANES + 1, 2 * PIECE + 5])
+def test_values_are_the_plain_functions_for_any_count_and_threads(count):
+    columns = np.random.default_rng(count).uniform(0.5, 1.0, (3, count))
+    one, two = (evaluate(Product, 2, columns, threads=threads) for threads in (1, 2))
+    assert (one == two).all()
+    plain = np.array([Product(*column).values() for column in columns[:, :50].T]).T
+    assert np.abs(one[:, :50] - plain).max() < 3e-16  # 1.1e-16: fused multiply-add
+
+
+def test_an_elements_bits_do_not_depend_on_its_neighbours():
+    columns = np.random.default_rng(1).uniform(0.5, 1.0, (6, 100))
+    assert (evaluate(Principal, 12, columns)[:, 37:80] == evaluate(Principal, 12, columns[:, 37:80])).all()
+
+
+def test_fields_come_from_a_table_by_index():
+    table, index, last = np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([1, 0, 1]), np.array([[0.5, 0.25, 0.125]])
+    assert evaluate(Product, 2, last, table, index)[0].tolist() == [12.5, 2.25, 12.125]
+
+
+@pytest.mark.skipif(platform.machine().lower() not in ("x86_64", "amd64"), reason="reads x86-64 assembly")
+def test_closed_forms_are_packed_arithmetic(tmp_path):
+    program = """if True:
+        import json, re
+        import numpy as np
+        from rigidmc.engine import formulas
+        from rigidmc.exact import free_orbit, lagrange_orbit
+        for orbit in (free_orbit, lagrange_orbit):
+            width = len(orbit.Orbit._fields)
+            formulas.evaluate(orbit.Reached, 7, np.ones((1, 64)), np.ones((64, width)), np.arange(64))
+        compiled = formulas._compiled.dispatcher
+        codes = [compiled.inspect_asm(s) for s in compiled.signatures]
+        print(json.dumps([[len(re.findall(rf"\\b{op}\\b", code)) for op in ("vdivpd", "vdivsd", "vmulpd", "vmulsd")] for code in codes]))
+    """
+    # a process of its own: the code of a kernel that came from the disk cache cannot be read
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, env={**_environment(), "RIGIDMC_CACHE_DIR": str(tmp_path)}
+    )
+    assert done.returncode == 0, done.stderr
+    for packed, scalar, multiplied, one_by_one in json.loads(done.stdout):
+        assert packed > 30  # 37 and 55: eleven doublings with one or two arctangents
+        assert multiplied > 300  # 325 and 381
+        assert scalar == one_by_one == 0
+
+
+def _environment():
+    return {k: v for k, v in os.environ.items() if k != "NUMBA_DISABLE_JIT"}
