@@ -10,7 +10,7 @@ from bench import baselines, tops
 from bench.baselines import naive
 from rigidmc.effects import Gravity
 from rigidmc.engine.machine import threads_available
-from rigidmc.integrators import RK4, Exact, Strang
+from rigidmc.integrators import INTEGRATORS, Turns, form
 
 MEMBERS, STEPS, H = 65536, 1000, 0.01
 SAVES = ("omega", "attitude", "energy", "l2")
@@ -31,9 +31,11 @@ def kernels(ensemble):
     """rigidmc's kernel with blocks on threads, as simulate() runs it."""
     all_cores = tops.pool(threads_available())
 
-    def candidate(integrator, effects, attitude=True, pool=all_cores, same_as="kernel rk4 free"):
+    def candidate(name, effects, attitude=True, pool=all_cores, same_as="kernel rk4 free"):
+        made = form(INTEGRATORS[name], Turns(0.1), attitude, effects)
+
         def run(parts):
-            tops.advance(parts, integrator, effects, attitude, H, STEPS, pool)
+            tops.advance(parts, made, effects, attitude, H, STEPS, pool)
             return parts
 
         def read(parts):
@@ -43,12 +45,12 @@ def kernels(ensemble):
         return Candidate(lambda: tops.blocks(ensemble, effects), run, read, same_as)
 
     return {
-        "kernel rk4 free": candidate(RK4(), ()),
-        "kernel rk4 free, one thread": candidate(RK4(), (), pool=tops.pool(1)),
-        "kernel rk4 heavy": candidate(RK4(), GRAVITY, same_as="kernel rk4 heavy"),
-        "kernel exact": candidate(Exact(), ()),
-        "kernel exact, momentum only": candidate(Exact(), (), attitude=False),
-        "kernel strang heavy": candidate(Strang(), GRAVITY, same_as="kernel rk4 heavy"),
+        "kernel rk4 free": candidate("rk4", ()),
+        "kernel rk4 free, one thread": candidate("rk4", (), pool=tops.pool(1)),
+        "kernel rk4 heavy": candidate("rk4", GRAVITY, same_as="kernel rk4 heavy"),
+        "kernel exact": candidate("exact", ()),
+        "kernel exact, momentum only": candidate("exact", (), attitude=False),
+        "kernel strang heavy": candidate("strang", GRAVITY, same_as="kernel rk4 heavy"),
     }
 
 

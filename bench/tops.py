@@ -7,6 +7,7 @@ import numpy as np
 
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.engine import kernel
+from rigidmc.engine.compose import as_single
 
 GRAVITY = 9.81  # m/s^2
 BLOCK = 4096  # members of a block, as in rigidmc.planning
@@ -47,19 +48,21 @@ def blocks(tops, effects, size=BLOCK):
     n = tops.omega.shape[1]
     rows = np.zeros((kernel.EFFECTS + sum(map(len, effects)), n))
     rows[kernel.ATTITUDE : kernel.MOMENTUM] = tops.attitude
-    rows[kernel.MOMENTUM : kernel.START] = tops.momentum
+    rows[kernel.MOMENTUM : kernel.REST] = tops.momentum
     rows[kernel.BODY : kernel.EFFECTS] = tops.body
     for row, value in enumerate((v for effect in effects for v in effect), kernel.EFFECTS):
         rows[row] = value
     return [np.ascontiguousarray(rows[:, low : low + size]) for low in range(0, n, size)]
 
 
-def advance(parts, integrator, effects, attitude, h, steps, pool):
-    """Move blocks by `steps` steps h on the threads of a pool, final state only."""
-    carried, nothing = (0.0,) if attitude else (), np.empty(0)
+def advance(parts, made, effects, attitude, h, steps, pool, dtype=float):
+    """Move blocks by `steps` steps h of a Form on the threads of a pool, final state only."""
+    integrator = as_single(made.integrator) if dtype == np.float32 else made.integrator
+    how = (integrator, made.parts, effects, (), (0.0,) if attitude else (), (), np.empty(0, dtype))
+    nothing = np.empty(0)
 
     def move(block):
-        kernel.advance(integrator, effects, (), carried, block, nothing, 0, 0, h, 0, steps, steps, steps)
+        kernel.advance(*how, block, nothing, 0, 0, h, 0, steps, steps, steps)
 
     for _ in pool.map(move, parts):
         pass
@@ -67,7 +70,7 @@ def advance(parts, integrator, effects, attitude, h, steps, pool):
 
 def state(parts):
     """(attitude (4, n), momentum (3, n)) of blocks."""
-    rows = np.concatenate([block[: kernel.START] for block in parts], axis=1)
+    rows = np.concatenate([block[: kernel.REST] for block in parts], axis=1)
     return rows[: kernel.MOMENTUM], rows[kernel.MOMENTUM :]
 
 

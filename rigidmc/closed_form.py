@@ -1,17 +1,20 @@
-"""The closed form of a scene, where one covers it, beside its integration."""
+"""The closed form of a scene, where one covers it."""
 
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from rigidmc.dynamics.euler import MassProperties, kinetic_energy
+from rigidmc.dynamics.so3 import dot
 from rigidmc.effects import name_of
+from rigidmc.effects.verbs import total_energy, total_energy_scale
 from rigidmc.engine import kernel
 from rigidmc.errors import SceneError
 from rigidmc.exact.free_top import Motion, free_motion, free_top
 from rigidmc.exact.lagrange_top import lagrange_motion, lagrange_top
-from rigidmc.planning import stage
-from rigidmc.rotation import attitude_error
-from rigidmc.simulation import simulate
+from rigidmc.observables import OBSERVABLES
+from rigidmc.observables.verbs import value
+from rigidmc.staging import stage
 
 COVERED = (
     "the free top (no effects), the free top with viscous_damping, and the Lagrange top (gravity on a body with two equal moments "
@@ -34,14 +37,15 @@ class Case(NamedTuple):
     damping: np.ndarray
 
     def motion(self, t):
-        """The Motion of the members at t [s]."""
+        """The Motion of the members at t [s]: (n, 3); at times (m,) it is (m, n, 3)."""
+        t = np.asarray(t, dtype=float)[..., None]
         if self.weight is not None:
             return lagrange_top(self.moments, self.weight, self.momentum, self.attitude, t, axis=self.axis)
         rate = self.damping
         # L' = L x omega - rate L runs through the undamped motion at the time (1 - exp(-rate t))/rate
         shrunk = np.where(rate > 0.0, -np.expm1(-rate * t) / np.where(rate > 0.0, rate, 1.0), t)
         l, omega, q = free_top(self.moments, self.momentum, self.attitude, shrunk)
-        left = np.exp(-rate * t)[:, None]
+        left = np.exp(-rate * t)[..., None]
         return Motion(left * l, left * omega, q)
 
     def what(self):
@@ -51,11 +55,15 @@ class Case(NamedTuple):
         return lagrange_motion(self.moments, self.weight, self.momentum, self.attitude, axis=self.axis)
 
 
-def closed_form(scene, members=None):
-    """The Case of the first members of a scene; SceneError where no closed form covers it, with why."""
-    scene.check()
-    block, start = stage(scene, scene.run.first, members or scene.run.members, True)
-    moments, momentum, attitude = start["moments"].T, block[kernel.MOMENTUM : kernel.START].T, block[: kernel.MOMENTUM].T
+def closed_form(scene, members=None, first=None):
+    """The Case of `members` members of a scene from index `first` on; SceneError where no closed form covers it, with why."""
+    block, start = stage(scene, scene.run.first if first is None else first, members or scene.run.members, True)
+    return case_of(scene, block, start)
+
+
+def case_of(scene, block, start):
+    """The Case of staged members, see `rigidmc.staging.stage`."""
+    moments, momentum, attitude = start["moments"].T, block[kernel.MOMENTUM : kernel.REST].T, block[: kernel.MOMENTUM].T
     effects = {name_of(effect) for effect in scene.effects}
     if unknown := sorted(effects - {"gravity", "viscous_damping"}):
         raise _uncovered(f"the scene has {', '.join(unknown)}")
@@ -84,59 +92,37 @@ def _uncovered(why):
     return SceneError("", "scene", None, f"no closed form covers it: {why}; covered are {COVERED}")
 
 
-def compare(scene, at, members):
-    """Lines of text: the closed form of a scene at a time, its integration, and how far they are apart over the first members."""
-    members = min(members, scene.run.members)
-    case = closed_form(scene, members)
-    name, motion, what = case.name, case.motion(at), case.what()
-    lines = [f"{scene.title}: {name}, closed form at t = {at:g} s, {members:,} member{'s' * (members > 1)}"]
-    kinds, counts = np.unique(what.kind, return_counts=True)
-    order = np.argsort(-counts)
-    lines.append("motion       " + ", ".join(f"{kinds[i]} ({counts[i]:,})" for i in order))
-    with np.errstate(invalid="ignore"):
-        for label, values, unit in _facts(what):
-            good = values[np.isfinite(values)]
-            if good.size:
-                spread = f", from {good.min():.6g} to {good.max():.6g}" if np.ptp(good) > 1e-12 * np.abs(good).max() else ""
-                lines.append(f"{label:12s} {good[0]:.12g} {unit} of member {scene.run.first}{spread}")
-    run = scene.with_run(t_end=abs(at), every=None, save=("omega", "attitude"), members=members) if at > 0 else None
-    if run is None:
-        lines.append("integration  none: it starts at t = 0 and goes forward")
-        lines += _state(motion.omega[0], motion.attitude[0])
-        return lines
-    result = simulate(run)
-    last, good = result.isel(time=-1), result.status.values == 0
-    omega, attitude = last.omega.transpose("member", "axis").values, last.attitude.transpose("member", "quat").values
-    lines.append(f"integration  {run.run.integrator}, dt = {result.attrs['dt']:.6g} s; member {scene.run.first}:")
-    lines.append(f"{'':12s} {'closed form':>24s} {'integration':>24s} {'difference':>12s}")
-    sign = 1.0 if motion.attitude[0] @ attitude[0] >= 0 else -1.0
-    rows = zip(
-        ("omega_1", "omega_2", "omega_3", "q_w", "q_x", "q_y", "q_z"),
-        (*motion.omega[0], *motion.attitude[0]),
-        (*omega[0], *(sign * attitude[0])),
-        strict=True,
-    )
-    lines += [f"{word:12s} {a:24.16g} {b:24.16g} {b - a:12.2e}" for word, a, b in rows]
-    apart = np.linalg.norm(omega - motion.omega, axis=-1)[good]
-    turned = attitude_error(attitude, motion.attitude)[good]
-    for word, values, unit in (("omega", apart, "rad/s"), ("attitude", turned, "rad")):
-        lines.append(
-            f"{word:12s} apart by {np.median(values):.2e} {unit} (median), {values.max():.2e} {unit} (worst) over {good.sum():,} members"
+def closed_values(scene, block, start, times):
+    """The values that a scene saves at `times`, (times, rows, n), from the closed form; the block gets its end, drifts and status."""
+    sick = (block[kernel.STATUS] > 0.0) | ~np.isfinite(block[: kernel.REST]).all(0)
+    block[kernel.STATUS, sick & (block[kernel.STATUS] == 0.0)] = kernel.STATUSES["non_finite"]
+    well = {name: np.where(sick, 1.0, values) for name, values in start.items()}  # some motion: nothing of it is kept
+    staged = np.where(sick, 0.0, block)
+    staged[0, sick] = 1.0
+    motion = case_of(scene, staged, well).motion(times)
+    q, l = np.moveaxis(motion.attitude, -1, 1), np.moveaxis(motion.momentum, -1, 1)
+    # at t = 0 the start itself, and the sick stay there
+    q, l = (np.where(sick | (times == 0.0)[:, None, None], x[None], y) for x, y in ((block[:4], q), (block[4:7], l)))
+    body, effects, row = MassProperties(*block[kernel.BODY : kernel.EFFECTS]), [], kernel.EFFECTS
+    for effect in scene.effects:
+        effects.append(type(effect)(*block[row : row + len(effect)]))
+        row += len(effect)
+    observables = [OBSERVABLES[name]() for name in scene.run.save]
+    with np.errstate(all="ignore"):
+        kinetic, squared = kinetic_energy(body, l[0]), dot(l[0], l[0])
+        energy = kinetic + total_energy(effects, body, q[0])
+        scale = np.maximum(np.abs(energy), 1e-3 * (kinetic + total_energy_scale(effects, body)))
+        first = energy, 1.0 / np.where(scale > 0.0, scale, 1.0), squared, 1.0 / np.where(squared > 0.0, squared, 1.0)
+        values = np.array(
+            [[v for o in observables for v in value(o, body, effects, t, a, b, first)] for t, a, b in zip(times, q, l, strict=True)]
         )
-    return lines
-
-
-def _facts(what):
-    if hasattr(what, "flip_interval"):
-        return (("period", what.period, "s"), ("flips every", what.flip_interval, "s"), ("1 - m", what.mc, ""))
-    low, high = np.degrees(what.low), np.degrees(what.high)
-    return (
-        ("nutation", what.period, "s a period"),
-        ("precession", np.degrees(what.precession), "deg a period"),
-        ("theta from", high, "deg"),
-        ("theta to", low, "deg"),
-    )
-
-
-def _state(omega, attitude):
-    return ["omega        " + "  ".join(f"{x:.16g}" for x in omega), "attitude     " + "  ".join(f"{x:.16g}" for x in attitude)]
+        drifts = [
+            (
+                abs((kinetic_energy(body, b) + total_energy(effects, body, a) - first[0]) * first[1]),
+                abs((dot(b, b) - squared) * first[3]),
+            )
+            for a, b in zip(q, l, strict=True)
+        ]
+    block[kernel.DRIFT : kernel.STATUS] = np.where(sick, np.nan, np.max(drifts, axis=0))
+    block[: kernel.MOMENTUM], block[kernel.MOMENTUM : kernel.REST] = q[-1], l[-1]
+    return values

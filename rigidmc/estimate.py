@@ -8,6 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 import numpy as np
 
 from rigidmc.body import IDENTITY
+from rigidmc.choice import resolved
 from rigidmc.effects import name_of
 from rigidmc.engine import kernel
 from rigidmc.engine.machine import cache_folder, threads_available, vector_bits
@@ -21,8 +22,8 @@ def cost_per_step(scene, plan, members=256, seconds=0.05):
     """Nanoseconds per member-step on one thread of this machine, measured on the scene's own first members."""
     import time
 
-    from rigidmc.planning import stage
     from rigidmc.simulation import block_arguments, compile_kernel
+    from rigidmc.staging import stage
 
     compile_kernel(scene, plan)
     best, steps = np.inf, 16
@@ -36,11 +37,12 @@ def cost_per_step(scene, plan, members=256, seconds=0.05):
         seconds -= took
         if seconds < 0:
             break
-    return 1e9 * best * plan.pieces
+    return 1e9 * best
 
 
 def describe(scene, threads):
     """What a scene is, which effects are compiled, and what a run of it would take."""
+    scene, chosen = resolved(scene, threads)
     plan = prepare(scene, threads=threads)
     run = scene.run
     lines = [f"{scene.title}: {scene.summary}".rstrip(": ")]
@@ -64,7 +66,8 @@ def describe(scene, threads):
     )
     kept = conservation(scene)
     lines.append(f"conserved    energy: {kept['energy']}; |L|^2: {kept['l2']}")
-    pieces = f" of {plan.pieces} pieces each" if plan.pieces > 1 else ""
+    parts = len(plan.form.parts) - 1 if plan.form else 1
+    pieces = f" of {parts} parts each" if parts > 1 else ""
     lines.append(
         f"steps        {plan.steps:,}{pieces}, dt = {plan.dt:.6g} s, t_end = {run.t_end:g} s, omega dt <= {plan.angle:.2g} rad"
     )
@@ -75,6 +78,9 @@ def describe(scene, threads):
         f"memory       {_bytes(memory)} as a Dataset in memory; about {_bytes(0.25e9 + threads * 64 * 2**20)} at most with -o FILE"
     )
     lines.append(f"file         {_bytes(file)}")
+    lines += chosen.lines(plan.members) if chosen else []
+    if plan.form is None:
+        return "\n".join([*lines, "cost         closed form at every save"])
     cost = cost_per_step(scene, plan)
     seconds = cost * 1e-9 * plan.members * plan.steps / threads
     lines.append(

@@ -6,16 +6,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rigidmc.body import broken
+from rigidmc.closed_form import closed_form
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.dynamics.methods import names
-from rigidmc.effects import name_of
 from rigidmc.engine import kernel
 from rigidmc.errors import SceneError
-from rigidmc.integrators import INTEGRATORS
+from rigidmc.integrators import INTEGRATORS, Turns, form
 from rigidmc.observables import OBSERVABLES, rows_of
-from rigidmc.sampling import Distribution, draw, is_shared, rows
+from rigidmc.sampling import Distribution, is_shared, rows
 from rigidmc.scene import PILOT
+from rigidmc.staging import stage
 
 BLOCK = 4096  # members: their 30 to 40 rows are 1 MB, and a kernel call on them is 10 ms or more
 SLAB = 32 * 2**20  # bytes of saved values that a block may hold on its way to a file
@@ -31,13 +31,14 @@ class Plan(NamedTuple):
     dt: float
     stride: int  # steps between saves
     times: np.ndarray
-    pieces: int  # the step is made in so many pieces of dt/pieces
-    integrator: Any  # the instance that is compiled
+    form: Any  # the integrator as it is compiled, and the parts of its step; None for closed forms
     carried: bool  # whether the attitude is
     block: int  # members of a block
     constant: frozenset  # names of the member variables that are the same for all
     angle: float  # largest |omega| dt of the pilot [rad]
     turn_rate: float | None  # bound on the rate of free motion, where the integrator asks for it [rad/s]
+    dtype: str  # of the numbers in which steps are made
+    compensated: bool  # whether sums keep their remainders
     notes: tuple  # what the user should know
 
 
@@ -77,19 +78,17 @@ def prepare(scene, threads=1, streaming=False, block=None):
     steps, dt, stride, notes = steps_and_saves(run.t_end, run.dt, run.every)
     carried = carries_attitude(scene)
     angle = _angle(scene, dt)
-    integrator, pieces, rate = INTEGRATORS[run.integrator](), 1, None
-    if angle > 1.0 and integrator.order < math.inf:
+    if run.integrator == "closed":
+        closed_form(scene, whole_lanes(min(PILOT, run.members)))  # raises where there is none
+        steps, _, stride, notes = steps_and_saves(run.t_end, min(run.every or run.t_end, run.t_end), run.every)
+        dt, angle = run.t_end / steps, 0.0
+    made, rate = (None, None) if run.integrator == "closed" else form_of(scene, dt, carried)
+    # a splitting turns exactly, however fast: it only sees the torque less often
+    most = 3.0 if hasattr(INTEGRATORS[run.integrator], "drifts") else 1.0
+    if angle > most and INTEGRATORS[run.integrator].order < math.inf:
         notes += (
-            f"omega dt reaches {angle:.3g} rad per step, more than 1: expect large errors; dt <= {dt / angle:.2g} s would do",
+            f"omega dt reaches {angle:.3g} rad per step, more than {most:g}: expect large errors; dt <= {most * dt / angle:.2g} s would do",
         )
-    if hasattr(integrator, "prepared"):
-        rate = _turn_rate(scene) if run.turn_rate is None else run.turn_rate
-        turn = rate * dt
-        if turn > integrator.largest_turn:
-            largest = integrator.largest_turn
-            rule = f"the free motion would turn by {turn:.3g} rad in a step, more than {largest:g}; use dt <= {dt * largest / turn:.2g}"
-            raise SceneError("run", "dt", run.dt, rule)
-        integrator, pieces = integrator.prepared(turn, carried)
     slots = [s for s in range(0, steps, stride)] + [steps]
     values = rows_of(*run.save)
     if block is None:
@@ -97,8 +96,24 @@ def prepare(scene, threads=1, streaming=False, block=None):
         if streaming:
             block = min(block, max(kernel.LANES, SLAB // (8 * max(1, values) * len(slots)) // kernel.LANES * kernel.LANES))
     return Plan(
-        run.first, run.members, steps, dt, stride, np.array(slots) * dt, pieces, integrator, carried, block, _constant(scene), angle, rate, notes
+        run.first, run.members, steps, dt, stride, np.array(slots) * dt, made, carried, block, _constant(scene), angle, rate,
+        run.dtype, run.compensated, notes,
     )  # fmt: skip
+
+
+def form_of(scene, dt, carried):
+    """(the Form of a scene's integrator for steps of dt, bound on the rate of free motion where it asks for that)."""
+    run = scene.run
+    kind, rate, turns = INTEGRATORS[run.integrator], None, None
+    if hasattr(kind, "prepared"):
+        found, spin, symmetric = _turn_rates(scene)
+        rate = found if run.turn_rate is None else run.turn_rate
+        turns = Turns(rate * dt, spin * dt, symmetric)
+        largest = getattr(kind, "largest_spin", math.inf)
+        if turns.spin > largest:
+            rule = f"a step may turn by {turns.spin:.3g} rad, more than the {largest:g} for which {run.integrator} can be solved; "
+            raise SceneError("run", "dt", run.dt, rule + f"use dt <= {dt * largest / turns.spin:.2g}")
+    return form(kind, turns, carried, scene.effects), rate
 
 
 def whole_lanes(count):
@@ -133,50 +148,35 @@ def _angle(scene, dt):
         return float(np.sqrt(np.nanmax(x * x + y * y + z * z))) * dt
 
 
-def _turn_rate(scene):
-    """Bound on lambda over the pilot [rad/s], the rate at which free motion turns L in the body."""
+def _turn_rates(scene):
+    """(bound on lambda [rad/s], bound on |omega| [rad/s], whether all bodies have two equal moments) over the pilot.
+
+    lambda is the rate at which free motion turns L in the body.
+    """
     block, _ = stage(scene, 0, _pilot(scene), carries_attitude(scene))
-    body, l = MassProperties(*block[kernel.BODY : kernel.EFFECTS]), block[kernel.MOMENTUM : kernel.START]
+    body, l = MassProperties(*block[kernel.BODY : kernel.EFFECTS]), block[kernel.MOMENTUM : kernel.REST]
     a, i = np.array([body.a1, body.a2, body.a3]), np.array([body.i1, body.i2, body.i3])
     with np.errstate(all="ignore"):
         products = np.stack([a[1] * a[2] * l[0] * l[0], a[2] * a[0] * l[1] * l[1], a[0] * a[1] * l[2] * l[2]])
         rate = np.sqrt(products.max(0) - products.min(0))
+        spin = np.sqrt(((i * l) ** 2).sum(0))
         scale = np.zeros(l.shape[1])
         row = kernel.EFFECTS
         for effect in scene.effects:
             if hasattr(effect, "energy_scale"):
                 scale += type(effect)(*block[row : row + len(effect)]).energy_scale(body)
             row += len(effect)
-        # torques can bring the kinetic energy from T to T + 2 V, and |L| with it
+        # torques can bring the kinetic energy from T to T + 2 V, and |L| and omega with it
         kinetic = 0.5 * (i * l * l).sum(0) + 2.0 * scale
         bound = np.sqrt(2.0 * kinetic / i.min(0)) * np.sqrt(np.abs(a).max(0) * np.sort(np.abs(a), axis=0)[1])
         rate = np.where(scale > 0.0, bound, rate)
+        spin = np.where(scale > 0.0, spin + np.sqrt(2.0 * scale * i.max(0)), spin)
+        alike = bool(np.all(np.abs(a).min(0) <= 4e-15 * i.max(0))) and _symmetric_by_construction(scene)
     margin = MARGIN if any(isinstance(q, Distribution) for q in scene.quantities()) else 1.0
-    return margin * float(np.max(rate, where=np.isfinite(rate), initial=0.0))  # a member past that is flagged, not planned for
+    rate, spin = (margin * float(np.max(x, where=np.isfinite(x), initial=0.0)) for x in (rate, spin))
+    return rate, spin, alike  # a member past that is flagged, not planned for
 
 
-def stage(scene, first, count, carried):
-    """(block, start): rows of `count` members as the kernel wants them, and what they were made from by the names of the result."""
-    seed = scene.run.seed
-    moments, mass, centre = scene.body.sample(seed, first, count)
-    which, spin = scene.start.spin(seed, first, count)
-    effects = [
-        (f"{name_of(e)}_{field}", draw((value,), seed, f"effects.{name_of(e)}.{field}", first, count)[0])
-        for e in scene.effects
-        for field, value in zip(e._fields, e, strict=True)
-    ]
-    start = {"moments": moments, "mass": mass, "centre": centre, f"start_{which}": spin, **dict(effects)}
-    block = np.zeros((kernel.EFFECTS + len(effects), count))
-    block[kernel.ATTITUDE] = 1.0
-    if carried:
-        start["start_attitude"] = block[kernel.ATTITUDE : kernel.MOMENTUM] = scene.start.quaternions(seed, first, count)
-        if scene.start.attitude != "uniform" and len(scene.start.attitude) == 3:
-            start["start_euler"] = draw(scene.start.attitude, seed, "start.attitude", first, count)
-    block[kernel.MOMENTUM : kernel.START] = spin * moments if which == "omega" else spin
-    bad = broken(moments) | ~(mass > 0)
-    block[kernel.STATUS, bad] = kernel.STATUSES["invalid_body"]
-    with np.errstate(all="ignore"):
-        block[kernel.BODY : kernel.EFFECTS] = MassProperties.of(tuple(moments), tuple(mass * centre))
-    for i, (_, values) in enumerate(effects):
-        block[kernel.EFFECTS + i] = values
-    return block, start
+def _symmetric_by_construction(scene):
+    """Whether a look at the pilot tells for all members that they have two equal moments."""
+    return not any(isinstance(q, Distribution) for q in scene.body.moments)

@@ -1,7 +1,7 @@
 """A scene: body, effects, start and run settings, and what of them cannot be run."""
 
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from rigidmc.body import Body, broken
 from rigidmc.effects import EFFECTS, canonical, name_of
 from rigidmc.errors import SceneError, unknown
-from rigidmc.integrators import INTEGRATORS
+from rigidmc.integrators import INTEGRATORS, refusal
 from rigidmc.observables import OBSERVABLES
 from rigidmc.sampling import Distribution, Start, draw, quantity, rows
 
@@ -33,6 +33,17 @@ class Run(Table):
     members: Annotated[int, Field(gt=0, description="members of the ensemble")] = 1000
     first: Annotated[int, Field(ge=0, description="index of the first member")] = 0
     seed: Annotated[int, Field(ge=0, description="seed of all random draws")] = 0
+    dtype: Annotated[Literal["float64", "float32"], Field(description="numbers in which steps are made")] = "float64"
+    compensated: Annotated[bool, Field(description="keep the remainders of all sums, for very many steps")] = False
+    tolerance: (
+        Annotated[
+            float,
+            Field(
+                gt=0, lt=1, description='error to keep, with integrator = "auto": of the momentum\'s size, of the attitude in rad'
+            ),
+        ]
+        | None
+    ) = None
     turn_rate: (
         Annotated[float, Field(ge=0, description="bound on the rate of free motion [rad/s]; else from the first members")] | None
     ) = None
@@ -84,8 +95,8 @@ class Scene:
             run = Run.model_validate({**self.run.model_dump(), **given})
         except ValidationError as error:
             raise complaint(error, "run", Run, given) from None
-        if run.integrator not in INTEGRATORS:
-            raise unknown("run", "integrator", run.integrator, "integrator", INTEGRATORS)
+        if run.integrator not in (*INTEGRATORS, "auto"):
+            raise unknown("run", "integrator", run.integrator, "integrator", (*INTEGRATORS, "auto"))
         for name in run.save:
             if name not in OBSERVABLES:
                 raise unknown("run", "save", name, "observable", OBSERVABLES)
@@ -94,11 +105,12 @@ class Scene:
     def check(self):
         """Raise SceneError for what cannot be run: refused torques, sampled bodies that cannot be, too few rows."""
         self.with_run()
-        integrator = INTEGRATORS[self.run.integrator]
-        if integrator.accepts == "no torque" and self.effects:
-            names = ", ".join(name_of(e) for e in self.effects)
-            rule = f"it is the motion of a free body and takes no torque, but the scene has {names}; use strang or rk4"
-            raise SceneError("run", "integrator", self.run.integrator, rule)
+        if self.run.integrator == "auto" and self.run.tolerance is None:
+            raise SceneError(
+                "run", "tolerance", None, 'is missing: integrator = "auto" chooses integrator and step for a tolerance'
+            )
+        if self.run.integrator != "auto" and (why := refusal(self.run.integrator, self.effects, self.run.compensated)):
+            raise SceneError("run", "integrator", self.run.integrator, why)
         count = rows(*self.quantities())
         if count is not None and count < self.run.first + self.run.members:
             rule = f"the scene has arrays with rows for {count} members only"

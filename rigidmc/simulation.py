@@ -1,23 +1,32 @@
 """The main job on one screen: a scene becomes a plan, blocks of members run through the kernel, a Dataset or a file comes out."""
 
 import math
+import os
+import sys
+import tempfile
 import time
 import warnings
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 
+from rigidmc.choice import resolved
+from rigidmc.closed_form import closed_values
 from rigidmc.engine import kernel
 from rigidmc.engine.blocks import run_blocks
+from rigidmc.engine.compose import as_single
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.observables import OBSERVABLES, rows_of
-from rigidmc.planning import prepare, stage, whole_lanes
+from rigidmc.planning import prepare, whole_lanes
 from rigidmc.progress import reporter
 from rigidmc.sampling import quantity, rows
+from rigidmc.staging import stage
 from rigidmc.storage import Writer, open_result, refuse_existing
 from rigidmc.storage.schema import attributes, coordinates, length, member_variables, saved_variables
+
+REHEARSED = 8192  # members: two blocks for each of two threads
 
 
 class Job(NamedTuple):
@@ -26,10 +35,7 @@ class Job(NamedTuple):
     first: int
     size: int  # members, the padding not counted
     start: dict
-    integrator: Any
-    effects: tuple
-    observables: tuple
-    attitude: tuple
+    how: tuple  # integrator, parts, effects, observables, attitude, compensated, precision
     block: np.ndarray
     out: np.ndarray
     width: int
@@ -41,12 +47,16 @@ class Job(NamedTuple):
 
 def simulate(
     scene, integrator=None, dt=None, t_end=None, members=None, seed=None, every=None, save=None,
-    threads=None, progress=False, output=None, force=False, block=None,
+    threads=None, progress=False, output=None, force=False, block=None, tolerance=None, dtype=None, compensated=None,
 ):  # fmt: skip
     """Integrate an ensemble and return an xarray Dataset with dimensions member, time, axis, quat.
 
     scene : Scene; what is None below is taken from its run settings
-    integrator : "rk4", "rkmk4", "strang", "exact"
+    integrator : a name of `rigidmc integrators`, or "auto" for the cheapest that keeps a tolerance
+    tolerance : error to keep in 99 % of the members, of the momentum's size and of the attitude in rad; chooses integrator, dtype and dt by
+        a pilot (`rigidmc.choice.choose`; the choice rests on measured times, and the result tells it in its attributes)
+    dtype : "float64" or "float32", of the numbers in which steps are made; starts, saves and drifts are float64
+    compensated : keep the remainders of all sums, for very many steps
     dt : step [s]; reduced where it divides neither t_end nor every, which a warning says
     members : how many, or a range of member indices: a member's bits depend on scene, seed and its index alone
     every : time between saves [s]; without it the first and last state are saved
@@ -71,26 +81,41 @@ def simulate(
     numbers = {"dt": dt, "t_end": t_end, "every": every}
     numbers = {k: v if v is None else quantity(v, "run", k) for k, v in numbers.items()}
     members, seed = (v.item() if isinstance(v, np.integer) else v for v in (members, seed))
-    scene = scene.with_run(integrator=integrator, first=first, members=members, seed=seed, save=save, **numbers)
+    numbers["tolerance"] = tolerance if tolerance is None else quantity(tolerance, "run", "tolerance")
+    integrator = "auto" if tolerance is not None and integrator is None else integrator
+    scene = scene.with_run(
+        integrator=integrator, first=first, members=members, seed=seed, save=save, dtype=dtype, compensated=compensated, **numbers
+    )
     threads = _threads(threads)
-    plan = prepare(scene, threads, output is not None, block)
-    for note in plan.notes:
-        warnings.warn(note, SceneWarning, stacklevel=2)
     if output is not None:
         refuse_existing(output, force)
+    scene, chosen = resolved(scene, threads)
+    plan = prepare(scene, threads, output is not None, block)
+    if chosen is not None:
+        expected = _rehearsed(scene, plan, threads, output, chosen)
+        if progress is True:
+            print("\n".join(chosen.lines(plan.members, expected)), file=sys.stderr)
+        dataset = run(scene, plan, threads, progress, output, force, chosen)
+        dataset.encoding["rigidmc"]["predicted_seconds"] = expected
+        return dataset
+    for note in plan.notes:
+        warnings.warn(note, SceneWarning, stacklevel=2)
     return run(scene, plan, threads, progress, output, force)
 
 
-def run(scene, plan, threads, progress=False, output=None, force=False):
+def run(scene, plan, threads, progress=False, output=None, force=False, chosen=None):
     """Run a plan; `dataset.encoding["rigidmc"]` tells what it cost and how many members are flagged. See `simulate`."""
     compiled = compile_kernel(scene, plan)
-    sink = _File(output, scene, plan, force) if output is not None else _Memory(scene, plan)
+    more = chosen.attributes() if chosen else {}
+    sink = _File(output, scene, plan, force, more) if output is not None else _Memory(scene, plan, more)
     flagged = dict.fromkeys(kernel.STATUSES, 0)
 
     def make(i):
         low = i * plan.block
         count = min(plan.block, plan.members - low)
         block, start = stage(scene, plan.first + low, whole_lanes(count), plan.carried)
+        if scene.run.integrator == "closed":
+            return _closed_job(scene, plan, plan.first + low, count, block, start, *sink.room(low, count))
         return _job(scene, plan, plan.first + low, count, block, start, *sink.room(low, count))
 
     def finished(job):
@@ -101,7 +126,7 @@ def run(scene, plan, threads, progress=False, output=None, force=False):
         sink.take(job, {**drift, "status": status, **job.start})
 
     began = time.perf_counter()
-    with reporter(progress, plan.members, plan.steps * plan.pieces) as report:
+    with reporter(progress, plan.members, plan.steps) as report:
         try:
             run_blocks(make, math.ceil(plan.members / plan.block), threads, finished, report.step, report.poll)
             dataset = sink.finish()
@@ -113,9 +138,30 @@ def run(scene, plan, threads, progress=False, output=None, force=False):
     return dataset
 
 
+def _rehearsed(scene, plan, threads, output, chosen):
+    """How long a plan will take [s], from its first members: with memory or a file of the same kind, which the kernels' time leaves out."""
+    members = min(plan.members, REHEARSED)
+    guess = plan.members / chosen.members_per_second
+    if plan.members < 4 * REHEARSED:
+        return guess
+    few, taken = scene.with_run(members=members), []
+    plan_few = prepare(few, threads, output is not None, plan.block)
+    with tempfile.TemporaryDirectory(
+        prefix=".rigidmc-", dir=os.path.dirname(os.path.abspath(output)) if output else None
+    ) as folder:
+        for i in range(2):  # the first warms up; both are kept, so that the second finds no memory that was used before
+            taken.append(run(few, plan_few, threads, False, os.path.join(folder, f"{i}.nc") if output else None))
+        seconds = min(dataset.encoding["rigidmc"]["run_seconds"] for dataset in taken)
+        for dataset in taken:
+            dataset.close()
+    return seconds * plan.members / members
+
+
 def compile_kernel(scene, plan):
     """Compile, or load from the cache, the kernel of a plan; seconds that it took."""
     began = time.perf_counter()
+    if plan.form is None:
+        return 0.0
     rows_needed = kernel.EFFECTS + sum(len(e) for e in scene.effects)
     kernel.advance(*block_arguments(scene, plan, np.zeros((rows_needed, 0))), 0, 0, 1, 1)
     return time.perf_counter() - began
@@ -124,15 +170,26 @@ def compile_kernel(scene, plan):
 def block_arguments(scene, plan, block):
     """Arguments of `kernel.advance` up to h, for a block of which nothing is saved."""
     job = _job(scene, plan, 0, 0, block, {}, np.empty(0), 0, 0)
-    return job.integrator, job.effects, job.observables, job.attitude, job.block, job.out, job.width, job.column, job.h
+    return *job.how, job.block, job.out, job.width, job.column, job.h
 
 
 def _job(scene, plan, first, count, block, start, out, width, column):
     effects = tuple(type(e)(*[0.0] * len(e)) for e in scene.effects)  # only their types matter: the values are rows of the block
     observables = tuple(OBSERVABLES[name]() for name in scene.run.save)
-    attitude = (0.0,) if plan.carried else ()
-    h, stride, total = plan.dt / plan.pieces, plan.stride * plan.pieces, plan.steps * plan.pieces
-    return Job(first, count, start, plan.integrator, effects, observables, attitude, block, out, width, column, h, stride, total)
+    compensated = (0.0,) if plan.compensated else ()
+    attitude, precision = (0.0,) if plan.carried else (), np.empty(0, plan.dtype)
+    integrator = as_single(plan.form.integrator) if plan.dtype == "float32" else plan.form.integrator
+    how = (integrator, plan.form.parts, effects, observables, attitude, compensated, precision)
+    return Job(first, count, start, how, block, out, width, column, plan.dt, plan.stride, plan.steps)
+
+
+def _closed_job(scene, plan, first, count, block, start, out, width, column):
+    """A block that needs no kernel: its saves are closed forms."""
+    values, saves = closed_values(scene, block, start, plan.times), len(plan.times)
+    if width:
+        size = block.shape[1]
+        out.reshape(saves, -1, width)[:, :, column : column + size] = values
+    return Job(first, count, start, None, block, out, width, column, plan.dt, plan.stride, plan.steps)
 
 
 def _threads(threads):
@@ -154,8 +211,8 @@ def _split(scene, values):
 class _Memory:
     """Collects blocks in one Dataset; the kernel writes saved values straight to their place."""
 
-    def __init__(self, scene, plan):
-        self.scene, self.plan = scene, plan
+    def __init__(self, scene, plan, more):
+        self.scene, self.plan, self.more = scene, plan, more
         self.width = whole_lanes(plan.members)
         self.values = rows_of(*scene.run.save)
         self.out = np.empty(plan.times.size * self.values * self.width)
@@ -183,7 +240,7 @@ class _Memory:
         values = self.out.reshape(self.plan.times.size, self.values, self.width)[..., : self.plan.members]
         arrays = {**self.arrays, **_split(self.scene, values)}
         variables = {name: (v.dims, arrays[name], v.attrs) for name, v in {**self.variables, **saved}.items()}
-        return xr.Dataset(variables, coordinates(self.plan), attributes(self.scene, self.plan))
+        return xr.Dataset(variables, coordinates(self.plan), {**attributes(self.scene, self.plan), **self.more})
 
     def discard(self):
         self.out = np.empty(0)
@@ -192,11 +249,11 @@ class _Memory:
 class _File:
     """Writes blocks to a netCDF file as they are done."""
 
-    def __init__(self, path, scene, plan, force):
+    def __init__(self, path, scene, plan, force, more):
         self.scene, self.plan, self.path = scene, plan, path
         self.values = rows_of(*scene.run.save)
         self.names = set(member_variables(scene, plan.carried))
-        self.writer = Writer(path, scene, plan, force)
+        self.writer = Writer(path, scene, plan, force, more)
 
     def room(self, low, count):
         width = whole_lanes(count)

@@ -6,6 +6,9 @@ import numpy as np
 
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.engine import kernel as K
+from rigidmc.engine.compose import as_single
+from rigidmc.integrators import Turns, form
+from rigidmc.integrators.verbs import closed, opened, step
 
 NOTHING = np.empty(0)
 SIZES = {(): 1, ("axis",): 3, ("quat",): 4}
@@ -17,7 +20,7 @@ def make_block(body, effects, attitude, momentum):
     members = momentum.shape[1]
     rows = np.zeros((K.EFFECTS + sum(map(len, effects)), members))
     rows[K.ATTITUDE : K.MOMENTUM] = attitude.reshape(4, -1)
-    rows[K.MOMENTUM : K.START] = momentum
+    rows[K.MOMENTUM : K.REST] = momentum
     for row, field in enumerate([*body, *(field for effect in effects for field in effect)], start=K.BODY):
         rows[row] = field
     return np.ascontiguousarray(np.pad(rows, ((0, 0), (0, -members % K.LANES)), mode="edge"))
@@ -38,34 +41,45 @@ def slots(total, stride):
     return (total + stride - 1) // stride + 1
 
 
-def run(block, integrator, effects, h, steps, observables=(), stride=None, attitude=True, cuts=()):
+def run(block, made, effects, h, steps, observables=(), stride=None, attitude=True, cuts=(), compensated=False, dtype=float):
     """Change the block in place, `steps` steps further on; the saves as an array (slot, value row, member).
 
-    cuts : steps at which the run is split into several calls
+    made : a Form;  cuts : steps at which the run is split into several calls
     """
     stride = stride or max(steps, 1)
     size = sum(SIZES[o.dims] for o in observables)
     width = block.shape[1] if observables else 0
     out = np.full(slots(steps, stride) * size * width, -1.0) if observables else NOTHING
     types = tuple(type(e)(*[0.0] * len(e)) for e in effects)  # the kernel reads the fields from the block
-    moved = (0.0,) if attitude else ()
+    moved, kept = (0.0,) if attitude else (), (0.0,) if compensated else ()
+    integrator = as_single(made.integrator) if dtype == np.float32 else made.integrator
+    how = (integrator, made.parts, types, observables, moved, kept, np.empty(0, dtype))
     for first, last in pairwise([0, *cuts, steps]):
-        K.advance(integrator, types, observables, moved, block, out, width, 0, float(h), first, last, stride, steps)
+        K.advance(*how, block, out, width, 0, float(h), first, last, stride, steps)
     return out.reshape(-1, size, width) if observables else None
 
 
-def march(kind, problems, h, steps, effects=None, integrator=None):
+def march(kind, problems, h, steps, effects=None, made=None, **options):
     """(attitudes (4, n), momenta (3, n)) of named problems after `steps` steps of an integrator of INTEGRATORS."""
     block = block_of(problems, effects)
-    integrator, pieces = (integrator, 1) if integrator else prepare(kind, max(turn(p, h) for p in problems))
-    run(block, integrator, problems[0].effects if effects is None else effects, h / pieces, steps * pieces)
+    effects = problems[0].effects if effects is None else effects
+    run(block, made or prepare(kind, max(turn(p, h) for p in problems), effects), effects, h, steps, **options)
     assert not block[K.STATUS].any()
-    return block[: K.MOMENTUM, : len(problems)], block[K.MOMENTUM : K.START, : len(problems)]
+    return block[: K.MOMENTUM, : len(problems)], block[K.MOMENTUM : K.REST, : len(problems)]
 
 
-def prepare(kind, turn, attitude=True):
-    """(integrator, pieces per step) for steps that turn by `turn` [rad]."""
-    return kind().prepared(turn, attitude) if hasattr(kind, "prepared") else (kind(), 1)
+def prepare(kind, turn, effects=(), attitude=True, symmetric=False):
+    """The Form for steps that turn by `turn` [rad]."""
+    return form(kind, Turns(turn, 3.0 * turn, symmetric), attitude, effects)
+
+
+def one_step(made, body, effects, t, h, q, l):
+    """One step in plain Python, opened before and closed after."""
+    lead, rows = [h * x for x in made.parts[0]], made.parts[1:]
+    q, l = opened(made.integrator, body, effects, t + lead[3], lead, q, l)
+    for row in rows:
+        q, l = step(made.integrator, body, effects, t + h * row[3], h, tuple(h * row[:3]), q, l)
+    return closed(made.integrator, body, effects, t + h + lead[3], lead, q, l)
 
 
 def turn(problem, h):

@@ -111,7 +111,7 @@ def test_usage():
     [
         (["run", "dzanibekov"], "did you mean 'dzhanibekov'"),
         (["run", "heavy_top", "--integrator", "exact"], "takes no torque"),
-        (["run", "heavy_top", "--integrator", "rk5"], "did you mean 'rk4'"),
+        (["run", "heavy_top", "--integrator", "rkm4"], "did you mean 'rkmk4'"),
         (["run", "dzhanibekov", "--members", "0"], "greater than 0"),
         (["run", "dzhanibekov", "--dt", "-1"], "greater than 0"),
         (["run", "dzhanibekov", "--save", "omga"], "did you mean 'omega'"),

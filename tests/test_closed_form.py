@@ -6,7 +6,8 @@ from typer.testing import CliRunner
 
 from rigidmc import Body, Gravity, Scene, SceneError, Start, ViscousDamping, normal
 from rigidmc.cli import app
-from rigidmc.closed_form import closed_form, compare
+from rigidmc.closed_form import closed_form
+from rigidmc.comparison import compare
 from rigidmc.rotation import attitude_error
 from rigidmc.simulation import simulate
 from tests import reference

@@ -9,7 +9,7 @@ import math
 from typing import NamedTuple
 
 from rigidmc.dynamics.euler import angular_velocity
-from rigidmc.dynamics.so3 import add, axpy, conjugate, dot, multiply, scale, select, sincos, touch_up
+from rigidmc.dynamics.so3 import add, conjugate, dot, exponential, multiply, scale, select, sincos
 
 
 class Arc(NamedTuple):
@@ -133,15 +133,16 @@ def _half_and_whole(h, x, y, halvings):
     return half, doubled(half, x, y)
 
 
-def free_flow(body, halvings, panels, h, q, l):
-    """(q, L) of a free body after time h.
+def free_flow(body, halvings, panels, h, l):
+    """(turn, change of L) of a free body in the time h: its attitude goes from q to q turn.
 
-        psi = integral of (2T + |L| |L_j| / I_j) / (|L| + |L_j|) dt,   q1 = q0 P(L0)* exp(psi e_j / 2) P(L1)
+        psi = integral of (2T + |L| |L_j| / I_j) / (|L| + |L_j|) dt,   turn = P(L0)* exp(psi e_j / 2) P(L1)
 
     where P(L) turns L to the body axis e_j, the one (1 or 3) about which L circles. |L|, T and the space momentum are kept to
     rounding at any h; the phase is exact for symmetric bodies and of order 8 in h otherwise.
 
-    halvings, panels : tuples whose LENGTHS say how often the series' argument is halved and into how many panels h is cut
+    halvings : a tuple whose LENGTH says how often the series' argument is halved
+    panels : (1/n, ...), n panels into which h is cut; their length in the tuple and not len(), which would be a float64 for float32 too
     """
     g = math.sqrt(dot(l, l))
     one, two, three = scale(1.0 / select(g > 0.0, g, 1.0), l)
@@ -153,21 +154,66 @@ def free_flow(body, halvings, panels, h, q, l):
     u = relabel(first, third, u)
     i1, _, i3 = relabel(first, third, (body.i1, body.i2, body.i3))
     body = Axes(i1, i3, *relabel(first, third, (body.a1, body.a2, body.a3)))
-    h = h * g / len(panels)  # from here on the time is |L| t and the momentum is the unit vector u
+    time = h * g
+    h = time * panels[0]  # from here on the time is |L| t and the momentum is the unit vector u
     p, q1, q3 = squares(body, u)
     half, whole = _half_and_whole(h, p + q3, p + q1, halvings)
     on_third = q3 >= q1
     start = _share(body, on_third, u)
     change, end, f, integral = _panels(body, on_third, half, whole, h, u, start, panels)
     # psi' = 2T (1 - v) + v/I_j: written so that nothing cancels for needles, where 1/I_j exceeds 2T by orders of magnitude
-    phase = twice_energy * (h * len(panels) - integral) + select(on_third, body.i3, body.i1) * integral
+    phase = twice_energy * (time - integral) + select(on_third, body.i3, body.i1) * integral
     s, c = sincos(0.5 * phase)
     s = s * select(select(on_third, u[2], u[0]) < 0.0, -1.0, 1.0)
     turn = multiply(conjugate(to_axis(on_third, u)), (c, select(on_third, 0.0, s), 0.0, select(on_third, s, 0.0)))
     turn = multiply(turn, to_axis(on_third, end))
     r = 0.5 * math.sqrt(start[0] * f)  # |P(u)|^2 = 2 (1 + c) before normalisation
     one, two, three = relabel(third, first, scale(r, turn[1:]))
-    return touch_up(multiply(q, (r * turn[0], one, two, three))), axpy(l, g, relabel(third, first, change))
+    return (r * turn[0], one, two, three), scale(g, relabel(third, first, change))
+
+
+def symmetric_flow(body, h, l):
+    """(turn, change of L) in the time h of a free body with two equal moments A, A and C about any axis e; any h, two turns.
+
+    turn = exp(h L/A) exp(h (1/C - 1/A) L_e e),   L turns about e by -h (1/C - 1/A) L_e          (TdC Example 3.5)
+    """
+    x, y, z = abs(body.a1), abs(body.a2), abs(body.a3)
+    first, third = (x < y) & (x < z), (z < y) & (z <= x)  # the axis whose coefficient vanishes becomes axis 2
+    one, two, three = relabel(first, third, l)
+    i1, _, i3 = relabel(first, third, (body.i1, body.i2, body.i3))
+    _, _, rate = relabel(first, third, (body.a1, body.a2, body.a3))  # (A - C)/(A C) = 1/C - 1/A
+    s, c = sincos(0.5 * h * rate * two)
+    a, b = 2.0 * s * s, 2.0 * s * c
+    change = -a * one - b * three, 0.0, b * one - a * three
+    x, y, z = relabel(third, first, (0.0, s, 0.0))
+    turn = multiply(exponential(scale(0.5 * h * (i1 + i3), l)), (c, x, y, z))
+    return turn, relabel(third, first, change)
+
+
+def split_flow(body, h, l):
+    """(turn, change of L) in the time h of a free body, split: order 2, symmetric, exact for bodies with two equal moments.
+
+    T = |L|^2/2I2 + 1/2 (1/I1 - 1/I2) L1^2 + 1/2 (1/I3 - 1/I2) L3^2 with the middle moment on axis 2. The first term turns the body
+    about L and commutes with the others, which are turns about the axes 1 and 3: half a turn about 1, a turn about 3, half about 1.
+    """
+    elsewhere, one_fits = body.a1 * body.a3 < 0.0, body.a2 * body.a3 >= 0.0
+    first, third = elsewhere & one_fits, elsewhere & (not one_fits)
+    one, two, three = relabel(first, third, l)
+    _, i2, _ = relabel(first, third, (body.i1, body.i2, body.i3))
+    a1, _, a3 = relabel(first, third, (body.a1, body.a2, body.a3))
+    # a3 = 1/I2 - 1/I1, a1 = 1/I3 - 1/I2; a turn about 1 by w takes (L2, L3) to (c L2 + s L3, c L3 - s L2)
+    s1, c1 = sincos(-0.25 * h * a3 * one)
+    x2 = 2.0 * s1 * (c1 * three - s1 * two)
+    x3 = -2.0 * s1 * (c1 * two + s1 * three)
+    s3, c3 = sincos(0.5 * h * a1 * (three + x3))
+    y1 = 2.0 * s3 * (c3 * (two + x2) - s3 * one)
+    y2 = x2 - 2.0 * s3 * (c3 * one + s3 * (two + x2))
+    s2, c2 = sincos(-0.25 * h * a3 * (one + y1))
+    z2 = y2 + 2.0 * s2 * (c2 * (three + x3) - s2 * (two + y2))
+    z3 = x3 - 2.0 * s2 * (c2 * (two + y2) + s2 * (three + x3))
+    turn = multiply(multiply((c1, s1, 0.0, 0.0), (c3, 0.0, 0.0, s3)), (c2, s2, 0.0, 0.0))
+    x, y, z = relabel(third, first, turn[1:])
+    return multiply(exponential(scale(h * i2, l)), (turn[0], x, y, z)), relabel(third, first, (y1, z2, z3))
 
 
 def relabel(first, third, v):

@@ -11,11 +11,28 @@ import math
 _HALF_PI_1, _HALF_PI_2, _HALF_PI_3 = 1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21
 _TWO_OVER_PI = 0.63661977236758134308
 _ROUND = 6755399441055744.0  # 1.5 * 2^52: adding and subtracting it rounds to the nearest integer, with no libm call
+# what these constants are in float32; pi/2 in parts of 8, 11 and 24 bits (Cephes, sinf)
+SINGLE = {"_HALF_PI_1": 1.5703125, "_HALF_PI_2": 4.837512969970703e-04, "_HALF_PI_3": 7.54978995489188e-08, "_ROUND": 12582912.0}
 
 
 def select(condition, a, b):
     """`a if condition else b`, both evaluated: a blend in lanes, never a branch."""
     return a if condition else b
+
+
+def select3(condition, a, b):
+    """`select` of two 3-vectors."""
+    return select(condition, a[0], b[0]), select(condition, a[1], b[1]), select(condition, a[2], b[2])
+
+
+def select4(condition, a, b):
+    """`select` of two quaternions."""
+    return (
+        select(condition, a[0], b[0]),
+        select(condition, a[1], b[1]),
+        select(condition, a[2], b[2]),
+        select(condition, a[3], b[3]),
+    )
 
 
 def dot(a, b):
@@ -53,6 +70,11 @@ def scale(s, a):
     return s * a[0], s * a[1], s * a[2]
 
 
+def scale4(s, a):
+    """s*a of a number and a quaternion."""
+    return s * a[0], s * a[1], s * a[2], s * a[3]
+
+
 def axpy(a, s, b):
     """a + s*b of two 3-vectors."""
     return a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]
@@ -82,6 +104,16 @@ def normalised(q):
     """q/|q|."""
     r = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return r * q[0], r * q[1], r * q[2], r * q[3]
+
+
+def spin(p, w):
+    """p (0, w): with w = h omega/2 the change of attitude over h."""
+    return (
+        -p[1] * w[0] - p[2] * w[1] - p[3] * w[2],
+        p[0] * w[0] + p[2] * w[2] - p[3] * w[1],
+        p[0] * w[1] + p[3] * w[0] - p[1] * w[2],
+        p[0] * w[2] + p[1] * w[1] - p[2] * w[0],
+    )
 
 
 def turned(q, p, w):
@@ -115,6 +147,69 @@ def touch_up(q):
     """q (3 - |q|^2)/2: one Newton step to |q| = 1, exact to rounding when |q|^2 is within 1e-8 of 1."""
     r = 1.5 - 0.5 * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return r * q[0], r * q[1], r * q[2], r * q[3]
+
+
+def renewed(q):
+    """q/|q| by two Newton steps: exact to rounding when |q| is within 1e-4 of 1, off by 4e-6 at 1e-3; no root, no division."""
+    n = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
+    r = 1.5 - 0.5 * n
+    r = r * (1.5 - 0.5 * (n * r) * r)
+    return r * q[0], r * q[1], r * q[2], r * q[3]
+
+
+def whole(x):
+    """The value of a state: of a pair (value, remainder) the value."""
+    if len(x) == 2:
+        return x[0]
+    return x
+
+
+def two_sum(a, b):
+    """(s, e) with s + e = a + b exactly, s the rounded sum (Knuth, The Art of Computer Programming 2, 4.2.2)."""
+    s = a + b
+    c = s - a
+    return s, (a - (s - c)) + (b - c)
+
+
+def gain(l, dl):
+    """l + dl of 3-vectors; of a pair (value, remainder) the pair of the sum, so that nothing of dl is lost."""
+    if len(l) == 2:
+        value, rest = l
+        x, dx = two_sum(value[0], dl[0] + rest[0])
+        y, dy = two_sum(value[1], dl[1] + rest[1])
+        z, dz = two_sum(value[2], dl[2] + rest[2])
+        return (x, y, z), (dx, dy, dz)
+    return add(l, dl)
+
+
+def gain4(q, dq):
+    """q + dq of quaternions, brought back to |q| = 1; of a pair (value, remainder) the pair of the sum."""
+    if len(q) == 2:
+        value, rest = q
+        a, da = two_sum(value[0], dq[0] + rest[0])
+        b, db = two_sum(value[1], dq[1] + rest[1])
+        c, dc = two_sum(value[2], dq[2] + rest[2])
+        d, dd = two_sum(value[3], dq[3] + rest[3])
+        r = 0.5 - 0.5 * (a * a + b * b + c * c + d * d)  # a change along q: the norm returns, the attitude stays
+        r = r + 1.5 * r * r
+        a, da = two_sum(a, r * a + da)
+        b, db = two_sum(b, r * b + db)
+        c, dc = two_sum(c, r * c + dc)
+        d, dd = two_sum(d, r * d + dd)
+        return (a, b, c, d), (da, db, dc, dd)
+    return renewed(add4(q, dq))
+
+
+def moved(q, turn):
+    """q turn, for a unit quaternion `turn` in the body; of a pair (value, remainder) the pair of the product."""
+    if len(q) == 2:
+        value, rest = q
+        # turn - 1 without cancellation; -turn is the same turn and never near -1
+        sign = select(turn[0] < 0.0, -1.0, 1.0)
+        x, y, z = scale(sign, turn[1:])
+        less = -(x * x + y * y + z * z) / (1.0 + abs(turn[0])), x, y, z
+        return gain4(q, add4(multiply(value, less), multiply(rest, less)))
+    return touch_up(multiply(q, turn))
 
 
 def sincos(x):

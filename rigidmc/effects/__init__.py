@@ -2,7 +2,8 @@
 
     torque(self, [body, t, q, l])          body-frame torque [N m]
     energy(self, [body, q])                its potential energy [J], if it has one
-    kick(self, [body, t, h, q, l])         L after its exact flow over h; needed where the torque depends on L or t
+    kick(self, [body, t, h, q, l])         L after its exact flow over h; needed by splittings where the torque depends on L
+    torque_rate(self, [body, t, q, w])     rate of change of the torque while the body turns with w; needed by chin4
 
 Each names just the arguments that it depends on (see `rigidmc.dynamics.methods`).
 """

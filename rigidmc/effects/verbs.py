@@ -1,7 +1,7 @@
 """What integrators and observables ask of a tuple of effects; the empty tuple costs nothing."""
 
-from rigidmc.dynamics.methods import method
-from rigidmc.dynamics.so3 import add, axpy
+from rigidmc.dynamics.methods import method, names
+from rigidmc.dynamics.so3 import add, axpy, gain, scale, whole
 
 
 @method
@@ -28,6 +28,17 @@ def kick(effect, body, t, h, q, l):
     return axpy(l, h, torque(effect, body, t, q, l))
 
 
+@method
+def torque_rate(effect, body, t, q, w):
+    """Rate of change of one effect's torque while the body turns with angular velocity w (body axes) and t stands still."""
+    return 0.0, 0.0, 0.0
+
+
+def depends_on_momentum(effect):
+    """Whether an effect's torque depends on L, or comes as a flow of L of its own: a kick by it is then not L + h torque(q, t)."""
+    return "l" in names(effect, "torque") or hasattr(effect, "kick")
+
+
 def total_torque(effects, body, t, q, l):
     """Sum of the torques of all effects [N m]."""
     if len(effects) == 0:
@@ -35,6 +46,22 @@ def total_torque(effects, body, t, q, l):
     if len(effects) == 1:
         return torque(effects[0], body, t, q, l)
     return add(torque(effects[0], body, t, q, l), total_torque(effects[1:], body, t, q, l))
+
+
+def total_torque_rate(effects, body, t, q, w):
+    """Sum of the rates of change of all torques."""
+    if len(effects) == 0:
+        return 0.0, 0.0, 0.0
+    if len(effects) == 1:
+        return torque_rate(effects[0], body, t, q, w)
+    return add(torque_rate(effects[0], body, t, q, w), total_torque_rate(effects[1:], body, t, q, w))
+
+
+def kicked(effects, body, t, h, q, l):
+    """L after a kick over h by torques that depend on attitude and time; states may be pairs (value, remainder)."""
+    if len(effects) == 0:
+        return l
+    return gain(l, scale(h, total_torque(effects, body, t, whole(q), whole(l))))
 
 
 def push(effects, body, t, h, q, l, change):

@@ -8,7 +8,9 @@ Numba's disk cache works, since no function is ever an argument.
 
 import inspect
 
-from numba.core import types
+import numpy as np
+from numba.core import compiler, compiler_machinery, ir, types
+from numba.core.untyped_passes import IRProcessing
 from numba.extending import intrinsic, overload
 
 import rigidmc.integrators.verbs
@@ -16,11 +18,65 @@ import rigidmc.observables.verbs  # noqa: F401  (imported so that METHODS is com
 from rigidmc.dynamics import euler, free_flow, principal, so3
 from rigidmc.dynamics.methods import METHODS, arguments
 from rigidmc.effects import verbs
-from rigidmc.integrators import lie
+from rigidmc.integrators import drifts, lie, midpoint, rk8, splitting
 
 # "nsz" lets an absent effect's +0.0 vanish (12 packed adds a step without it), "contract" allows fused multiply-add.
 # No other flag: "nnan" or "ninf" would delete the check for non-finite members.
 FLAGS = {"error_model": "numpy", "fastmath": {"nsz", "contract"}}
+
+
+@compiler_machinery.register_pass(mutates_CFG=False, analysis_only=False)
+class _Precision(compiler_machinery.FunctionPass):
+    """Constants take the precision of the arguments: 0.5 * x is float32 where x is, which Numba alone would make float64.
+
+    A module may say in SINGLE what its named constants are in float32.
+    """
+
+    _name = "rigidmc_precision"
+
+    def __init__(self):
+        super().__init__()
+
+    def run_pass(self, state):
+        kinds = {kind for a in state.args for kind in _numbers(a)}
+        if types.float32 not in kinds or types.float64 in kinds:
+            return False
+        named = state.func_ir.func_id.func.__globals__.get("SINGLE", {})
+        for block in state.func_ir.blocks.values():
+            for assign in block.find_insts(ir.Assign):
+                if isinstance(assign.value, (ir.Const, ir.Global, ir.FreeVar)):
+                    value = named.get(getattr(assign.value, "name", None), assign.value.value)
+                    if (made := as_single(value)) is not value:
+                        assign.value = ir.Const(made, assign.loc)
+        return True
+
+
+def _numbers(kind):
+    """The types of the numbers in a type, those of tuples included."""
+    return [n for k in kind for n in _numbers(k)] if isinstance(kind, types.BaseTuple) else [kind]
+
+
+def as_single(value):
+    """Numbers, and tuples of them, in float32."""
+    if isinstance(value, float):
+        return np.float32(value)
+    if not isinstance(value, tuple) or not value:
+        return value
+    made = map(as_single, value)
+    return type(value)(*made) if hasattr(value, "_fields") else tuple(made)
+
+
+class Pipeline(compiler.CompilerBase):
+    """Numba's own pipeline and `_Precision`."""
+
+    def define_pipelines(self):
+        passes = compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
+        passes.add_pass_after(_Precision, IRProcessing)
+        passes.finalize()
+        return [passes]
+
+
+FLAGS["pipeline_class"] = Pipeline
 _INLINE = {**FLAGS, "forceinline": True}  # without forced inlining no lane loop vectorises
 
 _known = set()
@@ -45,7 +101,7 @@ def compile_method(call):
             return default
         inline(function)
         at = [available.index(argument) for argument in arguments(function)]
-        a, b, c, d, e, f = at + [0] * (6 - len(at))
+        a, b, c, d, e, f, g = at + [0] * (7 - len(at))
         return (
             lambda part, *v: function(part),
             lambda part, *v: function(part, v[a]),
@@ -54,13 +110,15 @@ def compile_method(call):
             lambda part, *v: function(part, v[a], v[b], v[c], v[d]),
             lambda part, *v: function(part, v[a], v[b], v[c], v[d], v[e]),
             lambda part, *v: function(part, v[a], v[b], v[c], v[d], v[e], v[f]),
+            lambda part, *v: function(part, v[a], v[b], v[c], v[d], v[e], v[f], v[g]),
         )[len(at)]
 
 
 @intrinsic(prefer_literal=False)
 def _read(typing_context, part, work, row, lane, stride):
-    """A NamedTuple of the type of `part` from work[(row + i)*stride + lane], i = 0, 1, ..."""
-    signature = part(part, work, row, lane, stride)
+    """A NamedTuple of the class of `part` from work[(row + i)*stride + lane], i = 0, 1, ..., in the precision of work."""
+    made = types.NamedUniTuple(work.dtype, len(part), part.instance_class) if len(part) else part
+    signature = made(part, work, row, lane, stride)
 
     def generate(context, builder, signature, values):
         array = context.make_array(signature.args[1])(context, builder, values[1])
@@ -69,7 +127,7 @@ def _read(typing_context, part, work, row, lane, stride):
         for i in range(len(part)):
             index = builder.add(builder.mul(builder.add(row, row.type(i)), stride), lane)
             fields.append(builder.load(builder.gep(array.data, [index])))
-        return context.make_tuple(builder, part, fields)
+        return context.make_tuple(builder, made, fields)
 
     return signature, generate
 
@@ -101,7 +159,7 @@ def inline_all(module):
             inline(function)
 
 
-for _module in (so3, euler, free_flow, principal, verbs, lie):
+for _module in (so3, euler, free_flow, principal, verbs, drifts, lie, midpoint, rk8, splitting):
     inline_all(_module)
 inline(read_all)
 for _call in METHODS:

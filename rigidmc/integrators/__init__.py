@@ -1,16 +1,103 @@
-"""How a step is made. An integrator is a NamedTuple with a method `step` and its facts; a new one is one class and one line below.
+"""How a step is made. An integrator has a method `step` and its facts; a new one is one class and one line below.
 
-    step(self, [body, effects, t, h, q, l]) -> (q, l)
+    step(self, [body, effects, t, h, part, q, l]) -> (q, l)
 
-Facts: order, evaluations of the torque per step, reversible, conserves (free body), accepts (which torques).
-Where the compiled form depends on the size of the step: prepared(self, turn, attitude) -> (integrator, pieces per step).
+q and l may be pairs (value, remainder): `whole` gives the value, `gain`, `gain4` and `moved` add to either.
+Facts: order, evaluations of the torque per step, reversible, conserves (free body), accepts (which torques), compensated.
+Where what is compiled depends on the size of the step: prepared(self, turns, attitude, effects) -> Form; see `forms`.
 """
 
 from typing import Any
 
-from rigidmc.integrators.exact import Exact
-from rigidmc.integrators.lie import RKMK4
+from rigidmc.effects import name_of
+from rigidmc.effects.verbs import depends_on_momentum
+from rigidmc.integrators.closed import ClosedForm
+from rigidmc.integrators.forms import Form, Turns, form
+from rigidmc.integrators.lie import CF4, CK45, RKMK4
+from rigidmc.integrators.midpoint import Midpoint
 from rigidmc.integrators.rk4 import RK4
-from rigidmc.integrators.splitting import Strang
+from rigidmc.integrators.rk8 import RK8
+from rigidmc.integrators.splitting import ABA864, ABA1064, CHIN4, ROTATIONS, SRKN6, SRKN11, STRANG, SUZUKI4, FreeMotion
 
-INTEGRATORS: dict[str, Any] = {"rk4": RK4, "rkmk4": RKMK4, "strang": Strang, "exact": Exact}
+__all__ = ["INTEGRATORS", "Form", "Turns", "accepting", "form", "refusal"]
+
+INTEGRATORS: dict[str, Any] = {
+    "rk4": RK4(),
+    "rk8": RK8(),
+    "rkmk4": RKMK4(),
+    "cf4": CF4(),
+    "ck45": CK45(),
+    "midpoint": Midpoint(),
+    "strang": STRANG,
+    "rotations": ROTATIONS,
+    "chin4": CHIN4,
+    "suzuki4": SUZUKI4,
+    "srkn6": SRKN6,
+    "srkn11": SRKN11,
+    "aba864": ABA864,
+    "aba1064": ABA1064,
+    "exact": FreeMotion(),
+    "closed": ClosedForm(),
+}
+
+
+def description(name):
+    """What an integrator is and what it is for, with its source."""
+    kind = INTEGRATORS[name]
+    return getattr(kind, "text", None) or kind.__doc__
+
+
+def refusal(name, effects, compensated=False):
+    """Why an integrator does not take these effects, and the nearest ones that do; None where it takes them.
+
+    Whether `closed` covers a body is known only from its moments, see `rigidmc.closed_form`.
+    """
+    why = _refusal(INTEGRATORS[name], effects, compensated)
+    if why is None:
+        return None
+    order = INTEGRATORS[name].order
+    able = [other for other in accepting(effects, compensated) if not isinstance(INTEGRATORS[other], ClosedForm)]
+    able.sort(key=lambda other: (_distance(order, INTEGRATORS[other].order), -_kinship(name, other)))
+    return f"{why}; use {' or '.join(able[:2])}"
+
+
+def _distance(order, other):
+    return 0.0 if order == other else abs(order - other) if order < float("inf") else -other
+
+
+def _kinship(name, other):
+    return hasattr(INTEGRATORS[name], "drifts") == hasattr(INTEGRATORS[other], "drifts")
+
+
+def accepting(effects, compensated=False):
+    """The names of the integrators that take these effects."""
+    return [name for name, kind in INTEGRATORS.items() if _refusal(kind, effects, compensated) is None]
+
+
+def _refusal(kind, effects, compensated):
+    if compensated and not kind.compensated:
+        return "it has no sums that could be compensated"
+    if not effects or kind.accepts == "any torque":
+        return None
+    if kind.accepts == "no torque":
+        return f"it is the motion of a free body and takes no torque, but the scene has {_names(effects)}"
+    if isinstance(kind, ClosedForm):
+        unknown = [e for e in effects if name_of(e) not in ("gravity", "viscous_damping")]
+        return f"no closed form knows {_names(unknown)}" if unknown else None
+    moving = [e for e in effects if depends_on_momentum(e)]
+    unsplit = [e for e in moving if not hasattr(e, "kick")]
+    if unsplit:
+        return f"it alternates free motion with kicks, but the torque of {_names(unsplit)} depends on L and has no flow of its own (kick)"
+    if moving and kind.order > 2:
+        steps = "force gradients are for" if getattr(kind, "gradient", 0.0) else "its steps backwards and its order are for"
+        return f"{steps} torques of attitude and time, but {_names(moving)} depends on L"
+    if moving and compensated:
+        return f"its sums cannot be compensated with {_names(moving)}, whose flow acts on L as a whole"
+    flat = [e for e in effects if not hasattr(e, "torque_rate")]
+    if getattr(kind, "gradient", 0.0) and flat:
+        return f"it needs the rate of change of torques (torque_rate), which {_names(flat)} has not"
+    return None
+
+
+def _names(effects):
+    return ", ".join(name_of(e) for e in effects)

@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 from rigidmc.dynamics.euler import angular_velocity, free_rate
-from rigidmc.dynamics.so3 import add, axpy, cross, exponential, multiply, touch_up
-from rigidmc.effects.verbs import total_torque
+from rigidmc.dynamics.so3 import add, axpy, cross, exponential, gain, moved, multiply, scale, whole
+from rigidmc.effects.verbs import push, total_torque
 
 
 def _rotation_rate(u, w):
@@ -25,8 +25,11 @@ class RKMK4(NamedTuple):
     reversible = False
     conserves = ("|q|",)
     accepts = "any torque"
+    compensated = True
 
     def step(self, body, effects, t, h, q, l):
+        state, momentum = q, l
+        q, l = whole(q), whole(l)
         w1 = angular_velocity(body, l)
         dl1 = add(free_rate(body, l), total_torque(effects, body, t, q, l))
         u2, l2 = (0.5 * h * w1[0], 0.5 * h * w1[1], 0.5 * h * w1[2]), axpy(l, 0.5 * h, dl1)
@@ -39,5 +42,102 @@ class RKMK4(NamedTuple):
         w4 = _rotation_rate(u4, angular_velocity(body, l4))
         dl4 = add(free_rate(body, l4), total_torque(effects, body, t + h, multiply(q, exponential(u4)), l4))
         u = axpy(axpy((0.0, 0.0, 0.0), h / 6.0, add(w1, w4)), h / 3.0, add(w2, w3))
-        l = axpy(axpy(l, h / 6.0, add(dl1, dl4)), h / 3.0, add(dl2, dl3))
-        return touch_up(multiply(q, exponential(u))), l
+        dl = axpy(scale(h / 6.0, add(dl1, dl4)), h / 3.0, add(dl2, dl3))
+        return moved(state, exponential(u)), gain(momentum, dl)
+
+
+def _force(body, effects, t, q, l):
+    """dL/dt."""
+    return push(effects, body, t, 1.0, q, l, free_rate(body, l))
+
+
+class CF4(NamedTuple):
+    """Commutator-free Lie-group method of order 4: five exponentials and no commutator; L by classical Runge-Kutta.
+
+    For any torque. Like rkmk4 at a like price; energy and |L|^2 drift as h^4 t.
+    Source: Celledoni, Marthinsen & Owren, Future Gener. Comput. Syst. 19 (2003) 341, the method with stage 4 from stage 2.
+    """
+
+    order = 4
+    evaluations = 4
+    reversible = False
+    conserves = ("|q|",)
+    accepts = "any torque"
+    compensated = True
+
+    def step(self, body, effects, t, h, q, l):
+        state, momentum = q, l
+        q, l = whole(q), whole(l)
+        w1 = angular_velocity(body, l)
+        dl1 = _force(body, effects, t, q, l)
+        half = exponential(scale(0.5 * h, w1))
+        q2, l2 = multiply(q, half), axpy(l, 0.5 * h, dl1)
+        w2 = angular_velocity(body, l2)
+        dl2 = _force(body, effects, t + 0.5 * h, q2, l2)
+        q3, l3 = multiply(q, exponential(scale(0.5 * h, w2))), axpy(l, 0.5 * h, dl2)
+        w3 = angular_velocity(body, l3)
+        dl3 = _force(body, effects, t + 0.5 * h, q3, l3)
+        q4, l4 = multiply(q2, exponential(scale(h, axpy(w3, -0.5, w1)))), axpy(l, h, dl3)
+        w4 = angular_velocity(body, l4)
+        dl4 = _force(body, effects, t + h, q4, l4)
+        middle = add(w2, w3)
+        first = scale(h / 12.0, axpy(axpy(scale(2.0, middle), 3.0, w1), -1.0, w4))
+        last = scale(h / 12.0, axpy(axpy(scale(2.0, middle), 3.0, w4), -1.0, w1))
+        dl = axpy(scale(h / 6.0, add(dl1, dl4)), h / 3.0, add(dl2, dl3))
+        return moved(state, multiply(exponential(first), exponential(last))), gain(momentum, dl)
+
+
+def _low_storage(body, effects, t, h, a, b, u, v, turn, q, l, dl):
+    """One stage: u <- a u + h omega, turn <- turn exp(b u); v <- a v + h dL/dt, dl <- dl + b v."""
+    now = add(l, dl)
+    u = axpy(scale(a, u), h, angular_velocity(body, now))
+    v = axpy(scale(a, v), h, _force(body, effects, t, multiply(q, turn), now))
+    return u, v, multiply(turn, exponential(scale(b, u))), axpy(dl, b, v)
+
+
+class CK45(NamedTuple):
+    """Commutator-free Lie-group method of order 4 in low storage: one exponential a stage, two registers.
+
+    For any torque. A third of rkmk4's error at the same step; energy and |L|^2 drift as h^4 t.
+    Source: Carpenter & Kennedy, NASA TM-109112 (1994), RK4(3)5[2N]; on groups Bazavov, arXiv 2007.04225.
+    """
+
+    order = 4
+    evaluations = 5
+    reversible = False
+    conserves = ("|q|",)
+    accepts = "any torque"
+    compensated = True
+
+    def step(self, body, effects, t, h, q, l):
+        at, now = whole(q), whole(l)
+        b = 1432997174477.0 / 9575080441755.0
+        u, v = scale(h, angular_velocity(body, now)), scale(h, _force(body, effects, t, at, now))
+        turn, dl = exponential(scale(b, u)), scale(b, v)
+        u, v, turn, dl = _low_storage(
+            body,
+            effects,
+            t + b * h,
+            h,
+            -567301805773.0 / 1357537059087.0,
+            5161836677717.0 / 13612068292357.0,
+            u,
+            v,
+            turn,
+            at,
+            now,
+            dl,
+        )
+        u, v, turn, dl = _low_storage(
+            body, effects, t + 2526269341429.0 / 6820363962896.0 * h, h,
+            -2404267990393.0 / 2016746695238.0, 1720146321549.0 / 2090206949498.0, u, v, turn, at, now, dl
+        )  # fmt: skip
+        u, v, turn, dl = _low_storage(
+            body, effects, t + 2006345519317.0 / 3224310063776.0 * h, h,
+            -3550918686646.0 / 2091501179385.0, 3134564353537.0 / 4481467310338.0, u, v, turn, at, now, dl
+        )  # fmt: skip
+        u, v, turn, dl = _low_storage(
+            body, effects, t + 2802321613138.0 / 2924317926251.0 * h, h,
+            -1275806237668.0 / 842570457699.0, 2277821191437.0 / 14882151754819.0, u, v, turn, at, now, dl
+        )  # fmt: skip
+        return moved(q, turn), gain(l, dl)

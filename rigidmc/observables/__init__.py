@@ -19,9 +19,9 @@ OBSERVABLES: dict[str, Any] = {
     "energy_drift": EnergyDrift,
     "l2_drift": L2Drift,
 }
-_SIZES = {(): 1, ("axis",): 3, ("quat",): 4}
+SIZES = {(): 1, ("axis",): 3, ("quat",): 4}
 
 
 def rows_of(*names):
     """How many numbers the named observables are for one member at one time."""
-    return sum(_SIZES[OBSERVABLES[name].dims] for name in names)
+    return sum(SIZES[OBSERVABLES[name].dims] for name in names)

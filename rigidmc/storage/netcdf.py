@@ -25,7 +25,7 @@ def refuse_existing(path, force):
 class Writer:
     """A result file that grows by blocks of members; memory does not grow with it."""
 
-    def __init__(self, path, scene, plan, force=False):
+    def __init__(self, path, scene, plan, force=False, more=None):
         refuse_existing(path, force)
         self.path, self.force = path, force
         self._temporary = f"{path}.part-{os.getpid()}"
@@ -33,6 +33,7 @@ class Writer:
         try:
             self._file = netCDF4.Dataset(self._temporary, "w", format="NETCDF4", clobber=True)
             self._define(scene, plan)
+            self._file.setncatts(more or {})
         except BaseException:
             self.discard()
             raise

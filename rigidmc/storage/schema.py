@@ -113,7 +113,9 @@ def attributes(scene, plan):
         "integrator": scene.run.integrator,
         "dt": plan.dt,
         "steps": plan.steps,
-        "pieces_per_step": plan.pieces,
+        "dtype": plan.dtype,
+        "compensated": int(plan.compensated),
+        "parts_per_step": len(plan.form.parts) - 1 if plan.form else 0,
     }
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rigidmc.engine import blocks
-from rigidmc.integrators import RK4
+from rigidmc.integrators import RK4, form
 from tests.engine.test_kernel import EFFECTS, EVERYTHING, ROWS, tops
 
 H, TOTAL, STRIDE, MEMBERS = 0.01, 200, 30, 96
@@ -15,7 +15,7 @@ H, TOTAL, STRIDE, MEMBERS = 0.01, 200, 30, 96
 
 def job(low, size, out):
     return SimpleNamespace(
-        integrator=RK4(), effects=EFFECTS, observables=EVERYTHING, attitude=(0.0,), h=H, total=TOTAL, stride=STRIDE,
+        how=(*form(RK4()), EFFECTS, EVERYTHING, (0.0,), (), np.empty(0)), h=H, total=TOTAL, stride=STRIDE,
         block=np.ascontiguousarray(tops()[:, low : low + size]), out=out, width=MEMBERS, column=low,
     )  # fmt: skip
 

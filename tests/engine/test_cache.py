@@ -28,7 +28,7 @@ import numpy as np
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.effects import ViscousDamping
 from rigidmc.engine import kernel as K
-from rigidmc.integrators import RK4
+from rigidmc.integrators import RK4, form
 
 if sys.argv[1] == "import only":
     print(json.dumps({"home": os.path.dirname(K.__file__)}))
@@ -42,11 +42,11 @@ class Own(NamedTuple):
 effect = {"damping": ViscousDamping(2.0), "own": Own(0.5), "none": None}[sys.argv[1]]
 effects = (effect,) if effect else ()
 block = np.zeros((K.EFFECTS + len(effects), K.LANES))
-block[:K.START] = np.array([0.6, 0.0, 0.8, 0.0, 1.0, 2.0, 3.0])[:, None]
+block[:K.REST] = np.array([0.6, 0.0, 0.8, 0.0, 1.0, 2.0, 3.0])[:, None]
 block[K.BODY:K.EFFECTS] = np.array(MassProperties.of((1.0, 1.2, 1.5), (0.1, 0.2, 0.3)))[:, None]
 block[K.EFFECTS:] = effect[0] if effect else 0.0
-K.advance(RK4(), effects, (), (), block, np.empty(0), 0, 0, 0.01, 0, 4, 4, 4)
-print(json.dumps({"state": block[:K.START, 0].tolist(), "hits": sum(K.dispatcher.stats.cache_hits.values()),
+K.advance(*form(RK4()), effects, (), (), (), np.empty(0), block, np.empty(0), 0, 0, 0.01, 0, 4, 4, 4)
+print(json.dumps({"state": block[:K.REST, 0].tolist(), "hits": sum(K.dispatcher.stats.cache_hits.values()),
                   "misses": sum(K.dispatcher.stats.cache_misses.values()), "home": os.path.dirname(K.__file__)}))
 """
 
@@ -158,5 +158,5 @@ def test_a_user_effect_works_and_is_never_taken_from_the_cache(place):
 
     q, l = (0.6, 0.0, 0.8, 0.0), (1.0, 2.0, 3.0)
     for i in range(4):
-        l = step(RK4(), MassProperties.of((1.0, 1.2, 1.5), (0.1, 0.2, 0.3)), (Own(0.5),), 0.01 * i, 0.01, q, l)[1]
+        l = step(RK4(), MassProperties.of((1.0, 1.2, 1.5), (0.1, 0.2, 0.3)), (Own(0.5),), 0.01 * i, 0.01, (), q, l)[1]
     assert max(abs(a - b) for a, b in zip(l, first["state"][4:], strict=True)) < 4e-15  # measured 0

@@ -1,0 +1,19 @@
+"""The command line: rigidmc run, show, check, scenes, body, exact, accuracy, plot, integrators, doctor. Nothing heavy is imported before it
+is needed."""
+
+import sys
+
+from rigidmc.cli import closed, scene, study  # noqa: F401  (their commands, in this order)
+from rigidmc.cli.common import INTERRUPTED, app
+
+
+def main():
+    """Entry point of the `rigidmc` command."""
+    try:
+        app()
+    except KeyboardInterrupt:  # before or after the work itself
+        sys.exit(INTERRUPTED)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,69 @@
+"""rigidmc body, exact."""
+
+import json
+import sys
+import warnings
+from typing import Annotated
+
+import typer
+
+from rigidmc.cli.common import Dt, Force, Integrator, SceneArgument, Set, app, check_suffix, load_scene, plots_module, reported
+
+
+@app.command("body")
+def body_command(
+    source: Annotated[str, typer.Argument(metavar="FILE|NAME", help="A scene file, a shipped scene, or a mesh (.stl, .obj).")],
+    density: Annotated[float | None, typer.Option(help="Of a mesh [kg/m3]; default 1.")] = None,
+    mass: Annotated[float | None, typer.Option(help="Of a mesh [kg], instead of the density.")] = None,
+    scale: Annotated[float, typer.Option(help="Metres per unit of a mesh file: 0.001 for millimetres.")] = 1.0,
+    machine: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+):
+    """Say what a body is: mass, centre, tensor, principal axes, which rotations are stable and how fast the unstable one grows."""
+    with reported():
+        from rigidmc.body_report import body_of, describe, facts
+        from rigidmc.errors import SceneError
+
+        try:
+            body, title = body_of(source, density, mass, scale)
+            print(json.dumps(facts(body), indent=1) if machine else "\n".join(describe(body, title)))
+        except SceneError as error:
+            error.file = error.file or source
+            raise
+
+
+@app.command("exact")
+def exact_command(
+    scene: SceneArgument,
+    at: Annotated[float | None, typer.Option(help="Time [s]; default the scene's t_end. Negative: the closed form alone.")] = None,
+    members: Annotated[int, typer.Option(min=1, help="How many members, the first ones.")] = 1000,
+    integrator: Integrator = None, dt: Dt = None, settings: Set = [],  # noqa: B006
+    plot: Annotated[str | None, typer.Option(metavar="FILE", help="Picture of the first member (.png, .pdf, .svg).")] = None,
+    force: Force = False,
+):  # fmt: skip
+    """The closed form of a scene at a time, beside its integration, with the difference."""
+    with reported():
+        from rigidmc.closed_form import closed_form
+        from rigidmc.comparison import compare
+        from rigidmc.errors import SceneError, SceneWarning
+        from rigidmc.storage import refuse_existing
+
+        loaded = load_scene(scene, settings, integrator=integrator, dt=dt)
+        at = loaded.run.t_end if at is None else at
+        if plot is not None:
+            refuse_existing(plot, force)
+            check_suffix(plot)
+        with warnings.catch_warnings():
+            warnings.simplefilter("always", SceneWarning)
+            warnings.showwarning = lambda message, *_, **__: print(f"rigidmc: note: {message}", file=sys.stderr)
+            try:
+                print("\n".join(compare(loaded, at, members)))
+                if plot is not None:
+                    from rigidmc import exact_plots
+
+                    case = closed_form(loaded, 1)
+                    title = f"{loaded.title}: {case.name}, closed form of member {loaded.run.first}"
+                    plots_module().save(exact_plots.case_summary(case, title, abs(at) or loaded.run.t_end), plot)
+                    print(f"wrote {plot}")
+            except SceneError as error:
+                error.file = error.file or scene
+                raise

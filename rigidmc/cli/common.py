@@ -1,0 +1,132 @@
+"""What all commands share: options, exit codes, and errors in words."""
+
+import os
+import signal
+import sys
+from contextlib import contextmanager
+from typing import Annotated
+
+import typer
+
+OK, USAGE, INVALID, FLAGGED, INCOMPLETE, REFUSED, IO, INTERRUPTED, TERMINATED = 0, 2, 3, 4, 5, 6, 74, 130, 143
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+    help="Monte Carlo ensembles of rigid bodies with a fixed point: millions of free or heavy tops in parallel.",
+    epilog="Exit codes: 0 done, 2 usage, 3 invalid scene, 4 some members flagged, 5 incomplete, 6 refused to overwrite, "
+    "74 input or output failed, 130 / 143 stopped by a signal.",
+)
+
+SceneArgument = Annotated[
+    str, typer.Argument(metavar="SCENE", help="A TOML file, the name of a shipped scene, or a result file (.nc).")
+]
+Members = Annotated[int | None, typer.Option(help="Members of the ensemble.")]
+Seed = Annotated[int | None, typer.Option(help="Seed of all random draws.")]
+Integrator = Annotated[str | None, typer.Option(help="A name of `rigidmc integrators`, or auto with --tolerance.")]
+Tolerance = Annotated[
+    float | None,
+    typer.Option(
+        help="Error to keep in 99 % of the members, of momentum [of its size] and attitude [rad]: chooses integrator and step."
+    ),
+]
+Dtype = Annotated[str | None, typer.Option(help="float64 or float32: the numbers in which steps are made.")]
+Compensated = Annotated[bool | None, typer.Option("--compensated", help="Keep the remainders of all sums, for very many steps.")]
+Dt = Annotated[float | None, typer.Option(help="Step [s].")]
+TEnd = Annotated[float | None, typer.Option(help="End time [s].")]
+Every = Annotated[float | None, typer.Option(help="Time between saves [s]; without it first and last.")]
+Save = Annotated[
+    str | None,
+    typer.Option(
+        help="What to save, e.g. omega,attitude,energy; also momentum, l2, energy_drift, l2_drift; none for the summary only."
+    ),
+]
+Threads = Annotated[int | None, typer.Option(min=1, help="Threads; default one per core.")]
+Set = Annotated[
+    list[str], typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the scene, e.g. body.moments=[1,2,3].")
+]
+Output = Annotated[str | None, typer.Option("-o", "--output", metavar="FILE", help="netCDF file to write.")]
+Plot = Annotated[str | None, typer.Option(metavar="FILE", help="Picture to write (.png, .pdf, .svg).")]
+Force = Annotated[bool, typer.Option(help="Replace files that exist.")]
+
+
+class Terminated(BaseException):
+    """SIGTERM, as an exception, so that a run ends the way it does on Ctrl-C."""
+
+
+@contextmanager
+def reported():
+    """Turn what can go wrong into one message and an exit code; never a traceback for a user's mistake."""
+    from rigidmc.errors import OutputExists, SceneError
+
+    def terminate(*_):
+        raise Terminated
+
+    previous = signal.signal(signal.SIGTERM, terminate)
+    try:
+        yield
+    except SceneError as error:
+        fail(error, INVALID)
+    except OutputExists as error:
+        fail(error, REFUSED)
+    except FileNotFoundError as error:
+        fail(error, INVALID if "shipped scene" in str(error) else IO)
+    except BrokenPipeError:  # whoever read our lines has gone
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise typer.Exit(OK) from None
+    except (OSError, RuntimeError) as error:
+        if isinstance(error, RuntimeError) and "HDF error" not in str(error) and "NetCDF" not in str(error):
+            raise
+        fail(f"{error}; nothing that existed was changed", IO)
+    except MemoryError as error:
+        fail(f"not enough memory: {error}; write to a file with -o, save less, or run fewer members", IO)
+    except KeyboardInterrupt:
+        fail("interrupted; no file was left under the final name", INTERRUPTED)
+    except Terminated:
+        fail("terminated; no file was left under the final name", TERMINATED)
+    finally:
+        signal.signal(signal.SIGTERM, previous)
+
+
+def fail(message, code):
+    print(f"rigidmc: {message}", file=sys.stderr)
+    raise typer.Exit(code)
+
+
+def load_scene(source, settings, **run):
+    """A scene with the options of the command line in it."""
+    from rigidmc.errors import SceneError
+    from rigidmc.scene import Scene
+
+    pairs = []
+    for setting in settings:
+        key, equals, value = setting.partition("=")
+        if not equals or "." not in key:
+            raise SceneError("", "--set", setting, "expected table.key=value, e.g. body.moments=[1,2,3] or effects.gravity.g=1.62")
+        pairs.append((key.strip(), value.strip()))
+    if run.get("save") is not None:
+        run["save"] = tuple(word.strip() for word in run["save"].split(",") if word.strip() not in ("", "none"))
+    if run.get("tolerance") is not None and run.get("integrator") is None:
+        run["integrator"] = "auto"
+    try:
+        return Scene.load(source, pairs).with_run(**run)
+    except SceneError as error:
+        error.file = error.file or source
+        raise
+
+
+def plots_module():
+    try:
+        from rigidmc import plots
+    except ImportError as error:
+        fail(f"pictures need matplotlib: pip install 'rigidmc[plot]' ({error})", IO)
+    return plots
+
+
+def check_suffix(path):
+    try:
+        plots_module().check_suffix(path)
+    except ValueError as error:
+        fail(error, INVALID)

@@ -1,0 +1,222 @@
+"""rigidmc run, show, check, scenes, plot, doctor."""
+
+import json
+import os
+import sys
+import time
+import warnings
+from typing import Annotated
+
+import typer
+
+from rigidmc import scenes as scenes_package
+from rigidmc.cli.common import (
+    FLAGGED,
+    INVALID,
+    OK,
+    Compensated,
+    Dt,
+    Dtype,
+    Every,
+    Force,
+    Integrator,
+    Members,
+    Output,
+    Plot,
+    Save,
+    SceneArgument,
+    Seed,
+    Set,
+    TEnd,
+    Threads,
+    Tolerance,
+    app,
+    check_suffix,
+    fail,
+    load_scene,
+    plots_module,
+    reported,
+)  # fmt: skip
+
+
+@app.command("run")
+def run_scene(
+    scene: SceneArgument,
+    members: Members = None, seed: Seed = None, integrator: Integrator = None, dt: Dt = None, t_end: TEnd = None,
+    every: Every = None, save: Save = None, threads: Threads = None, tolerance: Tolerance = None,
+    dtype: Dtype = None, compensated: Compensated = None, settings: Set = [],  # noqa: B006
+    output: Output = None, plot: Plot = None, force: Force = False,
+):  # fmt: skip
+    """Run a scene: integrate its ensemble, write the result and a picture, and say what it cost."""
+    began = time.perf_counter()
+    with reported():
+        from rigidmc.errors import OutputExists, SceneError, SceneWarning
+        from rigidmc.simulation import simulate
+
+        loaded = load_scene(
+            scene,
+            settings,
+            members=members,
+            seed=seed,
+            integrator=integrator,
+            dt=dt,
+            t_end=t_end,
+            every=every,
+            save=save,
+            tolerance=tolerance,
+            dtype=dtype,
+            compensated=compensated,
+        )
+        for path in (output, plot):
+            if path is not None and os.path.lexists(path) and not force:
+                raise OutputExists(f"{path} exists; nothing was written (use --force to replace it)")
+        if plot is not None:
+            check_suffix(plot)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("always", SceneWarning)
+                warnings.showwarning = lambda message, *_, **__: print(f"rigidmc: note: {message}", file=sys.stderr)
+                dataset = simulate(loaded, threads=threads, progress=True, output=output, force=force)
+        except SceneError as error:
+            error.file = error.file or scene
+            raise
+        cost = dataset.encoding["rigidmc"]
+        if plot is not None:
+            plots = plots_module()
+            plots.save(plots.summary(dataset), plot)
+        _close(dataset, cost, time.perf_counter() - began, [p for p in (output, plot) if p])
+        flagged = dataset.sizes["member"] - cost["flagged"]["ok"]
+        dataset.close()
+    raise typer.Exit(FLAGGED if flagged else OK)
+
+
+def _close(dataset, cost, wall, files):
+    """The closing summary."""
+    import numpy as np
+
+    count, steps, seconds = dataset.sizes["member"], cost["steps"], cost["run_seconds"]
+    print(
+        f"{dataset.attrs['title']}: {count:,} members x {steps:,} steps of {dataset.attrs['dt']:.6g} s with {dataset.attrs['integrator']}"
+    )
+    print(
+        f"  {seconds:.2f} s, {count * steps / seconds / 1e6:.0f} M member-steps/s, {count / seconds:,.0f} members/s; "
+        f"compiled in {cost['compile_seconds']:.2f} s; {wall:.2f} s in all"
+    )
+    for name, word in (("energy", "energy"), ("l2", "|L|^2")):
+        drift = dataset[f"{name}_drift_max"]
+        values = drift.values[np.isfinite(drift.values)]
+        if values.size:
+            kept = "" if drift.attrs["conserved"] == "yes" else f"   (not conserved: {drift.attrs['conserved'][4:]})"
+            print(f"  drift of {word:6s}  median {np.median(values):.1e}   worst {values.max():.1e}{kept}")
+    flags = ", ".join(f"{v:,} {k}" for k, v in cost["flagged"].items() if v and k != "ok")
+    print(f"  flagged members: {flags or 'none'}")
+    if not files:
+        print("  nothing was written: -o FILE keeps the result, --plot FILE draws it")
+    for path in files:
+        print(f"  wrote {path} ({os.path.getsize(path) / 1e6:,.1f} MB)")
+
+
+@app.command()
+def show(
+    scene: SceneArgument,
+    members: Members = None, seed: Seed = None, integrator: Integrator = None, dt: Dt = None, t_end: TEnd = None,
+    every: Every = None, save: Save = None, threads: Threads = None, tolerance: Tolerance = None,
+    dtype: Dtype = None, compensated: Compensated = None, settings: Set = [],  # noqa: B006
+):  # fmt: skip
+    """Say what a scene is, which effects are compiled, and what a run of it would take, without running it."""
+    with reported():
+        from rigidmc.engine.machine import threads_available
+        from rigidmc.estimate import describe
+
+        loaded = load_scene(
+            scene,
+            settings,
+            members=members,
+            seed=seed,
+            integrator=integrator,
+            dt=dt,
+            t_end=t_end,
+            every=every,
+            save=save,
+            tolerance=tolerance,
+            dtype=dtype,
+            compensated=compensated,
+        )
+        try:
+            print(describe(loaded, threads or threads_available()))
+        except ValueError as error:
+            if hasattr(error, "file"):
+                error.file = error.file or scene
+            raise
+
+
+@app.command()
+def check(scene: SceneArgument, settings: Set = []):  # noqa: B006
+    """Check a scene file: exit code 0 where it can be run, 3 and one message where it cannot."""
+    with reported():
+        from rigidmc.errors import SceneError
+        from rigidmc.planning import prepare
+
+        loaded = load_scene(scene, settings)
+        try:
+            loaded.check()
+            plan = prepare(loaded if loaded.run.integrator != "auto" else loaded.with_run(integrator="rk8"))
+        except SceneError as error:
+            error.file = error.file or scene
+            raise
+        for note in plan.notes:
+            print(f"note: {note}")
+        print(f"{scene}: good, {loaded.run.members:,} members x {plan.steps:,} steps with {loaded.run.integrator}")
+
+
+@app.command(help=scenes_package.__doc__.replace("[", r"\[").replace("\n\n", "\n\n\b\n"))
+def scenes(name: Annotated[str | None, typer.Argument(help="A shipped scene to print.")] = None):
+    with reported():
+        from rigidmc.scene_file import load, read_source, shipped
+
+        if name is not None:
+            print(read_source(name), end="")
+            return
+        for word in shipped():
+            print(f"{word:18s} {load(word).summary}")
+
+
+@app.command()
+def plot(
+    file: Annotated[str, typer.Argument(metavar="FILE", help="A result (.nc).")],
+    output: Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="Picture to write (.png, .pdf, .svg).")],
+    picture: Annotated[
+        str, typer.Option(help="summary, momentum_sphere, middle_component, drift_histogram or axis_sphere.")
+    ] = "summary",
+    force: Force = False,
+):
+    """Draw a picture of a result."""
+    with reported():
+        from rigidmc.errors import SceneError, nearest
+        from rigidmc.storage import open_result, refuse_existing
+
+        pictures = ("summary", "momentum_sphere", "middle_component", "drift_histogram", "axis_sphere")
+        if picture not in pictures:
+            raise SceneError("", "--picture", picture, f"no such picture; known: {', '.join(pictures)}", nearest(picture, pictures))
+        refuse_existing(output, force)
+        plots = plots_module()
+        check_suffix(output)
+        try:
+            with open_result(file) as dataset:
+                plots.save(getattr(plots, picture)(dataset), output)
+        except ValueError as error:
+            fail(error, INVALID)
+        print(f"wrote {output}")
+
+
+@app.command()
+def doctor(machine: Annotated[bool, typer.Option("--json", help="As JSON.")] = False):
+    """Say what this machine offers: cores, vector width, threads, kernel cache, versions."""
+    from rigidmc.estimate import machine_facts
+
+    facts = machine_facts()
+    if machine:
+        print(json.dumps(facts, indent=1))
+        return
+    for key, value in facts.items():
+        print(f"{key:16s} {value}")

@@ -1,0 +1,107 @@
+"""rigidmc accuracy, integrators."""
+
+import sys
+from typing import Annotated
+
+import typer
+
+from rigidmc.cli.common import (
+    Force,
+    Output,
+    Plot,
+    SceneArgument,
+    Set,
+    Threads,
+    app,
+    check_suffix,
+    load_scene,
+    plots_module,
+    reported,
+)
+
+
+@app.command()
+def accuracy(
+    scene: SceneArgument,
+    integrators: Annotated[str | None, typer.Option(help="Which, e.g. rk4,rk8,srkn11; default all that take the scene.")] = None,
+    tolerances: Annotated[str | None, typer.Option(help="For the table, e.g. 1e-4,1e-8; default every decade from 1e-3 to 1e-12.")] = None,
+    members: Annotated[int, typer.Option(min=1, help="Members of the pilot.")] = 256,
+    long: Annotated[bool, typer.Option("--long", help="Drift of energy, |L|^2 and L_z over very many steps instead.")] = False,
+    steps: Annotated[int, typer.Option(min=1000, help="How many, with --long.")] = 1_000_000,
+    dt: Annotated[float | None, typer.Option(help="Step [s] with --long; default the scene's.")] = None,
+    threads: Threads = None, settings: Set = [],  # noqa: B006
+    output: Output = None, plot: Plot = None, force: Force = False,
+):  # fmt: skip
+    """What accuracy costs in time, for a scene: every integrator over a ladder of steps against the truth, and the cheapest for each accuracy."""
+    with reported():
+        from rigidmc.errors import SceneError
+        from rigidmc.storage import refuse_existing
+        from rigidmc.studies import accuracy as study
+
+        loaded = load_scene(scene, settings)
+        for path in (output, plot):
+            if path is not None:
+                refuse_existing(path, force)
+        if plot is not None:
+            check_suffix(plot)
+        names = [word.strip() for word in integrators.split(",")] if integrators else None
+
+        def say(line):
+            print(f"  {line}", file=sys.stderr, flush=True)
+
+        try:
+            if long:
+                found = study.long_drift(loaded, names, steps, dt, min(members, 64), progress=say)
+                print("\n".join(study.long_table(found)))
+            else:
+                wanted = _numbers(tolerances) if tolerances else study.TOLERANCES
+                found = study.accuracy(loaded, names, wanted, members, threads, progress=say)
+                print("\n".join(study.table(found)))
+        except SceneError as error:
+            error.file = error.file or scene
+            raise
+        if output is not None:
+            found.to_netcdf(output, engine="netcdf4")
+            print(f"wrote {output}")
+        if plot is not None:
+            plots = plots_module()
+            from rigidmc import study_plots
+
+            plots.save((study_plots.long_drift if long else study_plots.work_precision)(found), plot)
+            print(f"wrote {plot}")
+
+
+def _numbers(text):
+    from rigidmc.errors import SceneError
+
+    try:
+        return tuple(float(word) for word in text.split(","))
+    except ValueError:
+        raise SceneError("", "--tolerances", text, "expected numbers between commas, e.g. 1e-4,1e-8") from None
+
+
+@app.command()
+def integrators(
+    measure: Annotated[bool, typer.Option("--measure", help="Time a step of each on this machine, free and heavy.")] = False,
+):
+    """List the integrators: order, torques a step, what they keep, which torques they take; with --measure what a step costs here."""
+    with reported():
+        from rigidmc.integrators import INTEGRATORS, description
+
+        costs = {}
+        if measure:
+            from rigidmc.choice import step_costs
+
+            costs = step_costs()
+        for name, kind in INTEGRATORS.items():
+            order = "exact" if kind.order == float("inf") else f"order {kind.order}"
+            keeps = ", ".join(kind.conserves) or "nothing"
+            print(f"{name:10s} {description(name).splitlines()[0]}")
+            facts = [
+                f"{kind.evaluations} torque{'s' * (kind.evaluations != 1)} a step",
+                "reversible" if kind.reversible else "not reversible",
+            ]
+            print(f"{'':10s} {order}, {', '.join(facts)}; takes {kind.accepts}; keeps {keeps} of a free body")
+            if name in costs:
+                made = [f"{where} {ns:.1f} ns" for where, ns in costs[name].items()]
+                print(f"{'':10s} a step on one thread: {', '.join(made)}")

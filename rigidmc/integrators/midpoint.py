@@ -1,0 +1,67 @@
+"""The implicit midpoint rule."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from rigidmc.dynamics.euler import scaled, spun, turn
+from rigidmc.dynamics.so3 import gain, gain4, scale, scale4, spin, turned, whole
+from rigidmc.effects.verbs import push
+from rigidmc.integrators.forms import ONE, Form
+
+
+def _better(half, effects, body, t, h, q, l, at, now):
+    """One fixed-point iteration of the middle (at, now) of a step from (q, L)."""
+    now = push(effects, body, t, h, at, now, spun(half, l, now))
+    return turned(q, at, turn(half, now)), now
+
+
+def _four(half, effects, body, t, h, q, l, at, now):
+    """Four iterations."""
+    at, now = _better(half, effects, body, t, h, q, l, at, now)
+    at, now = _better(half, effects, body, t, h, q, l, at, now)
+    at, now = _better(half, effects, body, t, h, q, l, at, now)
+    return _better(half, effects, body, t, h, q, l, at, now)
+
+
+def _solved(eights, half, effects, body, t, h, q, l, at, now):
+    """The middle of a step by iterations, eight for each element of a tuple."""
+    if len(eights) == 0:
+        return at, now
+    at, now = _four(half, effects, body, t, h, q, l, at, now)
+    at, now = _four(half, effects, body, t, h, q, l, at, now)
+    return _solved(eights[1:], half, effects, body, t, h, q, l, at, now)
+
+
+class Midpoint(NamedTuple):
+    """Implicit midpoint rule on quaternion and L: order 2, keeps all quadratic invariants, with gravity the energy too.
+
+    For any torque; the only one here with exact energy of a heavy top. Not symplectic in these variables, L_z is not kept. The number of
+    iterations is fixed for a run, enough to solve the stage to rounding; 8 for 0.01 rad a step, 32 for 0.5 rad, the most.
+    Source: Hairer, Lubich & Wanner, Geometric Numerical Integration (2006), IV.2.1.
+    """
+
+    eights: tuple = (1.0,) * 2
+
+    order = 2
+    evaluations = 17
+    reversible = True
+    conserves = ("|q|", "|L|^2", "T")
+    accepts = "any torque"
+    compensated = True
+    largest_spin = 0.5  # [rad] in a step: 32 iterations; 64 compile for 20 s
+
+    def prepared(self, turns, attitude, effects):
+        # each iteration brings |omega| h/2 of the error, 1e-17 is wanted; 8, 16 or 32 of them, so that kernels are few
+        rate = max(0.55 * turns.spin, 1e-3)
+        count = math.log(1e-17) / math.log(min(rate, 0.66)) / 8.0
+        return Form(Midpoint((1.0,) * 2 ** max(0, math.ceil(math.log2(count)))), np.array(ONE))
+
+    def step(self, body, effects, t, h, q, l):
+        at, now = whole(q), whole(l)
+        half = scaled(body, 0.5 * h)
+        middle, spun_up = _solved(self.eights, half, effects, body, t + 0.5 * h, 0.5 * h, at, now, at, now)
+        zero = (0.0, 0.0, 0.0)
+        dl = push(effects, body, t + 0.5 * h, 0.5 * h, middle, spun_up, spun(half, zero, spun_up))
+        return gain4(q, scale4(2.0, spin(middle, turn(half, spun_up)))), gain(l, scale(2.0, dl))

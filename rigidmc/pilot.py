@@ -1,0 +1,290 @@
+"""A few hundred members of a scene, followed by every way of integrating it: what each costs and how far it is from the truth."""
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import stats
+
+from rigidmc.closed_form import closed_form
+from rigidmc.dynamics.euler import MassProperties, kinetic_energy
+from rigidmc.dynamics.so3 import dot, up
+from rigidmc.effects.verbs import total_energy, total_energy_scale
+from rigidmc.engine import kernel
+from rigidmc.engine.compose import as_single
+from rigidmc.engine.machine import threads_available
+from rigidmc.errors import SceneError
+from rigidmc.integrators import accepting
+from rigidmc.observables import OBSERVABLES
+from rigidmc.planning import carries_attitude, form_of, steps_and_saves, whole_lanes
+from rigidmc.rotation import attitude_error
+from rigidmc.sampling import is_shared, rows
+from rigidmc.staging import stage
+
+CHECKPOINTS = 8  # times at which states are compared, evenly among those that the scene saves
+ROUNDING = 1.1e-16
+AGREED = 1e-12  # two methods that agree to this are taken for the truth
+QUANTITIES = ("state", "momentum", "attitude", "energy", "l2", "lz")
+OBSERVED = (OBSERVABLES["attitude"](), OBSERVABLES["momentum"]())
+MOST_STEPS = 1_000_000
+
+
+class Pilot(NamedTuple):
+    """Members of a scene at their start.
+
+    block : rows for the kernel, whole lanes;  first, members : which members;  carried : whether the attitude is part of the state
+    base, stride : steps must be a multiple of `base`, and `stride` of it lie between two checks;  times : of the checks [s]
+    """
+
+    scene: Any
+    block: np.ndarray
+    first: int
+    members: int
+    carried: bool
+    base: int
+    stride: int
+    times: np.ndarray
+
+
+class States(NamedTuple):
+    """Where members are at the checks: q (times, 4, n) and L (times, 3, n), and status (n,)."""
+
+    q: np.ndarray
+    l: np.ndarray
+    status: np.ndarray
+
+
+class Truth(NamedTuple):
+    """The states that others are measured against, what they are, and how well they are known: error (n,) of each member."""
+
+    states: States
+    source: str
+    error: np.ndarray
+
+
+def pilot(scene, members, first=None):
+    """`members` members of a scene, from index `first` on; fewer where the scene has no more rows, one where all are alike."""
+    scene.check()
+    run = scene.run
+    first = run.first if first is None else first
+    available = rows(*scene.quantities())
+    if is_shared(*scene.quantities()) and scene.start.attitude != "uniform":
+        members = 1
+    elif available is not None:
+        members = min(members, available)
+        first = min(first, available - members)
+    carried = carries_attitude(scene)
+    block, _ = stage(scene, first, members, carried)
+    block = np.ascontiguousarray(np.pad(block, ((0, 0), (0, whole_lanes(members) - members)), mode="edge"))
+    whole = run.every is None or run.every >= run.t_end
+    base, _, stride, _ = (1, 0.0, 1, ()) if whole else steps_and_saves(run.t_end, run.every, run.every)
+    stride *= max(1, math.ceil(base / stride / CHECKPOINTS))
+    times = run.t_end * np.minimum(np.arange(stride, base + stride, stride), base) / base
+    return Pilot(scene, block, first, members, carried, base, stride, times)
+
+
+def follow(pilot, integrator, steps, dtype="float64", compensated=False, nudge=0.0, seed=0):
+    """The States of a pilot by an integrator in `steps` steps, a multiple of the pilot's base.
+
+    nudge : move the state by so much of its size in a random direction at the start and at every check but the last
+    """
+    h = pilot.scene.run.t_end / steps
+    return _saved(pilot, integrator, h, steps, steps // pilot.base * pilot.stride, dtype, compensated, nudge, seed)
+
+
+def _saved(pilot, integrator, h, steps, stride, dtype="float64", compensated=False, nudge=0.0, seed=0):
+    """The States after every `stride` of `steps` steps h, and at the end."""
+    scene = pilot.scene.with_run(integrator=integrator)
+    made, _ = form_of(scene, h, pilot.carried)
+    effects = tuple(type(e)(*[0.0] * len(e)) for e in scene.effects)
+    how = (
+        as_single(made.integrator) if dtype == "float32" else made.integrator, made.parts, effects, OBSERVED,
+        (0.0,) if pilot.carried else (), (0.0,) if compensated else (), np.empty(0, dtype),
+    )  # fmt: skip
+    width, slots, some = pilot.block.shape[1], (steps + stride - 1) // stride + 1, np.random.default_rng(seed)
+    share = kernel.LANES * max(1, math.ceil(width / kernel.LANES / threads_available()))
+    parts = [pilot.block[:, low : low + share].copy() for low in range(0, width, share)]
+    out = np.empty(slots * 7 * width)
+
+    def advance(i, first, last):
+        kernel.advance(*how, parts[i], out, width, i * share, h, first, last, stride, steps)
+
+    with ThreadPoolExecutor(len(parts)) as pool:
+        for first in range(0, steps, stride if nudge else steps):
+            for block in parts if nudge else ():
+                _push(block, nudge, pilot.carried, some)
+            last = min(first + stride, steps) if nudge else steps
+            for _ in pool.map(advance, range(len(parts)), [first] * len(parts), [last] * len(parts)):
+                pass
+    found = out.reshape(slots, 7, width)[1:, :, : pilot.members]
+    return States(found[:, :4], found[:, 4:], np.concatenate([block[kernel.STATUS] for block in parts])[: pilot.members])
+
+
+def drift_along(pilot, integrator, steps, at, dt, looks=4096):
+    """{quantity: largest drift so far of the worst member, after each number of steps in `at`} for energy, |L|^2 and L_z.
+
+    Every one of the first `looks` steps is looked at, and as many evenly spaced ones of all.
+    """
+    body, effects = _physics(pilot)
+    q0, l0 = (
+        pilot.block[rows, : pilot.members]
+        for rows in (slice(kernel.ATTITUDE, kernel.MOMENTUM), slice(kernel.MOMENTUM, kernel.REST))
+    )
+    first, size, largest = _kept(body, effects, q0, l0), np.sqrt(dot(l0, l0)), {}
+    scales = {"energy": kinetic_energy(body, l0) + total_energy_scale(effects, body), "l2": size**2, "lz": size}
+    for total in dict.fromkeys((min(steps, looks), steps)):
+        stride = max(1, total // looks)
+        states = _saved(pilot, integrator, dt, total, stride)
+        after = np.append(np.arange(stride, total, stride), total)
+        for name, values in _kept(body, effects, np.moveaxis(states.q, 1, 0), np.moveaxis(states.l, 1, 0)).items():
+            with np.errstate(all="ignore"):
+                drift = np.abs(values - first[name]) / np.where(scales[name] > 0.0, scales[name], 1.0)
+            worst = np.maximum.accumulate(np.nan_to_num(np.where(states.status == 0, drift, np.inf), nan=np.inf).max(1))
+            seen = {n: worst[np.searchsorted(after, n, "right") - 1] for n in at if after[0] <= n <= total}
+            largest.setdefault(name, {}).update({n: max(x, largest.get(name, {}).get(n, 0.0)) for n, x in seen.items()})
+    return {name: np.array([found[n] for n in at]) for name, found in largest.items()}
+
+
+def _kept(body, effects, q, l):
+    """{quantity: values} of what a top may keep."""
+    return {"energy": kinetic_energy(body, l) + total_energy(effects, body, q), "l2": dot(l, l), "lz": dot(l, up(q))}
+
+
+def _physics(pilot):
+    """(body, effects) of the members, fields as arrays."""
+    block, effects, row = pilot.block[:, : pilot.members], [], kernel.EFFECTS
+    for effect in pilot.scene.effects:
+        effects.append(type(effect)(*block[row : row + len(effect)]))
+        row += len(effect)
+    return MassProperties(*block[kernel.BODY : kernel.EFFECTS]), effects
+
+
+def _push(block, size, carried, some):
+    """Move the states of a block by `size` of their own size in random directions."""
+    l = block[kernel.MOMENTUM : kernel.REST]
+    push = some.normal(size=l.shape)
+    l += size * push * np.linalg.norm(l, axis=0) / np.linalg.norm(push, axis=0)
+    if carried:
+        q = block[: kernel.MOMENTUM]
+        q += 0.5 * size * some.normal(size=q.shape)
+        q /= np.linalg.norm(q, axis=0)
+
+
+def truth(pilot):
+    """The Truth of a pilot: its closed form, else two methods that agree; SceneError where members fail or nothing agrees."""
+    scene = pilot.scene
+    try:
+        return _closed_truth(pilot)
+    except SceneError as error:
+        why = str(error)
+    able = accepting(scene.effects, compensated=True)
+    other = "srkn11" if "srkn11" in able else "cf4"
+    steps, last = first_steps(pilot), None
+    while True:
+        ends = [
+            follow(pilot, name, m, compensated=True)
+            for name, m in (("rk8", steps), (other, steps if other == "srkn11" else 16 * steps))
+        ]
+        apart = errors(pilot, ends[0], ends[1])["state"]
+        worst = float(np.max(apart))
+        if worst < AGREED or (last is not None and worst > 0.25 * last[0]) or steps > MOST_STEPS / 32:
+            break
+        last, steps = (worst, apart, ends, steps), 2 * steps
+    if last is not None and last[0] < worst:
+        worst, apart, ends, steps = last
+    if not np.isfinite(worst):
+        bad = int(np.count_nonzero(~np.isfinite(apart)))
+        raise SceneError(
+            "",
+            "pilot",
+            None,
+            f"{bad} of {pilot.members} members end non-finite with rk8 and {other} at {steps:,} steps: no truth to compare with",
+        )
+    source = f"rk8 in {steps:,} steps, which {other} confirms (sums compensated); no closed form: {why.split('covers it: ')[-1].split('; covered')[0]}"
+    return Truth(ends[0], source, apart)
+
+
+def _closed_truth(pilot):
+    case = closed_form(pilot.scene, pilot.members, pilot.first)
+    found = _motion(pilot, case)
+    size, block = 1e-10, pilot.block[:, : pilot.members].copy()  # how well it is known: what the rounding of the start alone does
+    _push(block, size, pilot.carried, np.random.default_rng(0))
+    attitude = block[: kernel.MOMENTUM].T if pilot.carried else case.attitude
+    moved = _motion(pilot, case._replace(momentum=block[kernel.MOMENTUM : kernel.REST].T, attitude=attitude))
+    return Truth(found, f"closed form of the {case.name}", ROUNDING / size * errors(pilot, moved, found)["state"])
+
+
+def _motion(pilot, case):
+    motion = case.motion(pilot.times)
+    return States(np.moveaxis(motion.attitude, -1, 1), np.moveaxis(motion.momentum, -1, 1), np.zeros(pilot.members))
+
+
+def errors(pilot, states, true):
+    """{quantity: largest error over the checks of each member}: momentum of its size, attitude [rad], the larger of the two as
+    "state", energy and L_z of the sizes in play, |L|^2 of its size."""
+    body, effects = _physics(pilot)
+    found: dict[str, list] = {name: [] for name in QUANTITIES}
+    with np.errstate(all="ignore"):
+        for q, l, true_q, true_l in zip(states.q, states.l, true.q, true.l, strict=True):
+            size = np.sqrt(dot(true_l, true_l))
+            size = np.where(size > 0.0, size, 1.0)
+            momentum = np.sqrt(((l - true_l) ** 2).sum(0)) / size
+            turned = attitude_error(q.T, true_q.T) if pilot.carried else np.zeros(pilot.members)
+            kinetic = kinetic_energy(body, true_l)
+            energy = np.abs(
+                kinetic_energy(body, l) - kinetic + total_energy(effects, body, q) - total_energy(effects, body, true_q)
+            )
+            scale = kinetic + total_energy_scale(effects, body)
+            found["momentum"].append(momentum)
+            found["attitude"].append(turned)
+            found["state"].append(np.maximum(momentum, turned))
+            found["energy"].append(energy / np.where(scale > 0.0, scale, 1.0))
+            found["l2"].append(np.abs(dot(l, l) - dot(true_l, true_l)) / size**2)
+            lz = dot(l, up(q)) - dot(true_l, up(true_q))
+            found["lz"].append(np.abs(lz) / size if pilot.carried else np.zeros(pilot.members))
+    return {name: np.where(states.status == 0, np.max(np.nan_to_num(x, nan=np.inf), axis=0), np.inf) for name, x in found.items()}
+
+
+def growth(pilot):
+    """(factor, rate): how much a disturbance along the way has grown at t_end, and at what rate [1/s], for each member.
+
+    The state is disturbed by 1e-11 of its size at the start and every t_end/2, as rounding disturbs it at every step (near a separatrix a
+    disturbance at the turn weighs more than one at the start), and followed to 4 t_end. The rate is 0 where growth is a power of time, as
+    in regular motion: free and Lagrange tops grow as t^2 at most, t^3 with disturbances all along, which is 8 in twice the time.
+    """
+    size, end = 1e-11, pilot.scene.run.t_end
+    long = pilot._replace(
+        scene=pilot.scene.with_run(t_end=4.0 * end, every=0.5 * end), base=8, stride=1, times=0.5 * end * np.arange(1, 9)
+    )
+    name, steps = "rk8" if pilot.scene.effects else "exact", first_steps(long)
+    base = follow(long, name, steps)
+    squares = np.zeros((8, pilot.members))
+    for seed in range(4):  # in as many directions: one alone may miss the one that grows
+        moved = follow(long, name, steps, nudge=size, seed=seed)
+        for i in range(8):
+            squares[i] += (
+                errors(long, *(States(s.q[i : i + 1], s.l[i : i + 1], s.status) for s in (moved, base)))["state"] ** 2 / 4.0
+            )
+    apart = np.sqrt(squares)
+    rate = np.zeros(pilot.members)
+    for i in (1, 2, 3, 4):  # the longest doubling of time before the disturbance is as large as the motion
+        ratio = apart[2 * i - 1] / np.maximum(apart[i - 1], size)
+        seen = apart[2 * i - 1] < 0.1
+        rate = np.where(seen, np.where(ratio > 32.0, np.log(np.maximum(ratio, 1.0)) / (0.5 * end * i), 0.0), rate)
+    return np.maximum(apart[1] / size, 1.0), rate
+
+
+def first_steps(pilot):
+    """Steps that turn by a quarter of a radian at the start's spin, at least 40; a multiple of the base."""
+    block = pilot.block
+    omega = np.sqrt(((block[kernel.BODY : kernel.BODY + 3] * block[kernel.MOMENTUM : kernel.REST]) ** 2).sum(0))
+    rate = float(np.max(omega, where=np.isfinite(omega), initial=0.0))
+    return pilot.base * max(1, math.ceil(max(pilot.scene.run.t_end * rate / 0.25, 40) / pilot.base))
+
+
+def upper_quantile(values, share=0.99, sure=0.95):
+    """The smallest element of a sample that exceeds the quantile of its distribution with probability `sure`; else the largest."""
+    ordered, n = np.sort(values), len(values)
+    rank = int(stats.binom.ppf(sure, n, share)) + 1
+    return float(ordered[min(n, rank) - 1])

@@ -1,0 +1,1 @@
+"""Studies: functions from a scene to a Dataset that answers one question."""
