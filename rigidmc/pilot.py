@@ -131,7 +131,7 @@ def drift_along(pilot, integrator, steps, at, dt, looks=4096):
         pilot.block[rows, : pilot.members]
         for rows in (slice(kernel.ATTITUDE, kernel.MOMENTUM), slice(kernel.MOMENTUM, kernel.REST))
     )
-    first, size, largest = _kept(body, effects, q0, l0), np.sqrt(dot(l0, l0)), {}
+    first, size, largest = _kept(body, effects, q0, l0), np.sqrt(dot(l0, l0)), dict[str, dict]()
     scales = {"energy": kinetic_energy(body, l0) + total_energy_scale(effects, body), "l2": size**2, "lz": size}
     for total in dict.fromkeys((min(steps, looks), steps)):
         stride = max(1, total // looks)

@@ -35,7 +35,7 @@ class Job(NamedTuple):
     first: int
     size: int  # members, the padding not counted
     start: dict
-    how: tuple  # integrator, parts, effects, observables, attitude, compensated, precision
+    how: tuple | None  # None where nothing is left to do; integrator, parts, effects, observables, attitude, compensated, precision
     block: np.ndarray
     out: np.ndarray
     width: int

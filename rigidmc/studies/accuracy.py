@@ -1,6 +1,8 @@
 """What accuracy costs in time: every integrator that takes a scene, over a ladder of steps, against the truth."""
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -89,13 +91,13 @@ def _dataset(scene, found, true, costs, ways, tolerances, threads):
     variables = {
         k: ("row", v, {**({"units": units[k]} if k in units else {}), "long_name": names.get(k, k)}) for k, v in columns.items()
     }
-    takes = {"median": np.median, "p99": lambda e: np.quantile(e, 0.99), "worst": np.max, "upper": upper_quantile}
+    takes: dict[str, Callable] = {"median": np.median, "p99": lambda e: np.quantile(e, 0.99), "worst": np.max, "upper": upper_quantile}
     for quantity in QUANTITIES:
         for word, take in takes.items():
             with np.errstate(invalid="ignore"):
                 values = np.array([float(np.nan_to_num(take(w.errors[quantity]), nan=np.inf)) for w in ways])
-            attrs = {"units": "rad" if quantity == "attitude" else "1", "long_name": f"{_WHAT[quantity]}, {word} over members"}
-            variables[f"error_{quantity}_{word}"] = ("row", values, attrs)
+            about = {"units": "rad" if quantity == "attitude" else "1", "long_name": f"{_WHAT[quantity]}, {word} over members"}
+            variables[f"error_{quantity}_{word}"] = ("row", values, about)
     upper, cost = variables["error_state_upper"][1], columns["ns_per_member"]
     cheapest = [min((i for i in range(len(ways)) if upper[i] <= t), key=lambda i: cost[i], default=-1) for t in tolerances]
     variables["cheapest"] = (
@@ -104,7 +106,7 @@ def _dataset(scene, found, true, costs, ways, tolerances, threads):
         {"long_name": "row that reaches the tolerance at the least cost, -1: none"},
     )
     factor, rate = growth(found)
-    attrs = {
+    attrs: dict[str, Any] = {
         "title": scene.title,
         "source": f"rigidmc {__version__}",
         "scene": scene.dumps(),
@@ -202,7 +204,7 @@ def long_drift(scene, integrators=None, steps=1_000_000, dt=None, members=64, pr
         variables[f"{quantity}_power"] = ("integrator", np.array([power for _, power in fits]))
     kept = conservation(scene)
     lz = "yes" if kept["energy"] == "yes" and all(name_of(e) == "gravity" for e in scene.effects) else "no"
-    attrs = {
+    attrs: dict[str, Any] = {
         "title": scene.title,
         "scene": scene.dumps(),
         "dt": dt,
