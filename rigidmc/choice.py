@@ -229,7 +229,11 @@ class Chosen(NamedTuple):
     def attributes(self):
         """What a result tells of the choice; nothing of it is a time of this machine."""
         way, other = self.way, self.runner_up
-        found: dict[str, Any] = {"tolerance": self.tolerance, "tolerance_predicted_error": self.predicted, "tolerance_checked_share": self.checked}
+        found: dict[str, Any] = {
+            "tolerance": self.tolerance,
+            "tolerance_predicted_error": self.predicted,
+            "tolerance_checked_share": self.checked,
+        }
         found |= {
             "tolerance_truth": self.truth,
             "tolerance_chosen": f"{way.integrator} {way.dtype}, {way.steps} steps: the cheapest that reaches it",

@@ -91,7 +91,12 @@ def _dataset(scene, found, true, costs, ways, tolerances, threads):
     variables = {
         k: ("row", v, {**({"units": units[k]} if k in units else {}), "long_name": names.get(k, k)}) for k, v in columns.items()
     }
-    takes: dict[str, Callable] = {"median": np.median, "p99": lambda e: np.quantile(e, 0.99), "worst": np.max, "upper": upper_quantile}
+    takes: dict[str, Callable] = {
+        "median": np.median,
+        "p99": lambda e: np.quantile(e, 0.99),
+        "worst": np.max,
+        "upper": upper_quantile,
+    }
     for quantity in QUANTITIES:
         for word, take in takes.items():
             with np.errstate(invalid="ignore"):
