@@ -49,20 +49,22 @@ def blocks(tops, effects, size=BLOCK):
     rows = np.zeros((kernel.EFFECTS + sum(map(len, effects)), n))
     rows[kernel.ATTITUDE : kernel.MOMENTUM] = tops.attitude
     rows[kernel.MOMENTUM : kernel.REST] = tops.momentum
-    rows[kernel.BODY : kernel.EFFECTS] = tops.body
+    rows[kernel.BODY : kernel.EFFECTS], rows[kernel.STEPS] = tops.body, 1.0
     for row, value in enumerate((v for effect in effects for v in effect), kernel.EFFECTS):
         rows[row] = value
     return [np.ascontiguousarray(rows[:, low : low + size]) for low in range(0, n, size)]
 
 
-def advance(parts, made, effects, attitude, h, steps, pool, dtype=float):
-    """Move blocks by `steps` steps h of a Form on the threads of a pool, final state only."""
+def advance(parts, made, effects, attitude, h, steps, pool, dtype=float, own=False):
+    """Move blocks by `steps` steps h of a Form on the threads of a pool, final state only; `own` by the steps that the blocks say, to `h`."""
     integrator = as_single(made.integrator) if dtype == np.float32 else made.integrator
-    how = (integrator, made.parts, effects, (), (0.0,) if attitude else (), (), np.empty(0, dtype))
+    how = (integrator, made.parts, effects, (), (0.0,) if attitude else (), (), np.empty(0, dtype), (0.0,) if own else ())
     nothing = np.empty(0)
 
     def move(block):
-        kernel.advance(*how, block, nothing, 0, 0, h, 0, steps, steps, steps)
+        slots = int(block[kernel.STEPS].max()) if own else 1
+        total = slots if own else steps
+        kernel.advance(*how, block, nothing, 0, 0, h, slots, 0, total, total, total)
 
     for _ in pool.map(move, parts):
         pass

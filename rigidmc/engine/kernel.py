@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from rigidmc.dynamics.euler import MassProperties, kinetic_energy
-from rigidmc.dynamics.so3 import dot, select3, select4
+from rigidmc.dynamics.so3 import dot, scale, select, select3, select4
 from rigidmc.effects.verbs import total_energy, total_energy_scale
 from rigidmc.engine.compose import inline, read, read_all
 from rigidmc.engine.entries import Compiled
@@ -21,11 +21,11 @@ LANES = 32  # 16 to 128 differ by under 3 %; small means little padding
 LOOK = 32  # steps between two looks at drift and health: a look each step costs 20 to 25 % of rk4, every 16th up to 5 %
 
 # rows of a block
-ATTITUDE, MOMENTUM, REST, START, DRIFT, STATUS, GOOD_STEP, GOOD, BODY, EFFECTS = 0, 4, 7, 14, 18, 20, 21, 22, 29, 38
+ATTITUDE, MOMENTUM, REST, START, DRIFT, STATUS, GOOD_STEP, GOOD, STEPS, BODY, EFFECTS = 0, 4, 7, 14, 18, 20, 21, 22, 29, 30, 39
 STATUSES = {"ok": 0, "non_finite": 1, "invalid_body": 2}  # the STATUS row; what is not ok on entry stays frozen from the start
 # Rows of what a step reads and writes, in the precision of the run: attitude 0, momentum 4, body, remainders, effects. Rows 16 apart are
 # 4096 bytes apart, where a load waits for a store that it does not depend on: with the body on rows 16 to 22 rk4 was 12 % slower.
-_BODY_AT, _REST_AT, _EFFECTS_AT = 7, 16, 23
+_BODY_AT, _REST_AT, _STEP_AT, _STEPS_AT, _EFFECTS_AT = 7, 16, 23, 24, 25
 
 
 def four_at(work, k, row):
@@ -61,28 +61,58 @@ def state_at(work, k, compensated):
     return (four_at(work, k, ATTITUDE), four_at(work, k, _REST_AT)), (three_at(work, k, MOMENTUM), three_at(work, k, _REST_AT + 4))
 
 
-def put_state(q, l, work, k, attitude, compensated):
+def keep(own, slot, values, work, k, row):
+    """Write a tuple to rows of lane k; with steps of their own, where the member has a step in this slot of a round."""
+    if len(values) == 0:
+        return 0
+    at = row * LANES + k
+    if len(own) == 0:
+        work[at] = values[0]
+    else:
+        work[at] = select(slot < work[_STEPS_AT * LANES + k], values[0], work[at])
+    return keep(own, slot, values[1:], work, k, row + 1)
+
+
+def put_state(own, slot, q, l, work, k, attitude, compensated):
     """Write what `state_at` reads; the attitude only where it is carried."""
     if len(compensated) == 0:
         if len(attitude) > 0:
-            put(q, work, ATTITUDE * LANES + k, LANES)
-        put(l, work, MOMENTUM * LANES + k, LANES)
+            keep(own, slot, q, work, k, ATTITUDE)
+        keep(own, slot, l, work, k, MOMENTUM)
     else:
         if len(attitude) > 0:
-            put(q[0], work, ATTITUDE * LANES + k, LANES)
-            put(q[1], work, _REST_AT * LANES + k, LANES)
-        put(l[0], work, MOMENTUM * LANES + k, LANES)
-        put(l[1], work, (_REST_AT + 4) * LANES + k, LANES)
+            keep(own, slot, q[0], work, k, ATTITUDE)
+            keep(own, slot, q[1], work, k, _REST_AT)
+        keep(own, slot, l[0], work, k, MOMENTUM)
+        keep(own, slot, l[1], work, k, _REST_AT + 4)
     return 0
 
 
-for _function in (four_at, three_at, put, record, state_at, put_state):
+def clock(own, state, k, start, slot, share, t, h, part):
+    """(time, step, parts of it) of lane k: t, h and part, or with steps of its own at slot + share of a round that began at `start`."""
+    if len(own) == 0:
+        return t, h, part
+    step = state[_STEP_AT * LANES + k]
+    return start + (slot + share) * step, step, scale(step, part)
+
+
+def seen(own, work, k, now, slots, share, h):
+    """(time, step, steps made) of lane k after `now` slots, and `share` of a step."""
+    if len(own) == 0:
+        return (now + share) * h, h, float(now)
+    each = work[STEPS * LANES + k]
+    made, step = min(float(now % slots), each), h / each
+    return now // slots * h + (made + share) * step, step, now // slots * each + made
+
+
+for _function in (four_at, three_at, put, record, state_at, keep, put_state, clock, seen):
     inline(_function)
 _BODY = MassProperties(*[0.0] * 9)
 
 
 def _advance(
-    integrator, parts, effects, observables, attitude, compensated, precision, block, out, width, column, h, first, last, stride, total
+    integrator, parts, effects, observables, attitude, compensated, precision, own, block, out, width, column, h, slots, first, last,
+    stride, total,
 ):  # fmt: skip
     """Take every member of a block from step `first` to step `last` of `total`.
 
@@ -90,18 +120,20 @@ def _advance(
     attitude : () where nothing needs the attitude: it is then neither moved nor paid for; (0.0,) otherwise
     compensated : (0.0,) where sums keep their remainders, else ()
     precision : an empty array of the type of number in which steps are made; starts, drifts and saves are float64 always
+    own : (0.0,) where members have steps of their own, else ()
     block : (rows, n) as above, changed in place; n a multiple of LANES. Between calls it holds the state as the integrator keeps it
         between steps (`opened`), after step `total` the true one
     out : flat; value row r of save slot s of member m goes to out[(s*R + r)*width + column + m], R = value rows in all
-    stride : steps between saves; slot = step/stride, and step `total` is always saved
+    h : the step; with own steps a round of `slots` steps, of which member m makes the first block[STEPS, m], as long as each other
+    stride : steps between saves; save slot = step/stride, and step `total` is always saved
     """
     rows, members = block.shape
     real = precision.dtype.type
     work = np.empty(rows * LANES)
     state = np.empty((_EFFECTS_AT + rows - EFFECTS) * LANES, precision.dtype)
-    slots = (total + stride - 1) // stride
-    size = out.size // (width * (slots + 1)) if width > 0 else 0
-    lead = (parts[0, 0] * h, parts[0, 1] * h, parts[0, 2] * h)
+    saves = (total + stride - 1) // stride
+    size = out.size // (width * (saves + 1)) if width > 0 else 0
+    lead = (parts[0, 0], parts[0, 1], parts[0, 2])
     for low in range(0, members, LANES):
         for i in range(rows):
             for k in range(LANES):
@@ -112,11 +144,11 @@ def _advance(
                 q, l = four_at(work, k, ATTITUDE), three_at(work, k, MOMENTUM)
                 kinetic = kinetic_energy(body, l)
                 energy, squared = kinetic + total_energy(present, body, q), dot(l, l)
-                scale = max(abs(energy), 1e-3 * (kinetic + total_energy_scale(present, body)))
+                compared = max(abs(energy), 1e-3 * (kinetic + total_energy_scale(present, body)))
                 finite = 0.0 * (energy + squared + q[0] + q[1] + q[2] + q[3]) == 0.0
                 healthy = finite & (work[STATUS * LANES + k] == 0.0)
                 work[START * LANES + k] = energy
-                work[(START + 1) * LANES + k] = 1.0 / (scale if scale > 0.0 else 1.0)
+                work[(START + 1) * LANES + k] = 1.0 / (compared if compared > 0.0 else 1.0)
                 work[(START + 2) * LANES + k] = squared
                 work[(START + 3) * LANES + k] = 1.0 / (squared if squared > 0.0 else 1.0)
                 work[DRIFT * LANES + k] = 0.0 if healthy else math.nan
@@ -133,7 +165,8 @@ def _advance(
                 q, l = four_at(work, k, ATTITUDE), three_at(work, k, MOMENTUM)
                 put(q, work, GOOD * LANES + k, LANES)
                 put(l, work, (GOOD + 4) * LANES + k, LANES)
-                q, l = opened(integrator, body, present, parts[0, 3] * h, lead, q, l)
+                t, dt, _ = seen(own, work, k, 0, slots, parts[0, 3], h)
+                q, l = opened(integrator, body, present, t, scale(dt, lead), q, l)
                 put(q, work, ATTITUDE * LANES + k, LANES)
                 put(l, work, MOMENTUM * LANES + k, LANES)
         for i in range(rows):
@@ -149,22 +182,34 @@ def _advance(
             if i < START or i >= BODY:
                 for k in range(LANES):
                     state[at * LANES + k] = work[i * LANES + k]
+        busy, unit = 1.0, h  # steps of the member that makes most in a round; what the parts are given in
+        if len(own) > 0:
+            unit = 1.0
+            for k in range(LANES):
+                busy = max(busy, work[STEPS * LANES + k])
+                state[_STEP_AT * LANES + k] = h / work[STEPS * LANES + k]
+                state[_STEPS_AT * LANES + k] = work[STEPS * LANES + k]
         now = first
         while now < last:
-            stop = min(last, (now // LOOK + 1) * LOOK, (now // stride + 1) * stride)
-            for s in range(now, stop):
+            begun = now // slots * slots if len(own) > 0 else 0  # of the round; without own steps there is one
+            stop = min(last, begun + ((now - begun) // LOOK + 1) * LOOK, (now // stride + 1) * stride)
+            if len(own) > 0:
+                stop = min(stop, begun + slots)
+            start = real(begun // slots * h) if len(own) > 0 else real(0.0)
+            for s in range(now, min(stop, begun + int(busy)) if len(own) > 0 else stop):
                 for p in range(1, parts.shape[0]):
-                    t, part = real((s + parts[p, 3]) * h), (real(parts[p, 0] * h), real(parts[p, 1] * h), real(parts[p, 2] * h))
-                    dt = real(h)
+                    shares = (real(parts[p, 0] * unit), real(parts[p, 1] * unit), real(parts[p, 2] * unit))
+                    slot, share, now_t, dt = real(s - begun), real(parts[p, 3]), real((s + parts[p, 3]) * h), real(h)
                     for k in range(LANES):  # the loop that must vectorise
                         body = read(_BODY, state, _BODY_AT, k, LANES)
                         present = read_all(effects, state, _EFFECTS_AT, k, LANES)
                         q, l = state_at(state, k, compensated)
-                        q, l = step(integrator, body, present, t, dt, part, q, l)
-                        put_state(q, l, state, k, attitude, compensated)
+                        t, by, part = clock(own, state, k, start, slot, share, now_t, dt, shares)
+                        q, l = step(integrator, body, present, t, by, part, q, l)
+                        put_state(own, slot, q, l, state, k, attitude, compensated)
             now = stop
-            if now % LOOK == 0 or now % stride == 0 or now == total:  # not where a call ends: no result depends on calls
-                t = (now + parts[0, 3]) * h
+            looked = (now - begun) % LOOK == 0 and (len(own) == 0 or now - begun < slots)
+            if looked or now % stride == 0 or now == total:  # not where a call ends: no result depends on calls
                 for i in range(REST):
                     for k in range(LANES):
                         work[i * LANES + k] = state[i * LANES + k]
@@ -176,7 +221,8 @@ def _advance(
                     body, present = read(_BODY, work, BODY, k, LANES), read_all(effects, work, EFFECTS, k, LANES)
                     q, l = four_at(work, k, ATTITUDE), three_at(work, k, MOMENTUM)
                     good_q, good_l = four_at(work, k, GOOD), three_at(work, k, GOOD + 4)
-                    true_q, true_l = closed(integrator, body, present, t, lead, q, l)
+                    t, dt, made = seen(own, work, k, now, slots, parts[0, 3], h)
+                    true_q, true_l = closed(integrator, body, present, t, scale(dt, lead), q, l)
                     energy, squared = kinetic_energy(body, true_l) + total_energy(present, body, true_q), dot(true_l, true_l)
                     finite = 0.0 * (energy + squared + q[0] + q[1] + q[2] + q[3]) == 0.0
                     healthy = finite & (work[STATUS * LANES + k] == 0.0)
@@ -186,7 +232,7 @@ def _advance(
                     work[DRIFT * LANES + k] = (drift if drift > old else old) if healthy else old
                     work[(DRIFT + 1) * LANES + k] = (drift2 if drift2 > old2 else old2) if healthy else old2
                     work[STATUS * LANES + k] = max(work[STATUS * LANES + k], 0.0 if finite else 1.0)
-                    work[GOOD_STEP * LANES + k] = float(now) if healthy else work[GOOD_STEP * LANES + k]
+                    work[GOOD_STEP * LANES + k] = made if healthy else work[GOOD_STEP * LANES + k]
                     put(select4(healthy, true_q, good_q), work, GOOD * LANES + k, LANES)
                     put(select3(healthy, true_l, good_l), work, (GOOD + 4) * LANES + k, LANES)
                 for i in range(REST):
@@ -195,12 +241,12 @@ def _advance(
                         state[i * LANES + k] = good if frozen else state[i * LANES + k]
                         state[(_REST_AT + i) * LANES + k] = real(0.0) if frozen else state[(_REST_AT + i) * LANES + k]
             if size > 0 and (now % stride == 0 or now == total):
-                slot = slots if now == total else now // stride
-                base = slot * size * width + column + low
+                at = saves if now == total else now // stride
+                base = at * size * width + column + low
                 for k in range(LANES):
                     body, present = read(_BODY, work, BODY, k, LANES), read_all(effects, work, EFFECTS, k, LANES)
                     q, l = four_at(work, k, GOOD), three_at(work, k, GOOD + 4)
-                    record(observables, body, present, now * h, q, l, four_at(work, k, START), out, base + k, width)
+                    record(observables, body, present, now // slots * h, q, l, four_at(work, k, START), out, base + k, width)
         for i in range(REST):
             for k in range(LANES):
                 work[i * LANES + k] = state[i * LANES + k]

@@ -1,0 +1,101 @@
+"""What --tolerance picks: right where the right answer is known, kept by other members, refused where nothing reaches it."""
+
+import numpy as np
+import pytest
+
+import rigidmc as rm
+from rigidmc import choice as C
+from rigidmc.closed_form import closed_form
+from rigidmc.rotation import attitude_error
+
+SMALL = {"members": 128}
+
+
+def within(scene, tolerance, first=5000, members=256):
+    """Share of other members that keep the tolerance at all saves, against the closed form; the Dataset too."""
+    ds = rm.simulate(scene, tolerance=tolerance, members=range(first, first + members), save=("momentum", "attitude"))
+    true = closed_form(scene, members, first).motion(ds.time.values)
+    l, q = (ds[name].transpose("time", "member", ...).values for name in ("momentum", "attitude"))
+    apart = np.linalg.norm(l - true.momentum, axis=-1) / np.linalg.norm(true.momentum, axis=-1)
+    turned = attitude_error(q, true.attitude)
+    return np.mean(np.maximum(apart, turned).max(0) <= tolerance), ds
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-7, 1e-10])
+@pytest.mark.parametrize("name", ["heavy_top", "nasa_brick", "toutatis"])
+def test_the_tolerance_is_kept_in_shipped_scenes(name, tolerance):
+    scene = rm.Scene.load(name)
+    alike = scene.run.members == 1
+    share, ds = within(scene, tolerance, 0 if alike else 5000, 1 if alike else 256)
+    assert share >= 0.99
+    assert ds.attrs["tolerance"] == tolerance
+    assert ds.attrs["tolerance_predicted_error"] <= tolerance
+    assert ds.attrs["tolerance_chosen"].startswith(ds.attrs["integrator"])
+    assert ds.attrs["tolerance_truth"].startswith("closed form")
+    again = rm.simulate(rm.Scene.loads(ds.attrs["scene"]), members=range(32) if not alike else None)
+    assert again.attrs["integrator"] == ds.attrs["integrator"]  # the file runs again as it ran, without choosing
+
+
+def test_a_symmetric_free_body_is_one_exact_step():
+    scene = rm.Scene(rm.Body.from_moments((1.0, 1.0, 1.7)), (), rm.Start(omega=(rm.normal(1.0, 0.2), 0.3, 2.0), attitude="uniform"))
+    found = C.choose(scene.with_run(t_end=20.0, save=("omega", "attitude")), 1e-9, **SMALL)
+    assert (found.way.integrator, found.way.steps) == ("exact", 1)
+
+
+def test_a_fast_top_is_split():
+    found = C.choose(rm.Scene.load("bruels_cardona").with_run(every=None), 1e-9, integrators=("rk4", "rk8", "aba1064", "srkn11"))
+    assert found.way.integrator in ("aba1064", "srkn11")
+    assert found.way.steps < 100  # methods.md: rk4 takes 30,000
+
+
+def test_a_short_heavy_run_is_rk8_or_a_splitting_of_high_order():
+    scene = rm.Scene(
+        rm.Body.from_moments((0.6, 0.8, 1.0), centre=(0.1, 0.2, 0.6)),
+        (rm.Gravity(1.0),),
+        rm.Start(omega=(rm.normal(1, 1), 0.5, -0.9), attitude="uniform"),
+    ).with_run(t_end=5.0, save=("omega", "attitude"))
+    found = C.choose(scene, 1e-8, **SMALL)
+    assert found.way.integrator in ("rk8", "srkn11", "srkn6")
+    assert found.predicted <= 1e-8
+    assert found.checked >= 0.99
+    slower = C.choose(scene, 1e-8, integrators=("rk4",), **SMALL)
+    costs = C.Costs(C.pilot(scene, 128))
+    assert costs.per_member(found.way) < 0.5 * costs.per_member(slower.way)  # a third, measured
+
+
+def test_out_of_reach():
+    scene = rm.Scene.load("dzhanibekov")
+    with pytest.raises(rm.SceneError, match=r"tolerance = 1e-14: out of reach of double precision here: the best is .*grows"):
+        rm.simulate(scene, tolerance=1e-14)
+    with pytest.raises(rm.SceneError, match="no integrator comes nearer"):
+        C.choose(rm.Scene.load("heavy_top"), 1e-13, integrators=("rk4",), **SMALL)
+    with pytest.raises(rm.SceneError, match="less than 1"):
+        rm.simulate(scene, tolerance=2.0)
+
+
+def test_auto_needs_a_tolerance():
+    with pytest.raises(rm.SceneError, match="tolerance: is missing"):
+        rm.simulate(rm.Scene.load("heavy_top"), integrator="auto")
+    text = rm.Scene.load("nasa_brick").dumps().replace('integrator = "rk4"', 'integrator = "auto"\ntolerance = 1e-6')
+    scene = rm.Scene.loads(text)
+    assert rm.simulate(scene).attrs["integrator"] != "auto"
+
+
+class Noise(rm.ViscousDamping):
+    """Damping that says it is random."""
+
+    stochastic = True
+
+
+def test_noise_has_no_path_to_be_right_about():
+    scene = rm.Scene(rm.Body.from_moments((1.0, 1.4, 2.0)), (Noise(0.1),), rm.Start(omega=(0.1, 1.0, 0.2)))
+    with pytest.raises(rm.SceneError, match="error of averages"):
+        C.choose(scene.with_run(t_end=1.0), 1e-6)
+
+
+def test_a_pilot_that_fails_is_said():
+    omega = np.random.default_rng(0).normal(size=(64, 3))
+    omega[3] = 1e200
+    scene = rm.Scene(rm.Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.2, 0.3)), (rm.Gravity(1.0),), rm.Start(omega=omega))
+    with pytest.raises(rm.SceneError, match="1 of 64 members"), np.errstate(all="ignore"):
+        C.choose(scene.with_run(t_end=1.0, members=64), 1e-6)
