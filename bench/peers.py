@@ -15,10 +15,13 @@ import numpy as np
 import rigidmc
 from bench import baselines, harness, tops
 from rigidmc.effects import Gravity
+from rigidmc.engine import kernel
 from rigidmc.engine.machine import threads_available
 from rigidmc.planning import form_of
 
 T_END, MEMBERS = 10.0, 4096
+OWN_BLOCK = MEMBERS // threads_available()  # as `simulate` cuts them where members have steps of their own
+STEPS_UNIT = 32.0  # steps are tuned as turns of 32 rad over whole numbers
 LIMITS = (1e-4, 1e-7, 1e-10)
 OURS = {  # what is tried for each kind of top, cheapest first where that is known
     "heavy": (
@@ -106,7 +109,7 @@ def truth(many, kind):
     ways = (("exact", 1), ("rk8", 4000)) if kind == "free" else (("rk8", 4000), ("srkn11", 2000))
     ends = []
     for name, steps in ways:
-        made, parts = _form(many, name, steps, kind), tops.blocks(many, GRAVITY if kind == "heavy" else (), 256)
+        made, parts = _form(many, name, kind, T_END / steps), tops.blocks(many, GRAVITY if kind == "heavy" else (), 256)
         tops.advance(parts, made, GRAVITY if kind == "heavy" else (), True, T_END / steps, steps, pool)
         ends.append(tops.state(parts))
     return ends[0], {
@@ -116,12 +119,12 @@ def truth(many, kind):
     }
 
 
-def _form(many, name, steps, kind):
-    """What is compiled for steps of T_END/steps, as a scene with these tops has it."""
+def _form(many, name, kind, dt, turn=None):
+    """What is compiled for steps of dt, or of `turn` in times of at most dt, as a scene with these tops has it."""
     body = rigidmc.Body.from_moments(many.moments.T, mass=1.0, centre=many.static.T)
     start = rigidmc.Start(omega=many.omega.T, attitude=many.attitude.T)
-    scene = rigidmc.Scene(body, GRAVITY if kind == "heavy" else (), start).with_run(integrator=name, members=MEMBERS)
-    return form_of(scene, T_END / steps, True)[0]
+    scene = rigidmc.Scene(body, GRAVITY if kind == "heavy" else (), start)
+    return form_of(scene.with_run(integrator=name, members=MEMBERS, turn=turn), dt, True)[0]
 
 
 def longest(error_of, limit, first=8, most=200_000):
@@ -148,22 +151,24 @@ def rigidmc_steps(many, kind, limit, true):
         forms: dict[int, Any] = {}
 
         def go(steps, parts, name=name, dtype=dtype, forms=forms):
+            """Each member in steps of its own, STEPS_UNIT/steps rad of its motion each."""
             if steps not in forms:
-                forms[steps] = _form(many, name, steps, kind)
-            tops.advance(parts, forms[steps], effects, True, T_END / steps, steps, pool, dtype)
+                forms[steps] = _form(many, name, kind, T_END, STEPS_UNIT / steps)
+            tops.advance_own(parts, forms[steps], effects, STEPS_UNIT / steps, T_END, pool, dtype)
             return parts
 
         def error(steps, go=go):
-            return worst(many, tops.state(go(steps, tops.blocks(many, effects, 256))), true)
+            return worst(many, tops.state(go(steps, tops.blocks(many, effects, OWN_BLOCK))), true)
 
-        steps = longest(error, limit, 1 if name == "exact" else 8, 20_000)
+        steps = longest(error, limit, 4, 20_000)
         if steps is None:
             continue
+        mean = np.mean(np.concatenate([b[kernel.STEPS] for b in go(steps, tops.blocks(many, effects, OWN_BLOCK))]))
         entry = Entry(
-            lambda: tops.blocks(many, effects, 512),
+            lambda: tops.blocks(many, effects, OWN_BLOCK),
             lambda parts, s=steps, go=go: go(s, parts),
             tops.state,
-            f"{name} {real}, {steps} steps",
+            f"{name} {real}, turn {STEPS_UNIT / steps:.3g} rad, {mean:.0f} steps on average",
         )
         seconds = min(harness.once((entry.prepare, entry.run))[0] for _ in range(7))
         if best is None or seconds < best[0]:
@@ -187,7 +192,7 @@ def rigidmc_stepping(many, kind, limit, true):
     """The exact motion in 100 steps, each of them a save."""
     if kind != "free":
         return None
-    pool, made = tops.pool(threads_available()), _form(many, "exact", 100, kind)
+    pool, made = tops.pool(threads_available()), _form(many, "exact", kind, T_END / 100)
     return Entry(
         lambda: tops.blocks(many, (), 512),
         lambda p: tops.advance(p, made, (), True, T_END / 100, 100, pool) or p,

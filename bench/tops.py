@@ -7,7 +7,10 @@ import numpy as np
 
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.engine import kernel
+from rigidmc.engine.blocks import run_block
 from rigidmc.engine.compose import as_single
+from rigidmc.simulation import Job
+from rigidmc.staging import own_steps, rates, together
 
 GRAVITY = 9.81  # m/s^2
 BLOCK = 4096  # members of a block, as in rigidmc.planning
@@ -55,16 +58,31 @@ def blocks(tops, effects, size=BLOCK):
     return [np.ascontiguousarray(rows[:, low : low + size]) for low in range(0, n, size)]
 
 
-def advance(parts, made, effects, attitude, h, steps, pool, dtype=float, own=False):
-    """Move blocks by `steps` steps h of a Form on the threads of a pool, final state only; `own` by the steps that the blocks say, to `h`."""
+def advance(parts, made, effects, attitude, h, steps, pool, dtype=float):
+    """Move blocks by `steps` steps h of a Form on the threads of a pool, final state only."""
     integrator = as_single(made.integrator) if dtype == np.float32 else made.integrator
-    how = (integrator, made.parts, effects, (), (0.0,) if attitude else (), (), np.empty(0, dtype), (0.0,) if own else ())
+    how = (integrator, made.parts, effects, (), (0.0,) if attitude else (), (), np.empty(0, dtype), ())
     nothing = np.empty(0)
 
     def move(block):
-        slots = int(block[kernel.STEPS].max()) if own else 1
-        total = slots if own else steps
-        kernel.advance(*how, block, nothing, 0, 0, h, slots, 0, total, total, total)
+        kernel.advance(*how, block, nothing, 0, 0, h, 1, 0, steps, steps, steps)
+
+    for _ in pool.map(move, parts):
+        pass
+
+
+def advance_own(parts, made, effects, turn, t_end, pool, dtype=float):
+    """Move blocks to t_end, each member in steps of its own: found, sorted and made as `simulate` does."""
+    integrator = as_single(made.integrator) if dtype == np.float32 else made.integrator
+    how = (integrator, made.parts, effects, (), (0.0,), (), np.empty(0, dtype))
+
+    def move(block):
+        block[kernel.STEPS] = own_steps(rates(effects, block), t_end, turn)
+        slots = int(block[kernel.STEPS].max())
+        order = together(block)
+        given = np.take(block, order, axis=1)
+        run_block(Job(0, 0, {}, (*how, (order,)), given, order, np.empty(0), 0, 0, t_end, slots, slots, slots, 1))
+        block[: kernel.REST, order] = given[: kernel.REST]
 
     for _ in pool.map(move, parts):
         pass

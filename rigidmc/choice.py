@@ -25,19 +25,23 @@ PILOT = 512  # members: then the 99 % of a distribution are below the second lar
 # Those that have been the cheapest for some scene and tolerance; the others are for comparison (`rigidmc accuracy`), and each costs 3 s to compile.
 CONTENDERS = ("closed", "exact", "rk4", "rk8", "strang", "chin4", "srkn6", "srkn11", "aba864", "aba1064")
 SINGLE = ("rk4", "rk8", "exact", "strang")  # tried in float32 too
+SINGLE_REACHES = 3e-7  # five roundings of float32: not tried below
 SAFETY = 0.8  # of the tolerance, that a pilot must keep
 
 
 class Way(NamedTuple):
     """One way of integrating a pilot.
 
-    errors : {quantity: (members,)};  ns : time per member and step on one thread [ns]
+    steps : of the fastest member of the pilot;  mean_steps, dt : of its members in the mean;  turn : of their own steps [rad], None where
+        all have the same;  errors : {quantity: (members,)};  ns : time per member and step on one thread [ns]
     """
 
     integrator: str
     dtype: str
     steps: int
+    mean_steps: float
     dt: float
+    turn: float | None
     errors: dict
     ns: float
 
@@ -45,6 +49,19 @@ class Way(NamedTuple):
     def upper(self):
         """What 99 % of all members stay below, with 95 % certainty."""
         return upper_quantile(self.errors["state"])
+
+    @property
+    def step(self):
+        """How far at a time, in words."""
+        if self.integrator == "closed":
+            return "at every save"
+        if self.turn is None:
+            return f"at dt = {self.dt:.4g} s ({self.steps:,} steps)"
+        return f"at turn = {self.turn:.4g} rad ({self.mean_steps:,.1f} steps in the mean, {self.steps:,} of the fastest member)"
+
+    def with_precision(self):
+        """The integrator, and its precision where it is not double."""
+        return self.integrator + (" in float32" if self.dtype == "float32" else "")
 
 
 class Costs:
@@ -56,9 +73,9 @@ class Costs:
 
     def step(self, integrator, steps, dtype):
         """Per member and step, without saves; of `closed` per member and save."""
-        scene = self.pilot.scene.with_run(integrator=integrator)
         if integrator == "closed":
             return self._once("closed", self._closed)
+        scene = self.pilot.stepped(steps)[0].with_run(integrator=integrator)
         made, _ = form_of(scene, scene.run.t_end / steps, self.pilot.carried)
         key = type(made.integrator), made.integrator, len(made.parts), dtype
         return self._once(key, lambda: self._stepped(made, scene.run.t_end / steps, dtype, OBSERVED))
@@ -107,16 +124,22 @@ class Costs:
     def _stepped(self, made, h, dtype, observables, stride=None):
         effects = tuple(type(e)(*[0.0] * len(e)) for e in self.pilot.scene.effects)
         integrator = as_single(made.integrator) if dtype == "float32" else made.integrator
-        how = (integrator, made.parts, effects, observables, (0.0,) if self.pilot.carried else (), (), np.empty(0, dtype))
+        own = self.pilot.own and stride is None
+        how = (
+            integrator, made.parts, effects, observables, (0.0,) if self.pilot.carried else (), (), np.empty(0, dtype),
+            (np.arange(512),) if own else (),
+        )  # fmt: skip
         few, steps = self.pilot.block, 32
         block = np.ascontiguousarray(np.tile(few, -(-512 // few.shape[1]))[:, :512])
         width, values = block.shape[1] if observables else 0, sum(SIZES[o.dims] for o in observables)
         best, spent = math.inf, -1.0
         while spent < 0.03:
             out = np.empty((steps + 1) * values * width)
-            given = block.copy()
+            given, span, slots = block.copy(), h, 1
+            if own:
+                given[kernel.STEPS], span, slots = steps, h * steps, steps
             began = time.perf_counter()
-            kernel.advance(*how, given, out, width, 0, h, 0, steps, stride or steps, steps)
+            kernel.advance(*how, given, out, width, 0, span, slots, 0, steps, stride or steps, steps)
             took = time.perf_counter() - began
             if spent >= 0.0:  # the first may have compiled
                 best = min(best, took / (steps * block.shape[1]))
@@ -128,7 +151,7 @@ class Costs:
     def per_member(self, way):
         """One member to t_end, with its saves [ns]."""
         saves = 0.0 if way.integrator == "closed" else self.saves * self.save()
-        return way.ns * way.steps + saves + self.start()
+        return way.ns * way.mean_steps + saves + self.start()
 
     def members_per_second(self, way, threads=None):
         """Members to t_end per second on all threads."""
@@ -155,23 +178,26 @@ def measured(costs, true, integrator, dtype, steps):
     found = costs.pilot
     if integrator == "closed":  # its error cannot be seen against itself: what rounding does
         apart = {name: true.error if name == "state" else np.zeros(found.members) for name in QUANTITIES}
-        return Way(integrator, dtype, costs.saves, found.scene.run.t_end / costs.saves, apart, costs.step(integrator, 1, dtype))
+        ns, saves = costs.step(integrator, 1, dtype), costs.saves
+        return Way(integrator, dtype, saves, saves, found.scene.run.t_end / saves, None, apart, ns)
     try:
         states = follow(found, integrator, steps, dtype)
     except SceneError:  # a step too long for it
         return None
-    dt = found.scene.run.t_end / steps
-    return Way(integrator, dtype, steps, dt, errors(found, states, true.states), costs.step(integrator, steps, dtype))
+    mean, turn = found.mean_steps(steps), found.turn(steps) if found.own else None
+    apart = errors(found, states, true.states)
+    return Way(integrator, dtype, steps, mean, found.scene.run.t_end / mean, turn, apart, costs.step(integrator, steps, dtype))
 
 
 def ladder(costs, true, integrator, dtype, finest=0.0, ratio=2.0**0.5, most=MOST_STEPS, too_dear=None):
     """Ways of one integrator from long steps to short ones, until the error falls below `finest` or falls no more, or too_dear(way)."""
     found, ways = costs.pilot, []
     multiple = max(1.0, first_steps(found) / found.base / 24.0)
-    if INTEGRATORS[integrator].order == math.inf:
-        multiple = 1.0
     if integrator == "closed":
         return [measured(costs, true, integrator, dtype, 1)]
+    if INTEGRATORS[integrator].order == math.inf:  # one step between checks, or pieces of each member's own
+        whole, _ = form_of(found.stepped(found.base)[0].with_run(integrator=integrator), found.scene.run.t_end, found.carried)
+        multiple = math.ceil(found.turn(found.base)) if found.own and len(whole.parts) > 2 else 1.0
     best, idle = math.inf, 0
     while (steps := found.base * round(multiple)) <= most:
         way = measured(costs, true, integrator, dtype, steps)
@@ -195,7 +221,8 @@ def resolved(scene, threads=None):
     scene.check()
     found = choose(scene.with_run(integrator="rk4"), run.tolerance, threads=threads)
     way = found.way
-    return scene.with_run(integrator=way.integrator, dt=way.dt, dtype=way.dtype), found
+    step = {"dt": way.dt} if way.turn is None else {"turn": way.turn}
+    return scene.with_run(integrator=way.integrator, dtype=way.dtype, **step), found
 
 
 class Chosen(NamedTuple):
@@ -213,11 +240,9 @@ class Chosen(NamedTuple):
     def lines(self, count, seconds=None):
         """What was picked and why, and how long `count` members will take, by a rehearsal where there was one."""
         way, other = self.way, self.runner_up
-        single = " in float32" if way.dtype == "float32" else ""
-        step = "" if way.integrator == "closed" else f" at dt = {way.dt:.6g} s ({way.steps:,} steps)"
-        lines = [f"for a tolerance of {self.tolerance:g}: {way.integrator}{single}{step}, the cheapest of those that reach it"]
+        lines = [f"for a tolerance of {self.tolerance:g}: {way.with_precision()} {way.step}, the cheapest of those that reach it"]
         if other is not None:
-            lines.append(f"  next best {other[0].integrator} at dt = {other[0].dt:.3g} s, {other[1]:.2g} times the cost")
+            lines.append(f"  next best {other[0].with_precision()} {other[0].step}, {other[1]:.2g} times the cost")
         lines.append(
             f"  error of 99 % of the members below {self.predicted:.1e}; on a second pilot of {self.members} members {100 * self.checked:.1f} % keep the tolerance"
         )
@@ -236,9 +261,9 @@ class Chosen(NamedTuple):
         }
         found |= {
             "tolerance_truth": self.truth,
-            "tolerance_chosen": f"{way.integrator} {way.dtype}, {way.steps} steps: the cheapest that reaches it",
+            "tolerance_chosen": f"{way.with_precision()} {way.step}: the cheapest that reaches it",
         }
-        return found | ({"tolerance_runner_up": f"{other[0].integrator} {other[0].dtype}, {other[0].steps} steps"} if other else {})
+        return found | ({"tolerance_runner_up": f"{other[0].with_precision()} {other[0].step}"} if other else {})
 
 
 def choose(scene, tolerance, integrators=None, members=PILOT, threads=None):
@@ -258,7 +283,8 @@ def choose(scene, tolerance, integrators=None, members=PILOT, threads=None):
         raise _unreachable(scene, tolerance, first, known, f"the truth itself is known to {known:.1e} only ({true.source})")
     found: list[Way] = []
     nearest = math.inf
-    for integrator, dtype in candidates(scene, true, integrators or CONTENDERS):
+    only = "float64" if tolerance < SINGLE_REACHES else None
+    for integrator, dtype in candidates(scene, true, integrators or CONTENDERS, only):
         dearest = min((costs.per_member(w) for w in found), default=math.inf)
         limit = tolerance if integrator == "closed" else SAFETY * tolerance
         ways = ladder(costs, true, integrator, dtype, limit, 2.0, too_dear=lambda w, most=2.0 * dearest: costs.per_member(w) > most)
@@ -268,11 +294,11 @@ def choose(scene, tolerance, integrators=None, members=PILOT, threads=None):
     if not found:
         raise _unreachable(scene, tolerance, first, nearest, "no integrator comes nearer")
     found.sort(key=costs.per_member)
-    second = pilot(scene, members, first.first + first.members)
-    other_true = truth(second)
+    second = pilot(scene, members, first.first + first.members)._replace(own=first.own)
+    other_true, faster = truth(second), float(second.rates.max() / first.rates.max()) if first.own else 1
     for way in found:
         for _ in range(4):
-            check = measured(Costs(second), other_true, way.integrator, way.dtype, way.steps).errors["state"]
+            check = measured(Costs(second), other_true, way.integrator, way.dtype, faster * way.steps).errors["state"]
             share = float(np.mean(check <= tolerance))
             if share >= 0.99:
                 others = [w for w in found if w.integrator != way.integrator]

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rigidmc.dynamics.euler import MassProperties, kinetic_energy
+from rigidmc.dynamics.euler import kinetic_energy
 from rigidmc.dynamics.so3 import dot
 from rigidmc.effects import name_of
 from rigidmc.effects.verbs import total_energy, total_energy_scale
@@ -14,7 +14,7 @@ from rigidmc.exact.free_top import Motion, free_motion, free_top
 from rigidmc.exact.lagrange_top import lagrange_motion, lagrange_top
 from rigidmc.observables import OBSERVABLES
 from rigidmc.observables.verbs import value
-from rigidmc.staging import stage
+from rigidmc.staging import physics, stage
 
 COVERED = (
     "the free top (no effects), the free top with viscous_damping, and the Lagrange top (gravity on a body with two equal moments "
@@ -103,10 +103,7 @@ def closed_values(scene, block, start, times):
     q, l = np.moveaxis(motion.attitude, -1, 1), np.moveaxis(motion.momentum, -1, 1)
     # at t = 0 the start itself, and the sick stay there
     q, l = (np.where(sick | (times == 0.0)[:, None, None], x[None], y) for x, y in ((block[:4], q), (block[4:7], l)))
-    body, effects, row = MassProperties(*block[kernel.BODY : kernel.EFFECTS]), [], kernel.EFFECTS
-    for effect in scene.effects:
-        effects.append(type(effect)(*block[row : row + len(effect)]))
-        row += len(effect)
+    body, effects = physics(scene.effects, block)
     observables = [OBSERVABLES[name]() for name in scene.run.save]
     with np.errstate(all="ignore"):
         kinetic, squared = kinetic_energy(body, l[0]), dot(l[0], l[0])

@@ -30,7 +30,9 @@ def cost_per_step(scene, plan, members=256, seconds=0.05):
     for _ in range(12):
         block, _ = stage(scene, plan.first, members, plan.carried)
         began = time.perf_counter()
-        kernel.advance(*block_arguments(scene, plan, block), 0, steps, steps, steps)
+        if plan.own:
+            block[kernel.STEPS] = steps
+        kernel.advance(*block_arguments(scene, plan, block), steps if plan.own else 1, 0, steps, steps, steps)
         took = time.perf_counter() - began
         best = min(best, took / (members * steps))
         steps = int(min(1e6, max(16, steps * seconds / 4 / max(took, 1e-9))))
@@ -68,8 +70,10 @@ def describe(scene, threads):
     lines.append(f"conserved    energy: {kept['energy']}; |L|^2: {kept['l2']}")
     parts = len(plan.form.parts) - 1 if plan.form else 1
     pieces = f" of {parts} parts each" if parts > 1 else ""
+    how = f"dt = {plan.dt:.6g} s" if not plan.own else f"its own for each member, {plan.mean_steps:,.1f} in the mean of the pilot"
+    steps = "" if plan.own else f"{plan.steps:,}"
     lines.append(
-        f"steps        {plan.steps:,}{pieces}, dt = {plan.dt:.6g} s, t_end = {run.t_end:g} s, omega dt <= {plan.angle:.2g} rad"
+        f"steps        {steps}{pieces}, {how}, t_end = {run.t_end:g} s, omega dt <= {plan.angle:.2g} rad".replace("  ,", "  ")
     )
     lines.append(f"saves        {plan.times.size:,} times of {', '.join(run.save) or 'nothing'}")
     memory, file = sizes(scene, plan, threads)
@@ -82,7 +86,7 @@ def describe(scene, threads):
     if plan.form is None:
         return "\n".join([*lines, "cost         closed form at every save"])
     cost = cost_per_step(scene, plan)
-    seconds = cost * 1e-9 * plan.members * plan.steps / threads
+    seconds = cost * 1e-9 * plan.members * plan.mean_steps / threads
     lines.append(
         f"cost         {cost:.2f} ns per member-step on one thread (measured now); about {seconds:.2g} s for the steps on {threads} threads"
     )

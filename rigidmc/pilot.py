@@ -8,7 +8,7 @@ import numpy as np
 from scipy import stats
 
 from rigidmc.closed_form import closed_form
-from rigidmc.dynamics.euler import MassProperties, kinetic_energy
+from rigidmc.dynamics.euler import kinetic_energy
 from rigidmc.dynamics.so3 import dot, up
 from rigidmc.effects.verbs import total_energy, total_energy_scale
 from rigidmc.engine import kernel
@@ -17,10 +17,10 @@ from rigidmc.engine.machine import threads_available
 from rigidmc.errors import SceneError
 from rigidmc.integrators import accepting
 from rigidmc.observables import OBSERVABLES
-from rigidmc.planning import carries_attitude, form_of, steps_and_saves, whole_lanes
+from rigidmc.planning import carries_attitude, form_of, rounds, whole_lanes
 from rigidmc.rotation import attitude_error
 from rigidmc.sampling import is_shared, rows
-from rigidmc.staging import stage
+from rigidmc.staging import own_steps, physics, rates, stage
 
 CHECKPOINTS = 8  # times at which states are compared, evenly among those that the scene saves
 ROUNDING = 1.1e-16
@@ -28,6 +28,7 @@ AGREED = 1e-12  # two methods that agree to this are taken for the truth
 QUANTITIES = ("state", "momentum", "attitude", "energy", "l2", "lz")
 OBSERVED = (OBSERVABLES["attitude"](), OBSERVABLES["momentum"]())
 MOST_STEPS = 1_000_000
+SPREAD = 1.25  # of the fastest member's rate over the mean, from which members have steps of their own
 
 
 class Pilot(NamedTuple):
@@ -35,6 +36,7 @@ class Pilot(NamedTuple):
 
     block : rows for the kernel, whole lanes;  first, members : which members;  carried : whether the attitude is part of the state
     base, stride : steps must be a multiple of `base`, and `stride` of it lie between two checks;  times : of the checks [s]
+    rates : of the members [rad/s], see `rigidmc.staging.rates`;  own : whether they are so different that each steps by its own
     """
 
     scene: Any
@@ -45,6 +47,24 @@ class Pilot(NamedTuple):
     base: int
     stride: int
     times: np.ndarray
+    rates: np.ndarray
+    own: bool
+
+    def turn(self, steps):
+        """How far the fastest member moves in each of `steps` steps [rad]: what all members then move in theirs."""
+        return self.scene.run.t_end * float(self.rates.max()) / steps
+
+    def stepped(self, steps):
+        """The scene and the block for `steps` steps, of the fastest member where all have their own."""
+        if not self.own:
+            return self.scene.with_run(dt=self.scene.run.t_end / steps), self.block
+        scene, block = self.scene.with_run(turn=self.turn(steps)), self.block.copy()
+        block[kernel.STEPS] = own_steps(rates(scene.effects, block), scene.run.t_end / self.base, scene.run.turn)
+        return scene, block
+
+    def mean_steps(self, steps):
+        """Of all members, in `steps` steps of the fastest."""
+        return self.base * float(np.mean(self.stepped(steps)[1][kernel.STEPS, : self.members])) if self.own else steps
 
 
 class States(NamedTuple):
@@ -77,11 +97,12 @@ def pilot(scene, members, first=None):
     carried = carries_attitude(scene)
     block, _ = stage(scene, first, members, carried)
     block = np.ascontiguousarray(np.pad(block, ((0, 0), (0, whole_lanes(members) - members)), mode="edge"))
-    whole = run.every is None or run.every >= run.t_end
-    base, _, stride, _ = (1, 0.0, 1, ()) if whole else steps_and_saves(run.t_end, run.every, run.every)
+    base, _, stride = rounds(run.t_end, run.every)
     stride *= max(1, math.ceil(base / stride / CHECKPOINTS))
     times = run.t_end * np.minimum(np.arange(stride, base + stride, stride), base) / base
-    return Pilot(scene, block, first, members, carried, base, stride, times)
+    rate = rates(scene.effects, block)[:members]
+    rate = rate[np.isfinite(rate)] if np.isfinite(rate).any() else np.ones(1)
+    return Pilot(scene, block, first, members, carried, base, stride, times, rate, bool(rate.max() > SPREAD * rate.mean() > 0.0))
 
 
 def follow(pilot, integrator, steps, dtype="float64", compensated=False, nudge=0.0, seed=0):
@@ -89,26 +110,32 @@ def follow(pilot, integrator, steps, dtype="float64", compensated=False, nudge=0
 
     nudge : move the state by so much of its size in a random direction at the start and at every check but the last
     """
-    h = pilot.scene.run.t_end / steps
-    return _saved(pilot, integrator, h, steps, steps // pilot.base * pilot.stride, dtype, compensated, nudge, seed)
+    scene, block = pilot.stepped(steps)
+    scene = scene.with_run(integrator=integrator)
+    if not pilot.own:
+        h = scene.run.t_end / steps
+        return _saved(pilot, scene, block, h, 1, steps, steps // pilot.base * pilot.stride, dtype, compensated, nudge, seed)
+    slots = int(block[kernel.STEPS].max())
+    h, total, stride = scene.run.t_end / pilot.base, slots * pilot.base, slots * pilot.stride
+    return _saved(pilot, scene, block, h, slots, total, stride, dtype, compensated, nudge, seed)
 
 
-def _saved(pilot, integrator, h, steps, stride, dtype="float64", compensated=False, nudge=0.0, seed=0):
-    """The States after every `stride` of `steps` steps h, and at the end."""
-    scene = pilot.scene.with_run(integrator=integrator)
+def _saved(pilot, scene, block, h, slots, steps, stride, dtype="float64", compensated=False, nudge=0.0, seed=0):
+    """The States after every `stride` of `steps` slots, and at the end."""
     made, _ = form_of(scene, h, pilot.carried)
     effects = tuple(type(e)(*[0.0] * len(e)) for e in scene.effects)
     how = (
         as_single(made.integrator) if dtype == "float32" else made.integrator, made.parts, effects, OBSERVED,
         (0.0,) if pilot.carried else (), (0.0,) if compensated else (), np.empty(0, dtype),
     )  # fmt: skip
-    width, slots, some = pilot.block.shape[1], (steps + stride - 1) // stride + 1, np.random.default_rng(seed)
+    width, saves, some = block.shape[1], (steps + stride - 1) // stride + 1, np.random.default_rng(seed)
     share = kernel.LANES * max(1, math.ceil(width / kernel.LANES / threads_available()))
-    parts = [pilot.block[:, low : low + share].copy() for low in range(0, width, share)]
-    out = np.empty(slots * 7 * width)
+    parts = [block[:, low : low + share].copy() for low in range(0, width, share)]
+    out = np.empty(saves * 7 * width)
 
     def advance(i, first, last):
-        kernel.advance(*how, parts[i], out, width, i * share, h, first, last, stride, steps)
+        own = () if scene.run.turn is None else (np.arange(parts[i].shape[1]),)
+        kernel.advance(*how, own, parts[i], out, width, i * share, h, slots, first, last, stride, steps)
 
     with ThreadPoolExecutor(len(parts)) as pool:
         for first in range(0, steps, stride if nudge else steps):
@@ -117,7 +144,7 @@ def _saved(pilot, integrator, h, steps, stride, dtype="float64", compensated=Fal
             last = min(first + stride, steps) if nudge else steps
             for _ in pool.map(advance, range(len(parts)), [first] * len(parts), [last] * len(parts)):
                 pass
-    found = out.reshape(slots, 7, width)[1:, :, : pilot.members]
+    found = out.reshape(saves, 7, width)[1:, :, : pilot.members]
     return States(found[:, :4], found[:, 4:], np.concatenate([block[kernel.STATUS] for block in parts])[: pilot.members])
 
 
@@ -126,7 +153,7 @@ def drift_along(pilot, integrator, steps, at, dt, looks=4096):
 
     Every one of the first `looks` steps is looked at, and as many evenly spaced ones of all.
     """
-    body, effects = _physics(pilot)
+    body, effects = physics(pilot.scene.effects, pilot.block[:, : pilot.members])
     q0, l0 = (
         pilot.block[rows, : pilot.members]
         for rows in (slice(kernel.ATTITUDE, kernel.MOMENTUM), slice(kernel.MOMENTUM, kernel.REST))
@@ -135,7 +162,7 @@ def drift_along(pilot, integrator, steps, at, dt, looks=4096):
     scales = {"energy": kinetic_energy(body, l0) + total_energy_scale(effects, body), "l2": size**2, "lz": size}
     for total in dict.fromkeys((min(steps, looks), steps)):
         stride = max(1, total // looks)
-        states = _saved(pilot, integrator, dt, total, stride)
+        states = _saved(pilot, pilot.scene.with_run(integrator=integrator, dt=dt), pilot.block, dt, 1, total, stride)
         after = np.append(np.arange(stride, total, stride), total)
         for name, values in _kept(body, effects, np.moveaxis(states.q, 1, 0), np.moveaxis(states.l, 1, 0)).items():
             with np.errstate(all="ignore"):
@@ -149,15 +176,6 @@ def drift_along(pilot, integrator, steps, at, dt, looks=4096):
 def _kept(body, effects, q, l):
     """{quantity: values} of what a top may keep."""
     return {"energy": kinetic_energy(body, l) + total_energy(effects, body, q), "l2": dot(l, l), "lz": dot(l, up(q))}
-
-
-def _physics(pilot):
-    """(body, effects) of the members, fields as arrays."""
-    block, effects, row = pilot.block[:, : pilot.members], [], kernel.EFFECTS
-    for effect in pilot.scene.effects:
-        effects.append(type(effect)(*block[row : row + len(effect)]))
-        row += len(effect)
-    return MassProperties(*block[kernel.BODY : kernel.EFFECTS]), effects
 
 
 def _push(block, size, carried, some):
@@ -201,7 +219,7 @@ def truth(pilot):
             None,
             f"{bad} of {pilot.members} members end non-finite with rk8 and {other} at {steps:,} steps: no truth to compare with",
         )
-    source = f"rk8 in {steps:,} steps, which {other} confirms (sums compensated); no closed form: {why.split('covers it: ')[-1].split('; covered')[0]}"
+    source = f"rk8 in {'up to ' if pilot.own else ''}{steps:,} steps, which {other} confirms (sums compensated); no closed form: {why.split('covers it: ')[-1].split('; covered')[0]}"
     return Truth(ends[0], source, apart)
 
 
@@ -223,7 +241,7 @@ def _motion(pilot, case):
 def errors(pilot, states, true):
     """{quantity: largest error over the checks of each member}: momentum of its size, attitude [rad], the larger of the two as
     "state", energy and L_z of the sizes in play, |L|^2 of its size."""
-    body, effects = _physics(pilot)
+    body, effects = physics(pilot.scene.effects, pilot.block[:, : pilot.members])
     found: dict[str, list] = {name: [] for name in QUANTITIES}
     with np.errstate(all="ignore"):
         for q, l, true_q, true_l in zip(states.q, states.l, true.q, true.l, strict=True):
@@ -255,7 +273,7 @@ def growth(pilot):
     """
     size, end = 1e-11, pilot.scene.run.t_end
     long = pilot._replace(
-        scene=pilot.scene.with_run(t_end=4.0 * end, every=0.5 * end), base=8, stride=1, times=0.5 * end * np.arange(1, 9)
+        own=False, scene=pilot.scene.with_run(t_end=4.0 * end, every=0.5 * end), base=8, stride=1, times=0.5 * end * np.arange(1, 9)
     )
     name, steps = "rk8" if pilot.scene.effects else "exact", first_steps(long)
     base = follow(long, name, steps)

@@ -7,19 +7,21 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rigidmc.closed_form import closed_form
-from rigidmc.dynamics.euler import MassProperties
 from rigidmc.dynamics.methods import names
+from rigidmc.effects.verbs import total_energy_scale
 from rigidmc.engine import kernel
 from rigidmc.errors import SceneError
 from rigidmc.integrators import INTEGRATORS, Turns, form
 from rigidmc.observables import OBSERVABLES, rows_of
 from rigidmc.sampling import Distribution, is_shared, rows
 from rigidmc.scene import PILOT
-from rigidmc.staging import stage
+from rigidmc.staging import physics, rates, stage
 
 BLOCK = 4096  # members: their 30 to 40 rows are 1 MB, and a kernel call on them is 10 ms or more
 SLAB = 32 * 2**20  # bytes of saved values that a block may hold on its way to a file
 MARGIN = 2.0  # a member beyond the pilot may spin faster than all of the pilot: 7 sigma where the pilot reaches 3.5
+
+OWN_MARGIN = 1.25  # with steps of their own only the shapes of bodies beyond the pilot count: lambda of a member's rate
 
 
 class Plan(NamedTuple):
@@ -30,6 +32,8 @@ class Plan(NamedTuple):
     steps: int
     dt: float
     stride: int  # steps between saves
+    own: bool  # whether members have steps of their own: steps, dt and stride are then of rounds, of which a member makes some each
+    mean_steps: float  # of a member to the end
     times: np.ndarray
     form: Any  # the integrator as it is compiled, and the parts of its step; None for closed forms
     carried: bool  # whether the attitude is
@@ -64,6 +68,14 @@ def steps_and_saves(t_end, dt, every):
     return steps, made, stride, notes
 
 
+def rounds(t_end, every):
+    """(rounds, length, rounds between saves): the longest equal times that divide t_end and `every`."""
+    if every is None or every >= t_end:
+        return 1, t_end, 1
+    count, length, stride, _ = steps_and_saves(t_end, every, every)
+    return count, length, stride
+
+
 def carries_attitude(scene):
     """Whether anything needs the attitude: an effect that names q, or an observable of it that is saved."""
     needed = [names(e, "torque", "kick", "energy") for e in scene.effects]
@@ -75,44 +87,50 @@ def prepare(scene, threads=1, streaming=False, block=None):
     """The Plan of a checked scene; raises SceneError."""
     scene.check()
     run = scene.run
-    steps, dt, stride, notes = steps_and_saves(run.t_end, run.dt, run.every)
-    carried = carries_attitude(scene)
-    angle = _angle(scene, dt)
+    own, carried = run.turn is not None and run.integrator != "closed", carries_attitude(scene)
+    if own:
+        steps, dt, stride = rounds(run.t_end, run.every)
+        notes, angle = (), run.turn
+    else:
+        steps, dt, stride, notes = steps_and_saves(run.t_end, run.dt, run.every)
+        angle = _angle(scene, dt)
     if run.integrator == "closed":
         closed_form(scene, whole_lanes(min(PILOT, run.members)))  # raises where there is none
-        steps, _, stride, notes = steps_and_saves(run.t_end, min(run.every or run.t_end, run.t_end), run.every)
-        dt, angle = run.t_end / steps, 0.0
+        steps, dt, stride = rounds(run.t_end, run.every)
+        notes, angle = (), 0.0
     made, rate = (None, None) if run.integrator == "closed" else form_of(scene, dt, carried)
+    mean = steps * float(np.mean(stage(scene, 0, _pilot(scene), carried, dt)[0][kernel.STEPS])) if own else steps
     # a splitting turns exactly, however fast: it only sees the torque less often
     most = 3.0 if hasattr(INTEGRATORS[run.integrator], "drifts") else 1.0
     if angle > most and INTEGRATORS[run.integrator].order < math.inf:
-        notes += (
-            f"omega dt reaches {angle:.3g} rad per step, more than {most:g}: expect large errors; dt <= {most * dt / angle:.2g} s would do",
-        )
+        would = f"turn <= {most:g}" if own else f"dt <= {most * dt / angle:.2g} s"
+        notes += (f"omega dt reaches {angle:.3g} rad per step, more than {most:g}: expect large errors; {would} would do",)
     slots = [s for s in range(0, steps, stride)] + [steps]
     values = rows_of(*run.save)
     if block is None:
-        block = min(BLOCK, whole_lanes(math.ceil(run.members / (4 * threads))))
+        block = min(BLOCK, whole_lanes(math.ceil(run.members / ((1 if own else 4) * threads))))
         if streaming:
             block = min(block, max(kernel.LANES, SLAB // (8 * max(1, values) * len(slots)) // kernel.LANES * kernel.LANES))
     return Plan(
-        run.first, run.members, steps, dt, stride, np.array(slots) * dt, made, carried, block, _constant(scene), angle, rate,
+        run.first, run.members, steps, dt, stride, own, mean, np.array(slots) * dt, made, carried, block, _constant(scene), angle, rate,
         run.dtype, run.compensated, notes,
     )  # fmt: skip
 
 
 def form_of(scene, dt, carried):
-    """(the Form of a scene's integrator for steps of dt, bound on the rate of free motion where it asks for that)."""
+    """(the Form of a scene's integrator for steps of dt, or of its `turn` in times of at most dt; bound on the rate of free motion where it
+    asks for that, with `turn` of the members' own rate)."""
     run = scene.run
     kind, rate, turns = INTEGRATORS[run.integrator], None, None
     if hasattr(kind, "prepared"):
         found, spin, symmetric = _turn_rates(scene)
         rate = found if run.turn_rate is None else run.turn_rate
-        turns = Turns(rate * dt, spin * dt, symmetric)
+        unit, key = (dt, "dt") if run.turn is None else (run.turn, "turn")
+        turns = Turns(rate * unit, spin * unit, symmetric)
         largest = getattr(kind, "largest_spin", math.inf)
         if turns.spin > largest:
             rule = f"a step may turn by {turns.spin:.3g} rad, more than the {largest:g} for which {run.integrator} can be solved; "
-            raise SceneError("run", "dt", run.dt, rule + f"use dt <= {dt * largest / turns.spin:.2g}")
+            raise SceneError("run", key, getattr(run, key), rule + f"use {key} <= {unit * largest / turns.spin:.2g}")
     return form(kind, turns, carried, scene.effects), rate
 
 
@@ -151,30 +169,39 @@ def _angle(scene, dt):
 def _turn_rates(scene):
     """(bound on lambda [rad/s], bound on |omega| [rad/s], whether all bodies have two equal moments) over the pilot.
 
-    lambda is the rate at which free motion turns L in the body.
+    lambda is the rate at which free motion turns L in the body. Where members have steps of their own, both are in units of their rates.
     """
     block, _ = stage(scene, 0, _pilot(scene), carries_attitude(scene))
-    body, l = MassProperties(*block[kernel.BODY : kernel.EFFECTS]), block[kernel.MOMENTUM : kernel.REST]
+    body, effects = physics(scene.effects, block)
+    l = block[kernel.MOMENTUM : kernel.REST]
     a, i = np.array([body.a1, body.a2, body.a3]), np.array([body.i1, body.i2, body.i3])
     with np.errstate(all="ignore"):
         products = np.stack([a[1] * a[2] * l[0] * l[0], a[2] * a[0] * l[1] * l[1], a[0] * a[1] * l[2] * l[2]])
         rate = np.sqrt(products.max(0) - products.min(0))
         spin = np.sqrt(((i * l) ** 2).sum(0))
-        scale = np.zeros(l.shape[1])
-        row = kernel.EFFECTS
-        for effect in scene.effects:
-            if hasattr(effect, "energy_scale"):
-                scale += type(effect)(*block[row : row + len(effect)]).energy_scale(body)
-            row += len(effect)
+        scale = total_energy_scale(effects, body) + np.zeros(l.shape[1])
         # torques can bring the kinetic energy from T to T + 2 V, and |L| and omega with it
         kinetic = 0.5 * (i * l * l).sum(0) + 2.0 * scale
         bound = np.sqrt(2.0 * kinetic / i.min(0)) * np.sqrt(np.abs(a).max(0) * np.sort(np.abs(a), axis=0)[1])
         rate = np.where(scale > 0.0, bound, rate)
         spin = np.where(scale > 0.0, spin + np.sqrt(2.0 * scale * i.max(0)), spin)
+        if scene.run.turn is not None:
+            own = rates(scene.effects, block)
+            rate, spin = rate / own, np.ones_like(own)  # no member is faster than its rate
         alike = bool(np.all(np.abs(a).min(0) <= 4e-15 * i.max(0))) and _symmetric_by_construction(scene)
-    margin = MARGIN if any(isinstance(q, Distribution) for q in scene.quantities()) else 1.0
-    rate, spin = (margin * float(np.max(x, where=np.isfinite(x), initial=0.0)) for x in (rate, spin))
-    return rate, spin, alike  # a member past that is flagged, not planned for
+    margin = (
+        1.0
+        if not any(isinstance(q, Distribution) for q in scene.quantities())
+        else MARGIN
+        if scene.run.turn is None
+        else OWN_MARGIN
+    )
+    rate, spin = (float(np.max(x, where=np.isfinite(x), initial=0.0)) for x in (rate, spin))
+    return (
+        margin * rate,
+        (margin if scene.run.turn is None else 1.0) * spin,
+        alike,
+    )  # a member past that is flagged, not planned for
 
 
 def _symmetric_by_construction(scene):

@@ -20,7 +20,7 @@ class _Report:
             self.done = min(self.total, self.done + count)
 
     def poll(self):
-        self.show(self.done, self.total)
+        self.show(round(self.done), self.total)
 
 
 @contextmanager

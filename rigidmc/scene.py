@@ -29,6 +29,9 @@ class Run(Table):
 
     integrator: str = "rk4"
     dt: Annotated[float, Field(gt=0, description="step [s]")] = 0.01
+    turn: (
+        Annotated[float, Field(gt=0, description="in place of dt: each member steps by so much of its own motion [rad]")] | None
+    ) = None
     t_end: Annotated[float, Field(gt=0, description="end time [s]")] = 10.0
     members: Annotated[int, Field(gt=0, description="members of the ensemble")] = 1000
     first: Annotated[int, Field(ge=0, description="index of the first member")] = 0
@@ -91,8 +94,11 @@ class Scene:
     def with_run(self, **settings):
         """The same scene with other run settings; those that are None stay as they are."""
         given = {k: v for k, v in settings.items() if v is not None}
+        if "dt" in given and "turn" in given:
+            raise SceneError("run", "turn", given["turn"], "give dt or turn, not both")
+        kept = self.run.model_dump(exclude={"turn"} if "dt" in given else {"dt"} if "turn" in given else None)
         try:
-            run = Run.model_validate({**self.run.model_dump(), **given})
+            run = Run.model_validate({**kept, **given})
         except ValidationError as error:
             raise complaint(error, "run", Run, given) from None
         if run.integrator not in (*INTEGRATORS, "auto"):

@@ -80,6 +80,8 @@ def _from_tables(data, stored, title):
         run = Run.model_validate({k: tuple(v) if isinstance(v, list) else v for k, v in file.run.items()})
     except ValidationError as error:
         raise complaint(error, "run", Run, file.run) from None
+    if {"dt", "turn"} <= file.run.keys():
+        raise SceneError("run", "turn", run.turn, "give dt or turn, not both")
     effects = []
     for name, table in file.effects.items():
         if name not in EFFECTS:
@@ -119,7 +121,11 @@ def dumps(scene):
         "effects": effects,
         "start": start,
     }
-    run = {k: list(v) if isinstance(v, tuple) else v for k, v in scene.run.model_dump().items() if v is not None}
+    run = {
+        k: list(v) if isinstance(v, tuple) else v
+        for k, v in scene.run.model_dump(exclude={"dt"} if scene.run.turn else None).items()
+        if v is not None
+    }
     return tomli_w.dumps({**{k: v for k, v in tables.items() if v != ""}, "run": run})
 
 
@@ -232,6 +238,8 @@ def _set(data, dotted, value):
         data[key] = tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
         data[key] = value
+    if tables[-1:] == ["run"] and key in ("dt", "turn"):
+        data.pop({"dt": "turn", "turn": "dt"}[key], None)
     if key in _SHAPES and tables[-1:] == ["body"]:
         for other in set(_SHAPES) - {key}:
             data.pop(other, None)

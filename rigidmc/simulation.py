@@ -22,7 +22,7 @@ from rigidmc.observables import OBSERVABLES, rows_of
 from rigidmc.planning import prepare, whole_lanes
 from rigidmc.progress import reporter
 from rigidmc.sampling import quantity, rows
-from rigidmc.staging import stage
+from rigidmc.staging import stage, together
 from rigidmc.storage import Writer, open_result, refuse_existing
 from rigidmc.storage.schema import attributes, coordinates, length, member_variables, saved_variables
 
@@ -35,19 +35,24 @@ class Job(NamedTuple):
     first: int
     size: int  # members, the padding not counted
     start: dict
-    how: tuple | None  # None where nothing is left to do; integrator, parts, effects, observables, attitude, compensated, precision
+    how: (
+        tuple | None
+    )  # None where nothing is left to do; integrator, parts, effects, observables, attitude, compensated, precision, own
     block: np.ndarray
+    order: np.ndarray | None  # in which the block has the members, where they have steps of their own
     out: np.ndarray
     width: int
     column: int
     h: float
+    slots: int
     stride: int
     total: int
+    rounds: int
 
 
 def simulate(
     scene, integrator=None, dt=None, t_end=None, members=None, seed=None, every=None, save=None,
-    threads=None, progress=False, output=None, force=False, block=None, tolerance=None, dtype=None, compensated=None,
+    threads=None, progress=False, output=None, force=False, block=None, tolerance=None, dtype=None, compensated=None, turn=None,
 ):  # fmt: skip
     """Integrate an ensemble and return an xarray Dataset with dimensions member, time, axis, quat.
 
@@ -58,6 +63,8 @@ def simulate(
     dtype : "float64" or "float32", of the numbers in which steps are made; starts, saves and drifts are float64
     compensated : keep the remainders of all sums, for very many steps
     dt : step [s]; reduced where it divides neither t_end nor every, which a warning says
+    turn : in place of dt, how far a member may move in a step [rad] at its own rate (`rigidmc.staging.rates`): each then makes its own
+        number of equal steps between saves, which the result has as `steps`; an ensemble of slow and fast tops takes half the time
     members : how many, or a range of member indices: a member's bits depend on scene, seed and its index alone
     every : time between saves [s]; without it the first and last state are saved
     save : names of observables, e.g. ("omega", "attitude", "energy")
@@ -78,7 +85,7 @@ def simulate(
         members = count - scene.run.first
     if save is not None:
         save = (save,) if isinstance(save, str) else tuple(save)
-    numbers = {"dt": dt, "t_end": t_end, "every": every}
+    numbers = {"dt": dt, "t_end": t_end, "every": every, "turn": turn}
     numbers = {k: v if v is None else quantity(v, "run", k) for k, v in numbers.items()}
     members, seed = (v.item() if isinstance(v, np.integer) else v for v in (members, seed))
     numbers["tolerance"] = tolerance if tolerance is None else quantity(tolerance, "run", "tolerance")
@@ -113,17 +120,19 @@ def run(scene, plan, threads, progress=False, output=None, force=False, chosen=N
     def make(i):
         low = i * plan.block
         count = min(plan.block, plan.members - low)
-        block, start = stage(scene, plan.first + low, whole_lanes(count), plan.carried)
+        span = plan.dt if plan.own else None
+        block, start = stage(scene, plan.first + low, whole_lanes(count), plan.carried, span)
         if scene.run.integrator == "closed":
             return _closed_job(scene, plan, plan.first + low, count, block, start, *sink.room(low, count))
         return _job(scene, plan, plan.first + low, count, block, start, *sink.room(low, count))
 
     def finished(job):
-        status = job.block[kernel.STATUS, : job.size].astype("i1")
+        rows = job.block[: kernel.BODY] if job.order is None else job.block[: kernel.BODY, np.argsort(job.order)]
+        status = rows[kernel.STATUS, : job.size].astype("i1")
         for code, count in enumerate(np.bincount(status, minlength=len(kernel.STATUSES))):
             flagged[list(kernel.STATUSES)[code]] += int(count)
-        drift = {"energy_drift_max": job.block[kernel.DRIFT], "l2_drift_max": job.block[kernel.DRIFT + 1]}
-        sink.take(job, {**drift, "status": status, **job.start})
+        drift = {"energy_drift_max": rows[kernel.DRIFT], "l2_drift_max": rows[kernel.DRIFT + 1]}
+        sink.take(job, {**drift, "status": status, "steps": rows[kernel.STEPS] * plan.steps, **job.start})
 
     began = time.perf_counter()
     with reporter(progress, plan.members, plan.steps) as report:
@@ -134,7 +143,12 @@ def run(scene, plan, threads, progress=False, output=None, force=False, chosen=N
             sink.discard()
             raise
     seconds = time.perf_counter() - began
-    dataset.encoding["rigidmc"] = {"compile_seconds": compiled, "run_seconds": seconds, "flagged": flagged, "steps": plan.steps}
+    dataset.encoding["rigidmc"] = {
+        "compile_seconds": compiled,
+        "run_seconds": seconds,
+        "flagged": flagged,
+        "steps": plan.mean_steps,
+    }
     return dataset
 
 
@@ -163,7 +177,7 @@ def compile_kernel(scene, plan):
     if plan.form is None:
         return 0.0
     rows_needed = kernel.EFFECTS + sum(len(e) for e in scene.effects)
-    kernel.advance(*block_arguments(scene, plan, np.zeros((rows_needed, 0))), 0, 0, 1, 1)
+    kernel.advance(*block_arguments(scene, plan, np.zeros((rows_needed, 0))), 1, 0, 0, 1, 1)
     return time.perf_counter() - began
 
 
@@ -179,8 +193,28 @@ def _job(scene, plan, first, count, block, start, out, width, column):
     compensated = (0.0,) if plan.compensated else ()
     attitude, precision = (0.0,) if plan.carried else (), np.empty(0, plan.dtype)
     integrator = as_single(plan.form.integrator) if plan.dtype == "float32" else plan.form.integrator
-    how = (integrator, plan.form.parts, effects, observables, attitude, compensated, precision)
-    return Job(first, count, start, how, block, out, width, column, plan.dt, plan.stride, plan.steps)
+    order, own = None, ()
+    if plan.own:
+        order = together(block)
+        block, own = np.take(block, order, axis=1), (order,)  # block[:, order] would lie the other way round: another kernel
+    how = (integrator, plan.form.parts, effects, observables, attitude, compensated, precision, own)
+    slots = int(block[kernel.STEPS].max(initial=1.0)) if plan.own else 1
+    return Job(
+        first,
+        count,
+        start,
+        how,
+        block,
+        order,
+        out,
+        width,
+        column,
+        plan.dt,
+        slots,
+        slots * plan.stride,
+        slots * plan.steps,
+        plan.steps,
+    )
 
 
 def _closed_job(scene, plan, first, count, block, start, out, width, column):
@@ -189,7 +223,7 @@ def _closed_job(scene, plan, first, count, block, start, out, width, column):
     if width:
         size = block.shape[1]
         out.reshape(saves, -1, width)[:, :, column : column + size] = values
-    return Job(first, count, start, None, block, out, width, column, plan.dt, plan.stride, plan.steps)
+    return Job(first, count, start, None, block, None, out, width, column, plan.dt, 1, plan.stride, plan.steps, plan.steps)
 
 
 def _threads(threads):

@@ -41,10 +41,13 @@ def slots(total, stride):
     return (total + stride - 1) // stride + 1
 
 
-def run(block, made, effects, h, steps, observables=(), stride=None, attitude=True, cuts=(), compensated=False, dtype=float):
+def run(
+    block, made, effects, h, steps, observables=(), stride=None, attitude=True, cuts=(), compensated=False, dtype=float, slots_each=None
+):  # fmt: skip
     """Change the block in place, `steps` steps further on; the saves as an array (slot, value row, member).
 
     made : a Form;  cuts : steps at which the run is split into several calls
+    slots_each : of a round of length h, of which members make the first block[STEPS]; `steps` and `stride` are then slots
     """
     stride = stride or max(steps, 1)
     size = sum(SIZES[o.dims] for o in observables)
@@ -53,9 +56,18 @@ def run(block, made, effects, h, steps, observables=(), stride=None, attitude=Tr
     types = tuple(type(e)(*[0.0] * len(e)) for e in effects)  # the kernel reads the fields from the block
     moved, kept = (0.0,) if attitude else (), (0.0,) if compensated else ()
     integrator = as_single(made.integrator) if dtype == np.float32 else made.integrator
-    how = (integrator, made.parts, types, observables, moved, kept, np.empty(0, dtype))
+    how = (
+        integrator,
+        made.parts,
+        types,
+        observables,
+        moved,
+        kept,
+        np.empty(0, dtype),
+        (np.arange(block.shape[1]),) if slots_each else (),
+    )
     for first, last in pairwise([0, *cuts, steps]):
-        K.advance(*how, block, out, width, 0, float(h), first, last, stride, steps)
+        K.advance(*how, block, out, width, 0, float(h), slots_each or 1, first, last, stride, steps)
     return out.reshape(-1, size, width) if observables else None
 
 

@@ -80,12 +80,12 @@ def test_errors_are_what_they_say():
 
 def test_growth_tells_chaos_from_order():
     chaotic = rm.Scene(
-        rm.Body.from_moments((1.0, 1.7, 2.4), centre=(0.3, 0.2, 0.3)),
+        rm.Body.from_moments((1.0, 1.7, 2.4), centre=(0.6, 0.2, 0.6)),
         (rm.Gravity(9.81),),
         rm.Start(omega=(0.5, 0.5, 0.5), attitude="uniform"),
-    ).with_run(t_end=8.0, save=("omega", "attitude"))
+    ).with_run(t_end=16.0, save=("omega", "attitude"))
     _, rate = P.growth(P.pilot(chaotic, 64))
-    assert np.mean(rate > 0.0) > 0.3
+    assert np.mean(rate > 0.0) > 0.3  # 0.55
     factor, rate = P.growth(P.pilot(LAGRANGE.with_run(t_end=8.0), 64))
     assert np.mean(rate > 0.0) < 0.05
     assert np.median(factor) < 1e4

@@ -30,6 +30,7 @@ from rigidmc.cli.common import (
     TEnd,
     Threads,
     Tolerance,
+    Turn,
     app,
     check_suffix,
     fail,
@@ -42,7 +43,8 @@ from rigidmc.cli.common import (
 @app.command("run")
 def run_scene(
     scene: SceneArgument,
-    members: Members = None, seed: Seed = None, integrator: Integrator = None, dt: Dt = None, t_end: TEnd = None,
+    members: Members = None, seed: Seed = None, integrator: Integrator = None, dt: Dt = None, turn: Turn = None,
+    t_end: TEnd = None,
     every: Every = None, save: Save = None, threads: Threads = None, tolerance: Tolerance = None,
     dtype: Dtype = None, compensated: Compensated = None, settings: Set = [],  # noqa: B006
     output: Output = None, plot: Plot = None, force: Force = False,
@@ -60,6 +62,7 @@ def run_scene(
             seed=seed,
             integrator=integrator,
             dt=dt,
+            turn=turn,
             t_end=t_end,
             every=every,
             save=save,
@@ -95,9 +98,9 @@ def _close(dataset, cost, wall, files):
     import numpy as np
 
     count, steps, seconds = dataset.sizes["member"], cost["steps"], cost["run_seconds"]
-    print(
-        f"{dataset.attrs['title']}: {count:,} members x {steps:,} steps of {dataset.attrs['dt']:.6g} s with {dataset.attrs['integrator']}"
-    )
+    own = "turn" in dataset.attrs
+    length = f"{steps:,.1f} steps of their own on average" if own else f"{steps:,} steps of {dataset.attrs['dt']:.6g} s"
+    print(f"{dataset.attrs['title']}: {count:,} members x {length} with {dataset.attrs['integrator']}")
     print(
         f"  {seconds:.2f} s, {count * steps / seconds / 1e6:.0f} M member-steps/s, {count / seconds:,.0f} members/s; "
         f"compiled in {cost['compile_seconds']:.2f} s; {wall:.2f} s in all"
@@ -119,7 +122,8 @@ def _close(dataset, cost, wall, files):
 @app.command()
 def show(
     scene: SceneArgument,
-    members: Members = None, seed: Seed = None, integrator: Integrator = None, dt: Dt = None, t_end: TEnd = None,
+    members: Members = None, seed: Seed = None, integrator: Integrator = None, dt: Dt = None, turn: Turn = None,
+    t_end: TEnd = None,
     every: Every = None, save: Save = None, threads: Threads = None, tolerance: Tolerance = None,
     dtype: Dtype = None, compensated: Compensated = None, settings: Set = [],  # noqa: B006
 ):  # fmt: skip
@@ -135,6 +139,7 @@ def show(
             seed=seed,
             integrator=integrator,
             dt=dt,
+            turn=turn,
             t_end=t_end,
             every=every,
             save=save,
@@ -166,7 +171,7 @@ def check(scene: SceneArgument, settings: Set = []):  # noqa: B006
             raise
         for note in plan.notes:
             print(f"note: {note}")
-        print(f"{scene}: good, {loaded.run.members:,} members x {plan.steps:,} steps with {loaded.run.integrator}")
+        print(f"{scene}: good, {loaded.run.members:,} members x {plan.mean_steps:,.0f} steps with {loaded.run.integrator}")
 
 
 @app.command(help=scenes_package.__doc__.replace("[", r"\[").replace("\n\n", "\n\n\b\n"))

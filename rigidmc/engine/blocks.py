@@ -15,19 +15,19 @@ class Stopped(Exception):
 def run_block(job, stop=None, progress=None):
     """Take one block from the first step to the last. job: see `Job`."""
     block, steps, done = job.block, job.total, 0
-    size = max(1, block.shape[1])
+    size, each = max(1, block.shape[1]), job.rounds / job.total
     if job.how is None:  # made without steps
         if progress is not None:
-            progress(size * steps)
+            progress(size * job.rounds)
         return job
     piece = max(1, CALL // (size * (len(job.how[1]) - 1)))  # a step in many parts takes as many times as long
     while done < steps:
         if stop is not None and stop.is_set():
             raise Stopped
         last = min(steps, done + piece)
-        kernel.advance(*job.how, block, job.out, job.width, job.column, job.h, done, last, job.stride, steps)
+        kernel.advance(*job.how, block, job.out, job.width, job.column, job.h, job.slots, done, last, job.stride, steps)
         if progress is not None:
-            progress(size * (last - done))
+            progress(size * (last - done) * each)
         done = last
     return job
 

@@ -88,6 +88,13 @@ def put_state(own, slot, q, l, work, k, attitude, compensated):
     return 0
 
 
+def place(own, index):
+    """The column of values of the member at `index` of the block."""
+    if len(own) == 0:
+        return index
+    return own[0][index]
+
+
 def clock(own, state, k, start, slot, share, t, h, part):
     """(time, step, parts of it) of lane k: t, h and part, or with steps of its own at slot + share of a round that began at `start`."""
     if len(own) == 0:
@@ -105,7 +112,7 @@ def seen(own, work, k, now, slots, share, h):
     return now // slots * h + (made + share) * step, step, now // slots * each + made
 
 
-for _function in (four_at, three_at, put, record, state_at, keep, put_state, clock, seen):
+for _function in (four_at, three_at, put, record, state_at, keep, put_state, place, clock, seen):
     inline(_function)
 _BODY = MassProperties(*[0.0] * 9)
 
@@ -120,7 +127,7 @@ def _advance(
     attitude : () where nothing needs the attitude: it is then neither moved nor paid for; (0.0,) otherwise
     compensated : (0.0,) where sums keep their remainders, else ()
     precision : an empty array of the type of number in which steps are made; starts, drifts and saves are float64 always
-    own : (0.0,) where members have steps of their own, else ()
+    own : () where all members make the same steps; else (order,): member i of the block has its values at column order[i]
     block : (rows, n) as above, changed in place; n a multiple of LANES. Between calls it holds the state as the integrator keeps it
         between steps (`opened`), after step `total` the true one
     out : flat; value row r of save slot s of member m goes to out[(s*R + r)*width + column + m], R = value rows in all
@@ -159,7 +166,7 @@ def _advance(
                 for k in range(LANES):
                     body, present = read(_BODY, work, BODY, k, LANES), read_all(effects, work, EFFECTS, k, LANES)
                     q, l = four_at(work, k, ATTITUDE), three_at(work, k, MOMENTUM)
-                    record(observables, body, present, 0.0, q, l, four_at(work, k, START), out, column + low + k, width)
+                    record(observables, body, present, 0.0, q, l, four_at(work, k, START), out, column + place(own, low + k), width)
             for k in range(LANES):
                 body, present = read(_BODY, work, BODY, k, LANES), read_all(effects, work, EFFECTS, k, LANES)
                 q, l = four_at(work, k, ATTITUDE), three_at(work, k, MOMENTUM)
@@ -242,11 +249,22 @@ def _advance(
                         state[(_REST_AT + i) * LANES + k] = real(0.0) if frozen else state[(_REST_AT + i) * LANES + k]
             if size > 0 and (now % stride == 0 or now == total):
                 at = saves if now == total else now // stride
-                base = at * size * width + column + low
+                base = at * size * width + column
                 for k in range(LANES):
                     body, present = read(_BODY, work, BODY, k, LANES), read_all(effects, work, EFFECTS, k, LANES)
                     q, l = four_at(work, k, GOOD), three_at(work, k, GOOD + 4)
-                    record(observables, body, present, now // slots * h, q, l, four_at(work, k, START), out, base + k, width)
+                    record(
+                        observables,
+                        body,
+                        present,
+                        now // slots * h,
+                        q,
+                        l,
+                        four_at(work, k, START),
+                        out,
+                        base + place(own, low + k),
+                        width,
+                    )
         for i in range(REST):
             for k in range(LANES):
                 work[i * LANES + k] = state[i * LANES + k]

@@ -76,6 +76,8 @@ def member_variables(scene, carried):
             ("axis", "member"), "f8", {"units": "kg m2", "long_name": "principal moments of inertia about the fixed point"}
         ),
     }
+    if scene.run.turn is not None and scene.run.integrator != "closed":
+        variables["steps"] = Variable(("member",), "i8", {"long_name": "steps of the member, each as long as the others"})
     if any(hasattr(e, "energy") for e in scene.effects) or not is_shared(scene.body.mass, *scene.body.centre):
         variables["mass"] = Variable(("member",), "f8", {"units": "kg", "long_name": "mass"})
         variables["centre"] = Variable(("axis", "member"), "f8", {"units": "m", "long_name": "centre of mass, principal axes"})
@@ -102,7 +104,9 @@ def attributes(scene, plan):
     """Global attributes; the scene's TOML and the member range are enough to run it again to the same bits."""
     # of arrays, the file keeps the rows of its own members only: what was chosen by looking at all of them is written down
     partial = rows(*scene.quantities()) not in (None, plan.members)
-    resolved = scene.with_run(dt=plan.dt, turn_rate=plan.turn_rate if partial else None)
+    rate = plan.turn_rate if partial else None
+    resolved = scene.with_run(turn_rate=rate) if plan.own else scene.with_run(dt=plan.dt, turn_rate=rate)
+    steps = {"turn": scene.run.turn} if plan.own else {"dt": plan.dt, "steps": plan.steps}
     return {
         "Conventions": "CF-1.11",
         "title": scene.title,
@@ -111,8 +115,7 @@ def attributes(scene, plan):
         "scene": resolved.dumps(),
         "seed": scene.run.seed,
         "integrator": scene.run.integrator,
-        "dt": plan.dt,
-        "steps": plan.steps,
+        **steps,
         "dtype": plan.dtype,
         "compensated": int(plan.compensated),
         "parts_per_step": len(plan.form.parts) - 1 if plan.form else 0,

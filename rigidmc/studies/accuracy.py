@@ -37,7 +37,9 @@ def accuracy(scene, integrators=None, tolerances=TOLERANCES, members=256, thread
     members : of the pilot, the first of the scene's own ensemble;  threads : that the members per second are for
     progress : function of a line of text
 
-    Variables over `row`: integrator, dtype, dt [s], steps, error_Q_S with Q of state, momentum, attitude, energy, l2, lz and S of median,
+    Where the members' rates are very different each takes steps of its own: `turn` [rad] is what they have in common, dt and steps are means.
+
+    Variables over `row`: integrator, dtype, dt [s], steps, turn, error_Q_S with Q of state, momentum, attitude, energy, l2, lz and S of median,
     p99, worst, upper (what 99 % of all members stay below with 95 % certainty), ns_per_member_step and ns_per_member on one thread,
     members_per_second. Errors are the largest over up to 8 of the times that the scene saves. `cheapest` over `tolerance` is the row that
     reaches it at the least cost, -1 where none does. Attributes tell the truth, how well it is known, and the horizon of rounding.
@@ -77,15 +79,16 @@ def _dataset(scene, found, true, costs, ways, tolerances, threads):
     columns = {
         "integrator": np.array([w.integrator for w in ways], dtype=object),
         "dtype": np.array([w.dtype for w in ways], dtype=object),
-        "steps": np.array([w.steps for w in ways]),
+        "steps": np.array([float(w.mean_steps) for w in ways]),
+        "turn": np.array([np.nan if w.turn is None else w.turn for w in ways]),
         "dt": np.array([w.dt for w in ways]),
         "ns_per_member_step": np.array([w.ns for w in ways]),
         "ns_per_member": np.array([costs.per_member(w) for w in ways]),
         "members_per_second": np.array([many(w, threads) for w in ways]),
     }
-    units = {"dt": "s", "ns_per_member_step": "ns", "ns_per_member": "ns", "members_per_second": "s-1"}
+    units = {"dt": "s", "turn": "rad", "ns_per_member_step": "ns", "ns_per_member": "ns", "members_per_second": "s-1"}
     names = {
-        "dt": "step", "ns_per_member_step": "time of a member-step on one thread", "members_per_second": f"members to t_end on {threads} threads",
+        "dt": "step, of the members in the mean", "turn": "how far each member moves in a step of its own", "ns_per_member_step": "time of a member-step on one thread", "members_per_second": f"members to t_end on {threads} threads",
         "ns_per_member": "time of a member to t_end on one thread, start and saves included",
     }  # fmt: skip
     variables = {
@@ -150,7 +153,8 @@ def table(study):
         against = f"; {min(plain) / cost[row]:.1f}x cheaper than rk4" if plain and names[row] != "rk4" else ""
         against = against or ("" if names[row] == "rk4" else "; rk4 does not reach it")
         single = " in float32" if study["dtype"].values[row] == "float32" else ""
-        step = "at every save" if names[row] == "closed" else f"at dt {study.dt.values[row]:.2g}"
+        step = f"at dt {study.dt.values[row]:.2g}" if np.isnan(study.turn.values[row]) else f"at turn {study.turn.values[row]:.2g}"
+        step = "at every save" if names[row] == "closed" else step
         lines.append(
             f"for {tolerance:.0e}: {names[row]}{single} {step}, {count(study.members_per_second.values[row])} members/s{against}"
         )

@@ -56,7 +56,9 @@ def in_blocks(size, threads):
     out = np.zeros(slots(TOTAL, STRIDE) * ROWS * MEMBERS)
 
     def work(i):
-        K.advance(*RK4, EFFECTS, EVERYTHING, (0.0,), (), NOTHING, parts[i], out, MEMBERS, i * size, H, 0, TOTAL, STRIDE, TOTAL)
+        K.advance(
+            *RK4, EFFECTS, EVERYTHING, (0.0,), (), NOTHING, (), parts[i], out, MEMBERS, i * size, H, 1, 0, TOTAL, STRIDE, TOTAL
+        )
 
     with ThreadPoolExecutor(threads) as pool:
         list(pool.map(work, range(len(parts))))

@@ -48,18 +48,18 @@ class ByHand(NamedTuple):
     step = without_effects()
 
 
-G, D, WITH, WITHOUT = Gravity(1.0), ViscousDamping(1.0), (0.0,), ()
+G, D, WITH, WITHOUT, OWN = Gravity(1.0), ViscousDamping(1.0), (0.0,), (), (np.empty(0, int),)
 
 
-def case(name, effects=(), attitude=WITH, compensated=(), dtype=float):
-    return form(INTEGRATORS[name], Turns(0.1, 0.1), bool(attitude), effects), effects, attitude, compensated, dtype
+def case(name, effects=(), attitude=WITH, compensated=(), dtype=float, own=()):
+    return form(INTEGRATORS[name], Turns(0.1, 0.1), bool(attitude), effects), effects, attitude, compensated, dtype, own
 
 
 CASES = {
     "rk4": case("rk4"),
     "rk4 gravity": case("rk4", (G,)),
     "rk4 momentum": case("rk4", (), WITHOUT),
-    "rk4 by hand": (form(ByHand()), (), WITH, (), float),
+    "rk4 by hand": (form(ByHand()), (), WITH, (), float, ()),
     "rkmk4 gravity damping": case("rkmk4", (G, D)),
     "strang gravity damping": case("strang", (G, D)),
     "exact": case("exact"),
@@ -68,11 +68,13 @@ CASES = {
     "chin4 gravity": case("chin4", (G,)),
     "aba864 gravity": case("aba864", (G,)),
     "rotations gravity": case("rotations", (G,)),
-    "fast symmetric": (form(INTEGRATORS["strang"], Turns(3.0, 3.0, True), True, (G,)), (G,), WITH, (), float),
+    "fast symmetric": (form(INTEGRATORS["strang"], Turns(3.0, 3.0, True), True, (G,)), (G,), WITH, (), float, ()),
     "rk8 gravity": case("rk8", (G,)),
     "cf4 gravity": case("cf4", (G,)),
     "ck45 gravity": case("ck45", (G,)),
     "midpoint gravity": case("midpoint", (G,)),
+    "rk8 gravity own steps": case("rk8", (G,), own=OWN),
+    "strang gravity own steps": case("strang", (G,), own=OWN),
     "rk4 gravity compensated": case("rk4", (G,), WITH, (0.0,)),
     "strang gravity compensated": case("strang", (G,), WITH, (0.0,)),
     "rk4 gravity float32": case("rk4", (G,), WITH, (), np.float32),
@@ -100,12 +102,12 @@ def blocks_of(assembly):
 
 def counted(name):
     """What the step loop of a freshly compiled kernel does; a kernel from the disk cache has no assembly to read."""
-    made, effects, attitude, compensated, dtype = (CASES | BROKEN)[name]
+    made, effects, attitude, compensated, dtype, own = (CASES | BROKEN)[name]
     kernel = njit(nogil=True, **FLAGS)(K._advance)
     block = np.zeros((K.EFFECTS + sum(map(len, effects)), 0))
     integrator = as_single(made.integrator) if dtype == np.float32 else made.integrator
-    how = (integrator, made.parts, effects, (), attitude, compensated, np.empty(0, dtype))
-    kernel(*how, block, np.empty(0), 0, 0, 0.01, 0, 1, 1, 1)
+    how = (integrator, made.parts, effects, (), attitude, compensated, np.empty(0, dtype), own)
+    kernel(*how, block, np.empty(0), 0, 0, 0.01, 1, 0, 1, 1, 1)
     (assembly,) = kernel.inspect_asm().values()
     loop = max(blocks_of(assembly), key=lambda block: sum(bool(m) and m[2] == "p" for m in map(ARITHMETIC.match, block)))
     wanted = "s" if dtype == np.float32 else "d"

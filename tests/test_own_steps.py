@@ -1,0 +1,112 @@
+"""Steps of their own: each member as many equal steps as its own motion asks for, and nothing else changes."""
+
+import numpy as np
+import pytest
+
+import rigidmc as rm
+from rigidmc.effects import Gravity
+from rigidmc.engine import kernel as K
+from rigidmc.integrators import INTEGRATORS
+from rigidmc.staging import MOST_OWN_STEPS, own_steps, rates, stage
+from tests.kernels import block_of, prepare, run
+from tests.problems import PROBLEMS
+
+BODY = rm.Body.from_moments((rm.uniform(0.9, 1.4), 1.5, 2.0), centre=(0.1, 0.05, 0.2))
+START = rm.Start(omega=(rm.normal(0.0, 1.0), rm.normal(0.0, 1.0), rm.normal(0.0, 1.0)), attitude="uniform")
+SCENE = rm.Scene(BODY, (Gravity(3.0),), START).with_run(t_end=10.0, every=2.5, members=300, save=("omega", "attitude", "energy"))
+FEW = ("rk4", "srkn6")
+
+
+def equal(a, b):
+    assert set(a.data_vars) == set(b.data_vars)
+    return all(np.array_equal(a[name], b[name], equal_nan=True) for name in a.data_vars)
+
+
+@pytest.mark.parametrize("name", FEW)
+def test_bits_depend_on_the_member_alone(name, tmp_path):
+    scene = SCENE.with_run(integrator=name, turn=0.4)
+    whole = rm.simulate(scene)
+    assert equal(whole, rm.simulate(scene, block=32, threads=3))
+    assert equal(whole, rm.simulate(scene, output=tmp_path / "a.nc", block=96, threads=1))
+    assert equal(whole.isel(member=slice(100, 150)), rm.simulate(scene, members=range(100, 150)))
+    assert equal(whole, rm.simulate(rm.Scene.loads(whole.attrs["scene"])))
+    spread = whole.steps.values
+    assert len(np.unique(spread)) > 10  # 76 to 208, measured
+    assert (spread % 4 == 0).all()  # four rounds, one to each save
+
+
+def test_a_member_is_what_it_would_be_with_its_dt():
+    whole = rm.simulate(SCENE, integrator="rk4", turn=0.4)
+    for m in (0, 7, 123):
+        alone = rm.simulate(SCENE, integrator="rk4", dt=10.0 / float(whole.steps[m]), members=range(m, m + 1))
+        assert np.array_equal(alone.omega.values[..., 0], whole.omega.values[..., m])
+        assert np.array_equal(alone.attitude.values[..., 0], whole.attitude.values[..., m])
+
+
+def test_the_order_stays():
+    """Errors fall as turn^4."""
+    true = rm.simulate(SCENE, integrator="rk8", dt=0.004).omega.values[-1]
+    apart = [np.abs(rm.simulate(SCENE, integrator="rk4", turn=t).omega.values[-1] - true).max(0) for t in (0.1, 0.05)]
+    assert np.median(np.log2(apart[0] / apart[1])) == pytest.approx(4.0, abs=0.15)  # 4.00
+
+
+def test_members_err_alike():
+    """What it is for: the errors of the worst and of the middle member are nearer to each other than with one dt for all."""
+    true = rm.simulate(SCENE, integrator="rk8", dt=0.004).omega.values[-1]
+    own = rm.simulate(SCENE, integrator="rk4", turn=0.2)
+    alike = rm.simulate(SCENE, integrator="rk4", dt=2.5 / round(float(own.steps.mean()) / 4))
+    a, b = (np.abs(x.omega.values[-1] - true).max(0) for x in (own, alike))
+    assert a.max() < 0.6 * b.max()  # measured below
+    assert a.max() / np.median(a) < 0.6 * b.max() / np.median(b)
+
+
+def test_rates_bound_omega_for_all_times():
+    block, _ = stage(SCENE, 0, 320, True)
+    bound = rates(SCENE.effects, block)[:300]
+    omega = np.linalg.norm(rm.simulate(SCENE, integrator="rk8", dt=0.02, every=0.1).omega.values, axis=1)
+    assert (omega.max(0) <= bound).all()
+    assert np.median(omega.max(0) / bound) > 0.4  # 0.6: not a bound by far
+    free = rm.Scene(rm.Body.from_moments((1.0, 2.0, 2.5)), (), rm.Start(omega=(3.0, 0.0, 0.0)))
+    assert rates((), stage(free, 0, 32, False)[0])[0] == pytest.approx(3.0, rel=1e-15)
+
+
+def test_own_steps():
+    assert own_steps(np.array([0.0, 1.0, 1.01, np.nan, np.inf, 1e300]), 10.0, 0.5).tolist() == [1, 20, 21, 1, 1, MOST_OWN_STEPS]
+
+
+def test_a_kernel_with_rounds_in_several_calls_is_the_same():
+    problems = [PROBLEMS[name] for name in list(PROBLEMS)[:40] if PROBLEMS[name].effects]
+    made = prepare(INTEGRATORS["rk4"], 0.1, problems[0].effects)
+    ends = []
+    for cuts in ((), (1, 17, 40, 63, 64, 65, 200)):
+        block = block_of(problems)
+        block[K.STEPS] = 1 + np.arange(block.shape[1]) % 60
+        run(block, made, problems[0].effects, 0.02, 4 * 64, stride=64, cuts=cuts, slots_each=64)
+        assert np.array_equal(block[K.GOOD_STEP], 4 * block[K.STEPS])
+        ends.append(block)
+    assert ends[0].tobytes() == ends[1].tobytes()
+
+
+def test_a_sick_member_harms_nobody_and_stops_nothing():
+    omega = np.random.default_rng(0).normal(size=(64, 3))
+    scene = rm.Scene(rm.Body.from_moments((1.0, 1.5, 2.0)), (), rm.Start(omega=omega)).with_run(t_end=1.0, members=64, turn=0.2)
+    well = rm.simulate(scene)
+    sick = omega.copy()
+    sick[5] = 1e200
+    ill = rm.simulate(rm.Scene(scene.body, (), rm.Start(omega=sick), scene.run))
+    assert ill.status.values[5] == 1
+    others = np.arange(64) != 5
+    assert np.array_equal(ill.omega.values[..., others], well.omega.values[..., others])
+
+
+def test_dt_or_turn():
+    assert rm.simulate(SCENE, turn=0.3, members=32).attrs["turn"] == 0.3
+    assert "turn" not in rm.simulate(SCENE.with_run(turn=0.3), dt=0.05, members=32).attrs  # the later one holds
+    with pytest.raises(rm.SceneError, match="give dt or turn, not both"):
+        rm.simulate(SCENE, dt=0.1, turn=0.3)
+    with pytest.raises(rm.SceneError, match="give dt or turn, not both"):
+        rm.Scene.loads(SCENE.dumps() + "turn = 0.2\n")
+    with pytest.warns(rm.SceneWarning, match="turn <= 1 would do"):
+        rm.simulate(SCENE, turn=1.5, members=32, integrator="rk4")
+    with pytest.raises(rm.SceneError, match=r"use turn <= 0\.5"):
+        rm.simulate(SCENE, turn=1.5, members=32, integrator="midpoint")
