@@ -22,6 +22,7 @@ _HOMES = {
     "Run": "scene",
     "Start": "sampling",
     "ViscousDamping": "effects",
+    "accuracy": "studies.accuracy",
     "distribution": "sampling",
     "free_motion": "exact.free_top",
     "free_top": "exact.free_top",
@@ -33,7 +34,7 @@ _HOMES = {
     "uniform": "sampling",
 }
 __all__ = [  # noqa: RUF022
-    "Body", "Scene", "Start", "Run", "simulate", "open",
+    "Body", "Scene", "Start", "Run", "simulate", "open", "accuracy",
     "free_top", "free_motion", "lagrange_top", "lagrange_motion",
     "Gravity", "ViscousDamping", "normal", "uniform", "distribution",
     "SceneError", "SceneWarning", "OutputExists",
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
     from rigidmc.scene import Run, Scene
     from rigidmc.simulation import simulate
     from rigidmc.storage import open_result as open
+    from rigidmc.studies.accuracy import accuracy
 
 
 def __getattr__(name):

@@ -90,7 +90,7 @@ def prepare(scene, threads=1, streaming=False, block=None):
     own, carried = run.turn is not None and run.integrator != "closed", carries_attitude(scene)
     if own:
         steps, dt, stride = rounds(run.t_end, run.every)
-        notes, angle = (), run.turn
+        notes, angle = tuple[str, ...](), run.turn
     else:
         steps, dt, stride, notes = steps_and_saves(run.t_end, run.dt, run.every)
         angle = _angle(scene, dt)

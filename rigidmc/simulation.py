@@ -193,7 +193,7 @@ def _job(scene, plan, first, count, block, start, out, width, column):
     compensated = (0.0,) if plan.compensated else ()
     attitude, precision = (0.0,) if plan.carried else (), np.empty(0, plan.dtype)
     integrator = as_single(plan.form.integrator) if plan.dtype == "float32" else plan.form.integrator
-    order, own = None, ()
+    order, own = None, tuple[np.ndarray, ...]()
     if plan.own:
         order = together(block)
         block, own = np.take(block, order, axis=1), (order,)  # block[:, order] would lie the other way round: another kernel

@@ -18,7 +18,7 @@ import rigidmc.observables.verbs  # noqa: F401  (imported so that METHODS is com
 from rigidmc.dynamics import euler, free_flow, principal, so3
 from rigidmc.dynamics.methods import METHODS, arguments
 from rigidmc.effects import verbs
-from rigidmc.integrators import drifts, lie, midpoint, rk8, splitting
+from rigidmc.integrators import drifts, lie, midpoint, rk4, rk8, splitting
 
 # "nsz" lets an absent effect's +0.0 vanish (12 packed adds a step without it), "contract" allows fused multiply-add.
 # No other flag: "nnan" or "ninf" would delete the check for non-finite members.
@@ -159,7 +159,7 @@ def inline_all(module):
             inline(function)
 
 
-for _module in (so3, euler, free_flow, principal, verbs, drifts, lie, midpoint, rk8, splitting):
+for _module in (so3, euler, free_flow, principal, verbs, drifts, lie, midpoint, rk4, rk8, splitting):
     inline_all(_module)
 inline(read_all)
 for _call in METHODS:

@@ -5,6 +5,7 @@ once, runs as it stands in Python, and is compiled by its type as an effect is.
 """
 
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from rigidmc.engine.entries import Compiled
 from rigidmc.engine.kernel import LANES, put
 from rigidmc.engine.machine import threads_available
 
-PIECE = 16384  # elements per call on a thread: a millisecond
+PIECE, LEAST = 16384, 512  # elements per call on a thread: at most a few milliseconds, at least 0.1
 
 
 @method
@@ -60,15 +61,24 @@ def evaluate(kind, width, columns, table=None, index=None, threads=None):
     out = np.empty((width, count))
 
     def piece(low):
-        _compiled(formula, table, index, columns, out, low, min(low + PIECE, count))
+        _compiled(formula, table, index, columns, out, low, min(low + size, count))
 
-    starts = range(0, count, PIECE)
-    threads = min(threads or threads_available(), len(starts))
-    if threads > 1:
-        piece(0)  # compiles
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(piece, starts[1:]))
+    threads = threads or threads_available()
+    size = min(PIECE, max(LEAST, LANES * -(-count // (threads * LANES))))
+    starts = range(0, count, size)
+    if threads > 1 and len(starts) > 1:
+        _compiled.entry(formula, table, index, columns, out, 0, 0)  # compiled once, before the threads ask for it
+        others = [_pool(threads - 1).submit(piece, low) for low in starts[1:]]
+        piece(0)
+        for other in others:
+            other.result()
     else:
         for low in starts:
             piece(low)
     return out
+
+
+@cache
+def _pool(threads):
+    """Threads that stay: to start two takes as long as a thousand elements."""
+    return ThreadPoolExecutor(threads, thread_name_prefix="rigidmc")

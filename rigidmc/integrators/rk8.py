@@ -57,16 +57,16 @@ _B = (
 )
 
 
-def _rates(rates, effects, body, t, h, q, l):
+def changes(rates, effects, body, t, h, q, l):
     """(h dq/dt, h dL/dt) at a stage, as one pair."""
     return spin(q, turn(rates, l)), push(effects, body, t, h, q, l, spun(rates, (0.0, 0.0, 0.0), l))
 
 
-def _stage(y, a, k):
+def combined(y, a, k):
     """(q, L) plus coefficients times rates."""
     if len(k) == 0:
         return y
-    return _stage((axpy4(y[0], a[0], k[0][0]), axpy(y[1], a[0], k[0][1])), a[1:], k[1:])
+    return combined((axpy4(y[0], a[0], k[0][0]), axpy(y[1], a[0], k[0][1])), a[1:], k[1:])
 
 
 class RK8(NamedTuple):
@@ -87,28 +87,28 @@ class RK8(NamedTuple):
         state, momentum = q, l
         q, l = whole(q), whole(l)
         start, rates = (q, l), scaled(body, h)
-        k1 = _rates(rates, effects, body, t, h, q, l)
-        y = _stage(start, _A2, (k1,))
-        k2 = _rates(rates, effects, body, t + 0.05260015195876773 * h, h, y[0], y[1])
-        y = _stage(start, _A3, (k1, k2))
-        k3 = _rates(rates, effects, body, t + 0.0789002279381516 * h, h, y[0], y[1])
-        y = _stage(start, _A4, (k1, k3))
-        k4 = _rates(rates, effects, body, t + 0.1183503419072274 * h, h, y[0], y[1])
-        y = _stage(start, _A5, (k1, k3, k4))
-        k5 = _rates(rates, effects, body, t + 0.2816496580927726 * h, h, y[0], y[1])
-        y = _stage(start, _A6, (k1, k4, k5))
-        k6 = _rates(rates, effects, body, t + 0.3333333333333333 * h, h, y[0], y[1])
-        y = _stage(start, _A7, (k1, k4, k5, k6))
-        k7 = _rates(rates, effects, body, t + 0.25 * h, h, y[0], y[1])
-        y = _stage(start, _A8, (k1, k4, k5, k6, k7))
-        k8 = _rates(rates, effects, body, t + 0.3076923076923077 * h, h, y[0], y[1])
-        y = _stage(start, _A9, (k1, k4, k5, k6, k7, k8))
-        k9 = _rates(rates, effects, body, t + 0.6512820512820513 * h, h, y[0], y[1])
-        y = _stage(start, _A10, (k1, k4, k5, k6, k7, k8, k9))
-        k10 = _rates(rates, effects, body, t + 0.6 * h, h, y[0], y[1])
-        y = _stage(start, _A11, (k1, k4, k5, k6, k7, k8, k9, k10))
-        k11 = _rates(rates, effects, body, t + 0.8571428571428571 * h, h, y[0], y[1])
-        y = _stage(start, _A12, (k1, k4, k5, k6, k7, k8, k9, k10, k11))
-        k12 = _rates(rates, effects, body, t + h, h, y[0], y[1])
-        dq, dl = _stage(((0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), _B, (k1, k6, k7, k8, k9, k10, k11, k12))
+        k1 = changes(rates, effects, body, t, h, q, l)
+        y = combined(start, _A2, (k1,))
+        k2 = changes(rates, effects, body, t + 0.05260015195876773 * h, h, y[0], y[1])
+        y = combined(start, _A3, (k1, k2))
+        k3 = changes(rates, effects, body, t + 0.0789002279381516 * h, h, y[0], y[1])
+        y = combined(start, _A4, (k1, k3))
+        k4 = changes(rates, effects, body, t + 0.1183503419072274 * h, h, y[0], y[1])
+        y = combined(start, _A5, (k1, k3, k4))
+        k5 = changes(rates, effects, body, t + 0.2816496580927726 * h, h, y[0], y[1])
+        y = combined(start, _A6, (k1, k4, k5))
+        k6 = changes(rates, effects, body, t + 0.3333333333333333 * h, h, y[0], y[1])
+        y = combined(start, _A7, (k1, k4, k5, k6))
+        k7 = changes(rates, effects, body, t + 0.25 * h, h, y[0], y[1])
+        y = combined(start, _A8, (k1, k4, k5, k6, k7))
+        k8 = changes(rates, effects, body, t + 0.3076923076923077 * h, h, y[0], y[1])
+        y = combined(start, _A9, (k1, k4, k5, k6, k7, k8))
+        k9 = changes(rates, effects, body, t + 0.6512820512820513 * h, h, y[0], y[1])
+        y = combined(start, _A10, (k1, k4, k5, k6, k7, k8, k9))
+        k10 = changes(rates, effects, body, t + 0.6 * h, h, y[0], y[1])
+        y = combined(start, _A11, (k1, k4, k5, k6, k7, k8, k9, k10))
+        k11 = changes(rates, effects, body, t + 0.8571428571428571 * h, h, y[0], y[1])
+        y = combined(start, _A12, (k1, k4, k5, k6, k7, k8, k9, k10, k11))
+        k12 = changes(rates, effects, body, t + h, h, y[0], y[1])
+        dq, dl = combined(((0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), _B, (k1, k6, k7, k8, k9, k10, k11, k12))
         return gain4(state, dq), gain(momentum, dl)

@@ -1,0 +1,83 @@
+"""float32 and compensated sums against 40-digit truths: how large errors are, and how they grow with the number of steps."""
+
+import numpy as np
+import pytest
+
+import rigidmc as rm
+from rigidmc.engine import kernel as K
+from rigidmc.integrators import INTEGRATORS
+from tests.kernels import block_of, march, prepare, run, turn
+from tests.problems import PROBLEMS
+from tests.reference import attitude_error, true_end
+
+HEAVY = PROBLEMS["hairer_heavy"]
+TRUE = true_end(HEAVY)  # the published end was made from decimal numbers: 1.7e-15 away
+
+
+def error(name, steps, **options):
+    """Largest error of momentum [of its size] and attitude [rad] at t = 10."""
+    kind = INTEGRATORS[name]
+    made = prepare(kind, turn(HEAVY, HEAVY.time / 50), HEAVY.effects)
+    q, l = march(kind, [HEAVY], HEAVY.time / steps, steps, made=made, **options)
+    return max(np.abs(l[:, 0] - TRUE[1]).max() / np.linalg.norm(TRUE[1]), attitude_error(q[:, 0], TRUE[0]))
+
+
+@pytest.mark.parametrize("name", ["rk4", "rk8", "strang", "srkn11"])
+def test_float32_is_as_good_as_its_digits(name):
+    """The steps are those of float64 but for rounding; the body itself, in float32, is off by 6e-8, which 10 s make 1e-6."""
+    steps = {"rk4": 1000, "rk8": 100, "strang": 4000, "srkn11": 60}[name]
+    single, double = error(name, steps, dtype=np.float32), error(name, steps)
+    assert abs(single - double) < 5e-5  # 7.9e-6, 6.4e-6, 1.3e-6, 1.4e-5
+    assert abs(single - double) > 1e-7  # or it was not float32
+
+
+def test_compensated_float32_errs_by_its_body_alone():
+    for steps in (2000, 8000, 32000):
+        assert error("rk4", steps, dtype=np.float32, compensated=True) < 1.5e-6  # 5.1e-7, 6.2e-7, 6.4e-7
+    assert error("rk4", 32000, dtype=np.float32) > 1e-4  # 4.9e-4
+
+
+@pytest.mark.parametrize(
+    ("name", "steps", "bound"),
+    [
+        ("rk4", 200_000, 2e-15),
+        ("rk8", 50_000, 8e-15),
+        ("rkmk4", 100_000, 2e-15),
+        ("cf4", 100_000, 2e-15),
+        ("srkn11", 50_000, 4e-14),
+    ],
+)  # measured 7.2e-16, 2.8e-15, 8.7e-16, 8.7e-16, 1.3e-14
+def test_compensated_sums_lose_nothing_over_very_many_steps(name, steps, bound):
+    """Steps so short that the method does not err: what is left is rounding, which grows with steps unless sums are compensated."""
+    plain, kept = error(name, steps), error(name, steps, compensated=True)
+    assert kept < bound
+    assert plain > 10.0 * kept  # 320, 19, 170, 200, 72 times
+
+
+def test_rounding_grows_with_the_root_of_the_steps_at_most():
+    """Of a free body by rk8: |L| over 16 times as many steps of the same length."""
+    top = PROBLEMS["hairer_free"]
+    drifts = {}
+    for compensated in (False, True):
+        block = block_of([top] * 32)
+        block[K.MOMENTUM : K.REST] *= 1.0 + 1e-3 * np.arange(32)
+        drift = []
+        made, size = prepare(INTEGRATORS["rk8"], 0.1), (block[K.MOMENTUM : K.REST] ** 2).sum(0)
+        for steps in (20_000, 320_000):
+            moved = block.copy()
+            run(moved, made, (), 1e-3, steps, compensated=compensated)
+            drift.append(np.sqrt(np.mean(((moved[K.MOMENTUM : K.REST] ** 2).sum(0) / size - 1.0) ** 2)))
+        drifts[compensated] = drift
+    assert drifts[True][1] < 3e-16
+    assert drifts[False][1] > 3.0 * drifts[True][1]
+    assert drifts[False][1] / drifts[False][0] < 8.0  # sqrt(16) = 4; 16 were linear
+
+
+def test_starts_saves_and_drifts_are_float64_whatever_the_steps_are():
+    scene = rm.Scene(rm.Body.from_moments((1.0, 1.4, 2.0)), (), rm.Start(omega=(rm.normal(0.0, 1.0), 1.0, 0.2)))
+    ds = rm.simulate(scene, dtype="float32", t_end=1.0, every=0.5, members=64, save=("omega", "energy", "energy_drift"))
+    double = rm.simulate(scene, t_end=1.0, every=0.5, members=64, save=("omega", "energy", "energy_drift"))
+    assert np.array_equal(ds.omega[0], double.omega[0])  # the start itself, not rounded to float32
+    assert ds.energy.dtype == np.float64
+    assert 1e-9 < float(ds.energy_drift_max.max()) < 1e-5
+    assert np.allclose(ds.omega, double.omega, atol=1e-5)
