@@ -177,7 +177,8 @@ def measured(costs, true, integrator, dtype, steps):
     """The Way of an integrator in `steps` steps; None where it refuses the step."""
     found = costs.pilot
     if integrator == "closed":  # its error cannot be seen against itself: what rounding does
-        apart = {name: true.error if name == "state" else np.zeros(found.members) for name in QUANTITIES}
+        unseen = np.full(found.members, np.nan)
+        apart = {name: true.error if name in ("state", "momentum", "attitude") else unseen for name in QUANTITIES}
         ns, saves = costs.step(integrator, 1, dtype), costs.saves
         return Way(integrator, dtype, saves, saves, found.scene.run.t_end / saves, None, apart, ns)
     try:

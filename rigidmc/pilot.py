@@ -170,7 +170,7 @@ def drift_along(pilot, integrator, steps, at, dt, looks=4096):
             worst = np.maximum.accumulate(np.nan_to_num(np.where(states.status == 0, drift, np.inf), nan=np.inf).max(1))
             seen = {n: worst[np.searchsorted(after, n, "right") - 1] for n in at if after[0] <= n <= total}
             largest.setdefault(name, {}).update({n: max(x, largest.get(name, {}).get(n, 0.0)) for n, x in seen.items()})
-    return {name: np.array([found[n] for n in at]) for name, found in largest.items()}
+    return {name: np.maximum.accumulate([found[n] for n in at]) for name, found in largest.items()}
 
 
 def _kept(body, effects, q, l):

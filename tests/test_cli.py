@@ -209,3 +209,38 @@ def test_nasa_brick_from_the_command_line(tmp_path):
     run("run", "nasa_brick", "--dt", "0.1", "-o", rough)
     with rm.open(rough) as ds:
         assert np.abs(np.degrees(ds.omega.values[-1, :, 0]) - expected).max() > 1e-6
+
+
+def test_accuracy(tmp_path):
+    words = ("accuracy", "nasa_brick", "--integrators", "exact,rk8", "--members", 16, "--tolerances", "1e-4,1e-8")
+    result = run(*words, "-o", tmp_path / "a.nc", "--plot", tmp_path / "a.png")
+    assert result.exit_code == 0
+    assert "truth: closed form of the free top" in result.output
+    assert "for 1e-08: exact " in result.output
+    with rm.open(tmp_path / "a.nc") as study:
+        assert set(study.integrator.values) == {"exact", "rk8"}
+    assert (tmp_path / "a.png").stat().st_size > 20_000
+    failed(run(*words, "-o", tmp_path / "a.nc"), 6, "a.nc")
+    failed(run(*words[:3], "--tolerances", "1e-4;1e-8"), 3, "expected numbers between commas")
+    failed(run("accuracy", "nasa_brick", "--integrators", "chin4,exakt"), 3, "exakt", "did you mean 'exact'")
+    drift = run("accuracy", "nasa_brick", "--long", "--steps", 5000, "--integrators", "rk8,exact")
+    assert drift.exit_code == 0
+    assert "rk8        energy " in drift.output
+
+
+def test_run_with_a_tolerance(tmp_path):
+    result = run("run", "nasa_brick", "--tolerance", "1e-9", "-o", tmp_path / "a.nc")
+    assert result.exit_code == 0
+    assert "for a tolerance of 1e-09: " in result.output
+    assert "keep the tolerance" in result.output
+    assert "about " in result.output
+    failed(run("run", "nasa_brick", "--tolerance", "1e-16"), 3, "out of reach of double precision here", "the best is")
+    failed(run("run", "nasa_brick", "--integrator", "auto"), 3, "tolerance", "is missing")
+
+
+def test_steps_of_their_own(tmp_path):
+    result = run("run", "tennis_racket", "--turn", "0.2", "--members", 40, "-o", tmp_path / "a.nc")
+    assert result.exit_code == 0
+    assert "steps of their own on average" in result.output
+    failed(run("run", "tennis_racket", "--turn", "0.2", "--dt", "0.1"), 3, "give dt or turn, not both")
+    assert "its own for each member" in run("show", "tennis_racket", "--turn", "0.2").output

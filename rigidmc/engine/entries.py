@@ -1,5 +1,6 @@
 """Compiled functions, found by the types of their arguments."""
 
+import sys
 import threading
 from typing import Any
 
@@ -12,6 +13,7 @@ from rigidmc.engine.machine import cached, use_widest_vectors
 
 config: Any = numba.config
 _options: Any = {"nogil": True, **FLAGS}
+DEEPEST = 5000  # Python's 1000 frames are too few: each plain function that a kernel calls, and each element of a tuple, takes 30 or so
 use_widest_vectors()
 
 
@@ -45,8 +47,12 @@ class Compiled:
         key = tuple(map(_kind, arguments))
         if key not in self._entries:
             with self._compiling:
-                signature = tuple(typeof(a) for a in arguments)
-                self.dispatcher.compile(signature)
+                signature, deepest = tuple(typeof(a) for a in arguments), sys.getrecursionlimit()
+                sys.setrecursionlimit(max(deepest, DEEPEST))
+                try:
+                    self.dispatcher.compile(signature)
+                finally:
+                    sys.setrecursionlimit(deepest)
                 self._entries[key] = self.dispatcher.overloads[signature].entry_point
         return self._entries[key]
 

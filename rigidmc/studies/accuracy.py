@@ -103,7 +103,7 @@ def _dataset(scene, found, true, costs, ways, tolerances, threads):
     for quantity in QUANTITIES:
         for word, take in takes.items():
             with np.errstate(invalid="ignore"):
-                values = np.array([float(np.nan_to_num(take(w.errors[quantity]), nan=np.inf)) for w in ways])
+                values = np.array([_finite_or_inf(take, w.errors[quantity]) for w in ways])
             about = {"units": "rad" if quantity == "attitude" else "1", "long_name": f"{_WHAT[quantity]}, {word} over members"}
             variables[f"error_{quantity}_{word}"] = ("row", values, about)
     upper, cost = variables["error_state_upper"][1], columns["ns_per_member"]
@@ -129,6 +129,11 @@ def _dataset(scene, found, true, costs, ways, tolerances, threads):
         **_horizon(scene.run.t_end, factor, rate),
     }
     return xr.Dataset(variables, {"tolerance": ("tolerance", np.array(tolerances))}, attrs)
+
+
+def _finite_or_inf(take, errors):
+    """A quantile; between inf and inf it is inf. nan where no error is known."""
+    return math.nan if np.isnan(errors).all() else float(np.nan_to_num(take(errors), nan=np.inf))
 
 
 def _horizon(t_end, factor, rate):
