@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rigidmc.ahead import compile_ahead
 from rigidmc.body import Body
 from rigidmc.closed_form import closed_values
 from rigidmc.effects import EFFECTS, name_of
@@ -24,7 +25,7 @@ from rigidmc.staging import stage
 PILOT = 512  # members: then the 99 % of a distribution are below the second largest error with 96 % certainty
 # Those that have been the cheapest for some scene and tolerance; the others are for comparison (`rigidmc accuracy`), and each costs 3 s to compile.
 CONTENDERS = ("closed", "exact", "rk4", "rk8", "strang", "chin4", "srkn6", "srkn11", "aba864", "aba1064")
-SINGLE = ("rk4", "rk8", "exact", "strang")  # tried in float32 too
+SINGLE = ("rk4", "exact", "strang")  # tried in float32 too
 SINGLE_REACHES = 3e-7  # five roundings of float32: not tried below
 SAFETY = 0.8  # of the tolerance, that a pilot must keep
 
@@ -284,8 +285,9 @@ def choose(scene, tolerance, integrators=None, members=PILOT, threads=None):
         raise _unreachable(scene, tolerance, first, known, f"the truth itself is known to {known:.1e} only ({true.source})")
     found: list[Way] = []
     nearest = math.inf
-    only = "float64" if tolerance < SINGLE_REACHES else None
-    for integrator, dtype in candidates(scene, true, integrators or CONTENDERS, only):
+    tried = candidates(scene, true, integrators or CONTENDERS, "float64" if tolerance < SINGLE_REACHES else None)
+    compile_ahead(first, tried)
+    for integrator, dtype in tried:
         dearest = min((costs.per_member(w) for w in found), default=math.inf)
         limit = tolerance if integrator == "closed" else SAFETY * tolerance
         ways = ladder(costs, true, integrator, dtype, limit, 2.0, too_dear=lambda w, most=2.0 * dearest: costs.per_member(w) > most)

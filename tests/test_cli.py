@@ -221,7 +221,7 @@ def test_accuracy(tmp_path):
         assert set(study.integrator.values) == {"exact", "rk8"}
     assert (tmp_path / "a.png").stat().st_size > 20_000
     failed(run(*words, "-o", tmp_path / "a.nc"), 6, "a.nc")
-    failed(run(*words[:3], "--tolerances", "1e-4;1e-8"), 3, "expected numbers between commas")
+    failed(run("accuracy", "nasa_brick", "--tolerances", "1e-4;1e-8"), 3, "expected numbers between commas")
     failed(run("accuracy", "nasa_brick", "--integrators", "chin4,exakt"), 3, "exakt", "did you mean 'exact'")
     drift = run("accuracy", "nasa_brick", "--long", "--steps", 5000, "--integrators", "rk8,exact")
     assert drift.exit_code == 0

@@ -13,7 +13,9 @@ from rigidmc.engine.machine import cached, use_widest_vectors
 
 config: Any = numba.config
 _options: Any = {"nogil": True, **FLAGS}
-DEEPEST = 5000  # Python's 1000 frames are too few: each plain function that a kernel calls, and each element of a tuple, takes 30 or so
+DEEPEST = (
+    5000  # Python's 1000 frames are too few: each plain function that a kernel calls, and each element of a tuple, takes 30 or so
+)
 use_widest_vectors()
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from rigidmc import __version__
+from rigidmc.ahead import compile_ahead
 from rigidmc.choice import Costs, candidates, check_pilot, ladder
 from rigidmc.effects import name_of
 from rigidmc.engine.machine import threads_available
@@ -61,7 +62,9 @@ def accuracy(scene, integrators=None, tolerances=TOLERANCES, members=256, thread
         rivals = [costs.per_member(w) for w in ways if w.upper <= way.upper]
         return bool(rivals) and costs.per_member(way) > DEAREST * min(rivals)
 
-    for integrator, dtype in sorted(candidates(scene, true, integrators), key=_promising):
+    tried = sorted(candidates(scene, true, integrators), key=_promising)
+    compile_ahead(found, tried)
+    for integrator, dtype in tried:
         made = ladder(costs, true, integrator, dtype, FINEST, too_dear=too_dear)
         ways += made
         if made:
