@@ -13,6 +13,7 @@ BENCHES = {
     "memory": "bench.memory",
     "accuracy": "bench.accuracy",
     "exact": "bench.exact",
+    "tolerance": "bench.tolerance",
     "peers": "bench.peers",
 }
 HERE = os.path.dirname(os.path.abspath(__file__))

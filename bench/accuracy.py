@@ -1,4 +1,4 @@
-"""What accuracy costs: error at t = 10 s against members per second, for every integrator on free and on heavy tops."""
+"""What accuracy costs: `rigidmc.accuracy` on random free and heavy tops, and whether a step costs what its arithmetic says."""
 
 import math
 
@@ -6,164 +6,129 @@ import numpy as np
 
 import rigidmc
 from bench import harness, tops
+from rigidmc.choice import Costs
 from rigidmc.effects import Gravity
-from rigidmc.engine.machine import threads_available
-from rigidmc.errors import SceneError
-from rigidmc.integrators import INTEGRATORS
-from rigidmc.planning import prepare
+from rigidmc.pilot import pilot
+from rigidmc.studies.accuracy import accuracy
 
-T_END, MEMBERS = 10.0, 2048
-TIMED = 32768  # members of a timed run: enough blocks for 8 threads
+T_END, MEMBERS = 10.0, 512
 TARGETS = (1e-4, 1e-6, 1e-8, 1e-10)
 EFFECTS = {"free": (), "heavy": (Gravity(tops.GRAVITY),)}
+COUNTED = {  # case of tests/engine/test_vectorisation.py -> integrator; heavy tops, float64
+    "rk4 gravity": "rk4",
+    "rk8 gravity": "rk8",
+    "cf4 gravity": "cf4",
+    "ck45 gravity": "ck45",
+    "strang gravity": "strang",
+    "rotations gravity": "rotations",
+    "chin4 gravity": "chin4",
+}
 
 
 def run(quick):
     """All rows of the bench."""
-    ensemble, pool, rows = tops.random_tops(MEMBERS), tops.pool(threads_available()), []
-    ladder = [round(16 * 2 ** (k / 2)) for k in range(0, 15 if quick else 19, 2 if quick else 1)]  # 16 to 8,192 steps
-    forms, runs = {}, []
+    rows = []
     for body, effects in EFFECTS.items():
-        reference, row = _reference(body, effects, ensemble, pool)
-        rows.append(row)
-        for integrator in INTEGRATORS:
-            if integrator == "closed" or (not effects and hasattr(INTEGRATORS[integrator], "drifts") and integrator != "rotations"):
-                continue  # not steps, or the exact motion at more cost
-            for steps in [1] if integrator == "exact" else ladder:
-                form = _form(ensemble, effects, integrator, steps)
-                if form is None:
-                    continue
-                errors = _errors(_end(ensemble, effects, form, steps, pool), reference, ensemble)
-                # by name too: NamedTuples without fields are equal, RK4() == RKMK4() == ()
-                key = body, integrator, form.integrator, len(form.parts)
-                forms[key] = form, effects
-                runs.append((key, steps, errors))
-    costs = _costs(forms, pool, 3 if quick else 7)
-    for key, steps, errors in runs:
-        body, integrator, _, parts = key
-        cost = costs[key]
-        row = {
-            "kind": "error",
-            "body": body,
-            "integrator": integrator,
-            "steps": steps,
-            "parts": parts - 1,
-            "dt": T_END / steps,
-            **errors,
-        }
-        rows.append({**row, "ns_per_member_step": cost, "members_per_s": 1e9 / (cost * steps)})
-    return rows + choices(rows)
+        study = accuracy(scene(effects), tolerances=TARGETS, members=128 if quick else MEMBERS)
+        rows.append({"kind": "truth", "body": body, "truth": study.attrs["truth"], "error": study.attrs["truth_error"]})
+        names = ("integrator", "dtype", "dt", "steps", "turn", "error_state_median", "error_state_upper", "error_state_worst",
+                 "ns_per_member_step", "members_per_second")  # fmt: skip
+        found = [{name: _plain(study[name].values[i]) for name in names} for i in range(study.sizes["row"])]
+        rows += [{"kind": "error", "body": body, **row} for row in found]
+        rows += choices(body, found)
+    return rows + arithmetic()
 
 
-def _form(ensemble, effects, integrator, steps):
-    """Form of an integrator at a step of T_END/steps, or None where it refuses."""
-    body = rigidmc.Body.from_moments(ensemble.moments.T, mass=1.0, centre=ensemble.static.T)
-    scene = rigidmc.Scene(body, effects=effects, start=rigidmc.Start(omega=ensemble.omega.T, attitude=ensemble.attitude.T))
-    settings = {"integrator": integrator, "dt": T_END / steps, "t_end": T_END, "every": None, "save": ("omega", "attitude")}
-    try:
-        plan = prepare(scene.with_run(members=ensemble.omega.shape[1], **settings))
-    except SceneError:  # exact with a torque, or a step too long for the splitting
-        return None
-    return plan.form
+def scene(effects):
+    """Random tops that are all different, to 10 s."""
+    some = tops.random_tops(4 * MEMBERS)
+    body = rigidmc.Body.from_moments(some.moments.T, mass=1.0, centre=some.static.T)
+    start = rigidmc.Start(omega=some.omega.T, attitude=some.attitude.T)
+    return rigidmc.Scene(body, effects, start).with_run(t_end=T_END, members=4 * MEMBERS, save=("omega", "attitude"))
 
 
-def _end(ensemble, effects, kind, steps, pool):
-    """(attitude, momentum) at T_END."""
-    parts = tops.blocks(ensemble, effects, size=256)
-    tops.advance(parts, kind, effects, True, T_END / steps, steps, pool)
-    return tops.state(parts)
+def choices(body, found):
+    """Rows saying which integrator and step reach an error with the most members per second, the best of each integrator."""
+    rows = []
+    for limit in TARGETS:
+        good = [r for r in found if r["error_state_upper"] <= limit]
+        each = {r["integrator"]: r for r in sorted(good, key=lambda r: r["members_per_second"])}  # the last one is the fastest
+        best = sorted(each.values(), key=lambda r: -r["members_per_second"])
+        rows += [{"kind": "choice", "body": body, "limit": limit, "best": i == 0, **r} for i, r in enumerate(best)]
+    return rows
 
 
-def _reference(body, effects, ensemble, pool):
-    """((attitude, momentum), row): the end by the best means there are, and how well two of them agree."""
-    if not effects:
-        ways = {"exact in 64 steps": ("exact", 64), "exact in one step": ("exact", 1)}
-    else:
-        ways = {"rk8 in 4,096 steps": ("rk8", 4096), "srkn11 in 2,048 steps": ("srkn11", 2048)}
-    ends = []
-    for integrator, steps in ways.values():
-        form = _form(ensemble, effects, integrator, steps)
-        assert form is not None
-        ends.append(_end(ensemble, effects, form, steps, pool))
-    errors = _errors(ends[1], ends[0], ensemble)
-    what, other = ways
-    return ends[0], {"kind": "reference", "body": body, "reference": what, "compared_with": other, **errors}
+def arithmetic():
+    """Rows of what a step costs against rk4, and what its packed instructions say that it should.
 
-
-def _errors(end, reference, ensemble):
-    """Worst and median over members of the errors of omega (relative) and attitude [rad], and of the larger of the two."""
-    omega = tops.omega_error(ensemble, end[1], reference[1])
-    attitude = tops.attitude_error(end[0], reference[0])
-    omega, attitude = (np.where(np.isfinite(e), e, math.inf) for e in (omega, attitude))
-    both = {"omega": omega, "attitude": attitude, "error": np.maximum(omega, attitude)}
-    return {f"{name}_{how}": float(of(e)) for name, e in both.items() for how, of in (("worst", np.max), ("median", np.median))}
-
-
-def _costs(forms, pool, rounds):
-    """{key: ns per member-step on all cores}, interleaved; a piece of a step counts as a step.
-
-    From CPU seconds, as if no neighbour took a core meanwhile: the candidates share nothing and keep all cores busy.
+    By slots: every vector instruction but moves is one, a division of eight numbers ten and their root eighteen. By flops: as they are.
     """
-    ensemble = tops.random_tops(TIMED)
+    from tests.engine.test_vectorisation import counted
 
-    def candidate(kind, effects):
-        return (
-            lambda: tops.blocks(ensemble, effects, TIMED // 32),
-            lambda parts: tops.advance(parts, kind, effects, True, 1e-3, _rounds(kind), pool),
-        )
+    few = pilot(scene(EFFECTS["heavy"]), 64)._replace(own=False)
+    rows = []
+    for case, name in COUNTED.items():
+        made = counted(case)
+        steps = few.base * 4096  # one part, one panel
+        ns = min(Costs(few).step(name, steps, "float64") for _ in range(5))
+        rows.append({"kind": "step", "integrator": name, "ns": ns, "flops": made["flops"] * made["parts"], "slots": made["slots"]})
+    base = rows[0]
+    for row in rows:
+        row["cost"] = row["ns"] / base["ns"]
+        row["by_flops"], row["by_slots"] = row["flops"] / base["flops"], row["slots"] / base["slots"]
+    off = max(abs(r["cost"] / r["by_slots"] - 1.0) for r in rows)
+    far = max(rows, key=lambda r: abs(r["cost"] / r["by_slots"] - 1.0))["integrator"]
+    rows.append(harness.target(f"cost of a step against its arithmetic, worst ({far})", 15.0, 100.0 * off, "%", at_most=True))
+    return rows
 
-    cpu: dict = {}
-    harness.interleaved({key: candidate(*form) for key, form in forms.items()}, rounds, cpu)
-    return {key: 1e9 * harness.median(taken) / (TIMED * _rounds(forms[key][0]) * threads_available()) for key, taken in cpu.items()}
 
-
-def _rounds(made):
-    """Steps of a timed run: fewer where a step has many parts."""
-    return max(5, 100 // (len(made.parts) - 1))
-
-
-def choices(rows):
-    """Rows saying which integrator and step reach an error with the most members per second."""
-    found = []
-    for body in EFFECTS:
-        for limit in TARGETS:
-            good = [r for r in rows if r["kind"] == "error" and r["body"] == body and r["error_worst"] <= limit]
-            each = [
-                max((r for r in good if r["integrator"] == i), key=lambda r: r["members_per_s"], default=None) for i in INTEGRATORS
-            ]
-            each = sorted((r for r in each if r), key=lambda r: -r["members_per_s"])
-            keys = ("body", "integrator", "steps", "dt", "error_worst", "error_median", "members_per_s")
-            found += [{"kind": "choice", "limit": limit, "best": i == 0, **{k: r[k] for k in keys}} for i, r in enumerate(each)]
-    return found
+def _plain(value):
+    """A value as JSON has it."""
+    value = value.item() if isinstance(value, np.generic) else value
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def report(rows):
     """Print what was measured."""
     for r in rows:
-        if r["kind"] == "reference":
-            agreement = f"{r['error_worst']:.1e} at worst, {r['error_median']:.1e} in the middle"
-            print(f"{r['body']}: reference {r['reference']}, which differs from {r['compared_with']} by {agreement}")
-    columns = ("", "steps", "dt [s]", "omega worst", "median", "attitude worst", "median", "ns", "members/s", "")
-    for body in EFFECTS:
-        lines = [
-            (r["integrator"], f"{r['steps']:,}", f"{r['dt']:.4g}")
-            + tuple(f"{r[k]:.1e}" for k in ("omega_worst", "omega_median", "attitude_worst", "attitude_median"))
-            + (f"{r['ns_per_member_step']:.2f}", f"{r['members_per_s']:,.0f}", "")
-            for r in rows
-            if r["kind"] == "error" and r["body"] == body
-        ]
-        harness.table(f"{body} tops at t = {T_END:g} s, {MEMBERS:,} members", columns, lines)
+        if r["kind"] == "truth":
+            print(f"{r['body']}: truth {r['truth']}, known to {r['error']:.1e}")
+    columns = ("", "", "error", "integrator", "step", "members/s", "")
     lines = [
         (
             r["body"],
+            "",
             f"{r['limit']:.0e}",
             r["integrator"],
-            f"{r['dt']:.4g}",
-            f"{r['error_worst']:.1e}",
-            f"{r['members_per_s']:,.0f}",
+            step_text(r),
+            f"{r['members_per_second']:,.0f}",
             "best" if r["best"] else "",
         )
         for r in rows
         if r["kind"] == "choice"
     ]
-    harness.table("what accuracy costs, worst member", ("", "error", "integrator", "dt [s]", "reached", "members/s", ""), lines)
+    harness.table(f"what accuracy costs, 99 % of {MEMBERS} random tops to t = {T_END:g} s", columns, lines)
+    lines = [
+        (
+            r["integrator"],
+            f"{r['ns']:.1f}",
+            f"{r['cost']:.2f}",
+            f"{r['by_slots']:.2f}",
+            f"{r['by_flops']:.2f}",
+            f"{r['flops']:.0f}",
+            "",
+        )
+        for r in rows
+        if r["kind"] == "step"
+    ]
+    names = ("heavy tops", "ns a step", "of rk4", "by arithmetic", "by flops", "flops", "")
+    harness.table("what a step costs on one thread", names, lines)
+    harness.report_targets(rows)
+
+
+def step_text(row):
+    """The step of a row in words."""
+    if row["integrator"] == "closed":
+        return "at once"
+    single = ", float32" if row["dtype"] == "float32" else ""
+    return (f"{row['dt']:.2g} s" if row["turn"] is None else f"{row['turn']:.2g} rad") + single

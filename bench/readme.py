@@ -5,6 +5,8 @@ import os
 import re
 import sys
 
+from bench.accuracy import step_text
+
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 RESULTS = os.path.join(ROOT, "bench", "results")
 
@@ -48,11 +50,11 @@ def accuracy(rows, machine):
     for row in rows:
         if row["kind"] == "choice" and row["best"]:
             same = [r for r in rows if r["kind"] == "choice" and (r["body"], r["limit"]) == (row["body"], row["limit"])]
-            others = ", ".join(f"{r['integrator']} {_count(r['members_per_s'])}" for r in same[1:])
-            step = f"{row['dt']:.2g} s"
-            lines.append((row["body"], f"{row['limit']:.0e}", f"{row['integrator']}, {step}", _count(row["members_per_s"]), others))
+            others = ", ".join(f"{r['integrator']} {_count(r['members_per_second'])}" for r in same[1:5])
+            step = f"{row['integrator']}, {step_text(row)}"
+            lines.append((row["body"], f"{row['limit']:.0e}", step, _count(row["members_per_second"]), others))
     columns = ("tops", "error after 10 s at most", "integrator, step", "members per second", "others")
-    words = "Error of the worst of 2,048 random tops, relative in omega and in rad in attitude"
+    words = "Error of 99 % of random tops, of the momentum's size and in rad in attitude; rad: each in steps of its own, by so much of its motion"
     return f"{table(columns, lines)}\n\n{words}; {_machine(machine)}."
 
 

@@ -100,6 +100,12 @@ def blocks_of(assembly):
     return blocks
 
 
+def slots(loop):
+    """Cycles that the vector instructions of a loop take in one pipe: moves none, a division 10 and a root 18 (Zen 4, 512 bits)."""
+    words = [i.split()[0] for i in loop if re.search(r"%[xyz]mm|%k\d", i) and not i.startswith("vmov")]
+    return sum(10 if "div" in w else 18 if "sqrt" in w else 1 for w in words)
+
+
 def counted(name):
     """What the step loop of a freshly compiled kernel does; a kernel from the disk cache has no assembly to read."""
     made, effects, attitude, compensated, dtype, own = (CASES | BROKEN)[name]
@@ -118,6 +124,8 @@ def counted(name):
     return {
         "packed": len(packed) / unrolled,
         "flops": sum(2 if kind.startswith("f") else 1 for _, kind in packed) / unrolled,
+        "parts": len(made.parts) - 1,
+        "slots": slots(loop) / unrolled * (len(made.parts) - 1),
         "widest": all({512: "%zmm", 256: "%ymm", 128: "%xmm"}[vector_bits()] in i for i, _ in packed),
         "scalar": len(operations) - len(packed),
         "calls": sum("call" in i for i in loop),
