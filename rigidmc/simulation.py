@@ -154,21 +154,26 @@ def run(scene, plan, threads, progress=False, output=None, force=False, chosen=N
 
 def _rehearsed(scene, plan, threads, output, chosen):
     """How long a plan will take [s], from its first members: with memory or a file of the same kind, which the kernels' time leaves out."""
-    members = min(plan.members, REHEARSED)
     guess = plan.members / chosen.members_per_second
-    if plan.members < 4 * REHEARSED:
+    if plan.members < 8 * REHEARSED:
         return guess
-    few, taken = scene.with_run(members=members), []
-    plan_few = prepare(few, threads, output is not None, plan.block)
+    best, kept, began = {REHEARSED: math.inf, 3 * REHEARSED: math.inf}, [], time.perf_counter()
     with tempfile.TemporaryDirectory(
         prefix=".rigidmc-", dir=os.path.dirname(os.path.abspath(output)) if output else None
     ) as folder:
-        for i in range(2):  # the first warms up; both are kept, so that the second finds no memory that was used before
-            taken.append(run(few, plan_few, threads, False, os.path.join(folder, f"{i}.nc") if output else None))
-        seconds = min(dataset.encoding["rigidmc"]["run_seconds"] for dataset in taken)
-        for dataset in taken:
+        for i in range(10):
+            count = REHEARSED * (1 + 2 * (i % 2))
+            few = scene.with_run(members=count)
+            file = os.path.join(folder, f"{i}.nc") if output else None
+            kept.append(run(few, prepare(few, threads, output is not None, plan.block), threads, False, file))
+            best[count] = min(best[count], kept[-1].encoding["rigidmc"]["run_seconds"])
+            if i >= 3 and time.perf_counter() - began > 0.5:
+                break
+        for dataset in kept:  # only now, so that none finds memory that was used before
             dataset.close()
-    return seconds * plan.members / members
+    few_seconds, more_seconds = best.values()
+    each = max(more_seconds - few_seconds, 0.2 * more_seconds) / (2 * REHEARSED)  # what a run takes once is not counted again
+    return more_seconds + each * (plan.members - 3 * REHEARSED)
 
 
 def compile_kernel(scene, plan):
