@@ -58,6 +58,21 @@ def accuracy(rows, machine):
     return f"{table(columns, lines)}\n\n{words}; {_machine(machine)}."
 
 
+def peers(rows, machine):
+    """Seconds of every candidate at each worst error; how ours does it."""
+    times = {(r["body"], r["limit"], r["name"]): r for r in rows if r["kind"] == "time"}
+    names = list(dict.fromkeys(name for _, _, name in times))
+    plain = [n for n in names if n not in ("rigidmc, closed form", "rigidmc, 100 saves", "heyoka, 100 saves")]
+    lines = []
+    for body, limit in dict.fromkeys((body, limit) for body, limit, _ in times):
+        found = [times.get((body, limit, name)) for name in plain]
+        lines.append((f"{body}, {limit:.0e}", *(f"{r['seconds']:.4f}" if r else "not reached" for r in found)))
+    ours = "; ".join(f"{b}, {limit:.0e}: {r['setting']}" for (b, limit, name), r in times.items() if name == "rigidmc")
+    closed = times.get(("free", 1e-9, "rigidmc, closed form"))
+    more = f" Free tops by the closed form: {closed['seconds']:.4f} s." if closed else ""
+    return f"{table(('tops, worst error', *plain), lines)}\n\nSeconds for 4,096 different tops to t = 10 s, omega and attitude of the worst of them; ours: {ours}.{more} {_machine(machine)}."
+
+
 def throughput(rows, machine):
     """Member-steps per second, free and heavy side by side, and times the C baseline."""
     rates = {r["name"]: r for r in rows if r["kind"] == "rate"}
@@ -98,7 +113,7 @@ def _count(number):
     return f"{number:.2g}"
 
 
-DRAWN = {"accuracy": accuracy, "throughput": throughput}
+DRAWN = {"accuracy": accuracy, "peers": peers, "throughput": throughput}
 
 if __name__ == "__main__":
     main()

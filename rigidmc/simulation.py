@@ -157,7 +157,8 @@ def _rehearsed(scene, plan, threads, output, chosen):
     guess = plan.members / chosen.members_per_second
     if plan.members < 8 * REHEARSED:
         return guess
-    best, kept, began = {REHEARSED: math.inf, 3 * REHEARSED: math.inf}, [], time.perf_counter()
+    kept, began = [], time.perf_counter()
+    taken: dict[int, list[float]] = {REHEARSED: [], 3 * REHEARSED: []}
     with tempfile.TemporaryDirectory(
         prefix=".rigidmc-", dir=os.path.dirname(os.path.abspath(output)) if output else None
     ) as folder:
@@ -166,12 +167,14 @@ def _rehearsed(scene, plan, threads, output, chosen):
             few = scene.with_run(members=count)
             file = os.path.join(folder, f"{i}.nc") if output else None
             kept.append(run(few, prepare(few, threads, output is not None, plan.block), threads, False, file))
-            best[count] = min(best[count], kept[-1].encoding["rigidmc"]["run_seconds"])
+            taken[count].append(kept[-1].encoding["rigidmc"]["run_seconds"])
             if i >= 3 and time.perf_counter() - began > 0.5:
                 break
         for dataset in kept:  # only now, so that none finds memory that was used before
             dataset.close()
-    few_seconds, more_seconds = best.values()
+    few_seconds, more_seconds = (
+        float(np.median(seconds)) for seconds in (taken[REHEARSED][1:], taken[3 * REHEARSED])
+    )  # the first warms up
     each = max(more_seconds - few_seconds, 0.2 * more_seconds) / (2 * REHEARSED)  # what a run takes once is not counted again
     return more_seconds + each * (plan.members - 3 * REHEARSED)
 

@@ -28,6 +28,11 @@ A scene file is TOML; SI units, angles in rad:
                              or Euler angles z-x-z [phi, theta, psi]
 [run]
   integrator, dt, t_end, members, seed, every, save
+  integrator = "auto" and tolerance = 1e-8   instead of integrator and dt
+  turn                       rad, instead of dt: each member steps by so much
+                             of its own motion
+  dtype                      "float64" or "float32": the numbers of the steps
+  compensated                true: keep the remainders of all sums
 
 Any number of body, effects and start may be a distribution:
   { normal = [mean, sd] },  { uniform = [low, high] },
