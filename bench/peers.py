@@ -98,15 +98,17 @@ def run(quick):
 
 
 def warm(entry):
-    """Prepare a candidate when all is quiet, and run it once before.
+    """Prepare a candidate when all is quiet, and run it for a tenth of a second before.
 
-    BLAS threads of the one before spin on a core for up to 0.1 s, and cores that were idle take 10 ms to be shared well again: with
-    neither, 13 ms of ours were 24.
+    BLAS threads of the candidate before spin on a core for up to 0.1 s, and two threads that wake together share a core for their first
+    10 ms, unless one of them was running: without this, 12 ms of ours are 24 and 20 ms of heyoka 26.
     """
 
     def prepare():
         time.sleep(0.15)
-        entry.run(entry.prepare())
+        began = time.perf_counter()
+        while time.perf_counter() - began < 0.1:
+            entry.run(entry.prepare())
         return entry.prepare()
 
     return prepare
