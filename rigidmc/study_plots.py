@@ -25,13 +25,15 @@ def work_precision(study, figure=None):
 
     study : the Dataset of `rigidmc.accuracy`
     """
-    title = f"{study.attrs['title']}: what accuracy costs, {study.attrs['members']} members to {study.attrs['t_end']:g} s"
+    title = f"{study.attrs['title']}: what accuracy costs, {count_of(study)} to {study.attrs['t_end']:g} s"
     figure = figure or new_figure(title, (11.0, 7.2))
     axes = figure.add_subplot()
     names, kinds = study.integrator.values, study["dtype"].values
     error, speed = study.error_state_upper.values, study.members_per_second.values
     shown = np.isfinite(error) & (error < 3.0)
-    _frontier(axes, error[shown], speed[shown], names[shown], kinds[shown], study.dt.values[shown])
+    pairs = zip(study.dt.values, study.turn.values, strict=True)
+    steps = np.array([f"{dt:.2g} s" if np.isnan(turn) else f"{turn:.2g} rad" for dt, turn in pairs])
+    _frontier(axes, error[shown], speed[shown], names[shown], kinds[shown], steps[shown])
     for name in dict.fromkeys(names):
         color, marker, dash = _STYLES.get(name, ("#444444", ".", "-"))
         for kind, filled in (("float64", color), ("float32", "white")):
@@ -76,6 +78,11 @@ def work_precision(study, figure=None):
     return figure
 
 
+def count_of(study):
+    """How many members, in words."""
+    return "1 member" if study.attrs["members"] == 1 else f"{study.attrs['members']} members"
+
+
 def _frontier(axes, error, speed, names, kinds, steps):
     """The cheapest way to each error, stepwise, with the name and step at its corners."""
     best, corners = -np.inf, []
@@ -87,11 +94,15 @@ def _frontier(axes, error, speed, names, kinds, steps):
         return
     x, y = error[corners], speed[corners]
     axes.step(x, y, where="post", color="#d9d9d9", lw=9, solid_capstyle="round", zorder=0, label="frontier")
-    last = None
+    last, labelled = None, []
+    wide, high = (np.ptp(np.log10(v)) or 1.0 for v in (error, speed))
     for i in corners:
         what = names[i] if kinds[i] == "float64" else f"{names[i]} f32"
-        if what != last:
-            text = what if names[i] == "closed" else f"{what}, {steps[i]:.2g} s"
+        here = np.log10(error[i]) / wide, np.log10(speed[i]) / high
+        free = all(abs(here[0] - x) > 0.16 or abs(here[1] - y) > 0.035 for x, y in labelled)
+        if what != last and free:  # one label does not hide another
+            labelled.append(here)
+            text = what if names[i] == "closed" else f"{what}, {steps[i]}"
             axes.annotate(text, (error[i], speed[i]), xytext=(3, 9), textcoords="offset points", fontsize=8, color="#222222")
         last = what
     axes.margins(x=0.06, y=0.12)

@@ -151,7 +151,7 @@ def table(study):
     """Lines of text: for each tolerance the cheapest way, and how much cheaper than rk4 it is."""
     names, upper, cost = study.integrator.values, study.error_state_upper.values, study.ns_per_member.values
     lines = [
-        f"truth: {study.attrs['truth']}, known to {study.attrs['truth_error']:.1e}; {study.attrs['members']} members to {study.attrs['t_end']:g} s"
+        f"truth: {study.attrs['truth']}, known to {study.attrs['truth_error']:.1e}; {study.attrs['members']} member{'s' * (study.attrs['members'] > 1)} to {study.attrs['t_end']:g} s"
     ]
     for tolerance, row in zip(study.tolerance.values, study.cheapest.values, strict=True):
         if row < 0:
