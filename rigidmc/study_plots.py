@@ -94,7 +94,7 @@ def _frontier(axes, error, speed, names, kinds, steps):
         return
     x, y = error[corners], speed[corners]
     axes.step(x, y, where="post", color="#d9d9d9", lw=9, solid_capstyle="round", zorder=0, label="frontier")
-    last, labelled = None, []
+    last, labelled = None, list[tuple[float, float]]()
     wide, high = (np.ptp(np.log10(v)) or 1.0 for v in (error, speed))
     for i in corners:
         what = names[i] if kinds[i] == "float64" else f"{names[i]} f32"
