@@ -29,13 +29,13 @@ class Field(NamedTuple):
 G, D = rm.Gravity(9.81), rm.ViscousDamping(0.1)
 REFUSED = [
     ("exact", (G,), "it is the motion of a free body and takes no torque, but the scene has gravity"),
-    ("closed", (Field(1.0),), "no closed form knows field"),
-    ("strang", (Wind(1.0),), "alternates free motion with kicks, but the torque of wind depends on L and has no flow"),
-    ("rotations", (G, Wind(1.0)), "the torque of wind depends on L"),
+    ("closed", (Field(1.0),), "no closed form knows Field"),
+    ("strang", (Wind(1.0),), "alternates free motion with kicks, but the torque of Wind depends on L and has no flow"),
+    ("rotations", (G, Wind(1.0)), "the torque of Wind depends on L"),
     ("chin4", (G, D), "force gradients are for torques of attitude and time, but viscous_damping depends on L"),
     ("srkn6", (D,), "its steps backwards and its order are for torques of attitude and time, but viscous_damping depends on L"),
     ("aba1064", (G, D), "viscous_damping depends on L"),
-    ("chin4", (Field(1.0),), "it needs the rate of change of torques (torque_rate), which field has not"),
+    ("chin4", (Field(1.0),), "it needs the rate of change of torques (torque_rate), which Field has not"),
 ]
 
 
