@@ -31,7 +31,7 @@ def test_bits_depend_on_the_member_alone(name, tmp_path):
     assert equal(whole.isel(member=slice(100, 150)), rm.simulate(scene, members=range(100, 150)))
     assert equal(whole, rm.simulate(rm.Scene.loads(whole.attrs["scene"])))
     spread = whole.steps.values
-    assert len(np.unique(spread)) > 10  # 76 to 208, measured
+    assert len(np.unique(spread)) > 10  # 25 different ones, 48 to 156
     assert (spread % 4 == 0).all()  # four rounds, one to each save
 
 
@@ -47,7 +47,7 @@ def test_the_order_stays():
     """Errors fall as turn^4."""
     true = rm.simulate(SCENE, integrator="rk8", dt=0.004).omega.values[-1]
     apart = [np.abs(rm.simulate(SCENE, integrator="rk4", turn=t).omega.values[-1] - true).max(0) for t in (0.1, 0.05)]
-    assert np.median(np.log2(apart[0] / apart[1])) == pytest.approx(4.0, abs=0.15)  # 4.00
+    assert np.median(np.log2(apart[0] / apart[1])) == pytest.approx(4.0, abs=0.15)  # 3.99
 
 
 def test_members_err_alike():
@@ -56,8 +56,8 @@ def test_members_err_alike():
     own = rm.simulate(SCENE, integrator="rk4", turn=0.2)
     alike = rm.simulate(SCENE, integrator="rk4", dt=2.5 / round(float(own.steps.mean()) / 4))
     a, b = (np.abs(x.omega.values[-1] - true).max(0) for x in (own, alike))
-    assert a.max() < 0.6 * b.max()  # measured below
-    assert a.max() / np.median(a) < 0.6 * b.max() / np.median(b)
+    assert a.max() < 0.6 * b.max()  # 0.33
+    assert a.max() / np.median(a) < 0.6 * b.max() / np.median(b)  # 0.29
 
 
 def test_rates_bound_omega_for_all_times():
@@ -65,7 +65,7 @@ def test_rates_bound_omega_for_all_times():
     bound = rates(SCENE.effects, block)[:300]
     omega = np.linalg.norm(rm.simulate(SCENE, integrator="rk8", dt=0.02, every=0.1).omega.values, axis=1)
     assert (omega.max(0) <= bound).all()
-    assert np.median(omega.max(0) / bound) > 0.4  # 0.6: not a bound by far
+    assert np.median(omega.max(0) / bound) > 0.4  # 0.56, at most 0.75
     free = rm.Scene(rm.Body.from_moments((1.0, 2.0, 2.5)), (), rm.Start(omega=(3.0, 0.0, 0.0)))
     assert rates((), stage(free, 0, 32, False)[0])[0] == pytest.approx(3.0, rel=1e-15)
 

@@ -32,7 +32,7 @@ def test_every_integrator_has_its_ladder(study):
         assert (np.diff(steps) > 0).all()
         seen = (error < 1e-3) & (error > 1e-11)
         slope = np.polyfit(np.log(steps[seen]), np.log(error[seen]), 1)[0]
-        assert slope == pytest.approx(-order, abs=0.3)  # measured -4.1, -8.2, -4.0
+        assert slope == pytest.approx(-order, abs=0.3)  # -4.00, -7.96, -4.01
     assert rows(study, "rk4", "float32").sizes["row"] > 0
     assert (rows(study, "rk4", "float32").error_state_worst.values > 1e-7).all()
 
@@ -79,7 +79,7 @@ def test_predictions_of_error_hold_for_others(study):
         found = rows(study, name)
         near = int(np.argmin(np.abs(found.steps.values - steps)))
         apart = errors(others, follow(others, name, int(found.steps[near])), true.states)["state"]
-        assert 0.5 < np.quantile(apart, 0.99) / found.error_state_p99.values[near] < 2.0  # 0.9 to 1.3
+        assert 0.5 < np.quantile(apart, 0.99) / found.error_state_p99.values[near] < 2.0  # 0.69, 0.96, 1.21
 
 
 def test_members_of_different_speed_step_on_their_own():
