@@ -90,7 +90,7 @@ def integrators(
 
         costs = {}
         if measure:
-            from rigidmc.choice import step_costs
+            from rigidmc.ways import step_costs
 
             costs = step_costs()
         for name, kind in INTEGRATORS.items():

@@ -9,13 +9,14 @@ import xarray as xr
 
 from rigidmc import __version__
 from rigidmc.ahead import compile_ahead
-from rigidmc.choice import Costs, candidates, check_pilot, ladder
+from rigidmc.choice import check_pilot
 from rigidmc.effects import name_of
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import SceneError, unknown
 from rigidmc.integrators import INTEGRATORS, accepting, refusal
 from rigidmc.pilot import QUANTITIES, ROUNDING, drift_along, growth, pilot, truth, upper_quantile
 from rigidmc.storage.schema import conservation
+from rigidmc.ways import Costs, candidates, ladder
 
 TOLERANCES = tuple(10.0**-k for k in range(3, 13))
 FINEST = 1e-13  # ladders end there: below it is rounding
