@@ -11,6 +11,7 @@ BENCHES = {
     "throughput": "bench.throughput",
     "startup": "bench.startup",
     "memory": "bench.memory",
+    "checks": "bench.checks",
     "accuracy": "bench.accuracy",
     "exact": "bench.exact",
     "tolerance": "bench.tolerance",

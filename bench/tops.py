@@ -58,10 +58,10 @@ def blocks(tops, effects, size=BLOCK):
     return [np.ascontiguousarray(rows[:, low : low + size]) for low in range(0, n, size)]
 
 
-def advance(parts, made, effects, attitude, h, steps, pool, dtype=float):
+def advance(parts, made, effects, attitude, h, steps, pool, dtype=float, limits=()):
     """Move blocks by `steps` steps h of a Form on the threads of a pool, final state only."""
     integrator = as_single(made.integrator) if dtype == np.float32 else made.integrator
-    how = (integrator, made.parts, effects, (), (0.0,) if attitude else (), (), np.empty(0, dtype), ())
+    how = (integrator, made.parts, effects, (), (0.0,) if attitude else (), (), np.empty(0, dtype), (), limits)
     nothing = np.empty(0)
 
     def move(block):
@@ -81,7 +81,7 @@ def advance_own(parts, made, effects, turn, t_end, pool, dtype=float):
         slots = int(block[kernel.STEPS].max())
         order = together(block)
         given = np.take(block, order, axis=1)
-        run_block(Job(0, 0, {}, (*how, (order,)), given, order, np.empty(0), 0, 0, t_end, slots, slots, slots, 1))
+        run_block(Job(0, 0, {}, (*how, (order,), ()), given, order, np.empty(0), 0, 0, t_end, slots, slots, slots, 1))
         block[: kernel.REST, order] = given[: kernel.REST]
 
     for _ in pool.map(move, parts):

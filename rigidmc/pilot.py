@@ -122,7 +122,7 @@ def follow(pilot, integrator, steps, dtype="float64", compensated=False, nudge=0
 
 def _saved(pilot, scene, block, h, slots, steps, stride, dtype="float64", compensated=False, nudge=0.0, seed=0):
     """The States after every `stride` of `steps` slots, and at the end."""
-    made, _ = form_of(scene, h, pilot.carried)
+    made, *_ = form_of(scene, h, pilot.carried)
     effects = tuple(type(e)(*[0.0] * len(e)) for e in scene.effects)
     how = (
         as_single(made.integrator) if dtype == "float32" else made.integrator, made.parts, effects, OBSERVED,
@@ -135,7 +135,7 @@ def _saved(pilot, scene, block, h, slots, steps, stride, dtype="float64", compen
 
     def advance(i, first, last):
         own = () if scene.run.turn is None else (np.arange(parts[i].shape[1]),)
-        kernel.advance(*how, own, parts[i], out, width, i * share, h, slots, first, last, stride, steps)
+        kernel.advance(*how, own, (), parts[i], out, width, i * share, h, slots, first, last, stride, steps)
 
     with ThreadPoolExecutor(len(parts)) as pool:
         for first in range(0, steps, stride if nudge else steps):

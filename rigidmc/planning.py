@@ -12,6 +12,7 @@ from rigidmc.effects.verbs import total_energy_scale
 from rigidmc.engine import kernel
 from rigidmc.errors import SceneError
 from rigidmc.integrators import INTEGRATORS, Turns, form
+from rigidmc.limits import limits
 from rigidmc.observables import OBSERVABLES, rows_of
 from rigidmc.sampling import Distribution, is_shared, rows
 from rigidmc.scene import PILOT
@@ -44,6 +45,18 @@ class Plan(NamedTuple):
     dtype: str  # of the numbers in which steps are made
     compensated: bool  # whether sums keep their remainders
     notes: tuple  # what the user should know
+    limits: Any  # what flags a member, see `rigidmc.limits`
+
+    def bounds(self):
+        """The finite ones of the limits that a scene may set, by their names there."""
+        if not self.limits:
+            return {}
+        lowest = {
+            "energy_limit": self.limits.energy,
+            "momentum_limit": min(self.limits.l2, self.limits.lz),
+            "turn_limit": self.limits.turn,
+        }
+        return {name: value for name, value in lowest.items() if value < math.inf}
 
 
 def steps_and_saves(t_end, dt, every):
@@ -90,15 +103,15 @@ def prepare(scene, threads=1, streaming=False, block=None):
     own, carried = run.turn is not None and run.integrator != "closed", carries_attitude(scene)
     if own:
         steps, dt, stride = rounds(run.t_end, run.every)
-        notes, angle = tuple[str, ...](), run.turn
-    else:
-        steps, dt, stride, notes = steps_and_saves(run.t_end, run.dt, run.every)
-        angle = _angle(scene, dt)
-    if run.integrator == "closed":
+        notes, angle, theta = tuple[str, ...](), run.turn, run.turn
+    elif run.integrator == "closed":
         closed_form(scene, whole_lanes(min(PILOT, run.members)))  # raises where there is none
         steps, dt, stride = rounds(run.t_end, run.every)
-        notes, angle = (), 0.0
-    made, rate = (None, None) if run.integrator == "closed" else form_of(scene, dt, carried)
+        notes, angle, theta = (), 0.0, 0.0
+    else:
+        steps, dt, stride, notes = steps_and_saves(run.t_end, run.dt, run.every)
+        angle, theta = (dt * speed for speed in _speeds(scene, carried))
+    made, rate, spin = (None, None, 0.0) if run.integrator == "closed" else form_of(scene, dt, carried)
     mean = steps * float(np.mean(stage(scene, 0, _pilot(scene), carried, dt)[0][kernel.STEPS])) if own else steps
     # a splitting turns exactly, however fast: it only sees the torque less often
     most = 3.0 if hasattr(INTEGRATORS[run.integrator], "drifts") else 1.0
@@ -113,15 +126,15 @@ def prepare(scene, threads=1, streaming=False, block=None):
             block = min(block, max(kernel.LANES, SLAB // (8 * max(1, values) * len(slots)) // kernel.LANES * kernel.LANES))
     return Plan(
         run.first, run.members, steps, dt, stride, own, mean, np.array(slots) * dt, made, carried, block, _constant(scene), angle, rate,
-        run.dtype, run.compensated, notes,
+        run.dtype, run.compensated, notes, () if made is None else limits(scene, carried, theta, mean, made, spin),
     )  # fmt: skip
 
 
 def form_of(scene, dt, carried):
     """(the Form of a scene's integrator for steps of dt, or of its `turn` in times of at most dt; bound on the rate of free motion where it
-    asks for that, with `turn` of the members' own rate)."""
+    asks for that, with `turn` of the members' own rate; and the turn |omega| dt for which it is then prepared)."""
     run = scene.run
-    kind, rate, turns = INTEGRATORS[run.integrator], None, None
+    kind, rate, turns = INTEGRATORS[run.integrator], None, Turns()
     if hasattr(kind, "prepared"):
         found, spin, symmetric = _turn_rates(scene)
         rate = found if run.turn_rate is None else run.turn_rate
@@ -131,7 +144,7 @@ def form_of(scene, dt, carried):
         if turns.spin > largest:
             rule = f"a step may turn by {turns.spin:.3g} rad, more than the {largest:g} for which {run.integrator} can be solved; "
             raise SceneError("run", key, getattr(run, key), rule + f"use {key} <= {unit * largest / turns.spin:.2g}")
-    return form(kind, turns, carried, scene.effects), rate
+    return form(kind, turns, carried, scene.effects), rate, turns.spin
 
 
 def whole_lanes(count):
@@ -157,13 +170,13 @@ def _pilot(scene):
     return kernel.LANES if alike else max(PILOT, rows(*scene.quantities()) or 0)
 
 
-def _angle(scene, dt):
-    """Largest |omega| dt of the pilot at the start [rad]."""
-    count, seed = _pilot(scene), scene.run.seed
-    which, spin = scene.start.spin(seed, 0, count)
+def _speeds(scene, carried):
+    """(largest |omega| at the start, largest rate) of the pilot [rad/s], see `rigidmc.staging.rates`."""
+    block, _ = stage(scene, 0, _pilot(scene), carried)
     with np.errstate(all="ignore"):
-        x, y, z = spin if which == "omega" else spin / scene.body.sample(seed, 0, count)[0]
-        return float(np.sqrt(np.nanmax(x * x + y * y + z * z))) * dt
+        omega = block[kernel.BODY : kernel.BODY + 3] * block[kernel.MOMENTUM : kernel.REST]
+        found = np.sqrt((omega**2).sum(0)), rates(scene.effects, block)
+    return tuple(float(np.max(x, where=np.isfinite(x), initial=0.0)) for x in found)
 
 
 def _turn_rates(scene):

@@ -50,6 +50,16 @@ class Run(Table):
     turn_rate: (
         Annotated[float, Field(ge=0, description="bound on the rate of free motion [rad/s]; else from the first members")] | None
     ) = None
+    checks: Annotated[bool, Field(description="flag and freeze members beyond the limits below; non-finite ones always are")] = True
+    energy_limit: (
+        Annotated[float, Field(gt=0, description="drift of energy that flags a member; else from integrator and step")] | None
+    ) = None
+    momentum_limit: (
+        Annotated[float, Field(gt=0, description="drift of |L|^2, or of L_z under gravity; else from integrator and step")] | None
+    ) = None
+    turn_limit: (
+        Annotated[float, Field(gt=0, description="|omega| dt that flags a member [rad]; else from the integrator")] | None
+    ) = None
     every: Annotated[float, Field(gt=0, description="time between saves [s]; without it first and last")] | None = None
     save: tuple[str, ...] = ("omega",)
 

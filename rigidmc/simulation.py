@@ -37,7 +37,7 @@ class Job(NamedTuple):
     start: dict
     how: (
         tuple | None
-    )  # None where nothing is left to do; integrator, parts, effects, observables, attitude, compensated, precision, own
+    )  # None where nothing is left to do; integrator, parts, effects, observables, attitude, compensated, precision, own, limits
     block: np.ndarray
     order: np.ndarray | None  # in which the block has the members, where they have steps of their own
     out: np.ndarray
@@ -53,6 +53,7 @@ class Job(NamedTuple):
 def simulate(
     scene, integrator=None, dt=None, t_end=None, members=None, seed=None, every=None, save=None,
     threads=None, progress=False, output=None, force=False, block=None, tolerance=None, dtype=None, compensated=None, turn=None,
+    checks=None,
 ):  # fmt: skip
     """Integrate an ensemble and return an xarray Dataset with dimensions member, time, axis, quat.
 
@@ -70,11 +71,12 @@ def simulate(
     save : names of observables, e.g. ("omega", "attitude", "energy")
     threads : default one per core that the process may use
     progress : True for a bar on a terminal (lines elsewhere), or a function of (done, total) member-steps
+    checks : False to flag non-finite members only, not those that drift or spin beyond the limits of `rigidmc.limits`
     output : write this netCDF file block by block, in memory that does not grow, and open it lazily; `force` replaces one that is there
     block : members of a block, a multiple of 32; no result depends on it
 
-    Raises SceneError for a scene that cannot be run, OutputExists for an output that is there. Members that turn non-finite are
-    flagged in `status` and frozen at their last good state; the others do not change by a bit.
+    Raises SceneError for a scene that cannot be run, OutputExists for an output that is there. Members that turn non-finite, drift
+    or spin too fast for the step are flagged in `status` and frozen at their last good state; the others do not change by a bit.
     """
     first = None
     if isinstance(members, range):
@@ -91,7 +93,15 @@ def simulate(
     numbers["tolerance"] = tolerance if tolerance is None else quantity(tolerance, "run", "tolerance")
     integrator = "auto" if tolerance is not None and integrator is None else integrator
     scene = scene.with_run(
-        integrator=integrator, first=first, members=members, seed=seed, save=save, dtype=dtype, compensated=compensated, **numbers
+        integrator=integrator,
+        first=first,
+        members=members,
+        seed=seed,
+        save=save,
+        dtype=dtype,
+        compensated=compensated,
+        checks=checks,
+        **numbers,
     )
     threads = _threads(threads)
     if output is not None:
@@ -132,7 +142,12 @@ def run(scene, plan, threads, progress=False, output=None, force=False, chosen=N
         for code, count in enumerate(np.bincount(status, minlength=len(kernel.STATUSES))):
             flagged[list(kernel.STATUSES)[code]] += int(count)
         drift = {"energy_drift_max": rows[kernel.DRIFT], "l2_drift_max": rows[kernel.DRIFT + 1]}
-        sink.take(job, {**drift, "status": status, "steps": rows[kernel.STEPS] * plan.steps, **job.start})
+        seen, found = rows[kernel.FAULT_STEP], rows[kernel.STATUS] > 0.0
+        faults = {
+            "status_step": np.where(found, seen, -1.0),
+            "status_time": np.where(found, seen * (plan.dt / rows[kernel.STEPS]), np.nan),
+        }
+        sink.take(job, {**drift, **faults, "status": status, "steps": rows[kernel.STEPS] * plan.steps, **job.start})
 
     began = time.perf_counter()
     with reporter(progress, plan.members, plan.steps) as report:
@@ -205,7 +220,7 @@ def _job(scene, plan, first, count, block, start, out, width, column):
     if plan.own:
         order = together(block)
         block, own = np.take(block, order, axis=1), (order,)  # block[:, order] would lie the other way round: another kernel
-    how = (integrator, plan.form.parts, effects, observables, attitude, compensated, precision, own)
+    how = (integrator, plan.form.parts, effects, observables, attitude, compensated, precision, own, tuple(plan.limits))
     slots = int(block[kernel.STEPS].max(initial=1.0)) if plan.own else 1
     return Job(
         first,

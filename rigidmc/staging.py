@@ -35,7 +35,7 @@ def stage(scene, first, count, carried, span=None):
             start["start_euler"] = draw(scene.start.attitude, seed, "start.attitude", first, count)
     block[kernel.MOMENTUM : kernel.REST] = spin * moments if which == "omega" else spin
     bad = broken(moments) | ~(mass > 0)
-    block[kernel.STATUS, bad] = kernel.STATUSES["invalid_body"]
+    block[kernel.STATUS, bad] = kernel.STATUSES["invalid_input"]
     with np.errstate(all="ignore"):
         block[kernel.BODY : kernel.EFFECTS] = MassProperties.of(tuple(moments), tuple(mass * centre))
     for i, (_, values) in enumerate(effects):

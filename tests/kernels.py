@@ -42,7 +42,8 @@ def slots(total, stride):
 
 
 def run(
-    block, made, effects, h, steps, observables=(), stride=None, attitude=True, cuts=(), compensated=False, dtype=float, slots_each=None
+    block, made, effects, h, steps, observables=(), stride=None, attitude=True, cuts=(), compensated=False, dtype=float, slots_each=None,
+    limits=(),
 ):  # fmt: skip
     """Change the block in place, `steps` steps further on; the saves as an array (slot, value row, member).
 
@@ -65,6 +66,7 @@ def run(
         kept,
         np.empty(0, dtype),
         (np.arange(block.shape[1]),) if slots_each else (),
+        limits,
     )
     for first, last in pairwise([0, *cuts, steps]):
         K.advance(*how, block, out, width, 0, float(h), slots_each or 1, first, last, stride, steps)

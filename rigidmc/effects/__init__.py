@@ -5,6 +5,8 @@
     kick(self, [body, t, h, q, l])         L after its exact flow over h; needed by splittings where the torque depends on L
     torque_rate(self, [body, t, q, w])     rate of change of the torque while the body turns with w; needed by chin4
 
+Facts: units, limits (of parameters), keeps_lz (whether L_z is conserved under it).
+
 Each names just the arguments that it depends on (see `rigidmc.dynamics.methods`).
 """
 

@@ -19,6 +19,7 @@ class Gravity(NamedTuple):
     g: float
 
     units = {"g": "m s-2"}
+    keeps_lz = True
     limits = {"g": (-math.inf, math.inf)}
 
     def torque(self, body, q):

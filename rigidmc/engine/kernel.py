@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 
-from rigidmc.dynamics.euler import MassProperties, kinetic_energy
-from rigidmc.dynamics.so3 import dot, scale, select, select3, select4
+from rigidmc.dynamics.euler import MassProperties, angular_velocity, kinetic_energy
+from rigidmc.dynamics.so3 import dot, scale, select, select3, select4, up
 from rigidmc.effects.verbs import total_energy, total_energy_scale
 from rigidmc.engine.compose import inline, read, read_all
 from rigidmc.engine.entries import Compiled
@@ -21,11 +21,29 @@ LANES = 32  # 16 to 128 differ by under 3 %; small means little padding
 LOOK = 32  # steps between two looks at drift and health: a look each step costs 20 to 25 % of rk4, every 16th up to 5 %
 
 # rows of a block
-ATTITUDE, MOMENTUM, REST, START, DRIFT, STATUS, GOOD_STEP, GOOD, STEPS, BODY, EFFECTS = 0, 4, 7, 14, 18, 20, 21, 22, 29, 30, 39
-STATUSES = {"ok": 0, "non_finite": 1, "invalid_body": 2}  # the STATUS row; what is not ok on entry stays frozen from the start
+ATTITUDE, MOMENTUM, REST, START, DRIFT, STATUS, GOOD_STEP, FAULT_STEP, GOOD, STEPS, BODY, EFFECTS = (
+    0,
+    4,
+    7,
+    14,
+    21,
+    23,
+    24,
+    25,
+    26,
+    33,
+    34,
+    43,
+)
+# the STATUS row: the first thing that went wrong; what is not ok on entry stays frozen from the start
+STATUSES = {
+    "ok": 0, "non_finite": 1, "invalid_input": 2, "energy_drift": 3, "momentum_drift": 4, "step_too_large": 5, "off_unit_quaternion": 6,
+}  # fmt: skip
 # Rows of what a step reads and writes, in the precision of the run: attitude 0, momentum 4, body, remainders, effects. Rows 16 apart are
 # 4096 bytes apart, where a load waits for a store that it does not depend on: with the body on rows 16 to 22 rk4 was 12 % slower.
 _BODY_AT, _REST_AT, _STEP_AT, _STEPS_AT, _EFFECTS_AT = 7, 16, 23, 24, 25
+# Rows of the workspace of looks, which is a block's but for these before the effects: the true state, energy and |L|^2, what was found.
+_TRUE, _ENERGY, _FOUND, _PRESENT = EFFECTS, EFFECTS + 7, EFFECTS + 9, EFFECTS + 10
 
 
 def four_at(work, k, row):
@@ -112,13 +130,24 @@ def seen(own, work, k, now, slots, share, h):
     return now // slots * h + (made + share) * step, step, now // slots * each + made
 
 
-for _function in (four_at, three_at, put, record, state_at, keep, put_state, place, clock, seen):
+def fault(limits, start, scales, q, l, omega, h, energy, squared):
+    """The status of a finite member: 0, or the first of the limits that it exceeds; scales = (1/energies in play, L_z(0), 1/largest |L|)."""
+    w = scale(h, omega)
+    drift, drift2 = abs((energy - start[0]) * scales[0]), abs((squared - start[2]) * start[3])
+    drift_z = abs((dot(up(q), l) - scales[1]) * scales[2])
+    found = select(drift2 > limits[1], 4.0, select(drift_z > limits[2], 4.0, 0.0))
+    found = select(drift > limits[0], 3.0, found)
+    found = select(dot(w, w) > limits[3] * limits[3], 5.0, found)
+    return select(abs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1.0) > limits[4], 6.0, found)
+
+
+for _function in (four_at, three_at, put, record, state_at, keep, put_state, place, clock, seen, fault):
     inline(_function)
 _BODY = MassProperties(*[0.0] * 9)
 
 
 def _advance(
-    integrator, parts, effects, observables, attitude, compensated, precision, own, block, out, width, column, h, slots, first, last,
+    integrator, parts, effects, observables, attitude, compensated, precision, own, limits, block, out, width, column, h, slots, first, last,
     stride, total,
 ):  # fmt: skip
     """Take every member of a block from step `first` to step `last` of `total`.
@@ -128,6 +157,9 @@ def _advance(
     compensated : (0.0,) where sums keep their remainders, else ()
     precision : an empty array of the type of number in which steps are made; starts, drifts and saves are float64 always
     own : () where all members make the same steps; else (order,): member i of the block has its values at column order[i]
+    limits : () where only non-finite members are flagged; else what else flags them, inf where a scene has no such law: drift of energy
+        (of the energies in play), of |L|^2 (of its size) and of L_z (of the largest |L| that the energies allow), |omega| h [rad],
+        and ||q|^2 - 1|
     block : (rows, n) as above, changed in place; n a multiple of LANES. Between calls it holds the state as the integrator keeps it
         between steps (`opened`), after step `total` the true one
     out : flat; value row r of save slot s of member m goes to out[(s*R + r)*width + column + m], R = value rows in all
@@ -136,39 +168,61 @@ def _advance(
     """
     rows, members = block.shape
     real = precision.dtype.type
-    work = np.empty(rows * LANES)
+    work = np.empty((rows + _PRESENT - EFFECTS) * LANES)
     state = np.empty((_EFFECTS_AT + rows - EFFECTS) * LANES, precision.dtype)
     saves = (total + stride - 1) // stride
     size = out.size // (width * (saves + 1)) if width > 0 else 0
     lead = (parts[0, 0], parts[0, 1], parts[0, 2])
     for low in range(0, members, LANES):
         for i in range(rows):
+            at = i if i < EFFECTS else i - EFFECTS + _PRESENT
             for k in range(LANES):
-                work[i * LANES + k] = block[i, low + k]
+                work[at * LANES + k] = block[i, low + k]
         if first == 0:
             for k in range(LANES):
-                body, present = read(_BODY, work, BODY, k, LANES), read_all(effects, work, EFFECTS, k, LANES)
+                body, present = read(_BODY, work, BODY, k, LANES), read_all(effects, work, _PRESENT, k, LANES)
                 q, l = four_at(work, k, ATTITUDE), three_at(work, k, MOMENTUM)
                 kinetic = kinetic_energy(body, l)
                 energy, squared = kinetic + total_energy(present, body, q), dot(l, l)
-                compared = max(abs(energy), 1e-3 * (kinetic + total_energy_scale(present, body)))
+                in_play = kinetic + total_energy_scale(present, body)
+                compared = max(abs(energy), 1e-3 * in_play)
                 finite = 0.0 * (energy + squared + q[0] + q[1] + q[2] + q[3]) == 0.0
-                healthy = finite & (work[STATUS * LANES + k] == 0.0)
                 work[START * LANES + k] = energy
                 work[(START + 1) * LANES + k] = 1.0 / (compared if compared > 0.0 else 1.0)
                 work[(START + 2) * LANES + k] = squared
                 work[(START + 3) * LANES + k] = 1.0 / (squared if squared > 0.0 else 1.0)
+                work[(START + 4) * LANES + k] = 1.0 / (in_play if in_play > 0.0 else 1.0)
+                work[_FOUND * LANES + k] = 0.0 if finite else 1.0
+            if len(limits) > 0:  # in loops of their own: what is computed beside the state may change how the compiler rounds it
+                for k in range(LANES):
+                    body = read(_BODY, work, BODY, k, LANES)
+                    q, l = four_at(work, k, ATTITUDE), three_at(work, k, MOMENTUM)
+                    _, dt, _ = seen(own, work, k, 0, slots, parts[0, 3], h)
+                    start, in_play = four_at(work, k, START), work[(START + 4) * LANES + k]
+                    largest = math.sqrt(2.0 / (in_play * min(body.i1, body.i2, body.i3)))
+                    work[(START + 5) * LANES + k] = dot(up(q), l)
+                    work[(START + 6) * LANES + k] = 1.0 / (largest if largest > 0.0 else 1.0)
+                    scales = three_at(work, k, START + 4)
+                    fast = fault(
+                        limits, start, (scales[0], scales[1], 0.0), q, l, angular_velocity(body, l), dt, start[0], start[2]
+                    )
+                    work[_FOUND * LANES + k] = fast if work[_FOUND * LANES + k] == 0.0 else 1.0
+            for k in range(LANES):
+                status = work[STATUS * LANES + k]
+                status = select(status == 0.0, work[_FOUND * LANES + k], status)
+                healthy = status == 0.0
                 work[DRIFT * LANES + k] = 0.0 if healthy else math.nan
                 work[(DRIFT + 1) * LANES + k] = 0.0 if healthy else math.nan
-                work[STATUS * LANES + k] = max(work[STATUS * LANES + k], 0.0 if finite else 1.0)
+                work[STATUS * LANES + k] = status
                 work[GOOD_STEP * LANES + k] = 0.0
+                work[FAULT_STEP * LANES + k] = -1.0 if healthy else 0.0
             if size > 0:
                 for k in range(LANES):
-                    body, present = read(_BODY, work, BODY, k, LANES), read_all(effects, work, EFFECTS, k, LANES)
+                    body, present = read(_BODY, work, BODY, k, LANES), read_all(effects, work, _PRESENT, k, LANES)
                     q, l = four_at(work, k, ATTITUDE), three_at(work, k, MOMENTUM)
                     record(observables, body, present, 0.0, q, l, four_at(work, k, START), out, column + place(own, low + k), width)
             for k in range(LANES):
-                body, present = read(_BODY, work, BODY, k, LANES), read_all(effects, work, EFFECTS, k, LANES)
+                body, present = read(_BODY, work, BODY, k, LANES), read_all(effects, work, _PRESENT, k, LANES)
                 q, l = four_at(work, k, ATTITUDE), three_at(work, k, MOMENTUM)
                 put(q, work, GOOD * LANES + k, LANES)
                 put(l, work, (GOOD + 4) * LANES + k, LANES)
@@ -188,7 +242,7 @@ def _advance(
             )
             if i < START or i >= BODY:
                 for k in range(LANES):
-                    state[at * LANES + k] = work[i * LANES + k]
+                    state[at * LANES + k] = work[(i if i < EFFECTS else i - EFFECTS + _PRESENT) * LANES + k]
         busy, unit = 1.0, h  # steps of the member that makes most in a round; what the parts are given in
         if len(own) > 0:
             unit = 1.0
@@ -224,24 +278,45 @@ def _advance(
                     for i in range(REST):
                         for k in range(LANES):
                             work[i * LANES + k] += state[(_REST_AT + i) * LANES + k]
-                for k in range(LANES):  # look: drift, and a member that turned non-finite goes back to its last good state
-                    body, present = read(_BODY, work, BODY, k, LANES), read_all(effects, work, EFFECTS, k, LANES)
+                for k in range(LANES):  # look
+                    body, present = read(_BODY, work, BODY, k, LANES), read_all(effects, work, _PRESENT, k, LANES)
                     q, l = four_at(work, k, ATTITUDE), three_at(work, k, MOMENTUM)
-                    good_q, good_l = four_at(work, k, GOOD), three_at(work, k, GOOD + 4)
-                    t, dt, made = seen(own, work, k, now, slots, parts[0, 3], h)
+                    t, dt, _ = seen(own, work, k, now, slots, parts[0, 3], h)
                     true_q, true_l = closed(integrator, body, present, t, scale(dt, lead), q, l)
                     energy, squared = kinetic_energy(body, true_l) + total_energy(present, body, true_q), dot(true_l, true_l)
                     finite = 0.0 * (energy + squared + q[0] + q[1] + q[2] + q[3]) == 0.0
-                    healthy = finite & (work[STATUS * LANES + k] == 0.0)
-                    start = four_at(work, k, START)
+                    put(true_q, work, _TRUE * LANES + k, LANES)
+                    put(true_l, work, (_TRUE + 4) * LANES + k, LANES)
+                    work[_ENERGY * LANES + k], work[(_ENERGY + 1) * LANES + k] = energy, squared
+                    work[_FOUND * LANES + k] = 0.0 if finite else 1.0
+                if len(limits) > 0:
+                    for k in range(LANES):
+                        body, q, l = read(_BODY, work, BODY, k, LANES), four_at(work, k, _TRUE), three_at(work, k, _TRUE + 4)
+                        _, dt, _ = seen(own, work, k, now, slots, parts[0, 3], h)
+                        energy, squared = work[_ENERGY * LANES + k], work[(_ENERGY + 1) * LANES + k]
+                        start, scales = four_at(work, k, START), three_at(work, k, START + 4)
+                        status = fault(limits, start, scales, q, l, angular_velocity(body, l), dt, energy, squared)
+                        work[_FOUND * LANES + k] = status if work[_FOUND * LANES + k] == 0.0 else 1.0
+                for k in range(LANES):  # drifts so far; a member that is not ok stays at its last good state
+                    start, before, now_found = four_at(work, k, START), work[STATUS * LANES + k], work[_FOUND * LANES + k]
+                    energy, squared = work[_ENERGY * LANES + k], work[(_ENERGY + 1) * LANES + k]
+                    _, _, made = seen(own, work, k, now, slots, parts[0, 3], h)
                     drift, drift2 = abs((energy - start[0]) * start[1]), abs((squared - start[2]) * start[3])
+                    was, counted = before == 0.0, (before == 0.0) & (now_found != 1.0)  # the drift that flagged a member is told
+                    healthy = was & (now_found == 0.0)
                     old, old2 = work[DRIFT * LANES + k], work[(DRIFT + 1) * LANES + k]
-                    work[DRIFT * LANES + k] = (drift if drift > old else old) if healthy else old
-                    work[(DRIFT + 1) * LANES + k] = (drift2 if drift2 > old2 else old2) if healthy else old2
-                    work[STATUS * LANES + k] = max(work[STATUS * LANES + k], 0.0 if finite else 1.0)
+                    work[DRIFT * LANES + k] = (drift if drift > old else old) if counted else old
+                    work[(DRIFT + 1) * LANES + k] = (drift2 if drift2 > old2 else old2) if counted else old2
+                    work[STATUS * LANES + k] = now_found if was else before
                     work[GOOD_STEP * LANES + k] = made if healthy else work[GOOD_STEP * LANES + k]
-                    put(select4(healthy, true_q, good_q), work, GOOD * LANES + k, LANES)
-                    put(select3(healthy, true_l, good_l), work, (GOOD + 4) * LANES + k, LANES)
+                    work[FAULT_STEP * LANES + k] = made if was & (now_found > 0.0) else work[FAULT_STEP * LANES + k]
+                    put(select4(healthy, four_at(work, k, _TRUE), four_at(work, k, GOOD)), work, GOOD * LANES + k, LANES)
+                    put(
+                        select3(healthy, three_at(work, k, _TRUE + 4), three_at(work, k, GOOD + 4)),
+                        work,
+                        (GOOD + 4) * LANES + k,
+                        LANES,
+                    )
                 for i in range(REST):
                     for k in range(LANES):
                         frozen, good = work[STATUS * LANES + k] > 0.0, real(work[(GOOD + i) * LANES + k])
@@ -251,7 +326,7 @@ def _advance(
                 at = saves if now == total else now // stride
                 base = at * size * width + column
                 for k in range(LANES):
-                    body, present = read(_BODY, work, BODY, k, LANES), read_all(effects, work, EFFECTS, k, LANES)
+                    body, present = read(_BODY, work, BODY, k, LANES), read_all(effects, work, _PRESENT, k, LANES)
                     q, l = four_at(work, k, GOOD), three_at(work, k, GOOD + 4)
                     record(
                         observables,
@@ -275,7 +350,7 @@ def _advance(
                     work[i * LANES + k] = work[(GOOD + i) * LANES + k]
         for i in range(rows):
             for k in range(LANES):
-                block[i, low + k] = work[i * LANES + k]
+                block[i, low + k] = work[(i if i < EFFECTS else i - EFFECTS + _PRESENT) * LANES + k]
 
 
 _compiled = Compiled(_advance)

@@ -26,6 +26,7 @@ class RKMK4(NamedTuple):
     conserves = ("|q|",)
     accepts = "any torque"
     compensated = True
+    largest_turn = 2.0
 
     def step(self, body, effects, t, h, q, l):
         state, momentum = q, l
@@ -64,6 +65,7 @@ class CF4(NamedTuple):
     conserves = ("|q|",)
     accepts = "any torque"
     compensated = True
+    largest_turn = 2.0
 
     def step(self, body, effects, t, h, q, l):
         state, momentum = q, l
@@ -108,6 +110,7 @@ class CK45(NamedTuple):
     conserves = ("|q|",)
     accepts = "any torque"
     compensated = True
+    largest_turn = 2.0
 
     def step(self, body, effects, t, h, q, l):
         at, now = whole(q), whole(l)

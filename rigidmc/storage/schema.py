@@ -22,11 +22,16 @@ class Variable(NamedTuple):
 
 
 def conservation(scene):
-    """{"energy": "yes" or the reason why not, "l2": ...} by the physics of the scene."""
+    """{"energy": "yes" or the reason why not, "l2": ..., "lz": ...} by the physics of the scene."""
     lossy = [name_of(e) for e in scene.effects if not getattr(e, "conservative", hasattr(e, "energy"))]
     kept = "yes" if not lossy else f"no: {', '.join(lossy)} changes the energy"
     torques = [name_of(e) for e in scene.effects]
-    return {"energy": kept, "l2": "yes" if not torques else f"no: {', '.join(torques)} changes the angular momentum"}
+    turning = [name_of(e) for e in scene.effects if not getattr(e, "keeps_lz", False)]
+    changed = {"l2": (torques, "the angular momentum"), "lz": (turning, "L_z")}
+    return {
+        "energy": kept,
+        **{k: "yes" if not who else f"no: {', '.join(who)} changes {what}" for k, (who, what) in changed.items()},
+    }
 
 
 def coordinates(plan):
@@ -67,10 +72,21 @@ def member_variables(scene, carried):
             ("member",),
             "i1",
             {
-                "long_name": "health of the member; one that is not ok is frozen at its last good state",
+                "long_name": "health of the member; one that is not ok is frozen at its last good state, seen at the look before",
                 "flag_values": np.array(list(STATUSES.values()), "i1"),
                 "flag_meanings": " ".join(STATUSES),
             },
+        ),
+        "status_step": Variable(
+            ("member",),
+            "i8",
+            {
+                "long_name": f"steps made when a member was found not to be ok, at most {LOOK} after it happened; -1 for those that are",
+                "units": "1",
+            },
+        ),
+        "status_time": Variable(
+            ("member",), "f8", {"units": "s", "long_name": "time at which a member was found not to be ok; nan for those that are"}
         ),
         "moments": Variable(
             ("axis", "member"), "f8", {"units": "kg m2", "long_name": "principal moments of inertia about the fixed point"}
@@ -104,8 +120,8 @@ def attributes(scene, plan):
     """Global attributes; the scene's TOML and the member range are enough to run it again to the same bits."""
     # of arrays, the file keeps the rows of its own members only: what was chosen by looking at all of them is written down
     partial = rows(*scene.quantities()) not in (None, plan.members)
-    rate = plan.turn_rate if partial else None
-    resolved = scene.with_run(turn_rate=rate) if plan.own else scene.with_run(dt=plan.dt, turn_rate=rate)
+    looked = {"turn_rate": plan.turn_rate, **plan.bounds()} if partial else {}
+    resolved = scene.with_run(**looked, **({} if plan.own else {"dt": plan.dt}))
     steps = {"turn": scene.run.turn} if plan.own else {"dt": plan.dt, "steps": plan.steps}
     return {
         "Conventions": "CF-1.11",
@@ -118,6 +134,7 @@ def attributes(scene, plan):
         **steps,
         "dtype": plan.dtype,
         "compensated": int(plan.compensated),
+        **plan.bounds(),
         "parts_per_step": len(plan.form.parts) - 1 if plan.form else 0,
     }
 

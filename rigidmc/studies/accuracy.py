@@ -10,7 +10,6 @@ import xarray as xr
 from rigidmc import __version__
 from rigidmc.ahead import compile_ahead
 from rigidmc.choice import check_pilot
-from rigidmc.effects import name_of
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import SceneError, unknown
 from rigidmc.integrators import INTEGRATORS, accepting, refusal
@@ -221,13 +220,12 @@ def long_drift(scene, integrators=None, steps=1_000_000, dt=None, members=64, pr
         variables[f"{quantity}_law"] = ("integrator", np.array([law for law, _ in fits], dtype=object))
         variables[f"{quantity}_power"] = ("integrator", np.array([power for _, power in fits]))
     kept = conservation(scene)
-    lz = "yes" if kept["energy"] == "yes" and all(name_of(e) == "gravity" for e in scene.effects) else "no"
     attrs: dict[str, Any] = {
         "title": scene.title,
         "scene": scene.dumps(),
         "dt": dt,
         "members": found.members,
-        "lz_conserved": lz if found.carried else "no: no attitude",
+        "lz_conserved": kept["lz"] if found.carried else "no: no attitude",
     }
     attrs |= {f"{name}_conserved": "yes" if kept[name] == "yes" else kept[name] for name in ("energy", "l2")}
     return xr.Dataset(variables, {"integrator": np.array(names, dtype=object), "step": at}, attrs)

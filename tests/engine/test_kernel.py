@@ -57,7 +57,7 @@ def in_blocks(size, threads):
 
     def work(i):
         K.advance(
-            *RK4, EFFECTS, EVERYTHING, (0.0,), (), NOTHING, (), parts[i], out, MEMBERS, i * size, H, 1, 0, TOTAL, STRIDE, TOTAL
+            *RK4, EFFECTS, EVERYTHING, (0.0,), (), NOTHING, (), (), parts[i], out, MEMBERS, i * size, H, 1, 0, TOTAL, STRIDE, TOTAL
         )
 
     with ThreadPoolExecutor(threads) as pool:
@@ -178,14 +178,14 @@ def test_sick_members_are_flagged_and_frozen_and_harm_nobody():
     sick[K.BODY : K.EFFECTS, growing] = [1.0] * 3 + [0.0] * 6  # a free sphere under negative damping
     sick[K.EFFECTS + 1, growing] = -50.0
     sick[K.MOMENTUM : K.REST, growing] *= 1e-30  # which takes 150 steps to turn it too fast
-    sick[K.STATUS, invalid] = K.STATUSES["invalid_body"]
+    sick[K.STATUS, invalid] = K.STATUSES["invalid_input"]
     before = sick.copy()
     run(healthy, RK4, EFFECTS, H, steps, EVERYTHING, 50)
     out = run(sick, RK4, EFFECTS, H, steps, EVERYTHING, 50)
     others = np.setdiff1d(np.arange(members), [nan, inf, growing, invalid])
     assert same(np.ascontiguousarray(sick[:, others]), np.ascontiguousarray(healthy[:, others]))
     assert not sick[K.STATUS, others].any()
-    assert sick[K.STATUS, [nan, inf, growing, invalid]].tolist() == [K.STATUSES[s] for s in ["non_finite"] * 3 + ["invalid_body"]]
+    assert sick[K.STATUS, [nan, inf, growing, invalid]].tolist() == [K.STATUSES[s] for s in ["non_finite"] * 3 + ["invalid_input"]]
     for m in (nan, inf, invalid):
         assert same(sick[:7, m], before[:7, m])  # as they came
         assert sick[K.GOOD_STEP, m] == 0

@@ -1,0 +1,66 @@
+"""What the status checks cost: the same tops with all limits and with none, interleaved; and that no bit of a good member changes."""
+
+import math
+
+import numpy as np
+
+from bench import harness, tops
+from rigidmc.effects import Gravity
+from rigidmc.engine import kernel
+from rigidmc.engine.machine import threads_available
+from rigidmc.integrators import INTEGRATORS, Turns, form
+from rigidmc.limits import Limits
+
+MEMBERS, STEPS, H = 65536, 1000, 0.01
+FREE, HEAVY = (), (Gravity(tops.GRAVITY),)
+CASES = (
+    ("rk4", FREE, True),
+    ("rk4", FREE, False),
+    ("rk4", HEAVY, True),
+    ("exact", FREE, True),
+    ("rk8", HEAVY, True),
+    ("strang", HEAVY, True),
+)
+
+
+def run(quick):
+    """All rows of the bench."""
+    ensemble, pool, rows = tops.random_tops(MEMBERS), tops.pool(threads_available()), []
+    for name, effects, attitude in CASES:
+        made = form(INTEGRATORS[name], Turns(0.1), attitude, effects)
+        with_all = tuple(Limits(0.05, math.inf if effects else 0.05, 0.05 if effects and attitude else math.inf, math.pi, 1e-9))
+        ends = {}
+
+        def advance(word, limits, made=made, effects=effects, attitude=attitude, ends=ends):
+            def move(parts):
+                tops.advance(parts, made, effects, attitude, H, STEPS, pool, limits=limits)
+                ends[word] = parts
+
+            return lambda: tops.blocks(ensemble, effects), move
+
+        cpu = {}
+        field = {"with": advance("with", with_all), "without": advance("without", ())}
+        seconds = harness.interleaved(field, 5 if quick else 21, cpu)
+        rest = [np.concatenate([part[: kernel.REST] for part in ends[word]], axis=1) for word in field]
+        flagged = sum(int(part[kernel.STATUS].any()) for part in ends["with"])
+        assert not flagged, f"{name}: members of the bench are flagged"
+        assert np.array_equal(*rest), f"{name}: the checks changed bits"
+        what = f"{name} {'heavy' if effects else 'free'}{'' if attitude else ', momentum only'}"
+        wall, busy = (100.0 * (harness.ratio(s["with"], s["without"]) - 1.0) for s in (seconds, cpu))
+        rows.append(
+            {"kind": "cost", "what": what, "wall_percent": wall, "cpu_percent": busy, "seconds": seconds, "cpu_seconds": cpu}
+        )
+    worst = max(rows, key=lambda row: row["cpu_percent"])
+    return [
+        *rows,
+        harness.target(
+            f"cost of the status checks, worst ({worst['what']}), CPU seconds", 2.0, worst["cpu_percent"], "%", at_most=True
+        ),
+    ]
+
+
+def report(rows):
+    """Print the tables."""
+    cells = [(r["what"], f"{r['cpu_percent']:+.2f} %", f"{r['wall_percent']:+.2f} %") for r in rows if r["kind"] == "cost"]
+    harness.table("status checks, with against without", ["tops", "CPU seconds", "wall"], cells)
+    harness.report_targets(rows)

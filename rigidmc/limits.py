@@ -1,0 +1,63 @@
+"""What flags a member: bounds on its drifts and on how far a step may turn it, by default from integrator, step and number of steps."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from rigidmc.integrators import INTEGRATORS
+from rigidmc.integrators.drifts import PANEL_TURN, Exact, Split
+from rigidmc.storage.schema import conservation
+
+COARSE = 0.05  # drift of energy or momentum that is never taken for a result, whatever the step
+PLANNED = 3.0  # a drift is right to 1e-11 for a member that spins so many times faster than what it was prepared for
+
+
+class Limits(NamedTuple):
+    """Bounds of a run, as `rigidmc.engine.kernel.advance` takes them; inf where there is none.
+
+    energy : |E - E(0)| of the energies in play;  l2 : of |L|^2, of its size;  lz : of L_z, of the largest |L| that the energies allow
+    turn : |omega| h [rad];  norm : ||q|^2 - 1|
+    """
+
+    energy: float
+    l2: float
+    lz: float
+    turn: float
+    norm: float
+
+
+def limits(scene, carried, theta, steps, made=None, spin=0.0):
+    """The Limits of a scene, or () where nothing but non-finite members is to be flagged (checks = false).
+
+    carried : whether the attitude is: without it nobody sees L_z
+    theta : how far the fastest member of the pilot moves in a step [rad];  steps : to the end;  made, spin : the Form of the integrator, and the
+        turn [rad] of a step that it was prepared for
+
+    A drift that is not bounded by the scene (energy_limit, momentum_limit) may reach steps * theta^(order + 1), 30 to 1e4 times what the
+    shipped integrators make of it, at least 5e6 + 50 steps roundings, at most 0.05. A step may turn a member by the integrator's `largest_turn`
+    (turn_limit), pi where it has none; by more it is aliased or divergent. The exact free motion has no such limit, but that it was prepared
+    for the spins of the pilot.
+    """
+    run = scene.run
+    if not run.checks:
+        return ()
+    kind, kept = INTEGRATORS[run.integrator], conservation(scene)
+    rounding = float(np.finfo(run.dtype).eps) * (5e6 + 50.0 * steps)
+    with np.errstate(over="ignore"):
+        error = 0.0 if kind.order == math.inf or not theta < 1.0 else steps * theta ** (kind.order + 1)
+    allowed = COARSE if theta >= 1.0 and kind.order < math.inf else min(COARSE, max(error, rounding))
+    drift = getattr(getattr(made, "integrator", None), "drift", None)
+    largest = getattr(kind, "largest_turn", math.pi if drift is None or isinstance(drift, Split) else math.inf)
+    if isinstance(drift, Exact):
+        largest = PLANNED * max(spin, PANEL_TURN)
+    bounds = {
+        "energy": allowed if run.energy_limit is None else run.energy_limit,
+        "l2": allowed if run.momentum_limit is None else run.momentum_limit,
+    }
+    bounds["lz"] = bounds["l2"]
+    for name in bounds:
+        if kept[name] != "yes" or (name == "lz" and not carried):
+            bounds[name] = math.inf
+    norm = 1e-9 if run.dtype == "float64" else 1e-3
+    return Limits(**bounds, turn=largest if run.turn_limit is None else run.turn_limit, norm=norm)

@@ -1,0 +1,149 @@
+"""What flags a member: each fault in one member among many, found when it happens, and no bit of the others changed."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+import rigidmc as rm
+from rigidmc.engine import kernel as K
+from rigidmc.integrators import INTEGRATORS
+from rigidmc.limits import Limits
+from tests.kernels import block_of, prepare, run
+from tests.problems import PROBLEMS
+
+FREE, HEAVY = PROBLEMS["hairer_free"], (rm.Gravity(1.0),)
+TIGHT = Limits(1e-6, 1e-6, math.inf, 2.0, 1e-9)
+STEPS, H, SICK = 320, 0.02, 7
+rng = np.random.default_rng(0)
+BODY = rm.Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.2, 0.3))
+SPINS = rng.normal(size=(64, 3))
+
+
+def block():
+    return block_of([FREE] * 32)
+
+
+def moved(sick, limits=TIGHT, steps=STEPS, name="rk4"):
+    run(sick, prepare(INTEGRATORS[name], 0.1), (), H, steps, limits=tuple(limits))
+    return sick
+
+
+@pytest.mark.parametrize(
+    ("fault", "row", "value"),
+    [
+        ("non_finite", K.MOMENTUM + 1, math.nan),
+        ("step_too_large", K.MOMENTUM + 1, 90.0),  # 0.8 kg m2: 112 rad/s, 2.2 rad a step
+        ("off_unit_quaternion", K.ATTITUDE, 1.0 + 1e-8),
+    ],
+)
+def test_a_fault_at_the_start(fault, row, value):
+    sick, well = block(), moved(block())
+    sick[row, SICK] = value
+    before = sick.copy()
+    moved(sick)
+    assert sick[K.STATUS, SICK] == K.STATUSES[fault]
+    assert sick[K.GOOD_STEP, SICK] == sick[K.FAULT_STEP, SICK] == 0
+    assert np.array_equal(sick[: K.REST, SICK], before[: K.REST, SICK], equal_nan=True)
+    others = np.arange(32) != SICK
+    assert np.array_equal(sick[:, others], well[:, others])
+    assert (well[K.STATUS] == 0).all()
+    assert (well[K.FAULT_STEP] == -1).all()
+
+
+@pytest.mark.parametrize(
+    ("fault", "limits"), [("energy_drift", TIGHT._replace(l2=1.0)), ("momentum_drift", TIGHT._replace(energy=1.0))]
+)
+def test_a_drift_beyond_its_limit(fault, limits):
+    """One member spins six times as fast, and passes 1e-6 at some look; it stays where the look before was."""
+    sick = block()
+    sick[K.MOMENTUM : K.REST, SICK] *= 6.0
+    slow, alone = block(), sick.copy()
+    moved(sick, limits)
+    assert sick[K.STATUS, SICK] == K.STATUSES[fault]
+    found = int(sick[K.FAULT_STEP, SICK])
+    assert 32 < found < STEPS
+    assert sick[K.GOOD_STEP, SICK] == found - K.LOOK
+    row = K.DRIFT + (fault == "momentum_drift")
+    assert 1e-6 < sick[row, SICK] < 1e-5  # the drift that flagged it
+    moved(alone, (), found - K.LOOK)
+    assert alone[row, SICK] < 1e-6
+    assert np.array_equal(sick[: K.REST, SICK], alone[: K.REST, SICK])
+    moved(slow, ())
+    others = np.arange(32) != SICK
+    assert np.array_equal(sick[: K.REST, others], slow[: K.REST, others])
+
+
+class Untrue(NamedTuple):
+    """A torque that has no potential but says that it keeps L_z."""
+
+    size: float
+
+    keeps_lz = True
+
+    def torque(self):
+        return 0.0, 0.0, self.size
+
+
+def test_lz_is_checked_where_a_scene_keeps_it():
+    scene = rm.Scene(BODY, (rm.Gravity(1.0),), rm.Start(omega=SPINS)).with_run(dt=0.01, t_end=2.0, members=64, integrator="rk4")
+    assert not rm.simulate(scene).status.values.any()
+    wrong = rm.Scene(BODY, (rm.Gravity(1.0), Untrue(0.1)), rm.Start(omega=SPINS)).with_run(
+        dt=0.01, t_end=2.0, members=64, integrator="rk4"
+    )
+    status = rm.simulate(wrong).status.values
+    assert (status == K.STATUSES["momentum_drift"]).all()
+    assert not rm.simulate(wrong, checks=False).status.values.any()
+
+
+@pytest.mark.parametrize(
+    ("name", "effects"),
+    [("rk4", ()), ("exact", ()), ("rk4", HEAVY), ("strang", HEAVY), ("rk4", (*HEAVY, rm.ViscousDamping(0.1)))],
+    ids=["rk4", "exact", "rk4-heavy", "strang-heavy", "rk4-damped"],
+)
+def test_checks_change_no_bit_of_a_good_run(name, effects):
+    scene = rm.Scene(BODY, effects, rm.Start(omega=SPINS)).with_run(dt=0.02, t_end=2.0, every=0.5, members=64, integrator=name)
+    checked, unchecked = rm.simulate(scene), rm.simulate(scene, checks=False)
+    assert not checked.status.values.any()
+    for variable in checked.data_vars:
+        assert np.array_equal(checked[variable], unchecked[variable], equal_nan=True), variable
+
+
+def test_fast_spins_are_flagged_and_never_nonsense():
+    """|omega| h of 0.1, 1 and 3: right, right to its order, flagged at the first step."""
+    spins = np.zeros((96, 3))
+    spins[:, 0], spins[:, 2] = np.repeat((1.0, 10.0, 30.0), 32), 0.1
+    scene = rm.Scene(BODY, (), rm.Start(omega=spins)).with_run(dt=0.1, t_end=10.0, members=96, save=("omega", "attitude"))
+    for name in ("rk4", "rkmk4"):
+        with pytest.warns(rm.SceneWarning, match="omega dt reaches 3 rad"):
+            ds = rm.simulate(scene, integrator=name)
+        assert ds.status.values[[0, 32, 64]].tolist() == [0, 0, K.STATUSES["step_too_large"]]
+        assert ds.status_step.values[64] == 0
+        assert ds.status_time.values[64] == 0.0
+        assert np.isnan(ds.status_time.values[0])
+    assert not rm.simulate(scene, integrator="exact").status.values.any()
+
+
+def test_thresholds_of_the_scene(tmp_path):
+    scene = rm.Scene(BODY, (), rm.Start(omega=SPINS)).with_run(dt=0.1, t_end=10.0, members=64)
+    drift = np.sort(rm.simulate(scene).energy_drift_max.values)
+    limit = float(np.sqrt(drift[40] * drift[41]))
+    ds = rm.simulate(scene.with_run(energy_limit=limit), output=tmp_path / "a.nc")
+    assert (ds.status.values == 3).sum() == 23
+    assert ds.attrs["energy_limit"] == limit
+    again = rm.simulate(rm.Scene.load(tmp_path / "a.nc"))
+    assert np.array_equal(again.status, ds.status)
+    assert np.array_equal(again.status_time, ds.status_time, equal_nan=True)
+    assert ds.encoding["rigidmc"]["flagged"]["energy_drift"] == 23
+    with pytest.raises(rm.SceneError, match="energy_limit"):
+        scene.with_run(energy_limit=-1.0)
+
+
+def test_default_limits_leave_room_for_what_integrators_make():
+    """The drift of good runs is 30 to 1e4 times below the limit that their step gives them."""
+    for name in ("rk4", "rk8", "ck45", "strang", "chin4", "srkn11"):
+        scene = rm.Scene(BODY, (rm.Gravity(1.0),), rm.Start(omega=SPINS)).with_run(dt=0.02, t_end=20.0, members=64, integrator=name)
+        ds = rm.simulate(scene)
+        assert not ds.status.values.any()
+        assert ds.energy_drift_max.values.max() < 0.1 * ds.attrs["energy_limit"], name
