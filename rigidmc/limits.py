@@ -10,6 +10,7 @@ from rigidmc.integrators.drifts import PANEL_TURN, Exact, Split
 from rigidmc.storage.schema import conservation
 
 COARSE = 0.05  # drift of energy or momentum that is never taken for a result, whatever the step
+SPLIT = 2.0  # [rad] in a step of free motion that is split into turns: 0.1 rad of error in ten of them
 PLANNED = 3.0  # a drift is right to 1e-11 for a member that spins so many times faster than what it was prepared for
 
 
@@ -48,7 +49,8 @@ def limits(scene, carried, theta, steps, made=None, spin=0.0):
         error = 0.0 if kind.order == math.inf or not theta < 1.0 else steps * theta ** (kind.order + 1)
     allowed = COARSE if theta >= 1.0 and kind.order < math.inf else min(COARSE, max(error, rounding))
     drift = getattr(getattr(made, "integrator", None), "drift", None)
-    largest = getattr(kind, "largest_turn", math.pi if drift is None or isinstance(drift, Split) else math.inf)
+    turns = math.pi if drift is None else SPLIT if isinstance(drift, Split) else math.inf
+    largest = getattr(kind, "largest_turn", turns)
     if isinstance(drift, Exact):
         largest = PLANNED * max(spin, PANEL_TURN)
     bounds = {

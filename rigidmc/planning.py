@@ -70,6 +70,8 @@ def steps_and_saves(t_end, dt, every):
         steps = stride = max(1, math.ceil(end / step * (1 - Fraction(1, 10**9))))
     else:
         ratio = end / Fraction(repr(every))  # p/q: steps must be a multiple of p for stride = steps q/p to be whole
+        simple = ratio.limit_denominator(1000)  # of numbers that are only written to 16 digits, as t_end/7 or 2^-30 s
+        ratio = simple if abs(simple / ratio - 1) < Fraction(1, 10**14) else ratio
         multiples = max(1, math.ceil(end / step / ratio.numerator * (1 - Fraction(1, 10**9))))
         steps = multiples * ratio.numerator
         stride = multiples * ratio.denominator

@@ -31,6 +31,13 @@ class Distribution:
             return self.parameters[0] + (self.parameters[1] - self.parameters[0]) * u
         return _scipy(self.name)(**dict(self.parameters)).ppf(u)
 
+    def times(self, by):
+        """The distribution of the number multiplied by a positive one."""
+        if self.name in ("normal", "uniform"):
+            return Distribution(self.name, tuple(by * p for p in self.parameters))
+        scales = {"loc": 0.0, "scale": 1.0} | dict(self.parameters)
+        return Distribution(self.name, tuple((k, v * by if k in ("loc", "scale") else v) for k, v in scales.items()))
+
     def as_table(self):
         """The distribution as it stands in a scene file."""
         plain = self.name in ("normal", "uniform")

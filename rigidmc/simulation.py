@@ -25,6 +25,7 @@ from rigidmc.sampling import quantity, rows
 from rigidmc.staging import stage, together
 from rigidmc.storage import Writer, open_result, refuse_existing
 from rigidmc.storage.schema import attributes, coordinates, length, member_variables, saved_variables
+from rigidmc.units import internal, scaled
 
 REHEARSED = 8192  # members: two blocks for each of two threads
 
@@ -106,25 +107,30 @@ def simulate(
     threads = _threads(threads)
     if output is not None:
         refuse_existing(output, force)
+    units = internal(scene)
+    if units is not None:
+        scene = scaled(scene, units.mass, 1.0, units.time)
     scene, chosen = resolved(scene, threads)
     plan = prepare(scene, threads, output is not None, block)
     if chosen is not None:
         expected = _rehearsed(scene, plan, threads, output, chosen)
         if progress is True:
             print("\n".join(chosen.lines(plan.members, expected)), file=sys.stderr)
-        dataset = run(scene, plan, threads, progress, output, force, chosen)
+        dataset = run(scene, plan, threads, progress, output, force, chosen, units)
         dataset.encoding["rigidmc"]["predicted_seconds"] = expected
         return dataset
     for note in plan.notes:
+        note = note if units is None else f"{note} (in units of {1.0 / units.time:.6g} s)"
         warnings.warn(note, SceneWarning, stacklevel=2)
-    return run(scene, plan, threads, progress, output, force)
+    return run(scene, plan, threads, progress, output, force, units=units)
 
 
-def run(scene, plan, threads, progress=False, output=None, force=False, chosen=None):
-    """Run a plan; `dataset.encoding["rigidmc"]` tells what it cost and how many members are flagged. See `simulate`."""
+def run(scene, plan, threads, progress=False, output=None, force=False, chosen=None, units=None):
+    """Run a plan of a scene, which `units` tells to be in other units than its result; `dataset.encoding["rigidmc"]` tells what it cost and how many members are flagged. See `simulate`."""
     compiled = compile_kernel(scene, plan)
     more = chosen.attributes() if chosen else {}
-    sink = _File(output, scene, plan, force, more) if output is not None else _Memory(scene, plan, more)
+    told, shown = (scene, plan) if units is None else units.back(scene, plan)
+    sink = _File(output, told, shown, force, more) if output is not None else _Memory(told, shown, more)
     flagged = dict.fromkeys(kernel.STATUSES, 0)
 
     def make(i):
@@ -147,7 +153,8 @@ def run(scene, plan, threads, progress=False, output=None, force=False, chosen=N
             "status_step": np.where(found, seen, -1.0),
             "status_time": np.where(found, seen * (plan.dt / rows[kernel.STEPS]), np.nan),
         }
-        sink.take(job, {**drift, **faults, "status": status, "steps": rows[kernel.STEPS] * plan.steps, **job.start})
+        results = {**drift, **faults, "status": status, "steps": rows[kernel.STEPS] * plan.steps, **job.start}
+        sink.take(job, results if units is None else _told(job, results, told, shown, units))
 
     began = time.perf_counter()
     with reporter(progress, plan.members, plan.steps) as report:
@@ -165,6 +172,17 @@ def run(scene, plan, threads, progress=False, output=None, force=False, chosen=N
         "steps": plan.mean_steps,
     }
     return dataset
+
+
+def _told(job, results, scene, plan, units):
+    """Results in the units of the scene; the saved values are changed in place."""
+    saved = saved_variables(scene)
+    each = [units.factor(v.attrs["units"]) for name, v in saved.items() for _ in range(rows_of(name))]
+    if job.width:
+        values = job.out.reshape(plan.times.size, len(each), job.width)[..., job.column : job.column + job.block.shape[1]]
+        values *= np.array(each)[:, None]
+    known = member_variables(scene, plan.carried)
+    return {name: v * units.factor(known[name].attrs.get("units", "1")) if name in known else v for name, v in results.items()}
 
 
 def _rehearsed(scene, plan, threads, output, chosen):

@@ -3,6 +3,8 @@
 from textwrap import fill
 
 import numpy as np
+from matplotlib.colors import to_rgb
+from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter
 
 from rigidmc.plots import new_figure
@@ -127,4 +129,59 @@ def long_drift(study, figure=None):
         axes.set(xscale="log", yscale="log", xlabel="steps", title=f"drift of {words[name]}")
         axes.grid(True, which="major", lw=0.3, color="#cccccc")
         axes.legend(fontsize=8, frameon=False)
+    return figure
+
+
+_VERDICTS = {1: ("#d9ead3", "good"), 2: ("#f6b26b", "above 0.3 of its bound"), 3: ("#999999", "not up to it"), 4: ("#a61c00", "above its bound"), 5: ("#000000", "crashed")}  # fmt: skip
+
+
+def hard_cases(study, figure=None):
+    """The catalogue as a heat map: a field for each case and integrator, coloured by error over bound, with the error's power of ten in it.
+
+    study : the Dataset of `rigidmc.studies.hard_cases.stress`
+    """
+    cases, names, groups = study.case.values, study.integrator.values, study.group.values
+    figure = figure or new_figure(f"{len(cases)} hard cases: error over bound", (4.8 + 0.62 * len(names), 1.6 + 0.175 * len(cases)))
+    axes = figure.add_subplot()
+    verdict, error = study.verdict.values, study.error.values
+    colors = np.ones((*verdict.shape, 3))
+    for code, (color, _) in _VERDICTS.items():
+        colors[verdict == code] = to_rgb(color)
+    axes.imshow(colors, aspect="auto", interpolation="none")
+    for i, j in np.argwhere(verdict > 0):
+        words = "0" if error[i, j] == 0.0 else "X" if np.isnan(error[i, j]) else f"{error[i, j]:.0e}"
+        axes.text(j, i, words, ha="center", va="center", fontsize=6.5, color="white" if verdict[i, j] >= 4 else "#333333")
+    axes.set_xticks(range(len(names)), names, rotation=45, ha="left")
+    axes.set_yticks(range(len(cases)), cases, fontsize=7.5)
+    axes.tick_params(top=True, labeltop=True, bottom=False, labelbottom=False, length=0)
+    starts = [i for i in range(len(cases)) if i == 0 or groups[i] != groups[i - 1]]
+    for start, stop in zip(starts, [*starts[1:], len(cases)], strict=True):
+        axes.axhline(start - 0.5, color="#333333", lw=0.8)
+        axes.annotate(
+            groups[start], (1.005, 0.5 * (start + stop) - 0.5), xycoords=("axes fraction", "data"), fontsize=8, va="center"
+        )
+    shown = [(color, word) for code, (color, word) in _VERDICTS.items() if (verdict == code).any() or code in (1, 2, 4)]
+    handles = [Patch(facecolor=color, edgecolor="#666666", label=word) for color, word in shown]
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=8, frameon=False, title="number: the error; blank: not claimed", title_fontsize=8)  # fmt: skip
+    return figure
+
+
+def trust(study, figure=None):
+    """The error of each check against time, worst member, with the two digits below which nothing is a result.
+
+    study : the Dataset of `rigidmc.studies.trust.trust`
+    """
+    figure = figure or new_figure(f"{study.attrs['title']}: {study.attrs['verdict']}", (9.5, 5.6))
+    axes = figure.add_subplot()
+    dashes = {"accuracy": "-", "rounding": ":"}
+    for i, name in enumerate(study.check.values):
+        kind = str(study.tells.values[i])
+        color, marker = list(_STYLES.values())[2 * i][0], "osD^vPX*"[i % 8]
+        values = np.maximum(study.error.values[i], 1e-17)
+        axes.plot(study.time.values, values, ls=dashes[kind], marker=marker, ms=4, lw=1.3, color=color, label=f"{name} ({kind})")
+    axes.axhline(1e-2, color="#a61c00", lw=0.8)
+    axes.annotate("two digits are left", (1.0, 1e-2), xycoords=("axes fraction", "data"), xytext=(-4, 3), textcoords="offset points", ha="right", fontsize=8, color="#a61c00")  # fmt: skip
+    axes.set(yscale="log", xlabel="time [s]", ylabel=f"error of the worst of {study.attrs['members']} members")
+    axes.grid(True, which="major", lw=0.3, color="#cccccc")
+    axes.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.01, 0.5))
     return figure

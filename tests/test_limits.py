@@ -10,8 +10,8 @@ import rigidmc as rm
 from rigidmc.engine import kernel as K
 from rigidmc.integrators import INTEGRATORS
 from rigidmc.limits import Limits
+from rigidmc.studies.problems import PROBLEMS
 from tests.kernels import block_of, prepare, run
-from tests.problems import PROBLEMS
 
 FREE, HEAVY = PROBLEMS["hairer_free"], (rm.Gravity(1.0),)
 TIGHT = Limits(1e-6, 1e-6, math.inf, 2.0, 1e-9)

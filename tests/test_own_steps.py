@@ -8,8 +8,8 @@ from rigidmc.effects import Gravity
 from rigidmc.engine import kernel as K
 from rigidmc.integrators import INTEGRATORS
 from rigidmc.staging import MOST_OWN_STEPS, own_steps, rates, stage
+from rigidmc.studies.problems import PROBLEMS
 from tests.kernels import block_of, prepare, run
-from tests.problems import PROBLEMS
 
 BODY = rm.Body.from_moments((rm.uniform(0.9, 1.4), 1.5, 2.0), centre=(0.1, 0.05, 0.2))
 START = rm.Start(omega=(rm.normal(0.0, 1.0), rm.normal(0.0, 1.0), rm.normal(0.0, 1.0)), attitude="uniform")

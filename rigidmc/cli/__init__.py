@@ -1,9 +1,9 @@
-"""The command line: rigidmc run, show, check, scenes, body, exact, accuracy, plot, integrators, doctor. Nothing heavy is imported before it
+"""The command line: rigidmc run, show, check, scenes, body, exact, accuracy, stress, plot, integrators, doctor. Nothing heavy is imported before it
 is needed."""
 
 import sys
 
-from rigidmc.cli import closed, scene, study  # noqa: F401  (their commands, in this order)
+from rigidmc.cli import closed, scene, stress, study  # noqa: F401  (their commands, in this order)
 from rigidmc.cli.common import INTERRUPTED, app
 
 

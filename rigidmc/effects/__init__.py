@@ -5,7 +5,8 @@
     kick(self, [body, t, h, q, l])         L after its exact flow over h; needed by splittings where the torque depends on L
     torque_rate(self, [body, t, q, w])     rate of change of the torque while the body turns with w; needed by chin4
 
-Facts: units, limits (of parameters), keeps_lz (whether L_z is conserved under it).
+Facts: units, limits (of parameters), keeps_lz (whether L_z is conserved under it),
+isotropic (whether it singles out no axis of the body and no direction but the vertical).
 
 Each names just the arguments that it depends on (see `rigidmc.dynamics.methods`).
 """

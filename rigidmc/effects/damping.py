@@ -19,6 +19,7 @@ class ViscousDamping(NamedTuple):
     rate: float
 
     units = {"rate": "s-1"}
+    isotropic = True
     limits = {"rate": (0.0, math.inf)}
 
     def torque(self, l):

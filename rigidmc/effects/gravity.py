@@ -20,6 +20,7 @@ class Gravity(NamedTuple):
 
     units = {"g": "m s-2"}
     keeps_lz = True
+    isotropic = True
     limits = {"g": (-math.inf, math.inf)}
 
     def torque(self, body, q):

@@ -13,8 +13,8 @@ from rigidmc.dynamics.free_flow import arc, doubled, free_flow, increment, squar
 from rigidmc.dynamics.so3 import add, gain, moved, multiply
 from rigidmc.engine import kernel as K
 from rigidmc.integrators import INTEGRATORS
+from rigidmc.studies.problems import HARD, PROBLEMS
 from tests.kernels import make_block, prepare, run, turn_rate_of
-from tests.problems import HARD, PROBLEMS
 from tests.reference import DIGITS, attitude_error, rotation, taylor
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)

@@ -14,8 +14,8 @@ from rigidmc.effects import Gravity, ViscousDamping
 from rigidmc.engine import kernel as K
 from rigidmc.integrators import INTEGRATORS, Turns, accepting, form
 from rigidmc.observables import OBSERVABLES
+from rigidmc.studies.problems import PROBLEMS
 from tests.kernels import SIZES, block_of, make_block, run, slots
-from tests.problems import PROBLEMS
 
 EFFECTS = Gravity(9.81), ViscousDamping(0.1)
 EVERYTHING = tuple(kind() for kind in OBSERVABLES.values())

@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from rigidmc import SceneError, SceneWarning, free_motion, free_top
 from rigidmc.rotation import attitude_error, matrix, rotation_vector
+from rigidmc.studies.problems import HARD, PROBLEMS
 from tests import reference
 from tests.exact import oracles
-from tests.problems import HARD, PROBLEMS
 
 RNG = np.random.default_rng(42)
 START = (1.0, 0.0, 0.0, 0.0)

@@ -7,9 +7,9 @@ from rigidmc import SceneError, SceneWarning, lagrange_motion, lagrange_top
 from rigidmc.exact import constants
 from rigidmc.exact.lagrange_top import effective_potential, sleeping_growth, steady_precession
 from rigidmc.rotation import attitude_error, euler, from_euler, matrix, omega_from_euler_rates
+from rigidmc.studies.problems import PROBLEMS
 from tests import reference
 from tests.exact import oracles
-from tests.problems import PROBLEMS
 
 RNG = np.random.default_rng(43)
 I, K = np.array([1.0, 1.0, 0.7]), 1.3

@@ -16,8 +16,8 @@ from rigidmc.effects import Gravity, ViscousDamping
 from rigidmc.engine import kernel as K
 from rigidmc.integrators import INTEGRATORS, accepting, description
 from rigidmc.observables import Attitude, Energy, Momentum
+from rigidmc.studies.problems import PROBLEMS
 from tests.kernels import block_of, make_block, march, one_step, prepare, run, turn, turn_rate_of
-from tests.problems import PROBLEMS
 from tests.reference import NAIVE, attitude_error, naive_rk4, rotation, true_end
 
 FREE, HEAVY = PROBLEMS["hairer_free"], PROBLEMS["hairer_heavy"]

@@ -6,8 +6,8 @@ import pytest
 import rigidmc as rm
 from rigidmc.engine import kernel as K
 from rigidmc.integrators import INTEGRATORS
+from rigidmc.studies.problems import PROBLEMS
 from tests.kernels import block_of, march, prepare, run, turn
-from tests.problems import PROBLEMS
 from tests.reference import attitude_error, true_end
 
 HEAVY = PROBLEMS["hairer_heavy"]

@@ -11,8 +11,8 @@ from rigidmc.dynamics.euler import kinetic_energy
 from rigidmc.effects.verbs import total_energy
 from rigidmc.engine import kernel as K
 from rigidmc.integrators import INTEGRATORS
+from rigidmc.studies.problems import PROBLEMS
 from tests.kernels import block_of, march, one_step, prepare, run, turn
-from tests.problems import PROBLEMS
 from tests.reference import attitude_error, naive_rkmk4, rotation
 
 NASA_DATA = Path(__file__).parents[2].parent / "shared" / "data"

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rigidmc.integrators import INTEGRATORS
+from rigidmc.studies.problems import PROBLEMS
 from tests.kernels import march, prepare, turn
-from tests.problems import PROBLEMS
 from tests.reference import true_end
 
 # body of Hairer & Vilmart to t = 10: largest error of the components of L and q after 50, 100, 200, 400 and 800 steps

@@ -1,4 +1,4 @@
-"""The named cases: bodies, starts and what is known of their motion, each number with its source. Tests and bench read them here.
+"""Named bodies and starts, and what is known of their motion, each number with its source: for the hard cases, tests and bench.
 
 Units are SI unless a case says otherwise; the motion of a free body does not depend on the unit of its moments.
 """

@@ -1,0 +1,67 @@
+"""rigidmc stress."""
+
+import os
+from typing import Annotated
+
+import typer
+
+from rigidmc.cli.common import FLAGGED, OK, Force, Output, Plot, Set, Threads, app, check_suffix, load_scene, plots_module, reported
+
+
+@app.command()
+def stress(
+    scene: Annotated[str | None, typer.Argument(metavar="[SCENE]", help="A scene to put through the generic checks; without it the catalogue of hard cases.")] = None,
+    group: Annotated[str | None, typer.Option(help="Groups of the catalogue, e.g. H2,H7; default all.")] = None,
+    integrator: Annotated[str | None, typer.Option(help="Which, e.g. rk4,exact; default all, of a scene its own.")] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="A few cases and integrators, long ones shortened.")] = False,
+    bounds: Annotated[str | None, typer.Option(metavar="FILE", help="Bounds in place of those that ship, as --write-bounds writes them.")] = None,
+    write_bounds: Annotated[str | None, typer.Option("--write-bounds", metavar="FILE", help="Write four times what was measured here as bounds (.csv).")] = None,
+    threads: Threads = None, settings: Set = [],  # noqa: B006
+    output: Output = None, plot: Plot = None, force: Force = False,
+):  # fmt: skip
+    """Hard cases, each against its bound, on this machine; or how far your own scene can be trusted. Exit code 4 where something fails."""
+    with reported():
+        from rigidmc.errors import SceneError
+        from rigidmc.storage import refuse_existing
+
+        for path in (output, plot, write_bounds):
+            if path is not None:
+                refuse_existing(path, force)
+        if plot is not None:
+            check_suffix(plot)
+        if scene is not None:
+            from rigidmc.studies import trust as study
+
+            loaded = load_scene(scene, settings, integrator=integrator)
+            try:
+                found = study.trust(loaded, quick=quick, progress=True)
+            except SceneError as error:
+                error.file = error.file or scene
+                raise
+            print("\n".join(study.table(found)))
+            bad = study.failed(found)
+        else:
+            from rigidmc.cli.stress_table import show
+            from rigidmc.studies import hard_cases as cases
+
+            given = cases.load_bounds(bounds) if bounds else None
+            found = cases.stress(_words(group), _words(integrator), quick, given, threads, progress=True)
+            show(found)
+            bad = cases.failed(found)
+            if write_bounds is not None:
+                cases.save_bounds(found, write_bounds)
+                print(f"wrote {write_bounds}")
+        if output is not None:
+            found.to_netcdf(output, engine="netcdf4")
+            print(f"wrote {output} ({os.path.getsize(output) / 1e6:,.1f} MB)")
+        if plot is not None:
+            plots = plots_module()
+            from rigidmc import study_plots
+
+            plots.save((study_plots.trust if scene is not None else study_plots.hard_cases)(found), plot)
+            print(f"wrote {plot}")
+    raise typer.Exit(FLAGGED if bad else OK)
+
+
+def _words(text):
+    return [word.strip() for word in text.split(",")] if text else None
