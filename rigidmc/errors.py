@@ -31,8 +31,9 @@ class SceneWarning(UserWarning):
 
 def nearest(word, words):
     """The closest of some words, or None."""
-    close = difflib.get_close_matches(str(word).lower(), [str(w) for w in words], n=1, cutoff=0.5)
-    return close[0] if close else None
+    known = {str(w).lower(): str(w) for w in words}
+    close = difflib.get_close_matches(str(word).lower(), known, n=1, cutoff=0.5)
+    return known[close[0]] if close else None
 
 
 def unknown(table, key, value, kind, words):

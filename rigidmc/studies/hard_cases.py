@@ -1,5 +1,6 @@
 """Hard cases: every integrator through the catalogue, in as many processes as there are cores, against a bound for each."""
 
+import contextlib
 import csv
 import json
 import math
@@ -153,12 +154,11 @@ def _carried_out(tasks, share, processes, progress):
                     found[i, name] = tuple(json.loads(helper.stdout.readline()))
                 except (ValueError, OSError):  # it died: the case is red, and the others go on in a new process
                     helper.kill()
-                    code, helper = helper.wait(), None
+                    code, helper = _ended(helper), None
                     found[i, name] = (math.nan, time.perf_counter() - began, f"the process ended with code {code}")
                 report.step(1)
         if helper:
-            helper.stdin.close()
-            helper.wait()
+            _ended(helper)
 
     with reporter(progress, sum(map(len, tasks.values())), 1) as report:
         workers = [threading.Thread(target=work, args=(report,), daemon=True) for _ in range(min(processes, len(tasks)))]
@@ -174,6 +174,14 @@ def _carried_out(tasks, share, processes, progress):
 def _helper():
     words = [sys.executable, "-c", "from rigidmc.studies.hard_cases import main; main()"]
     return subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+
+
+def _ended(helper):
+    """Its exit code, once it has ended for want of lines."""
+    with contextlib.suppress(OSError):
+        helper.stdin.close()
+    helper.stdout.close()
+    return helper.wait()
 
 
 def main():

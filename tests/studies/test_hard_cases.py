@@ -1,0 +1,129 @@
+"""The catalogue of hard cases: what it holds, that errors are seen, and what happens to words and bounds that are wrong."""
+
+import math
+
+import numpy as np
+import pytest
+
+import rigidmc as rm
+from rigidmc import study_plots
+from rigidmc.integrators import INTEGRATORS
+from rigidmc.studies import hard_cases as H
+from rigidmc.studies.cases import Case, against_closed, conserved, constant, direction, flips, tops
+from rigidmc.studies.catalogue import GROUPS, catalogue
+
+CASES = catalogue()
+
+
+def test_the_catalogue_is_what_it_says():
+    assert len(CASES) >= 60
+    assert len({case.name for case in CASES}) == len(CASES)
+    assert {case.group for case in CASES} == set(GROUPS)
+    known = H.shipped_bounds()
+    for case in CASES:
+        assert case.why
+        assert case.truth
+        for name in case.integrators():
+            bound, measured = H.bound_of(case, name, known)
+            uncovered = name == "closed" and math.isnan(measured)
+            assert math.isfinite(bound) or uncovered, (case.name, name)
+            assert uncovered or measured <= bound, (case.name, name)
+    assert set(known) <= {(case.name, name) for case in CASES for name in case.integrators()}
+
+
+@pytest.mark.parametrize("name", ["rk4", "exact", "closed"])
+def test_quick_cases_are_within_their_bounds(name):
+    known = H.shipped_bounds()
+    for case in CASES:
+        if case.quick and name in case.integrators():
+            error, _, reason = H.carried_out(case, name, H.SHORT)
+            if math.isnan(error) and name == "closed" and not reason:
+                continue
+            assert error <= H.bound_of(case, name, known)[0], (case.name, error, reason)
+
+
+def test_errors_are_seen():
+    """What a case measures grows when the thing measured is wrong: another truth, another law, another time."""
+    scene, wrong = tops((1.0, 1.4, 2.0), (0.3, 0.9, 0.7)), tops((1.0, 1.4, 2.0001), (0.3, 0.9, 0.7))
+
+    def against_wrong(integrator, share):
+        from rigidmc.studies.cases import closed_states, distance, run, worst
+
+        ds = run(scene, integrator, 10.0)
+        return worst(ds, distance(ds.attitude.values, ds.momentum.values, *closed_states(wrong, ds)).max(0))
+
+    assert against_closed(scene, 10.0)("exact", 1.0) < 1e-13
+    assert against_wrong("exact", 1.0) > 1e-4
+    assert constant(scene, 10.0, conserved)("exact", 1.0) < 1e-14
+    assert constant(scene, 10.0, direction)("exact", 1.0) > 0.1  # L does move
+    assert flips((1.0, 2.0, 3.0), (1e-4, 2.0, 0.0), 1)("exact", 1.0) < 1e-13
+    assert flips((1.0, 2.0, 3.0), (1e-4, 2.0, 1e-4), 1)("exact", 1.0) > 1e-3  # does not start where L3 = 0
+
+
+def test_a_study_tells_what_is_above_its_bound(tmp_path):
+    """One bound at a tenth: the right row, and no other, is above."""
+    names = ["exact", "closed"]
+    first = H.stress(["H5"], names, threads=1)
+    assert not H.failed(first)
+    assert first.sizes["case"] == sum(case.group == "H5" for case in CASES)
+    error = float(first.error.sel(case="needle", integrator="exact"))
+    second = H.stress(["H5"], names, bounds={("needle", "exact"): 0.1 * error}, threads=1)
+    above = np.argwhere(second.verdict.values == H.VERDICTS.index("above"))
+    assert [(str(second.case.values[i]), str(second.integrator.values[j])) for i, j in above] == [("needle", "exact")]
+    assert H.failed(second)
+    H.save_bounds(first, tmp_path / "b.csv")
+    kept = H.load_bounds(tmp_path / "b.csv")
+    assert error < kept["needle", "exact"] < 6 * error
+    figure = study_plots.hard_cases(second)
+    assert figure.axes[0].get_images()[0].get_array().shape[:2] == second.error.shape
+    first.to_netcdf(tmp_path / "s.nc", engine="netcdf4")
+
+
+def test_a_case_that_raises_or_dies_is_red_and_stops_no_other(monkeypatch):
+    def fails(integrator, share):
+        raise RuntimeError("broken on purpose")
+
+    case = Case("H5", "broken", "to see it red", "none", fails, 1.0)
+    error, _, reason = H.carried_out(case, "rk4")
+    assert math.isnan(error)
+    assert "broken on purpose" in reason
+    found = H._dataset([case, CASES[0]], [(error, 0.1, reason), (0.0, 0.1, "")], ["rk4"], H.shipped_bounds(), {})
+    assert [H.VERDICTS[v] for v in found.verdict.values[:, 0]] == ["crashed", "good"]
+    assert H.failed(found)
+    monkeypatch.setattr(H, "_helper", lambda: H.subprocess.Popen(["false"], stdin=-1, stdout=-1, text=True))
+    died = H.stress(["H13"], ["rk4"], threads=1)
+    assert (died.verdict.values == H.VERDICTS.index("crashed")).all()
+    assert "ended with code 1" in died.reason.values[0, 0]
+
+
+@pytest.mark.parametrize(
+    ("given", "word"),
+    [
+        ({"groups": ["H99"]}, "did you mean"),
+        ({"integrators": ["rk5"]}, "did you mean 'rk"),
+        ({"bounds": {("needle", "exact"): -1.0}}, "not negative"),
+    ],
+)
+def test_wrong_words_are_refused(given, word):
+    with pytest.raises(rm.SceneError, match=word):
+        H.stress(**given)
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("group,case,integrator,bound,measured\nH5,needle,exact,-1e-3,\n", "not negative"),
+        ("group,case,integrator,bound,measured\nH5,needel,exact,1e-3,\n", "did you mean 'needle'"),
+        ("group,case,integrator,bound,measured\nH5,needle,exat,1e-3,\n", "did you mean 'exact'"),
+        ("group,case,integrator,bound,measured\nH5,needle,exact,much,\n", "line 2"),
+    ],
+)
+def test_wrong_bounds_are_refused(text, word, tmp_path):
+    (tmp_path / "b.csv").write_text(text)
+    with pytest.raises(rm.SceneError, match=word):
+        H.load_bounds(tmp_path / "b.csv")
+
+
+def test_every_integrator_has_hard_cases():
+    for name in INTEGRATORS:
+        assert sum(name in case.integrators() for case in CASES) >= 20

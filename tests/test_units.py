@@ -1,0 +1,95 @@
+"""Other units: a scene moves alike in all of them, to the bit under powers of 2, and comes out where SI numbers leave the range."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+import rigidmc as rm
+from rigidmc.units import dimensions, factor, internal, scaled
+
+BODY = rm.Body.from_moments((rm.uniform(0.9, 1.1), 1.4, 2.0), mass=1.5, centre=(0.1, 0.2, 0.3))
+START = rm.Start(omega=(rm.normal(0.3, 0.1), rm.distribution("laplace", loc=0.5, scale=0.1), 0.2), attitude="uniform")
+SCENE = rm.Scene(BODY, (rm.Gravity(3.0), rm.ViscousDamping(0.05)), START)
+SCENE = SCENE.with_run(dt=0.02, t_end=2.0, every=0.5, members=64, save=("omega", "attitude", "energy", "momentum"))
+UNITS = {
+    "omega": (0, 0, -1),
+    "energy": (1, 2, -2),
+    "momentum": (1, 2, -1),
+    "attitude": (0, 0, 0),
+    "energy_drift_max": (0, 0, 0),
+    "moments": (1, 2, 0),
+}
+
+
+def test_units_are_read():
+    assert dimensions("kg2 m4 s-2") == (2, 4, -2)
+    assert dimensions("rad s-1") == (0, 0, -1)
+    assert dimensions("N m") == dimensions("J") == (1, 2, -2)
+    assert factor("kg m2 s-1", 2.0, 3.0, 4.0) == 4.5
+    with pytest.raises(ValueError, match="furlong"):
+        dimensions("furlong s-1")
+
+
+@pytest.mark.parametrize("powers", [(-7, 3, 5), (-60, -20, 11), (200, 60, -150), (-300, 0, 400)])
+def test_powers_of_two_change_no_bit(powers):
+    """The last two leave what is integrated as it is, and come back from internal units."""
+    mass, length, time = (2.0**k for k in powers)
+    one, two = rm.simulate(SCENE), rm.simulate(scaled(SCENE, mass, length, time))
+    assert not two.status.values.any()
+    for name, (kg, m, s) in UNITS.items():
+        assert np.array_equal(one[name].values * (mass**kg * length**m * time**s), two[name].values), name
+    assert np.array_equal(one.time.values * time, two.time.values)
+    assert two.attrs["dt"] == one.attrs["dt"] * time
+
+
+@pytest.mark.parametrize("name", ["rk4", "strang"])
+def test_powers_of_ten_change_rounding_only(name):
+    one = rm.simulate(SCENE, integrator=name)
+    two = rm.simulate(scaled(SCENE, 1e-21, 1e-7, 1e-4), integrator=name)
+    assert np.abs(two.omega.values * 1e-4 - one.omega.values).max() < 3e-14  # measured 2.2e-15
+    assert np.abs(two.attitude.values - one.attitude.values).max() < 3e-14  # measured 2.1e-15
+
+
+def test_internal_units_only_where_they_are_needed():
+    assert internal(SCENE) is None
+    small = scaled(SCENE, 1e-12, 1e-3, 1e-6)
+    assert internal(small) is None
+    assert internal(small.with_run(dtype="float32")) is not None
+    assert internal(scaled(SCENE, 1e-40, 1e-10, 1.0)) is not None
+
+
+def test_a_molecule_in_single_precision():
+    """1e-47 kg m2 is 0 in float32."""
+    spun = rm.Start(momentum=(1e-34, 2e-34, -1e-34), attitude="uniform")
+    scene = rm.Scene(rm.Body.from_moments((1.0e-47, 1.9e-47, 2.9e-47)), (), spun).with_run(dt=5e-15, t_end=5e-13, members=32)
+    fine, single = rm.simulate(scene), rm.simulate(scene, dtype="float32")
+    assert not single.status.values.any()
+    apart = np.abs(single.omega.values - fine.omega.values).max() / np.abs(fine.omega.values).max()
+    assert 1e-9 < apart < 5e-6  # measured 1.1e-06
+
+
+def test_a_file_of_an_extreme_scene_runs_again(tmp_path):
+    scene = scaled(SCENE, 1e-200, 1e-50, 1e-30)
+    first = rm.simulate(scene, output=tmp_path / "a.nc")
+    assert first.momentum.values.max() < 1e-200
+    again = rm.simulate(rm.Scene.load(tmp_path / "a.nc"))
+    for name in UNITS:
+        assert np.array_equal(first[name], again[name]), name
+    assert np.array_equal(first.time, again.time)
+
+
+class Wind(NamedTuple):
+    """An effect that does not say what its number is."""
+
+    size: float
+
+    def torque(self):
+        return self.size, 0.0, 0.0
+
+
+def test_what_cannot_be_scaled_is_refused():
+    windy = rm.Scene(BODY, (Wind(0.1),), START)
+    with pytest.raises(rm.SceneError, match="Wind does not tell that of size"):
+        scaled(windy, mass=2.0)
+    assert internal(windy) is None
