@@ -1,6 +1,15 @@
-"""Settings of all tests: hypothesis draws the same examples every time."""
+"""Settings of all tests: hypothesis draws the same examples every time, or with HYPOTHESIS_PROFILE=nightly many more and new ones."""
 
-from hypothesis import settings
+import os
+
+from hypothesis import HealthCheck, settings
 
 settings.register_profile("reproducible", derandomize=True, deadline=None)
-settings.load_profile("reproducible")
+settings.register_profile(
+    "nightly",
+    max_examples=10_000,
+    deadline=None,
+    print_blob=True,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
+)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "reproducible"))
