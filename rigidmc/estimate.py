@@ -69,6 +69,8 @@ def describe(scene, threads):
     kept = conservation(scene)
     lines.append(f"conserved    energy: {kept['energy']}; |L|^2: {kept['l2']}")
     parts = len(plan.form.parts) - 1 if plan.form else 1
+    if plan.limits:
+        lines.append(f"flagged      {_limits(plan.limits)}")
     pieces = f" of {parts} parts each" if parts > 1 else ""
     how = f"dt = {plan.dt:.6g} s" if not plan.own else f"its own for each member, {plan.mean_steps:,.1f} in the mean of the pilot"
     steps = "" if plan.own else f"{plan.steps:,}"
@@ -92,6 +94,18 @@ def describe(scene, threads):
     )
     lines += [f"note         {note}" for note in plan.notes]
     return "\n".join(lines)
+
+
+def _limits(limits):
+    """What flags a member, in words."""
+    words = {"energy": "energy drifts by", "l2": "|L|^2 drifts by", "lz": "L_z drifts by", "turn": "|omega| dt is"}
+    units = {"turn": " rad"}
+    parts = [
+        f"{word} more than {getattr(limits, name):.2g}{units.get(name, '')}"
+        for name, word in words.items()
+        if getattr(limits, name) < np.inf
+    ]
+    return "a member, where its " + ", ".join(parts) + ", or it turns non-finite"
 
 
 def sizes(scene, plan, threads):

@@ -22,6 +22,7 @@ BLOCK = 4096  # members: their 30 to 40 rows are 1 MB, and a kernel call on them
 SLAB = 32 * 2**20  # bytes of saved values that a block may hold on its way to a file
 MARGIN = 2.0  # a member beyond the pilot may spin faster than all of the pilot: 7 sigma where the pilot reaches 3.5
 
+MOST_STEPS = 10**15
 OWN_MARGIN = 1.25  # with steps of their own only the shapes of bodies beyond the pilot count: lambda of a member's rate
 
 
@@ -78,6 +79,10 @@ def steps_and_saves(t_end, dt, every):
         if steps > 2 * math.ceil(end / step) and steps > 1000:
             rule = f"no step near dt = {dt:g} divides both it and t_end = {t_end:g}; choose an `every` that divides t_end"
             raise SceneError("run", "every", every, rule)
+    if steps > MOST_STEPS:
+        raise SceneError(
+            "run", "dt", dt, f"{steps:.3g} steps to t_end = {t_end:g} are more than {MOST_STEPS:.3g}, which none live to see"
+        )
     made = t_end / steps
     notes = () if abs(made / dt - 1) < 1e-9 else (f"dt reduced from {dt:g} to {made:.10g} s, which divides t_end and every",)
     return steps, made, stride, notes

@@ -9,6 +9,7 @@ import time
 
 import numpy as np
 import pytest
+import xarray as xr
 from typer.testing import CliRunner
 
 import rigidmc as rm
@@ -121,6 +122,9 @@ def test_usage():
         (["show", "heavy_top", "--integrator", "exact"], "takes no torque"),
         (["check", "dzhanibekov", "--set", "run.dtt=1"], "did you mean 'dt'"),
         (["scenes", "heavytop"], "did you mean 'heavy_top'"),
+        (["stress", "--group", "H77"], "did you mean 'H7'"),
+        (["stress", "--integrator", "rk44"], "did you mean 'rk4'"),
+        (["stress", "dzhanibekof"], "did you mean 'dzhanibekov'"),
         (["plot", __file__, "-o", "x.png", "--picture", "sumary"], "did you mean 'summary'"),
     ],
 )
@@ -138,7 +142,12 @@ def test_plot_of_what_is_no_result(tmp_path):
 def test_flagged_members_exit_4(tmp_path):
     scene = tmp_path / "wild.toml"
     scene.write_text("[body]\nmoments=[1.0, 2.0, 2.5]\n[start]\nomega=[1e160, 1.0, 0.0]\n[run]\nmembers=3\ndt=0.1\nt_end=1.0")
-    failed(run("run", scene), 4, "flagged members: 3 non_finite")
+    failed(run("run", scene), 4, "flagged members: 3 step_too_large", "`status_step`")
+    failed(run("run", scene, "--set", "run.checks=false"), 4, "flagged members: 3 non_finite")
+    failed(run("run", scene, "--dt", "1e-159"), 3, "dt", "1e+159 steps")
+    scene.write_text(scene.read_text().replace("1e160", "1.0").replace("dt=0.1", "dt=0.1\nenergy_limit=1e-12"))
+    failed(run("run", scene), 4, "flagged members: 3 energy_drift")
+    failed(run("run", scene, "--set", "run.energy_limit=-1.0"), 3, "energy_limit", "greater than 0")
 
 
 def test_a_full_disk(tmp_path):
@@ -244,3 +253,32 @@ def test_steps_of_their_own(tmp_path):
     assert "steps of their own on average" in result.output
     failed(run("run", "tennis_racket", "--turn", "0.2", "--dt", "0.1"), 3, "give dt or turn, not both")
     assert "its own for each member" in run("show", "tennis_racket", "--turn", "0.2").output
+
+
+def test_stress_of_a_group(tmp_path):
+    """Exit 0 and three files; exit 4 and the right row where a bound is a tenth of the error."""
+    files = [tmp_path / name for name in ("s.nc", "s.png", "b.csv")]
+    words = ("stress", "--group", "H5", "--integrator", "exact")
+    made = run(*words, "-o", files[0], "--plot", files[1], "--write-bounds", files[2])
+    assert made.exit_code == 0, made.output
+    assert "5 cases, 5 runs: 5 good" in made.output
+    assert all(file.stat().st_size > 100 for file in files)
+    failed(run(*words, "-o", files[0]), 6, "exists")
+    with xr.open_dataset(files[0]) as found:
+        error = float(found.error.sel(case="needle", integrator="exact"))
+    files[2].write_text(f"group,case,integrator,bound,measured\nH5,needle,exact,{0.1 * error},\n")
+    failed(run(*words, "--bounds", files[2]), 4, "10.00  H5 needle, exact", "4 good, 1 above")
+    files[2].write_text("group,case,integrator,bound,measured\nH5,needle,exact,-1.0,\n")
+    failed(run(*words, "--bounds", files[2]), 3, "not negative")
+
+
+def test_stress_of_a_scene(tmp_path):
+    made = run("stress", "nasa_brick", "--quick", "-o", tmp_path / "t.nc", "--plot", tmp_path / "t.png")
+    assert made.exit_code == 0, made.output
+    assert "verdict: trust 12 digits to t = 30 s" in made.output
+    assert (tmp_path / "t.png").exists()
+    failed(
+        run("stress", "nasa_brick", "--quick", "--set", "run.dt=20.0", "--set", "run.every=3000.0", "--set", "run.t_end=3000.0"),
+        4,
+        "the step is too long",
+    )

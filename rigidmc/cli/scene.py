@@ -112,7 +112,8 @@ def _close(dataset, cost, wall, files):
             kept = "" if drift.attrs["conserved"] == "yes" else f"   (not conserved: {drift.attrs['conserved'][4:]})"
             print(f"  drift of {word:6s}  median {np.median(values):.1e}   worst {values.max():.1e}{kept}")
     flags = ", ".join(f"{v:,} {k}" for k, v in cost["flagged"].items() if v and k != "ok")
-    print(f"  flagged members: {flags or 'none'}")
+    where = "; their `status`, `status_step` and `status_time` tell which and when" if flags else ""
+    print(f"  flagged members: {flags or 'none'}{where}")
     if not files:
         print("  nothing was written: -o FILE keeps the result, --plot FILE draws it")
     for path in files:

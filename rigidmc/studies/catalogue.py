@@ -36,7 +36,7 @@ from rigidmc.studies.problems import HARD, PROBLEMS
 GROUPS = {
     "H1": "principal axes", "H2": "Dzhanibekov", "H3": "separatrix", "H4": "symmetric limits", "H5": "plates and needles", "H6": "fast spin",
     "H7": "heavy symmetric tops", "H8": "scale", "H9": "very many steps", "H10": "integrable and steady heavy tops", "H11": "chaos",
-    "H12": "refused", "H13": "published ends",
+    "H12": "refused", "H13": "published ends", "H14": "damping",
 }  # fmt: skip
 GRAVITY = (Gravity(1.0),)
 UPRIGHT, HANGING = (1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0)
@@ -384,7 +384,15 @@ def published():
         yield Case("H13", word.replace("_", " "), "what others have published, at 34 digits where they agree", problem.source.split(";")[0], against_end(problem), None, problem.effects, quick=word in ("hairer_heavy", "nasa_brick"))  # fmt: skip
 
 
+def damped():
+    """H14."""
+    scene = tops((1.0, 1.4, 2.0), (0.3, 0.9, 0.7), damping=0.2)
+    yield Case("H14", "damped asymmetric body", "L' = L x omega - rate L: every method has to place the damping right within its step", "closed form at another time", against_closed(scene, 20.0), None, scene.effects)  # fmt: skip
+    fast = tops((1.0, 1.4, 2.0), (3.0, 9.0, 7.0), damping=5.0)
+    yield Case("H14", "to rest in 30 e-foldings", "the step is short against the spin and long against what is left of it", "closed form at another time", against_closed(fast, 6.0), None, fast.effects)  # fmt: skip
+
+
 def catalogue():
     """All cases, in order."""
     made = (principal_axes, dzhanibekov, separatrix, symmetric_limits, plates_and_needles, fast_spin, heavy_tops, scale, many_steps)
-    return [case for make in (*made, steady_heavy_tops, chaos, refusals, published) for case in make()]
+    return [case for make in (*made, steady_heavy_tops, chaos, refusals, published, damped) for case in make()]

@@ -1,0 +1,218 @@
+"""python -m bench.mutants [--count 200]: break the physics on purpose, one place at a time, and see whether the hard cases and tests notice.
+
+A mutant is the package with one sign, factor, index or frame changed in dynamics, effects, integrators or observables. It is first judged
+by hard cases in plain Python (one lane, nothing compiled: seconds), and what survives that by the tests of those folders, compiled.
+"""
+
+import argparse
+import ast
+import json
+import math
+import os
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+ROOT = os.path.dirname(HERE)
+FOLDERS = ("dynamics", "effects", "integrators", "observables")
+NO_PHYSICS = {  # what is compiled, and for whom: facts, tables and words
+    "prepared", "sequence", "conserves", "accepts", "evaluations", "description", "refusal", "accepting", "form", "method", "names",
+    "exact_drift", "pieces", "canonical", "name_of", "rows_of", "arguments", "depends_on_momentum",
+}  # fmt: skip
+TESTS = (
+    "tests/dynamics",
+    "tests/effects",
+    "tests/observables",
+    "tests/integrators",
+    "tests/test_properties.py",
+    "tests/test_limits.py",
+)
+JUDGES = (  # the quickest first: 75 s for all, uncompiled
+    "toms903 step", "near middle axis 13", "damped asymmetric body", "flat disc", "|omega| h = 3", "equilibria stay, 1e5 steps", "at rest",
+    "hairer free", "nasa brick", "sleeping top, 1e5 steps", "Staude's permanent rotation", "hairer heavy", "there and back", "oblate",
+    "symmetric about 2", "I1 = I2 to 1e-12", "separatrix", "axis spins of a generic body", "backward steps and damping", "a torque on free motion",
+    "to rest in 30 e-foldings", "units by powers of 2", "a molecule", "Grioli's regular precession", "through the vertical",
+)  # fmt: skip
+SECONDS = 150.0  # a judge takes 15 s; what takes so long hangs
+
+
+def places():
+    """Every place that can be broken: (file, kind, line, column, end line, end column, new text)."""
+    found = []
+    for folder in FOLDERS:
+        for name in sorted(os.listdir(os.path.join(ROOT, "rigidmc", folder))):
+            if name.endswith(".py") and name not in ("methods.py", "closed.py"):
+                path = os.path.join("rigidmc", folder, name)
+                with open(os.path.join(ROOT, path)) as file:
+                    text = file.read()
+                found += [(path, *place) for place in _in_file(ast.parse(text), text)]
+    return found
+
+
+def _in_file(tree, text):
+    found = []
+
+    def put(kind, node, new):
+        found.append((kind, node.lineno, node.col_offset, node.end_lineno, node.end_col_offset, new))
+
+    def source(node):
+        return ast.get_source_segment(text, node)
+
+    def visit(node, inside):
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+            if node.name in NO_PHYSICS:
+                return
+            inside = inside or isinstance(node, ast.FunctionDef)
+            for child in node.body:
+                visit(child, inside)
+            return
+        if isinstance(node, ast.Assign) and not inside:  # tables of coefficients; not facts of classes, not float32's constants
+            if not isinstance(node.targets[0], ast.Name) or not node.targets[0].id.isupper() or node.targets[0].id == "SINGLE":
+                return
+            inside = True
+        if inside:
+            if isinstance(node, ast.BinOp) and isinstance(node.op, (ast.Add, ast.Sub)):
+                sign = "-" if isinstance(node.op, ast.Add) else "+"
+                put("sign", node, f"({source(node.left)} {sign} ({source(node.right)}))")
+            if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub) and not isinstance(node.operand, ast.Constant):
+                put("sign", node, f"({source(node.operand)})")
+            if isinstance(node, ast.Constant) and type(node.value) is float and node.value != 0.0:
+                put("factor", node, f"({source(node)} * 1.01)")
+            if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant) and node.slice.value in (0, 1, 2):
+                put("index", node, f"{source(node.value)}[{(node.slice.value + 1) % 3}]")
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+                args = [source(a) for a in node.args]
+                if node.func.id in ("multiply", "cross") and len(args) == 2:
+                    put("frame", node, f"{node.func.id}({args[1]}, {args[0]})")
+                if node.func.id in ("conjugate", "up") and len(args) == 1:
+                    put(
+                        "frame",
+                        node,
+                        args[0]
+                        if node.func.id == "conjugate"
+                        else f"up(({args[0]}[0], -{args[0]}[1], -{args[0]}[2], -{args[0]}[3]))",
+                    )
+        for child in ast.iter_child_nodes(node):
+            if not (isinstance(child, ast.Expr) and isinstance(child.value, ast.Constant)):
+                visit(child, inside)
+
+    for node in tree.body:
+        visit(node, False)
+    return found
+
+
+def chosen(count, seed):
+    """`count` places, as many of each kind as there are, at most one in four of them constants."""
+    some, every = random.Random(seed), places()
+    kinds: dict[str, list] = {}
+    for place in every:
+        kinds.setdefault(place[1], []).append(place)
+    shares = {"sign": 0.35, "factor": 0.25, "index": 0.3, "frame": 0.1}
+    made = []
+    for kind, share in shares.items():
+        made += some.sample(kinds[kind], min(len(kinds[kind]), round(share * count)))
+    return made
+
+
+def broken(place, folder):
+    """A copy of the package with one place broken; the line as it was and as it is."""
+    path, _, line, column, end_line, end_column, new = place
+    shutil.copytree(os.path.join(ROOT, "rigidmc"), os.path.join(folder, "rigidmc"), ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("tests", "bench", "pyproject.toml"):
+        os.symlink(os.path.join(ROOT, name), os.path.join(folder, name))
+    with open(os.path.join(ROOT, path), "rb") as file:
+        lines = file.read().split(b"\n")
+    before = lines[line - 1].decode().strip()
+    last = lines[end_line - 1][end_column:]
+    lines[line - 1 : end_line] = [lines[line - 1][:column] + new.replace("\n", " ").encode() + last]
+    with open(os.path.join(folder, path), "wb") as file:
+        file.write(b"\n".join(lines))
+    return before, lines[line - 1].decode().strip()
+
+
+def judged(place, slow=True):
+    """{"killed": by what or None, ...} of one mutant."""
+    with tempfile.TemporaryDirectory(prefix="rigidmc-mutant-") as folder:
+        before, after = broken(place, folder)
+        row = {"file": place[0], "line": place[2], "kind": place[1], "before": before, "after": after}
+        env = {**os.environ, "PYTHONPATH": folder, "RIGIDMC_CACHE_DIR": os.path.join(folder, "cache")}
+        began = time.perf_counter()
+        code, said = _run(
+            [sys.executable, "-c", "from bench.mutants import judge; judge()"], folder, {**env, "NUMBA_DISABLE_JIT": "1"}, SECONDS
+        )
+        killed = None if code == 0 else f"hard cases: {said}"
+        if killed is None and slow:
+            words = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", *TESTS]
+            code, said = _run(words, folder, env, 900.0)
+            killed = None if code == 0 else f"tests: {said}"
+        return {**row, "killed": killed, "seconds": time.perf_counter() - began}
+
+
+def _run(words, folder, env, seconds):
+    try:
+        done = subprocess.run(words, cwd=folder, env=env, capture_output=True, text=True, timeout=seconds)
+    except subprocess.TimeoutExpired:
+        return 1, f"longer than {seconds:g} s"
+    lines = (
+        [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR", "above"))]
+        or done.stderr.splitlines()[-1:]
+        or [""]
+    )
+    return done.returncode, lines[0][:200]
+
+
+def judge():
+    """Run hard cases in plain Python until one is above its bound; exit code 1 then."""
+    from rigidmc.engine import kernel
+
+    kernel.LANES = 1
+    from rigidmc.studies import hard_cases
+    from rigidmc.studies.catalogue import catalogue
+
+    known = hard_cases.shipped_bounds()
+    cases = sorted((case for case in catalogue() if case.name in JUDGES), key=lambda case: JUDGES.index(case.name))
+    for case in cases:
+        for name in case.integrators():
+            error, _, reason = hard_cases.carried_out(case, name, 1e-4)
+            bound = hard_cases.bound_of(case, name, known)[0]
+            # plain Python makes no fused multiply-adds: other roundings, measured up to 2.6 of the shipped bounds
+            if reason or error > max(5.0 * bound, 1e-13):
+                print(f"above: {case.name}, {name}: {error:.1e} > {bound:.1e} {reason}")
+                sys.exit(1)
+
+
+def main():
+    parser = argparse.ArgumentParser(prog="python -m bench.mutants", description=__doc__.splitlines()[0])
+    parser.add_argument("--count", type=int, default=200, help="how many mutants")
+    parser.add_argument("--seed", type=int, default=1, help="which")
+    parser.add_argument("--fast", action="store_true", help="hard cases only, without the tests for what survives")
+    parser.add_argument("--output", default=os.path.join(HERE, "results", "mutants.json"), metavar="FILE")
+    options = parser.parse_args()
+    made = chosen(options.count, options.seed)
+    rows = []
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        for row in pool.map(lambda place: judged(place, not options.fast), made):
+            rows.append(row)
+            word = "killed  " if row["killed"] else "SURVIVED"
+            print(
+                f"{len(rows):3d} {word} {row['kind']:6s} {row['file']}:{row['line']}  {row['after'][:90]}  <- {row['killed'] or row['before'][:90]}",
+                flush=True,
+            )
+    alive = [row for row in rows if not row["killed"]]
+    print(
+        f"{len(rows) - len(alive)} of {len(rows)} killed, {100.0 * (1.0 - len(alive) / len(rows)):.1f} %, of {len(places()):,} places"
+    )
+    by_cases = sum(bool(row["killed"]) and row["killed"].startswith("hard cases") for row in rows)
+    print(f"{by_cases} by the hard cases alone; {math.fsum(row['seconds'] for row in rows):.0f} s of work")
+    with open(options.output, "w") as file:
+        json.dump(rows, file, indent=1)
+        file.write("\n")
+
+
+if __name__ == "__main__":
+    main()
