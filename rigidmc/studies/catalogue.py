@@ -5,10 +5,10 @@ import math
 import numpy as np
 
 from rigidmc.body import Body
-from rigidmc.dynamics.so3 import up
+from rigidmc.dynamics.so3 import multiply, up
 from rigidmc.effects import Gravity, ViscousDamping
 from rigidmc.integrators import INTEGRATORS
-from rigidmc.rotation import from_euler, matrix, omega_from_euler_rates
+from rigidmc.rotation import attitude_error, from_euler, matrix, omega_from_euler_rates
 from rigidmc.sampling import Start
 from rigidmc.scene import Scene
 from rigidmc.simulation import simulate
@@ -36,7 +36,7 @@ from rigidmc.studies.problems import HARD, PROBLEMS
 GROUPS = {
     "H1": "principal axes", "H2": "Dzhanibekov", "H3": "separatrix", "H4": "symmetric limits", "H5": "plates and needles", "H6": "fast spin",
     "H7": "heavy symmetric tops", "H8": "scale", "H9": "very many steps", "H10": "integrable and steady heavy tops", "H11": "chaos",
-    "H12": "refused", "H13": "published ends", "H14": "damping",
+    "H12": "refused", "H13": "attitude errors", "H14": "damping", "H15": "published ends",
 }  # fmt: skip
 GRAVITY = (Gravity(1.0),)
 UPRIGHT, HANGING = (1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0)
@@ -378,10 +378,22 @@ def refusals():
 
 
 def published():
-    """H13."""
+    """H15."""
     for word in ("nasa_brick", "toms903_step", "hairer_free", "hairer_heavy", "cardona_top"):
         problem = PROBLEMS[word]
-        yield Case("H13", word.replace("_", " "), "what others have published, at 34 digits where they agree", problem.source.split(";")[0], against_end(problem), None, problem.effects, quick=word in ("hairer_heavy", "nasa_brick"))  # fmt: skip
+        yield Case("H15", word.replace("_", " "), "what others have published, at 34 digits where they agree", problem.source.split(";")[0], against_end(problem), None, problem.effects, quick=word in ("hairer_heavy", "nasa_brick"))  # fmt: skip
+
+
+def attitude_errors():
+    """H13."""
+
+    def error(integrator, share):
+        q, angles = np.array((0.1, -0.5, 0.7, 0.5)), 10.0 ** -np.arange(1.0, 16.0)
+        q /= np.linalg.norm(q)
+        turned = np.array([multiply(tuple(q), (math.cos(0.5 * a), 0.0, math.sin(0.5 * a), 0.0)) for a in angles])
+        return float(np.abs(attitude_error(np.concatenate([turned, -turned]), q) - np.tile(angles, 2)).max())
+
+    yield Case("H13", "angles of 0.1 to 1e-15 rad", "2 arccos |p.q| says 0 for all below 1e-8; q and -q are one attitude", "the angle turned by", error, 1e-15, claims=lambda name: name == "exact", quick=True)  # fmt: skip
 
 
 def damped():
@@ -395,4 +407,4 @@ def damped():
 def catalogue():
     """All cases, in order."""
     made = (principal_axes, dzhanibekov, separatrix, symmetric_limits, plates_and_needles, fast_spin, heavy_tops, scale, many_steps)
-    return [case for make in (*made, steady_heavy_tops, chaos, refusals, published, damped) for case in make()]
+    return [case for make in (*made, steady_heavy_tops, chaos, refusals, attitude_errors, damped, published) for case in make()]
