@@ -262,8 +262,8 @@ def many_steps():
     moments, momentum = some_tops()
     scene = tops(moments, momentum)
     yield Case("H9", "free invariants, 1e6 steps", "rounding alone: a bias of 1e-17 a step would show", "invariants", constant(scene, 0.1 * 1e6, conserved, saves=16, steps=1_000_000), None, claims=keeps_free_invariants)  # fmt: skip
-    yield Case("H9", "free invariants, 1e6 steps, compensated", "with the remainders of all sums kept, rounding of the state is gone, that of the increments is left", "invariants", constant(scene, 0.1 * 1e6, conserved, saves=16, steps=1_000_000, compensated=True), None, claims=keeps_free_invariants)  # fmt: skip
-    yield Case("H9", "rounding walks, it does not march", "32 tops over 1e6 steps: the rms drift grows as sqrt(n), not as n", "random walk", walk(scene, 0.1, 1_000_000), 3.0, claims=keeps_free_invariants)  # fmt: skip
+    yield Case("H9", "free invariants, 1e6 steps, compensated", "with the remainders of all sums kept, rounding of the state is gone, that of the increments is left", "invariants", constant(scene, 0.1 * 1e6, conserved, saves=16, steps=1_000_000, compensated=True), None, claims=lambda name: name in ("exact", "midpoint", "strang", "srkn6"))  # fmt: skip
+    yield Case("H9", "rounding walks, it does not march", "32 tops over 1e6 steps: the rms drift grows as sqrt(n), not as n", "random walk", walk(scene, 0.1, 1_000_000), 3.0, claims=lambda name: name in ("exact", "midpoint", "strang"))  # fmt: skip
     yield Case("H9", "rounding over 1e7 steps", "ten times as long", "random walk", walk(scene, 0.1, 10_000_000), 3.0, claims=lambda name: name == "exact")  # fmt: skip
     yield Case("H9", "drift of Runge-Kutta methods, 1e6 steps", "1e6 steps of 0.02 rad: energy and |L|^2 drift as h^order t", "invariants", constant(scene, 0.02 * 1e6 / 3.0, conserved, saves=16, steps=1_000_000), None, claims=drifting)  # fmt: skip
 
