@@ -172,7 +172,10 @@ def test_a_full_disk(tmp_path):
 def test_signals(tmp_path, number, code):
     """Stopped in the middle: the code of the signal, within a second, and no file under any name."""
     words = ["run", "dzhanibekov", "--members", "2000000", "-o", str(tmp_path / "x.nc")]
-    process = subprocess.Popen([*COMMAND, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [*COMMAND, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # tests started in the background have it ignored
+    )  # fmt: skip
     deadline = time.monotonic() + 60
     while not any(name.startswith("x.nc.part") for name in os.listdir(tmp_path)) and time.monotonic() < deadline:
         time.sleep(0.05)

@@ -35,11 +35,21 @@ class Top(NamedTuple):
     damping: float
 
     @property
-    def rate(self):
-        """sqrt(2 (T + 2 V)/I) + sqrt(V/I), I the smallest moment."""
-        v, least = sum(map(abs, self.weight)), min(self.moments)
+    def play(self):
+        """The largest kinetic energy, T + 2 V."""
         kinetic = sum(0.5 * l * l / i for l, i in zip(self.momentum, self.moments, strict=True))
-        return math.sqrt(2.0 * (kinetic + 2.0 * v) / least) + math.sqrt(v / least)
+        return kinetic + 2.0 * sum(map(abs, self.weight))
+
+    @property
+    def rate(self):
+        """sqrt(2 (T + 2 V)/I) + sqrt(V/I) + damping, I the smallest moment."""
+        least = min(self.moments)
+        return math.sqrt(2.0 * self.play / least) + math.sqrt(sum(map(abs, self.weight)) / least) + self.damping
+
+    @property
+    def most(self):
+        """The largest |L|, sqrt(2 (T + 2 V) I) with the largest moment."""
+        return math.sqrt(2.0 * self.play * max(self.moments))
 
 
 def effects_of(name, weight, damping):
@@ -51,7 +61,7 @@ def effects_of(name, weight, damping):
 
 
 def vectors(size):
-    part = st.one_of(st.just(0.0), st.floats(-size, size).map(lambda x: x if abs(x) > 1e-9 * size else 0.0))
+    part = st.one_of(st.just(0.0), st.floats(-size, size))
     return st.tuples(part, part, part)
 
 
@@ -63,8 +73,7 @@ def bodies():
 
 
 def attitudes():
-    # parts of 1e-311 are left out: a top balanced to that, with |L|^2 below 1e-308, is turned by 90 degrees by the exact drift (open)
-    part = st.floats(-1.0, 1.0).map(lambda x: x if abs(x) > 1e-9 else 0.0)
+    part = st.floats(-1.0, 1.0)
     made = st.tuples(part, part, part, part).filter(lambda q: sum(x * x for x in q) > 1e-3)
     return made.map(lambda q: tuple(x / math.sqrt(sum(y * y for y in q)) for x in q))
 
@@ -73,7 +82,7 @@ def tops(damped=True):
     damping = st.sampled_from((0.0, 0.0, 0.3)) if damped else st.just(0.0)
     weight = st.one_of(st.just((0.0, 0.0, 0.0)), vectors(1.0))
     made = st.builds(Top, bodies(), vectors(2.0), attitudes(), weight, damping)
-    return made.filter(lambda top: top.rate > 1e-3)
+    return made.filter(lambda top: top.most > 1e-3)
 
 
 def moved(top, name, h=None, steps=STEPS, way=1.0):
@@ -87,12 +96,23 @@ def moved(top, name, h=None, steps=STEPS, way=1.0):
     return block[: K.MOMENTUM, 0].copy(), block[K.MOMENTUM : K.REST, 0].copy()
 
 
-def distance(one, two):
-    """Larger of the difference of momentum, of the size that the energies allow, and of attitude [rad]."""
-    size = max(np.linalg.norm(one[1]), np.linalg.norm(two[1]), 1e-3)
-    return max(np.linalg.norm(one[1] - two[1]) / size, float(attitude_error(one[0], two[0])))
+def distance(top, one, two):
+    """Larger of the difference of momentum, of the largest that the energy allows, and of attitude [rad]."""
+    return max(np.linalg.norm(one[1] - two[1]) / top.most, float(attitude_error(one[0], two[0])))
 
 
+# bounds of |E - E(0)| in T + 2 V, of |L|^2 of a free body and of L_z, beside the largest of 30,000 random tops (10,000 for the others)
+ENERGY = {
+    "rk4": 2e-7,
+    "rk8": 2e-14,
+    "midpoint": 2e-14,
+    "strang": 6e-4,
+    "chin4": 2e-8,
+    "srkn11": 3e-14,
+    "exact": 1e-14,
+}  # 3.4e-8, 2.6e-15, 3.2e-15, 1.4e-4, 3.2e-9, 5.5e-15, 1.3e-15
+SQUARE = {**dict.fromkeys(NAMES, 3e-14), "rk4": 1e-6}  # 2.7e-7; else 5.6e-15
+VERTICAL = {**dict.fromkeys(NAMES, 5e-14), "rk4": 1e-6, "midpoint": 2e-3}  # 2.5e-7, 3.3e-4; else 9.1e-15
 names = st.sampled_from(NAMES)
 EXAMPLES = max(300, settings().max_examples)
 many = settings(max_examples=EXAMPLES, suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much])
@@ -107,7 +127,7 @@ def test_permuted_axes(top, name):
     )  # fmt: skip
     q, l = moved(other, name)
     back = np.array(multiply(tuple(q), (0.5, 0.5, 0.5, 0.5))), np.roll(l, -1)
-    assert distance(moved(top, name), back) < 2e-12
+    assert distance(top, moved(top, name), back) < 5e-14  # measured 7.9e-15
 
 
 @many
@@ -120,7 +140,7 @@ def test_turned_space(top, name, turn):
         turn = (turn[0] / size, 0.0, 0.0, turn[3] / size)
     q, l = moved(top._replace(attitude=multiply(turn, top.attitude)), name)
     back = np.array(multiply((turn[0], -turn[1], -turn[2], -turn[3]), tuple(q))), l
-    assert distance(moved(top, name), back) < 2e-12
+    assert distance(top, moved(top, name), back) < 5e-14  # measured 7.9e-15
 
 
 @many
@@ -128,28 +148,27 @@ def test_turned_space(top, name, turn):
 def test_time_backwards(top, name):
     q, l = moved(top, name)
     again = moved(top._replace(attitude=tuple(q), momentum=tuple(l)), name, h=TURN / top.rate, way=-1.0)
-    assert distance((np.array(top.attitude), np.array(top.momentum)), again) < 5e-12
+    assert distance(top, (np.array(top.attitude), np.array(top.momentum)), again) < 5e-14  # measured 1.2e-14
 
 
 @many
 @given(tops(), names, st.integers(-60, 60), st.integers(-60, 60))
 def test_other_units(top, name, mass, time):
-    """Powers of two change no bit; mass stands for that of inertia, momentum and weight."""
+    """Powers of two change no bit but of parts below 1e-150, whose squares go under; mass stands for that of inertia, momentum and weight."""
     m, t = 2.0**mass, 2.0**time
     other = Top(
         tuple(m * x for x in top.moments), tuple(m / t * x for x in top.momentum), top.attitude, tuple(m / t**2 * x for x in top.weight), top.damping / t
     )  # fmt: skip
     one, two = moved(top, name), moved(other, name, h=t * (TURN / top.rate))
-    assert np.array_equal(one[0], two[0])
-    assert np.array_equal(m / t * one[1], two[1])
+    for a, b in ((one[0], two[0]), (one[1], t / m * two[1])):
+        assert ((a == b) | (abs(a) < 1e-150)).all()
 
 
 @many
 @given(tops(damped=False), names)
 def test_conservation(top, name):
-    """Of a free body what the integrator says; under gravity L_z by splittings; of energy, what its order leaves."""
-    kind, body, effects = INTEGRATORS[name], MassProperties.of(top.moments, top.weight), (Gravity(1.0),)
-    free = not any(top.weight)
+    """Of a free body and under gravity, what each integrator keeps and what its order leaves."""
+    body, effects = MassProperties.of(top.moments, top.weight), (Gravity(1.0),)
     q0, l0 = np.array(top.attitude), np.array(top.momentum)
     q, l = moved(top, name)
     play = kinetic_energy(body, l0) + total_energy_scale(effects, body)
@@ -157,29 +176,24 @@ def test_conservation(top, name):
         abs(kinetic_energy(body, l) + total_energy(effects, body, q) - kinetic_energy(body, l0) - total_energy(effects, body, q0))
         / play
     )
-    assert abs(q @ q - 1.0) < 3e-15
-    if free:
-        keeps = kind.conserves
-        assert energy < (1e-13 if "T" in keeps else STEPS * TURN ** (kind.order + 1))
-        assert abs(dot(l, l) - dot(l0, l0)) < (1e-13 if "|L|^2" in keeps else STEPS * TURN ** (kind.order + 1)) * dot(l0, l0)
-    else:
-        largest = math.sqrt(2.0 * play * max(top.moments))
-        lz = abs(dot(tuple(l), up(tuple(q))) - dot(tuple(l0), up(tuple(q0)))) / largest
-        assert energy < STEPS * TURN ** (kind.order + 1) + 1e-12
-        assert lz < (1e-12 if hasattr(kind, "drifts") else STEPS * TURN ** (kind.order + 1) + 1e-12)
+    assert abs(q @ q - 1.0) < 3e-15  # measured 6.7e-16
+    assert energy < ENERGY[name]
+    assert abs(dot(tuple(l), up(tuple(q))) - dot(tuple(l0), up(tuple(q0)))) < VERTICAL[name] * top.most
+    if not any(top.weight):
+        assert abs(dot(l, l) - dot(l0, l0)) <= SQUARE[name] * dot(l0, l0)
 
 
 @many
 @given(tops(), names, names)
 def test_two_integrators_agree_within_their_estimates(top, one, other):
-    """The estimate of each is what half the step changes; for the worst of them all that is 0.6 of the error."""
+    """The estimate of each is what half the step changes; they are at most 0.33 of it apart, and 1.4e-15 where all is rounding."""
     ends, estimates = [], []
     for name in (one, other):
         h = TURN / top.rate
         long, short = moved(top, name), moved(top, name, 0.5 * h, 2 * STEPS)
         ends.append(short)
-        estimates.append(distance(long, short))
-    assert distance(*ends) < 2.0 * sum(estimates) + 1e-11
+        estimates.append(distance(top, long, short))
+    assert distance(top, *ends) < sum(estimates) + 1e-13
 
 
 @many

@@ -9,7 +9,10 @@ import math
 from typing import NamedTuple
 
 from rigidmc.dynamics.euler import angular_velocity
-from rigidmc.dynamics.so3 import add, conjugate, dot, exponential, multiply, scale, select, sincos
+from rigidmc.dynamics.so3 import add, conjugate, dot, exponential, multiply, scale, select, select3, sincos
+
+_REST = 1e-306  # |L|^2 at which a body stands still: below 2e-308 its digits go, and with them the unit vector L/|L|
+SINGLE = {"_REST": 1e-36}
 
 
 class Arc(NamedTuple):
@@ -88,18 +91,17 @@ def squares(body, l):
     return body.a1 * body.a3 * l[1] * l[1], -body.a2 * body.a3 * l[0] * l[0], -body.a1 * body.a2 * l[2] * l[2]
 
 
-def _share(body, on_third, u):
+def _share(body, on_third, sign, u):
     """(f, v, v', v'') with f = 1/(1 + c) and v = c/(1 + c) along the free motion of the unit momentum u, c = |u_j|, j = 3 or 1."""
-    j = select(on_third, u[2], u[0])
-    rate = select(on_third, body.a3 * u[0], body.a1 * u[2]) * u[1] * select(j < 0.0, -1.0, 1.0)
-    c = abs(j)
+    c = sign * select(on_third, u[2], u[0])
+    rate = sign * select(on_third, body.a3 * u[0], body.a1 * u[2]) * u[1]
     p, q1, q3 = squares(body, u)
     f = 1.0 / (1.0 + c)
     ff = f * f
     return f, c * f, rate * ff, ff * (c * (p - select(on_third, q1, q3)) - 2.0 * rate * rate * f)
 
 
-def _panels(body, on_third, half, whole, h, u, start, count):
+def _panels(body, on_third, sign, half, whole, h, u, start, count):
     """(change of u, end of u, end of f, integral of v) over len(count) panels of length h.
 
     A panel's integral by the rule that is exact for polynomials of degree 7: v, v', v'' at both ends, where they come free with the
@@ -111,16 +113,16 @@ def _panels(body, on_third, half, whole, h, u, start, count):
     d = 1.0 - p * half.s * half.s
     first = f1 * u[0] + f3 * half.s * body.a1 * u[1] * u[2]
     third = f3 * u[2] + f1 * half.s * body.a3 * u[0] * u[1]
-    middle = abs(select(on_third, third, first))
+    middle = sign * select(on_third, third, first)
     change = increment(body, whole, p, u)
     u = add(u, change)
-    end = _share(body, on_third, u)
+    end = _share(body, on_third, sign, u)
     integral = h * (
         (19 / 70) * (start[1] + end[1])
         + (16 / 35) * (middle / (d + middle))
         + h * ((1 / 35) * (start[2] - end[2]) + h * (1 / 840) * (start[3] + end[3]))
     )
-    rest, u, f, more = _panels(body, on_third, half, whole, h, u, end, count[1:])
+    rest, u, f, more = _panels(body, on_third, sign, half, whole, h, u, end, count[1:])
     return add(change, rest), u, f, integral + more
 
 
@@ -144,9 +146,10 @@ def free_flow(body, halvings, panels, h, l):
     halvings : a tuple whose LENGTH says how often the series' argument is halved
     panels : (1/n, ...), n panels into which h is cut; their length in the tuple and not len(), which would be a float64 for float32 too
     """
-    g = math.sqrt(dot(l, l))
-    one, two, three = scale(1.0 / select(g > 0.0, g, 1.0), l)
-    u = one, two, select(g > 0.0, three, 1.0)  # at rest any unit vector will do: nothing turns
+    square = dot(l, l)
+    moves = square > _REST
+    g = select(moves, math.sqrt(square), 0.0)
+    u = select3(moves, scale(1.0 / select(moves, g, 1.0), l), (0.0, 0.0, 1.0))  # at rest any unit vector will do: nothing turns
     twice_energy = dot(u, angular_velocity(body, u))
     # axis 2 is the middle one unless a1 a3 < 0; of a body symmetric about axis 2 either other axis will do
     elsewhere, one_fits = body.a1 * body.a3 < 0.0, body.a2 * body.a3 >= 0.0
@@ -159,14 +162,16 @@ def free_flow(body, halvings, panels, h, l):
     p, q1, q3 = squares(body, u)
     half, whole = _half_and_whole(h, p + q3, p + q1, halvings)
     on_third = q3 >= q1
-    start = _share(body, on_third, u)
-    change, end, f, integral = _panels(body, on_third, half, whole, h, u, start, panels)
+    # the side on which L circles stays; where u_j is 0 to rounding its sign may change, and taken anew it would turn the body over
+    sign = select(select(on_third, u[2], u[0]) < 0.0, -1.0, 1.0)
+    start = _share(body, on_third, sign, u)
+    change, end, f, integral = _panels(body, on_third, sign, half, whole, h, u, start, panels)
     # psi' = 2T (1 - v) + v/I_j: written so that nothing cancels for needles, where 1/I_j exceeds 2T by orders of magnitude
     phase = twice_energy * (time - integral) + select(on_third, body.i3, body.i1) * integral
     s, c = sincos(0.5 * phase)
-    s = s * select(select(on_third, u[2], u[0]) < 0.0, -1.0, 1.0)
-    turn = multiply(conjugate(to_axis(on_third, u)), (c, select(on_third, 0.0, s), 0.0, select(on_third, s, 0.0)))
-    turn = multiply(turn, to_axis(on_third, end))
+    s = s * sign
+    turn = multiply(conjugate(to_axis(on_third, sign, u)), (c, select(on_third, 0.0, s), 0.0, select(on_third, s, 0.0)))
+    turn = multiply(turn, to_axis(on_third, sign, end))
     r = 0.5 * math.sqrt(start[0] * f)  # |P(u)|^2 = 2 (1 + c) before normalisation
     one, two, three = relabel(third, first, scale(r, turn[1:]))
     return (r * turn[0], one, two, three), scale(g, relabel(third, first, change))
@@ -225,12 +230,10 @@ def relabel(first, third, v):
     )
 
 
-def to_axis(on_third, u):
-    """Quaternion of norm sqrt(2 (1 + c)) that turns the unit vector u to sign(u_j) e_j, j = 3 or 1, c = |u_j|."""
-    j = select(on_third, u[2], u[0])
-    sign = select(j < 0.0, -1.0, 1.0)
+def to_axis(on_third, sign, u):
+    """Quaternion of norm sqrt(2 (1 + c)) that turns the unit vector u to sign e_j, j = 3 or 1, c = sign u_j."""
     return (
-        1.0 + abs(j),
+        1.0 + sign * select(on_third, u[2], u[0]),
         select(on_third, sign * u[1], 0.0),
         select(on_third, -sign * u[0], sign * u[2]),
         select(on_third, 0.0, -sign * u[1]),

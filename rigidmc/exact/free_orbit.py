@@ -127,7 +127,7 @@ def orbit(moments, l, q):
     kind = third(nu, 1.0 + nu, m + nu)
     turn = select(direct == (ij < ik), -1.0, 1.0)
     swing = complete(quarter, m, mc, (kind,))[0]
-    back = normalised(conjugate(to_axis(on_third, u)))
+    back = normalised(conjugate(to_axis(on_third, sign, u)))
     one, two, three = relabel(last, first, back[1:])
     q = multiply(normalised(q), (back[0], one, two, three))
     return (
@@ -177,8 +177,9 @@ def motion(o, t):
     u, angle = turned_phase(o, t)
     on_third = o.about == 3.0
     s, c = sincos(0.5 * (o.spin * t + (angle - o.phase)))
-    s = select(o.c < 0.0, -s, s)
-    turn = multiply((c, select(on_third, 0.0, s), 0.0, select(on_third, s, 0.0)), normalised(to_axis(on_third, u)))
+    sign = select(o.c < 0.0, -1.0, 1.0)
+    s = sign * s
+    turn = multiply((c, select(on_third, 0.0, s), 0.0, select(on_third, s, 0.0)), normalised(to_axis(on_third, sign, u)))
     first, last = o.shift == 1.0, o.shift == 2.0
     one, two, three = relabel(last, first, turn[1:])
     q = multiply((o.q0, o.q1, o.q2, o.q3), (turn[0], one, two, three))

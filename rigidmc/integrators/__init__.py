@@ -4,7 +4,8 @@
 
 q and l may be pairs (value, remainder): `whole` gives the value, `gain`, `gain4` and `moved` add to either.
 Facts: order, evaluations of the torque per step, reversible, conserves (free body), accepts (which torques), compensated, and
-largest_turn where a step may turn by less than pi [rad], or by more with the number; see `rigidmc.limits`.
+largest_turn where a step may turn by less than pi [rad], or by more with the number; least_spin and largest_spin, between which what is
+compiled follows the turn of a step; see `rigidmc.limits`.
 Where what is compiled depends on the size of the step: prepared(self, turns, attitude, effects) -> Form; see `forms`.
 """
 

@@ -51,7 +51,7 @@ class Midpoint(NamedTuple):
     accepts = "any torque"
     compensated = True
     largest_spin = 0.5  # [rad] in a step: 32 iterations; 64 compile for 20 s
-    largest_turn = 1.0  # of a member beyond the pilot: 32 iterations leave 0.55^32 = 5e-9 of the stage
+    least_spin = 0.0135  # up to which 8 iterations will do
 
     def prepared(self, turns, attitude, effects):
         # each iteration brings |omega| h/2 of the error, 1e-17 is wanted; 8, 16 or 32 of them, so that kernels are few

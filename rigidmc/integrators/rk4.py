@@ -38,7 +38,7 @@ class RK4(NamedTuple):
     conserves = ()
     accepts = "any torque"
     compensated = True
-    largest_turn = 2.0  # [rad] in a step: 0.05 rad of error in one turn, divergent at 2.8 of the half angle
+    largest_turn = 2.0  # [rad] in a step: off by 0.03 rad after a turn (median of 100 bodies; 0.17 at worst), by 0.4 and 3 at 4 rad
 
     def step(self, body, effects, t, h, q, l):
         # Rates are scaled by h/2 once, stages x, y, z are made in fused multiply-adds, and the stages themselves are summed:

@@ -123,6 +123,19 @@ def against_closed(scene, t_end, saves=8, **options):
     return error
 
 
+def against_turn(scene, t_end, omega):
+    """Error of the state against a plain turn by omega [rad/s] about axis 2, from the attitude 1."""
+
+    def error(integrator, share):
+        ds = run(scene, integrator, t_end)
+        half = 0.5 * omega * ds.time.values[:, None] * np.ones(ds.sizes["member"])
+        turned = np.stack([np.cos(half), 0.0 * half, np.sin(half), 0.0 * half], axis=1)
+        l = ds.momentum.values
+        return worst(ds, distance(ds.attitude.values, l, turned, l[:1] + 0.0 * l).max(0))
+
+    return error
+
+
 def flagged_or_close(scene, t_end, **options):
     """Error of the state against the closed form; nothing where a member is flagged: nonsense must not look like a result."""
 

@@ -16,6 +16,7 @@ from rigidmc.studies.cases import (
     Case,
     against_closed,
     against_end,
+    against_turn,
     conserved,
     constant,
     direction,
@@ -240,6 +241,8 @@ def scale():
     i, l, _ = real["a molecule"]
     single = against_closed(tops(i, l), 100.0 * float(np.min(i) / np.linalg.norm(l)), turn=0.05, dtype="float32")
     yield Case("H8", "a molecule in float32", "moments of 1e-47 are 0 in single precision", "closed form", single, None, claims=lambda name: name in ("rk4", "exact", "strang", "rotations"))  # fmt: skip
+    signs = np.array([(a, 1.0, b) for a in (1.0, -1.0) for b in (1.0, -1.0)])
+    yield Case("H8", "1e-165 off the middle axis", "squares of what decides about which axis L circles are 0; taken anew at each end of a step, its side turned the body over", "a plain turn", against_turn(tops((0.3, 1.0, 1.3), signs * (1e-165, 1.0, 1e-175)), 20.0, 1.0), None, quick=True)  # fmt: skip
     yield Case("H8", "at rest", "L = 0: nothing may be divided by it", "L = 0 stays to the bit", constant(tops(moments, (0.0, 0.0, 0.0)), 10.0, direction), 0.0)  # fmt: skip
     none = Scene(Body.from_moments(tuple(moments), centre=(0.1, 0.2, 0.3)), (Gravity(0.0),), Start(momentum=tuple(momentum)))
     yield Case("H8", "g = 0", "gravity is compiled, and must change nothing", "closed form", against_closed(none, 10.0), None, GRAVITY)  # fmt: skip
@@ -247,6 +250,8 @@ def scale():
     reversible = lambda name: INTEGRATORS[name].reversible and steps_made(name)  # noqa: E731
     yield Case("H8", "there and back", "the same steps with h < 0", "its own start", there_and_back(tops(tuple(moments), tuple(momentum)), 20.0), 1e-13, claims=reversible, quick=True)  # fmt: skip
     yield Case("H8", "there and back, heavy", "the same steps with h < 0", "its own start", there_and_back(heavy, 20.0), 1e-12, GRAVITY, reversible)  # fmt: skip
+    swinging = tops((0.3, 1.0, 1.3), (0.0, 0.0, 0.0), (0.0, -math.sqrt(0.5), 1e-311, math.sqrt(0.5)), (0.0, 0.0, 1.0))
+    yield Case("H8", "a pendulum 1e-311 off its plane", "parts of the attitude that are denormal numbers", "its own start", there_and_back(swinging, 20.0), None, GRAVITY, reversible)  # fmt: skip
     for power, word in ((True, "powers of 2"), (False, "powers of 10")):
         mass, length, time = (2.0**-90, 2.0**-30, 2.0**-20) if power else (1e-27, 1e-9, 1e-6)
         unit = mass * length**2
