@@ -6,7 +6,7 @@ import numpy as np
 
 from bench import harness, tops
 from rigidmc.effects import Gravity
-from rigidmc.engine import kernel
+from rigidmc.engine import layout
 from rigidmc.engine.machine import threads_available
 from rigidmc.integrators import INTEGRATORS, Turns, form
 from rigidmc.limits import Limits
@@ -55,8 +55,8 @@ def run(quick):
         cpu = {}
         field = {"with": advance("with", with_all), "without": advance("without", ())}
         seconds = harness.interleaved(field, 5 if quick else 21, cpu)
-        rest = [np.concatenate([part[: kernel.REST] for part in ends[word]], axis=1) for word in field]
-        flagged = sum(int(part[kernel.STATUS].any()) for part in ends["with"])
+        rest = [np.concatenate([part[: layout.REST] for part in ends[word]], axis=1) for word in field]
+        flagged = sum(int(part[layout.STATUS].any()) for part in ends["with"])
         assert not flagged, f"{name}: members of the bench are flagged"
         assert np.array_equal(*rest), f"{name}: the checks changed bits"
         what = f"{name} {'heavy' if effects else 'free'}{'' if attitude else ', momentum only'}"

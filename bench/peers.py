@@ -16,7 +16,7 @@ import numpy as np
 import rigidmc
 from bench import baselines, harness, tops
 from rigidmc.effects import Gravity
-from rigidmc.engine import kernel
+from rigidmc.engine import layout
 from rigidmc.engine.machine import threads_available
 from rigidmc.planning import form_of
 
@@ -181,7 +181,7 @@ def rigidmc_steps(many, kind, limit, true):
         steps = longest(error, limit, 4, 20_000)
         if steps is None:
             continue
-        mean = np.mean(np.concatenate([b[kernel.STEPS] for b in go(steps, tops.blocks(many, effects, OWN_BLOCK))]))
+        mean = np.mean(np.concatenate([b[layout.STEPS] for b in go(steps, tops.blocks(many, effects, OWN_BLOCK))]))
         entry = Entry(
             lambda: tops.blocks(many, effects, OWN_BLOCK),
             lambda parts, s=steps, go=go: go(s, parts),

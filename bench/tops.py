@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rigidmc.dynamics.euler import MassProperties
-from rigidmc.engine import kernel
+from rigidmc.engine import kernel, layout
 from rigidmc.engine.blocks import run_block
 from rigidmc.engine.compose import as_single
 from rigidmc.simulation import Job
@@ -49,11 +49,11 @@ def random_tops(members, seed=7):
 def blocks(tops, effects, size=BLOCK):
     """The blocks of rows that `kernel.advance` works on, at their start."""
     n = tops.omega.shape[1]
-    rows = np.zeros((kernel.EFFECTS + sum(map(len, effects)), n))
-    rows[kernel.ATTITUDE : kernel.MOMENTUM] = tops.attitude
-    rows[kernel.MOMENTUM : kernel.REST] = tops.momentum
-    rows[kernel.BODY : kernel.EFFECTS], rows[kernel.STEPS] = tops.body, 1.0
-    for row, value in enumerate((v for effect in effects for v in effect), kernel.EFFECTS):
+    rows = np.zeros((layout.EFFECTS + sum(map(len, effects)), n))
+    rows[layout.ATTITUDE : layout.MOMENTUM] = tops.attitude
+    rows[layout.MOMENTUM : layout.REST] = tops.momentum
+    rows[layout.BODY : layout.EFFECTS], rows[layout.STEPS] = tops.body, 1.0
+    for row, value in enumerate((v for effect in effects for v in effect), layout.EFFECTS):
         rows[row] = value
     return [np.ascontiguousarray(rows[:, low : low + size]) for low in range(0, n, size)]
 
@@ -77,12 +77,12 @@ def advance_own(parts, made, effects, turn, t_end, pool, dtype=float):
     how = (integrator, made.parts, effects, (), (0.0,), (), np.empty(0, dtype))
 
     def move(block):
-        block[kernel.STEPS] = own_steps(rates(effects, block), t_end, turn)
-        slots = int(block[kernel.STEPS].max())
+        block[layout.STEPS] = own_steps(rates(effects, block), t_end, turn)
+        slots = int(block[layout.STEPS].max())
         order = together(block)
         given = np.take(block, order, axis=1)
         run_block(Job(0, 0, {}, (*how, (order,), ()), given, order, np.empty(0), 0, 0, t_end, slots, slots, slots, 1))
-        block[: kernel.REST, order] = given[: kernel.REST]
+        block[: layout.REST, order] = given[: layout.REST]
 
     for _ in pool.map(move, parts):
         pass
@@ -90,8 +90,8 @@ def advance_own(parts, made, effects, turn, t_end, pool, dtype=float):
 
 def state(parts):
     """(attitude (4, n), momentum (3, n)) of blocks."""
-    rows = np.concatenate([block[: kernel.REST] for block in parts], axis=1)
-    return rows[: kernel.MOMENTUM], rows[kernel.MOMENTUM :]
+    rows = np.concatenate([block[: layout.REST] for block in parts], axis=1)
+    return rows[: layout.MOMENTUM], rows[layout.MOMENTUM :]
 
 
 def columns(tops):

@@ -7,7 +7,7 @@ import numpy as np
 
 from rigidmc.ahead import compile_ahead
 from rigidmc.effects import name_of
-from rigidmc.engine import kernel
+from rigidmc.engine import layout
 from rigidmc.errors import SceneError
 from rigidmc.pilot import growth, pilot, truth, upper_quantile
 from rigidmc.ways import Costs, Way, candidates, ladder, measured
@@ -143,7 +143,7 @@ def check_pilot(scene, found):
     if noisy:
         rule = f"{', '.join(noisy)} is random: no path is right, and what can be measured is the error of averages, by halving dt"
         raise SceneError("effects", noisy[0], None, rule)
-    bad = int(np.count_nonzero(found.block[kernel.STATUS, : found.members]))
+    bad = int(np.count_nonzero(found.block[layout.STATUS, : found.members]))
     if bad:
         raise SceneError(
             "body",

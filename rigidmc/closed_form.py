@@ -8,7 +8,7 @@ from rigidmc.dynamics.euler import kinetic_energy
 from rigidmc.dynamics.so3 import dot
 from rigidmc.effects import name_of
 from rigidmc.effects.verbs import total_energy, total_energy_scale
-from rigidmc.engine import kernel
+from rigidmc.engine import layout
 from rigidmc.errors import SceneError
 from rigidmc.exact.free_top import Motion, free_motion, free_top
 from rigidmc.exact.lagrange_top import lagrange_motion, lagrange_top
@@ -63,7 +63,7 @@ def closed_form(scene, members=None, first=None):
 
 def case_of(scene, block, start):
     """The Case of staged members, see `rigidmc.staging.stage`."""
-    moments, momentum, attitude = start["moments"].T, block[kernel.MOMENTUM : kernel.REST].T, block[: kernel.MOMENTUM].T
+    moments, momentum, attitude = start["moments"].T, block[layout.MOMENTUM : layout.REST].T, block[: layout.MOMENTUM].T
     effects = {name_of(effect) for effect in scene.effects}
     if unknown := sorted(effects - {"gravity", "viscous_damping"}):
         raise _uncovered(f"the scene has {', '.join(unknown)}")
@@ -94,8 +94,8 @@ def _uncovered(why):
 
 def closed_values(scene, block, start, times):
     """The values that a scene saves at `times`, (times, rows, n), from the closed form; the block gets its end, drifts and status."""
-    sick = (block[kernel.STATUS] > 0.0) | ~np.isfinite(block[: kernel.REST]).all(0)
-    block[kernel.STATUS, sick & (block[kernel.STATUS] == 0.0)] = kernel.STATUSES["non_finite"]
+    sick = (block[layout.STATUS] > 0.0) | ~np.isfinite(block[: layout.REST]).all(0)
+    block[layout.STATUS, sick & (block[layout.STATUS] == 0.0)] = layout.STATUSES["non_finite"]
     well = {name: np.where(sick, 1.0, values) for name, values in start.items()}  # some motion: nothing of it is kept
     staged = np.where(sick, 0.0, block)
     staged[0, sick] = 1.0
@@ -120,6 +120,6 @@ def closed_values(scene, block, start, times):
             )
             for a, b in zip(q, l, strict=True)
         ]
-    block[kernel.DRIFT : kernel.STATUS] = np.where(sick, np.nan, np.max(drifts, axis=0))
-    block[: kernel.MOMENTUM], block[kernel.MOMENTUM : kernel.REST] = q[-1], l[-1]
+    block[layout.DRIFT : layout.STATUS] = np.where(sick, np.nan, np.max(drifts, axis=0))
+    block[: layout.MOMENTUM], block[layout.MOMENTUM : layout.REST] = q[-1], l[-1]
     return values

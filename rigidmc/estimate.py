@@ -10,7 +10,7 @@ import numpy as np
 from rigidmc.body import IDENTITY
 from rigidmc.choice import resolved
 from rigidmc.effects import name_of
-from rigidmc.engine import kernel
+from rigidmc.engine import kernel, layout
 from rigidmc.engine.machine import cache_folder, threads_available, vector_bits
 from rigidmc.observables import OBSERVABLES, rows_of
 from rigidmc.planning import prepare
@@ -31,7 +31,7 @@ def cost_per_step(scene, plan, members=256, seconds=0.05):
         block, _ = stage(scene, plan.first, members, plan.carried)
         began = time.perf_counter()
         if plan.own:
-            block[kernel.STEPS] = steps
+            block[layout.STEPS] = steps
         kernel.advance(*block_arguments(scene, plan, block), steps if plan.own else 1, 0, steps, steps, steps)
         took = time.perf_counter() - began
         best = min(best, took / (members * steps))
@@ -114,7 +114,7 @@ def sizes(scene, plan, threads):
     each = {name: np.prod([length(d, plan) for d in v.dims]) * np.dtype(v.dtype).itemsize for name, v in members.items()}
     saved = 8 * plan.times.size * plan.members * rows_of(*scene.run.save)
     changing = sum(size for name, size in each.items() if name not in plan.constant)
-    scratch = (threads + 2) * plan.block * 8 * (kernel.EFFECTS + 20)
+    scratch = (threads + 2) * plan.block * 8 * (layout.EFFECTS + 20)
     return int(saved + changing + scratch + 0.25e9), int(saved + changing + 8 * plan.members + 20_000)
 
 
@@ -125,7 +125,7 @@ def machine_facts():
     facts = {
         "cpu": _cpu(),
         "cores": f"{threads_available()} usable of {os.cpu_count()}",
-        "vectors": f"{vector_bits()} bit, {vector_bits() // 64} float64 lanes; a kernel works on {kernel.LANES} members at once",
+        "vectors": f"{vector_bits()} bit, {vector_bits() // 64} float64 lanes; a kernel works on {layout.LANES} members at once",
         "threads": threads_available(),
         "kernel cache": f"{folder} ({len(cached)} kernels, {sum(map(os.path.getsize, cached)) / 1e6:.1f} MB)",
         "python": sys.version.split()[0],

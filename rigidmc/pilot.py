@@ -11,7 +11,7 @@ from rigidmc.closed_form import closed_form
 from rigidmc.dynamics.euler import kinetic_energy
 from rigidmc.dynamics.so3 import dot, up
 from rigidmc.effects.verbs import total_energy, total_energy_scale
-from rigidmc.engine import kernel
+from rigidmc.engine import kernel, layout
 from rigidmc.engine.compose import as_single
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import SceneError
@@ -59,12 +59,12 @@ class Pilot(NamedTuple):
         if not self.own:
             return self.scene.with_run(dt=self.scene.run.t_end / steps), self.block
         scene, block = self.scene.with_run(turn=self.turn(steps)), self.block.copy()
-        block[kernel.STEPS] = own_steps(rates(scene.effects, block), scene.run.t_end / self.base, scene.run.turn)
+        block[layout.STEPS] = own_steps(rates(scene.effects, block), scene.run.t_end / self.base, scene.run.turn)
         return scene, block
 
     def mean_steps(self, steps):
         """Of all members, in `steps` steps of the fastest."""
-        return self.base * float(np.mean(self.stepped(steps)[1][kernel.STEPS, : self.members])) if self.own else steps
+        return self.base * float(np.mean(self.stepped(steps)[1][layout.STEPS, : self.members])) if self.own else steps
 
 
 class States(NamedTuple):
@@ -115,7 +115,7 @@ def follow(pilot, integrator, steps, dtype="float64", compensated=False, nudge=0
     if not pilot.own:
         h = scene.run.t_end / steps
         return _saved(pilot, scene, block, h, 1, steps, steps // pilot.base * pilot.stride, dtype, compensated, nudge, seed)
-    slots = int(block[kernel.STEPS].max())
+    slots = int(block[layout.STEPS].max())
     h, total, stride = scene.run.t_end / pilot.base, slots * pilot.base, slots * pilot.stride
     return _saved(pilot, scene, block, h, slots, total, stride, dtype, compensated, nudge, seed)
 
@@ -129,7 +129,7 @@ def _saved(pilot, scene, block, h, slots, steps, stride, dtype="float64", compen
         (0.0,) if pilot.carried else (), (0.0,) if compensated else (), np.empty(0, dtype),
     )  # fmt: skip
     width, saves, some = block.shape[1], (steps + stride - 1) // stride + 1, np.random.default_rng(seed)
-    share = kernel.LANES * max(1, math.ceil(width / kernel.LANES / threads_available()))
+    share = layout.LANES * max(1, math.ceil(width / layout.LANES / threads_available()))
     parts = [block[:, low : low + share].copy() for low in range(0, width, share)]
     out = np.empty(saves * 7 * width)
 
@@ -145,7 +145,7 @@ def _saved(pilot, scene, block, h, slots, steps, stride, dtype="float64", compen
             for _ in pool.map(advance, range(len(parts)), [first] * len(parts), [last] * len(parts)):
                 pass
     found = out.reshape(saves, 7, width)[1:, :, : pilot.members]
-    return States(found[:, :4], found[:, 4:], np.concatenate([block[kernel.STATUS] for block in parts])[: pilot.members])
+    return States(found[:, :4], found[:, 4:], np.concatenate([block[layout.STATUS] for block in parts])[: pilot.members])
 
 
 def drift_along(pilot, integrator, steps, at, dt, looks=4096):
@@ -156,7 +156,7 @@ def drift_along(pilot, integrator, steps, at, dt, looks=4096):
     body, effects = physics(pilot.scene.effects, pilot.block[:, : pilot.members])
     q0, l0 = (
         pilot.block[rows, : pilot.members]
-        for rows in (slice(kernel.ATTITUDE, kernel.MOMENTUM), slice(kernel.MOMENTUM, kernel.REST))
+        for rows in (slice(layout.ATTITUDE, layout.MOMENTUM), slice(layout.MOMENTUM, layout.REST))
     )
     first, size, largest = _kept(body, effects, q0, l0), np.sqrt(dot(l0, l0)), dict[str, dict]()
     scales = {"energy": kinetic_energy(body, l0) + total_energy_scale(effects, body), "l2": size**2, "lz": size}
@@ -180,11 +180,11 @@ def _kept(body, effects, q, l):
 
 def _push(block, size, carried, some):
     """Move the states of a block by `size` of their own size in random directions."""
-    l = block[kernel.MOMENTUM : kernel.REST]
+    l = block[layout.MOMENTUM : layout.REST]
     push = some.normal(size=l.shape)
     l += size * push * np.linalg.norm(l, axis=0) / np.linalg.norm(push, axis=0)
     if carried:
-        q = block[: kernel.MOMENTUM]
+        q = block[: layout.MOMENTUM]
         q += 0.5 * size * some.normal(size=q.shape)
         q /= np.linalg.norm(q, axis=0)
 
@@ -228,8 +228,8 @@ def _closed_truth(pilot):
     found = _motion(pilot, case)
     size, block = 1e-10, pilot.block[:, : pilot.members].copy()  # how well it is known: what the rounding of the start alone does
     _push(block, size, pilot.carried, np.random.default_rng(0))
-    attitude = block[: kernel.MOMENTUM].T if pilot.carried else case.attitude
-    moved = _motion(pilot, case._replace(momentum=block[kernel.MOMENTUM : kernel.REST].T, attitude=attitude))
+    attitude = block[: layout.MOMENTUM].T if pilot.carried else case.attitude
+    moved = _motion(pilot, case._replace(momentum=block[layout.MOMENTUM : layout.REST].T, attitude=attitude))
     return Truth(found, f"closed form of the {case.name}", ROUNDING / size * errors(pilot, moved, found)["state"])
 
 
@@ -296,7 +296,7 @@ def growth(pilot):
 def first_steps(pilot):
     """Steps that turn by a quarter of a radian at the start's spin, at least 40; a multiple of the base."""
     block = pilot.block
-    omega = np.sqrt(((block[kernel.BODY : kernel.BODY + 3] * block[kernel.MOMENTUM : kernel.REST]) ** 2).sum(0))
+    omega = np.sqrt(((block[layout.BODY : layout.BODY + 3] * block[layout.MOMENTUM : layout.REST]) ** 2).sum(0))
     rate = float(np.max(omega, where=np.isfinite(omega), initial=0.0))
     return pilot.base * max(1, math.ceil(max(pilot.scene.run.t_end * rate / 0.25, 40) / pilot.base))
 

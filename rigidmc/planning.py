@@ -9,7 +9,7 @@ import numpy as np
 from rigidmc.closed_form import closed_form
 from rigidmc.dynamics.methods import names
 from rigidmc.effects.verbs import total_energy_scale
-from rigidmc.engine import kernel
+from rigidmc.engine import layout
 from rigidmc.errors import SceneError
 from rigidmc.integrators import INTEGRATORS, Turns, form
 from rigidmc.limits import limits
@@ -119,7 +119,7 @@ def prepare(scene, threads=1, streaming=False, block=None):
         steps, dt, stride, notes = steps_and_saves(run.t_end, run.dt, run.every)
         angle, theta = (dt * speed for speed in _speeds(scene, carried))
     made, rate, spin = (None, None, 0.0) if run.integrator == "closed" else form_of(scene, dt, carried)
-    mean = steps * float(np.mean(stage(scene, 0, _pilot(scene), carried, dt)[0][kernel.STEPS])) if own else steps
+    mean = steps * float(np.mean(stage(scene, 0, _pilot(scene), carried, dt)[0][layout.STEPS])) if own else steps
     # a splitting turns exactly, however fast: it only sees the torque less often
     most = 3.0 if hasattr(INTEGRATORS[run.integrator], "drifts") else 1.0
     if angle > most and INTEGRATORS[run.integrator].order < math.inf:
@@ -130,7 +130,7 @@ def prepare(scene, threads=1, streaming=False, block=None):
     if block is None:
         block = min(BLOCK, whole_lanes(math.ceil(run.members / ((1 if own else 4) * threads))))
         if streaming:
-            block = min(block, max(kernel.LANES, SLAB // (8 * max(1, values) * len(slots)) // kernel.LANES * kernel.LANES))
+            block = min(block, max(layout.LANES, SLAB // (8 * max(1, values) * len(slots)) // layout.LANES * layout.LANES))
     return Plan(
         run.first, run.members, steps, dt, stride, own, mean, np.array(slots) * dt, made, carried, block, _constant(scene), angle, rate,
         run.dtype, run.compensated, notes, () if made is None else limits(scene, carried, theta, mean, made, spin),
@@ -156,7 +156,7 @@ def form_of(scene, dt, carried):
 
 def whole_lanes(count):
     """A number of members rounded up to whole lanes."""
-    return kernel.LANES * math.ceil(count / kernel.LANES)
+    return layout.LANES * math.ceil(count / layout.LANES)
 
 
 def _constant(scene):
@@ -174,14 +174,14 @@ def _constant(scene):
 def _pilot(scene):
     """How many members a look at the ensemble takes in: always the same first ones, and every row of arrays."""
     alike = is_shared(*scene.quantities()) and scene.start.attitude != "uniform"
-    return kernel.LANES if alike else max(PILOT, rows(*scene.quantities()) or 0)
+    return layout.LANES if alike else max(PILOT, rows(*scene.quantities()) or 0)
 
 
 def _speeds(scene, carried):
     """(largest |omega| at the start, largest rate) of the pilot [rad/s], see `rigidmc.staging.rates`."""
     block, _ = stage(scene, 0, _pilot(scene), carried)
     with np.errstate(all="ignore"):
-        omega = block[kernel.BODY : kernel.BODY + 3] * block[kernel.MOMENTUM : kernel.REST]
+        omega = block[layout.BODY : layout.BODY + 3] * block[layout.MOMENTUM : layout.REST]
         found = np.sqrt((omega**2).sum(0)), rates(scene.effects, block)
     return tuple(float(np.max(x, where=np.isfinite(x), initial=0.0)) for x in found)
 
@@ -193,7 +193,7 @@ def _turn_rates(scene):
     """
     block, _ = stage(scene, 0, _pilot(scene), carries_attitude(scene))
     body, effects = physics(scene.effects, block)
-    l = block[kernel.MOMENTUM : kernel.REST]
+    l = block[layout.MOMENTUM : layout.REST]
     a, i = np.array([body.a1, body.a2, body.a3]), np.array([body.i1, body.i2, body.i3])
     with np.errstate(all="ignore"):
         products = np.stack([a[1] * a[2] * l[0] * l[0], a[2] * a[0] * l[1] * l[1], a[0] * a[1] * l[2] * l[2]])

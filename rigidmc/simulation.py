@@ -9,11 +9,10 @@ import warnings
 from typing import NamedTuple
 
 import numpy as np
-import xarray as xr
 
 from rigidmc.choice import resolved
 from rigidmc.closed_form import closed_values
-from rigidmc.engine import kernel
+from rigidmc.engine import kernel, layout
 from rigidmc.engine.blocks import run_blocks
 from rigidmc.engine.compose import as_single
 from rigidmc.engine.machine import threads_available
@@ -22,9 +21,10 @@ from rigidmc.observables import OBSERVABLES, rows_of
 from rigidmc.planning import prepare, whole_lanes
 from rigidmc.progress import reporter
 from rigidmc.sampling import quantity, rows
+from rigidmc.sinks import File, Memory
 from rigidmc.staging import stage, together
-from rigidmc.storage import Writer, open_result, refuse_existing
-from rigidmc.storage.schema import attributes, coordinates, length, member_variables, saved_variables
+from rigidmc.storage import refuse_existing
+from rigidmc.storage.schema import member_variables, saved_variables
 from rigidmc.units import internal, scaled
 
 REHEARSED = 8192  # members: two blocks for each of two threads
@@ -130,8 +130,8 @@ def run(scene, plan, threads, progress=False, output=None, force=False, chosen=N
     compiled = compile_kernel(scene, plan)
     more = chosen.attributes() if chosen else {}
     told, shown = (scene, plan) if units is None else units.back(scene, plan)
-    sink = _File(output, told, shown, force, more) if output is not None else _Memory(told, shown, more)
-    flagged = dict.fromkeys(kernel.STATUSES, 0)
+    sink = File(output, told, shown, force, more) if output is not None else Memory(told, shown, more)
+    flagged = dict.fromkeys(layout.STATUSES, 0)
 
     def make(i):
         low = i * plan.block
@@ -143,17 +143,17 @@ def run(scene, plan, threads, progress=False, output=None, force=False, chosen=N
         return _job(scene, plan, plan.first + low, count, block, start, *sink.room(low, count))
 
     def finished(job):
-        rows = job.block[: kernel.BODY] if job.order is None else job.block[: kernel.BODY, np.argsort(job.order)]
-        status = rows[kernel.STATUS, : job.size].astype("i1")
-        for code, count in enumerate(np.bincount(status, minlength=len(kernel.STATUSES))):
-            flagged[list(kernel.STATUSES)[code]] += int(count)
-        drift = {"energy_drift_max": rows[kernel.DRIFT], "l2_drift_max": rows[kernel.DRIFT + 1]}
-        seen, found = rows[kernel.FAULT_STEP], rows[kernel.STATUS] > 0.0
+        rows = job.block[: layout.BODY] if job.order is None else job.block[: layout.BODY, np.argsort(job.order)]
+        status = rows[layout.STATUS, : job.size].astype("i1")
+        for code, count in enumerate(np.bincount(status, minlength=len(layout.STATUSES))):
+            flagged[list(layout.STATUSES)[code]] += int(count)
+        drift = {"energy_drift_max": rows[layout.DRIFT], "l2_drift_max": rows[layout.DRIFT + 1]}
+        seen, found = rows[layout.FAULT_STEP], rows[layout.STATUS] > 0.0
         faults = {
             "status_step": np.where(found, seen, -1.0),
-            "status_time": np.where(found, seen * (plan.dt / rows[kernel.STEPS]), np.nan),
+            "status_time": np.where(found, seen * (plan.dt / rows[layout.STEPS]), np.nan),
         }
-        results = {**drift, **faults, "status": status, "steps": rows[kernel.STEPS] * plan.steps, **job.start}
+        results = {**drift, **faults, "status": status, "steps": rows[layout.STEPS] * plan.steps, **job.start}
         sink.take(job, results if units is None else _told(job, results, told, shown, units))
 
     began = time.perf_counter()
@@ -217,7 +217,7 @@ def compile_kernel(scene, plan):
     began = time.perf_counter()
     if plan.form is None:
         return 0.0
-    rows_needed = kernel.EFFECTS + sum(len(e) for e in scene.effects)
+    rows_needed = layout.EFFECTS + sum(len(e) for e in scene.effects)
     kernel.advance(*block_arguments(scene, plan, np.zeros((rows_needed, 0))), 1, 0, 0, 1, 1)
     return time.perf_counter() - began
 
@@ -239,7 +239,7 @@ def _job(scene, plan, first, count, block, start, out, width, column):
         order = together(block)
         block, own = np.take(block, order, axis=1), (order,)  # block[:, order] would lie the other way round: another kernel
     how = (integrator, plan.form.parts, effects, observables, attitude, compensated, precision, own, tuple(plan.limits))
-    slots = int(block[kernel.STEPS].max(initial=1.0)) if plan.own else 1
+    slots = int(block[layout.STEPS].max(initial=1.0)) if plan.own else 1
     return Job(
         first,
         count,
@@ -271,78 +271,3 @@ def _threads(threads):
     if threads is not None and (isinstance(threads, bool) or not isinstance(threads, int) or threads < 1):
         raise SceneError("", "threads", threads, "expected a whole number of at least 1")
     return threads or threads_available()
-
-
-def _split(scene, values):
-    """{name: view} of the value rows (time, row, member) of each observable."""
-    parts, row = {}, 0
-    for name in scene.run.save:
-        size = rows_of(name)
-        parts[name] = values[:, row : row + size] if OBSERVABLES[name].dims else values[:, row]
-        row += size
-    return parts
-
-
-class _Memory:
-    """Collects blocks in one Dataset; the kernel writes saved values straight to their place."""
-
-    def __init__(self, scene, plan, more):
-        self.scene, self.plan, self.more = scene, plan, more
-        self.width = whole_lanes(plan.members)
-        self.values = rows_of(*scene.run.save)
-        self.out = np.empty(plan.times.size * self.values * self.width)
-        self.variables = member_variables(scene, plan.carried)
-        self.arrays = {
-            name: np.empty([length(d, plan) for d in v.dims], v.dtype)
-            for name, v in self.variables.items()
-            if name not in plan.constant
-        }
-
-    def room(self, low, count):
-        return self.out, self.width if self.values else 0, low
-
-    def take(self, job, results):
-        part = slice(job.first - self.plan.first, job.first - self.plan.first + job.size)
-        for name in self.variables:
-            if name not in self.arrays:  # the same for all members: one column serves
-                column = results[name][..., :1]
-                self.arrays[name] = np.broadcast_to(column.copy(), (*column.shape[:-1], self.plan.members))
-            elif name not in self.plan.constant:
-                self.arrays[name][..., part] = results[name][..., : job.size]
-
-    def finish(self):
-        saved = saved_variables(self.scene)
-        values = self.out.reshape(self.plan.times.size, self.values, self.width)[..., : self.plan.members]
-        arrays = {**self.arrays, **_split(self.scene, values)}
-        variables = {name: (v.dims, arrays[name], v.attrs) for name, v in {**self.variables, **saved}.items()}
-        return xr.Dataset(variables, coordinates(self.plan), {**attributes(self.scene, self.plan), **self.more})
-
-    def discard(self):
-        self.out = np.empty(0)
-
-
-class _File:
-    """Writes blocks to a netCDF file as they are done."""
-
-    def __init__(self, path, scene, plan, force, more):
-        self.scene, self.plan, self.path = scene, plan, path
-        self.values = rows_of(*scene.run.save)
-        self.names = set(member_variables(scene, plan.carried))
-        self.writer = Writer(path, scene, plan, force, more)
-
-    def room(self, low, count):
-        width = whole_lanes(count)
-        return np.empty(self.plan.times.size * self.values * width), width if self.values else 0, 0
-
-    def take(self, job, results):
-        values = {k: v for k, v in results.items() if k in self.names}
-        if self.values:
-            values |= _split(self.scene, job.out.reshape(self.plan.times.size, self.values, job.width))
-        self.writer.write(job.first, job.size, values)
-
-    def finish(self):
-        self.writer.finish()
-        return open_result(self.path)
-
-    def discard(self):
-        self.writer.discard()

@@ -7,7 +7,7 @@ from rigidmc.dynamics.euler import MassProperties, kinetic_energy
 from rigidmc.dynamics.so3 import dot
 from rigidmc.effects import name_of
 from rigidmc.effects.verbs import total_energy, total_energy_scale, total_torque
-from rigidmc.engine import kernel
+from rigidmc.engine import layout
 from rigidmc.sampling import draw
 
 MOST_OWN_STEPS = 2**24  # of a member in a round: no member stops a run, however fast it spins
@@ -27,30 +27,30 @@ def stage(scene, first, count, carried, span=None):
         for field, value in zip(e._fields, e, strict=True)
     ]
     start = {"moments": moments, "mass": mass, "centre": centre, f"start_{which}": spin, **dict(effects)}
-    block = np.zeros((kernel.EFFECTS + len(effects), count))
-    block[kernel.ATTITUDE] = 1.0
+    block = np.zeros((layout.EFFECTS + len(effects), count))
+    block[layout.ATTITUDE] = 1.0
     if carried:
-        start["start_attitude"] = block[kernel.ATTITUDE : kernel.MOMENTUM] = scene.start.quaternions(seed, first, count)
+        start["start_attitude"] = block[layout.ATTITUDE : layout.MOMENTUM] = scene.start.quaternions(seed, first, count)
         if scene.start.attitude != "uniform" and len(scene.start.attitude) == 3:
             start["start_euler"] = draw(scene.start.attitude, seed, "start.attitude", first, count)
-    block[kernel.MOMENTUM : kernel.REST] = spin * moments if which == "omega" else spin
+    block[layout.MOMENTUM : layout.REST] = spin * moments if which == "omega" else spin
     bad = broken(moments) | ~(mass > 0)
-    block[kernel.STATUS, bad] = kernel.STATUSES["invalid_input"]
+    block[layout.STATUS, bad] = layout.STATUSES["invalid_input"]
     with np.errstate(all="ignore"):
-        block[kernel.BODY : kernel.EFFECTS] = MassProperties.of(tuple(moments), tuple(mass * centre))
+        block[layout.BODY : layout.EFFECTS] = MassProperties.of(tuple(moments), tuple(mass * centre))
     for i, (_, values) in enumerate(effects):
-        block[kernel.EFFECTS + i] = values
-    block[kernel.STEPS] = 1.0 if span is None else own_steps(rates(scene.effects, block), span, scene.run.turn)
+        block[layout.EFFECTS + i] = values
+    block[layout.STEPS] = 1.0 if span is None else own_steps(rates(scene.effects, block), span, scene.run.turn)
     return block, start
 
 
 def physics(effects, block):
     """(body, effects) of the members of a block, their fields as arrays."""
-    made, row = [], kernel.EFFECTS
+    made, row = [], layout.EFFECTS
     for effect in effects:
         made.append(type(effect)(*block[row : row + len(effect)]))
         row += len(effect)
-    return MassProperties(*block[kernel.BODY : kernel.EFFECTS]), tuple(made)
+    return MassProperties(*block[layout.BODY : layout.EFFECTS]), tuple(made)
 
 
 def rates(effects, block):
@@ -60,7 +60,7 @@ def rates(effects, block):
     torque at the start.
     """
     body, effects = physics(effects, block)
-    q, l = tuple(block[kernel.ATTITUDE : kernel.MOMENTUM]), tuple(block[kernel.MOMENTUM : kernel.REST])
+    q, l = tuple(block[layout.ATTITUDE : layout.MOMENTUM]), tuple(block[layout.MOMENTUM : layout.REST])
     with np.errstate(all="ignore"):
         highest, smallest = total_energy_scale(effects, body), 1.0 / np.max([body.i1, body.i2, body.i3], axis=0)
         torque = np.array(np.broadcast_arrays(*total_torque(effects, body, 0.0, q, l)))
@@ -71,7 +71,7 @@ def rates(effects, block):
 
 def together(block):
     """The order of a block's members by their own steps: those that make as many go together."""
-    steps = block[kernel.STEPS]
+    steps = block[layout.STEPS]
     return np.argsort(steps.astype("u2") if steps.max(initial=0.0) < 2**16 else steps, kind="stable")  # by radix, 15 times as fast
 
 

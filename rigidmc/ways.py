@@ -9,7 +9,7 @@ import numpy as np
 from rigidmc.body import Body
 from rigidmc.closed_form import closed_values
 from rigidmc.effects import EFFECTS
-from rigidmc.engine import kernel
+from rigidmc.engine import kernel, layout
 from rigidmc.engine.compose import as_single
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import SceneError, unknown
@@ -106,7 +106,7 @@ class Costs:
         return self._known[key]
 
     def _closed(self):
-        scene, count = self.pilot.scene, min(512, max(kernel.LANES, self.pilot.members))
+        scene, count = self.pilot.scene, min(512, max(layout.LANES, self.pilot.members))
         saves, taken = min(self.saves, 50), []
         times = np.linspace(0.0, scene.run.t_end, saves + 1)
         for _ in range(3):
@@ -132,7 +132,7 @@ class Costs:
             out = np.empty((steps + 1) * values * width)
             given, span, slots = block.copy(), h, 1
             if own:
-                given[kernel.STEPS], span, slots = steps, h * steps, steps
+                given[layout.STEPS], span, slots = steps, h * steps, steps
             began = time.perf_counter()
             kernel.advance(*how, given, out, width, 0, span, slots, 0, steps, stride or steps, steps)
             took = time.perf_counter() - began

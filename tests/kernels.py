@@ -5,7 +5,8 @@ from itertools import pairwise
 import numpy as np
 
 from rigidmc.dynamics.euler import MassProperties
-from rigidmc.engine import kernel as K
+from rigidmc.engine import kernel
+from rigidmc.engine import layout as K
 from rigidmc.engine.compose import as_single
 from rigidmc.integrators import Turns, form
 from rigidmc.integrators.verbs import closed, opened, step
@@ -69,7 +70,7 @@ def run(
         limits,
     )
     for first, last in pairwise([0, *cuts, steps]):
-        K.advance(*how, block, out, width, 0, float(h), slots_each or 1, first, last, stride, steps)
+        kernel.advance(*how, block, out, width, 0, float(h), slots_each or 1, first, last, stride, steps)
     return out.reshape(-1, size, width) if observables else None
 
 

@@ -5,7 +5,7 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.effects import Gravity
-from rigidmc.engine import kernel as K
+from rigidmc.engine import layout as K
 from rigidmc.integrators import INTEGRATORS
 from rigidmc.staging import MOST_OWN_STEPS, own_steps, rates, stage
 from rigidmc.studies.problems import PROBLEMS

@@ -5,7 +5,7 @@ import pytest
 
 import rigidmc as rm
 from rigidmc import pilot as P
-from rigidmc.engine import kernel as K
+from rigidmc.engine import layout as K
 
 BODY = rm.Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.05, 0.2))
 START = rm.Start(omega=(rm.normal(0.5, 0.1), 1.0, rm.normal(0.0, 0.3)), attitude="uniform")

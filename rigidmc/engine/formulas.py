@@ -12,7 +12,7 @@ import numpy as np
 from rigidmc.dynamics.methods import method
 from rigidmc.engine.compose import compile_method, read
 from rigidmc.engine.entries import Compiled
-from rigidmc.engine.kernel import LANES, put
+from rigidmc.engine.layout import LANES, put
 from rigidmc.engine.machine import threads_available
 
 PIECE, LEAST = 16384, 512  # elements per call on a thread: at most a few milliseconds, at least 0.1

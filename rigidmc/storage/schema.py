@@ -6,7 +6,8 @@ import numpy as np
 
 from rigidmc import __version__
 from rigidmc.effects import name_of
-from rigidmc.engine.kernel import LOOK, STATUSES
+from rigidmc.engine.kernel import LOOK
+from rigidmc.engine.layout import STATUSES
 from rigidmc.observables import OBSERVABLES
 from rigidmc.sampling import is_shared, rows
 

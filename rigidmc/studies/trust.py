@@ -11,7 +11,7 @@ from rigidmc import __version__
 from rigidmc.choice import resolved
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.dynamics.so3 import multiply
-from rigidmc.engine import kernel
+from rigidmc.engine import layout
 from rigidmc.errors import SceneError
 from rigidmc.integrators import INTEGRATORS, accepting
 from rigidmc.pilot import States, first_steps, follow, growth, pilot
@@ -107,7 +107,7 @@ def _other(found, name, steps, follow_):
 def _alike(found, name, steps, follow_):
     """(what was changed, States brought back) of the same motion in other numbers."""
     block, effects = found.block, found.scene.effects
-    q, l = block[: kernel.MOMENTUM], block[kernel.MOMENTUM : kernel.REST]
+    q, l = block[: layout.MOMENTUM], block[layout.MOMENTUM : layout.REST]
     try:  # other units: by factors that are no powers of 2
         mass, length, time = 1e-3, 10.0, 0.1
         other = scaled(found.scene, mass, length, time)
@@ -119,15 +119,15 @@ def _alike(found, name, steps, follow_):
         body, _ = physics(effects, block)
         moments, static = 1.0 / np.array([body.i1, body.i2, body.i3]), np.array([body.p1, body.p2, body.p3])
         turned = block.copy()
-        turned[kernel.MOMENTUM : kernel.REST] = np.roll(l, 1, 0)  # axis 1 becomes axis 2, and so on
-        turned[: kernel.MOMENTUM] = multiply(tuple(q), (0.5, -0.5, -0.5, -0.5))
-        turned[kernel.BODY : kernel.EFFECTS] = MassProperties.of(tuple(np.roll(moments, 1, 0)), tuple(np.roll(static, 1, 0)))
+        turned[layout.MOMENTUM : layout.REST] = np.roll(l, 1, 0)  # axis 1 becomes axis 2, and so on
+        turned[: layout.MOMENTUM] = multiply(tuple(q), (0.5, -0.5, -0.5, -0.5))
+        turned[layout.BODY : layout.EFFECTS] = MassProperties.of(tuple(np.roll(moments, 1, 0)), tuple(np.roll(static, 1, 0)))
         states = follow_(found._replace(block=turned), name, steps)
         back = np.stack(multiply(tuple(np.moveaxis(states.q, 1, 0)), _CYCLE), 1)
         yield "permuted axes", States(back, np.roll(states.l, -1, 1), states.status)
         turn = (math.cos(0.7), 0.0, 0.0, math.sin(0.7))
         turned = block.copy()
-        turned[: kernel.MOMENTUM] = multiply(turn, tuple(q))
+        turned[: layout.MOMENTUM] = multiply(turn, tuple(q))
         states = follow_(found._replace(block=turned), name, steps)
         back = np.stack(multiply((turn[0], 0.0, 0.0, -turn[3]), tuple(np.moveaxis(states.q, 1, 0))), 1)
         yield "turned space", states._replace(q=back)
@@ -136,12 +136,12 @@ def _alike(found, name, steps, follow_):
 def _back(found, own, name, steps, follow_):
     """Error (times, members) at the start of a motion run back from each... from the end: at time t it is that of the way back from t_end."""
     block = found.block.copy()
-    block[: kernel.MOMENTUM, : found.members] = own.q[-1]
-    block[kernel.MOMENTUM : kernel.REST, : found.members] = -own.l[-1]
+    block[: layout.MOMENTUM, : found.members] = own.q[-1]
+    block[layout.MOMENTUM : layout.REST, : found.members] = -own.l[-1]
     again = follow_(found._replace(block=block), name, steps)
     start = found.block[:, : found.members]
-    q = np.concatenate([start[None, : kernel.MOMENTUM], own.q[:-1]])[::-1]
-    l = np.concatenate([start[None, kernel.MOMENTUM : kernel.REST], own.l[:-1]])[::-1]
+    q = np.concatenate([start[None, : layout.MOMENTUM], own.q[:-1]])[::-1]
+    l = np.concatenate([start[None, layout.MOMENTUM : layout.REST], own.l[:-1]])[::-1]
     return np.maximum.accumulate(_distance(States(again.q, -again.l, again.status), States(q, l, own.status)))
 
 

@@ -11,7 +11,7 @@ import pytest
 from rigidmc.dynamics.euler import MassProperties, kinetic_energy
 from rigidmc.dynamics.free_flow import arc, doubled, free_flow, increment, squares
 from rigidmc.dynamics.so3 import add, gain, moved, multiply
-from rigidmc.engine import kernel as K
+from rigidmc.engine import layout as K
 from rigidmc.integrators import INTEGRATORS
 from rigidmc.studies.problems import HARD, PROBLEMS
 from tests.kernels import make_block, prepare, run, turn_rate_of

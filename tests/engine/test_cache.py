@@ -27,11 +27,12 @@ from typing import NamedTuple
 import numpy as np
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.effects import ViscousDamping
-from rigidmc.engine import kernel as K
+from rigidmc.engine import kernel
+from rigidmc.engine import layout as K
 from rigidmc.integrators import RK4, form
 
 if sys.argv[1] == "import only":
-    print(json.dumps({"home": os.path.dirname(K.__file__)}))
+    print(json.dumps({"home": os.path.dirname(kernel.__file__)}))
     sys.exit()
 
 class Own(NamedTuple):
@@ -45,9 +46,9 @@ block = np.zeros((K.EFFECTS + len(effects), K.LANES))
 block[:K.REST] = np.array([0.6, 0.0, 0.8, 0.0, 1.0, 2.0, 3.0])[:, None]
 block[K.BODY:K.EFFECTS] = np.array(MassProperties.of((1.0, 1.2, 1.5), (0.1, 0.2, 0.3)))[:, None]
 block[K.EFFECTS:] = effect[0] if effect else 0.0
-K.advance(*form(RK4()), effects, (), (), (), np.empty(0), (), (), block, np.empty(0), 0, 0, 0.01, 1, 0, 4, 4, 4)
-print(json.dumps({"state": block[:K.REST, 0].tolist(), "hits": sum(K.dispatcher.stats.cache_hits.values()),
-                  "misses": sum(K.dispatcher.stats.cache_misses.values()), "home": os.path.dirname(K.__file__)}))
+kernel.advance(*form(RK4()), effects, (), (), (), np.empty(0), (), (), block, np.empty(0), 0, 0, 0.01, 1, 0, 4, 4, 4)
+print(json.dumps({"state": block[:K.REST, 0].tolist(), "hits": sum(kernel.dispatcher.stats.cache_hits.values()),
+                  "misses": sum(kernel.dispatcher.stats.cache_misses.values()), "home": os.path.dirname(kernel.__file__)}))
 """
 
 

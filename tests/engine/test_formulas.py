@@ -13,7 +13,7 @@ import pytest
 
 from rigidmc.dynamics.principal import Principal
 from rigidmc.engine.formulas import PIECE, evaluate
-from rigidmc.engine.kernel import LANES
+from rigidmc.engine.layout import LANES
 
 
 class Product(NamedTuple):

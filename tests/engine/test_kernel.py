@@ -11,7 +11,8 @@ import pytest
 
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.effects import Gravity, ViscousDamping
-from rigidmc.engine import kernel as K
+from rigidmc.engine import kernel
+from rigidmc.engine import layout as K
 from rigidmc.integrators import INTEGRATORS, Turns, accepting, form
 from rigidmc.observables import OBSERVABLES
 from rigidmc.studies.problems import PROBLEMS
@@ -56,7 +57,7 @@ def in_blocks(size, threads):
     out = np.zeros(slots(TOTAL, STRIDE) * ROWS * MEMBERS)
 
     def work(i):
-        K.advance(
+        kernel.advance(
             *RK4, EFFECTS, EVERYTHING, (0.0,), (), NOTHING, (), (), parts[i], out, MEMBERS, i * size, H, 1, 0, TOTAL, STRIDE, TOTAL
         )
 

@@ -16,7 +16,8 @@ import pytest
 from numba import njit
 
 from rigidmc.effects import Gravity, ViscousDamping
-from rigidmc.engine import kernel as K
+from rigidmc.engine import kernel
+from rigidmc.engine import layout as K
 from rigidmc.engine.compose import FLAGS, as_single
 from rigidmc.engine.machine import vector_bits
 from rigidmc.integrators import INTEGRATORS, Turns, form, rk4
@@ -109,12 +110,12 @@ def slots(loop):
 def counted(name):
     """What the step loop of a freshly compiled kernel does; a kernel from the disk cache has no assembly to read."""
     made, effects, attitude, compensated, dtype, own = (CASES | BROKEN)[name]
-    kernel = njit(nogil=True, **FLAGS)(K._advance)
+    compiled = njit(nogil=True, **FLAGS)(kernel._advance)
     block = np.zeros((K.EFFECTS + sum(map(len, effects)), 0))
     integrator = as_single(made.integrator) if dtype == np.float32 else made.integrator
     how = (integrator, made.parts, effects, (), attitude, compensated, np.empty(0, dtype), own, ())
-    kernel(*how, block, np.empty(0), 0, 0, 0.01, 1, 0, 1, 1, 1)
-    (assembly,) = kernel.inspect_asm().values()
+    compiled(*how, block, np.empty(0), 0, 0, 0.01, 1, 0, 1, 1, 1)
+    (assembly,) = compiled.inspect_asm().values()
     loop = max(blocks_of(assembly), key=lambda block: sum(bool(m) and m[2] == "p" for m in map(ARITHMETIC.match, block)))
     wanted = "s" if dtype == np.float32 else "d"
     operations = [(i, *m.groups()) for i in loop if (m := ARITHMETIC.match(i))]

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from rigidmc.dynamics.euler import MassProperties, angular_velocity, kinetic_energy
 from rigidmc.dynamics.so3 import cross, up
 from rigidmc.effects import Gravity, ViscousDamping
-from rigidmc.engine import kernel as K
+from rigidmc.engine import layout as K
 from rigidmc.integrators import INTEGRATORS, accepting, description
 from rigidmc.observables import Attitude, Energy, Momentum
 from rigidmc.studies.problems import PROBLEMS

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.engine import kernel as K
+from rigidmc.engine import layout as K
 from rigidmc.integrators import INTEGRATORS
 from rigidmc.studies.problems import PROBLEMS
 from tests.kernels import block_of, march, prepare, run, turn

@@ -9,7 +9,7 @@ import pytest
 
 from rigidmc.dynamics.euler import kinetic_energy
 from rigidmc.effects.verbs import total_energy
-from rigidmc.engine import kernel as K
+from rigidmc.engine import layout as K
 from rigidmc.integrators import INTEGRATORS
 from rigidmc.studies.problems import PROBLEMS
 from tests.kernels import block_of, march, one_step, prepare, run, turn
