@@ -11,8 +11,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from rigidmc.dynamics.euler import MassProperties, angular_velocity, kinetic_energy
-from rigidmc.dynamics.so3 import cross, up
+from rigidmc.dynamics.so3 import cross, scale, up, whole
 from rigidmc.effects import Gravity, ViscousDamping
+from rigidmc.effects.verbs import total_torque
 from rigidmc.engine import layout as K
 from rigidmc.integrators import INTEGRATORS, accepting, description
 from rigidmc.observables import Attitude, Energy, Momentum
@@ -126,30 +127,47 @@ class Wind(NamedTuple):
         return 0.0, 0.0, 0.0
 
 
+class Fading(NamedTuple):
+    """Damping whose rate depends on time."""
+
+    rate: float
+
+    def torque(self, t, l):
+        return scale(-self.rate * (1.0 + math.sin(3.0 * t)), l)
+
+    def kick(self, t, h, l):
+        return scale(math.exp(-h * self.rate * (1.0 + math.sin(3.0 * t))), l)
+
+
 @cache
-def blown_end(seconds=2.0):
+def blown_end(effect, seconds=2.0):
     body = FREE.body
 
     def rates(t, y):
         w = angular_velocity(body, y[4:])
         spin = np.array([[0, -w[0], -w[1], -w[2]], [w[0], 0, w[2], -w[1]], [w[1], -w[2], 0, w[0]], [w[2], w[1], -w[0], 0]])
-        return np.concatenate([0.5 * spin @ y[:4], np.cross(y[4:], w) + Wind(0.7).torque(t)])
+        return np.concatenate([0.5 * spin @ y[:4], np.cross(y[4:], w) + total_torque((effect,), body, t, y[:4], y[4:])])
 
     start = np.array([1.0, 0.0, 0.0, 0.0, *FREE.momentum])
     return solve_ivp(rates, (0.0, seconds), start, method="DOP853", rtol=3e-14, atol=1e-15).y[:, -1]
 
 
-@HEAVY_ONES
-def test_order_with_a_torque_that_depends_on_time(name):
+@pytest.mark.parametrize(("name", "compensated", "effect"), [
+    (name, compensated, effect)
+    for effect in (Wind(0.7), Fading(0.3)) for compensated in (False, True) for name in accepting((effect,), compensated) if name != "closed"
+])  # fmt: skip
+def test_order_with_a_torque_that_depends_on_time(name, compensated, effect):
     """In plain Python: what runs compiled runs uncompiled too. The torque of each part is that of its own time."""
-    true, errors = blown_end(), []
+    true, errors = blown_end(effect), []
     for steps in {4: (40, 80), 2: (40, 80), 6: (8, 16), 8: (6, 12)}[INTEGRATORS[name].order]:
         h = 2.0 / steps
-        made = prepare(INTEGRATORS[name], 2.0 * turn(FREE, 2.0 / steps), (Wind(0.7),))
+        made = prepare(INTEGRATORS[name], 2.0 * turn(FREE, 2.0 / steps), (effect,))
         q, l = (1.0, 0.0, 0.0, 0.0), FREE.momentum
+        if compensated:
+            q, l = (q, (0.0,) * 4), (l, (0.0,) * 3)
         for i in range(steps):
-            q, l = one_step(made, FREE.body, (Wind(0.7),), i * h, h, q, l)
-        errors.append(max(attitude_error(q, true[:4]), np.abs(l - true[4:]).max()))
+            q, l = one_step(made, FREE.body, (effect,), i * h, h, q, l)
+        errors.append(max(attitude_error(whole(q), true[:4]), np.abs(np.array(whole(l)) - true[4:]).max()))
     order = orders(errors)[0]
     # aba is of order 8 and 10 as long as torques are small
     assert abs(order - INTEGRATORS[name].order) < 0.4 or (name.startswith("aba") and order > 4.0)
