@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rigidmc.dynamics.euler import MassProperties
+from rigidmc.effects.parameters import parameter_count
 from rigidmc.engine import kernel, layout
 from rigidmc.engine.blocks import run_block
 from rigidmc.engine.compose import as_single
@@ -49,7 +50,7 @@ def random_tops(members, seed=7):
 def blocks(tops, effects, size=BLOCK):
     """The blocks of rows that `kernel.advance` works on, at their start."""
     n = tops.omega.shape[1]
-    rows = np.zeros((layout.EFFECTS + sum(map(len, effects)), n))
+    rows = np.zeros((layout.EFFECTS + parameter_count(*effects), n))
     rows[layout.ATTITUDE : layout.MOMENTUM] = tops.attitude
     rows[layout.MOMENTUM : layout.REST] = tops.momentum
     rows[layout.BODY : layout.EFFECTS], rows[layout.STEPS] = tops.body, 1.0

@@ -12,16 +12,17 @@ from typing import TYPE_CHECKING
 
 __version__ = "0.1.0"
 
+_EFFECTS = (
+    "AxialDamping", "BodyTorque", "DryFriction", "EnergyDissipation", "Gravity", "GravityGradient", "MatrixDamping", "MovingPivot", "PeriodicTorque", "Potential", "QuadraticDrag", "RotatingField", "Rotor", "SpaceTorque", "Spring", "UniformField", "ViscousDamping",
+)  # fmt: skip
 _HOMES = {
     "Body": "body",
-    "Gravity": "effects",
     "OutputExists": "errors",
     "Scene": "scene",
     "SceneError": "errors",
     "SceneWarning": "errors",
     "Run": "scene",
     "Start": "sampling",
-    "ViscousDamping": "effects",
     "accuracy": "studies.accuracy",
     "distribution": "sampling",
     "free_motion": "exact.free_top",
@@ -32,17 +33,18 @@ _HOMES = {
     "open": "storage",
     "simulate": "simulation",
     "uniform": "sampling",
+    **dict.fromkeys(_EFFECTS, "effects"),
 }
-__all__ = [  # noqa: RUF022
+__all__ = [
     "Body", "Scene", "Start", "Run", "simulate", "open", "accuracy",
     "free_top", "free_motion", "lagrange_top", "lagrange_motion",
-    "Gravity", "ViscousDamping", "normal", "uniform", "distribution",
+    "normal", "uniform", "distribution", *_EFFECTS,
     "SceneError", "SceneWarning", "OutputExists",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
     from rigidmc.body import Body
-    from rigidmc.effects import Gravity, ViscousDamping
+    from rigidmc.effects import *  # noqa: F403
     from rigidmc.errors import OutputExists, SceneError, SceneWarning
     from rigidmc.exact.free_top import free_motion, free_top
     from rigidmc.exact.lagrange_top import lagrange_motion, lagrange_top

@@ -10,10 +10,12 @@ from scipy import stats
 from rigidmc.closed_form import closed_form
 from rigidmc.dynamics.euler import kinetic_energy
 from rigidmc.dynamics.so3 import dot, up
-from rigidmc.effects.verbs import total_energy, total_energy_scale
+from rigidmc.effects.parameters import blank
+from rigidmc.effects.verbs import total_energy_scale
 from rigidmc.engine import kernel, layout
 from rigidmc.engine.compose import as_single
 from rigidmc.engine.machine import threads_available
+from rigidmc.engine.members import energies
 from rigidmc.errors import SceneError
 from rigidmc.integrators import accepting
 from rigidmc.observables import OBSERVABLES
@@ -123,7 +125,7 @@ def follow(pilot, integrator, steps, dtype="float64", compensated=False, nudge=0
 def _saved(pilot, scene, block, h, slots, steps, stride, dtype="float64", compensated=False, nudge=0.0, seed=0):
     """The States after every `stride` of `steps` slots, and at the end."""
     made, *_ = form_of(scene, h, pilot.carried)
-    effects = tuple(type(e)(*[0.0] * len(e)) for e in scene.effects)
+    effects = blank(scene.effects)
     how = (
         as_single(made.integrator) if dtype == "float32" else made.integrator, made.parts, effects, OBSERVED,
         (0.0,) if pilot.carried else (), (0.0,) if compensated else (), np.empty(0, dtype),
@@ -175,7 +177,7 @@ def drift_along(pilot, integrator, steps, at, dt, looks=4096):
 
 def _kept(body, effects, q, l):
     """{quantity: values} of what a top may keep."""
-    return {"energy": kinetic_energy(body, l) + total_energy(effects, body, q), "l2": dot(l, l), "lz": dot(l, up(q))}
+    return {"energy": kinetic_energy(body, l) + energies(effects, body, q), "l2": dot(l, l), "lz": dot(l, up(q))}
 
 
 def _push(block, size, carried, some):
@@ -250,9 +252,7 @@ def errors(pilot, states, true):
             momentum = np.sqrt(((l - true_l) ** 2).sum(0)) / size
             turned = attitude_error(q.T, true_q.T) if pilot.carried else np.zeros(pilot.members)
             kinetic = kinetic_energy(body, true_l)
-            energy = np.abs(
-                kinetic_energy(body, l) - kinetic + total_energy(effects, body, q) - total_energy(effects, body, true_q)
-            )
+            energy = np.abs(kinetic_energy(body, l) - kinetic + energies(effects, body, q) - energies(effects, body, true_q))
             scale = kinetic + total_energy_scale(effects, body)
             found["momentum"].append(momentum)
             found["attitude"].append(turned)

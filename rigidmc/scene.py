@@ -7,11 +7,12 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from rigidmc.body import Body, broken
-from rigidmc.effects import EFFECTS, canonical, name_of
+from rigidmc.effects import EFFECTS, canonical, labelled, name_of
+from rigidmc.effects.parameters import numbers, shape
 from rigidmc.errors import SceneError, unknown
 from rigidmc.integrators import INTEGRATORS, refusal
 from rigidmc.observables import OBSERVABLES
-from rigidmc.sampling import Distribution, Start, draw, quantity, rows
+from rigidmc.sampling import Distribution, Start, draw, quantity, rows, vector
 
 PILOT = (
     4096  # members whose sampled values are looked at before a run; always the same ones, so that bits do not depend on `members`
@@ -60,6 +61,7 @@ class Run(Table):
     turn_limit: (
         Annotated[float, Field(gt=0, description="|omega| dt that flags a member [rad]; else from the integrator")] | None
     ) = None
+    anti_damping: Annotated[bool, Field(description="allow negative damping, which drives the body")] = False
     every: Annotated[float, Field(gt=0, description="time between saves [s]; without it first and last")] | None = None
     save: tuple[str, ...] = ("omega",)
 
@@ -94,12 +96,12 @@ class Scene:
             if isinstance(self.effects, (list, tuple)) and not hasattr(self.effects, "_fields")
             else (self.effects,)
         )
-        object.__setattr__(self, "effects", canonical(tuple(_effect(e) for e in effects)))
+        object.__setattr__(self, "effects", canonical(tuple(_effect(e, self.run.anti_damping) for e in effects)))
         rows(*self.quantities())
 
     def quantities(self):
         """All quantities that may differ from member to member."""
-        return self.body.quantities() + self.start.quantities() + tuple(v for e in self.effects for v in e)
+        return self.body.quantities() + self.start.quantities() + tuple(value for e in self.effects for _, _, value in numbers(e))
 
     def with_run(self, **settings):
         """The same scene with other run settings; those that are None stay as they are."""
@@ -137,12 +139,13 @@ class Scene:
             example = ", ".join(f"{m:.4g}" for m in moments[:, bad[0]])
             rule = f"{bad.size} of the first {PILOT} sampled bodies are none (e.g. {example}): moments must be positive and obey I_i <= I_j + I_k"
             raise SceneError("body", "moments", None, rule)
-        for effect in self.effects:
-            for name, value, limits in zip(effect._fields, effect, _limits(effect), strict=True):
-                drawn = draw((value,), self.run.seed, f"effects.{name_of(effect)}.{name}", 0, PILOT)[0]
-                if not ((drawn >= limits[0]) & (drawn <= limits[1])).all():
-                    rule = f"must lie between {limits[0]:g} and {limits[1]:g}"
-                    raise SceneError(f"effects.{name_of(effect)}", name, float(drawn.min()), rule)
+        for label, effect in labelled(self.effects):
+            for name, value in zip(effect._fields, effect, strict=True):
+                low, high = _limits(effect, name, self.run.anti_damping)
+                drawn = draw(value if shape(effect, name) else (value,), self.run.seed, f"effects.{label}.{name}", 0, PILOT)
+                bad = drawn[~((drawn >= low) & (drawn <= high))]
+                if bad.size:
+                    raise SceneError(f"effects.{label}", name, float(bad[0]), _outside(effect, low, high))
         return self
 
     @staticmethod
@@ -166,7 +169,7 @@ class Scene:
         return dumps(self)
 
 
-def _effect(effect: Any) -> Any:
+def _effect(effect: Any, driven: bool) -> Any:
     """An effect with its parameters checked."""
     fields = getattr(effect, "_fields", None)
     if fields is None or isinstance(effect, type) or not (hasattr(effect, "torque") or hasattr(effect, "kick")):
@@ -176,15 +179,33 @@ def _effect(effect: Any) -> Any:
             effect,
             f"expected an effect with its parameters, one of {', '.join(k.__name__ for k in EFFECTS.values())}",
         )
-    table = f"effects.{name_of(effect)}"
-    for name, value, (low, high) in zip(fields, effect, _limits(effect), strict=True):
-        if not isinstance(quantity(value, table, name), Distribution) and not (low <= np.min(value) and np.max(value) <= high):
-            raise SceneError(table, name, float(np.min(value)), f"must lie between {low:g} and {high:g}")
-    return type(effect)(*(quantity(v, table, k) for k, v in zip(fields, effect, strict=True)))
+    table, made = f"effects.{name_of(effect)}", []
+    for name, value in zip(fields, effect, strict=True):
+        size, (low, high) = shape(effect, name), _limits(effect, name, driven)
+        made.append(quantity(value, table, name) if size is None else vector(value, table, name, size))
+        for part in made[-1:] if size is None else made[-1]:
+            if not isinstance(part, Distribution) and not (low <= np.min(part) and np.max(part) <= high):
+                raise SceneError(
+                    table,
+                    name,
+                    float(np.min(part) if np.min(part) < low else np.max(part)),
+                    _outside(effect, low, high),
+                )
+    return type(effect)(*made)
 
 
-def _limits(effect):
-    return [getattr(effect, "limits", {}).get(name, (-np.inf, np.inf)) for name in effect._fields]
+def _limits(effect, name, driven):
+    low, high = getattr(effect, "limits", {}).get(name, (-np.inf, np.inf))
+    return (0.0 if low == -np.inf and getattr(effect, "damps", False) and not driven else low), high
+
+
+def _outside(effect, low, high):
+    more = (
+        "; below 0 it drives the body, which needs anti_damping = true under [run]"
+        if low == 0.0 and getattr(effect, "damps", False)
+        else ""
+    )
+    return f"must lie between {low:g} and {high:g}{more}"
 
 
 def complaint(error, table, model, data):

@@ -13,7 +13,7 @@ import tomli_w
 from pydantic import ValidationError
 
 from rigidmc.body import IDENTITY, Body
-from rigidmc.effects import EFFECTS, name_of
+from rigidmc.effects import EFFECTS, labelled, name_of
 from rigidmc.errors import SceneError, nearest, unknown
 from rigidmc.sampling import Distribution, Start, distribution
 from rigidmc.scene import Run, Scene, Table, complaint
@@ -87,11 +87,12 @@ def _from_tables(data, stored, title):
         if name not in EFFECTS:
             raise unknown("effects", name, None, "effect", EFFECTS)
         fields = EFFECTS[name]._fields
-        _only(table, fields, f"effects.{name}")
-        missing = [f for f in fields if f not in table and f not in EFFECTS[name]._field_defaults]
-        if missing:
-            raise SceneError(f"effects.{name}", missing[0], None, "is missing")
-        effects.append(EFFECTS[name](**{k: _parse(v, f"effects.{name}", k, stored) for k, v in table.items()}))
+        for one in table if isinstance(table, list) else [table]:  # [effects.spring], or [[effects.spring]] for several
+            _only(one, fields, f"effects.{name}")
+            missing = [f for f in fields if f not in one and f not in EFFECTS[name]._field_defaults]
+            if missing:
+                raise SceneError(f"effects.{name}", missing[0], None, "is missing")
+            effects.append(EFFECTS[name](**{k: _parse(v, f"effects.{name}", k, stored) for k, v in one.items()}))
     _only(file.start, ("omega", "momentum", "attitude"), "start")
     start = Start(**{k: _parse(v, "start", k, stored) for k, v in file.start.items()})
     body = _body(file.body, stored)
@@ -110,9 +111,12 @@ def dumps(scene):
     angles = "start_attitude" if attitude == "uniform" or len(attitude) == 4 else "start_euler"
     start = {which: _plain(getattr(scene.start, which), f"start_{which}")}
     start["attitude"] = attitude if attitude == "uniform" else _plain(attitude, angles)
-    effects = {}
-    for effect in scene.effects:
-        effects[name_of(effect)] = {k: _plain(v, f"{name_of(effect)}_{k}") for k, v in zip(effect._fields, effect, strict=True)}
+    effects: dict[str, Any] = {}
+    for label, effect in labelled(scene.effects):
+        effects.setdefault(name_of(effect), []).append(
+            {k: _plain(v, f"{label}_{k}") for k, v in zip(effect._fields, effect, strict=True)}
+        )
+    effects = {name: tables if len(tables) > 1 else tables[0] for name, tables in effects.items()}
     tables = {
         "title": scene.title,
         "summary": scene.summary,

@@ -12,6 +12,7 @@ import numpy as np
 
 from rigidmc.choice import resolved
 from rigidmc.closed_form import closed_values
+from rigidmc.effects.parameters import blank, parameter_count
 from rigidmc.engine import kernel, layout
 from rigidmc.engine.blocks import run_blocks
 from rigidmc.engine.compose import as_single
@@ -217,7 +218,7 @@ def compile_kernel(scene, plan):
     began = time.perf_counter()
     if plan.form is None:
         return 0.0
-    rows_needed = layout.EFFECTS + sum(len(e) for e in scene.effects)
+    rows_needed = layout.EFFECTS + parameter_count(*scene.effects)
     kernel.advance(*block_arguments(scene, plan, np.zeros((rows_needed, 0))), 1, 0, 0, 1, 1)
     return time.perf_counter() - began
 
@@ -229,7 +230,7 @@ def block_arguments(scene, plan, block):
 
 
 def _job(scene, plan, first, count, block, start, out, width, column):
-    effects = tuple(type(e)(*[0.0] * len(e)) for e in scene.effects)  # only their types matter: the values are rows of the block
+    effects = blank(scene.effects)
     observables = tuple(OBSERVABLES[name]() for name in scene.run.save)
     compensated = (0.0,) if plan.compensated else ()
     attitude, precision = (0.0,) if plan.carried else (), np.empty(0, plan.dtype)

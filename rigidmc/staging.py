@@ -5,9 +5,11 @@ import numpy as np
 from rigidmc.body import broken
 from rigidmc.dynamics.euler import MassProperties, kinetic_energy
 from rigidmc.dynamics.so3 import dot
-from rigidmc.effects import name_of
-from rigidmc.effects.verbs import total_energy, total_energy_scale, total_torque
+from rigidmc.effects import labelled
+from rigidmc.effects.parameters import filled, parameter_count, shape
+from rigidmc.effects.verbs import total_energy_scale
 from rigidmc.engine import layout
+from rigidmc.engine.members import energies, torques
 from rigidmc.sampling import draw
 
 MOST_OWN_STEPS = 2**24  # of a member in a round: no member stops a run, however fast it spins
@@ -21,13 +23,14 @@ def stage(scene, first, count, carried, span=None):
     seed = scene.run.seed
     moments, mass, centre = scene.body.sample(seed, first, count)
     which, spin = scene.start.spin(seed, first, count)
-    effects = [
-        (f"{name_of(e)}_{field}", draw((value,), seed, f"effects.{name_of(e)}.{field}", first, count)[0])
-        for e in scene.effects
+    effects = {
+        f"{label}_{field}": draw(value if shape(e, field) else (value,), seed, f"effects.{label}.{field}", first, count)
+        for label, e in labelled(scene.effects)
         for field, value in zip(e._fields, e, strict=True)
-    ]
-    start = {"moments": moments, "mass": mass, "centre": centre, f"start_{which}": spin, **dict(effects)}
-    block = np.zeros((layout.EFFECTS + len(effects), count))
+    }
+    drawn = {name: values if len(values) > 1 else values[0] for name, values in effects.items()}
+    start = {"moments": moments, "mass": mass, "centre": centre, f"start_{which}": spin, **drawn}
+    block = np.zeros((layout.EFFECTS + parameter_count(*scene.effects), count))
     block[layout.ATTITUDE] = 1.0
     if carried:
         start["start_attitude"] = block[layout.ATTITUDE : layout.MOMENTUM] = scene.start.quaternions(seed, first, count)
@@ -38,8 +41,8 @@ def stage(scene, first, count, carried, span=None):
     block[layout.STATUS, bad] = layout.STATUSES["invalid_input"]
     with np.errstate(all="ignore"):
         block[layout.BODY : layout.EFFECTS] = MassProperties.of(tuple(moments), tuple(mass * centre))
-    for i, (_, values) in enumerate(effects):
-        block[layout.EFFECTS + i] = values
+    if effects:
+        block[layout.EFFECTS :] = np.concatenate(list(effects.values()))
     block[layout.STEPS] = 1.0 if span is None else own_steps(rates(scene.effects, block), span, scene.run.turn)
     return block, start
 
@@ -48,8 +51,8 @@ def physics(effects, block):
     """(body, effects) of the members of a block, their fields as arrays."""
     made, row = [], layout.EFFECTS
     for effect in effects:
-        made.append(type(effect)(*block[row : row + len(effect)]))
-        row += len(effect)
+        made.append(filled(type(effect), block[row : row + parameter_count(effect)]))
+        row += parameter_count(effect)
     return MassProperties(*block[layout.BODY : layout.EFFECTS]), tuple(made)
 
 
@@ -63,9 +66,9 @@ def rates(effects, block):
     q, l = tuple(block[layout.ATTITUDE : layout.MOMENTUM]), tuple(block[layout.MOMENTUM : layout.REST])
     with np.errstate(all="ignore"):
         highest, smallest = total_energy_scale(effects, body), 1.0 / np.max([body.i1, body.i2, body.i3], axis=0)
-        torque = np.array(np.broadcast_arrays(*total_torque(effects, body, 0.0, q, l)))
+        torque = torques(effects, body, q, l)
         swing = np.maximum(highest, np.sqrt(dot(torque, torque)))
-        energy = kinetic_energy(body, l) + total_energy(effects, body, q) + highest
+        energy = kinetic_energy(body, l) + energies(effects, body, q) + highest
         return np.sqrt(2.0 * np.maximum(energy, 0.0) / smallest) + np.sqrt(swing / smallest)
 
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rigidmc.effects import name_of
+from rigidmc.effects.parameters import filled, numbers
 from rigidmc.errors import SceneError
 from rigidmc.sampling import Distribution, is_shared
 
@@ -43,7 +44,7 @@ def scaled(scene, mass=1.0, length=1.0, time=1.0):
     effects = []
     for effect in scene.effects:
         values = []
-        for name, value in zip(effect._fields, effect, strict=True):
+        for name, _, value in numbers(effect):
             told = getattr(effect, "units", {}).get(name)
             try:
                 values.append(_times(value, factor(told, mass, length, time)))
@@ -52,7 +53,7 @@ def scaled(scene, mass=1.0, length=1.0, time=1.0):
                 raise SceneError(
                     f"effects.{name_of(effect)}", name, None, rule if told is None else f"{rule}, but '{told}'"
                 ) from None
-        effects.append(type(effect)(*values))
+        effects.append(filled(type(effect), values))
     inertia = mass * length**2
     body = replace(
         scene.body, moments=tuple(_times(i, inertia) for i in scene.body.moments), mass=_times(scene.body.mass, mass),

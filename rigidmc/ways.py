@@ -9,6 +9,7 @@ import numpy as np
 from rigidmc.body import Body
 from rigidmc.closed_form import closed_values
 from rigidmc.effects import EFFECTS
+from rigidmc.effects.parameters import blank
 from rigidmc.engine import kernel, layout
 from rigidmc.engine.compose import as_single
 from rigidmc.engine.machine import threads_available
@@ -117,7 +118,7 @@ class Costs:
         return 1e9 * min(taken) / (count * saves)
 
     def _stepped(self, made, h, dtype, observables, stride=None):
-        effects = tuple(type(e)(*[0.0] * len(e)) for e in self.pilot.scene.effects)
+        effects = blank(self.pilot.scene.effects)
         integrator = as_single(made.integrator) if dtype == "float32" else made.integrator
         own = self.pilot.own and stride is None
         how = (

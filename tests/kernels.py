@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 
 from rigidmc.dynamics.euler import MassProperties
+from rigidmc.effects.parameters import blank, numbers, parameter_count
 from rigidmc.engine import kernel
 from rigidmc.engine import layout as K
 from rigidmc.engine.compose import as_single
@@ -19,10 +20,10 @@ def make_block(body, effects, attitude, momentum):
     """Rows of a block; fields of body and effects are numbers or one per member. The last member fills up the lanes."""
     attitude, momentum = np.asarray(attitude, float), np.asarray(momentum, float)
     members = momentum.shape[1]
-    rows = np.zeros((K.EFFECTS + sum(map(len, effects)), members))
+    rows = np.zeros((K.EFFECTS + parameter_count(*effects), members))
     rows[K.ATTITUDE : K.MOMENTUM] = attitude.reshape(4, -1)
     rows[K.MOMENTUM : K.REST] = momentum
-    for row, field in enumerate([*body, *(field for effect in effects for field in effect)], start=K.BODY):
+    for row, field in enumerate([*body, *(value for effect in effects for _, _, value in numbers(effect))], start=K.BODY):
         rows[row] = field
     return np.ascontiguousarray(np.pad(rows, ((0, 0), (0, -members % K.LANES)), mode="edge"))
 
@@ -55,7 +56,7 @@ def run(
     size = sum(SIZES[o.dims] for o in observables)
     width = block.shape[1] if observables else 0
     out = np.full(slots(steps, stride) * size * width, -1.0) if observables else NOTHING
-    types = tuple(type(e)(*[0.0] * len(e)) for e in effects)  # the kernel reads the fields from the block
+    types = blank(effects)
     moved, kept = (0.0,) if attitude else (), (0.0,) if compensated else ()
     integrator = as_single(made.integrator) if dtype == np.float32 else made.integrator
     how = (

@@ -210,3 +210,52 @@ def test_steps_and_saves(t_end, dt, every, expected):
     assert steps * made == pytest.approx(t_end, rel=1e-15)
     assert bool(notes) == (abs(made / dt - 1) > 1e-9)
     assert steps_and_saves(t_end, made, every)[:3] == (steps, made, stride)  # the reduced step is a fixed point
+
+
+def test_negative_damping_needs_a_word():
+    body, start = rm.Body.from_moments((1.0, 1.5, 2.0)), rm.Start(omega=(0.1, 0.2, 0.3))
+    for effect in (rm.ViscousDamping(-0.1), rm.AxialDamping((0.1, -0.1, 0.1)), rm.DryFriction(-0.1, 0.1)):
+        with pytest.raises(rm.SceneError, match="anti_damping = true"):
+            rm.Scene(body, (effect,), start)
+    run = rm.Run(anti_damping=True, dt=0.1, t_end=1.0, members=32)
+    with pytest.warns(rm.SceneWarning, match="drives the body"):
+        ds = rm.simulate(rm.Scene(body, (rm.ViscousDamping(-0.1),), start, run), save="l2")
+    assert np.allclose(ds.l2[-1], np.exp(0.2) * ds.l2[0], rtol=1e-6)
+
+
+def test_effects_with_vectors_and_two_of_a_kind(tmp_path):
+    """From TOML, stored per member, and back from the file to the same bits."""
+    text = """
+    [body]
+    moments = [1.0, 1.5, 2.0]
+    [[effects.spring]]
+    stiffness = 2.0
+    at = [0.5, 0.0, { normal = [0.0, 0.1] }]
+    to = [0.0, 0.0, 1.0]
+    [[effects.spring]]
+    stiffness = { uniform = [0.5, 1.0] }
+    at = [0.0, 0.5, 0.0]
+    to = [1.0, 0.0, 0.0]
+    length = 0.3
+    [start]
+    omega = [0.1, 0.2, 0.3]
+    [run]
+    dt = 0.05
+    t_end = 2.0
+    members = 40
+    save = ["omega", "energy"]
+    """
+    scene = rm.Scene.loads(text)
+    ds = rm.simulate(scene, output=tmp_path / "a.nc")
+    assert {"spring_at", "spring_2_stiffness"} <= set(ds.data_vars)
+    assert ds.spring_at.dims == ("axis", "member")
+    assert float(ds.energy_drift_max.max()) < 1e-5
+    again = rm.simulate(rm.Scene.loads(scene.dumps()))
+    stored = rm.simulate(rm.Scene.load(tmp_path / "a.nc"))
+    for name in ("omega", "energy"):
+        assert np.array_equal(ds[name], again[name])
+        assert np.array_equal(ds[name], stored[name])
+    with pytest.raises(rm.SceneError, match="3 components"):
+        rm.Scene.loads(text.replace("[0.0, 0.5, 0.0]", "[0.0, 0.5]"))
+    with pytest.raises(rm.SceneError, match=r"effects.spring.*stifness.*stiffness"):
+        rm.Scene.loads(text.replace("stiffness = 2.0", "stifness = 2.0"))

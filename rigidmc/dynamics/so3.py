@@ -135,6 +135,14 @@ def up(q):
     )
 
 
+def into_body(q, v):
+    """The body components of a vector of space, A^T v."""
+    r, w = (q[1], q[2], q[3]), 2.0 * q[0]
+    s = cross(r, v)
+    t = cross(r, s)
+    return v[0] - w * s[0] + 2.0 * t[0], v[1] - w * s[1] + 2.0 * t[1], v[2] - w * s[2] + 2.0 * t[2]
+
+
 def third(q):
     """q/|q| for a quaternion of norm about 3: two Newton steps, exact to rounding when | |q|/3 - 1 | < 1e-4; no root, no division."""
     n = (1.0 / 9.0) * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])

@@ -13,17 +13,54 @@ Each names just the arguments that it depends on (see `rigidmc.dynamics.methods`
 
 from typing import Any
 
-from rigidmc.effects.damping import ViscousDamping
+from rigidmc.effects.damping import AxialDamping, DryFriction, MatrixDamping, QuadraticDrag, ViscousDamping
+from rigidmc.effects.dissipation import EnergyDissipation
+from rigidmc.effects.field import RotatingField, UniformField
 from rigidmc.effects.gravity import Gravity
+from rigidmc.effects.gravity_gradient import GravityGradient
+from rigidmc.effects.pivot import MovingPivot
+from rigidmc.effects.potential import Potential
+from rigidmc.effects.rotor import Rotor
+from rigidmc.effects.spring import Spring
+from rigidmc.effects.torques import BodyTorque, PeriodicTorque, SpaceTorque
 
 # In canonical order: whatever order a scene lists its effects in, they are applied in this one.
-EFFECTS: dict[str, Any] = {"gravity": Gravity, "viscous_damping": ViscousDamping}
+EFFECTS: dict[str, Any] = {
+    "gravity": Gravity,
+    "gravity_gradient": GravityGradient,
+    "spring": Spring,
+    "uniform_field": UniformField,
+    "rotating_field": RotatingField,
+    "potential": Potential,
+    "moving_pivot": MovingPivot,
+    "body_torque": BodyTorque,
+    "space_torque": SpaceTorque,
+    "periodic_torque": PeriodicTorque,
+    "rotor": Rotor,
+    "viscous_damping": ViscousDamping,
+    "axial_damping": AxialDamping,
+    "matrix_damping": MatrixDamping,
+    "quadratic_drag": QuadraticDrag,
+    "dry_friction": DryFriction,
+    "energy_dissipation": EnergyDissipation,
+}
 
 
 def name_of(effect):
     """The word for an effect in a scene file."""
     kind = effect if isinstance(effect, type) else type(effect)
     return next((name for name, known in EFFECTS.items() if known is kind), kind.__name__)
+
+
+def labelled(effects):
+    """[(label, effect)]: the word of its kind, with a number from the second of a kind on."""
+    seen: dict[str, int] = {}
+    found = []
+    for effect in effects:
+        name = name_of(effect)
+        seen[name] = seen.get(name, 0) + 1
+        found.append((name if seen[name] == 1 else f"{name}_{seen[name]}", effect))
+    return found
 
 
 def canonical(effects):

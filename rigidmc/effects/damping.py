@@ -1,9 +1,11 @@
-"""Viscous damping."""
+"""Damping: isotropic, for each axis, by a matrix, quadratic, and dry friction."""
 
 import math
 from typing import NamedTuple
 
-from rigidmc.dynamics.so3 import axpy, expm1, scale
+from rigidmc.dynamics.euler import angular_velocity
+from rigidmc.dynamics.so3 import axpy, dot, expm1, scale
+from rigidmc.effects.flows import faded, solved, symmetric_times
 
 
 class ViscousDamping(NamedTuple):
@@ -20,10 +22,122 @@ class ViscousDamping(NamedTuple):
 
     units = {"rate": "s-1"}
     isotropic = True
-    limits = {"rate": (0.0, math.inf)}
+    damps = True
+    limits = {"rate": (-math.inf, math.inf)}
 
     def torque(self, l):
         return scale(-self.rate, l)
 
     def kick(self, h, l):
         return axpy(l, expm1(-self.rate * h), l)
+
+
+class AxialDamping(NamedTuple):
+    """Viscous damping, another for each principal axis: what a body feels in a viscous fluid.
+
+        tau_i = -rate_i L_i,   alone: L_i(t) = exp(-rate_i t) L_i(0)
+
+    rates : damping rates about the principal axes [1/s]
+    """
+
+    rates: tuple
+
+    units = {"rates": "s-1"}
+    shapes = {"rates": 3}
+    damps = True
+    limits = {"rates": (-math.inf, math.inf)}
+
+    def torque(self, l):
+        return -self.rates[0] * l[0], -self.rates[1] * l[1], -self.rates[2] * l[2]
+
+    def kick(self, h, l):
+        return (
+            l[0] + expm1(-self.rates[0] * h) * l[0],
+            l[1] + expm1(-self.rates[1] * h) * l[1],
+            l[2] + expm1(-self.rates[2] * h) * l[2],
+        )
+
+
+class MatrixDamping(NamedTuple):
+    """Viscous damping by a full matrix, whose axes are not those of the body.
+
+        tau = -C omega
+
+    In splittings its flow is the trapezoidal rule, of order 2.
+
+    matrix : xx, yy, zz, yz, zx, xy of the symmetric C, in the principal axes [N m s]
+    """
+
+    matrix: tuple
+
+    units = {"matrix": "kg m2 s-1"}
+    shapes = {"matrix": 6}
+    limits = {"matrix": (-math.inf, math.inf)}
+
+    def torque(self, body, l):
+        return scale(-1.0, symmetric_times(self.matrix, angular_velocity(body, l)))
+
+    def kick(self, body, h, l):
+        x, y, z = 0.5 * h * body.i1, 0.5 * h * body.i2, 0.5 * h * body.i3
+        m = self.matrix
+        back = axpy(l, -1.0, symmetric_times(m, (x * l[0], y * l[1], z * l[2])))
+        return solved(
+            (1.0 + m[0] * x, m[5] * x, m[4] * x), (m[5] * y, 1.0 + m[1] * y, m[3] * y), (m[4] * z, m[3] * z, 1.0 + m[2] * z), back
+        )
+
+
+class QuadraticDrag(NamedTuple):
+    """Drag that grows with the square of the spin, as in air.
+
+        tau = -drag |omega| omega,   alone, about a principal axis: omega(t) = omega(0)/(1 + drag omega(0) t/I)
+
+    In splittings its flow is a rule of order 2.
+
+    drag : coefficient [N m s^2]
+    """
+
+    drag: float
+
+    units = {"drag": "kg m2"}
+    isotropic = True
+    damps = True
+    limits = {"drag": (-math.inf, math.inf)}
+
+    def torque(self, body, l):
+        w = angular_velocity(body, l)
+        return scale(-self.drag * math.sqrt(dot(w, w)), w)
+
+    def kick(self, body, h, l):
+        w = angular_velocity(body, l)
+        w = angular_velocity(body, faded(body, 0.5 * h * self.drag * math.sqrt(dot(w, w)), l))
+        return faded(body, h * self.drag * math.sqrt(dot(w, w)), l)
+
+
+class DryFriction(NamedTuple):
+    """Coulomb friction of the pivot, smoothed at rest.
+
+        tau = -friction omega / sqrt(|omega|^2 + rest^2)
+
+    Against the spin and of constant size while |omega| is well above `rest`, viscous with friction/rest below it: a body creeps to rest where
+    dry friction would hold it, at most at `rest` under a torque of 0.7 of the friction. In splittings its flow is a rule of order 2.
+
+    friction : torque of the sliding pivot [N m]
+    rest : spin below which it is smoothed [rad/s]
+    """
+
+    friction: float
+    rest: float
+
+    units = {"friction": "N m", "rest": "rad s-1"}
+    isotropic = True
+    damps = True
+    limits = {"friction": (-math.inf, math.inf), "rest": (1e-300, math.inf)}
+
+    def torque(self, body, l):
+        w = angular_velocity(body, l)
+        return scale(-self.friction / math.sqrt(dot(w, w) + self.rest * self.rest), w)
+
+    def kick(self, body, h, l):
+        w = angular_velocity(body, l)
+        w = angular_velocity(body, faded(body, 0.5 * h * self.friction / math.sqrt(dot(w, w) + self.rest * self.rest), l))
+        return faded(body, h * self.friction / math.sqrt(dot(w, w) + self.rest * self.rest), l)

@@ -7,6 +7,7 @@ Numba's disk cache works, since no function is ever an argument.
 """
 
 import inspect
+import sys
 
 import numpy as np
 from numba.core import compiler, compiler_machinery, ir, types
@@ -17,7 +18,7 @@ import rigidmc.integrators.verbs
 import rigidmc.observables.verbs  # noqa: F401  (imported so that METHODS is complete)
 from rigidmc.dynamics import euler, free_flow, principal, so3
 from rigidmc.dynamics.methods import METHODS, arguments
-from rigidmc.effects import verbs
+from rigidmc.effects import EFFECTS, flows, verbs
 from rigidmc.integrators import drifts, lie, midpoint, rk4, rk8, splitting
 
 # "nsz" lets an absent effect's +0.0 vanish (12 packed adds a step without it), "contract" allows fused multiply-add.
@@ -117,24 +118,59 @@ def compile_method(call):
 @intrinsic(prefer_literal=False)
 def _read(typing_context, part, work, row, lane, stride):
     """A NamedTuple of the class of `part` from work[(row + i)*stride + lane], i = 0, 1, ..., in the precision of work."""
-    made = types.NamedUniTuple(work.dtype, len(part), part.instance_class) if len(part) else part
+    kinds = [types.UniTuple(work.dtype, len(kind)) if isinstance(kind, types.BaseTuple) else work.dtype for kind in part]
+    made: types.Type = part
+    if kinds:
+        alike = all(kind == kinds[0] for kind in kinds)
+        made = (
+            types.NamedUniTuple(kinds[0], len(kinds), part.instance_class)
+            if alike
+            else types.NamedTuple(kinds, part.instance_class)
+        )
     signature = made(part, work, row, lane, stride)
 
     def generate(context, builder, signature, values):
         array = context.make_array(signature.args[1])(context, builder, values[1])
         row, lane, stride = values[2:]
-        fields = []
-        for i in range(len(part)):
-            index = builder.add(builder.mul(builder.add(row, row.type(i)), stride), lane)
-            fields.append(builder.load(builder.gep(array.data, [index])))
+        at = iter(range(_rows_of(part)))
+
+        def number():
+            index = builder.add(builder.mul(builder.add(row, row.type(next(at))), stride), lane)
+            return builder.load(builder.gep(array.data, [index]))
+
+        fields = [
+            context.make_tuple(builder, kind, [number() for _ in kind]) if isinstance(kind, types.BaseTuple) else number()
+            for kind in kinds
+        ]
         return context.make_tuple(builder, made, fields)
 
     return signature, generate
 
 
+def _rows_of(kind):
+    """How many numbers a NamedTuple's type has, those of vectors counted one by one."""
+    return sum(len(k) if isinstance(k, types.BaseTuple) else 1 for k in kind)
+
+
+def rows_of(part):
+    """How many rows of a workspace a NamedTuple takes."""
+    return sum(len(x) if isinstance(x, tuple) else 1 for x in part)
+
+
+@overload(rows_of, jit_options=_INLINE)
+def _compiled_rows_of(part):
+    number = _rows_of(part)
+    return lambda part: number
+
+
 def read(part, work, row, lane, stride):
     """A NamedTuple of the type of `part` from the rows of a workspace."""
-    return type(part)(*(work[(row + i) * stride + lane] for i in range(len(part))))
+    rows = iter(range(row, row + rows_of(part)))
+    fields = [
+        tuple(work[next(rows) * stride + lane] for _ in x) if isinstance(x, tuple) else work[next(rows) * stride + lane]
+        for x in part
+    ]
+    return type(part)(*fields)
 
 
 @overload(read, jit_options=_INLINE)
@@ -149,7 +185,7 @@ def read_all(parts, work, row, lane, stride):
     if len(parts) == 0:
         return ()
     first = read(parts[0], work, row, lane, stride)
-    return (first,) + read_all(parts[1:], work, row + len(parts[0]), lane, stride)
+    return (first,) + read_all(parts[1:], work, row + rows_of(parts[0]), lane, stride)
 
 
 def inline_all(module):
@@ -159,8 +195,10 @@ def inline_all(module):
             inline(function)
 
 
-for _module in (so3, euler, free_flow, principal, verbs, drifts, lie, midpoint, rk4, rk8, splitting):
+for _module in (so3, euler, free_flow, principal, verbs, drifts, lie, midpoint, rk4, rk8, splitting, flows):
     inline_all(_module)
+for _kind in EFFECTS.values():
+    inline_all(sys.modules[_kind.__module__])
 inline(read_all)
 for _call in METHODS:
     compile_method(_call)

@@ -5,13 +5,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rigidmc import __version__
-from rigidmc.effects import name_of
+from rigidmc.effects import labelled, name_of
+from rigidmc.effects.parameters import shape
 from rigidmc.engine.kernel import LOOK
 from rigidmc.engine.layout import STATUSES
 from rigidmc.observables import OBSERVABLES
 from rigidmc.sampling import is_shared, rows
 
-_LENGTHS = {"axis": 3, "quat": 4}
+_LENGTHS = {"axis": 3, "quat": 4, "component": 6}
 
 
 class Variable(NamedTuple):
@@ -26,7 +27,7 @@ def conservation(scene):
     """{"energy": "yes" or the reason why not, "l2": ..., "lz": ...} by the physics of the scene."""
     lossy = [name_of(e) for e in scene.effects if not getattr(e, "conservative", hasattr(e, "energy"))]
     kept = "yes" if not lossy else f"no: {', '.join(lossy)} changes the energy"
-    torques = [name_of(e) for e in scene.effects]
+    torques = [name_of(e) for e in scene.effects if not getattr(e, "keeps_l2", False)]
     turning = [name_of(e) for e in scene.effects if not getattr(e, "keeps_lz", False)]
     changed = {"l2": (torques, "the angular momentum"), "lz": (turning, "L_z")}
     return {
@@ -98,11 +99,13 @@ def member_variables(scene, carried):
     if any(hasattr(e, "energy") for e in scene.effects) or not is_shared(scene.body.mass, *scene.body.centre):
         variables["mass"] = Variable(("member",), "f8", {"units": "kg", "long_name": "mass"})
         variables["centre"] = Variable(("axis", "member"), "f8", {"units": "m", "long_name": "centre of mass, principal axes"})
-    for effect in scene.effects:
+    for label, effect in labelled(scene.effects):
         for name, value in zip(effect._fields, effect, strict=True):
-            if not is_shared(value):
-                attrs = {"units": getattr(effect, "units", {}).get(name, "1"), "long_name": f"{name} of {name_of(effect)}"}
-                variables[f"{name_of(effect)}_{name}"] = Variable(("member",), "f8", attrs)
+            size = shape(effect, name)
+            if not is_shared(*(value if size else (value,))):
+                attrs = {"units": getattr(effect, "units", {}).get(name, "1"), "long_name": f"{name} of {label}"}
+                dims = () if size is None else ("axis",) if size == 3 else ("component",)
+                variables[f"{label}_{name}"] = Variable((*dims, "member"), "f8", attrs)
     which = "omega" if scene.start.momentum is None else "momentum"
     kind = OBSERVABLES[which]
     variables[f"start_{which}"] = Variable(

@@ -13,7 +13,8 @@ from rigidmc.closed_form import closed_form
 from rigidmc.dynamics.euler import kinetic_energy
 from rigidmc.dynamics.so3 import dot, up
 from rigidmc.effects import Gravity, ViscousDamping
-from rigidmc.effects.verbs import total_energy, total_energy_scale
+from rigidmc.effects.verbs import total_energy_scale
+from rigidmc.engine.members import energies
 from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.exact.free_top import free_motion
 from rigidmc.integrators import INTEGRATORS, accepting
@@ -186,7 +187,7 @@ def constant(scene, t_end, quantities, saves=8, steps=None, **options):
 def conserved(body, effects, q, l):
     """Energy and |L|^2 of a free body; energy and L_z under gravity."""
     play = kinetic_energy(body, l[:, 0]) + total_energy_scale(effects, body)
-    energy = kinetic_energy(body, l) + total_energy(effects, body, q)
+    energy = kinetic_energy(body, l) + energies(effects, body, q)
     if not effects:
         return [(energy, play), (dot(l, l), dot(l[:, 0], l[:, 0]))]
     largest = np.sqrt(2.0 * play / np.min([body.i1, body.i2, body.i3], axis=0))

@@ -16,6 +16,7 @@ import pytest
 from numba import njit
 
 from rigidmc.effects import Gravity, ViscousDamping
+from rigidmc.effects.parameters import parameter_count
 from rigidmc.engine import kernel
 from rigidmc.engine import layout as K
 from rigidmc.engine.compose import FLAGS, as_single
@@ -111,7 +112,7 @@ def counted(name):
     """What the step loop of a freshly compiled kernel does; a kernel from the disk cache has no assembly to read."""
     made, effects, attitude, compensated, dtype, own = (CASES | BROKEN)[name]
     compiled = njit(nogil=True, **FLAGS)(kernel._advance)
-    block = np.zeros((K.EFFECTS + sum(map(len, effects)), 0))
+    block = np.zeros((K.EFFECTS + parameter_count(*effects), 0))
     integrator = as_single(made.integrator) if dtype == np.float32 else made.integrator
     how = (integrator, made.parts, effects, (), attitude, compensated, np.empty(0, dtype), own, ())
     compiled(*how, block, np.empty(0), 0, 0, 0.01, 1, 0, 1, 1, 1)

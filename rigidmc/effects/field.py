@@ -1,0 +1,76 @@
+"""Dipoles in uniform fields."""
+
+import math
+from typing import NamedTuple
+
+from rigidmc.dynamics.so3 import cross, dot, into_body, sincos
+
+_ANY = (-math.inf, math.inf)
+
+
+class UniformField(NamedTuple):
+    """A magnetic or electric dipole of the body in a uniform field.
+
+        tau = dipole x A^T field,   E = -dipole . A^T field
+
+    A needle swings about the field with omega^2 = |dipole| |field|/I.
+
+    dipole : moment in the principal axes [J per unit of field: A m^2 in T, or C m in V/m]
+    field : in space [T, or V/m]
+    """
+
+    dipole: tuple
+    field: tuple
+
+    units = {"dipole": "J", "field": "1"}
+    shapes = {"dipole": 3, "field": 3}
+    limits = {"dipole": _ANY, "field": _ANY}
+
+    def torque(self, q):
+        return cross(self.dipole, into_body(q, self.field))
+
+    def torque_rate(self, q, w):
+        return cross(self.dipole, cross(into_body(q, self.field), w))
+
+    def energy(self, q):
+        return -dot(self.dipole, into_body(q, self.field))
+
+    def energy_scale(self):
+        return _sizes(self.dipole, self.field)
+
+
+class RotatingField(NamedTuple):
+    """A dipole of the body in a field that turns about the vertical, as in a synchronous motor.
+
+        tau = dipole x A^T R_z(rate t) field
+
+    dipole : moment in the principal axes [J per unit of field]
+    field : in space at t = 0 [T, or V/m]
+    rate : angular velocity of the field about the vertical [rad/s]
+    """
+
+    dipole: tuple
+    field: tuple
+    rate: float
+
+    units = {"dipole": "J", "field": "1", "rate": "rad s-1"}
+    shapes = {"dipole": 3, "field": 3}
+    limits = {"dipole": _ANY, "field": _ANY, "rate": _ANY}
+
+    def torque(self, t, q):
+        s, c = sincos(self.rate * t)
+        x, y, z = self.field
+        return cross(self.dipole, into_body(q, (c * x - s * y, s * x + c * y, z)))
+
+    def torque_rate(self, t, q, w):
+        s, c = sincos(self.rate * t)
+        x, y, z = self.field
+        return cross(self.dipole, cross(into_body(q, (c * x - s * y, s * x + c * y, z)), w))
+
+    def energy_scale(self):
+        return _sizes(self.dipole, self.field)
+
+
+def _sizes(a, b):
+    """A bound on |a . A b|: (a.a b.b)^(1/2), by multiplication and the power 1/2, which arrays and numbers have."""
+    return (dot(a, a) * dot(b, b)) ** 0.5

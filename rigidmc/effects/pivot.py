@@ -1,0 +1,43 @@
+"""A pivot that is shaken."""
+
+import math
+from typing import NamedTuple
+
+from rigidmc.dynamics.so3 import cross, into_body, scale, sincos
+
+_ANY = (-math.inf, math.inf)
+
+
+class MovingPivot(NamedTuple):
+    """A fixed point that is shaken: at swing cos(frequency t + phase) in space; the body is followed in its frame.
+
+        tau = frequency^2 cos(frequency t + phase) m r x A^T swing
+
+    Shaken upwards fast enough a pendulum stands on its head: (swing frequency)^2 > 2 g l for a point mass at l.
+    Source: Kapitza, Usp. Fiz. Nauk 44 (1951) 7; Landau & Lifshitz, Mechanics, section 30, problem 1.
+
+    swing : amplitude in space [m]
+    frequency : angular frequency [rad/s]
+    phase : at t = 0 [rad]
+    """
+
+    swing: tuple
+    frequency: float
+    phase: float = 0.0
+
+    units = {"swing": "m", "frequency": "rad s-1", "phase": "rad"}
+    shapes = {"swing": 3}
+    limits = {"swing": _ANY, "frequency": _ANY, "phase": _ANY}
+
+    def torque(self, body, t, q):
+        push = self.frequency * self.frequency * sincos(self.frequency * t + self.phase)[1]
+        return cross((body.p1, body.p2, body.p3), into_body(q, scale(push, self.swing)))
+
+    def torque_rate(self, body, t, q, w):
+        push = self.frequency * self.frequency * sincos(self.frequency * t + self.phase)[1]
+        return cross((body.p1, body.p2, body.p3), cross(into_body(q, scale(push, self.swing)), w))
+
+    def energy_scale(self, body):
+        s = self.swing
+        size = (s[0] * s[0] + s[1] * s[1] + s[2] * s[2]) ** 0.5
+        return self.frequency * self.frequency * size * (abs(body.p1) + abs(body.p2) + abs(body.p3))

@@ -1,0 +1,46 @@
+"""A flywheel in the body: the gyrostat."""
+
+import math
+from typing import NamedTuple
+
+from rigidmc.dynamics.euler import angular_velocity
+from rigidmc.dynamics.so3 import axpy, cross, select
+from rigidmc.effects.flows import turned_vector
+
+
+class Rotor(NamedTuple):
+    """A flywheel that spins within the body: the gyrostat of Zhukovskii and Volterra.
+
+        tau = H x omega - motor,   H = momentum + motor t
+
+    L stays that of the body alone, L = I omega, with the flywheel locked in I; L + H is the whole. With motor = 0 the energy of the body is kept.
+    Its flow is a turn in the coordinates L_i/sqrt(I_i), exact for constant H.
+    Source: Wittenburg, Dynamics of Systems of Rigid Bodies (1977), 4.6; Hughes, Spacecraft Attitude Dynamics (1986), 6.
+
+    momentum : of the flywheel relative to the body, principal axes [kg m^2/s]
+    motor : torque of the motor on the flywheel, principal axes [N m]
+    """
+
+    momentum: tuple
+    motor: tuple = (0.0, 0.0, 0.0)
+
+    units = {"momentum": "kg m2 s-1", "motor": "N m"}
+    shapes = {"momentum": 3, "motor": 3}
+    limits = {"momentum": (-math.inf, math.inf), "motor": (-math.inf, math.inf)}
+
+    @property
+    def conservative(self):
+        return all(isinstance(m, float) and m == 0.0 for m in self.motor)
+
+    def torque(self, body, t, l):
+        return axpy(cross(axpy(self.momentum, t, self.motor), angular_velocity(body, l)), -1.0, self.motor)
+
+    def kick(self, body, t, h, l):
+        # with y_i = L_i sqrt(1/I_i):  dy/dt = g x y,  g_i = H_i / sqrt(I_j I_k)
+        one, two, three = math.sqrt(body.i1), math.sqrt(body.i2), math.sqrt(body.i3)
+        wheel = axpy(self.momentum, t, self.motor)
+        x, y, z = axpy(l, -0.5 * h, self.motor)
+        x, y, z = turned_vector(
+            (h * two * three * wheel[0], h * three * one * wheel[1], h * one * two * wheel[2]), (one * x, two * y, three * z)
+        )
+        return axpy((x / select(one > 0.0, one, 1.0), y / two, z / three), -0.5 * h, self.motor)

@@ -1,0 +1,53 @@
+"""A spring between a point of the body and a point of space."""
+
+import math
+from typing import NamedTuple
+
+from rigidmc.dynamics.so3 import cross, difference, dot, into_body, scale
+
+_ANY = (-math.inf, math.inf)
+
+
+class Spring(NamedTuple):
+    """A linear spring from a point of the body to a point of space.
+
+        E = 1/2 stiffness (d - length)^2,   d = |at - A^T to|,   tau = stiffness (1 - length/d) at x A^T to
+
+    stiffness : of the spring [N/m]
+    at : where it is fastened to the body, principal axes [m]
+    to : where it is fastened in space, from the fixed point [m]
+    length : at which it is slack [m]
+    """
+
+    stiffness: float
+    at: tuple
+    to: tuple
+    length: float = 0.0
+
+    units = {"stiffness": "N m-1", "at": "m", "to": "m", "length": "m"}
+    shapes = {"at": 3, "to": 3}
+    limits = {"stiffness": (0.0, math.inf), "at": _ANY, "to": _ANY, "length": (0.0, math.inf)}
+
+    def torque(self, q):
+        end = into_body(q, self.to)
+        d = difference(self.at, end)
+        pull = self.stiffness * (1.0 - self.length / math.sqrt(dot(d, d) + 1e-300))
+        return scale(pull, cross(self.at, end))
+
+    def torque_rate(self, q, w):
+        end = into_body(q, self.to)
+        d, moves = difference(self.at, end), cross(end, w)
+        square = dot(d, d) + 1e-300
+        slack = self.length / math.sqrt(square)
+        pull, change = self.stiffness * (1.0 - slack), self.stiffness * slack * (-dot(d, moves)) / square
+        one, two = cross(self.at, moves), cross(self.at, end)
+        return pull * one[0] + change * two[0], pull * one[1] + change * two[1], pull * one[2] + change * two[2]
+
+    def energy(self, q):
+        d = difference(self.at, into_body(q, self.to))
+        stretch = math.sqrt(dot(d, d)) - self.length
+        return 0.5 * self.stiffness * stretch * stretch
+
+    def energy_scale(self):
+        longest = dot(self.at, self.at) ** 0.5 + dot(self.to, self.to) ** 0.5 + self.length
+        return 0.5 * self.stiffness * longest * longest

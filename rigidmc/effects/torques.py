@@ -1,0 +1,75 @@
+"""Torques that are given: constant in the body or in space, or periodic."""
+
+import math
+from typing import NamedTuple
+
+from rigidmc.dynamics.so3 import cross, into_body, scale, sincos
+
+_ANY = (-math.inf, math.inf)
+
+
+class BodyTorque(NamedTuple):
+    """A torque that is constant in the body, as of a thruster.
+
+    size : torque in the principal axes [N m]
+    """
+
+    size: tuple
+
+    units = {"size": "N m"}
+    shapes = {"size": 3}
+    limits = {"size": _ANY}
+
+    def torque(self):
+        return self.size
+
+    def torque_rate(self):
+        return 0.0, 0.0, 0.0
+
+
+class SpaceTorque(NamedTuple):
+    """A torque that is constant in space.
+
+        tau = A^T size
+
+    About the vertical L_z(t) = L_z(0) + size_z t, whatever the body.
+
+    size : torque in space [N m]
+    """
+
+    size: tuple
+
+    units = {"size": "N m"}
+    shapes = {"size": 3}
+    limits = {"size": _ANY}
+
+    def torque(self, q):
+        return into_body(q, self.size)
+
+    def torque_rate(self, q, w):
+        return cross(into_body(q, self.size), w)
+
+
+class PeriodicTorque(NamedTuple):
+    """A torque that is fixed in the body and swings in time.
+
+        tau = size cos(frequency t + phase)
+
+    size : largest torque, principal axes [N m]
+    frequency : angular frequency [rad/s]
+    phase : at t = 0 [rad]
+    """
+
+    size: tuple
+    frequency: float
+    phase: float = 0.0
+
+    units = {"size": "N m", "frequency": "rad s-1", "phase": "rad"}
+    shapes = {"size": 3}
+    limits = {"size": _ANY, "frequency": _ANY, "phase": _ANY}
+
+    def torque(self, t):
+        return scale(sincos(self.frequency * t + self.phase)[1], self.size)
+
+    def torque_rate(self):
+        return 0.0, 0.0, 0.0
