@@ -1,0 +1,167 @@
+"""What effects do to a body: each against the same law integrated in space by scipy, and the well-known ones against their theory.
+
+In plain Python, by rk8 and rk4: what runs compiled runs uncompiled too.
+"""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.special import ellipk
+
+from rigidmc.dynamics.euler import MassProperties, kinetic_energy
+from rigidmc.dynamics.so3 import dot, up
+from rigidmc.effects import (
+    EFFECTS,
+    AxialDamping,
+    DryFriction,
+    EnergyDissipation,
+    Gravity,
+    GravityGradient,
+    MovingPivot,
+    QuadraticDrag,
+    Rotor,
+    SpaceTorque,
+    UniformField,
+)
+from rigidmc.integrators import INTEGRATORS
+from tests.effects.test_effects import EXAMPLES, MOMENTS, REFERENCE, STATIC
+from tests.kernels import one_step, prepare
+from tests.reference import attitude_error, rotation, unit
+
+ONE = (1.0, 0.0, 0.0, 0.0)
+
+
+def moved(effects, q, l, h, steps, body=None, name="rk8", seen=lambda t, q, l: None):
+    """(q, L) after some steps; seen(t, q, L) after each."""
+    body, effects = body or MassProperties.of(MOMENTS, STATIC), tuple(effects)
+    made = prepare(INTEGRATORS[name], 3.0 * h, effects)
+    for i in range(steps):
+        q, l = one_step(made, body, effects, i * h, h, q, l)
+        seen((i + 1) * h, q, l)
+    return np.array(q), np.array(l)
+
+
+def in_space(name, q, l, end):
+    """(A, L in the body) at the end, from the matrix A and the momentum in space by DOP853."""
+
+    def rates(t, y):
+        a, spin = y[:9].reshape(3, 3), y[9:]
+        w = a @ ((a.T @ spin) / MOMENTS)
+        turn = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
+        return np.concatenate([(turn @ a).ravel(), REFERENCE[name](EXAMPLES[name], t, a, w)])
+
+    a = np.array(rotation(q))
+    y = solve_ivp(rates, (0.0, end), np.concatenate([a.ravel(), a @ l]), method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
+    return y[:9].reshape(3, 3), y[:9].reshape(3, 3).T @ y[9:]
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_motion_against_the_law_in_space(name):
+    q, l = unit((0.5, -0.3, 0.7, 0.2)), (0.4, -0.3, 0.5)
+    at, momentum = moved((EXAMPLES[name],), q, l, 0.02, 100)
+    a, true = in_space(name, q, l, 2.0)
+    assert np.abs(momentum - true).max() < 1e-10  # measured 9e-14; 3e-11 of potential, whose reference has differences
+    assert np.abs(np.array(rotation(tuple(at))) - a).max() < 1e-10
+
+
+def test_two_effects_add_up_in_any_order():
+    q, l = unit((0.5, -0.3, 0.7, 0.2)), (0.4, -0.3, 0.5)
+    some = [EXAMPLES[name] for name in ("spring", "axial_damping", "moving_pivot", "rotor")]
+    one, two = moved(some, q, l, 0.05, 20), moved(some[::-1], q, l, 0.05, 20)
+    assert np.abs(one[1] - two[1]).max() < 3e-15  # measured 7e-16
+
+
+def test_drag_about_a_principal_axis():
+    """omega(t) = omega(0)/(1 + c omega(0) t/I)."""
+    _, l = moved((QuadraticDrag(0.3),), ONE, (0.0, 0.0, 2.0), 0.05, 100)
+    assert l[2] == pytest.approx(2.0 / (1.0 + 0.3 * 2.0 * 5.0), rel=1e-14)  # measured 4e-16
+
+
+def test_friction_about_a_principal_axis():
+    """sqrt(w^2 + s^2) - s arsinh(s/w) falls as T t/I."""
+    law = lambda w: math.hypot(w, 0.2) - 0.2 * math.asinh(0.2 / w)  # noqa: E731
+    _, l = moved((DryFriction(0.4, 0.2),), ONE, (0.0, 0.0, 2.0), 0.05, 100)
+    assert law(2.0) - law(l[2]) == pytest.approx(0.4 * 5.0, rel=1e-14)  # measured 2e-16
+
+
+def test_a_torque_about_the_vertical():
+    q, l = unit((0.5, -0.3, 0.7, 0.2)), (0.4, -0.3, 0.5)
+    at, end = moved((SpaceTorque((0.0, 0.0, 0.3)),), q, l, 0.05, 60)
+    assert dot(tuple(end), up(tuple(at))) == pytest.approx(dot(l, up(q)) + 0.9, abs=1e-14)  # measured 1e-16
+
+
+def test_a_needle_in_a_field():
+    """A dipole let go at an angle a swings with the period 4 K(sin^2(a/2)) sqrt(I/(dipole field))."""
+    a, strength = 2.0, 0.5 * 3.0
+    body = MassProperties.of((1.0, 1.0, 0.01), (0.0, 0.0, 0.0))
+    period = 4.0 * ellipk(math.sin(0.5 * a) ** 2) / math.sqrt(strength)
+    q = (math.cos(0.5 * a), math.sin(0.5 * a), 0.0, 0.0)
+    at, l = moved((UniformField((0.0, 0.0, 0.5), (0.0, 0.0, 3.0)),), q, (0.0, 0.0, 0.0), period / 200, 200, body)
+    assert attitude_error(at, q) < 1e-14  # measured 8e-16
+    assert np.abs(l).max() < 1e-14  # measured 3e-16
+
+
+def test_libration_on_a_circular_orbit():
+    """In the plane with n sqrt(3 (I2 - I1)/I3): the long axis points to the centre and swings by 1e-4 rad about it."""
+    moments, n, small = (0.5, 0.8, 1.0), 1.0, 1e-4
+    body, period = MassProperties.of(moments, (0.0, 0.0, 0.0)), 2.0 * math.pi / math.sqrt(3.0 * (0.8 - 0.5) / 1.0)
+    q = (math.cos(0.5 * small), 0.0, 0.0, math.sin(0.5 * small))
+    at, l = moved((GravityGradient(1.0, 1.0),), q, (0.0, 0.0, n * moments[2]), period / 200, 200, body)
+    turned = 2.0 * math.atan2(at[3], at[0]) - n * period
+    assert abs(math.remainder(turned - small, 2.0 * math.pi)) < 1e-13  # measured 4e-15
+    assert abs(l[2] / moments[2] - n) < 5e-12  # measured 1.5e-12: the period is right to 3e-9, which is what the swing makes of it
+
+
+def unstable(wheel):
+    """Whether a spin about the middle axis by 1 rad/s, with a wheel along it, loses 1e-6 of itself within 60 s."""
+    moments = (1.0, 2.0, 3.0)
+    lost = []
+    start = (1e-6, 2.0, 1e-6)
+    moved(
+        (Rotor((0.0, wheel, 0.0)),), ONE, start, 0.25, 240, MassProperties.of(moments, (0.0, 0.0, 0.0)), "rk4",
+        lambda t, q, l: lost.append(abs(l[0]) + abs(l[2])),
+    )  # fmt: skip
+    return max(lost) > 1e-4
+
+
+def test_a_wheel_makes_the_middle_axis_stable():
+    """(I2 w + H - I1 w)(I2 w + H - I3 w) > 0: beyond H = 1 of moments 1, 2, 3; and below -1."""
+    assert [unstable(h) for h in (-1.03, -0.97, 0.0, 0.97, 1.03)] == [False, True, True, True, False]
+
+
+def stands(share):
+    """Whether a pendulum stands on its head, shaken by `share` of Kapitza's amplitude sqrt(2 g l)/frequency, l = I/(m r)."""
+    body, g, length = MassProperties.of((1.0, 1.0, 0.1), (0.0, 0.0, 1.0)), 1.0, 1.0
+    frequency = 60.0
+    swing = share * math.sqrt(2.0 * g * length) / frequency
+    leans = []
+    q = (math.cos(5e-4), math.sin(5e-4), 0.0, 0.0)
+    shaken = (Gravity(g), MovingPivot((0.0, 0.0, swing), frequency))
+    moved(shaken, q, (0.0, 0.0, 0.0), 2.0 * math.pi / frequency / 12.0, 5000, body, "rk4", lambda t, q, l: leans.append(up(q)[2]))
+    return min(leans) > 0.99
+
+
+def test_kapitzas_threshold():
+    assert not stands(0.98)
+    assert stands(1.02)
+
+
+def test_dissipation_keeps_the_momentum_and_ends_about_the_major_axis():
+    body, energies, sizes = MassProperties.of((1.0, 2.0, 3.0), (0.0, 0.0, 0.0)), [], []
+
+    def seen(t, q, l):
+        energies.append(kinetic_energy(body, l))
+        sizes.append(math.sqrt(dot(l, l)))
+
+    _, l = moved((EnergyDissipation(0.2),), ONE, (1.0, 0.01, 0.01), 0.1, 3000, body, "strang", seen)
+    assert np.abs(np.array(sizes) / sizes[0] - 1.0).max() < 1e-13
+    assert (np.diff(energies) < 1e-15).all()
+    assert abs(l[2]) / sizes[0] > 1.0 - 1e-6
+    assert energies[0] > 2.9 * energies[-1]
+
+
+def test_each_axis_fades_at_its_own_rate():
+    _, l = moved((AxialDamping((0.3, 0.1, 0.6)),), ONE, (0.0, 2.0, 0.0), 0.1, 50)
+    assert np.abs(l - [0.0, 2.0 * math.exp(-0.5), 0.0]).max() < 1e-13
