@@ -113,6 +113,19 @@ def chosen(count, seed):
     return made
 
 
+def found_again(row):
+    """The place of a mutant judged before, wherever its line has gone since; LookupError where it is no more."""
+    with open(os.path.join(ROOT, row["file"])) as file:
+        lines = file.read().split("\n")
+    at = [i + 1 for i, line in enumerate(lines) if line.strip() == row["before"]]
+    if not at:
+        raise LookupError(f"{row['file']}: no line {row['before']!r}; judge all anew")
+    line = min(at, key=lambda i: abs(i - row["line"]))
+    old = lines[line - 1]
+    column = len(old) - len(old.lstrip())
+    return row["file"], row["kind"], line, column, line, len(old), row["after"]
+
+
 def broken(place, folder):
     """A copy of the package with one place broken; the line as it was and as it is."""
     path, _, line, column, end_line, end_column, new = place
@@ -185,9 +198,16 @@ def main():
     parser.add_argument("--count", type=int, default=200, help="how many mutants")
     parser.add_argument("--seed", type=int, default=1, help="which")
     parser.add_argument("--output", default=os.path.join(HERE, "results", "mutants.json"), metavar="FILE")
+    parser.add_argument("--again", action="store_true", help="judge only the survivors of FILE, after tests were added")
     options = parser.parse_args()
-    made = chosen(options.count, options.seed)
-    rows = []
+    rows, made = [], []
+    if options.again:
+        with open(options.output) as file:
+            for row in json.load(file):
+                (rows if row["killed"] else made).append(row)
+        made = [found_again(row) for row in made]
+    else:
+        made = chosen(options.count, options.seed)
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         for row in pool.map(judged, made):
             rows.append(row)

@@ -17,16 +17,21 @@ from rigidmc.dynamics.so3 import (
     expm1,
     exponential,
     gain,
+    gain4,
+    into_body,
     moved,
     multiply,
     normalised,
+    scale4,
+    select3,
+    select4,
     sincos,
     third,
     touch_up,
     turned,
     two_sum,
     up,
-)
+)  # fmt: skip
 from rigidmc.engine import kernel  # noqa: F401  (sets the vector width before anything is compiled)
 from rigidmc.engine.compose import FLAGS
 from tests.reference import hat, rodrigues, rotation, unit
@@ -214,3 +219,28 @@ def test_sums_with_remainders_lose_nothing():
     )
     assert max(abs(float(a - x / size)) for a, x in zip(plain, true, strict=True)) > 1e-15
     assert max(off) < 4e-16  # measured 1.1e-16: each turn of 1e-3 is rounded to 1e-19; without remainders 1.3e-15
+
+
+def test_a_pair_comes_back_to_the_sphere():
+    """gain4 brings |q| = 1.00001 back: what is left is 5/2 of the cube of 2e-5."""
+    q = normalised((0.5, -0.3, 0.7, 0.2))
+    value, rest = gain4((q, (0.0,) * 4), scale4(1e-5, q))
+    assert (
+        abs(sum(x * x for x in value) + 2.0 * sum(x * y for x, y in zip(value, rest, strict=True)) - 1.0) < 1e-13
+    )  # measured 4e-14
+    off = [a - b for a, b in zip(value, q, strict=True)]
+    assert max(map(abs, off)) < 1e-13
+
+
+def test_selects_take_each_component_from_its_own_place():
+    a, b = (1.0, 2.0, 3.0, 4.0), (5.0, 6.0, 7.0, 8.0)
+    assert select3(True, a, b) == a[:3]
+    assert select3(False, a, b) == b[:3]
+    assert select4(True, a, b) == a
+    assert select4(False, a, b) == b
+
+
+def test_components_in_the_body():
+    q, v = normalised((0.5, -0.3, 0.7, 0.2)), (0.3, -1.2, 2.0)
+    assert np.abs(np.array(rotation(q)).T @ v - into_body(q, v)).max() < 1e-15
+    assert np.abs(np.subtract(into_body(q, (0.0, 0.0, 1.0)), up(q))).max() < 1e-15

@@ -15,7 +15,7 @@ from rigidmc.dynamics.so3 import cross, scale, up, whole
 from rigidmc.effects import Gravity, ViscousDamping
 from rigidmc.effects.verbs import total_torque
 from rigidmc.engine import layout as K
-from rigidmc.integrators import INTEGRATORS, accepting, description
+from rigidmc.integrators import INTEGRATORS, accepting, description, rk8
 from rigidmc.observables import Attitude, Energy, Momentum
 from rigidmc.studies.problems import PROBLEMS
 from tests.kernels import block_of, make_block, march, one_step, prepare, run, turn, turn_rate_of
@@ -330,3 +330,22 @@ def test_every_integrator_has_its_facts():
             ("any torque", "torques with an exact flow", "torques of attitude and time", "no torque", "free tops")
         )
         assert "Source:" in description(name)
+
+
+TIMES: list[float] = []
+
+
+class Clock(NamedTuple):
+    """A torque of nothing that writes down when it was asked for."""
+
+    def torque(self, t):
+        TIMES.append(t)
+        return 0.0, 0.0, 0.0
+
+
+def test_rk8_asks_for_torques_at_the_times_of_its_stages():
+    """c_i is the sum of a_ij."""
+    TIMES.clear()
+    one_step(prepare(INTEGRATORS["rk8"], 0.1, (Clock(),)), FREE.body, (Clock(),), 0.0, 1.0, (1.0, 0.0, 0.0, 0.0), FREE.momentum)
+    stages = [sum(getattr(rk8, f"_A{i}")) for i in range(2, 13)]
+    assert np.abs(np.subtract(TIMES, [0.0, *stages])).max() < 2e-14  # measured 6e-15, the rounding of the table
