@@ -3,14 +3,16 @@
 import os
 import platform
 import sys
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
 from rigidmc.body import IDENTITY
 from rigidmc.choice import resolved
-from rigidmc.effects import name_of
+from rigidmc.effects import labelled
 from rigidmc.engine import kernel, layout
+from rigidmc.engine.flops import step_flops
 from rigidmc.engine.machine import cache_folder, threads_available, vector_bits
 from rigidmc.observables import OBSERVABLES, rows_of
 from rigidmc.planning import prepare
@@ -42,6 +44,22 @@ def cost_per_step(scene, plan, members=256, seconds=0.05):
     return 1e9 * best
 
 
+def prices(scene, plan):
+    """What effects add to a step: (ns without them, measured; operations without them; {label: operations that it adds}; ns predicted)."""
+
+    def operations(effects):
+        return step_flops(plan.form, effects, plan.carried)
+
+    bare = replace(scene, effects=())
+    free = cost_per_step(bare, prepare(bare)._replace(form=plan.form, carried=plan.carried, limits=plan.limits))
+    every, none = operations(scene.effects), operations(())
+    added = {
+        label: every - operations(tuple(other for j, other in enumerate(scene.effects) if j != i))
+        for i, (label, _) in enumerate(labelled(scene.effects))
+    }
+    return free, none, added, free * every / none
+
+
 def describe(scene, threads):
     """What a scene is, which effects are compiled, and what a run of it would take."""
     scene, chosen = resolved(scene, threads)
@@ -61,7 +79,8 @@ def describe(scene, threads):
     attitude = "uniform on SO(3)" if scene.start.attitude == "uniform" else _words(scene.start.attitude)
     lines.append(f"start        {which} {_words(getattr(scene.start, which))} {OBSERVABLES[which].units}; attitude {attitude}")
     compiled = [
-        f"{name_of(e)}({', '.join(f'{k} = {_words(v)}' for k, v in zip(e._fields, e, strict=True))})" for e in scene.effects
+        f"{label}({', '.join(f'{k} = {_words(v)}' for k, v in zip(e._fields, e, strict=True))})"
+        for label, e in labelled(scene.effects)
     ]
     lines.append(
         f"compiled     {run.integrator}; effects: {', '.join(compiled) or 'none (free body)'}; {'with' if plan.carried else 'no'} attitude"
@@ -92,6 +111,12 @@ def describe(scene, threads):
     lines.append(
         f"cost         {cost:.2f} ns per member-step on one thread (measured now); about {seconds:.2g} s for the steps on {threads} threads"
     )
+    if scene.effects:
+        free, none, added, predicted = prices(scene, plan)
+        each = "".join(f", {label} {count:+d}" for label, count in added.items())
+        lines.append(
+            f"price        {free:.2f} ns without effects ({none} operations){each}: {predicted:.2f} ns predicted, {cost / predicted:.2f} of that measured"
+        )
     lines += [f"note         {note}" for note in plan.notes]
     return "\n".join(lines)
 

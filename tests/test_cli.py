@@ -196,6 +196,18 @@ def test_show_says_what_is_compiled():
     for text in (free, heavy):
         for word in ("members", "memory", "file", "ns per member-step", "steps", "conserved"):
             assert word in text
+    assert "price" not in free
+    assert "ns without effects (217 operations), gravity +123:" in heavy
+
+
+def test_effects_are_listed():
+    from rigidmc.effects import EFFECTS
+
+    listing = run("effects").output
+    for name, kind in EFFECTS.items():
+        assert f"\n{name} " in f"\n{listing}"
+        assert all(field in listing for field in kind._fields)
+    assert "at [m, 3 numbers]" in listing
 
 
 def test_check_scenes_integrators_doctor():

@@ -1,5 +1,5 @@
-"""The command line: rigidmc run, show, check, scenes, body, exact, accuracy, stress, plot, integrators, doctor. Nothing heavy is imported before it
-is needed."""
+"""The command line: rigidmc run, show, check, scenes, body, exact, accuracy, stress, plot, effects, integrators, doctor. Nothing heavy is
+imported before it is needed."""
 
 import sys
 

@@ -81,6 +81,36 @@ def _numbers(text):
 
 
 @app.command()
+def effects(
+    measure: Annotated[
+        bool, typer.Option("--measure", help="Time each on this machine; compiling them takes 3 minutes at first.")
+    ] = False,
+):
+    """List the effects: law, parameters, what they ask for and keep; with --measure what each costs here."""
+    with reported():
+        from rigidmc.effects import EFFECTS, description
+
+        costs = {}
+        if measure:
+            from rigidmc.ways import effect_costs
+
+            costs = effect_costs()
+            free, turning, heavy = costs.pop("free"), costs.pop("with attitude"), costs.pop("with gravity")
+            print(
+                f"a step of rk4 on one thread: {free:.2f} ns of the momentum alone, {turning:.2f} ns with attitude, {heavy:.2f} ns with gravity"
+            )
+        for name, kind in EFFECTS.items():
+            law, parameters, facts = description(kind)
+            print(f"{name:18s} {law}")
+            print(f"{'':18s} {parameters}; {facts}")
+            if name in costs:
+                operations, alone, added = costs[name]
+                print(
+                    f"{'':18s} {operations} operations a torque; a step with it alone {alone:.2f} ns; it adds {added:.2f} ns to one with gravity"
+                )
+
+
+@app.command()
 def integrators(
     measure: Annotated[bool, typer.Option("--measure", help="Time a step of each on this machine, free and heavy.")] = False,
 ):

@@ -13,11 +13,13 @@ Each names just the arguments that it depends on (see `rigidmc.dynamics.methods`
 
 from typing import Any
 
+from rigidmc.dynamics.methods import names
 from rigidmc.effects.damping import AxialDamping, DryFriction, MatrixDamping, QuadraticDrag, ViscousDamping
 from rigidmc.effects.dissipation import EnergyDissipation
 from rigidmc.effects.field import RotatingField, UniformField
 from rigidmc.effects.gravity import Gravity
 from rigidmc.effects.gravity_gradient import GravityGradient
+from rigidmc.effects.parameters import shape
 from rigidmc.effects.pivot import MovingPivot
 from rigidmc.effects.potential import Potential
 from rigidmc.effects.rotor import Rotor
@@ -50,6 +52,20 @@ def name_of(effect):
     """The word for an effect in a scene file."""
     kind = effect if isinstance(effect, type) else type(effect)
     return next((name for name, known in EFFECTS.items() if known is kind), kind.__name__)
+
+
+def description(kind):
+    """(law, parameters with units, facts) of a class of effects, in words."""
+    parameters = []
+    for field in kind._fields:
+        words = [kind.units[field]] * (kind.units[field] != "1") + [f"{shape(kind, field)} numbers"] * (
+            shape(kind, field) is not None
+        )
+        parameters.append(field + (f" [{', '.join(words)}]" if words else ""))
+    used = names(kind, "torque", "energy", "kick")
+    facts = ["needs the attitude"] * ("q" in used) + ["depends on time"] * ("t" in used) + ["depends on L"] * ("l" in used)
+    facts += ["has an energy"] * hasattr(kind, "energy") + ["keeps L_z"] * getattr(kind, "keeps_lz", False)
+    return kind.__doc__.splitlines()[0], ", ".join(parameters), ", ".join(facts) or "constant"
 
 
 def labelled(effects):

@@ -19,8 +19,8 @@ A scene file is TOML; SI units, angles in rad:
 
 [effects.gravity]
   g                          m/s2
-[effects.viscous_damping]
-  rate                       1/s
+[effects.NAME]               one of `rigidmc effects`, with its parameters;
+                             [[effects.NAME]] for several of a kind
 
 [start]
   omega or momentum          rad/s or kg m2/s, in principal axes

@@ -1,0 +1,34 @@
+"""Operations counted in LLVM's code: those of known formulas, and of steps against what their assembly has (test_vectorisation)."""
+
+from typing import NamedTuple
+
+from rigidmc.effects import Gravity, ViscousDamping
+from rigidmc.engine.flops import step_flops, torque_flops
+from rigidmc.integrators import INTEGRATORS, Turns, form
+
+
+class Known(NamedTuple):
+    """Three products, a root, a quotient and a sum."""
+
+    size: float
+
+    def torque(self, l):
+        return self.size * l[0], (self.size * l[1]) ** 0.5, self.size * l[2] / l[0] + 1.0
+
+
+def test_operations_of_a_torque():
+    assert torque_flops(Known(2.0)) == 6
+    assert torque_flops(ViscousDamping(0.1)) == 3
+    assert torque_flops(Gravity(9.81)) == 27
+
+
+def counted(name, effects=(), attitude=True):
+    return step_flops(form(INTEGRATORS[name], Turns(0.1, 0.1), attitude, effects), effects, attitude)
+
+
+def test_operations_of_a_step():
+    assert counted("rk4") == 217  # 215 in the assembly, which shares two
+    assert counted("rk4", (Gravity(1.0),)) == 340  # 338
+    assert abs(counted("rk4", attitude=False) - 66) <= 2
+    assert abs(counted("exact") - 378) <= 8
+    assert counted("strang", (Gravity(1.0),)) > counted("strang") > counted("exact") - 10
