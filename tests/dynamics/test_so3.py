@@ -244,3 +244,20 @@ def test_components_in_the_body():
     q, v = normalised((0.5, -0.3, 0.7, 0.2)), (0.3, -1.2, 2.0)
     assert np.abs(np.array(rotation(q)).T @ v - into_body(q, v)).max() < 1e-15
     assert np.abs(np.subtract(into_body(q, (0.0, 0.0, 1.0)), up(q))).max() < 1e-15
+
+
+def test_remainders_of_an_attitude_are_carried_component_by_component():
+    """What stands across q in (value, remainder) stays, to 1e-29; only along q it is brought back to the sphere."""
+    q = normalised((0.5, -0.3, 0.7, 0.2))
+    for rest in (
+        (0.3e-18, 0.5e-18, 0.0, 0.0),
+        (-0.7e-18, 0.0, 0.5e-18, 0.0),
+        (0.0, 0.0, -0.2e-18, 0.7e-18),
+        (-0.2e-18, 0.0, 0.0, 0.5e-18),
+    ):
+        value, left = gain4((q, rest), (0.0, 1e-19, 0.0, 0.0))
+        off = [Fraction(a) + Fraction(b) - Fraction(c) - Fraction(d) for a, b, c, d in zip(value, left, q, rest, strict=True)]
+        off[1] -= Fraction(1e-19)
+        along = sum(x * Fraction(y) for x, y in zip(off, q, strict=True)) / sum(Fraction(y) ** 2 for y in q)
+        assert max(abs(x - along * Fraction(y)) for x, y in zip(off, q, strict=True)) < 1e-29
+        assert abs(along) < 1e-15
