@@ -11,6 +11,7 @@ import numpy as np
 from rigidmc.body import IDENTITY
 from rigidmc.choice import resolved
 from rigidmc.effects import labelled
+from rigidmc.effects.parameters import given
 from rigidmc.engine import kernel, layout
 from rigidmc.engine.flops import step_flops
 from rigidmc.engine.machine import cache_folder, threads_available, vector_bits
@@ -78,10 +79,7 @@ def describe(scene, threads):
     which = "omega" if scene.start.momentum is None else "momentum"
     attitude = "uniform on SO(3)" if scene.start.attitude == "uniform" else _words(scene.start.attitude)
     lines.append(f"start        {which} {_words(getattr(scene.start, which))} {OBSERVABLES[which].units}; attitude {attitude}")
-    compiled = [
-        f"{label}({', '.join(f'{k} = {_words(v)}' for k, v in zip(e._fields, e, strict=True))})"
-        for label, e in labelled(scene.effects)
-    ]
+    compiled = [f"{label}({', '.join(f'{k} = {_words(getattr(e, k))}' for k in given(e))})" for label, e in labelled(scene.effects)]
     lines.append(
         f"compiled     {run.integrator}; effects: {', '.join(compiled) or 'none (free body)'}; {'with' if plan.carried else 'no'} attitude"
     )

@@ -172,7 +172,7 @@ class Scene:
 def _effect(effect: Any, driven: bool) -> Any:
     """An effect with its parameters checked."""
     fields = getattr(effect, "_fields", None)
-    if fields is None or isinstance(effect, type) or not (hasattr(effect, "torque") or hasattr(effect, "kick")):
+    if fields is None or isinstance(effect, type) or not any(hasattr(effect, verb) for verb in ("torque", "kick", "shake")):
         raise SceneError(
             "effects",
             "effect",

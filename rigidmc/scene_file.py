@@ -14,6 +14,7 @@ from pydantic import ValidationError
 
 from rigidmc.body import IDENTITY, Body
 from rigidmc.effects import EFFECTS, labelled, name_of
+from rigidmc.effects.parameters import given
 from rigidmc.errors import SceneError, nearest, unknown
 from rigidmc.sampling import Distribution, Start, distribution
 from rigidmc.scene import Run, Scene, Table, complaint
@@ -86,7 +87,7 @@ def _from_tables(data, stored, title):
     for name, table in file.effects.items():
         if name not in EFFECTS:
             raise unknown("effects", name, None, "effect", EFFECTS)
-        fields = EFFECTS[name]._fields
+        fields = given(EFFECTS[name])
         for one in table if isinstance(table, list) else [table]:  # [effects.spring], or [[effects.spring]] for several
             _only(one, fields, f"effects.{name}")
             missing = [f for f in fields if f not in one and f not in EFFECTS[name]._field_defaults]
@@ -113,9 +114,7 @@ def dumps(scene):
     start["attitude"] = attitude if attitude == "uniform" else _plain(attitude, angles)
     effects: dict[str, Any] = {}
     for label, effect in labelled(scene.effects):
-        effects.setdefault(name_of(effect), []).append(
-            {k: _plain(v, f"{label}_{k}") for k, v in zip(effect._fields, effect, strict=True)}
-        )
+        effects.setdefault(name_of(effect), []).append({k: _plain(getattr(effect, k), f"{label}_{k}") for k in given(effect)})
     effects = {name: tables if len(tables) > 1 else tables[0] for name, tables in effects.items()}
     tables = {
         "title": scene.title,

@@ -23,7 +23,7 @@ from rigidmc.planning import prepare, whole_lanes
 from rigidmc.progress import reporter
 from rigidmc.sampling import quantity, rows
 from rigidmc.sinks import File, Memory
-from rigidmc.staging import stage, together
+from rigidmc.staging import noise, stage, together
 from rigidmc.storage import refuse_existing
 from rigidmc.storage.schema import member_variables, saved_variables
 from rigidmc.units import internal, scaled
@@ -239,7 +239,18 @@ def _job(scene, plan, first, count, block, start, out, width, column):
     if plan.own:
         order = together(block)
         block, own = np.take(block, order, axis=1), (order,)  # block[:, order] would lie the other way round: another kernel
-    how = (integrator, plan.form.parts, effects, observables, attitude, compensated, precision, own, tuple(plan.limits))
+    how = (
+        integrator,
+        plan.form.parts,
+        effects,
+        observables,
+        attitude,
+        compensated,
+        precision,
+        own,
+        tuple(plan.limits),
+        noise(scene, first, block.shape[1], order),
+    )
     slots = int(block[layout.STEPS].max(initial=1.0)) if plan.own else 1
     return Job(
         first,

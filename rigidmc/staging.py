@@ -7,9 +7,10 @@ from rigidmc.dynamics.euler import MassProperties, kinetic_energy
 from rigidmc.dynamics.so3 import dot
 from rigidmc.effects import labelled
 from rigidmc.effects.parameters import filled, parameter_count, shape
-from rigidmc.effects.verbs import total_energy_scale
+from rigidmc.effects.verbs import is_random, total_energy_scale
 from rigidmc.engine import layout
 from rigidmc.engine.members import energies, torques
+from rigidmc.engine.random import key_of, stream_of
 from rigidmc.sampling import draw
 
 MOST_OWN_STEPS = 2**24  # of a member in a round: no member stops a run, however fast it spins
@@ -45,6 +46,21 @@ def stage(scene, first, count, carried, span=None):
         block[layout.EFFECTS :] = np.concatenate(list(effects.values()))
     block[layout.STEPS] = 1.0 if span is None else own_steps(rates(scene.effects, block), span, scene.run.turn)
     return block, start
+
+
+def noise(scene, first, count, order=None):
+    """What the kernel needs for random effects, () where there are none; see `rigidmc.engine.kernel.advance`."""
+    streams, rows, row = [], [], layout.EFFECTS_AT
+    for label, effect in labelled(scene.effects):
+        if is_random(effect):
+            streams.append(stream_of(f"effects.{label}.noise"))
+            before = effect._fields[: effect._fields.index("noise")]
+            rows.append(row + sum(shape(effect, field) or 1 for field in before))
+        row += parameter_count(effect)
+    if not streams:
+        return ()
+    members = np.arange(first, first + count, dtype=np.uint64)
+    return key_of(scene.run.seed), np.array(streams, np.uint64), np.array(rows), members if order is None else members[order]
 
 
 def physics(effects, block):

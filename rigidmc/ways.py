@@ -125,7 +125,7 @@ class Costs:
         own = self.pilot.own and stride is None
         how = (
             integrator, made.parts, effects, observables, (0.0,) if self.pilot.carried else (), (), np.empty(0, dtype),
-            (np.arange(512),) if own else (), (),
+            (np.arange(512),) if own else (), (), (),
         )  # fmt: skip
         few, steps = self.pilot.block, 32
         block = np.ascontiguousarray(np.tile(few, -(-512 // few.shape[1]))[:, :512])

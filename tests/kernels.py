@@ -45,7 +45,7 @@ def slots(total, stride):
 
 def run(
     block, made, effects, h, steps, observables=(), stride=None, attitude=True, cuts=(), compensated=False, dtype=float, slots_each=None,
-    limits=(),
+    limits=(), noise=(),
 ):  # fmt: skip
     """Change the block in place, `steps` steps further on; the saves as an array (slot, value row, member).
 
@@ -69,6 +69,7 @@ def run(
         np.empty(0, dtype),
         (np.arange(block.shape[1]),) if slots_each else (),
         limits,
+        noise,
     )
     for first, last in pairwise([0, *cuts, steps]):
         kernel.advance(*how, block, out, width, 0, float(h), slots_each or 1, first, last, stride, steps)

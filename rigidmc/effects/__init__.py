@@ -4,8 +4,9 @@
     energy(self, [body, q])                its potential energy [J], if it has one
     kick(self, [body, t, h, q, l])         L after its exact flow over h; needed by splittings where the torque depends on L
     torque_rate(self, [body, t, q, w])     rate of change of the torque while the body turns with w; needed by chin4
+    shake(self, [body, h, l])              L after a time h of friction and noise, of random effects: `noise` holds three normal deviates
 
-Facts: units, limits (of parameters), keeps_lz (whether L_z is conserved under it),
+Facts: units, limits, shapes (of parameters), damps (whether negative parameters drive the body), stochastic, keeps_l2, keeps_lz (whether L_z is conserved under it),
 isotropic (whether it singles out no axis of the body and no direction but the vertical).
 
 Each names just the arguments that it depends on (see `rigidmc.dynamics.methods`).
@@ -14,12 +15,13 @@ Each names just the arguments that it depends on (see `rigidmc.dynamics.methods`
 from typing import Any
 
 from rigidmc.dynamics.methods import names
+from rigidmc.effects.bath import Bath
 from rigidmc.effects.damping import AxialDamping, DryFriction, MatrixDamping, QuadraticDrag, ViscousDamping
 from rigidmc.effects.dissipation import EnergyDissipation
 from rigidmc.effects.field import RotatingField, UniformField
 from rigidmc.effects.gravity import Gravity
 from rigidmc.effects.gravity_gradient import GravityGradient
-from rigidmc.effects.parameters import shape
+from rigidmc.effects.parameters import given, shape
 from rigidmc.effects.pivot import MovingPivot
 from rigidmc.effects.potential import Potential
 from rigidmc.effects.rotor import Rotor
@@ -45,6 +47,7 @@ EFFECTS: dict[str, Any] = {
     "quadratic_drag": QuadraticDrag,
     "dry_friction": DryFriction,
     "energy_dissipation": EnergyDissipation,
+    "bath": Bath,
 }
 
 
@@ -57,13 +60,14 @@ def name_of(effect):
 def description(kind):
     """(law, parameters with units, facts) of a class of effects, in words."""
     parameters = []
-    for field in kind._fields:
+    for field in given(kind):
         words = [kind.units[field]] * (kind.units[field] != "1") + [f"{shape(kind, field)} numbers"] * (
             shape(kind, field) is not None
         )
         parameters.append(field + (f" [{', '.join(words)}]" if words else ""))
     used = names(kind, "torque", "energy", "kick")
     facts = ["needs the attitude"] * ("q" in used) + ["depends on time"] * ("t" in used) + ["depends on L"] * ("l" in used)
+    facts += ["is random"] * getattr(kind, "stochastic", False)
     facts += ["has an energy"] * hasattr(kind, "energy") + ["keeps L_z"] * getattr(kind, "keeps_lz", False)
     return kind.__doc__.splitlines()[0], ", ".join(parameters), ", ".join(facts) or "constant"
 

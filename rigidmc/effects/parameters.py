@@ -9,6 +9,11 @@ def shape(kind, field):
     return getattr(kind, "shapes", {}).get(field)
 
 
+def given(kind):
+    """The fields of an effect that a user gives; what is hidden the kernel fills in."""
+    return tuple(field for field in kind._fields if field not in getattr(kind, "hidden", ()))
+
+
 def numbers(effect):
     """[(field, component, value)] of all numbers of an effect; component is None for a plain one, else 0, 1, ..."""
     found = []

@@ -29,6 +29,12 @@ def kick(effect, body, t, h, q, l):
 
 
 @method
+def shake(effect, body, h, l):
+    """L after the friction and noise of one effect over h."""
+    return l
+
+
+@method
 def torque_rate(effect, body, t, q, w):
     """Rate of change of one effect's torque while the body turns with angular velocity w (body axes) and t stands still."""
     return 0.0, 0.0, 0.0
@@ -37,6 +43,11 @@ def torque_rate(effect, body, t, q, w):
 def depends_on_momentum(effect):
     """Whether an effect's torque depends on L, or comes as a flow of L of its own: a kick by it is then not L + h torque(q, t)."""
     return "l" in names(effect, "torque") or hasattr(effect, "kick")
+
+
+def is_random(effect):
+    """Whether an effect needs noise."""
+    return getattr(effect, "stochastic", False)
 
 
 def total_torque(effects, body, t, q, l):
@@ -83,6 +94,27 @@ def total_energy_scale(effects, body):
     if len(effects) == 0:
         return 0.0
     return energy_scale(effects[0], body) + total_energy_scale(effects[1:], body)
+
+
+def shake_all(effects, body, h, l):
+    """L after the friction and noise of all effects."""
+    if len(effects) == 0:
+        return l
+    return shake_all(effects[1:], body, h, shake(effects[0], body, h, l))
+
+
+def chosen(effects, which):
+    """Those of the effects for which the same place of `which` is not ()."""
+    if len(effects) == 0:
+        return ()
+    return with_first(which[0], effects[0], chosen(effects[1:], which[1:]))
+
+
+def with_first(mark, effect, others):
+    """The others with an effect before them, unless its mark is ()."""
+    if len(mark) == 0:
+        return others
+    return (effect,) + others
 
 
 def kick_all(effects, body, t, h, q, l):

@@ -78,7 +78,7 @@ class Pipeline(compiler.CompilerBase):
 
 
 FLAGS["pipeline_class"] = Pipeline
-_INLINE = {**FLAGS, "forceinline": True}  # without forced inlining no lane loop vectorises
+INLINE = {**FLAGS, "forceinline": True}  # without forced inlining no lane loop vectorises
 
 _known = set()
 
@@ -87,7 +87,7 @@ def inline(function):
     """Let compiled code call a plain Python function, inlined."""
     if function not in _known:
         _known.add(function)
-        overload(function, jit_options=_INLINE, strict=False)(lambda *args: function)
+        overload(function, jit_options=INLINE, strict=False)(lambda *args: function)
     return function
 
 
@@ -95,7 +95,7 @@ def compile_method(call):
     """Let compiled code call a generic function of `rigidmc.dynamics.methods`."""
     name, default, available = call.__name__, inline(call.default), call.available
 
-    @overload(call, jit_options=_INLINE, strict=False)
+    @overload(call, jit_options=INLINE, strict=False)
     def resolve(part, *values):
         function = getattr(part.instance_class, name, None)
         if function is None:
@@ -157,7 +157,7 @@ def rows_of(part):
     return sum(len(x) if isinstance(x, tuple) else 1 for x in part)
 
 
-@overload(rows_of, jit_options=_INLINE)
+@overload(rows_of, jit_options=INLINE)
 def _compiled_rows_of(part):
     number = _rows_of(part)
     return lambda part: number
@@ -173,7 +173,7 @@ def read(part, work, row, lane, stride):
     return type(part)(*fields)
 
 
-@overload(read, jit_options=_INLINE)
+@overload(read, jit_options=INLINE)
 def _compiled_read(part, work, row, lane, stride):
     if isinstance(part, types.BaseAnonymousTuple) or not hasattr(part, "instance_class"):
         return None

@@ -26,6 +26,7 @@ from rigidmc.engine.layout import (
     GOOD,
     GOOD_STEP,
     LANES,
+    MEMBER,
     MOMENTUM,
     PRESENT,
     REST,
@@ -48,6 +49,7 @@ from rigidmc.engine.layout import (
     state_at,
     three_at,
 )  # fmt: skip
+from rigidmc.engine.noise import as_float, as_word, normals, philox
 from rigidmc.integrators.verbs import closed, opened, step
 
 LOOK = 32  # steps between two looks at drift and health: a look each step costs 20 to 25 % of rk4, every 16th up to 5 %
@@ -69,7 +71,7 @@ _BODY = MassProperties(*[0.0] * 9)
 
 
 def _advance(
-    integrator, parts, effects, observables, attitude, compensated, precision, own, limits, block, out, width, column, h, slots, first, last,
+    integrator, parts, effects, observables, attitude, compensated, precision, own, limits, noise, block, out, width, column, h, slots, first, last,
     stride, total,
 ):  # fmt: skip
     """Take every member of a block from step `first` to step `last` of `total`.
@@ -82,6 +84,8 @@ def _advance(
     limits : () where only non-finite members are flagged; else what else flags them, inf where a scene has no such law: drift of energy
         (of the energies in play), of |L|^2 (of its size) and of L_z (of the largest |L| that the energies allow), |omega| h [rad],
         and ||q|^2 - 1|
+    noise : () without random effects; else (key, streams, rows, members): two words, and for each such effect its stream and the row of the
+        workspace of steps where its deviates go; the index of each member of the block. See `rigidmc.engine.noise`
     block : (rows, n) as above, changed in place; n a multiple of LANES. Between calls it holds the state as the integrator keeps it
         between steps (`opened`), after step `total` the true one
     out : flat; value row r of save slot s of member m goes to out[(s*R + r)*width + column + m], R = value rows in all
@@ -99,6 +103,9 @@ def _advance(
         for i in range(rows):
             for k in range(LANES):
                 work[in_work(i) * LANES + k] = block[i, low + k]
+        if len(noise) > 0:
+            for k in range(LANES):
+                work[MEMBER * LANES + k] = as_float(noise[3][low + k] + np.uint64(1))
         if first == 0:
             for k in range(LANES):
                 body, present = read(_BODY, work, BODY, k, LANES), read_all(effects, work, PRESENT, k, LANES)
@@ -170,6 +177,19 @@ def _advance(
                 stop = min(stop, begun + slots)
             start = real(begun // slots * h) if len(own) > 0 else real(0.0)
             for s in range(now, min(stop, begun + int(busy)) if len(own) > 0 else stop):
+                if len(noise) > 0:
+                    # the step of a member with its own steps does not depend on how many others make
+                    count = np.uint64(s) if len(own) == 0 else (np.uint64(now // slots) << np.uint64(32)) | np.uint64(s - begun)
+                    for j in range(noise[1].size):
+                        key, stream = (noise[0][0], noise[0][1]), noise[1][j]
+                        for k in range(LANES):  # a place known when compiling, and no other array, or nothing is packed
+                            x, y, z = normals(philox(key, (as_word(work[MEMBER * LANES + k]), count, stream, np.uint64(1))))
+                            work[TRUE * LANES + k] = x
+                            work[(TRUE + 1) * LANES + k] = y
+                            work[(TRUE + 2) * LANES + k] = z
+                        for i in range(3):
+                            for k in range(LANES):
+                                state[(noise[2][j] + i) * LANES + k] = real(work[(TRUE + i) * LANES + k])
                 for p in range(1, parts.shape[0]):
                     shares = (real(parts[p, 0] * unit), real(parts[p, 1] * unit), real(parts[p, 2] * unit))
                     slot, share, now_t, dt = real(s - begun), real(parts[p, 3]), real((s + parts[p, 3]) * h), real(h)

@@ -33,8 +33,9 @@ STATUSES = {
 # Rows of what a step reads and writes, in the precision of the run: attitude 0, momentum 4, body, remainders, effects. Rows 16 apart are
 # 4096 bytes apart, where a load waits for a store that it does not depend on: with the body on rows 16 to 22 rk4 was 12 % slower.
 BODY_AT, REST_AT, STEP_AT, STEPS_AT, EFFECTS_AT = 7, 16, 23, 24, 25
-# Rows of the workspace of looks, which is a block's but for these before the effects: the true state, energy and |L|^2, what was found.
-TRUE, ENERGY, FOUND, PRESENT = EFFECTS, EFFECTS + 7, EFFECTS + 9, EFFECTS + 10
+# Rows of the workspace of looks, which is a block's but for these before the effects: the true state, energy and |L|^2, what was found,
+# and the bits of the member's index where there is noise. Deviates pass through the rows of the true state.
+TRUE, ENERGY, FOUND, MEMBER, PRESENT = EFFECTS, EFFECTS + 7, EFFECTS + 9, EFFECTS + 10, EFFECTS + 11
 
 
 def in_work(row):

@@ -12,7 +12,7 @@ Where what is compiled depends on the size of the step: prepared(self, turns, at
 from typing import Any
 
 from rigidmc.effects import name_of
-from rigidmc.effects.verbs import depends_on_momentum
+from rigidmc.effects.verbs import depends_on_momentum, is_random
 from rigidmc.integrators.closed import ClosedForm
 from rigidmc.integrators.forms import Form, Turns, form
 from rigidmc.integrators.lie import CF4, CK45, RKMK4
@@ -79,6 +79,11 @@ def accepting(effects, compensated=False):
 def _refusal(kind, effects, compensated):
     if compensated and not kind.compensated:
         return "it has no sums that could be compensated"
+    noisy = [e for e in effects if is_random(e)]
+    if noisy and (not hasattr(kind, "drifts") or kind.order != 2):
+        return f"{_names(noisy)} is random, which splittings of order 2 take"
+    if noisy and compensated:
+        return f"its sums cannot be compensated with {_names(noisy)}, which acts on L as a whole"
     if not effects or kind.accepts == "any torque":
         return None
     if kind.accepts == "no torque":

@@ -16,7 +16,17 @@ import numpy as np
 
 from rigidmc.dynamics.euler import angular_velocity
 from rigidmc.dynamics.so3 import axpy, cross, difference, dot, gain, moved, scale, select, whole
-from rigidmc.effects.verbs import depends_on_momentum, kick_all, kick_all_back, kicked, total_torque, total_torque_rate
+from rigidmc.effects.verbs import (
+    chosen,
+    depends_on_momentum,
+    is_random,
+    kick_all,
+    kick_all_back,
+    kicked,
+    shake_all,
+    total_torque,
+    total_torque_rate,
+)  # fmt: skip
 from rigidmc.integrators.drifts import Split, exact_drift, flow, pieces
 from rigidmc.integrators.forms import ONE, Form
 
@@ -69,6 +79,31 @@ class Kicks(NamedTuple):
         l = kick_all(effects, body, t, part[1], q, l)
         q, l = drifted(self.drift, body, part[0], q, l)
         return q, kick_all_back(effects, body, t + h, part[2], q, l)
+
+
+class Langevin(NamedTuple):
+    """A part of BAOAB: drift, then flows of L and noise where part[2] is not 0, then a kick by the torques of attitude and time.
+
+    pushes, flows : for each effect (0.0,) where it is a torque of attitude and time, or has a flow of L of its own; else ()
+    """
+
+    drift: Any
+    pushes: tuple = ()
+    flows: tuple = ()
+
+    def step(self, body, effects, t, part, q, l):
+        q, l = drifted(self.drift, body, part[0], q, l)
+        flows = chosen(effects, self.flows)
+        l = kick_all(flows, body, t, 0.5 * part[2], q, l)
+        l = shake_all(effects, body, part[2], l)
+        l = kick_all_back(flows, body, t, 0.5 * part[2], q, l)
+        return q, kicked(chosen(effects, self.pushes), body, t, part[1], q, l)
+
+    def opened(self, body, effects, t, part, q, l):
+        return q, kicked(chosen(effects, self.pushes), body, t, part[1], q, l)
+
+    def closed(self, body, effects, t, part, q, l):
+        return q, kicked(chosen(effects, self.pushes), body, t, -part[1], q, l)
 
 
 class ForceGradient(NamedTuple):
@@ -148,6 +183,8 @@ class Composition:
         else:
             lead, drifts, kicks = (0.0, kicks[0]), drifts, [*kicks[1:-1], kicks[-1] + kicks[0]]
         largest = max(abs(a) for a in drifts)
+        if any(is_random(e) for e in effects):
+            return self._noisy(turns, attitude, effects)
         drift = Split() if self.split else exact_drift(turns, largest, attitude)
         if any(depends_on_momentum(e) for e in effects):
             n = 1 if self.split else pieces(turns, 1.0)
@@ -161,6 +198,18 @@ class Composition:
             rows.append((a / n, b, middle, time + a))
         kind = ForceGradient(drift) if self.gradient else Splitting(drift, (0.0,) if self.drift_first else ())
         return Form(kind, np.array(rows))
+
+    def _noisy(self, turns, attitude, effects):
+        """BAOAB: half a kick, half a drift, flows and noise, half a drift, half a kick; the halves of two steps are one kick."""
+        drift = Split() if self.split else exact_drift(turns, 0.5, attitude)
+        n = 1 if self.split else pieces(turns, 0.5)
+        rows = [(0.0, 0.5, 0.0, 0.0)]
+        for half in (0, 1):
+            rows += [(0.5 / n, 0.0, 0.0, 0.5 * half + 0.5 * k / n) for k in range(1, n)]
+            rows.append((0.5 / n, float(half), 1.0 - half, 0.5 * (half + 1)))
+        pushes = tuple(() if depends_on_momentum(e) or is_random(e) else (0.0,) for e in effects)
+        flows = tuple((0.0,) if depends_on_momentum(e) else () for e in effects)
+        return Form(Langevin(drift, pushes, flows), np.array(rows))
 
 
 _THIRD = 1.0 / (4.0 - 4.0 ** (1.0 / 3.0))

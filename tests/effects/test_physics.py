@@ -13,7 +13,6 @@ from scipy.special import ellipk
 from rigidmc.dynamics.euler import MassProperties, kinetic_energy
 from rigidmc.dynamics.so3 import dot, up
 from rigidmc.effects import (
-    EFFECTS,
     AxialDamping,
     DryFriction,
     EnergyDissipation,
@@ -57,7 +56,7 @@ def in_space(name, q, l, end):
     return y[:9].reshape(3, 3), y[:9].reshape(3, 3).T @ y[9:]
 
 
-@pytest.mark.parametrize("name", EFFECTS)
+@pytest.mark.parametrize("name", EXAMPLES)
 def test_motion_against_the_law_in_space(name):
     q, l = unit((0.5, -0.3, 0.7, 0.2)), (0.4, -0.3, 0.5)
     at, momentum = moved((EXAMPLES[name],), q, l, 0.02, 100)

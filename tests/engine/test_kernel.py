@@ -58,7 +58,25 @@ def in_blocks(size, threads):
 
     def work(i):
         kernel.advance(
-            *RK4, EFFECTS, EVERYTHING, (0.0,), (), NOTHING, (), (), parts[i], out, MEMBERS, i * size, H, 1, 0, TOTAL, STRIDE, TOTAL
+            *RK4,
+            EFFECTS,
+            EVERYTHING,
+            (0.0,),
+            (),
+            NOTHING,
+            (),
+            (),
+            (),
+            parts[i],
+            out,
+            MEMBERS,
+            i * size,
+            H,
+            1,
+            0,
+            TOTAL,
+            STRIDE,
+            TOTAL,
         )
 
     with ThreadPoolExecutor(threads) as pool:

@@ -114,7 +114,7 @@ def counted(name):
     compiled = njit(nogil=True, **FLAGS)(kernel._advance)
     block = np.zeros((K.EFFECTS + parameter_count(*effects), 0))
     integrator = as_single(made.integrator) if dtype == np.float32 else made.integrator
-    how = (integrator, made.parts, effects, (), attitude, compensated, np.empty(0, dtype), own, ())
+    how = (integrator, made.parts, effects, (), attitude, compensated, np.empty(0, dtype), own, (), ())
     compiled(*how, block, np.empty(0), 0, 0, 0.01, 1, 0, 1, 1, 1)
     (assembly,) = compiled.inspect_asm().values()
     loop = max(blocks_of(assembly), key=lambda block: sum(bool(m) and m[2] == "p" for m in map(ARITHMETIC.match, block)))

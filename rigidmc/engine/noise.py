@@ -1,0 +1,115 @@
+"""Normal deviates in lanes: Philox4x64-10 as numpy has it, and the transform of Box and Muller, without branch or libm call.
+
+A member's noise in a step is a function of (seed, stream, member, step) and of nothing else. The counter is [member + 1, step, stream, 1]: the
+last word keeps it apart from the draws of `rigidmc.engine.random`, where it is 0.
+Source: Salmon, Moraes, Dror & Shaw, SC11 (2011); Box & Muller, Ann. Math. Stat. 29 (1958) 610; logarithm after fdlibm's e_log.
+"""
+
+import math
+import struct
+
+import numpy as np
+from numba.core import types
+from numba.extending import intrinsic, overload
+
+from rigidmc.dynamics.so3 import select, sincos
+from rigidmc.engine.compose import INLINE, inline
+
+_M0, _M1 = np.uint64(0xD2E7470EE14C6C93), np.uint64(0xCA5A826395121157)
+_W0, _W1 = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBB67AE8584CAA73B)
+_LOW, _HALF, _ONE = np.uint64(0xFFFFFFFF), np.uint64(32), np.uint64(1)
+_MANTISSA, _EXPONENT, _TWELVE = np.uint64(0x000FFFFFFFFFFFFF), np.uint64(0x3FF0000000000000), np.uint64(12)
+_LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
+
+
+def product(a, b):
+    """(high, low) words of a b, by products of half words, which vectors have."""
+    a0, a1, b0, b1 = a & _LOW, a >> _HALF, b & _LOW, b >> _HALF
+    low, one, two = a0 * b0, a1 * b0, a0 * b1
+    middle = (low >> _HALF) + (one & _LOW) + (two & _LOW)
+    return a1 * b1 + (one >> _HALF) + (two >> _HALF) + (middle >> _HALF), (middle << _HALF) | (low & _LOW)
+
+
+def rounds(left, c, key):
+    """The four words after len(left) rounds of Philox."""
+    if len(left) == 0:
+        return c
+    high0, low0 = product(_M0, c[0])
+    high1, low1 = product(_M1, c[2])
+    return rounds(left[1:], (high1 ^ c[1] ^ key[0], low1, high0 ^ c[3] ^ key[1], low0), (key[0] + _W0, key[1] + _W1))
+
+
+def philox(key, counter):
+    """Four random words of 64 bits: Philox4x64-10."""
+    return rounds((0, 0, 0, 0, 0, 0, 0, 0, 0, 0), counter, key)
+
+
+@intrinsic
+def _as_float(typing_context, word):
+    def generate(context, builder, signature, values):
+        return builder.bitcast(values[0], context.get_value_type(types.float64))
+
+    return types.float64(types.uint64), generate
+
+
+@intrinsic
+def _as_word(typing_context, number):
+    def generate(context, builder, signature, values):
+        return builder.bitcast(values[0], context.get_value_type(types.uint64))
+
+    return types.uint64(types.float64), generate
+
+
+def as_float(word):
+    """The number whose bits are those of a word."""
+    return struct.unpack("<d", struct.pack("<Q", int(word)))[0]
+
+
+def as_word(number):
+    """The bits of a number as a word."""
+    return np.uint64(struct.unpack("<Q", struct.pack("<d", number))[0])
+
+
+@overload(as_float, jit_options=INLINE)
+def _compiled_as_float(word):
+    return lambda word: _as_float(word)
+
+
+@overload(as_word, jit_options=INLINE)
+def _compiled_as_word(number):
+    return lambda number: _as_word(number)
+
+
+def uniform(word):
+    """A number in (0, 1): the middle of one of 2^52 equal parts."""
+    return (as_float((word >> _TWELVE) | _EXPONENT) - 1.0) + 1.1102230246251565e-16
+
+
+def logarithm(x):
+    """ln x of 2^-53 <= x < 1: |relative error| < 1e-16."""
+    word = as_word(x)
+    m = as_float((word & _MANTISSA) | _EXPONENT)
+    # the exponent as a number: its bits in the low end of 2^52 + ...
+    e = (as_float((word >> np.uint64(52)) | np.uint64(0x4330000000000000)) - 4503599627370496.0) - 1023.0
+    large = m > 1.4142135623730951
+    m, e = select(large, 0.5 * m, m), select(large, e + 1.0, e)
+    f = m - 1.0
+    s = f / (2.0 + f)
+    z = s * s
+    w = z * z
+    r = w * (3.999999999940941908e-01 + w * (2.222219843214978396e-01 + w * 1.531383769920937332e-01)) + z * (
+        6.666666666666735130e-01 + w * (2.857142874366239149e-01 + w * (1.818357216161805012e-01 + w * 1.479819860511658591e-01))
+    )
+    half = 0.5 * f * f
+    return e * _LN2_HIGH - ((half - (s * (half + r) + e * _LN2_LOW)) - f)
+
+
+def normals(words):
+    """Three independent normal deviates from four words."""
+    a, b = math.sqrt(-2.0 * logarithm(uniform(words[0]))), math.sqrt(-2.0 * logarithm(uniform(words[2])))
+    s, c = sincos(6.283185307179586 * uniform(words[1]))
+    return a * c, a * s, b * sincos(6.283185307179586 * uniform(words[3]))[1]
+
+
+for _function in (product, rounds, philox, uniform, logarithm, normals):
+    inline(_function)
