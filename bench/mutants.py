@@ -130,10 +130,12 @@ def found_again(row):
 
 def broken(place, folder):
     """A copy of the package with one place broken; the line as it was and as it is."""
-    path, _, line, column, end_line, end_column, new = place
+    path, _, line, column, end_line, end_column, new = place or (None,) * 7
     shutil.copytree(os.path.join(ROOT, "rigidmc"), os.path.join(folder, "rigidmc"), ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("tests", "bench", "pyproject.toml"):
         os.symlink(os.path.join(ROOT, name), os.path.join(folder, name))
+    if place is None:
+        return "", ""
     with open(os.path.join(ROOT, path), "rb") as file:
         lines = file.read().split(b"\n")
     before = lines[line - 1].decode().strip()
@@ -145,10 +147,10 @@ def broken(place, folder):
 
 
 def judged(place):
-    """{"killed": by what or None, ...} of one mutant."""
+    """{"killed": by what or None, ...} of one mutant; of the package as it is for place = None."""
     with tempfile.TemporaryDirectory(prefix="rigidmc-mutant-") as folder:
         before, after = broken(place, folder)
-        row = {"file": place[0], "line": place[2], "kind": place[1], "before": before, "after": after}
+        row = {} if place is None else {"file": place[0], "line": place[2], "kind": place[1], "before": before, "after": after}
         env = {**os.environ, "PYTHONPATH": folder, "RIGIDMC_CACHE_DIR": os.path.join(folder, "cache")}
         began = time.perf_counter()
         code, said = _run(
@@ -210,6 +212,8 @@ def main():
         made = [found_again(row) for row in made]
     else:
         made = chosen(options.count, options.seed)
+    if said := judged(None)["killed"]:
+        sys.exit(f"the package as it is does not pass: {said}")
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         for row in pool.map(judged, made):
             rows.append(row)
