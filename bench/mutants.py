@@ -26,7 +26,7 @@ NO_PHYSICS = {  # what is compiled, and for whom: facts, tables and words
 }  # fmt: skip
 TESTS = ("tests/dynamics", "tests/effects", "tests/observables", "tests/integrators/test_integrators.py")  # uncompiled: 30 s
 LEFT_OUT = (
-    "not ten_thousand_steps and not (test_integrators and not (depends_on_time or no_potential or stages))"  # compiled, or long
+    "not ten_thousand_steps and not test_bath and not (test_integrators and not (depends_on_time or no_potential or stages))"  # compiled, or long
 )
 JUDGES = (  # the quickest first: 40 s for all, uncompiled
     "toms903 step", "near middle axis 13", "damped asymmetric body", "flat disc", "|omega| h = 3", "equilibria stay, 1e5 steps", "at rest",
