@@ -7,6 +7,7 @@ import numpy as np
 
 from rigidmc.ahead import compile_ahead
 from rigidmc.effects import name_of
+from rigidmc.effects.verbs import is_random
 from rigidmc.engine import layout
 from rigidmc.errors import SceneError
 from rigidmc.pilot import growth, pilot, truth, upper_quantile
@@ -81,6 +82,7 @@ def choose(scene, tolerance, integrators=None, members=PILOT, threads=None):
         raise SceneError(
             "run", "tolerance", tolerance, "expected an error between 0 and 1: of the momentum's size, and of the attitude in rad"
         )
+    check_quiet(scene)
     first = pilot(scene, members)
     check_pilot(scene, first)
     true, costs = truth(first), Costs(first)
@@ -137,12 +139,16 @@ def _refined(costs, true, ways, limit):
     return good
 
 
-def check_pilot(scene, found):
-    """Raise SceneError where no path is right, or where members of the pilot are no bodies."""
-    noisy = [name_of(e) for e in scene.effects if getattr(e, "stochastic", False)]
+def check_quiet(scene):
+    """Raise SceneError where effects are random."""
+    noisy = [name_of(e) for e in scene.effects if is_random(e)]
     if noisy:
         rule = f"{', '.join(noisy)} is random: no path is right, and what can be measured is the error of averages, by halving dt"
         raise SceneError("effects", noisy[0], None, rule)
+
+
+def check_pilot(scene, found):
+    """Raise SceneError where members of the pilot are no bodies."""
     bad = int(np.count_nonzero(found.block[layout.STATUS, : found.members]))
     if bad:
         raise SceneError(

@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from rigidmc.body import Body, broken
 from rigidmc.effects import EFFECTS, canonical, labelled, name_of
+from rigidmc.effects.own import check_own
 from rigidmc.effects.parameters import numbers, shape
 from rigidmc.errors import SceneError, unknown
 from rigidmc.integrators import INTEGRATORS, refusal
@@ -129,6 +130,8 @@ class Scene:
             )
         if self.run.integrator != "auto" and (why := refusal(self.run.integrator, self.effects, self.run.compensated)):
             raise SceneError("run", "integrator", self.run.integrator, why)
+        for effect in self.effects:
+            check_own(effect)
         count = rows(*self.quantities())
         if count is not None and count < self.run.first + self.run.members:
             rule = f"the scene has arrays with rows for {count} members only"

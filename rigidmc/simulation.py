@@ -12,10 +12,13 @@ import numpy as np
 
 from rigidmc.choice import resolved
 from rigidmc.closed_form import closed_values
+from rigidmc.effects import EFFECTS
+from rigidmc.effects.own import RULE
 from rigidmc.effects.parameters import blank, parameter_count
 from rigidmc.engine import kernel, layout
 from rigidmc.engine.blocks import run_blocks
-from rigidmc.engine.compose import as_single
+from rigidmc.engine.compose import NumbaError, as_single, reason
+from rigidmc.engine.flops import library_calls, misdeeds
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.observables import OBSERVABLES, rows_of
@@ -219,7 +222,23 @@ def compile_kernel(scene, plan):
     if plan.form is None:
         return 0.0
     rows_needed = layout.EFFECTS + parameter_count(*scene.effects)
-    kernel.advance(*block_arguments(scene, plan, np.zeros((rows_needed, 0))), 1, 0, 0, 1, 1)
+    own = [e for e in scene.effects if type(e) not in EFFECTS.values()]
+    try:
+        for effect in own:
+            if wrong := misdeeds(effect):
+                raise SceneError("effects", f"{type(effect).__name__}.torque", None, f"{wrong}; {RULE}")
+            if called := library_calls(effect):
+                warnings.warn(
+                    f"{type(effect).__name__} calls {', '.join(called)} of the library: the step is not packed, and much slower "
+                    "than it might be; rigidmc.dynamics.so3 has sincos, expm1 and exponential that are", SceneWarning, stacklevel=2,
+                )  # fmt: skip
+        kernel.advance(*block_arguments(scene, plan, np.zeros((rows_needed, 0))), 1, 0, 0, 1, 1)
+    except NumbaError as error:
+        if not own:
+            raise
+        raise SceneError(
+            "effects", ", ".join(type(e).__name__ for e in own), None, f"cannot be compiled: {reason(error)}; {RULE}"
+        ) from error
     return time.perf_counter() - began
 
 

@@ -82,14 +82,8 @@ def test_auto_needs_a_tolerance():
     assert rm.simulate(scene).attrs["integrator"] != "auto"
 
 
-class Noise(rm.ViscousDamping):
-    """Damping that says it is random."""
-
-    stochastic = True
-
-
 def test_noise_has_no_path_to_be_right_about():
-    scene = rm.Scene(rm.Body.from_moments((1.0, 1.4, 2.0)), (Noise(0.1),), rm.Start(omega=(0.1, 1.0, 0.2)))
+    scene = rm.Scene(rm.Body.from_moments((1.0, 1.4, 2.0)), (rm.Bath(0.1, 1.0),), rm.Start(omega=(0.1, 1.0, 0.2)))
     with pytest.raises(rm.SceneError, match="error of averages"):
         C.choose(scene.with_run(t_end=1.0), 1e-6)
 

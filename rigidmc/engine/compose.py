@@ -11,6 +11,7 @@ import sys
 
 import numpy as np
 from numba.core import compiler, compiler_machinery, ir, types
+from numba.core.errors import NumbaError  # noqa: F401  (for those who call)
 from numba.core.untyped_passes import IRProcessing
 from numba.extending import intrinsic, overload
 
@@ -81,6 +82,20 @@ FLAGS["pipeline_class"] = Pipeline
 INLINE = {**FLAGS, "forceinline": True}  # without forced inlining no lane loop vectorises
 
 _known = set()
+
+
+def reason(error):
+    """The innermost cause of a failed compilation, with the place, on one line."""
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    causes = [
+        line
+        for line in lines
+        if not line.startswith(
+            ("During", "Failed", "There are", "- ", ">>>", "Overload", "With argument", "Rejected", "File", "def ", "<source")
+        )
+    ]
+    places = [line for line in lines if line.startswith("File ")]
+    return (causes[-1] if causes else lines[0])[:200] + (f" ({places[-1].rstrip(':')})" if places else "")
 
 
 def inline(function):

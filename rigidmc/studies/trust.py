@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from rigidmc import __version__
-from rigidmc.choice import resolved
+from rigidmc.choice import check_quiet, resolved
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.dynamics.so3 import multiply
 from rigidmc.engine import layout
@@ -48,6 +48,7 @@ def trust(scene, quick=False, progress=False):
     verdict, digits (that all members keep to t_end), horizon [s] (where fewer than two are left), chaotic_share, flagged.
     Raises SceneError for a scene that cannot be run.
     """
+    check_quiet(scene)
     scene, _ = resolved(scene)
     plan = prepare(scene)
     found = _looked_at(scene, FEW if quick else MEMBERS)
