@@ -290,6 +290,8 @@ def growth(pilot):
         ratio = apart[2 * i - 1] / np.maximum(apart[i - 1], size)
         seen = apart[2 * i - 1] < 0.1
         rate = np.where(seen, np.where(ratio > 32.0, np.log(np.maximum(ratio, 1.0)) / (0.5 * end * i), 0.0), rate)
+    # as large as the motion before the first look: no power of time makes 1e10 of a disturbance
+    rate = np.where((rate == 0.0) & (apart[1] >= 0.1), np.log(np.maximum(apart[1] / size, 1.0)) / end, rate)
     return np.maximum(apart[1] / size, 1.0), rate
 
 
