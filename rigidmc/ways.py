@@ -11,6 +11,7 @@ from rigidmc.body import Body
 from rigidmc.closed_form import closed_values
 from rigidmc.effects import EFFECTS
 from rigidmc.effects.parameters import blank, filled
+from rigidmc.effects.verbs import is_random
 from rigidmc.engine import kernel, layout
 from rigidmc.engine.compose import as_single
 from rigidmc.engine.flops import torque_flops
@@ -238,6 +239,8 @@ def effect_costs():
     gravity = EFFECTS["gravity"](1.0)
     made = {"free": cost(()), "with attitude": cost((), "attitude"), "with gravity": cost((gravity,))}
     for name, kind in EFFECTS.items():
+        if is_random(kind):  # not taken by rk4, and noise is no torque: `rigidmc show` prices a scene with it
+            continue
         effect = filled(kind, itertools.repeat(0.1))
         made[name] = torque_flops(effect), cost((effect,)), cost((gravity, effect)) - made["with gravity"]
     return made

@@ -211,6 +211,16 @@ def test_effects_are_listed():
     assert "at [m, 3 numbers]" in listing
 
 
+def test_effects_are_priced(monkeypatch):
+    from rigidmc import ways
+
+    monkeypatch.setattr(ways.Costs, "step", lambda *arguments: 2.5)  # what it measures is compiled for minutes
+    listing = run("effects", "--measure").output
+    assert "a step of rk4 on one thread: 2.50 ns of the momentum alone" in listing
+    assert listing.count("27 operations a torque; a step with it alone 2.50 ns; it adds 0.00 ns") == 1  # gravity
+    assert listing.count("operations a torque") == 17
+
+
 def test_check_scenes_integrators_doctor():
     assert run("check", "heavy_top").exit_code == 0
     listing = run("scenes").output
