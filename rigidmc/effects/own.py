@@ -42,11 +42,8 @@ _BODY = MassProperties.of((0.6, 0.8, 1.0), (0.05, -0.02, 0.3))
 
 
 def _complaint(kind, verb, rule, line=None):
-    source = (
-        f"{inspect.getsourcefile(kind)}, line {line}: {linecache.getline(inspect.getsourcefile(kind), line).strip()}: "
-        if line
-        else ""
-    )
+    file = getattr(kind, verb).__code__.co_filename  # of the method: a class of a notebook has no file
+    source = f"{file}, line {line}: {linecache.getline(file, line).strip()}: " if line else ""
     return SceneError("effects", f"{kind.__name__}.{verb}", None, source + rule)
 
 
@@ -66,7 +63,9 @@ def _called(effect, verb, t, q, l):
     try:
         return getattr(effect, verb)(*(given[name] for name in names))
     except Exception as error:  # the user's own code: anything may come
-        frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename == inspect.getsourcefile(type(effect))]
+        frames = [
+            f for f in traceback.extract_tb(error.__traceback__) if f.filename == getattr(type(effect), verb).__code__.co_filename
+        ]
         line = frames[-1].lineno if frames else None
         raise _complaint(type(effect), verb, f"raises {type(error).__name__}: {error}", line) from None
 
