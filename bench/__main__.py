@@ -12,6 +12,8 @@ BENCHES = {
     "startup": "bench.startup",
     "memory": "bench.memory",
     "checks": "bench.checks",
+    "effects": "bench.effects",
+    "sets": "bench.sets",
     "accuracy": "bench.accuracy",
     "exact": "bench.exact",
     "tolerance": "bench.tolerance",

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rigidmc.dynamics.euler import MassProperties
-from rigidmc.effects.parameters import parameter_count
+from rigidmc.effects.parameters import blank, numbers, parameter_count
 from rigidmc.engine import kernel, layout
 from rigidmc.engine.blocks import run_block
 from rigidmc.engine.compose import as_single
@@ -54,7 +54,7 @@ def blocks(tops, effects, size=BLOCK):
     rows[layout.ATTITUDE : layout.MOMENTUM] = tops.attitude
     rows[layout.MOMENTUM : layout.REST] = tops.momentum
     rows[layout.BODY : layout.EFFECTS], rows[layout.STEPS] = tops.body, 1.0
-    for row, value in enumerate((v for effect in effects for v in effect), layout.EFFECTS):
+    for row, (_, _, value) in enumerate((n for effect in effects for n in numbers(effect)), layout.EFFECTS):
         rows[row] = value
     return [np.ascontiguousarray(rows[:, low : low + size]) for low in range(0, n, size)]
 
@@ -62,7 +62,7 @@ def blocks(tops, effects, size=BLOCK):
 def advance(parts, made, effects, attitude, h, steps, pool, dtype=float, limits=()):
     """Move blocks by `steps` steps h of a Form on the threads of a pool, final state only."""
     integrator = as_single(made.integrator) if dtype == np.float32 else made.integrator
-    how = (integrator, made.parts, effects, (), (0.0,) if attitude else (), (), np.empty(0, dtype), (), limits, ())
+    how = (integrator, made.parts, blank(effects), (), (0.0,) if attitude else (), (), np.empty(0, dtype), (), limits, (), ())
     nothing = np.empty(0)
 
     def move(block):
@@ -82,7 +82,7 @@ def advance_own(parts, made, effects, turn, t_end, pool, dtype=float):
         slots = int(block[layout.STEPS].max())
         order = together(block)
         given = np.take(block, order, axis=1)
-        run_block(Job(0, 0, {}, (*how, (order,), ()), given, order, np.empty(0), 0, 0, t_end, slots, slots, slots, 1))
+        run_block(Job(0, 0, {}, (*how, (order,), (), (), ()), given, order, np.empty(0), 0, 0, t_end, slots, slots, slots, 1))
         block[: layout.REST, order] = given[: layout.REST]
 
     for _ in pool.map(move, parts):

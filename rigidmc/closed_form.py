@@ -111,7 +111,10 @@ def closed_values(scene, block, start, times):
         scale = np.maximum(np.abs(energy), 1e-3 * (kinetic + total_energy_scale(effects, body)))
         first = energy, 1.0 / np.where(scale > 0.0, scale, 1.0), squared, 1.0 / np.where(squared > 0.0, squared, 1.0)
         values = np.array(
-            [[v for o in observables for v in value(o, body, effects, t, a, b, first)] for t, a, b in zip(times, q, l, strict=True)]
+            [
+                [v for o in observables for v in value(o, body, effects, t, a, b, first, ())]
+                for t, a, b in zip(times, q, l, strict=True)
+            ]
         )
         drifts = [
             (

@@ -3,62 +3,22 @@
 import os
 import platform
 import sys
-from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
 from rigidmc.body import IDENTITY
 from rigidmc.choice import resolved
-from rigidmc.effects import labelled
+from rigidmc.effects import EFFECTS, labelled
 from rigidmc.effects.parameters import given
-from rigidmc.engine import kernel, layout
-from rigidmc.engine.flops import step_flops
+from rigidmc.engine import layout
+from rigidmc.engine.flops import torque_operations, unpacked
 from rigidmc.engine.machine import cache_folder, threads_available, vector_bits
 from rigidmc.observables import OBSERVABLES, rows_of
 from rigidmc.planning import prepare
+from rigidmc.prices import cost_per_step, prices
 from rigidmc.sampling import Distribution
 from rigidmc.storage.schema import conservation, length, member_variables
-
-
-def cost_per_step(scene, plan, members=256, seconds=0.05):
-    """Nanoseconds per member-step on one thread of this machine, measured on the scene's own first members."""
-    import time
-
-    from rigidmc.simulation import block_arguments, compile_kernel
-    from rigidmc.staging import stage
-
-    compile_kernel(scene, plan)
-    best, steps = np.inf, 16
-    for _ in range(12):
-        block, _ = stage(scene, plan.first, members, plan.carried)
-        began = time.perf_counter()
-        if plan.own:
-            block[layout.STEPS] = steps
-        kernel.advance(*block_arguments(scene, plan, block), steps if plan.own else 1, 0, steps, steps, steps)
-        took = time.perf_counter() - began
-        best = min(best, took / (members * steps))
-        steps = int(min(1e6, max(16, steps * seconds / 4 / max(took, 1e-9))))
-        seconds -= took
-        if seconds < 0:
-            break
-    return 1e9 * best
-
-
-def prices(scene, plan):
-    """What effects add to a step: (ns without them, measured; operations without them; {label: operations that it adds}; ns predicted)."""
-
-    def operations(effects):
-        return step_flops(plan.form, effects, plan.carried)
-
-    bare = replace(scene, effects=())
-    free = cost_per_step(bare, prepare(bare)._replace(form=plan.form, carried=plan.carried, limits=plan.limits))
-    every, none = operations(scene.effects), operations(())
-    added = {
-        label: every - operations(tuple(other for j, other in enumerate(scene.effects) if j != i))
-        for i, (label, _) in enumerate(labelled(scene.effects))
-    }
-    return free, none, added, free * every / none
 
 
 def describe(scene, threads):
@@ -83,8 +43,12 @@ def describe(scene, threads):
     lines.append(
         f"compiled     {run.integrator}; effects: {', '.join(compiled) or 'none (free body)'}; {'with' if plan.carried else 'no'} attitude"
     )
+    for effect in (e for e in scene.effects if type(e) not in EFFECTS.values()):
+        how = f"not packed: {why}" if (why := unpacked(effect)) else "packed: members side by side, as the built-in ones"
+        lines.append(f"own effect   {type(effect).__name__}: {torque_operations(effect)}, {how}")
     kept = conservation(scene)
-    lines.append(f"conserved    energy: {kept['energy']}; |L|^2: {kept['l2']}")
+    booked = ", but its work is booked" if kept["energy"] != kept["energy_drift"] else ""
+    lines.append(f"conserved    energy: {kept['energy']}{booked}; |L|^2: {kept['l2']}")
     parts = len(plan.form.parts) - 1 if plan.form else 1
     if plan.limits:
         lines.append(f"flagged      {_limits(plan.limits)}")
@@ -110,10 +74,11 @@ def describe(scene, threads):
         f"cost         {cost:.2f} ns per member-step on one thread (measured now); about {seconds:.2g} s for the steps on {threads} threads"
     )
     if scene.effects:
-        free, none, added, predicted = prices(scene, plan)
-        each = "".join(f", {label} {count:+d}" for label, count in added.items())
+        free, none, added, noise, predicted = prices(scene, plan)
+        each = "".join(f", {label} {more}" for label, more in added.items())
+        each += f", noise {noise:.2f} ns" if noise else ""
         lines.append(
-            f"price        {free:.2f} ns without effects ({none} operations){each}: {predicted:.2f} ns predicted, {cost / predicted:.2f} of that measured"
+            f"price        {free:.2f} ns without effects ({none}){each}: {predicted:.2f} ns predicted, {cost / predicted:.2f} of that measured"
         )
     lines += [f"note         {note}" for note in plan.notes]
     return "\n".join(lines)
@@ -135,7 +100,7 @@ def sizes(scene, plan, threads):
     """(bytes of a Dataset in memory, the engine's own included; bytes of a file)."""
     members = member_variables(scene, plan.carried)
     each = {name: np.prod([length(d, plan) for d in v.dims]) * np.dtype(v.dtype).itemsize for name, v in members.items()}
-    saved = 8 * plan.times.size * plan.members * rows_of(*scene.run.save)
+    saved = 8 * plan.times.size * plan.members * rows_of(scene.effects, *scene.run.save)
     changing = sum(size for name, size in each.items() if name not in plan.constant)
     scratch = (threads + 2) * plan.block * 8 * (layout.EFFECTS + 20)
     return int(saved + changing + scratch + 0.25e9), int(saved + changing + 8 * plan.members + 20_000)

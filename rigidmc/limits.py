@@ -50,6 +50,7 @@ def limits(scene, carried, theta, steps, made=None, spin=0.0):
     with np.errstate(over="ignore"):
         error = 0.0 if kind.order == math.inf or not theta < 1.0 else steps * theta ** (kind.order + 1)
     allowed = COARSE if theta >= 1.0 and kind.order < math.inf else min(COARSE, max(error, rounding))
+    energy = COARSE if "work" in run.save else allowed  # what drives a body may make it much faster than the pilot is at the start
     drift = getattr(getattr(made, "integrator", None), "drift", None)
     turns = math.pi if drift is None else SPLIT if isinstance(drift, Split) else math.inf
     largest = getattr(kind, "largest_turn", turns)
@@ -58,12 +59,12 @@ def limits(scene, carried, theta, steps, made=None, spin=0.0):
     if hasattr(kind, "least_spin"):
         largest = PLANNED * max(spin, kind.least_spin)
     bounds = {
-        "energy": allowed if run.energy_limit is None else run.energy_limit,
+        "energy": energy if run.energy_limit is None else run.energy_limit,
         "l2": allowed if run.momentum_limit is None else run.momentum_limit,
     }
     bounds["lz"] = bounds["l2"]
     for name in bounds:
-        if kept[name] != "yes" or (name == "lz" and not carried):
+        if kept[{"energy": "energy_drift"}.get(name, name)] != "yes" or (name == "lz" and not carried):
             bounds[name] = math.inf
     norm = 1e-9 if run.dtype == "float64" else 1e-3
     return Limits(**bounds, turn=largest if run.turn_limit is None else run.turn_limit, norm=norm)

@@ -137,7 +137,7 @@ def _saved(pilot, scene, block, h, slots, steps, stride, dtype="float64", compen
 
     def advance(i, first, last):
         own = () if scene.run.turn is None else (np.arange(parts[i].shape[1]),)
-        kernel.advance(*how, own, (), (), parts[i], out, width, i * share, h, slots, first, last, stride, steps)
+        kernel.advance(*how, own, (), (), (), parts[i], out, width, i * share, h, slots, first, last, stride, steps)
 
     with ThreadPoolExecutor(len(parts)) as pool:
         for first in range(0, steps, stride if nudge else steps):

@@ -8,6 +8,7 @@ import numpy as np
 
 from rigidmc.closed_form import closed_form
 from rigidmc.dynamics.methods import names
+from rigidmc.effects import labelled
 from rigidmc.effects.verbs import total_energy_scale
 from rigidmc.engine import layout
 from rigidmc.errors import SceneError
@@ -47,6 +48,7 @@ class Plan(NamedTuple):
     compensated: bool  # whether sums keep their remainders
     notes: tuple  # what the user should know
     limits: Any  # what flags a member, see `rigidmc.limits`
+    labels: tuple  # of the effects whose works are saved
 
     def bounds(self):
         """The finite ones of the limits that a scene may set, by their names there."""
@@ -128,7 +130,7 @@ def prepare(scene, threads=1, streaming=False, block=None):
     if run.anti_damping:
         notes += ("anti_damping = true: damping may be negative, which drives the body",)
     slots = [s for s in range(0, steps, stride)] + [steps]
-    values = rows_of(*run.save)
+    values = rows_of(scene.effects, *run.save)
     if block is None:
         block = min(BLOCK, whole_lanes(math.ceil(run.members / ((1 if own else 4) * threads))))
         if streaming:
@@ -136,6 +138,7 @@ def prepare(scene, threads=1, streaming=False, block=None):
     return Plan(
         run.first, run.members, steps, dt, stride, own, mean, np.array(slots) * dt, made, carried, block, _constant(scene), angle, rate,
         run.dtype, run.compensated, notes, () if made is None else limits(scene, carried, theta, mean, made, spin),
+        tuple(label for label, _ in labelled(scene.effects)) if "work" in run.save else (),
     )  # fmt: skip
 
 

@@ -68,7 +68,8 @@ def momentum_sphere(ds, axes=None):
         slope = np.sqrt((toward / right - 1.0) / (1.0 - toward / up))
     one_body = np.ptp(moments, axis=1).max() <= 1e-12 * body.max()
     axes = axes or _figure(ds, (8.0, 5.2)).add_subplot()
-    free = all(sample[f"{name}_drift_max"].attrs.get("conserved") == "yes" for name in ("energy", "l2"))
+    kept = all(sample[f"{name}_drift_max"].attrs.get("conserved") == "yes" for name in ("energy", "l2"))
+    free = kept and "work" not in ds
     few = _few(l)
     paths = polhodes(l[0][:, few], moments[:, few]) if free else l[..., few]
     lines = [slope, -slope] if one_body and 0.0 < slope < np.inf else []

@@ -128,7 +128,10 @@ class Scene:
             raise SceneError(
                 "run", "tolerance", None, 'is missing: integrator = "auto" chooses integrator and step for a tolerance'
             )
-        if self.run.integrator != "auto" and (why := refusal(self.run.integrator, self.effects, self.run.compensated)):
+        works = "work" in self.run.save
+        if works and not self.effects:
+            raise SceneError("run", "save", "work", "the scene has no effects that could do work")
+        if self.run.integrator != "auto" and (why := refusal(self.run.integrator, self.effects, self.run.compensated, works)):
             raise SceneError("run", "integrator", self.run.integrator, why)
         for effect in self.effects:
             check_own(effect)
@@ -152,11 +155,11 @@ class Scene:
         return self
 
     @staticmethod
-    def load(source, settings=()):
+    def load(source, settings=(), allow_code=False):
         """A scene from a TOML file, the name of a shipped scene, or a result file (.nc); see `rigidmc.scene_file.load`."""
         from rigidmc.scene_file import load
 
-        return load(source, settings)
+        return load(source, settings, allow_code)
 
     @staticmethod
     def loads(text, file="scene"):

@@ -14,6 +14,7 @@ from pydantic import ValidationError
 
 from rigidmc.body import IDENTITY, Body
 from rigidmc.effects import EFFECTS, labelled, name_of
+from rigidmc.effects.own import class_of, source_of
 from rigidmc.effects.parameters import given
 from rigidmc.errors import SceneError, nearest, unknown
 from rigidmc.sampling import Distribution, Start, distribution
@@ -41,8 +42,11 @@ _SHAPES: dict[str, Any] = {  # ways to give a body in a scene file: key -> (its 
 }
 
 
-def load(source, settings=()):
+def load(source, settings=(), allow_code=False):
     """A scene from a TOML file, the name of a shipped scene, or a result file (.nc); `settings` are (dotted key, value) pairs.
+
+    allow_code : whether to run the Python files that it takes effects from: [effects.Wind] with module = "wind.py", found beside the scene
+        file, is the class Wind of that file. Without it such a file is refused: scene files execute nothing.
 
     Raises SceneError for what is wrong in it, FileNotFoundError where there is no such file or name.
     """
@@ -50,12 +54,12 @@ def load(source, settings=()):
     if source.endswith(".nc"):
         from rigidmc.storage import scene_of
 
-        return scene_of(source, settings)
+        return scene_of(source, settings, allow_code)
     text = read_source(source)
-    return loads(text, source, settings, title=os.path.basename(source).removesuffix(".toml"))
+    return loads(text, source, settings, title=os.path.basename(source).removesuffix(".toml"), allow_code=allow_code)
 
 
-def loads(text, file="scene", settings=(), stored=None, title="scene"):
+def loads(text, file="scene", settings=(), stored=None, title="scene", allow_code=False):
     """A scene from TOML text; `stored(name, axis)` gives the columns of a result file that the text refers to."""
     try:
         data = tomllib.loads(text)
@@ -64,7 +68,7 @@ def loads(text, file="scene", settings=(), stored=None, title="scene"):
     try:
         for key, value in settings:
             _set(data, key, value)
-        return _from_tables(data, stored, title)
+        return _from_tables(data, stored, title, os.path.dirname(file) if allow_code else None)
     except SceneError as error:
         error.file = error.file or file
         raise
@@ -74,8 +78,8 @@ def loads(text, file="scene", settings=(), stored=None, title="scene"):
         raise made from None
 
 
-def _from_tables(data, stored, title):
-    """The scene of parsed TOML."""
+def _from_tables(data, stored, title, folder):
+    """The scene of parsed TOML; `folder` is where Python files lie that may be run, None where none may."""
     file = _File(**data)
     try:
         run = Run.model_validate({k: tuple(v) if isinstance(v, list) else v for k, v in file.run.items()})
@@ -85,20 +89,32 @@ def _from_tables(data, stored, title):
         raise SceneError("run", "turn", run.turn, "give dt or turn, not both")
     effects = []
     for name, table in file.effects.items():
-        if name not in EFFECTS:
-            raise unknown("effects", name, None, "effect", EFFECTS)
-        fields = given(EFFECTS[name])
         for one in table if isinstance(table, list) else [table]:  # [effects.spring], or [[effects.spring]] for several
-            _only(one, fields, f"effects.{name}")
-            missing = [f for f in fields if f not in one and f not in EFFECTS[name]._field_defaults]
+            kind = _kind(name, one, folder)
+            own = () if name in EFFECTS else ("module",)
+            _only(one, (*given(kind), *own), f"effects.{name}")
+            missing = [f for f in given(kind) if f not in one and f not in kind._field_defaults]
             if missing:
                 raise SceneError(f"effects.{name}", missing[0], None, "is missing")
-            effects.append(EFFECTS[name](**{k: _parse(v, f"effects.{name}", k, stored) for k, v in one.items()}))
+            effects.append(kind(**{k: _parse(v, f"effects.{name}", k, stored) for k, v in one.items() if k not in own}))
     _only(file.start, ("omega", "momentum", "attitude"), "start")
     start = Start(**{k: _parse(v, "start", k, stored) for k, v in file.start.items()})
     body = _body(file.body, stored)
     scene = Scene(body, tuple(effects), start, run, file.title or title, file.summary, file.source)
     return scene.with_run()
+
+
+def _kind(name, table, folder):
+    """The class of an effect by its word, or by the Python file that has it."""
+    if name in EFFECTS:
+        return EFFECTS[name]
+    module = table.get("module") if isinstance(table, dict) else None
+    if not isinstance(module, str):
+        raise unknown("effects", name, None, "effect", EFFECTS)
+    if folder is None:
+        rule = "is code, and scene files execute nothing; look at it, then allow it with --allow-code (in Python allow_code=True)"
+        raise SceneError(f"effects.{name}", "module", module, rule)
+    return class_of(os.path.join(folder, module), name, f"effects.{name}")
 
 
 def dumps(scene):
@@ -114,7 +130,9 @@ def dumps(scene):
     start["attitude"] = attitude if attitude == "uniform" else _plain(attitude, angles)
     effects: dict[str, Any] = {}
     for label, effect in labelled(scene.effects):
-        effects.setdefault(name_of(effect), []).append({k: _plain(getattr(effect, k), f"{label}_{k}") for k in given(effect)})
+        own = {} if type(effect) in EFFECTS.values() or (file := source_of(type(effect))) is None else {"module": file}
+        parameters = {k: _plain(getattr(effect, k), f"{label}_{k}") for k in given(effect)}
+        effects.setdefault(name_of(effect), []).append({**own, **parameters})
     effects = {name: tables if len(tables) > 1 else tables[0] for name, tables in effects.items()}
     tables = {
         "title": scene.title,

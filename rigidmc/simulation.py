@@ -14,11 +14,11 @@ from rigidmc.choice import resolved
 from rigidmc.closed_form import closed_values
 from rigidmc.effects import EFFECTS
 from rigidmc.effects.own import RULE
-from rigidmc.effects.parameters import blank, parameter_count
+from rigidmc.effects.parameters import blank
 from rigidmc.engine import kernel, layout
 from rigidmc.engine.blocks import run_blocks
 from rigidmc.engine.compose import NumbaError, as_single, reason
-from rigidmc.engine.flops import library_calls, misdeeds
+from rigidmc.engine.flops import misdeeds, unpacked
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.observables import OBSERVABLES, rows_of
@@ -26,7 +26,7 @@ from rigidmc.planning import prepare, whole_lanes
 from rigidmc.progress import reporter
 from rigidmc.sampling import quantity, rows
 from rigidmc.sinks import File, Memory
-from rigidmc.staging import noise, stage, together
+from rigidmc.staging import block_rows, ledger, noise, stage, together
 from rigidmc.storage import refuse_existing
 from rigidmc.storage.schema import member_variables, saved_variables
 from rigidmc.units import internal, scaled
@@ -42,7 +42,7 @@ class Job(NamedTuple):
     start: dict
     how: (
         tuple | None
-    )  # None where nothing is left to do; integrator, parts, effects, observables, attitude, compensated, precision, own, limits
+    )  # None where nothing is left to do; integrator, parts, effects, observables, attitude, compensated, precision, own, limits, noise, ledger
     block: np.ndarray
     order: np.ndarray | None  # in which the block has the members, where they have steps of their own
     out: np.ndarray
@@ -181,7 +181,7 @@ def run(scene, plan, threads, progress=False, output=None, force=False, chosen=N
 def _told(job, results, scene, plan, units):
     """Results in the units of the scene; the saved values are changed in place."""
     saved = saved_variables(scene)
-    each = [units.factor(v.attrs["units"]) for name, v in saved.items() for _ in range(rows_of(name))]
+    each = [units.factor(v.attrs["units"]) for name, v in saved.items() for _ in range(rows_of(scene.effects, name))]
     if job.width:
         values = job.out.reshape(plan.times.size, len(each), job.width)[..., job.column : job.column + job.block.shape[1]]
         values *= np.array(each)[:, None]
@@ -221,18 +221,15 @@ def compile_kernel(scene, plan):
     began = time.perf_counter()
     if plan.form is None:
         return 0.0
-    rows_needed = layout.EFFECTS + parameter_count(*scene.effects)
     own = [e for e in scene.effects if type(e) not in EFFECTS.values()]
     try:
         for effect in own:
             if wrong := misdeeds(effect):
                 raise SceneError("effects", f"{type(effect).__name__}.torque", None, f"{wrong}; {RULE}")
-            if called := library_calls(effect):
-                warnings.warn(
-                    f"{type(effect).__name__} calls {', '.join(called)} of the library: the step is not packed, and much slower "
-                    "than it might be; rigidmc.dynamics.so3 has sincos, expm1 and exponential that are", SceneWarning, stacklevel=2,
-                )  # fmt: skip
-        kernel.advance(*block_arguments(scene, plan, np.zeros((rows_needed, 0))), 1, 0, 0, 1, 1)
+            if why := unpacked(effect):
+                rule = f"{type(effect).__name__} {why}: members are not worked on side by side, and the step is much slower than it might be"
+                warnings.warn(rule, SceneWarning, stacklevel=2)
+        kernel.advance(*block_arguments(scene, plan, np.zeros((block_rows(scene), 0))), 1, 0, 0, 1, 1)
     except NumbaError as error:
         if not own:
             raise
@@ -269,6 +266,7 @@ def _job(scene, plan, first, count, block, start, out, width, column):
         own,
         tuple(plan.limits),
         noise(scene, first, block.shape[1], order),
+        ledger(scene),
     )
     slots = int(block[layout.STEPS].max(initial=1.0)) if plan.own else 1
     return Job(

@@ -13,7 +13,7 @@ def _split(scene, values):
     """{name: view} of the value rows (time, row, member) of each observable."""
     parts, row = {}, 0
     for name in scene.run.save:
-        size = rows_of(name)
+        size = rows_of(scene.effects, name)
         parts[name] = values[:, row : row + size] if OBSERVABLES[name].dims else values[:, row]
         row += size
     return parts
@@ -25,7 +25,7 @@ class Memory:
     def __init__(self, scene, plan, more):
         self.scene, self.plan, self.more = scene, plan, more
         self.width = whole_lanes(plan.members)
-        self.values = rows_of(*scene.run.save)
+        self.values = rows_of(scene.effects, *scene.run.save)
         self.out = np.empty(plan.times.size * self.values * self.width)
         self.variables = member_variables(scene, plan.carried)
         self.arrays = {
@@ -62,7 +62,7 @@ class File:
 
     def __init__(self, path, scene, plan, force, more):
         self.scene, self.plan, self.path = scene, plan, path
-        self.values = rows_of(*scene.run.save)
+        self.values = rows_of(scene.effects, *scene.run.save)
         self.names = set(member_variables(scene, plan.carried))
         self.writer = Writer(path, scene, plan, force, more)
 

@@ -31,7 +31,7 @@ def stage(scene, first, count, carried, span=None):
     }
     drawn = {name: values if len(values) > 1 else values[0] for name, values in effects.items()}
     start = {"moments": moments, "mass": mass, "centre": centre, f"start_{which}": spin, **drawn}
-    block = np.zeros((layout.EFFECTS + parameter_count(*scene.effects), count))
+    block = np.zeros((block_rows(scene), count))
     block[layout.ATTITUDE] = 1.0
     if carried:
         start["start_attitude"] = block[layout.ATTITUDE : layout.MOMENTUM] = scene.start.quaternions(seed, first, count)
@@ -43,9 +43,21 @@ def stage(scene, first, count, carried, span=None):
     with np.errstate(all="ignore"):
         block[layout.BODY : layout.EFFECTS] = MassProperties.of(tuple(moments), tuple(mass * centre))
     if effects:
-        block[layout.EFFECTS :] = np.concatenate(list(effects.values()))
+        block[layout.EFFECTS : layout.EFFECTS + parameter_count(*scene.effects)] = np.concatenate(list(effects.values()))
     block[layout.STEPS] = 1.0 if span is None else own_steps(rates(scene.effects, block), span, scene.run.turn)
     return block, start
+
+
+def ledger(scene):
+    """For each effect () where its energy tells its work, else (0.0,); () where no works are saved. See `rigidmc.engine.kernel.advance`."""
+    if "work" not in scene.run.save:
+        return ()
+    return tuple(() if hasattr(effect, "energy") else (0.0,) for effect in scene.effects)
+
+
+def block_rows(scene):
+    """How many rows a block of a scene has."""
+    return layout.EFFECTS + parameter_count(*scene.effects) + 2 * len(ledger(scene))
 
 
 def noise(scene, first, count, order=None):

@@ -1,6 +1,5 @@
 """Ways of integrating a pilot: an integrator, a precision and a step, what it costs on this machine and how far it errs."""
 
-import itertools
 import math
 import time
 from typing import NamedTuple
@@ -10,11 +9,9 @@ import numpy as np
 from rigidmc.body import Body
 from rigidmc.closed_form import closed_values
 from rigidmc.effects import EFFECTS
-from rigidmc.effects.parameters import blank, filled
-from rigidmc.effects.verbs import is_random
+from rigidmc.effects.parameters import blank
 from rigidmc.engine import kernel, layout
 from rigidmc.engine.compose import as_single
-from rigidmc.engine.flops import torque_flops
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import SceneError, unknown
 from rigidmc.integrators import INTEGRATORS, accepting
@@ -97,7 +94,7 @@ class Costs:
         def record():
             scene = self.pilot.scene.with_run(integrator="rk4")
             made, *_ = form_of(scene, 1.0, self.pilot.carried)
-            observables = tuple(OBSERVABLES[name]() for name in scene.run.save)
+            observables = tuple(OBSERVABLES[name]() for name in scene.run.save if name != "work")
             h = 1e-6 * scene.run.t_end
             plain, saving = (self._stepped(made, h, "float64", observables, stride=stride) for stride in (32, 1))
             return max(0.0, saving - plain)
@@ -126,7 +123,7 @@ class Costs:
         own = self.pilot.own and stride is None
         how = (
             integrator, made.parts, effects, observables, (0.0,) if self.pilot.carried else (), (), np.empty(0, dtype),
-            (np.arange(512),) if own else (), (), (),
+            (np.arange(512),) if own else (), (), (), (),
         )  # fmt: skip
         few, steps = self.pilot.block, 32
         block = np.ascontiguousarray(np.tile(few, -(-512 // few.shape[1]))[:, :512])
@@ -159,7 +156,11 @@ class Costs:
 
 def candidates(scene, true, integrators=None, dtype=None):
     """[(integrator, dtype)] that a scene can be run with; a free body needs no splitting, which is the exact motion at more cost."""
-    able = [name for name in accepting(scene.effects) if name != "closed" or true.source.startswith("closed")]
+    able = [
+        name
+        for name in accepting(scene.effects, works="work" in scene.run.save)
+        if name != "closed" or true.source.startswith("closed")
+    ]
     if integrators:
         for name in integrators:
             if name not in INTEGRATORS:
@@ -224,23 +225,4 @@ def step_costs():
         for name in accepting(effects):
             if name != "closed":
                 made.setdefault(name, {})[word] = costs.step(name, 10, "float64")
-    return made
-
-
-def effect_costs():
-    """{effect: (operations of its torque, ns of a step of rk4 with it alone, ns that it adds to one with gravity)}, and of steps without it:
-    "free" of the momentum alone, "with attitude", "with gravity". On one thread of this machine."""
-    body = Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.2, 0.3))
-
-    def cost(effects, save="omega"):
-        start = Start(omega=(0.5, 0.7, 0.5), attitude=(1.0, 0.0, 0.0, 0.0))
-        return Costs(pilot(Scene(body, effects, start).with_run(t_end=1.0, save=(save,)), 1)).step("rk4", 10, "float64")
-
-    gravity = EFFECTS["gravity"](1.0)
-    made = {"free": cost(()), "with attitude": cost((), "attitude"), "with gravity": cost((gravity,))}
-    for name, kind in EFFECTS.items():
-        if is_random(kind):  # not taken by rk4, and noise is no torque: `rigidmc show` prices a scene with it
-            continue
-        effect = filled(kind, itertools.repeat(0.1))
-        made[name] = torque_flops(effect), cost((effect,)), cost((gravity, effect)) - made["with gravity"]
     return made

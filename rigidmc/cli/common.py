@@ -41,12 +41,15 @@ Every = Annotated[float | None, typer.Option(help="Time between saves [s]; witho
 Save = Annotated[
     str | None,
     typer.Option(
-        help="What to save, e.g. omega,attitude,energy; also momentum, l2, energy_drift, l2_drift; none for the summary only."
+        help="What to save, e.g. omega,attitude,energy; also momentum, l2, energy_drift, l2_drift, work; none for the summary only."
     ),
 ]
 Threads = Annotated[int | None, typer.Option(min=1, help="Threads; default one per core.")]
 Set = Annotated[
     list[str], typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the scene, e.g. body.moments=[1,2,3].")
+]
+AllowCode = Annotated[
+    bool, typer.Option("--allow-code", help="Run the Python files that the scene takes effects of your own from.")
 ]
 Output = Annotated[str | None, typer.Option("-o", "--output", metavar="FILE", help="netCDF file to write.")]
 Plot = Annotated[str | None, typer.Option(metavar="FILE", help="Picture to write (.png, .pdf, .svg).")]
@@ -96,7 +99,7 @@ def fail(message, code):
     raise typer.Exit(code)
 
 
-def load_scene(source, settings, **run):
+def load_scene(source, settings, allow_code=False, **run):
     """A scene with the options of the command line in it."""
     from rigidmc.errors import SceneError
     from rigidmc.scene import Scene
@@ -112,7 +115,7 @@ def load_scene(source, settings, **run):
     if run.get("tolerance") is not None and run.get("integrator") is None:
         run["integrator"] = "auto"
     try:
-        return Scene.load(source, pairs).with_run(**run)
+        return Scene.load(source, pairs, allow_code).with_run(**run)
     except SceneError as error:
         error.file = error.file or source
         raise

@@ -14,6 +14,7 @@ from rigidmc.cli.common import (
     FLAGGED,
     INVALID,
     OK,
+    AllowCode,
     Compensated,
     Dt,
     Dtype,
@@ -46,7 +47,7 @@ def run_scene(
     members: Members = None, seed: Seed = None, integrator: Integrator = None, dt: Dt = None, turn: Turn = None,
     t_end: TEnd = None,
     every: Every = None, save: Save = None, threads: Threads = None, tolerance: Tolerance = None,
-    dtype: Dtype = None, compensated: Compensated = None, settings: Set = [],  # noqa: B006
+    dtype: Dtype = None, compensated: Compensated = None, settings: Set = [], allow_code: AllowCode = False,  # noqa: B006
     output: Output = None, plot: Plot = None, force: Force = False,
 ):  # fmt: skip
     """Run a scene: integrate its ensemble, write the result and a picture, and say what it cost."""
@@ -58,6 +59,7 @@ def run_scene(
         loaded = load_scene(
             scene,
             settings,
+            allow_code,
             members=members,
             seed=seed,
             integrator=integrator,
@@ -126,7 +128,7 @@ def show(
     members: Members = None, seed: Seed = None, integrator: Integrator = None, dt: Dt = None, turn: Turn = None,
     t_end: TEnd = None,
     every: Every = None, save: Save = None, threads: Threads = None, tolerance: Tolerance = None,
-    dtype: Dtype = None, compensated: Compensated = None, settings: Set = [],  # noqa: B006
+    dtype: Dtype = None, compensated: Compensated = None, settings: Set = [], allow_code: AllowCode = False,  # noqa: B006
 ):  # fmt: skip
     """Say what a scene is, which effects are compiled, and what a run of it would take, without running it."""
     with reported():
@@ -136,6 +138,7 @@ def show(
         loaded = load_scene(
             scene,
             settings,
+            allow_code,
             members=members,
             seed=seed,
             integrator=integrator,
@@ -157,13 +160,13 @@ def show(
 
 
 @app.command()
-def check(scene: SceneArgument, settings: Set = []):  # noqa: B006
+def check(scene: SceneArgument, settings: Set = [], allow_code: AllowCode = False):  # noqa: B006
     """Check a scene file: exit code 0 where it can be run, 3 and one message where it cannot."""
     with reported():
         from rigidmc.errors import SceneError
         from rigidmc.planning import prepare
 
-        loaded = load_scene(scene, settings)
+        loaded = load_scene(scene, settings, allow_code)
         try:
             loaded.check()
             plan = prepare(loaded if loaded.run.integrator != "auto" else loaded.with_run(integrator="rk8"))

@@ -5,7 +5,21 @@ from typing import Annotated
 
 import typer
 
-from rigidmc.cli.common import FLAGGED, OK, Force, Output, Plot, Set, Threads, app, check_suffix, load_scene, plots_module, reported
+from rigidmc.cli.common import (
+    FLAGGED,
+    OK,
+    AllowCode,
+    Force,
+    Output,
+    Plot,
+    Set,
+    Threads,
+    app,
+    check_suffix,
+    load_scene,
+    plots_module,
+    reported,
+)
 
 
 @app.command()
@@ -16,7 +30,7 @@ def stress(
     quick: Annotated[bool, typer.Option("--quick", help="A few cases and integrators, long ones shortened.")] = False,
     bounds: Annotated[str | None, typer.Option(metavar="FILE", help="Bounds in place of those that ship, as --write-bounds writes them.")] = None,
     write_bounds: Annotated[str | None, typer.Option("--write-bounds", metavar="FILE", help="Write four times what was measured here as bounds (.csv).")] = None,
-    threads: Threads = None, settings: Set = [],  # noqa: B006
+    threads: Threads = None, settings: Set = [], allow_code: AllowCode = False,  # noqa: B006
     output: Output = None, plot: Plot = None, force: Force = False,
 ):  # fmt: skip
     """Hard cases, each against its bound, on this machine; or how far your own scene can be trusted. Exit code 4 where something fails."""
@@ -32,7 +46,7 @@ def stress(
         if scene is not None:
             from rigidmc.studies import trust as study
 
-            loaded = load_scene(scene, settings, integrator=integrator)
+            loaded = load_scene(scene, settings, allow_code, integrator=integrator)
             try:
                 found = study.trust(loaded, quick=quick, progress=True)
             except SceneError as error:

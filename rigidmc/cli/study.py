@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from rigidmc.cli.common import (
+    AllowCode,
     Force,
     Output,
     Plot,
@@ -29,7 +30,7 @@ def accuracy(
     long: Annotated[bool, typer.Option("--long", help="Drift of energy, |L|^2 and L_z over very many steps instead.")] = False,
     steps: Annotated[int, typer.Option(min=1000, help="How many, with --long.")] = 1_000_000,
     dt: Annotated[float | None, typer.Option(help="Step [s] with --long; default the scene's.")] = None,
-    threads: Threads = None, settings: Set = [],  # noqa: B006
+    threads: Threads = None, settings: Set = [], allow_code: AllowCode = False,  # noqa: B006
     output: Output = None, plot: Plot = None, force: Force = False,
 ):  # fmt: skip
     """What accuracy costs in time, for a scene: every integrator over a ladder of steps against the truth, and the cheapest for each accuracy."""
@@ -38,7 +39,7 @@ def accuracy(
         from rigidmc.storage import refuse_existing
         from rigidmc.studies import accuracy as study
 
-        loaded = load_scene(scene, settings)
+        loaded = load_scene(scene, settings, allow_code)
         for path in (output, plot):
             if path is not None:
                 refuse_existing(path, force)
@@ -92,12 +93,13 @@ def effects(
 
         costs = {}
         if measure:
-            from rigidmc.ways import effect_costs
+            from rigidmc.prices import effect_prices
 
-            costs = effect_costs()
-            free, turning, heavy = costs.pop("free"), costs.pop("with attitude"), costs.pop("with gravity")
+            costs = effect_prices()
+            free, turning, heavy, split = (costs.pop(word) for word in ("free", "with attitude", "with gravity", "strang"))
             print(
-                f"a step of rk4 on one thread: {free:.2f} ns of the momentum alone, {turning:.2f} ns with attitude, {heavy:.2f} ns with gravity"
+                f"a step of rk4 on one thread: {free:.2f} ns of the momentum alone, {turning:.2f} ns with attitude, "
+                f"{heavy:.2f} ns with gravity; of strang {split:.2f} ns with gravity, which is what random effects are added to"
             )
         for name, kind in EFFECTS.items():
             law, parameters, facts = description(kind)
@@ -106,7 +108,7 @@ def effects(
             if name in costs:
                 operations, alone, added = costs[name]
                 print(
-                    f"{'':18s} {operations} operations a torque; a step with it alone {alone:.2f} ns; it adds {added:.2f} ns to one with gravity"
+                    f"{'':18s} {operations} a torque; a step with it alone {alone:.2f} ns; it adds {added:.2f} ns to one with gravity"
                 )
 
 

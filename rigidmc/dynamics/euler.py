@@ -5,6 +5,8 @@ dL/dt = L x omega + tau,   dq/dt = 1/2 q (0, omega),   omega_i = L_i / I_i      
 
 from typing import NamedTuple
 
+from rigidmc.dynamics.so3 import first_three
+
 
 class MassProperties(NamedTuple):
     """What a kernel knows of a body, in its principal axes.
@@ -89,7 +91,9 @@ def turn(rates, l):
 
 
 def spun(rates, onto, l):
-    """onto + h L x omega, the free change of the momentum at l."""
+    """onto + h L x omega, the free change of the momentum at l; what follows `onto` stays."""
+    if len(onto) > 3:
+        return spun(rates, first_three(onto), l) + onto[3:]
     return (
         onto[0] + rates.a1 * (l[1] * l[2]),
         onto[1] + rates.a2 * (l[2] * l[0]),

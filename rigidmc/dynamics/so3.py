@@ -45,8 +45,45 @@ def cross(a, b):
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
+def first_three(a):
+    """A 3-vector without what follows it."""
+    if len(a) == 3:
+        return a
+    return a[0], a[1], a[2]
+
+
+def joined(a, more):
+    """A tuple and what is to follow it."""
+    if len(more) == 0:
+        return a
+    return a + more
+
+
+# What follows a momentum is the work that effects have done (`rigidmc.effects.verbs`): the sums below keep it, what is missing is 0.
+
+
+def rest_scaled(s, a):
+    """s times each number of a tuple."""
+    if len(a) == 0:
+        return ()
+    return (s * a[0],) + rest_scaled(s, a[1:])
+
+
+def rest_axpy(a, s, b):
+    """a + s*b of tuples of any lengths."""
+    if len(b) == 0:
+        return a
+    if len(a) == 0:
+        return rest_scaled(s, b)
+    return (a[0] + s * b[0],) + rest_axpy(a[1:], s, b[1:])
+
+
 def add(a, b):
-    """Sum of two 3-vectors."""
+    """Sum of two 3-vectors and of what follows them."""
+    if len(a) > 3:
+        return (a[0] + b[0], a[1] + b[1], a[2] + b[2]) + rest_axpy(a[3:], 1.0, b[3:])
+    if len(b) > 3:
+        return (a[0] + b[0], a[1] + b[1], a[2] + b[2]) + b[3:]
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
@@ -56,7 +93,9 @@ def add4(a, b):
 
 
 def difference(a, b):
-    """a - b of two 3-vectors."""
+    """a - b of two 3-vectors and of what follows them."""
+    if len(a) > 3:
+        return (a[0] - b[0], a[1] - b[1], a[2] - b[2]) + rest_axpy(a[3:], -1.0, b[3:])
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
@@ -66,7 +105,9 @@ def difference4(a, b):
 
 
 def scale(s, a):
-    """s*a of a number and a 3-vector."""
+    """s*a of a number and a 3-vector with what follows it."""
+    if len(a) > 3:
+        return (s * a[0], s * a[1], s * a[2]) + rest_scaled(s, a[3:])
     return s * a[0], s * a[1], s * a[2]
 
 
@@ -76,7 +117,11 @@ def scale4(s, a):
 
 
 def axpy(a, s, b):
-    """a + s*b of two 3-vectors."""
+    """a + s*b of two 3-vectors and of what follows them."""
+    if len(b) > 3:
+        return (a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]) + rest_axpy(a[3:], s, b[3:])
+    if len(a) > 3:
+        return (a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]) + a[3:]
     return a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]
 
 

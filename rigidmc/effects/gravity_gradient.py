@@ -51,27 +51,30 @@ class GravityGradient(NamedTuple):
 
 def _differences(body, size):
     """size (I3 - I2), cyclic, from the reciprocal moments and the coefficients of Euler's equations, where nothing cancels."""
-    d = -size / (body.i1 * body.i2 * body.i3)
+    d = -size * (1.0 / (body.i1 * body.i2 * body.i3))
     return d * body.i1 * body.a1, d * body.i2 * body.a2, d * body.i3 * body.a3
 
 
 def _pull(mu, distance, e, anomaly, t):
-    """(3 mu/r^3, cosine, sine of the true anomaly): Kepler's equation by Halley's method, from Danby's start E = M + 0.85 e sign(sin M)."""
-    m = math.sqrt(mu / (distance * distance * distance)) * t + anomaly
+    """(3 mu/r^3, cosine, sine of the true anomaly): Kepler's equation E - e sin E = M by two steps of order 5 from
+    E = M + e sin M / sqrt(1 - 2 e cos M + e^2), whose first leaves at most 1e-4 and whose second 6e-16 up to e = 0.9 (4e-13 at 0.95)."""
+    square = mu / (distance * distance * distance)
+    m = math.sqrt(square) * t + anomaly
     m = m - _TURN * ((m * (1.0 / _TURN) + _ROUND) - _ROUND)
-    at = m + 0.85 * e * (1.0 if m >= 0.0 else -1.0)
-    at = _nearer(at, m, e)
-    at = _nearer(at, m, e)
-    at = _nearer(at, m, e)
-    at = _nearer(at, m, e)  # 4e-16 is left up to e = 0.9, 4e-8 without this one
+    s, c = sincos(m)
+    at = m + e * s / math.sqrt(1.0 + e * (e - 2.0 * c))
     s, c = sincos(at)
-    share = 1.0 - e * c
-    r = distance * share
-    return 3.0 * mu / (r * r * r), (c - e) / share, math.sqrt(1.0 - e * e) * s / share
+    at = at + _nearer(at - m, e * s, e * c)
+    s, c = sincos(at)
+    d = _nearer(at - m, e * s, e * c)
+    sine, versine = d - d * d * d * (1.0 / 6.0), 0.5 * d * d  # of the second step, by series
+    s, c = s + (c * sine - s * versine), c - (s * sine + c * versine)
+    near = 1.0 / (1.0 - e * c)
+    return 3.0 * square * (near * near * near), (c - e) * near, math.sqrt(1.0 - e * e) * (s * near)
 
 
-def _nearer(at, m, e):
-    """One step of Halley's method for E - e sin E = M."""
-    s, c = sincos(at)
-    f, slope = at - e * s - m, 1.0 - e * c
-    return at - f / (slope - 0.5 * f * e * s / slope)
+def _nearer(ahead, s, c):
+    """What is to be added to E = M + ahead for E - e sin E = M, with s = e sin E and c = e cos E: the reversed series of order 5, one division."""
+    r = 1.0 / (1.0 - c)
+    x, a, b, g = (ahead - s) * r, 0.5 * s * r, (1.0 / 6.0) * c * r, (-1.0 / 24.0) * s * r
+    return -x * (1.0 + x * (a + x * (2.0 * a * a - b + x * (a * (5.0 * a * a - 5.0 * b) + g))))

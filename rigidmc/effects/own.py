@@ -1,7 +1,9 @@
 """A user's own effect, looked at before it is compiled: what it asks for, what it gives back, and whether its torque is that of its energy."""
 
+import importlib.util
 import inspect
 import linecache
+import os
 import traceback
 
 import numpy as np
@@ -14,6 +16,38 @@ from rigidmc.errors import SceneError, nearest
 
 _VERBS = {"torque": 3, "kick": 3, "shake": 3, "torque_rate": 3, "energy": 1, "energy_scale": 1}  # and how many numbers each gives
 RULE = "kernels take floats and small tuples in and out: no arrays, no lists, no calls but of math, and no loop whose length depends on numbers"
+
+
+_modules: dict[str, object] = {}
+
+
+def class_of(path, name, table):
+    """The class of an effect in a Python file, which is run: only where the user allowed it. SceneError for a file without it."""
+    place = os.path.realpath(path)
+    if place not in _modules:
+        spec = importlib.util.spec_from_file_location(f"own_effects_{len(_modules)}", place) if place.endswith(".py") else None
+        if spec is None or spec.loader is None or not os.path.isfile(place):
+            raise SceneError(table, "module", path, "is no Python file (.py)")
+        module = importlib.util.module_from_spec(spec)
+        try:
+            spec.loader.exec_module(module)
+        except Exception as error:  # the user's own code: anything may come
+            raise SceneError(table, "module", path, f"raises {type(error).__name__}: {error}") from None
+        _modules[place] = module
+    kind = getattr(_modules[place], name, None)
+    if not isinstance(kind, type) or not hasattr(kind, "_fields"):
+        made = [k for k, v in vars(_modules[place]).items() if isinstance(v, type) and hasattr(v, "_fields")]
+        raise SceneError(
+            table, "module", path, f"has no NamedTuple {name}; it has {', '.join(made) or 'none'}", nearest(name, made)
+        )
+    return kind
+
+
+def source_of(kind):
+    """The file of a user's own class, None where it is in none (a notebook, or the shell)."""
+    verb = next(getattr(kind, verb) for verb in _VERBS if hasattr(kind, verb))
+    file = verb.__code__.co_filename
+    return os.path.abspath(file) if os.path.isfile(file) else None
 
 
 def check_own(effect):

@@ -1,7 +1,10 @@
 """What integrators and observables ask of a tuple of effects; the empty tuple costs nothing."""
 
+from typing import NamedTuple
+
+from rigidmc.dynamics.euler import angular_velocity
 from rigidmc.dynamics.methods import method, names
-from rigidmc.dynamics.so3 import add, axpy, gain, scale, whole
+from rigidmc.dynamics.so3 import add, axpy, difference, dot, first_three, gain, joined, scale, whole
 
 
 @method
@@ -72,6 +75,11 @@ def kicked(effects, body, t, h, q, l):
     """L after a kick over h by torques that depend on attitude and time; states may be pairs (value, remainder)."""
     if len(effects) == 0:
         return l
+    if len(l) > 3:  # the exact flow of the works too, linear in L
+        before = first_three(l)
+        after = axpy(before, h, total_torque(effects, body, t, whole(q), before))
+        w = angular_velocity(body, scale(0.5, add(before, after)))
+        return after + worked(effects, body, t, h, q, before, w, l[3:])
     return gain(l, scale(h, total_torque(effects, body, t, whole(q), whole(l))))
 
 
@@ -79,7 +87,56 @@ def push(effects, body, t, h, q, l, change):
     """change + h * (torque of all effects at t, q, L): no work at all where there is none."""
     if len(effects) == 0:
         return change
+    if len(l) > 3:
+        at = first_three(l)
+        pushed = axpy(first_three(change), h, total_torque(effects, body, t, q, at))
+        return pushed + worked(effects, body, t, h, q, at, angular_velocity(body, at), change[3:])
     return axpy(change, h, total_torque(effects, body, t, q, l))
+
+
+def worked(effects, body, t, h, q, l, w, works):
+    """The work that each effect has done, (), or 0 so far, and h torque(t, q, L) . w more."""
+    if len(effects) == 0:
+        return ()
+    done = h * dot(torque(effects[0], body, t, q, l), w)
+    if len(works) == 0:
+        return (done,) + worked(effects[1:], body, t, h, q, l, w, works)
+    return (works[0] + done,) + worked(effects[1:], body, t, h, q, l, w, works[1:])
+
+
+def worked_along(effect, body, t, h, q, before, after, work):
+    """The work of one effect whose flow over h brings L from `before` to `after`: by its torque in the middle, order 2."""
+    middle = scale(0.5, add(before, after))
+    return work + h * dot(torque(effect, body, t, q, middle), angular_velocity(body, middle))
+
+
+def booked(start, ledger, works):
+    """(E, 1/scale of E, ...) of a start after works: E with what effects without an energy have done (`ledger` is () for those that have one), and
+    the scale with the sum of the works' sizes."""
+    if len(works) == 0:
+        return start
+    return (start[0] + spent(ledger, works), start[1] / (1.0 + start[1] * gross(works))) + start[2:]
+
+
+def spent(ledger, works):
+    """The sum of the works whose place in `ledger` is not ()."""
+    if len(works) == 0:
+        return 0.0
+    return spent_first(ledger[0], works[0], spent(ledger[1:], works[1:]))
+
+
+def spent_first(mark, work, others):
+    """The others, and a work unless its mark is ()."""
+    if len(mark) == 0:
+        return others
+    return work + others
+
+
+def gross(works):
+    """The sum of the sizes of works."""
+    if len(works) == 0:
+        return 0.0
+    return abs(works[0]) + gross(works[1:])
 
 
 def total_energy(effects, body, q):
@@ -100,27 +157,45 @@ def shake_all(effects, body, h, l):
     """L after the friction and noise of all effects."""
     if len(effects) == 0:
         return l
+    if len(l) > 3:  # their work is what they change of the kinetic energy
+        before = first_three(l)
+        after = shake(effects[0], body, h, before)
+        done = dot(angular_velocity(body, scale(0.5, add(before, after))), difference(after, before))
+        made = shake_all(effects[1:], body, h, joined(after, l[4:]))
+        return first_three(made) + (l[3] + done,) + made[3:]
     return shake_all(effects[1:], body, h, shake(effects[0], body, h, l))
 
 
 def chosen(effects, which):
-    """Those of the effects for which the same place of `which` is not ()."""
+    """The effects, those idle for which the same place of `which` is ()."""
     if len(effects) == 0:
         return ()
-    return with_first(which[0], effects[0], chosen(effects[1:], which[1:]))
+    return (idle_unless(which[0], effects[0]),) + chosen(effects[1:], which[1:])
 
 
-def with_first(mark, effect, others):
-    """The others with an effect before them, unless its mark is ()."""
+class Idle(NamedTuple):
+    """In the place of an effect that does nothing here."""
+
+    def kick(self, l):
+        return l
+
+
+def idle_unless(mark, effect):
+    """An effect, or Idle where the mark is ()."""
     if len(mark) == 0:
-        return others
-    return (effect,) + others
+        return Idle()
+    return effect
 
 
 def kick_all(effects, body, t, h, q, l):
     """The effects' flows over h one after the other, first to last."""
     if len(effects) == 0:
         return l
+    if len(l) > 3:
+        before = first_three(l)
+        after = kick(effects[0], body, t, h, q, before)
+        made = kick_all(effects[1:], body, t, h, q, joined(after, l[4:]))
+        return first_three(made) + (worked_along(effects[0], body, t, h, q, before, after, l[3]),) + made[3:]
     return kick_all(effects[1:], body, t, h, q, kick(effects[0], body, t, h, q, l))
 
 
@@ -128,4 +203,9 @@ def kick_all_back(effects, body, t, h, q, l):
     """The same, last to first: the mirror image that makes a composition symmetric."""
     if len(effects) == 0:
         return l
+    if len(l) > 3:
+        made = kick_all_back(effects[1:], body, t, h, q, joined(first_three(l), l[4:]))
+        before = first_three(made)
+        after = kick(effects[0], body, t, h, q, before)
+        return after + (worked_along(effects[0], body, t, h, q, before, after, l[3]),) + made[3:]
     return kick(effects[0], body, t, h, q, kick_all_back(effects[1:], body, t, h, q, l))

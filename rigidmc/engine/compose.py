@@ -203,6 +203,13 @@ def read_all(parts, work, row, lane, stride):
     return (first,) + read_all(parts[1:], work, row + rows_of(parts[0]), lane, stride)
 
 
+def all_rows(parts):
+    """How many rows some NamedTuples take."""
+    if len(parts) == 0:
+        return 0
+    return rows_of(parts[0]) + all_rows(parts[1:])
+
+
 def inline_all(module):
     """Let compiled code call every plain function of a module."""
     for function in list(vars(module).values()):
@@ -215,5 +222,6 @@ for _module in (so3, euler, free_flow, principal, verbs, drifts, lie, midpoint, 
 for _kind in EFFECTS.values():
     inline_all(sys.modules[_kind.__module__])
 inline(read_all)
+inline(all_rows)
 for _call in METHODS:
     compile_method(_call)

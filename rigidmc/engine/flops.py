@@ -1,26 +1,58 @@
 """What physics costs before it is run: floating-point operations, counted in the code that LLVM makes of it."""
 
 import re
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 from numba import njit
 
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.effects.parameters import blank
 from rigidmc.effects.verbs import total_torque
-from rigidmc.engine.compose import FLAGS
+from rigidmc.engine.compose import FLAGS, read, read_all, rows_of
+from rigidmc.engine.layout import LANES, four_at, put, three_at
 from rigidmc.integrators.verbs import step
 
 _OPERATION = re.compile(
-    r"= .*?\b(?:f(?:add|sub|mul|div)|call [^@]*@llvm\.(?:sqrt|fabs|minnum|maxnum)\S*)\b[^<]*?(?:<(\d+) x )?double"
+    r"= .*?\b(?:f(add|sub|mul|div)|call [^@]*@(?:llvm\.)?(sqrt|fabs|minnum|maxnum)\b\S*)\b[^<]*?(?:<(\d+) x )?double"
 )
+_CHOICE = re.compile(r"= (?:fcmp|select)\b[^<]*?(?:<(\d+) x )?double")
+DIVISION, ROOT = 10, 18  # what they take in place of a product in packed arithmetic (Zen 4, 512 bits)
 _LIBRARY = re.compile(
     r"call [^@\n]*@(?:llvm\.)?(sin|cos|tan|exp|expm1|log|log10|log1p|pow|atan|atan2|asin|acos|sinh|cosh|tanh|fmod|hypot)\b"
 )
 _BODY, _AT, _SPIN = MassProperties(*[1.0] * 9), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
-def torque_flops(effect):
+class Operations(NamedTuple):
+    """Floating-point operations, and how many of them are divisions and square roots; beside them comparisons and selections."""
+
+    all: int
+    divisions: int
+    roots: int
+    choices: int
+
+    @property
+    def slots(self):
+        """In times of a product."""
+        return self.all + self.choices + (DIVISION - 1) * self.divisions + (ROOT - 1) * self.roots
+
+    def less(self, other):
+        """What is left without others."""
+        return Operations(*(a - b for a, b in zip(self, other, strict=True)))
+
+    def times(self, count):
+        """As often as `count` says."""
+        return Operations(*(count * a for a in self))
+
+    def __str__(self):
+        parts = [
+            f"{count} {word}{'s' * (count != 1)}" for count, word in ((self.divisions, "division"), (self.roots, "root")) if count
+        ]
+        return f"{self.all} operations" + (f" ({', '.join(parts)})" if parts else "")
+
+
+def torque_operations(effect):
     """Operations of one evaluation of an effect's torque."""
     return _counted(_torque, *blank((effect,)), _BODY, 0.0, _AT, _SPIN)
 
@@ -35,15 +67,35 @@ def library_calls(effect):
     return sorted(set(_LIBRARY.findall(_code(_torque, *blank((effect,)), _BODY, 0.0, _AT, _SPIN))))
 
 
-def step_flops(form, effects, attitude):
+def unpacked(effect):
+    """Why lanes cannot work on the torque of a user's own effect side by side, in words; "" where they do."""
+    if called := library_calls(effect):
+        return f"calls {', '.join(called)} of the library (rigidmc.dynamics.so3 has sincos, expm1 and exponential that are none)"
+    rows = 18 + rows_of(effect)
+    found = [
+        line for line in _code(_lanes, *blank((effect,)), np.zeros((rows + 3) * LANES)).splitlines() if _OPERATION.search(line)
+    ]
+    if all("x double>" in line for line in found):
+        return ""
+    return "branches, or loops as often as numbers say, where both sides and a fixed number of turns would do"
+
+
+def step_operations(form, effects, attitude):
     """Operations of one step of a Form with some effects: of its parts together."""
     part, q = (0.0, 0.0, 0.0), _AT if attitude else (1.0, 0.0, 0.0, 0.0)
     counted = _with_attitude if attitude else _momentum_alone
-    return (len(form.parts) - 1) * _counted(counted, form.integrator, _BODY, blank(effects), 0.0, 0.1, part, q, _SPIN)
+    return _counted(counted, form.integrator, _BODY, blank(effects), 0.0, 0.1, part, q, _SPIN).times(len(form.parts) - 1)
 
 
 def _torque(effect, body, t, q, l):
     return total_torque((effect,), body, t, q, l)
+
+
+def _lanes(effect, work):
+    for k in range(LANES):
+        body, (present,) = read(_BODY, work, 8, k, LANES), read_all((effect,), work, 17, k, LANES)
+        torque = total_torque((present,), body, work[7 * LANES + k], four_at(work, k, 0), three_at(work, k, 4))
+        put(torque, work, (17 + rows_of(effect)) * LANES + k, LANES)
 
 
 def _with_attitude(integrator, body, effects, t, h, part, q, l):
@@ -55,7 +107,12 @@ def _momentum_alone(integrator, body, effects, t, h, part, q, l):
 
 
 def _counted(function, *arguments):
-    return sum(int(found[1] or 1) for line in _code(function, *arguments).splitlines() if (found := _OPERATION.search(line)))
+    code = _code(function, *arguments).splitlines()
+    found = [m for line in code if (m := _OPERATION.search(line))]
+    counts = [(m[1] or m[2], int(m[3] or 1)) for m in found]
+    choices = sum(int(m[1] or 1) for line in code if (m := _CHOICE.search(line)))
+    divisions, roots = (sum(n for kind, n in counts if kind == word) for word in ("div", "sqrt"))
+    return Operations(sum(n for _, n in counts), divisions, roots, choices)
 
 
 def _code(function, *arguments):

@@ -9,9 +9,9 @@ import math
 import numpy as np
 
 from rigidmc.dynamics.euler import MassProperties, angular_velocity, kinetic_energy
-from rigidmc.dynamics.so3 import dot, scale, select, select3, select4, up
-from rigidmc.effects.verbs import total_energy, total_energy_scale
-from rigidmc.engine.compose import inline, read, read_all
+from rigidmc.dynamics.so3 import dot, first_three, joined, scale, select, select3, select4, up
+from rigidmc.effects.verbs import booked, gross, total_energy, total_energy_scale
+from rigidmc.engine.compose import all_rows, inline, read, read_all
 from rigidmc.engine.entries import Compiled
 from rigidmc.engine.layout import (
     ATTITUDE,
@@ -48,6 +48,7 @@ from rigidmc.engine.layout import (
     seen,
     state_at,
     three_at,
+    tuple_at,
 )  # fmt: skip
 from rigidmc.engine.noise import as_float, as_word, normals, philox
 from rigidmc.integrators.verbs import closed, opened, step
@@ -71,13 +72,13 @@ _BODY = MassProperties(*[0.0] * 9)
 
 
 def _advance(
-    integrator, parts, effects, observables, attitude, compensated, precision, own, limits, noise, block, out, width, column, h, slots, first, last,
+    integrator, parts, effects, observables, attitude, compensated, precision, own, limits, noise, ledger, block, out, width, column, h, slots, first, last,
     stride, total,
 ):  # fmt: skip
     """Take every member of a block from step `first` to step `last` of `total`.
 
     integrator, parts : a Form, see `rigidmc.integrators.forms`
-    attitude : () where nothing needs the attitude: it is then neither moved nor paid for; (0.0,) otherwise
+    attitude : () where nothing needs the attitude: it is then neither moved nor ledger for; (0.0,) otherwise
     compensated : (0.0,) where sums keep their remainders, else ()
     precision : an empty array of the type of number in which steps are made; starts, drifts and saves are float64 always
     own : () where all members make the same steps; else (order,): member i of the block has its values at column order[i]
@@ -86,6 +87,7 @@ def _advance(
         and ||q|^2 - 1|
     noise : () without random effects; else (key, streams, rows, members): two words, and for each such effect its stream and the row of the
         workspace of steps where its deviates go; the index of each member of the block. See `rigidmc.engine.noise`
+    ledger : () where no works are kept; else for each effect () if its energy tells its work, (0.0,) if not. See `rigidmc.effects.verbs`
     block : (rows, n) as above, changed in place; n a multiple of LANES. Between calls it holds the state as the integrator keeps it
         between steps (`opened`), after step `total` the true one
     out : flat; value row r of save slot s of member m goes to out[(s*R + r)*width + column + m], R = value rows in all
@@ -94,6 +96,9 @@ def _advance(
     """
     rows, members = block.shape
     real = precision.dtype.type
+    parameters = all_rows(effects)
+    works, works_seen = EFFECTS_AT + parameters, PRESENT + parameters  # where works are in the two workspaces
+    works_good = works_seen + len(ledger)
     work = np.empty((rows + PRESENT - EFFECTS) * LANES)
     state = np.empty((EFFECTS_AT + rows - EFFECTS) * LANES, precision.dtype)
     saves = (total + stride - 1) // stride
@@ -148,16 +153,30 @@ def _advance(
                 for k in range(LANES):
                     body, present = read(_BODY, work, BODY, k, LANES), read_all(effects, work, PRESENT, k, LANES)
                     q, l = four_at(work, k, ATTITUDE), three_at(work, k, MOMENTUM)
-                    record(observables, body, present, 0.0, q, l, four_at(work, k, START), out, column + place(own, low + k), width)
+                    record(
+                        observables,
+                        body,
+                        present,
+                        0.0,
+                        q,
+                        l,
+                        four_at(work, k, START),
+                        tuple_at(ledger, work, k, works_seen),
+                        out,
+                        column + place(own, low + k),
+                        width,
+                    )
             for k in range(LANES):
                 body, present = read(_BODY, work, BODY, k, LANES), read_all(effects, work, PRESENT, k, LANES)
                 q, l = four_at(work, k, ATTITUDE), three_at(work, k, MOMENTUM)
                 put(q, work, GOOD * LANES + k, LANES)
                 put(l, work, (GOOD + 4) * LANES + k, LANES)
                 t, dt, _ = seen(own, work, k, 0, slots, parts[0, 3], h)
+                l = joined(l, tuple_at(ledger, work, k, works_seen))
                 q, l = opened(integrator, body, present, t, scale(dt, lead), q, l)
                 put(q, work, ATTITUDE * LANES + k, LANES)
-                put(l, work, MOMENTUM * LANES + k, LANES)
+                put(first_three(l), work, MOMENTUM * LANES + k, LANES)
+                put(l[3:], work, works_seen * LANES + k, LANES)
         for i in range(rows):
             if i < START or i >= BODY:
                 for k in range(LANES):
@@ -196,10 +215,10 @@ def _advance(
                     for k in range(LANES):  # the loop that must vectorise
                         body = read(_BODY, state, BODY_AT, k, LANES)
                         present = read_all(effects, state, EFFECTS_AT, k, LANES)
-                        q, l = state_at(state, k, compensated)
+                        q, l = state_at(state, k, compensated, ledger, works)
                         t, by, part = clock(own, state, k, start, slot, share, now_t, dt, shares)
                         q, l = step(integrator, body, present, t, by, part, q, l)
-                        put_state(own, slot, q, l, state, k, attitude, compensated)
+                        put_state(own, slot, q, l, state, k, attitude, compensated, works)
             now = stop
             looked = (now - begun) % LOOK == 0 and (len(own) == 0 or now - begun < slots)
             if looked or now % stride == 0 or now == total:  # not where a call ends: no result depends on calls
@@ -210,15 +229,19 @@ def _advance(
                     for i in range(REST):
                         for k in range(LANES):
                             work[i * LANES + k] += state[(REST_AT + i) * LANES + k]
+                for i in range(len(ledger)):
+                    for k in range(LANES):
+                        work[(works_seen + i) * LANES + k] = state[(works + i) * LANES + k]
                 for k in range(LANES):  # look
                     body, present = read(_BODY, work, BODY, k, LANES), read_all(effects, work, PRESENT, k, LANES)
-                    q, l = four_at(work, k, ATTITUDE), three_at(work, k, MOMENTUM)
+                    q, l = four_at(work, k, ATTITUDE), joined(three_at(work, k, MOMENTUM), tuple_at(ledger, work, k, works_seen))
                     t, dt, _ = seen(own, work, k, now, slots, parts[0, 3], h)
                     true_q, true_l = closed(integrator, body, present, t, scale(dt, lead), q, l)
                     energy, squared = kinetic_energy(body, true_l) + total_energy(present, body, true_q), dot(true_l, true_l)
                     finite = 0.0 * (energy + squared + q[0] + q[1] + q[2] + q[3]) == 0.0
                     put(true_q, work, TRUE * LANES + k, LANES)
-                    put(true_l, work, (TRUE + 4) * LANES + k, LANES)
+                    put(first_three(true_l), work, (TRUE + 4) * LANES + k, LANES)
+                    put(true_l[3:], work, works_seen * LANES + k, LANES)
                     work[ENERGY * LANES + k], work[(ENERGY + 1) * LANES + k] = energy, squared
                     work[FOUND * LANES + k] = 0.0 if finite else 1.0
                 if len(limits) > 0:
@@ -227,10 +250,17 @@ def _advance(
                         _, dt, _ = seen(own, work, k, now, slots, parts[0, 3], h)
                         energy, squared = work[ENERGY * LANES + k], work[(ENERGY + 1) * LANES + k]
                         start, scales = four_at(work, k, START), three_at(work, k, START + 4)
+                        if len(ledger) > 0:
+                            done = tuple_at(ledger, work, k, works_seen)
+                            start, scales = (
+                                booked(start, ledger, done),
+                                (scales[0] / (1.0 + scales[0] * gross(done)), scales[1], scales[2]),
+                            )
                         status = fault(limits, start, scales, q, l, angular_velocity(body, l), dt, energy, squared)
                         work[FOUND * LANES + k] = status if work[FOUND * LANES + k] == 0.0 else 1.0
                 for k in range(LANES):  # drifts so far; a member that is not ok stays at its last good state
                     start, before, now_found = four_at(work, k, START), work[STATUS * LANES + k], work[FOUND * LANES + k]
+                    start = booked(start, ledger, tuple_at(ledger, work, k, works_seen))
                     energy, squared = work[ENERGY * LANES + k], work[(ENERGY + 1) * LANES + k]
                     _, _, made = seen(own, work, k, now, slots, parts[0, 3], h)
                     drift, drift2 = abs((energy - start[0]) * start[1]), abs((squared - start[2]) * start[3])
@@ -254,12 +284,22 @@ def _advance(
                         frozen, good = work[STATUS * LANES + k] > 0.0, real(work[(GOOD + i) * LANES + k])
                         state[i * LANES + k] = good if frozen else state[i * LANES + k]
                         state[(REST_AT + i) * LANES + k] = real(0.0) if frozen else state[(REST_AT + i) * LANES + k]
+                for i in range(len(ledger)):
+                    for k in range(LANES):
+                        frozen, seen_now, good = (
+                            work[STATUS * LANES + k] > 0.0,
+                            work[(works_seen + i) * LANES + k],
+                            work[(works_good + i) * LANES + k],
+                        )
+                        work[(works_good + i) * LANES + k] = good if frozen else seen_now
+                        state[(works + i) * LANES + k] = real(good) if frozen else state[(works + i) * LANES + k]
             if size > 0 and (now % stride == 0 or now == total):
                 at = saves if now == total else now // stride
                 base = at * size * width + column
                 for k in range(LANES):
                     body, present = read(_BODY, work, BODY, k, LANES), read_all(effects, work, PRESENT, k, LANES)
                     q, l = four_at(work, k, GOOD), three_at(work, k, GOOD + 4)
+                    good_works = tuple_at(ledger, work, k, works_good)
                     record(
                         observables,
                         body,
@@ -267,7 +307,8 @@ def _advance(
                         now // slots * h,
                         q,
                         l,
-                        four_at(work, k, START),
+                        booked(four_at(work, k, START), ledger, good_works),
+                        good_works,
                         out,
                         base + place(own, low + k),
                         width,
@@ -276,6 +317,11 @@ def _advance(
             for k in range(LANES):
                 work[i * LANES + k] = state[i * LANES + k]
                 work[(REST + i) * LANES + k] = state[(REST_AT + i) * LANES + k]
+        for i in range(len(ledger)):
+            for k in range(LANES):
+                work[(works_seen + i) * LANES + k] = (
+                    work[(works_good + i) * LANES + k] if last == total else state[(works + i) * LANES + k]
+                )
         if last == total:
             for i in range(REST):
                 for k in range(LANES):

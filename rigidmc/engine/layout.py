@@ -5,7 +5,7 @@ the last good state, the body, the parameters of the effects. The rows of LANES 
 workspaces `work[row*LANES + lane]`: the only arrangement in which LLVM proves that lanes do not touch each other.
 """
 
-from rigidmc.dynamics.so3 import scale, select
+from rigidmc.dynamics.so3 import first_three, joined, scale, select
 from rigidmc.engine.compose import inline
 from rigidmc.observables.verbs import value
 
@@ -36,6 +36,9 @@ BODY_AT, REST_AT, STEP_AT, STEPS_AT, EFFECTS_AT = 7, 16, 23, 24, 25
 # Rows of the workspace of looks, which is a block's but for these before the effects: the true state, energy and |L|^2, what was found,
 # and the bits of the member's index where there is noise. Deviates pass through the rows of the true state.
 TRUE, ENERGY, FOUND, MEMBER, PRESENT = EFFECTS, EFFECTS + 7, EFFECTS + 9, EFFECTS + 10, EFFECTS + 11
+
+
+# After the rows of the effects, where works are kept: one row for that of each effect, and one for what it was at the last good state.
 
 
 def in_work(row):
@@ -70,18 +73,25 @@ def put(values, out, index, width):
     return put(values[1:], out, index + width, width)
 
 
-def record(observables, body, effects, t, q, l, start, out, index, width):
+def record(observables, body, effects, t, q, l, start, works, out, index, width):
     """Write the values of all observables, one row after the other."""
     if len(observables) == 0:
         return index
-    index = put(value(observables[0], body, effects, t, q, l, start), out, index, width)
-    return record(observables[1:], body, effects, t, q, l, start, out, index, width)
+    index = put(value(observables[0], body, effects, t, q, l, start, works), out, index, width)
+    return record(observables[1:], body, effects, t, q, l, start, works, out, index, width)
 
 
-def state_at(work, k, compensated):
-    """(q, L) of lane k, or ((q, remainder), (L, remainder)) where those are kept."""
+def tuple_at(marks, work, k, row):
+    """Numbers of lane k from as many rows as there are marks."""
+    if len(marks) == 0:
+        return ()
+    return (work[row * LANES + k],) + tuple_at(marks[1:], work, k, row + 1)
+
+
+def state_at(work, k, compensated, ledger, works):
+    """(q, L) of lane k, the works of the effects after L where they are kept; or ((q, remainder), (L, remainder)) where those are kept."""
     if len(compensated) == 0:
-        return four_at(work, k, ATTITUDE), three_at(work, k, MOMENTUM)
+        return four_at(work, k, ATTITUDE), joined(three_at(work, k, MOMENTUM), tuple_at(ledger, work, k, works))
     return (four_at(work, k, ATTITUDE), four_at(work, k, REST_AT)), (three_at(work, k, MOMENTUM), three_at(work, k, REST_AT + 4))
 
 
@@ -97,12 +107,13 @@ def keep(own, slot, values, work, k, row):
     return keep(own, slot, values[1:], work, k, row + 1)
 
 
-def put_state(own, slot, q, l, work, k, attitude, compensated):
+def put_state(own, slot, q, l, work, k, attitude, compensated, works):
     """Write what `state_at` reads; the attitude only where it is carried."""
     if len(compensated) == 0:
         if len(attitude) > 0:
             keep(own, slot, q, work, k, ATTITUDE)
-        keep(own, slot, l, work, k, MOMENTUM)
+        keep(own, slot, first_three(l), work, k, MOMENTUM)
+        keep(own, slot, l[3:], work, k, works)
     else:
         if len(attitude) > 0:
             keep(own, slot, q[0], work, k, ATTITUDE)
@@ -136,5 +147,5 @@ def seen(own, work, k, now, slots, share, h):
     return now // slots * h + (made + share) * step, step, now // slots * each + made
 
 
-for _function in (in_work, in_state, four_at, three_at, put, record, state_at, keep, put_state, place, clock, seen):
+for _function in (in_work, in_state, four_at, three_at, put, record, tuple_at, state_at, keep, put_state, place, clock, seen):
     inline(_function)

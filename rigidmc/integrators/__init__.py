@@ -49,16 +49,16 @@ def description(name):
     return getattr(kind, "text", None) or kind.__doc__
 
 
-def refusal(name, effects, compensated=False):
+def refusal(name, effects, compensated=False, works=False):
     """Why an integrator does not take these effects, and the nearest ones that do; None where it takes them.
 
     Whether `closed` covers a body is known only from its moments, see `rigidmc.closed_form`.
     """
-    why = _refusal(INTEGRATORS[name], effects, compensated)
+    why = _refusal(INTEGRATORS[name], effects, compensated, works)
     if why is None:
         return None
     order = INTEGRATORS[name].order
-    able = [other for other in accepting(effects, compensated) if not isinstance(INTEGRATORS[other], ClosedForm)]
+    able = [other for other in accepting(effects, compensated, works) if not isinstance(INTEGRATORS[other], ClosedForm)]
     able.sort(key=lambda other: (_distance(order, INTEGRATORS[other].order), -_kinship(name, other)))
     return f"{why}; use {' or '.join(able[:2])}"
 
@@ -71,12 +71,14 @@ def _kinship(name, other):
     return hasattr(INTEGRATORS[name], "drifts") == hasattr(INTEGRATORS[other], "drifts")
 
 
-def accepting(effects, compensated=False):
-    """The names of the integrators that take these effects."""
-    return [name for name, kind in INTEGRATORS.items() if _refusal(kind, effects, compensated) is None]
+def accepting(effects, compensated=False, works=False):
+    """The names of the integrators that take these effects, and keep their works."""
+    return [name for name, kind in INTEGRATORS.items() if _refusal(kind, effects, compensated, works) is None]
 
 
-def _refusal(kind, effects, compensated):
+def _refusal(kind, effects, compensated, works):
+    if works and (compensated or getattr(kind, "gradient", 0.0) or (not hasattr(kind, "prepared") and not hasattr(kind, "step"))):
+        return f"the work of effects is not kept {'with compensated sums' if compensated else 'by it'}"
     if compensated and not kind.compensated:
         return "it has no sums that could be compensated"
     noisy = [e for e in effects if is_random(e)]

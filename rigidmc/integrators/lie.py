@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from rigidmc.dynamics.euler import angular_velocity, free_rate
 from rigidmc.dynamics.so3 import add, axpy, cross, exponential, gain, moved, multiply, scale, whole
-from rigidmc.effects.verbs import push, total_torque
+from rigidmc.effects.verbs import push
 
 
 def _rotation_rate(u, w):
@@ -32,16 +32,16 @@ class RKMK4(NamedTuple):
         state, momentum = q, l
         q, l = whole(q), whole(l)
         w1 = angular_velocity(body, l)
-        dl1 = add(free_rate(body, l), total_torque(effects, body, t, q, l))
+        dl1 = _force(body, effects, t, q, l)
         u2, l2 = (0.5 * h * w1[0], 0.5 * h * w1[1], 0.5 * h * w1[2]), axpy(l, 0.5 * h, dl1)
         w2 = _rotation_rate(u2, angular_velocity(body, l2))
-        dl2 = add(free_rate(body, l2), total_torque(effects, body, t + 0.5 * h, multiply(q, exponential(u2)), l2))
+        dl2 = _force(body, effects, t + 0.5 * h, multiply(q, exponential(u2)), l2)
         u3, l3 = (0.5 * h * w2[0], 0.5 * h * w2[1], 0.5 * h * w2[2]), axpy(l, 0.5 * h, dl2)
         w3 = _rotation_rate(u3, angular_velocity(body, l3))
-        dl3 = add(free_rate(body, l3), total_torque(effects, body, t + 0.5 * h, multiply(q, exponential(u3)), l3))
+        dl3 = _force(body, effects, t + 0.5 * h, multiply(q, exponential(u3)), l3)
         u4, l4 = (h * w3[0], h * w3[1], h * w3[2]), axpy(l, h, dl3)
         w4 = _rotation_rate(u4, angular_velocity(body, l4))
-        dl4 = add(free_rate(body, l4), total_torque(effects, body, t + h, multiply(q, exponential(u4)), l4))
+        dl4 = _force(body, effects, t + h, multiply(q, exponential(u4)), l4)
         u = axpy(axpy((0.0, 0.0, 0.0), h / 6.0, add(w1, w4)), h / 3.0, add(w2, w3))
         dl = axpy(scale(h / 6.0, add(dl1, dl4)), h / 3.0, add(dl2, dl3))
         return moved(state, exponential(u)), gain(momentum, dl)

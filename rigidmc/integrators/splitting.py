@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rigidmc.dynamics.euler import angular_velocity
-from rigidmc.dynamics.so3 import axpy, cross, difference, dot, gain, moved, scale, select, whole
+from rigidmc.dynamics.so3 import axpy, cross, difference, dot, first_three, gain, moved, scale, select, whole
 from rigidmc.effects.verbs import (
     chosen,
     depends_on_momentum,
@@ -33,7 +33,7 @@ from rigidmc.integrators.forms import ONE, Form
 
 def drifted(drift, body, h, q, l):
     """(q, L) after a drift over h."""
-    turn, change = flow(drift, body, h, whole(l))
+    turn, change = flow(drift, body, h, first_three(whole(l)))
     return moved(q, turn), gain(l, levelled(l, change))
 
 
@@ -41,7 +41,7 @@ def levelled(l, change):
     """Of a pair (value, remainder) a change without its part along L, 0 but for rounding: the constants of motion are rounded alike at
     every step, which lengthens L by up to 3e-19 of it each time; what the state's own rounding hides for 1e5 steps is all that is left here.
     """
-    if len(l) == 3:
+    if len(l) > 2:
         return change
     middle = axpy(whole(l), 0.5, change)
     square = dot(middle, middle)

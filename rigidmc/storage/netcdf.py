@@ -41,13 +41,15 @@ class Writer:
     def _define(self, scene, plan):
         file = self._file
         file.set_fill_off()
-        for dim in ("time", "axis", "quat", "member"):
+        variables = {**member_variables(scene, plan.carried), **saved_variables(scene)}
+        used = [*coordinates(plan), *(dim for v in variables.values() for dim in v.dims)]
+        for dim in dict.fromkeys(used):
             file.createDimension(dim, length(dim, plan))
         for name, (dims, values, attrs) in coordinates(plan).items():
             variable = file.createVariable(name, str if values.dtype.kind == "U" else values.dtype, dims)
             variable.setncatts(attrs)
             variable[:] = values.astype(object) if values.dtype.kind == "U" else values
-        for name, (dims, dtype, attrs) in {**member_variables(scene, plan.carried), **saved_variables(scene)}.items():
+        for name, (dims, dtype, attrs) in variables.items():
             sizes = [length(d, plan) for d in dims]
             # one chunk holds a block of members and up to 128 times: cheap to write, and to read by member or by time
             chunks = [min(size, plan.block if d == "member" else 128) for d, size in zip(dims, sizes, strict=True)]
@@ -83,7 +85,7 @@ class Writer:
             os.unlink(self._temporary)
 
 
-def scene_of(path, settings=()):
+def scene_of(path, settings=(), allow_code=False):
     """The scene of a result file, with its columns where it had one row per member."""
     from rigidmc.scene_file import loads
 
@@ -95,7 +97,7 @@ def scene_of(path, settings=()):
             # a file that starts at a later member has no rows before it, and needs none: they only keep the index right
             return np.concatenate([np.repeat(rows[:1], int(file.variables["member"][0])), rows])
 
-        return loads(file.getncattr("scene"), path, settings, stored)
+        return loads(file.getncattr("scene"), path, settings, stored, allow_code=allow_code)
 
 
 def open_result(path):

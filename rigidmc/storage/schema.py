@@ -24,7 +24,7 @@ class Variable(NamedTuple):
 
 
 def conservation(scene):
-    """{"energy": "yes" or the reason why not, "l2": ..., "lz": ...} by the physics of the scene."""
+    """{"energy": "yes" or the reason why not, "energy_drift": the same of energy less work, "l2": ..., "lz": ...} by the physics of the scene."""
     lossy = [name_of(e) for e in scene.effects if not getattr(e, "conservative", hasattr(e, "energy"))]
     kept = "yes" if not lossy else f"no: {', '.join(lossy)} changes the energy"
     torques = [name_of(e) for e in scene.effects if not getattr(e, "keeps_l2", False)]
@@ -32,13 +32,16 @@ def conservation(scene):
     changed = {"l2": (torques, "the angular momentum"), "lz": (turning, "L_z")}
     return {
         "energy": kept,
+        "energy_drift": "yes" if "work" in scene.run.save else kept,
         **{k: "yes" if not who else f"no: {', '.join(who)} changes {what}" for k, (who, what) in changed.items()},
     }
 
 
 def coordinates(plan):
     """Coordinates of a result as {name: (dims, values, attrs)}."""
+    effects = {"effect": (("effect",), np.array(plan.labels), {"long_name": "effect of the scene"})} if plan.labels else {}
     return {
+        **effects,
         "member": (("member",), np.arange(plan.first, plan.first + plan.members), {"long_name": "index of the member"}),
         "time": (("time",), plan.times, {"units": "s", "long_name": "time"}),
         "axis": (("axis",), np.array([1, 2, 3]), {"long_name": "principal axis of the body"}),
@@ -53,7 +56,7 @@ def saved_variables(scene):
         kind = OBSERVABLES[name]
         attrs = {"units": kind.units, "long_name": kind.long_name}
         if name.startswith(("energy", "l2")):
-            attrs["conserved"] = kept[name.split("_")[0]]
+            attrs["conserved"] = kept.get(name, kept["l2"])
         variables[name] = Variable(("time", *kind.dims, "member"), "f8", attrs)
     return variables
 
@@ -63,9 +66,15 @@ def member_variables(scene, carried):
     kept = conservation(scene)
     over = f"largest over every {LOOK}nd step and all saves"
     drift = "relative to the start's energy (to 1e-3 of the energies in play where that is smaller)"
+    energy = "|E - E(0)|"
+    if "work" in scene.run.save:
+        drift += " and the sizes of all works"
+        energy = (
+            f"|E - E(0) - work of {', '.join(label for label, e in labelled(scene.effects) if not hasattr(e, 'energy')) or 'none'}|"
+        )
     variables = {
         "energy_drift_max": Variable(
-            ("member",), "f8", {"units": "1", "long_name": f"|E - E(0)| {drift}, {over}", "conserved": kept["energy"]}
+            ("member",), "f8", {"units": "1", "long_name": f"{energy} {drift}, {over}", "conserved": kept["energy_drift"]}
         ),
         "l2_drift_max": Variable(
             ("member",), "f8", {"units": "1", "long_name": f"relative change of |L|^2, {over}", "conserved": kept["l2"]}
@@ -145,4 +154,4 @@ def attributes(scene, plan):
 
 def length(dim, plan):
     """Size of a dimension."""
-    return {"member": plan.members, "time": plan.times.size, **_LENGTHS}[dim]
+    return {"member": plan.members, "time": plan.times.size, "effect": len(plan.labels), **_LENGTHS}[dim]

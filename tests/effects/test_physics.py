@@ -33,7 +33,7 @@ ONE = (1.0, 0.0, 0.0, 0.0)
 
 
 def moved(effects, q, l, h, steps, body=None, name="rk8", seen=lambda t, q, l: None):
-    """(q, L) after some steps; seen(t, q, L) after each."""
+    """(q, L) after some steps, the works after L where it begins with some; seen(t, q, L) after each."""
     body, effects = body or MassProperties.of(MOMENTS, STATIC), tuple(effects)
     made = prepare(INTEGRATORS[name], 3.0 * h, effects)
     for i in range(steps):
@@ -43,26 +43,28 @@ def moved(effects, q, l, h, steps, body=None, name="rk8", seen=lambda t, q, l: N
 
 
 def in_space(name, q, l, end):
-    """(A, L in the body) at the end, from the matrix A and the momentum in space by DOP853."""
+    """(A, L in the body, work) at the end, from the matrix A, the momentum in space and the power by DOP853."""
 
     def rates(t, y):
-        a, spin = y[:9].reshape(3, 3), y[9:]
+        a, spin = y[:9].reshape(3, 3), y[9:12]
         w = a @ ((a.T @ spin) / MOMENTS)
         turn = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
-        return np.concatenate([(turn @ a).ravel(), REFERENCE[name](EXAMPLES[name], t, a, w)])
+        torque = REFERENCE[name](EXAMPLES[name], t, a, w)
+        return np.concatenate([(turn @ a).ravel(), torque, [torque @ w]])
 
     a = np.array(rotation(q))
-    y = solve_ivp(rates, (0.0, end), np.concatenate([a.ravel(), a @ l]), method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
-    return y[:9].reshape(3, 3), y[:9].reshape(3, 3).T @ y[9:]
+    y = solve_ivp(rates, (0.0, end), np.concatenate([a.ravel(), a @ l, [0.0]]), method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
+    return y[:9].reshape(3, 3), y[:9].reshape(3, 3).T @ y[9:12], y[12]
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_motion_against_the_law_in_space(name):
     q, l = unit((0.5, -0.3, 0.7, 0.2)), (0.4, -0.3, 0.5)
-    at, momentum = moved((EXAMPLES[name],), q, l, 0.02, 100)
-    a, true = in_space(name, q, l, 2.0)
-    assert np.abs(momentum - true).max() < 1e-10  # measured 9e-14; 3e-11 of potential, whose reference has differences
-    assert np.abs(np.array(rotation(tuple(at))) - a).max() < 1e-10
+    at, momentum = moved((EXAMPLES[name],), q, (*l, 0.0), 0.02, 100)
+    a, true, work = in_space(name, q, l, 2.0)
+    assert np.abs(momentum[:3] - true).max() < 1e-12  # measured 8e-14
+    assert momentum[3] == pytest.approx(work, abs=1e-12)  # measured 2e-14
+    assert np.abs(np.array(rotation(tuple(at))) - a).max() < 1e-12
 
 
 def test_two_effects_add_up_in_any_order():

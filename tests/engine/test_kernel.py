@@ -67,6 +67,7 @@ def in_blocks(size, threads):
             (),
             (),
             (),
+            (),
             parts[i],
             out,
             MEMBERS,

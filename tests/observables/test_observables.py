@@ -26,6 +26,7 @@ TRUE = {
     "l2": np.dot(L, L),
     "energy_drift": (ENERGY - 3.0) / 2.0,
     "l2_drift": (np.dot(L, L) - 5.0) / 5.0,
+    "work": 1.5,
 }
 
 
@@ -36,7 +37,7 @@ def test_every_observable_has_a_truth_here():
 @pytest.mark.parametrize("name", OBSERVABLES)
 def test_value_and_facts(name):
     kind = OBSERVABLES[name]
-    found = value(kind(), BODY, (Gravity(9.81),), 0.0, Q, L, START)
-    assert len(found) == SIZES[kind.dims]
+    found = value(kind(), BODY, (Gravity(9.81),), 0.0, Q, L, START, (1.5,))
+    assert len(found) == {**SIZES, ("effect",): 1}[kind.dims]
     assert np.allclose(found, TRUE[name], rtol=1e-15, atol=1e-15)
     assert all(isinstance(fact, str) and fact for fact in (kind.units, kind.long_name, kind.__doc__))

@@ -1,0 +1,158 @@
+"""What an effect costs: the time that it adds to a step against its operations; and that one which a scene has not adds nothing."""
+
+import hashlib
+import itertools
+import json
+import os
+import re
+import subprocess
+import sys
+
+import numpy as np
+
+from bench import harness, tops
+from rigidmc.effects import EFFECTS
+from rigidmc.effects.parameters import filled
+from rigidmc.effects.verbs import is_random
+from rigidmc.engine.flops import step_operations, torque_operations
+from rigidmc.engine.machine import threads_available
+from rigidmc.integrators import INTEGRATORS, Turns, form
+from rigidmc.planning import prepare
+from rigidmc.prices import cost_per_step, prices
+from rigidmc.scene import Scene
+from tests.assembly import assembly_of, case, counted
+
+MEMBERS, STEPS, H = 16384, 300, 0.01
+SCENES = ("kapitza_top", "hyperion", "damped_dzhanibekov", "magnetic_needle", "brownian_rotor", "gyrostat_wheel")
+ASKED = 1.2
+
+
+def some(kind):
+    """An effect with all its numbers 0.1."""
+    return filled(kind, itertools.repeat(0.1))
+
+
+def added(quick):
+    """Rows of what each effect adds to a step of a free body by rk4, with attitude: all interleaved."""
+    ensemble, pool = tops.random_tops(MEMBERS), tops.pool(threads_available())
+    made = form(INTEGRATORS["rk4"], Turns(0.1), True, ())
+
+    def run(effects):
+        def move(parts):
+            tops.advance(parts, made, effects, True, H, STEPS, pool)
+
+        return lambda: tops.blocks(ensemble, effects), move
+
+    kinds = {name: some(kind) for name, kind in EFFECTS.items() if not is_random(kind)}
+    field = {"none": run(())} | {name: run((effect,)) for name, effect in kinds.items()}
+    cpu: dict[str, list[float]] = {}
+    harness.interleaved(field, 3 if quick else 15, cpu)
+    share = 1e9 / (MEMBERS * STEPS)
+    bare, base = step_operations(made, (), True), counted(case("rk4"))["slots"]
+    each, rows = share * harness.median(cpu["none"]), []
+    for name, effect in kinds.items():
+        more = step_operations(made, (effect,), True).less(bare)
+        issued = counted(case("rk4", (effect,)))["slots"] - base
+        ratios = [share * (a - b) for a, b in zip(cpu[name], cpu["none"], strict=True)]
+        rows.append(
+            {"kind": "added", "what": name, "ns": harness.median(ratios), "torque": torque_operations(effect), "step": more,
+             "slots": more.slots, "issued": issued, "base_ns": each, "base_slots": bare.slots, "base_issued": base}
+        )  # fmt: skip
+    return rows
+
+
+def told(name):
+    """What a process knows of a kernel with gravity alone: a digest of its instructions, and of its result, with all effects known or just one."""
+    script = f"""
+import rigidmc.effects as e
+for word in [word for word in e.EFFECTS if {name!r} not in ("", word)]:
+    del e.EFFECTS[word]
+import json
+from bench.effects import fingerprint
+print(json.dumps([len(e.EFFECTS), *fingerprint()]))
+"""
+    found = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, env={**os.environ, "PYTHONPATH": "."}
+    )
+    return json.loads(found.stdout.splitlines()[-1])
+
+
+def fingerprint():
+    """(instructions, digest of them, digest of a result) of rk4 with gravity."""
+    words = [
+        line.split()[0] for line in assembly_of(case("rk4", (some(EFFECTS["gravity"]),))).splitlines() if re.match(r"\t[a-z]", line)
+    ]
+    ensemble, gravity = tops.random_tops(256), (some(EFFECTS["gravity"]),)
+    parts = tops.blocks(ensemble, gravity)
+    tops.advance(parts, form(INTEGRATORS["rk4"], Turns(0.1), True, ()), gravity, True, H, 100, tops.pool(1))
+    digest = [hashlib.sha256(x).hexdigest()[:16] for x in (" ".join(words).encode(), np.concatenate(parts, axis=1).tobytes())]
+    return len(words), *digest
+
+
+def run(quick):
+    """All rows of the bench."""
+    rows = added(quick)
+    every, one = told(""), told("gravity")
+    rows += [
+        {"kind": "absent", "known": known, "instructions": count, "code": code, "result": result}
+        for known, count, code, result in (every, one)
+    ]
+    for name in SCENES:
+        scene = Scene.load(name)
+        plan = prepare(scene)
+        free, _, _, noise, predicted = prices(scene, plan)
+        cost = min(cost_per_step(scene, plan) for _ in range(1 if quick else 5))
+        rows.append({"kind": "scene", "what": name, "free": free, "noise": noise, "predicted": predicted, "measured": cost})
+    quiet, noisy = noise_ratio(3 if quick else 15)
+    worst = max((r for r in rows if r["kind"] == "added" and r["ns"] > 0.5), key=lambda r: against(r, "slots"))
+    within = [r for r in rows if r["kind"] == "added" and (r["ns"] <= 0.5 or against(r, "issued") <= ASKED)]
+    return [
+        *rows,
+        {"kind": "noise", "quiet": quiet, "noisy": noisy},
+        harness.target(
+            "instructions that 17 absent effects add", 0, every[1] - one[1] if every[2] == one[2] else None, "", at_most=True
+        ),
+        harness.target("results with them and without, digits alike", 1, float(every[3] == one[3]), ""),
+        harness.target(
+            f"time added against operations, worst ({worst['what']})", ASKED, against(worst, "slots"), "x", at_most=True
+        ),
+        harness.target(f"effects whose time is within {ASKED} of the instructions issued", len(EFFECTS) - 1, len(within), ""),
+        harness.target("a noisy step of strang against the quiet one", 3.0, noisy / quiet, "x", at_most=True),
+    ]
+
+
+def noise_ratio(rounds):
+    """(ns of a step of strang with gravity, the same with a bath), the medians of interleaved runs."""
+    heavy = Scene.load("heavy_top").with_run(integrator="strang", save=("attitude",), checks=False)
+    bath = EFFECTS["bath"](1.0, 1.0)
+    noisy = Scene(heavy.body, (*heavy.effects, bath), heavy.start, heavy.run)
+    plans = [(scene, prepare(scene)) for scene in (heavy, noisy)]
+    found = [[cost_per_step(*plan) for plan in plans] for _ in range(rounds)]
+    return tuple(float(x) for x in np.median(found, axis=0))
+
+
+def against(row, what):
+    """The time that an effect adds, in times of what its operations would take at the pace of the step without it."""
+    return row["ns"] / (row["base_ns"] * row[what] / row["base_" + what])
+
+
+def report(rows):
+    """Print the tables."""
+    cells = [
+        (r["what"], f"{r['ns']:.2f}", f"{r['torque']}", f"{r['slots']:.0f}", f"{against(r, 'slots'):.2f}", f"{r['issued']:.0f}", f"{against(r, 'issued'):.2f}")
+        for r in rows
+        if r["kind"] == "added"
+    ]  # fmt: skip
+    base = next(r for r in rows if r["kind"] == "added")
+    title = f"added to a step of rk4 with attitude ({base['base_ns']:.2f} ns of CPU time, {base['base_slots']} operations, {base['base_issued']:.0f} instructions)"
+    columns = ["effect", "ns added", "a torque", "operations a step", "time against them", "instructions", "time against them"]
+    harness.table(title, columns, cells)
+    absent = [(f"{r['known']} effects known", r["instructions"], r["code"], r["result"]) for r in rows if r["kind"] == "absent"]
+    harness.table("a kernel with gravity alone", ["", "instructions", "digest of them", "digest of the result"], absent)
+    scenes = [
+        (r["what"], f"{r['free']:.2f}", f"{r['predicted']:.2f}", f"{r['measured']:.2f}", f"{r['measured'] / r['predicted']:.2f}")
+        for r in rows
+        if r["kind"] == "scene"
+    ]
+    harness.table("price of a step, ns", ["scene", "without effects", "predicted", "measured", "ratio"], scenes)
+    harness.report_targets(rows)

@@ -1,0 +1,107 @@
+"""Every effect, every pair of them and 50 random sets: do they compile, how long does it take on top of the body alone, is all of it packed?"""
+
+import itertools
+import json
+import os
+import random
+import subprocess
+import sys
+import time
+
+from bench import harness
+from rigidmc.effects import EFFECTS
+from rigidmc.effects.verbs import is_random
+
+RANDOM, SEED, ASKED = 50, 6, 3.0
+
+
+def sets(quick):
+    """The sets, as tuples of words."""
+    names = [name for name, kind in EFFECTS.items() if not is_random(kind)]
+    some = random.Random(SEED)
+    drawn = [tuple(some.sample(names, some.randint(3, 8))) for _ in range(4 if quick else RANDOM)]
+    pairs = list(itertools.combinations(names, 2))
+    return [(name,) for name in names] + (pairs[::12] if quick else pairs) + drawn
+
+
+def judge(which):
+    """Print, as a line of JSON each, how the sets do: in a process of its own."""
+    from bench.effects import some
+    from tests.assembly import case, counted
+
+    def one(effects):
+        began = time.perf_counter()
+        found = counted(case("rk4", tuple(some(EFFECTS[name]) for name in effects)))
+        return time.perf_counter() - began, found
+
+    one(())  # what is compiled once in a process
+    alone = min(one(())[0] for _ in range(2))
+    for effects in which:
+        seconds, found = one(effects)
+        packed = found["scalar"] == 0 and found["calls"] == 0 and not found["libm"] and found["widest"]
+        print(
+            json.dumps({"kind": "set", "effects": effects, "alone": alone, "seconds": seconds - alone, "packed": packed, **found}),
+            flush=True,
+        )
+
+
+def run(quick):
+    """All rows of the bench, by two processes."""
+    todo = sets(quick)
+    script = "import json, sys; from bench.sets import judge; judge(json.load(sys.stdin))"
+    workers = [
+        subprocess.Popen(
+            [sys.executable, "-c", script],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "PYTHONPATH": "."},
+        )
+        for _ in range(2)
+    ]
+    for i, worker in enumerate(workers):
+        assert worker.stdin is not None
+        worker.stdin.write(json.dumps(todo[i::2]))
+        worker.stdin.close()
+    rows = []
+    for worker in workers:
+        assert worker.stdout is not None
+        rows += [json.loads(line) for line in worker.stdout]
+        assert worker.wait() == 0
+    small = [r["seconds"] for r in rows if len(r["effects"]) <= 2]
+    return [
+        *rows,
+        harness.target("sets that compile and are packed throughout", len(todo), sum(r["packed"] for r in rows), ""),
+        harness.target("compile time of one or two effects on top of the body, worst", ASKED, max(small), "s", at_most=True),
+        harness.target(
+            "compile time of 3 to 8 effects on top of the body, worst", ASKED, max(r["seconds"] for r in rows), "s", at_most=True
+        ),
+    ]
+
+
+def report(rows):
+    """Print the tables."""
+    found = [r for r in rows if r["kind"] == "set"]
+    lines = []
+    for word, some in (("one", [1]), ("two", [2]), ("3 to 8", range(3, 9))):
+        part = [r for r in found if len(r["effects"]) in some]
+        seconds = [r["seconds"] for r in part]
+        late = sum(s > ASKED for s in seconds)
+        lines.append(
+            (word, len(part), sum(r["packed"] for r in part), f"{harness.median(seconds):.2f}", f"{max(seconds):.2f}", late)
+        )
+    alone = harness.median([r["alone"] for r in found])
+    harness.table(
+        f"sets of effects; the body alone compiles in {alone:.2f} s",
+        ["effects", "sets", "packed", "median s", "worst s", f"over {ASKED:g} s"],
+        lines,
+    )
+    worst = sorted(found, key=lambda r: -r["seconds"])[:8]
+    harness.table("slowest to compile", ["effects", "s"], [(", ".join(r["effects"]), f"{r['seconds']:.2f}") for r in worst])
+    bad = [
+        (", ".join(r["effects"]), f"{r['scalar']} scalar instructions, {r['calls']} calls {r['libm']}")
+        for r in found
+        if not r["packed"]
+    ]
+    harness.table("not packed", ["effects", "why"], bad or [("none", "")])
+    harness.report_targets(rows)

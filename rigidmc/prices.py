@@ -1,0 +1,91 @@
+"""What a step costs on this machine, and what each effect adds to it: measured, and as its operations say."""
+
+import itertools
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from rigidmc.body import Body
+from rigidmc.effects import EFFECTS, labelled
+from rigidmc.effects.parameters import filled
+from rigidmc.effects.verbs import is_random
+from rigidmc.engine import kernel, layout
+from rigidmc.engine.flops import step_operations, torque_operations
+from rigidmc.planning import prepare
+from rigidmc.sampling import Start
+from rigidmc.scene import Scene
+from rigidmc.simulation import block_arguments, compile_kernel
+from rigidmc.staging import stage
+
+
+def cost_per_step(scene, plan, members=256, seconds=0.05):
+    """Nanoseconds per member-step on one thread of this machine, measured on the scene's own first members."""
+    compile_kernel(scene, plan)
+    best, steps = np.inf, 16
+    for _ in range(12):
+        block, _ = stage(scene, plan.first, members, plan.carried)
+        if plan.own:
+            block[layout.STEPS] = steps
+        began = time.perf_counter()
+        kernel.advance(*block_arguments(scene, plan, block), steps if plan.own else 1, 0, steps, steps, steps)
+        took = time.perf_counter() - began
+        best = min(best, took / (members * steps))
+        steps = int(min(1e6, max(16, steps * seconds / 4 / max(took, 1e-9))))
+        seconds -= took
+        if seconds < 0:
+            break
+    return 1e9 * best
+
+
+def without(scene, plan, effects=()):
+    """The scene with other effects, and its Plan with the integrator and the attitude of the one that is given."""
+    bare = replace(scene, effects=effects).with_run(save=())
+    quiet = prepare(bare if effects else bare.with_run(integrator="rk4"))
+    return bare, quiet._replace(form=plan.form, carried=plan.carried, limits=plan.limits)
+
+
+def prices(scene, plan):
+    """What effects add to a step: (ns without them, measured; operations without them; {label: operations that it adds}; ns of noise, measured;
+    ns predicted).
+
+    The prediction takes all operations to cost what those without effects do, a division or a root as many as `rigidmc.engine.flops` tells.
+    """
+
+    def operations(effects):
+        return step_operations(plan.form, effects, plan.carried)
+
+    free = cost_per_step(*without(scene, plan))
+    every, none = operations(scene.effects), operations(())
+    added = {
+        label: every.less(operations(tuple(other for j, other in enumerate(scene.effects) if j != i)))
+        for i, (label, _) in enumerate(labelled(scene.effects))
+    }
+    random = tuple(effect for effect in scene.effects if is_random(effect))
+    noise = 0.0
+    if random:  # numbers from whole ones, which no count of operations tells
+        made = prepare(replace(scene, effects=random))
+        noise = max(0.0, cost_per_step(replace(scene, effects=random), made) - free * operations(random).slots / none.slots)
+    return free, none, added, noise, free * every.slots / none.slots + noise
+
+
+def effect_prices():
+    """{effect: (operations of its torque, ns of a step with it alone, ns that it adds to one with gravity)}, and of steps without it:
+    "free" of the momentum alone, "with attitude", "with gravity", by rk4; "strang", to which random effects are added. On one thread."""
+    body = Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.2, 0.3))
+    start = Start(omega=(0.5, 0.7, 0.5), attitude=(1.0, 0.0, 0.0, 0.0))
+
+    def cost(effects, save="omega", integrator="rk4"):
+        scene = Scene(body, effects, start).with_run(integrator=integrator, dt=0.1, t_end=1.0, save=(save,), checks=False)
+        return cost_per_step(scene, prepare(scene))
+
+    gravity = EFFECTS["gravity"](1.0)
+    made = {"free": cost(()), "with attitude": cost((), "attitude"), "with gravity": cost((gravity,))}
+    made["strang"] = cost((gravity,), integrator="strang")
+    for name, kind in EFFECTS.items():
+        by, base = ("strang", "strang") if is_random(kind) else ("rk4", "with gravity")
+        effect = filled(kind, itertools.repeat(0.1))
+        if is_random(kind):
+            effect = kind(*effect[: len(kind._fields) - len(kind.hidden)])
+        made[name] = torque_operations(effect), cost((effect,), integrator=by), cost((gravity, effect), integrator=by) - made[base]
+    return made

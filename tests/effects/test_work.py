@@ -1,0 +1,144 @@
+"""The ledger of work: E - E(0) less the work of what has no energy vanishes with the integrator's order, and a wrong law shows in it."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+import rigidmc as rm
+from rigidmc.dynamics.euler import MassProperties, kinetic_energy
+from rigidmc.effects import BodyTorque, Gravity, QuadraticDrag, ViscousDamping
+from rigidmc.effects.verbs import spent, total_energy
+from rigidmc.integrators import INTEGRATORS, accepting
+from tests.effects.test_effects import EXAMPLES, MOMENTS, STATIC
+from tests.kernels import one_step, prepare
+from tests.reference import unit
+
+BODY = MassProperties.of(MOMENTS, STATIC)
+Q, L = unit((0.5, -0.3, 0.7, 0.2)), (0.4, -0.3, 0.5)
+G = Gravity(9.81)
+
+
+def unbooked(name, effects, h, end=2.0):
+    """The largest |E - E(0) - work| of a motion [J]."""
+    made, q, l = prepare(INTEGRATORS[name], 3.0 * h, effects), Q, L + (0.0,) * len(effects)
+    ledger = tuple(() if hasattr(e, "energy") else (0.0,) for e in effects)
+    first, worst = kinetic_energy(BODY, l) + total_energy(effects, BODY, q), 0.0
+    for i in range(round(end / h)):
+        q, l = one_step(made, BODY, effects, i * h, h, q, l)
+        worst = max(worst, abs(kinetic_energy(BODY, l) + total_energy(effects, BODY, q) - first - spent(ledger, l[3:])))
+    return worst
+
+
+@pytest.mark.parametrize("kind", EXAMPLES)
+@pytest.mark.parametrize(("name", "order", "h", "bound"), [
+    ("rk4", 4.0, 0.05, 3e-7),  # measured at h/2: 1.2e-8 to 1.6e-7, orders 3.5 to 4.7
+    ("rk8", 8.0, 0.1, 3e-11),  # 8e-15 to 1.4e-11, 7.8 to 9.0
+    ("cf4", 4.0, 0.05, 4e-7),  # 1.6e-8 to 2.1e-7, 3.5 to 4.9
+    ("strang", 2.0, 0.05, 4e-3),  # 5e-4 to 1.8e-3, 2.00
+    ("suzuki4", 4.0, 0.05, 5e-7),  # 4e-8 to 2.3e-7, 3.99 to 4.01
+])  # fmt: skip
+def test_the_ledger_closes_to_the_integrators_order(kind, name, order, h, bound):
+    effects = tuple(dict.fromkeys((G, EXAMPLES[kind])))
+    if name not in accepting(effects):
+        return
+    coarse, fine = unbooked(name, effects, h), unbooked(name, effects, 0.5 * h)
+    assert fine < bound
+    assert math.log2(coarse / fine) == pytest.approx(order, abs=0.02 if name in ("strang", "suzuki4") else 1.1)
+
+
+def test_midpoint_closes_it_to_rounding_where_energies_are_linear_in_the_attitude():
+    for kind in ("viscous_damping", "moving_pivot", "rotor", "dry_friction"):
+        assert unbooked("midpoint", (G, EXAMPLES[kind]), 0.05) < 2e-14  # measured 1.8e-15
+
+
+class Weighty(NamedTuple):
+    """Gravity whose torque is 1 % too large for its energy."""
+
+    g: float
+
+    def torque(self, body, q):
+        return Gravity(1.01 * self.g).torque(body, q)
+
+    def energy(self, body, q):
+        return Gravity(self.g).energy(body, q)
+
+    def energy_scale(self, body):
+        return Gravity(self.g).energy_scale(body)
+
+
+class Creeping(NamedTuple):
+    """Drag whose flow is that of another drag."""
+
+    drag: float
+
+    def torque(self, body, l):
+        return QuadraticDrag(self.drag).torque(body, l)
+
+    def kick(self, body, h, l):
+        return QuadraticDrag(0.9 * self.drag).kick(body, h, l)
+
+
+@pytest.mark.parametrize(("name", "effects", "others"), [
+    ("rk8", (Weighty(9.81), ViscousDamping(0.3)), (G, ViscousDamping(0.3))),
+    ("strang", (Creeping(0.3),), (QuadraticDrag(0.3),)),
+])  # fmt: skip
+def test_a_wrong_law_shows(name, effects, others):
+    """A torque that is not that of its energy, beside a damping that hides it from E; a flow that is not that of its torque."""
+    assert unbooked(name, effects, 0.025) > 300.0 * unbooked(name, others, 0.025)  # measured 5e12 and 1.9e4
+
+
+BODIES = rm.Body.from_moments(MOMENTS, mass=1.0, centre=STATIC)
+SCENE = rm.Scene(
+    BODIES, (G, ViscousDamping(0.3), BodyTorque((0.1, -0.2, 0.3))), rm.Start(omega=(0.4, 1.0, 0.3), attitude="uniform")
+)
+SCENE = SCENE.with_run(t_end=2.0, every=0.5, dt=0.01, members=100, save=("energy", "energy_drift", "work"))
+
+
+@pytest.mark.parametrize(("options", "bound"), [
+    ({"integrator": "rk4"}, 5e-8),  # measured 5e-9 [J], 1e-9
+    ({"integrator": "rk4", "dtype": "float32"}, 4e-5),  # measured 8e-6 [J], 9e-6
+    ({"integrator": "strang"}, 2e-3),  # measured 3.6e-4 [J], 7e-5
+])  # fmt: skip
+def test_a_run_that_saves_work_books_it(options, bound, tmp_path):
+    ds = rm.simulate(SCENE, **options)
+    assert ds.work.dims == ("time", "effect", "member")
+    assert list(ds.effect.values) == ["gravity", "body_torque", "viscous_damping"]
+    less = ds.work.sel(effect=["viscous_damping", "body_torque"]).sum("effect")
+    assert np.abs(less).max() > 1.0
+    assert np.abs(ds.energy - ds.energy[0] - less).max() < bound
+    assert float(ds.energy_drift_max.max()) < bound
+    assert float(np.abs(ds.energy_drift).max()) <= float(ds.energy_drift_max.max())
+    assert ds.energy_drift_max.attrs["conserved"] == "yes"
+    assert "work of body_torque, viscous_damping" in ds.energy_drift_max.attrs["long_name"]
+    again = rm.simulate(SCENE, **options, output=str(tmp_path / "a.nc"), block=32, threads=1)
+    assert np.array_equal(again.work, ds.work)
+    without = rm.simulate(SCENE, **options, save=("energy",))
+    assert without.energy_drift_max.attrs["conserved"].startswith("no")
+    assert np.abs(without.energy - ds.energy).max() < (1e-4 if "dtype" in options else 1e-13)
+
+
+def test_works_in_own_steps_other_units_and_for_frozen_members():
+    own = rm.simulate(SCENE, turn=0.02, integrator="rk4")
+    assert float(own.energy_drift_max.max()) < 1e-10  # measured 1.6e-11
+    small = rm.Scene(
+        rm.Body.from_moments([1e-30 * x for x in MOMENTS], mass=1e-30, centre=STATIC), (G, ViscousDamping(0.3)), SCENE.start
+    )
+    ds, tiny = (rm.simulate(s.with_run(**SCENE.run.model_dump())) for s in (rm.Scene(BODIES, small.effects, SCENE.start), small))
+    assert np.allclose(tiny.work * 1e30, ds.work, rtol=1e-9, atol=1e-12)
+    omega = np.array([[0.4, 1.0, 0.3], [1e200, 0.0, 0.0], [0.4, 1.0, 0.3]]).T
+    start = rm.Start(omega=tuple(omega), attitude=(1.0, 0.0, 0.0, 0.0))
+    sick = rm.simulate(rm.Scene(BODIES, SCENE.effects, start).with_run(**{**SCENE.run.model_dump(), "members": 3}))
+    assert list(sick.status.values) == [0, 1, 0]
+    assert not sick.work[..., 1].values.any()
+    assert np.array_equal(sick.work[..., 0], sick.work[..., 2])
+
+
+def test_who_keeps_no_works():
+    with pytest.raises(rm.SceneError, match="work of effects is not kept with compensated sums"):
+        rm.simulate(SCENE, compensated=True)
+    with pytest.raises(rm.SceneError, match="work of effects is not kept by it; use"):
+        rm.simulate(rm.Scene(BODIES, (G,), SCENE.start).with_run(save=("work",), integrator="chin4"))
+    with pytest.raises(rm.SceneError, match="no effects that could do work"):
+        rm.simulate(rm.Scene(BODIES, (), SCENE.start).with_run(save=("work",)))
