@@ -38,9 +38,9 @@ def judge(which):
     alone = min(one(())[0] for _ in range(2))
     for effects in which:
         seconds, found = one(effects)
-        packed = found["scalar"] == 0 and found["calls"] == 0 and not found["libm"] and found["widest"]
+        fine = found["scalar"] == 0 and found["calls"] == 0 and not found["libm"] and found["widest"]
         print(
-            json.dumps({"kind": "set", "effects": effects, "alone": alone, "seconds": seconds - alone, "packed": packed, **found}),
+            json.dumps({"kind": "set", "effects": effects, "alone": alone, "seconds": seconds - alone, "fine": fine, **found}),
             flush=True,
         )
 
@@ -71,7 +71,7 @@ def run(quick):
     small = [r["seconds"] for r in rows if len(r["effects"]) <= 2]
     return [
         *rows,
-        harness.target("sets that compile and are packed throughout", len(todo), sum(r["packed"] for r in rows), ""),
+        harness.target("sets that compile and are packed throughout", len(todo), sum(r["fine"] for r in rows), ""),
         harness.target("compile time of one or two effects on top of the body, worst", ASKED, max(small), "s", at_most=True),
         harness.target(
             "compile time of 3 to 8 effects on top of the body, worst", ASKED, max(r["seconds"] for r in rows), "s", at_most=True
@@ -88,7 +88,7 @@ def report(rows):
         seconds = [r["seconds"] for r in part]
         late = sum(s > ASKED for s in seconds)
         lines.append(
-            (word, len(part), sum(r["packed"] for r in part), f"{harness.median(seconds):.2f}", f"{max(seconds):.2f}", late)
+            (word, len(part), sum(r["fine"] for r in part), f"{harness.median(seconds):.2f}", f"{max(seconds):.2f}", late)
         )
     alone = harness.median([r["alone"] for r in found])
     harness.table(
@@ -101,7 +101,7 @@ def report(rows):
     bad = [
         (", ".join(r["effects"]), f"{r['scalar']} scalar instructions, {r['calls']} calls {r['libm']}")
         for r in found
-        if not r["packed"]
+        if not r["fine"]
     ]
     harness.table("not packed", ["effects", "why"], bad or [("none", "")])
     harness.report_targets(rows)

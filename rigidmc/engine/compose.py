@@ -79,7 +79,7 @@ class Pipeline(compiler.CompilerBase):
 
 
 FLAGS["pipeline_class"] = Pipeline
-INLINE = {**FLAGS, "forceinline": True}  # without forced inlining no lane loop vectorises
+INLINE = {**FLAGS, "forceinline": True, "no_cfunc_wrapper": True}  # without forced inlining no lane loop vectorises
 
 _known = set()
 
