@@ -14,6 +14,7 @@ BENCHES = {
     "checks": "bench.checks",
     "effects": "bench.effects",
     "sets": "bench.sets",
+    "bath": "bench.bath",
     "accuracy": "bench.accuracy",
     "exact": "bench.exact",
     "tolerance": "bench.tolerance",

@@ -87,9 +87,7 @@ def report(rows):
         part = [r for r in found if len(r["effects"]) in some]
         seconds = [r["seconds"] for r in part]
         late = sum(s > ASKED for s in seconds)
-        lines.append(
-            (word, len(part), sum(r["fine"] for r in part), f"{harness.median(seconds):.2f}", f"{max(seconds):.2f}", late)
-        )
+        lines.append((word, len(part), sum(r["fine"] for r in part), f"{harness.median(seconds):.2f}", f"{max(seconds):.2f}", late))
     alone = harness.median([r["alone"] for r in found])
     harness.table(
         f"sets of effects; the body alone compiles in {alone:.2f} s",

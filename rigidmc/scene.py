@@ -152,6 +152,17 @@ class Scene:
                 bad = drawn[~((drawn >= low) & (drawn <= high))]
                 if bad.size:
                     raise SceneError(f"effects.{label}", name, float(bad[0]), _outside(effect, low, high))
+            if hasattr(effect, "drives") and not self.run.anti_damping:
+                drawn = [
+                    draw(value, self.run.seed, f"effects.{label}.{name}", 0, PILOT)
+                    for name, value in zip(effect._fields, effect, strict=True)
+                ]
+                driven = np.flatnonzero(type(effect)(*drawn).drives())
+                if driven.size:
+                    example = ", ".join(f"{x:.4g}" for x in np.concatenate(drawn)[:, driven[0]])
+                    raise SceneError(
+                        f"effects.{label}", effect._fields[0], None, f"({example}) drives some spins, which {_ALLOWED}"
+                    )
         return self
 
     @staticmethod
@@ -205,12 +216,11 @@ def _limits(effect, name, driven):
     return (0.0 if low == -np.inf and getattr(effect, "damps", False) and not driven else low), high
 
 
+_ALLOWED = "needs anti_damping = true under [run]"
+
+
 def _outside(effect, low, high):
-    more = (
-        "; below 0 it drives the body, which needs anti_damping = true under [run]"
-        if low == 0.0 and getattr(effect, "damps", False)
-        else ""
-    )
+    more = f"; below 0 it drives the body, which {_ALLOWED}" if low == 0.0 and getattr(effect, "damps", False) else ""
     return f"must lie between {low:g} and {high:g}{more}"
 
 

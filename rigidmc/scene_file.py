@@ -114,7 +114,7 @@ def _kind(name, table, folder):
     if folder is None:
         rule = "is code, and scene files execute nothing; look at it, then allow it with --allow-code (in Python allow_code=True)"
         raise SceneError(f"effects.{name}", "module", module, rule)
-    return class_of(os.path.join(folder, module), name, f"effects.{name}")
+    return class_of(folder, module, name, f"effects.{name}")
 
 
 def dumps(scene):

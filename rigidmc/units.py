@@ -12,8 +12,9 @@ from rigidmc.effects.parameters import filled, numbers
 from rigidmc.errors import SceneError
 from rigidmc.sampling import Distribution, is_shared
 
-# exponents of kilogram, metre and second
-_KNOWN = {"1": (0, 0, 0), "rad": (0, 0, 0), "kg": (1, 0, 0), "m": (0, 1, 0), "s": (0, 0, 1), "N": (1, 1, -2), "J": (1, 2, -2), "W": (1, 2, -3), "Hz": (0, 0, -1)}  # fmt: skip
+# exponents of kilogram, metre and second; amperes stay as they are
+_KNOWN = {"1": (0, 0, 0), "rad": (0, 0, 0), "kg": (1, 0, 0), "m": (0, 1, 0), "s": (0, 0, 1), "N": (1, 1, -2), "J": (1, 2, -2), "W": (1, 2, -3), "Hz": (0, 0, -1),
+    "A": (0, 0, 0), "T": (1, 0, -2)}  # fmt: skip
 # Exponents of 2 that the largest moment of inertia and the rate of motion may have as they are: squares of their products are formed.
 RANGE = {"float64": 100, "float32": 10}
 

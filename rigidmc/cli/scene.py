@@ -195,7 +195,8 @@ def plot(
     file: Annotated[str, typer.Argument(metavar="FILE", help="A result (.nc).")],
     output: Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="Picture to write (.png, .pdf, .svg).")],
     picture: Annotated[
-        str, typer.Option(help="summary, momentum_sphere, middle_component, drift_histogram or axis_sphere.")
+        str,
+        typer.Option(help="summary, momentum_sphere, middle_component, drift_histogram, axis_sphere; gibbs of a scene in a bath."),
     ] = "summary",
     force: Force = False,
 ):
@@ -204,7 +205,7 @@ def plot(
         from rigidmc.errors import SceneError, nearest
         from rigidmc.storage import open_result, refuse_existing
 
-        pictures = ("summary", "momentum_sphere", "middle_component", "drift_histogram", "axis_sphere")
+        pictures = ("summary", "momentum_sphere", "middle_component", "drift_histogram", "axis_sphere", "gibbs")
         if picture not in pictures:
             raise SceneError("", "--picture", picture, f"no such picture; known: {', '.join(pictures)}", nearest(picture, pictures))
         refuse_existing(output, force)
@@ -212,7 +213,12 @@ def plot(
         check_suffix(output)
         try:
             with open_result(file) as dataset:
-                plots.save(getattr(plots, picture)(dataset), output)
+                if picture == "gibbs":
+                    from rigidmc.gibbs_plot import gibbs
+
+                    plots.save(gibbs(dataset), output)
+                else:
+                    plots.save(getattr(plots, picture)(dataset), output)
         except ValueError as error:
             fail(error, INVALID)
         print(f"wrote {output}")

@@ -265,13 +265,8 @@ def moved(q, turn):
     return touch_up(multiply(q, turn))
 
 
-def sincos(x):
-    """(sin x, cos x) without branch or libm call, |error| <= 1.6e-16 for |x| < 1e6.
-
-    Cody-Waite reduction to [-pi/4, pi/4], then the polynomials of fdlibm's k_sin and k_cos.
-    """
-    n = (x * _TWO_OVER_PI + _ROUND) - _ROUND
-    r = ((x - n * _HALF_PI_1) - n * _HALF_PI_2) - n * _HALF_PI_3
+def sincos_small(r):
+    """(sin r, cos r) for |r| <= pi/4 by the polynomials of fdlibm's k_sin and k_cos."""
     z = r * r
     s = r + r * z * (
         -1.66666666666666324348e-01
@@ -302,6 +297,16 @@ def sincos(x):
             )
         )
     )
+    return s, c
+
+
+def sincos(x):
+    """(sin x, cos x) without branch or libm call, |error| <= 1.6e-16 for |x| < 1e6.
+
+    Cody-Waite reduction to [-pi/4, pi/4], then `sincos_small`.
+    """
+    n = (x * _TWO_OVER_PI + _ROUND) - _ROUND
+    s, c = sincos_small(((x - n * _HALF_PI_1) - n * _HALF_PI_2) - n * _HALF_PI_3)
     quarter = n - 4.0 * ((n * 0.25 + _ROUND) - _ROUND)  # n mod 4 as -2, -1, 0, 1, 2
     odd = abs(quarter) == 1.0
     half = abs(quarter) == 2.0

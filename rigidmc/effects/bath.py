@@ -38,8 +38,10 @@ class Bath(NamedTuple):
     def shake(self, body, h, l):
         less = expm1(-self.gamma * h)
         spread = -self.kT * less * (2.0 + less)
+        one, two, three = body.i2 * body.i3, body.i3 * body.i1, body.i1 * body.i2
+        share = spread / (body.i1 * one)  # spread I_1 = share / (I_2 I_3): one division for three
         return (
-            l[0] + less * l[0] + math.sqrt(spread / body.i1) * self.noise[0],
-            l[1] + less * l[1] + math.sqrt(spread / body.i2) * self.noise[1],
-            l[2] + less * l[2] + math.sqrt(spread / body.i3) * self.noise[2],
+            l[0] + less * l[0] + math.sqrt(share * one) * self.noise[0],
+            l[1] + less * l[1] + math.sqrt(share * two) * self.noise[1],
+            l[2] + less * l[2] + math.sqrt(share * three) * self.noise[2],
         )

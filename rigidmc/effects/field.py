@@ -13,16 +13,16 @@ class UniformField(NamedTuple):
 
         tau = dipole x A^T field,   E = -dipole . A^T field
 
-    A needle swings about the field with omega^2 = |dipole| |field|/I.
+    A needle swings about the field with omega^2 = |dipole| |field|/I. An electric dipole is given in C m, its field in V/m.
 
-    dipole : moment in the principal axes [J per unit of field: A m^2 in T, or C m in V/m]
-    field : in space [T, or V/m]
+    dipole : moment in the principal axes [A m^2]
+    field : in space [T]
     """
 
     dipole: tuple
     field: tuple
 
-    units = {"dipole": "J", "field": "1"}
+    units = {"dipole": "A m2", "field": "T"}
     shapes = {"dipole": 3, "field": 3}
     limits = {"dipole": _ANY, "field": _ANY}
 
@@ -44,8 +44,8 @@ class RotatingField(NamedTuple):
 
         tau = dipole x A^T R_z(rate t) field
 
-    dipole : moment in the principal axes [J per unit of field]
-    field : in space at t = 0 [T, or V/m]
+    dipole : moment in the principal axes [A m^2]
+    field : in space at t = 0 [T]
     rate : angular velocity of the field about the vertical [rad/s]
     """
 
@@ -53,7 +53,7 @@ class RotatingField(NamedTuple):
     field: tuple
     rate: float
 
-    units = {"dipole": "J", "field": "1", "rate": "rad s-1"}
+    units = {"dipole": "A m2", "field": "T", "rate": "rad s-1"}
     shapes = {"dipole": 3, "field": 3}
     limits = {"dipole": _ANY, "field": _ANY, "rate": _ANY}
 

@@ -21,9 +21,9 @@ RULE = "kernels take floats and small tuples in and out: no arrays, no lists, no
 _modules: dict[str, object] = {}
 
 
-def class_of(path, name, table):
+def class_of(folder, path, name, table):
     """The class of an effect in a Python file, which is run: only where the user allowed it. SceneError for a file without it."""
-    place = os.path.realpath(path)
+    place = os.path.realpath(os.path.join(folder, path))
     if place not in _modules:
         spec = importlib.util.spec_from_file_location(f"own_effects_{len(_modules)}", place) if place.endswith(".py") else None
         if spec is None or spec.loader is None or not os.path.isfile(place):

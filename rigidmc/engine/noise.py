@@ -12,22 +12,25 @@ import numpy as np
 from numba.core import types
 from numba.extending import intrinsic, overload
 
-from rigidmc.dynamics.so3 import select, sincos
+from rigidmc.dynamics.so3 import select, sincos_small
 from rigidmc.engine.compose import INLINE, inline
 
 _M0, _M1 = np.uint64(0xD2E7470EE14C6C93), np.uint64(0xCA5A826395121157)
 _W0, _W1 = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBB67AE8584CAA73B)
 _LOW, _HALF, _ONE = np.uint64(0xFFFFFFFF), np.uint64(32), np.uint64(1)
 _MANTISSA, _EXPONENT, _TWELVE = np.uint64(0x000FFFFFFFFFFFFF), np.uint64(0x3FF0000000000000), np.uint64(12)
+_SIGN = np.uint64(0x8000000000000000)
 _LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
 
 
 def product(a, b):
-    """(high, low) words of a b, by products of half words, which vectors have."""
+    """(high, low) words of a b, by products of half words, which vectors have; the low one as a b would be found out to be a scalar product
+    of 128 bits, by 3 ns a member slower."""
     a0, a1, b0, b1 = a & _LOW, a >> _HALF, b & _LOW, b >> _HALF
-    low, one, two = a0 * b0, a1 * b0, a0 * b1
-    middle = (low >> _HALF) + (one & _LOW) + (two & _LOW)
-    return a1 * b1 + (one >> _HALF) + (two >> _HALF) + (middle >> _HALF), (middle << _HALF) | (low & _LOW)
+    low = a0 * b0
+    one = a1 * b0 + (low >> _HALF)  # no sum exceeds 64 bits
+    two = a0 * b1 + (one & _LOW)
+    return a1 * b1 + (one >> _HALF) + (two >> _HALF), (two << _HALF) | (low & _LOW)
 
 
 def rounds(left, c, key):
@@ -104,12 +107,24 @@ def logarithm(x):
     return e * _LN2_HIGH - ((half - (s * (half + r) + e * _LN2_LOW)) - f)
 
 
+def signed(x, word):
+    """x with the sign of the top bit of a word."""
+    return as_float(as_word(x) | (word & _SIGN))
+
+
+def direction(word):
+    """(x, y) uniform on the unit circle: an angle in (0, pi/4) from the upper 52 bits of a word, an octant from its lowest 3."""
+    s, c = sincos_small(0.78539816339744830962 * uniform(word))
+    swapped = (word & _ONE) == _ONE
+    return signed(select(swapped, s, c), word << np.uint64(62)), signed(select(swapped, c, s), word << np.uint64(61))
+
+
 def normals(words):
-    """Three independent normal deviates from four words."""
+    """Three independent normal deviates from four words, after Box and Muller."""
     a, b = math.sqrt(-2.0 * logarithm(uniform(words[0]))), math.sqrt(-2.0 * logarithm(uniform(words[2])))
-    s, c = sincos(6.283185307179586 * uniform(words[1]))
-    return a * c, a * s, b * sincos(6.283185307179586 * uniform(words[3]))[1]
+    x, y = direction(words[1])
+    return a * x, a * y, b * direction(words[3])[0]
 
 
-for _function in (product, rounds, philox, uniform, logarithm, normals):
+for _function in (product, rounds, philox, uniform, logarithm, signed, direction, normals):
     inline(_function)

@@ -81,22 +81,33 @@ class Kicks(NamedTuple):
         return q, kick_all_back(effects, body, t + h, part[2], q, l)
 
 
-class Langevin(NamedTuple):
-    """A part of BAOAB: drift, then flows of L and noise where part[2] is not 0, then a kick by the torques of attitude and time.
+def drifted_often(often, drift, body, h, q, l):
+    """(q, L) after as many drifts over h as a tuple is long."""
+    if len(often) == 0:
+        return q, l
+    q, l = drifted(drift, body, h, q, l)
+    return drifted_often(often[1:], drift, body, h, q, l)
 
+
+class Langevin(NamedTuple):
+    """BAOAB: drifts over half a step, flows of L and noise over all of it, drifts, then a kick by the torques of attitude and time.
+
+    often : as long as half a step has drifts
     pushes, flows : for each effect (0.0,) where it is a torque of attitude and time, or has a flow of L of its own; else ()
     """
 
     drift: Any
+    often: tuple = (0.0,)
     pushes: tuple = ()
     flows: tuple = ()
 
-    def step(self, body, effects, t, part, q, l):
-        q, l = drifted(self.drift, body, part[0], q, l)
-        flows = chosen(effects, self.flows)
-        l = kick_all(flows, body, t, 0.5 * part[2], q, l)
-        l = shake_all(effects, body, part[2], l)
-        l = kick_all_back(flows, body, t, 0.5 * part[2], q, l)
+    def step(self, body, effects, t, h, part, q, l):
+        q, l = drifted_often(self.often, self.drift, body, part[0], q, l)
+        flows, middle = chosen(effects, self.flows), t - 0.5 * h
+        l = kick_all(flows, body, middle, 0.5 * h, q, l)
+        l = shake_all(effects, body, h, l)
+        l = kick_all_back(flows, body, middle, 0.5 * h, q, l)
+        q, l = drifted_often(self.often, self.drift, body, part[0], q, l)
         return q, kicked(chosen(effects, self.pushes), body, t, part[1], q, l)
 
     def opened(self, body, effects, t, part, q, l):
@@ -203,13 +214,10 @@ class Composition:
         """BAOAB: half a kick, half a drift, flows and noise, half a drift, half a kick; the halves of two steps are one kick."""
         drift = Split() if self.split else exact_drift(turns, 0.5, attitude)
         n = 1 if self.split else pieces(turns, 0.5)
-        rows = [(0.0, 0.5, 0.0, 0.0)]
-        for half in (0, 1):
-            rows += [(0.5 / n, 0.0, 0.0, 0.5 * half + 0.5 * k / n) for k in range(1, n)]
-            rows.append((0.5 / n, float(half), 1.0 - half, 0.5 * (half + 1)))
+        rows = [(0.0, 0.5, 0.0, 0.0), (0.5 / n, 1.0, 0.0, 1.0)]
         pushes = tuple(() if depends_on_momentum(e) or is_random(e) else (0.0,) for e in effects)
         flows = tuple((0.0,) if depends_on_momentum(e) else () for e in effects)
-        return Form(Langevin(drift, pushes, flows), np.array(rows))
+        return Form(Langevin(drift, (0.0,) * n, pushes, flows), np.array(rows))
 
 
 _THIRD = 1.0 / (4.0 - 4.0 ** (1.0 / 3.0))

@@ -59,3 +59,36 @@ def test_who_takes_noise():
         rm.Bath(1.0, -1.0) and rm.Scene(BODY, (rm.Bath(1.0, -1.0),))
     with pytest.raises(rm.SceneError, match="noise"):
         rm.Scene.loads("[body]\nmoments=[1,2,3]\n[start]\nomega=[0,0,1]\n[effects.bath]\ngamma=1.0\nkT=1.0\nnoise=[1,2,3]")
+
+
+def test_the_picture_has_the_run_and_the_law():
+    """Members drawn from the law itself: the titles tell its averages, <V> = WEIGHT (1/x - coth x)."""
+    pytest.importorskip("matplotlib")
+    from rigidmc.gibbs_plot import gibbs
+
+    some, n, x = np.random.default_rng(2), 40_000, WEIGHT / KT
+    cosine = -np.log(np.exp(-x) + some.random(n) * 2.0 * np.sinh(x)) / x  # of exp(-x cos), by inversion
+    tilt, turn = 0.5 * np.arccos(cosine), 2.0 * np.pi * some.random(n)
+    q = np.stack([np.cos(tilt), np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.zeros(n)])
+    ds = rm.simulate(SCENE, members=n, t_end=0.2, dt=0.2)
+    ds["momentum"][-1] = some.normal(size=(3, n)) * np.sqrt(np.array(MOMENTS) * KT)[:, None]
+    ds["attitude"][-1] = q
+    left, right = gibbs(ds).axes
+    assert left.get_yscale() == "log"
+    assert len(left.patches) == 3
+    heat = float(left.get_title().split(" = ")[1].split(" ±")[0])
+    assert abs(heat - 1.0) < 0.015  # standard error 0.004
+    told = [
+        float(word)
+        for word in right.get_title().replace("$", " ").replace(";", " ").split()
+        if word.strip("-").replace(".", "").isdigit()
+    ]
+    theory = x * (1.0 / x - 1.0 / math.tanh(x))
+    assert abs(told[0] - theory) < 4.0 * told[1]
+    assert abs(told[2] - theory) < 0.01  # 200,000 attitudes
+    bars, law = (patch.get_data().values for patch in right.patches)
+    assert np.abs(bars - law).max() < 0.12 * law.max()
+    with pytest.raises(ValueError, match="scene with a bath"):
+        gibbs(rm.simulate(rm.Scene(BODY, (), rm.Start(omega=(0.0, 0.0, 1.0))), integrator="closed", members=32))
+    with pytest.raises(ValueError, match="attitude"):
+        gibbs(ds.drop_vars("attitude"))

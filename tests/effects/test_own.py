@@ -5,9 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import rigidmc as rm
+from rigidmc.cli import app
 from rigidmc.dynamics.so3 import up
+from rigidmc.engine.flops import unpacked
 
 BODY = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3))
 START = rm.Start(omega=(0.1, 1.0, 0.2), attitude="uniform")
@@ -120,6 +123,101 @@ class Sine(NamedTuple):
 def test_what_a_kernel_cannot_use_is_refused(effect, words):
     with pytest.raises(rm.SceneError, match=words):
         rm.simulate(scene(effect))
+
+
+class Halving(NamedTuple):
+    size: float
+
+    def torque(self, l):
+        x = self.size * l[0]
+        while abs(x) > 1e-3:
+            x = 0.5 * x
+        return x, 0.0, 0.0
+
+
+class Five(NamedTuple):
+    size: float
+
+    def torque(self, l):
+        x = self.size
+        for _ in range(5):
+            x = 0.5 * x * x + l[1]
+        return (x, 0.0, 0.0) if l[0] > 0.3 else (0.0, x, 0.0)
+
+
+def test_whether_it_is_packed_is_told_and_why_not():
+    assert unpacked(Five(1.0)) == unpacked(Weight(9.81)) == ""
+    assert "calls sin of the library" in unpacked(Sine(1.0))
+    assert "loops as often as numbers say" in unpacked(Halving(1.0))
+
+
+FILE = """
+from typing import NamedTuple
+print("code of the user's runs")
+
+class Vane(NamedTuple):
+    size: float
+    speed: float = 1.0
+
+    def torque(self, body, l):
+        return self.size * (self.speed - body.i1 * l[0]), -self.size * body.i2 * l[1], 0.0
+"""
+TABLES = """
+[body]
+moments = [1.0, 1.4, 2.0]
+[start]
+omega = [0.1, 1.0, 0.2]
+[effects.Vane]
+module = "vane.py"
+size = 0.3
+[run]
+members = 64
+save = ["momentum"]
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "vane.py").write_text(FILE)
+    (tmp_path / "scene.toml").write_text(TABLES)
+    return tmp_path
+
+
+def test_code_from_a_scene_file_runs_only_where_it_is_allowed(folder, capfd):
+    path = str(folder / "scene.toml")
+    with pytest.raises(
+        rm.SceneError, match=r"\[effects.Vane\] module = 'vane.py': is code, and scene files execute nothing.*--allow-code"
+    ):
+        rm.Scene.load(path)
+    for command in ("run", "show", "check", "stress", "accuracy"):
+        result = CliRunner().invoke(app, [command, path])
+        assert result.exit_code == 3
+    assert "user's" not in capfd.readouterr().out
+    scene = rm.Scene.load(path, allow_code=True)
+    assert "user's" in capfd.readouterr().out
+    output = str(folder / "a.nc")
+    ds = rm.simulate(scene, t_end=1.0, output=output)
+    assert np.abs(ds.momentum - rm.simulate(scene, t_end=1.0).momentum).max() == 0.0
+    assert np.ptp(ds.momentum.values[-1, 0]) == 0.0
+    assert float(ds.momentum[-1, 0, 0]) > 0.2
+    with pytest.raises(rm.SceneError, match="is code"):
+        rm.Scene.load(output)
+    assert rm.Scene.load(output, allow_code=True).effects == scene.effects
+
+
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ("vane.py", "vain.py", "vain.py'?: is no Python file"),
+    ("vane.py", "scene.toml", "is no Python file"),
+    ("effects.Vane", "effects.Vain", r"has no NamedTuple Vain; it has Vane \(did you mean 'Vane'\?\)"),
+    ("size =", "sice =", r"\[effects.Vane\] sice: no such key; known: size, speed, module \(did you mean 'size'"),
+    ('module = "vane.py"\n', "", r"\[effects\] Vane: no such effect; known: gravity"),
+    ('"vane.py"', '"bad.py"', "bad.py.*raises NameError: name 'nothing' is not defined"),
+])  # fmt: skip
+def test_bad_references_to_code(folder, old, new, words):
+    (folder / "bad.py").write_text("nothing()")
+    (folder / "scene.toml").write_text(TABLES.replace(old, new))
+    with pytest.raises(rm.SceneError, match=words):
+        rm.Scene.load(str(folder / "scene.toml"), allow_code=True)
 
 
 def test_an_own_effect_runs_as_a_built_in_one():

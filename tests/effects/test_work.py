@@ -9,6 +9,7 @@ import pytest
 import rigidmc as rm
 from rigidmc.dynamics.euler import MassProperties, kinetic_energy
 from rigidmc.effects import BodyTorque, Gravity, QuadraticDrag, ViscousDamping
+from rigidmc.effects.parameters import filled, numbers
 from rigidmc.effects.verbs import spent, total_energy
 from rigidmc.integrators import INTEGRATORS, accepting
 from tests.effects.test_effects import EXAMPLES, MOMENTS, STATIC
@@ -51,6 +52,14 @@ def test_the_ledger_closes_to_the_integrators_order(kind, name, order, h, bound)
 def test_midpoint_closes_it_to_rounding_where_energies_are_linear_in_the_attitude():
     for kind in ("viscous_damping", "moving_pivot", "rotor", "dry_friction"):
         assert unbooked("midpoint", (G, EXAMPLES[kind]), 0.05) < 2e-14  # measured 1.8e-15
+
+
+def test_it_closes_for_any_set_of_effects():
+    some = np.random.default_rng(3)
+    for _ in range(40):
+        kinds = some.choice(list(EXAMPLES), some.integers(2, 7), replace=False)
+        effects = tuple(filled(type(EXAMPLES[k]), [v * some.uniform(0.5, 2.0) for _, _, v in numbers(EXAMPLES[k])]) for k in kinds)
+        assert unbooked("rk8", effects, 0.01, 0.1) < 1e-12, kinds  # measured 8e-15 (400 sets: 8e-14)
 
 
 class Weighty(NamedTuple):

@@ -62,8 +62,12 @@ def test_logarithm_is_right_relative_to_its_size():
 def test_normals_are_those_of_box_and_muller(made):
     out, raw = made
     u = ((raw >> np.uint64(12)).astype(float) + 0.5) * 2.0**-52
-    one, two = np.sqrt(-2.0 * np.log(u[0])), np.sqrt(-2.0 * np.log(u[2]))
-    theirs = np.stack([one * np.cos(2 * np.pi * u[1]), one * np.sin(2 * np.pi * u[1]), two * np.cos(2 * np.pi * u[3])])
+    one, two, angle = np.sqrt(-2.0 * np.log(u[0])), np.sqrt(-2.0 * np.log(u[2])), 0.25 * np.pi * u
+    octant = [[(word >> np.uint64(i)) & np.uint64(1) for i in range(3)] for word in raw]
+    minus = [[1.0 - 2.0 * bit.astype(float) for bit in bits] for bits in octant]
+    x = [minus[i][1] * np.where(octant[i][0], np.sin(angle[i]), np.cos(angle[i])) for i in range(4)]
+    y = minus[1][2] * np.where(octant[1][0], np.cos(angle[1]), np.sin(angle[1]))
+    theirs = np.stack([one * x[1], one * y, two * x[3]])
     assert np.abs(out - theirs).max() < 5e-15  # measured 9e-16
     assert normals(words(7)) == pytest.approx(tuple(out[:, 7]), abs=1e-15)
 

@@ -1,0 +1,79 @@
+"""A bath against the law of Gibbs with a million members: moments of L, the energy and the Langevin mean, and how the bias of the step falls."""
+
+import math
+
+import numpy as np
+
+from bench import harness
+from rigidmc import Bath, Body, Gravity, Scene, Start, simulate
+from rigidmc.dynamics.so3 import up
+
+MOMENTS, KT, WEIGHT = (1.0, 1.4, 2.0), 0.7, 1.5
+STEPS = (0.8, 0.4, 0.2, 0.1, 0.05)  # of order h^2: at 0.05 the bias of <L^2> is a quarter of its standard error
+
+
+def scene():
+    """A heavy body in a bath that forgets at the rate 1, from rest and any attitude to t = 12."""
+    body = Body.from_moments(MOMENTS, mass=1.0, centre=(0.0, 0.0, 0.3))
+    made = Scene(body, (Gravity(WEIGHT / 0.3), Bath(1.0, KT)), Start(omega=(0.0, 0.0, 0.0), attitude="uniform"))
+    return made.with_run(integrator="strang", t_end=12.0, seed=1, save=("momentum", "attitude"))
+
+
+def moments(dt, members):
+    """[(what, theory, mean, standard error)] of the last state."""
+    ds = simulate(scene(), dt=dt, members=members)
+    l = ds.momentum.values[-1] / np.sqrt(np.array(MOMENTS) * KT)[:, None]
+    u = up(tuple(ds.attitude.values[-1]))[2]
+    x, n = WEIGHT / KT, members
+
+    def mean(values):
+        return float(values.mean()), float(values.std()) / math.sqrt(n)
+
+    found = [(f"<L_{i + 1}^2>/(I_{i + 1} kT)", 1.0, *mean(l[i] ** 2)) for i in range(3)]
+    found += [
+        (f"kurtosis of L_{i + 1}", 3.0, float((l[i] ** 4).mean() / (l[i] ** 2).mean() ** 2), math.sqrt(24.0 / n)) for i in range(3)
+    ]
+    found += [(f"<L_{i + 1}>", 0.0, *mean(l[i])) for i in range(3)]
+    heat, error = mean(0.5 * (l**2).sum(0))
+    found += [("<T>/kT", 1.5, heat, error), ("<cos theta>", 1.0 / x - 1.0 / math.tanh(x), *mean(u))]
+    return found
+
+
+def run(quick):
+    """All rows of the bench."""
+    members, rows = 100_000 if quick else 1_000_000, []
+    for dt in STEPS:
+        rows += [{"kind": "moment", "dt": dt, "what": w, "theory": t, "mean": m, "error": e} for w, t, m, e in moments(dt, members)]
+    finest = [r for r in rows if r["dt"] == STEPS[-1]]
+    worst = max(finest, key=sigmas)
+    bias = {r["dt"]: r["mean"] - 1.5 for r in rows if r["what"] == "<T>/kT"}
+    return [
+        *rows,
+        harness.target(
+            f"moments from theory at dt = {STEPS[-1]:g}, worst ({worst['what']})",
+            3.0,
+            sigmas(worst),
+            "standard errors",
+            at_most=True,
+        ),
+        harness.target("order of the bias of <T>, from dt = 0.4 to 0.2", 1.9, math.log2(bias[0.4] / bias[0.2]), ""),
+    ]
+
+
+def sigmas(row):
+    """How far a mean is from theory, in standard errors."""
+    return abs(row["mean"] - row["theory"]) / row["error"]
+
+
+def report(rows):
+    """Print the tables."""
+    found = [r for r in rows if r["kind"] == "moment"]
+    cells = [
+        (r["what"], f"{r['theory']:.6f}", f"{r['mean']:.6f}", f"{r['error']:.6f}", f"{sigmas(r):.2f}")
+        for r in found
+        if r["dt"] == STEPS[-1]
+    ]
+    harness.table(f"dt = {STEPS[-1]:g}", ["", "Gibbs", "mean", "standard error", "errors apart"], cells)
+    heat = [(f"{r['dt']:g}", f"{r['mean'] / 1.5 - 1.0:+.5f}", f"{r['error'] / 1.5:.5f}") for r in found if r["what"] == "<T>/kT"]
+    harness.table("bias of <T>", ["dt", "of 3/2 kT", "standard error"], heat)
+    harness.report_targets(rows)
