@@ -157,7 +157,7 @@ def drift_histogram(ds, axes=None):
     `conserved`), the title says why.
     """
     axes = axes or _figure(ds, (7.0, 4.2)).add_subplot()
-    drifts = {"E": ds.energy_drift_max, "$|L|^2$": ds.l2_drift_max}
+    drifts = {"E - work" if "work" in ds else "E": ds.energy_drift_max, "$|L|^2$": ds.l2_drift_max}
     values = {symbol: drift.values[(ds.status.values == 0) & np.isfinite(drift.values)] for symbol, drift in drifts.items()}
     decades = np.concatenate([np.log10(v[v > 0.0]) for v in values.values()])
     first, last = (np.floor(decades.min()), np.floor(decades.max()) + 1) if decades.size else (-17, -15)

@@ -107,7 +107,7 @@ def _close(dataset, cost, wall, files):
         f"  {seconds:.2f} s, {count * steps / seconds / 1e6:.0f} M member-steps/s, {count / seconds:,.0f} members/s; "
         f"compiled in {cost['compile_seconds']:.2f} s; {wall:.2f} s in all"
     )
-    for name, word in (("energy", "energy"), ("l2", "|L|^2")):
+    for name, word in (("energy", "energy less work" if "work" in dataset else "energy"), ("l2", "|L|^2")):
         drift = dataset[f"{name}_drift_max"]
         values = drift.values[np.isfinite(drift.values)]
         if values.size:

@@ -26,15 +26,19 @@ class Variable(NamedTuple):
 def conservation(scene):
     """{"energy": "yes" or the reason why not, "energy_drift": the same of energy less work, "l2": ..., "lz": ...} by the physics of the scene."""
     lossy = [name_of(e) for e in scene.effects if not getattr(e, "conservative", hasattr(e, "energy"))]
-    kept = "yes" if not lossy else f"no: {', '.join(lossy)} changes the energy"
+    kept = "yes" if not lossy else f"no: {_change(lossy, 'the energy')}"
     torques = [name_of(e) for e in scene.effects if not getattr(e, "keeps_l2", False)]
     turning = [name_of(e) for e in scene.effects if not getattr(e, "keeps_lz", False)]
     changed = {"l2": (torques, "the angular momentum"), "lz": (turning, "L_z")}
     return {
         "energy": kept,
         "energy_drift": "yes" if "work" in scene.run.save else kept,
-        **{k: "yes" if not who else f"no: {', '.join(who)} changes {what}" for k, (who, what) in changed.items()},
+        **{k: "yes" if not who else f"no: {_change(who, what)}" for k, (who, what) in changed.items()},
     }
+
+
+def _change(who, what):
+    return f"{', '.join(who)} change{'s' * (len(who) == 1)} {what}"
 
 
 def coordinates(plan):
