@@ -197,7 +197,7 @@ def test_show_says_what_is_compiled():
         for word in ("members", "memory", "file", "ns per member-step", "steps", "conserved"):
             assert word in text
     assert "price" not in free
-    assert "ns without effects (217 operations), gravity +123:" in heavy
+    assert "ns without effects (217 operations), gravity 123 operations:" in heavy
 
 
 def test_effects_are_listed():
@@ -212,13 +212,14 @@ def test_effects_are_listed():
 
 
 def test_effects_are_priced(monkeypatch):
-    from rigidmc import ways
+    from rigidmc import prices
 
-    monkeypatch.setattr(ways.Costs, "step", lambda *arguments: 2.5)  # what it measures is compiled for minutes
+    monkeypatch.setattr(prices, "cost_per_step", lambda *arguments: 2.5)  # what it measures is compiled for minutes
     listing = run("effects", "--measure").output
     assert "a step of rk4 on one thread: 2.50 ns of the momentum alone" in listing
     assert listing.count("27 operations a torque; a step with it alone 2.50 ns; it adds 0.00 ns") == 1  # gravity
-    assert listing.count("operations a torque") == 17
+    assert "(1 division, 1 root) a torque" in listing  # spring
+    assert listing.count(" a torque; a step with it alone") == 18
 
 
 def test_check_scenes_integrators_doctor():

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+import rigidmc as rm
 from rigidmc.dynamics.euler import MassProperties, angular_velocity
 from rigidmc.dynamics.methods import names
 from rigidmc.dynamics.so3 import cross, dot, exponential, multiply, up
@@ -343,3 +344,20 @@ def test_the_order_in_which_effects_are_listed_does_not_matter():
     gravity, damping, own = Gravity(9.81), ViscousDamping(0.1), Own(1.0)
     assert canonical((own, damping, gravity)) == canonical((gravity, own, damping)) == (gravity, damping, own)
     assert name_of(own) == "Own"
+
+
+def test_a_matrix_that_drives_some_spin_is_refused():
+    def checked(matrix, **settings):
+        body, start = rm.Body.from_moments(MOMENTS), rm.Start(omega=(0.1, 0.2, 0.3))
+        return rm.Scene(body, (MatrixDamping(matrix),), start, rm.Run(**settings)).check()
+
+    for matrix in ((1.0, 1.0, 1.0, 0.0, 0.0, 1.5), (-1e-6, 1.0, 1.0, 0.0, 0.0, 0.0), (1.0, 1.0, 1.0, 0.9, -0.9, 0.9)):
+        assert np.linalg.eigvalsh(symmetric(matrix))[0] < 0.0
+        with pytest.raises(rm.SceneError, match=r"matrix: \(.*\) drives some spins, which needs anti_damping = true"):
+            checked(matrix)
+        checked(matrix, anti_damping=True)
+    for matrix in ((1.0, 1.0, 1.0, 0.0, 0.0, 1.0), (0.0,) * 6, (1.0, 1.0, 1.0, 0.9, 0.9, 0.9)):
+        assert np.linalg.eigvalsh(symmetric(matrix))[0] > -1e-12
+        checked(matrix)
+    with pytest.raises(rm.SceneError, match="drives some spins"):
+        checked((1.0, 1.0, 1.0, 0.0, 0.0, rm.uniform(0.5, 1.1)))
