@@ -139,16 +139,17 @@ def is_shared(*quantities):
 
 
 def draw(quantities, seed, name, first, count):
-    """(len(quantities), count) values for members first ... first + count - 1; word i of the stream `name` serves component i.
+    """(len(quantities), count) values for members first ... first + count - 1; word i % 4 of draw i // 4 of the stream `name` serves component i.
 
     Members past the end of an array get its last row: they only fill up lanes.
     """
     values = np.empty((len(quantities), count))
-    words = None
+    words: dict[int, np.ndarray] = {}
     for i, q in enumerate(quantities):
         if isinstance(q, Distribution):
-            words = uniforms(seed, name, first, count) if words is None else words
-            values[i] = q.ppf(words[i])
+            if i // 4 not in words:
+                words[i // 4] = uniforms(seed, name, first, count, i // 4)
+            values[i] = q.ppf(words[i // 4][i % 4])
         elif isinstance(q, np.ndarray):
             part = q[first : first + count]
             values[i, : part.size], values[i, part.size :] = part, q[-1]

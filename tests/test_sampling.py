@@ -102,3 +102,10 @@ def test_a_quaternion_that_is_normalised_stays_to_the_bit():
 def test_bad_starts(make, rule):
     with pytest.raises(rm.SceneError, match=rule):
         make()
+
+
+def test_more_than_four_random_components_are_independent():
+    many = draw((rm.normal(0, 1),) * 6, 5, "effects.matrix_damping.matrix", 0, COUNT)
+    assert np.array_equal(many[:4], draw((rm.normal(0, 1),) * 4, 5, "effects.matrix_damping.matrix", 0, COUNT))
+    assert np.abs(np.corrcoef(many) - np.eye(6)).max() < 4.5 / np.sqrt(COUNT)
+    assert np.array_equal(many[:, 320:384], draw((rm.normal(0, 1),) * 6, 5, "effects.matrix_damping.matrix", 320, 64))

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+import rigidmc as rm
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.effects import canonical
 from rigidmc.effects.parameters import filled, numbers
@@ -30,3 +31,14 @@ def test_strang_with_the_flows_of_all_effects():
         assert np.abs(block[K.ATTITUDE : K.MOMENTUM, m] - at).max() < 5e-7  # measured 7e-8
         assert np.abs(block[K.MOMENTUM : K.REST, m] - now).max() < 5e-6  # measured 1.6e-6
         assert np.abs(now - l[:, m]).max() > 0.05
+
+
+def test_vectors_of_each_members_own_go_to_a_file_and_back(tmp_path):
+    matrix = (1.0, 1.0, 1.0, 0.0, rm.normal(0.0, 0.01), rm.uniform(0.1, 0.5))
+    scene = rm.Scene(rm.Body.from_moments(MOMENTS), (rm.MatrixDamping(matrix),), rm.Start(omega=(0.1, 1.0, 0.2)))
+    ds = rm.simulate(scene, members=100, t_end=1.0, output=str(tmp_path / "a.nc"))
+    assert ds.matrix_damping_matrix.dims == ("component", "member")
+    assert np.ptp(ds.matrix_damping_matrix[5]) > 0.3
+    again = rm.simulate(rm.Scene.load(str(tmp_path / "a.nc")))
+    assert np.array_equal(again.omega, ds.omega)
+    assert np.array_equal(again.matrix_damping_matrix, ds.matrix_damping_matrix)
