@@ -55,9 +55,9 @@ def added(quick):
     for name, effect in kinds.items():
         more = step_operations(made, (effect,), True).less(bare)
         issued = counted(case("rk4", (effect,)))["slots"] - base
-        ratios = [share * (a - b) for a, b in zip(cpu[name], cpu["none"], strict=True)]
+        more_ns = [share * (a - b) for a, b in zip(cpu[name], cpu["none"], strict=True)]
         rows.append(
-            {"kind": "added", "what": name, "ns": harness.median(ratios), "torque": torque_operations(effect), "step": more,
+            {"kind": "added", "what": name, "ns": harness.median(more_ns), "torque": torque_operations(effect), "step": more,
              "slots": more.slots, "issued": issued, "base_ns": each, "base_slots": bare.slots, "base_issued": base}
         )  # fmt: skip
     return rows
@@ -112,13 +112,22 @@ def run(quick):
     return [
         *rows,
         harness.target(
-            "instructions that 17 absent effects add", 0, every[1] - one[1] if every[2] == one[2] else None, "", at_most=True
+            f"instructions that {len(EFFECTS) - 1} absent effects add",
+            0,
+            every[1] - one[1] if every[2] == one[2] else None,
+            "",
+            at_most=True,
         ),
         harness.target("results with them and without, digits alike", 1, float(every[3] == one[3]), ""),
         harness.target(
             f"time added against operations, worst ({worst['what']})", ASKED, against(worst, "slots"), "x", at_most=True
         ),
-        harness.target(f"effects whose time is within {ASKED} of the instructions issued", len(EFFECTS) - 1, len(within), ""),
+        harness.target(
+            f"effects that add less than 0.5 ns or no more than {ASKED} of the instructions issued",
+            sum(r["kind"] == "added" for r in rows),
+            len(within),
+            "",
+        ),
         *[
             harness.target(f"a noisy step of strang against the quiet one, {what}", 3.0, x, "x", at_most=True)
             for what, x in noise.items()

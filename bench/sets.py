@@ -1,4 +1,4 @@
-"""Every effect, every pair of them and 50 random sets: do they compile, how long does it take on top of the body alone, is all of it packed?"""
+"""Every effect but noise, which rk4 does not take, every pair of them and 50 random sets: do they compile, how long does it take on top of the body alone, is all of it packed?"""
 
 import itertools
 import json
@@ -74,7 +74,11 @@ def run(quick):
         harness.target("sets that compile and are packed throughout", len(todo), sum(r["fine"] for r in rows), ""),
         harness.target("compile time of one or two effects on top of the body, worst", ASKED, max(small), "s", at_most=True),
         harness.target(
-            "compile time of 3 to 8 effects on top of the body, worst", ASKED, max(r["seconds"] for r in rows), "s", at_most=True
+            "compile time of 3 to 8 effects on top of the body, worst",
+            ASKED,
+            max(r["seconds"] for r in rows if len(r["effects"]) > 2),
+            "s",
+            at_most=True,
         ),
     ]
 

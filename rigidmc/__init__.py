@@ -31,12 +31,13 @@ _HOMES = {
     "lagrange_top": "exact.lagrange_top",
     "normal": "sampling",
     "open": "storage",
+    "rerun": "rerun",
     "simulate": "simulation",
     "uniform": "sampling",
     **dict.fromkeys(_EFFECTS, "effects"),
 }
 __all__ = [
-    "Body", "Scene", "Start", "Run", "simulate", "open", "accuracy",
+    "Body", "Scene", "Start", "Run", "simulate", "open", "rerun", "accuracy",
     "free_top", "free_motion", "lagrange_top", "lagrange_motion",
     "normal", "uniform", "distribution", *_EFFECTS,
     "SceneError", "SceneWarning", "OutputExists",
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
     from rigidmc.errors import OutputExists, SceneError, SceneWarning
     from rigidmc.exact.free_top import free_motion, free_top
     from rigidmc.exact.lagrange_top import lagrange_motion, lagrange_top
+    from rigidmc.rerun import rerun
     from rigidmc.sampling import Start, distribution, normal, uniform
     from rigidmc.scene import Run, Scene
     from rigidmc.simulation import simulate

@@ -16,7 +16,7 @@ from rigidmc.engine.flops import torque_operations, unpacked
 from rigidmc.engine.machine import cache_folder, threads_available, vector_bits
 from rigidmc.observables import OBSERVABLES, rows_of
 from rigidmc.planning import prepare
-from rigidmc.prices import cost_per_step, prices
+from rigidmc.prices import cost_per_step, prices, some_of
 from rigidmc.sampling import Distribution
 from rigidmc.storage.schema import conservation, length, member_variables
 
@@ -77,8 +77,12 @@ def describe(scene, threads):
         free, none, added, noise, predicted = prices(scene, plan)
         each = "".join(f", {label} {more}" for label, more in added.items())
         each += f", noise {noise:.2f} ns" if noise else ""
+        quiet = cost
+        if "work" in run.save:
+            quiet = cost_per_step(*some_of(scene, plan, range(len(scene.effects))))
+            each += f", ledger of work {cost - quiet:.2f} ns"
         lines.append(
-            f"price        {free:.2f} ns without effects ({none}){each}: {predicted:.2f} ns predicted, {cost / predicted:.2f} of that measured"
+            f"price        {free:.2f} ns without effects ({none}){each}: {predicted:.2f} ns predicted, {quiet / predicted:.2f} of that measured"
         )
     lines += [f"note         {note}" for note in plan.notes]
     return "\n".join(lines)
@@ -93,7 +97,7 @@ def _limits(limits):
         for name, word in words.items()
         if getattr(limits, name) < np.inf
     ]
-    return "a member, where its " + ", ".join(parts) + ", or it turns non-finite"
+    return f"a member, where {'its ' + ', '.join(parts) + ', or ' if parts else ''}it turns non-finite"
 
 
 def sizes(scene, plan, threads):

@@ -2,37 +2,35 @@
 
 import numpy as np
 
-from rigidmc.effects import labelled
+from rigidmc.effects.parameters import numbers
 from rigidmc.effects.verbs import is_random
 from rigidmc.engine.members import energies
 from rigidmc.plots import CORE, INK, PATH, new_figure
 from rigidmc.sampling import is_shared
-from rigidmc.scene import Scene
+from rigidmc.scene_file import loads
 from rigidmc.staging import physics, stage
 
 THEORY = 200_000  # attitudes, uniform on SO(3), which the law of Gibbs weighs
 
 
-def gibbs(ds):
+def gibbs(ds, allow_code=False):
     """The last state of a scene in a bath against exp(-(T + V)/kT): momenta about the three axes, and the potential energy.
 
     The momenta are normal with <L_i^2> = I_i kT. The energies V of the law are those of 200,000 uniform attitudes with the weights exp(-V/kT).
     Averages in the titles have their standard errors; those of the run are off by order dt^2 beside.
 
-    ds : with momentum, and attitude where effects have an energy; ValueError for scenes without a bath, or whose bath differs from member to member
+    ds : with momentum, and attitude where effects have an energy; ValueError for scenes without a bath or with two, and for those whose body, kT
+        or energies differ from member to member
     """
-    scene = Scene.loads(ds.attrs["scene"])
-    baths = [(label, e) for label, e in labelled(scene.effects) if is_random(e)]
-    if not baths:
-        raise ValueError("gibbs needs a scene with a bath")
-    heat = baths[0][1].kT
-    if not is_shared(*scene.quantities()[: len(scene.body.quantities())], heat) or "momentum" not in ds:
-        raise ValueError(
-            'gibbs needs one body and one kT for all members, and the momentum: run with save=("momentum", "attitude")'
-        )
-    held = any(hasattr(e, "energy") for e in scene.effects)
-    if held and "attitude" not in ds:
-        raise ValueError('gibbs needs the attitude, which was not saved: run with save=("momentum", "attitude")')
+    scene = loads(ds.attrs["scene"], allow_code=allow_code)
+    baths = [e for e in scene.effects if is_random(e)]
+    if len(baths) != 1:
+        raise ValueError("gibbs needs a scene with a bath, and with one")
+    heat, held = baths[0].kT, [e for e in scene.effects if hasattr(e, "energy")]
+    if not is_shared(*scene.body.quantities(), heat, *(value for e in held for _, _, value in numbers(e))):
+        raise ValueError("gibbs needs one body, one kT and the same energies for all members")
+    if "momentum" not in ds or (held and "attitude" not in ds):
+        raise ValueError('gibbs needs momentum and attitude, which were not saved: run with save=("momentum", "attitude")')
     good = ds.status.values == 0
     l = ds.momentum.isel(time=-1).transpose("axis", "member").values[:, good]
     moments = ds.moments.transpose("axis", "member").values[:, good]
@@ -72,7 +70,6 @@ def _energies(axes, scene, q, heat):
     """Histogram of the potential energy, and that of uniform attitudes with the weights of Gibbs."""
     few, _ = stage(scene, 0, 1, True)
     body, effects = physics(scene.effects, few)
-    body, effects = type(body)(*(x[:, None] for x in body)), effects
     held = np.ravel(energies(effects, body, tuple(q))) / heat
     some = np.random.default_rng(0).normal(size=(4, THEORY))
     free = np.ravel(energies(effects, body, tuple(some / np.linalg.norm(some, axis=0)))) / heat

@@ -38,35 +38,33 @@ def cost_per_step(scene, plan, members=256, seconds=0.05):
     return 1e9 * best
 
 
-def without(scene, plan, effects=()):
-    """The scene with other effects, and its Plan with the integrator and the attitude of the one that is given."""
-    bare = replace(scene, effects=effects).with_run(save=())
-    quiet = prepare(bare if effects else bare.with_run(integrator="rk4"))
-    return bare, quiet._replace(form=plan.form, carried=plan.carried, limits=plan.limits)
+def some_of(scene, plan, kept):
+    """The scene with those of its effects whose index is in `kept`, and its Plan: the form of the step stays."""
+    effects = tuple(scene.effects[i] for i in kept)
+    made = plan.form.integrator
+    if hasattr(made, "pushes"):  # marks of each effect
+        made = made._replace(pushes=tuple(made.pushes[i] for i in kept), flows=tuple(made.flows[i] for i in kept))
+    return replace(scene, effects=effects).with_run(save=()), plan._replace(form=plan.form._replace(integrator=made), labels=())
 
 
 def prices(scene, plan):
     """What effects add to a step: (ns without them, measured; operations without them; {label: operations that it adds}; ns of noise, measured;
-    ns predicted).
+    ns predicted), the ledger of work left out.
 
     The prediction takes all operations to cost what those without effects do, a division or a root as many as `rigidmc.engine.flops` tells.
     """
+    every = tuple(range(len(scene.effects)))
 
-    def operations(effects):
-        return step_operations(plan.form, effects, plan.carried)
+    def operations(kept):
+        part, made = some_of(scene, plan, kept)
+        return step_operations(made.form, part.effects, plan.carried)
 
-    free = cost_per_step(*without(scene, plan))
-    every, none = operations(scene.effects), operations(())
-    added = {
-        label: every.less(operations(tuple(other for j, other in enumerate(scene.effects) if j != i)))
-        for i, (label, _) in enumerate(labelled(scene.effects))
-    }
-    random = tuple(effect for effect in scene.effects if is_random(effect))
-    noise = 0.0
+    free, none, whole = cost_per_step(*some_of(scene, plan, ())), operations(()), operations(every)
+    added = {label: whole.less(operations(every[:i] + every[i + 1 :])) for i, (label, _) in enumerate(labelled(scene.effects))}
+    random, noise = tuple(i for i in every if is_random(scene.effects[i])), 0.0
     if random:  # numbers from whole ones, which no count of operations tells
-        made = prepare(replace(scene, effects=random))
-        noise = max(0.0, cost_per_step(replace(scene, effects=random), made) - free * operations(random).slots / none.slots)
-    return free, none, added, noise, free * every.slots / none.slots + noise
+        noise = max(0.0, cost_per_step(*some_of(scene, plan, random)) - free * operations(random).slots / none.slots)
+    return free, none, added, noise, free * whole.slots / none.slots + noise
 
 
 def effect_prices():

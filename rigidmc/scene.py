@@ -10,6 +10,7 @@ from rigidmc.body import Body, broken
 from rigidmc.effects import EFFECTS, canonical, labelled, name_of
 from rigidmc.effects.own import check_own
 from rigidmc.effects.parameters import numbers, shape
+from rigidmc.effects.verbs import is_random
 from rigidmc.errors import SceneError, unknown
 from rigidmc.integrators import INTEGRATORS, refusal
 from rigidmc.observables import OBSERVABLES
@@ -135,6 +136,9 @@ class Scene:
             raise SceneError("run", "integrator", self.run.integrator, why)
         for effect in self.effects:
             check_own(effect)
+        if len([e for e in self.effects if is_random(e)]) > 1:
+            rule = "give one: two are a bath with gamma = gamma_1 + gamma_2 and kT = (gamma_1 kT_1 + gamma_2 kT_2)/gamma"
+            raise SceneError("effects", "bath", None, rule)
         count = rows(*self.quantities())
         if count is not None and count < self.run.first + self.run.members:
             rule = f"the scene has arrays with rows for {count} members only"

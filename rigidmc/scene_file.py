@@ -110,7 +110,9 @@ def _kind(name, table, folder):
         return EFFECTS[name]
     module = table.get("module") if isinstance(table, dict) else None
     if not isinstance(module, str):
-        raise unknown("effects", name, None, "effect", EFFECTS)
+        error = unknown("effects", name, None, "effect", EFFECTS)
+        error.rule += '; one of your own needs module = "file.py"'
+        raise error
     if folder is None:
         rule = "is code, and scene files execute nothing; look at it, then allow it with --allow-code (in Python allow_code=True)"
         raise SceneError(f"effects.{name}", "module", module, rule)

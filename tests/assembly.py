@@ -10,6 +10,7 @@ from rigidmc.effects.parameters import blank, parameter_count
 from rigidmc.engine import kernel
 from rigidmc.engine import layout as K
 from rigidmc.engine.compose import FLAGS, as_single
+from rigidmc.engine.flops import DIVISION, ROOT
 from rigidmc.engine.machine import vector_bits
 from rigidmc.integrators import INTEGRATORS, Turns, form
 
@@ -32,7 +33,7 @@ def blocks_of(assembly):
 def slots(loop):
     """Cycles that the vector instructions of a loop take in one pipe: moves none, a division 10 and a root 18 (Zen 4, 512 bits)."""
     words = [i.split()[0] for i in loop if re.search(r"%[xyz]mm|%k\d", i) and not i.startswith("vmov")]
-    return sum(10 if "div" in w else 18 if "sqrt" in w else 1 for w in words)
+    return sum(DIVISION if "div" in w else ROOT if "sqrt" in w else 1 for w in words)
 
 
 class Case(NamedTuple):

@@ -7,14 +7,26 @@ from typing import Annotated
 
 import typer
 
-from rigidmc.cli.common import Dt, Force, Integrator, SceneArgument, Set, app, check_suffix, load_scene, plots_module, reported
+from rigidmc.cli.common import (
+    AllowCode,
+    Dt,
+    Force,
+    Integrator,
+    SceneArgument,
+    Set,
+    app,
+    check_suffix,
+    load_scene,
+    plots_module,
+    reported,
+)
 
 
 @app.command("body")
 def body_command(
     source: Annotated[str, typer.Argument(metavar="FILE|NAME", help="A scene file, a shipped scene, or a mesh (.stl, .obj).")],
-    density: Annotated[float | None, typer.Option(help="Of a mesh [kg/m3]; default 1.")] = None,
-    mass: Annotated[float | None, typer.Option(help="Of a mesh [kg], instead of the density.")] = None,
+    density: Annotated[float | None, typer.Option(help="Of a mesh \\[kg/m3]; default 1.")] = None,
+    mass: Annotated[float | None, typer.Option(help="Of a mesh \\[kg], instead of the density.")] = None,
     scale: Annotated[float, typer.Option(help="Metres per unit of a mesh file: 0.001 for millimetres.")] = 1.0,
     machine: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
 ):
@@ -34,9 +46,9 @@ def body_command(
 @app.command("exact")
 def exact_command(
     scene: SceneArgument,
-    at: Annotated[float | None, typer.Option(help="Time [s]; default the scene's t_end. Negative: the closed form alone.")] = None,
+    at: Annotated[float | None, typer.Option(help="Time \\[s]; default the scene's t_end. Negative: the closed form alone.")] = None,
     members: Annotated[int, typer.Option(min=1, help="How many members, the first ones.")] = 1000,
-    integrator: Integrator = None, dt: Dt = None, settings: Set = [],  # noqa: B006
+    integrator: Integrator = None, dt: Dt = None, settings: Set = [], allow_code: AllowCode = False,  # noqa: B006
     plot: Annotated[str | None, typer.Option(metavar="FILE", help="Picture of the first member (.png, .pdf, .svg).")] = None,
     force: Force = False,
 ):  # fmt: skip
@@ -47,7 +59,7 @@ def exact_command(
         from rigidmc.errors import SceneError, SceneWarning
         from rigidmc.storage import refuse_existing
 
-        loaded = load_scene(scene, settings, integrator=integrator, dt=dt)
+        loaded = load_scene(scene, settings, allow_code, integrator=integrator, dt=dt)
         at = loaded.run.t_end if at is None else at
         if plot is not None:
             refuse_existing(plot, force)

@@ -29,15 +29,15 @@ Integrator = Annotated[str | None, typer.Option(help="A name of `rigidmc integra
 Tolerance = Annotated[
     float | None,
     typer.Option(
-        help="Error to keep in 99 % of the members, of momentum [of its size] and attitude [rad]: chooses integrator and step."
+        help="Error to keep in 99 % of the members, of momentum \\[of its size] and attitude \\[rad]: chooses integrator and step."
     ),
 ]
 Dtype = Annotated[str | None, typer.Option(help="float64 or float32: the numbers in which steps are made.")]
 Compensated = Annotated[bool | None, typer.Option("--compensated", help="Keep the remainders of all sums, for very many steps.")]
-Dt = Annotated[float | None, typer.Option(help="Step [s].")]
-Turn = Annotated[float | None, typer.Option(help="In place of --dt: each member steps by so much of its own motion [rad].")]
-TEnd = Annotated[float | None, typer.Option(help="End time [s].")]
-Every = Annotated[float | None, typer.Option(help="Time between saves [s]; without it first and last.")]
+Dt = Annotated[float | None, typer.Option(help="Step \\[s].")]
+Turn = Annotated[float | None, typer.Option(help="In place of --dt: each member steps by so much of its own motion \\[rad].")]
+TEnd = Annotated[float | None, typer.Option(help="End time \\[s].")]
+Every = Annotated[float | None, typer.Option(help="Time between saves \\[s]; without it first and last.")]
 Save = Annotated[
     str | None,
     typer.Option(

@@ -199,6 +199,7 @@ def plot(
         typer.Option(help="summary, momentum_sphere, middle_component, drift_histogram, axis_sphere; gibbs of a scene in a bath."),
     ] = "summary",
     force: Force = False,
+    allow_code: AllowCode = False,
 ):
     """Draw a picture of a result."""
     with reported():
@@ -216,7 +217,7 @@ def plot(
                 if picture == "gibbs":
                     from rigidmc.gibbs_plot import gibbs
 
-                    plots.save(gibbs(dataset), output)
+                    plots.save(gibbs(dataset, allow_code), output)
                 else:
                     plots.save(getattr(plots, picture)(dataset), output)
         except ValueError as error:

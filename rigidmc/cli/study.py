@@ -29,7 +29,7 @@ def accuracy(
     members: Annotated[int, typer.Option(min=1, help="Members of the pilot.")] = 256,
     long: Annotated[bool, typer.Option("--long", help="Drift of energy, |L|^2 and L_z over very many steps instead.")] = False,
     steps: Annotated[int, typer.Option(min=1000, help="How many, with --long.")] = 1_000_000,
-    dt: Annotated[float | None, typer.Option(help="Step [s] with --long; default the scene's.")] = None,
+    dt: Annotated[float | None, typer.Option(help="Step \\[s] with --long; default the scene's.")] = None,
     threads: Threads = None, settings: Set = [], allow_code: AllowCode = False,  # noqa: B006
     output: Output = None, plot: Plot = None, force: Force = False,
 ):  # fmt: skip

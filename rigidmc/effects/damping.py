@@ -75,12 +75,13 @@ class MatrixDamping(NamedTuple):
     limits = {"matrix": (-math.inf, math.inf)}
 
     def drives(self):
-        """Whether some spin is driven: where a principal minor of C is negative, beyond the rounding of 1e-12 of its trace."""
-        xx, yy, zz, yz, zx, xy = self.matrix
-        more = 1e-12 * (abs(xx) + abs(yy) + abs(zz))
-        x, y, z = xx + more, yy + more, zz + more
-        pairs = (x * y < xy * xy) | (y * z < yz * yz) | (z * x < zx * zx)
-        return (x < 0) | (y < 0) | (z < 0) | pairs | (x * y * z + 2 * xy * yz * zx < x * yz * yz + y * zx * zx + z * xy * xy)
+        """Whether some spin is driven: where a principal minor of C, in units of its trace, is negative beyond rounding."""
+        size = abs(self.matrix[0]) + abs(self.matrix[1]) + abs(self.matrix[2])
+        x, y, z, yz, zx, xy = (m / (size + (size == 0)) for m in self.matrix)
+        pairs = (x * y - xy * xy < -1e-14) | (y * z - yz * yz < -1e-14) | (z * x - zx * zx < -1e-14)
+        return (
+            (x < 0) | (y < 0) | (z < 0) | pairs | (x * y * z + 2 * xy * yz * zx - x * yz * yz - y * zx * zx - z * xy * xy < -1e-14)
+        )
 
     def torque(self, body, l):
         return scale(-1.0, symmetric_times(self.matrix, angular_velocity(body, l)))

@@ -1,10 +1,13 @@
 """A user's own effect, looked at before it is compiled: what it asks for, what it gives back, and whether its torque is that of its energy."""
 
+import ast
 import importlib.util
 import inspect
 import linecache
 import os
+import textwrap
 import traceback
+from typing import Any
 
 import numpy as np
 
@@ -18,21 +21,24 @@ _VERBS = {"torque": 3, "kick": 3, "shake": 3, "torque_rate": 3, "energy": 1, "en
 RULE = "kernels take floats and small tuples in and out: no arrays, no lists, no calls but of math, and no loop whose length depends on numbers"
 
 
-_modules: dict[str, object] = {}
+_modules: dict[tuple, object] = {}
 
 
 def class_of(folder, path, name, table):
     """The class of an effect in a Python file, which is run: only where the user allowed it. SceneError for a file without it."""
-    place = os.path.realpath(os.path.join(folder, path))
+    file = os.path.realpath(os.path.join(folder, path))
+    if not os.path.isfile(file) or not file.endswith(".py"):
+        raise SceneError(table, "module", path, "is no Python file (.py)" if os.path.isfile(file) else f"there is no file {file}")
+    place = file, os.stat(file).st_mtime_ns  # anew where it was changed
     if place not in _modules:
-        spec = importlib.util.spec_from_file_location(f"own_effects_{len(_modules)}", place) if place.endswith(".py") else None
-        if spec is None or spec.loader is None or not os.path.isfile(place):
-            raise SceneError(table, "module", path, "is no Python file (.py)")
+        spec: Any = importlib.util.spec_from_file_location(f"own_effects_{len(_modules)}", file)
         module = importlib.util.module_from_spec(spec)
         try:
             spec.loader.exec_module(module)
         except Exception as error:  # the user's own code: anything may come
-            raise SceneError(table, "module", path, f"raises {type(error).__name__}: {error}") from None
+            line = next((f.lineno for f in reversed(traceback.extract_tb(error.__traceback__)) if f.filename == file), None)
+            where = f" (line {line})" if line else ""
+            raise SceneError(table, "module", path, f"raises {type(error).__name__}{where}: {error}") from None
         _modules[place] = module
     kind = getattr(_modules[place], name, None)
     if not isinstance(kind, type) or not hasattr(kind, "_fields"):
@@ -58,6 +64,7 @@ def check_own(effect):
     for verb in _VERBS:
         if hasattr(kind, verb):
             _arguments(kind, verb)
+            _loops(kind, verb)
     sample = filled(
         kind, [float(np.ravel(value)[0]) if isinstance(value, (float, np.ndarray)) else 0.1 for _, _, value in numbers(effect)]
     )
@@ -88,6 +95,25 @@ def _arguments(kind, verb):
             close = nearest(name, known)
             raise _complaint(
                 kind, verb, f"asks for '{name}'; it may name {', '.join(known)}" + (f" (did you mean '{close}'?)" if close else "")
+            )
+
+
+def _loops(kind, verb):
+    """A loop has to be as long whatever the numbers: lanes of members take it together."""
+    method = getattr(kind, verb)
+    try:
+        tree = ast.parse(textwrap.dedent(inspect.getsource(method)))
+    except (OSError, TypeError, SyntaxError):  # of a shell
+        return
+    for node in ast.walk(tree):
+        counted = (
+            not isinstance(node, ast.For)
+            or not isinstance(node.iter, ast.Call)
+            or all(isinstance(a, ast.Constant) for a in node.iter.args)
+        )
+        if isinstance(node, ast.While) or not counted:
+            raise _complaint(
+                kind, verb, f"a loop whose length depends on numbers; {RULE}", method.__code__.co_firstlineno + node.lineno - 1
             )
 
 
@@ -124,9 +150,11 @@ def _gradient(effect, t, q, l, step=1e-5):
         slopes.append((_called(effect, "energy", t, ahead, l) - _called(effect, "energy", t, behind, l)) / (2.0 * step))
     size = max(np.abs(torque).max(), np.abs(slopes).max())
     if np.abs(torque + slopes).max() > 1e-6 * size:
+        opposite = np.abs(torque - slopes).max() <= 1e-6 * size
         told, own = ", ".join(f"{-s:.6g}" for s in slopes), ", ".join(f"{x:.6g}" for x in torque)
         raise _complaint(
             type(effect),
             "torque",
-            f"({own}) is not that of its energy, ({told}), at the attitude {', '.join(f'{x:.4g}' for x in q)}",
+            f"({own}) is not that of its energy, ({told}){', but the opposite of it' if opposite else ''}, at the attitude "
+            f"{', '.join(f'{x:.4g}' for x in q)}; it has to be minus the change of energy as the body turns about its axes",
         )

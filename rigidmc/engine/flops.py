@@ -10,13 +10,14 @@ from rigidmc.dynamics.euler import MassProperties
 from rigidmc.effects.parameters import blank
 from rigidmc.effects.verbs import total_torque
 from rigidmc.engine.compose import FLAGS, read, read_all, rows_of
-from rigidmc.engine.layout import LANES, four_at, put, three_at
+from rigidmc.engine.layout import put
 from rigidmc.integrators.verbs import step
 
 _OPERATION = re.compile(
     r"= .*?\b(?:f(add|sub|mul|div)|call [^@]*@(?:llvm\.)?(sqrt|fabs|minnum|maxnum)\b\S*)\b[^<]*?(?:<(\d+) x )?double"
 )
 _CHOICE = re.compile(r"= (?:fcmp|select)\b[^<]*?(?:<(\d+) x )?double")
+_MANY = 1024  # lanes of a loop that is looked at: one of 32 with little in it would be unrolled whole
 DIVISION, ROOT = 10, 18  # what they take in place of a product in packed arithmetic (Zen 4, 512 bits)
 _LIBRARY = re.compile(
     r"call [^@\n]*@(?:llvm\.)?(sin|cos|tan|exp|expm1|log|log10|log1p|pow|atan|atan2|asin|acos|sinh|cosh|tanh|fmod|hypot)\b"
@@ -59,21 +60,21 @@ def torque_operations(effect):
 
 def misdeeds(effect):
     """What keeps the torque of a user's own effect from a kernel, in words: memory that it takes; or ""."""
-    return "takes memory" if "NRT_" in _code(_torque, *blank((effect,)), _BODY, 0.0, _AT, _SPIN) else ""
+    return "takes memory" if "NRT_" in _torque_code(effect) else ""
 
 
 def library_calls(effect):
     """Functions of the library that a torque calls: no lane loop with one of them is packed."""
-    return sorted(set(_LIBRARY.findall(_code(_torque, *blank((effect,)), _BODY, 0.0, _AT, _SPIN))))
+    return sorted(set(_LIBRARY.findall(_torque_code(effect))))
 
 
 def unpacked(effect):
     """Why lanes cannot work on the torque of a user's own effect side by side, in words; "" where they do."""
     if called := library_calls(effect):
         return f"calls {', '.join(called)} of the library (rigidmc.dynamics.so3 has sincos, expm1 and exponential that are none)"
-    rows = 18 + rows_of(effect)
+    rows = 17 + rows_of(effect)
     found = [
-        line for line in _code(_lanes, *blank((effect,)), np.zeros((rows + 3) * LANES)).splitlines() if _OPERATION.search(line)
+        line for line in _code(_lanes, *blank((effect,)), np.zeros((rows + 3) * _MANY)).splitlines() if _OPERATION.search(line)
     ]
     if all("x double>" in line for line in found):
         return ""
@@ -87,15 +88,26 @@ def step_operations(form, effects, attitude):
     return _counted(counted, form.integrator, _BODY, blank(effects), 0.0, 0.1, part, q, _SPIN).times(len(form.parts) - 1)
 
 
+_codes: dict[type, str] = {}
+
+
+def _torque_code(effect):
+    """LLVM's code of an effect's torque, made once for each class."""
+    if type(effect) not in _codes:
+        _codes[type(effect)] = _code(_torque, *blank((effect,)), _BODY, 0.0, _AT, _SPIN)
+    return _codes[type(effect)]
+
+
 def _torque(effect, body, t, q, l):
     return total_torque((effect,), body, t, q, l)
 
 
 def _lanes(effect, work):
-    for k in range(LANES):
-        body, (present,) = read(_BODY, work, 8, k, LANES), read_all((effect,), work, 17, k, LANES)
-        torque = total_torque((present,), body, work[7 * LANES + k], four_at(work, k, 0), three_at(work, k, 4))
-        put(torque, work, (17 + rows_of(effect)) * LANES + k, LANES)
+    for k in range(_MANY):
+        body, present = read(_BODY, work, 8, k, _MANY), read_all((effect,), work, 17, k, _MANY)
+        q = work[k], work[_MANY + k], work[2 * _MANY + k], work[3 * _MANY + k]
+        l = work[4 * _MANY + k], work[5 * _MANY + k], work[6 * _MANY + k]
+        put(total_torque(present, body, work[7 * _MANY + k], q, l), work, (17 + rows_of(effect)) * _MANY + k, _MANY)
 
 
 def _with_attitude(integrator, body, effects, t, h, part, q, l):

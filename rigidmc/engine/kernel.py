@@ -78,7 +78,7 @@ def _advance(
     """Take every member of a block from step `first` to step `last` of `total`.
 
     integrator, parts : a Form, see `rigidmc.integrators.forms`
-    attitude : () where nothing needs the attitude: it is then neither moved nor ledger for; (0.0,) otherwise
+    attitude : () where nothing needs the attitude: it is then neither moved nor paid for; (0.0,) otherwise
     compensated : (0.0,) where sums keep their remainders, else ()
     precision : an empty array of the type of number in which steps are made; starts, drifts and saves are float64 always
     own : () where all members make the same steps; else (order,): member i of the block has its values at column order[i]

@@ -60,7 +60,7 @@ def refusal(name, effects, compensated=False, works=False):
     order = INTEGRATORS[name].order
     able = [other for other in accepting(effects, compensated, works) if not isinstance(INTEGRATORS[other], ClosedForm)]
     able.sort(key=lambda other: (_distance(order, INTEGRATORS[other].order), -_kinship(name, other)))
-    return f"{why}; use {' or '.join(able[:2])}"
+    return f"{why}; use {' or '.join(able[:2])}" if able else why
 
 
 def _distance(order, other):

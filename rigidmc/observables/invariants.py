@@ -28,7 +28,7 @@ class L2(NamedTuple):
 class EnergyDrift(NamedTuple):
     """(E - E(0))/|E(0)|; where |E(0)| is under 1e-3 of the energies in play, relative to that."""
 
-    units, long_name, dims = "1", "relative drift of energy", ()
+    units, long_name, dims = "1", "relative drift of energy, less work where it is booked", ()
 
     def value(self, body, effects, q, l, start):
         return ((kinetic_energy(body, l) + total_energy(effects, body, q) - start[0]) * start[1],)

@@ -89,15 +89,14 @@ def scene_of(path, settings=(), allow_code=False):
     """The scene of a result file, with its columns where it had one row per member."""
     from rigidmc.scene_file import loads
 
-    with netCDF4.Dataset(path) as file:
-        file.set_auto_mask(False)
+    with open_result(path) as file:  # by xarray: netCDF4 1.7.5 crashes when it opens once more what xarray has open
 
         def stored(name, axis):
-            rows = file.variables[name][:] if axis is None else file.variables[name][axis - 1]
+            rows = file[name].values if axis is None else file[name].values[axis - 1]
             # a file that starts at a later member has no rows before it, and needs none: they only keep the index right
-            return np.concatenate([np.repeat(rows[:1], int(file.variables["member"][0])), rows])
+            return np.concatenate([np.repeat(rows[:1], int(file.member[0])), rows])
 
-        return loads(file.getncattr("scene"), path, settings, stored, allow_code=allow_code)
+        return loads(file.attrs["scene"], path, settings, stored, allow_code=allow_code)
 
 
 def open_result(path):

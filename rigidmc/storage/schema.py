@@ -5,8 +5,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rigidmc import __version__
-from rigidmc.effects import labelled, name_of
+from rigidmc.effects import labelled
 from rigidmc.effects.parameters import shape
+from rigidmc.effects.verbs import is_random
 from rigidmc.engine.kernel import LOOK
 from rigidmc.engine.layout import STATUSES
 from rigidmc.observables import OBSERVABLES
@@ -25,16 +26,23 @@ class Variable(NamedTuple):
 
 def conservation(scene):
     """{"energy": "yes" or the reason why not, "energy_drift": the same of energy less work, "l2": ..., "lz": ...} by the physics of the scene."""
-    lossy = [name_of(e) for e in scene.effects if not getattr(e, "conservative", hasattr(e, "energy"))]
+    noisy = [label for label, e in labelled(scene.effects) if is_random(e)]
+    walk = f"no: under {', '.join(noisy)} the energy of a step of order 2 walks off as dt^2 sqrt(t)" if noisy else ""
+    lossy = [label for label, e in labelled(scene.effects) if not getattr(e, "conservative", hasattr(e, "energy"))]
     kept = "yes" if not lossy else f"no: {_change(lossy, 'the energy')}"
-    torques = [name_of(e) for e in scene.effects if not getattr(e, "keeps_l2", False)]
-    turning = [name_of(e) for e in scene.effects if not getattr(e, "keeps_lz", False)]
+    torques = [label for label, e in labelled(scene.effects) if not getattr(e, "keeps_l2", False)]
+    turning = [label for label, e in labelled(scene.effects) if not getattr(e, "keeps_lz", False)]
     changed = {"l2": (torques, "the angular momentum"), "lz": (turning, "L_z")}
     return {
         "energy": kept,
-        "energy_drift": "yes" if "work" in scene.run.save else kept,
+        "energy_drift": kept if "work" not in scene.run.save else walk or "yes",
         **{k: "yes" if not who else f"no: {_change(who, what)}" for k, (who, what) in changed.items()},
     }
+
+
+def booked(scene):
+    """The labels of the effects whose work is no part of `energy`."""
+    return [label for label, e in labelled(scene.effects) if not hasattr(e, "energy")]
 
 
 def _change(who, what):
@@ -61,6 +69,8 @@ def saved_variables(scene):
         attrs = {"units": kind.units, "long_name": kind.long_name}
         if name.startswith(("energy", "l2")):
             attrs["conserved"] = kept.get(name, kept["l2"])
+        if name == "work":
+            attrs["booked"] = ", ".join(booked(scene)) or "none"  # the others' work is told by energy
         variables[name] = Variable(("time", *kind.dims, "member"), "f8", attrs)
     return variables
 
@@ -73,9 +83,7 @@ def member_variables(scene, carried):
     energy = "|E - E(0)|"
     if "work" in scene.run.save:
         drift += " and the sizes of all works"
-        energy = (
-            f"|E - E(0) - work of {', '.join(label for label, e in labelled(scene.effects) if not hasattr(e, 'energy')) or 'none'}|"
-        )
+        energy = f"|E - E(0) - work of {', '.join(booked(scene)) or 'none'}|"
     variables = {
         "energy_drift_max": Variable(
             ("member",), "f8", {"units": "1", "long_name": f"{energy} {drift}, {over}", "conserved": kept["energy_drift"]}

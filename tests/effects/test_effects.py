@@ -361,3 +361,12 @@ def test_a_matrix_that_drives_some_spin_is_refused():
         checked(matrix)
     with pytest.raises(rm.SceneError, match="drives some spins"):
         checked((1.0, 1.0, 1.0, 0.0, 0.0, rm.uniform(0.5, 1.1)))
+    some = np.random.default_rng(5)
+    for size in (1.0, 1e-100, 1e100):
+        for rank in (1, 2, 3):  # damping about skew axes
+            for _ in range(300):
+                c = sum(np.outer(v, v) for v in some.normal(size=(rank, 3))) * size
+                assert not MatrixDamping((c[0, 0], c[1, 1], c[2, 2], c[1, 2], c[2, 0], c[0, 1])).drives()
+                c -= 1e-6 * np.trace(c) * np.eye(3)  # one of rank 3 may still damp
+                driven = MatrixDamping((c[0, 0], c[1, 1], c[2, 2], c[1, 2], c[2, 0], c[0, 1])).drives()
+                assert driven == (np.linalg.eigvalsh(c)[0] < 0.0)

@@ -1,0 +1,65 @@
+"""One member of a result again, to the same bits, with more saved."""
+
+import warnings
+from typing import Any
+
+import numpy as np
+
+from rigidmc.errors import SceneError, SceneWarning
+from rigidmc.observables import OBSERVABLES
+from rigidmc.planning import prepare
+from rigidmc.scene import Scene
+from rigidmc.simulation import simulate
+from rigidmc.storage import open_result
+
+
+def rerun(source, member, every=None, save=None, allow_code=False, **options):
+    """Integrate a member of a result once more: a Dataset like that of `rigidmc.simulate`, equal to it where both have saves.
+
+    source : a result file (.nc)
+    member : its index, or a range of indices
+    every : time between saves [s], a whole number of steps; default that of the result. A member's bits are those of its steps: with steps of its
+        own (`turn`) these follow `every`, which has to stay
+    save : names of observables; default all but work, which the result may not have booked
+    allow_code, options : as of `rigidmc.Scene.load` and `rigidmc.simulate`
+
+    The attribute `rerun` tells at how many times it was compared. Raises SceneError for a member that the result has not and an `every` between
+    steps; a SceneWarning where a value differs, as it may on another type of processor or with another version.
+    """
+    scene = Scene.load(source, allow_code=allow_code)
+    wanted = member if isinstance(member, range) else range(member, member + 1)
+    run = scene.run
+    known = range(run.first, run.first + run.members)
+    if not wanted or wanted.step != 1 or wanted[0] not in known or wanted[-1] not in known:
+        raise SceneError("", "member", member, f"{source} has the members {known[0]} to {known[-1]}")
+    asked = run.every if every is None else every
+    scene = scene.with_run(every=asked, save=tuple(name for name in OBSERVABLES if name != "work") if save is None else tuple(save))
+    if run.turn is not None and asked != run.every:
+        raise SceneError(
+            "run", "every", every, f"members have steps of their own in each {run.every} s: another time between saves changes them"
+        )
+    if run.turn is None and run.integrator != "closed" and asked is not None:
+        steps = asked / run.dt
+        if abs(steps - round(steps)) > 1e-9 * steps or round(steps) < 1 or abs(prepare(scene).dt / run.dt - 1.0) > 1e-9:
+            rule = f"has to be a whole number of steps of {run.dt:.10g} s and to divide t_end = {run.t_end:g} s"
+            raise SceneError("run", "every", every, rule)
+    made = simulate(scene, members=wanted, **options)
+    with open_result(source) as result:
+        made.attrs["rerun"] = _compared(made, result.sel(member=list(wanted)), source)
+    return made
+
+
+def _compared(made, result, source):
+    """In words, at how many times the saves of both are equal to the bit; warns where they are not."""
+    shared = np.intersect1d(made.time.values, result.time.values)
+    both = [name for name in made.data_vars if name in result and "time" in made[name].dims]
+    apart: dict[str, Any] = {}
+    for name in both:
+        one, two = (np.asarray(ds[name].sel(time=shared).transpose(*made[name].dims).values) for ds in (made, result))
+        if not np.array_equal(one, two, equal_nan=True):
+            apart[name] = float(np.nanmax(np.abs(one - two)))
+    if apart:
+        worst = ", ".join(f"{name} by {off:.1e}" for name, off in apart.items())
+        warnings.warn(f"differs from {source}: {worst}; another processor or version rounds otherwise", SceneWarning, stacklevel=3)
+        return f"differs: {worst}"
+    return f"equal to the bit at {shared.size} times in {', '.join(both) or 'nothing that both have'}"

@@ -1,0 +1,72 @@
+"""A member of a result again: equal to the bit, and what cannot be had is refused."""
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import rigidmc as rm
+from rigidmc.cli import app
+
+BODY = rm.Body.from_moments((rm.uniform(1.0, 1.2), 1.4, 2.0), mass=1.0, centre=(0.1, 0.0, 0.3))
+SCENE = rm.Scene(BODY, (rm.Gravity(rm.normal(9.81, 0.1)),), rm.Start(omega=(rm.normal(0.0, 0.1), 1.0, 0.2), attitude="uniform"))
+SCENE = SCENE.with_run(members=200, first=1000, t_end=2.0, dt=0.01, every=0.5, save=("omega", "attitude"), integrator="rk4")
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    path = str(tmp_path_factory.mktemp("rerun") / "a.nc")
+    rm.simulate(SCENE, output=path).close()
+    return path
+
+
+def test_a_member_again_with_everything_saved(file):
+    with rm.open(file) as first:
+        made = rm.rerun(file, 1123, every=0.02)
+        assert made.sizes["time"] == 101
+        assert set(made.data_vars) >= {"omega", "momentum", "attitude", "energy", "energy_drift", "l2", "l2_drift"}
+        assert made.attrs["rerun"] == "equal to the bit at 5 times in omega, attitude"
+        assert np.array_equal(made.omega.sel(time=first.time, member=[1123]), first.omega.sel(member=[1123]))
+        some = rm.rerun(file, range(1100, 1164), save=("omega",))
+        assert np.array_equal(some.omega, first.omega.sel(member=some.member))
+
+
+def test_what_is_not_the_same_is_told(file, tmp_path):
+    with rm.open(file) as first:
+        other = first.load().copy(deep=True)
+    other["omega"][2, 1, 123] += 1e-12
+    path = str(tmp_path / "other.nc")
+    other.to_netcdf(path)
+    with pytest.warns(rm.SceneWarning, match=r"differs from .*other.nc: omega by 1\.0e-12"):
+        made = rm.rerun(path, 1123, save=("omega", "attitude"))
+    assert made.attrs["rerun"].startswith("differs: omega by")
+
+
+@pytest.mark.parametrize(("member", "options", "words"), [
+    (999, {}, "has the members 1000 to 1199"),
+    (range(1190, 1201), {}, "has the members 1000 to 1199"),
+    (1000, {"every": 0.015}, r"whole number of steps of 0\.01 s|divides"),
+    (1000, {"every": 0.001}, r"whole number of steps of 0\.01 s"),
+    (1000, {"save": ("omga",)}, "did you mean 'omega'"),
+])  # fmt: skip
+def test_what_cannot_be_had_is_refused(file, member, options, words):
+    with pytest.raises(rm.SceneError, match=words):
+        rm.rerun(file, member, **options)
+
+
+def test_steps_of_their_own_stay_as_they_were(tmp_path):
+    path = str(tmp_path / "own.nc")
+    rm.simulate(SCENE, turn=0.05, output=path).close()
+    assert rm.rerun(path, 1005).attrs["rerun"].startswith("equal to the bit at 5 times")
+    with pytest.raises(rm.SceneError, match=r"steps of their own in each 0\.5 s"):
+        rm.rerun(path, 1005, every=0.25)
+
+
+def test_from_the_command_line(file, tmp_path):
+    output = str(tmp_path / "b.nc")
+    words = ["rerun", file, "--member", "1123", "--every", "0.1", "--save", "omega,energy", "-o", output]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0
+    assert "member 1123, 21 saves of omega, energy" in result.output
+    assert "equal to the bit at 5 times in omega" in result.output
+    assert CliRunner().invoke(app, words).exit_code == 6
+    assert CliRunner().invoke(app, ["rerun", file, "--member", "5"]).exit_code == 3
