@@ -89,7 +89,13 @@ def member_variables(scene, carried):
             ("member",), "f8", {"units": "1", "long_name": f"{energy} {drift}, {over}", "conserved": kept["energy_drift"]}
         ),
         "l2_drift_max": Variable(
-            ("member",), "f8", {"units": "1", "long_name": f"relative change of |L|^2 (absolute for a top that starts at rest), {over}", "conserved": kept["l2"]}
+            ("member",),
+            "f8",
+            {
+                "units": "1",
+                "long_name": f"relative change of |L|^2 (absolute for a top that starts at rest), {over}",
+                "conserved": kept["l2"],
+            },
         ),
         "status": Variable(
             ("member",),
