@@ -20,15 +20,6 @@ def scene(effect):
     return rm.Scene(BODY, (effect,), START).with_run(dt=0.01, t_end=1.0, members=64, save=("momentum", "attitude"))
 
 
-class Wind(NamedTuple):
-    """A gust about a fixed axis of the body that fades as it spins away."""
-
-    size: float
-
-    def torque(self, t, l):
-        return self.size * (1.0 + 0.5 * t) / (1.0 + l[0] * l[0]), 0.0, 0.0
-
-
 class Weight(NamedTuple):
     """Gravity written anew."""
 
@@ -238,5 +229,3 @@ def test_an_own_effect_runs_as_a_built_in_one():
     assert own.energy_drift_max.attrs["conserved"] == "yes"
     with pytest.warns(rm.SceneWarning, match="Sine calls sin of the library"):
         rm.simulate(scene(Sine(0.1)))
-    blown = rm.simulate(scene(Wind(0.5)))
-    assert float(blown.l2_drift_max.min()) > 0.01

@@ -133,9 +133,14 @@ def test_a_run_that_saves_work_books_it(options, bound, tmp_path):
     assert "work of body_torque, viscous_damping" in ds.energy_drift_max.attrs["long_name"]
     again = rm.simulate(SCENE, **options, output=str(tmp_path / "a.nc"), block=32, threads=1)
     assert np.array_equal(again.work, ds.work)
-    without = rm.simulate(SCENE, **options, save=("energy",))
+
+
+def test_without_work_the_rest_is_the_same():
+    ds, without = (rm.simulate(SCENE, integrator="rk4", save=save) for save in (SCENE.run.save, ("energy",)))
     assert without.energy_drift_max.attrs["conserved"].startswith("no")
-    assert np.abs(without.energy - ds.energy).max() < (1e-4 if "dtype" in options else 1e-13)
+    assert (
+        np.abs(without.energy - ds.energy).max() < 1e-13
+    )  # measured 7e-15: what is computed beside the state may be rounded otherwise
 
 
 def test_works_in_own_steps_other_units_and_for_frozen_members():

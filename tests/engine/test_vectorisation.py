@@ -90,7 +90,6 @@ CASES = {
     "rk8 gravity float32": case("rk8", (G,), WITH, (), np.float32),
     "strang gravity float32": case("strang", (G,), WITH, (), np.float32),
     "rk4 gravity damping works": case("rk4", (G, D), ledger=((), (0.0,))),
-    "strang gravity damping works": case("strang", (G, D), ledger=((), (0.0,))),
     "rk4 gravity by hand": Case(form(HeavyByHand()), (G,)),
     "rkmk4 gravity damping float32": case("rkmk4", (G, D), WITH, (), np.float32),
 }
