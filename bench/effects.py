@@ -20,8 +20,8 @@ from rigidmc.engine.machine import threads_available
 from rigidmc.integrators import INTEGRATORS, Turns, form
 from rigidmc.planning import prepare
 from rigidmc.prices import cost_per_step, prices
-from rigidmc.sampling import Start
 from rigidmc.scene import Scene
+from rigidmc.start import Start
 from tests.assembly import assembly_of, case, counted
 
 MEMBERS, STEPS, H = 16384, 300, 0.01

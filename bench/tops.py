@@ -62,7 +62,22 @@ def blocks(tops, effects, size=BLOCK):
 def advance(parts, made, effects, attitude, h, steps, pool, dtype=float, limits=()):
     """Move blocks by `steps` steps h of a Form on the threads of a pool, final state only."""
     integrator = as_single(made.integrator) if dtype == np.float32 else made.integrator
-    how = (integrator, made.parts, blank(effects), (), (0.0,) if attitude else (), (), np.empty(0, dtype), (), limits, (), ())
+    how = (
+        integrator,
+        made.parts,
+        blank(effects),
+        (),
+        (0.0,) if attitude else (),
+        (),
+        np.empty(0, dtype),
+        (),
+        limits,
+        (),
+        (),
+        (),
+        (),
+        (),
+    )
     nothing = np.empty(0)
 
     def move(block):

@@ -15,14 +15,19 @@ __version__ = "0.1.0"
 _EFFECTS = (
     "AxialDamping", "Bath", "BodyTorque", "DryFriction", "EnergyDissipation", "Gravity", "GravityGradient", "MatrixDamping", "MovingPivot", "PeriodicTorque", "Potential", "QuadraticDrag", "RotatingField", "Rotor", "SpaceTorque", "Spring", "UniformField", "ViscousDamping",
 )  # fmt: skip
+_VECTORS = ("Cone", "Correlated", "GibbsMomentum", "SecondMoments", "Shell", "Sphere")
 _HOMES = {
     "Body": "body",
+    "Flips": "observables",
     "OutputExists": "errors",
+    "Passage": "observables",
     "Scene": "scene",
     "SceneError": "errors",
     "SceneWarning": "errors",
     "Run": "scene",
-    "Start": "sampling",
+    "Start": "start",
+    "grid": "sampling",
+    **dict.fromkeys(_VECTORS, "vectors"),
     "accuracy": "studies.accuracy",
     "distribution": "sampling",
     "free_motion": "exact.free_top",
@@ -39,7 +44,8 @@ _HOMES = {
 __all__ = [
     "Body", "Scene", "Start", "Run", "simulate", "open", "rerun", "accuracy",
     "free_top", "free_motion", "lagrange_top", "lagrange_motion",
-    "normal", "uniform", "distribution", *_EFFECTS,
+    "normal", "uniform", "distribution", "grid", "Flips", "Passage", *_EFFECTS,
+    "Cone", "Correlated", "GibbsMomentum", "SecondMoments", "Shell", "Sphere",
     "SceneError", "SceneWarning", "OutputExists",
 ]  # fmt: skip
 
@@ -49,12 +55,15 @@ if TYPE_CHECKING:
     from rigidmc.errors import OutputExists, SceneError, SceneWarning
     from rigidmc.exact.free_top import free_motion, free_top
     from rigidmc.exact.lagrange_top import lagrange_motion, lagrange_top
+    from rigidmc.observables import Flips, Passage
     from rigidmc.rerun import rerun
-    from rigidmc.sampling import Start, distribution, normal, uniform
+    from rigidmc.sampling import distribution, grid, normal, uniform
     from rigidmc.scene import Run, Scene
     from rigidmc.simulation import simulate
+    from rigidmc.start import Start
     from rigidmc.storage import open_result as open
     from rigidmc.studies.accuracy import accuracy
+    from rigidmc.vectors import Cone, Correlated, GibbsMomentum, SecondMoments, Shell, Sphere
 
 
 def __getattr__(name):

@@ -2,13 +2,15 @@
 
 import inspect
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from rigidmc import inertia, rotation, solids
 from rigidmc.errors import SceneError, unknown
 from rigidmc.inertia import broken
-from rigidmc.sampling import Distribution, draw, is_shared, quantity, vector
+from rigidmc.sampling import draw, is_open, is_shared, quantity, vector
+from rigidmc.vectors import checked, numbers_of
 
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -23,25 +25,28 @@ class Body:
     axes : 3x3, its columns are the principal axes in the body's own axes, right-handed; the identity unless the body was given by
         a tensor, by particles or by a shift
 
-    Components of moments, mass and centre are numbers, distributions, or arrays with one row per member.
+    Components of moments, mass and centre are numbers, distributions, grids, or arrays with one row per member; moments also
+    SecondMoments, whose bodies always exist.
     Raises SceneError for moments that are not positive or break the triangle inequality I_i <= I_j + I_k.
     """
 
-    moments: tuple
-    mass: float | Distribution | np.ndarray = 1.0
+    moments: Any
+    mass: Any = 1.0
     centre: tuple = (0.0, 0.0, 0.0)
     axes: tuple = IDENTITY
 
     def __post_init__(self):
-        object.__setattr__(self, "moments", vector(self.moments, "body", "moments"))
+        whole = hasattr(self.moments, "_fields")
+        moments = checked(self.moments, "body", "moments") if whole else vector(self.moments, "body", "moments")
+        object.__setattr__(self, "moments", moments)
         object.__setattr__(self, "mass", quantity(self.mass, "body", "mass"))
         object.__setattr__(self, "centre", vector(self.centre, "body", "centre"))
         if self.axes != IDENTITY and not is_shared(*self.centre):
             raise SceneError("body", "centre", None, "a body given by a tensor takes plain numbers; give principal moments instead")
-        fixed = [m for m in self.moments if not isinstance(m, Distribution)]
+        fixed = [] if whole else [m for m in self.moments if not is_open(m)]
         if not all(np.min(m) > 0 for m in fixed):
             raise SceneError("body", "moments", self._given(), "principal moments must be positive")
-        if not isinstance(self.mass, Distribution) and not np.min(self.mass) > 0:
+        if not is_open(self.mass) and not np.min(self.mass) > 0:
             raise SceneError("body", "mass", self.mass if is_shared(self.mass) else None, "the mass must be positive")
         if len(fixed) == 3:
             bad = np.flatnonzero(broken(np.broadcast_arrays(*self.moments)))
@@ -243,11 +248,15 @@ class Body:
 
     def quantities(self):
         """All quantities of the body, in one flat tuple."""
-        return (*self.moments, self.mass, *self.centre)
+        moments = (self.moments, *numbers_of(self.moments)) if hasattr(self.moments, "_fields") else self.moments
+        return (*moments, self.mass, *self.centre)
 
     def sample(self, seed, first, count):
         """(moments (3, count), mass (count), centre of mass in principal axes (3, count)) of some members."""
-        moments = draw(self.moments, seed, "body.moments", first, count)
+        if hasattr(self.moments, "_fields"):
+            moments = self.moments.sample(seed, "body.moments", first, count, None)
+        else:
+            moments = draw(self.moments, seed, "body.moments", first, count)
         mass = draw((self.mass,), seed, "body.mass", first, count)[0]
         centre = draw(self.centre, seed, "body.centre", first, count)
         if self.axes != IDENTITY:

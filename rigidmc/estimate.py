@@ -17,8 +17,9 @@ from rigidmc.engine.machine import cache_folder, threads_available, vector_bits
 from rigidmc.observables import OBSERVABLES, rows_of
 from rigidmc.planning import prepare
 from rigidmc.prices import cost_per_step, prices, some_of
-from rigidmc.sampling import Distribution
+from rigidmc.sampling import Distribution, Grid
 from rigidmc.storage.schema import conservation, length, member_variables
+from rigidmc.vectors import word_of
 
 
 def describe(scene, threads):
@@ -143,6 +144,10 @@ def _words(value):
     """A quantity or a tuple of them for people."""
     if isinstance(value, tuple):
         return "(" + ", ".join(_words(v) for v in value) + ")"
+    if hasattr(value, "_fields"):
+        return f"{word_of(value)}({', '.join(f'{k} = {v}' if isinstance(v, int) else f'{k} = {_words(v)}' for k, v in value._asdict().items() if v is not None)})"
+    if isinstance(value, Grid):
+        return f"grid({value.low:g} to {value.high:g}, {value.count})"
     if isinstance(value, Distribution):
         parameters = value.parameters if value.name in ("normal", "uniform") else [f"{k} = {v:g}" for k, v in value.parameters]
         return f"{value.name}({', '.join(p if isinstance(p, str) else f'{p:g}' for p in parameters)})"

@@ -88,6 +88,7 @@ class Truth(NamedTuple):
 def pilot(scene, members, first=None):
     """`members` members of a scene, from index `first` on; fewer where the scene has no more rows, one where all are alike."""
     scene.check()
+    scene = scene.coarse()
     run = scene.run
     first = run.first if first is None else first
     available = rows(*scene.quantities())
@@ -137,7 +138,7 @@ def _saved(pilot, scene, block, h, slots, steps, stride, dtype="float64", compen
 
     def advance(i, first, last):
         own = () if scene.run.turn is None else (np.arange(parts[i].shape[1]),)
-        kernel.advance(*how, own, (), (), (), parts[i], out, width, i * share, h, slots, first, last, stride, steps)
+        kernel.advance(*how, own, (), (), (), (), (), (), parts[i], out, width, i * share, h, slots, first, last, stride, steps)
 
     with ThreadPoolExecutor(len(parts)) as pool:
         for first in range(0, steps, stride if nudge else steps):

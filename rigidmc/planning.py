@@ -15,9 +15,10 @@ from rigidmc.errors import SceneError
 from rigidmc.integrators import INTEGRATORS, Turns, form
 from rigidmc.limits import limits
 from rigidmc.observables import OBSERVABLES, rows_of
-from rigidmc.sampling import Distribution, is_shared, rows
+from rigidmc.sampling import is_open, is_shared, rows
 from rigidmc.scene import PILOT
 from rigidmc.staging import physics, rates, stage
+from rigidmc.watching import Watch, needs_attitude, watch
 
 BLOCK = 4096  # members: their 30 to 40 rows are 1 MB, and a kernel call on them is 10 ms or more
 SLAB = 32 * 2**20  # bytes of saved values that a block may hold on its way to a file
@@ -49,6 +50,7 @@ class Plan(NamedTuple):
     notes: tuple  # what the user should know
     limits: Any  # what flags a member, see `rigidmc.limits`
     labels: tuple  # of the effects whose works are saved
+    watch: Watch  # what is kept of every step
 
     def bounds(self):
         """The finite ones of the limits that a scene may set, by their names there."""
@@ -102,7 +104,7 @@ def carries_attitude(scene):
     """Whether anything needs the attitude: an effect that names q, or an observable of it that is saved."""
     needed = [names(e, "torque", "kick", "energy") for e in scene.effects]
     needed += [names(OBSERVABLES[name], "value") for name in scene.run.save if name == "attitude"]
-    return any("q" in n for n in needed)
+    return any("q" in n for n in needed) or needs_attitude(scene)
 
 
 def prepare(scene, threads=1, streaming=False, block=None):
@@ -121,7 +123,7 @@ def prepare(scene, threads=1, streaming=False, block=None):
         steps, dt, stride, notes = steps_and_saves(run.t_end, run.dt, run.every)
         angle, theta = (dt * speed for speed in _speeds(scene, carried))
     made, rate, spin = (None, None, 0.0) if run.integrator == "closed" else form_of(scene, dt, carried)
-    mean = steps * float(np.mean(stage(scene, 0, _pilot(scene), carried, dt)[0][layout.STEPS])) if own else steps
+    mean = steps * float(np.mean(stage(scene.coarse(), 0, _pilot(scene), carried, dt)[0][layout.STEPS])) if own else steps
     # a splitting turns exactly, however fast: it only sees the torque less often
     most = 3.0 if hasattr(INTEGRATORS[run.integrator], "drifts") else 1.0
     if angle > most and INTEGRATORS[run.integrator].order < math.inf:
@@ -139,6 +141,7 @@ def prepare(scene, threads=1, streaming=False, block=None):
         run.first, run.members, steps, dt, stride, own, mean, np.array(slots) * dt, made, carried, block, _constant(scene), angle, rate,
         run.dtype, run.compensated, notes, () if made is None else limits(scene, carried, theta, mean, made, spin),
         tuple(label for label, _ in labelled(scene.effects)) if "work" in run.save else (),
+        watch(scene),
     )  # fmt: skip
 
 
@@ -184,6 +187,7 @@ def _pilot(scene):
 
 def _speeds(scene, carried):
     """(largest |omega| at the start, largest rate) of the pilot [rad/s], see `rigidmc.staging.rates`."""
+    scene = scene.coarse()
     block, _ = stage(scene, 0, _pilot(scene), carried)
     with np.errstate(all="ignore"):
         omega = block[layout.BODY : layout.BODY + 3] * block[layout.MOMENTUM : layout.REST]
@@ -196,6 +200,7 @@ def _turn_rates(scene):
 
     lambda is the rate at which free motion turns L in the body. Where members have steps of their own, both are in units of their rates.
     """
+    scene = scene.coarse()
     block, _ = stage(scene, 0, _pilot(scene), carries_attitude(scene))
     body, effects = physics(scene.effects, block)
     l = block[layout.MOMENTUM : layout.REST]
@@ -214,13 +219,7 @@ def _turn_rates(scene):
             own = rates(scene.effects, block)
             rate, spin = rate / own, np.ones_like(own)  # no member is faster than its rate
         alike = bool(np.all(np.abs(a).min(0) <= 4e-15 * i.max(0))) and _symmetric_by_construction(scene)
-    margin = (
-        1.0
-        if not any(isinstance(q, Distribution) for q in scene.quantities())
-        else MARGIN
-        if scene.run.turn is None
-        else OWN_MARGIN
-    )
+    margin = 1.0 if not is_open(*scene.quantities()) else MARGIN if scene.run.turn is None else OWN_MARGIN
     rate, spin = (float(np.max(x, where=np.isfinite(x), initial=0.0)) for x in (rate, spin))
     return (
         margin * rate,
@@ -231,4 +230,4 @@ def _turn_rates(scene):
 
 def _symmetric_by_construction(scene):
     """Whether a look at the pilot tells for all members that they have two equal moments."""
-    return not any(isinstance(q, Distribution) for q in scene.body.moments)
+    return not is_open(*scene.body.moments)

@@ -13,10 +13,11 @@ from rigidmc.effects.verbs import is_random
 from rigidmc.engine import kernel, layout
 from rigidmc.engine.flops import step_operations, torque_operations
 from rigidmc.planning import prepare
-from rigidmc.sampling import Start
 from rigidmc.scene import Scene
 from rigidmc.simulation import block_arguments, compile_kernel
 from rigidmc.staging import stage
+from rigidmc.start import Start
+from rigidmc.watching import Watch
 
 
 def cost_per_step(scene, plan, members=256, seconds=0.05):
@@ -24,7 +25,7 @@ def cost_per_step(scene, plan, members=256, seconds=0.05):
     compile_kernel(scene, plan)
     best, steps = np.inf, 16
     for _ in range(12):
-        block, _ = stage(scene, plan.first, members, plan.carried)
+        block, _ = stage(scene, plan.first, members, plan.carried, more=plan.watch.rows)
         if plan.own:
             block[layout.STEPS] = steps
         began = time.perf_counter()
@@ -44,7 +45,8 @@ def some_of(scene, plan, kept):
     made = plan.form.integrator
     if hasattr(made, "pushes"):  # marks of each effect
         made = made._replace(pushes=tuple(made.pushes[i] for i in kept), flows=tuple(made.flows[i] for i in kept))
-    return replace(scene, effects=effects).with_run(save=()), plan._replace(form=plan.form._replace(integrator=made), labels=())
+    bare = replace(scene, effects=effects, observables=()).with_run(save=())
+    return bare, plan._replace(form=plan.form._replace(integrator=made), labels=(), watch=Watch())
 
 
 def prices(scene, plan):

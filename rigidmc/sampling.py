@@ -1,14 +1,12 @@
-"""How members differ: numbers, distributions or one row per member, drawn as a function of (seed, name, member) alone."""
+"""How members differ: numbers, distributions, grids or one row per member, drawn as a function of (seed, name, member) alone."""
 
 import math
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rigidmc.engine.random import uniforms
 from rigidmc.errors import SceneError, unknown
-from rigidmc.rotation import quaternion_from_euler, quaternion_from_matrix
 
 
 @dataclass(frozen=True)
@@ -42,6 +40,50 @@ class Distribution:
         """The distribution as it stands in a scene file."""
         plain = self.name in ("normal", "uniform")
         return {self.name: list(self.parameters) if plain else dict(self.parameters)}
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Evenly spaced numbers, the middles of `count` equal parts of (low, high), with `log` of equal ratios; member i has number i // stride % count.
+
+    Two of them, one of stride r and one of stride r n, make a map of n columns with r members to a pixel.
+    """
+
+    low: float
+    high: float
+    count: int
+    stride: int = 1
+    log: bool = False
+
+    def values(self):
+        """All of them."""
+        share = (np.arange(self.count) + 0.5) / self.count
+        return self.low * (self.high / self.low) ** share if self.log else self.low + (self.high - self.low) * share
+
+    def at(self, first, count):
+        """Those of members first ... first + count - 1."""
+        return self.values()[np.arange(first, first + count) // self.stride % self.count]
+
+    def times(self, by):
+        """The grid of the number multiplied by a positive one."""
+        return replace(self, low=by * self.low, high=by * self.high)
+
+    def as_table(self):
+        """The grid as it stands in a scene file."""
+        more = {"stride": self.stride} | ({"log": True} if self.log else {})
+        return {"grid": [self.low, self.high, self.count], **more}
+
+
+def grid(low, high, count, stride=1, log=False):
+    """A Grid; SceneError for ends that are none, or counts below 1."""
+    given = {"grid": [low, high, count], "stride": stride, "log": log}
+    if not (_is_number(low) and _is_number(high) and low < high) or (log and not low > 0):
+        rule = "expected grid = [low, high, count] with low < high" + (", above 0 where log = true" if log else "")
+        raise SceneError("", "grid", given, rule)
+    for name, value in (("count", count), ("stride", stride)):
+        if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
+            raise SceneError("", "grid", given, f"{name} has to be a whole number of at least 1")
+    return Grid(float(low), float(high), int(count), int(stride), bool(log))
 
 
 def _scipy(name):
@@ -101,8 +143,8 @@ def _is_number(value):
 
 
 def quantity(value, table, key):
-    """A number, a Distribution, or a 1-D array with one entry per member; SceneError for anything else."""
-    if isinstance(value, Distribution):
+    """A number, a Distribution, a Grid, or a 1-D array with one entry per member; SceneError for anything else."""
+    if isinstance(value, (Distribution, Grid)):
         return value
     if _is_number(value):
         return float(value)
@@ -113,7 +155,9 @@ def quantity(value, table, key):
         column = np.array(value, dtype=float)
         column.flags.writeable = False
         return column
-    raise SceneError(table, key, value, "expected a finite number, a distribution, or a 1-D array with one entry per member")
+    raise SceneError(
+        table, key, value, "expected a finite number, a distribution, a grid, or a 1-D array with one entry per member"
+    )
 
 
 def vector(values, table, key, size=3):
@@ -133,6 +177,11 @@ def rows(*quantities):
     return sizes.pop() if sizes else None
 
 
+def is_open(*quantities):
+    """Whether a look at the first members does not tell what all of them are: distributions, grids, and vectors of them."""
+    return any(not isinstance(q, (float, np.ndarray)) for q in quantities)
+
+
 def is_shared(*quantities):
     """Whether all quantities are plain numbers, the same for every member."""
     return all(isinstance(q, float) for q in quantities)
@@ -150,91 +199,11 @@ def draw(quantities, seed, name, first, count):
             if i // 4 not in words:
                 words[i // 4] = uniforms(seed, name, first, count, i // 4)
             values[i] = q.ppf(words[i // 4][i % 4])
+        elif isinstance(q, Grid):
+            values[i] = q.at(first, count)
         elif isinstance(q, np.ndarray):
             part = q[first : first + count]
             values[i, : part.size], values[i, part.size :] = part, q[-1]
         else:
             values[i] = q
     return values
-
-
-@dataclass(frozen=True, eq=False)
-class Start:
-    """How the tops start: each component a number, a distribution, or an array with one row per member.
-
-    omega : angular velocity in the body's principal axes [rad/s], or
-    momentum : angular momentum in the body's principal axes [kg m^2/s]
-    attitude : quaternion (w, x, y, z), normalised here; 3x3 matrix; Euler angles z-x-z (phi, theta, psi) [rad], TdC (3.36);
-        a scipy Rotation; or "uniform" on SO(3). Default: body axes along space axes.
-
-    Raises SceneError for a wrong shape, a non-finite number, a quaternion of norm 0, a matrix that is no rotation, or both or
-    neither of omega and momentum.
-    """
-
-    omega: tuple | None = None
-    momentum: tuple | None = None
-    attitude: tuple | str = field(default=(1.0, 0.0, 0.0, 0.0))
-
-    def __post_init__(self):
-        if (self.omega is None) == (self.momentum is None):
-            raise SceneError("start", "omega", None, "give either omega or momentum, one of them")
-        which = "omega" if self.momentum is None else "momentum"
-        object.__setattr__(self, which, vector(getattr(self, which), "start", which))
-        object.__setattr__(self, "attitude", _attitude(self.attitude))
-
-    def quantities(self):
-        """All quantities of the start, in one flat tuple."""
-        spin: Any = self.omega if self.momentum is None else self.momentum
-        return (*spin, *(() if isinstance(self.attitude, str) else self.attitude))
-
-    def spin(self, seed, first, count):
-        """("omega" or "momentum", its values (3, count))."""
-        which = "omega" if self.momentum is None else "momentum"
-        return which, draw(getattr(self, which), seed, f"start.{which}", first, count)
-
-    def quaternions(self, seed, first, count):
-        """Unit quaternions (4, count)."""
-        if isinstance(self.attitude, str):
-            u, v, w = uniforms(seed, "start.attitude", first, count)[:3]
-            a, b = np.sqrt(1.0 - u), np.sqrt(u)  # Shoemake 1992
-            v, w = 2.0 * np.pi * v, 2.0 * np.pi * w
-            return np.stack([b * np.cos(w), a * np.sin(v), a * np.cos(v), b * np.sin(w)])
-        values = draw(self.attitude, seed, "start.attitude", first, count)
-        if len(values) == 3:
-            return quaternion_from_euler(*values)
-        square = values[0] ** 2 + values[1] ** 2 + values[2] ** 2 + values[3] ** 2
-        # one that is normalised stays to the bit, so that stored starts run again to the same bits
-        return np.where(np.abs(square - 1.0) < 1e-15, values, values / np.sqrt(square))
-
-
-def _attitude(value):
-    if isinstance(value, str):
-        if value != "uniform":
-            raise unknown("start", "attitude", value, "attitude", ["uniform"])
-        return value
-    if hasattr(value, "as_quat"):
-        value = np.asarray(value.as_quat(scalar_first=True))
-        value = value if value.ndim == 2 else tuple(value.tolist())
-    if not hasattr(value, "__len__") or isinstance(value, dict):
-        rule = 'expected "uniform", a quaternion (w, x, y, z), Euler angles (phi, theta, psi), or a 3x3 matrix'
-        raise SceneError("start", "attitude", value, rule)
-    shape = _shape(value)
-    if shape in ((3, 3), (len(value), 3, 3)):
-        q = quaternion_from_matrix(np.asarray(value, dtype=float), "start", "attitude")
-        value = tuple(q.tolist()) if q.ndim == 1 else q
-    size = 3 if (shape[1] if isinstance(value, np.ndarray) and len(shape) == 2 else len(value)) == 3 else 4
-    parts = vector(value, "start", "attitude", size)
-    if size == 4 and rows(*parts) is not None and any(isinstance(p, Distribution) for p in parts):
-        raise SceneError("start", "attitude", None, "a quaternion has distributions or arrays as components, not both")
-    if size == 4 and not any(isinstance(p, Distribution) for p in parts):
-        square = sum(p * p for p in parts)
-        if np.min(square) < 1e-200:
-            raise SceneError("start", "attitude", value if is_shared(*parts) else None, "a quaternion of norm 0 is no attitude")
-    return parts
-
-
-def _shape(value):
-    try:
-        return np.shape(value)
-    except ValueError:
-        return (len(value),)

@@ -13,8 +13,9 @@ from rigidmc.effects.parameters import numbers, shape
 from rigidmc.effects.verbs import is_random
 from rigidmc.errors import SceneError, unknown
 from rigidmc.integrators import INTEGRATORS, refusal
-from rigidmc.observables import OBSERVABLES
-from rigidmc.sampling import Distribution, Start, draw, quantity, rows, vector
+from rigidmc.observables import KNOWN, SUMMARIES, saved, summary_of, watched
+from rigidmc.sampling import Grid, draw, is_open, quantity, rows, vector
+from rigidmc.start import Start
 
 PILOT = (
     4096  # members whose sampled values are looked at before a run; always the same ones, so that bits do not depend on `members`
@@ -77,6 +78,7 @@ class Scene:
     start : Start
     run : Run, the defaults of `simulate`
     title, summary, source : for people
+    observables : those over all steps that have numbers of their own, such as Passage(axis=3, angle=0.5)
 
     Raises SceneError for effects that are none, or arrays of different lengths.
     """
@@ -88,6 +90,7 @@ class Scene:
     title: str = "scene"
     summary: str = ""
     source: str = ""
+    observables: tuple = ()
 
     def __post_init__(self):
         for value, kind, key in ((self.body, Body, "body"), (self.start, Start, "start"), (self.run, Run, "run")):
@@ -99,15 +102,41 @@ class Scene:
             else (self.effects,)
         )
         object.__setattr__(self, "effects", canonical(tuple(_effect(e, self.run.anti_damping) for e in effects)))
+        object.__setattr__(self, "observables", _in_order(self.observables))
         rows(*self.quantities())
 
     def quantities(self):
         """All quantities that may differ from member to member."""
         return self.body.quantities() + self.start.quantities() + tuple(value for e in self.effects for _, _, value in numbers(e))
 
+    def mapped(self, change):
+        """The same scene with change(quantity) in the place of each number, distribution, grid and array of body, start and effects."""
+        body = replace(self.body, **{k: _mapped(getattr(self.body, k), change) for k in ("moments", "mass", "centre")})
+        which = "omega" if self.start.momentum is None else "momentum"
+        attitude = self.start.attitude if isinstance(self.start.attitude, str) else _mapped(self.start.attitude, change)
+        start = replace(self.start, attitude=attitude, **{which: _mapped(getattr(self.start, which), change)})
+        return replace(self, body=body, start=start, effects=tuple(_mapped(e, change) for e in self.effects))
+
+    def coarse(self):
+        """The same scene with coarser grids, such that its first PILOT members are spread over all of them; itself where it has none."""
+        every = [q for q in self.quantities() if isinstance(q, Grid)]
+        if not every:
+            return self
+        strides, made = sorted({g.stride for g in every}), {}
+        share = max(1, int(PILOT ** (1.0 / len(strides)) + 1e-9))
+        each = 1
+        for stride in strides:
+            made[stride] = (share, each)
+            each *= share
+        return self.mapped(lambda q: replace(q, count=made[q.stride][0], stride=made[q.stride][1]) if isinstance(q, Grid) else q)
+
     def with_run(self, **settings):
         """The same scene with other run settings; those that are None stay as they are."""
         given = {k: v for k, v in settings.items() if v is not None}
+        more = self.observables
+        if "save" in given and any(hasattr(one, "_fields") for one in given["save"]):
+            more += tuple(one for one in given["save"] if hasattr(one, "_fields") and one not in more)
+            given["save"] = tuple(dict.fromkeys(summary_of(one) if hasattr(one, "_fields") else one for one in given["save"]))
         if "dt" in given and "turn" in given:
             raise SceneError("run", "turn", given["turn"], "give dt or turn, not both")
         kept = self.run.model_dump(exclude={"turn"} if "dt" in given else {"dt"} if "turn" in given else None)
@@ -118,9 +147,22 @@ class Scene:
         if run.integrator not in (*INTEGRATORS, "auto"):
             raise unknown("run", "integrator", run.integrator, "integrator", (*INTEGRATORS, "auto"))
         for name in run.save:
-            if name not in OBSERVABLES:
-                raise unknown("run", "save", name, "observable", OBSERVABLES)
-        return replace(self, run=run)
+            if name not in KNOWN:
+                raise unknown("run", "save", name, "observable", KNOWN)
+            if name in SUMMARIES and SUMMARIES[name]._fields and not any(summary_of(one) == name for one in more):
+                missing = [f for f in SUMMARIES[name]._fields if f not in SUMMARIES[name]._field_defaults]
+                if missing:
+                    rule = f"needs a table [observables.{name}] with {', '.join(missing)}"
+                    raise SceneError("run", "save", name, rule)
+        return replace(self, run=run, observables=more)
+
+    def saved(self):
+        """Names of the observables that are recorded at save times."""
+        return saved(self.run.save)
+
+    def watched(self):
+        """[(label, observable)] of those over all steps."""
+        return watched(self.run.save, self.observables)
 
     def check(self):
         """Raise SceneError for what cannot be run: refused torques, sampled bodies that cannot be, too few rows."""
@@ -134,6 +176,12 @@ class Scene:
             raise SceneError("run", "save", "work", "the scene has no effects that could do work")
         if self.run.integrator != "auto" and (why := refusal(self.run.integrator, self.effects, self.run.compensated, works)):
             raise SceneError("run", "integrator", self.run.integrator, why)
+        self._check_watched()
+        self.coarse()._check_drawn()
+        return self
+
+    def _check_drawn(self):
+        """Raise SceneError for values of the first members that cannot be."""
         for effect in self.effects:
             check_own(effect)
         if len([e for e in self.effects if is_random(e)]) > 1:
@@ -145,7 +193,7 @@ class Scene:
             raise SceneError("run", "members", self.run.first + self.run.members, rule)
         moments, mass, _ = self.body.sample(self.run.seed, 0, PILOT)
         bad = np.flatnonzero(broken(moments) | ~(mass > 0))
-        if bad.size:
+        if bad.size and not any(isinstance(q, Grid) for q in self.body.quantities()):  # of a map they are its blank parts
             example = ", ".join(f"{m:.4g}" for m in moments[:, bad[0]])
             rule = f"{bad.size} of the first {PILOT} sampled bodies are none (e.g. {example}): moments must be positive and obey I_i <= I_j + I_k"
             raise SceneError("body", "moments", None, rule)
@@ -167,7 +215,27 @@ class Scene:
                     raise SceneError(
                         f"effects.{label}", effect._fields[0], None, f"({example}) drives some spins, which {_ALLOWED}"
                     )
-        return self
+
+    def _check_watched(self):
+        """Raise SceneError where observables over all steps cannot be had."""
+        every = [one for _, one in self.watched()]
+        stops = [one for one in every if getattr(one, "stop", False)]
+        rule = ""
+        if every and self.run.integrator == "closed":
+            rule = "closed forms make no steps that could be watched: use exact"
+        elif len(stops) > 1:
+            rule = "one event at most can stop a member"
+        elif stops and "work" in self.run.save:
+            rule = "the work of a member that an event stops is not kept: save it without stop, or stop without it"
+        elif any(hasattr(one, "shadow") for one in every):
+            if self.run.dtype == "float32":
+                rule = "megno needs float64: a neighbour at 1e-8 is none in float32"
+            elif self.run.compensated:
+                rule = "megno does not go with compensated sums"
+            elif stops:
+                rule = "megno does not go with an event that stops members"
+        if rule:
+            raise SceneError("run", "save", ", ".join(label for label, _ in self.watched()), rule)
 
     @staticmethod
     def load(source, settings=(), allow_code=False):
@@ -190,6 +258,14 @@ class Scene:
         return dumps(self)
 
 
+def _mapped(value, change):
+    """A quantity changed, or a tuple with each of its quantities changed."""
+    if isinstance(value, tuple):
+        made = [_mapped(x, change) for x in value]
+        return type(value)(*made) if hasattr(value, "_fields") else tuple(made)
+    return change(value)
+
+
 def _effect(effect: Any, driven: bool) -> Any:
     """An effect with its parameters checked."""
     fields = getattr(effect, "_fields", None)
@@ -205,7 +281,7 @@ def _effect(effect: Any, driven: bool) -> Any:
         size, (low, high) = shape(effect, name), _limits(effect, name, driven)
         made.append(quantity(value, table, name) if size is None else vector(value, table, name, size))
         for part in made[-1:] if size is None else made[-1]:
-            if not isinstance(part, Distribution) and not (low <= np.min(part) and np.max(part) <= high):
+            if not is_open(part) and not (low <= np.min(part) and np.max(part) <= high):
                 raise SceneError(
                     table,
                     name,
@@ -213,6 +289,21 @@ def _effect(effect: Any, driven: bool) -> Any:
                     _outside(effect, low, high),
                 )
     return type(effect)(*made)
+
+
+def _in_order(observables):
+    """Observables over all steps with their numbers checked, in the order of SUMMARIES."""
+    return tuple(sorted(map(_observable, observables), key=lambda one: list(SUMMARIES).index(summary_of(one))))
+
+
+def _observable(one):
+    """An observable over all steps with its numbers checked."""
+    if type(one) not in SUMMARIES.values():
+        known = ", ".join(kind.__name__ for kind in SUMMARIES.values())
+        raise SceneError("observables", "observable", one, f"expected one of {known}, with its numbers")
+    if hasattr(one, "check"):
+        one.check()
+    return one
 
 
 def _limits(effect, name, driven):

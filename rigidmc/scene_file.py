@@ -17,9 +17,12 @@ from rigidmc.effects import EFFECTS, labelled, name_of
 from rigidmc.effects.own import class_of, source_of
 from rigidmc.effects.parameters import given
 from rigidmc.errors import SceneError, nearest, unknown
-from rigidmc.sampling import Distribution, Start, distribution
+from rigidmc.observables import SUMMARIES, summary_of
+from rigidmc.sampling import Distribution, Grid, distribution, grid
 from rigidmc.scene import Run, Scene, Table, complaint
 from rigidmc.solids import SOLIDS
+from rigidmc.start import Start
+from rigidmc.vectors import of_table, word_of
 
 
 class _File(Table):
@@ -30,6 +33,7 @@ class _File(Table):
     source: str = ""
     body: dict[str, Any]
     effects: dict[str, Any] = {}
+    observables: dict[str, Any] = {}
     start: dict[str, Any]
     run: dict[str, Any] = {}
 
@@ -97,10 +101,20 @@ def _from_tables(data, stored, title, folder):
             if missing:
                 raise SceneError(f"effects.{name}", missing[0], None, "is missing")
             effects.append(kind(**{k: _parse(v, f"effects.{name}", k, stored) for k, v in one.items() if k not in own}))
+    observables = []
+    for name, table in file.observables.items():
+        if name not in SUMMARIES:
+            raise unknown("observables", name, None, "observable over all steps", SUMMARIES)
+        observed = SUMMARIES[name]
+        for one in table if isinstance(table, list) else [table]:
+            _only(one, observed._fields, f"observables.{name}")
+            if missing := [f for f in observed._fields if f not in one and f not in observed._field_defaults]:
+                raise SceneError(f"observables.{name}", missing[0], None, "is missing")
+            observables.append(observed(**one))
     _only(file.start, ("omega", "momentum", "attitude"), "start")
     start = Start(**{k: _parse(v, "start", k, stored) for k, v in file.start.items()})
     body = _body(file.body, stored)
-    scene = Scene(body, tuple(effects), start, run, file.title or title, file.summary, file.source)
+    scene = Scene(body, tuple(effects), start, run, file.title or title, file.summary, file.source, tuple(observables))
     return scene.with_run()
 
 
@@ -136,12 +150,17 @@ def dumps(scene):
         parameters = {k: _plain(getattr(effect, k), f"{label}_{k}") for k in given(effect)}
         effects.setdefault(name_of(effect), []).append({**own, **parameters})
     effects = {name: tables if len(tables) > 1 else tables[0] for name, tables in effects.items()}
+    observables: dict[str, Any] = {}
+    for one in scene.observables:
+        observables.setdefault(summary_of(one), []).append(one._asdict())
+    observables = {name: tables if len(tables) > 1 else tables[0] for name, tables in observables.items()}
     tables = {
         "title": scene.title,
         "summary": scene.summary,
         "source": scene.source,
         "body": body,
         "effects": effects,
+        **({"observables": observables} if observables else {}),
         "start": start,
     }
     run = {
@@ -228,22 +247,37 @@ def _parse(value, table, key, stored):
         if stored is None:
             raise SceneError(table, key, value, "refers to the rows of a result file; load that file instead")
         return stored(value["stored"], value.get("axis"))
+    if "grid" in value:
+        _only(value, ("grid", "stride", "log"), f"{table}.{key}")
+        if not isinstance(value["grid"], list) or len(value["grid"]) != 3:
+            raise SceneError(table, key, value, "expected grid = [low, high, count]")
+        return _named(table, key, value, grid, *value["grid"], **{k: v for k, v in value.items() if k != "grid"})
     if len(value) != 1:
         raise SceneError(table, key, value, "expected a number or one distribution, e.g. { normal = [0.0, 0.001] }")
     ((name, parameters),) = value.items()
+    whole = of_table(name, parameters, key, lambda part: _parse(part, table, key, stored))
+    if whole is not None:
+        return whole
+    if isinstance(parameters, dict):
+        return _named(table, key, value, distribution, name, **parameters)
+    return _named(table, key, value, distribution, name, *(parameters if isinstance(parameters, list) else [parameters]))
+
+
+def _named(table, key, value, make, *arguments, **words):
+    """make(...), its error told of a key of a table."""
     try:
-        if isinstance(parameters, dict):
-            return distribution(name, **parameters)
-        return distribution(name, *(parameters if isinstance(parameters, list) else [parameters]))
+        return make(*arguments, **words)
     except SceneError as error:
         raise SceneError(table, key, value, error.rule, error.nearest) from None
 
 
 def _plain(value, name, axis=None):
     """A quantity or a tuple of them as it stands in TOML."""
+    if hasattr(value, "_fields"):
+        return {word_of(value): {k: _plain(v, name) for k, v in value._asdict().items() if v is not None}}
     if isinstance(value, tuple):
         return [_plain(v, name, i + 1) for i, v in enumerate(value)]
-    if isinstance(value, Distribution):
+    if isinstance(value, (Distribution, Grid)):
         return value.as_table()
     if isinstance(value, np.ndarray):
         return {"stored": name} if axis is None else {"stored": name, "axis": axis}

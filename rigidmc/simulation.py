@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rigidmc import watching
 from rigidmc.choice import resolved
 from rigidmc.closed_form import closed_values
 from rigidmc.effects import EFFECTS
@@ -42,7 +43,7 @@ class Job(NamedTuple):
     start: dict
     how: (
         tuple | None
-    )  # None where nothing is left to do; integrator, parts, effects, observables, attitude, compensated, precision, own, limits, noise, ledger
+    )  # None where nothing is left to do; integrator, parts, effects, observables, attitude, compensated, precision, own, limits, noise, ledger, events, running, shadow
     block: np.ndarray
     order: np.ndarray | None  # in which the block has the members, where they have steps of their own
     out: np.ndarray
@@ -141,13 +142,13 @@ def run(scene, plan, threads, progress=False, output=None, force=False, chosen=N
         low = i * plan.block
         count = min(plan.block, plan.members - low)
         span = plan.dt if plan.own else None
-        block, start = stage(scene, plan.first + low, whole_lanes(count), plan.carried, span)
+        block, start = stage(scene, plan.first + low, whole_lanes(count), plan.carried, span, plan.watch.rows)
         if scene.run.integrator == "closed":
             return _closed_job(scene, plan, plan.first + low, count, block, start, *sink.room(low, count))
         return _job(scene, plan, plan.first + low, count, block, start, *sink.room(low, count))
 
     def finished(job):
-        rows = job.block[: layout.BODY] if job.order is None else job.block[: layout.BODY, np.argsort(job.order)]
+        rows = job.block if job.order is None else job.block[:, np.argsort(job.order)]
         status = rows[layout.STATUS, : job.size].astype("i1")
         for code, count in enumerate(np.bincount(status, minlength=len(layout.STATUSES))):
             flagged[list(layout.STATUSES)[code]] += int(count)
@@ -157,7 +158,8 @@ def run(scene, plan, threads, progress=False, output=None, force=False, chosen=N
             "status_step": np.where(found, seen, -1.0),
             "status_time": np.where(found, seen * (plan.dt / rows[layout.STEPS]), np.nan),
         }
-        results = {**drift, **faults, "status": status, "steps": rows[layout.STEPS] * plan.steps, **job.start}
+        seen = watching.results(scene, plan.watch, rows, plan.dt / rows[layout.STEPS], plan.steps * job.slots)
+        results = {**drift, **seen, **faults, "status": status, "steps": rows[layout.STEPS] * plan.steps, **job.start}
         sink.take(job, results if units is None else _told(job, results, told, shown, units))
 
     began = time.perf_counter()
@@ -229,7 +231,7 @@ def compile_kernel(scene, plan):
             if why := unpacked(effect):
                 rule = f"{type(effect).__name__} {why}: members are not worked on side by side, and the step is much slower than it might be"
                 warnings.warn(rule, SceneWarning, stacklevel=2)
-        kernel.advance(*block_arguments(scene, plan, np.zeros((block_rows(scene), 0))), 1, 0, 0, 1, 1)
+        kernel.advance(*block_arguments(scene, plan, np.zeros((block_rows(scene) + plan.watch.rows, 0))), 1, 0, 0, 1, 1)
     except NumbaError as error:
         if not own:
             raise
@@ -247,7 +249,7 @@ def block_arguments(scene, plan, block):
 
 def _job(scene, plan, first, count, block, start, out, width, column):
     effects = blank(scene.effects)
-    observables = tuple(OBSERVABLES[name]() for name in scene.run.save)
+    observables = tuple(OBSERVABLES[name]() for name in scene.saved())
     compensated = (0.0,) if plan.compensated else ()
     attitude, precision = (0.0,) if plan.carried else (), np.empty(0, plan.dtype)
     integrator = as_single(plan.form.integrator) if plan.dtype == "float32" else plan.form.integrator
@@ -267,6 +269,7 @@ def _job(scene, plan, first, count, block, start, out, width, column):
         tuple(plan.limits),
         noise(scene, first, block.shape[1], order),
         ledger(scene),
+        *plan.watch.compiled,
     )
     slots = int(block[layout.STEPS].max(initial=1.0)) if plan.own else 1
     return Job(

@@ -12,7 +12,7 @@ from rigidmc.storage.schema import attributes, coordinates, length, member_varia
 def _split(scene, values):
     """{name: view} of the value rows (time, row, member) of each observable."""
     parts, row = {}, 0
-    for name in scene.run.save:
+    for name in scene.saved():
         size = rows_of(scene.effects, name)
         parts[name] = values[:, row : row + size] if OBSERVABLES[name].dims else values[:, row]
         row += size

@@ -12,40 +12,52 @@ from rigidmc.engine import layout
 from rigidmc.engine.members import energies, torques
 from rigidmc.engine.random import key_of, stream_of
 from rigidmc.sampling import draw
+from rigidmc.vectors import Facts
 
 MOST_OWN_STEPS = 2**24  # of a member in a round: no member stops a run, however fast it spins
 
 
-def stage(scene, first, count, carried, span=None):
+def stage(scene, first, count, carried, span=None, more=0):
     """(block, start): rows of `count` members as the kernel wants them, and what they were made from by the names of the result.
 
     span : time [s] in which a member makes its own number of steps, where the scene sets `turn`
+    more : rows for what is kept of every step, see `rigidmc.watching`
     """
     seed = scene.run.seed
     moments, mass, centre = scene.body.sample(seed, first, count)
-    which, spin = scene.start.spin(seed, first, count)
     effects = {
         f"{label}_{field}": draw(value if shape(e, field) else (value,), seed, f"effects.{label}.{field}", first, count)
         for label, e in labelled(scene.effects)
         for field, value in zip(e._fields, e, strict=True)
     }
     drawn = {name: values if len(values) > 1 else values[0] for name, values in effects.items()}
-    start = {"moments": moments, "mass": mass, "centre": centre, f"start_{which}": spin, **drawn}
-    block = np.zeros((block_rows(scene), count))
+    block = np.zeros((block_rows(scene) + more, count))
     block[layout.ATTITUDE] = 1.0
-    if carried:
-        start["start_attitude"] = block[layout.ATTITUDE : layout.MOMENTUM] = scene.start.quaternions(seed, first, count)
-        if scene.start.attitude != "uniform" and len(scene.start.attitude) == 3:
-            start["start_euler"] = draw(scene.start.attitude, seed, "start.attitude", first, count)
-    block[layout.MOMENTUM : layout.REST] = spin * moments if which == "omega" else spin
-    bad = broken(moments) | ~(mass > 0)
-    block[layout.STATUS, bad] = layout.STATUSES["invalid_input"]
     with np.errstate(all="ignore"):
         block[layout.BODY : layout.EFFECTS] = MassProperties.of(tuple(moments), tuple(mass * centre))
     if effects:
         block[layout.EFFECTS : layout.EFFECTS + parameter_count(*scene.effects)] = np.concatenate(list(effects.values()))
+    if carried:
+        block[layout.ATTITUDE : layout.MOMENTUM] = scene.start.quaternions(seed, first, count)
+    which, spin = scene.start.spin(seed, first, count, facts(scene, block, moments))
+    start = {"moments": moments, "mass": mass, "centre": centre, f"start_{which}": spin, **drawn}
+    if carried:
+        start["start_attitude"] = block[layout.ATTITUDE : layout.MOMENTUM].copy()
+        if scene.start.attitude != "uniform" and len(scene.start.attitude) == 3:
+            start["start_euler"] = draw(scene.start.attitude, seed, "start.attitude", first, count)
+    block[layout.MOMENTUM : layout.REST] = spin * moments if which == "omega" else spin
+    bad = broken(moments) | ~(mass > 0) | np.isnan(spin).any(0)  # a shell of too little energy has no momentum
+    block[layout.STATUS, bad] = layout.STATUSES["invalid_input"]
     block[layout.STEPS] = 1.0 if span is None else own_steps(rates(scene.effects, block), span, scene.run.turn)
     return block, start
+
+
+def facts(scene, block, moments):
+    """What vectors may depend on: the Facts of the members of a block that has its bodies, effects and attitudes."""
+    body, effects = physics(scene.effects, block)
+    q = tuple(block[layout.ATTITUDE : layout.MOMENTUM])
+    none = np.zeros(block.shape[1])
+    return Facts(moments, lambda q: energies(effects, body, q) + none, total_energy_scale(effects, body) + none, q)
 
 
 def ledger(scene):

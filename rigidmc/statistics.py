@@ -87,6 +87,14 @@ def quantile(values, q, confidence=0.95):
     return Interval(np.quantile(x, q), *ends)
 
 
+def quantiles(values, q, confidence=0.95):
+    """The quantile q along the last axis as an Interval of arrays; see `quantile`."""
+    values = np.asarray(values, float)
+    flat = values.reshape(-1, values.shape[-1])
+    found = np.array([quantile(row, q, confidence) for row in flat]).reshape(*values.shape[:-1], 3)
+    return Interval(*np.moveaxis(found, -1, 0))
+
+
 def _check(confidence):
     if not 0.0 < confidence < 1.0:
         raise SceneError("", "confidence", confidence, "expected a number between 0 and 1")

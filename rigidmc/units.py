@@ -10,7 +10,8 @@ import numpy as np
 from rigidmc.effects import name_of
 from rigidmc.effects.parameters import filled, numbers
 from rigidmc.errors import SceneError
-from rigidmc.sampling import Distribution, is_shared
+from rigidmc.sampling import Distribution, Grid, is_shared
+from rigidmc.staging import stage
 
 # exponents of kilogram, metre and second; amperes stay as they are
 _KNOWN = {"1": (0, 0, 0), "rad": (0, 0, 0), "kg": (1, 0, 0), "m": (0, 1, 0), "s": (0, 0, 1), "N": (1, 1, -2), "J": (1, 2, -2), "W": (1, 2, -3), "Hz": (0, 0, -1),
@@ -57,11 +58,11 @@ def scaled(scene, mass=1.0, length=1.0, time=1.0):
         effects.append(filled(type(effect), values))
     inertia = mass * length**2
     body = replace(
-        scene.body, moments=tuple(_times(i, inertia) for i in scene.body.moments), mass=_times(scene.body.mass, mass),
+        scene.body, moments=_sized(scene.body.moments, inertia, 1.0), mass=_times(scene.body.mass, mass),
         centre=tuple(_times(x, length) for x in scene.body.centre),
     )  # fmt: skip
     which, by = ("omega", 1.0 / time) if scene.start.momentum is None else ("momentum", inertia / time)
-    start = replace(scene.start, **{which: tuple(_times(x, by) for x in getattr(scene.start, which))})
+    start = replace(scene.start, **{which: _sized(getattr(scene.start, which), by, inertia / time**2)})
     run = {name: getattr(scene.run, name) * time for name in ("t_end", "every") if getattr(scene.run, name) is not None}
     run |= {"dt": scene.run.dt * time} if scene.run.turn is None else {}
     if scene.run.turn_rate is not None and scene.run.turn is None:
@@ -96,7 +97,9 @@ def internal(scene):
     except SceneError:  # an effect of the user's own, without units
         return None
     moments, mass, centre = (x[..., 0] for x in scene.body.sample(scene.run.seed, 0, 1))
-    which, spin = scene.start.spin(scene.run.seed, 0, 1)
+    _, start = stage(scene, 0, 1, True)
+    which = "omega" if scene.start.momentum is None else "momentum"
+    spin = np.nan_to_num(start[f"start_{which}"])
     inertia = _exponent(np.max(moments))
     each = [
         _exponent(x) - (_exponent(i) if which == "momentum" else 0) for x, i in zip(spin[:, 0], moments, strict=True) if x != 0.0
@@ -123,7 +126,22 @@ def _power(exponent):
     return math.ldexp(1.0, min(1000, max(-1000, exponent)))
 
 
+def _sized(values, by, energy):
+    """Three quantities, or a vector of `rigidmc.vectors`, with its sizes times `by` and its energies times `energy`."""
+    if not hasattr(values, "_fields"):
+        return tuple(_times(x, by) for x in values)
+    made = {}
+    for name, power in values.sized.items():
+        factor, value = energy if power == "energy" else by**power, getattr(values, name)
+        made[name] = _all_times(value, factor)
+    return values._replace(**made)
+
+
+def _all_times(value, by):
+    return tuple(_all_times(x, by) for x in value) if isinstance(value, tuple) else _times(value, by)
+
+
 def _times(value, by):
-    if isinstance(value, Distribution):
+    if isinstance(value, (Distribution, Grid)):
         return value.times(by)
     return value * by

@@ -18,9 +18,10 @@ from rigidmc.integrators import INTEGRATORS, accepting
 from rigidmc.observables import OBSERVABLES, SIZES
 from rigidmc.pilot import MOST_STEPS, OBSERVED, QUANTITIES, errors, first_steps, follow, pilot, upper_quantile
 from rigidmc.planning import BLOCK, form_of
-from rigidmc.sampling import Start, rows
+from rigidmc.sampling import rows
 from rigidmc.scene import Scene
 from rigidmc.staging import stage
+from rigidmc.start import Start
 
 SINGLE = ("rk4", "exact", "strang")  # tried in float32 too
 
@@ -94,7 +95,7 @@ class Costs:
         def record():
             scene = self.pilot.scene.with_run(integrator="rk4")
             made, *_ = form_of(scene, 1.0, self.pilot.carried)
-            observables = tuple(OBSERVABLES[name]() for name in scene.run.save if name != "work")
+            observables = tuple(OBSERVABLES[name]() for name in scene.saved() if name != "work")
             h = 1e-6 * scene.run.t_end
             plain, saving = (self._stepped(made, h, "float64", observables, stride=stride) for stride in (32, 1))
             return max(0.0, saving - plain)
@@ -123,7 +124,7 @@ class Costs:
         own = self.pilot.own and stride is None
         how = (
             integrator, made.parts, effects, observables, (0.0,) if self.pilot.carried else (), (), np.empty(0, dtype),
-            (np.arange(512),) if own else (), (), (), (),
+            (np.arange(512),) if own else (), (), (), (), (), (), (),
         )  # fmt: skip
         few, steps = self.pilot.block, 32
         block = np.ascontiguousarray(np.tile(few, -(-512 // few.shape[1]))[:, :512])

@@ -12,6 +12,7 @@ from rigidmc.engine import layout as K
 from rigidmc.engine.compose import FLAGS, as_single
 from rigidmc.engine.flops import DIVISION, ROOT
 from rigidmc.engine.machine import vector_bits
+from rigidmc.engine.watch import watch_rows
 from rigidmc.integrators import INTEGRATORS, Turns, form
 
 ARITHMETIC = re.compile(r"v?(mul|add|sub|div|sqrt|fn?m(?:add|sub)\d+)([ps])([ds])\s")
@@ -46,21 +47,24 @@ class Case(NamedTuple):
     dtype: Any = float
     own: tuple = ()
     ledger: tuple = ()
+    events: tuple = ()
+    running: tuple = ()
+    shadow: tuple = ()
 
 
-def case(name, effects=(), attitude=(0.0,), compensated=(), dtype=float, own=(), ledger=()):
+def case(name, effects=(), attitude=(0.0,), compensated=(), dtype=float, own=(), ledger=(), events=(), running=(), shadow=()):
     """The Case of an integrator by name."""
     made = form(INTEGRATORS[name], Turns(0.1, 0.1), bool(attitude), effects)
-    return Case(made, blank(effects), attitude, compensated, dtype, own, ledger)
+    return Case(made, blank(effects), attitude, compensated, dtype, own, ledger, events, running, shadow)
 
 
 def assembly_of(case):
     """The assembly of a freshly compiled kernel; one from the disk cache has none to read."""
-    made, effects, attitude, compensated, dtype, own, ledger = case
+    made, effects, attitude, compensated, dtype, own, ledger, *watch = case
     compiled = njit(nogil=True, **FLAGS)(kernel._advance)
-    block = np.zeros((K.EFFECTS + parameter_count(*effects) + 2 * len(ledger), 0))
+    block = np.zeros((K.EFFECTS + parameter_count(*effects) + 2 * len(ledger) + watch_rows(*watch), 0))
     integrator = as_single(made.integrator) if dtype == np.float32 else made.integrator
-    how = (integrator, made.parts, effects, (), attitude, compensated, np.empty(0, dtype), own, (), (), ledger)
+    how = (integrator, made.parts, effects, (), attitude, compensated, np.empty(0, dtype), own, (), (), ledger, *watch)
     compiled(*how, block, np.empty(0), 0, 0, 0.01, 1, 0, 1, 1, 1)
     (assembly,) = compiled.inspect_asm().values()
     return assembly

@@ -16,11 +16,11 @@ NOTHING = np.empty(0)
 SIZES = {(): 1, ("axis",): 3, ("quat",): 4, ("effect",): 0}  # of works nothing where none are kept
 
 
-def make_block(body, effects, attitude, momentum):
+def make_block(body, effects, attitude, momentum, more=0):
     """Rows of a block; fields of body and effects are numbers or one per member. The last member fills up the lanes."""
     attitude, momentum = np.asarray(attitude, float), np.asarray(momentum, float)
     members = momentum.shape[1]
-    rows = np.zeros((K.EFFECTS + parameter_count(*effects), members))
+    rows = np.zeros((K.EFFECTS + parameter_count(*effects) + more, members))
     rows[K.ATTITUDE : K.MOMENTUM] = attitude.reshape(4, -1)
     rows[K.MOMENTUM : K.REST] = momentum
     for row, field in enumerate([*body, *(value for effect in effects for _, _, value in numbers(effect))], start=K.BODY):
@@ -45,11 +45,12 @@ def slots(total, stride):
 
 def run(
     block, made, effects, h, steps, observables=(), stride=None, attitude=True, cuts=(), compensated=False, dtype=float, slots_each=None,
-    limits=(), noise=(),
+    limits=(), noise=(), watch=((), (), ()),
 ):  # fmt: skip
     """Change the block in place, `steps` steps further on; the saves as an array (slot, value row, member).
 
     made : a Form;  cuts : steps at which the run is split into several calls
+    watch : events, running observables and neighbour; the block then has `more` rows, see `rigidmc.engine.watch.watch_rows`
     slots_each : of a round of length h, of which members make the first block[STEPS]; `steps` and `stride` are then slots
     """
     stride = stride or max(steps, 1)
@@ -71,6 +72,7 @@ def run(
         limits,
         noise,
         (),
+        *watch,
     )
     for first, last in pairwise([0, *cuts, steps]):
         kernel.advance(*how, block, out, width, 0, float(h), slots_each or 1, first, last, stride, steps)

@@ -21,6 +21,7 @@ from rigidmc.dynamics import euler, free_flow, principal, so3
 from rigidmc.dynamics.methods import METHODS, arguments
 from rigidmc.effects import EFFECTS, flows, verbs
 from rigidmc.integrators import drifts, lie, midpoint, rk4, rk8, splitting
+from rigidmc.observables import SUMMARIES, statistics
 
 # "nsz" lets an absent effect's +0.0 vanish (12 packed adds a step without it), "contract" allows fused multiply-add.
 # No other flag: "nnan" or "ninf" would delete the check for non-finite members.
@@ -217,9 +218,9 @@ def inline_all(module):
             inline(function)
 
 
-for _module in (so3, euler, free_flow, principal, verbs, drifts, lie, midpoint, rk4, rk8, splitting, flows):
+for _module in (so3, euler, free_flow, principal, verbs, drifts, lie, midpoint, rk4, rk8, splitting, flows, statistics):
     inline_all(_module)
-for _kind in EFFECTS.values():
+for _kind in (*EFFECTS.values(), *SUMMARIES.values()):
     inline_all(sys.modules[_kind.__module__])
 inline(read_all)
 inline(all_rows)

@@ -36,11 +36,13 @@ from rigidmc.engine.layout import (
     STEP_AT,
     STEPS,
     STEPS_AT,
+    STOPPED,
     TRUE,
     clock,
     four_at,
     in_state,
     in_work,
+    keep,
     place,
     put,
     put_state,
@@ -51,6 +53,29 @@ from rigidmc.engine.layout import (
     tuple_at,
 )  # fmt: skip
 from rigidmc.engine.noise import as_float, as_word, normals, philox
+from rigidmc.engine.watch import (
+    COUNT,
+    EVENT,
+    OFTEN,
+    SCRATCH,
+    SHADOW,
+    TIMES,
+    TRIES,
+    all_marks,
+    any_hit,
+    begin_events,
+    begin_running,
+    begin_shadow,
+    find,
+    held,
+    look_at_events,
+    look_at_running,
+    look_at_shadow,
+    note,
+    note_first,
+    stopped,
+    watched,
+)  # fmt: skip
 from rigidmc.integrators.verbs import closed, opened, step
 
 LOOK = 32  # steps between two looks at drift and health: a look each step costs 20 to 25 % of rk4, every 16th up to 5 %
@@ -72,8 +97,8 @@ _BODY = MassProperties(*[0.0] * 9)
 
 
 def _advance(
-    integrator, parts, effects, observables, attitude, compensated, precision, own, limits, noise, ledger, block, out, width, column, h, slots, first, last,
-    stride, total,
+    integrator, parts, effects, observables, attitude, compensated, precision, own, limits, noise, ledger, events, running, shadow, block, out, width, column,
+    h, slots, first, last, stride, total,
 ):  # fmt: skip
     """Take every member of a block from step `first` to step `last` of `total`.
 
@@ -88,6 +113,8 @@ def _advance(
     noise : () without random effects; else (key, streams, rows, members): two words, and for each such effect its stream and the row of the
         workspace of steps where its deviates go; the index of each member of the block. See `rigidmc.engine.noise`
     ledger : () where no works are kept; else for each effect () if its energy tells its work, (0.0,) if not. See `rigidmc.effects.verbs`
+    events, running, shadow : what is kept of every step, see `rigidmc.engine.watch`: events; (running observable, as many 0.0 as it keeps
+        floats) each; (0.0,) for a neighbour, else ()
     block : (rows, n) as above, changed in place; n a multiple of LANES. Between calls it holds the state as the integrator keeps it
         between steps (`opened`), after step `total` the true one
     out : flat; value row r of save slot s of member m goes to out[(s*R + r)*width + column + m], R = value rows in all
@@ -99,8 +126,12 @@ def _advance(
     parameters = all_rows(effects)
     works, works_seen = EFFECTS_AT + parameters, PRESENT + parameters  # where works are in the two workspaces
     works_good = works_seen + len(ledger)
+    events_at, events_seen = works + 2 * len(ledger), works_seen + 2 * len(ledger)
+    running_at, running_seen = events_at + EVENT * len(events), events_seen + EVENT * len(events)
+    shadow_at = running_at + all_marks(running)
+    scratch = shadow_at + SHADOW * len(shadow)
     work = np.empty((rows + PRESENT - EFFECTS) * LANES)
-    state = np.empty((EFFECTS_AT + rows - EFFECTS) * LANES, precision.dtype)
+    state = np.empty((scratch + SCRATCH) * LANES, precision.dtype)
     saves = (total + stride - 1) // stride
     size = out.size // (width * (saves + 1)) if width > 0 else 0
     lead = (parts[0, 0], parts[0, 1], parts[0, 2])
@@ -166,6 +197,22 @@ def _advance(
                         column + place(own, low + k),
                         width,
                     )
+            if len(events) > 0:
+                for k in range(LANES):
+                    body, present = read(_BODY, work, BODY, k, LANES), read_all(effects, work, PRESENT, k, LANES)
+                    q, l = four_at(work, k, ATTITUDE), three_at(work, k, MOMENTUM)
+                    begin_events(events, body, present, 0.0, q, l, work, k, events_seen)
+            if len(running) > 0:
+                for k in range(LANES):
+                    body, present = read(_BODY, work, BODY, k, LANES), read_all(effects, work, PRESENT, k, LANES)
+                    q, l = four_at(work, k, ATTITUDE), three_at(work, k, MOMENTUM)
+                    begin_running(running, body, present, 0.0, q, l, work, k, running_seen)
+            if len(shadow) > 0:
+                for k in range(LANES):
+                    body = read(_BODY, work, BODY, k, LANES)
+                    q, l = four_at(work, k, ATTITUDE), three_at(work, k, MOMENTUM)
+                    weight = 0.5 * work[(START + 4) * LANES + k] * min(body.i1, body.i2, body.i3)
+                    begin_shadow(weight, q, l, work, k, shadow_at - EFFECTS_AT + PRESENT)
             for k in range(LANES):
                 body, present = read(_BODY, work, BODY, k, LANES), read_all(effects, work, PRESENT, k, LANES)
                 q, l = four_at(work, k, ATTITUDE), three_at(work, k, MOMENTUM)
@@ -188,14 +235,15 @@ def _advance(
                 busy = max(busy, work[STEPS * LANES + k])
                 state[STEP_AT * LANES + k] = h / work[STEPS * LANES + k]
                 state[STEPS_AT * LANES + k] = work[STEPS * LANES + k]
-        now = first
+        now, idle = first, False  # idle: an event has stopped all members of these lanes
         while now < last:
             begun = now // slots * slots if len(own) > 0 else 0  # of the round; without own steps there is one
             stop = min(last, begun + ((now - begun) // LOOK + 1) * LOOK, (now // stride + 1) * stride)
             if len(own) > 0:
                 stop = min(stop, begun + slots)
             start = real(begun // slots * h) if len(own) > 0 else real(0.0)
-            for s in range(now, min(stop, begun + int(busy)) if len(own) > 0 else stop):
+            ending = now if idle else min(stop, begun + int(busy)) if len(own) > 0 else stop
+            for s in range(now, ending):
                 if len(noise) > 0:
                     # the step of a member with its own steps does not depend on how many others make
                     count = np.uint64(s) if len(own) == 0 else (np.uint64(now // slots) << np.uint64(32)) | np.uint64(s - begun)
@@ -219,6 +267,42 @@ def _advance(
                         t, by, part = clock(own, state, k, start, slot, share, now_t, dt, shares)
                         q, l = step(integrator, body, present, t, by, part, q, l)
                         put_state(own, slot, q, l, state, k, attitude, compensated, works)
+                    if len(shadow) > 0:
+                        for k in range(LANES):
+                            body = read(_BODY, state, BODY_AT, k, LANES)
+                            present = read_all(effects, state, EFFECTS_AT, k, LANES)
+                            q, l = four_at(state, k, shadow_at), three_at(state, k, shadow_at + 4)
+                            t, by, part = clock(own, state, k, start, slot, share, now_t, dt, shares)
+                            q, l = step(integrator, body, present, t, by, part, q, l)
+                            if len(attitude) > 0:
+                                keep(own, slot, q, state, k, shadow_at)
+                            keep(own, slot, l, state, k, shadow_at + 4)
+                if len(shadow) > 0 and (s + 1) % OFTEN == 0:
+                    number = float((s + 1) // OFTEN)
+                    for k in range(LANES):
+                        look_at_shadow(number, four_at(state, k, ATTITUDE), three_at(state, k, MOMENTUM), state, k, shadow_at)
+                if len(events) + len(running) > 0:
+                    slot, ended, dt, opening = real(s - begun), real((s + 1) * h), real(h), real(parts[0, 3])
+                    shares = real(parts[0, 0] * unit), real(parts[0, 1] * unit), real(parts[0, 2] * unit)
+                    when = start, slot, opening, ended, dt, shares
+                    if len(running) > 0:
+                        for k in range(LANES):
+                            body, present, q, l, t, _ = watched(integrator, effects, compensated, own, when, state, k)
+                            look_at_running(running, events, events_at, own, when[1], body, present, t, q, l, state, k, running_at)
+                    if len(events) > 0:
+                        found = 0
+                        for k in range(LANES):
+                            body, present, q, l, t, _ = watched(integrator, effects, compensated, own, when, state, k)
+                            look_at_events(events, body, present, t, q, l, state, k, events_at)
+                            found |= any_hit(events, state, k, events_at)
+                        if found > 0:
+                            new = 0
+                            for k in range(LANES):
+                                _, _, q, l, t, by = watched(integrator, effects, compensated, own, when, state, k)
+                                new |= note(events, t, by, q, l, attitude, state, k, events_at)
+                            if new > 0:
+                                for k in range(LANES):
+                                    note_first(events, state, k, events_at)
             now = stop
             looked = (now - begun) % LOOK == 0 and (len(own) == 0 or now - begun < slots)
             if looked or now % stride == 0 or now == total:  # not where a call ends: no result depends on calls
@@ -237,6 +321,9 @@ def _advance(
                     q, l = four_at(work, k, ATTITUDE), joined(three_at(work, k, MOMENTUM), tuple_at(ledger, work, k, works_seen))
                     t, dt, _ = seen(own, work, k, now, slots, parts[0, 3], h)
                     true_q, true_l = closed(integrator, body, present, t, scale(dt, lead), q, l)
+                    if len(events) > 0:
+                        work[STOPPED * LANES + k] = stopped(events, state, k, events_at)
+                        true_q, true_l = held(events, state, k, events_at, true_q, true_l)
                     energy, squared = kinetic_energy(body, true_l) + total_energy(present, body, true_q), dot(true_l, true_l)
                     finite = 0.0 * (energy + squared + q[0] + q[1] + q[2] + q[3]) == 0.0
                     put(true_q, work, TRUE * LANES + k, LANES)
@@ -282,8 +369,14 @@ def _advance(
                 for i in range(REST):
                     for k in range(LANES):
                         frozen, good = work[STATUS * LANES + k] > 0.0, real(work[(GOOD + i) * LANES + k])
+                        if len(events) > 0:
+                            frozen = frozen | (work[STOPPED * LANES + k] > 0.0)
                         state[i * LANES + k] = good if frozen else state[i * LANES + k]
                         state[(REST_AT + i) * LANES + k] = real(0.0) if frozen else state[(REST_AT + i) * LANES + k]
+                if len(events) > 0:
+                    idle = True
+                    for k in range(LANES):
+                        idle = idle & ((work[STATUS * LANES + k] > 0.0) | (work[STOPPED * LANES + k] > 0.0))
                 for i in range(len(ledger)):
                     for k in range(LANES):
                         frozen, seen_now, good = (
@@ -322,10 +415,36 @@ def _advance(
                 work[(works_seen + i) * LANES + k] = (
                     work[(works_good + i) * LANES + k] if last == total else state[(works + i) * LANES + k]
                 )
+        for i in range(scratch - events_at):
+            for k in range(LANES):
+                work[(events_seen + i) * LANES + k] = state[(events_at + i) * LANES + k]
         if last == total:
             for i in range(REST):
                 for k in range(LANES):
                     work[i * LANES + k] = work[(GOOD + i) * LANES + k]
+            if len(events) > 0:
+                tries = 0 if len(noise) > 0 else TRIES  # with noise there are no steps back: the straight line stays
+                for which in range(2 * len(events)):
+                    happened = False
+                    for k in range(LANES):
+                        happened = happened | (state[(events_at + which // 2 * EVENT + COUNT) * LANES + k] > 0.0)
+                    find(
+                        integrator,
+                        parts,
+                        effects,
+                        events,
+                        own,
+                        which,
+                        real(h),
+                        tries if happened else 0,
+                        precision,
+                        state,
+                        scratch,
+                        events_at,
+                    )
+                    for k in range(LANES):
+                        at = (events_seen + which // 2 * EVENT + TIMES + which % 2) * LANES + k
+                        work[at] = state[(scratch + 4) * LANES + k]
         for i in range(rows):
             for k in range(LANES):
                 block[i, low + k] = work[in_work(i) * LANES + k]

@@ -34,8 +34,8 @@ STATUSES = {
 # 4096 bytes apart, where a load waits for a store that it does not depend on: with the body on rows 16 to 22 rk4 was 12 % slower.
 BODY_AT, REST_AT, STEP_AT, STEPS_AT, EFFECTS_AT = 7, 16, 23, 24, 25
 # Rows of the workspace of looks, which is a block's but for these before the effects: the true state, energy and |L|^2, what was found,
-# and the bits of the member's index where there is noise. Deviates pass through the rows of the true state.
-TRUE, ENERGY, FOUND, MEMBER, PRESENT = EFFECTS, EFFECTS + 7, EFFECTS + 9, EFFECTS + 10, EFFECTS + 11
+# the bits of the member's index where there is noise, and whether an event has stopped it. Deviates pass through the rows of the true state.
+TRUE, ENERGY, FOUND, MEMBER, STOPPED, PRESENT = EFFECTS, EFFECTS + 7, EFFECTS + 9, EFFECTS + 10, EFFECTS + 11, EFFECTS + 12
 
 
 # After the rows of the effects, where works are kept: one row for that of each effect, and one for what it was at the last good state.

@@ -10,7 +10,7 @@ from rigidmc.effects.parameters import shape
 from rigidmc.effects.verbs import is_random
 from rigidmc.engine.kernel import LOOK
 from rigidmc.engine.layout import STATUSES
-from rigidmc.observables import OBSERVABLES
+from rigidmc.observables import OBSERVABLES, outputs
 from rigidmc.sampling import is_shared, rows
 
 _LENGTHS = {"axis": 3, "quat": 4, "component": 6}
@@ -64,7 +64,7 @@ def coordinates(plan):
 def saved_variables(scene):
     """Variables at save times, in the order of the kernel's value rows: {name: Variable}."""
     kept, variables = conservation(scene), {}
-    for name in scene.run.save:
+    for name in scene.saved():
         kind = OBSERVABLES[name]
         attrs = {"units": kind.units, "long_name": kind.long_name}
         if name.startswith(("energy", "l2")):
@@ -133,6 +133,9 @@ def member_variables(scene, carried):
                 attrs = {"units": getattr(effect, "units", {}).get(name, "1"), "long_name": f"{name} of {label}"}
                 dims = () if size is None else ("axis",) if size == 3 else ("component",)
                 variables[f"{label}_{name}"] = Variable((*dims, "member"), "f8", attrs)
+    for label, one in scene.watched():
+        for name, (units, text, dims) in outputs(label, one).items():
+            variables[name] = Variable((*dims, "member"), "f8", {"units": units, "long_name": text})
     which = "omega" if scene.start.momentum is None else "momentum"
     kind = OBSERVABLES[which]
     variables[f"start_{which}"] = Variable(

@@ -19,10 +19,11 @@ from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.exact.free_top import free_motion
 from rigidmc.integrators import INTEGRATORS, accepting
 from rigidmc.rotation import attitude_error
-from rigidmc.sampling import Start, is_shared, rows
+from rigidmc.sampling import is_shared, rows
 from rigidmc.scene import Scene
 from rigidmc.simulation import simulate
 from rigidmc.staging import physics, rates, stage
+from rigidmc.start import Start
 from rigidmc.units import Internal, internal, scaled
 
 TURNS = {2: 0.01, 4: 0.05, 6: 0.12, 8: 0.25, math.inf: 0.12}  # of the fastest member in a step [rad], by order

@@ -9,9 +9,9 @@ from rigidmc.dynamics.so3 import multiply, up
 from rigidmc.effects import Gravity, ViscousDamping
 from rigidmc.integrators import INTEGRATORS
 from rigidmc.rotation import attitude_error, from_euler, matrix, omega_from_euler_rates
-from rigidmc.sampling import Start
 from rigidmc.scene import Scene
 from rigidmc.simulation import simulate
+from rigidmc.start import Start
 from rigidmc.studies.cases import (
     Case,
     against_closed,

@@ -15,7 +15,7 @@ H, TOTAL, STRIDE, MEMBERS = 0.01, 200, 30, 96
 
 def job(low, size, out):
     return SimpleNamespace(
-        how=(*form(RK4()), EFFECTS, EVERYTHING, (0.0,), (), np.empty(0), (), (), (), ()), h=H, slots=1, total=TOTAL, stride=STRIDE, rounds=TOTAL,
+        how=(*form(RK4()), EFFECTS, EVERYTHING, (0.0,), (), np.empty(0), *((),) * 7), h=H, slots=1, total=TOTAL, stride=STRIDE, rounds=TOTAL,
         block=np.ascontiguousarray(tops()[:, low : low + size]), out=out, width=MEMBERS, column=low,
     )  # fmt: skip
 

@@ -46,7 +46,7 @@ block = np.zeros((K.EFFECTS + len(effects), K.LANES))
 block[:K.REST] = np.array([0.6, 0.0, 0.8, 0.0, 1.0, 2.0, 3.0])[:, None]
 block[K.BODY:K.EFFECTS] = np.array(MassProperties.of((1.0, 1.2, 1.5), (0.1, 0.2, 0.3)))[:, None]
 block[K.EFFECTS:] = effect[0] if effect else 0.0
-kernel.advance(*form(RK4()), effects, (), (), (), np.empty(0), (), (), (), (), block, np.empty(0), 0, 0, 0.01, 1, 0, 4, 4, 4)
+kernel.advance(*form(RK4()), effects, (), (), (), np.empty(0), (), (), (), (), (), (), (), block, np.empty(0), 0, 0, 0.01, 1, 0, 4, 4, 4)
 print(json.dumps({"state": block[:K.REST, 0].tolist(), "hits": sum(kernel.dispatcher.stats.cache_hits.values()),
                   "misses": sum(kernel.dispatcher.stats.cache_misses.values()), "home": os.path.dirname(kernel.__file__)}))
 """

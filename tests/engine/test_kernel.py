@@ -22,6 +22,7 @@ EFFECTS = Gravity(9.81), ViscousDamping(0.1)
 EVERYTHING = tuple(kind() for kind in OBSERVABLES.values())
 ROWS = sum(SIZES[o.dims] for o in EVERYTHING)
 H, TOTAL, STRIDE, MEMBERS = 0.01, 47, 10, 96  # the last save is off the stride
+NO_MORE = ((),) * 6  # limits, noise, ledger, events, running, shadow
 RK4, NOTHING = form(INTEGRATORS["rk4"]), np.empty(0)
 
 
@@ -65,9 +66,7 @@ def in_blocks(size, threads):
             (),
             NOTHING,
             (),
-            (),
-            (),
-            (),
+            *NO_MORE,
             parts[i],
             out,
             MEMBERS,

@@ -1,0 +1,61 @@
+"""How the symmetry axis of a top moves: the range of its nutation, and how far it has precessed."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from rigidmc.dynamics.so3 import select, up
+
+
+class Nutation(NamedTuple):
+    """The smallest and largest angle theta between axis 3 of the body and the vertical, at the start and after every step, TdC (3.36)."""
+
+    marks = 2
+    outputs = {
+        "nutation_min": ("rad", "smallest angle between axis 3 and the vertical", ()),
+        "nutation_max": ("rad", "largest angle between axis 3 and the vertical", ()),
+    }
+
+    def begin(self, q):
+        cosine = up(q)[2]
+        return cosine, cosine
+
+    def update(self, kept, q):
+        cosine = up(q)[2]
+        return select(cosine < kept[0], cosine, kept[0]), select(cosine > kept[1], cosine, kept[1])
+
+    def results(self, kept):
+        """Outputs from what is kept, (2, n)."""
+        high, low = np.arccos(np.clip(kept, -1.0, 1.0))
+        return {"nutation_min": low, "nutation_max": high}
+
+
+class Precession(NamedTuple):
+    """The angle phi by which axis 3 of the body has turned about the vertical, turns counted, TdC (3.36); steps turn it by less than half a turn.
+
+    What is kept: the axis over the horizontal plane, turns, and where it was at the start.
+    """
+
+    marks = 5
+    outputs = {"precession": ("rad", "angle by which axis 3 has turned about the vertical", ())}
+
+    def begin(self, q):
+        x, y = over_plane(q)
+        return x, y, 0.0 * x, x, y
+
+    def update(self, kept, q):
+        x, y = over_plane(q)
+        sense = kept[0] * y - kept[1] * x  # the half-line x < 0 is crossed: downwards is the positive sense
+        down, up_ = (kept[1] >= 0.0) & (y < 0.0) & (sense > 0.0), (kept[1] < 0.0) & (y >= 0.0) & (sense < 0.0)
+        return x, y, kept[2] + (select(down, 1.0, 0.0) - select(up_, 1.0, 0.0)), kept[3], kept[4]
+
+    def results(self, kept):
+        """Outputs from what is kept, (5, n)."""
+        x, y, turns, x0, y0 = kept
+        return {"precession": 2.0 * math.pi * turns + np.arctan2(y, x) - np.arctan2(y0, x0)}
+
+
+def over_plane(q):
+    """The horizontal components of axis 3 of the body, (A13, A23)."""
+    return 2.0 * (q[1] * q[3] + q[0] * q[2]), 2.0 * (q[2] * q[3] - q[0] * q[1])

@@ -1,0 +1,229 @@
+"""The maps that come with the package: what each varies, asks, and what theory says of it."""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rigidmc.body import Body
+from rigidmc.effects import EnergyDissipation, Gravity, MovingPivot
+from rigidmc.errors import unknown
+from rigidmc.exact.free_top import free_motion
+from rigidmc.observables import Flips, Passage
+from rigidmc.sampling import normal, uniform
+from rigidmc.scene import Scene
+from rigidmc.start import Start
+from rigidmc.studies.stability_map import stability_map
+from rigidmc.vectors import Cone, Shell
+
+TILT, FROM, TO = (
+    1e-4,
+    2e-3,
+    5e-2,
+)  # rad: of the start from the middle axis, and where its growth is timed: off by 2 TILT^2/FROM^2 and TO^2/6 at most
+
+
+class MapCase(NamedTuple):
+    """A map: its scene and settings, x and y as (parameter, low, high[, log]), questions, and what theory says.
+
+    derived : from the Dataset of the map to more of its variables {name: (values, attributes)}: theory, and what follows from several measures
+    shown, contours : the variable that is drawn, and the one whose lines are drawn over it at some levels, with their words
+    """
+
+    title: str
+    scene: Any
+    x: tuple
+    y: tuple
+    of: tuple
+    members: int
+    derived: Any
+    shown: str
+    contours: tuple
+    settings: dict[str, Any]
+    source: str
+
+
+def intermediate_axis():
+    scene = Scene(
+        Body.from_moments((0.5, 1.0, 1.5)), (), Start(omega=Cone(2, 1.0, TILT)),
+        observables=(Flips(2), Passage(2, FROM, about="momentum"), Passage(2, TO, about="momentum")),
+    )  # fmt: skip
+
+    def derived(ds):
+        one, three = np.meshgrid(ds.x.values, ds.y.values)
+        with np.errstate(all="ignore"):
+            rate = np.where(ds.none.values == 0, np.sqrt((1.0 - one) * (three - 1.0) / (one * three)), np.nan)
+            growth = math.log(TO / FROM) / (ds["mean(passage_first_2)"].values - ds["mean(passage_first)"].values)
+        return {
+            "growth": (
+                growth,
+                {"units": "s-1", "long_name": "growth rate of the disturbance, measured; I2 = 1 kg m2, omega = 1 rad/s"},
+            ),
+            "theory": (rate, {"units": "s-1", "long_name": "sqrt((I2 - I1)(I3 - I2)/(I1 I3)) omega"}),
+        }
+
+    return MapCase(
+        "The intermediate axis: how fast a body spun about it leaves it", scene,
+        ("body.moments.1", 0.0, 1.0), ("body.moments.3", 1.0, 2.0), ("mean(flips)", "mean(flip_wait)", "mean(passage_first)", "mean(passage_first_2)"), 16,
+        derived, "growth", ("theory", (0.25, 0.5, 0.75, 1.0, 1.5, 2.0), "growth rate in theory"), {"integrator": "rk8", "dt": 0.5, "t_end": 800.0},
+        "sqrt((I2 - I1)(I3 - I2)/(I1 I3)) omega, Goldstein (5.36); flips every 2 K/lambda",
+    )  # fmt: skip
+
+
+def disturbance():
+    scene = Scene(
+        Body.from_moments((1.0, 2.0, 3.0)), (), Start(omega=Cone(2, 1.0, 1e-3, 0.0)), observables=(Flips(2, 0.5 * math.pi),)
+    )
+
+    def derived(ds):
+        azimuth, angle = np.meshgrid(ds.x.values, ds.y.values)
+        w = np.stack([np.sin(angle) * np.sin(azimuth), np.cos(angle), np.sin(angle) * np.cos(azimuth)], axis=-1)
+        interval = free_motion((1.0, 2.0, 3.0), w * [1.0, 2.0, 3.0]).flip_interval
+        wait = ds["mean(flip_wait)"].values
+        return {
+            "theory": (interval, {"units": "s", "long_name": "2 K(m)/lambda"}),
+            "error": (
+                np.abs(wait - interval) / interval,
+                {"units": "1", "long_name": "relative error of the mean time between flips"},
+            ),
+        }
+
+    return MapCase(
+        "A small disturbance waits long: time to the first flip of a body (1, 2, 3) spun about its middle axis", scene,
+        ("start.omega.azimuth", 0.0, 2.0 * math.pi), ("start.omega.angle", 1e-8, 1.0, True), ("mean(flip_first)", "mean(flip_wait)", "mean(flips)"), 1,
+        derived, "mean(flip_first)", ("theory", (10.0, 20.0, 30.0, 40.0, 50.0, 60.0), "time between flips, 2 K/$\\lambda$ [s]"),
+        {"integrator": "rk8", "dt": 0.2, "t_end": 400.0}, "2 K(m)/lambda",
+    )  # fmt: skip
+
+
+def damped_axis():
+    scene = Scene(
+        Body.from_moments((1.0, 2.0, 3.0)), (EnergyDissipation(0.03),), Start(momentum=Cone(3, 1.0, 0.5, 0.0)),
+        observables=(Passage(3, 0.2, "reaches", "momentum"), Passage(-3, 0.2, "reaches", "momentum")),
+    )  # fmt: skip
+
+    def derived(ds):
+        azimuth, angle = np.meshgrid(ds.x.values, ds.y.values)
+        l = np.stack([np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth), np.cos(angle)])
+        up, down = ds["p(passages>=1)"].values, ds["p(passages_2>=1)"].values
+        return {
+            "end": (
+                np.where(ds.good.values > 0, up - down, np.nan),
+                {"units": "1", "long_name": "the end of axis 3 that is reached: 1 or -1, 0 where none is"},
+            ),
+            "theory": (
+                (l * l / [[[1.0]], [[2.0]], [[3.0]]]).sum(0) * 2.0,
+                {"units": "1", "long_name": "2 T I2/L^2: 1 on the separatrices"},
+            ),
+        }
+
+    return MapCase(
+        "Which end of the major axis a body (1, 2, 3) ends up about that loses energy inside", scene,
+        ("start.momentum.azimuth", 0.0, 2.0 * math.pi), ("start.momentum.angle", 0.0, math.pi), ("p(passages >= 1)", "p(passages_2 >= 1)", "mean(passage_first)"), 1,
+        derived, "end", ("theory", (1.0,), "separatrices 2 T I2 = L$^2$"), {"integrator": "strang", "dt": 0.2, "t_end": 1500.0},
+        "Bloch, Krishnaprasad, Marsden & Ratiu (1996): all but the other axes and their separatrices end about axis 3",
+    )  # fmt: skip
+
+
+def sleeping_top():
+    body = Body.from_moments((1.0, 1.0, 0.5), mass=1.0, centre=(0.0, 0.0, 0.5))
+    start = Start(omega=(0.0, 0.0, 2.0), attitude=(uniform(0.0, 2.0 * math.pi), 1e-4, uniform(0.0, 2.0 * math.pi)))
+    scene = Scene(body, (Gravity(1.0),), start, observables=(Passage(3, 0.1),))
+
+    def derived(ds):
+        spin, height = np.meshgrid(ds.x.values, ds.y.values)
+        return {
+            "theory": (
+                0.25 * spin**2 - 4.0 * height,
+                {"units": "J kg m2", "long_name": "C^2 n^2 - 4 A m g h: above 0 the top sleeps"},
+            )
+        }
+
+    return MapCase(
+        "The sleeping top: which fall over, of spin n and height h of the centre", scene,
+        ("start.omega.3", 0.0, 5.0), ("body.centre.3", 0.0, 1.0), ("p(passages >= 1)", "mean(passage_first)"), 4,
+        derived, "p(passages>=1)", ("theory", (0.0,), "C$^2$n$^2$ = 4 A m g h"), {"integrator": "rk8", "dt": 0.1, "t_end": 300.0},
+        "C^2 n^2 > 4 A k, TdC (3.77)",
+    )  # fmt: skip
+
+
+def heavy_chaos(moments=(1.0, 2.0, 2.6), centre=(0.6, 0.5, 0.4)):
+    scene = Scene(
+        Body.from_moments(moments, mass=1.0, centre=centre), (Gravity(1.0),),
+        Start(momentum=Shell(1.0, (1.0, 1.0, 1.0)), attitude=(0.0, 1.0, 0.7)),
+    ).with_run(save=("megno",))  # fmt: skip
+
+    def derived(ds):
+        return {}
+
+    return MapCase(
+        "Chaos of an asymmetric heavy top: MEGNO, 2 where the motion is regular", scene,
+        ("start.attitude.theta", 0.0, math.pi), ("start.momentum.energy", -0.9, 4.0), ("mean(megno)", "mean(lyapunov)"), 1,
+        derived, "mean(megno)", (), {"integrator": "srkn11", "dt": 0.25, "t_end": 2000.0}, "",
+    )  # fmt: skip
+
+
+def kovalevskaya():
+    """The same plane for Kovalevskaya's top, which is integrable: A = B = 2 C, the centre in the plane of A and B."""
+    return heavy_chaos((2.0, 2.0, 1.0), (1.0, 0.0, 0.0))._replace(
+        title="The same of Kovalevskaya's top, A = B = 2 C: regular everywhere"
+    )
+
+
+def kapitza():
+    body = Body.from_moments((1.0, 1.0, 0.5), mass=1.0, centre=(0.0, 0.0, 1.0))
+    start = Start(omega=(0.0, 0.0, 0.0), attitude=(0.0, normal(0.0, 1e-5), 0.0))
+    scene = Scene(body, (Gravity(1.0), MovingPivot((0.0, 0.0, 0.1), 20.0)), start, observables=(Passage(3, 0.1),))
+
+    def derived(ds):
+        from scipy.special import mathieu_a, mathieu_b
+
+        swing, frequency = np.meshgrid(ds.x.values, ds.y.values)
+        a, q = -4.0 / frequency**2, 2.0 * swing  # x'' + (a - 2 q cos 2 tau) x = 0 of a lean x, l = 1 m, g = 1 m/s2
+        inside = np.minimum(a - mathieu_a(0, q), mathieu_b(1, q) - a)
+        return {
+            "theory": (
+                inside,
+                {"units": "1", "long_name": "distance to the bounds a0(q), b1(q) of Mathieu's equation: above 0 it stands"},
+            )
+        }
+
+    return MapCase(
+        "Kapitza's pendulum: where a body stands on its head whose pivot is shaken", scene,
+        ("effects.moving_pivot.swing.3", 0.0, 0.6), ("effects.moving_pivot.frequency", 3.0, 30.0), ("p(passages >= 1)", "mean(passage_first)"), 1,
+        derived, "p(passages>=1)", ("theory", (0.0,), "bounds of Mathieu's equation"), {"integrator": "rk8", "dt": 0.04, "t_end": 200.0},
+        "between a0(q) and b1(q); swing frequency > sqrt(2 g l) for small swings (Kapitza 1951)",
+    )  # fmt: skip
+
+
+MAPS: dict[str, Any] = {
+    "intermediate_axis": intermediate_axis,
+    "disturbance": disturbance,
+    "damped_axis": damped_axis,
+    "sleeping_top": sleeping_top,
+    "heavy_chaos": heavy_chaos,
+    "kovalevskaya": kovalevskaya,
+    "kapitza": kapitza,
+}
+
+
+def case_map(name, resolution=256, members=None, threads=None, progress=None, seed=None, **settings):
+    """The Dataset of one of MAPS, theory and what else follows among its variables."""
+    if name not in MAPS:
+        raise unknown("", "map", name, "map", MAPS)
+    case = MAPS[name]()
+    ds = stability_map(
+        case.scene,
+        case.x,
+        case.y,
+        case.of,
+        resolution,
+        members or case.members,
+        threads,
+        progress,
+        **{**case.settings, "seed": seed, **settings},
+    )
+    for key, (values, attrs) in case.derived(ds).items():
+        ds[key] = (("y", "x"), values, attrs)
+    ds.attrs |= {"title": case.title, "map": name, "theory": case.source}
+    return ds

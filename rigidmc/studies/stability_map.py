@@ -1,0 +1,128 @@
+"""Maps: two parameters of a scene against anything that its members are asked, with replicas and a confidence interval for every pixel."""
+
+import time
+import warnings
+
+import numpy as np
+import xarray as xr
+
+from rigidmc import __version__
+from rigidmc.effects import labelled
+from rigidmc.engine.layout import STATUSES
+from rigidmc.errors import SceneError, SceneWarning
+from rigidmc.measures import measure
+from rigidmc.planning import prepare
+from rigidmc.sampling import grid
+from rigidmc.scene_parameters import with_parameter
+from rigidmc.simulation import simulate
+from rigidmc.storage.schema import member_variables
+
+CHUNK = 2**17  # members at once: 20 to 40 MB, and 40 waits for the last block of a map of 4e6
+MOST = 4096  # pixels a side
+
+
+def on_map(scene, x, y, resolution, members):
+    """The scene whose members are the pixels of a map, `members` to each, row by row.
+
+    x, y : (parameter, low, high) or (parameter, low, high, True) for even ratios;  resolution : pixels a side, or (columns, rows)
+    """
+    sides = (resolution, resolution) if np.ndim(resolution) == 0 else tuple(resolution)
+    for side in sides:
+        if isinstance(side, bool) or not isinstance(side, (int, np.integer)) or not 1 <= side <= MOST:
+            raise SceneError("", "resolution", resolution, f"expected whole numbers between 1 and {MOST}")
+    if isinstance(members, bool) or not isinstance(members, (int, np.integer)) or members < 1:
+        raise SceneError("", "members", members, "expected a whole number of members to a pixel, 1 or more")
+    if x[0] == y[0]:
+        raise SceneError("", "y", y[0], "is the parameter of x already")
+    for key, (name, low, high, *log), side, stride in (("x", x, sides[0], members), ("y", y, sides[1], members * sides[0])):
+        try:
+            between = grid(low, high, side, int(stride), bool(log and log[0]))
+        except SceneError as error:
+            raise SceneError("", key, f"{name} from {low} to {high}", error.rule) from None
+        scene = with_parameter(scene, name, between, key)
+    return scene.with_run(members=int(members) * sides[0] * sides[1], first=0)
+
+
+def stability_map(scene, x, y, of, resolution=256, members=16, threads=None, progress=None, confidence=0.95, **settings):
+    """A map as a Dataset with the coordinates y and x.
+
+    of : what the members of a pixel are asked, or several such: "p(flips >= 1)", "mean(megno)", see `rigidmc.measures`
+    x, y, resolution, members : see `on_map`;  settings : of `rigidmc.simulate`
+    progress : a function of (pixels done, all)
+
+    For each measure: its value, `low` and `high` of its confidence interval; `good` members of each pixel, `failed` ones, which are flagged in
+    `status` and count for nothing, and `none`, for which there is no such body or start. Pixels where all failed are nan, as are those of none.
+    Member r of pixel (i, j) is member (j columns + i) members + r of the scene in the attributes, to the bit.
+    Raises SceneError for parameters and measures that the scene has not.
+    """
+    made = on_map(scene, x, y, resolution, members).with_run(save=settings.pop("save", None), **settings)
+    variables = {name: v.dims for name, v in member_variables(made, False).items()}
+    asked = [measure(text, variables) for text in ((of,) if isinstance(of, str) else of)]
+    sides = (resolution, resolution) if np.ndim(resolution) == 0 else tuple(resolution)
+    plan, pixels, each = prepare(made, threads or 1), sides[0] * sides[1], max(1, CHUNK // members)
+    parts = {one.text: np.full((3, pixels), np.nan) for one in asked}
+    counts, began = np.zeros((3, pixels), "i4"), time.perf_counter()
+    for low in range(0, pixels, each):
+        high = min(pixels, low + each)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SceneWarning)  # what there is to say was said by the plan
+            dataset = simulate(made, members=range(low * members, high * members), threads=threads)
+        status = dataset.status.values.reshape(-1, members)
+        none, good = status == STATUSES["invalid_input"], status == 0
+        counts[:, low:high] = good.sum(1), (~good & ~none).sum(1), none.sum(1)
+        for one in asked:
+            parts[one.text][:, low:high] = one.interval(one.values(dataset).reshape(-1, members), good, confidence)
+        if progress is not None:
+            progress(high, pixels)
+    return _dataset(made, plan, asked, parts, counts, x, y, sides, members, confidence, time.perf_counter() - began)
+
+
+def _dataset(scene, plan, asked, parts, counts, x, y, sides, members, confidence, seconds):
+    shape = sides[1], sides[0]
+    variables, known = {}, member_variables(scene, plan.carried)
+    for one in asked:
+        attrs = dict(known[one.name].attrs)
+        units = "1" if one.kind == "p" else attrs.get("units", "1")
+        name = one.text.replace(" ", "")
+        text = f"{one.text}: {attrs.get('long_name', '')}"
+        for suffix, values in zip(("", "_low", "_high"), parts[one.text], strict=True):
+            end = "" if not suffix else f", {suffix[1:]} end of its interval of {100 * confidence:g} %"
+            variables[name + suffix] = (("y", "x"), values.reshape(shape), {"units": units, "long_name": text + end})
+    words = ("good members", "members that failed", "members for which there is no such body or start")
+    for name, values, text in zip(("good", "failed", "none"), counts, words, strict=True):
+        variables[name] = (("y", "x"), values.reshape(shape), {"units": "1", "long_name": text})
+    coordinates = {}
+    for key, (name, low, high, *log), side in (("x", x, sides[0]), ("y", y, sides[1])):
+        values = grid(low, high, side, 1, bool(log and log[0])).values()
+        coordinates[key] = ((key,), values, {"long_name": name, "units": units_of(scene, name), "log": int(bool(log and log[0]))})
+    attrs = {
+        "title": scene.title,
+        "source": f"rigidmc {__version__}",
+        "scene": scene.dumps(),
+        "members": members,
+        "confidence": confidence,
+        "integrator": scene.run.integrator,
+        "seconds": seconds,
+    }
+    return xr.Dataset(variables, coordinates, attrs)
+
+
+def units_of(scene, name):
+    """The units of a scene parameter."""
+    table, first, *rest = name.split(".")
+    if table == "effects":
+        effect = dict(labelled(scene.effects))[first]
+        return getattr(effect, "units", {}).get(rest[0], "1")
+    last = rest[-1] if rest else first
+    named = {
+        "angle": "rad",
+        "azimuth": "rad",
+        "phi": "rad",
+        "theta": "rad",
+        "psi": "rad",
+        "energy": "J",
+        "kT": "J",
+        "mass": "kg",
+        "centre": "m",
+    }
+    return named.get(last, {"moments": "kg m2", "centre": "m", "omega": "rad s-1", "momentum": "kg m2 s-1"}.get(first, "1"))

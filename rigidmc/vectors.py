@@ -1,0 +1,196 @@
+"""Vectors drawn as a whole: cones, spheres, correlated normals, energy shells, the Gibbs ensemble, bodies by their second moments.
+
+Each is a NamedTuple of numbers, distributions and grids, drawn as a function of (seed, name, member) alone. `omega` and `momentum` take cone, sphere
+and correlated, `momentum` shell and gibbs, `moments` second_moments. In scene files: omega = { cone = { axis = 2, size = 1.0, angle = 0.01 } }.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rigidmc.errors import SceneError, unknown
+from rigidmc.sampling import Distribution, draw, quantity, uniform
+
+
+class Facts(NamedTuple):
+    """What a vector may depend on: moments (3, n), potential energy of attitudes (4, n) -> (n,), a bound on its size (n,), attitudes (4, n)."""
+
+    moments: np.ndarray
+    potential: Any
+    bound: np.ndarray
+    attitude: Any = None
+
+
+def directions(draws, name, first, count):
+    """Unit vectors (3, n), uniform on the sphere: cosine of the polar angle and azimuth are."""
+    z, phi = draw((uniform(-1.0, 1.0), uniform(0.0, 2.0 * math.pi)), draws, f"{name}.direction", first, count)
+    r = np.sqrt((1.0 - z) * (1.0 + z))
+    return np.stack([r * np.cos(phi), r * np.sin(phi), z])
+
+
+class Cone(NamedTuple):
+    """A vector of some size that makes an angle with a principal axis.
+
+    axis : 1, 2, 3, or -1, -2, -3 for the other end;  size, angle [rad] : quantities;  azimuth : about the axis, from the next one on [rad]
+    """
+
+    axis: int
+    size: Any
+    angle: Any
+    azimuth: Any = Distribution("uniform", (0.0, 2.0 * math.pi))
+    sized = {"size": 1}
+
+    def sample(self, draws, name, first, count, facts):
+        size, angle, azimuth = draw((self.size, self.angle, self.azimuth), draws, f"{name}.cone", first, count)
+        i = abs(self.axis) - 1
+        v = np.empty((3, count))
+        v[i] = math.copysign(1.0, self.axis) * size * np.cos(angle)
+        v[(i + 1) % 3], v[(i + 2) % 3] = size * np.sin(angle) * np.cos(azimuth), size * np.sin(angle) * np.sin(azimuth)
+        return v
+
+
+class Sphere(NamedTuple):
+    """A vector of some size in any direction: of `momentum`, the momentum sphere |L| = size."""
+
+    size: Any
+    sized = {"size": 1}
+
+    def sample(self, draws, name, first, count, facts):
+        return draw((self.size,), draws, f"{name}.size", first, count) * directions(draws, name, first, count)
+
+
+class Correlated(NamedTuple):
+    """A normal vector of mean (3) and covariance (3, 3): mean + C^1/2 z, C^1/2 the lower Cholesky factor."""
+
+    mean: tuple
+    covariance: tuple
+    sized = {"mean": 1, "covariance": 2}
+
+    def sample(self, draws, name, first, count, facts):
+        z = draw((Distribution("normal", (0.0, 1.0)),) * 3, draws, f"{name}.normal", first, count)
+        root = np.linalg.cholesky(np.array(self.covariance))
+        return np.stack([self.mean[i] + sum(root[i, j] * z[j] for j in range(i + 1)) for i in range(3)])
+
+
+class Shell(NamedTuple):
+    """The angular momentum of a given energy E = 1/2 L . I^-1 L + V(q) [J]; where V(q) is more than E there is none, and the member is invalid.
+
+    direction : of L in the body; without one it is uniform on the shell (microcanonical: L = sqrt(2 (E - V) I) n, n uniform on the sphere)
+    """
+
+    energy: Any
+    direction: tuple | None = None
+    sized = {"energy": "energy"}
+
+    def sample(self, draws, name, first, count, facts):
+        (energy,) = draw((self.energy,), draws, f"{name}.energy", first, count)
+        twice = 2.0 * (energy - facts.potential(facts.attitude))
+        if self.direction is None:
+            v = np.sqrt(facts.moments) * directions(draws, name, first, count)
+        else:
+            v = np.broadcast_to(np.array(self.direction, float)[:, None], (3, count))
+            v = v / np.sqrt((v * v / facts.moments).sum(0))
+        with np.errstate(invalid="ignore"):
+            return np.sqrt(twice) * v  # nan where there is none
+
+
+class GibbsMomentum(NamedTuple):
+    """The angular momentum of thermal equilibrium, exp(-T/kT): L_i normal with variance I_i kT. kT : [J]"""
+
+    kT: Any
+    sized = {"kT": "energy"}
+
+    def sample(self, draws, name, first, count, facts):
+        (heat,) = draw((self.kT,), draws, f"{name}.kT", first, count)
+        z = draw((Distribution("normal", (0.0, 1.0)),) * 3, draws, f"{name}.normal", first, count)
+        return np.sqrt(facts.moments * heat) * z
+
+
+class SecondMoments(NamedTuple):
+    """Principal moments from the second moments of mass (a, b, c) [kg m^2], I1 = b + c, I2 = c + a, I3 = a + b: whatever positive numbers these are,
+    the body exists, TdC (3.15)."""
+
+    values: tuple
+    sized = {"values": 1}
+
+    def sample(self, draws, name, first, count, facts):
+        a, b, c = draw(self.values, draws, f"{name}.second", first, count)
+        return np.stack([b + c, c + a, a + b])
+
+
+VECTORS: dict[str, dict[str, Any]] = {
+    "omega": {"cone": Cone, "sphere": Sphere, "correlated": Correlated},
+    "momentum": {"cone": Cone, "sphere": Sphere, "correlated": Correlated, "shell": Shell, "gibbs": GibbsMomentum},
+    "moments": {"second_moments": SecondMoments},
+}
+
+
+def word_of(one):
+    """The word for a vector in a scene file."""
+    return next(word for kinds in VECTORS.values() for word, kind in kinds.items() if type(one) is kind)
+
+
+def numbers_of(one):
+    """The numbers of a vector, distributions and grids among them, in one flat tuple."""
+    found: list[Any] = []
+    for value in one:
+        found += [x for x in np.ravel(np.array(value, object))] if isinstance(value, (tuple, list)) else [value]
+    return tuple(x for x in found if x is not None)
+
+
+def checked(one, table, key):
+    """A vector with its numbers checked; SceneError."""
+    kinds = VECTORS[key]
+    if type(one) not in kinds.values():
+        raise SceneError(table, key, one, f"expected one of {', '.join(kinds)}, or three components")
+    where, fields = f"{table}.{key}.{word_of(one)}", {}
+    for name, value in one._asdict().items():
+        if name == "axis":
+            if isinstance(value, bool) or value not in (1, 2, 3, -1, -2, -3):
+                raise SceneError(where, name, value, "expected 1, 2 or 3, or -1, -2, -3 for the other end of the axis")
+            fields[name] = value
+        elif name == "covariance":
+            fields[name] = _covariance(value, where)
+        elif name in ("mean", "direction", "values"):
+            if value is not None and (isinstance(value, str) or not hasattr(value, "__len__") or len(value) != 3):
+                raise SceneError(where, name, value, "expected three numbers")
+            fields[name] = None if value is None else tuple(_scalar(x, where, name) for x in value)
+        else:
+            fields[name] = _scalar(value, where, name)
+    if fields.get("direction") == (0.0, 0.0, 0.0):
+        raise SceneError(where, "direction", [0.0, 0.0, 0.0], "a vector of length 0 has no direction")
+    return type(one)(**fields)
+
+
+def _scalar(value, where, name):
+    if isinstance(value, np.ndarray):
+        raise SceneError(where, name, None, "expected a number, a distribution or a grid")
+    return quantity(value, where, name)
+
+
+def _covariance(value, where):
+    found = np.asarray(value, float)
+    if found.shape != (3, 3) or not np.isfinite(found).all() or not np.allclose(found, found.T):
+        raise SceneError(where, "covariance", np.asarray(value).tolist(), "expected a symmetric matrix of 3x3 finite numbers")
+    if np.linalg.eigvalsh(found).min() <= 0.0:
+        raise SceneError(where, "covariance", found.tolist(), "expected a positive definite matrix: no variance is 0 or below")
+    return tuple(map(tuple, found.tolist()))
+
+
+def of_table(word, table, key, parsed):
+    """A vector from its table in a scene file; None where the word is that of none."""
+    kinds = VECTORS.get(key, {})
+    if word not in kinds:
+        return None
+    where = f"{key}.{word}"
+    if not isinstance(table, dict):
+        if len(kinds[word]._fields) > 1:
+            raise SceneError("", where, table, f"expected a table with the keys {', '.join(kinds[word]._fields)}")
+        table = {kinds[word]._fields[0]: table}
+    for name in table:
+        if name not in kinds[word]._fields:
+            raise unknown(where, name, None, "key", kinds[word]._fields)
+    if missing := [f for f in kinds[word]._fields if f not in table and f not in kinds[word]._field_defaults]:
+        raise SceneError(where, missing[0], None, "is missing")
+    return kinds[word](**{name: parsed(value) for name, value in table.items()})

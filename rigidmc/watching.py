@@ -1,0 +1,112 @@
+"""What of a scene is kept of every step: from its observables to what the kernel compiles, and from rows of a block to results."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rigidmc.dynamics.methods import names
+from rigidmc.effects.parameters import parameter_count
+from rigidmc.engine import layout
+from rigidmc.engine.compose import as_single
+from rigidmc.engine.watch import EVENT, SHADOW, SUMS, record_of, watch_rows
+from rigidmc.observables import RUNNING, SIZES, outputs
+from rigidmc.observables.chaos import OFTEN
+from rigidmc.sampling import is_open, rows
+from rigidmc.scene import PILOT
+
+
+class Watch(NamedTuple):
+    """Events, running observables and neighbour as the kernel takes them, and [(label, observable)] of each."""
+
+    events: tuple = ()
+    running: tuple = ()
+    shadow: tuple = ()
+    of_events: tuple = ()
+    of_running: tuple = ()
+    of_shadow: tuple = ()
+
+    @property
+    def compiled(self):
+        """As arguments of `rigidmc.engine.kernel.advance`."""
+        return self.events, self.running, self.shadow
+
+    @property
+    def rows(self):
+        """How many rows of a block it takes."""
+        return watch_rows(*self.compiled)
+
+
+def watch(scene):
+    """The Watch of a scene; SceneError for an event that it cannot have."""
+    found = scene.watched()
+    events = tuple((label, one) for label, one in found if hasattr(one, "event"))
+    running = tuple((label, one) for label, one in found if not hasattr(one, "event") and not hasattr(one, "shadow"))
+    shadow = tuple((label, one) for label, one in found if hasattr(one, "shadow"))
+    single, bodies = scene.run.dtype == "float32", _bodies(scene)
+    return Watch(
+        tuple(as_single(one.compiled(*bodies)) if single else one.compiled(*bodies) for _, one in events),
+        tuple((one, (0.0,) * _size(label, one)) for label, one in running),
+        (0.0,) * len(shadow[:1]),
+        events,
+        running,
+        shadow,
+    )
+
+
+def _bodies(scene):
+    """(moments (3, n) of the first members, or of all that arrays have; whether they are all that there are)."""
+    sure = not is_open(*scene.body.moments)
+    count = (rows(*scene.body.moments) or 1) if sure else PILOT
+    return scene.coarse().body.sample(scene.run.seed, 0, count)[0], sure
+
+
+def _size(label, one):
+    return one.kept * SIZES[one.of.dims] if label in RUNNING else one.marks
+
+
+def needs_attitude(scene):
+    """Whether what is watched does."""
+    for label, one in scene.watched():
+        if label in RUNNING:
+            asked = "attitude" in label
+        elif hasattr(one, "event"):
+            asked = getattr(one, "needs_attitude", False)
+        else:
+            asked = "q" in names(one, "update")
+        if asked:
+            return True
+    return False
+
+
+def results(scene, found, block, h, total):
+    """{variable: values of each member} of the Watch of a scene, nan where a member is not ok.
+
+    block : its rows at the end of a run;  h : step of each member [s];  total : slots in all
+    """
+    healthy = block[layout.STATUS] == 0.0
+    at = layout.EFFECTS + parameter_count(*scene.effects) + 2 * ("work" in scene.run.save) * len(scene.effects)
+    each: dict[str, Any] = {}
+    steps = total * np.ones_like(h)
+
+    def add(label, one, values):
+        for name, x in zip(outputs(label, one), values, strict=True):
+            each[name] = np.where(healthy, x, np.nan)
+
+    for (label, one), event in zip(found.of_events, found.events, strict=True):
+        record = record_of(block[at : at + EVENT], healthy)
+        add(label, one, one.results(record).values())
+        if event.stop:
+            steps = np.where(np.isfinite(record.seen), np.rint(record.seen / h), steps)
+        at += EVENT
+    for (label, one), (_, marks) in zip(found.of_running, found.running, strict=True):
+        kept = block[at : at + len(marks)]
+        if label in RUNNING:
+            kept = kept.reshape(one.kept, -1, kept.shape[1]) if one.of.dims else kept
+            with np.errstate(all="ignore"):
+                add(label, one, [one.result(kept, steps)])
+        else:
+            add(label, one, one.results(kept).values())
+        at += len(marks)
+    for label, one in found.of_shadow:
+        add(label, one, one.results(block[at + SUMS : at + SHADOW], total // OFTEN, h).values())
+    return each

@@ -1,0 +1,300 @@
+"""What is kept of every step: flips and passages against closed forms, statistics against trajectories, the neighbour against variational equations."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import rigidmc as rm
+from rigidmc.closed_form import closed_form
+from rigidmc.dynamics.so3 import up
+from rigidmc.errors import SceneError
+from rigidmc.exact.free_top import free_motion, free_top
+from rigidmc.observables import SUMMARIES, outputs
+from rigidmc.observables.chaos import NEAR
+
+IDENTITY = (1.0, 0.0, 0.0, 0.0)
+
+
+def bodies(n, seed=1):
+    """Moments and momenta (n, 3) of random bodies, the axes in any order, the momentum anywhere near the middle one."""
+    some = np.random.default_rng(seed)
+    a = np.sort(some.uniform(0.2, 1.0, (3, n)), axis=0)
+    moments = np.array([a[0] + a[1], a[0] + a[2], a[1] + a[2]])
+    l = some.normal(size=(3, n)) + np.array([[0.0], [1.0], [0.0]])
+    order = some.permuted(np.tile(np.arange(3), (n, 1)), axis=1).T
+    return np.take_along_axis(moments, order, 0).T, np.take_along_axis(l / np.linalg.norm(l, axis=0) * moments[1], order, 0).T
+
+
+def widest(moments, l):
+    """The largest square of the direction cosine of L about the middle axis: where its component about the axis of the polhode's other end is 0."""
+    one, two, three = np.sort(moments, axis=1).T
+    square, twice = (l**2).sum(1), (l**2 / moments).sum(1)
+    return np.minimum((twice * three - square) * two / (three - two), (square - twice * one) * two / (two - one)) / square
+
+
+@pytest.fixture(scope="module")
+def flipping():
+    """10,000 random bodies to t = 100 by the exact flow in steps of 0.2 s."""
+    moments, momentum = bodies(10_600)
+    # whether L came within the angle is seen at the ends of steps: of those that only just do the widest point may lie between two
+    clear = np.abs(widest(moments, momentum) / 0.25 - 1.0) > 0.05
+    moments, momentum = moments[clear][:10_000].copy(), momentum[clear][:10_000].copy()
+    scene = rm.Scene(rm.Body.from_moments(moments), start=rm.Start(momentum=momentum))
+    return moments, momentum, rm.simulate(scene, integrator="exact", dt=0.2, t_end=100.0, save=("flips",), threads=2)
+
+
+def test_no_flip_is_missed_and_none_invented(flipping):
+    moments, l, ds = flipping
+    turns = widest(moments, l) > math.cos(math.pi / 3.0) ** 2
+    interval = free_motion(moments, l).flip_interval
+    first, flips = ds.flip_first.values, ds.flips.values
+    assert turns.sum() > 8_000 and (~turns).sum() > 1_000
+    assert not flips[~turns].any() and np.isnan(first[~turns]).all()
+    middle = np.argsort(moments, axis=1)[:, 1]
+    start = np.take_along_axis(l, middle[:, None], 1)[:, 0] ** 2 / (l**2).sum(1)
+    early = turns & (start > 0.25)  # the others come within the angle before they flip
+    assert np.isfinite(first[turns & (interval < 50.0)]).all() and ((first <= interval) | (interval > 100.0))[early].all()
+    expected = np.floor((100.0 - first) / interval) + 1.0
+    assert (flips[turns] == np.where(np.isnan(first), 0.0, expected)[turns]).all()
+
+
+def test_flips_happen_when_the_closed_form_says(flipping):
+    moments, l, ds = flipping
+    middle, seen = np.argsort(moments, axis=1)[:, 1], ds.flips.values > 0
+    for when in (ds.flip_first.values, ds.flip_last.values):
+        at = free_top(moments[seen], l[seen], IDENTITY, when[seen])[0]
+        assert np.abs(np.take_along_axis(at, middle[seen][:, None], 1)).max() < 1e-11  # measured 4e-13
+    several = ds.flips.values > 1
+    interval = free_motion(moments, l).flip_interval[several]
+    assert np.abs(ds.flip_wait.values[several] / interval - 1.0).max() < 1e-10  # measured 1e-12; asked 1e-8 s
+    assert (np.isnan(ds.flip_wait.values) == ~several).all()
+    assert ds.flip_wait_deviation.values[several].max() < 0.05  # of straight lines in steps of 0.2 s
+
+
+def test_no_bit_depends_on_blocks_or_on_what_else_is_watched(flipping):
+    moments, l, ds = flipping
+    scene = rm.Scene(rm.Body.from_moments(moments), start=rm.Start(momentum=l))
+    one = rm.simulate(scene, integrator="exact", dt=0.2, t_end=100.0, save=("flips",), threads=1, block=32, members=range(200))
+    for name in ("flips", "flip_first", "flip_last", "flip_wait", "flip_wait_deviation"):
+        assert one[name].values.tobytes() == ds[name].values[:200].tobytes()
+
+
+GRAVITY = (rm.Gravity(9.81),)
+
+
+@pytest.fixture(scope="module")
+def lagrange():
+    """300 Lagrange tops and the cosine of their nutation angle at given times."""
+    some = np.random.default_rng(2)
+    q = some.normal(size=(300, 4))
+    body = rm.Body.from_moments((1.0, 1.0, 1.5), mass=1.0, centre=(0.0, 0.0, 0.3))
+    start = rm.Start(omega=some.normal(size=(300, 3)) * 2.0, attitude=q / np.linalg.norm(q, axis=1)[:, None])
+    scene = rm.Scene(body, GRAVITY, start)
+    case = closed_form(scene.with_run(members=300))
+
+    def cosine(t):
+        each = [
+            case._replace(**{k: getattr(case, k)[i : i + 1] for k in case._fields if np.ndim(getattr(case, k))}) for i in range(300)
+        ]
+        return np.array([up(one.motion(t[i]).attitude[0])[2] for i, one in enumerate(each)])
+
+    return scene, case, cosine
+
+
+@pytest.mark.parametrize(
+    ("integrator", "step", "bound"),
+    [("rk8", {"dt": 0.02}, 1e-9), ("srkn11", {"turn": 0.1}, 1e-9)],  # measured 4e-14, 3e-12
+)
+def test_first_passage_is_as_exact_as_the_integrator(lagrange, integrator, step, bound):
+    scene, case, cosine = lagrange
+    watched = ("nutation", "precession", rm.Passage(3, 1.2, stop=integrator == "srkn11"))
+    ds = rm.simulate(scene, integrator=integrator, t_end=10.0, save=(*watched, "attitude"), **step)
+    first = ds.passage_first.values
+    passed = np.isfinite(first)
+    later = passed & (first > 0.0)
+    assert (np.abs(cosine(np.where(passed, first, 0.0)) - math.cos(1.2))[later] < bound).all() and later.sum() > 80
+    start = up(tuple(case.attitude.T))[2]
+    assert ((first == 0.0) == (start <= math.cos(1.2))).all()
+    t = np.linspace(0.0, 10.0, 501)
+    w, x, y, z = np.moveaxis(case.motion(t).attitude, -1, 0)
+    theta, phi = (
+        np.arccos(np.clip(w * w - x * x - y * y + z * z, -1.0, 1.0)),
+        np.unwrap(np.arctan2(y * z - w * x, x * z + w * y), axis=0),
+    )
+    if integrator == "rk8":
+        assert (passed == (theta >= 1.2).any(0)).all()
+        assert (
+            np.abs(ds.nutation_min.values - theta.min(0)).max() < 1e-9
+            and np.abs(ds.nutation_max.values - theta.max(0)).max() < 1e-9
+        )
+        assert np.abs(ds.precession.values - (phi[-1] - phi[0])).max() < 1e-9 and np.abs(ds.precession.values).max() > 30.0
+    else:  # those that pass stay at the end of that step
+        ends = np.arccos(np.clip(up(tuple(ds.attitude.values[-1]))[2], -1.0, 1.0))
+        assert (ends[later] >= 1.2).all() and (ends[later] < 1.4).all() and ds.passages.values.max() == 1.0
+        assert np.abs(ds.nutation_max.values[passed] - ends[passed])[later[passed]].max() < 1e-12
+        assert np.array_equal(ds.attitude.values[-1][:, first == 0.0], ds.attitude.values[0][:, first == 0.0])
+        assert not ds.status.values.any()
+
+
+def test_statistics_are_those_of_the_trajectory():
+    scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)), start=rm.Start(omega=(rm.normal(0, 0.3), 1.0, rm.normal(0, 0.3))))
+    of = ("omega_min", "omega_max", "omega_mean", "omega_variance", "energy_variance")
+    ds = rm.simulate(scene, members=64, dt=0.05, t_end=10.0, every=0.05, save=("omega", *of))
+    w = ds.omega.values
+    assert np.array_equal(ds.omega_min.values, w.min(0)) and np.array_equal(ds.omega_max.values, w.max(0))
+    mean = np.trapezoid(w, axis=0) / 200.0
+    assert np.abs(ds.omega_mean.values - mean).max() < 1e-14  # measured 6e-16
+    assert np.abs(ds.omega_variance.values - (np.trapezoid(w * w, axis=0) / 200.0 - mean**2)).max() < 1e-14  # measured 1e-15
+    assert ds.energy_variance.attrs["units"] == "J2" and ds.omega_mean.dims == ("axis", "member")
+    assert ds.omega_variance.attrs["units"] == "rad2 s-2" and ds.energy_variance.values.max() < 1e-12
+
+
+HEAVY = rm.Body.from_moments((1.0, 2.0, 2.8), mass=1.0, centre=(0.5, 0.5, 0.5))
+
+
+def growth(l, q, t_end):
+    """ln |v(t_end)|/|v(0)| of the tangent that the neighbour starts along, by variational equations in DOP853."""
+    moments, centre = np.array([1.0, 2.0, 2.8]), np.array([0.5, 0.5, 0.5])
+
+    def times(p, w):
+        return 0.5 * np.array([-p[1:] @ w, *(p[0] * w + np.cross(p[1:], w))])
+
+    def rate(t, y):
+        l, q, dl, dq = y[:3], y[3:7], y[7:10], y[10:]
+        g = np.array(up(q))
+        a = np.array(up(q + dq)) - np.array(up(dq)) - g  # twice the bilinear form of up: its derivative along dq
+        torque, change = -np.cross(centre, g), -np.cross(centre, a)
+        w, dw = l / moments, dl / moments
+        return np.concatenate(
+            [np.cross(l, w) + torque, times(q, w), np.cross(dl, w) + np.cross(l, dw) + change, times(dq, w) + times(q, dw)]
+        )
+
+    weight = 0.5 / (0.5 * (l * l / moments).sum() + 1.5) / 2.8  # of L, by the energies in play: at most m g (|c1| + |c2| + |c3|)
+    v = 0.5 * np.array(
+        [-q[1] * 0.31 - q[2] * 0.43 - q[3] * 0.38, *(q[0] * np.array([0.31, 0.43, 0.38]) + np.cross(q[1:], [0.31, 0.43, 0.38]))]
+    )
+    dl = np.array([0.54, 0.47, 0.25]) / math.sqrt(weight)
+    end = solve_ivp(rate, (0.0, t_end), np.concatenate([l, q, dl, v]), method="DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
+    return math.log(math.sqrt(4.0 * end[10:] @ end[10:] + weight * end[7:10] @ end[7:10]))
+
+
+def test_the_neighbour_grows_as_variational_equations_say():
+    some = np.random.default_rng(3)
+    q = some.normal(size=(6, 4))
+    start = rm.Start(omega=some.normal(size=(6, 3)), attitude=q / np.linalg.norm(q, axis=1)[:, None])
+    scene = rm.Scene(HEAVY, (rm.Gravity(1.0),), start)
+    ds = rm.simulate(scene, integrator="rk8", dt=0.05, t_end=60.0, save=("megno",))
+    for i in range(6):
+        l = ds.start_omega.values[:, i] * np.array([1.0, 2.0, 2.8])
+        assert abs(60.0 * ds.lyapunov.values[i] - growth(l, ds.start_attitude.values[:, i], 60.0)) < 1e-4
+
+
+def test_megno_tells_regular_from_chaotic():
+    n, cases = 64, []
+    kinds = (
+        ("Lagrange", (1.0, 1.0, 1.5), (0.0, 0.0, 0.3)),
+        ("Kovalevskaya", (2.0, 2.0, 1.0), (1.0, 0.0, 0.0)),
+        ("heavy", (1.0, 2.0, 2.8), (0.5, 0.5, 0.5)),
+    )
+    for _, moments, centre in kinds:
+        start = rm.Start(omega=(rm.normal(0, 1), rm.normal(0, 1), rm.normal(0, 1)), attitude="uniform")
+        scene = rm.Scene(rm.Body.from_moments(moments, mass=1.0, centre=centre), (rm.Gravity(1.0),), start)
+        cases.append(rm.simulate(scene, integrator="rk8", dt=0.05, t_end=2000.0, members=n, save=("megno",)))
+    for ds in cases[:2]:  # measured: 1.80 to 2.05
+        assert np.abs(ds.megno.values - 2.0).max() < 0.3 and ds.lyapunov.values.max() < 0.006
+    chaotic = cases[2].lyapunov.values > 0.02
+    assert 0.3 < chaotic.mean() < 1.0
+    ratio = cases[2].megno.values[chaotic] / (0.5 * 2000.0 * cases[2].lyapunov.values[chaotic])
+    assert abs(np.median(ratio) - 1.0) < 0.1
+
+
+def test_a_flagged_member_has_no_summary():
+    scene = rm.Scene(
+        rm.Body.from_moments((1.0, 2.0, 3.0)),
+        start=rm.Start(omega=np.array([[0.01, 1.0, 0.0], [1e200, 1e200, 1e200], [0.01, 1.0, 0.0]])),
+    )
+    ds = rm.simulate(
+        scene,
+        dt=0.05,
+        t_end=10.0,
+        every=0.05,
+        save=("omega", "omega_min", "omega_max", "omega_mean", "omega_variance", "energy_variance"),
+    )
+    assert ds.status.values[1] > 0 and np.isnan(ds.omega_max.values[:, 1]).all() and np.isfinite(ds.omega_max.values[:, 0]).all()
+    assert np.array_equal(ds.omega_mean.values[:, 0], ds.omega_mean.values[:, 2])
+
+
+FILE = """
+[body]
+moments = [1.0, 2.0, 3.0]
+[start]
+omega = [0.01, 1.0, 0.0]
+[run]
+save = ["flips"]
+[observables.{}]
+{}
+"""
+
+
+@pytest.mark.parametrize(
+    ("table", "lines", "words"),
+    [
+        ("passge", "axis = 3", "passage"),
+        ("passage", "axis = 3", "angle: is missing"),
+        ("passage", "axis = 4\nangle = 0.5", "axis"),
+        ("passage", "axis = 3\nangle = 4.0", "between 0 and pi"),
+        ("passage", 'axis = 3\nangle = 0.5\nway = "leave"', "leaves"),
+        ("passage", "axis = 3\nangel = 0.5", "angle"),
+        ("flips", "axis = 7", "middle"),
+        ("flips", "within = 2.0", "pi/2"),
+        ("nutation", "axis = 1", "axis"),
+    ],
+)
+def test_bad_tables_are_told(table, lines, words):
+    with pytest.raises(SceneError) as caught:
+        rm.Scene.loads(FILE.format(table, lines))
+    assert words in str(caught.value) and table in str(caught.value)
+
+
+def scene_with(*observables, **run):
+    return rm.Scene.loads(FILE.format("flips", "axis = 2")).with_run(save=observables, **run)
+
+
+@pytest.mark.parametrize(
+    ("scene", "words"),
+    [
+        (lambda: scene_with("flip"), "flips"),
+        (lambda: scene_with("passage"), "needs a table"),
+        (lambda: scene_with("omega_maximum"), "omega_max"),
+        (lambda: scene_with("megno", dtype="float32"), "float64"),
+        (lambda: scene_with("megno", compensated=True), "compensated"),
+        (lambda: scene_with("megno", rm.Passage(3, 0.5, stop=True)), "stops"),
+        (lambda: scene_with(rm.Passage(3, 0.5, stop=True), rm.Passage(1, 0.5, stop=True)), "one event"),
+        (lambda: scene_with("omega_max", integrator="closed"), "closed"),
+        (
+            lambda: rm.Scene(rm.Body.from_moments((1, 1, 2)), start=rm.Start(omega=(0, 1, 0))).with_run(save=("flips",)),
+            "middle axis",
+        ),
+    ],
+)
+def test_what_cannot_be_watched_is_refused(scene, words):
+    with pytest.raises(SceneError, match=words):
+        rm.simulate(scene())
+
+
+def test_observables_stay_in_scene_files():
+    scene = scene_with("omega", rm.Passage(-3, 0.5, "reaches", "momentum", True), rm.Passage(1, 1.0))
+    again = rm.Scene.loads(scene.dumps())
+    assert again.observables == scene.observables and again.run == scene.run
+    names = [name for label, one in again.watched() for name in outputs(label, one)]
+    assert [n for n in names if "passage" in n] == [
+        "passages", "passage_first", "passage_last", "passages_2", "passage_first_2", "passage_last_2",
+    ]  # fmt: skip
+
+
+def test_every_summary_says_what_it_is():
+    for name, kind in SUMMARIES.items():
+        assert kind.__doc__ and kind.outputs, name
+    assert NEAR == 1e-8
