@@ -38,11 +38,12 @@ _HOMES = {
     "open": "storage",
     "rerun": "rerun",
     "simulate": "simulation",
+    "stability_map": "studies.stability_map",
     "uniform": "sampling",
     **dict.fromkeys(_EFFECTS, "effects"),
 }
 __all__ = [
-    "Body", "Scene", "Start", "Run", "simulate", "open", "rerun", "accuracy",
+    "Body", "Scene", "Start", "Run", "simulate", "open", "rerun", "accuracy", "stability_map",
     "free_top", "free_motion", "lagrange_top", "lagrange_motion",
     "normal", "uniform", "distribution", "grid", "Flips", "Passage", *_EFFECTS,
     "Cone", "Correlated", "GibbsMomentum", "SecondMoments", "Shell", "Sphere",
@@ -63,6 +64,7 @@ if TYPE_CHECKING:
     from rigidmc.start import Start
     from rigidmc.storage import open_result as open
     from rigidmc.studies.accuracy import accuracy
+    from rigidmc.studies.stability_map import stability_map
     from rigidmc.vectors import Cone, Correlated, GibbsMomentum, SecondMoments, Shell, Sphere
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from rigidmc import statistics
 from rigidmc.errors import SceneError, nearest
+from rigidmc.observables import RUNNING, SUMMARIES, summary_of
 
 _VARIABLE = r"(?P<name>[A-Za-z_][A-Za-z0-9_]*)(\[(?P<axis>[123])\])?"
 _NUMBER = r"(?P<number>[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?)"
@@ -48,6 +49,18 @@ class Measure(NamedTuple):
         return statistics.quantiles(kept, self.number, confidence)
 
 
+def observing(scene, texts):
+    """The scene with the observables over all steps in its `save` that measures name and that need no numbers."""
+    able = {name: name for name in RUNNING}
+    for name, kind in SUMMARIES.items():
+        if len(kind._field_defaults) == len(kind._fields):
+            able |= dict.fromkeys(kind.outputs, name)
+    named = [able[word] for text in texts for word in re.findall(r"[A-Za-z_]\w*", text) if word in able]
+    have = {summary_of(one) for one in scene.observables}
+    more = [name for name in dict.fromkeys(named) if name not in have and name not in scene.run.save]
+    return scene.with_run(save=(*scene.run.save, *more)) if more else scene
+
+
 def measure(text, variables):
     """The Measure that a text asks for; `variables` {name: dims} are those of a result. SceneError for what is none."""
     kind, found = next(((kind, m) for kind, form in _FORMS.items() if (m := form.fullmatch(text.strip()))), ("", None))
@@ -57,10 +70,11 @@ def measure(text, variables):
     name, axis = parts["name"], parts["axis"]
     able = {name: dims for name, dims in variables.items() if dims in (("member",), ("axis", "member"))}
     if name not in able:
-        known = ", ".join(n for n in able if not n.startswith(("start_", "status")))
-        raise SceneError(
-            "", "measure", text, f"no result of that name with one number per member; known: {known}", nearest(name, able)
-        )
+        known = [n for n in able if not n.startswith(("start_", "status"))]
+        known += [n for kind in SUMMARIES.values() if not kind._fields or kind._field_defaults for n in kind.outputs if n not in known]
+        known += [n for n in RUNNING if n not in known]
+        rule = f"no result of that name with one number per member; known: {', '.join(known)}; passages of a scene with [observables.passage]"
+        raise SceneError("", "measure", text, rule, nearest(name, known))
     if (able[name] == ("axis", "member")) != bool(axis):
         raise SceneError(
             "",

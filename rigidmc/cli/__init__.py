@@ -1,9 +1,9 @@
-"""The command line: rigidmc run, show, check, scenes, rerun, body, exact, accuracy, stress, plot, effects, integrators, doctor. Nothing heavy is
+"""The command line: rigidmc run, show, check, scenes, rerun, body, exact, accuracy, stress, map, plot, effects, integrators, doctor. Nothing heavy is
 imported before it is needed."""
 
 import sys
 
-from rigidmc.cli import closed, results, scene, stress, study  # noqa: F401  (their commands, in this order)
+from rigidmc.cli import closed, maps, results, scene, stress, study  # noqa: F401  (their commands, in this order)
 from rigidmc.cli.common import INTERRUPTED, app
 
 

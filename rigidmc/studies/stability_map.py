@@ -10,7 +10,7 @@ from rigidmc import __version__
 from rigidmc.effects import labelled
 from rigidmc.engine.layout import STATUSES
 from rigidmc.errors import SceneError, SceneWarning
-from rigidmc.measures import measure
+from rigidmc.measures import measure, observing
 from rigidmc.planning import prepare
 from rigidmc.sampling import grid
 from rigidmc.scene_parameters import with_parameter
@@ -55,9 +55,11 @@ def stability_map(scene, x, y, of, resolution=256, members=16, threads=None, pro
     Member r of pixel (i, j) is member (j columns + i) members + r of the scene in the attributes, to the bit.
     Raises SceneError for parameters and measures that the scene has not.
     """
-    made = on_map(scene, x, y, resolution, members).with_run(save=settings.pop("save", None), **settings)
+    of = (of,) if isinstance(of, str) else tuple(of)
+    made = on_map(scene, x, y, resolution, members).with_run(save=settings.pop("save", ()), **settings)
+    made = observing(made, of)
     variables = {name: v.dims for name, v in member_variables(made, False).items()}
-    asked = [measure(text, variables) for text in ((of,) if isinstance(of, str) else of)]
+    asked = [measure(text, variables) for text in of]
     sides = (resolution, resolution) if np.ndim(resolution) == 0 else tuple(resolution)
     plan, pixels, each = prepare(made, threads or 1), sides[0] * sides[1], max(1, CHUNK // members)
     parts = {one.text: np.full((3, pixels), np.nan) for one in asked}

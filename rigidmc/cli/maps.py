@@ -1,0 +1,135 @@
+"""rigidmc map."""
+
+import sys
+from typing import Annotated
+
+import typer
+
+from rigidmc.cli.common import (
+    FLAGGED,
+    OK,
+    AllowCode,
+    Force,
+    Output,
+    Plot,
+    Seed,
+    Set,
+    Threads,
+    app,
+    check_suffix,
+    load_scene,
+    plots_module,
+    reported,
+)
+
+
+@app.command("map")
+def make_map(
+    name: Annotated[str, typer.Argument(metavar="NAME|SCENE", help="A map of the package (rigidmc map list), a TOML file, or a shipped scene.")],
+    x: Annotated[str | None, typer.Option(metavar="KEY=LOW:HIGH", help="Scene parameter across, e.g. body.moments.1=0:1; :log for even ratios.")] = None,
+    y: Annotated[str | None, typer.Option(metavar="KEY=LOW:HIGH", help="Scene parameter upwards.")] = None,
+    of: Annotated[list[str], typer.Option(metavar="MEASURE", help='What a pixel is asked: "p(flips >= 1)", "mean(megno)", "quantile(flip_wait, 0.9)"; may be repeated.')] = [],  # noqa: B006
+    resolution: Annotated[int, typer.Option(help="Pixels a side.")] = 256,
+    members: Annotated[int | None, typer.Option(help="Members to a pixel; default 16, or the map's own.")] = None,
+    seed: Seed = None, threads: Threads = None, settings: Set = [], allow_code: AllowCode = False,  # noqa: B006
+    output: Output = None, plot: Plot = None, force: Force = False,
+):  # fmt: skip
+    """Map two parameters of a scene against what its members do, with replicas and a confidence interval for every pixel."""
+    with reported():
+        from rigidmc.errors import SceneError, unknown
+        from rigidmc.storage import refuse_existing
+        from rigidmc.studies.map_cases import MAPS, case_map
+
+        if name == "list":
+            for word, case in MAPS.items():
+                made = case()
+                print(f"{word:18s} {made.title}")
+                print(f"{'':18s} {made.x[0]} and {made.y[0]}: {', '.join(made.of)}")
+            return
+        for path in (output, plot):
+            if path is not None:
+                refuse_existing(path, force)
+        if plot is not None:
+            check_suffix(plot)
+
+        def show(done, total):
+            if sys.stderr.isatty():
+                print(
+                    f"\r{100 * done / total:3.0f} % of {total:,} pixels",
+                    end="" if done < total else "\n",
+                    file=sys.stderr,
+                    flush=True,
+                )
+
+        try:
+            if name in MAPS and not (x or y or of or settings):
+                found = case_map(name, resolution, members, threads, show, seed)
+            else:
+                from rigidmc.studies.stability_map import stability_map
+
+                if not (x or y or of or settings):
+                    raise unknown("", "map", name, "map", MAPS)
+                if not (x and y and of):
+                    missing = ", ".join(key for key, value in (("--x", x), ("--y", y), ("--of", of)) if not value)
+                    raise SceneError(
+                        "", missing, None, f"is missing: a map of a scene needs it; maps of the package: {', '.join(MAPS)}"
+                    )
+                scene = load_scene(name, settings, allow_code)
+                found = stability_map(
+                    scene, _side(x, "--x"), _side(y, "--y"), of, resolution, members or 16, threads, show, seed=seed
+                )
+        except SceneError as error:
+            error.file = error.file or name
+            raise
+        failed = _close(found, members)
+        if output is not None:
+            found.to_netcdf(output, engine="netcdf4")
+            print(f"  wrote {output}")
+        if plot is not None:
+            plots = plots_module()
+            from rigidmc import map_plots
+
+            plots.save(map_plots.stability_map(found), plot)
+            print(f"  wrote {plot}")
+    raise typer.Exit(FLAGGED if failed else OK)
+
+
+def _side(text, key):
+    """(parameter, low, high, whether in even ratios) of KEY=LOW:HIGH[:log]."""
+    from rigidmc.errors import SceneError
+
+    name, equals, ends = text.partition("=")
+    parts = ends.split(":")
+    try:
+        low, high = float(parts[0]), float(parts[1])
+    except (ValueError, IndexError):
+        low = high = float("nan")
+    if not equals or len(parts) not in (2, 3) or parts[2:] not in ([], ["log"]) or low != low:
+        raise SceneError("", key, text, "expected KEY=LOW:HIGH or KEY=LOW:HIGH:log, e.g. body.moments.1=0.1:0.9")
+    return name.strip(), low, high, len(parts) == 3
+
+
+def _close(found, members):
+    """The closing summary; how many members failed."""
+    pixels, none = found.good.size, int(((found.good == 0) & (found.failed == 0)).sum())
+    failed, count = int(found.failed.sum()), found.attrs["members"]
+    print(f"{found.attrs['title']}")
+    print(
+        f"  {found.sizes['x']} x {found.sizes['y']} pixels of {count} members with {found.attrs['integrator']}: "
+        f"{found.attrs['seconds']:.1f} s, {pixels * count / found.attrs['seconds']:,.0f} members/s"
+    )
+    for name in found.data_vars:
+        values = found[name].values
+        if name in ("good", "failed", "none") or name.endswith(("_low", "_high")) or not (values == values).any():
+            continue
+        wide = found[f"{name}_high"] - found[f"{name}_low"] if f"{name}_low" in found else None
+        sure = (
+            f", intervals of {100 * found.attrs['confidence']:g} % +-{float(wide.median()) / 2:.2g} in the median"
+            if wide is not None and count > 1
+            else ""
+        )
+        print(
+            f"  {name:28s} {float(found[name].min()):.4g} to {float(found[name].max()):.4g}, median {float(found[name].median()):.4g}{sure}"
+        )
+    print(f"  pixels without body or start: {none:,}; members that failed: {failed:,}")
+    return failed
