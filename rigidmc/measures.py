@@ -71,7 +71,9 @@ def measure(text, variables):
     able = {name: dims for name, dims in variables.items() if dims in (("member",), ("axis", "member"))}
     if name not in able:
         known = [n for n in able if not n.startswith(("start_", "status"))]
-        known += [n for kind in SUMMARIES.values() if not kind._fields or kind._field_defaults for n in kind.outputs if n not in known]
+        known += [
+            n for kind in SUMMARIES.values() if not kind._fields or kind._field_defaults for n in kind.outputs if n not in known
+        ]
         known += [n for n in RUNNING if n not in known]
         rule = f"no result of that name with one number per member; known: {', '.join(known)}; passages of a scene with [observables.passage]"
         raise SceneError("", "measure", text, rule, nearest(name, known))

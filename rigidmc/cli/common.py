@@ -51,6 +51,13 @@ Set = Annotated[
 AllowCode = Annotated[
     bool, typer.Option("--allow-code", help="Run the Python files that the scene takes effects of your own from.")
 ]
+Until = Annotated[
+    str | None,
+    typer.Option(
+        metavar="MEASURE", help='Add members until it is known so well, e.g. "p(flips >= 1) +- 0.001", "mean(flip_wait) +- 1 %".'
+    ),
+]
+Most = Annotated[int, typer.Option(min=32, help="Members at most, with --until.")]
 Output = Annotated[str | None, typer.Option("-o", "--output", metavar="FILE", help="netCDF file to write.")]
 Plot = Annotated[str | None, typer.Option(metavar="FILE", help="Picture to write (.png, .pdf, .svg).")]
 Force = Annotated[bool, typer.Option(help="Replace files that exist.")]

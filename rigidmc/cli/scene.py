@@ -22,6 +22,7 @@ from rigidmc.cli.common import (
     Force,
     Integrator,
     Members,
+    Most,
     Output,
     Plot,
     Save,
@@ -32,6 +33,7 @@ from rigidmc.cli.common import (
     Threads,
     Tolerance,
     Turn,
+    Until,
     app,
     check_suffix,
     fail,
@@ -48,7 +50,7 @@ def run_scene(
     t_end: TEnd = None,
     every: Every = None, save: Save = None, threads: Threads = None, tolerance: Tolerance = None,
     dtype: Dtype = None, compensated: Compensated = None, settings: Set = [], allow_code: AllowCode = False,  # noqa: B006
-    output: Output = None, plot: Plot = None, force: Force = False,
+    until: Until = None, most: Most = 10_000_000, output: Output = None, plot: Plot = None, force: Force = False,
 ):  # fmt: skip
     """Run a scene: integrate its ensemble, write the result and a picture, and say what it cost."""
     began = time.perf_counter()
@@ -81,7 +83,14 @@ def run_scene(
             with warnings.catch_warnings():
                 warnings.simplefilter("always", SceneWarning)
                 warnings.showwarning = lambda message, *_, **__: print(f"rigidmc: note: {message}", file=sys.stderr)
-                dataset = simulate(loaded, threads=threads, progress=True, output=output, force=force)
+                if until is None:
+                    dataset, found = simulate(loaded, threads=threads, progress=True, output=output, force=force), None
+                else:
+                    from rigidmc.until import simulate_until
+
+                    dataset, found = simulate_until(
+                        loaded, until, most, threads=threads, progress=_grown, output=output, force=force
+                    )
         except SceneError as error:
             error.file = error.file or scene
             raise
@@ -90,9 +99,16 @@ def run_scene(
             plots = plots_module()
             plots.save(plots.summary(dataset), plot)
         _close(dataset, cost, time.perf_counter() - began, [p for p in (output, plot) if p])
+        if found is not None:
+            print(f"  {until}: {found.value:.6g}, 95 % between {found.low:.6g} and {found.high:.6g}")
         flagged = dataset.sizes["member"] - cost["flagged"]["ok"]
         dataset.close()
     raise typer.Exit(FLAGGED if flagged else OK)
+
+
+def _grown(members, found):
+    """A line for each look."""
+    print(f"  {members:,} members: {found.value:.6g} +- {found.half:.2g}", file=sys.stderr, flush=True)
 
 
 def _close(dataset, cost, wall, files):
