@@ -71,6 +71,8 @@ if TYPE_CHECKING:
 def __getattr__(name):
     if name not in _HOMES:
         raise AttributeError(f"module 'rigidmc' has no attribute '{name}'")
+    if name in ("simulate", "open", "rerun"):
+        import_module("rigidmc.accessor")  # the Datasets that they return have `ds.rigid`
     found = getattr(import_module(f"rigidmc.{_HOMES[name]}"), "open_result" if name == "open" else name)
     globals()[name] = found
     return found

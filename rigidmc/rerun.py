@@ -1,22 +1,23 @@
 """One member of a result again, to the same bits, with more saved."""
 
+import os
 import warnings
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
 
 from rigidmc.errors import SceneError, SceneWarning
-from rigidmc.observables import OBSERVABLES
+from rigidmc.observables import OBSERVABLES, outputs
 from rigidmc.planning import prepare
-from rigidmc.scene import Scene
 from rigidmc.simulation import simulate
-from rigidmc.storage import open_result
+from rigidmc.storage import open_result, scene_of
 
 
 def rerun(source, member, every=None, save=None, allow_code=False, **options):
     """Integrate a member of a result once more: a Dataset like that of `rigidmc.simulate`, equal to it where both have saves.
 
-    source : a result file (.nc)
+    source : a result, a file (.nc) or a Dataset
     member : its index, or a range of indices
     every : time between saves [s], a whole number of steps; default that of the result. A member's bits are those of its steps: with steps of its
         own (`turn`) these follow `every`, which has to stay
@@ -26,14 +27,16 @@ def rerun(source, member, every=None, save=None, allow_code=False, **options):
     The attribute `rerun` tells at how many times it was compared. Raises SceneError for a member that the result has not and an `every` between
     steps; a SceneWarning where a value differs, as it may on another type of processor or with another version.
     """
-    scene = Scene.load(source, allow_code=allow_code)
+    source = source if hasattr(source, "data_vars") else os.fspath(source)
+    scene = scene_of(source, allow_code=allow_code)
+    called = source if isinstance(source, str) else source.encoding.get("source", "the result")
     wanted = member if isinstance(member, range) else range(member, member + 1)
     run = scene.run
     known = range(run.first, run.first + run.members)
     if not wanted or wanted.step != 1 or wanted[0] not in known or wanted[-1] not in known:
-        raise SceneError("", "member", member, f"{source} has the members {known[0]} to {known[-1]}")
+        raise SceneError("", "member", member, f"{called} has the members {known[0]} to {known[-1]}")
     asked = run.every if every is None else every
-    scene = scene.with_run(every=asked, save=tuple(name for name in OBSERVABLES if name != "work") if save is None else tuple(save))
+    scene = scene.with_run(every=asked, save=_everything(scene) if save is None else tuple(save))
     if run.turn is not None and asked != run.every:
         raise SceneError(
             "run", "every", every, f"members have steps of their own in each {run.every} s: another time between saves changes them"
@@ -44,18 +47,40 @@ def rerun(source, member, every=None, save=None, allow_code=False, **options):
             rule = f"has to be a whole number of steps of {run.dt:.10g} s and to divide t_end = {run.t_end:g} s"
             raise SceneError("run", "every", every, rule)
     made = simulate(scene, members=wanted, **options)
-    with open_result(source) as result:
-        made.attrs["rerun"] = _compared(made, result.sel(member=list(wanted)), source)
+    with open_result(source) if isinstance(source, str) else nullcontext(source) as result:
+        made.attrs["rerun"] = _compared(made, result.sel(member=list(wanted)), called)
     return made
+
+
+def frames(source, member, count, allow_code=False):
+    """A member again with attitude and momentum at about `count` evenly spaced times, as an animation needs them."""
+    run = scene_of(os.fspath(source), allow_code=allow_code).run
+    steps = max(1, round(run.t_end / run.dt)) if run.turn is None else 0
+    if run.turn is not None:  # members have steps of their own between saves: those are all there is
+        return rerun(source, member, save=("attitude", "momentum"), allow_code=allow_code)
+    between = max(1, round(steps / count))
+    while steps % between:  # saves are evenly spaced to the end
+        between -= 1
+    return rerun(source, member, every=run.t_end / (steps // between), save=("attitude", "momentum"), allow_code=allow_code)
+
+
+def _shared(variable, times, dims):
+    return np.asarray((variable.sel(time=times) if "time" in dims else variable).transpose(*dims).values)
+
+
+def _everything(scene):
+    """Names of all observables at save times but work, and of those over all steps that the scene has."""
+    return (*(name for name in OBSERVABLES if name != "work"), *(name for name in scene.run.save if name not in OBSERVABLES))
 
 
 def _compared(made, result, source):
     """In words, at how many times the saves of both are equal to the bit; warns where they are not."""
     shared = np.intersect1d(made.time.values, result.time.values)
-    both = [name for name in made.data_vars if name in result and "time" in made[name].dims]
+    over = {name for label, one in scene_of(result).watched() for name in outputs(label, one)} if made.sizes["time"] else set()
+    both = [name for name in made.data_vars if name in result and ("time" in made[name].dims or name in over)]
     apart: dict[str, Any] = {}
     for name in both:
-        one, two = (np.asarray(ds[name].sel(time=shared).transpose(*made[name].dims).values) for ds in (made, result))
+        one, two = (_shared(ds[name], shared, made[name].dims) for ds in (made, result))
         if not np.array_equal(one, two, equal_nan=True):
             apart[name] = float(np.nanmax(np.abs(one - two)))
     if apart:

@@ -1,4 +1,4 @@
-"""The command line: rigidmc run, show, check, scenes, rerun, body, exact, accuracy, stress, map, plot, effects, integrators, doctor. Nothing heavy is
+"""The command line: rigidmc run, show, check, scenes, rerun, summary, animate, body, exact, accuracy, stress, map, plot, effects, integrators, doctor. Nothing heavy is
 imported before it is needed."""
 
 import sys

@@ -76,7 +76,15 @@ def make_map(
                     )
                 scene = load_scene(name, settings, allow_code)
                 found = stability_map(
-                    scene, _side(x, "--x"), _side(y, "--y"), of, resolution, members or 16, threads, show, seed=seed
+                    scene,
+                    _side(x, "--x"),
+                    _side(y, "--y"),
+                    of,
+                    resolution,
+                    16 if members is None else members,
+                    threads,
+                    show,
+                    seed=seed,
                 )
         except SceneError as error:
             error.file = error.file or name

@@ -1,10 +1,10 @@
-"""rigidmc rerun."""
+"""rigidmc rerun, summary, animate."""
 
 from typing import Annotated
 
 import typer
 
-from rigidmc.cli.common import AllowCode, Every, Force, Output, Plot, Save, app, check_suffix, plots_module, reported
+from rigidmc.cli.common import INVALID, AllowCode, Every, Force, Output, Plot, Save, app, check_suffix, fail, plots_module, reported
 
 
 @app.command()
@@ -42,3 +42,49 @@ def rerun(
         for path in (output, plot):
             if path is not None:
                 print(f"  wrote {path}")
+
+
+@app.command()
+def summary(file: Annotated[str, typer.Argument(metavar="FILE", help="A result (.nc).")]):
+    """Say what is in a result: flagged members, and of each number that members have its mean with the interval, median and range."""
+    with reported():
+        from rigidmc.storage import open_result
+        from rigidmc.summary import summary as lines
+
+        try:
+            with open_result(file) as dataset:
+                print(lines(dataset))
+        except ValueError as error:
+            fail(error, INVALID)
+
+
+@app.command()
+def animate(
+    file: Annotated[str, typer.Argument(metavar="FILE", help="A result (.nc).")],
+    member: Annotated[int, typer.Option(help="Index of the member.")],
+    output: Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="Animation to write (.gif, .mp4, .webm).")],
+    seconds: Annotated[float, typer.Option(min=0.1, help="How long it is to last \\[s].")] = 10.0,
+    fps: Annotated[int, typer.Option(min=1, max=60, help="Frames a second.")] = 25,
+    force: Force = False, allow_code: AllowCode = False,
+):  # fmt: skip
+    """Animate one member of a result: it is integrated again, and drawn turning beside its momentum sphere."""
+    with reported():
+        from rigidmc.errors import SceneError
+        from rigidmc.rerun import frames
+        from rigidmc.storage import refuse_existing
+
+        refuse_existing(output, force)
+        plots_module()
+        from rigidmc.animation import SMOOTH, SUFFIXES
+        from rigidmc.animation import animate as written
+
+        if not output.endswith(SUFFIXES):
+            raise SceneError("", "--output", output, f"expected a file that ends in {', '.join(SUFFIXES)}")
+        dataset = frames(file, member, max(2, round(seconds * fps)) * SMOOTH, allow_code)
+        try:
+            written(dataset, output, fps)
+        except ValueError as error:
+            fail(error, INVALID)
+        end = float(dataset.time.values[-1])
+        print(f"{dataset.attrs['title']}: member {member}, {-(-dataset.sizes['time'] // SMOOTH)} frames of {end:g} s")
+        print(f"  wrote {output}")

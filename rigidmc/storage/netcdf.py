@@ -85,18 +85,20 @@ class Writer:
             os.unlink(self._temporary)
 
 
-def scene_of(path, settings=(), allow_code=False):
-    """The scene of a result file, with its columns where it had one row per member."""
+def scene_of(source, settings=(), allow_code=False):
+    """The scene of a result, a file or a Dataset, with its columns where it had one row per member."""
     from rigidmc.scene_file import loads
 
-    with open_result(path) as file:  # by xarray: netCDF4 1.7.5 crashes when it opens once more what xarray has open
+    if not isinstance(source, str):
 
         def stored(name, axis):
-            rows = file[name].values if axis is None else file[name].values[axis - 1]
-            # a file that starts at a later member has no rows before it, and needs none: they only keep the index right
-            return np.concatenate([np.repeat(rows[:1], int(file.member[0])), rows])
+            rows = source[name].values if axis is None else source[name].values[axis - 1]
+            # a result that starts at a later member has no rows before it, and needs none: they only keep the index right
+            return np.concatenate([np.repeat(rows[:1], int(source.member[0])), rows])
 
-        return loads(file.attrs["scene"], path, settings, stored, allow_code=allow_code)
+        return loads(source.attrs["scene"], source.encoding.get("source", "result"), settings, stored, allow_code=allow_code)
+    with open_result(source) as file:  # by xarray: netCDF4 1.7.5 crashes when it opens once more what xarray has open
+        return scene_of(file, settings, allow_code)
 
 
 def open_result(path):

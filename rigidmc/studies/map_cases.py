@@ -242,7 +242,7 @@ def case_map(name, resolution=256, members=None, threads=None, progress=None, se
         case.y,
         case.of,
         resolution,
-        members or case.members,
+        case.members if members is None else members,
         threads,
         progress,
         **{**case.settings, "seed": seed, **settings},

@@ -1,0 +1,110 @@
+"""`ds.rigid`: what one asks of a result, on the Dataset itself. It is there once a result was made or opened by rigidmc."""
+
+import numpy as np
+import xarray as xr
+
+
+class Pictures:
+    """The pictures of `rigidmc.plots`, each a method: ds.rigid.plot.momentum_sphere()."""
+
+    def __init__(self, dataset):
+        self._dataset = dataset
+
+    def __getattr__(self, name):
+        from functools import partial
+
+        from rigidmc import plots
+
+        known = ("summary", "momentum_sphere", "axis_sphere", "middle_component", "start_and_end", "drift_histogram")
+        if name not in known:
+            raise AttributeError(f"no picture '{name}'; known: {', '.join(known)}")
+        return partial(getattr(plots, name), self._dataset)
+
+
+@xr.register_dataset_accessor("rigid")
+class Rigid:
+    """The physics of a result: energy, drift, polhode, a member run again, pictures, a summary."""
+
+    def __init__(self, dataset):
+        self._dataset = dataset
+        self.plot = Pictures(dataset)
+
+    def scene(self, allow_code=False):
+        """The Scene that the result was made from."""
+        from rigidmc.storage import scene_of
+
+        return scene_of(self._dataset, allow_code=allow_code)
+
+    def momentum(self):
+        """Angular momentum (time, axis, member) in body axes, saved or from omega [kg m2/s]."""
+        ds = self._dataset
+        if "momentum" in ds:
+            return ds.momentum
+        if "omega" not in ds:
+            raise ValueError("neither momentum nor omega was saved")
+        return (
+            (ds.omega * ds.moments)
+            .transpose("time", "axis", "member")
+            .assign_attrs(units="kg m2 s-1", long_name="angular momentum, body axes")
+        )
+
+    def energy(self):
+        """Energy (time, member), saved or of what was saved, TdC (3.16), (3.33) [J]; ValueError where the attitude it needs was not."""
+        ds = self._dataset
+        if "energy" in ds:
+            return ds.energy
+        l = self.momentum()
+        kinetic = 0.5 * (l**2 / ds.moments).sum("axis")
+        scene = self.scene()
+        held = [e for e in scene.effects if hasattr(e, "energy")]
+        if not held:
+            return kinetic.rename("energy").assign_attrs(units="J", long_name="energy")
+        if "attitude" not in ds:
+            raise ValueError("the energy of its effects needs the attitude, which was not saved")
+        from rigidmc.engine.members import energies
+        from rigidmc.staging import physics, stage
+
+        first, count = int(ds.member[0]), ds.sizes["member"]
+        block, _ = stage(scene, first, count, True)
+        body, effects = physics(scene.effects, block)
+        q = np.moveaxis(ds.attitude.transpose("time", "quat", "member").values, 1, 0)
+        potential = xr.DataArray(np.asarray(energies(effects, body, tuple(q))), dims=("time", "member"))
+        return (kinetic + potential).rename("energy").assign_attrs(units="J", long_name="energy")
+
+    def drift(self):
+        """Relative drift of the energy (time, member), of that at the first save; of the largest kinetic energy where that is 0."""
+        energy = self.energy()
+        scale = np.abs(energy.isel(time=0))
+        scale = scale.where(scale > 0.0, np.abs(energy).max("time"))
+        return (
+            ((energy - energy.isel(time=0)) / scale)
+            .rename("drift")
+            .assign_attrs(units="1", long_name="relative drift of the energy")
+        )
+
+    def polhode(self, member, points=400):
+        """The curve of constant energy and |L|^2 through a member's start (points, axis), on which the momentum of a free body stays [kg m2/s]."""
+        from rigidmc.sphere import polhodes
+
+        one = self._dataset.sel(member=[member])
+        start = one.start_momentum if "start_momentum" in one else one.start_omega * one.moments
+        l = start.transpose("axis", "member").values
+        size = np.linalg.norm(l, axis=0)
+        found = polhodes(l / size, one.moments.values)
+        return xr.DataArray(
+            found[..., 0] * size[0],
+            dims=("point", "axis"),
+            attrs={"units": "kg m2 s-1", "long_name": f"polhode of member {member}"},
+        )
+
+    def rerun(self, member, **options):
+        """A member again, with more saved: see `rigidmc.rerun`."""
+        from rigidmc.rerun import rerun
+
+        return rerun(self._dataset, member, **options)
+
+    def summary(self):
+        """A few lines of text: see `rigidmc.summary.summary`."""
+        from rigidmc.summary import summary
+
+        return summary(self._dataset)

@@ -1,0 +1,214 @@
+"""Maps against theory, pixels against single runs, blank and failed pixels, pictures by their figure; ensembles that grow until a number is known."""
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import rigidmc as rm
+from rigidmc.cli import app
+from rigidmc.errors import SceneError
+from rigidmc.exact.free_top import free_motion
+from rigidmc.map_plots import stability_map as picture
+from rigidmc.measures import measure
+from rigidmc.observables import Flips
+from rigidmc.scene_parameters import parameters, with_parameter
+from rigidmc.statistics import probability
+from rigidmc.studies.map_cases import MAPS, case_map
+from rigidmc.until import simulate_until
+
+SIDE, EACH = 12, 4
+pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # of steps of 1.2 rad, which rk8 takes
+
+
+@pytest.fixture(scope="module")
+def flips():
+    return case_map("intermediate_axis", SIDE, EACH, threads=2)
+
+
+def test_a_pixel_is_a_run_of_its_members(flips):
+    scene = rm.Scene.loads(flips.attrs["scene"])
+    for i, j in ((0, 3), (5, 9), (11, 2)):
+        low = (i * SIDE + j) * EACH
+        one = rm.simulate(scene, members=range(low, low + EACH))
+        good = one.status.values == 0
+        assert flips.good.values[i, j] == good.sum() and flips.none.values[i, j] == (one.status.values == 2).sum()
+        if good.any():
+            found = one.flips.values[good].mean(), one.flip_wait.values[good].mean()
+            assert (flips["mean(flips)"].values[i, j], flips["mean(flip_wait)"].values[i, j]) == pytest.approx(found, rel=1e-15)
+        assert np.array_equal(one.moments.values[0], np.full(EACH, flips.x.values[j]))
+
+
+def test_bodies_that_cannot_be_are_blank(flips):
+    one, three = np.meshgrid(flips.x.values, flips.y.values)
+    exists = three <= 1.0 + one
+    assert np.array_equal(flips.none.values == 0, exists) and np.array_equal(np.isfinite(flips["mean(flips)"].values), exists)
+    assert not flips.failed.values.any() and set(flips.none.values.ravel()) == {0, EACH}
+
+
+def test_flips_come_at_the_pace_of_the_closed_form(flips):
+    scene = rm.Scene.loads(flips.attrs["scene"])
+    ds = rm.simulate(scene)
+    good = ds.status.values == 0
+    interval = free_motion(ds.moments.values.T[good], (ds.start_omega * ds.moments).values.T[good]).flip_interval
+    error = np.abs(ds.flip_wait.values[good] / interval - 1.0)
+    assert np.nanmedian(error) < 1e-6  # measured 2e-8, in steps of 1.2 s
+    assert np.median(ds.flips.values[good]) >= 18.0
+
+
+def test_intervals_hold_the_mean_of_many(flips):
+    i, j = 3, 8
+    scene = rm.Scene.loads(flips.attrs["scene"])
+    low = (i * SIDE + j) * EACH
+    members = rm.simulate(scene, members=range(low, low + EACH)).flips.values
+    half = flips["mean(flips)_high"].values[i, j] - flips["mean(flips)"].values[i, j]
+    assert half == pytest.approx(3.182 * members.std(ddof=1) / 2.0, rel=1e-3)  # Student's t, 3 degrees of freedom
+
+
+def test_the_sleeping_top_falls_within_a_pixel_of_theory():
+    ds = case_map("sleeping_top", 24, 2, threads=2)
+    fallen, sleeps = ds["p(passages>=1)"].values > 0.5, ds.theory.values > 0.0
+    near = np.zeros_like(sleeps)
+    for di in (-1, 0, 1):
+        for dj in (-1, 0, 1):
+            near |= np.roll(sleeps, (di, dj), (0, 1)) != sleeps
+    assert np.array_equal(fallen[~near], ~sleeps[~near]) and fallen.any() and not fallen.all()
+
+
+def test_the_picture_has_axes_units_and_a_legend(flips, tmp_path):
+    figure = picture(flips)
+    axes, bar = figure.axes
+    assert axes.get_xlabel() == "I$_1$/I$_2$" and axes.get_ylabel() == "I$_3$/I$_2$" and "s-1" in bar.get_ylabel()
+    words = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    assert "no such body or start" in words and any("theory" in w for w in words)
+    figure.savefig(tmp_path / "map.png", dpi=60)
+    assert (tmp_path / "map.png").stat().st_size > 10_000
+    bare = flips.assign_attrs(map="none").drop_vars(["rate", "theory"])
+    axes, bar = picture(bare).axes
+    assert axes.get_xlabel() == "body.moments.1 [kg m2]" and "mean(flips)" in bar.get_ylabel()
+    failed = bare.assign(failed=bare.failed.copy(data=np.where(bare.none.values == 0, EACH, 0)), good=bare.good * 0)
+    assert "members failed" in [text.get_text() for text in picture(failed).axes[0].get_legend().get_texts()]
+
+
+def test_failed_members_are_never_stable():
+    """Too long a step flags every member: the map says so and has no number for them."""
+    scene = rm.Scene(rm.Body.from_moments((0.5, 1.0, 1.4)), start=rm.Start(omega=(0.01, 1.0, 0.01)), observables=(Flips(2),))
+    ds = rm.stability_map(
+        scene,
+        ("start.omega.2", 30.0, 40.0),
+        ("body.moments.1", 0.45, 0.5),
+        "p(flips >= 1)",
+        (3, 2),
+        4,
+        integrator="rk8",
+        dt=1.2,
+        t_end=840.0,
+    )
+    assert (ds.failed.values == 4).all() and np.isnan(ds["p(flips>=1)"].values).all() and not ds.good.values.any()
+
+
+def free(**run):
+    return rm.Scene(
+        rm.Body.from_moments((0.5, 1.0, 1.4)), start=rm.Start(omega=rm.Cone(2, 1.0, rm.uniform(0.0, 0.3))), observables=(Flips(2),)
+    ).with_run(integrator="rk8", dt=1.2, t_end=12.0, save=(), **run)
+
+
+def test_members_are_added_until_it_is_known_and_no_bit_differs():
+    looks = []
+    ds, found = simulate_until(free(), "p(flips >= 1) +- 0.004", progress=lambda n, _: looks.append(n))
+    assert found.half <= 0.004 and looks[0] == 8192 and 2 <= len(looks) <= 4 and ds.sizes["member"] == looks[-1]
+    assert simulate_until(free(), "p(flips >= 1) +- 0.05")[0].sizes["member"] == 8192
+    at_once = rm.simulate(free(), members=looks[-1])
+    assert all(ds[name].values.tobytes() == at_once[name].values.tobytes() for name in ds.data_vars)
+    assert found == tuple(map(float, probability((ds.flips.values >= 1).sum(), looks[-1])))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("p(flips >= 1) +- 1e-5", "needs about"),
+        ("p(flips >= 1)", "half the width"),
+        ("p(flips >= 1) +- 0", "half the width"),
+        ("p(flip >= 1) +- 0.1", "flips"),
+        ("p(flips > ) +- 0.1", "expected p"),
+    ],
+)
+def test_what_cannot_be_reached_is_told(text, words):
+    with pytest.raises(SceneError, match=words):
+        simulate_until(free(), text, most=1_000_000)
+
+
+def test_names_of_parameters():
+    scene = rm.Scene(
+        rm.Body.from_moments((1, 1, 1)),
+        (rm.Gravity(9.81), rm.Spring(1.0, (0, 0, 1), (0, 0, 1))),
+        rm.Start(omega=rm.Cone(2, 1.0, 0.1), attitude=(0.0, 1.0, 0.0)),
+    )
+    for i, name in enumerate(parameters(scene)):
+        changed = with_parameter(scene, name, 1.5 + 0.001 * i)
+        flat = [x for q in (changed.quantities(),) for x in q if isinstance(x, float)]
+        assert flat.count(1.5 + 0.001 * i) == 1, name
+    with pytest.raises(SceneError, match=r"did you mean 'effects\.gravity\.g'"):
+        with_parameter(scene, "effects.gravity.h", 1.0)
+
+
+VARIABLES = {"flips": ("member",), "omega_max": ("axis", "member"), "omega": ("time", "axis", "member")}
+
+
+@pytest.mark.parametrize(
+    "text", ["flips", "mean(flips)", "p(flips>=1)", "p( omega_max[2] < -1.5e-3 )", "median(flips)", "quantile(flips, 0.9)"]
+)
+def test_measures(text):
+    assert measure(text, VARIABLES).name in ("flips", "omega_max")
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["omega", "omega_max", "flips[1]", "p(flips)", "__import__('os')", "mean(flips, 2)", "quantile(flips, 2)", "p(flips => 1)"],
+)
+def test_what_is_no_measure_is_told(text):
+    with pytest.raises(SceneError):
+        measure(text, VARIABLES)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nosuch"], "no such map"),
+        (["dzhanibekov", "--x", "body.moments.1=0:1"], "--y"),
+        (["dzhanibekov", "--x", "body.moments.1=0", "--y", "body.moments.3=1:2", "--of", "flips"], "KEY=LOW:HIGH"),
+        (["dzhanibekov", "--x", "body.moments.1=1:0", "--y", "body.moments.3=1:2", "--of", "flips"], "low < high"),
+        (["dzhanibekov", "--x", "body.momnts.1=0:1", "--y", "body.moments.3=1:2", "--of", "flips"], "body.moments.1"),
+        (["dzhanibekov", "--x", "body.moments.3=0:1", "--y", "body.moments.3=1:2", "--of", "flips"], "already"),
+        (["intermediate_axis", "--resolution", "0"], "between 1 and"),
+        (["intermediate_axis", "--members", "0"], "1 or more"),
+        (["intermediate_axis", "--plot", "map.xyz"], ".png"),
+    ],
+)
+def test_the_command_tells_what_is_wrong(arguments, words):
+    result = CliRunner().invoke(app, ["map", *arguments])
+    assert result.exit_code == 3 and words in result.stderr
+
+
+def test_the_command_maps(tmp_path):
+    file, plot = tmp_path / "m.nc", tmp_path / "m.png"
+    arguments = ["map", "intermediate_axis", "--resolution", "6", "--members", "2", "-o", str(file), "--plot", str(plot)]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0 and "36" not in result.stderr and "pixels without body or start: 15" in result.stdout
+    assert file.exists() and plot.exists()
+    assert CliRunner().invoke(app, arguments).exit_code == 6
+    assert all(name in CliRunner().invoke(app, ["map", "list"]).stdout for name in MAPS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MAPS)
+def test_every_map(name):
+    ds = case_map(name, 24)
+    assert not ds.failed.values.any()
+    picture(ds)
+    if name == "growth":
+        error = ds.error.values[np.isfinite(ds.error.values)]
+        assert (error < 0.01).mean() > 0.99
+    if name == "disturbance":
+        assert ds.error.values[ds.y.values > 1e-3].max() < 1e-8  # measured 1.3e-9
+    if name == "kovalevskaya":
+        assert np.nanmax(ds["mean(megno)"].values) < 3.0

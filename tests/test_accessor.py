@@ -1,0 +1,70 @@
+"""What one asks of a result: ds.rigid, rigidmc summary, rigidmc animate."""
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import rigidmc as rm
+from rigidmc.cli import app
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    path = tmp_path_factory.mktemp("result") / "r.nc"
+    start = rm.Start(omega=(rm.normal(0.0, 0.01), 1.0, 0.0), attitude="uniform")
+    scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0), mass=1.0, centre=(0.0, 0.0, 0.1)), (rm.Gravity(1.0),), start)
+    save = ("omega", "attitude", "momentum", "energy", "l2", "energy_drift", "l2_drift")
+    rm.simulate(scene, members=64, dt=0.02, t_end=4.0, every=0.2, save=save, output=str(path)).close()
+    return path
+
+
+def test_energy_and_drift_are_those_of_the_kernel(result):
+    with rm.open(str(result)) as ds:
+        bare = ds[[name for name in ds.data_vars if name not in ("energy", "momentum")]]
+        assert np.abs(bare.rigid.energy().values - ds.energy.values).max() < 1e-14  # measured 4e-16
+        assert np.abs(bare.rigid.momentum().values - ds.momentum.values).max() < 1e-15
+        assert np.abs(ds.rigid.drift().values - ds.energy_drift.values).max() < 1e-12
+        with pytest.raises(ValueError, match="attitude"):
+            bare.drop_vars("attitude").rigid.energy()
+
+
+def test_a_member_runs_again_from_the_dataset(result):
+    with rm.open(str(result)) as ds:
+        again = ds.rigid.rerun(5, every=0.1)
+        assert "equal to the bit at 21 times" in again.attrs["rerun"] and again.sizes["time"] == 41
+
+
+def test_a_polhode_keeps_energy_and_size(result):
+    with rm.open(str(result)) as ds:
+        curve = ds.rigid.polhode(3).values
+        start = ds.start_omega.values[:, 3] * ds.moments.values[:, 3]
+        for weights in (np.ones(3), 1.0 / ds.moments.values[:, 3]):
+            assert np.abs((curve**2 @ weights) / (start**2 @ weights) - 1.0).max() < 1e-12
+
+
+def test_pictures_and_summary(result):
+    with rm.open(str(result)) as ds:
+        assert ds.rigid.plot.momentum_sphere().axes
+        with pytest.raises(AttributeError, match="known"):
+            _ = ds.rigid.plot.nothing
+        text = ds.rigid.summary()
+    assert "64 members to 4 s with rk4" in text and "energy_drift_max" in text and "flagged: none" in text
+    assert CliRunner().invoke(app, ["summary", str(result)]).stdout.strip() == text
+
+
+def test_an_animation(result, tmp_path):
+    from PIL import Image
+
+    path = tmp_path / "top.gif"
+    done = CliRunner().invoke(app, ["animate", str(result), "--member", "7", "-o", str(path), "--seconds", "0.5", "--fps", "10"])
+    assert done.exit_code == 0, done.output
+    with Image.open(path) as picture:
+        assert picture.n_frames >= 5 and picture.size == (864, 450)
+        picture.seek(0)
+        first = np.asarray(picture.convert("L"), float)
+        picture.seek(picture.n_frames - 1)
+        assert np.abs(np.asarray(picture.convert("L"), float) - first).max() > 100.0
+    assert CliRunner().invoke(app, ["animate", str(result), "--member", "7", "-o", str(path)]).exit_code == 6
+    for name, words in (("top.avi", "ends in"), ("other.gif", "members 0 to 63")):
+        bad = CliRunner().invoke(app, ["animate", str(result), "--member", "64", "-o", str(tmp_path / name)])
+        assert bad.exit_code == 3 and words in bad.stderr

@@ -1,0 +1,155 @@
+"""Vectors drawn as a whole: their laws, by Kolmogorov and Smirnov and by moments; their files; what they refuse. All draws are keyed, none is flaky."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import rigidmc as rm
+from rigidmc.effects.verbs import total_energy
+from rigidmc.errors import SceneError
+from rigidmc.sampling import Grid
+from rigidmc.staging import physics, stage
+
+N = 20_000
+MOMENTS = (1.0, 2.0, 2.5)
+
+
+def drawn(first=0, count=N, moments=MOMENTS, effects=(), **start):
+    """(starts of the members of a scene, their rows)."""
+    body = rm.Body(moments, mass=1.0, centre=(0.1, 0.2, 0.3))
+    block, found = stage(rm.Scene(body, effects, rm.Start(**start)), first, count, True)
+    return found, block
+
+
+def uniform(values, low, high):
+    return stats.kstest(values, stats.uniform(low, high - low).cdf).pvalue > 0.01
+
+
+def test_a_sphere_is_exact_and_even():
+    l = drawn(momentum=rm.Sphere(3.0))[0]["start_momentum"]
+    assert np.abs(np.linalg.norm(l, axis=0) - 3.0).max() < 2e-15
+    assert all(uniform(x, -3.0, 3.0) for x in l) and uniform(np.arctan2(l[1], l[0]), -math.pi, math.pi)
+
+
+@pytest.mark.parametrize("axis", [1, 2, 3, -1, -2, -3])
+def test_a_cone_is_about_its_axis(axis):
+    w = drawn(omega=rm.Cone(axis, 2.0, rm.uniform(0.1, 0.4)))[0]["start_omega"]
+    angle = np.arccos(np.sign(axis) * w[abs(axis) - 1] / 2.0)
+    assert uniform(angle, 0.1, 0.4) and np.abs(np.linalg.norm(w, axis=0) - 2.0).max() < 1e-15
+    others = [w[(abs(axis) + i) % 3] for i in (0, 1)]
+    assert uniform(np.arctan2(others[1], others[0]) % (2.0 * math.pi), 0.0, 2.0 * math.pi)
+
+
+def test_correlated_normals_have_their_covariance():
+    covariance = np.array([[1.0, 0.6, -0.3], [0.6, 2.0, 0.1], [-0.3, 0.1, 0.5]])
+    w = drawn(omega=rm.Correlated((1.0, -2.0, 0.0), covariance))[0]["start_omega"]
+    error = np.abs(np.cov(w) - covariance) / np.sqrt((np.outer(np.diag(covariance), np.diag(covariance)) + covariance**2) / N)
+    assert error.max() < 4.0  # standard errors
+    whitened = np.linalg.solve(np.linalg.cholesky(covariance), w - np.array([[1.0], [-2.0], [0.0]]))
+    assert all(stats.kstest(z, "norm").pvalue > 0.01 for z in whitened)
+
+
+@pytest.mark.parametrize("direction", [None, (1.0, 1.0, 0.0)])
+def test_a_shell_is_exact(direction):
+    effects = (rm.Gravity(9.81),)
+    found, block = drawn(momentum=rm.Shell(4.0, direction), attitude="uniform", effects=effects)
+    body, present = physics(effects, block)
+    l = found["start_momentum"]
+    energy = 0.5 * (l * l / np.array(MOMENTS)[:, None]).sum(0) + total_energy(present, body, tuple(found["start_attitude"]))
+    assert np.abs(energy - 4.0).max() < 2e-14 and not block[23].any()
+    if direction is None:  # in sqrt(I) scaled components it is even on a sphere
+        v = l / np.sqrt(np.array(MOMENTS))[:, None]
+        assert all(uniform(x, -1.0, 1.0) for x in v / np.linalg.norm(v, axis=0))
+    else:
+        assert np.abs(l[0] - l[1]).max() < 1e-15 and (l[2] == 0.0).all()
+
+
+def test_a_shell_of_too_little_energy_has_no_member():
+    found, block = drawn(momentum=rm.Shell(0.0), attitude="uniform", effects=(rm.Gravity(9.81),))
+    none = np.isnan(found["start_momentum"]).any(0)
+    assert 0.3 < none.mean() < 0.7 and np.array_equal(none, block[23] == 2.0)
+
+
+def test_gibbs_has_its_temperature():
+    l = drawn(momentum=rm.GibbsMomentum(0.7))[0]["start_momentum"]
+    assert all(stats.kstest(x / math.sqrt(i * 0.7), "norm").pvalue > 0.01 for x, i in zip(l, MOMENTS, strict=True))
+    twice = (l * l / np.array(MOMENTS)[:, None]).sum(0)
+    assert stats.kstest(twice / 0.7, stats.chi2(3).cdf).pvalue > 0.01
+
+
+def test_second_moments_always_make_a_body():
+    found, block = drawn(moments=rm.SecondMoments((rm.uniform(0.0, 1.0),) * 3), omega=(0.0, 1.0, 0.0))
+    i = found["moments"]
+    assert (2.0 * i.max(0) <= i.sum(0) * (1.0 + 1e-15)).all() and not block[23].any()
+    assert uniform(0.5 * (i[1] + i[2] - i[0]), 0.0, 1.0)
+
+
+def test_a_member_is_the_same_wherever_it_is_drawn():
+    start = {"omega": rm.Cone(2, rm.normal(1.0, 0.1), rm.uniform(0.0, 0.1))}
+    all_of_them, some = drawn(**start)[0]["start_omega"], drawn(first=1000, count=64, **start)[0]["start_omega"]
+    assert np.array_equal(all_of_them[:, 1000:1064], some)
+
+
+def test_grids_are_the_middles_of_equal_parts():
+    even = rm.grid(0.0, 1.0, 4, stride=3)
+    assert np.array_equal(even.at(0, 14), np.repeat([0.125, 0.375, 0.625, 0.875, 0.125], 3)[:14])
+    assert np.allclose(rm.grid(1e-4, 1.0, 4, log=True).values(), [10**-3.5, 10**-2.5, 10**-1.5, 10**-0.5], rtol=1e-14)
+    assert np.array_equal(even.at(5, 3), even.at(0, 8)[5:])
+
+
+def test_files_keep_them():
+    body = rm.Body.from_moments(rm.SecondMoments((rm.uniform(0.5, 1.0), 1.0, rm.grid(0.1, 1.0, 3))))
+    for vector in (
+        rm.Cone(-2, 1.0, rm.uniform(0.0, 0.1)),
+        rm.Sphere(rm.normal(1, 0.1)),
+        rm.Correlated((0.0, 1.0, 0.0), np.eye(3)),
+        rm.Shell(2.0),
+        rm.GibbsMomentum(1.0),
+    ):
+        scene = rm.Scene(body, start=rm.Start(momentum=vector))
+        again = rm.Scene.loads(scene.dumps())
+        assert again.start.momentum == scene.start.momentum and again.body.moments == scene.body.moments
+        assert np.array_equal(stage(again, 0, 32, False)[0], stage(scene, 0, 32, False)[0])
+
+
+def test_coarse_grids_span_the_same():
+    scene = rm.Scene(
+        rm.Body.from_moments((rm.grid(0.5, 1.0, 300, 16), 1.0, rm.grid(1.0, 1.4, 200, 4800))), start=rm.Start(omega=(0, 1, 0))
+    )
+    moments, _, _ = scene.coarse().body.sample(0, 0, 4096)
+    assert moments[0].min() < 0.51 and moments[0].max() > 0.99 and moments[2].min() < 1.01 and moments[2].max() > 1.39
+    assert scene.body.moments[0] == Grid(0.5, 1.0, 300, 16)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("omega = { cone = { axis = 4, size = 1.0, angle = 0.1 } }", "axis"),
+        ("omega = { cone = { axis = 2, size = 1.0 } }", "angle: is missing"),
+        ("omega = { cone = { axis = 2, size = 1.0, angel = 0.1 } }", "angle"),
+        ("omega = { con = { axis = 2, size = 1.0, angle = 0.1 } }", "con"),
+        ("omega = { shell = 1.0 }", "shell"),
+        (
+            "omega = { correlated = { mean = [0.0, 1.0, 0.0], covariance = [[1, 2, 0], [2, 1, 0], [0, 0, 1]] } }",
+            "positive definite",
+        ),
+        ("momentum = { shell = { energy = 1.0, direction = [0.0, 0.0, 0.0] } }", "direction"),
+        ("omega = [{ grid = [1.0, 0.0, 5] }, 1.0, 0.0]", "low < high"),
+        ("omega = [{ grid = [0.0, 1.0, 0] }, 1.0, 0.0]", "at least 1"),
+        ("omega = [{ grid = [0.0, 1.0, 5], log = true }, 1.0, 0.0]", "above 0"),
+    ],
+)
+def test_bad_vectors_are_told(text, words):
+    with pytest.raises(SceneError, match=words):
+        rm.Scene.loads(f"[body]\nmoments = [1.0, 2.0, 2.5]\n[start]\n{text}\n")
+
+
+def test_other_units_move_alike():
+    from rigidmc.units import scaled
+
+    for vector in (rm.Cone(2, 1.0, 0.1), rm.Correlated((0.0, 1.0, 0.0), np.eye(3)), rm.Shell(2.0), rm.GibbsMomentum(1.0)):
+        scene = rm.Scene(rm.Body.from_moments(MOMENTS), start=rm.Start(momentum=vector))
+        one, two = (stage(s, 0, 32, False)[1]["start_momentum"] for s in (scene, scaled(scene, 4.0, 1.0, 2.0)))
+        assert np.array_equal(2.0 * one, two)
