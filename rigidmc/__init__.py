@@ -15,7 +15,7 @@ __version__ = "0.1.0"
 _EFFECTS = (
     "AxialDamping", "Bath", "BodyTorque", "DryFriction", "EnergyDissipation", "Gravity", "GravityGradient", "MatrixDamping", "MovingPivot", "PeriodicTorque", "Potential", "QuadraticDrag", "RotatingField", "Rotor", "SpaceTorque", "Spring", "UniformField", "ViscousDamping",
 )  # fmt: skip
-_VECTORS = ("Cone", "Correlated", "GibbsMomentum", "SecondMoments", "Shell", "Sphere")
+_VECTORS = ("Cone", "Correlated", "Fisher", "GibbsMomentum", "Pointing", "SecondMoments", "Shell", "Sphere")
 _HOMES = {
     "Body": "body",
     "Flips": "observables",
@@ -36,17 +36,19 @@ _HOMES = {
     "lagrange_top": "exact.lagrange_top",
     "normal": "sampling",
     "open": "storage",
+    "randomised": "until",
     "rerun": "rerun",
     "simulate": "simulation",
+    "simulate_until": "until",
     "stability_map": "studies.stability_map",
     "uniform": "sampling",
     **dict.fromkeys(_EFFECTS, "effects"),
 }
 __all__ = [
-    "Body", "Scene", "Start", "Run", "simulate", "open", "rerun", "accuracy", "stability_map",
+    "Body", "Scene", "Start", "Run", "simulate", "open", "rerun", "accuracy", "stability_map", "simulate_until", "randomised",
     "free_top", "free_motion", "lagrange_top", "lagrange_motion",
     "normal", "uniform", "distribution", "grid", "Flips", "Passage", *_EFFECTS,
-    "Cone", "Correlated", "GibbsMomentum", "SecondMoments", "Shell", "Sphere",
+    "Cone", "Correlated", "Fisher", "GibbsMomentum", "Pointing", "SecondMoments", "Shell", "Sphere",
     "SceneError", "SceneWarning", "OutputExists",
 ]  # fmt: skip
 
@@ -65,7 +67,8 @@ if TYPE_CHECKING:
     from rigidmc.storage import open_result as open
     from rigidmc.studies.accuracy import accuracy
     from rigidmc.studies.stability_map import stability_map
-    from rigidmc.vectors import Cone, Correlated, GibbsMomentum, SecondMoments, Shell, Sphere
+    from rigidmc.until import randomised, simulate_until
+    from rigidmc.vectors import Cone, Correlated, Fisher, GibbsMomentum, Pointing, SecondMoments, Shell, Sphere
 
 
 def __getattr__(name):

@@ -187,6 +187,11 @@ def is_shared(*quantities):
     return all(isinstance(q, float) for q in quantities)
 
 
+def numbers(seed, name, first, count, draw=0, used=(0, 1, 2, 3)):
+    """(4, count) numbers in (0, 1), of which some are used: independent ones of a seed, or the points of `rigidmc.points` that stand in its place."""
+    return seed.words(name, first, count, draw, used) if hasattr(seed, "words") else uniforms(seed, name, first, count, draw)
+
+
 def draw(quantities, seed, name, first, count):
     """(len(quantities), count) values for members first ... first + count - 1; word i % 4 of draw i // 4 of the stream `name` serves component i.
 
@@ -197,7 +202,10 @@ def draw(quantities, seed, name, first, count):
     for i, q in enumerate(quantities):
         if isinstance(q, Distribution):
             if i // 4 not in words:
-                words[i // 4] = uniforms(seed, name, first, count, i // 4)
+                used = tuple(
+                    j % 4 for j in range(i, min(len(quantities), i // 4 * 4 + 4)) if isinstance(quantities[j], Distribution)
+                )
+                words[i // 4] = numbers(seed, name, first, count, i // 4, used)
             values[i] = q.ppf(words[i // 4][i % 4])
         elif isinstance(q, Grid):
             values[i] = q.at(first, count)

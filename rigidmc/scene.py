@@ -14,7 +14,7 @@ from rigidmc.effects.verbs import is_random
 from rigidmc.errors import SceneError, unknown
 from rigidmc.integrators import INTEGRATORS, refusal
 from rigidmc.observables import KNOWN, SUMMARIES, saved, summary_of, watched
-from rigidmc.sampling import Grid, draw, is_open, quantity, rows, vector
+from rigidmc.sampling import Distribution, Grid, draw, is_open, quantity, rows, vector
 from rigidmc.start import Start
 
 PILOT = (
@@ -40,6 +40,10 @@ class Run(Table):
     members: Annotated[int, Field(gt=0, description="members of the ensemble")] = 1000
     first: Annotated[int, Field(ge=0, description="index of the first member")] = 0
     seed: Annotated[int, Field(ge=0, description="seed of all random draws")] = 0
+    points: Annotated[Literal["independent", "sobol", "latin_hypercube"], Field(description="what members are drawn from")] = (
+        "independent"
+    )
+    strata: Annotated[int, Field(gt=0, description="of a Latin hypercube; else as many as members")] | None = None
     dtype: Annotated[Literal["float64", "float32"], Field(description="numbers in which steps are made")] = "float64"
     compensated: Annotated[bool, Field(description="keep the remainders of all sums, for very many steps")] = False
     tolerance: (
@@ -177,8 +181,24 @@ class Scene:
         if self.run.integrator != "auto" and (why := refusal(self.run.integrator, self.effects, self.run.compensated, works)):
             raise SceneError("run", "integrator", self.run.integrator, why)
         self._check_watched()
+        self._check_points()
         self.coarse()._check_drawn()
         return self
+
+    def _check_points(self):
+        """Raise SceneError for points that the members have not."""
+        run = self.run
+        vectors = any(
+            hasattr(v, "_fields") for v in (self.body.moments, self.start.omega, self.start.momentum, self.start.attitude)
+        )
+        drawn = vectors or self.start.attitude == "uniform" or any(isinstance(q, Distribution) for q in self.quantities())
+        if run.points != "independent" and not drawn:
+            raise SceneError("run", "points", run.points, "nothing of the scene is drawn: all numbers are given")
+        if run.points == "sobol" and run.first + run.members > 2**30:
+            raise SceneError("run", "members", run.first + run.members, "there are 2^30 Sobol points")
+        if run.points == "latin_hypercube" and run.first + run.members > (run.strata or run.first + run.members):
+            rule = f"a Latin hypercube of {run.strata:,} strata has as many members"
+            raise SceneError("run", "members", run.first + run.members, rule)
 
     def _check_drawn(self):
         """Raise SceneError for values of the first members that cannot be."""

@@ -6,7 +6,7 @@ import tomllib
 from dataclasses import replace
 from functools import partial
 from importlib import resources
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import tomli_w
@@ -22,6 +22,7 @@ from rigidmc.sampling import Distribution, Grid, distribution, grid
 from rigidmc.scene import Run, Scene, Table, complaint
 from rigidmc.solids import SOLIDS
 from rigidmc.start import Start
+from rigidmc.tables import column
 from rigidmc.vectors import of_table, word_of
 
 
@@ -72,7 +73,7 @@ def loads(text, file="scene", settings=(), stored=None, title="scene", allow_cod
     try:
         for key, value in settings:
             _set(data, key, value)
-        return _from_tables(data, stored, title, os.path.dirname(file) if allow_code else None)
+        return _from_tables(data, _Columns(stored, os.path.dirname(file)), title, os.path.dirname(file) if allow_code else None)
     except SceneError as error:
         error.file = error.file or file
         raise
@@ -116,6 +117,13 @@ def _from_tables(data, stored, title, folder):
     body = _body(file.body, stored)
     scene = Scene(body, tuple(effects), start, run, file.title or title, file.summary, file.source, tuple(observables))
     return scene.with_run()
+
+
+class _Columns(NamedTuple):
+    """Where columns come from that a file refers to: those of a result, and tables beside the scene file."""
+
+    of_result: Any
+    folder: str
 
 
 def _kind(name, table, folder):
@@ -244,9 +252,17 @@ def _parse(value, table, key, stored):
     if not isinstance(value, dict):
         return value
     if "stored" in value:
-        if stored is None:
+        if stored.of_result is None:
             raise SceneError(table, key, value, "refers to the rows of a result file; load that file instead")
-        return stored(value["stored"], value.get("axis"))
+        return stored.of_result(value["stored"], value.get("axis"))
+    if "table" in value:
+        one = "column" in value
+        _only(value, ("table", "column" if one else "columns"), f"{table}.{key}")
+        names = [value["column"]] if one else value.get("columns")
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in (*names, value["table"])):
+            raise SceneError(table, key, value, 'expected { table = "file.csv", columns = ["w1", "w2", "w3"] }, or column = "w1"')
+        found = [column(stored.folder, value["table"], name, table, key) for name in names]
+        return found[0] if one else found
     if "grid" in value:
         _only(value, ("grid", "stride", "log"), f"{table}.{key}")
         if not isinstance(value["grid"], list) or len(value["grid"]) != 3:

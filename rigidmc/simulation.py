@@ -109,6 +109,8 @@ def simulate(
         checks=checks,
         **numbers,
     )
+    if scene.run.points == "latin_hypercube" and scene.run.strata is None:
+        scene = scene.with_run(strata=scene.run.first + scene.run.members)
     threads = _threads(threads)
     if output is not None:
         refuse_existing(output, force)

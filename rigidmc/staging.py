@@ -1,5 +1,8 @@
 """From a scene to rows for the kernel: the members of a block at their start, and how fast they may move."""
 
+from typing import Any
+from weakref import WeakKeyDictionary
+
 import numpy as np
 
 from rigidmc.body import broken
@@ -11,6 +14,7 @@ from rigidmc.effects.verbs import is_random, total_energy_scale
 from rigidmc.engine import layout
 from rigidmc.engine.members import energies, torques
 from rigidmc.engine.random import key_of, stream_of
+from rigidmc.points import Recorder, points
 from rigidmc.sampling import draw
 from rigidmc.vectors import Facts
 
@@ -23,7 +27,25 @@ def stage(scene, first, count, carried, span=None, more=0):
     span : time [s] in which a member makes its own number of steps, where the scene sets `turn`
     more : rows for what is kept of every step, see `rigidmc.watching`
     """
-    seed = scene.run.seed
+    return _staged(scene, source(scene), first, count, carried, span, more)
+
+
+_sources: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
+
+
+def source(scene):
+    """What the members of a scene are drawn from: its seed, or the Points of `run.points`."""
+    run = scene.run
+    if run.points == "independent":
+        return run.seed
+    if scene not in _sources:
+        seen = Recorder()
+        _staged(scene, seen, 0, 1, True)  # the attitude too, so that no point depends on what is saved
+        _sources[scene] = points(run.seed, run.points, tuple(seen.found), run.strata)
+    return _sources[scene]
+
+
+def _staged(scene, seed, first, count, carried, span=None, more=0):
     moments, mass, centre = scene.body.sample(seed, first, count)
     effects = {
         f"{label}_{field}": draw(value if shape(e, field) else (value,), seed, f"effects.{label}.{field}", first, count)

@@ -5,10 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from rigidmc.engine.random import uniforms
 from rigidmc.errors import SceneError, unknown
 from rigidmc.rotation import quaternion_from_euler, quaternion_from_matrix
-from rigidmc.sampling import draw, is_open, is_shared, rows, vector
+from rigidmc.sampling import draw, is_open, is_shared, numbers, rows, vector
 from rigidmc.vectors import checked, numbers_of
 
 
@@ -19,7 +18,7 @@ class Start:
     omega : angular velocity in the body's principal axes [rad/s], or
     momentum : angular momentum in the body's principal axes [kg m^2/s]; either also as a whole, see `rigidmc.vectors`
     attitude : quaternion (w, x, y, z), normalised here; 3x3 matrix; Euler angles z-x-z (phi, theta, psi) [rad], TdC (3.36);
-        a scipy Rotation; or "uniform" on SO(3). Default: body axes along space axes.
+        a scipy Rotation; "uniform" on SO(3); or Fisher, Pointing of `rigidmc.vectors`. Default: body axes along space axes.
 
     Raises SceneError for a wrong shape, a non-finite number, a quaternion of norm 0, a matrix that is no rotation, or both or
     neither of omega and momentum.
@@ -27,7 +26,7 @@ class Start:
 
     omega: tuple | None = None
     momentum: tuple | None = None
-    attitude: tuple | str = field(default=(1.0, 0.0, 0.0, 0.0))
+    attitude: Any = field(default=(1.0, 0.0, 0.0, 0.0))
 
     def __post_init__(self):
         if (self.omega is None) == (self.momentum is None):
@@ -36,13 +35,15 @@ class Start:
         given = getattr(self, which)
         whole = hasattr(given, "_fields")
         object.__setattr__(self, which, checked(given, "start", which) if whole else vector(given, "start", which))
-        object.__setattr__(self, "attitude", _attitude(self.attitude))
+        whole = hasattr(self.attitude, "_fields")
+        object.__setattr__(self, "attitude", checked(self.attitude, "start", "attitude") if whole else _attitude(self.attitude))
 
     def quantities(self):
         """All quantities of the start, in one flat tuple."""
         spin: Any = self.omega if self.momentum is None else self.momentum
         spin = (spin, *numbers_of(spin)) if hasattr(spin, "_fields") else spin
-        return (*spin, *(() if isinstance(self.attitude, str) else self.attitude))
+        attitude = (self.attitude, *numbers_of(self.attitude)) if hasattr(self.attitude, "_fields") else self.attitude
+        return (*spin, *(() if isinstance(attitude, str) else attitude))
 
     def spin(self, seed, first, count, facts):
         """("omega" or "momentum", its values (3, count)); facts : `rigidmc.vectors.Facts` of the members."""
@@ -55,10 +56,12 @@ class Start:
     def quaternions(self, seed, first, count):
         """Unit quaternions (4, count)."""
         if isinstance(self.attitude, str):
-            u, v, w = uniforms(seed, "start.attitude", first, count)[:3]
+            u, v, w = numbers(seed, "start.attitude", first, count, used=(0, 1, 2))[:3]
             a, b = np.sqrt(1.0 - u), np.sqrt(u)  # Shoemake 1992
             v, w = 2.0 * np.pi * v, 2.0 * np.pi * w
             return np.stack([b * np.cos(w), a * np.sin(v), a * np.cos(v), b * np.sin(w)])
+        if hasattr(self.attitude, "_fields"):
+            return self.attitude.sample(seed, "start.attitude", first, count, None)
         values = draw(self.attitude, seed, "start.attitude", first, count)
         if len(values) == 3:
             return quaternion_from_euler(*values)

@@ -11,7 +11,7 @@ from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.measures import Measure, measure, observing
 from rigidmc.observables import OBSERVABLES
 from rigidmc.simulation import simulate
-from rigidmc.statistics import Interval, probability
+from rigidmc.statistics import Interval, mean, probability
 from rigidmc.storage.schema import member_variables
 
 FIRST = 8192  # members of the first look
@@ -50,6 +50,9 @@ def simulate_until(scene, until, most=MOST, confidence=0.95, threads=None, progr
     Raises SceneError where what is asked needs more than `most` members by the first.
     """
     scene = observing(scene.with_run(**options), [_SIGN.split(until)[0]])
+    if scene.run.points != "independent":
+        rule = f"an interval of {scene.run.points} points is not told by their spread: see rigidmc.randomised; use independent ones"
+        raise SceneError("run", "points", scene.run.points, rule)
     lean = scene.with_run(save=tuple(name for name in scene.run.save if name not in OBSERVABLES))
     wanted = goal(until, {name: v.dims for name, v in member_variables(lean, False).items()})
     values, good = np.empty(0), np.empty(0, bool)
@@ -88,3 +91,16 @@ def members_for(measure, found, count, half, confidence):
         narrow = probability(found.value * middle, middle, confidence).half <= half
         low, high = (low, middle) if narrow else (middle, high)
     return high
+
+
+def randomised(scene, text, members, randomisations=16, confidence=0.95, threads=None, **options):
+    """The Interval of the mean of a measure over independent randomisations of its points: what Sobol points and Latin hypercubes need, whose members are
+    not independent. Each has `members` members, and a seed of its own from that of the scene on; Student's t over their values."""
+    scene = observing(scene.with_run(members=members, **options), [text])
+    scene = scene.with_run(save=tuple(name for name in scene.run.save if name not in OBSERVABLES))
+    asked = measure(text, {name: v.dims for name, v in member_variables(scene, False).items()})
+    values = []
+    for i in range(randomisations):
+        piece = simulate(scene, seed=scene.run.seed + i, threads=threads)
+        values.append(float(asked.interval(asked.values(piece), piece.status.values == 0, confidence).value))
+    return mean(np.array(values), confidence=confidence)

@@ -1,15 +1,17 @@
 """Vectors drawn as a whole: cones, spheres, correlated normals, energy shells, the Gibbs ensemble, bodies by their second moments.
 
 Each is a NamedTuple of numbers, distributions and grids, drawn as a function of (seed, name, member) alone. `omega` and `momentum` take cone, sphere
-and correlated, `momentum` shell and gibbs, `moments` second_moments. In scene files: omega = { cone = { axis = 2, size = 1.0, angle = 0.01 } }.
+and correlated, `momentum` shell and gibbs, `moments` second_moments, `attitude` fisher and pointing. In scene files: omega = { cone = { axis = 2, size = 1.0, angle = 0.01 } }.
 """
 
 import math
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from rigidmc.errors import SceneError, unknown
+from rigidmc.rotation import product, quaternion, quaternion_from_euler
 from rigidmc.sampling import Distribution, draw, quantity, uniform
 
 
@@ -119,10 +121,66 @@ class SecondMoments(NamedTuple):
         return np.stack([b + c, c + a, a + b])
 
 
+class Fisher(NamedTuple):
+    """Attitudes about a mean one, density proportional to exp(kappa tr(M^T R)) = exp(kappa (1 + 2 cos angle)), Fisher's law of matrices: for large
+    kappa each of the three small angles is normal with variance 1/(2 kappa).
+
+    attitude : the mean, a quaternion (w, x, y, z);  kappa : concentration, 0 (uniform) or more
+    Source: Mardia & Jupp, Directional Statistics, 13.2.3.
+    """
+
+    attitude: tuple
+    kappa: float
+
+    def sample(self, draws, name, first, count, facts):
+        u = draw((Distribution("uniform", (0.0, 1.0)),), draws, f"{name}.angle", first, count)[0]
+        half = 0.5 * np.interp(u, *_turns(self.kappa))
+        axis = directions(draws, name, first, count)
+        turn = np.stack([np.cos(half), *(np.sin(half) * axis)], axis=-1)
+        return product(quaternion(self.attitude), turn).T
+
+
+class Pointing(NamedTuple):
+    """Attitudes whose axis 3 is about a direction of space, density proportional to exp(kappa cos angle), von Mises and Fisher's law, and which are turned
+    about axis 3 by any angle.
+
+    direction : (x, y, z) in space;  kappa : concentration, 0 (uniform) or more
+    Source: Mardia & Jupp, Directional Statistics, 9.3.2: the distribution function of the cosine c is (e^(kappa c) - e^-kappa)/(e^kappa - e^-kappa).
+    """
+
+    direction: tuple
+    kappa: float
+
+    def sample(self, draws, name, first, count, facts):
+        whole = Distribution("uniform", (0.0, 2.0 * math.pi))
+        u, azimuth, psi = draw((Distribution("uniform", (0.0, 1.0)), whole, whole), draws, f"{name}.pointing", first, count)
+        k = self.kappa
+        less = -np.log1p((1.0 - u) * np.expm1(-2.0 * k)) / k if k > 0.0 else 2.0 * (1.0 - u)  # 1 - cosine
+        theta = 2.0 * np.arcsin(np.sqrt(np.clip(0.5 * less, 0.0, 1.0)))
+        x, y, z = np.array(self.direction) / np.linalg.norm(self.direction)
+        tip = quaternion_from_euler(math.atan2(x, -y), math.atan2(math.hypot(x, y), z), 0.0)
+        return product(tip, quaternion_from_euler(azimuth, theta, psi).T).T
+
+
+@lru_cache(maxsize=64)
+def _turns(kappa):
+    """(distribution function, angle) of the turn of Fisher's law at 20,001 angles, dense where it is: density (1 - cos) exp(2 kappa cos)."""
+    from scipy.integrate import cumulative_simpson
+
+    width = min(1.0, 1.0 / math.sqrt(2.0 * kappa + 1.0))
+    s = np.linspace(0.0, 1.0, 20_001)
+    angle = np.pi * np.sinh(s * np.arcsinh(1.0 / width)) * width
+    density = (1.0 - np.cos(angle)) * np.exp(2.0 * kappa * (np.cos(angle) - 1.0))
+    total = cumulative_simpson(density, x=angle, initial=0.0)
+    return total / total[-1], angle
+
+
+ATTITUDES: dict[str, Any] = {"fisher": Fisher, "pointing": Pointing}
 VECTORS: dict[str, dict[str, Any]] = {
     "omega": {"cone": Cone, "sphere": Sphere, "correlated": Correlated},
     "momentum": {"cone": Cone, "sphere": Sphere, "correlated": Correlated, "shell": Shell, "gibbs": GibbsMomentum},
     "moments": {"second_moments": SecondMoments},
+    "attitude": ATTITUDES,
 }
 
 
@@ -152,14 +210,20 @@ def checked(one, table, key):
             fields[name] = value
         elif name == "covariance":
             fields[name] = _covariance(value, where)
-        elif name in ("mean", "direction", "values"):
-            if value is not None and (isinstance(value, str) or not hasattr(value, "__len__") or len(value) != 3):
-                raise SceneError(where, name, value, "expected three numbers")
+        elif name in ("mean", "direction", "values", "attitude"):
+            size = 4 if name == "attitude" else 3
+            if value is not None and (isinstance(value, str) or not hasattr(value, "__len__") or len(value) != size):
+                raise SceneError(where, name, value, f"expected {size} numbers")
             fields[name] = None if value is None else tuple(_scalar(x, where, name) for x in value)
         else:
             fields[name] = _scalar(value, where, name)
-    if fields.get("direction") == (0.0, 0.0, 0.0):
-        raise SceneError(where, "direction", [0.0, 0.0, 0.0], "a vector of length 0 has no direction")
+    for name in ("direction", "attitude"):
+        if name in fields and fields[name] is not None and not all(isinstance(x, float) for x in fields[name]):
+            raise SceneError(where, name, None, "expected plain numbers")
+        if fields.get(name) is not None and not any(fields[name]):
+            raise SceneError(where, name, list(fields[name]), "a vector of length 0 has no direction")
+    if "kappa" in fields and not (isinstance(fields["kappa"], float) and fields["kappa"] >= 0.0):
+        raise SceneError(where, "kappa", value, "expected a number, 0 or more")
     return type(one)(**fields)
 
 

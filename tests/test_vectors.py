@@ -153,3 +153,126 @@ def test_other_units_move_alike():
         scene = rm.Scene(rm.Body.from_moments(MOMENTS), start=rm.Start(momentum=vector))
         one, two = (stage(s, 0, 32, False)[1]["start_momentum"] for s in (scene, scaled(scene, 4.0, 1.0, 2.0)))
         assert np.array_equal(2.0 * one, two)
+
+
+def turned(**start):
+    return drawn(omega=(0.0, 1.0, 0.0), **start)[0]["start_attitude"]
+
+
+@pytest.mark.parametrize("kappa", [0.0, 0.5, 20.0, 1e6])
+def test_fisher_is_about_its_mean(kappa):
+    mean = rm.Start(omega=(0, 0, 1), attitude=(1.0, 2.0, -1.0, 0.5)).attitude
+    mean = np.array(mean) / np.linalg.norm(mean)
+    q = turned(attitude=rm.Fisher(tuple(mean), kappa))
+    away = np.array([mean[0] * q[0] + mean[1:] @ q[1:], *(mean[0] * q[1:] - q[0] * mean[1:, None] - np.cross(mean[1:], q[1:].T).T)])
+    angle = 2.0 * np.arctan2(np.linalg.norm(away[1:], axis=0), np.abs(away[0]))
+    grid = np.linspace(0.0, math.pi, 400_001) if kappa < 100 else np.linspace(0.0, 0.02, 400_001)
+    law = np.cumsum((1.0 - np.cos(grid)) * np.exp(2.0 * kappa * (np.cos(grid) - 1.0)))
+    assert stats.kstest(angle, lambda x: np.interp(x, grid, law / law[-1])).pvalue > 0.01
+    assert all(uniform(x, -1.0, 1.0) for x in away[1:] / np.linalg.norm(away[1:], axis=0))
+    if kappa == 1e6:
+        assert np.abs((2.0 * away[1:] * np.sign(away[0])).var(axis=1) * 2.0 * kappa - 1.0).max() < 0.03
+    assert np.abs((q**2).sum(0) - 1.0).max() < 1e-15
+
+
+@pytest.mark.parametrize("kappa", [0.0, 3.0, 1e5])
+def test_pointing_is_von_mises_and_fishers(kappa):
+    direction = np.array([1.0, -2.0, 0.5]) / math.sqrt(5.25)
+    w, x, y, z = turned(attitude=rm.Pointing(tuple(direction), kappa))
+    axis = np.stack([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), w * w - x * x - y * y + z * z])
+    less = 0.5 * ((axis - direction[:, None]) ** 2).sum(0)  # 1 - cosine
+    law = stats.uniform(0.0, 2.0) if kappa == 0.0 else stats.truncexpon(2.0 * kappa, scale=1.0 / kappa)
+    assert stats.kstest(less, law.cdf).pvalue > 0.01
+    side = np.cross(direction, [0.0, 0.0, 1.0])
+    side /= np.linalg.norm(side)
+    assert uniform(np.arctan2(np.cross(direction, side) @ axis, side @ axis), -math.pi, math.pi)
+
+
+SCENE = """
+[body]
+moments = [1.0, 2.0, 2.5]
+[start]
+omega = {}
+[run]
+members = 3
+"""
+
+
+def test_starts_from_a_table(tmp_path):
+    (tmp_path / "s.toml").write_text(SCENE.format('{ table = "w.csv", columns = ["wx", "wy", "wz"] }'))
+    (tmp_path / "w.csv").write_text("wx, wy,wz\n0.1,1.0,0.0\n0.2,1.5,-1e-3\n0.3,2.0,0.5\n")
+    scene = rm.Scene.load(tmp_path / "s.toml")
+    found = stage(scene, 0, 3, False)[1]["start_omega"]
+    assert np.array_equal(found, [[0.1, 0.2, 0.3], [1.0, 1.5, 2.0], [0.0, -1e-3, 0.5]])
+    import xarray as xr
+
+    xr.Dataset({"w": (("axis", "n"), found), "speed": (("n",), found[1])}).to_netcdf(tmp_path / "w.nc", engine="netcdf4")
+    (tmp_path / "t.toml").write_text(
+        SCENE.format('[{ table = "w.nc", column = "w[1]" }, { table = "w.nc", column = "speed" }, { normal = [0.0, 1.0] }]')
+    )
+    assert np.array_equal(stage(rm.Scene.load(tmp_path / "t.toml"), 0, 3, False)[1]["start_omega"][:2], found[:2])
+
+
+@pytest.mark.parametrize(
+    ("table", "text", "words"),
+    [
+        ('{ table = "w.csv", columns = ["wx", "wy", "vz"] }', "wx,wy,wz\n1,2,3\n", "wz"),
+        ('{ table = "w.csv", columns = ["wx", "wy"] }', "wx,wy,wz\n1,2,3\n", "3 components"),
+        ('{ table = "w.csv", columns = ["wx", "wy", "wz"] }', "wx,wy,wz\n1,2\n", "names 3 columns"),
+        ('{ table = "w.csv", columns = ["wx", "wy", "wz"] }', "wx,wy,wz\n1,2,3\n1,b,3\n", "row 2"),
+        ('{ table = "v.csv", columns = ["wx", "wy", "wz"] }', "", "no such file"),
+        ('{ table = "w.txt", columns = ["wx", "wy", "wz"] }', "", ".csv"),
+        ('{ table = "w.csv", colums = ["wx", "wy", "wz"] }', "", "columns"),
+    ],
+)
+def test_bad_tables_are_told(tmp_path, table, text, words):
+    (tmp_path / "s.toml").write_text(SCENE.format(table))
+    (tmp_path / "w.csv").write_text(text)
+    with pytest.raises(SceneError, match=words):
+        rm.Scene.load(tmp_path / "s.toml")
+
+
+SMOOTH = {"omega": (rm.normal(0.3, 0.1), rm.normal(1.0, 0.1), rm.normal(0.2, 0.1))}
+
+
+def scene_of_points(kind, members=256, seed=3):
+    return rm.Scene(rm.Body.from_moments(MOMENTS), start=rm.Start(**SMOOTH)).with_run(points=kind, members=members, seed=seed)
+
+
+def test_sobol_points_are_scipys():
+    from scipy.special import ndtri
+
+    from rigidmc.engine.random import stream_of
+
+    scene = scene_of_points("sobol")
+    w = stage(scene, 0, 256, False)[1]["start_omega"]
+    true = stats.qmc.Sobol(3, rng=np.random.default_rng([3, stream_of("points.sobol") >> 1])).random(256).T + 0.5**31
+    assert np.array_equal(w, np.array([[0.3], [1.0], [0.2]]) + 0.1 * ndtri(true))
+    later = stage(scene, 96, 32, True)[1]["start_omega"]
+    assert np.array_equal(later, w[:, 96:128]) and np.array_equal(stage(scene, 32, 32, False)[1]["start_omega"], w[:, 32:64])
+
+
+def test_a_latin_hypercube_has_one_member_in_every_stratum():
+    scene = scene_of_points("latin_hypercube").with_run(strata=256)
+    w = stage(scene, 0, 256, False)[1]["start_omega"]
+    for x, mean in zip(w, (0.3, 1.0, 0.2), strict=True):
+        assert sorted(np.floor(256 * stats.norm(mean, 0.1).cdf(x))) == list(range(256))
+    with pytest.raises(SceneError, match="as many members"):
+        scene.with_run(members=300).check()
+
+
+def test_points_fill_better_than_chance():
+    """The mean of a smooth function of the start, 2^12 members, 8 seeds."""
+    off = {}
+    for kind in ("independent", "sobol", "latin_hypercube"):
+        means = []
+        for seed in range(8):
+            w = stage(scene_of_points(kind, seed=seed).with_run(strata=4096), 0, 4096, False)[1]["start_omega"]
+            means.append((w[0] * w[1] + np.sin(w[2]) * w[1] ** 2).mean())
+        off[kind] = np.std(means)
+    assert off["sobol"] < 0.02 * off["independent"] and off["latin_hypercube"] < 0.5 * off["independent"]  # measured 0.006, 0.15
+
+
+def test_nothing_drawn_needs_no_points():
+    with pytest.raises(SceneError, match="nothing of the scene is drawn"):
+        rm.Scene(rm.Body.from_moments(MOMENTS), start=rm.Start(omega=(0, 1, 0))).with_run(points="sobol").check()

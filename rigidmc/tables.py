@@ -1,0 +1,55 @@
+"""Starts from files: columns of a CSV or a netCDF file, one row per member."""
+
+import os
+
+import numpy as np
+
+from rigidmc.errors import SceneError, unknown
+
+SUFFIXES = (".csv", ".nc")
+
+
+def column(folder, file, name, table, key):
+    """A column of a table as an array; SceneError that names file and columns for what it has not.
+
+    CSV : comma-separated, the names of the columns in its first line;  netCDF : a variable with one dimension, or `name[i]` of one with members last
+    """
+    path = os.path.join(folder or "", file)
+    if not file.endswith(SUFFIXES):
+        raise SceneError(table, key, file, f"expected a file that ends in {' or '.join(SUFFIXES)}")
+    if not os.path.exists(path):
+        raise SceneError(table, key, file, "no such file")
+    columns = _csv(path, table, key, file) if file.endswith(".csv") else _netcdf(path)
+    if name not in columns:
+        raise unknown(table, key, name, f"column of {file}", columns)
+    values = np.ascontiguousarray(columns[name], float)
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        raise SceneError(table, key, f"{file}: {name}", f"row {bad[0] + 1} is no finite number ({bad.size} rows in all)")
+    return values
+
+
+def _csv(path, table, key, file):
+    with open(path, encoding="utf-8") as lines:
+        names = [word.strip().strip('"') for word in lines.readline().strip().lstrip("\ufeff").split(",")]
+        try:
+            rows = np.genfromtxt(lines, delimiter=",", ndmin=2)
+        except ValueError as error:
+            raise SceneError(
+                table, key, file, f"not a table of {len(names)} columns: {str(error).splitlines()[-1].strip()}"
+            ) from None
+    if not rows.size or rows.shape[1] != len(names):
+        found = rows.shape[1] if rows.size else 0
+        raise SceneError(table, key, file, f"its first line names {len(names)} columns ({', '.join(names)}), its rows have {found}")
+    return dict(zip(names, rows.T, strict=True))
+
+
+def _netcdf(path):
+    import xarray as xr
+
+    with xr.open_dataset(path, engine="netcdf4") as file:
+        found = {str(name): v.values for name, v in file.data_vars.items() if v.ndim == 1 and v.dtype.kind in "fiu"}
+        for name, v in file.data_vars.items():
+            if v.ndim == 2 and v.dtype.kind in "fiu" and v.shape[0] <= 6:
+                found |= {f"{name}[{i + 1}]": v.values[i] for i in range(v.shape[0])}
+        return found
