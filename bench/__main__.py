@@ -15,9 +15,9 @@ BENCHES = {
     "effects": "bench.effects",
     "sets": "bench.sets",
     "bath": "bench.bath",
-    "accuracy": "bench.accuracy",
     "exact": "bench.exact",
     "tolerance": "bench.tolerance",
+    "maps": "bench.maps",
     "peers": "bench.peers",
 }
 HERE = os.path.dirname(os.path.abspath(__file__))

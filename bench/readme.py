@@ -101,6 +101,33 @@ def throughput(rows, machine):
     return f"{table(('', 'free', 'with gravity'), lines)}\n\n{words}; {_machine(machine)}."
 
 
+def maps(rows, machine):
+    """What maps and large studies take."""
+    lines = [
+        (
+            f"`rigidmc map {r['name']} --resolution {r['side']}`",
+            f"{r['side'] ** 2 * r['members']:,}",
+            f"{r['seconds']:.0f}",
+            f"{r['gigabytes']:.1f}",
+            f"{r['words']}: {r['number']:.4g}",
+        )
+        for r in rows
+        if r["kind"] == "map"
+    ]
+    lines += [
+        (
+            f"free tops to {r['t_end'] / 6.2831853:.0f} turns, flips counted",
+            f"{r['members']:,}",
+            f"{r['seconds']:.0f}",
+            f"{r['gigabytes']:.1f}",
+            "",
+        )
+        for r in rows
+        if r["kind"] == "millions"
+    ]
+    return f"{table(('', 'members', 's', 'GB', ''), lines)}\n\nFrom the shell, compiling and picture included; {_machine(machine)}."
+
+
 def _machine(machine):
     return f"{machine['cores']} cores of {machine['cpu']}, {machine['vector_bits']}-bit vectors"
 
@@ -113,7 +140,7 @@ def _count(number):
     return f"{number:.2g}"
 
 
-DRAWN = {"accuracy": accuracy, "peers": peers, "throughput": throughput}
+DRAWN = {"accuracy": accuracy, "peers": peers, "throughput": throughput, "maps": maps}
 
 if __name__ == "__main__":
     main()

@@ -19,6 +19,7 @@ _VECTORS = ("Cone", "Correlated", "Fisher", "GibbsMomentum", "Pointing", "Second
 _HOMES = {
     "Body": "body",
     "Flips": "observables",
+    "Histogram": "observables",
     "OutputExists": "errors",
     "Passage": "observables",
     "Scene": "scene",
@@ -47,7 +48,7 @@ _HOMES = {
 __all__ = [
     "Body", "Scene", "Start", "Run", "simulate", "open", "rerun", "accuracy", "stability_map", "simulate_until", "randomised",
     "free_top", "free_motion", "lagrange_top", "lagrange_motion",
-    "normal", "uniform", "distribution", "grid", "Flips", "Passage", *_EFFECTS,
+    "normal", "uniform", "distribution", "grid", "Flips", "Passage", "Histogram", *_EFFECTS,
     "Cone", "Correlated", "Fisher", "GibbsMomentum", "Pointing", "SecondMoments", "Shell", "Sphere",
     "SceneError", "SceneWarning", "OutputExists",
 ]  # fmt: skip
@@ -58,7 +59,7 @@ if TYPE_CHECKING:
     from rigidmc.errors import OutputExists, SceneError, SceneWarning
     from rigidmc.exact.free_top import free_motion, free_top
     from rigidmc.exact.lagrange_top import lagrange_motion, lagrange_top
-    from rigidmc.observables import Flips, Passage
+    from rigidmc.observables import Flips, Histogram, Passage
     from rigidmc.rerun import rerun
     from rigidmc.sampling import distribution, grid, normal, uniform
     from rigidmc.scene import Run, Scene

@@ -104,7 +104,7 @@ def closed_values(scene, block, start, times):
     # at t = 0 the start itself, and the sick stay there
     q, l = (np.where(sick | (times == 0.0)[:, None, None], x[None], y) for x, y in ((block[:4], q), (block[4:7], l)))
     body, effects = physics(scene.effects, block)
-    observables = [OBSERVABLES[name]() for name in scene.saved()]
+    observables = [OBSERVABLES[name]() for name in scene.recorded()]
     with np.errstate(all="ignore"):
         kinetic, squared = kinetic_energy(body, l[0]), dot(l[0], l[0])
         energy = kinetic + total_energy(effects, body, q[0])

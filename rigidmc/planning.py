@@ -103,7 +103,7 @@ def rounds(t_end, every):
 def carries_attitude(scene):
     """Whether anything needs the attitude: an effect that names q, or an observable of it that is saved."""
     needed = [names(e, "torque", "kick", "energy") for e in scene.effects]
-    needed += [names(OBSERVABLES[name], "value") for name in scene.run.save if name == "attitude"]
+    needed += [names(OBSERVABLES[name], "value") for name in scene.recorded() if name == "attitude"]
     return any("q" in n for n in needed) or needs_attitude(scene)
 
 
@@ -132,7 +132,7 @@ def prepare(scene, threads=1, streaming=False, block=None):
     if run.anti_damping:
         notes += ("anti_damping = true: damping may be negative, which drives the body",)
     slots = [s for s in range(0, steps, stride)] + [steps]
-    values = rows_of(scene.effects, *run.save)
+    values = rows_of(scene.effects, *scene.recorded())
     if block is None:
         block = min(BLOCK, whole_lanes(math.ceil(run.members / ((1 if own else 4) * threads))))
         if streaming:

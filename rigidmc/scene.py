@@ -13,7 +13,7 @@ from rigidmc.effects.parameters import numbers, shape
 from rigidmc.effects.verbs import is_random
 from rigidmc.errors import SceneError, unknown
 from rigidmc.integrators import INTEGRATORS, refusal
-from rigidmc.observables import KNOWN, SUMMARIES, saved, summary_of, watched
+from rigidmc.observables import KNOWN, OBSERVABLES, SIZES, SUMMARIES, recorded, saved, summary_of, watched
 from rigidmc.sampling import Distribution, Grid, draw, is_open, quantity, rows, vector
 from rigidmc.start import Start
 
@@ -164,6 +164,14 @@ class Scene:
         """Names of the observables that are recorded at save times."""
         return saved(self.run.save)
 
+    def recorded(self):
+        """Names of those, and of the observables that histograms need."""
+        return recorded(self.run.save, self.observables)
+
+    def histograms(self):
+        """[(label, Histogram)] of the scene."""
+        return [(label, one) for label, one in self.watched() if hasattr(one, "ensemble")]
+
     def watched(self):
         """[(label, observable)] of those over all steps."""
         return watched(self.run.save, self.observables)
@@ -241,7 +249,7 @@ class Scene:
         every = [one for _, one in self.watched()]
         stops = [one for one in every if getattr(one, "stop", False)]
         rule = ""
-        if every and self.run.integrator == "closed":
+        if any(not hasattr(one, "ensemble") for one in every) and self.run.integrator == "closed":
             rule = "closed forms make no steps that could be watched: use exact"
         elif len(stops) > 1:
             rule = "one event at most can stop a member"
@@ -254,8 +262,24 @@ class Scene:
                 rule = "megno does not go with compensated sums"
             elif stops:
                 rule = "megno does not go with an event that stops members"
+        for _, one in self.histograms():
+            self._check_histogram(one)
         if rule:
             raise SceneError("run", "save", ", ".join(label for label, _ in self.watched()), rule)
+
+    @staticmethod
+    def _check_histogram(one):
+        """Raise SceneError for a histogram of nothing."""
+        if one.name not in OBSERVABLES or one.name == "work":
+            raise unknown("observables.histogram", "of", one.name, "observable", [name for name in OBSERVABLES if name != "work"])
+        size = SIZES[OBSERVABLES[one.name].dims]
+        if (size > 1) != one.of.endswith("]") or one.component >= size:
+            rule = (
+                f"{one.name} has {size} components: give one, as in {one.name}[{size}]"
+                if size > 1
+                else f"{one.name} has no components"
+            )
+            raise SceneError("observables.histogram", "of", one.of, rule)
 
     @staticmethod
     def load(source, settings=(), allow_code=False):

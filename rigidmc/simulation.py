@@ -29,7 +29,7 @@ from rigidmc.sampling import quantity, rows
 from rigidmc.sinks import File, Memory
 from rigidmc.staging import block_rows, ledger, noise, stage, together
 from rigidmc.storage import refuse_existing
-from rigidmc.storage.schema import member_variables, saved_variables
+from rigidmc.storage.schema import member_variables
 from rigidmc.units import internal, scaled
 
 REHEARSED = 8192  # members: two blocks for each of two threads
@@ -184,8 +184,8 @@ def run(scene, plan, threads, progress=False, output=None, force=False, chosen=N
 
 def _told(job, results, scene, plan, units):
     """Results in the units of the scene; the saved values are changed in place."""
-    saved = saved_variables(scene)
-    each = [units.factor(v.attrs["units"]) for name, v in saved.items() for _ in range(rows_of(scene.effects, name))]
+    names = scene.recorded()
+    each = [units.factor(OBSERVABLES[name].units) for name in names for _ in range(rows_of(scene.effects, name))]
     if job.width:
         values = job.out.reshape(plan.times.size, len(each), job.width)[..., job.column : job.column + job.block.shape[1]]
         values *= np.array(each)[:, None]
@@ -251,7 +251,7 @@ def block_arguments(scene, plan, block):
 
 def _job(scene, plan, first, count, block, start, out, width, column):
     effects = blank(scene.effects)
-    observables = tuple(OBSERVABLES[name]() for name in scene.saved())
+    observables = tuple(OBSERVABLES[name]() for name in scene.recorded())
     compensated = (0.0,) if plan.compensated else ()
     attitude, precision = (0.0,) if plan.carried else (), np.empty(0, plan.dtype)
     integrator = as_single(plan.form.integrator) if plan.dtype == "float32" else plan.form.integrator

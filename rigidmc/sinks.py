@@ -6,27 +6,53 @@ import xarray as xr
 from rigidmc.observables import OBSERVABLES, rows_of
 from rigidmc.planning import whole_lanes
 from rigidmc.storage import Writer, open_result
-from rigidmc.storage.schema import attributes, coordinates, length, member_variables, saved_variables
+from rigidmc.storage.schema import attributes, coordinates, ensemble_variables, length, member_variables, saved_variables
 
 
-def _split(scene, values):
-    """{name: view} of the value rows (time, row, member) of each observable."""
+def _split(scene, values, names):
+    """{name: view} of the value rows (time, row, member) of the named observables."""
     parts, row = {}, 0
-    for name in scene.saved():
+    for name in names:
         size = rows_of(scene.effects, name)
         parts[name] = values[:, row : row + size] if OBSERVABLES[name].dims else values[:, row]
         row += size
     return parts
 
 
+class Counts:
+    """The histograms of a scene, block by block."""
+
+    def __init__(self, scene):
+        self.of = scene.histograms()
+        self.found: dict[str, np.ndarray] = {}
+
+    def add(self, job, parts, status):
+        """Count the members of a block that are well; parts : its values by name, at all times."""
+        well = status[: job.size] == 0
+        for label, one in self.of:
+            values = parts[one.name][..., : job.size]
+            counts = one.counts((values[:, one.component] if values.ndim == 3 else values)[:, well])
+            self.found[label] = self.found.get(label, 0) + counts
+
+    def variables(self):
+        """{name: counts} of the results."""
+        made: dict[str, np.ndarray] = {}
+        for label, _ in self.of:
+            counts = self.found[label]
+            made |= {label: counts[:, 1:-1], f"{label}_below": counts[:, 0], f"{label}_above": counts[:, -1]}
+        return made
+
+
 class Memory:
-    """Collects blocks in one Dataset; the kernel writes saved values straight to their place."""
+    """Collects blocks in one Dataset; the kernel writes saved values straight to their place, unless histograms need more than is stored."""
 
     def __init__(self, scene, plan, more):
         self.scene, self.plan, self.more = scene, plan, more
+        self.counts, self.names = Counts(scene), scene.saved()
+        self.values = rows_of(scene.effects, *scene.recorded())
+        self.direct = scene.recorded() == self.names
         self.width = whole_lanes(plan.members)
-        self.values = rows_of(scene.effects, *scene.run.save)
-        self.out = np.empty(plan.times.size * self.values * self.width)
+        self.out = np.empty(plan.times.size * rows_of(scene.effects, *self.names) * self.width)
         self.variables = member_variables(scene, plan.carried)
         self.arrays = {
             name: np.empty([length(d, plan) for d in v.dims], v.dtype)
@@ -35,10 +61,21 @@ class Memory:
         }
 
     def room(self, low, count):
-        return self.out, self.width if self.values else 0, low
+        if self.direct:
+            return self.out, self.width if self.values else 0, low
+        width = whole_lanes(count)
+        return np.empty(self.plan.times.size * self.values * width), width, 0
 
     def take(self, job, results):
-        part = slice(job.first - self.plan.first, job.first - self.plan.first + job.size)
+        low = job.first - self.plan.first
+        part = slice(low, low + job.size)
+        if self.counts.of:
+            values = job.out.reshape(self.plan.times.size, -1, job.width)[..., job.column : job.column + job.size]
+            parts = _split(self.scene, values, self.scene.recorded())
+            self.counts.add(job, parts, results["status"])
+            if not self.direct and self.names:
+                kept = np.concatenate([parts[n] if parts[n].ndim == 3 else parts[n][:, None] for n in self.names], axis=1)
+                self.out.reshape(self.plan.times.size, -1, self.width)[..., part] = kept
         for name in self.variables:
             if name not in self.arrays:  # the same for all members: one column serves
                 column = results[name][..., :1]
@@ -47,9 +84,10 @@ class Memory:
                 self.arrays[name][..., part] = results[name][..., : job.size]
 
     def finish(self):
-        saved = saved_variables(self.scene)
-        values = self.out.reshape(self.plan.times.size, self.values, self.width)[..., : self.plan.members]
-        arrays = {**self.arrays, **_split(self.scene, values)}
+        saved = {**saved_variables(self.scene), **ensemble_variables(self.scene)}
+        rows = rows_of(self.scene.effects, *self.names)
+        values = self.out.reshape(self.plan.times.size, rows, self.width)[..., : self.plan.members]
+        arrays = {**self.arrays, **_split(self.scene, values, self.names), **self.counts.variables()}
         variables = {name: (v.dims, arrays[name], v.attrs) for name, v in {**self.variables, **saved}.items()}
         return xr.Dataset(variables, coordinates(self.plan), {**attributes(self.scene, self.plan), **self.more})
 
@@ -62,8 +100,8 @@ class File:
 
     def __init__(self, path, scene, plan, force, more):
         self.scene, self.plan, self.path = scene, plan, path
-        self.values = rows_of(scene.effects, *scene.run.save)
-        self.names = set(member_variables(scene, plan.carried))
+        self.counts, self.values = Counts(scene), rows_of(scene.effects, *scene.recorded())
+        self.names = {*member_variables(scene, plan.carried), *scene.saved()}
         self.writer = Writer(path, scene, plan, force, more)
 
     def room(self, low, count):
@@ -73,10 +111,13 @@ class File:
     def take(self, job, results):
         values = {k: v for k, v in results.items() if k in self.names}
         if self.values:
-            values |= _split(self.scene, job.out.reshape(self.plan.times.size, self.values, job.width))
+            parts = _split(self.scene, job.out.reshape(self.plan.times.size, self.values, job.width), self.scene.recorded())
+            self.counts.add(job, parts, results["status"])
+            values |= {k: v for k, v in parts.items() if k in self.names}
         self.writer.write(job.first, job.size, values)
 
     def finish(self):
+        self.writer.write_all(self.counts.variables())
         self.writer.finish()
         return open_result(self.path)
 

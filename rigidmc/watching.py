@@ -16,7 +16,7 @@ from rigidmc.scene import PILOT
 
 
 class Watch(NamedTuple):
-    """Events, running observables and neighbour as the kernel takes them, and [(label, observable)] of each."""
+    """Events, running observables and neighbour as the kernel takes them, and [(label, observable)] of each; (dimension, edges) of histograms."""
 
     events: tuple = ()
     running: tuple = ()
@@ -24,6 +24,7 @@ class Watch(NamedTuple):
     of_events: tuple = ()
     of_running: tuple = ()
     of_shadow: tuple = ()
+    bins: tuple = ()
 
     @property
     def compiled(self):
@@ -39,6 +40,7 @@ class Watch(NamedTuple):
 def watch(scene):
     """The Watch of a scene; SceneError for an event that it cannot have."""
     found = scene.watched()
+    found = [(label, one) for label, one in found if not hasattr(one, "ensemble")]
     events = tuple((label, one) for label, one in found if hasattr(one, "event"))
     running = tuple((label, one) for label, one in found if not hasattr(one, "event") and not hasattr(one, "shadow"))
     shadow = tuple((label, one) for label, one in found if hasattr(one, "shadow"))
@@ -50,6 +52,7 @@ def watch(scene):
         events,
         running,
         shadow,
+        tuple((f"{label}_bin", one.edges()) for label, one in scene.histograms()),
     )
 
 
@@ -67,6 +70,8 @@ def _size(label, one):
 def needs_attitude(scene):
     """Whether what is watched does."""
     for label, one in scene.watched():
+        if hasattr(one, "ensemble"):
+            continue
         if label in RUNNING:
             asked = "attitude" in label
         elif hasattr(one, "event"):

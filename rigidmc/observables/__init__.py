@@ -4,6 +4,8 @@ At save times:
     value(self, [body, effects, t, q, l, start, works]) -> tuple of floats      start = (E, 1/scale of E, |L|^2, 1/|L|^2) at t = 0
     facts: units, long_name, dims (() for a number, ("axis",) for 3, ("quat",) for 4, ("effect",) for one of each effect)
 
+Over all members, at save times and with nothing stored of each: `histogram`.
+
 Over all steps, with one result per member and no trajectory kept:
     begin(self, [body, effects, t, q, l]) and update(self, kept, [...]) -> what it keeps, `marks` floats; results(kept)
     or, of an event, level(self, [body, effects, t, q, l]), which rises through 0 when it happens; results(record)
@@ -16,6 +18,7 @@ from typing import Any
 from rigidmc.dynamics.methods import names
 from rigidmc.observables.chaos import Megno
 from rigidmc.observables.flips import Flips
+from rigidmc.observables.histogram import Histogram
 from rigidmc.observables.invariants import L2, Energy, EnergyDrift, L2Drift
 from rigidmc.observables.passage import Passage
 from rigidmc.observables.state import Attitude, Momentum, Omega
@@ -39,6 +42,7 @@ SUMMARIES: dict[str, Any] = {
     "nutation": Nutation,
     "precession": Precession,
     "megno": Megno,
+    "histogram": Histogram,
 }
 SIZES = {(): 1, ("axis",): 3, ("quat",): 4}
 RUNNING = {
@@ -58,6 +62,12 @@ def rows_of(effects, *names):
 def saved(save):
     """Those of the named observables that are recorded at save times."""
     return tuple(name for name in save if name in OBSERVABLES)
+
+
+def recorded(save, given):
+    """The observables that a kernel records at save times: those that are saved, and those that only histograms need."""
+    hidden = (one.name for _, one in watched(save, given) if hasattr(one, "ensemble"))
+    return tuple(dict.fromkeys((*saved(save), *hidden)))
 
 
 def summary_of(kind):

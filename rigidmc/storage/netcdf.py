@@ -8,7 +8,7 @@ import netCDF4
 import numpy as np
 
 from rigidmc.errors import OutputExists
-from rigidmc.storage.schema import attributes, coordinates, length, member_variables, saved_variables
+from rigidmc.storage.schema import attributes, coordinates, ensemble_variables, length, member_variables, saved_variables
 
 
 def refuse_existing(path, force):
@@ -41,7 +41,7 @@ class Writer:
     def _define(self, scene, plan):
         file = self._file
         file.set_fill_off()
-        variables = {**member_variables(scene, plan.carried), **saved_variables(scene)}
+        variables = {**member_variables(scene, plan.carried), **saved_variables(scene), **ensemble_variables(scene)}
         used = [*coordinates(plan), *(dim for v in variables.values() for dim in v.dims)]
         for dim in dict.fromkeys(used):
             file.createDimension(dim, length(dim, plan))
@@ -62,6 +62,11 @@ class Writer:
         part = slice(first - self._first, first - self._first + count)
         for name, array in values.items():
             self._file.variables[name][..., part] = array[..., :count]
+
+    def write_all(self, values):
+        """Write {name: array} of variables that are not by members."""
+        for name, array in values.items():
+            self._file.variables[name][:] = array
 
     def finish(self):
         """Close, make durable and give the file its name."""

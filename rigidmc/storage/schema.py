@@ -52,8 +52,13 @@ def _change(who, what):
 def coordinates(plan):
     """Coordinates of a result as {name: (dims, values, attrs)}."""
     effects = {"effect": (("effect",), np.array(plan.labels), {"long_name": "effect of the scene"})} if plan.labels else {}
+    bins = {
+        name: ((name,), 0.5 * (edges[1:] + edges[:-1]), {"long_name": "middle of the bin", "width": edges[1] - edges[0]})
+        for name, edges in plan.watch.bins
+    }
     return {
         **effects,
+        **bins,
         "member": (("member",), np.arange(plan.first, plan.first + plan.members), {"long_name": "index of the member"}),
         "time": (("time",), plan.times, {"units": "s", "long_name": "time"}),
         "axis": (("axis",), np.array([1, 2, 3]), {"long_name": "principal axis of the body"}),
@@ -73,6 +78,17 @@ def saved_variables(scene):
             attrs["booked"] = ", ".join(booked(scene)) or "none"  # the others' work is told by energy
         variables[name] = Variable(("time", *kind.dims, "member"), "f8", attrs)
     return variables
+
+
+def ensemble_variables(scene):
+    """Variables of the ensemble as a whole: {name: Variable}."""
+    found = {}
+    for label, one in scene.histograms():
+        text = f"members by {OBSERVABLES[one.name].long_name}{f', component {one.component + 1}' if one.of.endswith(']') else ''}"
+        found[label] = Variable(("time", f"{label}_bin"), "i8", {"units": "1", "long_name": text})
+        for word in ("below", "above"):
+            found[f"{label}_{word}"] = Variable(("time",), "i8", {"units": "1", "long_name": f"members {word} the bins of {label}"})
+    return found
 
 
 def member_variables(scene, carried):
@@ -175,4 +191,5 @@ def attributes(scene, plan):
 
 def length(dim, plan):
     """Size of a dimension."""
-    return {"member": plan.members, "time": plan.times.size, "effect": len(plan.labels), **_LENGTHS}[dim]
+    bins = {name: edges.size - 1 for name, edges in plan.watch.bins}
+    return {**bins, "member": plan.members, "time": plan.times.size, "effect": len(plan.labels), **_LENGTHS}[dim]

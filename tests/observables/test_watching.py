@@ -298,3 +298,43 @@ def test_every_summary_says_what_it_is():
     for name, kind in SUMMARIES.items():
         assert kind.__doc__ and kind.outputs, name
     assert NEAR == 1e-8
+
+
+def tumbling(**run):
+    start = rm.Start(omega=(rm.normal(0, 1e-2), 1.0, rm.normal(0, 1e-2)))
+    return rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)), start=start).with_run(
+        integrator="closed", t_end=20.0, every=5.0, members=5000, **run
+    )
+
+
+def test_histograms_are_streamed_and_those_of_the_members(tmp_path):
+    of = rm.Histogram("omega[2]", -1.0, 0.95, 20), rm.Histogram("energy", 0.9, 1.1, 7)
+    alone = rm.simulate(tumbling(), save=("momentum", *of), block=1024)
+    both = rm.simulate(tumbling(), save=("omega", "energy", *of), output=str(tmp_path / "h.nc"))
+    assert "omega" not in alone and alone.sizes["histogram_bin"] == 20 and alone.sizes["histogram_2_bin"] == 7
+    for i in range(5):
+        values = both.omega.values[i, 1]
+        assert np.array_equal(alone.histogram.values[i], np.histogram(values[values < 0.95], 20, (-1.0, 0.95))[0])
+        assert (
+            alone.histogram_above.values[i] == (values >= 0.95).sum() and alone.histogram_below.values[i] == (values < -1.0).sum()
+        )
+    assert all(np.array_equal(alone[name].values, both[name].values) for name in alone.data_vars if name.startswith("histogram"))
+    again = rm.simulate(rm.Scene.load(str(tmp_path / "h.nc")))
+    assert np.array_equal(again.histogram_2.values, both.histogram_2.values)
+    both.close()
+
+
+@pytest.mark.parametrize(
+    ("histogram", "words"),
+    [
+        (("omega", 0.0, 1.0), "give one"),
+        (("omga[1]", 0.0, 1.0), "omega"),
+        (("energy[1]", 0.0, 1.0), "no components"),
+        (("energy", 1.0, 0.0), "more than low"),
+        (("energy", 0.0, 1.0, 0), "bins"),
+        (("__import__('os')", 0.0, 1.0), "name of an observable"),
+    ],
+)
+def test_bad_histograms_are_told(histogram, words):
+    with pytest.raises(SceneError, match=words):
+        rm.simulate(tumbling(), save=(rm.Histogram(*histogram),))

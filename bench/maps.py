@@ -1,0 +1,224 @@
+"""Maps and large studies: time, memory and agreement with theory of every map, ten million tops with flip statistics, prices of what is watched,
+low-discrepancy points, coverage of intervals. Each map runs as a user would run it, from the shell and with nothing compiled."""
+
+import os
+import sys
+import tempfile
+import time
+
+import numpy as np
+import xarray as xr
+
+import rigidmc as rm
+from bench import harness
+from bench.memory import peak
+from rigidmc.observables import Flips, Passage
+from rigidmc.planning import prepare
+from rigidmc.prices import cost_per_step
+from rigidmc.statistics import mean, probability
+from rigidmc.studies.map_cases import MAPS
+
+SIDES = {"intermediate_axis": 512}
+ASKED = {"intermediate_axis": 30.0, "heavy_chaos": 180.0}
+
+# free tops to 50 turns, flips counted, no trajectories: final numbers of each member to a file
+MILLIONS = """
+import sys
+import rigidmc as rm
+scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)), start=rm.Start(omega=rm.Cone(2, 1.0, rm.uniform(1e-3, 0.1))))
+scene = scene.with_run(integrator="rk8", dt=0.6, save=("flips",))
+rm.simulate(scene, members=int(sys.argv[1]), t_end=float(sys.argv[2]), output=sys.argv[3]).close()
+"""
+
+
+def shell(name, side, folder):
+    """(seconds, gigabytes, Dataset) of `rigidmc map`."""
+    file = os.path.join(folder, f"{name}.nc")
+    command = [sys.executable, "-m", "rigidmc.cli", "map", name, "--resolution", str(side), "-o", file, "--plot", file + ".png"]
+    began = time.perf_counter()
+    memory = peak(command, folder)
+    seconds = time.perf_counter() - began
+    with xr.open_dataset(file) as found:
+        return seconds, memory, found.load()
+
+
+def agreement(name, ds):
+    """What of a map theory tells, in words and a number: (words, number) or None."""
+    if name in ("intermediate_axis", "growth"):
+        if name == "growth":
+            off = ds.error.values[np.isfinite(ds.error.values)]
+            return "share of bodies whose growth rate is within 1 % of theory", float((off < 0.01).mean())
+        return "flips of the median body", float(np.median(ds["mean(flips)"].values[ds.none.values == 0]))
+    if name == "disturbance":
+        return "largest relative error of the time between flips, disturbances above 1e-3", float(
+            ds.error.values[ds.y.values > 1e-3].max()
+        )
+    if name in ("sleeping_top", "kapitza"):
+        fallen, stable = ds["p(passages>=1)"].values > 0.5, ds.theory.values > 0.0
+        wide = np.zeros_like(stable)
+        for shift in [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)]:
+            wide |= np.roll(stable, shift, (0, 1)) != stable
+        return "pixels on the wrong side of theory by more than one", float((fallen == stable)[~wide].sum())
+    if name == "damped_axis":
+        return "share that ends about neither end of axis 3", float((ds.end.values == 0).mean())
+    megno = ds["mean(megno)"].values
+    return ("largest MEGNO" if name == "kovalevskaya" else "share with MEGNO above 3"), float(
+        np.nanmax(megno) if name == "kovalevskaya" else (megno[np.isfinite(megno)] > 3.0).mean()
+    )
+
+
+def prices():
+    """[(what, scene word, ns, ns of the bare step)] of rk4 steps on one thread, median of interleaved rounds."""
+    body = rm.Body.from_moments((1.0, 2.0, 3.0), mass=1.0, centre=(0.0, 0.0, 0.3))
+    start = rm.Start(omega=rm.Cone(2, 1.0, 0.05), attitude="uniform")
+    watched = {
+        "bare": (), "flips": (Flips(2),), "passage of a cone": (Passage(3, 0.01, "reaches"),), "nutation": ("nutation",), "precession": ("precession",),
+        "largest omega": ("omega_max",), "mean energy": ("energy_mean",), "variance of the energy": ("energy_variance",), "megno": ("megno",),
+    }  # fmt: skip
+    rows = []
+    for word, effects in (("free", ()), ("heavy", (rm.Gravity(1.0),))):
+        scenes = {
+            what: rm.Scene(body, effects, start).with_run(dt=0.02, t_end=20.0, save=("attitude", *some))
+            for what, some in watched.items()
+        }
+        plans = {what: prepare(scene) for what, scene in scenes.items()}
+        taken: dict[str, list[float]] = {what: [] for what in watched}
+        for _ in range(7):
+            for what in watched:
+                taken[what].append(cost_per_step(scenes[what], plans[what], seconds=0.1))
+        rows += [(what, word, float(np.median(taken[what])), float(np.median(taken["bare"]))) for what in watched if what != "bare"]
+    return rows
+
+
+def fill(members):
+    """{points: rms error} of the mean of a smooth result over 8 seeds, against 2^20 Sobol points."""
+    start = rm.Start(omega=(rm.normal(0.3, 0.1), rm.normal(1.0, 0.1), rm.normal(0.2, 0.1)))
+    scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)), start=start).with_run(dt=0.1, t_end=5.0, save=("omega_mean",))
+
+    def value(points, count, seed):
+        return rm.simulate(scene.with_run(points=points), members=count, seed=seed).omega_mean.values[1].mean()
+
+    true = value("sobol", 2**20, 99)
+    return {
+        p: float(np.sqrt(np.mean([(value(p, members, s) - true) ** 2 for s in range(8)])))
+        for p in ("independent", "latin_hypercube", "sobol")
+    }
+
+
+def coverage(studies):
+    """{interval: share of small studies whose interval of 95 % holds the truth}: members flip or not with the share of many, and how long they wait."""
+    start = rm.Start(omega=rm.Cone(2, 1.0, rm.uniform(0.0, 0.3)))
+    scene = rm.Scene(rm.Body.from_moments((0.5, 1.0, 1.4)), start=start).with_run(
+        integrator="rk8", dt=0.6, t_end=12.0, save=("flips",)
+    )
+    size = 200
+    first = rm.simulate(scene, members=studies * size).flip_first.values.reshape(studies, size)
+    many = rm.simulate(scene, members=range(studies * size, studies * size + 2_000_000)).flip_first.values
+    true, wait = np.isfinite(many).mean(), np.nanmean(many)
+    flips = np.isfinite(first).sum(1)
+    found = {
+        "probability, Wilson": probability(flips, size),
+        "probability, Clopper-Pearson": probability(flips, size, method="clopper-pearson"),
+    }
+    held = {word: float(((i.low <= true) & (true <= i.high)).mean()) for word, i in found.items()}
+    of_mean = mean(first)
+    return {**held, "mean, Student": float(((of_mean.low <= wait) & (wait <= of_mean.high)).mean())}
+
+
+def run(quick):
+    """All rows of the bench."""
+    rows = []
+    with tempfile.TemporaryDirectory(prefix="rigidmc-maps-") as folder:
+        for name in MAPS:
+            side = 32 if quick else SIDES.get(name, 256)
+            os.environ["RIGIDMC_CACHE_DIR"] = os.path.join(folder, "cache", name)
+            seconds, memory, ds = shell(name, side, folder)
+            words, number = agreement(name, ds)
+            rows.append(
+                {
+                    "kind": "map",
+                    "name": name,
+                    "side": side,
+                    "members": ds.attrs["members"],
+                    "seconds": seconds,
+                    "gigabytes": memory,
+                    "words": words,
+                    "number": number,
+                }
+            )
+            if name in ASKED:
+                rows.append(
+                    harness.target(
+                        f"{name}, {side} x {side} x {ds.attrs['members']}, compile included",
+                        ASKED[name],
+                        seconds,
+                        "s",
+                        at_most=True,
+                    )
+                )
+        count, turns = 200_000 if quick else 10_000_000, 2.0 * np.pi * 50.0
+        for t_end in (turns, 4.0 * turns):
+            began = time.perf_counter()
+            memory = peak([sys.executable, "-c", MILLIONS, str(count), str(t_end), os.path.join(folder, f"{t_end:.0f}.nc")], folder)
+            seconds = time.perf_counter() - began
+            rows.append({"kind": "millions", "members": count, "t_end": t_end, "seconds": seconds, "gigabytes": memory})
+            if t_end == turns:
+                rows.append(harness.target(f"{count:.0e} free members to 50 turns with flips", 60.0, seconds, "s", at_most=True))
+                rows.append(harness.target("its memory", 1.5, memory, "GB", at_most=True))
+    for what, word, ns, bare in prices():
+        asked = 2.2 if what == "megno" else 1.1
+        rows.append({"kind": "price", "what": what, "scene": word, "ns": ns, "bare": bare})
+        rows.append(harness.target(f"{what}, {word} rk4 step with attitude", asked, ns / bare, "of the bare step", at_most=True))
+    off = fill(2**12 if quick else 2**16)
+    rows += [{"kind": "points", "points": word, "error": error} for word, error in off.items()]
+    rows.append(
+        harness.target("error of independent points over that of Sobol points", 10.0, off["independent"] / off["sobol"], "")
+    )
+    for word, share in coverage(200 if quick else 2000).items():
+        rows.append({"kind": "coverage", "interval": word, "share": share})
+        rows.append(
+            harness.target(
+                f"95 % interval of a {word}: distance of its coverage from 95 %", 0.02, abs(share - 0.95), "", at_most=True
+            )
+        )
+    return rows
+
+
+def report(rows):
+    """Print the tables."""
+    found = [r for r in rows if r["kind"] == "map"]
+    lines = [
+        (
+            r["name"],
+            f"{r['side']}^2 x {r['members']}",
+            f"{r['seconds']:.1f}",
+            f"{r['gigabytes']:.2f}",
+            f"{r['number']:.4g}",
+            r["words"],
+        )
+        for r in found
+    ]
+    harness.table("maps", ["", "members", "s", "GB", "against theory", ""], lines)
+    lines = [
+        (f"{r['members']:,} to {r['t_end']:.0f} s", f"{r['seconds']:.1f}", f"{r['gigabytes']:.2f}", "")
+        for r in rows
+        if r["kind"] == "millions"
+    ]
+    harness.table("flip statistics, no trajectories", ["", "s", "GB", ""], lines)
+    lines = [
+        (f"{r['what']}, {r['scene']}", f"{r['bare']:.2f}", f"{r['ns']:.2f}", f"{r['ns'] / r['bare']:.3f}", "")
+        for r in rows
+        if r["kind"] == "price"
+    ]
+    harness.table("ns per member-step of rk4 on one thread", ["", "bare", "with it", "ratio", ""], lines)
+    harness.table(
+        "error of the mean, 2^16 members",
+        ["", "rms", ""],
+        [(r["points"], f"{r['error']:.2e}", "") for r in rows if r["kind"] == "points"],
+    )
+    harness.table(
+        "intervals of 95 %",
+        ["", "held the truth", ""],
+        [(r["interval"], f"{r['share']:.4f}", "") for r in rows if r["kind"] == "coverage"],
+    )
+    harness.report_targets(rows)
