@@ -1,4 +1,4 @@
-"""Points that fill a cube more evenly than independent ones: scrambled Sobol sequences and Latin hypercubes of scipy.stats.qmc.
+"""Points that fill a cube more evenly than independent ones: scrambled Sobol sequences and Latin hypercubes of scipy.stats.qmc, antithetic pairs.
 
 They stand in the place of the seed where members are drawn: every number that a member draws is one dimension, in the order in which they are drawn.
 Member i has point i, so that its numbers are a function of (seed, scene, i) alone; of a Latin hypercube also of how many strata it has.
@@ -11,10 +11,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from rigidmc.engine.random import stream_of
+from rigidmc.engine.random import stream_of, uniforms
 
 BITS = 30  # of a Sobol point, which makes 2^30 of them (scipy 1.17 cannot skip ahead with more than 32); half a step more, and none is 0
-KINDS = ("independent", "sobol", "latin_hypercube")
 
 
 class Recorder:
@@ -26,6 +25,18 @@ class Recorder:
     def words(self, name, first, count, draw, used):
         self.found += [(name, draw, i) for i in used if (name, draw, i) not in self.found]
         return np.full((4, count), 0.5)
+
+
+class Antithetic:
+    """Pairs of members: the second has 1 - u where the first has u, both of the seed's independent numbers of the pair."""
+
+    def __init__(self, seed):
+        self.seed = seed
+
+    def words(self, name, first, count, draw, used):
+        pairs = uniforms(self.seed, name, first // 2, (first + count + 1) // 2 - first // 2, draw)
+        both = np.stack([pairs, 1.0 - pairs], axis=-1).reshape(4, -1)
+        return np.ascontiguousarray(both[:, first % 2 : first % 2 + count])
 
 
 class Points:

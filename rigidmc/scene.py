@@ -40,9 +40,9 @@ class Run(Table):
     members: Annotated[int, Field(gt=0, description="members of the ensemble")] = 1000
     first: Annotated[int, Field(ge=0, description="index of the first member")] = 0
     seed: Annotated[int, Field(ge=0, description="seed of all random draws")] = 0
-    points: Annotated[Literal["independent", "sobol", "latin_hypercube"], Field(description="what members are drawn from")] = (
-        "independent"
-    )
+    points: Annotated[
+        Literal["independent", "sobol", "latin_hypercube", "antithetic"], Field(description="what members are drawn from")
+    ] = "independent"
     strata: Annotated[int, Field(gt=0, description="of a Latin hypercube; else as many as members")] | None = None
     dtype: Annotated[Literal["float64", "float32"], Field(description="numbers in which steps are made")] = "float64"
     compensated: Annotated[bool, Field(description="keep the remainders of all sums, for very many steps")] = False

@@ -14,7 +14,7 @@ from rigidmc.effects.verbs import is_random, total_energy_scale
 from rigidmc.engine import layout
 from rigidmc.engine.members import energies, torques
 from rigidmc.engine.random import key_of, stream_of
-from rigidmc.points import Recorder, points
+from rigidmc.points import Antithetic, Recorder, points
 from rigidmc.sampling import draw
 from rigidmc.vectors import Facts
 
@@ -38,6 +38,8 @@ def source(scene):
     run = scene.run
     if run.points == "independent":
         return run.seed
+    if run.points == "antithetic":
+        return Antithetic(run.seed)
     if scene not in _sources:
         seen = Recorder()
         _staged(scene, seen, 0, 1, True)  # the attitude too, so that no point depends on what is saved

@@ -5,6 +5,7 @@ import pytest
 from scipy import stats
 
 import rigidmc as rm
+from rigidmc import statistics
 from rigidmc.statistics import mean, probability, quantile
 
 REPEATED = 2000
@@ -65,3 +66,19 @@ def test_few_values_have_open_ends():
     assert quantile(np.arange(5.0), 0.99).high == np.inf
     assert np.isnan(quantile([], 0.5).value)
     assert np.isnan(mean([1.0]).low)
+
+
+def test_a_control_variate_and_antithetic_pairs_tell_what_they_gain():
+    """Linear in one normal number and a little of another: both take all of the first away."""
+    some = np.random.default_rng(4)
+    covered = np.zeros(3)
+    for _ in range(400):
+        z, rest = some.normal(size=(2, 200))
+        plain = statistics.mean(z + 0.1 * rest)
+        by, factor = statistics.controlled(z + 0.1 * rest, z, 0.0)
+        both = np.stack([z, -z], axis=1).ravel() + 0.1 * some.normal(size=400)
+        pairs, gain = statistics.paired(both)
+        covered += [i.low <= 0.0 <= i.high for i in (plain, by, pairs)]
+        assert 60.0 < factor < 180.0 and 60.0 < gain < 180.0  # 101 in theory
+        assert plain.half / by.half == pytest.approx(np.sqrt(factor), rel=0.02)
+    assert (covered > 0.92 * 400).all() and (covered < 0.98 * 400).all()

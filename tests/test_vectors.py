@@ -276,3 +276,13 @@ def test_points_fill_better_than_chance():
 def test_nothing_drawn_needs_no_points():
     with pytest.raises(SceneError, match="nothing of the scene is drawn"):
         rm.Scene(rm.Body.from_moments(MOMENTS), start=rm.Start(omega=(0, 1, 0))).with_run(points="sobol").check()
+
+
+def test_antithetic_members_come_in_pairs():
+    scene = scene_of_points("antithetic")
+    w = stage(scene, 0, 64, False)[1]["start_omega"]
+    mean = np.array([[0.3], [1.0], [0.2]])
+    assert np.abs((w[:, ::2] - mean) + (w[:, 1::2] - mean)).max() < 1e-15
+    assert np.array_equal(stage(scene, 31, 5, False)[1]["start_omega"], w[:, 31:36])
+    independent = stage(scene_of_points("independent"), 0, 32, False)[1]["start_omega"]
+    assert np.array_equal(w[:, ::2], independent)
