@@ -62,7 +62,7 @@ def scaled(scene, mass=1.0, length=1.0, time=1.0):
         centre=tuple(_times(x, length) for x in scene.body.centre),
     )  # fmt: skip
     which, by = ("omega", 1.0 / time) if scene.start.momentum is None else ("momentum", inertia / time)
-    start = replace(scene.start, **{which: _sized(getattr(scene.start, which), by, inertia / time**2)})
+    start = replace(scene.start, **{which: _sized(getattr(scene.start, which), by, inertia / time / time)})
     run = {name: getattr(scene.run, name) * time for name in ("t_end", "every") if getattr(scene.run, name) is not None}
     run |= {"dt": scene.run.dt * time} if scene.run.turn is None else {}
     if scene.run.turn_rate is not None and scene.run.turn is None:

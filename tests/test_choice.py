@@ -21,8 +21,11 @@ def within(scene, tolerance, first=5000, members=256):
     return np.mean(np.maximum(apart, turned).max(0) <= tolerance), ds
 
 
-@pytest.mark.parametrize("tolerance", [1e-4, 1e-7, 1e-10])
-@pytest.mark.parametrize("name", ["heavy_top", "nasa_brick", "toutatis"])
+SHIPPED = [(name, tolerance) for name in ("heavy_top", "nasa_brick", "toutatis") for tolerance in (1e-4, 1e-7, 1e-10)]
+SOME = (("heavy_top", 1e-7), ("nasa_brick", 1e-10))  # the others with  pytest -m slow
+
+
+@pytest.mark.parametrize(("name", "tolerance"), [s if s in SOME else pytest.param(*s, marks=pytest.mark.slow) for s in SHIPPED])
 def test_the_tolerance_is_kept_in_shipped_scenes(name, tolerance):
     scene = rm.Scene.load(name)
     alike = scene.run.members == 1
@@ -48,6 +51,7 @@ def test_a_fast_top_is_split():
     assert found.way.steps == 100  # one for each save; rk4 takes 30,000 (Bruels & Cardona 2010)
 
 
+@pytest.mark.slow
 def test_a_short_heavy_run_is_rk8_or_a_splitting_of_high_order():
     scene = rm.Scene(
         rm.Body.from_moments((0.6, 0.8, 1.0), centre=(0.1, 0.2, 0.6)),

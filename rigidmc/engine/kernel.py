@@ -281,28 +281,33 @@ def _advance(
                     number = float((s + 1) // OFTEN)
                     for k in range(LANES):
                         look_at_shadow(number, four_at(state, k, ATTITUDE), three_at(state, k, MOMENTUM), state, k, shadow_at)
-                if len(events) + len(running) > 0:
-                    slot, ended, dt, opening = real(s - begun), real((s + 1) * h), real(h), real(parts[0, 3])
-                    shares = real(parts[0, 0] * unit), real(parts[0, 1] * unit), real(parts[0, 2] * unit)
-                    when = start, slot, opening, ended, dt, shares
-                    if len(running) > 0:
+                if len(running) > 0:
+                    opening, part = (
+                        real(parts[0, 3]),
+                        (real(parts[0, 0] * unit), real(parts[0, 1] * unit), real(parts[0, 2] * unit)),
+                    )
+                    when = start, real(s - begun), opening, real((s + 1) * h), real(h), part
+                    for k in range(LANES):
+                        body, present, q, l, t, _ = watched(integrator, effects, compensated, own, when, state, k)
+                        look_at_running(running, events, events_at, own, when[1], body, present, t, q, l, state, k, running_at)
+                if len(events) > 0:
+                    opening, part = (
+                        real(parts[0, 3]),
+                        (real(parts[0, 0] * unit), real(parts[0, 1] * unit), real(parts[0, 2] * unit)),
+                    )
+                    when, hits = (start, real(s - begun), opening, real((s + 1) * h), real(h), part), 0
+                    for k in range(LANES):
+                        body, present, q, l, t, _ = watched(integrator, effects, compensated, own, when, state, k)
+                        look_at_events(events, body, present, t, q, l, state, k, events_at)
+                        hits |= any_hit(events, state, k, events_at)
+                    if hits > 0:
+                        new = 0
                         for k in range(LANES):
-                            body, present, q, l, t, _ = watched(integrator, effects, compensated, own, when, state, k)
-                            look_at_running(running, events, events_at, own, when[1], body, present, t, q, l, state, k, running_at)
-                    if len(events) > 0:
-                        found = 0
-                        for k in range(LANES):
-                            body, present, q, l, t, _ = watched(integrator, effects, compensated, own, when, state, k)
-                            look_at_events(events, body, present, t, q, l, state, k, events_at)
-                            found |= any_hit(events, state, k, events_at)
-                        if found > 0:
-                            new = 0
+                            _, _, q, l, t, by = watched(integrator, effects, compensated, own, when, state, k)
+                            new |= note(events, t, by, q, l, attitude, state, k, events_at)
+                        if new > 0:
                             for k in range(LANES):
-                                _, _, q, l, t, by = watched(integrator, effects, compensated, own, when, state, k)
-                                new |= note(events, t, by, q, l, attitude, state, k, events_at)
-                            if new > 0:
-                                for k in range(LANES):
-                                    note_first(events, state, k, events_at)
+                                note_first(events, state, k, events_at)
             now = stop
             looked = (now - begun) % LOOK == 0 and (len(own) == 0 or now - begun < slots)
             if looked or now % stride == 0 or now == total:  # not where a call ends: no result depends on calls

@@ -19,6 +19,9 @@ from rigidmc.effects import Gravity, ViscousDamping
 from rigidmc.engine.compose import inline
 from rigidmc.integrators import INTEGRATORS, Turns, form, rk4
 from rigidmc.integrators.rk4 import RK4
+from rigidmc.observables.flips import Flips
+from rigidmc.observables.state import Omega
+from rigidmc.observables.statistics import Mean
 from tests.assembly import ARITHMETIC, LIBM, STORE, Case, blocks_of, case, counted
 
 pytestmark = pytest.mark.skipif(platform.machine().lower() not in ("x86_64", "amd64"), reason="reads x86-64 assembly")
@@ -64,6 +67,8 @@ class HeavyByHand(NamedTuple):
 G, D, WITH, WITHOUT, OWN = Gravity(1.0), ViscousDamping(1.0), (0.0,), (), (np.empty(0, int),)
 
 
+FLIPS = (Flips(2).compiled(np.array([[1.0], [2.0], [3.0]]), True),)
+MEANS = ((Mean(Omega()), (0.0,) * 9),)
 CASES = {
     "rk4": case("rk4"),
     "rk4 gravity": case("rk4", (G,)),
@@ -91,8 +96,13 @@ CASES = {
     "strang gravity float32": case("strang", (G,), WITH, (), np.float32),
     "rk4 gravity damping works": case("rk4", (G, D), ledger=((), (0.0,))),
     "rk4 gravity by hand": Case(form(HeavyByHand()), (G,)),
+    "rk4 flips and means": case("rk4", events=FLIPS, running=MEANS),
     "rkmk4 gravity damping float32": case("rkmk4", (G, D), WITH, (), np.float32),
 }
+RARE = (  # with  pytest -m slow
+    "fast symmetric", "rotations gravity", "ck45 gravity", "aba864 gravity", "strang gravity own steps", "rk8 gravity float32",
+    "rkmk4 gravity damping float32", "strang gravity compensated",
+)  # fmt: skip
 BROKEN = {"rk4 sine": case("rk4", (Sine(),))}
 
 
@@ -102,8 +112,18 @@ def report(names):
 
 @pytest.fixture(scope="module")
 def code():
-    """Counts for all cases, compiled in two fresh processes."""
-    names, root = [*CASES, *BROKEN], Path(__file__).parents[2]
+    """Counts for all cases but the rare, compiled in two fresh processes."""
+    return compiled([name for name in (*CASES, *BROKEN) if name not in RARE])
+
+
+@pytest.fixture(scope="module")
+def rare():
+    """Counts for the rare cases."""
+    return compiled(RARE)
+
+
+def compiled(names):
+    root = Path(__file__).parents[2]
     script = "import sys; from tests.engine.test_vectorisation import report; report(sys.argv[1:])"
     runs = [
         subprocess.Popen([sys.executable, "-c", script, *part], cwd=root, stdout=subprocess.PIPE)
@@ -114,9 +134,18 @@ def code():
     return {name: counts for output in outputs for name, counts in json.loads(output).items()}
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", [name for name in CASES if name not in RARE])
 def test_the_step_is_packed_arithmetic_on_the_widest_registers(code, name):
-    found = code[name]
+    is_packed(code[name])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", RARE)
+def test_so_is_that_of_rare_kernels(rare, name):
+    is_packed(rare[name])
+
+
+def is_packed(found):
     assert found["packed"] >= 40  # measured 48 (momentum alone by rk4) to 420 (rkmk4 with all effects)
     assert found["widest"]
     assert found["scalar"] == 0
@@ -129,6 +158,11 @@ def test_an_absent_effect_leaves_no_work(code):
     assert packed["rk4"] == packed["rk4 by hand"] < packed["rk4 gravity"]
     assert packed["rk4 gravity"] <= packed["rk4 gravity by hand"]
     assert packed["exact"] < packed["strang gravity damping"]
+
+
+def test_what_is_watched_changes_no_step_and_is_packed_itself(code):
+    assert code["rk4 flips and means"]["packed"] == code["rk4"]["packed"]
+    assert code["rk4 flips and means"]["shuffles"] == 0  # lanes that are dealt out anew cost 0.3 ns a step
 
 
 def test_a_library_call_is_caught(code):

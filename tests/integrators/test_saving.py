@@ -15,7 +15,13 @@ SCENE = rm.Scene(
 MEMBER = ("energy_drift_max", "l2_drift_max", "status")
 
 
-@pytest.mark.parametrize("name", [n for n in accepting(GRAVITY) if n != "closed"])
+# one of each way of stepping; the others with  pytest -m slow
+SOME = ("rk4", "strang", "aba864", "srkn11", "cf4")
+
+
+@pytest.mark.parametrize(
+    "name", [n if n in SOME else pytest.param(n, marks=pytest.mark.slow) for n in accepting(GRAVITY) if n != "closed"]
+)
 def test_saves_change_no_bit(name):
     often = rm.simulate(SCENE, integrator=name, every=0.02)
     now_and_then = rm.simulate(SCENE, integrator=name, every=0.3, block=32, threads=2)
