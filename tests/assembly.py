@@ -86,7 +86,6 @@ def counted(case):
         "slots": slots(loop) / unrolled * (len(made.parts) - 1),
         "widest": all({512: "%zmm", 256: "%ymm", 128: "%xmm"}[vector_bits()] in i for i, _ in packed),
         "scalar": len(operations) - len(packed),
-        "shuffles": len(re.findall(r"vperm[ti]2pd", assembly)),
         "calls": sum("call" in i for i in loop),
         "libm": sorted({m[0] for m in LIBM.finditer(assembly)}),
     }
