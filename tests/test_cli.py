@@ -211,6 +211,7 @@ def test_effects_are_listed():
     assert "at [m, 3 numbers]" in listing
 
 
+@pytest.mark.slow
 def test_effects_are_priced(monkeypatch):
     from rigidmc import prices
 
@@ -247,6 +248,7 @@ def test_nasa_brick_from_the_command_line(tmp_path):
         assert np.abs(np.degrees(ds.omega.values[-1, :, 0]) - expected).max() > 1e-6
 
 
+@pytest.mark.slow
 def test_accuracy(tmp_path):
     words = ("accuracy", "nasa_brick", "--integrators", "exact,rk8", "--members", 16, "--tolerances", "1e-4,1e-8")
     result = run(*words, "-o", tmp_path / "a.nc", "--plot", tmp_path / "a.png")
@@ -264,6 +266,7 @@ def test_accuracy(tmp_path):
     assert "rk8        energy " in drift.output
 
 
+@pytest.mark.slow
 def test_run_with_a_tolerance(tmp_path):
     result = run("run", "nasa_brick", "--tolerance", "1e-9", "-o", tmp_path / "a.nc")
     assert result.exit_code == 0

@@ -100,8 +100,13 @@ def test_lz_is_checked_where_a_scene_keeps_it():
 
 @pytest.mark.parametrize(
     ("name", "effects"),
-    [("rk4", ()), ("exact", ()), ("rk4", HEAVY), ("strang", HEAVY), ("rk4", (*HEAVY, rm.ViscousDamping(0.1)))],
-    ids=["rk4", "exact", "rk4-heavy", "strang-heavy", "rk4-damped"],
+    [
+        pytest.param("rk4", (), id="rk4"),
+        pytest.param("exact", (), id="exact", marks=pytest.mark.slow),
+        pytest.param("rk4", HEAVY, id="rk4-heavy", marks=pytest.mark.slow),
+        pytest.param("strang", HEAVY, id="strang-heavy"),
+        pytest.param("rk4", (*HEAVY, rm.ViscousDamping(0.1)), id="rk4-damped", marks=pytest.mark.slow),
+    ],
 )
 def test_checks_change_no_bit_of_a_good_run(name, effects):
     scene = rm.Scene(BODY, effects, rm.Start(omega=SPINS)).with_run(dt=0.02, t_end=2.0, every=0.5, members=64, integrator=name)

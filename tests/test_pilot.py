@@ -47,6 +47,7 @@ def test_the_truth_is_the_closed_form_where_there_is_one(scene, name):
     assert apart.max() < 1e-12
 
 
+@pytest.mark.slow
 def test_without_a_closed_form_two_methods_must_agree():
     found = P.pilot(HEAVY, 64)
     true = P.truth(found)

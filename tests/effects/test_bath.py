@@ -36,6 +36,7 @@ def test_gibbs(settled):
     assert abs(u.mean() + 1.0 / math.tanh(x) - 1.0 / x) < 3.0 * u.std() / math.sqrt(n)
 
 
+@pytest.mark.slow
 def test_the_bias_falls_as_the_square_of_the_step():
     errors = [energy(rm.simulate(SCENE, dt=dt)) / 1.5 - 1.0 for dt in (0.8, 0.4)]
     assert errors[0] == pytest.approx(-0.078, abs=0.008)  # measured -0.080 and -0.021; with 1e6 members -0.0776 and -0.0209

@@ -1,6 +1,7 @@
 """All effects in one kernel of lanes, in float32 and with parameters of each member's own, against plain Python in float64."""
 
 import numpy as np
+import pytest
 
 import rigidmc as rm
 from rigidmc.dynamics.euler import MassProperties
@@ -14,6 +15,7 @@ from tests.kernels import make_block, one_step, prepare, run
 STEPS, H, MEMBERS = 5, 0.02, 4
 
 
+@pytest.mark.slow
 def test_strang_with_the_flows_of_all_effects():
     some = np.random.default_rng(9)
     effects = canonical(tuple(EXAMPLES.values()))

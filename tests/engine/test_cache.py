@@ -106,6 +106,7 @@ def test_a_changed_source_changes_the_kernel(place):
     assert not forgotten.exists()
 
 
+@pytest.mark.slow
 def test_a_torn_kernel_file_is_compiled_anew(place):
     first, _ = ran(place, "none")
     (kernel,) = kernels_in(place / "cache")

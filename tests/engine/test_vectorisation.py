@@ -98,7 +98,8 @@ CASES = {
 }
 RARE = (  # with  pytest -m slow
     "fast symmetric", "rotations gravity", "ck45 gravity", "aba864 gravity", "strang gravity own steps", "rk8 gravity float32",
-    "rkmk4 gravity damping float32", "strang gravity compensated",
+    "rkmk4 gravity damping float32", "strang gravity compensated", "chin4 gravity", "cf4 gravity", "midpoint gravity", "rk8 gravity own steps",
+    "rk4 gravity compensated", "strang gravity float32", "rk4 gravity damping works",
 )  # fmt: skip
 BROKEN = {"rk4 sine": case("rk4", (Sine(),))}
 

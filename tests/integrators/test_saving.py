@@ -16,7 +16,7 @@ MEMBER = ("energy_drift_max", "l2_drift_max", "status")
 
 
 # one of each way of stepping; the others with  pytest -m slow
-SOME = ("rk4", "strang", "aba864", "srkn11", "cf4")
+SOME = ("rk4", "strang", "srkn11")
 
 
 @pytest.mark.parametrize(

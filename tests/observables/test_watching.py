@@ -105,7 +105,7 @@ def lagrange():
 
 @pytest.mark.parametrize(
     ("integrator", "step", "bound"),
-    [("rk8", {"dt": 0.02}, 1e-9), ("srkn11", {"turn": 0.1}, 1e-9)],  # measured 4e-14, 3e-12
+    [("rk8", {"dt": 0.02}, 1e-9), pytest.param("srkn11", {"turn": 0.1}, 1e-9, marks=pytest.mark.slow)],  # measured 4e-14, 3e-12
 )
 def test_first_passage_is_as_exact_as_the_integrator(lagrange, integrator, step, bound):
     scene, case, cosine = lagrange
@@ -296,7 +296,7 @@ def test_observables_stay_in_scene_files():
 
 def test_every_summary_says_what_it_is():
     for name, kind in SUMMARIES.items():
-        assert kind.__doc__ and kind.outputs, name
+        assert kind.__doc__ and (kind.outputs or hasattr(kind, "ensemble")), name
     assert NEAR == 1e-8
 
 

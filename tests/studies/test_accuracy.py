@@ -82,6 +82,7 @@ def test_predictions_of_error_hold_for_others(study):
         assert 0.5 < np.quantile(apart, 0.99) / found.error_state_p99.values[near] < 2.0  # 0.69, 0.96, 1.21
 
 
+@pytest.mark.slow
 def test_members_of_different_speed_step_on_their_own():
     wide = rm.Scene(LAGRANGE.body, LAGRANGE.effects, rm.Start(omega=(rm.normal(0.0, 2.0), 0.1, 0.1), attitude="uniform"))
     found = rm.accuracy(wide.with_run(t_end=3.0), ("rk4",), (1e-3, 1e-6), members=64)
