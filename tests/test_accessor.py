@@ -21,7 +21,7 @@ def result(tmp_path_factory):
 def test_energy_and_drift_are_those_of_the_kernel(result):
     with rm.open(str(result)) as ds:
         bare = ds[[name for name in ds.data_vars if name not in ("energy", "momentum")]]
-        assert np.abs(bare.rigid.energy().values - ds.energy.values).max() < 1e-14  # measured 4e-16
+        assert np.abs(bare.rigid.energy().values - ds.energy.values).max() < 1e-14  # measured 3e-16
         assert np.abs(bare.rigid.momentum().values - ds.momentum.values).max() < 1e-15
         assert np.abs(ds.rigid.drift().values - ds.energy_drift.values).max() < 1e-12
         with pytest.raises(ValueError, match="attitude"):
