@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 import rigidmc as rm
-from bench import harness
+from bench import harness, startup
 from bench.memory import peak
 from rigidmc.observables import Flips, Passage
 from rigidmc.planning import prepare
@@ -34,7 +34,7 @@ rm.simulate(scene, members=int(sys.argv[1]), t_end=float(sys.argv[2]), output=sy
 def shell(name, side, folder):
     """(seconds, gigabytes, Dataset) of `rigidmc map`."""
     file = os.path.join(folder, f"{name}.nc")
-    command = [sys.executable, "-m", "rigidmc.cli", "map", name, "--resolution", str(side), "-o", file, "--plot", file + ".png"]
+    command = [*startup.command(), "map", name, "--resolution", str(side), "-o", file, "--plot", file + ".png"]
     began = time.perf_counter()
     memory = peak(command, folder)
     seconds = time.perf_counter() - began
