@@ -139,7 +139,7 @@ def run(quick):
                     "kind": "map",
                     "name": name,
                     "side": side,
-                    "members": ds.attrs["members"],
+                    "members": int(ds.attrs["members"]),
                     "seconds": seconds,
                     "gigabytes": memory,
                     "words": words,
