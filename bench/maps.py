@@ -12,9 +12,7 @@ import xarray as xr
 import rigidmc as rm
 from bench import harness, startup
 from bench.memory import peak
-from rigidmc.observables import Flips, Passage
-from rigidmc.planning import prepare
-from rigidmc.prices import cost_per_step
+from rigidmc.prices import watched_prices
 from rigidmc.statistics import mean, probability
 from rigidmc.studies.map_cases import MAPS
 
@@ -68,26 +66,9 @@ def agreement(name, ds):
 
 
 def prices():
-    """[(what, scene word, ns, ns of the bare step)] of rk4 steps on one thread, median of interleaved rounds."""
-    body = rm.Body.from_moments((1.0, 2.0, 3.0), mass=1.0, centre=(0.0, 0.0, 0.3))
-    start = rm.Start(omega=rm.Cone(2, 1.0, 0.05), attitude="uniform")
-    watched = {
-        "bare": (), "flips": (Flips(2),), "passage of a cone": (Passage(3, 0.01, "reaches"),), "nutation": ("nutation",), "precession": ("precession",),
-        "largest omega": ("omega_max",), "mean energy": ("energy_mean",), "variance of the energy": ("energy_variance",), "megno": ("megno",),
-    }  # fmt: skip
-    rows = []
-    for word, effects in (("free", ()), ("heavy", (rm.Gravity(1.0),))):
-        scenes = {
-            what: rm.Scene(body, effects, start).with_run(dt=0.02, t_end=20.0, save=("attitude", *some))
-            for what, some in watched.items()
-        }
-        plans = {what: prepare(scene) for what, scene in scenes.items()}
-        taken: dict[str, list[float]] = {what: [] for what in watched}
-        for _ in range(7):
-            for what in watched:
-                taken[what].append(cost_per_step(scenes[what], plans[what], seconds=0.1))
-        rows += [(what, word, float(np.median(taken[what])), float(np.median(taken["bare"]))) for what in watched if what != "bare"]
-    return rows
+    """[(what, scene word, ns, ns of the bare step)] of rk4 steps on one thread, medians of interleaved rounds."""
+    found = watched_prices(rounds=9).items()
+    return [(what, word, each[""] + more, each[""]) for word, each in found for what, more in each.items() if what]
 
 
 def fill(members):

@@ -48,6 +48,33 @@ class Rigid:
             .assign_attrs(units="kg m2 s-1", long_name="angular momentum, body axes")
         )
 
+    def euler(self):
+        """Euler angles phi, theta, psi of what attitudes were saved, a Dataset of (time, member), TdC (3.36) [rad]; ValueError where none were."""
+        from rigidmc.rotation import euler
+
+        if "attitude" not in self._dataset:
+            raise ValueError("the attitude was not saved")
+        q = self._dataset.attitude.transpose("time", "member", "quat")
+        words = "precession", "nutation", "proper rotation"
+        return xr.Dataset(
+            {
+                name: (("time", "member"), values, {"units": "rad", "long_name": f"angle of {word}"})
+                for name, values, word in zip(("phi", "theta", "psi"), np.moveaxis(euler(q.values), -1, 0), words, strict=True)
+            },
+            {name: q[name] for name in ("time", "member")},
+        )
+
+    def phase(self):
+        """Where on its free motion a body is (time, member): share of the period 4 K(m)/lambda, see `rigidmc.exact.free_top.Kind`; under torques
+        that of the free motion from there."""
+        from rigidmc.exact.free_top import free_motion
+
+        l = self.momentum().transpose("time", "member", "axis")
+        moments = np.broadcast_to(self._dataset.moments.transpose("member", "axis").values, l.shape)
+        found = free_motion(moments, l.values).phase
+        attrs = {"units": "1", "long_name": "phase of the free motion, of its period"}
+        return xr.DataArray(found, {name: l[name] for name in ("time", "member")}, ("time", "member"), attrs=attrs)
+
     def energy(self):
         """Energy (time, member), saved or of what was saved, TdC (3.16), (3.33) [J]; ValueError where the attitude it needs was not."""
         ds = self._dataset

@@ -38,7 +38,8 @@ def describe(scene, threads):
             "             principal axes (columns) " + "; ".join(" ".join(f"{x:.4g}" for x in row) for row in scene.body.axes)
         )
     which = "omega" if scene.start.momentum is None else "momentum"
-    attitude = "uniform on SO(3)" if scene.start.attitude == "uniform" else _words(scene.start.attitude)
+    words = {"uniform": "uniform on SO(3)", "ensemble": "of the momentum's ensemble"}
+    attitude = words[scene.start.attitude] if isinstance(scene.start.attitude, str) else _words(scene.start.attitude)
     lines.append(f"start        {which} {_words(getattr(scene.start, which))} {OBSERVABLES[which].units}; attitude {attitude}")
     compiled = [f"{label}({', '.join(f'{k} = {_words(getattr(e, k))}' for k in given(e))})" for label, e in labelled(scene.effects)]
     lines.append(
@@ -74,13 +75,18 @@ def describe(scene, threads):
     lines.append(
         f"cost         {cost:.2f} ns per member-step on one thread (measured now); about {seconds:.2g} s for the steps on {threads} threads"
     )
+    quiet = cost
+    if plan.watch.rows or "work" in run.save:
+        quiet = cost_per_step(*some_of(scene, plan, range(len(scene.effects))))
+    watched = [label for label, one in scene.watched() if not hasattr(one, "ensemble")]
+    if watched:
+        more = " and the ledger of work" * ("work" in run.save)
+        lines.append(f"watched      {', '.join(watched)}{more}: {cost - quiet:.2f} ns of it")
     if scene.effects:
         free, none, added, noise, predicted = prices(scene, plan)
         each = "".join(f", {label} {more}" for label, more in added.items())
         each += f", noise {noise:.2f} ns" if noise else ""
-        quiet = cost
-        if "work" in run.save:
-            quiet = cost_per_step(*some_of(scene, plan, range(len(scene.effects))))
+        if "work" in run.save and not watched:
             each += f", ledger of work {cost - quiet:.2f} ns"
         lines.append(
             f"price        {free:.2f} ns without effects ({none}){each}: {predicted:.2f} ns predicted, {quiet / predicted:.2f} of that measured"

@@ -92,7 +92,7 @@ def pilot(scene, members, first=None):
     run = scene.run
     first = run.first if first is None else first
     available = rows(*scene.quantities())
-    if is_shared(*scene.quantities()) and scene.start.attitude != "uniform":
+    if is_shared(*scene.quantities()) and not isinstance(scene.start.attitude, str):
         members = 1
     elif available is not None:
         members = min(members, available)

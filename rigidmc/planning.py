@@ -17,7 +17,7 @@ from rigidmc.limits import limits
 from rigidmc.observables import OBSERVABLES, rows_of
 from rigidmc.sampling import is_open, is_shared, rows
 from rigidmc.scene import PILOT
-from rigidmc.staging import physics, rates, stage
+from rigidmc.staging import check_ensemble, physics, rates, stage
 from rigidmc.watching import Watch, needs_attitude, watch
 
 BLOCK = 4096  # members: their 30 to 40 rows are 1 MB, and a kernel call on them is 10 ms or more
@@ -110,6 +110,7 @@ def carries_attitude(scene):
 def prepare(scene, threads=1, streaming=False, block=None):
     """The Plan of a checked scene; raises SceneError."""
     scene.check()
+    check_ensemble(scene.coarse())
     run = scene.run
     own, carried = run.turn is not None and run.integrator != "closed", carries_attitude(scene)
     if own:
@@ -174,14 +175,14 @@ def _constant(scene):
     same |= {"centre"} if is_shared(*scene.body.centre) else set()
     which = "omega" if scene.start.momentum is None else "momentum"
     same |= {f"start_{which}"} if is_shared(*getattr(scene.start, which)) else set()
-    if scene.start.attitude != "uniform" and is_shared(*scene.start.attitude):
+    if is_shared(*scene.start.attitude):
         same |= {"start_attitude"}
     return frozenset(same)
 
 
 def _pilot(scene):
     """How many members a look at the ensemble takes in: always the same first ones, and every row of arrays."""
-    alike = is_shared(*scene.quantities()) and scene.start.attitude != "uniform"
+    alike = is_shared(*scene.quantities()) and not isinstance(scene.start.attitude, str)
     return layout.LANES if alike else max(PILOT, rows(*scene.quantities()) or 0)
 
 

@@ -149,9 +149,9 @@ def dumps(scene):
         body["axes"] = [list(row) for row in scene.body.axes]
     which = "omega" if scene.start.momentum is None else "momentum"
     attitude = scene.start.attitude
-    angles = "start_attitude" if attitude == "uniform" or len(attitude) == 4 else "start_euler"
+    angles = "start_euler" if len(attitude) == 3 else "start_attitude"
     start = {which: _plain(getattr(scene.start, which), f"start_{which}")}
-    start["attitude"] = attitude if attitude == "uniform" else _plain(attitude, angles)
+    start["attitude"] = _plain(attitude, angles)
     effects: dict[str, Any] = {}
     for label, effect in labelled(scene.effects):
         own = {} if type(effect) in EFFECTS.values() or (file := source_of(type(effect))) is None else {"module": file}

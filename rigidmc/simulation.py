@@ -59,7 +59,7 @@ class Job(NamedTuple):
 def simulate(
     scene, integrator=None, dt=None, t_end=None, members=None, seed=None, every=None, save=None,
     threads=None, progress=False, output=None, force=False, block=None, tolerance=None, dtype=None, compensated=None, turn=None,
-    checks=None,
+    checks=None, attrs=None,
 ):  # fmt: skip
     """Integrate an ensemble and return an xarray Dataset with dimensions member, time, axis, quat.
 
@@ -80,6 +80,7 @@ def simulate(
     checks : False to flag non-finite members only, not those that drift or spin beyond the limits of `rigidmc.limits`
     output : write this netCDF file block by block, in memory that does not grow, and open it lazily; `force` replaces one that is there
     block : members of a block, a multiple of 32; no result depends on it
+    attrs : more attributes of the result, words and numbers
 
     Raises SceneError for a scene that cannot be run, OutputExists for an output that is there. Members that turn non-finite, drift
     or spin too fast for the step are flagged in `status` and frozen at their last good state; the others do not change by a bit.
@@ -123,21 +124,20 @@ def simulate(
         expected = _rehearsed(scene, plan, threads, output, chosen)
         if progress is True:
             print("\n".join(chosen.lines(plan.members, expected)), file=sys.stderr)
-        dataset = run(scene, plan, threads, progress, output, force, chosen, units)
+        dataset = run(scene, plan, threads, progress, output, force, {**chosen.attributes(), **(attrs or {})}, units)
         dataset.encoding["rigidmc"]["predicted_seconds"] = expected
         return dataset
     for note in plan.notes:
         note = note if units is None else f"{note} (in units of {1.0 / units.time:.6g} s)"
         warnings.warn(note, SceneWarning, stacklevel=2)
-    return run(scene, plan, threads, progress, output, force, units=units)
+    return run(scene, plan, threads, progress, output, force, attrs, units)
 
 
-def run(scene, plan, threads, progress=False, output=None, force=False, chosen=None, units=None):
+def run(scene, plan, threads, progress=False, output=None, force=False, attrs=None, units=None):
     """Run a plan of a scene, which `units` tells to be in other units than its result; `dataset.encoding["rigidmc"]` tells what it cost and how many members are flagged. See `simulate`."""
     compiled = compile_kernel(scene, plan)
-    more = chosen.attributes() if chosen else {}
     told, shown = (scene, plan) if units is None else units.back(scene, plan)
-    sink = File(output, told, shown, force, more) if output is not None else Memory(told, shown, more)
+    sink = File(output, told, shown, force, attrs or {}) if output is not None else Memory(told, shown, attrs or {})
     flagged = dict.fromkeys(layout.STATUSES, 0)
 
     def make(i):

@@ -13,10 +13,12 @@ from rigidmc.effects.parameters import filled, parameter_count, shape
 from rigidmc.effects.verbs import is_random, total_energy_scale
 from rigidmc.engine import layout
 from rigidmc.engine.members import energies, torques
-from rigidmc.engine.random import key_of, stream_of
+from rigidmc.engine.random import key_of, stream_of, uniforms
+from rigidmc.errors import SceneError
 from rigidmc.points import Antithetic, Recorder, points
 from rigidmc.sampling import draw
-from rigidmc.vectors import Facts
+from rigidmc.scene import PILOT
+from rigidmc.vectors import Facts, turns
 
 MOST_OWN_STEPS = 2**24  # of a member in a round: no member stops a run, however fast it spins
 
@@ -62,15 +64,17 @@ def _staged(scene, seed, first, count, carried, span=None, more=0):
     if effects:
         block[layout.EFFECTS : layout.EFFECTS + parameter_count(*scene.effects)] = np.concatenate(list(effects.values()))
     if carried:
-        block[layout.ATTITUDE : layout.MOMENTUM] = scene.start.quaternions(seed, first, count)
+        block[layout.ATTITUDE : layout.MOMENTUM] = scene.start.quaternions(seed, first, count, facts(scene, block, moments))
     which, spin = scene.start.spin(seed, first, count, facts(scene, block, moments))
     start = {"moments": moments, "mass": mass, "centre": centre, f"start_{which}": spin, **drawn}
     if carried:
         start["start_attitude"] = block[layout.ATTITUDE : layout.MOMENTUM].copy()
-        if scene.start.attitude != "uniform" and len(scene.start.attitude) == 3:
+        if len(scene.start.attitude) == 3:
             start["start_euler"] = draw(scene.start.attitude, seed, "start.attitude", first, count)
     block[layout.MOMENTUM : layout.REST] = spin * moments if which == "omega" else spin
-    bad = broken(moments) | ~(mass > 0) | np.isnan(spin).any(0)  # a shell of too little energy has no momentum
+    bad = (
+        broken(moments) | ~(mass > 0) | np.isnan(spin).any(0) | np.isnan(block[layout.ATTITUDE])
+    )  # a shell may have too little energy
     block[layout.STATUS, bad] = layout.STATUSES["invalid_input"]
     block[layout.STEPS] = 1.0 if span is None else own_steps(rates(scene.effects, block), span, scene.run.turn)
     return block, start
@@ -81,7 +85,23 @@ def facts(scene, block, moments):
     body, effects = physics(scene.effects, block)
     q = tuple(block[layout.ATTITUDE : layout.MOMENTUM])
     none = np.zeros(block.shape[1])
-    return Facts(moments, lambda q: energies(effects, body, q) + none, total_energy_scale(effects, body) + none, q)
+    return Facts(moments, lambda q: energies(effects, body, tuple(q)) + none, total_energy_scale(effects, body) + none, q)
+
+
+def check_ensemble(scene):
+    """Raise SceneError where the attitudes of an ensemble are too rare among uniform ones to be found."""
+    if scene.start.attitude != "ensemble":
+        return
+    block, start = _staged(scene.with_run(), scene.run.seed, 0, PILOT, False)
+    share = scene.start.momentum.share(scene.run.seed, 0, PILOT, facts(scene, block, start["moments"]))
+    u, v, w, _ = uniforms(scene.run.seed, "start.attitude.ensemble", 0, PILOT, 0)
+    found = float(np.nanmean(share(turns(u, v, w))))
+    if not found >= 0.01:
+        rule = (
+            f"of uniform attitudes the ensemble keeps {found:.1g}, less than 1 in 100: too cold to be drawn so; under gravity alone a body with "
+            "its centre on axis 3 is exp(-V/kT) by attitude = { pointing = { direction = [0, 0, -1], kappa = m g h/kT } }"
+        )
+        raise SceneError("start", "attitude", "ensemble", rule)
 
 
 def ledger(scene):

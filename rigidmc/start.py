@@ -8,7 +8,7 @@ import numpy as np
 from rigidmc.errors import SceneError, unknown
 from rigidmc.rotation import quaternion_from_euler, quaternion_from_matrix
 from rigidmc.sampling import draw, is_open, is_shared, numbers, rows, vector
-from rigidmc.vectors import checked, numbers_of
+from rigidmc.vectors import checked, kept, numbers_of, turns
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,7 +18,9 @@ class Start:
     omega : angular velocity in the body's principal axes [rad/s], or
     momentum : angular momentum in the body's principal axes [kg m^2/s]; either also as a whole, see `rigidmc.vectors`
     attitude : quaternion (w, x, y, z), normalised here; 3x3 matrix; Euler angles z-x-z (phi, theta, psi) [rad], TdC (3.36);
-        a scipy Rotation; "uniform" on SO(3); or Fisher, Pointing of `rigidmc.vectors`. Default: body axes along space axes.
+        a scipy Rotation; "uniform" on SO(3); Fisher, Pointing of `rigidmc.vectors`; or "ensemble", by the law of the momentum: with
+        GibbsMomentum exp(-V/kT), with Shell sqrt(E - V), which together are the canonical and the microcanonical ensemble.
+        Default: body axes along space axes.
 
     Raises SceneError for a wrong shape, a non-finite number, a quaternion of norm 0, a matrix that is no rotation, or both or
     neither of omega and momentum.
@@ -37,6 +39,9 @@ class Start:
         object.__setattr__(self, which, checked(given, "start", which) if whole else vector(given, "start", which))
         whole = hasattr(self.attitude, "_fields")
         object.__setattr__(self, "attitude", checked(self.attitude, "start", "attitude") if whole else _attitude(self.attitude))
+        if self.attitude == "ensemble" and (not hasattr(given, "share") or getattr(given, "direction", None) is not None):
+            rule = "is the law of the momentum: give momentum = { gibbs = kT }, or { shell = { energy = E } } without a direction"
+            raise SceneError("start", "attitude", self.attitude, rule)
 
     def quantities(self):
         """All quantities of the start, in one flat tuple."""
@@ -53,13 +58,13 @@ class Start:
             return which, given.sample(seed, f"start.{which}", first, count, facts)
         return which, draw(given, seed, f"start.{which}", first, count)
 
-    def quaternions(self, seed, first, count):
-        """Unit quaternions (4, count)."""
-        if isinstance(self.attitude, str):
-            u, v, w = numbers(seed, "start.attitude", first, count, used=(0, 1, 2))[:3]
-            a, b = np.sqrt(1.0 - u), np.sqrt(u)  # Shoemake 1992
-            v, w = 2.0 * np.pi * v, 2.0 * np.pi * w
-            return np.stack([b * np.cos(w), a * np.sin(v), a * np.cos(v), b * np.sin(w)])
+    def quaternions(self, seed, first, count, facts=None):
+        """Unit quaternions (4, count); facts : as of `spin`."""
+        if self.attitude == "ensemble":
+            law: Any = self.momentum
+            return kept(law.share(seed, first, count, facts), seed, first, count)
+        if self.attitude == "uniform":
+            return turns(*numbers(seed, "start.attitude", first, count, used=(0, 1, 2))[:3])
         if hasattr(self.attitude, "_fields"):
             return self.attitude.sample(seed, "start.attitude", first, count, None)
         values = draw(self.attitude, seed, "start.attitude", first, count)
@@ -72,14 +77,14 @@ class Start:
 
 def _attitude(value):
     if isinstance(value, str):
-        if value != "uniform":
-            raise unknown("start", "attitude", value, "attitude", ["uniform"])
+        if value not in ("uniform", "ensemble"):
+            raise unknown("start", "attitude", value, "attitude", ["uniform", "ensemble"])
         return value
     if hasattr(value, "as_quat"):
         value = np.asarray(value.as_quat(scalar_first=True))
         value = value if value.ndim == 2 else tuple(value.tolist())
     if not hasattr(value, "__len__") or isinstance(value, dict):
-        rule = 'expected "uniform", a quaternion (w, x, y, z), Euler angles (phi, theta, psi), or a 3x3 matrix'
+        rule = 'expected "uniform", "ensemble", a quaternion (w, x, y, z), Euler angles (phi, theta, psi), or a 3x3 matrix'
         raise SceneError("start", "attitude", value, rule)
     shape = _shape(value)
     if shape in ((3, 3), (len(value), 3, 3)):

@@ -73,10 +73,8 @@ def simulate_until(scene, until, most=MOST, confidence=0.95, threads=None, progr
             rule = f"needs about {needed:,} members by the first {size:,} ({found.value:.4g} +- {found.half:.2g}), more than the limit of {most:,}"
             raise SceneError("run", "until", until, rule)
         known, size = size, min(most, max(needed, size + FIRST))
-    made = simulate(scene, members=range(first, first + size), threads=threads, output=output, force=force)
-    if output is None:
-        made.attrs |= {"until": until, "found": f"{found.value:.10g} in {found.low:.10g} to {found.high:.10g}"}
-    return made, found
+    told = {"until": until, "found": f"{found.value:.10g} in {found.low:.10g} to {found.high:.10g}"}
+    return simulate(scene, members=range(first, first + size), threads=threads, output=output, force=force, attrs=told), found
 
 
 def members_for(measure, found, count, half, confidence):

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rigidmc.engine.random import uniforms
 from rigidmc.errors import SceneError, unknown
 from rigidmc.rotation import product, quaternion, quaternion_from_euler
 from rigidmc.sampling import Distribution, draw, quantity, uniform
@@ -22,6 +23,36 @@ class Facts(NamedTuple):
     potential: Any
     bound: np.ndarray
     attitude: Any = None
+
+
+TRIES = 4096  # attitudes that a member is offered by `kept`: of those that keep one in a hundred none in 1e17 is left without
+
+
+def turns(u, v, w):
+    """Unit quaternions (4, n), uniform on SO(3), from numbers uniform in (0, 1).
+
+    Source: Shoemake, Graphics Gems III (1992) 124.
+    """
+    a, b = np.sqrt(1.0 - u), np.sqrt(u)
+    v, w = 2.0 * np.pi * v, 2.0 * np.pi * w
+    return np.stack([b * np.cos(w), a * np.sin(v), a * np.cos(v), b * np.sin(w)])
+
+
+def kept(share, seed, first, count):
+    """Unit quaternions (4, count) of density proportional to share(q), at most 1, by rejection: the first of a member's own uniform ones that is
+    kept; nan where none of TRIES is."""
+    if hasattr(seed, "words"):
+        raise SceneError("run", "points", None, "attitudes of an ensemble are drawn by rejection, which takes independent points")
+    q, left = np.full((4, count), np.nan), np.ones(count, bool)
+    for i in range(TRIES):
+        u, v, w, x = uniforms(seed, "start.attitude.ensemble", first, count, i)
+        tried = turns(u, v, w)
+        taken = left & (x < share(tried))
+        q[:, taken] = tried[:, taken]
+        left &= ~taken
+        if not left.any():
+            break
+    return q
 
 
 def directions(draws, name, first, count):
@@ -85,6 +116,14 @@ class Shell(NamedTuple):
     direction: tuple | None = None
     sized = {"energy": "energy"}
 
+    def share(self, seed, first, count, facts):
+        """Of attitudes, to which momenta leave sqrt(E - V(q)) of the shell: q -> that, of its bound."""
+        (energy,) = draw((self.energy,), seed, "start.momentum.energy", first, count)
+        with np.errstate(all="ignore"):
+            most = np.where(energy + facts.bound > 0.0, energy + facts.bound, np.nan)
+        none = facts.bound == 0.0
+        return lambda q: np.where(none, 1.0, np.sqrt(np.clip((energy - facts.potential(q)) / most, 0.0, 1.0)))
+
     def sample(self, draws, name, first, count, facts):
         (energy,) = draw((self.energy,), draws, f"{name}.energy", first, count)
         twice = 2.0 * (energy - facts.potential(facts.attitude))
@@ -102,6 +141,11 @@ class GibbsMomentum(NamedTuple):
 
     kT: Any
     sized = {"kT": "energy"}
+
+    def share(self, seed, first, count, facts):
+        """Of attitudes: q -> exp(-V(q)/kT), of its bound."""
+        (heat,) = draw((self.kT,), seed, "start.momentum.kT", first, count)
+        return lambda q: np.exp(-(facts.potential(q) + facts.bound) / heat)
 
     def sample(self, draws, name, first, count, facts):
         (heat,) = draw((self.kT,), draws, f"{name}.kT", first, count)

@@ -6,6 +6,8 @@ from typer.testing import CliRunner
 
 import rigidmc as rm
 from rigidmc.cli import app
+from rigidmc.exact.free_top import free_motion
+from rigidmc.rotation import from_euler
 
 
 @pytest.fixture(scope="module")
@@ -26,6 +28,30 @@ def test_energy_and_drift_are_those_of_the_kernel(result):
         assert np.abs(ds.rigid.drift().values - ds.energy_drift.values).max() < 1e-12
         with pytest.raises(ValueError, match="attitude"):
             bare.drop_vars("attitude").rigid.energy()
+
+
+def test_euler_angles_give_the_attitude_back(result):
+    with rm.open(str(result)) as ds:
+        angles = ds.rigid.euler()
+        back = from_euler(np.stack([angles[name].values for name in ("phi", "theta", "psi")], -1))
+        apart = np.abs((back * ds.attitude.transpose("time", "member", "quat").values).sum(-1))
+        assert np.abs(apart - 1.0).max() < 1e-14  # measured 9e-16
+        with pytest.raises(ValueError, match="attitude"):
+            ds.drop_vars("attitude").rigid.euler()
+
+
+def test_the_phase_of_free_motion_runs_evenly():
+    """It grows by t/period: against saves of the exact flow, of random bodies; of a permanent rotation there is none."""
+    some = np.random.default_rng(4)
+    second = some.uniform(0.2, 1.0, (500, 3))
+    moments = second.sum(1)[:, None] - second
+    momentum = some.normal(size=(500, 3))
+    momentum[0] = 0.0, 1.0, 0.0
+    scene = rm.Scene(rm.Body.from_moments(moments), start=rm.Start(momentum=momentum))
+    ds = rm.simulate(scene, integrator="exact", dt=0.1, t_end=5.0, every=0.5, save=("omega",))
+    phase, period = ds.rigid.phase().values, free_motion(moments, momentum).period
+    off = phase[:, 1:] - phase[0, 1:] - ds.time.values[:, None] / period[1:]
+    assert np.abs(off - np.rint(off)).max() < 1e-12 and np.isnan(phase[:, 0]).all()
 
 
 def test_a_member_runs_again_from_the_dataset(result):

@@ -286,3 +286,57 @@ def test_antithetic_members_come_in_pairs():
     assert np.array_equal(stage(scene, 31, 5, False)[1]["start_omega"], w[:, 31:36])
     independent = stage(scene_of_points("independent"), 0, 32, False)[1]["start_omega"]
     assert np.array_equal(w[:, ::2], independent)
+
+
+WEIGHT = 9.81 * math.sqrt(0.01 + 0.04 + 0.09)  # m g h of the body of `drawn`
+
+
+def height(found):
+    """-1 ... 1: of the centre of mass over the fixed point, of its distance."""
+    from rigidmc.dynamics.so3 import up
+
+    centre = np.array([0.1, 0.2, 0.3])
+    return centre @ np.array(up(tuple(found["start_attitude"]))) / np.linalg.norm(centre)
+
+
+def test_the_canonical_ensemble_is_that_of_gravity():
+    """Under gravity the height of the centre is exponential: exp(-m g h z/kT) on (-1, 1)."""
+    found, block = drawn(500_000, 100_000, momentum=rm.GibbsMomentum(1.5), attitude="ensemble", effects=(rm.Gravity(9.81),))
+    kappa = WEIGHT / 1.5
+    law = lambda z: np.expm1(-kappa * (z + 1.0)) / np.expm1(-2.0 * kappa)  # noqa: E731
+    assert stats.kstest(height(found), law).pvalue > 0.01 and not block[23].any()
+    assert np.abs(np.linalg.norm(found["start_attitude"], axis=0) - 1.0).max() < 1e-15  # measured 4.4e-16
+    again = drawn(505_000, 128, momentum=rm.GibbsMomentum(1.5), attitude="ensemble", effects=(rm.Gravity(9.81),))[0]
+    assert np.array_equal(again["start_attitude"], found["start_attitude"][:, 5_000:5_128])
+
+
+@pytest.mark.parametrize("energy", [5.0, 0.5])
+def test_the_microcanonical_ensemble_is_that_of_gravity(energy):
+    """Momenta of an energy shell leave attitudes the weight sqrt(E - V): the height is of density sqrt(E - m g h z) where that is real."""
+    found, block = drawn(momentum=rm.Shell(energy), attitude="ensemble", effects=(rm.Gravity(9.81),))
+    top = min(1.0, energy / WEIGHT)
+    left = lambda z: (energy - WEIGHT * np.minimum(z, top)) ** 1.5  # noqa: E731
+    law = lambda z: (left(-1.0) - left(z)) / (left(-1.0) - left(top))  # noqa: E731
+    assert stats.kstest(height(found), law).pvalue > 0.01 and not block[23].any()
+    body, present = physics((rm.Gravity(9.81),), block)
+    l = found["start_momentum"]
+    kinetic = 0.5 * (l * l / np.array(MOMENTS)[:, None]).sum(0)
+    assert np.abs(kinetic + total_energy(present, body, tuple(found["start_attitude"])) - energy).max() < 2e-14
+
+
+@pytest.mark.parametrize(
+    ("start", "run", "rule"),
+    [
+        (rm.Start(momentum=rm.GibbsMomentum(0.01), attitude="ensemble"), {}, "keeps"),
+        (rm.Start(momentum=rm.GibbsMomentum(1.0), attitude="ensemble"), {"points": "sobol"}, "by rejection"),
+    ],
+)
+def test_an_ensemble_that_cannot_be_drawn_is_refused(start, run, rule):
+    scene = rm.Scene(rm.Body(MOMENTS, mass=1.0, centre=(0.1, 0.2, 0.3)), (rm.Gravity(9.81),), start)
+    with pytest.raises(SceneError, match=rule):
+        rm.simulate(scene.with_run(members=32, t_end=1.0, **run))
+
+
+def test_an_ensemble_is_that_of_a_momentum():
+    with pytest.raises(SceneError, match="law of the momentum"):
+        rm.Start(omega=(0.0, 0.0, 1.0), attitude="ensemble")

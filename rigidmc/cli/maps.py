@@ -9,12 +9,16 @@ from rigidmc.cli.common import (
     FLAGGED,
     OK,
     AllowCode,
+    Dt,
     Force,
+    Integrator,
     Output,
     Plot,
     Seed,
     Set,
+    TEnd,
     Threads,
+    Turn,
     app,
     check_suffix,
     load_scene,
@@ -31,13 +35,14 @@ def make_map(
     of: Annotated[list[str], typer.Option(metavar="MEASURE", help='What a pixel is asked: "p(flips >= 1)", "mean(megno)", "quantile(flip_wait, 0.9)"; may be repeated.')] = [],  # noqa: B006
     resolution: Annotated[int, typer.Option(help="Pixels a side.")] = 256,
     members: Annotated[int | None, typer.Option(help="Members to a pixel; default 16, or the map's own.")] = None,
+    integrator: Integrator = None, dt: Dt = None, turn: Turn = None, t_end: TEnd = None,
     seed: Seed = None, threads: Threads = None, settings: Set = [], allow_code: AllowCode = False,  # noqa: B006
     output: Output = None, plot: Plot = None, force: Force = False,
 ):  # fmt: skip
     """Map two parameters of a scene against what its members do, with replicas and a confidence interval for every pixel."""
     with reported():
         from rigidmc.errors import SceneError, unknown
-        from rigidmc.storage import refuse_existing
+        from rigidmc.storage import refuse_existing, write
         from rigidmc.studies.map_cases import MAPS, case_map
 
         if name == "list":
@@ -62,8 +67,9 @@ def make_map(
                 )
 
         try:
+            changed = {"integrator": integrator, "dt": dt, "turn": turn, "t_end": t_end}
             if name in MAPS and not (x or y or of or settings):
-                found = case_map(name, resolution, members, threads, show, seed)
+                found = case_map(name, resolution, members, threads, show, seed=seed, **changed)
             else:
                 from rigidmc.studies.stability_map import stability_map
 
@@ -85,13 +91,14 @@ def make_map(
                     threads,
                     show,
                     seed=seed,
+                    **changed,
                 )
         except SceneError as error:
             error.file = error.file or name
             raise
         failed = _close(found, members)
         if output is not None:
-            found.to_netcdf(output, engine="netcdf4")
+            write(found, output, force)
             print(f"  wrote {output}")
         if plot is not None:
             plots = plots_module()

@@ -113,6 +113,57 @@ def effects(
 
 
 @app.command()
+def observables(
+    measure: Annotated[bool, typer.Option("--measure", help="Time each on this machine; compiling them takes 4 minutes at first.")] = False,
+):  # fmt: skip
+    """List what can be saved and watched: what it is, its numbers, its results; with --measure what each watched one adds to a step here."""
+    with reported():
+        from rigidmc.observables import OBSERVABLES, RUNNING, SUMMARIES
+        from rigidmc.observables.statistics import STATISTICS
+
+        costs = {}
+        if measure:
+            from rigidmc.prices import watched_prices
+
+            costs = watched_prices()
+            bare = ", ".join(f"{word} {each['']:.2f} ns" for word, each in costs.items())
+            print(f"a step of rk4 with attitude on one thread: {bare}")
+
+        def added(name):
+            if name in next(iter(costs.values()), {}):
+                print(f"{'':12s} adds " + ", ".join(f"{each[name]:.2f} ns {word}" for word, each in costs.items()))
+
+        print("at save times (save = [...]):")
+        for name, kind in OBSERVABLES.items():
+            print(f"{name:12s} {kind.__doc__.splitlines()[0]} [{kind.units}]")
+        print("\nover all steps, one result per member (save = [...]; numbers in a table [observables.NAME]):")
+        for name, kind in SUMMARIES.items():
+            print(f"{name:12s} {kind.__doc__.splitlines()[0]}")
+            print(
+                f"{'':12s} numbers: {', '.join(_default(kind, f) for f in kind._fields) or 'none'}; results: {', '.join(kind.outputs) or 'counts'}"
+            )
+            added(name)
+        able = [name for name in OBSERVABLES if f"{name}_mean" in RUNNING]
+        print(f"\nand of {', '.join(able)}, over all steps:")
+        for word, kind in STATISTICS.items():
+            print(f"NAME_{word:7s} {kind.__doc__.splitlines()[0]}")
+            for name in able:
+                added(f"{name}_{word}")
+
+
+def _default(kind, field):
+    """A number of an observable, with its default."""
+    defaults = kind._field_defaults
+    return (
+        f"{field} = {defaults[field]:.4g}"
+        if isinstance(defaults.get(field), float)
+        else f"{field} = {defaults[field]}"
+        if field in defaults
+        else field
+    )
+
+
+@app.command()
 def integrators(
     measure: Annotated[bool, typer.Option("--measure", help="Time a step of each on this machine, free and heavy.")] = False,
 ):

@@ -31,6 +31,8 @@ class Kind(NamedTuple):
     turn : the angle about the momentum by which a period turns the attitude [rad], not reduced
     solid_angle : swept by the momentum in the body in a period, oriented, modulo 4 pi: turn = 2 T period/|L| - solid_angle
         (Montgomery, Am. J. Phys. 59 (1991) 394)
+    phase : where on its curve the momentum is, lambda (t - t0)/(4 K) modulo 1: the component of the middle moment is 0 at 0 and 1/2; nan
+        where nothing moves
     """
 
     kind: np.ndarray
@@ -42,6 +44,7 @@ class Kind(NamedTuple):
     flip_interval: np.ndarray
     turn: np.ndarray
     solid_angle: np.ndarray
+    phase: np.ndarray
 
 
 def _orbits(moments, momentum, attitude):
@@ -105,6 +108,7 @@ def free_motion(moments, momentum):
         period = np.where((o.mc > 0.0) & ~permanent, 4.0 * o.quarter / o.rate, np.inf)
         turn = np.where(np.isfinite(period), o.spin * period + o.turn * (4.0 * o.swing + 2.0 * np.pi * o.direct), np.nan)
         twice_energy = (l * l / moments).sum(0)
+        phase = np.where(np.isfinite(period), np.remainder(o.offset / (4.0 * o.quarter), 1.0), np.nan)
         solid = np.remainder(twice_energy / o.size * period - turn, 4.0 * np.pi)
     period[bad] = np.nan
     values = (
@@ -117,5 +121,6 @@ def free_motion(moments, momentum):
         np.where(symmetric, np.nan, 0.5 * period),
         turn,
         solid,
+        phase,
     )
     return Kind(*(np.reshape(v, shape) for v in values))

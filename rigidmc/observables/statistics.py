@@ -118,8 +118,7 @@ class Mean(NamedTuple):
 
 
 class Variance(NamedTuple):
-    """The variance over time by the trapezoidal rule on the steps; what is kept: first value, sums of differences and of their squares, last
-    value."""
+    """The variance over time by the trapezoidal rule on the steps; what is kept: first value, sums of differences and squares, last value."""
 
     of: Any
     word, kept = "variance over time of", 4

@@ -26,6 +26,8 @@ A scene file is TOML; SI units, angles in rad:
   omega or momentum          rad/s or kg m2/s, in principal axes
   attitude                   "uniform", quaternion [w, x, y, z], 3x3 matrix,
                              or Euler angles z-x-z [phi, theta, psi]
+[observables.NAME]           what is watched at every step and has numbers of
+                             its own, see `rigidmc observables`
 [run]
   integrator, dt, t_end, members, seed, every, save
   integrator = "auto" and tolerance = 1e-8   instead of integrator and dt
@@ -37,4 +39,18 @@ A scene file is TOML; SI units, angles in rad:
 Any number of body, effects and start may be a distribution:
   { normal = [mean, sd] },  { uniform = [low, high] },
   or one of scipy.stats:  { gamma = { a = 2.0, scale = 0.1 } }
+  or { grid = [low, high, count], stride = 1, log = false },
+  or { table = "starts.csv", column = "w1" }  (or a netCDF file)
+Vectors as a whole:
+  omega, momentum  = { cone = { axis = 2, size = 1.0, angle = 0.01 } },
+                     { sphere = 1.0 }, { table = FILE, columns = [...] },
+                     { correlated = { mean = [...], covariance = 3x3 } }
+  momentum         = { shell = { energy = 2.0 } }, { gibbs = kT }; with
+                     attitude = "ensemble" the whole micro-, canonical one
+  attitude         = { fisher = { attitude, kappa } },
+                     { pointing = { direction, kappa } }
+  moments          = { second_moments = [a, b, c] }: always a body
+[run]
+  points                     "independent", "sobol", "latin_hypercube",
+                             "antithetic": what distributions are drawn by
 """

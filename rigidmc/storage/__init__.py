@@ -1,5 +1,5 @@
 """How results are laid out, written and read."""
 
-from rigidmc.storage.netcdf import Writer, open_result, refuse_existing, scene_of
+from rigidmc.storage.netcdf import Writer, open_result, refuse_existing, scene_of, write
 
-__all__ = ["Writer", "open_result", "refuse_existing", "scene_of"]
+__all__ = ["Writer", "open_result", "refuse_existing", "scene_of", "write"]

@@ -22,6 +22,32 @@ def refuse_existing(path, force):
         raise PermissionError(f"{folder}: not writable; nothing was written")
 
 
+def put_in_place(temporary, path, force):
+    """Make a finished file durable and give it its name; OutputExists, and no file, where one appeared there meanwhile."""
+    with open(temporary, "rb") as file:
+        os.fsync(file.fileno())
+    if not force and os.path.lexists(path):
+        os.unlink(temporary)
+        raise OutputExists(f"{path} appeared while the run was on; nothing was overwritten")
+    os.replace(temporary, path)
+    with contextlib.suppress(OSError):  # some file systems cannot sync a folder
+        folder = os.open(os.path.dirname(os.path.abspath(path)), os.O_RDONLY)
+        os.fsync(folder)
+        os.close(folder)
+
+
+def write(dataset, path, force=False):
+    """Write a Dataset whole or not at all."""
+    refuse_existing(path, force)
+    temporary = f"{path}.part-{os.getpid()}"
+    try:
+        dataset.to_netcdf(temporary, engine="netcdf4")
+        put_in_place(temporary, path, force)
+    finally:
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(temporary)
+
+
 class Writer:
     """A result file that grows by blocks of members; memory does not grow with it."""
 
@@ -71,16 +97,7 @@ class Writer:
     def finish(self):
         """Close, make durable and give the file its name."""
         self._file.close()
-        with open(self._temporary, "rb") as file:
-            os.fsync(file.fileno())
-        if not self.force and os.path.lexists(self.path):
-            self.discard()
-            raise OutputExists(f"{self.path} appeared while the run was on; nothing was overwritten")
-        os.replace(self._temporary, self.path)
-        with contextlib.suppress(OSError):  # some file systems cannot sync a folder
-            folder = os.open(os.path.dirname(os.path.abspath(self.path)), os.O_RDONLY)
-            os.fsync(folder)
-            os.close(folder)
+        put_in_place(self._temporary, self.path, self.force)
 
     def discard(self):
         """Leave nothing behind."""

@@ -58,16 +58,15 @@ RATIOS = "I$_1$/I$_2$", "I$_3$/I$_2$"
 
 def intermediate_axis():
     scene = Scene(Body.from_moments((0.5, 1.0, 1.5)), (), Start(omega=Cone(2, 1.0, TILT)), observables=(Flips(2),))
-    end = 840.0
 
     def derived(ds):
         words = {"units": "s-1", "long_name": "flips a second of a body spun at 1 rad/s, 0.01 rad from its middle axis"}
-        return {"rate": (ds["mean(flips)"].values / end, words), "theory": growth_rate(ds)}
+        return {"rate": (ds["mean(flips)"].values / ds.attrs["t_end"], words), "theory": growth_rate(ds)}
 
     return MapCase(
         "The intermediate axis: how often a body flips that is spun about it", scene, *SHAPES, ("mean(flips)", "mean(flip_wait)"), 16,
         derived, "rate", ("theory", RATES, "growth rate of a disturbance in theory [1/s]"), RATIOS,
-        {"integrator": "rk8", "dt": 1.2, "t_end": end}, "sqrt((I2 - I1)(I3 - I2)/(I1 I3)) omega, Goldstein (5.36); flips every 2 K/lambda",
+        {"integrator": "rk8", "dt": 1.2, "t_end": 840.0}, "sqrt((I2 - I1)(I3 - I2)/(I1 I3)) omega, Goldstein (5.36); flips every 2 K/lambda",
     )  # fmt: skip
 
 
@@ -231,11 +230,13 @@ MAPS: dict[str, Any] = {
 }
 
 
-def case_map(name, resolution=256, members=None, threads=None, progress=None, seed=None, **settings):
-    """The Dataset of one of MAPS, theory and what else follows among its variables."""
+def case_map(name, resolution=256, members=None, threads=None, progress=None, **settings):
+    """The Dataset of one of MAPS, theory and what else follows among its variables; settings : in place of the map's own, where not None."""
     if name not in MAPS:
         raise unknown("", "map", name, "map", MAPS)
     case = MAPS[name]()
+    asked = {key: value for key, value in settings.items() if value is not None}
+    kept = {key: value for key, value in case.settings.items() if not (key == "dt" and "turn" in asked)}
     ds = stability_map(
         case.scene,
         case.x,
@@ -245,7 +246,7 @@ def case_map(name, resolution=256, members=None, threads=None, progress=None, se
         case.members if members is None else members,
         threads,
         progress,
-        **{**case.settings, "seed": seed, **settings},
+        **kept | asked,
     )
     for key, (values, attrs) in case.derived(ds).items():
         ds[key] = (("y", "x"), values, attrs)

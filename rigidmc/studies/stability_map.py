@@ -104,6 +104,7 @@ def _dataset(scene, plan, asked, parts, counts, x, y, sides, members, confidence
         "members": members,
         "confidence": confidence,
         "integrator": scene.run.integrator,
+        "t_end": scene.run.t_end,
         "seconds": seconds,
     }
     return xr.Dataset(variables, coordinates, attrs)
