@@ -38,6 +38,7 @@ from rigidmc.engine.layout import (
     STEPS_AT,
     STOPPED,
     TRUE,
+    aligned,
     clock,
     four_at,
     in_state,
@@ -62,7 +63,6 @@ from rigidmc.engine.watch import (
     TIMES,
     TRIES,
     all_marks,
-    any_hit,
     begin_events,
     begin_running,
     begin_shadow,
@@ -130,8 +130,7 @@ def _advance(
     running_at, running_seen = events_at + EVENT * len(events), events_seen + EVENT * len(events)
     shadow_at = running_at + all_marks(running)
     scratch = shadow_at + SHADOW * len(shadow)
-    work = np.empty((rows + PRESENT - EFFECTS) * LANES)
-    state = np.empty((scratch + SCRATCH) * LANES, precision.dtype)
+    work, state = aligned((rows + PRESENT - EFFECTS) * LANES, np.float64), aligned((scratch + SCRATCH) * LANES, precision.dtype)
     saves = (total + stride - 1) // stride
     size = out.size // (width * (saves + 1)) if width > 0 else 0
     lead = (parts[0, 0], parts[0, 1], parts[0, 2])
@@ -298,13 +297,12 @@ def _advance(
                     when, hits = (start, real(s - begun), opening, real((s + 1) * h), real(h), part), 0
                     for k in range(LANES):
                         body, present, q, l, t, _ = watched(integrator, effects, compensated, own, when, state, k)
-                        look_at_events(events, body, present, t, q, l, state, k, events_at)
-                        hits |= any_hit(events, state, k, events_at)
+                        hits |= look_at_events(events, body, present, t, q, l, state, k, events_at)
                     if hits > 0:
                         new = 0
                         for k in range(LANES):
-                            _, _, q, l, t, by = watched(integrator, effects, compensated, own, when, state, k)
-                            new |= note(events, t, by, q, l, attitude, state, k, events_at)
+                            body, present, q, l, t, by = watched(integrator, effects, compensated, own, when, state, k)
+                            new |= note(events, body, present, t, by, q, l, attitude, state, k, events_at)
                         if new > 0:
                             for k in range(LANES):
                                 note_first(events, state, k, events_at)

@@ -5,11 +5,14 @@ the last good state, the body, the parameters of the effects. The rows of LANES 
 workspaces `work[row*LANES + lane]`: the only arrangement in which LLVM proves that lanes do not touch each other.
 """
 
+import numpy as np
+
 from rigidmc.dynamics.so3 import first_three, joined, scale, select
 from rigidmc.engine.compose import inline
 from rigidmc.observables.verbs import value
 
 LANES = 32  # 16 to 128 differ by under 3 %; small means little padding
+LINE = 64  # bytes of a cache line, and of the widest vectors
 
 # rows of a block
 ATTITUDE, MOMENTUM, REST, START, DRIFT, STATUS, GOOD_STEP, FAULT_STEP, GOOD, STEPS, BODY, EFFECTS = (
@@ -39,6 +42,14 @@ TRUE, ENERGY, FOUND, MEMBER, STOPPED, PRESENT = EFFECTS, EFFECTS + 7, EFFECTS + 
 
 
 # After the rows of the effects, where works are kept: one row for that of each effect, and one for what it was at the last good state.
+
+
+def aligned(count, dtype):
+    """An array on a cache line: half of all are 32 bytes off it, where every vector of 512 bits takes two accesses (rk4 with gravity: 5.1 ns a
+    step in place of 4.6)."""
+    whole = np.empty(count + LINE // 4, dtype)
+    off = (-whole.ctypes.data % LINE) // whole.itemsize
+    return whole[off : off + count]
 
 
 def in_work(row):
@@ -147,5 +158,20 @@ def seen(own, work, k, now, slots, share, h):
     return now // slots * h + (made + share) * step, step, now // slots * each + made
 
 
-for _function in (in_work, in_state, four_at, three_at, put, record, tuple_at, state_at, keep, put_state, place, clock, seen):
+for _function in (
+    aligned,
+    in_work,
+    in_state,
+    four_at,
+    three_at,
+    put,
+    record,
+    tuple_at,
+    state_at,
+    keep,
+    put_state,
+    place,
+    clock,
+    seen,
+):
     inline(_function)

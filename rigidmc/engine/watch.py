@@ -34,14 +34,12 @@ from rigidmc.engine.layout import (
 from rigidmc.engine.noise import logarithm
 from rigidmc.integrators.verbs import closed, opened, step
 from rigidmc.observables.chaos import NEAR, OFTEN  # noqa: F401
-from rigidmc.observables.verbs import begin, level, past, side, update
+from rigidmc.observables.verbs import armed, begin, level, past, update
 
-# Rows of an event: its level before and after the last step; the side (-1 or 1, 0 where it has just happened) from which it may happen, and HIT more
-# where it happened in the step (a row of its own would be 2 % of a step: stores are what the loop waits for); how often it happened; when by
-# linear interpolation, last and first; the squares of the times between; when exactly, first and last; and of first and last the time of the
-# step's end, the levels before and there, and the state.
-BEFORE, LEVEL, SIDE, COUNT, TAU, FIRST_TAU, SQUARES, TIMES, RECORDS, RECORD, EVENT = 0, 1, 2, 3, 4, 5, 6, 7, 9, 10, 29
-HIT = 4.0
+# Rows of an event: its level before and after the last step, 0 where it cannot happen next (two rows and no more: stores are what the loop waits
+# for, 2 % of a step each); how often it happened; when by linear interpolation, last and first; the squares of the times between; when exactly,
+# first and last; and of first and last the time of the step's end, the levels before and there, and the state.
+BEFORE, LEVEL, COUNT, TAU, FIRST_TAU, SQUARES, TIMES, RECORDS, RECORD, EVENT = 0, 1, 2, 3, 4, 5, 6, 8, 10, 28
 # rows of the neighbour: its state; sums of ln growth, of the same by number of looks, of Y; 1/|L|^2 of the motion
 SUMS, WEIGHT, SHADOW = 7, 10, 11
 SCRATCH = 5  # rows in which the times of events are found: two steps back and the levels there, and the time
@@ -79,7 +77,8 @@ def begin_events(events, body, effects, t, q, l, work, k, row):
         return 0
     now = level(events[0], body, effects, t, q, l)
     there = past(events[0], now)
-    put((now, now, side(events[0], body, q, l, now, 0.0), select(there, 1.0, 0.0), t, t, 0.0, t, t), work, row * LANES + k, LANES)
+    first = select(armed(events[0], body, q, l, now, False), now, 0.0)
+    put((0.0, first, select(there, 1.0, 0.0), t, t, 0.0, t, t), work, row * LANES + k, LANES)
     put((t, now, now) + q + l + (t, now, now) + q + l, work, (row + RECORDS) * LANES + k, LANES)
     return begin_events(events[1:], body, effects, t, q, l, work, k, row + EVENT)
 
@@ -93,16 +92,19 @@ def begin_running(running, body, effects, t, q, l, work, k, row):
 
 
 def look_at_events(events, body, effects, t, q, l, state, k, row):
-    """Levels of events after a step, and whether they happened in it."""
+    """Levels of events after a step; 1 where any happened in it, else 0."""
     if len(events) == 0:
         return 0
-    now, from_side = level(events[0], body, effects, t, q, l), state[(row + SIDE) * LANES + k]
-    from_side = select(from_side > 2.0, from_side - HIT, from_side)
-    state[(row + BEFORE) * LANES + k] = state[(row + LEVEL) * LANES + k]
-    state[(row + LEVEL) * LANES + k] = now
-    new = side(events[0], body, q, l, now, from_side)
-    state[(row + SIDE) * LANES + k] = select(from_side * now < 0.0, new + HIT, new)
-    return look_at_events(events[1:], body, effects, t, q, l, state, k, row + EVENT)
+    now, before = level(events[0], body, effects, t, q, l), state[(row + LEVEL) * LANES + k]
+    hit = happened(before, now)
+    state[(row + BEFORE) * LANES + k] = before
+    state[(row + LEVEL) * LANES + k] = select(armed(events[0], body, q, l, now, (before != 0.0) & (not hit)), now, 0.0)
+    return (1 if hit else 0) | look_at_events(events[1:], body, effects, t, q, l, state, k, row + EVENT)
+
+
+def happened(before, now):
+    """Whether an event happened between two levels."""
+    return (before * now <= 0.0) & (before != 0.0)
 
 
 def look_at_running(running, events, events_at, own, slot, body, effects, t, q, l, state, k, row):
@@ -155,19 +157,16 @@ def watched(integrator, effects, compensated, own, when, state, k):
     return body, present, q, l, t, by
 
 
-def any_hit(events, state, k, row):
-    """1 where any event happened to lane k in the step, else 0."""
-    if len(events) == 0:
-        return 0
-    return (1 if state[(row + SIDE) * LANES + k] > 2.0 else 0) | any_hit(events[1:], state, k, row + EVENT)
-
-
-def note(events, t, h, q, l, attitude, state, k, row):
+def note(events, body, effects, t, h, q, l, attitude, state, k, row):
     """Write down the events of a step that ended at t in (q, L); whether one was a first, as a number."""
     if len(events) == 0:
         return 0
-    before, now, count = state[(row + BEFORE) * LANES + k], state[(row + LEVEL) * LANES + k], state[(row + COUNT) * LANES + k]
-    hit = state[(row + SIDE) * LANES + k] > 2.0
+    before, now, count = (
+        state[(row + BEFORE) * LANES + k],
+        level(events[0], body, effects, t, q, l),
+        state[(row + COUNT) * LANES + k],
+    )
+    hit = happened(before, now)
     if len(events[0].stop) > 0:
         hit = hit & (count == 0.0)
     apart = now - before
@@ -181,7 +180,7 @@ def note(events, t, h, q, l, attitude, state, k, row):
     if len(attitude) > 0:
         write(hit, q, state, k, row + RECORDS + RECORD + 3)
     write(hit, l, state, k, row + RECORDS + RECORD + 7)
-    return (1 if hit & (count == 0.0) else 0) | note(events[1:], t, h, q, l, attitude, state, k, row + EVENT)
+    return (1 if hit & (count == 0.0) else 0) | note(events[1:], body, effects, t, h, q, l, attitude, state, k, row + EVENT)
 
 
 def note_first(events, state, k, row):
@@ -352,6 +351,6 @@ def look_at_shadow(number, q, l, state, k, row):
 
 
 for _function in (
-    begin_events, begin_running, look_at_events, look_at_running, chosen_of, stopped, held, watched, any_hit, note, note_first, write, level_of, guess, back, narrow, find, all_marks, begin_shadow, look_at_shadow,
+    begin_events, begin_running, look_at_events, look_at_running, chosen_of, stopped, held, watched, happened, note, note_first, write, level_of, guess, back, narrow, find, all_marks, begin_shadow, look_at_shadow,
 ):  # fmt: skip
     inline(_function)

@@ -79,9 +79,8 @@ class Component(NamedTuple):
     def level(self, body, l):
         return component((self.one, self.two, self.three), body, l)
 
-    def side(self, l, level, side):
-        near = level * level > self.square * dot(l, l)
-        return select(near, select(level < 0.0, -1.0, 1.0), select(side * level < 0.0, 0.0, side))
+    def armed(self, l, level, armed):
+        return armed | (level * level > self.square * dot(l, l))
 
     def past(self):
         return False

@@ -34,7 +34,8 @@ class Nutation(NamedTuple):
 class Precession(NamedTuple):
     """The angle phi by which axis 3 of the body has turned about the vertical, turns counted, TdC (3.36); steps turn it by less than half a turn.
 
-    What is kept: the axis over the horizontal plane, turns, and where it was at the start.
+    What is kept: the axis over the horizontal plane, how often it changed between its halves y >= 0 and y < 0, counted by its sense, and where it
+    was at the start.
     """
 
     marks = 5
@@ -46,13 +47,13 @@ class Precession(NamedTuple):
 
     def update(self, kept, q):
         x, y = over_plane(q)
-        sense = kept[0] * y - kept[1] * x  # the half-line x < 0 is crossed: downwards is the positive sense
-        down, up_ = (kept[1] >= 0.0) & (y < 0.0) & (sense > 0.0), (kept[1] < 0.0) & (y >= 0.0) & (sense < 0.0)
-        return x, y, kept[2] + (select(down, 1.0, 0.0) - select(up_, 1.0, 0.0)), kept[3], kept[4]
+        way = select(kept[0] * y - kept[1] * x > 0.0, 1.0, -1.0)
+        return x, y, kept[2] + select((kept[1] < 0.0) != (y < 0.0), way, 0.0), kept[3], kept[4]
 
     def results(self, kept):
         """Outputs from what is kept, (5, n)."""
-        x, y, turns, x0, y0 = kept
+        x, y, halves, x0, y0 = kept
+        turns = 0.5 * (halves - (y0 < 0.0) + (y < 0.0))  # half -1 is y < 0 of turn 0, half 0 the other
         return {"precession": 2.0 * math.pi * turns + np.arctan2(y, x) - np.arctan2(y0, x0)}
 
 

@@ -1,7 +1,6 @@
 """What a kernel asks of an observable."""
 
 from rigidmc.dynamics.methods import method
-from rigidmc.dynamics.so3 import select
 
 
 @method
@@ -29,9 +28,9 @@ def level(event, body, effects, t, q, l):
 
 
 @method
-def side(event, body, q, l, level, side):
-    """The side, -1 or 1, from which the event may happen next, 0 for none, where it was `side` before: by default from below 0."""
-    return select(level < 0.0, -1.0, 0.0)
+def armed(event, body, q, l, level, armed):
+    """Whether the event may happen next, where it might before and did not: by default below 0."""
+    return level < 0.0
 
 
 @method
