@@ -16,7 +16,7 @@ from rigidmc.integrators import INTEGRATORS, Turns, form
 from rigidmc.limits import limits
 from rigidmc.observables import OBSERVABLES, rows_of
 from rigidmc.sampling import is_open, is_shared, rows
-from rigidmc.scene import PILOT
+from rigidmc.scene_checks import PILOT
 from rigidmc.staging import check_ensemble, physics, rates, stage
 from rigidmc.watching import Watch, needs_attitude, watch
 

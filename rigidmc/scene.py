@@ -6,20 +6,15 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from rigidmc.body import Body, broken
-from rigidmc.effects import EFFECTS, canonical, labelled, name_of
-from rigidmc.effects.own import check_own
+from rigidmc.body import Body
+from rigidmc.effects import EFFECTS, canonical, name_of
 from rigidmc.effects.parameters import numbers, shape
-from rigidmc.effects.verbs import is_random
 from rigidmc.errors import SceneError, unknown
-from rigidmc.integrators import INTEGRATORS, refusal
-from rigidmc.observables import KNOWN, OBSERVABLES, SIZES, SUMMARIES, recorded, saved, summary_of, watched
-from rigidmc.sampling import Distribution, Grid, draw, is_open, quantity, rows, vector
+from rigidmc.integrators import INTEGRATORS
+from rigidmc.observables import KNOWN, SUMMARIES, recorded, saved, summary_of, watched
+from rigidmc.sampling import Grid, is_open, quantity, rows, vector
+from rigidmc.scene_checks import PILOT, check, limits, outside
 from rigidmc.start import Start
-
-PILOT = (
-    4096  # members whose sampled values are looked at before a run; always the same ones, so that bits do not depend on `members`
-)
 
 
 class Table(BaseModel):
@@ -177,109 +172,10 @@ class Scene:
         return watched(self.run.save, self.observables)
 
     def check(self):
-        """Raise SceneError for what cannot be run: refused torques, sampled bodies that cannot be, too few rows."""
+        """The scene itself; raises SceneError for what of it cannot be run, see `rigidmc.scene_checks`."""
         self.with_run()
-        if self.run.integrator == "auto" and self.run.tolerance is None:
-            raise SceneError(
-                "run", "tolerance", None, 'is missing: integrator = "auto" chooses integrator and step for a tolerance'
-            )
-        works = "work" in self.run.save
-        if works and not self.effects:
-            raise SceneError("run", "save", "work", "the scene has no effects that could do work")
-        if self.run.integrator != "auto" and (why := refusal(self.run.integrator, self.effects, self.run.compensated, works)):
-            raise SceneError("run", "integrator", self.run.integrator, why)
-        self._check_watched()
-        self._check_points()
-        self.coarse()._check_drawn()
+        check(self)
         return self
-
-    def _check_points(self):
-        """Raise SceneError for points that the members have not."""
-        run = self.run
-        vectors = any(
-            hasattr(v, "_fields") for v in (self.body.moments, self.start.omega, self.start.momentum, self.start.attitude)
-        )
-        drawn = vectors or self.start.attitude == "uniform" or any(isinstance(q, Distribution) for q in self.quantities())
-        if run.points != "independent" and not drawn:
-            raise SceneError("run", "points", run.points, "nothing of the scene is drawn: all numbers are given")
-        if run.points == "sobol" and run.first + run.members > 2**30:
-            raise SceneError("run", "members", run.first + run.members, "there are 2^30 Sobol points")
-        if run.points == "latin_hypercube" and run.first + run.members > (run.strata or run.first + run.members):
-            rule = f"a Latin hypercube of {run.strata:,} strata has as many members"
-            raise SceneError("run", "members", run.first + run.members, rule)
-
-    def _check_drawn(self):
-        """Raise SceneError for values of the first members that cannot be."""
-        for effect in self.effects:
-            check_own(effect)
-        if len([e for e in self.effects if is_random(e)]) > 1:
-            rule = "give one: two are a bath with gamma = gamma_1 + gamma_2 and kT = (gamma_1 kT_1 + gamma_2 kT_2)/gamma"
-            raise SceneError("effects", "bath", None, rule)
-        count = rows(*self.quantities())
-        if count is not None and count < self.run.first + self.run.members:
-            rule = f"the scene has arrays with rows for {count} members only"
-            raise SceneError("run", "members", self.run.first + self.run.members, rule)
-        moments, mass, _ = self.body.sample(self.run.seed, 0, PILOT)
-        bad = np.flatnonzero(broken(moments) | ~(mass > 0))
-        if bad.size and not any(isinstance(q, Grid) for q in self.body.quantities()):  # of a map they are its blank parts
-            example = ", ".join(f"{m:.4g}" for m in moments[:, bad[0]])
-            rule = f"{bad.size} of the first {PILOT} sampled bodies are none (e.g. {example}): moments must be positive and obey I_i <= I_j + I_k"
-            raise SceneError("body", "moments", None, rule)
-        for label, effect in labelled(self.effects):
-            for name, value in zip(effect._fields, effect, strict=True):
-                low, high = _limits(effect, name, self.run.anti_damping)
-                drawn = draw(value if shape(effect, name) else (value,), self.run.seed, f"effects.{label}.{name}", 0, PILOT)
-                bad = drawn[~((drawn >= low) & (drawn <= high))]
-                if bad.size:
-                    raise SceneError(f"effects.{label}", name, float(bad[0]), _outside(effect, low, high))
-            if hasattr(effect, "drives") and not self.run.anti_damping:
-                drawn = [
-                    draw(value, self.run.seed, f"effects.{label}.{name}", 0, PILOT)
-                    for name, value in zip(effect._fields, effect, strict=True)
-                ]
-                driven = np.flatnonzero(type(effect)(*drawn).drives())
-                if driven.size:
-                    example = ", ".join(f"{x:.4g}" for x in np.concatenate(drawn)[:, driven[0]])
-                    raise SceneError(
-                        f"effects.{label}", effect._fields[0], None, f"({example}) drives some spins, which {_ALLOWED}"
-                    )
-
-    def _check_watched(self):
-        """Raise SceneError where observables over all steps cannot be had."""
-        every = [one for _, one in self.watched()]
-        stops = [one for one in every if getattr(one, "stop", False)]
-        rule = ""
-        if any(not hasattr(one, "ensemble") for one in every) and self.run.integrator == "closed":
-            rule = "closed forms make no steps that could be watched: use exact"
-        elif len(stops) > 1:
-            rule = "one event at most can stop a member"
-        elif stops and "work" in self.run.save:
-            rule = "the work of a member that an event stops is not kept: save it without stop, or stop without it"
-        elif any(hasattr(one, "shadow") for one in every):
-            if self.run.dtype == "float32":
-                rule = "megno needs float64: a neighbour at 1e-8 is none in float32"
-            elif self.run.compensated:
-                rule = "megno does not go with compensated sums"
-            elif stops:
-                rule = "megno does not go with an event that stops members"
-        for _, one in self.histograms():
-            self._check_histogram(one)
-        if rule:
-            raise SceneError("run", "save", ", ".join(label for label, _ in self.watched()), rule)
-
-    @staticmethod
-    def _check_histogram(one):
-        """Raise SceneError for a histogram of nothing."""
-        if one.name not in OBSERVABLES or one.name == "work":
-            raise unknown("observables.histogram", "of", one.name, "observable", [name for name in OBSERVABLES if name != "work"])
-        size = SIZES[OBSERVABLES[one.name].dims]
-        if (size > 1) != one.of.endswith("]") or one.component >= size:
-            rule = (
-                f"{one.name} has {size} components: give one, as in {one.name}[{size}]"
-                if size > 1
-                else f"{one.name} has no components"
-            )
-            raise SceneError("observables.histogram", "of", one.of, rule)
 
     @staticmethod
     def load(source, settings=(), allow_code=False):
@@ -322,7 +218,7 @@ def _effect(effect: Any, driven: bool) -> Any:
         )
     table, made = f"effects.{name_of(effect)}", []
     for name, value in zip(fields, effect, strict=True):
-        size, (low, high) = shape(effect, name), _limits(effect, name, driven)
+        size, (low, high) = shape(effect, name), limits(effect, name, driven)
         made.append(quantity(value, table, name) if size is None else vector(value, table, name, size))
         for part in made[-1:] if size is None else made[-1]:
             if not is_open(part) and not (low <= np.min(part) and np.max(part) <= high):
@@ -330,7 +226,7 @@ def _effect(effect: Any, driven: bool) -> Any:
                     table,
                     name,
                     float(np.min(part) if np.min(part) < low else np.max(part)),
-                    _outside(effect, low, high),
+                    outside(effect, low, high),
                 )
     return type(effect)(*made)
 
@@ -348,19 +244,6 @@ def _observable(one):
     if hasattr(one, "check"):
         one.check()
     return one
-
-
-def _limits(effect, name, driven):
-    low, high = getattr(effect, "limits", {}).get(name, (-np.inf, np.inf))
-    return (0.0 if low == -np.inf and getattr(effect, "damps", False) and not driven else low), high
-
-
-_ALLOWED = "needs anti_damping = true under [run]"
-
-
-def _outside(effect, low, high):
-    more = f"; below 0 it drives the body, which {_ALLOWED}" if low == 0.0 and getattr(effect, "damps", False) else ""
-    return f"must lie between {low:g} and {high:g}{more}"
 
 
 def complaint(error, table, model, data):

@@ -17,7 +17,7 @@ from rigidmc.engine.random import key_of, stream_of, uniforms
 from rigidmc.errors import SceneError
 from rigidmc.points import Antithetic, Recorder, points
 from rigidmc.sampling import draw
-from rigidmc.scene import PILOT
+from rigidmc.scene_checks import PILOT
 from rigidmc.vectors import Facts, turns
 
 MOST_OWN_STEPS = 2**24  # of a member in a round: no member stops a run, however fast it spins

@@ -8,11 +8,12 @@ from rigidmc.dynamics.methods import names
 from rigidmc.effects.parameters import parameter_count
 from rigidmc.engine import layout
 from rigidmc.engine.compose import as_single
-from rigidmc.engine.watch import EVENT, SHADOW, SUMS, record_of, watch_rows
+from rigidmc.engine.events import EVENT, record_of
+from rigidmc.engine.watch import SHADOW, SUMS, watch_rows
 from rigidmc.observables import RUNNING, SIZES, outputs
 from rigidmc.observables.chaos import OFTEN
 from rigidmc.sampling import is_open, rows
-from rigidmc.scene import PILOT
+from rigidmc.scene_checks import PILOT
 
 
 class Watch(NamedTuple):

@@ -13,6 +13,20 @@ from rigidmc.dynamics.so3 import dot, first_three, joined, scale, select, select
 from rigidmc.effects.verbs import booked, gross, total_energy, total_energy_scale
 from rigidmc.engine.compose import all_rows, inline, read, read_all
 from rigidmc.engine.entries import Compiled
+from rigidmc.engine.events import (
+    COUNT,
+    EVENT,
+    SCRATCH,
+    TIMES,
+    TRIES,
+    begin_events,
+    find,
+    held,
+    look_at_events,
+    note,
+    note_first,
+    stopped,
+)
 from rigidmc.engine.layout import (
     ATTITUDE,
     BODY,
@@ -54,28 +68,7 @@ from rigidmc.engine.layout import (
     tuple_at,
 )  # fmt: skip
 from rigidmc.engine.noise import as_float, as_word, normals, philox
-from rigidmc.engine.watch import (
-    COUNT,
-    EVENT,
-    OFTEN,
-    SCRATCH,
-    SHADOW,
-    TIMES,
-    TRIES,
-    all_marks,
-    begin_events,
-    begin_running,
-    begin_shadow,
-    find,
-    held,
-    look_at_events,
-    look_at_running,
-    look_at_shadow,
-    note,
-    note_first,
-    stopped,
-    watched,
-)  # fmt: skip
+from rigidmc.engine.watch import OFTEN, SHADOW, all_marks, begin_running, begin_shadow, look_at_running, look_at_shadow, watched
 from rigidmc.integrators.verbs import closed, opened, step
 
 LOOK = 32  # steps between two looks at drift and health: a look each step costs 20 to 25 % of rk4, every 16th up to 5 %

@@ -51,7 +51,7 @@ class Flips(NamedTuple):
         return {"axis": f"axis {self.axis}" if self.axis else "axis of the middle moment", "within": float(self.within)}
 
     def results(self, record):
-        """Outputs from what an event keeps, see `rigidmc.engine.watch`."""
+        """Outputs from what an event keeps, see `rigidmc.engine.events`."""
         with np.errstate(all="ignore"):
             waits = record.count - 1.0
             mean = (record.last - record.first) / waits

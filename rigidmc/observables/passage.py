@@ -63,7 +63,7 @@ class Passage(NamedTuple):
         }
 
     def results(self, record):
-        """Outputs from what an event keeps, see `rigidmc.engine.watch`."""
+        """Outputs from what an event keeps, see `rigidmc.engine.events`."""
         return {"passages": record.count, "passage_first": record.first, "passage_last": record.last}
 
 
