@@ -30,6 +30,9 @@ def stability_map(ds, shown=None, figure=None):
     values = ds[name].values
     edges = [_edges(ds[key]) for key in ("x", "y")]
     colours, norm, ticks = _colours(name, values)
+    for key in ("x", "y"):
+        if ds[key].attrs["log"]:
+            getattr(axes, f"set_{key}scale")("log")
     image = axes.pcolormesh(*edges, values, cmap=colours, norm=norm, rasterized=True)
     handles: list[Any] = []
     axes.set_facecolor("#dddddd")
@@ -49,13 +52,11 @@ def stability_map(ds, shown=None, figure=None):
         lines = axes.contour(ds.x.values, ds.y.values, ds[variable].values, levels=levels, colors="black", linewidths=1.4)
         lines.set(path_effects=[withStroke(linewidth=2.6, foreground="white")])
         if len(levels) > 1:
-            axes.clabel(lines, fontsize=9, fmt="%g")
+            axes.clabel(lines, fontsize=9, fmt="%g", manual=_middles(lines, axes))
             for text in axes.texts:
                 text.set_path_effects(HALO)
         handles.append(Line2D([], [], color="black", lw=1.4, label=words))
     for key, axis in (("x", axes.xaxis), ("y", axes.yaxis)):
-        if ds[key].attrs["log"]:
-            getattr(axes, f"set_{key}scale")("log")
         axis.set_label_text(case.labels["xy".index(key)] if case else label(ds[key]))
     bar = figure.colorbar(image, ax=axes, pad=0.02, ticks=ticks[0] if ticks else None)
     own = case.labels[2] if case and len(case.labels) > 2 and name == case.shown else None
@@ -70,6 +71,17 @@ def stability_map(ds, shown=None, figure=None):
 def label(coordinate):
     """What stands at an axis: the parameter with its units."""
     return f"{coordinate.attrs['long_name']} [{coordinate.attrs['units']}]"
+
+
+def _middles(lines, axes):
+    """The middle of the longest piece of each line, as it is drawn: where numbers do not crowd at ends that meet."""
+    found = []
+    for pieces in lines.allsegs:
+        drawn = [(piece, np.hypot(*np.diff(axes.transData.transform(piece), axis=0).T)) for piece in pieces if len(piece) > 1]
+        if drawn:
+            piece, steps = max(drawn, key=lambda one: one[1].sum())
+            found.append(tuple(piece[np.searchsorted(np.cumsum(steps), 0.5 * steps.sum())]))
+    return found
 
 
 def _edges(coordinate):
