@@ -11,10 +11,10 @@ from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.observables import OBSERVABLES, outputs
 from rigidmc.planning import prepare
 from rigidmc.simulation import simulate
-from rigidmc.storage import open_result, scene_of
+from rigidmc.storage import open_result, refuse_existing, scene_of, write
 
 
-def rerun(source, member, every=None, save=None, allow_code=False, **options):
+def rerun(source, member, every=None, save=None, allow_code=False, output=None, force=False, **options):
     """Integrate a member of a result once more: a Dataset like that of `rigidmc.simulate`, equal to it where both have saves.
 
     source : a result, a file (.nc) or a Dataset
@@ -22,12 +22,15 @@ def rerun(source, member, every=None, save=None, allow_code=False, **options):
     every : time between saves [s], a whole number of steps; default that of the result. A member's bits are those of its steps: with steps of its
         own (`turn`) these follow `every`, which has to stay
     save : names of observables; default all but work, which the result may not have booked
+    output : write this netCDF file too; `force` replaces one that is there
     allow_code, options : as of `rigidmc.Scene.load` and `rigidmc.simulate`
 
     The attribute `rerun` tells at how many times it was compared. Raises SceneError for a member that the result has not and an `every` between
     steps; a SceneWarning where a value differs, as it may on another type of processor or with another version.
     """
     source = source if hasattr(source, "data_vars") else os.fspath(source)
+    if output is not None:
+        refuse_existing(os.fspath(output), force)
     scene = scene_of(source, allow_code=allow_code)
     called = source if isinstance(source, str) else source.encoding.get("source", "the result")
     wanted = member if isinstance(member, range) else range(member, member + 1)
@@ -49,6 +52,8 @@ def rerun(source, member, every=None, save=None, allow_code=False, **options):
     made = simulate(scene, members=wanted, **options)
     with open_result(source) if isinstance(source, str) else nullcontext(source) as result:
         made.attrs["rerun"] = _compared(made, result.sel(member=list(wanted)), called)
+    if output is not None:
+        write(made, os.fspath(output), force)
     return made
 
 
