@@ -3,6 +3,8 @@
 import numpy as np
 import xarray as xr
 
+PICTURES = ("summary", "momentum_sphere", "axis_sphere", "middle_component", "start_and_end", "drift_histogram")
+
 
 class Pictures:
     """The pictures of `rigidmc.plots`, each a method: ds.rigid.plot.momentum_sphere()."""
@@ -10,14 +12,16 @@ class Pictures:
     def __init__(self, dataset):
         self._dataset = dataset
 
+    def __dir__(self):
+        return [*super().__dir__(), *PICTURES]
+
     def __getattr__(self, name):
         from functools import partial
 
         from rigidmc import plots
 
-        known = ("summary", "momentum_sphere", "axis_sphere", "middle_component", "start_and_end", "drift_histogram")
-        if name not in known:
-            raise AttributeError(f"no picture '{name}'; known: {', '.join(known)}")
+        if name not in PICTURES:
+            raise AttributeError(f"no picture '{name}'; known: {', '.join(PICTURES)}")
         return partial(getattr(plots, name), self._dataset)
 
 
@@ -35,9 +39,16 @@ class Rigid:
 
         return scene_of(self._dataset, allow_code=allow_code)
 
+    def _whole(self):
+        """The Dataset; ValueError where time or member was selected away."""
+        for dim in ("time", "member"):
+            if dim not in self._dataset.dims:
+                raise ValueError(f"the dimension {dim} is gone: select with a list, as in ds.isel({dim}=[0])")
+        return self._dataset
+
     def momentum(self):
         """Angular momentum (time, axis, member) in body axes, saved or from omega [kg m2/s]."""
-        ds = self._dataset
+        ds = self._whole()
         if "momentum" in ds:
             return ds.momentum
         if "omega" not in ds:
@@ -77,7 +88,7 @@ class Rigid:
 
     def energy(self):
         """Energy (time, member), saved or of what was saved, TdC (3.16), (3.33) [J]; ValueError where the attitude it needs was not."""
-        ds = self._dataset
+        ds = self._whole()
         if "energy" in ds:
             return ds.energy
         l = self.momentum()
@@ -91,11 +102,13 @@ class Rigid:
         from rigidmc.engine.members import energies
         from rigidmc.staging import physics, stage
 
-        first, count = int(ds.member[0]), ds.sizes["member"]
-        block, _ = stage(scene, first, count, True)
-        body, effects = physics(scene.effects, block)
-        q = np.moveaxis(ds.attitude.transpose("time", "quat", "member").values, 1, 0)
-        potential = xr.DataArray(np.asarray(energies(effects, body, tuple(q))), dims=("time", "member"))
+        q, found = np.moveaxis(ds.attitude.transpose("time", "quat", "member").values, 1, 0), []
+        runs = np.split(np.arange(ds.sizes["member"]), np.flatnonzero(np.diff(ds.member.values) != 1) + 1)
+        for run in runs:  # of members that follow each other: what is selected may be any
+            block, _ = stage(scene, int(ds.member[run[0]]), run.size, True)
+            body, effects = physics(scene.effects, block)
+            found.append(np.broadcast_to(energies(effects, body, tuple(q[..., run])), (q.shape[1], run.size)))
+        potential = xr.DataArray(np.concatenate(found, axis=1), dims=("time", "member"))
         return (kinetic + potential).rename("energy").assign_attrs(units="J", long_name="energy")
 
     def drift(self):
@@ -113,11 +126,15 @@ class Rigid:
         """The curve of constant energy and |L|^2 through a member's start (points, axis), on which the momentum of a free body stays [kg m2/s]."""
         from rigidmc.sphere import polhodes
 
+        if member not in self._dataset.member.values:
+            raise ValueError(
+                f"no member {member}; the members are {self._dataset.member.values[0]} to {self._dataset.member.values[-1]}"
+            )
         one = self._dataset.sel(member=[member])
         start = one.start_momentum if "start_momentum" in one else one.start_omega * one.moments
         l = start.transpose("axis", "member").values
         size = np.linalg.norm(l, axis=0)
-        found = polhodes(l / size, one.moments.values)
+        found = polhodes(l / size, one.moments.values, points)
         return xr.DataArray(
             found[..., 0] * size[0],
             dims=("point", "axis"),

@@ -7,7 +7,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
-from rigidmc.body import IDENTITY
+from rigidmc.body import IDENTITY, broken
 from rigidmc.choice import resolved
 from rigidmc.effects import EFFECTS, labelled
 from rigidmc.effects.parameters import given
@@ -18,6 +18,8 @@ from rigidmc.observables import OBSERVABLES, rows_of
 from rigidmc.planning import prepare
 from rigidmc.prices import cost_per_step, prices, some_of
 from rigidmc.sampling import Distribution, Grid
+from rigidmc.scene_checks import PILOT
+from rigidmc.scene_parameters import parameters
 from rigidmc.storage.schema import conservation, length, member_variables
 from rigidmc.vectors import word_of
 
@@ -91,8 +93,20 @@ def describe(scene, threads):
         lines.append(
             f"price        {free:.2f} ns without effects ({none}){each}: {predicted:.2f} ns predicted, {quiet / predicted:.2f} of that measured"
         )
-    lines += [f"note         {note}" for note in plan.notes]
+    lines.append(f"parameters   {', '.join(parameters(scene))}")
+    lines += [f"note         {note}" for note in (*plan.notes, *impossible(scene))]
     return "\n".join(lines)
+
+
+def impossible(scene):
+    """Notes on bodies that cannot be though their moments could: about the centre of mass the second moments S_i = (I_j + I_k - I_i)/2 - m c_i^2 have
+    to form a matrix without negative eigenvalues, which is m sum c_i^2/S_i <= 1."""
+    moments, mass, centre = scene.coarse().body.sample(scene.run.seed, 0, PILOT)
+    second = 0.5 * moments.sum(0) - moments
+    with np.errstate(all="ignore"):
+        bad = (mass * np.where(centre == 0.0, 0.0, centre**2 / second).sum(0) > 1.0 + 1e-9) & ~broken(moments)
+    words = "of the bodies have their mass nearer to the fixed point than the centre of mass would be: no body of these moments about it has such a one"
+    return (f"{int(bad.sum()):,} of the first {PILOT:,} {words}",) if bad.any() else ()
 
 
 def _limits(limits):

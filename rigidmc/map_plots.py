@@ -25,7 +25,8 @@ def stability_map(ds, shown=None, figure=None):
     name = shown or (case.shown if case else next(iter(ds.data_vars)))
     if name not in ds:
         raise ValueError(f"{name}: the map has no such variable; it has {', '.join(map(str, ds.data_vars))}")
-    figure = figure or new_figure(fill(ds.attrs["title"], 95), (9.0, 7.2))
+    facts = "" if case else f": {ds.attrs['members']} members to a pixel, to {ds.attrs['t_end']:g} s with {ds.attrs['integrator']}"
+    figure = figure or new_figure(fill(ds.attrs["title"] + facts, 95), (9.0, 7.2))
     axes = figure.add_subplot()
     values = ds[name].values
     edges = [_edges(ds[key]) for key in ("x", "y")]
@@ -45,9 +46,11 @@ def stability_map(ds, shown=None, figure=None):
         if mask.values.any():
             grid = np.where(mask.values, 1.0, np.nan)
             axes.pcolormesh(*edges, grid, cmap=ListedColormap([face]), vmin=0.0, vmax=2.0, rasterized=True)
-            axes.contourf(ds.x.values, ds.y.values, mask.values.astype(float), levels=[0.5, 1.5], colors="none", hatches=[hatch])
+            over = [np.repeat(e, 2)[1:-1] for e in edges]  # each pixel by its four corners: hatched to its edge
+            each = np.repeat(np.repeat(mask.values.astype(float), 2, axis=0), 2, axis=1)
+            axes.contourf(*over, each, levels=[0.5, 1.5], colors="none", hatches=[hatch])
             handles.append(Patch(facecolor=face, edgecolor="#555555", hatch=hatch, label=words))
-    if case and case.contours:
+    if case and case.contours and min(ds.sizes["x"], ds.sizes["y"]) > 1:
         variable, levels, words = case.contours
         lines = axes.contour(ds.x.values, ds.y.values, ds[variable].values, levels=levels, colors="black", linewidths=1.4)
         lines.set(path_effects=[withStroke(linewidth=2.6, foreground="white")])
@@ -60,7 +63,8 @@ def stability_map(ds, shown=None, figure=None):
         axis.set_label_text(case.labels["xy".index(key)] if case else label(ds[key]))
     bar = figure.colorbar(image, ax=axes, pad=0.02, ticks=ticks[0] if ticks else None)
     own = case.labels[2] if case and len(case.labels) > 2 and name == case.shown else None
-    bar.set_label(own or fill(f"{ds[name].attrs['long_name']} [{ds[name].attrs['units']}]", 75))
+    units = "" if ds[name].attrs["units"] == "1" else f" [{ds[name].attrs['units']}]".replace(" ", "\N{NO-BREAK SPACE}")
+    bar.set_label(own or fill(ds[name].attrs["long_name"].split(";")[0] + units, 75))
     if ticks:
         bar.ax.set_yticklabels(ticks[1])
     if handles:
@@ -112,4 +116,6 @@ def _colours(name, values):
             ([2, 5, 10, 20, 50, 100, 200], ["2", "5", "10", "20", "50", "100", "200"]),
         )
     low, high = np.quantile(found, [0.005, 0.995])
-    return PALETTE, Normalize(low, high if high > low else low + 1.0), None
+    if high <= low:
+        return PALETTE, Normalize(low - 0.01 * abs(low) - 1e-300, high + 0.01 * abs(high) + 1e-300), None
+    return PALETTE, Normalize(low, high), None

@@ -17,7 +17,7 @@ from rigidmc.limits import limits
 from rigidmc.observables import OBSERVABLES, rows_of
 from rigidmc.sampling import is_open, is_shared, rows
 from rigidmc.scene_checks import PILOT
-from rigidmc.staging import check_ensemble, physics, rates, stage
+from rigidmc.staging import check_starts, physics, rates, stage
 from rigidmc.watching import Watch, needs_attitude, watch
 
 BLOCK = 4096  # members: their 30 to 40 rows are 1 MB, and a kernel call on them is 10 ms or more
@@ -110,7 +110,7 @@ def carries_attitude(scene):
 def prepare(scene, threads=1, streaming=False, block=None):
     """The Plan of a checked scene; raises SceneError."""
     scene.check()
-    check_ensemble(scene.coarse())
+    check_starts(scene.coarse())
     run = scene.run
     own, carried = run.turn is not None and run.integrator != "closed", carries_attitude(scene)
     if own:

@@ -33,6 +33,8 @@ def rerun(source, member, every=None, save=None, allow_code=False, output=None, 
         refuse_existing(os.fspath(output), force)
     scene = scene_of(source, allow_code=allow_code)
     called = source if isinstance(source, str) else source.encoding.get("source", "the result")
+    if not isinstance(member, range) and (isinstance(member, bool) or not isinstance(member, (int, np.integer))):
+        raise SceneError("", "member", member, "expected the index of a member, or a range of them")
     wanted = member if isinstance(member, range) else range(member, member + 1)
     run = scene.run
     known = range(run.first, run.first + run.members)
@@ -58,15 +60,17 @@ def rerun(source, member, every=None, save=None, allow_code=False, output=None, 
 
 
 def frames(source, member, count, allow_code=False):
-    """A member again with attitude and momentum at about `count` evenly spaced times, as an animation needs them."""
+    """A member again with attitude and momentum at `count` + 1 times or as many steps as there are, evenly spaced to half a step, as an animation needs them."""
     run = scene_of(os.fspath(source), allow_code=allow_code).run
     steps = max(1, round(run.t_end / run.dt)) if run.turn is None else 0
     if run.turn is not None:  # members have steps of their own between saves: those are all there is
         return rerun(source, member, save=("attitude", "momentum"), allow_code=allow_code)
-    between = max(1, round(steps / count))
+    between = max(1, steps // count)
     while steps % between:  # saves are evenly spaced to the end
         between -= 1
-    return rerun(source, member, every=run.t_end / (steps // between), save=("attitude", "momentum"), allow_code=allow_code)
+    made = rerun(source, member, every=run.t_end / (steps // between), save=("attitude", "momentum"), allow_code=allow_code)
+    nearest = np.unique(np.rint(np.linspace(0, made.sizes["time"] - 1, count + 1)).astype(int))
+    return made.isel(time=nearest)
 
 
 def _shared(variable, times, dims):
@@ -82,7 +86,11 @@ def _compared(made, result, source):
     """In words, at how many times the saves of both are equal to the bit; warns where they are not."""
     shared = np.intersect1d(made.time.values, result.time.values)
     over = {name for label, one in scene_of(result).watched() for name in outputs(label, one)} if made.sizes["time"] else set()
-    both = [name for name in made.data_vars if name in result and ("time" in made[name].dims or name in over)]
+    both = [
+        name
+        for name in made.data_vars
+        if name in result and "member" in made[name].dims and ("time" in made[name].dims or name in over)
+    ]
     apart: dict[str, Any] = {}
     for name in both:
         one, two = (_shared(ds[name], shared, made[name].dims) for ds in (made, result))

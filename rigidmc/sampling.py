@@ -93,6 +93,11 @@ def _scipy(name):
     return found if isinstance(found, scipy.stats.rv_continuous) else None
 
 
+def is_distribution(name):
+    """Whether there is a distribution of that name."""
+    return name in ("normal", "uniform") or _scipy(name) is not None
+
+
 def normal(mean, standard_deviation):
     """Normal distribution N(mean, standard_deviation^2)."""
     return distribution("normal", mean, standard_deviation)

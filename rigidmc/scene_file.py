@@ -18,12 +18,12 @@ from rigidmc.effects.own import class_of, source_of
 from rigidmc.effects.parameters import given
 from rigidmc.errors import SceneError, nearest, unknown
 from rigidmc.observables import SUMMARIES, summary_of
-from rigidmc.sampling import Distribution, Grid, distribution, grid
+from rigidmc.sampling import Distribution, Grid, distribution, grid, is_distribution
 from rigidmc.scene import Run, Scene, Table, complaint
 from rigidmc.solids import SOLIDS
 from rigidmc.start import Start
 from rigidmc.tables import column
-from rigidmc.vectors import of_table, word_of
+from rigidmc.vectors import VECTORS, of_table, word_of
 
 
 class _File(Table):
@@ -190,7 +190,10 @@ def read_source(source):
         return resources.files("rigidmc.scenes").joinpath(f"{source}.toml").read_text("utf-8")
     if os.path.exists(source):
         with open(source, encoding="utf-8") as file:
-            return file.read()
+            try:
+                return file.read()
+            except UnicodeDecodeError:
+                raise SceneError("", "scene", None, "is no text in UTF-8, and so no scene file", file=source) from None
     close = nearest(os.path.basename(source).removesuffix(".toml"), shipped())
     hint = f" (did you mean '{close}'?)" if close else ""
     raise FileNotFoundError(f"{source}: no such file, and no shipped scene of that name{hint}; shipped: {', '.join(shipped())}")
@@ -262,6 +265,8 @@ def _parse(value, table, key, stored):
         if not isinstance(names, list) or not all(isinstance(name, str) for name in (*names, value["table"])):
             raise SceneError(table, key, value, 'expected { table = "file.csv", columns = ["w1", "w2", "w3"] }, or column = "w1"')
         found = [column(stored.folder, value["table"], name, table, key) for name in names]
+        if not one and len(found) not in (3, 4):
+            raise SceneError(table, key, value, f"{len(found)} columns: a vector has 3 components, a quaternion 4")
         return found[0] if one else found
     if "grid" in value:
         _only(value, ("grid", "stride", "log"), f"{table}.{key}")
@@ -274,6 +279,13 @@ def _parse(value, table, key, stored):
     whole = of_table(name, parameters, key, lambda part: _parse(part, table, key, stored))
     if whole is not None:
         return whole
+    if key in VECTORS and not is_distribution(name):
+        elsewhere = [other for other, kinds in VECTORS.items() if name in kinds]
+        rule = f"'{name}' is of {' and '.join(elsewhere)}" if elsewhere else f"no vector or distribution '{name}'"
+        rule += (
+            f"; vectors of {key}: {', '.join(VECTORS[key])}; distributions: normal, uniform and the continuous ones of scipy.stats"
+        )
+        raise SceneError(table, key, value, rule, nearest(name, [*VECTORS[key], "normal", "uniform"]))
     if isinstance(parameters, dict):
         return _named(table, key, value, distribution, name, **parameters)
     return _named(table, key, value, distribution, name, *(parameters if isinstance(parameters, list) else [parameters]))

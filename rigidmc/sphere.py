@@ -15,13 +15,13 @@ def central_axis(moments):
     return low if moments[high] - moments[middle] <= same else middle
 
 
-def polhodes(l, moments):
-    """Closed curves (point, axis, member) through the directions l (axis, member), around the axis of the least or largest moment.
+def polhodes(l, moments, points=721):
+    """Closed curves (points, axis, member) through the directions l (axis, member), around the axis of the least or largest moment.
 
     With u = L/|L| and c = sum u_i^2/I_i = 2 T/L^2: the distance rho from axis e at the angle phi from the middle axis m obeys
     rho^2 (cos^2 phi/I_m + sin^2 phi/I_a - 1/I_e) = c - 1/I_e.
     """
-    phi, curves = np.linspace(0.0, 2.0 * np.pi, 721), np.empty((721, *l.shape))
+    phi, curves = np.linspace(0.0, 2.0 * np.pi, points), np.empty((points, *l.shape))
     with np.errstate(all="ignore"):
         for k, inverse in enumerate(1.0 / moments.T):
             u = l[:, k] / np.sqrt(l[:, k] @ l[:, k])

@@ -45,7 +45,7 @@ def source(scene):
     if scene not in _sources:
         seen = Recorder()
         _staged(scene, seen, 0, 1, True)  # the attitude too, so that no point depends on what is saved
-        _sources[scene] = points(run.seed, run.points, tuple(seen.found), run.strata)
+        _sources[scene] = points(run.seed, run.points, tuple(seen.found), run.strata or run.first + run.members)
     return _sources[scene]
 
 
@@ -88,9 +88,13 @@ def facts(scene, block, moments):
     return Facts(moments, lambda q: energies(effects, body, tuple(q)) + none, total_energy_scale(effects, body) + none, q)
 
 
-def check_ensemble(scene):
-    """Raise SceneError where the attitudes of an ensemble are too rare among uniform ones to be found."""
+def check_starts(scene):
+    """Raise SceneError where no member has a start, or where the attitudes of an ensemble are too rare among uniform ones to be found."""
+    which = "omega" if scene.start.momentum is None else "momentum"
     if scene.start.attitude != "ensemble":
+        if hasattr(getattr(scene.start, which), "_fields") and stage(scene, 0, PILOT, True)[0][layout.STATUS].all():
+            rule = f"none of the first {PILOT} members has one: its energy, temperature or size cannot be"
+            raise SceneError("start", which, None, rule)
         return
     block, start = _staged(scene.with_run(), scene.run.seed, 0, PILOT, False)
     share = scene.start.momentum.share(scene.run.seed, 0, PILOT, facts(scene, block, start["moments"]))

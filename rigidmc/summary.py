@@ -1,5 +1,7 @@
 """A result in a few lines: who is well, what was kept, and every number that its members have, with its interval."""
 
+import tomllib
+
 import numpy as np
 
 from rigidmc import statistics
@@ -18,6 +20,8 @@ def summary(dataset, confidence=0.95):
         if "dt" in dataset.attrs
         else f"turn = {dataset.attrs.get('turn', float('nan')):.6g} rad"
     )
+    points = tomllib.loads(dataset.attrs["scene"])["run"].get("points", "independent")
+    independent = points == "independent"
     lines = [
         f"{dataset.attrs.get('title', 'result')}: {count:,} members to {float(dataset.time.values[-1]):g} s with {dataset.attrs['integrator']}, {run}"
     ]
@@ -31,7 +35,9 @@ def summary(dataset, confidence=0.95):
             if variable.ndim == 1
             else [(f"{name}[{i}]", variable.isel({variable.dims[0]: i - 1})) for i in range(1, variable.shape[0] + 1)]
         )
-        lines += [line for label, part in parts if (line := _line(label, part, good, confidence))]
+        lines += [line for label, part in parts if (line := _line(label, part, good, confidence if independent else None))]
+    if not independent:
+        lines.append(f"  its members are {points} points, whose spread tells no interval: see rigidmc.randomised")
     saved = [str(name) for name, v in dataset.data_vars.items() if "time" in v.dims]
     lines.append(f"  saved at {dataset.sizes['time']:,} times: {', '.join(saved) or 'nothing'}")
     return "\n".join(lines)
@@ -41,12 +47,15 @@ def _line(label, variable, good, confidence):
     """One number per member on a line; None where it is the same for all."""
     values = variable.values[good]
     seen = values[np.isfinite(values)]
-    if not seen.size or np.ptp(seen) == 0.0:
-        return None if not seen.size or label.startswith("moments") else f"  {label:24s} {seen[0]:.6g} for all {_units(variable)}"
-    found = statistics.mean(seen, confidence=confidence)
+    if not seen.size:
+        return f"  {label:24s} never, for none of {values.size:,}"
+    if np.ptp(seen) == 0.0 and seen.size == values.size:
+        return None if label.startswith("moments") else f"  {label:24s} {seen[0]:.6g} for all {_units(variable)}".rstrip()
+    found = statistics.mean(seen, confidence=confidence or 0.95)
+    width = f" +- {found.half:.2g}" if confidence else ""
     low, middle, high = np.quantile(seen, (0.05, 0.5, 0.95))
     never = f"; never for {values.size - seen.size:,}" if seen.size < values.size else ""
-    return f"  {label:24s} {found.value:.6g} +- {found.half:.2g}, median {middle:.6g}, 90 % in {low:.4g} to {high:.4g} {_units(variable)}{never}".rstrip()
+    return f"  {label:24s} {found.value:.6g}{width}, median {middle:.6g}, 90 % in {low:.4g} to {high:.4g} {_units(variable)}{never}".rstrip()
 
 
 def _units(variable):

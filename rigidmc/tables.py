@@ -18,29 +18,40 @@ def column(folder, file, name, table, key):
     if not file.endswith(SUFFIXES):
         raise SceneError(table, key, file, f"expected a file that ends in {' or '.join(SUFFIXES)}")
     if not os.path.exists(path):
-        raise SceneError(table, key, file, "no such file")
+        raise SceneError(table, key, file, f"no such file in {os.path.abspath(folder or os.curdir)}")
     columns = _csv(path, table, key, file) if file.endswith(".csv") else _netcdf(path)
     if name not in columns:
-        raise unknown(table, key, name, f"column of {file}", columns)
+        error = unknown(table, key, name, f"column of {file}", columns)
+        error.rule += (
+            "; columns are separated by commas" if file.endswith(".csv") else "; numbers of one row per member are columns"
+        )
+        raise error
     values = np.ascontiguousarray(columns[name], float)
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
-        raise SceneError(table, key, f"{file}: {name}", f"row {bad[0] + 1} is no finite number ({bad.size} rows in all)")
+        raise SceneError(
+            table, key, f"{file}: {name}", f"row {bad[0] + 1} is no finite number (of {values.size} rows {bad.size} are none)"
+        )
     return values
 
 
 def _csv(path, table, key, file):
     with open(path, encoding="utf-8") as lines:
-        names = [word.strip().strip('"') for word in lines.readline().strip().lstrip("\ufeff").split(",")]
         try:
-            rows = np.genfromtxt(lines, delimiter=",", ndmin=2)
+            names = [word.strip().strip('"') for word in lines.readline().strip().lstrip("\ufeff").split(",")]
+            text = [line for line in lines if line.strip()]
+            rows = np.genfromtxt(text, delimiter=",", ndmin=2) if text else np.empty((0, 0))
+        except UnicodeDecodeError:
+            raise SceneError(table, key, file, "is no text in UTF-8") from None
         except ValueError as error:
             raise SceneError(
                 table, key, file, f"not a table of {len(names)} columns: {str(error).splitlines()[-1].strip()}"
             ) from None
-    if not rows.size or rows.shape[1] != len(names):
-        found = rows.shape[1] if rows.size else 0
-        raise SceneError(table, key, file, f"its first line names {len(names)} columns ({', '.join(names)}), its rows have {found}")
+    if not rows.size:
+        raise SceneError(table, key, file, "has no rows below its first line, which names the columns")
+    if rows.shape[1] != len(names):
+        rule = f"its first line names {len(names)} columns ({', '.join(names)}), its rows have {rows.shape[1]}; columns are separated by commas"
+        raise SceneError(table, key, file, rule)
     return dict(zip(names, rows.T, strict=True))
 
 

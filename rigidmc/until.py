@@ -47,8 +47,11 @@ def simulate_until(scene, until, most=MOST, confidence=0.95, threads=None, progr
     It grows without the saves of a scene, in memory of some 100 bytes a member; where there are saves, or an output, the members are then run once
     more with them. They are those of a run of that size, to the bit: the first so many of the scene. How many is known to a few per cent from the
     spread of those before, so that few looks are taken.
-    Raises SceneError where what is asked needs more than `most` members by the first.
+    A SceneWarning says where it is not reached. Raises SceneError where what is asked needs more than `most` members by the first.
     """
+    if options.get("members") is not None:
+        rule = "there are as many members as it takes, `most` at most: give that"
+        raise SceneError("run", "members", options["members"], rule)
     scene = observing(scene.with_run(**options), [_SIGN.split(until)[0]])
     if scene.run.points != "independent":
         rule = f"an interval of {scene.run.points} points is not told by their spread: see rigidmc.randomised; use independent ones"
@@ -66,7 +69,16 @@ def simulate_until(scene, until, most=MOST, confidence=0.95, threads=None, progr
         if progress is not None:
             progress(size, found)
         half = wanted.half * abs(found.value) if wanted.relative else wanted.half
-        if found.half <= half or size >= most:
+        if goal_reached(until, found):
+            break
+        if known == 0 and not np.isfinite(found.value):
+            raise SceneError("run", "until", until, f"none of the first {size:,} members has a {wanted.measure.name}")
+        if known == 0 and half == 0.0:
+            rule = f"is 0 of the first {size:,} members: no number of them brings it to a share of 0; give the width itself"
+            raise SceneError("run", "until", until, rule)
+        if size >= most:
+            rule = f"{until} is not reached: {found.value:.6g} +- {found.half:.2g} by {size:,} members, which are all that may be"
+            warnings.warn(rule, SceneWarning, stacklevel=2)
             break
         needed = FIRST * math.ceil(SURE * members_for(wanted.measure, found, size, half, confidence) / FIRST)
         if known == 0 and needed > most:
@@ -75,6 +87,13 @@ def simulate_until(scene, until, most=MOST, confidence=0.95, threads=None, progr
         known, size = size, min(most, max(needed, size + FIRST))
     told = {"until": until, "found": f"{found.value:.10g} in {found.low:.10g} to {found.high:.10g}"}
     return simulate(scene, members=range(first, first + size), threads=threads, output=output, force=force, attrs=told), found
+
+
+def goal_reached(until, found):
+    """Whether an Interval is as narrow as a text asks."""
+    number = _SIGN.split(until.strip())[1].strip()
+    half = abs(found.value) * float(number[:-1]) / 100.0 if number.endswith("%") else float(number)
+    return bool(found.half <= half)
 
 
 def members_for(measure, found, count, half, confidence):

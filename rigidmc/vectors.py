@@ -149,6 +149,7 @@ class GibbsMomentum(NamedTuple):
 
     def sample(self, draws, name, first, count, facts):
         (heat,) = draw((self.kT,), draws, f"{name}.kT", first, count)
+        heat = np.where(heat >= 0.0, heat, np.nan)
         z = draw((Distribution("normal", (0.0, 1.0)),) * 3, draws, f"{name}.normal", first, count)
         return np.sqrt(facts.moments * heat) * z
 
@@ -266,9 +267,22 @@ def checked(one, table, key):
             raise SceneError(where, name, None, "expected plain numbers")
         if fields.get(name) is not None and not any(fields[name]):
             raise SceneError(where, name, list(fields[name]), "a vector of length 0 has no direction")
-    if "kappa" in fields and not (isinstance(fields["kappa"], float) and fields["kappa"] >= 0.0):
-        raise SceneError(where, "kappa", value, "expected a number, 0 or more")
+    if "kappa" in fields and not (isinstance(fields["kappa"], float) and 0.0 <= fields["kappa"] <= 1e12):
+        raise SceneError(
+            where, "kappa", one.kappa if isinstance(one.kappa, (int, float)) else None, "expected a number between 0 and 1e12"
+        )
+    for name, least in (("kT", 0.0), ("size", 0.0)):
+        low = _lowest(fields.get(name, least))
+        if low < least:
+            raise SceneError(where, name, low, f"has to be {least:g} or more")
     return type(one)(**fields)
+
+
+def _lowest(value):
+    """The smallest number that a quantity takes, of distributions the 1e-9 quantile."""
+    if isinstance(value, Distribution):
+        return 0.0 if value.name == "normal" else float(value.ppf(np.array([1e-9]))[0])  # a normal law is taken as meant
+    return value.low if hasattr(value, "low") else value
 
 
 def _scalar(value, where, name):
@@ -278,7 +292,10 @@ def _scalar(value, where, name):
 
 
 def _covariance(value, where):
-    found = np.asarray(value, float)
+    try:
+        found = np.asarray(value, float)
+    except (TypeError, ValueError):
+        raise SceneError(where, "covariance", value, "expected a symmetric matrix of 3x3 finite numbers") from None
     if found.shape != (3, 3) or not np.isfinite(found).all() or not np.allclose(found, found.T):
         raise SceneError(where, "covariance", np.asarray(value).tolist(), "expected a symmetric matrix of 3x3 finite numbers")
     if np.linalg.eigvalsh(found).min() <= 0.0:
@@ -292,7 +309,7 @@ def of_table(word, table, key, parsed):
     if word not in kinds:
         return None
     where = f"{key}.{word}"
-    if not isinstance(table, dict):
+    if not isinstance(table, dict) or (len(kinds[word]._fields) == 1 and table and not set(table) & set(kinds[word]._fields)):
         if len(kinds[word]._fields) > 1:
             raise SceneError("", where, table, f"expected a table with the keys {', '.join(kinds[word]._fields)}")
         table = {kinds[word]._fields[0]: table}

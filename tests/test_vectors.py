@@ -220,6 +220,8 @@ def test_starts_from_a_table(tmp_path):
         ('{ table = "w.csv", columns = ["wx", "wy"] }', "wx,wy,wz\n1,2,3\n", "3 components"),
         ('{ table = "w.csv", columns = ["wx", "wy", "wz"] }', "wx,wy,wz\n1,2\n", "names 3 columns"),
         ('{ table = "w.csv", columns = ["wx", "wy", "wz"] }', "wx,wy,wz\n1,2,3\n1,b,3\n", "row 2"),
+        ('{ table = "w.csv", columns = ["wx", "wy", "wz"] }', "wx,wy,wz\n", "no rows"),
+        ('{ table = "w.csv", columns = ["wx", "wy", "wz"] }', "wx;wy;wz\n1;2;3\n", "commas"),
         ('{ table = "v.csv", columns = ["wx", "wy", "wz"] }', "", "no such file"),
         ('{ table = "w.txt", columns = ["wx", "wy", "wz"] }', "", ".csv"),
         ('{ table = "w.csv", colums = ["wx", "wy", "wz"] }', "", "columns"),
@@ -335,6 +337,34 @@ def test_an_ensemble_that_cannot_be_drawn_is_refused(start, run, rule):
     scene = rm.Scene(rm.Body(MOMENTS, mass=1.0, centre=(0.1, 0.2, 0.3)), (rm.Gravity(9.81),), start)
     with pytest.raises(SceneError, match=rule):
         rm.simulate(scene.with_run(members=32, t_end=1.0, **run))
+
+
+@pytest.mark.parametrize(
+    ("start", "words"),
+    [
+        ("omega = { spere = 2.0 }", "did you mean 'sphere'"),
+        ("omega = { shell = { energy = 1.0 } }", "'shell' is of momentum"),
+        ("momentum = { gibs = 0.1 }", "did you mean 'gibbs'"),
+        ("momentum = { gibbs = -0.1 }", "0 or more"),
+        ("omega = { cone = { axis = 1, size = -1.0, angle = 0.1 } }", "0 or more"),
+        ('omega = { correlated = { mean = [0, 0, 0], covariance = [[1, "a"], [2]] } }', "symmetric matrix"),
+        ("omega = [0, 0, 1]\nattitude = { fisher = { attitude = [1, 0, 0, 0], kappa = 1e300 } }", "between 0 and 1e12"),
+    ],
+)
+def test_misspelt_and_impossible_vectors_are_told(start, words):
+    with pytest.raises(SceneError, match=words):
+        rm.Scene.loads(f"[body]\nmoments = [1.0, 2.0, 2.5]\n[start]\n{start}\n")
+
+
+def test_a_start_that_none_has_is_refused():
+    scene = rm.Scene(rm.Body(MOMENTS, mass=1.0, centre=(0.0, 0.0, 0.3)), (rm.Gravity(9.81),), rm.Start(momentum=rm.Shell(-20.0)))
+    with pytest.raises(SceneError, match="none of the first"):
+        rm.simulate(scene, members=32, t_end=1.0)
+
+
+def test_short_words_take_distributions():
+    text = "[body]\nmoments = [1.0, 2.0, 2.5]\n[start]\nomega = { sphere = { uniform = [1.0, 2.0] } }\n"
+    assert rm.Scene.loads(text).start.omega == rm.Sphere(rm.uniform(1.0, 2.0))
 
 
 def test_an_ensemble_is_that_of_a_momentum():

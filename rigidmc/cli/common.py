@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+import warnings
 from contextlib import contextmanager
 from typing import Annotated
 
@@ -41,7 +42,7 @@ Every = Annotated[float | None, typer.Option(help="Time between saves \\[s]; wit
 Save = Annotated[
     str | None,
     typer.Option(
-        help="What to save, e.g. omega,attitude,energy; also momentum, l2, energy_drift, l2_drift, work; none for the summary only."
+        help="What to save and to watch, of `rigidmc observables`, e.g. omega,attitude,energy or flips,omega_max; none for the summary only."
     ),
 ]
 Threads = Annotated[int | None, typer.Option(min=1, help="Threads; default one per core.")]
@@ -99,6 +100,17 @@ def reported():
         fail("terminated; no file was left under the final name", TERMINATED)
     finally:
         signal.signal(signal.SIGTERM, previous)
+
+
+@contextmanager
+def noted():
+    """Show warnings about scenes as notes."""
+    from rigidmc.errors import SceneWarning
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", SceneWarning)
+        warnings.showwarning = lambda message, *_, **__: print(f"rigidmc: note: {message}", file=sys.stderr)
+        yield
 
 
 def fail(message, code):

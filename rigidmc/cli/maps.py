@@ -18,6 +18,7 @@ from rigidmc.cli.common import (
     Set,
     TEnd,
     Threads,
+    Tolerance,
     Turn,
     app,
     check_suffix,
@@ -34,8 +35,8 @@ def make_map(
     y: Annotated[str | None, typer.Option(metavar="KEY=LOW:HIGH", help="Scene parameter upwards.")] = None,
     of: Annotated[list[str], typer.Option(metavar="MEASURE", help='What a pixel is asked: "p(flips >= 1)", "mean(megno)", "quantile(flip_wait, 0.9)"; may be repeated.')] = [],  # noqa: B006
     resolution: Annotated[int, typer.Option(help="Pixels a side.")] = 256,
-    members: Annotated[int | None, typer.Option(help="Members to a pixel; default 16, or the map's own.")] = None,
-    integrator: Integrator = None, dt: Dt = None, turn: Turn = None, t_end: TEnd = None,
+    members: Annotated[int | None, typer.Option(help="Members to a pixel; default 16, or the map's own, or 1 where nothing else is drawn.")] = None,
+    integrator: Integrator = None, dt: Dt = None, turn: Turn = None, t_end: TEnd = None, tolerance: Tolerance = None,
     seed: Seed = None, threads: Threads = None, settings: Set = [], allow_code: AllowCode = False,  # noqa: B006
     output: Output = None, plot: Plot = None, force: Force = False,
 ):  # fmt: skip
@@ -50,6 +51,8 @@ def make_map(
                 made = case()
                 print(f"{word:18s} {made.title}")
                 print(f"{'':18s} {made.x[0]} and {made.y[0]}: {', '.join(made.of)}")
+                if made.source:
+                    print(f"{'':18s} theory: {made.source}")
             return
         for path in (output, plot):
             if path is not None:
@@ -67,12 +70,18 @@ def make_map(
                 )
 
         try:
-            changed = {"integrator": integrator, "dt": dt, "turn": turn, "t_end": t_end}
+            integrator = "auto" if tolerance is not None and integrator is None else integrator
+            changed = {"tolerance": tolerance, "integrator": integrator, "dt": dt, "turn": turn, "t_end": t_end}
             if name in MAPS and not (x or y or of or settings):
                 found = case_map(name, resolution, members, threads, show, seed=seed, **changed)
             else:
                 from rigidmc.studies.stability_map import stability_map
 
+                if name in MAPS and not (x and y and of):
+                    rule = (
+                        "a map of the package has its own x, y, measures and scene; give --resolution, --members, --dt and the like"
+                    )
+                    raise SceneError("", "map", name, f"{rule}, or a scene with all of --x, --y and --of")
                 if not (x or y or of or settings):
                     raise unknown("", "map", name, "map", MAPS)
                 if not (x and y and of):
@@ -87,7 +96,7 @@ def make_map(
                     _side(y, "--y"),
                     of,
                     resolution,
-                    16 if members is None else members,
+                    members,
                     threads,
                     show,
                     seed=seed,
@@ -126,6 +135,8 @@ def _side(text, key):
 
 def _close(found, members):
     """The closing summary; how many members failed."""
+    import numpy as np
+
     pixels, none = found.good.size, int(((found.good == 0) & (found.failed == 0)).sum())
     failed, count = int(found.failed.sum()), found.attrs["members"]
     print(f"{found.attrs['title']}")
@@ -139,9 +150,9 @@ def _close(found, members):
             continue
         wide = found[f"{name}_high"] - found[f"{name}_low"] if f"{name}_low" in found else None
         sure = (
-            f", intervals of {100 * found.attrs['confidence']:g} % +-{float(wide.median()) / 2:.2g} in the median"
-            if wide is not None and count > 1
-            else ""
+            f", intervals of {100 * found.attrs['confidence']:g} % +-{float(wide.where(np.isfinite(wide)).median()) / 2:.2g} in the median"
+            if wide is not None and count > 1 and np.isfinite(wide).any()
+            else ", too few members for intervals" * (count > 1 and wide is not None)
         )
         print(
             f"  {name:28s} {float(found[name].min()):.4g} to {float(found[name].max()):.4g}, median {float(found[name].median()):.4g}{sure}"

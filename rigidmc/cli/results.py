@@ -1,10 +1,25 @@
 """rigidmc rerun, summary, animate."""
 
+import sys
 from typing import Annotated
 
 import typer
 
-from rigidmc.cli.common import INVALID, AllowCode, Every, Force, Output, Plot, Save, app, check_suffix, fail, plots_module, reported
+from rigidmc.cli.common import (
+    INVALID,
+    AllowCode,
+    Every,
+    Force,
+    Output,
+    Plot,
+    Save,
+    app,
+    check_suffix,
+    fail,
+    noted,
+    plots_module,
+    reported,
+)
 
 
 @app.command()
@@ -26,7 +41,8 @@ def rerun(
             check_suffix(plot)
         wanted = None if save is None else [word.strip() for word in save.split(",") if word.strip() not in ("", "none")]
         try:
-            dataset = again(file, member, every, wanted, allow_code, output=output, force=force)
+            with noted():
+                dataset = again(file, member, every, wanted, allow_code, output=output, force=force)
         except SceneError as error:
             error.file = error.file or file
             raise
@@ -80,7 +96,14 @@ def animate(
 
         if not output.endswith(SUFFIXES):
             raise SceneError("", "--output", output, f"expected a file that ends in {', '.join(SUFFIXES)}")
-        dataset = frames(file, member, max(2, round(seconds * fps)) * SMOOTH, allow_code)
+        with noted():
+            dataset = frames(file, member, max(2, round(seconds * fps) - 1) * SMOOTH, allow_code)
+        if int(dataset.status.values[0]) == 2:
+            fail(f"{file}: member {member} never started: it has no such body or start", INVALID)
+        made = -(-dataset.sizes["time"] // SMOOTH)
+        if made < 0.9 * seconds * fps:
+            print(f"  it makes {dataset.sizes['time'] - 1} steps only, which are {made} frames", file=sys.stderr)
+            fps = max(1, round(made / seconds))
         try:
             written(dataset, output, fps)
         except ValueError as error:

@@ -4,7 +4,6 @@ import json
 import os
 import sys
 import time
-import warnings
 from typing import Annotated
 
 import typer
@@ -12,6 +11,7 @@ import typer
 from rigidmc import scenes as scenes_package
 from rigidmc.cli.common import (
     FLAGGED,
+    INCOMPLETE,
     INVALID,
     OK,
     AllowCode,
@@ -38,6 +38,7 @@ from rigidmc.cli.common import (
     check_suffix,
     fail,
     load_scene,
+    noted,
     plots_module,
     reported,
 )  # fmt: skip
@@ -55,8 +56,9 @@ def run_scene(
     """Run a scene: integrate its ensemble, write the result and a picture, and say what it cost."""
     began = time.perf_counter()
     with reported():
-        from rigidmc.errors import OutputExists, SceneError, SceneWarning
+        from rigidmc.errors import SceneError
         from rigidmc.simulation import simulate
+        from rigidmc.storage import refuse_existing
 
         loaded = load_scene(
             scene,
@@ -75,19 +77,19 @@ def run_scene(
             compensated=compensated,
         )
         for path in (output, plot):
-            if path is not None and os.path.lexists(path) and not force:
-                raise OutputExists(f"{path} exists; nothing was written (use --force to replace it)")
+            if path is not None:
+                refuse_existing(path, force)
         if plot is not None:
             check_suffix(plot)
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("always", SceneWarning)
-                warnings.showwarning = lambda message, *_, **__: print(f"rigidmc: note: {message}", file=sys.stderr)
+            with noted():
                 if until is None:
                     dataset, found = simulate(loaded, threads=threads, progress=True, output=output, force=force), None
                 else:
-                    from rigidmc.until import simulate_until
+                    from rigidmc.until import goal_reached, simulate_until
 
+                    if members is not None:
+                        raise SceneError("", "--members", members, "with --until there are as many as it takes: give --most")
                     dataset, found = simulate_until(
                         loaded, until, most, threads=threads, progress=_grown, output=output, force=force
                     )
@@ -103,7 +105,7 @@ def run_scene(
             print(f"  {until}: {found.value:.6g}, 95 % between {found.low:.6g} and {found.high:.6g}")
         flagged = dataset.sizes["member"] - cost["flagged"]["ok"]
         dataset.close()
-    raise typer.Exit(FLAGGED if flagged else OK)
+    raise typer.Exit(INCOMPLETE if found is not None and not goal_reached(until, found) else FLAGGED if flagged else OK)
 
 
 def _grown(members, found):
@@ -180,6 +182,7 @@ def check(scene: SceneArgument, settings: Set = [], allow_code: AllowCode = Fals
     """Check a scene file: exit code 0 where it can be run, 3 and one message where it cannot."""
     with reported():
         from rigidmc.errors import SceneError
+        from rigidmc.estimate import impossible
         from rigidmc.planning import prepare
 
         loaded = load_scene(scene, settings, allow_code)
@@ -189,7 +192,7 @@ def check(scene: SceneArgument, settings: Set = [], allow_code: AllowCode = Fals
         except SceneError as error:
             error.file = error.file or scene
             raise
-        for note in plan.notes:
+        for note in (*plan.notes, *impossible(loaded)):
             print(f"note: {note}")
         print(f"{scene}: good, {loaded.run.members:,} members x {plan.mean_steps:,.0f} steps with {loaded.run.integrator}")
 

@@ -2,12 +2,13 @@
 
 import contextlib
 import os
+import tempfile
 from typing import Any
 
 import netCDF4
 import numpy as np
 
-from rigidmc.errors import OutputExists
+from rigidmc.errors import OutputExists, SceneError
 from rigidmc.storage.schema import attributes, coordinates, ensemble_variables, length, member_variables, saved_variables
 
 
@@ -18,8 +19,13 @@ def refuse_existing(path, force):
     folder = os.path.dirname(path) or os.curdir
     if not os.path.basename(path) or not os.path.isdir(folder):
         raise FileNotFoundError(f"{folder}: no such folder; nothing was written")
-    if not os.access(folder, os.W_OK):
-        raise PermissionError(f"{folder}: not writable; nothing was written")
+    if os.path.isdir(path):
+        raise IsADirectoryError(f"{path}: is a folder; nothing was written")
+    try:
+        with tempfile.TemporaryFile(dir=folder):  # what os.access says of a folder is not what happens there
+            pass
+    except OSError as error:
+        raise PermissionError(f"{folder}: not writable ({error.strerror}); nothing was written") from None
 
 
 def put_in_place(temporary, path, force):
@@ -130,5 +136,10 @@ def open_result(path):
     dataset = xr.open_dataset(path, engine="netcdf4")
     if "scene" not in dataset.attrs:
         dataset.close()
-        raise ValueError(f"{path}: not a result of rigidmc (it has no attribute 'scene')")
+        raise SceneError("", "file", None, "not a result of rigidmc: it has no attribute 'scene'", file=path)
+    if "status" not in dataset:
+        dataset.close()
+        raise ValueError(
+            f"{path}: a map, not a result with members; rigidmc.map_plots.stability_map(xarray.open_dataset(...)) draws it"
+        )
     return dataset

@@ -150,9 +150,11 @@ def damped_axis():
 
 
 def sleeping_top():
-    body = Body.from_moments((1.0, 1.0, 0.5), mass=1.0, centre=(0.0, 0.0, 0.5))
+    body = Body.from_moments(
+        (1.0, 1.0, 0.5), mass=0.5, centre=(0.0, 0.0, 0.5)
+    )  # m h^2 <= 0.75 kg m2: there is such a body for all h
     start = Start(omega=(0.0, 0.0, 2.0), attitude=(uniform(0.0, 2.0 * math.pi), 1e-4, uniform(0.0, 2.0 * math.pi)))
-    scene = Scene(body, (Gravity(1.0),), start, observables=(Passage(3, 0.1),))
+    scene = Scene(body, (Gravity(2.0),), start, observables=(Passage(3, 0.1),))
 
     def derived(ds):
         spin, height = np.meshgrid(ds.x.values, ds.y.values)
@@ -173,7 +175,7 @@ def sleeping_top():
 
 def heavy_chaos(moments=(2.0, 2.2, 1.0), centre=(1.0, 0.0, 0.0)):
     scene = Scene(
-        Body.from_moments(moments, mass=1.0, centre=centre), (Gravity(1.0),),
+        Body.from_moments(moments, mass=0.25, centre=centre), (Gravity(4.0),),
         Start(momentum=Shell(1.0, (1.0, 1.0, 1.0)), attitude=(0.0, 1.0, 0.7)),
     )  # fmt: skip
 
@@ -193,7 +195,7 @@ def kovalevskaya():
 
 
 def kapitza():
-    body = Body.from_moments((1.0, 1.0, 0.5), mass=1.0, centre=(0.0, 0.0, 1.0))
+    body = Body.from_moments((1.0, 1.0, 0.5), mass=2.0, centre=(0.0, 0.0, 0.5))
     start = Start(omega=(0.0, 0.0, 0.0), attitude=(0.0, normal(0.0, 1e-5), 0.0))
     scene = Scene(body, (Gravity(1.0), MovingPivot((0.0, 0.0, 0.1), 20.0)), start, observables=(Passage(3, 0.1),))
 

@@ -7,17 +7,19 @@ import numpy as np
 import xarray as xr
 
 from rigidmc import __version__
+from rigidmc.choice import resolved
 from rigidmc.effects import labelled
 from rigidmc.engine.layout import STATUSES
 from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.measures import measure, observing
 from rigidmc.planning import prepare
-from rigidmc.sampling import grid
+from rigidmc.sampling import Distribution, grid
 from rigidmc.scene_parameters import with_parameter
 from rigidmc.simulation import simulate
 from rigidmc.storage.schema import member_variables
 
 CHUNK = 2**17  # members at once: 20 to 40 MB, and 40 waits for the last block of a map of 4e6
+REPLICAS = 16  # members of a pixel
 MOST = 4096  # pixels a side
 
 
@@ -32,22 +34,33 @@ def on_map(scene, x, y, resolution, members):
             raise SceneError("", "resolution", resolution, f"expected whole numbers between 1 and {MOST}")
     if isinstance(members, bool) or not isinstance(members, (int, np.integer)) or members < 1:
         raise SceneError("", "members", members, "expected a whole number of members to a pixel, 1 or more")
+    for key, side in (("x", x), ("y", y)):
+        if isinstance(side, str) or len(side) not in (3, 4) or not isinstance(side[0], str):
+            raise SceneError(
+                "", key, side, 'expected (parameter, low, high) or (parameter, low, high, True), as ("body.moments.1", 0.1, 0.9)'
+            )
     if x[0] == y[0]:
         raise SceneError("", "y", y[0], "is the parameter of x already")
     for key, (name, low, high, *log), side, stride in (("x", x, sides[0], members), ("y", y, sides[1], members * sides[0])):
         try:
             between = grid(low, high, side, int(stride), bool(log and log[0]))
         except SceneError as error:
-            raise SceneError("", key, f"{name} from {low} to {high}", error.rule) from None
+            rule = (
+                error.rule
+                if "whole number" in error.rule
+                else f"expected low < high{', both above 0 for even ratios' if log and log[0] else ''}"
+            )
+            raise SceneError("", key, f"{name} from {low} to {high}", rule) from None
         scene = with_parameter(scene, name, between, key)
     return scene.with_run(members=int(members) * sides[0] * sides[1], first=0)
 
 
-def stability_map(scene, x, y, of, resolution=256, members=16, threads=None, progress=None, confidence=0.95, **settings):
+def stability_map(scene, x, y, of, resolution=256, members=None, threads=None, progress=None, confidence=0.95, **settings):
     """A map as a Dataset with the coordinates y and x.
 
     of : what the members of a pixel are asked, or several such: "p(flips >= 1)", "mean(megno)", see `rigidmc.measures`
-    x, y, resolution, members : see `on_map`;  settings : of `rigidmc.simulate`
+    x, y, resolution, members : see `on_map`; members by default REPLICAS, or 1 where nothing but x and y differs
+    settings : of `rigidmc.simulate`
     progress : a function of (pixels done, all)
 
     For each measure: its value, `low` and `high` of its confidence interval; `good` members of each pixel, `failed` ones, which are flagged in
@@ -56,8 +69,21 @@ def stability_map(scene, x, y, of, resolution=256, members=16, threads=None, pro
     Raises SceneError for parameters and measures that the scene has not.
     """
     of = (of,) if isinstance(of, str) else tuple(of)
+    if not of or not all(isinstance(text, str) for text in of):
+        raise SceneError("", "of", of, 'expected measures, such as "p(flips >= 1)"')
+    if members is None:
+        members = REPLICAS if _drawn(on_map(scene, x, y, 1, 1)) else 1
     made = on_map(scene, x, y, resolution, members).with_run(save=settings.pop("save", ()), **settings)
+    if made.run.points != "independent":
+        raise SceneError(
+            "run", "points", made.run.points, "the members of a pixel are independent ones: their spread tells its interval"
+        )
     made = observing(made, of)
+    if made.run.integrator == "auto":
+        run = resolved(made.coarse(), threads)[0].run
+        made = made.with_run(
+            integrator=run.integrator, dtype=run.dtype, **({"dt": run.dt} if run.turn is None else {"turn": run.turn})
+        )
     variables = {name: v.dims for name, v in member_variables(made, False).items()}
     asked = [measure(text, variables) for text in of]
     sides = (resolution, resolution) if np.ndim(resolution) == 0 else tuple(resolution)
@@ -76,7 +102,16 @@ def stability_map(scene, x, y, of, resolution=256, members=16, threads=None, pro
             parts[one.text][:, low:high] = one.interval(one.values(dataset).reshape(-1, members), good, confidence)
         if progress is not None:
             progress(high, pixels)
+    if not (counts[0] + counts[1]).any():
+        rule = f"between {x[1]:g} and {x[2]:g}, and {y[1]:g} and {y[2]:g} of {y[0]} no pixel has a body and a start: moments must obey I_i <= I_j + I_k"
+        raise SceneError("", "x", x[0], rule)
     return _dataset(made, plan, asked, parts, counts, x, y, sides, members, confidence, time.perf_counter() - began)
+
+
+def _drawn(scene):
+    """Whether members differ by more than the parameters of a map."""
+    every = scene.quantities()
+    return any(hasattr(q, "_fields") or isinstance(q, Distribution) for q in every) or isinstance(scene.start.attitude, str)
 
 
 def _dataset(scene, plan, asked, parts, counts, x, y, sides, members, confidence, seconds):

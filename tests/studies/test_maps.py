@@ -130,11 +130,26 @@ def test_members_are_added_until_it_is_known_and_no_bit_differs():
         ("p(flips >= 1) +- 0", "half the width"),
         ("p(flip >= 1) +- 0.1", "flips"),
         ("p(flips > ) +- 0.1", "expected p"),
+        ("p(flips > 100) +- 1 %", "give the width itself"),
+        ("quantile(passage_first, 0.5) +- 1", "no result of that name"),
     ],
 )
 def test_what_cannot_be_reached_is_told(text, words):
     with pytest.raises(SceneError, match=words):
         simulate_until(free(), text, most=1_000_000)
+
+
+def test_a_goal_that_is_not_reached_is_told():
+    with pytest.warns(rm.SceneWarning, match="not reached"):
+        ds, found = simulate_until(free(), "p(flips >= 1) +- 0.001", most=8192)
+    assert ds.sizes["member"] == 8192 and found.half > 0.001
+    words = ["run", "tennis_racket", "--save", "flips", "--until", "p(flips >= 3) +- 0.001", "--most", "5000"]
+    made = CliRunner().invoke(app, words)
+    assert made.exit_code == 5 and "not reached" in made.stderr
+    made = CliRunner().invoke(app, [*words, "--members", "100"])
+    assert made.exit_code == 3 and "--most" in made.stderr
+    made = CliRunner().invoke(app, ["run", "tennis_racket", "--t-end", "0.1", "--until", "mean(flip_wait) +- 1 %"])
+    assert made.exit_code == 3 and "none of the first" in made.stderr
 
 
 def test_names_of_parameters():
@@ -179,6 +194,15 @@ def test_what_is_no_measure_is_told(text):
         (["dzhanibekov", "--x", "body.moments.1=1:0", "--y", "body.moments.3=1:2", "--of", "flips"], "low < high"),
         (["dzhanibekov", "--x", "body.momnts.1=0:1", "--y", "body.moments.3=1:2", "--of", "flips"], "body.moments.1"),
         (["dzhanibekov", "--x", "body.moments.3=0:1", "--y", "body.moments.3=1:2", "--of", "flips"], "already"),
+        (["growth", "--set", "body.mass=2"], "a map of the package has its own"),
+        (
+            ["dzhanibekov", "--x", "body.moments.3=1:2", "--y", "body.moments.1=0.001:0.01", "--of", "flips", "--resolution", "2"],
+            "no pixel has a body",
+        ),
+        (
+            ["dzhanibekov", "--x", "body.moments.1=1:2", "--y", "body.moments.3=1:2", "--of", "flips", "--set", "run.points=sobol"],
+            "independent",
+        ),
         (["intermediate_axis", "--resolution", "0"], "between 1 and"),
         (["intermediate_axis", "--members", "0"], "1 or more"),
         (["intermediate_axis", "--plot", "map.xyz"], ".png"),
@@ -187,6 +211,32 @@ def test_what_is_no_measure_is_told(text):
 def test_the_command_tells_what_is_wrong(arguments, words):
     result = CliRunner().invoke(app, ["map", *arguments])
     assert result.exit_code == 3 and words in result.stderr
+
+
+def test_where_nothing_else_is_drawn_a_pixel_is_one_member():
+    scene = rm.Scene(rm.Body.from_moments((0.5, 1.0, 1.4)), (), rm.Start(omega=(0.01, 1.0, 0.01)))
+    axes = ("start.omega.1", 0.01, 0.2), ("start.omega.3", 0.01, 0.2)
+    ds = rm.stability_map(scene, *axes, "flips", resolution=1, dt=0.1, t_end=20.0)
+    assert ds.attrs["members"] == 1 and picture(ds).axes
+    assert (
+        rm.stability_map(free(), *((f"body.moments.{i}", 1.0, 1.1) for i in (1, 3)), "flips", 1, t_end=1.0).attrs["members"] == 16
+    )
+    for x in (("start.omega.1", 0.0), "start.omega.1=0:1"):
+        with pytest.raises(SceneError, match="expected"):
+            rm.stability_map(scene, x, axes[1], "flips")
+
+
+def test_a_map_is_no_result(tmp_path):
+    file = str(tmp_path / "m.nc")
+    assert (
+        CliRunner()
+        .invoke(app, ["map", "intermediate_axis", "--resolution", "1", "--plot", str(tmp_path / "m.png"), "-o", file])
+        .exit_code
+        == 0
+    )
+    for command in (["summary", file], ["rerun", file, "--member", "1"], ["plot", file, "-o", str(tmp_path / "p.png")]):
+        made = CliRunner().invoke(app, command)
+        assert made.exit_code == 3 and "a map" in made.stderr, made.output
 
 
 def test_the_command_maps(tmp_path):
