@@ -139,7 +139,6 @@ def open_result(path):
         raise SceneError("", "file", None, "not a result of rigidmc: it has no attribute 'scene'", file=path)
     if "status" not in dataset:
         dataset.close()
-        raise ValueError(
-            f"{path}: a map, not a result with members; rigidmc.map_plots.stability_map(xarray.open_dataset(...)) draws it"
-        )
+        rule = "a map, not a result with members; rigidmc.map_plots.stability_map(xarray.open_dataset(...)) draws it"
+        raise SceneError("", "file", None, rule, file=path)
     return dataset
