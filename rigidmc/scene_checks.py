@@ -100,6 +100,8 @@ def _check_watched(scene):
             rule = "megno does not go with compensated sums"
         elif stops:
             rule = "megno does not go with an event that stops members"
+        elif scene.run.turn is not None:
+            rule = "megno needs the same steps for all members: dt, not turn"
     for _, one in scene.histograms():
         _check_histogram(one)
     if rule:

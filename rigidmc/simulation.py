@@ -160,7 +160,7 @@ def run(scene, plan, threads, progress=False, output=None, force=False, attrs=No
             "status_step": np.where(found, seen, -1.0),
             "status_time": np.where(found, seen * (plan.dt / rows[layout.STEPS]), np.nan),
         }
-        seen = watching.results(scene, plan.watch, rows, plan.dt / rows[layout.STEPS], plan.steps * job.slots)
+        seen = watching.results(scene, plan.watch, rows, plan.dt / rows[layout.STEPS], plan.steps * rows[layout.STEPS])
         results = {**drift, **seen, **faults, "status": status, "steps": rows[layout.STEPS] * plan.steps, **job.start}
         sink.take(job, results if units is None else _told(job, results, told, shown, units))
 

@@ -85,7 +85,8 @@ def facts(scene, block, moments):
     body, effects = physics(scene.effects, block)
     q = tuple(block[layout.ATTITUDE : layout.MOMENTUM])
     none = np.zeros(block.shape[1])
-    return Facts(moments, lambda q: energies(effects, body, tuple(q)) + none, total_energy_scale(effects, body) + none, q)
+    held = tuple(effect for effect in effects if hasattr(effect, "energy"))  # a bath has a scale and no potential
+    return Facts(moments, lambda q: energies(effects, body, tuple(q)) + none, total_energy_scale(held, body) + none, q)
 
 
 def check_starts(scene):
@@ -97,9 +98,14 @@ def check_starts(scene):
             raise SceneError("start", which, None, rule)
         return
     block, start = _staged(scene.with_run(), scene.run.seed, 0, PILOT, False)
-    share = scene.start.momentum.share(scene.run.seed, 0, PILOT, facts(scene, block, start["moments"]))
+    known = facts(scene, block, start["moments"])
+    share = scene.start.momentum.share(scene.run.seed, 0, PILOT, known)
     u, v, w, _ = uniforms(scene.run.seed, "start.attitude.ensemble", 0, PILOT, 0)
-    found = float(np.nanmean(share(turns(u, v, w))))
+    tried = turns(u, v, w)
+    if (np.abs(known.potential(tried)) > known.bound * (1.0 + 1e-9)).any():
+        rule = "needs the largest potential energy that an attitude may have: an effect of your own tells it by energy_scale(self, body) [J]"
+        raise SceneError("start", "attitude", "ensemble", rule)
+    found = float(np.nanmean(share(tried)))
     if not found >= 0.01:
         rule = (
             f"of uniform attitudes the ensemble keeps {found:.1g}, less than 1 in 100: too cold to be drawn so; under gravity alone a body with "

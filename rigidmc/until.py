@@ -10,6 +10,7 @@ import numpy as np
 from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.measures import Measure, measure, observing
 from rigidmc.observables import OBSERVABLES
+from rigidmc.sampling import rows
 from rigidmc.simulation import simulate
 from rigidmc.statistics import Interval, mean, probability
 from rigidmc.storage.schema import member_variables
@@ -57,6 +58,8 @@ def simulate_until(scene, until, most=MOST, confidence=0.95, threads=None, progr
         rule = f"an interval of {scene.run.points} points is not told by their spread: see rigidmc.randomised; use independent ones"
         raise SceneError("run", "points", scene.run.points, rule)
     lean = scene.with_run(save=tuple(name for name in scene.run.save if name not in OBSERVABLES))
+    if (count := rows(*scene.quantities())) is not None:
+        most = min(most, count - scene.run.first)
     wanted = goal(until, {name: v.dims for name, v in member_variables(lean, False).items()})
     values, good = np.empty(0), np.empty(0, bool)
     known, size, first = 0, min(FIRST, most), scene.run.first

@@ -10,14 +10,14 @@ from rigidmc.engine import layout
 from rigidmc.engine.compose import as_single
 from rigidmc.engine.events import EVENT, record_of
 from rigidmc.engine.watch import SHADOW, SUMS, watch_rows
-from rigidmc.observables import RUNNING, SIZES, outputs
+from rigidmc.observables import OBSERVABLES, RUNNING, SIZES, outputs
 from rigidmc.observables.chaos import OFTEN
 from rigidmc.sampling import is_open, rows
 from rigidmc.scene_checks import PILOT
 
 
 class Watch(NamedTuple):
-    """Events, running observables and neighbour as the kernel takes them, and [(label, observable)] of each; (dimension, edges) of histograms."""
+    """Events, running observables and neighbour as the kernel takes them, and [(label, observable)] of each; (dimension, edges, units) of histograms."""
 
     events: tuple = ()
     running: tuple = ()
@@ -53,7 +53,7 @@ def watch(scene):
         events,
         running,
         shadow,
-        tuple((f"{label}_bin", one.edges()) for label, one in scene.histograms()),
+        tuple((f"{label}_bin", one.edges(), OBSERVABLES[one.name].units) for label, one in scene.histograms()),
     )
 
 
@@ -87,12 +87,12 @@ def needs_attitude(scene):
 def results(scene, found, block, h, total):
     """{variable: values of each member} of the Watch of a scene, nan where a member is not ok.
 
-    block : its rows at the end of a run;  h : step of each member [s];  total : slots in all
+    block : its rows at the end of a run;  h : step of each member [s];  total : steps of each member
     """
     healthy = block[layout.STATUS] == 0.0
     at = layout.EFFECTS + parameter_count(*scene.effects) + 2 * ("work" in scene.run.save) * len(scene.effects)
     each: dict[str, Any] = {}
-    steps = total * np.ones_like(h)
+    steps = total
 
     def add(label, one, values):
         for name, x in zip(outputs(label, one), values, strict=True):
@@ -109,7 +109,7 @@ def results(scene, found, block, h, total):
         if label in RUNNING:
             kept = kept.reshape(one.kept, -1, kept.shape[1]) if one.of.dims else kept
             with np.errstate(all="ignore"):
-                add(label, one, [one.result(kept, steps)])
+                add(label, one, [one.result(kept, np.maximum(steps, 1.0))])  # of none the first value is the mean
         else:
             add(label, one, one.results(kept).values())
         at += len(marks)

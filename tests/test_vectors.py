@@ -1,6 +1,7 @@
 """Vectors drawn as a whole: their laws, by Kolmogorov and Smirnov and by moments; their files; what they refuse. All draws are keyed, none is flaky."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -370,3 +371,29 @@ def test_short_words_take_distributions():
 def test_an_ensemble_is_that_of_a_momentum():
     with pytest.raises(SceneError, match="law of the momentum"):
         rm.Start(omega=(0.0, 0.0, 1.0), attitude="ensemble")
+
+
+class Bowl(NamedTuple):
+    """An effect of one's own with an energy, and no word of how large that may be."""
+
+    k: float
+
+    def torque(self, q):
+        return 2.0 * self.k * (q[2] * q[3] + q[0] * q[1]), -2.0 * self.k * (q[1] * q[3] - q[0] * q[2]), 0.0
+
+    def energy(self, q):
+        return self.k * (q[0] * q[0] - q[1] * q[1] - q[2] * q[2] + q[3] * q[3])
+
+
+def test_an_ensemble_needs_to_know_the_largest_energy():
+    start = rm.Start(momentum=rm.GibbsMomentum(2.0), attitude="ensemble")
+    with pytest.raises(SceneError, match="energy_scale"):
+        rm.simulate(rm.Scene(rm.Body(MOMENTS), (Bowl(3.0),), start), members=32, t_end=1.0)
+
+
+def test_a_bath_takes_no_part_in_the_law_of_its_ensemble():
+    both = [
+        drawn(0, 512, momentum=rm.GibbsMomentum(1.5), attitude="ensemble", effects=e)[0]["start_attitude"]
+        for e in ((rm.Gravity(9.81),), (rm.Gravity(9.81), rm.Bath(1.0, 1.5)))
+    ]
+    assert np.array_equal(*both)

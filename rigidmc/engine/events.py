@@ -92,7 +92,7 @@ def held(events, state, k, row, q, l):
     return held(events[1:], state, k, row + EVENT, q, l)
 
 
-def note(events, body, effects, t, h, q, l, attitude, state, k, row):
+def note(events, halted, body, effects, t, h, q, l, attitude, state, k, row):
     """Write down the events of a step that ended at t in (q, L); whether one was a first, as a number."""
     if len(events) == 0:
         return 0
@@ -101,9 +101,7 @@ def note(events, body, effects, t, h, q, l, attitude, state, k, row):
         level(events[0], body, effects, t, q, l),
         state[(row + COUNT) * LANES + k],
     )
-    hit = happened(before, now)
-    if len(events[0].stop) > 0:
-        hit = hit & (count == 0.0)
+    hit = happened(before, now) & (halted == 0.0)  # a member that is stopped moves on until the next look, and is then put back
     apart = now - before
     tau = t - h * (now / select(apart == 0.0, 1.0, apart))
     last = state[(row + TAU) * LANES + k]
@@ -115,7 +113,7 @@ def note(events, body, effects, t, h, q, l, attitude, state, k, row):
     if len(attitude) > 0:
         write(hit, q, state, k, row + RECORDS + RECORD + 3)
     write(hit, l, state, k, row + RECORDS + RECORD + 7)
-    return (1 if hit & (count == 0.0) else 0) | note(events[1:], body, effects, t, h, q, l, attitude, state, k, row + EVENT)
+    return (1 if hit & (count == 0.0) else 0) | note(events[1:], halted, body, effects, t, h, q, l, attitude, state, k, row + EVENT)
 
 
 def note_first(events, state, k, row):

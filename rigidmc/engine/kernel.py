@@ -199,12 +199,6 @@ def _advance(
                     body, present = read(_BODY, work, BODY, k, LANES), read_all(effects, work, PRESENT, k, LANES)
                     q, l = four_at(work, k, ATTITUDE), three_at(work, k, MOMENTUM)
                     begin_running(running, body, present, 0.0, q, l, work, k, running_seen)
-            if len(shadow) > 0:
-                for k in range(LANES):
-                    body = read(_BODY, work, BODY, k, LANES)
-                    q, l = four_at(work, k, ATTITUDE), three_at(work, k, MOMENTUM)
-                    weight = 0.5 * work[(START + 4) * LANES + k] * min(body.i1, body.i2, body.i3)
-                    begin_shadow(weight, q, l, work, k, shadow_at - EFFECTS_AT + PRESENT)
             for k in range(LANES):
                 body, present = read(_BODY, work, BODY, k, LANES), read_all(effects, work, PRESENT, k, LANES)
                 q, l = four_at(work, k, ATTITUDE), three_at(work, k, MOMENTUM)
@@ -216,6 +210,12 @@ def _advance(
                 put(q, work, ATTITUDE * LANES + k, LANES)
                 put(first_three(l), work, MOMENTUM * LANES + k, LANES)
                 put(l[3:], work, works_seen * LANES + k, LANES)
+            if len(shadow) > 0:  # beside the state as the integrator keeps it between steps
+                for k in range(LANES):
+                    body = read(_BODY, work, BODY, k, LANES)
+                    q, l = four_at(work, k, ATTITUDE), three_at(work, k, MOMENTUM)
+                    weight = 0.5 * work[(START + 4) * LANES + k] * min(body.i1, body.i2, body.i3)
+                    begin_shadow(weight, q, l, work, k, shadow_at - EFFECTS_AT + PRESENT)
         for i in range(rows):
             if i < START or i >= BODY:
                 for k in range(LANES):
@@ -295,7 +295,8 @@ def _advance(
                         new = 0
                         for k in range(LANES):
                             body, present, q, l, t, by = watched(integrator, effects, compensated, own, when, state, k)
-                            new |= note(events, body, present, t, by, q, l, attitude, state, k, events_at)
+                            halted = stopped(events, state, k, events_at)
+                            new |= note(events, halted, body, present, t, by, q, l, attitude, state, k, events_at)
                         if new > 0:
                             for k in range(LANES):
                                 note_first(events, state, k, events_at)
@@ -321,7 +322,7 @@ def _advance(
                         work[STOPPED * LANES + k] = stopped(events, state, k, events_at)
                         true_q, true_l = held(events, state, k, events_at, true_q, true_l)
                     energy, squared = kinetic_energy(body, true_l) + total_energy(present, body, true_q), dot(true_l, true_l)
-                    finite = 0.0 * (energy + squared + q[0] + q[1] + q[2] + q[3]) == 0.0
+                    finite = 0.0 * (energy + squared + true_q[0] + true_q[1] + true_q[2] + true_q[3]) == 0.0
                     put(true_q, work, TRUE * LANES + k, LANES)
                     put(first_three(true_l), work, (TRUE + 4) * LANES + k, LANES)
                     put(true_l[3:], work, works_seen * LANES + k, LANES)

@@ -26,7 +26,11 @@ class Flips(NamedTuple):
         "flip_first": ("s", "time of the first flip; nan where there is none", ()),
         "flip_last": ("s", "time of the last flip; nan where there is none", ()),
         "flip_wait": ("s", "mean time between flips; nan where there are fewer than two", ()),
-        "flip_wait_deviation": ("s", "standard deviation of the times between flips; nan where there are fewer than two", ()),
+        "flip_wait_deviation": (
+            "s",
+            "standard deviation of the times between flips, each by a straight line within its step; nan where there are fewer than two",
+            (),
+        ),
     }
 
     def check(self):

@@ -121,8 +121,10 @@ def scene_of(source, settings=(), allow_code=False):
 
         def stored(name, axis):
             rows = source[name].values if axis is None else source[name].values[axis - 1]
-            # a result that starts at a later member has no rows before it, and needs none: they only keep the index right
-            return np.concatenate([np.repeat(rows[:1], int(source.member[0])), rows])
+            members = source.member.values  # any selection, in any order: members between have no rows, and need none
+            whole = np.repeat(rows[:1], int(members.max()) + 1)
+            whole[members] = rows
+            return whole
 
         return loads(source.attrs["scene"], source.encoding.get("source", "result"), settings, stored, allow_code=allow_code)
     with open_result(source) as file:  # by xarray: netCDF4 1.7.5 crashes when it opens once more what xarray has open

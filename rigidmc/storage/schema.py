@@ -53,8 +53,12 @@ def coordinates(plan):
     """Coordinates of a result as {name: (dims, values, attrs)}."""
     effects = {"effect": (("effect",), np.array(plan.labels), {"long_name": "effect of the scene"})} if plan.labels else {}
     bins = {
-        name: ((name,), 0.5 * (edges[1:] + edges[:-1]), {"long_name": "middle of the bin", "width": edges[1] - edges[0]})
-        for name, edges in plan.watch.bins
+        name: (
+            (name,),
+            0.5 * (edges[1:] + edges[:-1]),
+            {"units": units, "long_name": "middle of the bin", "width": edges[1] - edges[0]},
+        )
+        for name, edges, units in plan.watch.bins
     }
     return {
         **effects,
@@ -191,5 +195,5 @@ def attributes(scene, plan):
 
 def length(dim, plan):
     """Size of a dimension."""
-    bins = {name: edges.size - 1 for name, edges in plan.watch.bins}
+    bins = {name: edges.size - 1 for name, edges, _ in plan.watch.bins}
     return {**bins, "member": plan.members, "time": plan.times.size, "effect": len(plan.labels), **_LENGTHS}[dim]

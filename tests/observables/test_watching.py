@@ -1,6 +1,7 @@
 """What is kept of every step: flips and passages against closed forms, statistics against trajectories, the neighbour against variational equations."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -340,3 +341,81 @@ def test_histograms_are_streamed_and_those_of_the_members(tmp_path):
 def test_bad_histograms_are_told(histogram, words):
     with pytest.raises(SceneError, match=words):
         rm.simulate(tumbling(), save=(rm.Histogram(*histogram),))
+
+
+def test_an_event_that_stops_a_member_ends_the_others_too():
+    """Its own flip comes after the stop: none is counted, whatever the times of saves and the members beside it."""
+    moments, omega = (1.0, 2.0, 3.0), np.array([[0.02, 1.0, 0.01], [0.0, 1.0, 1e-9]])
+    events = (rm.Passage(2, 1.0, "leaves", "momentum", stop=True), rm.Flips(), rm.Passage(-2, 1.0, "reaches", "momentum"))
+    for start, every in ((omega, None), (omega, 10.0), (omega, 0.1), (omega[:1], None)):
+        scene = rm.Scene(rm.Body.from_moments(moments), start=rm.Start(omega=start), observables=events)
+        ds = rm.simulate(scene, integrator="rk8", dt=0.1, t_end=100.0, every=every, save=("flips", "passage"))
+        assert ds.flips.values[0] == ds.passages_2.values[0] == 0.0 and ds.passages.values[0] == 1.0
+        assert abs(ds.passage_first.values[0] - 11.6098) < 1e-4  # by DOP853
+        rest = rm.simulate(scene, integrator="rk8", dt=0.1, t_end=100.0, every=every, save=("flips",)).flips.values[1:]
+        assert (ds.flips.values[1:] <= rest).all()
+
+
+def test_a_member_that_is_stopped_in_time_is_well():
+    """A torque that would make it non-finite before the next look; the passage is at 1.5328e-4 s."""
+    scene = rm.Scene(
+        rm.Body.from_moments((1.0, 2.0, 3.0)), (rm.BodyTorque((2e3, 4e3, 1.2e3)),), rm.Start(omega=(0.3, 0.01, 0.1)),
+        observables=(rm.Passage(2, 0.9, "reaches", "momentum", stop=True),),
+    )  # fmt: skip
+    for every in (None, 0.02):
+        ds = rm.simulate(scene, dt=0.02, t_end=2.0, every=every, members=1, save=("passage", "omega_mean"))
+        assert ds.status.values[0] == 0 and abs(ds.passage_first.values[0] - 1.5328e-4) < 1e-7
+    # one that is there at the start stops there: what it has been is what it is
+    there = rm.Passage(2, 3.0, "reaches", "momentum", stop=True)
+    made = rm.simulate(replace(scene, observables=(there,)), dt=0.02, t_end=2.0, members=1, save=("passage", "omega_mean"))
+    assert made.passage_first.values[0] == 0.0 and np.array_equal(made.omega_mean.values[:, 0], [0.3, 0.01, 0.1])
+
+
+def test_statistics_of_members_with_steps_of_their_own():
+    """Slow and fast members side by side: their means and variances are those of equal steps, and of any block."""
+    omega = np.stack([np.full(64, 0.3), np.zeros(64), np.geomspace(1.0, 10.0, 64)], axis=1)
+    scene = rm.Scene(rm.Body.from_moments((1.0, 1.0, 1.5)), start=rm.Start(omega=omega))
+    save = ("omega_mean", "omega_variance")
+    own = rm.simulate(scene, integrator="rk8", turn=0.02, t_end=10.0, save=save)
+    t = np.linspace(0.0, 10.0, 20_001)
+    rate = 0.5 * omega[:, 2]  # of a symmetric body: omega_1 = 0.3 cos(rate t)
+    w = 0.3 * np.cos(rate[:, None] * t)
+    mean = np.trapezoid(w, t) / 10.0
+    assert np.abs(own.omega_mean.values[0] - mean).max() < 1e-4  # measured 3e-5, of the trapezoidal rule
+    assert np.abs(own.omega_variance.values[0] - (np.trapezoid(w * w, t) / 10.0 - mean**2)).max() < 1e-4
+    small = rm.simulate(scene, integrator="rk8", turn=0.02, t_end=10.0, save=save, block=32, threads=1)
+    assert all(own[name].values.tobytes() == small[name].values.tobytes() for name in save)
+    with pytest.raises(SceneError, match="same steps"):
+        rm.simulate(scene, integrator="rk8", turn=0.02, t_end=1.0, save=("megno",))
+
+
+@pytest.mark.parametrize("integrator", ["strang", pytest.param("srkn11", marks=pytest.mark.slow)])
+def test_the_neighbour_of_a_splitting_starts_beside_its_own_state(integrator):
+    """Between steps a splitting keeps the state half a kick on: a neighbour of the true state would be 1e-3 away, and ln 1e5 too far."""
+    body = rm.Body.from_moments((0.02, 0.02, 0.01), mass=1.0, centre=(0.0, 0.0, 0.1))
+    scene = rm.Scene(body, GRAVITY, rm.Start(omega=(1.0, -2.0, 40.0), attitude=(0.3, 0.7, 0.1)))
+    ds = rm.simulate(scene, integrator=integrator, dt=1e-3, t_end=3.0, members=1, save=("megno",))
+    # two trajectories 1e-6 apart by DOP853; measured 3e-5 (strang), 1e-6 (srkn11), and 2.7 when the neighbour started elsewhere
+    assert abs(ds.lyapunov.values[0] - 1.176952) < 1e-4
+    assert abs(ds.megno.values[0] - 1.4655) < 1e-3  # of rk8; measured 6e-5
+
+
+def test_precession_from_the_half_line_where_turns_are_counted():
+    body = rm.Body.from_moments((0.02, 0.02, 0.01), mass=1.0, centre=(0.0, 0.0, 0.1))
+    half = math.cos(0.3), 0.0, -math.sin(0.3), 0.0  # axis 3 over -x, with y = -0.0
+    for spin, expected in ((80.0, 1.249386), (-80.0, -1.249386)):  # DOP853, unwrapped
+        scene = rm.Scene(body, GRAVITY, rm.Start(omega=(0.0, 0.0, spin), attitude=half))
+        ds = rm.simulate(
+            scene, integrator="rk8", dt=1e-3, t_end=1.0, members=1, save=("nutation", "precession", rm.Passage(3, 1.2))
+        )
+        assert abs(ds.precession.values[0] - expected) < 1e-6
+
+
+def test_nutation_near_the_vertical_keeps_its_digits():
+    body = rm.Body.from_moments((1.0, 1.0, 1.5), mass=1.0, centre=(0.0, 0.0, 0.3))
+    for lean in (1e-3, 1e-8):
+        scene = rm.Scene(body, GRAVITY, rm.Start(omega=(0.0, 0.0, 50.0), attitude=(0.0, lean, 0.0)))
+        ds = rm.simulate(
+            scene, integrator="rk8", dt=0.02, t_end=1.0, members=1, save=("nutation", "precession", rm.Passage(3, 1.2))
+        )
+        assert abs(ds.nutation_min.values[0] / lean - 1.0) < 1e-6  # the largest is what its spin allows

@@ -1,0 +1,163 @@
+"""A run as a directory: run.json and scene.toml say what it is, the shards that are there what of it is done.
+
+    run.json       what never changes: scene's hash, seed, members of a shard and of a block, versions, type of processor; and how many members
+    scene.toml     the scene, resolved; columns.nc what it has of one row per member
+    shards/        one netCDF4 file for each range of members; its bytes depend on scene and seed alone
+    journal.jsonl  what came to pass: when, where, how fast; nothing depends on it
+    lock           held by the process that writes
+
+A shard appears by a temporary file, close, fsync and rename: what has its name is whole. So the list of shards is the state of the run.
+"""
+
+import contextlib
+import fcntl
+import hashlib
+import json
+import os
+import platform
+import re
+import time
+from importlib.metadata import version
+from typing import Any
+
+from rigidmc.engine.machine import vector_bits
+from rigidmc.errors import OutputExists, SceneError
+from rigidmc.storage.netcdf import put_in_place
+
+FORMAT = 1
+_SHARD = re.compile(r"(\d{8})\.nc")
+_FACTS = {
+    "format": int,
+    "scene": str,
+    "seed": int,
+    "first": int,
+    "members": int,
+    "shard": int,
+    "block": int,
+    "versions": dict,
+    "machine": str,
+}
+
+
+def this_machine():
+    """What the last bits of results may depend on: versions of what computes and writes, and the type of processor."""
+    import llvmlite.binding
+
+    versions = {name: version(name) for name in ("rigidmc", "numpy", "numba", "llvmlite", "netCDF4")}
+    return versions, f"{platform.machine()} {llvmlite.binding.get_host_cpu_name()}, {vector_bits()} bit"
+
+
+def hash_of(scene):
+    """The hash of what decides a member's numbers: the scene, less how many members there are."""
+    return hashlib.sha256(scene.with_run(members=1, first=0).dumps().encode()).hexdigest()
+
+
+class RunDirectory:
+    """A run directory that exists. path : of it;  facts : of its run.json"""
+
+    def __init__(self, path):
+        self.path = os.fspath(path)
+        self.facts = self._read_facts()
+
+    def _read_facts(self):
+        name = os.path.join(self.path, "run.json")
+        if not os.path.isfile(name):
+            raise SceneError("", "run", self.path, "is no run directory: it has no run.json")
+        try:
+            with open(name, encoding="utf-8") as file:
+                facts = json.load(file)
+        except (ValueError, RecursionError) as error:
+            raise SceneError("", "run.json", None, f"is damaged: {error}", file=name) from None
+        for key, kind in _FACTS.items():
+            if not isinstance(facts, dict) or type(facts.get(key)) is not kind:
+                raise SceneError("", key, None, f"is damaged: expected {kind.__name__}", file=name)
+        if facts["format"] != FORMAT:
+            raise SceneError("", "format", facts["format"], f"this version reads format {FORMAT}", file=name)
+        if min(facts["members"], facts["shard"], facts["block"]) < 1 or facts["first"] < 0 or facts["shard"] % facts["block"]:
+            raise SceneError("", "members", None, "is damaged: counts have to be positive, and a shard whole blocks", file=name)
+        return facts
+
+    @property
+    def count(self):
+        """How many shards the whole run has."""
+        return -(-self.facts["members"] // self.facts["shard"])
+
+    def members(self, i):
+        """The range of members of shard i."""
+        first, end = self.facts["first"], self.facts["first"] + self.facts["members"]
+        low = first + i * self.facts["shard"]
+        return range(low, min(low + self.facts["shard"], end))
+
+    def shard(self, i):
+        """The path of shard i."""
+        return os.path.join(self.path, "shards", f"{i:08d}.nc")
+
+    def done(self):
+        """The shards that are there."""
+        with contextlib.suppress(FileNotFoundError):
+            names = os.listdir(os.path.join(self.path, "shards"))
+            return sorted(i for name in names if (found := _SHARD.fullmatch(name)) and (i := int(found[1])) < self.count)
+        return []
+
+    def missing(self):
+        """The shards that are not."""
+        return sorted(set(range(self.count)) - set(self.done()))
+
+    def note(self, **facts):
+        """Add a line to the journal."""
+        line = json.dumps({"time": round(time.time(), 3), "host": platform.node(), "pid": os.getpid(), **facts})
+        with open(os.path.join(self.path, "journal.jsonl"), "a", encoding="utf-8") as file:
+            file.write(line + "\n")
+
+    def journal(self):
+        """The lines of the journal; one that is torn is left out."""
+        found: list[dict[str, Any]] = []
+        with (
+            contextlib.suppress(FileNotFoundError),
+            open(os.path.join(self.path, "journal.jsonl"), encoding="utf-8", errors="replace") as file,
+        ):
+            for line in file:
+                with contextlib.suppress(ValueError):
+                    made = json.loads(line)
+                    found += [made] if isinstance(made, dict) else []
+        return found
+
+    @contextlib.contextmanager
+    def locked(self):
+        """Hold the lock of the one that writes; OutputExists where another process does. It goes with the process, whatever ends that."""
+        with open(os.path.join(self.path, "lock"), "a+", encoding="utf-8") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                file.seek(0)
+                raise OutputExists(f"{self.path}: is being written by {file.read().strip() or 'another process'}") from None
+            file.truncate(0)
+            file.write(f"process {os.getpid()} of {platform.node()}\n")
+            file.flush()
+            self.clear()
+            yield
+
+    def clear(self):
+        """Take away what writers left that were killed: temporary files, which no shard is."""
+        for folder in (self.path, os.path.join(self.path, "shards")):
+            for name in os.listdir(folder):
+                if ".part-" in name:
+                    os.unlink(os.path.join(folder, name))
+
+    def differs(self):
+        """In words, what of this machine is not that of the run; bits may differ then."""
+        versions, machine = this_machine()
+        found = [
+            f"{name} {self.facts['versions'].get(name)} there, {here} here"
+            for name, here in versions.items()
+            if self.facts["versions"].get(name) != here
+        ]
+        return [*found, *([f"processor {self.facts['machine']} there, {machine} here"] if machine != self.facts["machine"] else [])]
+
+
+def write_text(path, text, force=False):
+    """Write a small file whole or not at all."""
+    temporary = f"{path}.part-{os.getpid()}"
+    with open(temporary, "w", encoding="utf-8") as file:
+        file.write(text)
+    put_in_place(temporary, path, force)
