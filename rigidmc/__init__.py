@@ -38,7 +38,7 @@ _HOMES = {
     "normal": "sampling",
     "open": "storage",
     "randomised": "until",
-    "rerun": "rerun",
+    "rerun": "again",
     "simulate": "simulation",
     "simulate_until": "until",
     "stability_map": "studies.stability_map",
@@ -54,13 +54,13 @@ __all__ = [
 ]  # fmt: skip
 
 if TYPE_CHECKING:
+    from rigidmc.again import rerun
     from rigidmc.body import Body
     from rigidmc.effects import *  # noqa: F403
     from rigidmc.errors import OutputExists, SceneError, SceneWarning
     from rigidmc.exact.free_top import free_motion, free_top
     from rigidmc.exact.lagrange_top import lagrange_motion, lagrange_top
     from rigidmc.observables import Flips, Histogram, Passage
-    from rigidmc.rerun import rerun
     from rigidmc.sampling import distribution, grid, normal, uniform
     from rigidmc.scene import Run, Scene
     from rigidmc.simulation import simulate

@@ -142,8 +142,8 @@ class Rigid:
         )
 
     def rerun(self, member, **options):
-        """A member again, with more saved: see `rigidmc.rerun`."""
-        from rigidmc.rerun import rerun
+        """A member again, with more saved: see `rigidmc.again`."""
+        from rigidmc.again import rerun
 
         return rerun(self._dataset, member, **options)
 

@@ -1,5 +1,7 @@
 """A member of a result again: equal to the bit, and what cannot be had is refused."""
 
+import pkgutil
+
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -70,3 +72,8 @@ def test_from_the_command_line(file, tmp_path):
     assert "equal to the bit at 5 times in omega" in result.output
     assert CliRunner().invoke(app, words).exit_code == 6
     assert CliRunner().invoke(app, ["rerun", file, "--member", "5"]).exit_code == 3
+
+
+def test_no_name_of_the_package_is_that_of_a_module_too():
+    """Importing the module would put it in the place of what the package has by that name."""
+    assert not set(rm.__all__) & {module.name for module in pkgutil.iter_modules(rm.__path__)}

@@ -30,8 +30,8 @@ def rerun(
 ):  # fmt: skip
     """Integrate one member of a result again, to the same bits, with more saved: all observables unless --save says which."""
     with reported():
+        from rigidmc.again import rerun as again
         from rigidmc.errors import SceneError
-        from rigidmc.rerun import rerun as again
         from rigidmc.storage import refuse_existing
 
         for path in (output, plot):
@@ -85,8 +85,8 @@ def animate(
 ):  # fmt: skip
     """Animate one member of a result: it is integrated again, and drawn turning beside its momentum sphere."""
     with reported():
+        from rigidmc.again import frames
         from rigidmc.errors import SceneError
-        from rigidmc.rerun import frames
         from rigidmc.storage import refuse_existing
 
         refuse_existing(output, force)
