@@ -8,6 +8,7 @@ The names below are loaded when first used: importing rigidmc compiles nothing a
 """
 
 from importlib import import_module
+from os.path import isdir
 from typing import TYPE_CHECKING
 
 __version__ = "0.1.0"
@@ -36,7 +37,6 @@ _HOMES = {
     "lagrange_motion": "exact.lagrange_top",
     "lagrange_top": "exact.lagrange_top",
     "normal": "sampling",
-    "open": "storage",
     "randomised": "until",
     "rerun": "again",
     "simulate": "simulation",
@@ -65,19 +65,26 @@ if TYPE_CHECKING:
     from rigidmc.scene import Run, Scene
     from rigidmc.simulation import simulate
     from rigidmc.start import Start
-    from rigidmc.storage import open_result as open
     from rigidmc.studies.accuracy import accuracy
     from rigidmc.studies.stability_map import stability_map
     from rigidmc.until import randomised, simulate_until
     from rigidmc.vectors import Cone, Correlated, Fisher, GibbsMomentum, Pointing, SecondMoments, Shell, Sphere
 
 
+def open(path):
+    """A result as an xarray Dataset, read when asked for: a netCDF file, or a run directory (`rigidmc.runs.open_run`). SceneError for what is none."""
+    import_module("rigidmc.accessor")  # a Dataset has `ds.rigid`
+    if isdir(path):
+        return import_module("rigidmc.runs").open_run(path)
+    return import_module("rigidmc.storage").open_result(path)
+
+
 def __getattr__(name):
     if name not in _HOMES:
         raise AttributeError(f"module 'rigidmc' has no attribute '{name}'")
-    if name in ("simulate", "open", "rerun"):
+    if name in ("simulate", "rerun"):
         import_module("rigidmc.accessor")  # the Datasets that they return have `ds.rigid`
-    found = getattr(import_module(f"rigidmc.{_HOMES[name]}"), "open_result" if name == "open" else name)
+    found = getattr(import_module(f"rigidmc.{_HOMES[name]}"), name)
     globals()[name] = found
     return found
 

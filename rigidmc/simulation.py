@@ -115,11 +115,7 @@ def simulate(
     threads = _threads(threads)
     if output is not None:
         refuse_existing(output, force)
-    units = internal(scene)
-    if units is not None:
-        scene = scaled(scene, units.mass, 1.0, units.time)
-    scene, chosen = resolved(scene, threads)
-    plan = prepare(scene, threads, output is not None, block)
+    scene, plan, units, chosen = settled(scene, threads, output is not None, block)
     if chosen is not None:
         expected = _rehearsed(scene, plan, threads, output, chosen)
         if progress is True:
@@ -133,11 +129,40 @@ def simulate(
     return run(scene, plan, threads, progress, output, force, attrs, units)
 
 
+def settled(scene, threads=1, streaming=False, block=None):
+    """(scene, its Plan, the Units that it is in, what a tolerance chose): everything of a run that is settled before its first step."""
+    units = internal(scene)
+    if units is not None:
+        scene = scaled(scene, units.mass, 1.0, units.time)
+    scene, chosen = resolved(scene, threads)
+    return scene, prepare(scene, threads, streaming, block), units, chosen
+
+
 def run(scene, plan, threads, progress=False, output=None, force=False, attrs=None, units=None):
     """Run a plan of a scene, which `units` tells to be in other units than its result; `dataset.encoding["rigidmc"]` tells what it cost and how many members are flagged. See `simulate`."""
     compiled = compile_kernel(scene, plan)
     told, shown = (scene, plan) if units is None else units.back(scene, plan)
     sink = File(output, told, shown, force, attrs or {}) if output is not None else Memory(told, shown, attrs or {})
+    began = time.perf_counter()
+    try:
+        flagged = compute(scene, plan, threads, sink, progress, units)
+        dataset = sink.finish()
+    except BaseException:
+        sink.discard()
+        raise
+    dataset.encoding["rigidmc"] = {
+        "compile_seconds": compiled,
+        "run_seconds": time.perf_counter() - began,
+        "flagged": flagged,
+        "steps": plan.mean_steps,
+    }
+    return dataset
+
+
+def compute(scene, plan, threads, sink, progress=False, units=None, blocks=None, members=None):
+    """Compute the blocks of a plan, or those of some indices with so many members, and give them to a sink as they are done; {status: members}."""
+    told, shown = (scene, plan) if units is None else units.back(scene, plan)
+    which = range(math.ceil(plan.members / plan.block)) if blocks is None else blocks
     flagged = dict.fromkeys(layout.STATUSES, 0)
 
     def make(i):
@@ -164,22 +189,9 @@ def run(scene, plan, threads, progress=False, output=None, force=False, attrs=No
         results = {**drift, **seen, **faults, "status": status, "steps": rows[layout.STEPS] * plan.steps, **job.start}
         sink.take(job, results if units is None else _told(job, results, told, shown, units))
 
-    began = time.perf_counter()
-    with reporter(progress, plan.members, plan.steps) as report:
-        try:
-            run_blocks(make, math.ceil(plan.members / plan.block), threads, finished, report.step, report.poll)
-            dataset = sink.finish()
-        except BaseException:
-            sink.discard()
-            raise
-    seconds = time.perf_counter() - began
-    dataset.encoding["rigidmc"] = {
-        "compile_seconds": compiled,
-        "run_seconds": seconds,
-        "flagged": flagged,
-        "steps": plan.mean_steps,
-    }
-    return dataset
+    with reporter(progress, plan.members if members is None else members, plan.steps) as report:
+        run_blocks(make, which, threads, finished, report.step, report.poll)
+    return flagged
 
 
 def _told(job, results, scene, plan, units):

@@ -95,18 +95,23 @@ class Memory:
         self.out = np.empty(0)
 
 
+def buffer(scene, plan, count):
+    """(array, width, column) for what a block of so many members saves."""
+    values, width = rows_of(scene.effects, *scene.recorded()), whole_lanes(count)
+    return np.empty(plan.times.size * values * width), width if values else 0, 0
+
+
 class File:
     """Writes blocks to a netCDF file as they are done."""
 
-    def __init__(self, path, scene, plan, force, more):
+    def __init__(self, path, scene, plan, force, more=None, attrs=None, checksums=False):
         self.scene, self.plan, self.path = scene, plan, path
         self.counts, self.values = Counts(scene), rows_of(scene.effects, *scene.recorded())
         self.names = {*member_variables(scene, plan.carried), *scene.saved()}
-        self.writer = Writer(path, scene, plan, force, more)
+        self.writer = Writer(path, scene, plan, force, more, attrs, checksums)
 
     def room(self, low, count):
-        width = whole_lanes(count)
-        return np.empty(self.plan.times.size * self.values * width), width if self.values else 0, 0
+        return buffer(self.scene, self.plan, count)
 
     def take(self, job, results):
         values = {k: v for k, v in results.items() if k in self.names}
@@ -116,9 +121,13 @@ class File:
             values |= {k: v for k, v in parts.items() if k in self.names}
         self.writer.write(job.first, job.size, values)
 
-    def finish(self):
+    def close(self):
+        """Give the file its name."""
         self.writer.write_all(self.counts.variables())
         self.writer.finish()
+
+    def finish(self):
+        self.close()
         return open_result(self.path)
 
     def discard(self):

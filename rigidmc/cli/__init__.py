@@ -1,9 +1,9 @@
-"""The command line: rigidmc run, show, check, scenes, rerun, summary, animate, body, exact, accuracy, stress, map, plot, effects, integrators, doctor. Nothing heavy is
+"""The command line: rigidmc run, show, check, scenes, rerun, summary, animate, resume, status, verify, consolidate, extend, body, exact, accuracy, stress, map, plot, effects, integrators, doctor. Nothing heavy is
 imported before it is needed."""
 
 import sys
 
-from rigidmc.cli import closed, maps, results, scene, stress, study  # noqa: F401  (their commands, in this order)
+from rigidmc.cli import closed, maps, results, runs, scene, stress, study  # noqa: F401  (their commands, in this order)
 from rigidmc.cli.common import INTERRUPTED, app
 
 

@@ -59,7 +59,10 @@ Until = Annotated[
     ),
 ]
 Most = Annotated[int, typer.Option(min=32, help="Members at most, with --until.")]
-Output = Annotated[str | None, typer.Option("-o", "--output", metavar="FILE", help="netCDF file to write.")]
+Output = Annotated[
+    str | None,
+    typer.Option("-o", "--output", metavar="FILE", help="netCDF file to write; RUN/ makes a run directory, which survives."),
+]
 Plot = Annotated[str | None, typer.Option(metavar="FILE", help="Picture to write (.png, .pdf, .svg).")]
 Force = Annotated[bool, typer.Option(help="Replace files that exist.")]
 

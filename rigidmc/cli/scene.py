@@ -42,6 +42,7 @@ from rigidmc.cli.common import (
     plots_module,
     reported,
 )  # fmt: skip
+from rigidmc.cli.runs import Blocks, MaxWall, ShardSize, go_on, is_run
 
 
 @app.command("run")
@@ -52,6 +53,7 @@ def run_scene(
     every: Every = None, save: Save = None, threads: Threads = None, tolerance: Tolerance = None,
     dtype: Dtype = None, compensated: Compensated = None, settings: Set = [], allow_code: AllowCode = False,  # noqa: B006
     until: Until = None, most: Most = 10_000_000, output: Output = None, plot: Plot = None, force: Force = False,
+    max_wall: MaxWall = None, shards: Blocks = None, shard_size: ShardSize = None,
 ):  # fmt: skip
     """Run a scene: integrate its ensemble, write the result and a picture, and say what it cost."""
     began = time.perf_counter()
@@ -76,6 +78,15 @@ def run_scene(
             dtype=dtype,
             compensated=compensated,
         )
+        if is_run(output):
+            if plot is not None or until is not None:
+                raise SceneError("", "--output", output, "a run directory goes without --plot and --until: consolidate it first")
+            from rigidmc.runs import SHARD, create
+
+            made = create(loaded, output, SHARD if shard_size is None else 1e6 * shard_size)
+            raise typer.Exit(go_on(made.path, threads, max_wall=max_wall, shards=shards, allow_code=allow_code))
+        if max_wall is not None or shards is not None:
+            raise SceneError("", "--max-wall" if max_wall else "--shards", max_wall or shards, "is of a run directory: -o RUN/")
         for path in (output, plot):
             if path is not None:
                 refuse_existing(path, force)

@@ -32,8 +32,8 @@ def run_block(job, stop=None, progress=None):
     return job
 
 
-def run_blocks(make, count, threads, finished, progress=None, poll=None):
-    """Run make(i) -> job for i in range(count) on threads, and finished(job) in this thread as each is done.
+def run_blocks(make, which, threads, finished, progress=None, poll=None):
+    """Run make(i) -> job for each i of `which` on threads, and finished(job) in this thread as each is done.
 
     At most threads + 2 blocks are alive at once. `poll` is called in this thread five times a second. Whatever is raised here or in a
     worker, Ctrl-C included, stops all workers within one kernel call and is raised again.
@@ -45,7 +45,7 @@ def run_blocks(make, count, threads, finished, progress=None, poll=None):
 
     pool = ThreadPoolExecutor(threads, thread_name_prefix="rigidmc")
     pending: set[Future] = set()
-    following = iter(range(count))
+    following = iter(which)
     try:
         while True:
             while len(pending) < threads + 2 and (i := next(following, None)) is not None:

@@ -57,20 +57,21 @@ def write(dataset, path, force=False):
 class Writer:
     """A result file that grows by blocks of members; memory does not grow with it."""
 
-    def __init__(self, path, scene, plan, force=False, more=None):
+    def __init__(self, path, scene, plan, force=False, more=None, attrs=None, checksums=False):
+        """attrs : in the place of the attributes of a result;  checksums : of every chunk, so that a flipped bit is an error"""
         refuse_existing(path, force)
-        self.path, self.force = path, force
+        self.path, self.force, self._checksums = path, force, checksums
         self._temporary = f"{path}.part-{os.getpid()}"
         self._first = plan.first
         try:
             self._file = netCDF4.Dataset(self._temporary, "w", format="NETCDF4", clobber=True)
-            self._define(scene, plan)
+            self._define(scene, plan, attributes(scene, plan) if attrs is None else attrs)
             self._file.setncatts(more or {})
         except BaseException:
             self.discard()
             raise
 
-    def _define(self, scene, plan):
+    def _define(self, scene, plan, attrs_of_all):
         file = self._file
         file.set_fill_off()
         variables = {**member_variables(scene, plan.carried), **saved_variables(scene), **ensemble_variables(scene)}
@@ -86,8 +87,8 @@ class Writer:
             # one chunk holds a block of members and up to 128 times: cheap to write, and to read by member or by time
             chunks = [min(size, plan.block if d == "member" else 128) for d, size in zip(dims, sizes, strict=True)]
             packed: dict[str, Any] = {"compression": "zlib", "complevel": 1} if name in plan.constant else {}
-            file.createVariable(name, dtype, dims, chunksizes=chunks, **packed).setncatts(attrs)
-        file.setncatts(attributes(scene, plan))
+            file.createVariable(name, dtype, dims, chunksizes=chunks, fletcher32=self._checksums, **packed).setncatts(attrs)
+        file.setncatts(attrs_of_all)
 
     def write(self, first, count, values):
         """Write {name: array with the member dimension last} for members first ... first + count - 1."""

@@ -28,7 +28,11 @@ def ran(size, threads):
     """(block, saves, member-steps reported) of the tops in blocks of `size`."""
     out, done, steps = room(), {}, []
     blocks.run_blocks(
-        lambda i: job(i * size, size, out), MEMBERS // size, threads, lambda j: done.update({j.column: j.block}), steps.append
+        lambda i: job(i * size, size, out),
+        range(MEMBERS // size),
+        threads,
+        lambda j: done.update({j.column: j.block}),
+        steps.append,
     )
     return np.concatenate([done[low] for low in sorted(done)], axis=1), out, sum(steps)
 
@@ -55,7 +59,7 @@ def test_a_failure_stops_everything_and_is_raised():
         return job(0, 32, room())
 
     with pytest.raises(MemoryError, match="block 3"):
-        blocks.run_blocks(make, 1000, 2, lambda j: None)
+        blocks.run_blocks(make, range(1000), 2, lambda j: None)
     assert len(started) < 20  # measured 4 to 6
 
 
@@ -65,7 +69,7 @@ def test_a_keyboard_interrupt_between_calls_stops_the_workers():
 
     before = threading.active_count()
     with pytest.raises(KeyboardInterrupt):
-        blocks.run_blocks(lambda i: job(0, 32, room()), 10**6, 2, lambda j: None, poll=poll)
+        blocks.run_blocks(lambda i: job(0, 32, room()), range(10**6), 2, lambda j: None, poll=poll)
     assert threading.active_count() == before
 
 
@@ -79,5 +83,5 @@ def test_few_blocks_are_alive_at_once():
         made.index = i
         return made
 
-    blocks.run_blocks(make, 40, 2, lambda j: alive.discard(j.index))
+    blocks.run_blocks(make, range(40), 2, lambda j: alive.discard(j.index))
     assert max(most) <= 4  # threads + 2

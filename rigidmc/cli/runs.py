@@ -1,0 +1,158 @@
+"""rigidmc resume, status, verify, consolidate, extend: runs in a directory."""
+
+import os
+import sys
+from typing import Annotated
+
+import typer
+
+from rigidmc.cli.common import FLAGGED, INCOMPLETE, INVALID, OK, AllowCode, Force, Threads, app, fail, reported
+
+RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="A run directory, made by `rigidmc run SCENE -o RUN/`.")]
+Accept = Annotated[
+    bool, typer.Option("--accept", help="Go on though versions or processor are others, whose last bits may differ.")
+]
+MaxWall = Annotated[
+    str | None, typer.Option("--max-wall", metavar="TIME", help="Stop in time, to be resumed: 3h, 90m, 3600s or seconds.")
+]
+ShardSize = Annotated[float | None, typer.Option(min=0.001, help="Of a run directory: size of a shard \\[MB], 67 by default.")]
+Blocks = Annotated[
+    str | None,
+    typer.Option("--shards", metavar="FROM:TO", help="These shards only, as of a job array: 0:100 are the first hundred."),
+]
+
+
+def is_run(path):
+    """Whether an output is to be a run directory: RUN/ is."""
+    return path is not None and (path.endswith(os.sep) or os.path.isdir(path))
+
+
+def seconds_of(text):
+    """Seconds of 3h, 90m, 3600s or 3600; SceneError."""
+    from rigidmc.errors import SceneError
+
+    if text is None:
+        return None
+    sizes = {"h": 3600.0, "m": 60.0, "s": 1.0}
+    number, unit = (text[:-1], sizes[text[-1]]) if text[-1:] in sizes else (text, 1.0)
+    try:
+        found = float(number) * unit
+    except ValueError:
+        found = -1.0
+    if not 0.0 < found < float("inf"):
+        raise SceneError("", "--max-wall", text, "expected a time such as 3h, 90m, 3600s or 3600")
+    return found
+
+
+def shards_of(text):
+    """The range of FROM:TO; SceneError."""
+    from rigidmc.errors import SceneError
+
+    if text is None:
+        return None
+    low, colon, high = text.partition(":")
+    if not colon or not low.isdigit() or not high.isdigit() or int(low) >= int(high):
+        raise SceneError("", "--shards", text, "expected FROM:TO, such as 0:100 for the first hundred")
+    return range(int(low), int(high))
+
+
+@app.command()
+def resume(
+    run: RunArgument, threads: Threads = None, accept: Accept = False, max_wall: MaxWall = None, shards: Blocks = None,
+    repair: Annotated[bool, typer.Option("--repair", help="First take away the shards that are damaged.")] = False,
+    allow_code: AllowCode = False,
+):  # fmt: skip
+    """Go on with a run: compute the shards that are missing, to the bits that an unbroken run has."""
+    with reported():
+        from rigidmc import runs
+
+        if repair:
+            print(f"  {runs.repair(run)} damaged shards were taken away")
+        code = go_on(run, threads, accept, max_wall, shards, allow_code)
+    raise typer.Exit(code)
+
+
+def go_on(run, threads, accept=False, max_wall=None, shards=None, allow_code=False):
+    """Compute what is missing of a run and say what is there; the exit code."""
+    from rigidmc import runs
+
+    directory, flagged = runs.resume(
+        run, threads, progress=True, accept=accept, max_wall=seconds_of(max_wall), only=shards_of(shards), allow_code=allow_code
+    )
+    found = runs.status(directory.path)
+    made = sum(flagged.values())
+    print(
+        f"{directory.path}: {found['done']:,} of {found['shards']:,} shards, {found['members_done']:,} members; {made:,} of them made now"
+    )
+    bad = ", ".join(f"{count:,} {word}" for word, count in flagged.items() if count and word != "ok")
+    print(f"  flagged members: {bad or 'none'}")
+    if found["done"] < found["shards"]:
+        print("  not done: `rigidmc resume` goes on")
+        return INCOMPLETE
+    return FLAGGED if bad else OK
+
+
+@app.command()
+def status(run: RunArgument):
+    """Say how far a run is, also while it runs."""
+    with reported():
+        from rigidmc.runs import status as told
+
+        found = told(run)
+    print(f"{run}: {found['done']:,} of {found['shards']:,} shards, {found['members_done']:,} of {found['members']:,} members")
+    bad = ", ".join(f"{count:,} {word}" for word, count in found["flagged"].items() if count and word != "ok")
+    print(f"  flagged so far: {bad or 'none'}")
+    if found["rate"]:
+        print(
+            f"  {found['rate']:,.0f} members/s so far" + (f", {found['seconds_left']:,.0f} s left" if found["seconds_left"] else "")
+        )
+    raise typer.Exit(OK if found["done"] == found["shards"] else INCOMPLETE)
+
+
+@app.command()
+def verify(
+    run: RunArgument,
+    spot: Annotated[int, typer.Option(min=0, help="Shards of which three members each are computed again, to the bit.")] = 3,
+    allow_code: AllowCode = False,
+):
+    """Check a run: the sum of every chunk of every shard, that all members are there, and some of them computed again."""
+    with reported():
+        from rigidmc import runs
+
+        wrong = runs.verify(run, spot, allow_code)
+        found = runs.status(run)
+        for line in wrong:
+            print(line, file=sys.stderr)
+        if wrong:
+            fail(f"{run}: {len(wrong):,} faults; `rigidmc resume {run} --repair` computes damaged shards again", INVALID)
+        print(
+            f"{run}: {found['done']:,} of {found['shards']:,} shards, all of them sound; {min(spot, found['done'])} were compared with members computed again"
+        )
+    raise typer.Exit(OK if found["done"] == found["shards"] else INCOMPLETE)
+
+
+@app.command()
+def consolidate(
+    run: RunArgument, output: Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="netCDF file to write.")],
+    force: Force = False, allow_code: AllowCode = False,
+):  # fmt: skip
+    """Write a whole run as one netCDF file."""
+    with reported():
+        from rigidmc import runs
+
+        runs.consolidate(run, output, force, allow_code).close()
+        print(f"  wrote {output} ({os.path.getsize(output) / 1e6:,.1f} MB)")
+
+
+@app.command()
+def extend(
+    run: RunArgument, members: Annotated[int, typer.Option(help="Members that it shall have in all.")], threads: Threads = None,
+    accept: Accept = False, max_wall: MaxWall = None, allow_code: AllowCode = False,
+):  # fmt: skip
+    """Give a run more members; those that are there are not changed by a bit."""
+    with reported():
+        from rigidmc import runs
+
+        runs.extend(run, members)
+        code = go_on(run, threads, accept, max_wall, None, allow_code)
+    raise typer.Exit(code)

@@ -1,0 +1,199 @@
+"""Run directories: whatever ends them, resumed they are what an unbroken run is; what is damaged is found."""
+
+import hashlib
+import json
+import random
+import signal
+import subprocess
+import time
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import rigidmc as rm
+from rigidmc import runs
+from rigidmc.cli import app
+from rigidmc.errors import OutputExists, SceneError
+from rigidmc.storage.run_directory import RunDirectory
+from tests.torture import COMMAND, sums
+
+MEMBERS, SIZE = 1000, 40_000  # five shards of 192 members, the last of them not whole
+SCENE = rm.Scene(
+    rm.Body.from_moments((1.0, 2.0, 3.0)), start=rm.Start(omega=(rm.normal(0.0, 0.1), 1.0, rm.normal(0.0, 0.1)))
+).with_run(integrator="rk4", dt=0.05, t_end=2.0, every=1.0, members=MEMBERS, seed=4, save=("omega", "flips", "omega_max"))
+HISTOGRAM = rm.Histogram("energy", 0.0, 3.0, 12)
+
+
+def started(path, **run):
+    """A run directory of the scene, nothing of it computed; blocks of 32 members, so that there is an order to get wrong."""
+    directory = runs.create(SCENE.with_run(**run), path, SIZE)
+    facts = {**directory.facts, "block": 32, "shard": 192}
+    (path / "run.json").write_text(json.dumps(facts))
+    return RunDirectory(path)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    path = tmp_path_factory.mktemp("runs") / "whole"
+    started(path)
+    runs.resume(path, threads=2)
+    return path
+
+
+def test_a_run_is_what_a_file_is(whole, tmp_path):
+    ds, direct = runs.consolidate(whole, tmp_path / "one.nc"), rm.simulate(SCENE)
+    for name in direct.data_vars:
+        assert np.array_equal(ds[name].values, direct[name].values, equal_nan=True), name
+    assert ds.attrs["scene"] == direct.attrs["scene"] and set(ds.data_vars) == set(direct.data_vars)
+    assert runs.status(whole)["done"] == 6 and runs.verify(whole) == []
+    assert "differs" not in rm.rerun(ds, 777).attrs["rerun"]
+    ds.close()
+
+
+@pytest.mark.parametrize(
+    ("threads", "block", "order"), [(1, 32, (range(6),)), (2, 96, (range(3, 6), range(3))), (5, 64, (range(1, 2), range(6)))]
+)
+def test_no_byte_depends_on_threads_blocks_or_order(whole, tmp_path, threads, block, order):
+    started(tmp_path / "run")
+    for part in order:
+        runs.resume(tmp_path / "run", threads=threads, block=block, only=part)
+    assert sums(tmp_path / "run") == sums(whole)
+
+
+def test_an_extended_run_is_one_of_that_size(whole, tmp_path):
+    started(tmp_path / "run", members=500)
+    runs.resume(tmp_path / "run")
+    early = sums(tmp_path / "run")
+    runs.extend(tmp_path / "run", MEMBERS)
+    runs.resume(tmp_path / "run")
+    assert sums(tmp_path / "run") == sums(whole)
+    assert {name: s for name, s in early.items() if name < "00000002"}.items() <= sums(whole).items()
+    with pytest.raises(SceneError, match="already"):
+        runs.extend(tmp_path / "run", MEMBERS)
+
+
+def test_a_run_is_opened_without_reading_it(whole, tmp_path):
+    ds, direct = rm.open(str(whole)), rm.simulate(SCENE)
+    assert all(name in ("time", "axis", "quat", "member") or ds[name].chunks is not None for name in ds.variables)
+    for name in direct.data_vars:
+        assert np.array_equal(ds[name].values, direct[name].values, equal_nan=True), name
+    assert "equal to the bit" in ds.rigid.rerun(500).attrs["rerun"]
+    started(tmp_path / "part")
+    runs.resume(tmp_path / "part", only=range(2, 4))
+    part = rm.open(str(tmp_path / "part"))
+    assert np.array_equal(part.member.values, np.arange(384, 768)) and np.array_equal(
+        part.omega_max.values, direct.omega_max.values[:, 384:768]
+    )
+
+
+def test_histograms_are_summed(tmp_path):
+    scene = SCENE.with_run(save=("omega", HISTOGRAM))
+    directory = runs.create(scene, tmp_path / "run", SIZE)
+    runs.resume(directory.path)
+    assert np.array_equal(rm.open(directory.path).histogram.values, rm.simulate(scene).histogram.values)
+    with runs.consolidate(directory.path, tmp_path / "one.nc") as ds:
+        assert np.array_equal(ds.histogram.values, rm.simulate(scene).histogram.values)
+
+
+def test_what_is_damaged_is_found_and_computed_again(whole, tmp_path):
+    some = random.Random(7)
+    started(tmp_path / "run")
+    runs.resume(tmp_path / "run")
+    for _ in range(20):
+        name = tmp_path / "run" / "shards" / f"{some.randrange(6):08d}.nc"
+        data = bytearray(name.read_bytes())
+        at = some.randrange(len(data))
+        if some.random() < 0.3:
+            data = data[:at]
+        else:
+            data[at] ^= 1 << some.randrange(8)
+        name.write_bytes(data)
+        if hashlib.sha256(data).hexdigest() != sums(whole)[name.name]:
+            found = runs.verify(tmp_path / "run", spot=0)
+            hidden = not found and all(_same(name, whole / "shards" / name.name))  # in bytes that no value depends on
+            assert hidden or name.name in found[0]
+        name.unlink()
+        runs.resume(tmp_path / "run")
+        assert sums(tmp_path / "run") == sums(whole)
+
+
+def _same(one, two):
+    """Whether each variable of two files is the same."""
+    import xarray as xr
+
+    with xr.open_dataset(one, engine="netcdf4") as a, xr.open_dataset(two, engine="netcdf4") as b:
+        yield from (a[name].identical(b[name]) for name in b.variables)
+
+
+def test_a_killed_run_loses_nothing(tmp_path):
+    """SIGKILL at three random moments, then resumed."""
+    words = ["run", "tennis_racket", "--members", "200000", "--every", "0.5", "--save", "omega", "--shard-size", "2", "-o"]
+    whole = subprocess.run([*COMMAND, *words, f"{tmp_path}/whole/"], capture_output=True, text=True)
+    assert whole.returncode == 0, whole.stderr
+    child, some = (
+        subprocess.Popen([*COMMAND, *words, f"{tmp_path}/run/"], stdout=subprocess.PIPE, stderr=subprocess.PIPE),
+        random.Random(3),
+    )
+    for _ in range(3):
+        began = time.monotonic()
+        while child.poll() is None and len(list((tmp_path / "run").glob("shards/*"))) == 0 and time.monotonic() - began < 60.0:
+            time.sleep(0.01)
+        time.sleep(some.uniform(0.0, 0.5))
+        child.send_signal(signal.SIGKILL)
+        child.communicate()
+        child = subprocess.Popen([*COMMAND, "resume", f"{tmp_path}/run"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert "not done" not in child.communicate()[0] and child.returncode == 0
+    assert sums(tmp_path / "run") == sums(tmp_path / "whole") and len(sums(tmp_path / "run")) > 10
+
+
+def test_what_is_not_the_same_is_refused(whole, tmp_path):
+    started(tmp_path / "run")
+    facts = json.loads((tmp_path / "run" / "run.json").read_text())
+    (tmp_path / "run" / "run.json").write_text(json.dumps({**facts, "versions": {**facts["versions"], "numba": "0.1"}}))
+    with pytest.raises(SceneError, match=r"numba 0\.1 there"):
+        runs.resume(tmp_path / "run")
+    assert runs.resume(tmp_path / "run", accept=True)[1]["ok"] == MEMBERS
+    text = (tmp_path / "run" / "scene.toml").read_text()
+    (tmp_path / "run" / "scene.toml").write_text(text.replace("seed = 4", "seed = 5"))
+    with pytest.raises(SceneError, match="is not the scene"):
+        runs.resume(tmp_path / "run", accept=True)
+    with pytest.raises(OutputExists, match="resume"):
+        runs.create(SCENE, tmp_path / "run")
+    with pytest.raises(SceneError, match="no run directory"):
+        runs.resume(tmp_path)
+    for text in ("", "[1]", "{", '{"format": 1}', json.dumps({**facts, "shard": 7}), json.dumps({**facts, "format": 9})):
+        (tmp_path / "run" / "run.json").write_text(text)
+        with pytest.raises(SceneError, match=r"run\.json"):
+            runs.resume(tmp_path / "run")
+
+
+def test_two_writers_are_one_too_many(tmp_path):
+    directory = started(tmp_path / "run")
+    with directory.locked(), pytest.raises(OutputExists, match="being written"):
+        runs.resume(tmp_path / "run")
+    assert runs.resume(tmp_path / "run")[1]["ok"] == MEMBERS
+
+
+def test_commands(tmp_path):
+    run = f"{tmp_path}/run/"
+
+    def invoke(*words):
+        made = CliRunner().invoke(app, list(map(str, words)))
+        assert made.exception is None or isinstance(made.exception, SystemExit), made.exception
+        return made
+
+    words = "run", "tennis_racket", "--members", 20000, "--save", "omega", "--shard-size", 0.5, "-o", run
+    assert invoke(*words, "--shards", "0:1").exit_code == 5
+    assert invoke(*words).exit_code == 6
+    assert invoke("consolidate", run, "-o", tmp_path / "one.nc").exit_code == 3
+    assert invoke("status", run).exit_code == 5 and "1 of" in invoke("status", run).stdout
+    assert invoke("resume", run, "--max-wall", "1e-9s").exit_code == 5
+    assert invoke("resume", run, "--max-wall", "soon").exit_code == 3
+    assert invoke("resume", run).exit_code == 0 and invoke("status", run).exit_code == 0 and invoke("verify", run).exit_code == 0
+    assert invoke("consolidate", run, "-o", tmp_path / "one.nc").exit_code == 0
+    assert invoke("extend", run, "--members", 30000).exit_code == 0 and "30,000 members" in invoke("status", run).stdout
+    (tmp_path / "run" / "shards" / "00000001.nc").write_bytes(b"nothing")
+    assert invoke("verify", run).exit_code == 3
+    assert "1 damaged" in invoke("resume", run, "--repair").stdout and invoke("verify", run).exit_code == 0
+    assert invoke("resume", tmp_path).exit_code == 3
