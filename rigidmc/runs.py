@@ -1,6 +1,5 @@
 """Runs that survive: started in a directory, resumed after whatever ended them, checked, and made one file."""
 
-import json
 import math
 import os
 import threading
@@ -18,7 +17,7 @@ from rigidmc.scene_file import load
 from rigidmc.shards import Shards
 from rigidmc.simulation import compile_kernel, compute, settled, simulate
 from rigidmc.storage import Writer, open_result
-from rigidmc.storage.run_directory import FORMAT, RunDirectory, hash_of, this_machine, write_text
+from rigidmc.storage.run_directory import FORMAT, RunDirectory, damaged, hash_of, rendered, this_machine, write_text
 from rigidmc.storage.schema import attributes, coordinates, ensemble_variables, length, member_variables, saved_variables
 
 SHARD = 64 * 2**20  # bytes of a shard: a thousand of them are 64 GB, and a second's work at what two cores make
@@ -53,7 +52,7 @@ def create(scene, path, size=SHARD):
     os.makedirs(os.path.join(path, "shards"), exist_ok=True)
     write_text(os.path.join(path, "scene.toml"), text)
     facts["scene"] = hash_of(load(os.path.join(path, "scene.toml")))
-    write_text(os.path.join(path, "run.json"), json.dumps(facts, indent=1) + "\n")  # last: what has it is a run
+    write_text(os.path.join(path, "run.json"), rendered(facts))  # last: what has it is a run
     return RunDirectory(path)
 
 
@@ -144,10 +143,8 @@ def extend(path, members):
     with directory.locked():
         last = directory.count - 1
         if facts["members"] % facts["shard"] and last in directory.done():
-            os.unlink(directory.shard(last))
-        write_text(
-            os.path.join(directory.path, "run.json"), json.dumps({**facts, "members": int(members)}, indent=1) + "\n", force=True
-        )
+            os.unlink(directory.shards()[last])
+        write_text(os.path.join(directory.path, "run.json"), rendered({**facts, "members": int(members)}), force=True)
         directory.note(event="extended", members=int(members))
     return RunDirectory(path)
 
@@ -170,34 +167,19 @@ def status(path):
     }  # fmt: skip
 
 
-def damaged(directory, i):
-    """Why a shard is not to be trusted, or None: every chunk is read, which checks its sum, and its members are counted."""
-    import netCDF4
-
-    try:
-        with netCDF4.Dataset(directory.shard(i)) as file:
-            for variable in file.variables.values():
-                variable[:]
-            members = np.asarray(file.variables["member"][:])
-    except (OSError, RuntimeError, KeyError, ValueError, IndexError, AttributeError, UnicodeDecodeError, MemoryError) as error:
-        return f"cannot be read: {str(error).splitlines()[0] if str(error) else type(error).__name__}"
-    if not np.array_equal(members, directory.members(i)):
-        return "has not the members that it should have"
-    return None
-
-
 def verify(path, spot=3, allow_code=False, threads=None):
-    """What is wrong with a run, in words, [] for nothing: every chunk of every shard, the scene, and `spot` members of each of as many shards
+    """What is wrong with a run, in words, [] for nothing: the sum of every shard, the scene, and `spot` members of each of as many shards
     computed again, to the bit."""
     directory = RunDirectory(path)
     scene = scene_of_run(directory, allow_code)
-    found = [f"{directory.shard(i)}: {why}" for i in directory.done() if (why := damaged(directory, i))]
-    bad = {line.split(":")[0] for line in found}
-    whole = [i for i in directory.done() if directory.shard(i) not in bad]
+    shards = directory.shards()
+    bad = {i for i, shard in shards.items() if damaged(shard)}
+    found = [f"{shards[i]}: is not what was written: its sum is not that of its name" for i in sorted(bad)]
+    whole = sorted(set(shards) - bad)
     for i in whole[:: max(1, len(whole) // max(1, spot))][:spot]:
         members = directory.members(i)
         for member in {members[0], members[len(members) // 2], members[-1]}:
-            found += _unlike(scene, directory.shard(i), member, threads)
+            found += _unlike(scene, shards[i], member, threads)
     return found
 
 
@@ -221,10 +203,10 @@ def repair(path):
     """Take away the shards that are damaged, to be computed again; how many there were."""
     directory = RunDirectory(path)
     with directory.locked():
-        bad = [i for i in directory.done() if damaged(directory, i)]
-        for i in bad:
-            os.unlink(directory.shard(i))
-        directory.note(event="repaired", shards=bad)
+        bad = [path for path in directory.shards().values() if damaged(path)]
+        for path in bad:
+            os.unlink(path)
+        directory.note(event="repaired", shards=[os.path.basename(path) for path in bad])
     return len(bad)
 
 
@@ -239,10 +221,11 @@ def consolidate(path, output, force=False, allow_code=False):
     settled_scene, plan, units, _ = settled(scene, 1, True, directory.facts["block"])
     told, shown = (settled_scene, plan) if units is None else units.back(settled_scene, plan)
     writer, sums = Writer(os.fspath(output), told, shown, force), dict[str, np.ndarray]()
+    shards = directory.shards()
     try:
         for i in range(directory.count):
             members = directory.members(i)
-            with netCDF4.Dataset(directory.shard(i)) as file:
+            with netCDF4.Dataset(shards[i]) as file:
                 file.set_auto_mask(False)
                 by_member = {name: v[:] for name, v in file.variables.items() if "member" in v.dimensions and name != "member"}
                 for name, v in file.variables.items():
@@ -273,14 +256,15 @@ def open_run(path, allow_code=False):
     directory = RunDirectory(path)
     scene, plan, units, _ = settled(scene_of_run(directory, allow_code), 1, True, directory.facts["block"])
     told, shown = (scene, plan) if units is None else units.back(scene, plan)
-    done = directory.done()
+    shards = directory.shards()
+    done = sorted(shards)
     counts = [len(directory.members(i)) for i in done]
     variables = {}
     for name, (dims, dtype, attrs) in {**member_variables(told, plan.carried), **saved_variables(told)}.items():
         sizes = [counts if d == "member" else [length(d, shown)] for d in dims]
         at = dims.index("member")
         graph = {
-            (f"{name}-{directory.path}", *[0] * at, j, *[0] * (len(dims) - at - 1)): (_read, directory.shard(i), name)
+            (f"{name}-{directory.path}", *[0] * at, j, *[0] * (len(dims) - at - 1)): (_read, shards[i], name)
             for j, i in enumerate(done)
         }
         variables[name] = (
@@ -290,7 +274,7 @@ def open_run(path, allow_code=False):
         )
     for name, (dims, dtype, attrs) in ensemble_variables(told).items():
         size = [length(d, shown) for d in dims]
-        parts = [dask.array.from_delayed(dask.delayed(_read)(directory.shard(i), name), size, np.dtype(dtype)) for i in done]
+        parts = [dask.array.from_delayed(dask.delayed(_read)(shards[i], name), size, np.dtype(dtype)) for i in done]
         variables[name] = dims, sum(parts), attrs
     members = np.concatenate([np.asarray(directory.members(i)) for i in done]) if done else np.empty(0, int)
     known = {

@@ -67,7 +67,11 @@ class Shards:
         members = self.directory.members(i)
         if i not in self._open:
             part = self.plan._replace(first=members.start, members=len(members), block=facts["block"])
-            self._open[i] = [File(self.directory.shard(i), self.scene, part, force=True, attrs={}, checksums=True), 0, {}]
+            self._open[i] = [
+                File(self.directory.temporary(i), self.scene, part, force=True, attrs={}, named=self.directory.named(i)),
+                0,
+                {},
+            ]
         file, following, early = self._open[i]
         early[at] = job, results
         while following in early:  # in order: the bytes of a file depend on that of its chunks

@@ -104,11 +104,11 @@ def buffer(scene, plan, count):
 class File:
     """Writes blocks to a netCDF file as they are done."""
 
-    def __init__(self, path, scene, plan, force, more=None, attrs=None, checksums=False):
+    def __init__(self, path, scene, plan, force, more=None, attrs=None, named=None):
         self.scene, self.plan, self.path = scene, plan, path
         self.counts, self.values = Counts(scene), rows_of(scene.effects, *scene.recorded())
         self.names = {*member_variables(scene, plan.carried), *scene.saved()}
-        self.writer = Writer(path, scene, plan, force, more, attrs, checksums)
+        self.writer = Writer(path, scene, plan, force, more, attrs, named)
 
     def room(self, low, count):
         return buffer(self.scene, self.plan, count)

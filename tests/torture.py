@@ -77,7 +77,7 @@ def corrupt(count, folder, some):
     from rigidmc.errors import SceneError
 
     expected = sums(whole)
-    told = {"damaged": 0, "found": 0, "in bytes that no value depends on": 0, "missed": 0, "crashes of verify": 0}
+    told = {"damaged": 0, "found": 0, "repaired, sha256 equal": 0, "crashes of verify": 0}
     for _ in range(count):
         files = [*(os.path.join("shards", name) for name in expected), "run.json"]
         path = os.path.join(whole, some.choice(files))
@@ -100,23 +100,14 @@ def corrupt(count, folder, some):
             told["crashes of verify"] += 1
             found = True
         told["found"] += found
-        if not found:
-            same = path.endswith(".nc") and equal(path, data, folder)
-            told["in bytes that no value depends on" if same else "missed"] += 1
-        with open(path, "wb") as file:
-            file.write(data)
+        if path.endswith(".nc"):
+            runs.repair(whole)
+            runs.resume(whole)
+        else:
+            with open(path, "wb") as file:
+                file.write(data)
+        told["repaired, sha256 equal"] += sums(whole) == expected
     return told
-
-
-def equal(path, data, folder):
-    """Whether a damaged file still tells the same as it did."""
-    import xarray as xr
-
-    other = os.path.join(folder, "other.nc")
-    with open(other, "wb") as file:
-        file.write(data)
-    with xr.open_dataset(path, engine="netcdf4") as one, xr.open_dataset(other, engine="netcdf4") as two:
-        return one.identical(two)
 
 
 def main():

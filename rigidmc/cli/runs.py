@@ -115,7 +115,7 @@ def verify(
     spot: Annotated[int, typer.Option(min=0, help="Shards of which three members each are computed again, to the bit.")] = 3,
     allow_code: AllowCode = False,
 ):
-    """Check a run: the sum of every chunk of every shard, that all members are there, and some of them computed again."""
+    """Check a run: the sum of every shard against its name, run.json and scene, and some of them computed again."""
     with reported():
         from rigidmc import runs
 

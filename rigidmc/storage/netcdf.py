@@ -57,10 +57,11 @@ def write(dataset, path, force=False):
 class Writer:
     """A result file that grows by blocks of members; memory does not grow with it."""
 
-    def __init__(self, path, scene, plan, force=False, more=None, attrs=None, checksums=False):
-        """attrs : in the place of the attributes of a result;  checksums : of every chunk, so that a flipped bit is an error"""
+    def __init__(self, path, scene, plan, force=False, more=None, attrs=None, named=None):
+        """attrs : in the place of the attributes of a result;  named : of shards, the path that a finished file has to have: each of its chunks
+        then has a sum, so that a flipped bit is an error to whoever reads it"""
         refuse_existing(path, force)
-        self.path, self.force, self._checksums = path, force, checksums
+        self.path, self.force, self._named = path, force, named
         self._temporary = f"{path}.part-{os.getpid()}"
         self._first = plan.first
         try:
@@ -87,7 +88,7 @@ class Writer:
             # one chunk holds a block of members and up to 128 times: cheap to write, and to read by member or by time
             chunks = [min(size, plan.block if d == "member" else 128) for d, size in zip(dims, sizes, strict=True)]
             packed: dict[str, Any] = {"compression": "zlib", "complevel": 1} if name in plan.constant else {}
-            file.createVariable(name, dtype, dims, chunksizes=chunks, fletcher32=self._checksums, **packed).setncatts(attrs)
+            file.createVariable(name, dtype, dims, chunksizes=chunks, fletcher32=self._named is not None, **packed).setncatts(attrs)
         file.setncatts(attrs_of_all)
 
     def write(self, first, count, values):
@@ -104,7 +105,7 @@ class Writer:
     def finish(self):
         """Close, make durable and give the file its name."""
         self._file.close()
-        put_in_place(self._temporary, self.path, self.force)
+        put_in_place(self._temporary, self.path if self._named is None else self._named(self._temporary), self.force)
 
     def discard(self):
         """Leave nothing behind."""

@@ -2,7 +2,7 @@
 
     run.json       what never changes: scene's hash, seed, members of a shard and of a block, versions, type of processor; and how many members
     scene.toml     the scene, resolved; columns.nc what it has of one row per member
-    shards/        one netCDF4 file for each range of members; its bytes depend on scene and seed alone
+    shards/        one netCDF4 file for each range of members; its bytes depend on scene and seed alone, and its name tells their hash
     journal.jsonl  what came to pass: when, where, how fast; nothing depends on it
     lock           held by the process that writes
 
@@ -25,7 +25,7 @@ from rigidmc.errors import OutputExists, SceneError
 from rigidmc.storage.netcdf import put_in_place
 
 FORMAT = 1
-_SHARD = re.compile(r"(\d{8})\.nc")
+_SHARD = re.compile(r"(\d{8})-([0-9a-f]{16})\.nc")
 _FACTS = {
     "format": int,
     "scene": str,
@@ -65,12 +65,16 @@ class RunDirectory:
             raise SceneError("", "run", self.path, "is no run directory: it has no run.json")
         try:
             with open(name, encoding="utf-8") as file:
-                facts = json.load(file)
+                text = file.read()
+            facts = json.loads(text)
         except (ValueError, RecursionError) as error:
             raise SceneError("", "run.json", None, f"is damaged: {error}", file=name) from None
         for key, kind in _FACTS.items():
             if not isinstance(facts, dict) or type(facts.get(key)) is not kind:
                 raise SceneError("", key, None, f"is damaged: expected {kind.__name__}", file=name)
+        facts.pop("check", None)
+        if rendered(facts) != text:
+            raise SceneError("", "run.json", None, "is damaged, or was changed by hand: its sum is another", file=name)
         if facts["format"] != FORMAT:
             raise SceneError("", "format", facts["format"], f"this version reads format {FORMAT}", file=name)
         if min(facts["members"], facts["shard"], facts["block"]) < 1 or facts["first"] < 0 or facts["shard"] % facts["block"]:
@@ -88,16 +92,24 @@ class RunDirectory:
         low = first + i * self.facts["shard"]
         return range(low, min(low + self.facts["shard"], end))
 
-    def shard(self, i):
-        """The path of shard i."""
-        return os.path.join(self.path, "shards", f"{i:08d}.nc")
+    def shards(self):
+        """{i: path} of the shards that are there."""
+        folder = os.path.join(self.path, "shards")
+        names = sorted(os.listdir(folder)) if os.path.isdir(folder) else []
+        found = {int(m[1]): os.path.join(folder, name) for name in names if (m := _SHARD.fullmatch(name))}
+        return {i: path for i, path in found.items() if i < self.count}
+
+    def temporary(self, i):
+        """Where shard i is before it is whole."""
+        return os.path.join(self.path, "shards", f"{i:08d}")
+
+    def named(self, i):
+        """A function of a finished file: the path that it has to have as shard i."""
+        return lambda file: os.path.join(self.path, "shards", f"{i:08d}-{hash_of_file(file)}.nc")
 
     def done(self):
-        """The shards that are there."""
-        with contextlib.suppress(FileNotFoundError):
-            names = os.listdir(os.path.join(self.path, "shards"))
-            return sorted(i for name in names if (found := _SHARD.fullmatch(name)) and (i := int(found[1])) < self.count)
-        return []
+        """Which shards are there."""
+        return sorted(self.shards())
 
     def missing(self):
         """The shards that are not."""
@@ -153,6 +165,24 @@ class RunDirectory:
             if self.facts["versions"].get(name) != here
         ]
         return [*found, *([f"processor {self.facts['machine']} there, {machine} here"] if machine != self.facts["machine"] else [])]
+
+
+def rendered(facts):
+    """The text of run.json, with its sum."""
+    check = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
+    return json.dumps({**facts, "check": check}, indent=1) + "\n"
+
+
+def hash_of_file(path):
+    """The first 16 digits of a file's sha256."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()[:16]
+
+
+def damaged(path):
+    """Whether a shard is not what its name tells."""
+    found = _SHARD.fullmatch(os.path.basename(path))
+    return not found or hash_of_file(path) != found[2]
 
 
 def write_text(path, text, force=False):
