@@ -30,16 +30,17 @@ class Shards:
         return buffer(self.scene, self.plan, count)
 
     def take(self, job, results):
-        while True:
-            if self._error is not None:
-                raise self._error
-            try:
-                return self._queue.put((job, results), timeout=0.2)
-            except queue.Full:
-                continue
+        self._put((job, results))
+
+    def _put(self, item):
+        """Hand something to the thread that writes; what went wrong there is raised here, where else one might wait for it forever."""
+        while self._error is None:
+            with contextlib.suppress(queue.Full):
+                return self._queue.put(item, timeout=0.2)
+        raise self._error
 
     def finish(self):
-        self._queue.put(None)
+        self._put(None)
         self._thread.join()
         if self._error is not None:
             raise self._error

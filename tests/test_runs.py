@@ -15,6 +15,7 @@ from rigidmc import runs
 from rigidmc.cli import app
 from rigidmc.errors import OutputExists, SceneError
 from rigidmc.storage.run_directory import RunDirectory, rendered
+from tests import torture
 from tests.torture import COMMAND, sums
 
 MEMBERS, SIZE = 1000, 40_000  # five shards of 192 members, the last of them not whole
@@ -122,25 +123,44 @@ def test_what_is_damaged_is_found_and_computed_again(whole, tmp_path):
         assert sums(tmp_path / "run") == sums(whole)
 
 
-def test_a_killed_run_loses_nothing(tmp_path):
-    """SIGKILL at three random moments, then resumed."""
-    words = ["run", "tennis_racket", "--members", "200000", "--every", "0.5", "--save", "omega", "--shard-size", "2", "-o"]
-    whole = subprocess.run([*COMMAND, *words, f"{tmp_path}/whole/"], capture_output=True, text=True)
-    assert whole.returncode == 0, whole.stderr
-    child, some = (
-        subprocess.Popen([*COMMAND, *words, f"{tmp_path}/run/"], stdout=subprocess.PIPE, stderr=subprocess.PIPE),
-        random.Random(3),
-    )
-    for _ in range(3):
-        began = time.monotonic()
-        while child.poll() is None and len(list((tmp_path / "run").glob("shards/*"))) == 0 and time.monotonic() - began < 60.0:
-            time.sleep(0.01)
-        time.sleep(some.uniform(0.0, 0.5))
-        child.send_signal(signal.SIGKILL)
-        child.communicate()
-        child = subprocess.Popen([*COMMAND, "resume", f"{tmp_path}/run"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    assert "not done" not in child.communicate()[0] and child.returncode == 0
-    assert sums(tmp_path / "run") == sums(tmp_path / "whole") and len(sums(tmp_path / "run")) > 10
+def test_eight_kills(tmp_path):
+    """As `python tests/torture.py --kills 200`."""
+    told = torture.kills(8, str(tmp_path), random.Random(5))
+    assert told["kills"] == 8 and told["torn shards seen"] == 0
+    assert told["sha256 equal"] == told["runs resumed to the end"] >= 1
+
+
+def test_a_fault_of_every_kind(tmp_path):
+    """As `python tests/torture.py --faults all`."""
+    told = torture.faults(1, str(tmp_path), random.Random(6))
+    assert told["faults"] >= 10 and told["wrong shards seen"] == 0
+    assert told["faults"] == told["resumed, sha256 equal"] == told["exit 74, one message"] + told["no harm done, exit 0"]
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGUSR1, 5), (signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_a_run_that_is_asked_to_stop_says_so(tmp_path, number, code):
+    words = [
+        "run",
+        "tennis_racket",
+        "--members",
+        "2000000",
+        "--every",
+        "0.5",
+        "--save",
+        "omega",
+        "--shard-size",
+        "2",
+        "-o",
+        f"{tmp_path}/run/",
+    ]
+    child = subprocess.Popen([*COMMAND, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    while child.poll() is None and not list((tmp_path / "run").glob("shards/*.nc")):
+        time.sleep(0.01)
+    child.send_signal(number)
+    _, told = child.communicate(timeout=60)
+    assert child.returncode == code and "Traceback" not in told and told.count("rigidmc:") == 1
+    assert not [p for p in (tmp_path / "run").rglob("*") if ".part-" in p.name]
+    assert CliRunner().invoke(app, ["status", f"{tmp_path}/run"]).exit_code == 5
 
 
 def test_what_is_not_the_same_is_refused(whole, tmp_path):

@@ -1,6 +1,8 @@
-"""What run directories survive, with closing tables: python tests/torture.py --kills 200, --corrupt 500.
+"""What run directories survive, with closing tables: python tests/torture.py --kills 200 --faults all --corrupt 500.
 
 --kills N    start a run, kill it with SIGKILL at a random moment, resume it until it is whole; its shards' sha256 are those of an unbroken run
+--faults N   a full disk, a broken one, at every open, write, fsync, rename and unlink of a run (at N of each, or all), also half-way through a
+             write: exit 74 and one message, nothing visible is wrong, and resumed it is whole
 --corrupt N  flip a bit or cut a file of a whole run at a random place; `verify` has to find it, and `resume --repair` to undo it
 """
 
@@ -110,14 +112,85 @@ def corrupt(count, folder, some):
     return told
 
 
+def faults(most, folder, some):
+    """Let each operation of a run fail once; {what: how often}."""
+    import builtins
+    import errno
+    from unittest.mock import patch
+
+    from typer.testing import CliRunner
+
+    from rigidmc.cli import app
+    from rigidmc.storage import netcdf
+
+    whole, words = os.path.join(folder, "whole"), [*WORDS[:3], "20000", *WORDS[4:]]
+    words[words.index("--shard-size") + 1] = "0.5"
+    invoke = CliRunner().invoke
+    assert invoke(app, [*words, whole + "/"]).exit_code == 0
+    expected = sums(whole)
+    write = netcdf.Writer.write
+
+    def torn(self, first, count, values):
+        write(self, first, count // 2, values)
+
+    places = [("fsync", os, "fsync", None), ("rename", os, "replace", None), ("open", builtins, "open", None), ("write", netcdf.Writer, "write", None),
+              ("torn write", netcdf.Writer, "write", torn), ("open of a shard", netcdf.netCDF4, "Dataset", None), ("unlink", os, "unlink", None)]  # fmt: skip
+    told = {"faults": 0, "exit 74, one message": 0, "no harm done, exit 0": 0, "wrong shards seen": 0, "resumed, sha256 equal": 0}
+    for name, where, attribute, before in places:
+        real, seen = getattr(where, attribute), [0]
+
+        def counted(*given, real=real, seen=seen, **named):
+            seen[0] += folder in str(given) or "Writer" in str(given)
+            return real(*given, **named)
+
+        with patch.object(where, attribute, counted):
+            assert invoke(app, [*words, os.path.join(folder, "count") + "/"]).exit_code == 0
+        shutil.rmtree(os.path.join(folder, "count"))
+        numbers = range(seen[0]) if not most or most >= seen[0] else sorted(some.sample(range(seen[0]), most))
+        for number in numbers:
+            for code in (errno.ENOSPC, errno.EIO):
+                path, at = os.path.join(folder, "run"), [0]
+
+                def failing(*given, real=real, at=at, number=number, code=code, before=before, **named):
+                    if folder in str(given) or "Writer" in str(given):
+                        at[0] += 1
+                        if at[0] == number + 1:
+                            if before is not None:
+                                before(*given, **named)
+                            raise OSError(code, os.strerror(code))
+                    return real(*given, **named)
+
+                with patch.object(where, attribute, failing):
+                    done = invoke(app, [*words, path + "/"])
+                told["faults"] += 1
+                if done.exit_code == 0:
+                    told["no harm done, exit 0"] += 1
+                elif done.exit_code == 74 and done.stderr.count("rigidmc:") == 1 and "Traceback" not in done.output:
+                    told["exit 74, one message"] += 1
+                else:
+                    print(f"{name} {number}: exit {done.exit_code}: {done.output[-300:]} {done.exception!r}", file=sys.stderr)
+                if os.path.isfile(os.path.join(path, "run.json")):
+                    told["wrong shards seen"] += sum(
+                        expected.get(n) != s for n, s in sums(path).items() if n in expected or n.endswith(".nc")
+                    )
+                    again = invoke(app, ["resume", path])
+                else:
+                    shutil.rmtree(path, ignore_errors=True)
+                    again = invoke(app, [*words, path + "/"])
+                told["resumed, sha256 equal"] += again.exit_code == 0 and sums(path) == expected
+                shutil.rmtree(path, ignore_errors=True)
+    return told
+
+
 def main():
     words = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     words.add_argument("--kills", type=int, default=0)
+    words.add_argument("--faults", type=lambda text: 10**6 if text == "all" else int(text), default=0)
     words.add_argument("--corrupt", type=int, default=0)
     words.add_argument("--seed", type=int, default=1)
     given = words.parse_args()
     some = random.Random(given.seed)
-    for name, work, count in (("kills", kills, given.kills), ("corrupt", corrupt, given.corrupt)):
+    for name, work, count in (("kills", kills, given.kills), ("faults", faults, given.faults), ("corrupt", corrupt, given.corrupt)):
         if count:
             began = time.monotonic()
             with tempfile.TemporaryDirectory(prefix="rigidmc-torture-") as folder:

@@ -71,6 +71,10 @@ class Terminated(BaseException):
     """SIGTERM, as an exception, so that a run ends the way it does on Ctrl-C."""
 
 
+class AskedToStop(BaseException):
+    """SIGUSR1, which batch systems send before they kill."""
+
+
 @contextmanager
 def reported():
     """Turn what can go wrong into one message and an exit code; never a traceback for a user's mistake."""
@@ -79,7 +83,11 @@ def reported():
     def terminate(*_):
         raise Terminated
 
+    def stop(*_):
+        raise AskedToStop
+
     previous = signal.signal(signal.SIGTERM, terminate)
+    asked = signal.signal(signal.SIGUSR1, stop) if hasattr(signal, "SIGUSR1") else None
     try:
         yield
     except SceneError as error:
@@ -98,11 +106,18 @@ def reported():
     except MemoryError as error:
         fail(f"not enough memory: {error}; write to a file with -o, save less, or run fewer members", IO)
     except KeyboardInterrupt:
-        fail("interrupted; no file was left under the final name", INTERRUPTED)
+        fail("interrupted; what is not whole was left under no final name", INTERRUPTED)
     except Terminated:
-        fail("terminated; no file was left under the final name", TERMINATED)
+        fail("terminated; what is not whole was left under no final name", TERMINATED)
+    except AskedToStop:
+        fail(
+            "asked to stop; what is not whole was left under no final name, and `rigidmc resume` goes on with a run directory",
+            INCOMPLETE,
+        )
     finally:
         signal.signal(signal.SIGTERM, previous)
+        if asked is not None:
+            signal.signal(signal.SIGUSR1, asked)
 
 
 @contextmanager

@@ -116,9 +116,9 @@ class RunDirectory:
         return sorted(set(range(self.count)) - set(self.done()))
 
     def note(self, **facts):
-        """Add a line to the journal."""
+        """Add a line to the journal, if that can be: nothing depends on it."""
         line = json.dumps({"time": round(time.time(), 3), "host": platform.node(), "pid": os.getpid(), **facts})
-        with open(os.path.join(self.path, "journal.jsonl"), "a", encoding="utf-8") as file:
+        with contextlib.suppress(OSError), open(os.path.join(self.path, "journal.jsonl"), "a", encoding="utf-8") as file:
             file.write(line + "\n")
 
     def journal(self):
