@@ -20,7 +20,7 @@ from rigidmc.storage import Writer, open_result
 from rigidmc.storage.run_directory import FORMAT, RunDirectory, damaged, hash_of, rendered, this_machine, write_text
 from rigidmc.storage.schema import attributes, coordinates, ensemble_variables, length, member_variables, saved_variables
 
-SHARD = 64 * 2**20  # bytes of a shard: a thousand of them are 64 GB, and a second's work at what two cores make
+SHARD = 64 * 2**20  # bytes of a shard: a thousand of them are 67 GB
 
 
 def create(scene, path, size=SHARD):

@@ -4,7 +4,6 @@ import contextlib
 import queue
 import threading
 
-from rigidmc.engine.layout import STATUSES
 from rigidmc.sinks import File, buffer
 
 WAITING = 4  # blocks on their way to the disk; more make `take` wait: memory does not grow where disks are slow
@@ -18,9 +17,8 @@ class Shards:
 
     def __init__(self, directory, scene, plan):
         self.directory, self.scene, self.plan = directory, scene, plan
-        self.flagged = dict.fromkeys(STATUSES, 0)
         self._queue: queue.Queue = queue.Queue(WAITING)
-        self._open: dict = {}  # shard -> [file, next block, blocks that came before their turn]
+        self._open: dict = {}  # shard -> [file, its members so far, blocks that came before their turn]
         self._error: BaseException | None = None
         self._dropped = False
         self._thread = threading.Thread(target=self._work, name="rigidmc-writer", daemon=True)
