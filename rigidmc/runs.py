@@ -2,7 +2,6 @@
 
 import math
 import os
-import threading
 import time
 
 import numpy as np
@@ -17,6 +16,7 @@ from rigidmc.scene_file import load
 from rigidmc.shards import Shards
 from rigidmc.simulation import compile_kernel, compute, settled, simulate
 from rigidmc.storage import Writer, open_result
+from rigidmc.storage.netcdf import read
 from rigidmc.storage.run_directory import FORMAT, RunDirectory, damaged, hash_of, rendered, this_machine, write_text
 from rigidmc.storage.schema import attributes, coordinates, ensemble_variables, length, member_variables, saved_variables
 
@@ -185,17 +185,11 @@ def verify(path, spot=3, allow_code=False, threads=None):
 
 def _unlike(scene, path, member, threads):
     """What of a member differs from what it is computed again."""
-    import xarray as xr
-
     again = simulate(scene, members=range(member, member + 1), threads=threads)
-    with xr.open_dataset(path, engine="netcdf4") as file:
-        kept = file.sel(member=[member]).load()
+    kept = read(path)
+    at = (kept["member"] == member).argmax()
     each = [name for name in again.data_vars if "member" in again[name].dims]
-    wrong = [
-        name
-        for name in each
-        if name not in kept or again[name].values.tobytes() != kept[name].transpose(*again[name].dims).values.tobytes()
-    ]
+    wrong = [name for name in each if name not in kept or again[name].values.tobytes() != kept[name][..., [at]].tobytes()]
     return [f"{path}: member {member} is not what it is computed again: {', '.join(map(str, wrong))}"] if wrong else []
 
 
@@ -212,8 +206,6 @@ def repair(path):
 
 def consolidate(path, output, force=False, allow_code=False):
     """Write a whole run as one file, the same as a run of that size to a file would be; SceneError where shards are missing."""
-    import netCDF4
-
     directory = RunDirectory(path)
     scene = scene_of_run(directory, allow_code)
     if missing := directory.missing():
@@ -222,16 +214,14 @@ def consolidate(path, output, force=False, allow_code=False):
     told, shown = (settled_scene, plan) if units is None else units.back(settled_scene, plan)
     writer, sums = Writer(os.fspath(output), told, shown, force), dict[str, np.ndarray]()
     shards = directory.shards()
+    kept = [*member_variables(told, plan.carried), *saved_variables(told)]
+    counted = list(ensemble_variables(told))
     try:
         for i in range(directory.count):
             members = directory.members(i)
-            with netCDF4.Dataset(shards[i]) as file:
-                file.set_auto_mask(False)
-                by_member = {name: v[:] for name, v in file.variables.items() if "member" in v.dimensions and name != "member"}
-                for name, v in file.variables.items():
-                    if "member" not in v.dimensions and name not in file.dimensions and v.dtype.kind == "i":
-                        sums[name] = sums.get(name, 0) + v[:]
-            writer.write(members.start, len(members), by_member)
+            writer.write(members.start, len(members), read(shards[i], *kept))
+            for name, values in (read(shards[i], *counted) if counted else {}).items():
+                sums[name] = sums.get(name, 0) + values
         writer.write_all(sums)
         writer.finish()
     except BaseException:
@@ -284,13 +274,6 @@ def open_run(path, allow_code=False):
     return xr.Dataset(variables, known, attributes(told, shown))
 
 
-_reading = threading.Lock()  # netCDF reads one thing at a time
-
-
 def _read(path, name):
     """A variable of a shard."""
-    import netCDF4
-
-    with _reading, netCDF4.Dataset(path) as file:
-        file.set_auto_mask(False)
-        return file[name][:]
+    return read(path, name)[name]

@@ -4,6 +4,7 @@ import json
 import random
 import signal
 import subprocess
+import sys
 import time
 
 import numpy as np
@@ -135,6 +136,36 @@ def test_a_fault_of_every_kind(tmp_path):
     told = torture.faults(1, str(tmp_path), random.Random(6))
     assert told["faults"] >= 10 and told["wrong shards seen"] == 0
     assert told["faults"] == told["resumed, sha256 equal"] == told["exit 74, one message"] + told["no harm done, exit 0"]
+
+
+BESIDE = """
+import gc, sys, threading
+import rigidmc as rm
+from rigidmc import runs
+from rigidmc.scene_file import load
+folder, scene = sys.argv[1], load("tennis_racket").with_run(members=60000, t_end=1.0, every=0.5, save=("omega",))
+for i in range(60):
+    rm.simulate(scene, members=50, output=f"{folder}/{i}.nc").close()
+kept = [rm.open(f"{folder}/{i}.nc") for i in range(60)]
+runs.create(scene, f"{folder}/run", 100_000)
+run = threading.Thread(target=runs.resume, args=(f"{folder}/run", 2))
+run.start()
+while run.is_alive():
+    dropped = [kept.pop() if kept else None, rm.open(f"{folder}/0.nc"), rm.open(f"{folder}/0.nc")]
+    dropped.append(dropped)  # freed by the collector, in whichever thread it runs
+    del dropped
+    gc.collect()
+run.join()
+assert runs.status(f"{folder}/run")["members_done"] == 60000 and runs.verify(f"{folder}/run") == []
+"""
+
+
+def test_results_may_be_opened_and_dropped_beside_a_run(tmp_path):
+    """The C library of netCDF is not made for threads, and crashed: without the lock of writers, and with strings in files opened twice."""
+    done = subprocess.run(
+        [sys.executable, "-X", "faulthandler", "-c", BESIDE, tmp_path], capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGUSR1, 5), (signal.SIGTERM, 143), (signal.SIGINT, 130)])

@@ -36,7 +36,7 @@ def stress(
     """Hard cases, each against its bound, on this machine; or how far your own scene can be trusted. Exit code 4 where something fails."""
     with reported():
         from rigidmc.errors import SceneError
-        from rigidmc.storage import refuse_existing
+        from rigidmc.storage import refuse_existing, write
 
         for path in (output, plot, write_bounds):
             if path is not None:
@@ -66,7 +66,7 @@ def stress(
                 cases.save_bounds(found, write_bounds)
                 print(f"wrote {write_bounds}")
         if output is not None:
-            found.to_netcdf(output, engine="netcdf4")
+            write(found, output, force=True)  # what is there was refused before
             print(f"wrote {output} ({os.path.getsize(output) / 1e6:,.1f} MB)")
         if plot is not None:
             plots = plots_module()

@@ -36,7 +36,7 @@ def accuracy(
     """What accuracy costs in time, for a scene: every integrator over a ladder of steps against the truth, and the cheapest for each accuracy."""
     with reported():
         from rigidmc.errors import SceneError
-        from rigidmc.storage import refuse_existing
+        from rigidmc.storage import refuse_existing, write
         from rigidmc.studies import accuracy as study
 
         loaded = load_scene(scene, settings, allow_code)
@@ -62,7 +62,7 @@ def accuracy(
             error.file = error.file or scene
             raise
         if output is not None:
-            found.to_netcdf(output, engine="netcdf4")
+            write(found, output, force=True)  # what is there was refused before
             print(f"wrote {output}")
         if plot is not None:
             plots = plots_module()

@@ -3,13 +3,29 @@
 import contextlib
 import os
 import tempfile
+import threading
 from typing import Any
 
 import netCDF4
 import numpy as np
+from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 
 from rigidmc.errors import OutputExists, SceneError
 from rigidmc.storage.schema import attributes, coordinates, ensemble_variables, length, member_variables, saved_variables
+
+_opening = threading.Lock()
+
+
+@contextlib.contextmanager
+def alone():
+    """Call the C library, which is not made for threads, while no one else does.
+
+    xarray holds its lock while it reads values and when it closes what was dropped, which happens in any thread and at any time; it does
+    not while it opens a file, so that `open_result` holds another. Without them a run crashed within a second of results being dropped,
+    or opened, beside it.
+    """
+    with _opening, NETCDF4_PYTHON_LOCK:
+        yield
 
 
 def refuse_existing(path, force):
@@ -47,7 +63,8 @@ def write(dataset, path, force=False):
     refuse_existing(path, force)
     temporary = f"{path}.part-{os.getpid()}"
     try:
-        dataset.to_netcdf(temporary, engine="netcdf4")
+        words = {name: {"dtype": "S1"} for name, v in dataset.variables.items() if v.dtype.kind in "UO"}
+        dataset.to_netcdf(temporary, engine="netcdf4", encoding=words)
         put_in_place(temporary, path, force)
     finally:
         with contextlib.suppress(FileNotFoundError):
@@ -65,9 +82,10 @@ class Writer:
         self._temporary = f"{path}.part-{os.getpid()}"
         self._first = plan.first
         try:
-            self._file = netCDF4.Dataset(self._temporary, "w", format="NETCDF4", clobber=True)
-            self._define(scene, plan, attributes(scene, plan) if attrs is None else attrs)
-            self._file.setncatts(more or {})
+            with alone():
+                self._file = netCDF4.Dataset(self._temporary, "w", format="NETCDF4", clobber=True)
+                self._define(scene, plan, attributes(scene, plan) if attrs is None else attrs)
+                self._file.setncatts(more or {})
         except BaseException:
             self.discard()
             raise
@@ -80,9 +98,18 @@ class Writer:
         for dim in dict.fromkeys(used):
             file.createDimension(dim, length(dim, plan))
         for name, (dims, values, attrs) in coordinates(plan).items():
-            variable = file.createVariable(name, str if values.dtype.kind == "U" else values.dtype, dims)
+            if values.dtype.kind == "U":  # as characters: netCDF 4.10.1 crashes when a file with strings is opened once more
+                letters = np.char.encode(values, "utf-8")
+                dims, attrs, size = (*dims, f"string{letters.itemsize}"), {**attrs, "_Encoding": "utf-8"}, letters.itemsize
+                if dims[-1] not in file.dimensions:
+                    file.createDimension(dims[-1], size)
+                variable = file.createVariable(name, "S1", dims)
+                variable.set_auto_chartostring(False)
+                values = netCDF4.stringtochar(letters)
+            else:
+                variable = file.createVariable(name, values.dtype, dims)
             variable.setncatts(attrs)
-            variable[:] = values.astype(object) if values.dtype.kind == "U" else values
+            variable[:] = values
         for name, (dims, dtype, attrs) in variables.items():
             sizes = [length(d, plan) for d in dims]
             # one chunk holds a block of members and up to 128 times: cheap to write, and to read by member or by time
@@ -94,25 +121,35 @@ class Writer:
     def write(self, first, count, values):
         """Write {name: array with the member dimension last} for members first ... first + count - 1."""
         part = slice(first - self._first, first - self._first + count)
-        for name, array in values.items():
-            self._file.variables[name][..., part] = array[..., :count]
+        with alone():
+            for name, array in values.items():
+                self._file.variables[name][..., part] = array[..., :count]
 
     def write_all(self, values):
         """Write {name: array} of variables that are not by members."""
-        for name, array in values.items():
-            self._file.variables[name][:] = array
+        with alone():
+            for name, array in values.items():
+                self._file.variables[name][:] = array
 
     def finish(self):
         """Close, make durable and give the file its name."""
-        self._file.close()
+        with alone():
+            self._file.close()
         put_in_place(self._temporary, self.path if self._named is None else self._named(self._temporary), self.force)
 
     def discard(self):
         """Leave nothing behind."""
-        with contextlib.suppress(Exception):
+        with contextlib.suppress(Exception), alone():
             self._file.close()
         with contextlib.suppress(FileNotFoundError):
             os.unlink(self._temporary)
+
+
+def read(path, *names):
+    """{name: array} of variables of a file, all of them where none are named, as they were written."""
+    with alone(), netCDF4.Dataset(path) as file:
+        file.set_auto_mask(False)
+        return {name: file[name][:] for name in names or file.variables}
 
 
 def scene_of(source, settings=(), allow_code=False):
@@ -137,7 +174,8 @@ def open_result(path):
     """A result as an xarray Dataset, read lazily; ValueError where the file is no result of rigidmc."""
     import xarray as xr
 
-    dataset = xr.open_dataset(path, engine="netcdf4")
+    with _opening:
+        dataset = xr.open_dataset(path, engine="netcdf4")
     if "scene" not in dataset.attrs:
         dataset.close()
         raise SceneError("", "file", None, "not a result of rigidmc: it has no attribute 'scene'", file=path)
