@@ -72,10 +72,10 @@ if TYPE_CHECKING:
 
 
 def open(path):
-    """A result as an xarray Dataset, read when asked for: a netCDF file, or a run directory (`rigidmc.runs.open_run`). SceneError for what is none."""
+    """A result as an xarray Dataset, read when asked for: a netCDF file, or a run directory (`rigidmc.run_results.open_run`). SceneError for what is none."""
     import_module("rigidmc.accessor")  # a Dataset has `ds.rigid`
     if isdir(path):
-        return import_module("rigidmc.runs").open_run(path)
+        return import_module("rigidmc.run_results").open_run(path)
     return import_module("rigidmc.storage").open_result(path)
 
 

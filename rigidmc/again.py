@@ -3,13 +3,13 @@
 import os
 import warnings
 from contextlib import nullcontext
-from typing import Any
 
 import numpy as np
 
 from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.observables import OBSERVABLES, outputs
 from rigidmc.planning import prepare
+from rigidmc.retention import summaries
 from rigidmc.simulation import simulate
 from rigidmc.storage import open_result, refuse_existing, scene_of, write
 
@@ -41,7 +41,7 @@ def rerun(source, member, every=None, save=None, allow_code=False, output=None, 
     if not wanted or wanted.step != 1 or wanted[0] not in known or wanted[-1] not in known:
         raise SceneError("", "member", member, f"{called} has the members {known[0]} to {known[-1]}")
     asked = run.every if every is None else every
-    scene = scene.with_run(every=asked, save=_everything(scene) if save is None else tuple(save))
+    scene = scene.with_run(every=asked, save=_everything(scene) if save is None else tuple(save), keep="full")
     if run.turn is not None and asked != run.every:
         raise SceneError(
             "run", "every", every, f"members have steps of their own in each {run.every} s: another time between saves changes them"
@@ -73,31 +73,51 @@ def frames(source, member, count, allow_code=False):
     return made.isel(time=nearest)
 
 
-def _shared(variable, times, dims):
-    return np.asarray((variable.sel(time=times) if "time" in dims else variable).transpose(*dims).values)
-
-
 def _everything(scene):
     """Names of all observables at save times but work, and of those over all steps that the scene has."""
-    return (*(name for name in OBSERVABLES if name != "work"), *(name for name in scene.run.save if name not in OBSERVABLES))
+    over = (name for name in (*scene.run.save, *summaries(scene.kept())) if name not in OBSERVABLES)
+    return (*(name for name in OBSERVABLES if name != "work"), *over)
 
 
 def _compared(made, result, source):
     """In words, at how many times the saves of both are equal to the bit; warns where they are not."""
-    shared = np.intersect1d(made.time.values, result.time.values)
-    over = {name for label, one in scene_of(result).watched() for name in outputs(label, one)} if made.sizes["time"] else set()
-    both = [
-        name
-        for name in made.data_vars
-        if name in result and "member" in made[name].dims and ("time" in made[name].dims or name in over)
-    ]
-    apart: dict[str, Any] = {}
-    for name in both:
-        one, two = (_shared(ds[name], shared, made[name].dims) for ds in (made, result))
-        if not np.array_equal(one, two, equal_nan=True):
+    scene = scene_of(result)
+    digits, times, names, apart = scene.run.digits, np.empty(0), [], dict[str, float]()
+    for name, one, two, saves in _pairs(made, result, scene):
+        names.append(name)
+        times = np.union1d(times, saves)
+        rounded = digits is not None and saves.size and not name.endswith("_final")
+        if not np.array_equal(one, two, equal_nan=True) and not (rounded and np.allclose(one, two, 10.0**-digits, 0.0, True)):
             apart[name] = float(np.nanmax(np.abs(one - two)))
     if apart:
         worst = ", ".join(f"{name} by {off:.1e}" for name, off in apart.items())
         warnings.warn(f"differs from {source}: {worst}; another processor or version rounds otherwise", SceneWarning, stacklevel=3)
         return f"differs: {worst}"
-    return f"equal to the bit at {shared.size} times in {', '.join(both) or 'nothing that both have'}"
+    how = "to the bit" if digits is None else f"to the {digits} digits that were kept"
+    return f"equal {how} at {times.size} times in {', '.join(names) or 'nothing that both have'}"
+
+
+def _pairs(made, result, scene):
+    """(name, values, values, their times) of what both results have."""
+    over = {name for label, one in scene.watched() for name in outputs(label, one)} if made.sizes["time"] else set()
+    for name in made.data_vars:
+        dims = made[name].dims
+        if name in over and name in result:
+            yield name, made[name].values, _values(result[name], dims), np.empty(0)
+        for kept, clock in ((name, "time"), (f"{name}_thinned", "thinned_time")):
+            if "time" in dims and kept in result:
+                times = np.intersect1d(made.time.values, result[clock].values)
+                theirs = result[kept].sel({clock: times})
+                yield (
+                    kept,
+                    made[name].sel(time=times).values,
+                    _values(theirs.rename({clock: "time"} if clock != "time" else {}), dims),
+                    times,
+                )
+        if "time" in dims and f"{name}_final" in result:
+            last = made[name].isel(time=-1)
+            yield f"{name}_final", last.values, _values(result[f"{name}_final"], last.dims), made.time.values[-1:]
+
+
+def _values(variable, dims):
+    return np.asarray(variable.transpose(*dims).values)

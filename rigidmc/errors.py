@@ -13,6 +13,9 @@ class SceneError(ValueError):
         super().__init__(rule)
         self.table, self.key, self.value, self.rule, self.nearest, self.file = table, key, value, rule, nearest, file
 
+    def __reduce__(self):  # from the workers of a cluster
+        return type(self), (self.table, self.key, self.value, self.rule, self.nearest, self.file)
+
     def __str__(self):
         file = f"{self.file}: " if self.file else ""
         place = f"[{self.table}] " if self.table else ""
@@ -55,3 +58,7 @@ def flag(bad, rule, table="", key="input"):
 def _short(value):
     text = repr(value) if not isinstance(value, str) else f"{value!r}"
     return text if len(text) <= 80 else text[:77] + "..."
+
+
+class NoRoom(OSError):
+    """More memory or disk is needed than is free."""

@@ -8,19 +8,20 @@ from importlib.metadata import PackageNotFoundError, version
 import numpy as np
 
 from rigidmc.body import IDENTITY, broken
+from rigidmc.capacity import free_memory, in_words, sizes
 from rigidmc.choice import resolved
 from rigidmc.effects import EFFECTS, labelled
 from rigidmc.effects.parameters import given
 from rigidmc.engine import layout
 from rigidmc.engine.flops import torque_operations, unpacked
 from rigidmc.engine.machine import cache_folder, threads_available, vector_bits
-from rigidmc.observables import OBSERVABLES, rows_of
+from rigidmc.observables import OBSERVABLES
 from rigidmc.planning import prepare
 from rigidmc.prices import cost_per_step, prices, some_of
 from rigidmc.sampling import Distribution, Grid
 from rigidmc.scene_checks import PILOT
 from rigidmc.scene_parameters import parameters
-from rigidmc.storage.schema import conservation, length, member_variables
+from rigidmc.storage.schema import conservation
 from rigidmc.vectors import word_of
 
 
@@ -62,13 +63,17 @@ def describe(scene, threads):
     lines.append(
         f"steps        {steps}{pieces}, {how}, t_end = {run.t_end:g} s, omega dt <= {plan.angle:.2g} rad".replace("  ,", "  ")
     )
-    lines.append(f"saves        {plan.times.size:,} times of {', '.join(run.save) or 'nothing'}")
-    memory, file = sizes(scene, plan, threads)
+    kept = [f"{word} of {name}" for name, word in scene.kept().items() if word != "full"]
+    less = f"; kept: {', '.join(kept)}, and all of flagged members" if kept else ""
+    lines.append(f"saves        {plan.times.size:,} times of {', '.join(run.save) or 'nothing'}{less}")
+    memory, lean, file = sizes(scene, plan, threads)
+    free = free_memory()
     lines.append(f"members      {plan.members:,} in blocks of {plan.block:,} on {threads} threads")
     lines.append(
-        f"memory       {_bytes(memory)} as a Dataset in memory; about {_bytes(0.25e9 + threads * 64 * 2**20)} at most with -o FILE"
+        f"memory       {in_words(memory)} as a Dataset in memory, {in_words(lean)} with -o FILE"
+        + (f"; {in_words(free)} are free" if free is not None else "")
     )
-    lines.append(f"file         {_bytes(file)}")
+    lines.append(f"file         {in_words(file)}" + (" before it is compressed" if run.compress or run.digits is not None else ""))
     lines += chosen.lines(plan.members) if chosen else []
     if plan.form is None:
         return "\n".join([*lines, "cost         closed form at every save"])
@@ -121,16 +126,6 @@ def _limits(limits):
     return f"a member, where {'its ' + ', '.join(parts) + ', or ' if parts else ''}it turns non-finite"
 
 
-def sizes(scene, plan, threads):
-    """(bytes of a Dataset in memory, the engine's own included; bytes of a file)."""
-    members = member_variables(scene, plan.carried)
-    each = {name: np.prod([length(d, plan) for d in v.dims]) * np.dtype(v.dtype).itemsize for name, v in members.items()}
-    saved = 8 * plan.times.size * plan.members * rows_of(scene.effects, *scene.run.save)
-    changing = sum(size for name, size in each.items() if name not in plan.constant)
-    scratch = (threads + 2) * plan.block * 8 * (layout.EFFECTS + 20)
-    return int(saved + changing + scratch + 0.25e9), int(saved + changing + 8 * plan.members + 20_000)
-
-
 def machine_facts():
     """Facts of this machine and installation that decide speed and bits."""
     folder = cache_folder()
@@ -172,7 +167,3 @@ def _words(value):
         parameters = value.parameters if value.name in ("normal", "uniform") else [f"{k} = {v:g}" for k, v in value.parameters]
         return f"{value.name}({', '.join(p if isinstance(p, str) else f'{p:g}' for p in parameters)})"
     return f"{value:.6g}" if isinstance(value, float) else f"one of {value.size:,} rows"
-
-
-def _bytes(size):
-    return f"{size / 1e9:.2f} GB" if size > 5e8 else f"{size / 1e6:.1f} MB"

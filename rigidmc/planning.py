@@ -15,6 +15,7 @@ from rigidmc.errors import SceneError
 from rigidmc.integrators import INTEGRATORS, Turns, form
 from rigidmc.limits import limits
 from rigidmc.observables import OBSERVABLES, rows_of
+from rigidmc.retention import thinned
 from rigidmc.sampling import is_open, is_shared, rows
 from rigidmc.scene_checks import PILOT
 from rigidmc.staging import check_starts, physics, rates, stage
@@ -39,6 +40,7 @@ class Plan(NamedTuple):
     own: bool  # whether members have steps of their own: steps, dt and stride are then of rounds, of which a member makes some each
     mean_steps: float  # of a member to the end
     times: np.ndarray
+    thinned: np.ndarray  # indices of those that are kept of what is thinned
     form: Any  # the integrator as it is compiled, and the parts of its step; None for closed forms
     carried: bool  # whether the attitude is
     block: int  # members of a block
@@ -133,13 +135,14 @@ def prepare(scene, threads=1, streaming=False, block=None):
     if run.anti_damping:
         notes += ("anti_damping = true: damping may be negative, which drives the body",)
     slots = [s for s in range(0, steps, stride)] + [steps]
+    few = thinned(len(slots), run.thin) if "thinned" in scene.kept().values() else np.empty(0, int)
     values = rows_of(scene.effects, *scene.recorded())
     if block is None:
         block = min(BLOCK, whole_lanes(math.ceil(run.members / ((1 if own else 4) * threads))))
         if streaming:
             block = min(block, max(layout.LANES, SLAB // (8 * max(1, values) * len(slots)) // layout.LANES * layout.LANES))
     return Plan(
-        run.first, run.members, steps, dt, stride, own, mean, np.array(slots) * dt, made, carried, block, _constant(scene), angle, rate,
+        run.first, run.members, steps, dt, stride, own, mean, np.array(slots) * dt, few, made, carried, block, _constant(scene), angle, rate,
         run.dtype, run.compensated, notes, () if made is None else limits(scene, carried, theta, mean, made, spin),
         tuple(label for label, _ in labelled(scene.effects)) if "work" in run.save else (),
         watch(scene),

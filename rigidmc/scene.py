@@ -12,6 +12,7 @@ from rigidmc.effects.parameters import numbers, shape
 from rigidmc.errors import SceneError, unknown
 from rigidmc.integrators import INTEGRATORS
 from rigidmc.observables import KNOWN, SUMMARIES, recorded, saved, summary_of, watched
+from rigidmc.retention import check_keep, kept, summaries
 from rigidmc.sampling import Grid, is_open, quantity, rows, vector
 from rigidmc.scene_checks import PILOT, check, limits, outside
 from rigidmc.start import Start
@@ -66,6 +67,15 @@ class Run(Table):
     anti_damping: Annotated[bool, Field(description="allow negative damping, which drives the body")] = False
     every: Annotated[float, Field(gt=0, description="time between saves [s]; without it first and last")] | None = None
     save: tuple[str, ...] = ("omega",)
+    keep: Annotated[
+        str | dict[str, str], Field(description="of what is saved, for all or by name: none, final, summary, thinned, full")
+    ] = "full"
+    thin: Annotated[int, Field(gt=0, description="saves of which one is kept, of what is thinned")] = 10
+    compress: Annotated[bool, Field(description="without loss, in files")] = False
+    digits: (
+        Annotated[int, Field(ge=1, le=15, description="kept of saves over time, in files: errors of 10^-digits/2; compressed")]
+        | None
+    ) = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,6 +163,7 @@ class Scene:
                 if missing:
                     rule = f"needs a table [observables.{name}] with {', '.join(missing)}"
                     raise SceneError("run", "save", name, rule)
+        check_keep(run.keep)
         return replace(self, run=run, observables=more)
 
     def saved(self):
@@ -163,13 +174,17 @@ class Scene:
         """Names of those, and of the observables that histograms need."""
         return recorded(self.run.save, self.observables)
 
+    def kept(self):
+        """{name: how much of it is kept} of the observables that are recorded at save times, see `rigidmc.retention`."""
+        return kept(self.run.keep, self.saved())
+
     def histograms(self):
         """[(label, Histogram)] of the scene."""
         return [(label, one) for label, one in self.watched() if hasattr(one, "ensemble")]
 
     def watched(self):
         """[(label, observable)] of those over all steps."""
-        return watched(self.run.save, self.observables)
+        return watched((*self.run.save, *summaries(self.kept())), self.observables)
 
     def check(self):
         """The scene itself; raises SceneError for what of it cannot be run, see `rigidmc.scene_checks`."""

@@ -1,12 +1,92 @@
-"""Where the blocks of a run directory go: shard by shard, in the order of their members, written by a thread of its own."""
+"""The shards of a run directory: computed from its scene, and written in the order of their members by a thread of its own."""
 
 import contextlib
+import math
+import os
 import queue
 import threading
+import time
 
+import numpy as np
+
+from rigidmc.capacity import WAITING
+from rigidmc.errors import SceneError
+from rigidmc.scene_file import loads
+from rigidmc.simulation import compute, settled
 from rigidmc.sinks import File, buffer
+from rigidmc.storage.netcdf import read
+from rigidmc.storage.run_directory import hash_of, hash_of_file
 
-WAITING = 4  # blocks on their way to the disk; more make `take` wait: memory does not grow where disks are slow
+
+def scene_in(folder, facts, allow_code):
+    """The scene that lies in a folder, with its columns."""
+    stored, name = None, os.path.join(folder, "scene.toml")
+    if facts["columns"]:
+        file = os.path.join(folder, "columns.nc")
+        if not os.path.isfile(file) or hash_of_file(file) != facts["columns"]:
+            raise SceneError("", "columns.nc", None, "is not what was written: the rows of the members are gone", file=folder)
+        kept = read(file)
+
+        def stored(name, axis):
+            return kept[name] if axis is None else kept[name][axis - 1]
+
+    with open(name, encoding="utf-8", errors="replace") as text:
+        return loads(text.read(), name, stored=stored, allow_code=allow_code)
+
+
+def scene_of_run(directory, allow_code=False):
+    """The scene of a run; SceneError where scene.toml is no longer the one that it was started with."""
+    facts = directory.facts
+    scene = scene_in(directory.path, facts, allow_code)
+    if hash_of(scene) != facts["scene"]:
+        rule = "is not the scene that the run was started with; what is there was computed with that"
+        raise SceneError("", "scene.toml", None, rule, file=directory.path)
+    return scene.with_run(members=facts["members"], first=facts["first"])
+
+
+def planned(directory, allow_code=False, threads=1, block=None):
+    """(scene, plan, units, and scene and plan in the units of the user) of a run."""
+    scene, plan, units, _ = settled(scene_of_run(directory, allow_code), threads, True, block or directory.facts["block"])
+    if directory.facts["shard"] % plan.block:
+        raise SceneError("run", "block", plan.block, f"has to divide the {directory.facts['shard']:,} members of a shard")
+    return scene, plan, units, *in_units_told(scene, plan, units)[2:]
+
+
+def in_units_told(scene, plan, units):
+    """(scene, plan, and both in the units of the user)."""
+    return scene, plan, *((scene, plan) if units is None else units.back(scene, plan))
+
+
+def refuse_others(directory, accept):
+    """SceneError where this machine is another than that of the run."""
+    if not accept and (other := directory.differs()):
+        rule = f"was started with others: {'; '.join(other)}. Bits of new members may differ from those of old ones; --accept takes that"
+        raise SceneError("", "run", directory.path, rule)
+
+
+def compute_shards(directory, parts, which, threads, progress=False, stop=None):
+    """Compute some shards of a run that is `planned`, none that would not be done by `stop`; {status: members}."""
+    scene, plan, units, told, shown = parts
+    started, made = time.monotonic(), 0
+    each, count = directory.facts["shard"] // plan.block, math.ceil(plan.members / plan.block)
+
+    def blocks():
+        nonlocal made
+        for i in which:
+            took = (time.monotonic() - started) / made if made else 0.0
+            if stop is not None and time.monotonic() + took > stop:
+                return
+            yield from range(i * each, min((i + 1) * each, count))
+            made += 1
+
+    sink = Shards(directory, told, shown)
+    try:
+        flagged = compute(scene, plan, threads, sink, progress, units, blocks(), sum(len(directory.members(i)) for i in which))
+        sink.finish()
+    except BaseException:
+        sink.discard()
+        raise
+    return flagged
 
 
 class Shards:
@@ -18,7 +98,7 @@ class Shards:
     def __init__(self, directory, scene, plan):
         self.directory, self.scene, self.plan = directory, scene, plan
         self._queue: queue.Queue = queue.Queue(WAITING)
-        self._open: dict = {}  # shard -> [file, its members so far, blocks that came before their turn]
+        self._open: dict[int, _Part] = {}
         self._error: BaseException | None = None
         self._dropped = False
         self._thread = threading.Thread(target=self._work, name="rigidmc-writer", daemon=True)
@@ -50,8 +130,8 @@ class Shards:
             with contextlib.suppress(queue.Full):
                 self._queue.put_nowait(None)
             self._thread.join(0.05)
-        for file, *_ in self._open.values():
-            file.discard()
+        for part in self._open.values():
+            part.file.discard()
 
     def _work(self):
         try:
@@ -65,19 +145,26 @@ class Shards:
         i, at = divmod(job.first - facts["first"], facts["shard"])
         members = self.directory.members(i)
         if i not in self._open:
-            part = self.plan._replace(first=members.start, members=len(members), block=facts["block"])
-            self._open[i] = [
-                File(self.directory.temporary(i), self.scene, part, force=True, attrs={}, named=self.directory.named(i)),
-                0,
-                {},
-            ]
-        file, following, early = self._open[i]
-        early[at] = job, results
-        while following in early:  # in order: the bytes of a file depend on that of its chunks
-            job, results = early.pop(following)
-            file.take(job, results)
-            following += job.size
-        self._open[i][1] = following
-        if following == len(members):
-            file.close()
+            self._open[i] = _Part(self.directory, i, self.scene, self.plan)
+        part = self._open[i]
+        part.early[at] = job, results
+        while part.following in part.early:  # in order: the bytes of a file depend on that of its chunks
+            job, results = part.early.pop(part.following)
+            part.file.take(job, results)
+            part.flagged += int(np.count_nonzero(results["status"][: job.size]))
+            part.following += job.size
+        if part.following == len(members):
+            part.file.close()
             del self._open[i]
+
+
+class _Part:
+    """A shard that is not whole: its file, how many of its members are there, how many of them flagged, and blocks that came before their turn."""
+
+    def __init__(self, directory, i, scene, plan):
+        members = directory.members(i)
+        part = plan._replace(first=members.start, members=len(members), block=directory.facts["block"])
+        self.following, self.flagged, self.early = 0, 0, dict[int, tuple]()
+        self.file = File(
+            directory.temporary(i), scene, part, force=True, attrs={}, named=lambda file: directory.named(i, self.flagged, file)
+        )

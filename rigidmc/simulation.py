@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rigidmc import watching
+from rigidmc.capacity import refuse_hopeless
 from rigidmc.choice import resolved
 from rigidmc.closed_form import closed_values
 from rigidmc.effects import EFFECTS
@@ -57,7 +58,7 @@ class Job(NamedTuple):
 
 
 def simulate(
-    scene, integrator=None, dt=None, t_end=None, members=None, seed=None, every=None, save=None,
+    scene, integrator=None, dt=None, t_end=None, members=None, seed=None, every=None, save=None, keep=None,
     threads=None, progress=False, output=None, force=False, block=None, tolerance=None, dtype=None, compensated=None, turn=None,
     checks=None, attrs=None,
 ):  # fmt: skip
@@ -75,6 +76,8 @@ def simulate(
     members : how many, or a range of member indices: a member's bits depend on scene, seed and its index alone
     every : time between saves [s]; without it the first and last state are saved
     save : names of observables, e.g. ("omega", "attitude", "energy")
+    keep : how much of what is saved: "full", "thinned", "summary", "final" or "none", or {name: one of these}; of members that are flagged all
+        of it is kept, see `rigidmc.retention`
     threads : default one per core that the process may use
     progress : True for a bar on a terminal (lines elsewhere), or a function of (done, total) member-steps
     checks : False to flag non-finite members only, not those that drift or spin beyond the limits of `rigidmc.limits`
@@ -105,6 +108,7 @@ def simulate(
         members=members,
         seed=seed,
         save=save,
+        keep=keep,
         dtype=dtype,
         compensated=compensated,
         checks=checks,
@@ -116,6 +120,7 @@ def simulate(
     if output is not None:
         refuse_existing(output, force)
     scene, plan, units, chosen = settled(scene, threads, output is not None, block)
+    refuse_hopeless(scene, plan, threads, output)
     if chosen is not None:
         expected = _rehearsed(scene, plan, threads, output, chosen)
         if progress is True:

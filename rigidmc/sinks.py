@@ -5,8 +5,17 @@ import xarray as xr
 
 from rigidmc.observables import OBSERVABLES, rows_of
 from rigidmc.planning import whole_lanes
+from rigidmc.retention import flagged_values, joined, kept_values
 from rigidmc.storage import Writer, open_result
-from rigidmc.storage.schema import attributes, coordinates, ensemble_variables, length, member_variables, saved_variables
+from rigidmc.storage.schema import (
+    attributes,
+    coordinates,
+    ensemble_variables,
+    flagged_variables,
+    length,
+    member_variables,
+    saved_variables,
+)
 
 
 def _split(scene, values, names):
@@ -44,38 +53,38 @@ class Counts:
 
 
 class Memory:
-    """Collects blocks in one Dataset; the kernel writes saved values straight to their place, unless histograms need more than is stored."""
+    """Collects blocks in one Dataset; the kernel writes saved values straight to their place, where all of them are kept."""
 
     def __init__(self, scene, plan, more):
         self.scene, self.plan, self.more = scene, plan, more
-        self.counts, self.names = Counts(scene), scene.saved()
+        self.counts, self.flagged = Counts(scene), list[dict[str, np.ndarray]]()
         self.values = rows_of(scene.effects, *scene.recorded())
-        self.direct = scene.recorded() == self.names
+        self.direct = scene.recorded() == scene.saved() and set(scene.kept().values()) <= {"full"}
         self.width = whole_lanes(plan.members)
-        self.out = np.empty(plan.times.size * rows_of(scene.effects, *self.names) * self.width)
+        self.out = np.empty(plan.times.size * self.values * self.width if self.direct else 0)
         self.variables = member_variables(scene, plan.carried)
+        kept = {} if self.direct else saved_variables(scene)
         self.arrays = {
             name: np.empty([length(d, plan) for d in v.dims], v.dtype)
-            for name, v in self.variables.items()
+            for name, v in {**self.variables, **kept}.items()
             if name not in plan.constant
         }
 
     def room(self, low, count):
         if self.direct:
             return self.out, self.width if self.values else 0, low
-        width = whole_lanes(count)
-        return np.empty(self.plan.times.size * self.values * width), width, 0
+        return buffer(self.scene, self.plan, count)
 
     def take(self, job, results):
         low = job.first - self.plan.first
         part = slice(low, low + job.size)
-        if self.counts.of:
-            values = job.out.reshape(self.plan.times.size, -1, job.width)[..., job.column : job.column + job.size]
+        if self.counts.of or not self.direct:
+            values = job.out.reshape(self.plan.times.size, self.values, -1)[..., job.column : job.column + job.size]
             parts = _split(self.scene, values, self.scene.recorded())
             self.counts.add(job, parts, results["status"])
-            if not self.direct and self.names:
-                kept = np.concatenate([parts[n] if parts[n].ndim == 3 else parts[n][:, None] for n in self.names], axis=1)
-                self.out.reshape(self.plan.times.size, -1, self.width)[..., part] = kept
+            self.flagged.append(flagged_values(self.scene, job.first, parts, results["status"][: job.size]))
+            for name, kept in {} if self.direct else kept_values(self.scene, self.plan, parts).items():
+                self.arrays[name][..., part] = kept
         for name in self.variables:
             if name not in self.arrays:  # the same for all members: one column serves
                 column = results[name][..., :1]
@@ -84,10 +93,11 @@ class Memory:
                 self.arrays[name][..., part] = results[name][..., : job.size]
 
     def finish(self):
-        saved = {**saved_variables(self.scene), **ensemble_variables(self.scene)}
-        rows = rows_of(self.scene.effects, *self.names)
-        values = self.out.reshape(self.plan.times.size, rows, self.width)[..., : self.plan.members]
-        arrays = {**self.arrays, **_split(self.scene, values, self.names), **self.counts.variables()}
+        saved = {**saved_variables(self.scene), **ensemble_variables(self.scene), **flagged_variables(self.scene)}
+        arrays = {**self.arrays, **self.counts.variables(), **joined(self.flagged)}
+        if self.direct:
+            values = self.out.reshape(self.plan.times.size, self.values, self.width)[..., : self.plan.members]
+            arrays |= _split(self.scene, values, self.scene.saved())
         variables = {name: (v.dims, arrays[name], v.attrs) for name, v in {**self.variables, **saved}.items()}
         return xr.Dataset(variables, coordinates(self.plan), {**attributes(self.scene, self.plan), **self.more})
 
@@ -107,7 +117,7 @@ class File:
     def __init__(self, path, scene, plan, force, more=None, attrs=None, named=None):
         self.scene, self.plan, self.path = scene, plan, path
         self.counts, self.values = Counts(scene), rows_of(scene.effects, *scene.recorded())
-        self.names = {*member_variables(scene, plan.carried), *scene.saved()}
+        self.names, self.flagged = set(member_variables(scene, plan.carried)), list[dict[str, np.ndarray]]()
         self.writer = Writer(path, scene, plan, force, more, attrs, named)
 
     def room(self, low, count):
@@ -118,12 +128,13 @@ class File:
         if self.values:
             parts = _split(self.scene, job.out.reshape(self.plan.times.size, self.values, job.width), self.scene.recorded())
             self.counts.add(job, parts, results["status"])
-            values |= {k: v for k, v in parts.items() if k in self.names}
+            self.flagged.append(flagged_values(self.scene, job.first, parts, results["status"][: job.size]))
+            values |= kept_values(self.scene, self.plan, parts)
         self.writer.write(job.first, job.size, values)
 
     def close(self):
         """Give the file its name."""
-        self.writer.write_all(self.counts.variables())
+        self.writer.write_all({**self.counts.variables(), **joined(self.flagged)})
         self.writer.finish()
 
     def finish(self):

@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc import runs
+from rigidmc import run_results, runs
 from rigidmc.cli import app
 from rigidmc.errors import OutputExists, SceneError
 from rigidmc.storage.run_directory import RunDirectory, rendered
@@ -49,11 +49,11 @@ def whole(tmp_path_factory):
 
 
 def test_a_run_is_what_a_file_is(whole, tmp_path):
-    ds, direct = runs.consolidate(whole, tmp_path / "one.nc"), rm.simulate(SCENE)
+    ds, direct = run_results.consolidate(whole, tmp_path / "one.nc"), rm.simulate(SCENE)
     for name in direct.data_vars:
         assert np.array_equal(ds[name].values, direct[name].values, equal_nan=True), name
     assert ds.attrs["scene"] == direct.attrs["scene"] and set(ds.data_vars) == set(direct.data_vars)
-    assert runs.status(whole)["done"] == 6 and runs.verify(whole) == []
+    assert runs.status(whole)["done"] == 6 and run_results.verify(whole) == []
     assert "differs" not in rm.rerun(ds, 777).attrs["rerun"]
     ds.close()
 
@@ -99,7 +99,7 @@ def test_histograms_are_summed(tmp_path):
     directory = runs.create(scene, tmp_path / "run", SIZE)
     runs.resume(directory.path)
     assert np.array_equal(rm.open(directory.path).histogram.values, rm.simulate(scene).histogram.values)
-    with runs.consolidate(directory.path, tmp_path / "one.nc") as ds:
+    with run_results.consolidate(directory.path, tmp_path / "one.nc") as ds:
         assert np.array_equal(ds.histogram.values, rm.simulate(scene).histogram.values)
 
 
@@ -116,10 +116,10 @@ def test_what_is_damaged_is_found_and_computed_again(whole, tmp_path):
         )
         if path.suffix == ".json":
             with pytest.raises(SceneError, match="damaged"):
-                runs.verify(tmp_path / "run", spot=0)
+                run_results.verify(tmp_path / "run", spot=0)
             path.write_bytes(data)
         else:
-            assert path.name in runs.verify(tmp_path / "run", spot=0)[0]
+            assert path.name in run_results.verify(tmp_path / "run", spot=0)[0]
             assert runs.repair(tmp_path / "run") == 1 and runs.resume(tmp_path / "run")[1]["ok"] in (40, 192)
         assert sums(tmp_path / "run") == sums(whole)
 
@@ -141,7 +141,7 @@ def test_a_fault_of_every_kind(tmp_path):
 BESIDE = """
 import gc, sys, threading
 import rigidmc as rm
-from rigidmc import runs
+from rigidmc import run_results, runs
 from rigidmc.scene_file import load
 folder, scene = sys.argv[1], load("tennis_racket").with_run(members=60000, t_end=1.0, every=0.5, save=("omega",))
 for i in range(60):
@@ -156,7 +156,7 @@ while run.is_alive():
     del dropped
     gc.collect()
 run.join()
-assert runs.status(f"{folder}/run")["members_done"] == 60000 and runs.verify(f"{folder}/run") == []
+assert runs.status(f"{folder}/run")["members_done"] == 60000 and run_results.verify(f"{folder}/run") == []
 """
 
 

@@ -59,8 +59,6 @@ def kills(count, folder, some):
             told["torn shards seen"] += sum(expected[name] != s for name, s in there.items())
             if is_run:
                 words = ["resume", path]
-            else:
-                shutil.rmtree(path, ignore_errors=True)
         if os.path.isfile(os.path.join(path, "run.json")):
             done = run("resume", path)
             told["runs resumed to the end"] += done.returncode == 0
@@ -75,7 +73,7 @@ def corrupt(count, folder, some):
     words = [*WORDS[:3], "20000", *WORDS[4:]]
     words[words.index("--shard-size") + 1] = "0.3"
     assert run(*words, whole + "/").returncode == 0
-    from rigidmc import runs
+    from rigidmc import run_results, runs
     from rigidmc.errors import SceneError
 
     expected = sums(whole)
@@ -94,7 +92,7 @@ def corrupt(count, folder, some):
             file.write(bad)
         told["damaged"] += 1
         try:
-            found = bool(runs.verify(whole, spot=0))
+            found = bool(run_results.verify(whole, spot=0))
         except SceneError:
             found = True
         except Exception as error:
@@ -175,7 +173,6 @@ def faults(most, folder, some):
                     )
                     again = invoke(app, ["resume", path])
                 else:
-                    shutil.rmtree(path, ignore_errors=True)
                     again = invoke(app, [*words, path + "/"])
                 told["resumed, sha256 equal"] += again.exit_code == 0 and sums(path) == expected
                 shutil.rmtree(path, ignore_errors=True)

@@ -45,6 +45,12 @@ Save = Annotated[
         help="What to save and to watch, of `rigidmc observables`, e.g. omega,attitude,energy or flips,omega_max; none for the summary only."
     ),
 ]
+Keep = Annotated[
+    str | None,
+    typer.Option(
+        help="How much of what is saved: full, thinned, summary, final or none, or of each: omega=final,energy=summary. Of flagged members, all."
+    ),
+]
 Threads = Annotated[int | None, typer.Option(min=1, help="Threads; default one per core.")]
 Set = Annotated[
     list[str], typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the scene, e.g. body.moments=[1,2,3].")
@@ -78,7 +84,7 @@ class AskedToStop(BaseException):
 @contextmanager
 def reported():
     """Turn what can go wrong into one message and an exit code; never a traceback for a user's mistake."""
-    from rigidmc.errors import OutputExists, SceneError
+    from rigidmc.errors import NoRoom, OutputExists, SceneError
 
     def terminate(*_):
         raise Terminated
@@ -94,6 +100,8 @@ def reported():
         fail(error, INVALID)
     except OutputExists as error:
         fail(error, REFUSED)
+    except NoRoom as error:
+        fail(f"{error}; nothing was written", IO)
     except FileNotFoundError as error:
         fail(error, INVALID if "shipped scene" in str(error) else IO)
     except BrokenPipeError:  # whoever read our lines has gone
@@ -149,6 +157,8 @@ def load_scene(source, settings, allow_code=False, **run):
         pairs.append((key.strip(), value.strip()))
     if run.get("save") is not None:
         run["save"] = tuple(word.strip() for word in run["save"].split(",") if word.strip() not in ("", "none"))
+    if run.get("keep") is not None and "=" in run["keep"]:
+        run["keep"] = {name.strip(): word.strip() for name, _, word in (part.partition("=") for part in run["keep"].split(","))}
     if run.get("tolerance") is not None and run.get("integrator") is None:
         run["integrator"] = "auto"
     try:

@@ -16,6 +16,10 @@ MaxWall = Annotated[
     str | None, typer.Option("--max-wall", metavar="TIME", help="Stop in time, to be resumed: 3h, 90m, 3600s or seconds.")
 ]
 ShardSize = Annotated[float | None, typer.Option(min=0.001, help="Of a run directory: size of a shard \\[MB], 67 by default.")]
+Cluster = Annotated[
+    str | None,
+    typer.Option(metavar="WHERE", help="Compute on dask workers: tcp://host:8786 of a scheduler, or local:N processes here."),
+]
 Blocks = Annotated[
     str | None,
     typer.Option("--shards", metavar="FROM:TO", help="These shards only, as of a job array: 0:100 are the first hundred."),
@@ -59,6 +63,7 @@ def shards_of(text):
 @app.command()
 def resume(
     run: RunArgument, threads: Threads = None, accept: Accept = False, max_wall: MaxWall = None, shards: Blocks = None,
+    cluster: Cluster = None,
     repair: Annotated[bool, typer.Option("--repair", help="First take away the shards that are damaged.")] = False,
     allow_code: AllowCode = False,
 ):  # fmt: skip
@@ -68,17 +73,18 @@ def resume(
 
         if repair:
             print(f"  {runs.repair(run)} damaged shards were taken away")
-        code = go_on(run, threads, accept, max_wall, shards, allow_code)
+        code = go_on(run, threads, accept, max_wall, shards, allow_code, cluster)
     raise typer.Exit(code)
 
 
-def go_on(run, threads, accept=False, max_wall=None, shards=None, allow_code=False):
+def go_on(run, threads, accept=False, max_wall=None, shards=None, allow_code=False, cluster=None):
     """Compute what is missing of a run and say what is there; the exit code."""
     from rigidmc import runs
 
     directory, flagged = runs.resume(
-        run, threads, progress=True, accept=accept, max_wall=seconds_of(max_wall), only=shards_of(shards), allow_code=allow_code
-    )
+        run, threads, progress=True, accept=accept, max_wall=seconds_of(max_wall), only=shards_of(shards), allow_code=allow_code,
+        cluster=cluster,
+    )  # fmt: skip
     found = runs.status(directory.path)
     made = sum(flagged.values())
     print(
@@ -100,11 +106,11 @@ def status(run: RunArgument):
 
         found = told(run)
     print(f"{run}: {found['done']:,} of {found['shards']:,} shards, {found['members_done']:,} of {found['members']:,} members")
-    bad = ", ".join(f"{count:,} {word}" for word, count in found["flagged"].items() if count and word != "ok")
-    print(f"  flagged so far: {bad or 'none'}")
+    print(f"  flagged so far: {found['flagged']:,} members")
     if found["rate"]:
         print(
-            f"  {found['rate']:,.0f} members/s so far" + (f", {found['seconds_left']:,.0f} s left" if found["seconds_left"] else "")
+            f"  {found['rate']:,.0f} members/s since it was last begun"
+            + (f", {found['seconds_left']:,.0f} s left" if found["seconds_left"] else "")
         )
     raise typer.Exit(OK if found["done"] == found["shards"] else INCOMPLETE)
 
@@ -117,9 +123,9 @@ def verify(
 ):
     """Check a run: the sum of every shard against its name, run.json and scene, and some of them computed again."""
     with reported():
-        from rigidmc import runs
+        from rigidmc import run_results, runs
 
-        wrong = runs.verify(run, spot, allow_code)
+        wrong = run_results.verify(run, spot, allow_code)
         found = runs.status(run)
         for line in wrong:
             print(line, file=sys.stderr)
@@ -138,21 +144,35 @@ def consolidate(
 ):  # fmt: skip
     """Write a whole run as one netCDF file."""
     with reported():
-        from rigidmc import runs
+        from rigidmc import run_results
 
-        runs.consolidate(run, output, force, allow_code).close()
+        run_results.consolidate(run, output, force, allow_code).close()
         print(f"  wrote {output} ({os.path.getsize(output) / 1e6:,.1f} MB)")
 
 
 @app.command()
 def extend(
     run: RunArgument, members: Annotated[int, typer.Option(help="Members that it shall have in all.")], threads: Threads = None,
-    accept: Accept = False, max_wall: MaxWall = None, allow_code: AllowCode = False,
+    accept: Accept = False, max_wall: MaxWall = None, cluster: Cluster = None, allow_code: AllowCode = False,
 ):  # fmt: skip
     """Give a run more members; those that are there are not changed by a bit."""
     with reported():
         from rigidmc import runs
 
         runs.extend(run, members)
-        code = go_on(run, threads, accept, max_wall, None, allow_code)
+        code = go_on(run, threads, accept, max_wall, None, allow_code, cluster)
     raise typer.Exit(code)
+
+
+@app.command()
+def merge(
+    run: RunArgument, parts: Annotated[list[str], typer.Argument(metavar="PART...", help="Run directories of the same run.")],
+):  # fmt: skip
+    """Gather the shards of a job array in one run directory, which may be a new one."""
+    with reported():
+        from rigidmc import runs
+
+        directory, copied = runs.merge(run, parts)
+        found = runs.status(directory.path)
+    print(f"{directory.path}: {copied:,} shards copied; {found['done']:,} of {found['shards']:,} are there")
+    raise typer.Exit(OK if found["done"] == found["shards"] else INCOMPLETE)

@@ -21,6 +21,7 @@ from rigidmc.cli.common import (
     Every,
     Force,
     Integrator,
+    Keep,
     Members,
     Most,
     Output,
@@ -42,7 +43,7 @@ from rigidmc.cli.common import (
     plots_module,
     reported,
 )  # fmt: skip
-from rigidmc.cli.runs import Blocks, MaxWall, ShardSize, go_on, is_run
+from rigidmc.cli.runs import Blocks, Cluster, MaxWall, ShardSize, go_on, is_run
 
 
 @app.command("run")
@@ -50,10 +51,10 @@ def run_scene(
     scene: SceneArgument,
     members: Members = None, seed: Seed = None, integrator: Integrator = None, dt: Dt = None, turn: Turn = None,
     t_end: TEnd = None,
-    every: Every = None, save: Save = None, threads: Threads = None, tolerance: Tolerance = None,
+    every: Every = None, save: Save = None, keep: Keep = None, threads: Threads = None, tolerance: Tolerance = None,
     dtype: Dtype = None, compensated: Compensated = None, settings: Set = [], allow_code: AllowCode = False,  # noqa: B006
     until: Until = None, most: Most = 10_000_000, output: Output = None, plot: Plot = None, force: Force = False,
-    max_wall: MaxWall = None, shards: Blocks = None, shard_size: ShardSize = None,
+    max_wall: MaxWall = None, shards: Blocks = None, shard_size: ShardSize = None, cluster: Cluster = None,
 ):  # fmt: skip
     """Run a scene: integrate its ensemble, write the result and a picture, and say what it cost."""
     began = time.perf_counter()
@@ -74,6 +75,7 @@ def run_scene(
             t_end=t_end,
             every=every,
             save=save,
+            keep=keep,
             tolerance=tolerance,
             dtype=dtype,
             compensated=compensated,
@@ -84,9 +86,10 @@ def run_scene(
             from rigidmc.runs import SHARD, create
 
             made = create(loaded, output, SHARD if shard_size is None else 1e6 * shard_size)
-            raise typer.Exit(go_on(made.path, threads, max_wall=max_wall, shards=shards, allow_code=allow_code))
-        if max_wall is not None or shards is not None:
-            raise SceneError("", "--max-wall" if max_wall else "--shards", max_wall or shards, "is of a run directory: -o RUN/")
+            raise typer.Exit(go_on(made.path, threads, max_wall=max_wall, shards=shards, allow_code=allow_code, cluster=cluster))
+        for name, given in (("--max-wall", max_wall), ("--shards", shards), ("--shard-size", shard_size), ("--cluster", cluster)):
+            if given is not None:
+                raise SceneError("", name, given, "is of a run directory: -o RUN/")
         for path in (output, plot):
             if path is not None:
                 refuse_existing(path, force)
@@ -156,7 +159,7 @@ def show(
     scene: SceneArgument,
     members: Members = None, seed: Seed = None, integrator: Integrator = None, dt: Dt = None, turn: Turn = None,
     t_end: TEnd = None,
-    every: Every = None, save: Save = None, threads: Threads = None, tolerance: Tolerance = None,
+    every: Every = None, save: Save = None, keep: Keep = None, threads: Threads = None, tolerance: Tolerance = None,
     dtype: Dtype = None, compensated: Compensated = None, settings: Set = [], allow_code: AllowCode = False,  # noqa: B006
 ):  # fmt: skip
     """Say what a scene is, which effects are compiled, and what a run of it would take, without running it."""
@@ -176,6 +179,7 @@ def show(
             t_end=t_end,
             every=every,
             save=save,
+            keep=keep,
             tolerance=tolerance,
             dtype=dtype,
             compensated=compensated,

@@ -1,7 +1,9 @@
 """One netCDF4 file: written block by block under a temporary name, renamed when whole."""
 
 import contextlib
+import math
 import os
+import platform
 import tempfile
 import threading
 from typing import Any
@@ -11,7 +13,15 @@ import numpy as np
 from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 
 from rigidmc.errors import OutputExists, SceneError
-from rigidmc.storage.schema import attributes, coordinates, ensemble_variables, length, member_variables, saved_variables
+from rigidmc.storage.schema import (
+    attributes,
+    coordinates,
+    ensemble_variables,
+    flagged_variables,
+    length,
+    member_variables,
+    saved_variables,
+)
 
 _opening = threading.Lock()
 
@@ -58,10 +68,15 @@ def put_in_place(temporary, path, force):
         os.close(folder)
 
 
+def part_of(path):
+    """Where this process writes what is to be a file, before it is whole."""
+    return f"{path}.part-{platform.node()}-{os.getpid()}"
+
+
 def write(dataset, path, force=False):
     """Write a Dataset whole or not at all."""
     refuse_existing(path, force)
-    temporary = f"{path}.part-{os.getpid()}"
+    temporary = part_of(path)
     try:
         words = {name: {"dtype": "S1"} for name, v in dataset.variables.items() if v.dtype.kind in "UO"}
         dataset.to_netcdf(temporary, engine="netcdf4", encoding=words)
@@ -79,8 +94,8 @@ class Writer:
         then has a sum, so that a flipped bit is an error to whoever reads it"""
         refuse_existing(path, force)
         self.path, self.force, self._named = path, force, named
-        self._temporary = f"{path}.part-{os.getpid()}"
-        self._first = plan.first
+        self._temporary = part_of(path)
+        self._first, self._digits = plan.first, dict[str, int]()
         try:
             with alone():
                 self._file = netCDF4.Dataset(self._temporary, "w", format="NETCDF4", clobber=True)
@@ -94,6 +109,7 @@ class Writer:
         file = self._file
         file.set_fill_off()
         variables = {**member_variables(scene, plan.carried), **saved_variables(scene), **ensemble_variables(scene)}
+        variables |= flagged_variables(scene)
         used = [*coordinates(plan), *(dim for v in variables.values() for dim in v.dims)]
         for dim in dict.fromkeys(used):
             file.createDimension(dim, length(dim, plan))
@@ -113,8 +129,13 @@ class Writer:
         for name, (dims, dtype, attrs) in variables.items():
             sizes = [length(d, plan) for d in dims]
             # one chunk holds a block of members and up to 128 times: cheap to write, and to read by member or by time
-            chunks = [min(size, plan.block if d == "member" else 128) for d, size in zip(dims, sizes, strict=True)]
-            packed: dict[str, Any] = {"compression": "zlib", "complevel": 1} if name in plan.constant else {}
+            chunks = [min(size or 32, plan.block if d == "member" else 128) for d, size in zip(dims, sizes, strict=True)]
+            small = scene.run.compress or scene.run.digits is not None or name in plan.constant
+            packed: dict[str, Any] = {"compression": "zlib", "complevel": 1} if small else {}
+            rounded = scene.run.digits is not None and {"time", "thinned_time"} & set(dims) and dtype == "f8"
+            if rounded:  # never what a run could start from
+                self._digits[name] = scene.run.digits
+                attrs = {**attrs, "significant_digits": scene.run.digits}
             file.createVariable(name, dtype, dims, chunksizes=chunks, fletcher32=self._named is not None, **packed).setncatts(attrs)
         file.setncatts(attrs_of_all)
 
@@ -123,13 +144,24 @@ class Writer:
         part = slice(first - self._first, first - self._first + count)
         with alone():
             for name, array in values.items():
-                self._file.variables[name][..., part] = array[..., :count]
+                self._file.variables[name][..., part] = self._rounded(name, array[..., :count])
 
     def write_all(self, values):
         """Write {name: array} of variables that are not by members."""
         with alone():
             for name, array in values.items():
-                self._file.variables[name][:] = array
+                self._file.variables[name][:] = self._rounded(name, array)
+
+    def _rounded(self, name, values):
+        """Values as they are kept: of those with so many digits the last bits are zeros, which compresses them. netCDF's own way makes -0 of inf."""
+        digits = self._digits.get(name)
+        if digits is None:
+            return values
+        drop = 52 - math.ceil(digits * math.log2(10.0))
+        if drop < 1:
+            return values
+        bits = (np.ascontiguousarray(values).view("i8") + (1 << (drop - 1))) & -(1 << drop)
+        return np.where(np.isfinite(values) & np.isfinite(bits.view("f8")), bits.view("f8"), values)
 
     def finish(self):
         """Close, make durable and give the file its name."""
@@ -150,6 +182,19 @@ def read(path, *names):
     with alone(), netCDF4.Dataset(path) as file:
         file.set_auto_mask(False)
         return {name: file[name][:] for name in names or file.variables}
+
+
+def write_columns(path, columns):
+    """Write {name: array}, members last, as a small file of its own."""
+    temporary = part_of(path)
+    with alone(), netCDF4.Dataset(temporary, "w", format="NETCDF4") as file:
+        for name, values in columns.items():
+            dims = [f"{size}" for size in values.shape[:-1]] + ["member"]
+            for dim, size in zip(dims, values.shape, strict=True):
+                if dim not in file.dimensions:
+                    file.createDimension(dim, size)
+            file.createVariable(name, values.dtype, dims)[:] = values
+    put_in_place(temporary, path, False)
 
 
 def scene_of(source, settings=(), allow_code=False):

@@ -2,7 +2,8 @@
 
     run.json       what never changes: scene's hash, seed, members of a shard and of a block, versions, type of processor; and how many members
     scene.toml     the scene, resolved; columns.nc what it has of one row per member
-    shards/        one netCDF4 file for each range of members; its bytes depend on scene and seed alone, and its name tells their hash
+    shards/        one netCDF4 file for each range of members; its bytes depend on scene and seed alone, and its name tells how many members are
+                   flagged and the file's hash
     journal.jsonl  what came to pass: when, where, how fast; nothing depends on it
     lock           held by the process that writes
 
@@ -22,13 +23,14 @@ from typing import Any
 
 from rigidmc.engine.machine import vector_bits
 from rigidmc.errors import OutputExists, SceneError
-from rigidmc.storage.netcdf import put_in_place
+from rigidmc.storage.netcdf import part_of, put_in_place
 
 FORMAT = 1
-_SHARD = re.compile(r"(\d{8})-([0-9a-f]{16})\.nc")
+_SHARD = re.compile(r"(\d{8})-(\d{1,12})-([0-9a-f]{16})\.nc")
 _FACTS = {
     "format": int,
     "scene": str,
+    "columns": str,
     "seed": int,
     "first": int,
     "members": int,
@@ -103,9 +105,13 @@ class RunDirectory:
         """Where shard i is before it is whole."""
         return os.path.join(self.path, "shards", f"{i:08d}")
 
-    def named(self, i):
-        """A function of a finished file: the path that it has to have as shard i."""
-        return lambda file: os.path.join(self.path, "shards", f"{i:08d}-{hash_of_file(file)}.nc")
+    def named(self, i, flagged, file):
+        """The path that a finished file has to have as shard i, so many of whose members are flagged."""
+        return os.path.join(self.path, "shards", f"{i:08d}-{flagged}-{hash_of_file(file)[:16]}.nc")
+
+    def flagged(self):
+        """{i: how many members of shard i are flagged} of the shards that are there."""
+        return {i: int(os.path.basename(path).split("-")[1]) for i, path in self.shards().items()}
 
     def done(self):
         """Which shards are there."""
@@ -174,20 +180,20 @@ def rendered(facts):
 
 
 def hash_of_file(path):
-    """The first 16 digits of a file's sha256."""
+    """The sha256 of a file."""
     with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()[:16]
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def damaged(path):
     """Whether a shard is not what its name tells."""
     found = _SHARD.fullmatch(os.path.basename(path))
-    return not found or hash_of_file(path) != found[2]
+    return not found or hash_of_file(path)[:16] != found[3]
 
 
 def write_text(path, text, force=False):
     """Write a small file whole or not at all."""
-    temporary = f"{path}.part-{os.getpid()}"
+    temporary = part_of(path)
     with open(temporary, "w", encoding="utf-8") as file:
         file.write(text)
     put_in_place(temporary, path, force)

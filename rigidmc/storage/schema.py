@@ -52,6 +52,8 @@ def _change(who, what):
 def coordinates(plan):
     """Coordinates of a result as {name: (dims, values, attrs)}."""
     effects = {"effect": (("effect",), np.array(plan.labels), {"long_name": "effect of the scene"})} if plan.labels else {}
+    about = {"units": "s", "long_name": "time of what is thinned"}
+    thinned = {"thinned_time": (("thinned_time",), plan.times[plan.thinned], about)} if plan.thinned.size else {}
     bins = {
         name: (
             (name,),
@@ -65,13 +67,14 @@ def coordinates(plan):
         **bins,
         "member": (("member",), np.arange(plan.first, plan.first + plan.members), {"long_name": "index of the member"}),
         "time": (("time",), plan.times, {"units": "s", "long_name": "time"}),
+        **thinned,
         "axis": (("axis",), np.array([1, 2, 3]), {"long_name": "principal axis of the body"}),
         "quat": (("quat",), np.array(["w", "x", "y", "z"]), {"long_name": "component of the quaternion, scalar first"}),
     }
 
 
 def saved_variables(scene):
-    """Variables at save times, in the order of the kernel's value rows: {name: Variable}."""
+    """Variables of what is recorded at save times, see `rigidmc.retention`: {name: Variable}."""
     kept, variables = conservation(scene), {}
     for name in scene.saved():
         kind = OBSERVABLES[name]
@@ -80,8 +83,37 @@ def saved_variables(scene):
             attrs["conserved"] = kept.get(name, kept["l2"])
         if name == "work":
             attrs["booked"] = ", ".join(booked(scene)) or "none"  # the others' work is told by energy
-        variables[name] = Variable(("time", *kind.dims, "member"), "f8", attrs)
+        word = scene.kept()[name]
+        if word == "full":
+            variables[name] = Variable(("time", *kind.dims, "member"), "f8", attrs)
+        elif word == "thinned":
+            variables[f"{name}_thinned"] = Variable(("thinned_time", *kind.dims, "member"), "f8", attrs)
+        elif word == "final":
+            text = {"long_name": f"{kind.long_name}, at the end"}
+            variables[f"{name}_final"] = Variable((*kind.dims, "member"), "f8", {**attrs, **text})
     return variables
+
+
+def flagged_variables(scene):
+    """Variables of flagged members alone, of which all saves are kept though not of the others: {name: Variable}."""
+    names = [name for name, word in scene.kept().items() if word != "full"]
+    if not names:
+        return {}
+    found = {"flagged_member": Variable(("flagged",), "i8", {"long_name": "index of a member whose status is not ok"})}
+    for name in names:
+        kind = OBSERVABLES[name]
+        text = {"units": kind.units, "long_name": f"{kind.long_name}, of flagged members"}
+        found[f"{name}_flagged"] = Variable(("time", *kind.dims, "flagged"), "f8", text)
+    return found
+
+
+def bytes_of_a_member(scene, plan):
+    """Bytes of a member in a result, before they are compressed: (of those that all have the same value, of the others)."""
+    same = other = 0
+    for name, (dims, dtype, _) in {**member_variables(scene, plan.carried), **saved_variables(scene)}.items():
+        size = int(np.prod([1 if d == "member" else length(d, plan) for d in dims])) * np.dtype(dtype).itemsize
+        same, other = (same + size, other) if name in plan.constant else (same, other + size)
+    return same, other
 
 
 def ensemble_variables(scene):
@@ -196,4 +228,5 @@ def attributes(scene, plan):
 def length(dim, plan):
     """Size of a dimension."""
     bins = {name: edges.size - 1 for name, edges, _ in plan.watch.bins}
-    return {**bins, "member": plan.members, "time": plan.times.size, "effect": len(plan.labels), **_LENGTHS}[dim]
+    times = {"time": plan.times.size, "thinned_time": plan.thinned.size}
+    return {**bins, **times, "member": plan.members, "flagged": None, "effect": len(plan.labels), **_LENGTHS}[dim]

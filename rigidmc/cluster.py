@@ -1,0 +1,115 @@
+"""A run on the workers of a dask cluster: each shard is one task, a pure function of the run and its number, to the bits of one machine.
+
+Where workers see the run directory they write its shards there themselves; else they send each back whole, and this process writes it. A worker
+that is lost loses the shard that it was computing, which another then computes; what was written stays.
+"""
+
+import os
+import tempfile
+import time
+
+from rigidmc.engine.layout import STATUSES
+from rigidmc.errors import SceneError
+from rigidmc.progress import reporter
+from rigidmc.shards import compute_shards, planned, refuse_others
+from rigidmc.storage.netcdf import part_of, put_in_place
+from rigidmc.storage.run_directory import RunDirectory
+
+AHEAD = 2  # tasks that wait for each thread of the workers: the scheduler holds few, however many shards there are
+LOST = 20  # times that a shard is begun anew because its worker was lost
+
+
+def compute_on(cluster, directory, which, progress=False, stop=None, allow_code=False, accept=False):
+    """Compute some shards of a run whose lock this process holds, none begun after `stop`; {status: members}.
+
+    cluster : "tcp://host:8786" of a scheduler, or "local:4" for so many processes of one thread each on this machine, which need a main module
+        that may be imported (`if __name__ == "__main__":`)
+    Raises SceneError where there is no dask or no such cluster, and what workers raise.
+    """
+    try:
+        import dask
+        from distributed import Client, KilledWorker, LocalCluster, as_completed
+    except ImportError as error:
+        raise SceneError("", "--cluster", cluster, f"needs dask.distributed: pip install 'rigidmc[cluster]' ({error})") from None
+    kind, _, rest = cluster.partition(":")
+    if not (kind == "local" and rest.isdigit() and int(rest) > 0) and kind not in ("tcp", "tls", "ucx"):
+        raise SceneError("", "--cluster", cluster, "expected tcp://host:port of a scheduler, or local:N for N processes here")
+    texts = tuple(_text(directory.path, name) for name in ("run.json", "scene.toml", "columns.nc"))
+    flagged = dict.fromkeys(STATUSES, 0)
+    # a shard is begun anew whenever its worker is lost; dask gives up at the third, as if the task were to blame
+    with dask.config.set({"distributed.scheduler.allowed-failures": LOST, "distributed.worker.daemon": True}):
+        try:
+            here = (
+                LocalCluster(n_workers=int(rest), threads_per_worker=1, memory_limit=0, dashboard_address=None)
+                if kind == "local"
+                else cluster
+            )
+            client = Client(here, timeout=30)
+        except (OSError, ValueError) as error:
+            raise SceneError("", "--cluster", cluster, f"does not answer: {error}") from None
+        with client, reporter(progress, sum(len(directory.members(i)) for i in which), 1) as report:
+            texts_there = client.scatter(texts, broadcast=True, hash=True) if which else None
+            waiting = iter(which)
+
+            def submit():
+                i = next(waiting, None) if stop is None or time.monotonic() < stop else None
+                if i is None:
+                    return []
+                key = f"rigidmc-{directory.facts['scene'][:16]}-{i}"
+                return [client.submit(shard, os.path.abspath(directory.path), texts_there, i, allow_code, accept, key=key)]
+
+            running = sum(client.nthreads().values()) or 1
+            futures = as_completed([future for _ in range(AHEAD * running) for future in submit()])
+            for future in futures:
+                if future.status == "error" and isinstance(future.exception(), KilledWorker):
+                    future.retry()
+                    futures.add(future)
+                    continue
+                i, found, name, data = future.result()
+                if data is not None:
+                    final = os.path.join(directory.path, "shards", name)
+                    with open(part_of(final), "wb") as file:
+                        file.write(data)
+                    put_in_place(part_of(final), final, True)
+                for word, count in found.items():
+                    flagged[word] += count
+                future.release()
+                report.step(len(directory.members(i)))
+                report.poll()
+                for more in submit():
+                    futures.add(more)
+        if kind == "local":
+            here.close()
+    return flagged
+
+
+def _text(folder, name):
+    path = os.path.join(folder, name)
+    if not os.path.isfile(path):
+        return b""
+    with open(path, "rb") as file:
+        return file.read()
+
+
+def shard(path, texts, i, allow_code=False, accept=False):
+    """(i, {status: members}, the shard's name and bytes, or None twice where it was written to the run directory): what a worker does.
+
+    path, texts : of the run directory, and its run.json, scene.toml and columns.nc
+    """
+    if _text(path, "run.json") == texts[0]:
+        return i, _compute(path, i, allow_code, accept), None, None
+    with tempfile.TemporaryDirectory(prefix="rigidmc-") as folder:
+        os.mkdir(os.path.join(folder, "shards"))
+        for name, text in zip(("run.json", "scene.toml", "columns.nc"), texts, strict=True):
+            if text:
+                with open(os.path.join(folder, name), "wb") as file:
+                    file.write(text)
+        found = _compute(folder, i, allow_code, accept)
+        ((_, made),) = RunDirectory(folder).shards().items()
+        return i, found, os.path.basename(made), _text(*os.path.split(made))
+
+
+def _compute(path, i, allow_code, accept):
+    directory = RunDirectory(path)
+    refuse_others(directory, accept)
+    return compute_shards(directory, planned(directory, allow_code), [i], 1)

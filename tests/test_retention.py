@@ -1,0 +1,129 @@
+"""What is kept of what is saved, and what a run needs against what is free."""
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import rigidmc as rm
+from rigidmc import capacity, run_results, runs
+from rigidmc.cli import app
+from rigidmc.errors import NoRoom, SceneError
+from rigidmc.storage.netcdf import read
+from tests.test_runs import SCENE as OTHER
+
+SCENE = OTHER.with_run(every=0.1, turn_limit=0.051, save=("omega", "flips", "omega_max"))
+KEEPS = ("none", "final", "thinned", "full")
+
+
+@pytest.fixture(scope="module")
+def full():
+    ds = rm.simulate(SCENE)
+    assert 10 < (ds.status.values != 0).sum() < 990
+    return ds
+
+
+def alike(one, two):
+    assert set(one.variables) == set(two.variables)
+    for name in one.variables:
+        a, b = one[name].values, two[name].values
+        assert a.tobytes() == b.tobytes() if a.dtype.kind in "fi" else (a == b).all(), name
+
+
+@pytest.mark.parametrize("keep", KEEPS)
+def test_flagged_members_are_kept_in_full(full, tmp_path, keep):
+    ds = rm.simulate(SCENE, keep=keep, threads=2, block=64)
+    bad = np.flatnonzero(full.status.values)
+    expected = {
+        "none": {}, "full": {"omega": full.omega}, "final": {"omega_final": full.omega[-1]},
+        "thinned": {"omega_thinned": full.omega[[0, 10, 20]]},
+    }[keep]  # fmt: skip
+    assert {name for name in ds.data_vars if name.startswith("omega") and "flagged" not in name} == {*expected, "omega_max"}
+    for name, values in expected.items():
+        assert np.array_equal(ds[name].values, values.values)
+    if keep != "full":
+        assert np.array_equal(ds.flagged_member.values, bad)
+        assert np.array_equal(ds.omega_flagged.values, full.omega.values[..., bad])
+    with rm.simulate(SCENE, keep=keep, threads=2, block=96, output=tmp_path / "one.nc") as file:
+        alike(file, ds)
+        assert rm.rerun(file, 7).attrs["rerun"].startswith("equal to the bit at")
+    runs.create(SCENE.with_run(keep=keep), tmp_path / "run", 40_000)
+    runs.resume(tmp_path / "run")
+    alike(rm.open(tmp_path / "run"), ds)
+    with run_results.consolidate(tmp_path / "run", tmp_path / "two.nc") as file:
+        alike(file, ds)
+    assert run_results.verify(tmp_path / "run") == []
+
+
+def test_a_summary_is_over_the_steps():
+    scene = SCENE.with_run(save=("omega", "l2_drift"), keep="summary")
+    assert scene.kept() == {"omega": "summary", "l2_drift": "final"}
+    ds = rm.simulate(scene, every=0.05)
+    every = rm.simulate(scene, keep="full", every=0.05)
+    good = every.status.values == 0
+    assert "omega" not in ds and np.array_equal(ds.l2_drift_final.values, every.l2_drift.values[-1])
+    assert np.array_equal(ds.omega_max.values[:, good], every.omega.values.max(0)[:, good])
+    np.testing.assert_allclose(
+        ds.omega_variance.values[:, good], every.omega.values.var(0)[:, good], 0.0, 0.03
+    )  # 0.02: over 41 states, not 40
+
+
+def test_digits_are_of_saves_alone(full, tmp_path):
+    ds = rm.simulate(SCENE.with_run(digits=4), output=tmp_path / "one.nc")
+    off = np.abs(ds.omega.values / full.omega.values - 1.0)
+    assert 2e-5 < off.max() <= 0.5e-4  # 3.1e-5
+    for name in ("start_omega", "omega_max", "energy_drift_max"):
+        assert ds[name].values.tobytes() == full[name].values.tobytes()
+    assert "4 digits" in rm.rerun(ds, 7).attrs["rerun"]
+    ds.close()
+    from rigidmc.storage.netcdf import Writer
+
+    class Four:
+        _digits = dict(x=4)
+
+    odd = np.array([np.nan, np.inf, -np.inf, 0.0, 1.7976931348623157e308])
+    assert np.array_equal(Writer._rounded(Four, "x", odd), odd, equal_nan=True)
+
+
+def test_compressed_is_without_loss(full, tmp_path):
+    with rm.simulate(SCENE.with_run(compress=True), output=tmp_path / "one.nc") as ds:
+        assert np.array_equal(ds.omega.values, full.omega.values)
+    assert set(read(tmp_path / "one.nc")) == {*ds.variables}
+
+
+@pytest.mark.parametrize(
+    ("keep", "words"),
+    [({"omga": "final"}, "did you mean 'omega'"), ({"energy": "finl"}, "did you mean 'final'"), ("ful", "did you mean 'full'"),
+     ({"energy_drift": "summary"}, "no summary"), (3, "keep")],
+)  # fmt: skip
+def test_bad_keeps(keep, words):
+    with pytest.raises(SceneError, match=words):
+        SCENE.with_run(keep=keep)
+
+
+def test_what_cannot_be_held_is_refused(tmp_path, monkeypatch):
+    big = SCENE.with_run(members=10**12)
+    with pytest.raises(NoRoom, match="-o FILE"):
+        rm.simulate(big)
+    with pytest.raises(NoRoom, match="--keep final"):
+        rm.simulate(big, output=tmp_path / "one.nc")
+    with pytest.raises(NoRoom, match="--keep final"):
+        runs.create(big, tmp_path / "run")
+    monkeypatch.setattr(capacity, "free_memory", lambda: 1000)
+    with pytest.raises(NoRoom, match="run fewer members"):
+        rm.simulate(SCENE, output=tmp_path / "one.nc")
+    assert list(tmp_path.iterdir()) == []
+    told = CliRunner().invoke(app, ["run", "tennis_racket", "-o", f"{tmp_path}/one.nc"])
+    assert told.exit_code == 74 and told.stderr.count("rigidmc:") == 1 and "nothing was written" in told.stderr
+
+
+def test_free_memory_is_what_the_narrowest_group_allows(tmp_path, monkeypatch):
+    """Control groups of both versions, the outer one with no limit."""
+    group = tmp_path / "a" / "b"
+    group.mkdir(parents=True)
+    for folder, limit in ((tmp_path, None), (tmp_path / "a", "max"), (group, "5000")):
+        for name, text in (("memory.max", limit), ("memory.current", "3000"), ("memory.stat", "anon 1\ninactive_file 400\n")):
+            if text is not None:
+                (folder / name).write_text(text)
+    assert capacity._allowed(str(tmp_path), "/a/b", "memory.max", "memory.current", "inactive_file") == [2400]
+    assert capacity._allowed(str(tmp_path), "/a", "memory.max", "memory.current", "inactive_file") == []
+    assert capacity.free_memory() is None or capacity.free_memory() > 0
