@@ -18,6 +18,7 @@ BENCHES = {
     "exact": "bench.exact",
     "tolerance": "bench.tolerance",
     "maps": "bench.maps",
+    "runs": "bench.runs",
     "peers": "bench.peers",
 }
 HERE = os.path.dirname(os.path.abspath(__file__))

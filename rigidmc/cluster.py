@@ -10,10 +10,10 @@ import time
 
 from rigidmc.engine.layout import STATUSES
 from rigidmc.errors import SceneError
+from rigidmc.files import part_of, put_in_place, text_of
 from rigidmc.progress import reporter
+from rigidmc.run_directory import RunDirectory
 from rigidmc.shards import compute_shards, planned, refuse_others
-from rigidmc.storage.netcdf import part_of, put_in_place
-from rigidmc.storage.run_directory import RunDirectory
 
 AHEAD = 2  # tasks that wait for each thread of the workers: the scheduler holds few, however many shards there are
 LOST = 20  # times that a shard is begun anew because its worker was lost
@@ -34,7 +34,7 @@ def compute_on(cluster, directory, which, progress=False, stop=None, allow_code=
     kind, _, rest = cluster.partition(":")
     if not (kind == "local" and rest.isdigit() and int(rest) > 0) and kind not in ("tcp", "tls", "ucx"):
         raise SceneError("", "--cluster", cluster, "expected tcp://host:port of a scheduler, or local:N for N processes here")
-    texts = tuple(_text(directory.path, name) for name in ("run.json", "scene.toml", "columns.nc"))
+    texts = tuple(text_of(directory.path, name) for name in ("run.json", "scene.toml", "columns.nc"))
     flagged = dict.fromkeys(STATUSES, 0)
     # a shard is begun anew whenever its worker is lost; dask gives up at the third, as if the task were to blame
     with dask.config.set({"distributed.scheduler.allowed-failures": LOST, "distributed.worker.daemon": True}):
@@ -44,8 +44,8 @@ def compute_on(cluster, directory, which, progress=False, stop=None, allow_code=
                 if kind == "local"
                 else cluster
             )
-            client = Client(here, timeout=30)
-        except (OSError, ValueError) as error:
+            client = Client(here, timeout=10)
+        except (OSError, ValueError, RuntimeError) as error:  # RuntimeError of a process here that ended before it began
             raise SceneError("", "--cluster", cluster, f"does not answer: {error}") from None
         with client, reporter(progress, sum(len(directory.members(i)) for i in which), 1) as report:
             texts_there = client.scatter(texts, broadcast=True, hash=True) if which else None
@@ -80,15 +80,8 @@ def compute_on(cluster, directory, which, progress=False, stop=None, allow_code=
                     futures.add(more)
         if kind == "local":
             here.close()
+            directory.clear()  # what workers left that were lost
     return flagged
-
-
-def _text(folder, name):
-    path = os.path.join(folder, name)
-    if not os.path.isfile(path):
-        return b""
-    with open(path, "rb") as file:
-        return file.read()
 
 
 def shard(path, texts, i, allow_code=False, accept=False):
@@ -96,7 +89,7 @@ def shard(path, texts, i, allow_code=False, accept=False):
 
     path, texts : of the run directory, and its run.json, scene.toml and columns.nc
     """
-    if _text(path, "run.json") == texts[0]:
+    if text_of(path, "run.json") == texts[0]:
         return i, _compute(path, i, allow_code, accept), None, None
     with tempfile.TemporaryDirectory(prefix="rigidmc-") as folder:
         os.mkdir(os.path.join(folder, "shards"))
@@ -106,7 +99,7 @@ def shard(path, texts, i, allow_code=False, accept=False):
                     file.write(text)
         found = _compute(folder, i, allow_code, accept)
         ((_, made),) = RunDirectory(folder).shards().items()
-        return i, found, os.path.basename(made), _text(*os.path.split(made))
+        return i, found, os.path.basename(made), text_of(*os.path.split(made))
 
 
 def _compute(path, i, allow_code, accept):

@@ -8,11 +8,11 @@ import numpy as np
 from rigidmc.capacity import refuse_hopeless
 from rigidmc.errors import SceneError
 from rigidmc.retention import joined
+from rigidmc.run_directory import RunDirectory, damaged
 from rigidmc.shards import planned, scene_of_run
 from rigidmc.simulation import simulate
 from rigidmc.storage import Writer, open_result
 from rigidmc.storage.netcdf import read
-from rigidmc.storage.run_directory import RunDirectory, damaged
 from rigidmc.storage.schema import (
     attributes,
     coordinates,

@@ -1,6 +1,5 @@
 """Runs that survive: started in a directory, resumed after whatever ended them, extended, and made of the parts of a job array."""
 
-import math
 import os
 import shutil
 import tempfile
@@ -12,16 +11,17 @@ import numpy as np
 from rigidmc.capacity import refuse_hopeless
 from rigidmc.cluster import compute_on
 from rigidmc.engine.layout import LANES
-from rigidmc.engine.machine import threads_available
+from rigidmc.engine.machine import this_machine, threads_available
 from rigidmc.errors import OutputExists, SceneError
+from rigidmc.files import part_of, put_in_place, text_of, write_text
 from rigidmc.observables import rows_of
 from rigidmc.planning import BLOCK, SLAB
+from rigidmc.run_directory import FORMAT, RunDirectory, damaged, hash_of, hash_of_file, rendered
 from rigidmc.sampling import rows
 from rigidmc.shards import compute_shards, in_units_told, planned, refuse_others, scene_in, scene_of_run
 from rigidmc.simulation import compile_kernel, settled
 from rigidmc.staging import stage
-from rigidmc.storage.netcdf import part_of, put_in_place, write_columns
-from rigidmc.storage.run_directory import FORMAT, RunDirectory, damaged, hash_of, hash_of_file, rendered, this_machine, write_text
+from rigidmc.storage.netcdf import write_columns
 from rigidmc.storage.schema import attributes, bytes_of_a_member
 
 SHARD = 64 * 2**20  # bytes of a shard: a thousand of them are 67 GB
@@ -142,27 +142,6 @@ def extend(path, members):
     return RunDirectory(path)
 
 
-def status(path):
-    """What of a run is done, by the names of its shards alone: {"shards", "done", "members", "members_done", "flagged", "rate", "seconds_left"}.
-
-    The rate [1/s] is that since it was last begun, from the times of the shards that appeared.
-    """
-    directory = RunDirectory(path)
-    shards, members = directory.shards(), 0
-    begun = max((line["time"] for line in directory.journal() if line.get("event") == "begun"), default=math.inf)
-    new, last = 0, 0.0
-    for i, shard in shards.items():
-        made, count = os.stat(shard).st_mtime, len(directory.members(i))
-        members += count
-        new, last = (new + count, max(last, made)) if made > begun else (new, last)
-    rate = new / (last - begun) if new else None
-    left = directory.facts["members"] - members
-    return {
-        "shards": directory.count, "done": len(shards), "members": directory.facts["members"], "members_done": members,
-        "flagged": sum(directory.flagged().values()), "rate": rate, "seconds_left": left / rate if rate else None,
-    }  # fmt: skip
-
-
 def repair(path):
     """Take away the shards that are damaged, to be computed again; how many there were."""
     directory = RunDirectory(path)
@@ -191,9 +170,9 @@ def merge(path, others):
                 shutil.copyfile(os.path.join(others[0].path, name), os.path.join(folder, name))
         os.replace(folder, path)
     directory, copied = RunDirectory(path), 0
-    scene_of_run(directory, True)
     for other in others:
         apart = [key for key, value in directory.facts.items() if other.facts[key] != value]
+        apart += [name for name in ("scene.toml", "columns.nc") if text_of(path, name) != text_of(other.path, name)]
         if apart:
             raise SceneError("", "run", other.path, f"is of another run than {path}: {', '.join(apart)} differ")
     with directory.locked():

@@ -73,6 +73,7 @@ def loads(text, file="scene", settings=(), stored=None, title="scene", allow_cod
     try:
         for key, value in settings:
             _set(data, key, value)
+        _refuse_long(data)
         return _from_tables(data, _Columns(stored, os.path.dirname(file)), title, os.path.dirname(file) if allow_code else None)
     except SceneError as error:
         error.file = error.file or file
@@ -81,6 +82,18 @@ def loads(text, file="scene", settings=(), stored=None, title="scene", allow_cod
         made = complaint(error, "", _File, data)
         made.file = file
         raise made from None
+
+
+def _refuse_long(data, table="", key=""):
+    """SceneError for a whole number of more than 64 bits, which TOML has not."""
+    if isinstance(data, dict):
+        for name, value in data.items():
+            _refuse_long(value, f"{table}.{key}".strip("."), name)
+    elif isinstance(data, list):
+        for value in data:
+            _refuse_long(value, table, key)
+    elif isinstance(data, int) and not -(2**63) <= data < 2**63:
+        raise SceneError(table, key, float("inf") if data > 0 else float("-inf"), "whole numbers have 64 bits")
 
 
 def _from_tables(data, stored, title, folder):

@@ -10,12 +10,13 @@ import time
 import numpy as np
 
 from rigidmc.capacity import WAITING
+from rigidmc.engine.machine import this_machine
 from rigidmc.errors import SceneError
+from rigidmc.run_directory import hash_of, hash_of_file
 from rigidmc.scene_file import loads
 from rigidmc.simulation import compute, settled
 from rigidmc.sinks import File, buffer
 from rigidmc.storage.netcdf import read
-from rigidmc.storage.run_directory import hash_of, hash_of_file
 
 
 def scene_in(folder, facts, allow_code):
@@ -59,7 +60,11 @@ def in_units_told(scene, plan, units):
 
 def refuse_others(directory, accept):
     """SceneError where this machine is another than that of the run."""
-    if not accept and (other := directory.differs()):
+    known = directory.facts["versions"]
+    versions, machine = this_machine()
+    other = [f"{name} {known.get(name)} there, {here} here" for name, here in versions.items() if known.get(name) != here]
+    other += [f"processor {directory.facts['machine']} there, {machine} here"] if machine != directory.facts["machine"] else []
+    if other and not accept:
         rule = f"was started with others: {'; '.join(other)}. Bits of new members may differ from those of old ones; --accept takes that"
         raise SceneError("", "run", directory.path, rule)
 

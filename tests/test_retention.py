@@ -127,3 +127,23 @@ def test_free_memory_is_what_the_narrowest_group_allows(tmp_path, monkeypatch):
     assert capacity._allowed(str(tmp_path), "/a/b", "memory.max", "memory.current", "inactive_file") == [2400]
     assert capacity._allowed(str(tmp_path), "/a", "memory.max", "memory.current", "inactive_file") == []
     assert capacity.free_memory() is None or capacity.free_memory() > 0
+
+
+def test_one_bad_member_of_a_million():
+    """It is flagged and all its saves are there; the others are those of a run without it, to the bit."""
+    count, bad = 1_000_000, 654_321
+    speed = 1.0 + np.random.default_rng(3).uniform(0.0, 0.1, count)
+    ends = []
+    for fast in (1.0, 1e200):
+        speed[bad] = fast
+        scene = rm.Scene(SCENE.body, start=rm.Start(omega=(0.01, speed.copy(), 0.01)))
+        run = SCENE.run.model_dump(exclude={"turn", "members", "turn_limit", "keep"})
+        ends.append(rm.simulate(scene.with_run(**run, turn_limit=1.0), members=count, t_end=0.5, keep="final"))
+    good, one = ends
+    assert (good.status.values == 0).all() and np.array_equal(np.flatnonzero(one.status.values), [bad])
+    assert one.flagged_member.values.tolist() == [bad] and one.omega_flagged.shape == (6, 3, 1)
+    np.testing.assert_allclose(one.omega_flagged.values[0, :, 0], [0.01, 1e200, 0.01], 1e-15)  # 0: of the momentum that is kept
+    others = np.arange(count) != bad
+    for name in good.data_vars:
+        if "member" in good[name].dims:
+            assert good[name].values[..., others].tobytes() == one[name].values[..., others].tobytes(), name

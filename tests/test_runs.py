@@ -1,21 +1,26 @@
 """Run directories: whatever ends them, resumed they are what an unbroken run is; what is damaged is found."""
 
+import contextlib
+import hashlib
 import json
 import random
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc import run_results, runs
+from rigidmc import cluster, run_directory, run_results, runs
 from rigidmc.cli import app
 from rigidmc.errors import OutputExists, SceneError
-from rigidmc.storage.run_directory import RunDirectory, rendered
+from rigidmc.files import text_of
+from rigidmc.run_directory import RunDirectory, rendered
 from tests import torture
 from tests.torture import COMMAND, sums
 
@@ -53,7 +58,7 @@ def test_a_run_is_what_a_file_is(whole, tmp_path):
     for name in direct.data_vars:
         assert np.array_equal(ds[name].values, direct[name].values, equal_nan=True), name
     assert ds.attrs["scene"] == direct.attrs["scene"] and set(ds.data_vars) == set(direct.data_vars)
-    assert runs.status(whole)["done"] == 6 and run_results.verify(whole) == []
+    assert run_directory.status(whole)["done"] == 6 and run_results.verify(whole) == []
     assert "differs" not in rm.rerun(ds, 777).attrs["rerun"]
     ds.close()
 
@@ -141,7 +146,7 @@ def test_a_fault_of_every_kind(tmp_path):
 BESIDE = """
 import gc, sys, threading
 import rigidmc as rm
-from rigidmc import run_results, runs
+from rigidmc import run_directory, run_results, runs
 from rigidmc.scene_file import load
 folder, scene = sys.argv[1], load("tennis_racket").with_run(members=60000, t_end=1.0, every=0.5, save=("omega",))
 for i in range(60):
@@ -156,7 +161,7 @@ while run.is_alive():
     del dropped
     gc.collect()
 run.join()
-assert runs.status(f"{folder}/run")["members_done"] == 60000 and run_results.verify(f"{folder}/run") == []
+assert run_directory.status(f"{folder}/run")["members_done"] == 60000 and run_results.verify(f"{folder}/run") == []
 """
 
 
@@ -222,6 +227,89 @@ def test_two_writers_are_one_too_many(tmp_path):
     with directory.locked(), pytest.raises(OutputExists, match="being written"):
         runs.resume(tmp_path / "run")
     assert runs.resume(tmp_path / "run")[1]["ok"] == MEMBERS
+
+
+def test_a_cluster_makes_the_same_bytes(whole, tmp_path):
+    """Two processes here, one of them killed; and a worker that does not see the run directory."""
+    told = torture.lost(1, str(tmp_path), random.Random(8), 400_000)
+    assert told == {"workers killed": 1, "runs": 1, "runs that ended well": 1, "sha256 equal": 1}
+    texts = tuple(text_of(str(whole), name) for name in ("run.json", "scene.toml", "columns.nc"))
+    i, found, name, data = cluster.shard(str(tmp_path / "elsewhere"), texts, 5)
+    assert (i, found["ok"]) == (5, 40) and hashlib.sha256(data).hexdigest() == sums(whole)[name]
+    for where in ("here:2", "local:0", "tcp"):
+        with pytest.raises(SceneError, match="--cluster"):
+            runs.resume(started(tmp_path / where.replace("/", "")), cluster=where)
+
+
+def test_the_parts_of_a_job_array_are_one_run(whole, tmp_path):
+    parts = [tmp_path / f"part{k}" for k in range(3)]
+    for k, part in enumerate(parts):
+        started(part)
+        runs.resume(part, only=range(2 * k, 2 * k + 2))
+    assert runs.merge(tmp_path / "all", parts[:2])[1] == 4 and runs.merge(tmp_path / "all", parts)[1] == 2
+    assert sums(tmp_path / "all") == sums(whole) and run_results.verify(tmp_path / "all") == []
+    started(tmp_path / "other", seed=5)
+    with pytest.raises(SceneError, match="seed"):
+        runs.merge(tmp_path / "all", [tmp_path / "other"])
+    shard = min((parts[0] / "shards").iterdir())
+    shard.write_bytes(shard.read_bytes()[:-1])
+    with pytest.raises(SceneError, match="its sum"):
+        runs.merge(tmp_path / "new", parts)
+
+
+def test_rows_of_their_own_go_with_the_run(tmp_path):
+    some = np.random.default_rng(1)
+    start = rm.Start(omega=(some.normal(size=MEMBERS), 1.0, rm.normal(0.0, 0.1)))
+    scene = rm.Scene(rm.Body.from_moments((some.uniform(1.0, 1.2, MEMBERS), 2.0, 3.0)), start=start).with_run(
+        **SCENE.run.model_dump(exclude={"turn"})
+    )
+    directory = runs.create(scene.with_run(members=600), tmp_path / "run", SIZE)
+    runs.resume(directory)
+    runs.extend(directory.path, MEMBERS)
+    runs.resume(directory.path)
+    made, direct = rm.open(directory.path), rm.simulate(scene)
+    for name in direct.data_vars:
+        assert np.array_equal(made[name].values, direct[name].values, equal_nan=True), name
+    assert run_results.verify(directory.path) == []
+    with pytest.raises(SceneError, match="rows for 1,000"):
+        runs.extend(directory.path, MEMBERS + 1)
+    data = bytearray((tmp_path / "run" / "columns.nc").read_bytes())
+    data[len(data) // 2] ^= 1
+    (tmp_path / "run" / "columns.nc").write_bytes(data)
+    with pytest.raises(SceneError, match=r"columns\.nc"):
+        run_results.verify(directory.path)
+
+
+def test_what_is_killed_before_it_began_leaves_nothing(tmp_path):
+    with patch.object(runs, "rendered", side_effect=KeyboardInterrupt), pytest.raises(KeyboardInterrupt):
+        runs.create(SCENE, tmp_path / "run")
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "scene.toml").write_text("mine")
+    with pytest.raises(OutputExists):
+        runs.create(SCENE, tmp_path / "mine")
+    assert (tmp_path / "mine" / "scene.toml").read_text() == "mine"
+
+
+def test_no_path_leads_out_of_a_run(whole, tmp_path):
+    """Names of shards are numbers and sums; a run.json that is changed by hand has another sum, and no path in it anyway."""
+    started(tmp_path / "run")
+    outside = tmp_path / "outside.nc"
+    shutil.copy(min((whole / "shards").iterdir()), outside)
+    for name in (
+        "00000000-0-../../outside.nc",
+        "..%2Foutside.nc",
+        "00000000-0-ABCDEF0123456789.nc",
+        "99999999-0-0123456789abcdef.nc",
+        "x",
+    ):
+        with contextlib.suppress(OSError):
+            (tmp_path / "run" / "shards" / name).write_bytes(b"")
+    (tmp_path / "run" / "shards" / "00000000-0-0123456789abcdef.nc").symlink_to(outside)
+    assert RunDirectory(tmp_path / "run").done() == []
+    runs.resume(tmp_path / "run")
+    assert sums(whole).items() <= sums(tmp_path / "run").items()
+    assert outside.read_bytes() == min((whole / "shards").iterdir()).read_bytes()
 
 
 def test_commands(tmp_path):

@@ -4,6 +4,7 @@
 --faults N   a full disk, a broken one, at every open, write, fsync, rename and unlink of a run (at N of each, or all), also half-way through a
              write: exit 74 and one message, nothing visible is wrong, and resumed it is whole
 --corrupt N  flip a bit or cut a file of a whole run at a random place; `verify` has to find it, and `resume --repair` to undo it
+--lost N     kill N workers of `--cluster local:2`, one every few seconds; the run ends well, and its shards are those of two threads
 """
 
 import argparse
@@ -11,6 +12,7 @@ import hashlib
 import os
 import random
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -24,7 +26,7 @@ def sums(path):
     """{shard: sha256} of a run."""
     folder = os.path.join(path, "shards")
     found = {}
-    for name in sorted(os.listdir(folder)):
+    for name in sorted(os.listdir(folder)) if os.path.isdir(folder) else []:
         with open(os.path.join(folder, name), "rb") as file:
             found[name] = hashlib.sha256(file.read()).hexdigest()
     return found
@@ -36,13 +38,17 @@ def run(*words):
 
 def kills(count, folder, some):
     """Kill runs `count` times in all; {what: how often}."""
-    whole = os.path.join(folder, "whole")
+    whole, again = os.path.join(folder, "whole"), os.path.join(folder, "again")
+    assert run(*WORDS, whole + "/").returncode == 0  # compiles
     began = time.monotonic()
-    assert run(*WORDS, whole + "/").returncode == 0
+    assert run(*WORDS, again + "/").returncode == 0
     length, expected = time.monotonic() - began, sums(whole)
+    assert sums(again) == expected
     told = {"kills": 0, "before any shard": 0, "runs resumed to the end": 0, "sha256 equal": 0, "torn shards seen": 0}
-    while told["kills"] < count:
-        path = os.path.join(folder, f"run{told['kills']}")
+    for i in range(4 * count + 10):  # most of them are killed more than once
+        if told["kills"] == count:
+            break
+        path = os.path.join(folder, f"run{i}")
         words = [*WORDS, path + "/"]
         while told["kills"] < count:
             child = subprocess.Popen([*COMMAND, *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -54,9 +60,9 @@ def kills(count, folder, some):
                 child.wait()
             told["kills"] += 1
             is_run = os.path.isfile(os.path.join(path, "run.json"))
-            there = {name: s for name, s in sums(path).items() if name in expected} if is_run else {}
+            there = sums(path) if is_run else {}
             told["before any shard"] += not there
-            told["torn shards seen"] += sum(expected[name] != s for name, s in there.items())
+            told["torn shards seen"] += sum(expected.get(name) != s for name, s in there.items() if name.endswith(".nc"))
             if is_run:
                 words = ["resume", path]
         if os.path.isfile(os.path.join(path, "run.json")):
@@ -65,6 +71,44 @@ def kills(count, folder, some):
             told["sha256 equal"] += sums(path) == expected
         shutil.rmtree(path, ignore_errors=True)
     return told
+
+
+def lost(count, folder, some, members=2_000_000):
+    """Kill `count` workers of a cluster here, one every few seconds; {what: how often}."""
+    whole, path = os.path.join(folder, "whole"), os.path.join(folder, "run")
+    words = [*WORDS[:3], str(members), *WORDS[4:]]
+    assert run(*words, whole + "/").returncode == 0
+    told = {"workers killed": 0, "runs": 0, "runs that ended well": 0, "sha256 equal": 0}
+    while told["workers killed"] < count and told["runs"] < count:
+        child = subprocess.Popen(
+            [*COMMAND, *words, path + "/", "--cluster", "local:2"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        while child.poll() is None and not sums(path):
+            time.sleep(0.01)
+        while child.poll() is None:
+            time.sleep(0.1 if told["workers killed"] == 0 else some.uniform(1.5, 3.0))
+            workers = [pid for pid in children(child.pid) if b"spawn_main" in told_of(pid, "cmdline")]
+            if workers and child.poll() is None and told["workers killed"] < count:
+                os.kill(some.choice(workers), signal.SIGKILL)
+                told["workers killed"] += 1
+        told["runs"] += 1
+        told["runs that ended well"] += child.returncode == 0
+        told["sha256 equal"] += sums(path) == sums(whole)
+        shutil.rmtree(path)
+    return told
+
+
+def children(pid):
+    """The processes that a process started."""
+    return [int(word) for task in os.listdir(f"/proc/{pid}/task") for word in told_of(pid, f"task/{task}/children").split()]
+
+
+def told_of(pid, what):
+    try:
+        with open(f"/proc/{pid}/{what}", "rb") as file:
+            return file.read()
+    except OSError:
+        return b""
 
 
 def corrupt(count, folder, some):
@@ -184,10 +228,16 @@ def main():
     words.add_argument("--kills", type=int, default=0)
     words.add_argument("--faults", type=lambda text: 10**6 if text == "all" else int(text), default=0)
     words.add_argument("--corrupt", type=int, default=0)
+    words.add_argument("--lost", type=int, default=0)
     words.add_argument("--seed", type=int, default=1)
     given = words.parse_args()
     some = random.Random(given.seed)
-    for name, work, count in (("kills", kills, given.kills), ("faults", faults, given.faults), ("corrupt", corrupt, given.corrupt)):
+    for name, work, count in (
+        ("kills", kills, given.kills),
+        ("faults", faults, given.faults),
+        ("corrupt", corrupt, given.corrupt),
+        ("lost", lost, given.lost),
+    ):
         if count:
             began = time.monotonic()
             with tempfile.TemporaryDirectory(prefix="rigidmc-torture-") as folder:

@@ -79,13 +79,13 @@ def resume(
 
 def go_on(run, threads, accept=False, max_wall=None, shards=None, allow_code=False, cluster=None):
     """Compute what is missing of a run and say what is there; the exit code."""
-    from rigidmc import runs
+    from rigidmc import run_directory, runs
 
     directory, flagged = runs.resume(
         run, threads, progress=True, accept=accept, max_wall=seconds_of(max_wall), only=shards_of(shards), allow_code=allow_code,
         cluster=cluster,
     )  # fmt: skip
-    found = runs.status(directory.path)
+    found = run_directory.status(directory.path)
     made = sum(flagged.values())
     print(
         f"{directory.path}: {found['done']:,} of {found['shards']:,} shards, {found['members_done']:,} members; {made:,} of them made now"
@@ -102,9 +102,9 @@ def go_on(run, threads, accept=False, max_wall=None, shards=None, allow_code=Fal
 def status(run: RunArgument):
     """Say how far a run is, also while it runs."""
     with reported():
-        from rigidmc.runs import status as told
+        from rigidmc import run_directory
 
-        found = told(run)
+        found = run_directory.status(run)
     print(f"{run}: {found['done']:,} of {found['shards']:,} shards, {found['members_done']:,} of {found['members']:,} members")
     print(f"  flagged so far: {found['flagged']:,} members")
     if found["rate"]:
@@ -123,10 +123,10 @@ def verify(
 ):
     """Check a run: the sum of every shard against its name, run.json and scene, and some of them computed again."""
     with reported():
-        from rigidmc import run_results, runs
+        from rigidmc import run_directory, run_results
 
         wrong = run_results.verify(run, spot, allow_code)
-        found = runs.status(run)
+        found = run_directory.status(run)
         for line in wrong:
             print(line, file=sys.stderr)
         if wrong:
@@ -170,9 +170,9 @@ def merge(
 ):  # fmt: skip
     """Gather the shards of a job array in one run directory, which may be a new one."""
     with reported():
-        from rigidmc import runs
+        from rigidmc import run_directory, runs
 
         directory, copied = runs.merge(run, parts)
-        found = runs.status(directory.path)
+        found = run_directory.status(directory.path)
     print(f"{directory.path}: {copied:,} shards copied; {found['done']:,} of {found['shards']:,} are there")
     raise typer.Exit(OK if found["done"] == found["shards"] else INCOMPLETE)

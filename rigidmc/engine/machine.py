@@ -3,10 +3,12 @@
 import hashlib
 import logging
 import os
+import platform
 import shutil
 import stat
 import sys
 import time
+from importlib.metadata import version
 from typing import Any
 
 import llvmlite
@@ -54,6 +56,12 @@ def source_stamp():
                 with open(os.path.join(folder, name), "rb") as file:
                     digest.update(name.encode() + b"\0" + file.read())
     return digest.hexdigest()[:32]
+
+
+def this_machine():
+    """What the last bits of results may depend on: versions of what computes and writes, and the type of processor."""
+    versions = {name: version(name) for name in ("rigidmc", "numpy", "numba", "llvmlite", "netCDF4")}
+    return versions, f"{platform.machine()} {llvm.get_host_cpu_name()}, {vector_bits()} bit"
 
 
 def cache_folder():

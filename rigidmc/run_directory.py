@@ -14,16 +14,14 @@ import contextlib
 import fcntl
 import hashlib
 import json
+import math
 import os
 import platform
 import re
 import time
-from importlib.metadata import version
 from typing import Any
 
-from rigidmc.engine.machine import vector_bits
 from rigidmc.errors import OutputExists, SceneError
-from rigidmc.storage.netcdf import part_of, put_in_place
 
 FORMAT = 1
 _SHARD = re.compile(r"(\d{8})-(\d{1,12})-([0-9a-f]{16})\.nc")
@@ -39,14 +37,6 @@ _FACTS = {
     "versions": dict,
     "machine": str,
 }
-
-
-def this_machine():
-    """What the last bits of results may depend on: versions of what computes and writes, and the type of processor."""
-    import llvmlite.binding
-
-    versions = {name: version(name) for name in ("rigidmc", "numpy", "numba", "llvmlite", "netCDF4")}
-    return versions, f"{platform.machine()} {llvmlite.binding.get_host_cpu_name()}, {vector_bits()} bit"
 
 
 def hash_of(scene):
@@ -98,7 +88,8 @@ class RunDirectory:
         """{i: path} of the shards that are there."""
         folder = os.path.join(self.path, "shards")
         names = sorted(os.listdir(folder)) if os.path.isdir(folder) else []
-        found = {int(m[1]): os.path.join(folder, name) for name in names if (m := _SHARD.fullmatch(name))}
+        paths = {name: os.path.join(folder, name) for name in names}
+        found = {int(m[1]): paths[name] for name in names if (m := _SHARD.fullmatch(name)) and not os.path.islink(paths[name])}
         return {i: path for i, path in found.items() if i < self.count}
 
     def temporary(self, i):
@@ -137,7 +128,7 @@ class RunDirectory:
             for line in file:
                 with contextlib.suppress(ValueError):
                     made = json.loads(line)
-                    found += [made] if isinstance(made, dict) else []
+                    found += [made] if isinstance(made, dict) and isinstance(made.get("time"), float) else []
         return found
 
     @contextlib.contextmanager
@@ -162,16 +153,6 @@ class RunDirectory:
                 if ".part-" in name:
                     os.unlink(os.path.join(folder, name))
 
-    def differs(self):
-        """In words, what of this machine is not that of the run; bits may differ then."""
-        versions, machine = this_machine()
-        found = [
-            f"{name} {self.facts['versions'].get(name)} there, {here} here"
-            for name, here in versions.items()
-            if self.facts["versions"].get(name) != here
-        ]
-        return [*found, *([f"processor {self.facts['machine']} there, {machine} here"] if machine != self.facts["machine"] else [])]
-
 
 def rendered(facts):
     """The text of run.json, with its sum."""
@@ -191,9 +172,22 @@ def damaged(path):
     return not found or hash_of_file(path)[:16] != found[3]
 
 
-def write_text(path, text, force=False):
-    """Write a small file whole or not at all."""
-    temporary = part_of(path)
-    with open(temporary, "w", encoding="utf-8") as file:
-        file.write(text)
-    put_in_place(temporary, path, force)
+def status(path):
+    """What of a run is done, by the names of its shards alone: {"shards", "done", "members", "members_done", "flagged", "rate", "seconds_left"}.
+
+    The rate [1/s] is that since it was last begun, from the times of the shards that appeared.
+    """
+    directory = RunDirectory(path)
+    shards, members = directory.shards(), 0
+    begun = max((line["time"] for line in directory.journal() if line.get("event") == "begun"), default=math.inf)
+    new, last = 0, 0.0
+    for i, shard in shards.items():
+        made, count = os.stat(shard).st_mtime, len(directory.members(i))
+        members += count
+        new, last = (new + count, max(last, made)) if made > begun else (new, last)
+    rate = new / (last - begun) if new else None
+    left = directory.facts["members"] - members
+    return {
+        "shards": directory.count, "done": len(shards), "members": directory.facts["members"], "members_done": members,
+        "flagged": sum(directory.flagged().values()), "rate": rate, "seconds_left": left / rate if rate else None,
+    }  # fmt: skip

@@ -1,0 +1,153 @@
+"""Run directories: memory against members, what writing costs, opening and status of a thousand shards, a cluster of two processes here against
+two threads."""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+
+from bench import harness, startup
+from bench.memory import peak
+from rigidmc.capacity import free_memory
+from rigidmc.runs import create, planned
+from rigidmc.scene_file import load
+from rigidmc.shards import compute_shards
+from rigidmc.simulation import compile_kernel, compute
+from rigidmc.sinks import buffer
+
+STUDY = ["run", "dzhanibekov", "--t-end", "12", "--save", "omega,attitude", "--keep", "final"]
+MEMBERS = (2_000_000, 5_000_000, 20_000_000)
+
+OPEN = """
+import sys, time
+import rigidmc as rm
+from rigidmc import run_directory, run_results
+import dask.array, xarray
+began = time.perf_counter()
+rm.open(sys.argv[1])
+opened = time.perf_counter()
+run_directory.status(sys.argv[1])
+print(opened - began, time.perf_counter() - opened)
+"""
+
+
+class Nothing:
+    """A sink that keeps nothing: what is left is computing."""
+
+    def __init__(self, scene, plan):
+        self.scene, self.plan = scene, plan
+
+    def room(self, low, count):
+        return buffer(self.scene, self.plan, count)
+
+    def take(self, job, results):
+        pass
+
+
+def share(folder, members, rounds):
+    """Rows of seconds with and without writing, interleaved."""
+    scene = load("dzhanibekov").with_run(members=members, t_end=12.0, save=("omega", "attitude"), keep="final")
+    rows, threads = [], len(os.sched_getaffinity(0))
+    for i in range(rounds):
+        directory = create(scene, os.path.join(folder, f"share{i}"))
+        parts = planned(directory, threads=threads)
+        compile_kernel(*parts[:2])
+        began = time.perf_counter()
+        compute(*parts[:2], threads, Nothing(*parts[3:]), False, parts[2])
+        without = time.perf_counter() - began
+        with directory.locked():
+            began = time.perf_counter()
+            compute_shards(directory, parts, range(directory.count), threads)
+            seconds = time.perf_counter() - began
+        rows.append({"kind": "share", "members": members, "steps": parts[1].steps, "without": without, "with": seconds})
+        subprocess.run(["rm", "-r", directory.path], check=True)
+    return rows
+
+
+def thousand(folder, shards):
+    """Seconds of rm.open and of status, of a run of so many shards."""
+    path = os.path.join(folder, "many")
+    words = ["run", "dzhanibekov", "--members", str(4096 * shards), "--t-end", "0.1", "--shard-size", "0.5", "--save", "omega"]
+    subprocess.run([*startup.command(), *words, "-o", path + "/"], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    taken = []
+    for _ in range(3):
+        done = subprocess.run([sys.executable, "-c", OPEN, path], check=True, capture_output=True, text=True)
+        taken.append([float(word) for word in done.stdout.split()])
+    began = time.perf_counter()
+    subprocess.run([*startup.command(), "status", path], check=True, stdout=subprocess.DEVNULL)
+    return (
+        len(os.listdir(os.path.join(path, "shards"))),
+        *map(harness.median, zip(*taken, strict=True)),
+        time.perf_counter() - began,
+    )
+
+
+def cluster(folder, members, t_end, rounds):
+    """Rows of seconds of the same run with two threads and on two processes; start-up of the cluster included."""
+    words = ["run", "dzhanibekov", "--members", str(members), "--t-end", str(t_end), "--save", "omega", "--keep", "final"]
+    rows = []
+    for i in range(rounds):
+        row: dict = {"kind": "cluster", "members": members, "t_end": t_end}
+        for name, how in (("threads", ["--threads", "2"]), ("cluster", ["--cluster", "local:2"])):
+            path = os.path.join(folder, f"{name}{i}")
+            subprocess.run(
+                [*startup.command(), *words, *how, "-o", path + "/"],
+                check=True,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )
+            with open(os.path.join(path, "journal.jsonl")) as file:
+                row[name] = [json.loads(line) for line in file][-1]["seconds"]
+            row[f"{name}_shards"] = sorted(os.listdir(os.path.join(path, "shards")))
+            subprocess.run(["rm", "-r", path], check=True)
+        row["equal"] = row.pop("threads_shards") == row.pop("cluster_shards")
+        rows.append(row)
+    return rows
+
+
+def run(quick):
+    """All rows of the bench."""
+    sizes = (100_000, 200_000) if quick else MEMBERS
+    rows: list[dict] = []
+    with tempfile.TemporaryDirectory(prefix="rigidmc-bench-") as folder:
+        for members in (sizes[0], *sizes):  # the first compiles
+            path = os.path.join(folder, f"m{members}-{len(rows)}")
+            began = time.perf_counter()
+            memory = peak([*startup.command(), *STUDY, "--members", str(members), "-o", path + "/"], folder)
+            taken = time.perf_counter() - began
+            size = sum(os.path.getsize(os.path.join(path, "shards", name)) for name in os.listdir(os.path.join(path, "shards")))
+            rows.append({"kind": "peak", "members": members, "gigabytes": memory, "seconds": taken, "bytes": size})
+            subprocess.run(["rm", "-r", path], check=True)
+        peaks = [row["gigabytes"] for row in rows[1:]]
+        rows.append(harness.target(f"peak memory, {sizes[-1]:,} members to a run directory", 1.5, peaks[-1], "GB", at_most=True))
+        rows.append(harness.target(f"{sizes[-1]:,} members against {sizes[0]:,}", 1.05, peaks[-1] / peaks[0], "x", at_most=True))
+        rows += share(folder, sizes[0], 1 if quick else 5)
+        ratios = [row["with"] / row["without"] - 1.0 for row in rows if row["kind"] == "share"]
+        note = f"{len(ratios)} rounds, {min(ratios):.3f} to {max(ratios):.3f}"
+        rows.append(harness.target("what writing adds to a run", 0.10, harness.median(ratios), "", at_most=True, note=note))
+        count, opened, told, command = thousand(folder, 20 if quick else 1000)
+        rows.append(harness.target(f"rm.open of {count:,} shards", 2.0, opened, "s", at_most=True))
+        rows.append(
+            harness.target(f"status of {count:,} shards", 0.5, told, "s", at_most=True, note=f"`rigidmc status` {command:.2f} s")
+        )
+        rows += cluster(folder, sizes[0], 2.0 if quick else 100.0, 1 if quick else 2)
+        found = [row for row in rows if row["kind"] == "cluster"]
+        assert all(row["equal"] for row in found)
+        ratio = harness.median([row["threads"] / row["cluster"] for row in found])
+        note = f"{found[0]['threads']:.0f} s with threads"
+        rows.append(harness.target("two processes of a cluster here against two threads", 0.9, ratio, "x", note=note))
+    rows.append({"kind": "machine", "free_memory": free_memory()})
+    return rows
+
+
+def report(rows):
+    """Print what was measured."""
+    for row in rows:
+        if row["kind"] == "peak":
+            speed = row["members"] / row["seconds"]
+            print(
+                f"  {row['members']:12,d} members  {row['gigabytes']:.3f} GB  {row['seconds']:6.1f} s  {speed:9,.0f} members/s  {row['bytes'] / 1e9:.2f} GB written"
+            )
+    harness.report_targets(rows)

@@ -1,0 +1,147 @@
+"""Whatever a scene file, a run or a result holds: one message and its exit code, never a traceback; and nothing of it is ever executed.
+
+300 scenes, 100 files of either kind; a hundred times as many with  HYPOTHESIS_PROFILE=nightly pytest tests/test_bad_input.py
+"""
+
+import ast
+import pathlib
+import stat
+import tomllib
+
+import pytest
+import tomli_w
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+import rigidmc
+from rigidmc import runs
+from rigidmc.cli import app
+from rigidmc.engine.machine import cache_folder
+from rigidmc.scene_file import read_source, shipped
+from tests.test_runs import SCENE
+
+PACKAGE = pathlib.Path(rigidmc.__file__).parent
+NEVER = {
+    "eval",
+    "exec",
+    "compile",
+    "pickle",
+    "cPickle",
+    "marshal",
+    "shelve",
+    "dill",
+    "cloudpickle",
+    "joblib",
+    "yaml",
+    "exec_module",
+    "__import__",
+}
+SCENES = [tomllib.loads(read_source(name)) for name in shipped()]
+ODD = st.one_of(
+    st.none().map(lambda _: {}), st.booleans(), st.integers(-3, 3), st.sampled_from([10**12, 10**400, -(2**63), 2**63]),
+    st.floats(), st.text(max_size=8), st.lists(st.one_of(st.floats(), st.text(max_size=3), st.integers()), max_size=5),
+    st.dictionaries(st.sampled_from(["normal", "uniform", "grid", "stored", "table", "cone", "sphere", "gamma", "x"]),
+                    st.one_of(st.floats(), st.lists(st.floats(), max_size=4), st.text(max_size=3)), max_size=2),
+)  # fmt: skip
+
+
+def places(data, path=()):
+    """All keys of a scene, tables included."""
+    for key, value in data.items():
+        yield (*path, key)
+        if isinstance(value, dict):
+            yield from places(value, (*path, key))
+
+
+@st.composite
+def broken(draw):
+    """A shipped scene with one to three of its values replaced, taken away, or put under another name."""
+    data = tomllib.loads(tomli_w.dumps(draw(st.sampled_from(SCENES))))
+    for _ in range(draw(st.integers(1, 3))):
+        *path, key = draw(st.sampled_from(list(places(data))))
+        table = data
+        for word in path:
+            table = table[word]
+        what = draw(st.sampled_from(("value", "value", "value", "gone", "renamed")))
+        old = table.pop(key)
+        if what == "value":
+            table[key] = draw(ODD)
+        elif what == "renamed":
+            table[key[:-1] + draw(st.sampled_from("xs_")) if isinstance(key, str) else "x"] = old
+        if not list(places(data)):
+            break
+    return data
+
+
+def told(*words):
+    """The exit code of a command; fails where it is a traceback, or more than one message."""
+    made = CliRunner().invoke(app, [str(word) for word in words])
+    assert made.exception is None or isinstance(made.exception, SystemExit), (words, made.exception)
+    messages = made.stderr.count("rigidmc: ") - made.stderr.count("rigidmc: note")
+    assert made.exit_code in (0, 5) or messages == 1, made.stderr
+    return made.exit_code
+
+
+@settings(max_examples=3 * settings.default.max_examples, deadline=None, suppress_health_check=list(HealthCheck))
+@given(broken())
+def test_a_bad_scene_is_one_message(tmp_path_factory, data):
+    file = tmp_path_factory.getbasetemp() / "bad.toml"
+    file.write_text(tomli_w.dumps(data), encoding="utf-8", errors="replace")
+    assert told("check", file) in (0, 3)
+
+
+@settings(deadline=None, suppress_health_check=list(HealthCheck))
+@given(st.sampled_from(shipped()), st.floats(0.0, 1.0), st.binary(max_size=4))
+def test_a_torn_scene_is_one_message(tmp_path_factory, name, at, more):
+    file = tmp_path_factory.getbasetemp() / "torn.toml"
+    data = read_source(name).encode()
+    cut = int(at * len(data))
+    file.write_bytes(data[:cut] + more + data[cut + len(more) + 1 :])
+    assert told("check", file) in (0, 3)
+
+
+@pytest.fixture(scope="module")
+def directory(tmp_path_factory):
+    return pathlib.Path(runs.create(SCENE, tmp_path_factory.mktemp("bad") / "run", 40_000).path)
+
+
+@settings(deadline=None, suppress_health_check=list(HealthCheck))
+@given(
+    st.sampled_from(("run.json", "scene.toml", "journal.jsonl")),
+    st.floats(0.0, 1.0),
+    st.binary(max_size=6),
+    st.sampled_from(("status", "verify")),
+)
+def test_a_torn_run_is_one_message(directory, name, at, more, command):
+    file = directory / name
+    before = file.read_bytes() if file.exists() else b'{"event": "begun", "time": 1}\n'
+    cut = int(at * len(before))
+    try:
+        file.write_bytes(before[:cut] + more + before[cut + len(more) + 1 :])
+        assert told(command, directory) in (3, 5)
+    finally:
+        file.write_bytes(before)
+
+
+def test_nothing_is_executed_but_what_was_allowed():
+    """No pickle, eval, exec or yaml in the package's syntax trees; one place runs a user's file, with --allow-code."""
+    found = []
+    for path in PACKAGE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            names = (
+                {getattr(node, "id", None), getattr(node, "attr", None)} if isinstance(node, (ast.Name, ast.Attribute)) else set()
+            )
+            if isinstance(node, (ast.Import, ast.ImportFrom)):
+                names = {word for alias in node.names for word in alias.name.split(".")} | set(
+                    (getattr(node, "module", None) or "").split(".")
+                )
+            names -= {"compile"} if isinstance(node, ast.Attribute) else set()  # of regular expressions and kernels
+            if names & NEVER:
+                found.append((path.relative_to(PACKAGE).as_posix(), *(names & NEVER)))
+    assert found == [("effects/own.py", "exec_module")]
+
+
+def test_kernels_are_cached_where_only_the_user_may_write():
+    mode = stat.S_IMODE(pathlib.Path(cache_folder()).stat().st_mode)
+    assert mode & 0o022 == 0
