@@ -11,9 +11,9 @@ import time
 from bench import harness, startup
 from bench.memory import peak
 from rigidmc.capacity import free_memory
-from rigidmc.runs import create, planned
+from rigidmc.runs import create
 from rigidmc.scene_file import load
-from rigidmc.shards import compute_shards
+from rigidmc.shards import compute_shards, planned
 from rigidmc.simulation import compile_kernel, compute
 from rigidmc.sinks import buffer
 
@@ -87,6 +87,7 @@ def thousand(folder, shards):
 def cluster(folder, members, t_end, rounds):
     """Rows of seconds of the same run with two threads and on two processes; start-up of the cluster included."""
     words = ["run", "dzhanibekov", "--members", str(members), "--t-end", str(t_end), "--save", "omega", "--keep", "final"]
+    words += ["--shard-size", "4"]  # many for each worker, so that none waits long for the last
     rows = []
     for i in range(rounds):
         row: dict = {"kind": "cluster", "members": members, "t_end": t_end}
@@ -123,7 +124,7 @@ def run(quick):
         peaks = [row["gigabytes"] for row in rows[1:]]
         rows.append(harness.target(f"peak memory, {sizes[-1]:,} members to a run directory", 1.5, peaks[-1], "GB", at_most=True))
         rows.append(harness.target(f"{sizes[-1]:,} members against {sizes[0]:,}", 1.05, peaks[-1] / peaks[0], "x", at_most=True))
-        rows += share(folder, sizes[0], 1 if quick else 5)
+        rows += share(folder, sizes[1], 1 if quick else 5)
         ratios = [row["with"] / row["without"] - 1.0 for row in rows if row["kind"] == "share"]
         note = f"{len(ratios)} rounds, {min(ratios):.3f} to {max(ratios):.3f}"
         rows.append(harness.target("what writing adds to a run", 0.10, harness.median(ratios), "", at_most=True, note=note))
@@ -132,7 +133,7 @@ def run(quick):
         rows.append(
             harness.target(f"status of {count:,} shards", 0.5, told, "s", at_most=True, note=f"`rigidmc status` {command:.2f} s")
         )
-        rows += cluster(folder, sizes[0], 2.0 if quick else 100.0, 1 if quick else 2)
+        rows += cluster(folder, sizes[0], 2.0 if quick else 300.0, 1)
         found = [row for row in rows if row["kind"] == "cluster"]
         assert all(row["equal"] for row in found)
         ratio = harness.median([row["threads"] / row["cluster"] for row in found])

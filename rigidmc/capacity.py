@@ -10,16 +10,27 @@ from rigidmc.observables import rows_of
 from rigidmc.storage.schema import bytes_of_a_member
 
 BASE = 0.25e9  # interpreter, libraries and kernels [bytes]
-WAITING = 4  # blocks on their way to the disk; more make those that compute wait: memory does not grow where disks are slow
+WAITING = (
+    128 * 2**20
+)  # bytes of blocks on their way to the disk; more make those that compute wait: memory does not grow where disks are slow
 
 
 def sizes(scene, plan, threads):
     """Bytes that a run needs: (of memory with its result there, of memory with its result in files, of a file of it)."""
     _, each = bytes_of_a_member(scene, plan)
-    rows = layout.EFFECTS + 20 + plan.watch.rows
-    saves = plan.times.size * rows_of(scene.effects, *scene.recorded())
-    scratch = 8 * plan.block * ((threads + 2) * (rows + saves) + WAITING * saves)
+    block = _bytes_of_a_block(scene, plan)
+    scratch = block * (threads + 2 + waiting(scene, plan))
     return int(BASE + scratch + each * plan.members), int(BASE + scratch), int((each + 8) * plan.members + 20_000)
+
+
+def waiting(scene, plan):
+    """How many blocks may be on their way to the disk."""
+    return min(64, max(4, WAITING // _bytes_of_a_block(scene, plan)))
+
+
+def _bytes_of_a_block(scene, plan):
+    saves = plan.times.size * rows_of(scene.effects, *scene.recorded())
+    return 8 * plan.block * (layout.EFFECTS + 20 + plan.watch.rows + saves)
 
 
 def refuse_hopeless(scene, plan, threads, path=None):

@@ -18,6 +18,13 @@ from rigidmc.shards import compute_shards, planned, refuse_others
 AHEAD = 2  # tasks that wait for each thread of the workers: the scheduler holds few, however many shards there are
 LOST = 20  # times that a shard is begun anew because its worker was lost
 
+SETTINGS = {  # of a cluster here
+    "distributed.scheduler.allowed-failures": LOST,  # dask gives up at the third, as if the task were to blame
+    "distributed.worker.profile.enabled": False,  # looks at the stack 100 times a second, holding what Python threads wait for
+    "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": 2
+    ** 30,  # 2^16 there: memory of each block would be given back and asked for anew
+}
+
 
 def compute_on(cluster, directory, which, progress=False, stop=None, allow_code=False, accept=False):
     """Compute some shards of a run whose lock this process holds, none begun after `stop`; {status: members}.
@@ -36,8 +43,7 @@ def compute_on(cluster, directory, which, progress=False, stop=None, allow_code=
         raise SceneError("", "--cluster", cluster, "expected tcp://host:port of a scheduler, or local:N for N processes here")
     texts = tuple(text_of(directory.path, name) for name in ("run.json", "scene.toml", "columns.nc"))
     flagged = dict.fromkeys(STATUSES, 0)
-    # a shard is begun anew whenever its worker is lost; dask gives up at the third, as if the task were to blame
-    with dask.config.set({"distributed.scheduler.allowed-failures": LOST, "distributed.worker.daemon": True}):
+    with dask.config.set(SETTINGS):
         try:
             here = (
                 LocalCluster(n_workers=int(rest), threads_per_worker=1, memory_limit=0, dashboard_address=None)

@@ -9,14 +9,14 @@ import time
 
 import numpy as np
 
-from rigidmc.capacity import WAITING
+from rigidmc.capacity import waiting
 from rigidmc.engine.machine import this_machine
 from rigidmc.errors import SceneError
 from rigidmc.run_directory import hash_of, hash_of_file
 from rigidmc.scene_file import loads
 from rigidmc.simulation import compute, settled
-from rigidmc.sinks import File, buffer
-from rigidmc.storage.netcdf import read
+from rigidmc.sinks import Memory, buffer
+from rigidmc.storage.netcdf import Writer, read
 
 
 def scene_in(folder, facts, allow_code):
@@ -102,8 +102,8 @@ class Shards:
 
     def __init__(self, directory, scene, plan):
         self.directory, self.scene, self.plan = directory, scene, plan
-        self._queue: queue.Queue = queue.Queue(WAITING)
-        self._open: dict[int, _Part] = {}
+        self._queue: queue.Queue = queue.Queue(waiting(scene, plan))
+        self._open: dict[int, tuple] = {}  # shard -> (what of it is there, [how many members])
         self._error: BaseException | None = None
         self._dropped = False
         self._thread = threading.Thread(target=self._work, name="rigidmc-writer", daemon=True)
@@ -135,8 +135,7 @@ class Shards:
             with contextlib.suppress(queue.Full):
                 self._queue.put_nowait(None)
             self._thread.join(0.05)
-        for part in self._open.values():
-            part.file.discard()
+        self._open.clear()
 
     def _work(self):
         try:
@@ -147,29 +146,28 @@ class Shards:
 
     def _write(self, job, results):
         facts = self.directory.facts
-        i, at = divmod(job.first - facts["first"], facts["shard"])
+        i = (job.first - facts["first"]) // facts["shard"]
         members = self.directory.members(i)
         if i not in self._open:
-            self._open[i] = _Part(self.directory, i, self.scene, self.plan)
-        part = self._open[i]
-        part.early[at] = job, results
-        while part.following in part.early:  # in order: the bytes of a file depend on that of its chunks
-            job, results = part.early.pop(part.following)
-            part.file.take(job, results)
-            part.flagged += int(np.count_nonzero(results["status"][: job.size]))
-            part.following += job.size
-        if part.following == len(members):
-            part.file.close()
+            part = self.plan._replace(first=members.start, members=len(members), block=facts["block"])
+            self._open[i] = Memory(self.scene, part, {}, False), [0]
+        part, done = self._open[i]
+        part.take(job, results)
+        done[0] += job.size
+        if done[0] == len(members):
             del self._open[i]
+            self._write_shard(i, part)
 
-
-class _Part:
-    """A shard that is not whole: its file, how many of its members are there, how many of them flagged, and blocks that came before their turn."""
-
-    def __init__(self, directory, i, scene, plan):
-        members = directory.members(i)
-        part = plan._replace(first=members.start, members=len(members), block=directory.facts["block"])
-        self.following, self.flagged, self.early = 0, 0, dict[int, tuple]()
-        self.file = File(
-            directory.temporary(i), scene, part, force=True, attrs={}, named=lambda file: directory.named(i, self.flagged, file)
-        )
+    def _write_shard(self, i, part):
+        """All at once and in one order: no byte depends on which block came first, and it takes half the time."""
+        values, bad = part.values(), int(np.count_nonzero(part.arrays["status"]))
+        path, named = self.directory.temporary(i), lambda file: self.directory.named(i, bad, file)
+        writer = Writer(path, self.scene, part.plan, force=True, attrs={}, named=named)
+        try:
+            by_member = [name for name, v in writer.variables.items() if "member" in v.dims]
+            writer.write(part.plan.first, part.plan.members, {name: values[name] for name in by_member})
+            writer.write_all({name: v for name, v in values.items() if name not in by_member})
+            writer.finish()
+        except BaseException:
+            writer.discard()
+            raise

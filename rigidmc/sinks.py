@@ -55,13 +55,14 @@ class Counts:
 class Memory:
     """Collects blocks in one Dataset; the kernel writes saved values straight to their place, where all of them are kept."""
 
-    def __init__(self, scene, plan, more):
+    def __init__(self, scene, plan, more, direct=True):
+        """direct : whether blocks may write there themselves"""
         self.scene, self.plan, self.more = scene, plan, more
         self.counts, self.flagged = Counts(scene), list[dict[str, np.ndarray]]()
-        self.values = rows_of(scene.effects, *scene.recorded())
-        self.direct = scene.recorded() == scene.saved() and set(scene.kept().values()) <= {"full"}
+        self.rows = rows_of(scene.effects, *scene.recorded())
+        self.direct = direct and scene.recorded() == scene.saved() and set(scene.kept().values()) <= {"full"}
         self.width = whole_lanes(plan.members)
-        self.out = np.empty(plan.times.size * self.values * self.width if self.direct else 0)
+        self.out = np.empty(plan.times.size * self.rows * self.width if self.direct else 0)
         self.variables = member_variables(scene, plan.carried)
         kept = {} if self.direct else saved_variables(scene)
         self.arrays = {
@@ -72,14 +73,14 @@ class Memory:
 
     def room(self, low, count):
         if self.direct:
-            return self.out, self.width if self.values else 0, low
+            return self.out, self.width if self.rows else 0, low
         return buffer(self.scene, self.plan, count)
 
     def take(self, job, results):
         low = job.first - self.plan.first
         part = slice(low, low + job.size)
         if self.counts.of or not self.direct:
-            values = job.out.reshape(self.plan.times.size, self.values, -1)[..., job.column : job.column + job.size]
+            values = job.out.reshape(self.plan.times.size, self.rows, -1)[..., job.column : job.column + job.size]
             parts = _split(self.scene, values, self.scene.recorded())
             self.counts.add(job, parts, results["status"])
             self.flagged.append(flagged_values(self.scene, job.first, parts, results["status"][: job.size]))
@@ -92,12 +93,17 @@ class Memory:
             elif name not in self.plan.constant:
                 self.arrays[name][..., part] = results[name][..., : job.size]
 
-    def finish(self):
-        saved = {**saved_variables(self.scene), **ensemble_variables(self.scene), **flagged_variables(self.scene)}
+    def values(self):
+        """{variable: array} of the result."""
         arrays = {**self.arrays, **self.counts.variables(), **joined(self.flagged)}
         if self.direct:
-            values = self.out.reshape(self.plan.times.size, self.values, self.width)[..., : self.plan.members]
+            values = self.out.reshape(self.plan.times.size, self.rows, self.width)[..., : self.plan.members]
             arrays |= _split(self.scene, values, self.scene.saved())
+        return arrays
+
+    def finish(self):
+        arrays = self.values()
+        saved = {**saved_variables(self.scene), **ensemble_variables(self.scene), **flagged_variables(self.scene)}
         variables = {name: (v.dims, arrays[name], v.attrs) for name, v in {**self.variables, **saved}.items()}
         return xr.Dataset(variables, coordinates(self.plan), {**attributes(self.scene, self.plan), **self.more})
 
@@ -116,7 +122,7 @@ class File:
 
     def __init__(self, path, scene, plan, force, more=None, attrs=None, named=None):
         self.scene, self.plan, self.path = scene, plan, path
-        self.counts, self.values = Counts(scene), rows_of(scene.effects, *scene.recorded())
+        self.counts, self.rows = Counts(scene), rows_of(scene.effects, *scene.recorded())
         self.names, self.flagged = set(member_variables(scene, plan.carried)), list[dict[str, np.ndarray]]()
         self.writer = Writer(path, scene, plan, force, more, attrs, named)
 
@@ -125,8 +131,8 @@ class File:
 
     def take(self, job, results):
         values = {k: v for k, v in results.items() if k in self.names}
-        if self.values:
-            parts = _split(self.scene, job.out.reshape(self.plan.times.size, self.values, job.width), self.scene.recorded())
+        if self.rows:
+            parts = _split(self.scene, job.out.reshape(self.plan.times.size, self.rows, job.width), self.scene.recorded())
             self.counts.add(job, parts, results["status"])
             self.flagged.append(flagged_values(self.scene, job.first, parts, results["status"][: job.size]))
             values |= kept_values(self.scene, self.plan, parts)
