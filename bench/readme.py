@@ -101,6 +101,19 @@ def throughput(rows, machine):
     return f"{table(('', 'free', 'with gravity'), lines)}\n\n{words}; {_machine(machine)}."
 
 
+def runs(rows, machine):
+    """Memory and time of runs to a directory."""
+    lines = [
+        (f"{r['members']:,}", f"{r['gigabytes']:.2f}", f"{r['seconds']:.0f}", f"{r['bytes'] / 1e9:.2f}")
+        for r in [r for r in rows if r["kind"] == "peak"][1:]  # the first compiles
+    ]
+    found = {r["what"]: r["measured"] for r in rows if r["kind"] == "target"}
+    share, ratio = (next(v for k, v in found.items() if word in k) for word in ("writing adds", "cluster here"))
+    words = f"Free tops with attitude over 1,200 steps, final state to a run directory; writing adds {100 * share:.0f} % to the time of this short run"
+    words += f"; two processes of a cluster here do {ratio:.2f} of the work of two threads, its start included"
+    return f"{table(('members', 'GB of memory', 'seconds', 'GB written'), lines)}\n\n{words}; {_machine(machine)}."
+
+
 def maps(rows, machine):
     """What maps and large studies take."""
     lines = [
@@ -140,7 +153,7 @@ def _count(number):
     return f"{number:.2g}"
 
 
-DRAWN = {"accuracy": accuracy, "peers": peers, "throughput": throughput, "maps": maps}
+DRAWN = {"accuracy": accuracy, "peers": peers, "throughput": throughput, "maps": maps, "runs": runs}
 
 if __name__ == "__main__":
     main()

@@ -64,7 +64,7 @@ def free_memory():
         for line in file:
             _, kinds, path = line.rstrip("\n").split(":", 2)
             if kinds == "":
-                found += _allowed("/sys/fs/cgroup", path, "memory.max", "memory.current", "inactive_file")
+                found += _allowed("/sys/fs/cgroup", path, "memory.max", "memory.current", ("inactive_file", "active_file"))
             elif "memory" in kinds.split(","):
                 found += _allowed(
                     "/sys/fs/cgroup/memory", path, "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"
@@ -80,7 +80,7 @@ def _allowed(root, path, limit, used, cached):
         with contextlib.suppress(OSError, ValueError):
             most, now = (int(_text(os.path.join(folder, name))) for name in (limit, used))  # "max" is no number: no limit
             stat = dict(line.split() for line in _text(os.path.join(folder, "memory.stat")).splitlines())
-            found.append(max(0, most - now + int(stat.get(cached, 0))))
+            found.append(max(0, most - now + sum(int(stat.get(name, 0)) for name in cached)))
         if not path.strip("/"):
             return found
         path = os.path.dirname(path.rstrip("/"))

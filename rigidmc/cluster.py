@@ -4,6 +4,7 @@ Where workers see the run directory they write its shards there themselves; else
 that is lost loses the shard that it was computing, which another then computes; what was written stays.
 """
 
+import contextlib
 import os
 import tempfile
 import time
@@ -21,8 +22,8 @@ LOST = 20  # times that a shard is begun anew because its worker was lost
 SETTINGS = {  # of a cluster here
     "distributed.scheduler.allowed-failures": LOST,  # dask gives up at the third, as if the task were to blame
     "distributed.worker.profile.enabled": False,  # looks at the stack 100 times a second, holding what Python threads wait for
-    "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": 2
-    ** 30,  # 2^16 there: memory of each block would be given back and asked for anew
+    # 2^16 there: the memory of each block would be given back and asked for anew
+    "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": 2**30,
 }
 
 
@@ -43,50 +44,50 @@ def compute_on(cluster, directory, which, progress=False, stop=None, allow_code=
         raise SceneError("", "--cluster", cluster, "expected tcp://host:port of a scheduler, or local:N for N processes here")
     texts = tuple(text_of(directory.path, name) for name in ("run.json", "scene.toml", "columns.nc"))
     flagged = dict.fromkeys(STATUSES, 0)
-    with dask.config.set(SETTINGS):
+    with dask.config.set(SETTINGS), contextlib.ExitStack() as held:
         try:
-            here = (
-                LocalCluster(n_workers=int(rest), threads_per_worker=1, memory_limit=0, dashboard_address=None)
-                if kind == "local"
-                else cluster
-            )
-            client = Client(here, timeout=10)
+            here = cluster
+            if kind == "local":
+                size = {"n_workers": int(rest), "threads_per_worker": 1, "memory_limit": 0}
+                held.callback(directory.clear)  # at the end: what workers left that were lost
+                here = held.enter_context(LocalCluster(**size, dashboard_address=None))
+            client = held.enter_context(Client(here, timeout=10))
         except (OSError, ValueError, RuntimeError) as error:  # RuntimeError of a process here that ended before it began
             raise SceneError("", "--cluster", cluster, f"does not answer: {error}") from None
-        with client, reporter(progress, sum(len(directory.members(i)) for i in which), 1) as report:
-            texts_there = client.scatter(texts, broadcast=True, hash=True) if which else None
-            waiting = iter(which)
+        report = held.enter_context(reporter(progress, sum(len(directory.members(i)) for i in which), 1))
+        there = client.scatter(texts, broadcast=True, hash=True)
+        began, made, waiting = time.monotonic(), 0, iter(which)
+        running = sum(client.nthreads().values()) or 1
 
-            def submit():
-                i = next(waiting, None) if stop is None or time.monotonic() < stop else None
-                if i is None:
-                    return []
-                key = f"rigidmc-{directory.facts['scene'][:16]}-{i}"
-                return [client.submit(shard, os.path.abspath(directory.path), texts_there, i, allow_code, accept, key=key)]
+        def submit():
+            took = (time.monotonic() - began) * running / made if made else 0.0
+            late = stop is not None and time.monotonic() + AHEAD * took > stop
+            if late or (i := next(waiting, None)) is None:
+                return []
+            key = f"rigidmc-{directory.facts['scene'][:16]}-{i}"
+            return [client.submit(shard, os.path.abspath(directory.path), there, i, allow_code, accept, key=key)]
 
-            running = sum(client.nthreads().values()) or 1
-            futures = as_completed([future for _ in range(AHEAD * running) for future in submit()])
-            for future in futures:
-                if future.status == "error" and isinstance(future.exception(), KilledWorker):
-                    future.retry()
-                    futures.add(future)
-                    continue
-                i, found, name, data = future.result()
-                if data is not None:
-                    final = os.path.join(directory.path, "shards", name)
-                    with open(part_of(final), "wb") as file:
-                        file.write(data)
-                    put_in_place(part_of(final), final, True)
-                for word, count in found.items():
-                    flagged[word] += count
-                future.release()
-                report.step(len(directory.members(i)))
-                report.poll()
-                for more in submit():
-                    futures.add(more)
-        if kind == "local":
-            here.close()
-            directory.clear()  # what workers left that were lost
+        futures, lost = as_completed([future for _ in range(AHEAD * running) for future in submit()]), 0
+        for future in futures:
+            if future.status == "error" and isinstance(future.exception(), KilledWorker) and lost < LOST:
+                lost += 1
+                future.retry()
+                futures.add(future)
+                continue
+            i, found, name, data = future.result()
+            if data is not None:
+                final = os.path.join(directory.path, "shards", name)
+                with open(part_of(final), "wb") as file:
+                    file.write(data)
+                put_in_place(part_of(final), final, True)
+            for word, count in found.items():
+                flagged[word] += count
+            future.release()
+            made += 1
+            report.step(len(directory.members(i)))
+            report.poll()
+            for more in submit():
+                futures.add(more)
     return flagged
 
 

@@ -121,11 +121,15 @@ def test_free_memory_is_what_the_narrowest_group_allows(tmp_path, monkeypatch):
     group = tmp_path / "a" / "b"
     group.mkdir(parents=True)
     for folder, limit in ((tmp_path, None), (tmp_path / "a", "max"), (group, "5000")):
-        for name, text in (("memory.max", limit), ("memory.current", "3000"), ("memory.stat", "anon 1\ninactive_file 400\n")):
+        for name, text in (
+            ("memory.max", limit),
+            ("memory.current", "3000"),
+            ("memory.stat", "anon 1\ninactive_file 300\nactive_file 100\n"),
+        ):
             if text is not None:
                 (folder / name).write_text(text)
-    assert capacity._allowed(str(tmp_path), "/a/b", "memory.max", "memory.current", "inactive_file") == [2400]
-    assert capacity._allowed(str(tmp_path), "/a", "memory.max", "memory.current", "inactive_file") == []
+    assert capacity._allowed(str(tmp_path), "/a/b", "memory.max", "memory.current", ("inactive_file", "active_file")) == [2400]
+    assert capacity._allowed(str(tmp_path), "/a", "memory.max", "memory.current", ("inactive_file", "active_file")) == []
     assert capacity.free_memory() is None or capacity.free_memory() > 0
 
 

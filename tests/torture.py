@@ -36,12 +36,13 @@ def run(*words):
     return subprocess.run([*COMMAND, *words], capture_output=True, text=True)
 
 
-def kills(count, folder, some):
+def kills(count, folder, some, members=400_000, size=4):
     """Kill runs `count` times in all; {what: how often}."""
     whole, again = os.path.join(folder, "whole"), os.path.join(folder, "again")
-    assert run(*WORDS, whole + "/").returncode == 0  # compiles
+    command = [*WORDS[:3], str(members), *WORDS[4:-2], str(size), WORDS[-1]]
+    assert run(*command, whole + "/").returncode == 0  # compiles
     began = time.monotonic()
-    assert run(*WORDS, again + "/").returncode == 0
+    assert run(*command, again + "/").returncode == 0
     length, expected = time.monotonic() - began, sums(whole)
     assert sums(again) == expected
     told = {"kills": 0, "before any shard": 0, "runs resumed to the end": 0, "sha256 equal": 0, "torn shards seen": 0}
@@ -49,7 +50,7 @@ def kills(count, folder, some):
         if told["kills"] == count:
             break
         path = os.path.join(folder, f"run{i}")
-        words = [*WORDS, path + "/"]
+        words = [*command, path + "/"]
         while told["kills"] < count:
             child = subprocess.Popen([*COMMAND, *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
             try:
