@@ -52,7 +52,7 @@ class Rigid:
         if "momentum" in ds:
             return ds.momentum
         if "omega" not in ds:
-            raise ValueError("neither momentum nor omega was saved")
+            raise ValueError('neither momentum nor omega was saved at all times: run with save=("omega",) and keep="full"')
         return (
             (ds.omega * ds.moments)
             .transpose("time", "axis", "member")
@@ -64,7 +64,7 @@ class Rigid:
         from rigidmc.rotation import euler
 
         if "attitude" not in self._dataset:
-            raise ValueError("the attitude was not saved")
+            raise ValueError('the attitude was not saved at all times: run with save=("attitude",) and keep="full"')
         q = self._dataset.attitude.transpose("time", "member", "quat")
         words = "precession", "nutation", "proper rotation"
         return xr.Dataset(

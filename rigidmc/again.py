@@ -61,7 +61,7 @@ def rerun(source, member, every=None, save=None, allow_code=False, output=None, 
 
 def frames(source, member, count, allow_code=False):
     """A member again with attitude and momentum at `count` + 1 times or as many steps as there are, evenly spaced to half a step, as an animation needs them."""
-    run = scene_of(os.fspath(source), allow_code=allow_code).run
+    run = scene_of(source if hasattr(source, "data_vars") else os.fspath(source), allow_code=allow_code).run
     steps = max(1, round(run.t_end / run.dt)) if run.turn is None else 0
     if run.turn is not None:  # members have steps of their own between saves: those are all there is
         return rerun(source, member, save=("attitude", "momentum"), allow_code=allow_code)
@@ -102,6 +102,8 @@ def _pairs(made, result, scene):
     over = {name for label, one in scene.watched() for name in outputs(label, one)} if made.sizes["time"] else set()
     for name in made.data_vars:
         dims = made[name].dims
+        if "member" not in dims:  # of the ensemble as a whole
+            continue
         if name in over and name in result:
             yield name, made[name].values, _values(result[name], dims), np.empty(0)
         for kept, clock in ((name, "time"), (f"{name}_thinned", "thinned_time")):

@@ -128,7 +128,9 @@ def open_run(path, allow_code=False):
         **coordinates(shown),
         "member": (("member",), np.concatenate([np.empty(0, int), *ranges]), coordinates(shown)["member"][2]),
     }
-    return xr.Dataset(variables, known, attributes(told, shown))
+    made = xr.Dataset(variables, known, attributes(told, shown))
+    made.encoding["source"] = directory.path
+    return made
 
 
 def _read(path, name):

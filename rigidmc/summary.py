@@ -28,7 +28,12 @@ def summary(dataset, confidence=0.95):
     flags = [f"{int((status == code).sum()):,} {word}" for word, code in STATUSES.items() if code and (status == code).any()]
     lines.append(f"  flagged: {', '.join(flags) or 'none'}" + ("; they are left out below" if flags else ""))
     for name, variable in dataset.data_vars.items():
-        if "time" in variable.dims or "member" not in variable.dims or name in _PLAIN or name.startswith("start_"):
+        if (
+            {"time", "thinned_time"} & set(variable.dims)
+            or "member" not in variable.dims
+            or name in _PLAIN
+            or name.startswith("start_")
+        ):
             continue
         parts = (
             [(str(name), variable)]
@@ -40,6 +45,8 @@ def summary(dataset, confidence=0.95):
         lines.append(f"  its members are {points} points, whose spread tells no interval: see rigidmc.randomised")
     saved = [str(name) for name, v in dataset.data_vars.items() if "time" in v.dims]
     lines.append(f"  saved at {dataset.sizes['time']:,} times: {', '.join(saved) or 'nothing'}")
+    if few := [str(name) for name, v in dataset.data_vars.items() if "thinned_time" in v.dims]:
+        lines.append(f"  and at {dataset.sizes['thinned_time']:,}: {', '.join(few)}")
     return "\n".join(lines)
 
 

@@ -46,9 +46,13 @@ def test_flagged_members_are_kept_in_full(full, tmp_path, keep):
     with rm.simulate(SCENE, keep=keep, threads=2, block=96, output=tmp_path / "one.nc") as file:
         alike(file, ds)
         assert rm.rerun(file, 7).attrs["rerun"].startswith("equal to the bit at")
+        assert "members to 2 s" in file.rigid.summary()
     runs.create(SCENE.with_run(keep=keep), tmp_path / "run", 40_000)
     runs.resume(tmp_path / "run")
     alike(rm.open(tmp_path / "run"), ds)
+    for words in (["summary"], ["rerun", "--member", "5"], ["plot", "-o", f"{tmp_path}/a.png"]):
+        made = CliRunner().invoke(app, [words[0], f"{tmp_path}/run", *words[1:]])
+        assert made.exit_code == 0, made.output
     with run_results.consolidate(tmp_path / "run", tmp_path / "two.nc") as file:
         alike(file, ds)
     assert run_results.verify(tmp_path / "run") == []

@@ -168,6 +168,13 @@ def load_scene(source, settings, allow_code=False, **run):
         raise
 
 
+def opened(path):
+    """A result as a Dataset: a file or a run directory."""
+    import rigidmc
+
+    return rigidmc.open(path)
+
+
 def plots_module():
     try:
         from rigidmc import plots

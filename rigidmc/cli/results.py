@@ -1,5 +1,6 @@
 """rigidmc rerun, summary, animate."""
 
+import os
 import sys
 from typing import Annotated
 
@@ -17,6 +18,7 @@ from rigidmc.cli.common import (
     check_suffix,
     fail,
     noted,
+    opened,
     plots_module,
     reported,
 )
@@ -24,7 +26,7 @@ from rigidmc.cli.common import (
 
 @app.command()
 def rerun(
-    file: Annotated[str, typer.Argument(metavar="FILE", help="A result (.nc).")],
+    file: Annotated[str, typer.Argument(metavar="FILE", help="A result (.nc), or a run directory.")],
     member: Annotated[int, typer.Option(help="Index of the member.")],
     every: Every = None, save: Save = None, output: Output = None, plot: Plot = None, force: Force = False, allow_code: AllowCode = False,
 ):  # fmt: skip
@@ -42,7 +44,9 @@ def rerun(
         wanted = None if save is None else [word.strip() for word in save.split(",") if word.strip() not in ("", "none")]
         try:
             with noted():
-                dataset = again(file, member, every, wanted, allow_code, output=output, force=force)
+                dataset = again(
+                    opened(file) if os.path.isdir(file) else file, member, every, wanted, allow_code, output=output, force=force
+                )
         except SceneError as error:
             error.file = error.file or file
             raise
@@ -61,14 +65,13 @@ def rerun(
 
 
 @app.command()
-def summary(file: Annotated[str, typer.Argument(metavar="FILE", help="A result (.nc).")]):
+def summary(file: Annotated[str, typer.Argument(metavar="FILE", help="A result (.nc), or a run directory.")]):
     """Say what is in a result: flagged members, and of each number that members have its mean with the interval, median and range."""
     with reported():
-        from rigidmc.storage import open_result
         from rigidmc.summary import summary as lines
 
         try:
-            with open_result(file) as dataset:
+            with opened(file) as dataset:
                 print(lines(dataset))
         except ValueError as error:
             fail(error, INVALID)
@@ -76,7 +79,7 @@ def summary(file: Annotated[str, typer.Argument(metavar="FILE", help="A result (
 
 @app.command()
 def animate(
-    file: Annotated[str, typer.Argument(metavar="FILE", help="A result (.nc).")],
+    file: Annotated[str, typer.Argument(metavar="FILE", help="A result (.nc), or a run directory.")],
     member: Annotated[int, typer.Option(help="Index of the member.")],
     output: Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="Animation to write (.gif, .mp4, .webm).")],
     seconds: Annotated[float, typer.Option(min=0.1, help="How long it is to last \\[s].")] = 10.0,
@@ -97,7 +100,9 @@ def animate(
         if not output.endswith(SUFFIXES):
             raise SceneError("", "--output", output, f"expected a file that ends in {', '.join(SUFFIXES)}")
         with noted():
-            dataset = frames(file, member, max(2, round(seconds * fps) - 1) * SMOOTH, allow_code)
+            dataset = frames(
+                opened(file) if os.path.isdir(file) else file, member, max(2, round(seconds * fps) - 1) * SMOOTH, allow_code
+            )
         if int(dataset.status.values[0]) == 2:
             fail(f"{file}: member {member} never started: it has no such body or start", INVALID)
         made = -(-dataset.sizes["time"] // SMOOTH)

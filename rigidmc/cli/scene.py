@@ -40,6 +40,7 @@ from rigidmc.cli.common import (
     fail,
     load_scene,
     noted,
+    opened,
     plots_module,
     reported,
 )  # fmt: skip
@@ -226,7 +227,7 @@ def scenes(name: Annotated[str | None, typer.Argument(help="A shipped scene to p
 
 @app.command()
 def plot(
-    file: Annotated[str, typer.Argument(metavar="FILE", help="A result (.nc).")],
+    file: Annotated[str, typer.Argument(metavar="FILE", help="A result (.nc), or a run directory.")],
     output: Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="Picture to write (.png, .pdf, .svg).")],
     picture: Annotated[
         str,
@@ -238,7 +239,7 @@ def plot(
     """Draw a picture of a result."""
     with reported():
         from rigidmc.errors import SceneError, nearest
-        from rigidmc.storage import open_result, refuse_existing
+        from rigidmc.storage import refuse_existing
 
         pictures = ("summary", "momentum_sphere", "middle_component", "drift_histogram", "axis_sphere", "gibbs")
         if picture not in pictures:
@@ -247,7 +248,7 @@ def plot(
         plots = plots_module()
         check_suffix(output)
         try:
-            with open_result(file) as dataset:
+            with opened(file) as dataset:
                 if picture == "gibbs":
                     from rigidmc.gibbs_plot import gibbs
 

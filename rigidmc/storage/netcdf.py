@@ -185,6 +185,8 @@ def open_result(path):
     """A result as an xarray Dataset, read lazily; ValueError where the file is no result of rigidmc."""
     import xarray as xr
 
+    if os.path.isdir(path):
+        raise SceneError("", "file", None, "is a folder, and no result of rigidmc", file=path)
     with _opening:
         dataset = xr.open_dataset(path, engine="netcdf4")
     if "scene" not in dataset.attrs:
