@@ -71,11 +71,11 @@ if TYPE_CHECKING:
     from rigidmc.vectors import Cone, Correlated, Fisher, GibbsMomentum, Pointing, SecondMoments, Shell, Sphere
 
 
-def open(path):
+def open(path, allow_code=False):
     """A result as an xarray Dataset, read when asked for: a netCDF file, or a run directory (`rigidmc.run_results.open_run`). SceneError for what is none."""
     import_module("rigidmc.accessor")  # a Dataset has `ds.rigid`
     if isdir(path):
-        return import_module("rigidmc.run_results").open_run(path)
+        return import_module("rigidmc.run_results").open_run(path, allow_code)
     return import_module("rigidmc.storage").open_result(path)
 
 

@@ -27,6 +27,16 @@ SETTINGS = {  # of a cluster here
 }
 
 
+def checked(cluster):
+    """("local", N) or (protocol, address) of a cluster; SceneError for what is none."""
+    kind, _, rest = cluster.partition(":")
+    if not (kind == "local" and rest.isascii() and rest.isdigit() and 0 < int(rest) <= 1024) and not (
+        kind in ("tcp", "tls", "ucx") and rest.startswith("//")
+    ):
+        raise SceneError("", "--cluster", cluster, "expected tcp://host:port of a scheduler, or local:N for N processes here")
+    return kind, rest
+
+
 def compute_on(cluster, directory, which, progress=False, stop=None, allow_code=False, accept=False):
     """Compute some shards of a run whose lock this process holds, none begun after `stop`; {status: members}.
 
@@ -39,9 +49,7 @@ def compute_on(cluster, directory, which, progress=False, stop=None, allow_code=
         from distributed import Client, KilledWorker, LocalCluster, as_completed
     except ImportError as error:
         raise SceneError("", "--cluster", cluster, f"needs dask.distributed: pip install 'rigidmc[cluster]' ({error})") from None
-    kind, _, rest = cluster.partition(":")
-    if not (kind == "local" and rest.isdigit() and int(rest) > 0) and kind not in ("tcp", "tls", "ucx"):
-        raise SceneError("", "--cluster", cluster, "expected tcp://host:port of a scheduler, or local:N for N processes here")
+    kind, rest = checked(cluster)
     texts = tuple(text_of(directory.path, name) for name in ("run.json", "scene.toml", "columns.nc"))
     flagged = dict.fromkeys(STATUSES, 0)
     with dask.config.set(SETTINGS), contextlib.ExitStack() as held:

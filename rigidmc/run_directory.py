@@ -25,10 +25,15 @@ from rigidmc.errors import OutputExists, SceneError
 
 FORMAT = 1
 _SHARD = re.compile(r"(\d{8})-(\d{1,12})-([0-9a-f]{16})\.nc")
+_LEFT = re.compile(
+    r"(\d{8}(-\d{1,12}-[0-9a-f]{16}\.nc)?|run\.json|scene\.toml|columns\.nc)\.part-.+"
+)  # by writers that were killed
 _FACTS = {
     "format": int,
     "scene": str,
     "columns": str,
+    "code": dict,
+    "attributes": dict,
     "seed": int,
     "first": int,
     "members": int,
@@ -69,7 +74,12 @@ class RunDirectory:
             raise SceneError("", "run.json", None, "is damaged, or was changed by hand: its sum is another", file=name)
         if facts["format"] != FORMAT:
             raise SceneError("", "format", facts["format"], f"this version reads format {FORMAT}", file=name)
-        if min(facts["members"], facts["shard"], facts["block"]) < 1 or facts["first"] < 0 or facts["shard"] % facts["block"]:
+        if (
+            facts["first"] + facts["members"] > 2**53
+            or min(facts["members"], facts["shard"], facts["block"]) < 1
+            or facts["first"] < 0
+            or facts["shard"] % facts["block"]
+        ):
             raise SceneError("", "members", None, "is damaged: counts have to be positive, and a shard whole blocks", file=name)
         return facts
 
@@ -91,6 +101,13 @@ class RunDirectory:
         paths = {name: os.path.join(folder, name) for name in names}
         found = {int(m[1]): paths[name] for name in names if (m := _SHARD.fullmatch(name)) and not os.path.islink(paths[name])}
         return {i: path for i, path in found.items() if i < self.count}
+
+    def strays(self):
+        """Paths of files among the shards that none of the run is: of other numbers, names, or a number that is there twice."""
+        folder = os.path.join(self.path, "shards")
+        known = set(self.shards().values())
+        names = sorted(os.listdir(folder)) if os.path.isdir(folder) else []
+        return [path for name in names if (path := os.path.join(folder, name)) not in known and not _LEFT.fullmatch(name)]
 
     def temporary(self, i):
         """Where shard i is before it is whole."""
@@ -122,7 +139,7 @@ class RunDirectory:
         """The lines of the journal; one that is torn is left out."""
         found: list[dict[str, Any]] = []
         with (
-            contextlib.suppress(FileNotFoundError),
+            contextlib.suppress(OSError),
             open(os.path.join(self.path, "journal.jsonl"), encoding="utf-8", errors="replace") as file,
         ):
             for line in file:
@@ -134,6 +151,7 @@ class RunDirectory:
     @contextlib.contextmanager
     def locked(self):
         """Hold the lock of the one that writes; OutputExists where another process does. It goes with the process, whatever ends that."""
+        os.makedirs(os.path.join(self.path, "shards"), exist_ok=True)
         with open(os.path.join(self.path, "lock"), "a+", encoding="utf-8") as file:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -150,7 +168,7 @@ class RunDirectory:
         """Take away what writers left that were killed: temporary files, which no shard is."""
         for folder in (self.path, os.path.join(self.path, "shards")):
             for name in os.listdir(folder):
-                if ".part-" in name:
+                if _LEFT.fullmatch(name) and os.path.isfile(os.path.join(folder, name)):
                     os.unlink(os.path.join(folder, name))
 
 

@@ -1,15 +1,17 @@
 """What a run directory holds: checked, made one file, or read as one Dataset."""
 
+import hashlib
 import os
 import tempfile
+import warnings
 
 import numpy as np
 
 from rigidmc.capacity import refuse_hopeless
-from rigidmc.errors import SceneError
+from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.retention import joined
-from rigidmc.run_directory import RunDirectory, damaged
-from rigidmc.shards import planned, scene_of_run
+from rigidmc.run_directory import RunDirectory
+from rigidmc.shards import fault_of, planned, scene_of_run
 from rigidmc.simulation import simulate
 from rigidmc.storage import Writer, open_result
 from rigidmc.storage.netcdf import read
@@ -18,6 +20,7 @@ from rigidmc.storage.schema import (
     coordinates,
     ensemble_variables,
     flagged_variables,
+    is_rounded,
     length,
     member_variables,
     saved_variables,
@@ -29,32 +32,34 @@ def verify(path, spot=3, allow_code=False, threads=None):
     `spot` members of each of as many shards computed again, to the bit."""
     directory = RunDirectory(path)
     scene = scene_of_run(directory, allow_code)
-    shards, flagged = directory.shards(), directory.flagged()
-    bad = {i for i, shard in shards.items() if damaged(shard)}
-    found = [f"{shards[i]}: is not what was written: its sum is not that of its name" for i in sorted(bad)]
-    whole = sorted(set(shards) - bad)
-    for i in whole:
-        count = np.count_nonzero(read(shards[i], "status")["status"])
-        if count != flagged[i]:
-            found.append(f"{shards[i]}: its name says {flagged[i]:,} flagged members, its content {count:,}")
+    shards = directory.shards()
+    faults = {i: fault for i, shard in shards.items() if (fault := fault_of(directory, i, shard))}
+    found = [*faults.values(), *(f"{path}: is no shard of this run" for path in directory.strays())]
+    whole = sorted(set(shards) - set(faults))
     for i in whole[:: max(1, len(whole) // max(1, spot))][:spot]:
         members = directory.members(i)
-        for member in {members[0], members[len(members) // 2], members[-1]}:
-            found += _unlike(scene, shards[i], member, threads)
+        for member in sorted({members[0], members[len(members) // 2], members[-1]}):
+            if other := _unlike(scene, shards[i], member, threads):
+                found.append(other)
+                break
     return found
 
 
 def _unlike(scene, path, member, threads):
-    """What of a member differs from what it is computed again."""
+    """In words, what of a member differs from what it is computed again, "" for nothing."""
     kept = read(path)
     at = (kept["member"] == member).argmax()
     with tempfile.TemporaryDirectory() as folder:
         file = os.path.join(folder, "again.nc")  # with the digits that files keep
-        with simulate(scene, members=range(member, member + 1), threads=threads, output=file) as again:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SceneWarning)
+            again = simulate(scene, members=range(member, member + 1), threads=threads, output=file)
+        with again:
             names = [name for name in again.data_vars if "member" in again[name].dims]
         made = read(file, *names)
     wrong = [name for name in names if name not in kept or made[name].tobytes() != kept[name][..., [at]].tobytes()]
-    return [f"{path}: member {member} is not what it is computed again: {', '.join(map(str, wrong))}"] if wrong else []
+    words = "take the file away and resume, if this is the machine that it was computed on"
+    return f"{path}: member {member} is not what it is computed again: {', '.join(map(str, wrong))}; {words}" if wrong else ""
 
 
 def consolidate(path, output, force=False, allow_code=False):
@@ -64,7 +69,9 @@ def consolidate(path, output, force=False, allow_code=False):
     if missing := directory.missing():
         raise SceneError("", "run", directory.path, f"{len(missing):,} of {directory.count:,} shards are missing: resume it first")
     refuse_hopeless(told, shown, 1, output)
-    writer, sums, pieces = Writer(output, told, shown, force), dict[str, np.ndarray](), list[dict[str, np.ndarray]]()
+    _refuse_strays(directory)
+    more = directory.facts["attributes"]
+    writer, sums, pieces = Writer(output, told, shown, force, more), dict[str, np.ndarray](), list[dict[str, np.ndarray]]()
     shards, flagged = directory.shards(), directory.flagged()
     kept, counted, bad = (
         [*member_variables(told, shown.carried), *saved_variables(told)],
@@ -74,6 +81,8 @@ def consolidate(path, output, force=False, allow_code=False):
     try:
         for i in range(directory.count):
             members = directory.members(i)
+            if fault := fault_of(directory, i, shards[i]):
+                raise SceneError("", "run", directory.path, f"{fault}; `rigidmc resume --repair` computes it again")
             writer.write(members.start, len(members), read(shards[i], *kept))
             for name, values in (read(shards[i], *counted) if counted else {}).items():
                 sums[name] = sums.get(name, 0) + values
@@ -85,6 +94,12 @@ def consolidate(path, output, force=False, allow_code=False):
         writer.discard()
         raise
     return open_result(output)
+
+
+def _refuse_strays(directory):
+    if strays := directory.strays():
+        rule = f"{', '.join(strays)}: no shard of this run; take it away, or see `rigidmc verify`"
+        raise SceneError("", "run", directory.path, rule)
 
 
 def open_run(path, allow_code=False):
@@ -101,8 +116,12 @@ def open_run(path, allow_code=False):
         raise SceneError("", "run", os.fspath(path), rule) from None
     directory = RunDirectory(path)
     *_, told, shown = planned(directory, allow_code)
-    shards, bad = directory.shards(), directory.flagged()
+    _refuse_strays(directory)
+    shards, bad = {i: os.path.abspath(shard) for i, shard in directory.shards().items()}, directory.flagged()
+    if not shards:
+        raise SceneError("", "run", directory.path, "no shard is there yet: resume it first")
     done = sorted(shards)
+    mark = hashlib.sha256("\n".join(shards.values()).encode()).hexdigest()[:16]  # names tell contents: others are other arrays
     ranges = [directory.members(i) for i in done]
     counts = {"member": [len(r) for r in ranges], "flagged": [bad[i] for i in done]}
     each = {**member_variables(told, shown.carried), **saved_variables(told), **flagged_variables(told)}
@@ -110,9 +129,11 @@ def open_run(path, allow_code=False):
     for name, (dims, dtype, attrs) in each.items():
         long = next(d for d in dims if d in counts)
         sizes = tuple(tuple(counts[d]) if d in counts else (length(d, shown),) for d in dims)
-        label = f"{name}-{directory.path}-{directory.facts['scene'][:16]}"
+        label = f"{name}-{mark}"
+        if is_rounded(told, dims, dtype):
+            attrs = {**attrs, "significant_digits": told.run.digits}
         graph = {
-            (label, *[j if d == long else 0 for d in dims]): (_read, shards[i], name)
+            (label, *[j if d == long else 0 for d in dims]): (_read, shards[i], name, ranges[j].start)
             if counts[long][j]
             else (np.empty, [s[j] if d == long else s[0] for d, s in zip(dims, sizes, strict=True)], dtype)
             for j, i in enumerate(done)
@@ -120,24 +141,27 @@ def open_run(path, allow_code=False):
         variables[name] = dims, da.Array(graph, label, sizes, np.dtype(dtype)), attrs
     for name, (dims, dtype, attrs) in ensemble_variables(told).items():
         size = [length(d, shown) for d in dims]
-        label = f"{name}-{directory.path}"
-        graph = {(label, j, *[0] * len(size)): (_read_one, shards[i], name) for j, i in enumerate(done)}
+        label = f"{name}-{mark}"
+        graph = {(label, j, *[0] * len(size)): (_read_one, shards[i], name, ranges[j].start) for j, i in enumerate(done)}
         stacked = da.Array(graph, label, ((1,) * len(done), *((n,) for n in size)), np.dtype(dtype))
         variables[name] = dims, stacked.sum(0, dtype=dtype), attrs
     known = {
         **coordinates(shown),
         "member": (("member",), np.concatenate([np.empty(0, int), *ranges]), coordinates(shown)["member"][2]),
     }
-    made = xr.Dataset(variables, known, attributes(told, shown))
-    made.encoding["source"] = directory.path
+    made = xr.Dataset(variables, known, {**attributes(told, shown), **directory.facts["attributes"]})
+    made.encoding["source"] = os.path.abspath(directory.path)
     return made
 
 
-def _read(path, name):
-    """A variable of a shard."""
-    return read(path, name)[name]
+def _read(path, name, first):
+    """A variable of a shard, whose first member is checked."""
+    found = read(path, "member", name)
+    if found["member"][0] != first:
+        raise SceneError("", "run", path, "has the members of another shard; `rigidmc verify` tells more")
+    return found[name]
 
 
-def _read_one(path, name):
+def _read_one(path, name, first):
     """A variable of a shard, as one of a stack."""
-    return read(path, name)[name][None]
+    return _read(path, name, first)[None]

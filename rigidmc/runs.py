@@ -1,24 +1,28 @@
 """Runs that survive: started in a directory, resumed after whatever ended them, extended, and made of the parts of a job array."""
 
+import errno
 import os
 import shutil
 import tempfile
 import time
 import tomllib
+import warnings
 
 import numpy as np
 
 from rigidmc.capacity import refuse_hopeless
-from rigidmc.cluster import compute_on
+from rigidmc.cluster import checked, compute_on
+from rigidmc.effects import EFFECTS
+from rigidmc.effects.own import source_of
 from rigidmc.engine.layout import LANES
 from rigidmc.engine.machine import this_machine, threads_available
-from rigidmc.errors import OutputExists, SceneError
+from rigidmc.errors import OutputExists, SceneError, SceneWarning
 from rigidmc.files import part_of, put_in_place, text_of, write_text
 from rigidmc.observables import rows_of
 from rigidmc.planning import BLOCK, SLAB
 from rigidmc.run_directory import FORMAT, RunDirectory, damaged, hash_of, hash_of_file, rendered
 from rigidmc.sampling import rows
-from rigidmc.shards import compute_shards, in_units_told, planned, refuse_others, scene_in, scene_of_run
+from rigidmc.shards import compute_shards, fault_of, in_units_told, planned, refuse_others, scene_in, scene_of_run
 from rigidmc.simulation import compile_kernel, settled
 from rigidmc.staging import stage
 from rigidmc.storage.netcdf import write_columns
@@ -35,13 +39,19 @@ def create(scene, path, size=SHARD):
         raise OutputExists(f"{path} exists; nothing was written{hint}")
     if scene.run.points == "latin_hypercube" and scene.run.strata is None:
         scene = scene.with_run(strata=scene.run.first + scene.run.members)
-    *_, told, shown = in_units_told(*settled(scene, streaming=True)[:3])
+    *made, chosen = settled(scene, streaming=True)
+    *_, told, shown = in_units_told(*made)
+    for note in made[1].notes:
+        warnings.warn(note, SceneWarning, stacklevel=2)
     refuse_hopeless(told, shown, threads_available(), path)
     values = 8 * max(1, rows_of(told.effects, *told.recorded())) * shown.times.size
     block = min(BLOCK, max(LANES, SLAB // values // LANES * LANES))
     shard = block * max(1, int(size / sum(bytes_of_a_member(told, shown)) / block))
     versions, machine = this_machine()
     run = told.run
+    if not os.path.isdir(os.path.dirname(os.path.abspath(path))):
+        raise FileNotFoundError(f"{os.path.dirname(path)}: no such folder; nothing was written")
+    sources = [file for e in told.effects if type(e) not in EFFECTS.values() and (file := source_of(type(e))) is not None]
     # beside its place, and moved there when it is whole: what is killed here leaves nothing under that name
     folder = tempfile.mkdtemp(prefix=f".{os.path.basename(path)}-", dir=os.path.dirname(os.path.abspath(path)))
     try:
@@ -49,7 +59,8 @@ def create(scene, path, size=SHARD):
         os.mkdir(os.path.join(folder, "shards"))
         write_text(os.path.join(folder, "scene.toml"), attributes(told, shown)["scene"])
         facts = {
-            "format": FORMAT, "scene": "", "columns": "", "seed": run.seed, "first": run.first, "members": run.members, "shard": shard,
+            "format": FORMAT, "scene": "", "columns": "", "code": {file: hash_of_file(file) for file in sources},
+            "attributes": {} if chosen is None else chosen.attributes(), "seed": run.seed, "first": run.first, "members": run.members, "shard": shard,
             "block": block, "versions": versions, "machine": machine,
         }  # fmt: skip
         if (count := rows(*told.quantities())) is not None:
@@ -58,11 +69,21 @@ def create(scene, path, size=SHARD):
             facts["columns"] = hash_of_file(file)
         facts["scene"] = hash_of(scene_in(folder, facts, True))
         write_text(os.path.join(folder, "run.json"), rendered(facts))
-        os.replace(folder, path)
+        _move(folder, path)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise
     return RunDirectory(path)
+
+
+def _move(folder, path):
+    """Give a folder its name; OutputExists where something appeared there."""
+    try:
+        os.replace(folder, path)
+    except OSError as error:
+        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
+            raise
+        raise OutputExists(f"{path} appeared meanwhile; nothing was overwritten") from None
 
 
 def _columns(scene, count):
@@ -98,6 +119,10 @@ def resume(
     directory = path if isinstance(path, RunDirectory) else RunDirectory(path)
     began = time.monotonic()
     refuse_others(directory, accept)
+    if only is not None and only[-1] >= directory.count:
+        raise SceneError("", "--shards", f"{only[0]}:{only[-1] + 1}", f"the run has the shards 0 to {directory.count - 1}")
+    if cluster is not None:
+        checked(cluster)
     with directory.locked():
         which = [i for i in directory.missing() if only is None or i in only]
         left, many = sum(len(directory.members(i)) for i in which), threads or threads_available()
@@ -122,17 +147,28 @@ def resume(
     return directory, flagged
 
 
-def extend(path, members):
-    """Give a run more members; those that are there stay, but for the last shard where that was no whole one. The RunDirectory, to be resumed."""
+def extend(path, members, accept=False, allow_code=False):
+    """Give a run more members; those that are there stay, but for the last shard where that was no whole one. The RunDirectory, to be resumed.
+
+    accept, allow_code : as of `resume`. Whatever is wrong is said before anything is changed.
+    """
     directory = RunDirectory(path)
     facts = directory.facts
+    refuse_others(directory, accept)
     if members <= facts["members"]:
         raise SceneError("run", "members", members, f"the run has {facts['members']:,} already")
-    scene = scene_of_run(directory)
+    if facts["first"] + members > 2**53:
+        raise SceneError("run", "members", members, "are more than 2^53, and could not be told apart")
+    if strays := directory.strays():
+        raise SceneError("", "run", path, f"{', '.join(strays)}: no shard of this run; take it away first, or see `rigidmc verify`")
+    scene = scene_of_run(directory, allow_code)
     if scene.run.points == "latin_hypercube":
         raise SceneError("run", "members", members, "a Latin hypercube has as many members as strata: start a new run")
     if (most := rows(*scene.quantities())) is not None and members + facts["first"] > most:
         raise SceneError("run", "members", members, f"the scene has rows for {most:,} members")
+    *_, told, shown = planned(directory, allow_code)
+    more = shown._replace(members=members - facts["members"])
+    refuse_hopeless(told, more, threads_available(), os.path.join(directory.path, "run.json"))
     with directory.locked():
         last = directory.count - 1
         if facts["members"] % facts["shard"] and last in directory.done():
@@ -143,10 +179,11 @@ def extend(path, members):
 
 
 def repair(path):
-    """Take away the shards that are damaged, to be computed again; how many there were."""
+    """Take away the shards that are damaged or not of their number, to be computed again, and files that are no shards; how many there were."""
     directory = RunDirectory(path)
     with directory.locked():
-        bad = [path for path in directory.shards().values() if damaged(path)]
+        bad = [shard for i, shard in directory.shards().items() if fault_of(directory, i, shard)]
+        bad += [stray for stray in directory.strays() if os.path.isfile(stray)]
         for path in bad:
             os.unlink(path)
         directory.note(event="repaired", shards=[os.path.basename(path) for path in bad])
@@ -161,20 +198,21 @@ def merge(path, others):
     """
     path = os.path.normpath(os.fspath(path))
     others = [RunDirectory(other) for other in others]
-    if not os.path.lexists(path):
+    for other in others[1:]:
+        _refuse_unlike(others[0], other)
+    if not os.path.isdir(os.path.dirname(os.path.abspath(path))):
+        raise FileNotFoundError(f"{os.path.dirname(path)}: no such folder; nothing was written")
+    if not os.path.lexists(path) or (os.path.isdir(path) and not os.listdir(path)):
         folder = tempfile.mkdtemp(prefix=f".{os.path.basename(path)}-", dir=os.path.dirname(os.path.abspath(path)))
         os.chmod(folder, 0o777 & ~_umask())
         os.mkdir(os.path.join(folder, "shards"))
         for name in ("columns.nc", "scene.toml", "run.json"):
             if os.path.isfile(os.path.join(others[0].path, name)):
                 shutil.copyfile(os.path.join(others[0].path, name), os.path.join(folder, name))
-        os.replace(folder, path)
+        _move(folder, path)
     directory, copied = RunDirectory(path), 0
     for other in others:
-        apart = [key for key, value in directory.facts.items() if other.facts[key] != value]
-        apart += [name for name in ("scene.toml", "columns.nc") if text_of(path, name) != text_of(other.path, name)]
-        if apart:
-            raise SceneError("", "run", other.path, f"is of another run than {path}: {', '.join(apart)} differ")
+        _refuse_unlike(directory, other)
     with directory.locked():
         for other in others:
             have = directory.shards()
@@ -193,3 +231,11 @@ def merge(path, others):
                 copied += 1
         directory.note(event="merged", shards=copied, others=[other.path for other in others])
     return directory, copied
+
+
+def _refuse_unlike(one, other):
+    """SceneError where two directories are not of the same run."""
+    apart = [key for key, value in one.facts.items() if other.facts[key] != value]
+    apart += [name for name in ("scene.toml", "columns.nc") if text_of(one.path, name) != text_of(other.path, name)]
+    if apart:
+        raise SceneError("", "run", other.path, f"is of another run than {one.path}: {', '.join(apart)} differ")

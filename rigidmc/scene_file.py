@@ -56,6 +56,10 @@ def load(source, settings=(), allow_code=False):
     Raises SceneError for what is wrong in it, FileNotFoundError where there is no such file or name.
     """
     source = os.fspath(source)
+    if os.path.isdir(source):
+        if not os.path.isfile(os.path.join(source, "scene.toml")):
+            raise SceneError("", "scene", None, "is a folder, and no run directory", file=source)
+        source = os.path.join(source, "scene.toml")
     if source.endswith(".nc"):
         from rigidmc.storage import scene_of
 

@@ -12,7 +12,7 @@ import numpy as np
 from rigidmc.capacity import waiting
 from rigidmc.engine.machine import this_machine
 from rigidmc.errors import SceneError
-from rigidmc.run_directory import hash_of, hash_of_file
+from rigidmc.run_directory import damaged, hash_of, hash_of_file
 from rigidmc.scene_file import loads
 from rigidmc.simulation import compute, settled
 from rigidmc.sinks import Memory, buffer
@@ -38,6 +38,10 @@ def scene_in(folder, facts, allow_code):
 def scene_of_run(directory, allow_code=False):
     """The scene of a run; SceneError where scene.toml is no longer the one that it was started with."""
     facts = directory.facts
+    if allow_code and (
+        other := [name for name, known in facts["code"].items() if not os.path.isfile(name) or hash_of_file(name) != known]
+    ):
+        raise SceneError("", "code", ", ".join(other), "is not the file that the run was started with", file=directory.path)
     scene = scene_in(directory.path, facts, allow_code)
     if hash_of(scene) != facts["scene"]:
         rule = "is not the scene that the run was started with; what is there was computed with that"
@@ -56,6 +60,19 @@ def planned(directory, allow_code=False, threads=1, block=None):
 def in_units_told(scene, plan, units):
     """(scene, plan, and both in the units of the user)."""
     return scene, plan, *((scene, plan) if units is None else units.back(scene, plan))
+
+
+def fault_of(directory, i, path):
+    """In words, what is wrong with a shard as such, "" for nothing: its sum, its members, how many of them are flagged."""
+    if damaged(path):
+        return f"{path}: is not what was written: its sum is not that of its name"
+    found, members = read(path, "member", "status"), directory.members(i)
+    if found["member"].size != len(members) or found["member"][0] != members[0]:
+        return f"{path}: is no shard {i} of this run: its members are others"
+    count = np.count_nonzero(found["status"])
+    if count != directory.flagged()[i]:
+        return f"{path}: its name says {directory.flagged()[i]:,} flagged members, its content {count:,}"
+    return ""
 
 
 def refuse_others(directory, accept):

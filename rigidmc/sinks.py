@@ -79,7 +79,7 @@ class Memory:
     def take(self, job, results):
         low = job.first - self.plan.first
         part = slice(low, low + job.size)
-        if self.counts.of or not self.direct:
+        if self.rows and (self.counts.of or not self.direct):
             values = job.out.reshape(self.plan.times.size, self.rows, -1)[..., job.column : job.column + job.size]
             parts = _split(self.scene, values, self.scene.recorded())
             self.counts.add(job, parts, results["status"])

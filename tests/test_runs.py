@@ -3,6 +3,7 @@
 import contextlib
 import hashlib
 import json
+import os
 import random
 import shutil
 import signal
@@ -18,7 +19,7 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc import cluster, run_directory, run_results, runs
 from rigidmc.cli import app
-from rigidmc.errors import OutputExists, SceneError
+from rigidmc.errors import NoRoom, OutputExists, SceneError, SceneWarning
 from rigidmc.files import text_of
 from rigidmc.run_directory import RunDirectory, rendered
 from tests import torture
@@ -310,6 +311,117 @@ def test_no_path_leads_out_of_a_run(whole, tmp_path):
     runs.resume(tmp_path / "run")
     assert sums(whole).items() <= sums(tmp_path / "run").items()
     assert outside.read_bytes() == min((whole / "shards").iterdir()).read_bytes()
+
+
+def test_shards_are_those_of_their_numbers(whole, tmp_path):
+    """Swapped, doubled, beyond the run, misnamed: found by verify, refused where they would be taken for others, mended by repair."""
+
+    def shard(path, i):
+        return RunDirectory(path).shards()[i]
+
+    def swapped(path):
+        one, two = shard(path, 1), shard(path, 2)
+        os.rename(one, one.replace("00000001", "00000002"))
+        os.rename(two, two.replace("00000002", "00000001"))
+
+    def beyond(path):
+        shutil.copy(shard(path, 1), shard(path, 1).replace("00000001", "00000009"))
+
+    def doubled(path):
+        shutil.copy(shard(path, 1), path / "shards" / "00000001-7-deadbeefdeadbeef.nc")
+
+    def misnamed(path):
+        os.rename(shard(path, 3), shard(path, 3).replace("00000003-0-", "00000003-5-"))
+
+    for spoil in (swapped, beyond, doubled, misnamed):
+        path = tmp_path / spoil.__name__
+        shutil.copytree(whole, path)
+        spoil(path)
+        assert run_results.verify(path, spot=0), spoil
+        with pytest.raises(SceneError):
+            run_results.consolidate(path, tmp_path / "one.nc")
+        if spoil is not misnamed:
+            with pytest.raises(SceneError):
+                run_results.open_run(path).load()
+        assert runs.repair(path) >= 1
+        runs.resume(path)
+        assert sums(path) == sums(whole) and run_results.verify(path, spot=0) == []
+    beyond(path)
+    with pytest.raises(SceneError, match="no shard of this run"):
+        runs.extend(path, 2 * MEMBERS)
+
+
+def test_what_cannot_be_is_refused_before_anything_is_changed(whole, tmp_path):
+    shutil.copytree(whole, tmp_path / "run")
+    before = {p: p.read_bytes() for p in (tmp_path / "run").rglob("*") if p.is_file()}
+    for members, error in ((9 * 10**12, NoRoom), (10**30, SceneError), (MEMBERS, SceneError)):
+        with pytest.raises(error):
+            runs.extend(tmp_path / "run", members)
+    with pytest.raises(SceneError, match="0 to 5"):
+        runs.resume(tmp_path / "run", only=range(5, 7))
+    assert {p: p.read_bytes() for p in (tmp_path / "run").rglob("*") if p.is_file()} == before
+    for words in (
+        ["--max-wall", "soon"],
+        ["--shards", "5"],
+        ["--shards", "\u00b2:3"],
+        ["--cluster", "here"],
+        ["--shard-size", "inf"],
+    ):
+        made = CliRunner().invoke(app, ["run", "tennis_racket", "-o", f"{tmp_path}/no/", *words])
+        assert made.exit_code == 3 and not (tmp_path / "no").exists(), made.output
+    with pytest.raises(SceneError, match="no shard is there yet"):
+        rm.open(started(tmp_path / "new").path)
+    (tmp_path / "run" / "notes.part-2.txt").write_text("mine")
+    shutil.rmtree(tmp_path / "run" / "shards")
+    (tmp_path / "run" / "journal.jsonl").unlink()
+    (tmp_path / "run" / "journal.jsonl").mkdir()
+    runs.resume(tmp_path / "run")
+    assert sums(tmp_path / "run") == sums(whole) and (tmp_path / "run" / "notes.part-2.txt").read_text() == "mine"
+
+
+def test_two_looks_at_a_run_do_not_mix(whole, tmp_path):
+    shutil.copytree(whole, tmp_path / "run")
+    hidden = RunDirectory(tmp_path / "run").shards()[1]
+    os.rename(hidden, tmp_path / "hidden")
+    early = rm.open(tmp_path / "run")
+    os.rename(tmp_path / "hidden", hidden)
+    late = rm.open(tmp_path / "run")
+    import dask
+
+    one, two = dask.compute(early.omega.data, late.omega.data)
+    assert np.array_equal(two, rm.simulate(SCENE).omega.values) and np.array_equal(one, np.delete(two, np.s_[192:384], axis=2))
+
+
+def test_flagged_members_are_told_by_whoever_ends_the_run(tmp_path):
+    started(tmp_path / "run", turn_limit=0.051)
+    runs.resume(tmp_path / "run", only=range(3))
+    invoke = CliRunner().invoke
+    assert invoke(app, ["resume", f"{tmp_path}/run", "--shards", "3:5"]).exit_code == 5
+    assert invoke(app, ["resume", f"{tmp_path}/run"]).exit_code == 4 and invoke(app, ["status", f"{tmp_path}/run"]).exit_code == 4
+    assert "flagged in all" in invoke(app, ["resume", f"{tmp_path}/run"]).stdout
+
+
+def test_nothing_saved_over_time_and_notes(tmp_path):
+    with pytest.warns(SceneWarning, match="dt reduced"):
+        directory = runs.create(SCENE.with_run(save=("flips", "omega_max"), dt=0.06), tmp_path / "run")
+    runs.resume(directory)
+    assert rm.open(directory.path).omega_max.shape == (3, MEMBERS)
+
+
+def test_code_of_ones_own_is_that_of_the_start(tmp_path):
+    module = tmp_path / "wind.py"
+    text = "from typing import NamedTuple\n\n\nclass Wind(NamedTuple):\n    size: float\n\n    def torque(self, t, l):\n        return self.size, 0.0, 0.0\n"
+    module.write_text(text)
+    (tmp_path / "wind.toml").write_text(
+        '[body]\nmoments = [1.0, 2.0, 3.0]\n[effects.Wind]\nmodule = "wind.py"\nsize = 0.1\n[start]\nomega = [0.0, 1.0, 0.0]\n[run]\nmembers = 100\n'
+    )
+    invoke = CliRunner().invoke
+    assert invoke(app, ["run", f"{tmp_path}/wind.toml", "--allow-code", "-o", f"{tmp_path}/run/"]).exit_code == 0
+    assert invoke(app, ["extend", f"{tmp_path}/run", "--members", "200", "--allow-code"]).exit_code == 0
+    module.write_text(text.replace("self.size,", "2.0 * self.size,"))
+    made = invoke(app, ["extend", f"{tmp_path}/run", "--members", "300", "--allow-code"])
+    assert made.exit_code == 3 and "is not the file" in made.stderr
+    assert invoke(app, ["resume", f"{tmp_path}/run"]).exit_code == 3
 
 
 def test_commands(tmp_path):

@@ -55,7 +55,7 @@ def shards_of(text):
     if text is None:
         return None
     low, colon, high = text.partition(":")
-    if not colon or not low.isdigit() or not high.isdigit() or int(low) >= int(high):
+    if not colon or not (low + high).isascii() or not low.isdigit() or not high.isdigit() or int(low) >= int(high):
         raise SceneError("", "--shards", text, "expected FROM:TO, such as 0:100 for the first hundred")
     return range(int(low), int(high))
 
@@ -92,10 +92,16 @@ def go_on(run, threads, accept=False, max_wall=None, shards=None, allow_code=Fal
     )
     bad = ", ".join(f"{count:,} {word}" for word, count in flagged.items() if count and word != "ok")
     print(f"  flagged members: {bad or 'none'}")
+    if found["flagged"] > made - flagged["ok"]:
+        print(f"  flagged in all: {found['flagged']:,}")
     if found["done"] < found["shards"]:
         print("  not done: `rigidmc resume` goes on")
-        return INCOMPLETE
-    return FLAGGED if bad else OK
+    return outcome(found)
+
+
+def outcome(found):
+    """The exit code of a run, by its status."""
+    return INCOMPLETE if found["done"] < found["shards"] else FLAGGED if found["flagged"] else OK
 
 
 @app.command()
@@ -112,7 +118,7 @@ def status(run: RunArgument):
             f"  {found['rate']:,.0f} members/s since it was last begun"
             + (f", {found['seconds_left']:,.0f} s left" if found["seconds_left"] else "")
         )
-    raise typer.Exit(OK if found["done"] == found["shards"] else INCOMPLETE)
+    raise typer.Exit(outcome(found))
 
 
 @app.command()
@@ -130,7 +136,10 @@ def verify(
         for line in wrong:
             print(line, file=sys.stderr)
         if wrong:
-            fail(f"{run}: {len(wrong):,} faults; `rigidmc resume {run} --repair` computes damaged shards again", INVALID)
+            fail(
+                f"{run}: {len(wrong):,} faults; `rigidmc resume {run} --repair` takes shards that are damaged or misnamed away and computes them again",
+                INVALID,
+            )
         print(
             f"{run}: {found['done']:,} of {found['shards']:,} shards, all of them sound; {min(spot, found['done'])} were compared with members computed again"
         )
@@ -158,8 +167,12 @@ def extend(
     """Give a run more members; those that are there are not changed by a bit."""
     with reported():
         from rigidmc import runs
+        from rigidmc.cluster import checked
 
-        runs.extend(run, members)
+        seconds_of(max_wall)
+        if cluster is not None:
+            checked(cluster)
+        runs.extend(run, members, accept, allow_code)
         code = go_on(run, threads, accept, max_wall, None, allow_code, cluster)
     raise typer.Exit(code)
 
@@ -175,4 +188,4 @@ def merge(
         directory, copied = runs.merge(run, parts)
         found = run_directory.status(directory.path)
     print(f"{directory.path}: {copied:,} shards copied; {found['done']:,} of {found['shards']:,} are there")
-    raise typer.Exit(OK if found["done"] == found["shards"] else INCOMPLETE)
+    raise typer.Exit(outcome(found))

@@ -44,7 +44,7 @@ from rigidmc.cli.common import (
     plots_module,
     reported,
 )  # fmt: skip
-from rigidmc.cli.runs import Blocks, Cluster, MaxWall, ShardSize, go_on, is_run
+from rigidmc.cli.runs import Blocks, Cluster, MaxWall, ShardSize, go_on, is_run, seconds_of, shards_of
 
 
 @app.command("run")
@@ -84,9 +84,16 @@ def run_scene(
         if is_run(output):
             if plot is not None or until is not None:
                 raise SceneError("", "--output", output, "a run directory goes without --plot and --until: consolidate it first")
+            from rigidmc.cluster import checked
             from rigidmc.runs import SHARD, create
 
-            made = create(loaded, output, SHARD if shard_size is None else 1e6 * shard_size)
+            seconds_of(max_wall), shards_of(shards)  # before there is a directory
+            if cluster is not None:
+                checked(cluster)
+            if shard_size is not None and not shard_size < 1e6:
+                raise SceneError("", "--shard-size", shard_size, "expected megabytes, up to 1e6")
+            with noted():
+                made = create(loaded, output, SHARD if shard_size is None else 1e6 * shard_size)
             raise typer.Exit(go_on(made.path, threads, max_wall=max_wall, shards=shards, allow_code=allow_code, cluster=cluster))
         for name, given in (("--max-wall", max_wall), ("--shards", shards), ("--shard-size", shard_size), ("--cluster", cluster)):
             if given is not None:

@@ -17,6 +17,7 @@ from rigidmc.storage.schema import (
     coordinates,
     ensemble_variables,
     flagged_variables,
+    is_rounded,
     length,
     member_variables,
     saved_variables,
@@ -96,8 +97,7 @@ class Writer:
             chunks = [min(size or 32, plan.block if d == "member" else 128) for d, size in zip(dims, sizes, strict=True)]
             small = scene.run.compress or scene.run.digits is not None or name in plan.constant
             packed: dict[str, Any] = {"compression": "zlib", "complevel": 1} if small else {}
-            rounded = scene.run.digits is not None and {"time", "thinned_time"} & set(dims) and dtype == "f8"
-            if rounded:  # never what a run could start from
+            if is_rounded(scene, dims, dtype):
                 self._digits[name] = scene.run.digits
                 attrs = {**attrs, "significant_digits": scene.run.digits}
             variable = file.createVariable(name, dtype, dims, chunksizes=chunks, fletcher32=self._named is not None, **packed)

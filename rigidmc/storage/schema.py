@@ -94,6 +94,11 @@ def saved_variables(scene):
     return variables
 
 
+def is_rounded(scene, dims, dtype):
+    """Whether a variable has only so many digits in files: saves over time, never what a run could start from."""
+    return scene.run.digits is not None and bool({"time", "thinned_time"} & set(dims)) and dtype == "f8"
+
+
 def flagged_variables(scene):
     """Variables of flagged members alone, of which all saves are kept though not of the others: {name: Variable}."""
     names = [name for name, word in scene.kept().items() if word != "full"]
