@@ -2,6 +2,19 @@
 
 Where workers see the run directory they write its shards there themselves; else they send each back whole, and this process writes it. A worker
 that is lost loses the shard that it was computing, which another then computes; what was written stays.
+
+Ten thousand million members on a thousand workers, planned with what `python -m bench runs` measured (final state of free tops with attitude after
+1,200 rk4 steps, 5.4 us of computing and 122 bytes of file a member):
+
+    computing   54,000 s of one thread: a minute of a thousand workers
+    files       1.22 TB; in shards of 500 MB (--shard-size 500) 2,440 files, each 22 s of one worker; 64 MB, the default, would be 18,200
+    scheduler   4.0 ms of CPU a task: 10 s for 2,440 tasks beside that minute, 73 s for 18,200, which would take longer than the work
+    messages    some kB a task: scene.toml goes once to each worker; two tasks wait for each thread
+    memory      of a worker 0.25 GB, two shards and 0.13 GB of blocks on their way to the disk
+    status      9 ms for 1,000 shards by their names alone; rm.open 0.26 s
+
+Where no scheduler is wanted, a job array needs none: `rigidmc run SCENE -o part$I/ --shards A:B` and `rigidmc merge`, whose copying reads and writes
+every byte once more.
 """
 
 import contextlib
