@@ -35,8 +35,9 @@ LOST = 20  # times that a shard is begun anew because its worker was lost
 SETTINGS = {  # of a cluster here
     "distributed.scheduler.allowed-failures": LOST,  # dask gives up at the third, as if the task were to blame
     "distributed.worker.profile.enabled": False,  # looks at the stack 100 times a second, holding what Python threads wait for
-    # 2^16 there: the memory of each block would be given back and asked for anew
+    # 2^16 there: the memory of each block would be given back and asked for anew; where the one is set, the other no longer adapts
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": 2**30,
+    "distributed.nanny.pre-spawn-environ.MALLOC_MMAP_THRESHOLD_": 2**25,
 }
 
 
