@@ -67,7 +67,11 @@ def free_memory():
                 found += _allowed("/sys/fs/cgroup", path, "memory.max", "memory.current", ("inactive_file", "active_file"))
             elif "memory" in kinds.split(","):
                 found += _allowed(
-                    "/sys/fs/cgroup/memory", path, "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"
+                    "/sys/fs/cgroup/memory",
+                    path,
+                    "memory.limit_in_bytes",
+                    "memory.usage_in_bytes",
+                    ("total_inactive_file", "total_active_file"),
                 )
     return min(found, default=None)
 

@@ -135,6 +135,10 @@ def test_free_memory_is_what_the_narrowest_group_allows(tmp_path, monkeypatch):
     assert capacity._allowed(str(tmp_path), "/a/b", "memory.max", "memory.current", ("inactive_file", "active_file")) == [2400]
     assert capacity._allowed(str(tmp_path), "/a", "memory.max", "memory.current", ("inactive_file", "active_file")) == []
     assert capacity.free_memory() is None or capacity.free_memory() > 0
+    asked = []
+    monkeypatch.setattr(capacity, "_allowed", lambda *given: asked.append(given) or [1])
+    assert capacity.free_memory() == 1 or not asked
+    assert all(isinstance(given[4], tuple) and len(given[4]) == 2 for given in asked)  # names, not the letters of one
 
 
 def test_one_bad_member_of_a_million():
