@@ -2,22 +2,22 @@
 
 import os
 import warnings
-from contextlib import nullcontext
 
 import numpy as np
 
+import rigidmc
 from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.observables import OBSERVABLES, outputs
 from rigidmc.planning import prepare
 from rigidmc.retention import summaries
 from rigidmc.simulation import simulate
-from rigidmc.storage import open_result, refuse_existing, scene_of, write
+from rigidmc.storage import refuse_existing, scene_of, write
 
 
 def rerun(source, member, every=None, save=None, allow_code=False, output=None, force=False, **options):
     """Integrate a member of a result once more: a Dataset like that of `rigidmc.simulate`, equal to it where both have saves.
 
-    source : a result, a file (.nc) or a Dataset
+    source : a result: a file (.nc), a run directory or a Dataset
     member : its index, or a range of indices
     every : time between saves [s], a whole number of steps; default that of the result. A member's bits are those of its steps: with steps of its
         own (`turn`) these follow `every`, which has to stay
@@ -28,11 +28,13 @@ def rerun(source, member, every=None, save=None, allow_code=False, output=None, 
     The attribute `rerun` tells at how many times it was compared. Raises SceneError for a member that the result has not and an `every` between
     steps; a SceneWarning where a value differs, as it may on another type of processor or with another version.
     """
-    source = source if hasattr(source, "data_vars") else os.fspath(source)
     if output is not None:
         refuse_existing(os.fspath(output), force)
+    if not hasattr(source, "data_vars"):
+        with rigidmc.open(os.fspath(source), allow_code) as result:
+            return rerun(result, member, every, save, allow_code, output, force, **options)
     scene = scene_of(source, allow_code=allow_code)
-    called = source if isinstance(source, str) else source.encoding.get("source", "the result")
+    called = source.encoding.get("source", "the result")
     if not isinstance(member, range) and (isinstance(member, bool) or not isinstance(member, (int, np.integer))):
         raise SceneError("", "member", member, "expected the index of a member, or a range of them")
     wanted = member if isinstance(member, range) else range(member, member + 1)
@@ -40,6 +42,9 @@ def rerun(source, member, every=None, save=None, allow_code=False, output=None, 
     known = range(run.first, run.first + run.members)
     if not wanted or wanted.step != 1 or wanted[0] not in known or wanted[-1] not in known:
         raise SceneError("", "member", member, f"{called} has the members {known[0]} to {known[-1]}")
+    if not np.isin(wanted, source.member.values).all():
+        rule = f"{called} has only {source.sizes['member']:,} of its {run.members:,} members, and not this one"
+        raise SceneError("", "member", member, rule)
     asked = run.every if every is None else every
     scene = scene.with_run(every=asked, save=_everything(scene) if save is None else tuple(save), keep="full")
     if run.turn is not None and asked != run.every:
@@ -52,16 +57,16 @@ def rerun(source, member, every=None, save=None, allow_code=False, output=None, 
             rule = f"has to be a whole number of steps of {run.dt:.10g} s and to divide t_end = {run.t_end:g} s"
             raise SceneError("run", "every", every, rule)
     made = simulate(scene, members=wanted, **options)
-    with open_result(source) if isinstance(source, str) else nullcontext(source) as result:
-        made.attrs["rerun"] = _compared(made, result.sel(member=list(wanted)), called)
+    made.attrs["rerun"] = _compared(made, source.sel(member=list(wanted)), called)
     if output is not None:
         write(made, os.fspath(output), force)
     return made
 
 
 def frames(source, member, count, allow_code=False):
-    """A member again with attitude and momentum at `count` + 1 times or as many steps as there are, evenly spaced to half a step, as an animation needs them."""
-    run = scene_of(source if hasattr(source, "data_vars") else os.fspath(source), allow_code=allow_code).run
+    """A member of a Dataset again with attitude and momentum at `count` + 1 times or as many steps as there are, evenly spaced to half a step, as
+    an animation needs them."""
+    run = scene_of(source, allow_code=allow_code).run
     steps = max(1, round(run.t_end / run.dt)) if run.turn is None else 0
     if run.turn is not None:  # members have steps of their own between saves: those are all there is
         return rerun(source, member, save=("attitude", "momentum"), allow_code=allow_code)
@@ -93,8 +98,10 @@ def _compared(made, result, source):
         worst = ", ".join(f"{name} by {off:.1e}" for name, off in apart.items())
         warnings.warn(f"differs from {source}: {worst}; another processor or version rounds otherwise", SceneWarning, stacklevel=3)
         return f"differs: {worst}"
-    how = "to the bit" if digits is None else f"to the {digits} digits that were kept"
-    return f"equal {how} at {times.size} times in {', '.join(names) or 'nothing that both have'}"
+    if not names:
+        return "compared with nothing: no save of both is the same quantity at the same time"
+    how = "to the bit" if digits is None or not times.size else f"to the {digits} digits that were kept"
+    return f"equal {how}{f' at {times.size:,} times' * bool(times.size)} in {', '.join(names)}"
 
 
 def _pairs(made, result, scene):

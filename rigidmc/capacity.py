@@ -19,7 +19,7 @@ def sizes(scene, plan, threads):
     """Bytes that a run needs: (of memory with its result there, of memory with its result in files, of a file of it)."""
     _, each = bytes_of_a_member(scene, plan)
     block = _bytes_of_a_block(scene, plan)
-    scratch = block * (threads + 2 + waiting(scene, plan))
+    scratch = block * (min(threads + 2, -(-plan.members // plan.block)) + waiting(scene, plan))
     return int(BASE + scratch + each * plan.members), int(BASE + scratch), int((each + 8) * plan.members + 20_000)
 
 
@@ -40,6 +40,7 @@ def refuse_hopeless(scene, plan, threads, path=None):
     needed = (memory if path is None else lean) - BASE
     if free is not None and needed > free:
         ways = "keep less of what is saved (--keep final), save less, or run fewer members"
+        ways = f"take fewer than {threads:,} threads, {ways}" if threads > 2 * (os.cpu_count() or 1) else ways
         ways = (
             f"write it to a file (-o FILE), which takes {in_words(lean)}, or {ways}"
             if path is None and lean - BASE < free

@@ -24,7 +24,7 @@ import time
 
 from rigidmc.engine.layout import STATUSES
 from rigidmc.errors import SceneError
-from rigidmc.files import part_of, put_in_place, text_of
+from rigidmc.files import text_of, write_bytes
 from rigidmc.progress import reporter
 from rigidmc.run_directory import RunDirectory
 from rigidmc.shards import compute_shards, planned, refuse_others
@@ -99,9 +99,7 @@ def compute_on(cluster, directory, which, progress=False, stop=None, allow_code=
             i, found, name, data = future.result()
             if data is not None:
                 final = os.path.join(directory.path, "shards", name)
-                with open(part_of(final), "wb") as file:
-                    file.write(data)
-                put_in_place(part_of(final), final, True)
+                write_bytes(final, data, True)
             for word, count in found.items():
                 flagged[word] += count
             future.release()

@@ -21,6 +21,7 @@ from rigidmc.prices import cost_per_step, prices, some_of
 from rigidmc.sampling import Distribution, Grid
 from rigidmc.scene_checks import PILOT
 from rigidmc.scene_parameters import parameters
+from rigidmc.shards import members_of
 from rigidmc.storage.schema import conservation
 from rigidmc.vectors import word_of
 
@@ -74,6 +75,8 @@ def describe(scene, threads):
         + (f"; {in_words(free)} are free" if free is not None else "")
     )
     lines.append(f"file         {in_words(file)}" + (" before it is compressed" if run.compress or run.digits is not None else ""))
+    shard = members_of(scene, plan)[1]
+    lines.append(f"directory    {-(-plan.members // shard):,} shards of {shard:,} members with -o RUN/")
     lines += chosen.lines(plan.members) if chosen else []
     if plan.form is None:
         return "\n".join([*lines, "cost         closed form at every save"])

@@ -12,11 +12,15 @@ def refuse_existing(path, force):
     """Raise OutputExists where a result would overwrite a file."""
     if os.path.lexists(path) and not force:
         raise OutputExists(f"{path} exists; nothing was written (use --force, or force=True, to replace it)")
-    folder = os.path.dirname(path) or os.curdir
-    if not os.path.basename(path) or not os.path.isdir(folder):
-        raise FileNotFoundError(f"{folder}: no such folder; nothing was written")
-    if os.path.isdir(path):
+    if os.path.isdir(path) or not os.path.basename(path):
         raise IsADirectoryError(f"{path}: is a folder; nothing was written")
+    refuse_unwritable(os.path.dirname(path) or os.curdir)
+
+
+def refuse_unwritable(folder):
+    """Raise where no file can be made in a folder."""
+    if not os.path.isdir(folder):
+        raise FileNotFoundError(f"{folder}: no such folder; nothing was written")
     try:
         with tempfile.TemporaryFile(dir=folder):  # what os.access says of a folder is not what happens there
             pass
@@ -24,9 +28,20 @@ def refuse_existing(path, force):
         raise PermissionError(f"{folder}: not writable ({error.strerror}); nothing was written") from None
 
 
+@contextlib.contextmanager
+def naming(path):
+    """Errors of the system that name no file, as those of write and fsync do not, name this one."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is None or error.filename is not None:
+            raise
+        raise OSError(error.errno, error.strerror, path) from None
+
+
 def put_in_place(temporary, path, force):
     """Make a finished file durable and give it its name; OutputExists, and no file, where one appeared there meanwhile."""
-    with open(temporary, "rb") as file:
+    with open(temporary, "rb") as file, naming(path):
         os.fsync(file.fileno())
     if not force and os.path.lexists(path):
         os.unlink(temporary)
@@ -34,8 +49,10 @@ def put_in_place(temporary, path, force):
     os.replace(temporary, path)
     with contextlib.suppress(OSError):  # some file systems cannot sync a folder
         folder = os.open(os.path.dirname(os.path.abspath(path)), os.O_RDONLY)
-        os.fsync(folder)
-        os.close(folder)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
 
 
 def part_of(path):
@@ -43,12 +60,23 @@ def part_of(path):
     return f"{path}.part-{platform.node()}-{os.getpid()}"
 
 
-def write_text(path, text, force=False):
-    """Write a small file whole or not at all."""
+def write_bytes(path, data, force=False):
+    """Write a file whole or not at all."""
     temporary = part_of(path)
-    with open(temporary, "w", encoding="utf-8") as file:
-        file.write(text)
-    put_in_place(temporary, path, force)
+    try:
+        with naming(path), open(temporary, "wb") as file:
+            file.write(data)
+        put_in_place(temporary, path, force)
+    except BaseException:
+        drop(temporary)
+        raise
+
+
+def drop(path):
+    """Take a file away that is not whole, and what it takes of the disk, also where a library keeps it open."""
+    with contextlib.suppress(OSError):
+        os.truncate(path, 0)
+        os.unlink(path)
 
 
 def text_of(folder, name):

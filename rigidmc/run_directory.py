@@ -152,15 +152,18 @@ class RunDirectory:
     def locked(self):
         """Hold the lock of the one that writes; OutputExists where another process does. It goes with the process, whatever ends that."""
         os.makedirs(os.path.join(self.path, "shards"), exist_ok=True)
-        with open(os.path.join(self.path, "lock"), "a+", encoding="utf-8") as file:
+        name = os.path.join(self.path, "lock")
+        with open(name, "ab+", buffering=0) as file:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
                 file.seek(0)
-                raise OutputExists(f"{self.path}: is being written by {file.read().strip() or 'another process'}") from None
-            file.truncate(0)
-            file.write(f"process {os.getpid()} of {platform.node()}\n")
-            file.flush()
+                raise OutputExists(
+                    f"{self.path}: is being written by {file.read().decode(errors='replace').strip() or 'another process'}"
+                ) from None
+            with contextlib.suppress(OSError):  # whose it is helps people only
+                file.truncate(0)
+                file.write(f"process {os.getpid()} of {platform.node()}\n".encode())
             self.clear()
             yield
 

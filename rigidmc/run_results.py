@@ -156,9 +156,12 @@ def open_run(path, allow_code=False):
 
 def _read(path, name, first):
     """A variable of a shard, whose first member is checked."""
-    found = read(path, "member", name)
+    try:
+        found = read(path, "member", name)
+    except (OSError, RuntimeError, IndexError) as error:  # a chunk whose sum is wrong, a file that is none or is gone
+        raise SceneError("", name, None, f"cannot be read: {error}; `rigidmc verify` tells more", file=path) from None
     if found["member"][0] != first:
-        raise SceneError("", "run", path, "has the members of another shard; `rigidmc verify` tells more")
+        raise SceneError("", name, None, "has the members of another shard; `rigidmc verify` tells more", file=path)
     return found[name]
 
 

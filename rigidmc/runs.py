@@ -14,29 +14,37 @@ from rigidmc.capacity import refuse_hopeless
 from rigidmc.cluster import checked, compute_on
 from rigidmc.effects import EFFECTS
 from rigidmc.effects.own import source_of
-from rigidmc.engine.layout import LANES
 from rigidmc.engine.machine import this_machine, threads_available
 from rigidmc.errors import OutputExists, SceneError, SceneWarning
-from rigidmc.files import part_of, put_in_place, text_of, write_text
-from rigidmc.observables import rows_of
-from rigidmc.planning import BLOCK, SLAB
+from rigidmc.files import part_of, put_in_place, refuse_unwritable, text_of, write_bytes
+from rigidmc.planning import BLOCK
 from rigidmc.run_directory import FORMAT, RunDirectory, damaged, hash_of, hash_of_file, rendered
 from rigidmc.sampling import rows
-from rigidmc.shards import compute_shards, fault_of, in_units_told, planned, refuse_others, scene_in, scene_of_run
+from rigidmc.shards import (
+    SHARD,
+    compute_shards,
+    fault_of,
+    in_units_told,
+    members_of,
+    planned,
+    refuse_others,
+    scene_in,
+    scene_of_run,
+)
 from rigidmc.simulation import compile_kernel, settled
 from rigidmc.staging import stage
 from rigidmc.storage.netcdf import write_columns
-from rigidmc.storage.schema import attributes, bytes_of_a_member
-
-SHARD = 64 * 2**20  # bytes of a shard: a thousand of them are 67 GB
+from rigidmc.storage.schema import attributes
 
 
 def create(scene, path, size=SHARD):
     """The RunDirectory of a new run of a scene, in shards of about `size` bytes; OutputExists where there is anything in that folder."""
     path = os.path.normpath(os.fspath(path))
+    parent = os.path.dirname(os.path.abspath(path))
     if os.path.lexists(path) and not (os.path.isdir(path) and not os.listdir(path)):
         hint = "; `rigidmc resume` goes on with it" if os.path.isfile(os.path.join(path, "run.json")) else ""
         raise OutputExists(f"{path} exists; nothing was written{hint}")
+    refuse_unwritable(parent)
     if scene.run.points == "latin_hypercube" and scene.run.strata is None:
         scene = scene.with_run(strata=scene.run.first + scene.run.members)
     *made, chosen = settled(scene, streaming=True)
@@ -44,20 +52,16 @@ def create(scene, path, size=SHARD):
     for note in made[1].notes:
         warnings.warn(note, SceneWarning, stacklevel=2)
     refuse_hopeless(told, shown, threads_available(), path)
-    values = 8 * max(1, rows_of(told.effects, *told.recorded())) * shown.times.size
-    block = min(BLOCK, max(LANES, SLAB // values // LANES * LANES))
-    shard = block * max(1, int(size / sum(bytes_of_a_member(told, shown)) / block))
+    block, shard = members_of(told, shown, size)
     versions, machine = this_machine()
     run = told.run
-    if not os.path.isdir(os.path.dirname(os.path.abspath(path))):
-        raise FileNotFoundError(f"{os.path.dirname(path)}: no such folder; nothing was written")
     sources = [file for e in told.effects if type(e) not in EFFECTS.values() and (file := source_of(type(e))) is not None]
     # beside its place, and moved there when it is whole: what is killed here leaves nothing under that name
-    folder = tempfile.mkdtemp(prefix=f".{os.path.basename(path)}-", dir=os.path.dirname(os.path.abspath(path)))
+    folder = tempfile.mkdtemp(prefix=f".{os.path.basename(path)}-", dir=parent)
     try:
         os.chmod(folder, 0o777 & ~_umask())
         os.mkdir(os.path.join(folder, "shards"))
-        write_text(os.path.join(folder, "scene.toml"), attributes(told, shown)["scene"])
+        write_bytes(os.path.join(folder, "scene.toml"), attributes(told, shown)["scene"].encode())
         facts = {
             "format": FORMAT, "scene": "", "columns": "", "code": {file: hash_of_file(file) for file in sources},
             "attributes": {} if chosen is None else chosen.attributes(), "seed": run.seed, "first": run.first, "members": run.members, "shard": shard,
@@ -68,7 +72,7 @@ def create(scene, path, size=SHARD):
             write_columns(file, _columns(told, count))
             facts["columns"] = hash_of_file(file)
         facts["scene"] = hash_of(scene_in(folder, facts, True))
-        write_text(os.path.join(folder, "run.json"), rendered(facts))
+        write_bytes(os.path.join(folder, "run.json"), rendered(facts).encode())
         _move(folder, path)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
@@ -173,7 +177,7 @@ def extend(path, members, accept=False, allow_code=False):
         last = directory.count - 1
         if facts["members"] % facts["shard"] and last in directory.done():
             os.unlink(directory.shards()[last])
-        write_text(os.path.join(directory.path, "run.json"), rendered({**facts, "members": int(members)}), force=True)
+        write_bytes(os.path.join(directory.path, "run.json"), rendered({**facts, "members": int(members)}).encode(), force=True)
         directory.note(event="extended", members=int(members))
     return RunDirectory(path)
 
@@ -200,10 +204,10 @@ def merge(path, others):
     others = [RunDirectory(other) for other in others]
     for other in others[1:]:
         _refuse_unlike(others[0], other)
-    if not os.path.isdir(os.path.dirname(os.path.abspath(path))):
-        raise FileNotFoundError(f"{os.path.dirname(path)}: no such folder; nothing was written")
+    parent = os.path.dirname(os.path.abspath(path))
+    refuse_unwritable(parent)
     if not os.path.lexists(path) or (os.path.isdir(path) and not os.listdir(path)):
-        folder = tempfile.mkdtemp(prefix=f".{os.path.basename(path)}-", dir=os.path.dirname(os.path.abspath(path)))
+        folder = tempfile.mkdtemp(prefix=f".{os.path.basename(path)}-", dir=parent)
         os.chmod(folder, 0o777 & ~_umask())
         os.mkdir(os.path.join(folder, "shards"))
         for name in ("columns.nc", "scene.toml", "run.json"):

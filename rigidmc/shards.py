@@ -10,13 +10,26 @@ import time
 import numpy as np
 
 from rigidmc.capacity import waiting
+from rigidmc.engine.layout import LANES
 from rigidmc.engine.machine import this_machine
 from rigidmc.errors import SceneError
+from rigidmc.observables import rows_of
+from rigidmc.planning import BLOCK, SLAB
 from rigidmc.run_directory import damaged, hash_of, hash_of_file
 from rigidmc.scene_file import loads
 from rigidmc.simulation import compute, settled
 from rigidmc.sinks import Memory, buffer
 from rigidmc.storage.netcdf import Writer, read
+from rigidmc.storage.schema import bytes_of_a_member
+
+SHARD = 64 * 2**20  # bytes of a shard: a thousand of them are 67 GB
+
+
+def members_of(scene, plan, size=SHARD):
+    """(members of a block, members of a shard) of a run whose shards are to have about `size` bytes; neither depends on threads."""
+    values = 8 * max(1, rows_of(scene.effects, *scene.recorded())) * plan.times.size
+    block = min(BLOCK, max(LANES, SLAB // values // LANES * LANES))
+    return block, block * max(1, int(size / sum(bytes_of_a_member(scene, plan)) / block))
 
 
 def scene_in(folder, facts, allow_code):

@@ -45,7 +45,7 @@ def test_flagged_members_are_kept_in_full(full, tmp_path, keep):
         assert np.array_equal(ds.omega_flagged.values, full.omega.values[..., bad])
     with rm.simulate(SCENE, keep=keep, threads=2, block=96, output=tmp_path / "one.nc") as file:
         alike(file, ds)
-        assert rm.rerun(file, 7).attrs["rerun"].startswith("equal to the bit at")
+        assert rm.rerun(file, 7).attrs["rerun"].startswith("equal to the bit")
         assert "members to 2 s" in file.rigid.summary()
     runs.create(SCENE.with_run(keep=keep), tmp_path / "run", 40_000)
     runs.resume(tmp_path / "run")
@@ -79,6 +79,12 @@ def test_digits_are_of_saves_alone(full, tmp_path):
         assert ds[name].values.tobytes() == full[name].values.tobytes()
     assert "4 digits" in rm.rerun(ds, 7).attrs["rerun"]
     ds.close()
+    with rm.simulate(
+        SCENE.with_run(digits=4, keep="thinned"), output=tmp_path / "two.nc"
+    ) as ds:  # flagged members are kept in full
+        assert np.array_equal(ds.omega_flagged.values, full.omega.values[..., np.flatnonzero(full.status.values)])
+        assert not np.array_equal(ds.omega_thinned.values, full.omega.values[::10])
+        assert rm.rerun(ds, 7, save=("energy",)).attrs["rerun"].startswith("compared with nothing")
     from rigidmc.storage.netcdf import Writer
 
     class Four:
@@ -118,6 +124,12 @@ def test_what_cannot_be_held_is_refused(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
     told = CliRunner().invoke(app, ["run", "tennis_racket", "-o", f"{tmp_path}/one.nc"])
     assert told.exit_code == 74 and told.stderr.count("rigidmc:") == 1 and "nothing was written" in told.stderr
+
+
+def test_threads_beyond_the_blocks_take_no_memory(monkeypatch):
+    assert rm.simulate(SCENE, threads=10**8).sizes["member"] == 1000
+    with pytest.raises(NoRoom, match="fewer than 100,000,000 threads"):
+        rm.simulate(SCENE.with_run(members=10**10), threads=10**8)
 
 
 def test_free_memory_is_what_the_narrowest_group_allows(tmp_path, monkeypatch):

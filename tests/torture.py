@@ -1,16 +1,21 @@
-"""What run directories survive, with closing tables: python tests/torture.py --kills 200 --faults all --corrupt 500.
+"""What run directories survive, with closing tables: python tests/torture.py --kills 200 --faults all --corrupt 500 --lost 6.
 
---kills N    start a run, kill it with SIGKILL at a random moment, resume it until it is whole; its shards' sha256 are those of an unbroken run
---faults N   a full disk, a broken one, at every open, write, fsync, rename and unlink of a run (at N of each, or all), also half-way through a
-             write: exit 74 and one message, nothing visible is wrong, and resumed it is whole
+--kills N    start a run, kill it with SIGKILL at a random moment, resume it until it is whole; its shards' sha256 are those of an unbroken run.
+             Every other run has rows of its own for each member, from a table, and keeps summaries and thinned digits
+--faults N   at every open, write, fsync, rename and unlink of a run (at N of each, or all): a full disk, a broken one (also half-way through a
+             write), or a delay; and files that the system lets grow to so many bytes only, wherever the C library then is. Exit 74 and one
+             message, nothing visible is wrong, and resumed it is whole
 --corrupt N  flip a bit or cut a file of a whole run at a random place; `verify` has to find it, and `resume --repair` to undo it
 --lost N     kill N workers of `--cluster local:2`, one every few seconds; the run ends well, and its shards are those of two threads
 """
 
 import argparse
+import contextlib
 import hashlib
+import multiprocessing
 import os
 import random
+import resource
 import shutil
 import signal
 import subprocess
@@ -20,6 +25,20 @@ import time
 
 COMMAND = [sys.executable, "-c", "from rigidmc.cli import main; main()"]
 WORDS = ["run", "tennis_racket", "--members", "400000", "--every", "0.5", "--save", "omega", "--shard-size", "4", "-o"]
+TABLE = """
+[body]
+moments = [1.0, 2.0, { table = "rows.csv", column = "third" }]
+[start]
+omega = [{ normal = [0.0, 0.1] }, { table = "rows.csv", column = "spin" }, 0.0]
+[run]
+dt = 0.01
+t_end = 10.0
+every = 0.1
+save = ["omega", "energy"]
+keep = { omega = "thinned", energy = "summary" }
+thin = 20
+digits = 6
+"""
 
 
 def sums(path):
@@ -36,29 +55,59 @@ def run(*words):
     return subprocess.run([*COMMAND, *words], capture_output=True, text=True)
 
 
+def quietly(*words):
+    """The command line, in a process of its own."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1), os.dup2(nowhere, 2)
+    from rigidmc.cli import app
+
+    app(words)
+
+
 def kills(count, folder, some, members=400_000, size=4):
-    """Kill runs `count` times in all; {what: how often}."""
-    whole, again = os.path.join(folder, "whole"), os.path.join(folder, "again")
-    command = [*WORDS[:3], str(members), *WORDS[4:-2], str(size), WORDS[-1]]
-    assert run(*command, whole + "/").returncode == 0  # compiles
-    began = time.monotonic()
-    assert run(*command, again + "/").returncode == 0
-    length, expected = time.monotonic() - began, sums(whole)
-    assert sums(again) == expected
-    told = {"kills": 0, "before any shard": 0, "runs resumed to the end": 0, "sha256 equal": 0, "torn shards seen": 0}
+    """Kill runs `count` times in all; {what: how often}.
+
+    The processes are forked from one that has imported everything: two seconds less each, in which there is nothing to kill.
+    """
+    server = multiprocessing.get_context("forkserver")
+    server.set_forkserver_preload(["rigidmc.cli", "rigidmc.simulation", "rigidmc.runs"])
+
+    def process(*words):
+        made = server.Process(target=quietly, args=words)
+        made.start()
+        return made
+
+    def done(*words):
+        made = process(*words)
+        made.join()
+        return made.exitcode
+
+    with open(os.path.join(folder, "rows.csv"), "w") as file:
+        file.write("third,spin\n" + "".join(f"{some.uniform(2.2, 2.8)},{some.gauss(1.0, 0.2)}\n" for _ in range(members // 4)))
+    with open(os.path.join(folder, "table.toml"), "w") as file:
+        file.write(TABLE)
+    racket = [*WORDS[:3], str(members), *WORDS[4:-2], str(size), "-o"]
+    kinds = []
+    for name, command in (("racket", racket), ("table", ["run", file.name, "--shard-size", str(size / 4), "-o"])):
+        whole, again = os.path.join(folder, name), os.path.join(folder, f"{name}-again")
+        assert done(*command, whole + "/") == 0  # compiles
+        began = time.monotonic()
+        assert done(*command, again + "/") == 0
+        assert sums(again) == sums(whole)
+        kinds.append((command, time.monotonic() - began, sums(whole)))
+    told = {"kills": 0, "before any shard": 0, "runs": 0, "runs resumed to the end": 0, "sha256 equal": 0, "torn shards seen": 0}
     for i in range(4 * count + 10):  # most of them are killed more than once
         if told["kills"] == count:
             break
-        path = os.path.join(folder, f"run{i}")
+        path, (command, length, expected) = os.path.join(folder, f"run{i}"), kinds[i % 2]
         words = [*command, path + "/"]
         while told["kills"] < count:
-            child = subprocess.Popen([*COMMAND, *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-            try:
-                child.wait(some.uniform(0.3, 1.1) * length)
+            child = process(*words)
+            child.join(some.uniform(0.2, 1.1) * length)
+            if child.exitcode is not None:
                 break
-            except subprocess.TimeoutExpired:
-                child.kill()
-                child.wait()
+            child.kill()
+            child.join()
             told["kills"] += 1
             is_run = os.path.isfile(os.path.join(path, "run.json"))
             there = sums(path) if is_run else {}
@@ -67,8 +116,8 @@ def kills(count, folder, some, members=400_000, size=4):
             if is_run:
                 words = ["resume", path]
         if os.path.isfile(os.path.join(path, "run.json")):
-            done = run("resume", path)
-            told["runs resumed to the end"] += done.returncode == 0
+            told["runs"] += 1
+            told["runs resumed to the end"] += done("resume", path) == 0
             told["sha256 equal"] += sums(path) == expected
         shutil.rmtree(path, ignore_errors=True)
     return told
@@ -166,20 +215,41 @@ def faults(most, folder, some):
     from rigidmc.cli import app
     from rigidmc.storage import netcdf
 
-    whole, words = os.path.join(folder, "whole"), [*WORDS[:3], "20000", *WORDS[4:]]
+    whole, path, words = os.path.join(folder, "whole"), os.path.join(folder, "run"), [*WORDS[:3], "20000", *WORDS[4:]]
     words[words.index("--shard-size") + 1] = "0.5"
     invoke = CliRunner().invoke
     assert invoke(app, [*words, whole + "/"]).exit_code == 0
     expected = sums(whole)
-    write = netcdf.Writer.write
-
-    def torn(self, first, count, values):
-        write(self, first, count // 2, values)
-
-    places = [("fsync", os, "fsync", None), ("rename", os, "replace", None), ("open", builtins, "open", None), ("write", netcdf.Writer, "write", None),
-              ("torn write", netcdf.Writer, "write", torn), ("open of a shard", netcdf.netCDF4, "Dataset", None), ("unlink", os, "unlink", None)]  # fmt: skip
     told = {"faults": 0, "exit 74, one message": 0, "no harm done, exit 0": 0, "wrong shards seen": 0, "resumed, sha256 equal": 0}
-    for name, where, attribute, before in places:
+
+    def tried(name, failing):
+        """A run while something fails, and what comes after."""
+        with failing:
+            done = invoke(app, [*words, path + "/"])
+        told["faults"] += 1
+        if done.exit_code == 0:
+            told["no harm done, exit 0"] += 1
+        elif (
+            done.exit_code == 74 and done.stderr.count("rigidmc:") == 1 and "Traceback" not in done.output and folder in done.stderr
+        ):
+            told["exit 74, one message"] += 1
+        else:
+            print(f"{name}: exit {done.exit_code}: {done.output[-300:]} {done.exception!r}", file=sys.stderr)
+        is_run = os.path.isfile(os.path.join(path, "run.json"))
+        seen = sums(path) if is_run else {}
+        told["wrong shards seen"] += sum(expected.get(n) != s for n, s in seen.items() if n in expected or n.endswith(".nc"))
+        again = invoke(app, ["resume", path] if is_run else [*words, path + "/"])
+        good = again.exit_code == 0 and sums(path) == expected
+        told["resumed, sha256 equal"] += good
+        if not good:
+            print(f"{name}: resumed: exit {again.exit_code}: {again.output[-300:]}", file=sys.stderr)
+        shutil.rmtree(path, ignore_errors=True)
+
+    system = [OSError(code, os.strerror(code)) for code in (errno.ENOSPC, errno.EIO)]
+    library = [RuntimeError("NetCDF: HDF error")]  # all that the C library tells, in the middle of a shard
+    places = [("fsync", os, "fsync", system), ("rename", os, "replace", system), ("open", builtins, "open", system), ("unlink", os, "unlink", system),
+              ("open of a shard", netcdf.netCDF4, "Dataset", system), ("write", netcdf.Writer, "_rounded", library)]  # fmt: skip
+    for name, where, attribute, errors in places:
         real, seen = getattr(where, attribute), [0]
 
         def counted(*given, real=real, seen=seen, **named):
@@ -187,41 +257,42 @@ def faults(most, folder, some):
             return real(*given, **named)
 
         with patch.object(where, attribute, counted):
-            assert invoke(app, [*words, os.path.join(folder, "count") + "/"]).exit_code == 0
-        shutil.rmtree(os.path.join(folder, "count"))
-        numbers = range(seen[0]) if not most or most >= seen[0] else sorted(some.sample(range(seen[0]), most))
+            assert invoke(app, [*words, path + "/"]).exit_code == 0
+        shutil.rmtree(path)
+        numbers = range(seen[0]) if most >= seen[0] else sorted(some.sample(range(seen[0]), most))
         for number in numbers:
-            for code in (errno.ENOSPC, errno.EIO):
-                path, at = os.path.join(folder, "run"), [0]
+            for error in (*errors, None):
+                at = [0]
 
-                def failing(*given, real=real, at=at, number=number, code=code, before=before, **named):
+                def failing(*given, real=real, at=at, number=number, error=error, **named):
                     if folder in str(given) or "Writer" in str(given):
                         at[0] += 1
                         if at[0] == number + 1:
-                            if before is not None:
-                                before(*given, **named)
-                            raise OSError(code, os.strerror(code))
+                            if error is not None and isinstance(
+                                given[0], str
+                            ):  # the system names files, but not those it has numbers for
+                                error.filename = given[0]
+                            if error is not None:
+                                raise error
+                            time.sleep(0.2)
                     return real(*given, **named)
 
-                with patch.object(where, attribute, failing):
-                    done = invoke(app, [*words, path + "/"])
-                told["faults"] += 1
-                if done.exit_code == 0:
-                    told["no harm done, exit 0"] += 1
-                elif done.exit_code == 74 and done.stderr.count("rigidmc:") == 1 and "Traceback" not in done.output:
-                    told["exit 74, one message"] += 1
-                else:
-                    print(f"{name} {number}: exit {done.exit_code}: {done.output[-300:]} {done.exception!r}", file=sys.stderr)
-                if os.path.isfile(os.path.join(path, "run.json")):
-                    told["wrong shards seen"] += sum(
-                        expected.get(n) != s for n, s in sums(path).items() if n in expected or n.endswith(".nc")
-                    )
-                    again = invoke(app, ["resume", path])
-                else:
-                    again = invoke(app, [*words, path + "/"])
-                told["resumed, sha256 equal"] += again.exit_code == 0 and sums(path) == expected
-                shutil.rmtree(path, ignore_errors=True)
+                tried(f"{name} {number}", patch.object(where, attribute, failing))
+    largest = max(os.path.getsize(os.path.join(whole, "shards", shard)) for shard in expected)
+    for i in range(min(most, 40)):
+        tried(f"no file larger than {i}/40 of a shard", limited(i * largest // 40))
     return told
+
+
+@contextlib.contextmanager
+def limited(size):
+    """Let files grow to so many bytes only; what writes more is told EFBIG, in the middle of its write."""
+    known = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, known[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, known)
 
 
 def main():

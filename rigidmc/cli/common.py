@@ -24,6 +24,7 @@ app = typer.Typer(
 SceneArgument = Annotated[
     str, typer.Argument(metavar="SCENE", help="A TOML file, the name of a shipped scene, or a result file (.nc).")
 ]
+ResultArgument = Annotated[str, typer.Argument(metavar="FILE", help="A result (.nc), or a run directory.")]
 Members = Annotated[int | None, typer.Option(help="Members of the ensemble.")]
 Seed = Annotated[int | None, typer.Option(help="Seed of all random draws.")]
 Integrator = Annotated[str | None, typer.Option(help="A name of `rigidmc integrators`, or auto with --tolerance.")]
@@ -168,11 +169,11 @@ def load_scene(source, settings, allow_code=False, **run):
         raise
 
 
-def opened(path):
+def opened(path, allow_code=False):
     """A result as a Dataset: a file or a run directory."""
     import rigidmc
 
-    return rigidmc.open(path)
+    return rigidmc.open(path, allow_code)
 
 
 def plots_module():

@@ -1,6 +1,5 @@
 """rigidmc rerun, summary, animate."""
 
-import os
 import sys
 from typing import Annotated
 
@@ -13,6 +12,7 @@ from rigidmc.cli.common import (
     Force,
     Output,
     Plot,
+    ResultArgument,
     Save,
     app,
     check_suffix,
@@ -26,7 +26,7 @@ from rigidmc.cli.common import (
 
 @app.command()
 def rerun(
-    file: Annotated[str, typer.Argument(metavar="FILE", help="A result (.nc), or a run directory.")],
+    file: ResultArgument,
     member: Annotated[int, typer.Option(help="Index of the member.")],
     every: Every = None, save: Save = None, output: Output = None, plot: Plot = None, force: Force = False, allow_code: AllowCode = False,
 ):  # fmt: skip
@@ -44,9 +44,7 @@ def rerun(
         wanted = None if save is None else [word.strip() for word in save.split(",") if word.strip() not in ("", "none")]
         try:
             with noted():
-                dataset = again(
-                    opened(file) if os.path.isdir(file) else file, member, every, wanted, allow_code, output=output, force=force
-                )
+                dataset = again(file, member, every, wanted, allow_code, output=output, force=force)
         except SceneError as error:
             error.file = error.file or file
             raise
@@ -65,7 +63,7 @@ def rerun(
 
 
 @app.command()
-def summary(file: Annotated[str, typer.Argument(metavar="FILE", help="A result (.nc), or a run directory.")]):
+def summary(file: ResultArgument):
     """Say what is in a result: flagged members, and of each number that members have its mean with the interval, median and range."""
     with reported():
         from rigidmc.summary import summary as lines
@@ -79,7 +77,7 @@ def summary(file: Annotated[str, typer.Argument(metavar="FILE", help="A result (
 
 @app.command()
 def animate(
-    file: Annotated[str, typer.Argument(metavar="FILE", help="A result (.nc), or a run directory.")],
+    file: ResultArgument,
     member: Annotated[int, typer.Option(help="Index of the member.")],
     output: Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="Animation to write (.gif, .mp4, .webm).")],
     seconds: Annotated[float, typer.Option(min=0.1, help="How long it is to last \\[s].")] = 10.0,
@@ -100,9 +98,7 @@ def animate(
         if not output.endswith(SUFFIXES):
             raise SceneError("", "--output", output, f"expected a file that ends in {', '.join(SUFFIXES)}")
         with noted():
-            dataset = frames(
-                opened(file) if os.path.isdir(file) else file, member, max(2, round(seconds * fps) - 1) * SMOOTH, allow_code
-            )
+            dataset = frames(opened(file, allow_code), member, max(2, round(seconds * fps) - 1) * SMOOTH, allow_code)
         if int(dataset.status.values[0]) == 2:
             fail(f"{file}: member {member} never started: it has no such body or start", INVALID)
         made = -(-dataset.sizes["time"] // SMOOTH)

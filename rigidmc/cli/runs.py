@@ -22,7 +22,11 @@ Cluster = Annotated[
 ]
 Blocks = Annotated[
     str | None,
-    typer.Option("--shards", metavar="FROM:TO", help="These shards only, as of a job array: 0:100 are the first hundred."),
+    typer.Option(
+        "--shards",
+        metavar="FROM:TO",
+        help="These shards only, as of a job array: 0:100 are the first hundred. `rigidmc show` tells how many there are.",
+    ),
 ]
 
 
@@ -67,7 +71,9 @@ def resume(
     repair: Annotated[bool, typer.Option("--repair", help="First take away the shards that are damaged.")] = False,
     allow_code: AllowCode = False,
 ):  # fmt: skip
-    """Go on with a run: compute the shards that are missing, to the bits that an unbroken run has."""
+    """Go on with a run: compute the shards that are missing, to the bits that an unbroken run has.
+
+    Exit code 0 where all of it is done, 4 where it is and some members are flagged, 5 where shards are missing (--max-wall, --shards)."""
     with reported():
         from rigidmc import runs
 
@@ -106,7 +112,7 @@ def outcome(found):
 
 @app.command()
 def status(run: RunArgument):
-    """Say how far a run is, also while it runs."""
+    """Say how far a run is, also while it runs: exit code 0 where all of it is done, 4 where it is and some members are flagged, 5 where shards are missing."""
     with reported():
         from rigidmc import run_directory
 
@@ -127,7 +133,9 @@ def verify(
     spot: Annotated[int, typer.Option(min=0, help="Shards of which three members each are computed again, to the bit.")] = 3,
     allow_code: AllowCode = False,
 ):
-    """Check a run: the sum of every shard against its name, run.json and scene, and some of them computed again."""
+    """Check a run: the sum of every shard against its name, run.json and scene, and some of them computed again.
+
+    Exit code 0 where all of it is there and sound, 5 where it is sound and shards are missing, 3 where something is wrong."""
     with reported():
         from rigidmc import run_directory, run_results
 
@@ -151,12 +159,14 @@ def consolidate(
     run: RunArgument, output: Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="netCDF file to write.")],
     force: Force = False, allow_code: AllowCode = False,
 ):  # fmt: skip
-    """Write a whole run as one netCDF file."""
+    """Write a whole run as one netCDF file; exit code 4 where some of its members are flagged."""
     with reported():
-        from rigidmc import run_results
+        from rigidmc import run_directory, run_results
 
         run_results.consolidate(run, output, force, allow_code).close()
-        print(f"  wrote {output} ({os.path.getsize(output) / 1e6:,.1f} MB)")
+        found = run_directory.status(run)
+        print(f"  wrote {output} ({os.path.getsize(output) / 1e6:,.1f} MB); flagged members: {found['flagged'] or 'none'}")
+    raise typer.Exit(outcome(found))
 
 
 @app.command()
@@ -181,7 +191,7 @@ def extend(
 def merge(
     run: RunArgument, parts: Annotated[list[str], typer.Argument(metavar="PART...", help="Run directories of the same run.")],
 ):  # fmt: skip
-    """Gather the shards of a job array in one run directory, which may be a new one."""
+    """Gather the shards of a job array in one run directory, which may be a new one; scene, seed, members and shard size of all parts are the same."""
     with reported():
         from rigidmc import run_directory, runs
 

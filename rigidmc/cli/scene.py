@@ -26,6 +26,7 @@ from rigidmc.cli.common import (
     Most,
     Output,
     Plot,
+    ResultArgument,
     Save,
     SceneArgument,
     Seed,
@@ -84,6 +85,8 @@ def run_scene(
         if is_run(output):
             if plot is not None or until is not None:
                 raise SceneError("", "--output", output, "a run directory goes without --plot and --until: consolidate it first")
+            if force:
+                raise SceneError("", "--force", None, f"replaces files: take the folder {output} away yourself")
             from rigidmc.cluster import checked
             from rigidmc.runs import SHARD, create
 
@@ -234,7 +237,7 @@ def scenes(name: Annotated[str | None, typer.Argument(help="A shipped scene to p
 
 @app.command()
 def plot(
-    file: Annotated[str, typer.Argument(metavar="FILE", help="A result (.nc), or a run directory.")],
+    file: ResultArgument,
     output: Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="Picture to write (.png, .pdf, .svg).")],
     picture: Annotated[
         str,
@@ -255,7 +258,7 @@ def plot(
         plots = plots_module()
         check_suffix(output)
         try:
-            with opened(file) as dataset:
+            with opened(file, allow_code) as dataset:
                 if picture == "gibbs":
                     from rigidmc.gibbs_plot import gibbs
 

@@ -95,8 +95,8 @@ def saved_variables(scene):
 
 
 def is_rounded(scene, dims, dtype):
-    """Whether a variable has only so many digits in files: saves over time, never what a run could start from."""
-    return scene.run.digits is not None and bool({"time", "thinned_time"} & set(dims)) and dtype == "f8"
+    """Whether a variable has only so many digits in files: saves over time, never what a run could start from nor those of flagged members."""
+    return scene.run.digits is not None and dims[0] in ("time", "thinned_time") and dims[-1] == "member" and dtype == "f8"
 
 
 def flagged_variables(scene):
