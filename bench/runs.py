@@ -11,10 +11,11 @@ import time
 from bench import harness, startup
 from bench.memory import peak
 from rigidmc.capacity import free_memory
+from rigidmc.jobs import compile_kernel
 from rigidmc.runs import create
 from rigidmc.scene_file import load
 from rigidmc.shards import compute_shards, planned
-from rigidmc.simulation import compile_kernel, compute
+from rigidmc.simulation import compute
 from rigidmc.sinks import buffer
 
 STUDY = ["run", "dzhanibekov", "--t-end", "12", "--save", "omega,attitude", "--keep", "final"]

@@ -10,7 +10,7 @@ from rigidmc.effects.parameters import blank, numbers, parameter_count
 from rigidmc.engine import kernel, layout
 from rigidmc.engine.blocks import run_block
 from rigidmc.engine.compose import as_single
-from rigidmc.simulation import Job
+from rigidmc.jobs import Job
 from rigidmc.staging import own_steps, rates, together
 
 GRAVITY = 9.81  # m/s^2

@@ -12,10 +12,10 @@ from rigidmc.effects.parameters import filled
 from rigidmc.effects.verbs import is_random
 from rigidmc.engine import kernel, layout
 from rigidmc.engine.flops import step_operations, torque_operations
+from rigidmc.jobs import block_arguments, compile_kernel
 from rigidmc.observables import Flips, Passage
 from rigidmc.planning import prepare
 from rigidmc.scene import Scene
-from rigidmc.simulation import block_arguments, compile_kernel
 from rigidmc.staging import stage
 from rigidmc.start import Start
 from rigidmc.vectors import Cone

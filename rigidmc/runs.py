@@ -17,6 +17,7 @@ from rigidmc.effects.own import source_of
 from rigidmc.engine.machine import this_machine, threads_available
 from rigidmc.errors import OutputExists, SceneError, SceneWarning
 from rigidmc.files import part_of, put_in_place, refuse_unwritable, text_of, write_bytes
+from rigidmc.jobs import compile_kernel
 from rigidmc.planning import BLOCK
 from rigidmc.run_directory import FORMAT, RunDirectory, damaged, hash_of, hash_of_file, rendered
 from rigidmc.sampling import rows
@@ -31,7 +32,7 @@ from rigidmc.shards import (
     scene_in,
     scene_of_run,
 )
-from rigidmc.simulation import compile_kernel, settled
+from rigidmc.simulation import settled
 from rigidmc.staging import stage
 from rigidmc.storage.netcdf import write_columns
 from rigidmc.storage.schema import attributes
