@@ -166,7 +166,7 @@ def run(quick):
             harness.target(f"status of {count:,} shards", 0.5, told, "s", at_most=True, note=f"`rigidmc status` {command:.2f} s")
         )
         rows.append(scheduler(folder, 10 if quick else 1000))
-        rows += cluster(folder, sizes[0], 2.0 if quick else 500.0, 1)
+        rows += cluster(folder, sizes[0], 2.0 if quick else 400.0, 1 if quick else 3)
         found = [row for row in rows if row["kind"] == "cluster"]
         assert all(row["equal"] for row in found)
         ratio = harness.median([row["threads"] / row["cluster"] for row in found])

@@ -22,6 +22,7 @@ import time
 from typing import Any
 
 from rigidmc.errors import OutputExists, SceneError
+from rigidmc.files import naming
 
 FORMAT = 1
 _SHARD = re.compile(r"(\d{8})-(\d{1,12})-([0-9a-f]{16})\.nc")
@@ -155,8 +156,9 @@ class RunDirectory:
         name = os.path.join(self.path, "lock")
         with open(name, "ab+", buffering=0) as file:
             try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
+                with naming(name):  # where a file system has no locks that is an error like any other
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
                 file.seek(0)
                 raise OutputExists(
                     f"{self.path}: is being written by {file.read().decode(errors='replace').strip() or 'another process'}"

@@ -2,6 +2,7 @@
 
 import contextlib
 import hashlib
+import itertools
 import json
 import math
 import os
@@ -272,6 +273,25 @@ def test_a_cluster_makes_the_same_bytes(whole, tmp_path):
     for where in ("here:2", "local:0", "tcp"):
         with pytest.raises(SceneError, match="--cluster"):
             runs.resume(started(tmp_path / where.replace("/", "")), cluster=where)
+
+
+@pytest.mark.slow
+def test_one_sum_for_every_way(whole, tmp_path):
+    """Threads, blocks, workers and order, interrupted and extended: one sum for each shard, and for the consolidated file."""
+    ways = [{"threads": threads, "block": block} for threads in (1, 2, 5) for block in (32, 64, 96)]
+    ways += [{"cluster": f"local:{count}"} for count in (1, 2, 4)]
+    run_results.consolidate(whole, tmp_path / "whole.nc").close()
+    expected = hashlib.sha256((tmp_path / "whole.nc").read_bytes()).hexdigest()
+    for way, order in itertools.product(ways, ((range(4),), (range(2, 4), range(1, 2), range(1)))):
+        started(tmp_path / "run", members=700)
+        for only in order:
+            runs.resume(tmp_path / "run", only=only, **way)
+        runs.extend(tmp_path / "run", MEMBERS)
+        runs.resume(tmp_path / "run", **way)
+        assert sums(tmp_path / "run") == sums(whole), (way, order)
+        run_results.consolidate(tmp_path / "run", tmp_path / "one.nc", force=True).close()
+        assert hashlib.sha256((tmp_path / "one.nc").read_bytes()).hexdigest() == expected, (way, order)
+        shutil.rmtree(tmp_path / "run")
 
 
 def test_the_parts_of_a_job_array_are_one_run(whole, tmp_path):
