@@ -13,7 +13,7 @@ def refuse_existing(path, force):
     if os.path.lexists(path) and not force:
         raise OutputExists(f"{path} exists; nothing was written (use --force, or force=True, to replace it)")
     if os.path.isdir(path) or not os.path.basename(path):
-        raise IsADirectoryError(f"{path}: is a folder; nothing was written")
+        raise IsADirectoryError(f"{path}: names a folder, not a file; nothing was written")
     refuse_unwritable(os.path.dirname(path) or os.curdir)
 
 

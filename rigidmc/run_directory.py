@@ -85,6 +85,12 @@ class RunDirectory:
         return facts
 
     @property
+    def mark(self):
+        """What each shard carries, so that none of another run passes for one of this: the hash of its scene, rows and code."""
+        facts = self.facts
+        return hashlib.sha256(json.dumps([facts["scene"], facts["columns"], sorted(facts["code"].values())]).encode()).hexdigest()
+
+    @property
     def count(self):
         """How many shards the whole run has."""
         return -(-self.facts["members"] // self.facts["shard"])
@@ -196,21 +202,23 @@ def damaged(path):
 
 
 def status(path):
-    """What of a run is done, by the names of its shards alone: {"shards", "done", "members", "members_done", "flagged", "rate", "seconds_left"}.
+    """What of a run is done, by the names of its shards alone: {"shards", "done", "members", "members_done", "flagged", "strays", "rate",
+    "seconds_left"}; the strays are files that are no shards of the run.
 
-    The rate [1/s] is that since it was last begun, from the times of the shards that appeared.
+    The rate [1/s] is that since it was last begun: of the journal where that has ended, else from the times of the shards that appeared.
     """
     directory = RunDirectory(path)
-    shards, members = directory.shards(), 0
-    begun = max((line["time"] for line in directory.journal() if line.get("event") == "begun"), default=math.inf)
-    new, last = 0, 0.0
-    for i, shard in shards.items():
-        made, count = os.stat(shard).st_mtime, len(directory.members(i))
-        members += count
-        new, last = (new + count, max(last, made)) if made > begun else (new, last)
-    rate = new / (last - begun) if new else None
+    shards, journal = directory.shards(), directory.journal()
+    members = sum(len(directory.members(i)) for i in shards)
+    begun = max((line["time"] for line in journal if line.get("event") == "begun"), default=math.inf)
+    made = [(os.stat(shard).st_mtime, len(directory.members(i))) for i, shard in shards.items()]
+    new, seconds = sum(count for at, count in made if at > begun), max((at for at, _ in made), default=0.0) - begun
+    for line in journal:
+        if line.get("event") == "ended" and line["time"] >= begun:
+            new, seconds = line.get("members", 0), line.get("seconds", 0.0)
+    rate = new / seconds if new and seconds > 0.0 else None
     left = directory.facts["members"] - members
     return {
         "shards": directory.count, "done": len(shards), "members": directory.facts["members"], "members_done": members,
-        "flagged": sum(directory.flagged().values()), "rate": rate, "seconds_left": left / rate if rate else None,
+        "flagged": sum(directory.flagged().values()), "strays": len(directory.strays()), "rate": rate, "seconds_left": left / rate if rate else None,
     }  # fmt: skip

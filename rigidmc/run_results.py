@@ -2,13 +2,15 @@
 
 import hashlib
 import os
+import random
 import tempfile
 import warnings
 
 import numpy as np
 
 from rigidmc.capacity import refuse_hopeless
-from rigidmc.errors import SceneError, SceneWarning
+from rigidmc.errors import SceneError, SceneWarning, counted
+from rigidmc.files import refuse_existing
 from rigidmc.retention import joined
 from rigidmc.run_directory import RunDirectory
 from rigidmc.shards import fault_of, planned, scene_of_run
@@ -29,16 +31,17 @@ from rigidmc.storage.schema import (
 
 def verify(path, spot=3, allow_code=False, threads=None):
     """What is wrong with a run, in words, [] for nothing: the sum of every shard, how many members its name says are flagged, the scene, and
-    `spot` members of each of as many shards computed again, to the bit."""
+    some members of each of `spot` shards computed again, to the bit: first, last and one by chance, of shards by chance."""
+    counted(spot, "spot", 0)
     directory = RunDirectory(path)
     scene = scene_of_run(directory, allow_code)
     shards = directory.shards()
     faults = {i: fault for i, shard in shards.items() if (fault := fault_of(directory, i, shard))}
     found = [*faults.values(), *(f"{path}: is no shard of this run" for path in directory.strays())]
     whole = sorted(set(shards) - set(faults))
-    for i in whole[:: max(1, len(whole) // max(1, spot))][:spot]:
+    for i in sorted(random.sample(whole, min(spot, len(whole)))):
         members = directory.members(i)
-        for member in sorted({members[0], members[len(members) // 2], members[-1]}):
+        for member in sorted({members[0], random.choice(members), members[-1]}):
             if other := _unlike(scene, shards[i], member, threads):
                 found.append(other)
                 break
@@ -65,6 +68,7 @@ def _unlike(scene, path, member, threads):
 def consolidate(path, output, force=False, allow_code=False):
     """Write a whole run as one file, the same as a run of that size to a file would be; SceneError where shards are missing."""
     directory, output = RunDirectory(path), os.fspath(output)
+    refuse_existing(output, force)
     *_, told, shown = planned(directory, allow_code)
     if missing := directory.missing():
         raise SceneError("", "run", directory.path, f"{len(missing):,} of {directory.count:,} shards are missing: resume it first")
@@ -120,6 +124,9 @@ def open_run(path, allow_code=False):
     shards, bad = {i: os.path.abspath(shard) for i, shard in directory.shards().items()}, directory.flagged()
     if not shards:
         raise SceneError("", "run", directory.path, "no shard is there yet: resume it first")
+    if len(shards) < directory.count:
+        there = sum(len(directory.members(i)) for i in shards)
+        warnings.warn(f"{directory.path}: {there:,} of {told.run.members:,} members are there", SceneWarning, stacklevel=3)
     done = sorted(shards)
     mark = hashlib.sha256("\n".join(shards.values()).encode()).hexdigest()[:16]  # names tell contents: others are other arrays
     ranges = [directory.members(i) for i in done]
@@ -133,7 +140,7 @@ def open_run(path, allow_code=False):
         if is_rounded(told, dims, dtype):
             attrs = {**attrs, "significant_digits": told.run.digits}
         graph = {
-            (label, *[j if d == long else 0 for d in dims]): (_read, shards[i], name, ranges[j].start)
+            (label, *[j if d == long else 0 for d in dims]): (_read, shards[i], directory.mark, name, ranges[j].start)
             if counts[long][j]
             else (np.empty, [s[j] if d == long else s[0] for d, s in zip(dims, sizes, strict=True)], dtype)
             for j, i in enumerate(done)
@@ -142,7 +149,9 @@ def open_run(path, allow_code=False):
     for name, (dims, dtype, attrs) in ensemble_variables(told).items():
         size = [length(d, shown) for d in dims]
         label = f"{name}-{mark}"
-        graph = {(label, j, *[0] * len(size)): (_read_one, shards[i], name, ranges[j].start) for j, i in enumerate(done)}
+        graph = {
+            (label, j, *[0] * len(size)): (_read_one, shards[i], directory.mark, name, ranges[j].start) for j, i in enumerate(done)
+        }
         stacked = da.Array(graph, label, ((1,) * len(done), *((n,) for n in size)), np.dtype(dtype))
         variables[name] = dims, stacked.sum(0, dtype=dtype), attrs
     known = {
@@ -154,10 +163,10 @@ def open_run(path, allow_code=False):
     return made
 
 
-def _read(path, name, first):
-    """A variable of a shard, whose first member is checked."""
+def _read(path, mark, name, first):
+    """A variable of a shard, whose mark and first member are checked."""
     try:
-        found = read(path, "member", name)
+        found = read(path, "member", name, mark=mark)
     except (OSError, RuntimeError, IndexError) as error:  # a chunk whose sum is wrong, a file that is none or is gone
         raise SceneError("", name, None, f"cannot be read: {error}; `rigidmc verify` tells more", file=path) from None
     if found["member"][0] != first:
@@ -165,6 +174,6 @@ def _read(path, name, first):
     return found[name]
 
 
-def _read_one(path, name, first):
+def _read_one(path, mark, name, first):
     """A variable of a shard, as one of a stack."""
-    return _read(path, name, first)[None]
+    return _read(path, mark, name, first)[None]

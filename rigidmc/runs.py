@@ -1,6 +1,7 @@
 """Runs that survive: started in a directory, resumed after whatever ended them, extended, and made of the parts of a job array."""
 
 import errno
+import math
 import os
 import shutil
 import tempfile
@@ -15,11 +16,11 @@ from rigidmc.cluster import checked, compute_on
 from rigidmc.effects import EFFECTS
 from rigidmc.effects.own import source_of
 from rigidmc.engine.machine import this_machine, threads_available
-from rigidmc.errors import OutputExists, SceneError, SceneWarning
+from rigidmc.errors import OutputExists, SceneError, SceneWarning, counted
 from rigidmc.files import part_of, put_in_place, refuse_unwritable, text_of, write_bytes
 from rigidmc.jobs import compile_kernel
 from rigidmc.planning import BLOCK
-from rigidmc.run_directory import FORMAT, RunDirectory, damaged, hash_of, hash_of_file, rendered
+from rigidmc.run_directory import FORMAT, RunDirectory, hash_of, hash_of_file, rendered
 from rigidmc.sampling import rows
 from rigidmc.shards import (
     SHARD,
@@ -38,9 +39,12 @@ from rigidmc.storage.netcdf import write_columns
 from rigidmc.storage.schema import attributes
 
 
-def create(scene, path, size=SHARD):
-    """The RunDirectory of a new run of a scene, in shards of about `size` bytes; OutputExists where there is anything in that folder."""
-    path = os.path.normpath(os.fspath(path))
+def create(scene, path, size=SHARD, only=None):
+    """The RunDirectory of a new run of a scene, in shards of about `size` bytes, a block of members at least; OutputExists where there is
+    anything in that folder, SceneError also where of `only`, the range of shards that is wanted of it, there is none."""
+    if not isinstance(size, (int, float)) or not 0.0 < size < math.inf:
+        raise SceneError("", "size", size, "expected the bytes of a shard")
+    path = os.path.realpath(os.fspath(path))
     parent = os.path.dirname(os.path.abspath(path))
     if os.path.lexists(path) and not (os.path.isdir(path) and not os.listdir(path)):
         hint = "; `rigidmc resume` goes on with it" if os.path.isfile(os.path.join(path, "run.json")) else ""
@@ -54,6 +58,7 @@ def create(scene, path, size=SHARD):
         warnings.warn(note, SceneWarning, stacklevel=2)
     refuse_hopeless(told, shown, threads_available(), path)
     block, shard = members_of(told, shown, size)
+    _refuse_beyond(only, -(-told.run.members // shard))
     versions, machine = this_machine()
     run = told.run
     sources = [file for e in told.effects if type(e) not in EFFECTS.values() and (file := source_of(type(e))) is not None]
@@ -91,6 +96,13 @@ def _move(folder, path):
         raise OutputExists(f"{path} appeared meanwhile; nothing was overwritten") from None
 
 
+def _refuse_beyond(only, count):
+    """SceneError where of a range of shards there is none."""
+    if only is not None and (not isinstance(only, range) or only.step != 1 or not only or not 0 <= only[0] < count):
+        told = f"{only.start}:{only.stop}" if isinstance(only, range) else only
+        raise SceneError("", "--shards", told, f"expected a range of shards; the run has 0 to {count - 1}")
+
+
 def _columns(scene, count):
     """{name: rows} of what a scene has of one row per member, by the names that its text refers to them with."""
 
@@ -117,15 +129,19 @@ def resume(
 
     accept : go on though versions or processor are others, whose last bits may differ
     max_wall : seconds after which no further shard is begun that would not be done by then; compiling is left out of how long they take
-    only : a range of shards, of a job array whose directories are merged;  block : members computed at once; nothing depends on it
+    only : a range of shards, of a job array whose directories are merged; it may end beyond the last;  block : members computed at once; nothing depends on it
     cluster : "tcp://host:8786" of a dask scheduler, or "local:4" for so many processes here, see `rigidmc.cluster`
     Raises SceneError for what is no run or no longer the same, OutputExists where another process writes, NoRoom where there is none.
     """
     directory = path if isinstance(path, RunDirectory) else RunDirectory(path)
     began = time.monotonic()
     refuse_others(directory, accept)
-    if only is not None and only[-1] >= directory.count:
-        raise SceneError("", "--shards", f"{only[0]}:{only[-1] + 1}", f"the run has the shards 0 to {directory.count - 1}")
+    _refuse_beyond(only, directory.count)
+    for name, given in (("threads", threads), ("block", block)):
+        if given is not None:
+            counted(given, name)
+    if max_wall is not None and (isinstance(max_wall, str) or not 0.0 < max_wall < math.inf):
+        raise SceneError("", "max_wall", max_wall, "expected seconds")
     if cluster is not None:
         checked(cluster)
     with directory.locked():
@@ -158,7 +174,7 @@ def extend(path, members, accept=False, allow_code=False):
     accept, allow_code : as of `resume`. Whatever is wrong is said before anything is changed.
     """
     directory = RunDirectory(path)
-    facts = directory.facts
+    facts, members = directory.facts, counted(members, "members")
     refuse_others(directory, accept)
     if members <= facts["members"]:
         raise SceneError("run", "members", members, f"the run has {facts['members']:,} already")
@@ -199,9 +215,11 @@ def merge(path, others):
     """Gather the shards of other directories of the same run, as job arrays make them; (RunDirectory, how many were copied).
 
     A `path` that is not there yet becomes such a directory. Raises SceneError where one is of another run, or has a shard that is damaged or
-    another than the one that is there.
+    another than the one that is there; what was copied before stays, and is not copied again.
     """
-    path = os.path.normpath(os.fspath(path))
+    if isinstance(others, (str, os.PathLike)) or not others:
+        raise SceneError("", "others", others, "expected a list of run directories")
+    path = os.path.realpath(os.fspath(path))
     others = [RunDirectory(other) for other in others]
     for other in others[1:]:
         _refuse_unlike(others[0], other)
@@ -228,8 +246,8 @@ def merge(path, others):
                     )
                 if i in have:
                     continue
-                if damaged(shard):
-                    raise SceneError("", "run", shard, "is not what was written: its sum is not that of its name")
+                if fault := fault_of(other, i, shard):
+                    raise SceneError("", "run", other.path, fault)
                 final = os.path.join(path, "shards", os.path.basename(shard))
                 shutil.copyfile(shard, part_of(final))
                 put_in_place(part_of(final), final, False)

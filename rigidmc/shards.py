@@ -76,10 +76,13 @@ def in_units_told(scene, plan, units):
 
 
 def fault_of(directory, i, path):
-    """In words, what is wrong with a shard as such, "" for nothing: its sum, its members, how many of them are flagged."""
+    """In words, what is wrong with a shard as such, "" for nothing: its sum, its run, its members, how many of them are flagged."""
     if damaged(path):
         return f"{path}: is not what was written: its sum is not that of its name"
-    found, members = read(path, "member", "status"), directory.members(i)
+    try:
+        found, members = read(path, "member", "status", mark=directory.mark), directory.members(i)
+    except SceneError as error:
+        return str(error)
     if found["member"].size != len(members) or found["member"][0] != members[0]:
         return f"{path}: is no shard {i} of this run: its members are others"
     count = np.count_nonzero(found["status"])
@@ -192,7 +195,7 @@ class Shards:
         """All at once and in one order: no byte depends on which block came first, and it takes half the time."""
         values, bad = part.values(), int(np.count_nonzero(part.arrays["status"]))
         path, named = self.directory.temporary(i), lambda file: self.directory.named(i, bad, file)
-        writer = Writer(path, self.scene, part.plan, force=True, attrs={}, named=named)
+        writer = Writer(path, self.scene, part.plan, force=True, attrs={"run": self.directory.mark}, named=named)
         try:
             by_member = [name for name, v in writer.variables.items() if "member" in v.dims]
             writer.write(part.plan.first, part.plan.members, {name: values[name] for name in by_member})

@@ -15,7 +15,7 @@ from rigidmc.choice import resolved
 from rigidmc.engine import layout
 from rigidmc.engine.blocks import run_blocks
 from rigidmc.engine.machine import threads_available
-from rigidmc.errors import SceneError, SceneWarning
+from rigidmc.errors import SceneError, SceneWarning, counted
 from rigidmc.jobs import closed_job, compile_kernel, job_of
 from rigidmc.observables import OBSERVABLES, rows_of
 from rigidmc.planning import prepare, whole_lanes
@@ -89,7 +89,7 @@ def simulate(
     )
     if scene.run.points == "latin_hypercube" and scene.run.strata is None:
         scene = scene.with_run(strata=scene.run.first + scene.run.members)
-    threads = _threads(threads)
+    threads = threads_available() if threads is None else counted(threads, "threads")
     if output is not None:
         refuse_existing(output, force)
     scene, plan, units, chosen = settled(scene, threads, output is not None, block)
@@ -208,9 +208,3 @@ def _rehearsed(scene, plan, threads, output, chosen):
     )  # the first warms up
     each = max(more_seconds - few_seconds, 0.2 * more_seconds) / (2 * REHEARSED)  # what a run takes once is not counted again
     return more_seconds + each * (plan.members - 3 * REHEARSED)
-
-
-def _threads(threads):
-    if threads is not None and (isinstance(threads, bool) or not isinstance(threads, int) or threads < 1):
-        raise SceneError("", "threads", threads, "expected a whole number of at least 1")
-    return threads or threads_available()

@@ -20,10 +20,12 @@ def summary(dataset, confidence=0.95):
         if "dt" in dataset.attrs
         else f"turn = {dataset.attrs.get('turn', float('nan')):.6g} rad"
     )
-    points = tomllib.loads(dataset.attrs["scene"])["run"].get("points", "independent")
+    settings = tomllib.loads(dataset.attrs["scene"])["run"]
+    points, planned = settings.get("points", "independent"), settings["members"]
+    of = f" of {planned:,}" if count < planned else ""
     independent = points == "independent"
     lines = [
-        f"{dataset.attrs.get('title', 'result')}: {count:,} members to {float(dataset.time.values[-1]):g} s with {dataset.attrs['integrator']}, {run}"
+        f"{dataset.attrs.get('title', 'result')}: {count:,}{of} members to {float(dataset.time.values[-1]):g} s with {dataset.attrs['integrator']}, {run}"
     ]
     flags = [f"{int((status == code).sum()):,} {word}" for word, code in STATUSES.items() if code and (status == code).any()]
     lines.append(f"  flagged: {', '.join(flags) or 'none'}" + ("; they are left out below" if flags else ""))

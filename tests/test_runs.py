@@ -21,6 +21,7 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc import cluster, run_directory, run_results, runs
 from rigidmc.cli import app
+from rigidmc.cli.runs import seconds_of
 from rigidmc.errors import NoRoom, OutputExists, SceneError, SceneWarning
 from rigidmc.files import text_of
 from rigidmc.run_directory import RunDirectory, rendered
@@ -97,7 +98,8 @@ def test_a_run_is_opened_without_reading_it(whole, tmp_path):
     assert "equal to the bit" in ds.rigid.rerun(500).attrs["rerun"]
     started(tmp_path / "part")
     runs.resume(tmp_path / "part", only=range(2, 4))
-    part = rm.open(str(tmp_path / "part"))
+    with pytest.warns(SceneWarning, match="384 of"):
+        part = rm.open(str(tmp_path / "part"))
     assert np.array_equal(part.member.values, np.arange(384, 768)) and np.array_equal(
         part.omega_max.values, direct.omega_max.values[:, 384:768]
     )
@@ -403,6 +405,69 @@ def test_shards_are_those_of_their_numbers(whole, tmp_path):
         runs.extend(path, 2 * MEMBERS)
 
 
+def test_a_shard_of_another_run_is_none_of_this(whole, tmp_path):
+    started(tmp_path / "other", seed=5)
+    runs.resume(tmp_path / "other")
+    started(tmp_path / "run")
+    runs.resume(tmp_path / "run", only=range(5))
+    shutil.copy(RunDirectory(tmp_path / "other").shards()[5], tmp_path / "run" / "shards")
+    assert run_directory.status(tmp_path / "run")["done"] == 6  # by its name
+    (found,) = run_results.verify(tmp_path / "run", spot=0)
+    assert "another run" in found
+    opened = rm.open(tmp_path / "run")
+    assert opened.omega_max.isel(member=slice(0, 960)).values.shape == (3, 960)
+    for use in (
+        opened.load,
+        lambda: run_results.consolidate(tmp_path / "run", tmp_path / "one.nc"),
+        lambda: runs.merge(tmp_path / "new", [tmp_path / "run"]),
+    ):
+        with pytest.raises(SceneError, match="another run"):
+            use()
+    made = CliRunner().invoke(app, ["resume", f"{tmp_path}/run", "--repair"])
+    assert made.exit_code == 0 and "1 damaged" in made.stdout and sums(tmp_path / "run") == sums(whole)
+    shutil.copy(min((whole / "shards").iterdir()), tmp_path / "run" / "shards" / "00000001-0-0000000000000000.nc")
+    told = CliRunner().invoke(app, ["status", f"{tmp_path}/run"])
+    assert told.exit_code == 3 and "none of this run" in told.stderr
+
+
+def test_part_of_a_run_is_told_as_part(tmp_path):
+    started(tmp_path / "run")
+    runs.resume(tmp_path / "run", only=range(4, 99))
+    with pytest.warns(SceneWarning, match="232 of 1,000 members are there"):
+        rm.open(tmp_path / "run")
+    told = CliRunner().invoke(app, ["summary", f"{tmp_path}/run"])
+    assert told.exit_code == 0 and "232 of 1,000 members" in told.stdout and "232 of 1,000" in told.stderr
+    assert run_directory.status(tmp_path / "run")["rate"] == pytest.approx(232 / journal(tmp_path / "run")[-1]["seconds"])
+
+
+def journal(path):
+    return RunDirectory(path).journal()
+
+
+def test_bad_arguments(whole, tmp_path):
+    scene = SCENE.with_run(members=100)
+    for bad in (
+        lambda: runs.create(scene, tmp_path / "run", 0), lambda: runs.create(scene, tmp_path / "run", math.nan),
+        lambda: runs.create(scene, tmp_path / "run", only=range(7, 9)), lambda: runs.resume(whole, only=1), lambda: runs.resume(whole, threads=-1),
+        lambda: runs.resume(whole, threads=0), lambda: runs.resume(whole, block=0), lambda: runs.resume(whole, max_wall="3h"),
+        lambda: runs.resume(whole, max_wall=math.nan), lambda: runs.extend(whole, 6000.5), lambda: runs.extend(whole, "9000"),
+        lambda: run_results.verify(whole, spot=-1), lambda: runs.merge(tmp_path / "new", []), lambda: runs.merge(tmp_path / "new", str(whole)),
+    ):  # fmt: skip
+        with pytest.raises(SceneError):
+            bad()
+    with pytest.raises(FileNotFoundError, match="no such folder"):
+        run_results.consolidate(whole, tmp_path / "no" / "one.nc")
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "empty").mkdir()
+    os.symlink(tmp_path / "empty", tmp_path / "link")
+    assert runs.create(scene, tmp_path / "link").path == str(tmp_path / "empty")
+    invoke = CliRunner().invoke
+    assert invoke(app, ["run", "tennis_racket", "-o", f"{tmp_path}/x/", "--shards", "90:99"]).exit_code == 3
+    assert "names a folder" in invoke(app, ["run", "tennis_racket", "--plot", f"{tmp_path}/x/"]).stderr
+    assert not (tmp_path / "x").exists()
+    assert [seconds_of(text) for text in ("3h", "1h30m", "90m", "2.5", "1e-9s", "1h1m1s")] == [10800, 5400, 5400, 2.5, 1e-9, 3661]
+
+
 def test_what_cannot_be_is_refused_before_anything_is_changed(whole, tmp_path):
     shutil.copytree(whole, tmp_path / "run")
     before = {p: p.read_bytes() for p in (tmp_path / "run").rglob("*") if p.is_file()}
@@ -410,7 +475,7 @@ def test_what_cannot_be_is_refused_before_anything_is_changed(whole, tmp_path):
         with pytest.raises(error):
             runs.extend(tmp_path / "run", members)
     with pytest.raises(SceneError, match="0 to 5"):
-        runs.resume(tmp_path / "run", only=range(5, 7))
+        runs.resume(tmp_path / "run", only=range(6, 7))
     assert {p: p.read_bytes() for p in (tmp_path / "run").rglob("*") if p.is_file()} == before
     for words in (
         ["--max-wall", "soon"],
@@ -435,9 +500,10 @@ def test_two_looks_at_a_run_do_not_mix(whole, tmp_path):
     shutil.copytree(whole, tmp_path / "run")
     hidden = RunDirectory(tmp_path / "run").shards()[1]
     os.rename(hidden, tmp_path / "hidden")
-    early = rm.open(tmp_path / "run")
-    assert "equal to the bit" in rm.rerun(tmp_path / "run", 500).attrs["rerun"]
-    with pytest.raises(SceneError, match="808 of its 1,000 members, and not this one"):
+    with pytest.warns(SceneWarning, match="808 of"):
+        early = rm.open(tmp_path / "run")
+    assert "equal to the bit" in rm.rerun(early, 500).attrs["rerun"]
+    with pytest.warns(SceneWarning, match="808 of"), pytest.raises(SceneError, match="808 of its 1,000 members, and not this one"):
         rm.rerun(tmp_path / "run", 300)
     os.rename(tmp_path / "hidden", hidden)
     late = rm.open(tmp_path / "run")
@@ -471,7 +537,7 @@ def test_flagged_members_are_told_by_whoever_ends_the_run(tmp_path):
     invoke = CliRunner().invoke
     assert invoke(app, ["resume", f"{tmp_path}/run", "--shards", "3:5"]).exit_code == 5
     assert invoke(app, ["resume", f"{tmp_path}/run"]).exit_code == 4 and invoke(app, ["status", f"{tmp_path}/run"]).exit_code == 4
-    assert "flagged in all" in invoke(app, ["resume", f"{tmp_path}/run"]).stdout
+    assert "none; of all: 369" in invoke(app, ["resume", f"{tmp_path}/run"]).stdout
     assert invoke(app, ["consolidate", f"{tmp_path}/run", "-o", f"{tmp_path}/one.nc"]).exit_code == 4
 
 

@@ -11,6 +11,8 @@ import typer
 
 OK, USAGE, INVALID, FLAGGED, INCOMPLETE, REFUSED, IO, INTERRUPTED, TERMINATED = 0, 2, 3, 4, 5, 6, 74, 130, 143
 
+LEFT = "what is not whole was left under no final name, and `rigidmc resume` goes on with a run directory"
+
 app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
@@ -66,12 +68,9 @@ Until = Annotated[
     ),
 ]
 Most = Annotated[int, typer.Option(min=32, help="Members at most, with --until.")]
-Output = Annotated[
-    str | None,
-    typer.Option("-o", "--output", metavar="FILE", help="netCDF file to write; RUN/ makes a run directory, which survives."),
-]
+Output = Annotated[str | None, typer.Option("-o", "--output", metavar="FILE", help="netCDF file to write.")]
 Plot = Annotated[str | None, typer.Option(metavar="FILE", help="Picture to write (.png, .pdf, .svg).")]
-Force = Annotated[bool, typer.Option(help="Replace files that exist.")]
+Force = Annotated[bool, typer.Option(help="Replace files that exist; folders never.")]
 
 
 class Terminated(BaseException):
@@ -111,18 +110,15 @@ def reported():
     except (OSError, RuntimeError) as error:
         if isinstance(error, RuntimeError) and "HDF error" not in str(error) and "NetCDF" not in str(error):
             raise
-        fail(f"{error}; nothing that existed was changed", IO)
+        fail(error if "nothing was" in str(error) else f"{error}; nothing that existed was changed", IO)
     except MemoryError as error:
         fail(f"not enough memory: {error}; write to a file with -o, save less, or run fewer members", IO)
     except KeyboardInterrupt:
-        fail("interrupted; what is not whole was left under no final name", INTERRUPTED)
+        fail(f"interrupted; {LEFT}", INTERRUPTED)
     except Terminated:
-        fail("terminated; what is not whole was left under no final name", TERMINATED)
+        fail(f"terminated; {LEFT}", TERMINATED)
     except AskedToStop:
-        fail(
-            "asked to stop; what is not whole was left under no final name, and `rigidmc resume` goes on with a run directory",
-            INCOMPLETE,
-        )
+        fail(f"asked to stop; {LEFT}", INCOMPLETE)
     finally:
         signal.signal(signal.SIGTERM, previous)
         if asked is not None:
@@ -173,7 +169,8 @@ def opened(path, allow_code=False):
     """A result as a Dataset: a file or a run directory."""
     import rigidmc
 
-    return rigidmc.open(path, allow_code)
+    with noted():
+        return rigidmc.open(path, allow_code)
 
 
 def plots_module():

@@ -1,6 +1,7 @@
 """rigidmc resume, status, verify, consolidate, extend: runs in a directory."""
 
 import os
+import re
 import sys
 from typing import Annotated
 
@@ -12,10 +13,22 @@ RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="A run directory
 Accept = Annotated[
     bool, typer.Option("--accept", help="Go on though versions or processor are others, whose last bits may differ.")
 ]
-MaxWall = Annotated[
-    str | None, typer.Option("--max-wall", metavar="TIME", help="Stop in time, to be resumed: 3h, 90m, 3600s or seconds.")
+OutputOrRun = Annotated[
+    str | None,
+    typer.Option("-o", "--output", metavar="FILE", help="netCDF file to write; RUN/ makes a run directory, which survives."),
 ]
-ShardSize = Annotated[float | None, typer.Option(min=0.001, help="Of a run directory: size of a shard \\[MB], 67 by default.")]
+MaxWall = Annotated[
+    str | None,
+    typer.Option(
+        "--max-wall",
+        metavar="TIME",
+        help="Begin no shard that would not be done by then, to be resumed: 3h, 1h30m, 3600s or seconds.",
+    ),
+]
+ShardSize = Annotated[
+    float | None,
+    typer.Option(min=0.001, help="Of a run directory: size of a shard \\[MB], 67 by default; a block of members at least."),
+]
 Cluster = Annotated[
     str | None,
     typer.Option(metavar="WHERE", help="Compute on dask workers: tcp://host:8786 of a scheduler, or local:N processes here."),
@@ -36,19 +49,18 @@ def is_run(path):
 
 
 def seconds_of(text):
-    """Seconds of 3h, 90m, 3600s or 3600; SceneError."""
+    """Seconds of 3h, 1h30m, 3600s or 3600; SceneError."""
     from rigidmc.errors import SceneError
 
     if text is None:
         return None
-    sizes = {"h": 3600.0, "m": 60.0, "s": 1.0}
-    number, unit = (text[:-1], sizes[text[-1]]) if text[-1:] in sizes else (text, 1.0)
-    try:
-        found = float(number) * unit
-    except ValueError:
-        found = -1.0
+    number = r"(\d+\.?\d*(?:[eE][-+]?\d+)?)"
+    parts = re.fullmatch(rf"(?:{number}h)?(?:{number}m)?(?:{number}s?)?", text, re.ASCII)
+    found = (
+        sum(float(part) * size for part, size in zip(parts.groups(), (3600.0, 60.0, 1.0), strict=True) if part) if parts else 0.0
+    )
     if not 0.0 < found < float("inf"):
-        raise SceneError("", "--max-wall", text, "expected a time such as 3h, 90m, 3600s or 3600")
+        raise SceneError("", "--max-wall", text, "expected a time such as 3h, 1h30m, 3600s or 3600")
     return found
 
 
@@ -68,10 +80,11 @@ def shards_of(text):
 def resume(
     run: RunArgument, threads: Threads = None, accept: Accept = False, max_wall: MaxWall = None, shards: Blocks = None,
     cluster: Cluster = None,
-    repair: Annotated[bool, typer.Option("--repair", help="First take away the shards that are damaged.")] = False,
+    repair: Annotated[bool, typer.Option("--repair", help="First take away the shards that are damaged, misnamed or of another run.")] = False,
     allow_code: AllowCode = False,
 ):  # fmt: skip
-    """Go on with a run: compute the shards that are missing, to the bits that an unbroken run has.
+    """Go on with a run: compute the shards that are missing, to the bits that an unbroken run has. Those that are there are taken by their names;
+    `verify` and --repair read them.
 
     Exit code 0 where all of it is done, 4 where it is and some members are flagged, 5 where shards are missing (--max-wall, --shards)."""
     with reported():
@@ -97,9 +110,7 @@ def go_on(run, threads, accept=False, max_wall=None, shards=None, allow_code=Fal
         f"{directory.path}: {found['done']:,} of {found['shards']:,} shards, {found['members_done']:,} members; {made:,} of them made now"
     )
     bad = ", ".join(f"{count:,} {word}" for word, count in flagged.items() if count and word != "ok")
-    print(f"  flagged members: {bad or 'none'}")
-    if found["flagged"] > made - flagged["ok"]:
-        print(f"  flagged in all: {found['flagged']:,}")
+    print(f"  flagged of these: {bad or 'none'}" + (f"; of all: {found['flagged']:,}" if found["members_done"] > made else ""))
     if found["done"] < found["shards"]:
         print("  not done: `rigidmc resume` goes on")
     return outcome(found)
@@ -107,12 +118,14 @@ def go_on(run, threads, accept=False, max_wall=None, shards=None, allow_code=Fal
 
 def outcome(found):
     """The exit code of a run, by its status."""
+    if found["strays"]:
+        fail(f"{found['strays']:,} files among the shards are none of this run; `rigidmc verify` names them", INVALID)
     return INCOMPLETE if found["done"] < found["shards"] else FLAGGED if found["flagged"] else OK
 
 
 @app.command()
 def status(run: RunArgument):
-    """Say how far a run is, also while it runs: exit code 0 where all of it is done, 4 where it is and some members are flagged, 5 where shards are missing."""
+    """Say how far a run is by the names of its shards, also while it runs: exit code 0 where all of it is done, 4 where it is and some members are flagged, 5 where shards are missing."""
     with reported():
         from rigidmc import run_directory
 
@@ -130,7 +143,7 @@ def status(run: RunArgument):
 @app.command()
 def verify(
     run: RunArgument,
-    spot: Annotated[int, typer.Option(min=0, help="Shards of which three members each are computed again, to the bit.")] = 3,
+    spot: Annotated[int, typer.Option(min=0, help="Shards, by chance, of which some members are computed again, to the bit.")] = 3,
     allow_code: AllowCode = False,
 ):
     """Check a run: the sum of every shard against its name, run.json and scene, and some of them computed again.
@@ -145,11 +158,11 @@ def verify(
             print(line, file=sys.stderr)
         if wrong:
             fail(
-                f"{run}: {len(wrong):,} faults; `rigidmc resume {run} --repair` takes shards that are damaged or misnamed away and computes them again",
+                f"{run}: {len(wrong):,} faults; `rigidmc resume {run} --repair` computes shards again that are damaged, misnamed or of another run",
                 INVALID,
             )
         print(
-            f"{run}: {found['done']:,} of {found['shards']:,} shards, all of them sound; {min(spot, found['done'])} were compared with members computed again"
+            f"{run}: {found['done']:,} of {found['shards']:,} shards, all of them sound; of {min(spot, found['done'])} by chance some members were computed again and compared"
         )
     raise typer.Exit(OK if found["done"] == found["shards"] else INCOMPLETE)
 

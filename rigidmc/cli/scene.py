@@ -24,7 +24,6 @@ from rigidmc.cli.common import (
     Keep,
     Members,
     Most,
-    Output,
     Plot,
     ResultArgument,
     Save,
@@ -45,7 +44,7 @@ from rigidmc.cli.common import (
     plots_module,
     reported,
 )  # fmt: skip
-from rigidmc.cli.runs import Blocks, Cluster, MaxWall, ShardSize, go_on, is_run, seconds_of, shards_of
+from rigidmc.cli.runs import Blocks, Cluster, MaxWall, OutputOrRun, ShardSize, go_on, is_run, seconds_of, shards_of
 
 
 @app.command("run")
@@ -55,7 +54,7 @@ def run_scene(
     t_end: TEnd = None,
     every: Every = None, save: Save = None, keep: Keep = None, threads: Threads = None, tolerance: Tolerance = None,
     dtype: Dtype = None, compensated: Compensated = None, settings: Set = [], allow_code: AllowCode = False,  # noqa: B006
-    until: Until = None, most: Most = 10_000_000, output: Output = None, plot: Plot = None, force: Force = False,
+    until: Until = None, most: Most = 10_000_000, output: OutputOrRun = None, plot: Plot = None, force: Force = False,
     max_wall: MaxWall = None, shards: Blocks = None, shard_size: ShardSize = None, cluster: Cluster = None,
 ):  # fmt: skip
     """Run a scene: integrate its ensemble, write the result and a picture, and say what it cost."""
@@ -90,13 +89,13 @@ def run_scene(
             from rigidmc.cluster import checked
             from rigidmc.runs import SHARD, create
 
-            seconds_of(max_wall), shards_of(shards)  # before there is a directory
+            seconds_of(max_wall)  # before there is a directory
             if cluster is not None:
                 checked(cluster)
             if shard_size is not None and not shard_size < 1e6:
                 raise SceneError("", "--shard-size", shard_size, "expected megabytes, up to 1e6")
             with noted():
-                made = create(loaded, output, SHARD if shard_size is None else 1e6 * shard_size)
+                made = create(loaded, output, SHARD if shard_size is None else 1e6 * shard_size, shards_of(shards))
             raise typer.Exit(go_on(made.path, threads, max_wall=max_wall, shards=shards, allow_code=allow_code, cluster=cluster))
         for name, given in (("--max-wall", max_wall), ("--shards", shards), ("--shard-size", shard_size), ("--cluster", cluster)):
             if given is not None:

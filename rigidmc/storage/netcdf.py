@@ -163,9 +163,11 @@ class Writer:
         drop(self._temporary)
 
 
-def read(path, *names):
-    """{name: array} of variables of a file, all of them where none are named, as they were written."""
+def read(path, *names, mark=None):
+    """{name: array} of variables of a file, all of them where none are named, as they were written; SceneError for a shard of another mark."""
     with alone(), netCDF4.Dataset(path) as file:
+        if mark is not None and getattr(file, "run", None) != mark:
+            raise SceneError("", "shard", None, "is of another run: another scene, seed, rows or code", file=path)
         file.set_auto_mask(False)
         return {name: file[name][:] for name in names or file.variables}
 
