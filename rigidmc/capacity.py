@@ -33,11 +33,14 @@ def _bytes_of_a_block(scene, plan):
     return 8 * plan.block * (layout.EFFECTS + 20 + plan.watch.rows + saves)
 
 
-def refuse_hopeless(scene, plan, threads, path=None):
-    """Raise NoRoom where a run needs more memory than is free or, with its result in `path`, more of that disk."""
+def refuse_hopeless(scene, plan, threads, path=None, more=0):
+    """Raise NoRoom where a run needs more memory than is free or, with its result in `path`, more of that disk.
+
+    more : bytes of memory that it needs besides, for its shards
+    """
     memory, lean, file = sizes(scene, plan, threads)
     free = free_memory()
-    needed = (memory if path is None else lean) - BASE
+    needed = (memory if path is None else lean) - BASE + more
     if free is not None and needed > free:
         ways = "keep less of what is saved (--keep final), save less, or run fewer members"
         ways = f"take fewer than {threads:,} threads, {ways}" if threads > 2 * (os.cpu_count() or 1) else ways

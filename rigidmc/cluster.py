@@ -18,6 +18,8 @@ every byte once more.
 """
 
 import contextlib
+import hashlib
+import logging
 import os
 import tempfile
 import time
@@ -31,6 +33,7 @@ from rigidmc.shards import compute_shards, planned, refuse_others
 
 AHEAD = 2  # tasks that wait for each thread of the workers: the scheduler holds few, however many shards there are
 LOST = 20  # times that a shard is begun anew because its worker was lost
+QUIET = 60.0  # seconds without any worker, or until a file that another computer wrote is seen here
 
 SETTINGS = {  # of a cluster here
     "distributed.scheduler.allowed-failures": LOST,  # dask gives up at the third, as if the task were to blame
@@ -56,14 +59,15 @@ def compute_on(cluster, directory, which, progress=False, stop=None, allow_code=
 
     cluster : "tcp://host:8786" of a scheduler, or "local:4" for so many processes of one thread each on this machine, which need a main module
         that may be imported (`if __name__ == "__main__":`)
-    Raises SceneError where there is no dask or no such cluster, and what workers raise.
+    Raises SceneError where there is no dask or no such cluster, OSError where that is lost, and what workers raise.
     """
     try:
         import dask
-        from distributed import Client, KilledWorker, LocalCluster, as_completed
+        from distributed import CancelledError, Client, KilledWorker, LocalCluster, as_completed
     except ImportError as error:
         raise SceneError("", "--cluster", cluster, f"needs dask.distributed: pip install 'rigidmc[cluster]' ({error})") from None
     kind, rest = checked(cluster)
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what goes wrong is told once, here
     texts = tuple(text_of(directory.path, name) for name in ("run.json", "scene.toml", "columns.nc"))
     flagged = dict.fromkeys(STATUSES, 0)
     with dask.config.set(SETTINGS), contextlib.ExitStack() as held:
@@ -79,6 +83,8 @@ def compute_on(cluster, directory, which, progress=False, stop=None, allow_code=
         report = held.enter_context(reporter(progress, sum(len(directory.members(i)) for i in which), 1))
         there = client.scatter(texts, broadcast=True, hash=True)
         began, made, waiting = time.monotonic(), 0, iter(which)
+        # fixed keys: whoever asks for the same shard of the same directory once more gets the task that is on its way
+        name = hashlib.sha256(os.path.abspath(directory.path).encode() + texts[0]).hexdigest()
         running = sum(client.nthreads().values()) or 1
 
         def submit():
@@ -86,20 +92,29 @@ def compute_on(cluster, directory, which, progress=False, stop=None, allow_code=
             late = stop is not None and time.monotonic() + AHEAD * took > stop
             if late or (i := next(waiting, None)) is None:
                 return []
-            key = f"rigidmc-{directory.facts['scene'][:16]}-{i}"
+            key = f"rigidmc-{name}-{i}"
             return [client.submit(shard, os.path.abspath(directory.path), there, i, allow_code, accept, key=key)]
 
         futures, lost = as_completed([future for _ in range(AHEAD * running) for future in submit()]), 0
-        for future in futures:
+        while not futures.is_empty():
+            _wait(client, futures, report)
+            future = next(futures)
             if future.status == "error" and isinstance(future.exception(), KilledWorker) and lost < LOST:
                 lost += 1
                 future.retry()
                 futures.add(future)
                 continue
-            i, found, name, data = future.result()
+            try:
+                i, found, file, data = future.result()
+            except (KilledWorker, CancelledError) as error:
+                why = str(error).partition("\n")[0]
+                raise OSError(f"{cluster}: the cluster was lost ({why}); `rigidmc resume` goes on") from None
+            final = os.path.join(directory.path, "shards", file)
             if data is not None:
-                final = os.path.join(directory.path, "shards", name)
                 write_bytes(final, data, True)
+            elif not _appeared(final):
+                rule = f"a worker has a directory of its own at {directory.path}, and {file} is not in this one: give paths that only one has"
+                raise SceneError("", "--cluster", cluster, rule)
             for word, count in found.items():
                 flagged[word] += count
             future.release()
@@ -111,13 +126,34 @@ def compute_on(cluster, directory, which, progress=False, stop=None, allow_code=
     return flagged
 
 
+def _wait(client, futures, report):
+    """Wait for a task that is done; OSError where there are no workers any more."""
+    seen = time.monotonic()
+    while not futures.has_ready():
+        time.sleep(0.01)
+        report.poll()
+        if time.monotonic() - seen > QUIET:
+            if client.status != "running" or not client.nthreads():
+                raise OSError("the cluster has no workers any more; `rigidmc resume` goes on")
+            seen = time.monotonic()
+
+
+def _appeared(path):
+    """Whether a file is there, or comes to be: file systems of several computers tell late."""
+    end = time.monotonic() + QUIET
+    while not os.path.isfile(path) and time.monotonic() < end:
+        time.sleep(0.1)
+    return os.path.isfile(path)
+
+
 def shard(path, texts, i, allow_code=False, accept=False):
-    """(i, {status: members}, the shard's name and bytes, or None twice where it was written to the run directory): what a worker does.
+    """(i, {status: members}, the shard's name, its bytes or None where they were written to the run directory): what a worker does.
 
     path, texts : of the run directory, and its run.json, scene.toml and columns.nc
     """
     if text_of(path, "run.json") == texts[0]:
-        return i, _compute(path, i, allow_code, accept), None, None
+        found = _compute(path, i, allow_code, accept)
+        return i, found, os.path.basename(RunDirectory(path).shards()[i]), None
     with tempfile.TemporaryDirectory(prefix="rigidmc-") as folder:
         os.mkdir(os.path.join(folder, "shards"))
         for name, text in zip(("run.json", "scene.toml", "columns.nc"), texts, strict=True):

@@ -43,16 +43,35 @@ def put_in_place(temporary, path, force):
     """Make a finished file durable and give it its name; OutputExists, and no file, where one appeared there meanwhile."""
     with open(temporary, "rb") as file, naming(path):
         os.fsync(file.fileno())
-    if not force and os.path.lexists(path):
-        os.unlink(temporary)
-        raise OutputExists(f"{path} appeared while the run was on; nothing was overwritten")
-    os.replace(temporary, path)
-    with contextlib.suppress(OSError):  # some file systems cannot sync a folder
-        folder = os.open(os.path.dirname(os.path.abspath(path)), os.O_RDONLY)
+    if force:
+        os.replace(temporary, path)
+    else:
+        _rename_to_nothing(temporary, path)
+    make_durable(os.path.dirname(os.path.abspath(path)))
+
+
+def make_durable(folder):
+    """Let the names in a folder outlive a loss of power, where the file system can."""
+    with contextlib.suppress(OSError):
+        file = os.open(folder, os.O_RDONLY)
         try:
-            os.fsync(folder)
+            os.fsync(file)
         finally:
-            os.close(folder)
+            os.close(file)
+
+
+def _rename_to_nothing(temporary, path):
+    """Rename a file; OutputExists, and no file, where there is one of that name."""
+    try:
+        os.link(temporary, path)  # looks and names in one; not all file systems have it
+    except OSError:
+        if os.path.lexists(path):
+            os.unlink(temporary)
+            raise OutputExists(f"{path} appeared meanwhile; nothing was overwritten") from None
+        os.replace(temporary, path)
+    else:
+        with contextlib.suppress(OSError):  # a second name of what is whole, which the next writer takes away
+            os.unlink(temporary)
 
 
 def part_of(path):
@@ -60,12 +79,14 @@ def part_of(path):
     return f"{path}.part-{platform.node()}-{os.getpid()}"
 
 
-def write_bytes(path, data, force=False):
-    """Write a file whole or not at all."""
+def write_bytes(path, data, force=False, before=None):
+    """Write a file whole or not at all; `before` : what is done when it is on the disk, before it has its name."""
     temporary = part_of(path)
     try:
         with naming(path), open(temporary, "wb") as file:
             file.write(data)
+        if before is not None:
+            before()
         put_in_place(temporary, path, force)
     except BaseException:
         drop(temporary)
@@ -75,7 +96,9 @@ def write_bytes(path, data, force=False):
 def drop(path):
     """Take a file away that is not whole, and what it takes of the disk, also where a library keeps it open."""
     with contextlib.suppress(OSError):
-        os.truncate(path, 0)
+        if os.stat(path).st_nlink == 1:  # else it has its name already
+            os.truncate(path, 0)
+    with contextlib.suppress(OSError):
         os.unlink(path)
 
 

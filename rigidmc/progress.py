@@ -3,7 +3,7 @@
 import sys
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 _LINE_SECONDS = 10.0  # between plain lines
 
@@ -75,6 +75,7 @@ def _lines():
         if now - last > _LINE_SECONDS:
             last = now
             left = (now - began) * (total - done) / max(1, done)
-            print(f"{100 * done / total:.0f} % done, {left:.0f} s left", file=sys.stderr, flush=True)
+            with suppress(BrokenPipeError):  # who reads it may have gone; the run goes on
+                print(f"{100 * done / total:.0f} % done, {left:.0f} s left", file=sys.stderr, flush=True)
 
     return show

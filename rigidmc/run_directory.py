@@ -25,10 +25,11 @@ from rigidmc.errors import OutputExists, SceneError
 from rigidmc.files import naming
 
 FORMAT = 1
-_SHARD = re.compile(r"(\d{8})-(\d{1,12})-([0-9a-f]{16})\.nc")
-_LEFT = re.compile(
-    r"(\d{8}(-\d{1,12}-[0-9a-f]{16}\.nc)?|run\.json|scene\.toml|columns\.nc)\.part-.+"
-)  # by writers that were killed
+MOST = 10**8  # shards, whose names have eight digits
+_SHARD = re.compile(r"([0-9]{8})-([0-9]{1,12})-([0-9a-f]{16})\.nc")
+# by writers that were killed
+_LEFT = re.compile(r"([0-9]{8}(-[0-9]{1,12}-[0-9a-f]{16}\.nc)?|run\.json|scene\.toml|columns\.nc)\.part-(.+)-([0-9]+)")
+_OLD = 3600.0  # seconds after which a file of another computer that is not whole is one that was left
 _FACTS = {
     "format": int,
     "scene": str,
@@ -56,6 +57,12 @@ class RunDirectory:
     def __init__(self, path):
         self.path = os.fspath(path)
         self.facts = self._read_facts()
+        if os.path.islink(self._folder):
+            raise SceneError("", "shards", None, "is a link, and a run keeps to its folder", file=self.path)
+
+    @property
+    def _folder(self):
+        return os.path.join(self.path, "shards")
 
     def _read_facts(self):
         name = os.path.join(self.path, "run.json")
@@ -101,45 +108,48 @@ class RunDirectory:
         low = first + i * self.facts["shard"]
         return range(low, min(low + self.facts["shard"], end))
 
+    def listed(self):
+        """({i: path} of the shards that are there, paths of files among them that none is: of other numbers, names, or a number that is there twice)."""
+        shards: dict[int, str] = {}
+        strays = list[str]()
+        with contextlib.suppress(FileNotFoundError), os.scandir(self._folder) as entries:
+            for entry in sorted(entries, key=lambda entry: entry.name):
+                found = _SHARD.fullmatch(entry.name)
+                if found and int(found[1]) < self.count and int(found[1]) not in shards and entry.is_file(follow_symlinks=False):
+                    shards[int(found[1])] = entry.path
+                elif not _LEFT.fullmatch(entry.name):
+                    strays.append(entry.path)
+        return shards, strays
+
     def shards(self):
         """{i: path} of the shards that are there."""
-        folder = os.path.join(self.path, "shards")
-        names = sorted(os.listdir(folder)) if os.path.isdir(folder) else []
-        paths = {name: os.path.join(folder, name) for name in names}
-        found = {int(m[1]): paths[name] for name in names if (m := _SHARD.fullmatch(name)) and not os.path.islink(paths[name])}
-        return {i: path for i, path in found.items() if i < self.count}
+        return self.listed()[0]
 
-    def strays(self):
-        """Paths of files among the shards that none of the run is: of other numbers, names, or a number that is there twice."""
-        folder = os.path.join(self.path, "shards")
-        known = set(self.shards().values())
-        names = sorted(os.listdir(folder)) if os.path.isdir(folder) else []
-        return [path for name in names if (path := os.path.join(folder, name)) not in known and not _LEFT.fullmatch(name)]
+    def refuse_strays(self):
+        """SceneError where there are files among the shards that none is."""
+        if strays := self.listed()[1]:
+            rule = f"{', '.join(strays)}: no shard of this run; take it away first, or see `rigidmc verify`"
+            raise SceneError("", "run", self.path, rule)
 
     def temporary(self, i):
         """Where shard i is before it is whole."""
-        return os.path.join(self.path, "shards", f"{i:08d}")
+        return os.path.join(self._folder, f"{i:08d}")
 
     def named(self, i, flagged, file):
         """The path that a finished file has to have as shard i, so many of whose members are flagged."""
-        return os.path.join(self.path, "shards", f"{i:08d}-{flagged}-{hash_of_file(file)[:16]}.nc")
-
-    def flagged(self):
-        """{i: how many members of shard i are flagged} of the shards that are there."""
-        return {i: int(os.path.basename(path).split("-")[1]) for i, path in self.shards().items()}
-
-    def done(self):
-        """Which shards are there."""
-        return sorted(self.shards())
+        return os.path.join(self._folder, f"{i:08d}-{flagged}-{hash_of_file(file)[:16]}.nc")
 
     def missing(self):
-        """The shards that are not."""
-        return sorted(set(range(self.count)) - set(self.done()))
+        """The shards that are not there."""
+        return sorted(set(range(self.count)) - set(self.shards()))
 
     def note(self, **facts):
         """Add a line to the journal, if that can be: nothing depends on it."""
         line = json.dumps({"time": round(time.time(), 3), "host": platform.node(), "pid": os.getpid(), **facts})
-        with contextlib.suppress(OSError), open(os.path.join(self.path, "journal.jsonl"), "a", encoding="utf-8") as file:
+        with (
+            contextlib.suppress(OSError),
+            open(os.path.join(self.path, "journal.jsonl"), "a", encoding="utf-8", opener=_opener) as file,
+        ):
             file.write(line + "\n")
 
     def journal(self):
@@ -157,10 +167,11 @@ class RunDirectory:
 
     @contextlib.contextmanager
     def locked(self):
-        """Hold the lock of the one that writes; OutputExists where another process does. It goes with the process, whatever ends that."""
-        os.makedirs(os.path.join(self.path, "shards"), exist_ok=True)
+        """Hold the lock of the one that writes; OutputExists where another process does, or did since this looked. It goes with the process,
+        whatever ends that."""
+        os.makedirs(self._folder, exist_ok=True)
         name = os.path.join(self.path, "lock")
-        with open(name, "ab+", buffering=0) as file:
+        with open(name, "ab+", buffering=0, opener=_opener) as file:
             try:
                 with naming(name):  # where a file system has no locks that is an error like any other
                     fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -169,6 +180,8 @@ class RunDirectory:
                 raise OutputExists(
                     f"{self.path}: is being written by {file.read().decode(errors='replace').strip() or 'another process'}"
                 ) from None
+            if self._read_facts() != self.facts:
+                raise OutputExists(f"{self.path}: was changed by another process meanwhile; look at it again")
             with contextlib.suppress(OSError):  # whose it is helps people only
                 file.truncate(0)
                 file.write(f"process {os.getpid()} of {platform.node()}\n".encode())
@@ -176,11 +189,37 @@ class RunDirectory:
             yield
 
     def clear(self):
-        """Take away what writers left that were killed: temporary files, which no shard is."""
-        for folder in (self.path, os.path.join(self.path, "shards")):
+        """Take away what writers left that were killed: temporary files, which no shard is, and which no process writes any more."""
+        for folder in (self.path, self._folder):
             for name in os.listdir(folder):
-                if _LEFT.fullmatch(name) and os.path.isfile(os.path.join(folder, name)):
-                    os.unlink(os.path.join(folder, name))
+                path = os.path.join(folder, name)
+                with contextlib.suppress(FileNotFoundError):
+                    if (found := _LEFT.fullmatch(name)) and os.path.isfile(path) and _is_left(path, found[3], int(found[4])):
+                        os.unlink(path)
+
+
+def _opener(path, flags):
+    """What is written in a run is no link to what is not."""
+    return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0), 0o666)
+
+
+def _is_left(path, host, process):
+    """Whether no one writes a temporary file any more: its process has ended, or was another computer's and is not heard of."""
+    if host != platform.node():
+        return time.time() - os.stat(path).st_mtime > _OLD
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return True
+    except OSError:
+        return False
+    return process == os.getpid()
+
+
+def flagged_of(path):
+    """How many members of a shard are flagged, by its name."""
+    found = _SHARD.fullmatch(os.path.basename(path))
+    return int(found[2]) if found else 0
 
 
 def rendered(facts):
@@ -208,17 +247,21 @@ def status(path):
     The rate [1/s] is that since it was last begun: of the journal where that has ended, else from the times of the shards that appeared.
     """
     directory = RunDirectory(path)
-    shards, journal = directory.shards(), directory.journal()
+    (shards, strays), journal = directory.listed(), directory.journal()
     members = sum(len(directory.members(i)) for i in shards)
     begun = max((line["time"] for line in journal if line.get("event") == "begun"), default=math.inf)
-    made = [(os.stat(shard).st_mtime, len(directory.members(i))) for i, shard in shards.items()]
+    made = list[tuple[float, int]]()
+    for i, shard in shards.items():
+        with contextlib.suppress(FileNotFoundError):  # taken away meanwhile
+            made.append((os.stat(shard).st_mtime, len(directory.members(i))))
     new, seconds = sum(count for at, count in made if at > begun), max((at for at, _ in made), default=0.0) - begun
     for line in journal:
         if line.get("event") == "ended" and line["time"] >= begun:
-            new, seconds = line.get("members", 0), line.get("seconds", 0.0)
-    rate = new / seconds if new and seconds > 0.0 else None
+            new, seconds = (line.get(key) for key in ("members", "seconds"))
+    known = isinstance(new, int) and isinstance(seconds, float) and new > 0 and seconds > 0.0
+    rate = new / seconds if known else None
     left = directory.facts["members"] - members
     return {
         "shards": directory.count, "done": len(shards), "members": directory.facts["members"], "members_done": members,
-        "flagged": sum(directory.flagged().values()), "strays": len(directory.strays()), "rate": rate, "seconds_left": left / rate if rate else None,
+        "flagged": sum(map(flagged_of, shards.values())), "strays": len(strays), "rate": rate, "seconds_left": left / rate if rate else None,
     }  # fmt: skip

@@ -12,7 +12,7 @@ from rigidmc.capacity import refuse_hopeless
 from rigidmc.errors import SceneError, SceneWarning, counted
 from rigidmc.files import refuse_existing
 from rigidmc.retention import joined
-from rigidmc.run_directory import RunDirectory
+from rigidmc.run_directory import RunDirectory, flagged_of
 from rigidmc.shards import fault_of, planned, scene_of_run
 from rigidmc.simulation import simulate
 from rigidmc.storage import Writer, open_result
@@ -35,9 +35,9 @@ def verify(path, spot=3, allow_code=False, threads=None):
     counted(spot, "spot", 0)
     directory = RunDirectory(path)
     scene = scene_of_run(directory, allow_code)
-    shards = directory.shards()
+    shards, strays = directory.listed()
     faults = {i: fault for i, shard in shards.items() if (fault := fault_of(directory, i, shard))}
-    found = [*faults.values(), *(f"{path}: is no shard of this run" for path in directory.strays())]
+    found = [*faults.values(), *(f"{path}: is no shard of this run" for path in strays)]
     whole = sorted(set(shards) - set(faults))
     for i in sorted(random.sample(whole, min(spot, len(whole)))):
         members = directory.members(i)
@@ -73,10 +73,10 @@ def consolidate(path, output, force=False, allow_code=False):
     if missing := directory.missing():
         raise SceneError("", "run", directory.path, f"{len(missing):,} of {directory.count:,} shards are missing: resume it first")
     refuse_hopeless(told, shown, 1, output)
-    _refuse_strays(directory)
+    directory.refuse_strays()
     more = directory.facts["attributes"]
     writer, sums, pieces = Writer(output, told, shown, force, more), dict[str, np.ndarray](), list[dict[str, np.ndarray]]()
-    shards, flagged = directory.shards(), directory.flagged()
+    shards = directory.shards()
     kept, counted, bad = (
         [*member_variables(told, shown.carried), *saved_variables(told)],
         ensemble_variables(told),
@@ -90,7 +90,7 @@ def consolidate(path, output, force=False, allow_code=False):
             writer.write(members.start, len(members), read(shards[i], *kept))
             for name, values in (read(shards[i], *counted) if counted else {}).items():
                 sums[name] = sums.get(name, 0) + values
-            if bad and flagged[i]:
+            if bad and flagged_of(shards[i]):
                 pieces.append(read(shards[i], *bad))
         writer.write_all({**sums, **joined(pieces)})
         writer.finish()
@@ -98,12 +98,6 @@ def consolidate(path, output, force=False, allow_code=False):
         writer.discard()
         raise
     return open_result(output)
-
-
-def _refuse_strays(directory):
-    if strays := directory.strays():
-        rule = f"{', '.join(strays)}: no shard of this run; take it away, or see `rigidmc verify`"
-        raise SceneError("", "run", directory.path, rule)
 
 
 def open_run(path, allow_code=False):
@@ -120,8 +114,8 @@ def open_run(path, allow_code=False):
         raise SceneError("", "run", os.fspath(path), rule) from None
     directory = RunDirectory(path)
     *_, told, shown = planned(directory, allow_code)
-    _refuse_strays(directory)
-    shards, bad = {i: os.path.abspath(shard) for i, shard in directory.shards().items()}, directory.flagged()
+    directory.refuse_strays()
+    shards = {i: os.path.abspath(shard) for i, shard in directory.shards().items()}
     if not shards:
         raise SceneError("", "run", directory.path, "no shard is there yet: resume it first")
     if len(shards) < directory.count:
@@ -130,7 +124,7 @@ def open_run(path, allow_code=False):
     done = sorted(shards)
     mark = hashlib.sha256("\n".join(shards.values()).encode()).hexdigest()[:16]  # names tell contents: others are other arrays
     ranges = [directory.members(i) for i in done]
-    counts = {"member": [len(r) for r in ranges], "flagged": [bad[i] for i in done]}
+    counts = {"member": [len(r) for r in ranges], "flagged": [flagged_of(shards[i]) for i in done]}
     each = {**member_variables(told, shown.carried), **saved_variables(told), **flagged_variables(told)}
     variables = {}
     for name, (dims, dtype, attrs) in each.items():
@@ -156,7 +150,7 @@ def open_run(path, allow_code=False):
         variables[name] = dims, stacked.sum(0, dtype=dtype), attrs
     known = {
         **coordinates(shown),
-        "member": (("member",), np.concatenate([np.empty(0, int), *ranges]), coordinates(shown)["member"][2]),
+        "member": (("member",), np.concatenate([np.arange(r.start, r.stop) for r in ranges]), coordinates(shown)["member"][2]),
     }
     made = xr.Dataset(variables, known, {**attributes(told, shown), **directory.facts["attributes"]})
     made.encoding["source"] = os.path.abspath(directory.path)

@@ -1,5 +1,6 @@
 """Runs that survive: started in a directory, resumed after whatever ended them, extended, and made of the parts of a job array."""
 
+import contextlib
 import errno
 import math
 import os
@@ -17,17 +18,17 @@ from rigidmc.effects import EFFECTS
 from rigidmc.effects.own import source_of
 from rigidmc.engine.machine import this_machine, threads_available
 from rigidmc.errors import OutputExists, SceneError, SceneWarning, counted
-from rigidmc.files import part_of, put_in_place, refuse_unwritable, text_of, write_bytes
+from rigidmc.files import drop, make_durable, part_of, put_in_place, refuse_unwritable, text_of, write_bytes
 from rigidmc.jobs import compile_kernel
 from rigidmc.planning import BLOCK
-from rigidmc.run_directory import FORMAT, RunDirectory, hash_of, hash_of_file, rendered
+from rigidmc.run_directory import FORMAT, MOST, RunDirectory, hash_of, hash_of_file, rendered
 from rigidmc.sampling import rows
 from rigidmc.shards import (
     SHARD,
     compute_shards,
     fault_of,
-    in_units_told,
     members_of,
+    memory_of_shards,
     planned,
     refuse_others,
     scene_in,
@@ -37,6 +38,7 @@ from rigidmc.simulation import settled
 from rigidmc.staging import stage
 from rigidmc.storage.netcdf import write_columns
 from rigidmc.storage.schema import attributes
+from rigidmc.units import told
 
 
 def create(scene, path, size=SHARD, only=None):
@@ -44,63 +46,79 @@ def create(scene, path, size=SHARD, only=None):
     anything in that folder, SceneError also where of `only`, the range of shards that is wanted of it, there is none."""
     if not isinstance(size, (int, float)) or not 0.0 < size < math.inf:
         raise SceneError("", "size", size, "expected the bytes of a shard")
-    path = os.path.realpath(os.fspath(path))
-    parent = os.path.dirname(os.path.abspath(path))
+    path = _place_of(path)
     if os.path.lexists(path) and not (os.path.isdir(path) and not os.listdir(path)):
         hint = "; `rigidmc resume` goes on with it" if os.path.isfile(os.path.join(path, "run.json")) else ""
         raise OutputExists(f"{path} exists; nothing was written{hint}")
-    refuse_unwritable(parent)
+    refuse_unwritable(os.path.dirname(os.path.abspath(path)))
     if scene.run.points == "latin_hypercube" and scene.run.strata is None:
         scene = scene.with_run(strata=scene.run.first + scene.run.members)
     *made, chosen = settled(scene, streaming=True)
-    *_, told, shown = in_units_told(*made)
+    mine, shown = told(*made)
     for note in made[1].notes:
         warnings.warn(note, SceneWarning, stacklevel=2)
-    refuse_hopeless(told, shown, threads_available(), path)
-    block, shard = members_of(told, shown, size)
-    _refuse_beyond(only, -(-told.run.members // shard))
+    block, shard = members_of(mine, shown, size)
+    run, count = mine.run, -(-mine.run.members // shard)
+    _refuse_beyond(only, count)
+    _refuse_many(count)
+    threads = threads_available()
+    refuse_hopeless(mine, shown, threads, path, memory_of_shards(mine, shown, min(shard, run.members), threads))
     versions, machine = this_machine()
-    run = told.run
-    sources = [file for e in told.effects if type(e) not in EFFECTS.values() and (file := source_of(type(e))) is not None]
-    # beside its place, and moved there when it is whole: what is killed here leaves nothing under that name
-    folder = tempfile.mkdtemp(prefix=f".{os.path.basename(path)}-", dir=parent)
-    try:
-        os.chmod(folder, 0o777 & ~_umask())
-        os.mkdir(os.path.join(folder, "shards"))
-        write_bytes(os.path.join(folder, "scene.toml"), attributes(told, shown)["scene"].encode())
+    sources = [file for e in mine.effects if type(e) not in EFFECTS.values() and (file := source_of(type(e))) is not None]
+    with _made_beside(path) as folder:
+        write_bytes(os.path.join(folder, "scene.toml"), attributes(mine, shown)["scene"].encode())
         facts = {
             "format": FORMAT, "scene": "", "columns": "", "code": {file: hash_of_file(file) for file in sources},
             "attributes": {} if chosen is None else chosen.attributes(), "seed": run.seed, "first": run.first, "members": run.members, "shard": shard,
             "block": block, "versions": versions, "machine": machine,
         }  # fmt: skip
-        if (count := rows(*told.quantities())) is not None:
+        if (count := rows(*mine.quantities())) is not None:
             file = os.path.join(folder, "columns.nc")
-            write_columns(file, _columns(told, count))
+            write_columns(file, _columns(mine, count))
             facts["columns"] = hash_of_file(file)
         facts["scene"] = hash_of(scene_in(folder, facts, True))
         write_bytes(os.path.join(folder, "run.json"), rendered(facts).encode())
-        _move(folder, path)
-    except BaseException:
-        shutil.rmtree(folder, ignore_errors=True)
-        raise
     return RunDirectory(path)
 
 
-def _move(folder, path):
-    """Give a folder its name; OutputExists where something appeared there."""
+@contextlib.contextmanager
+def _made_beside(path):
+    """A new run directory, made beside its place and moved there when it is whole: what is killed meanwhile leaves nothing under that name.
+    OutputExists where something appeared there."""
+    parent = os.path.dirname(os.path.abspath(path))
+    folder = tempfile.mkdtemp(prefix=f".{os.path.basename(path)}-", dir=parent)
     try:
-        os.replace(folder, path)
-    except OSError as error:
-        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
-            raise
-        raise OutputExists(f"{path} appeared meanwhile; nothing was overwritten") from None
+        os.chmod(folder, 0o777 & ~_umask())
+        os.mkdir(os.path.join(folder, "shards"))
+        yield folder
+        try:
+            os.replace(folder, path)
+        except OSError as error:
+            if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
+                raise
+            raise OutputExists(f"{path} appeared meanwhile; nothing was overwritten") from None
+        make_durable(parent)
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+
+
+def _place_of(path):
+    """Where a run directory is to be: a link to an empty folder is that folder."""
+    path = os.path.normpath(os.fspath(path))
+    return os.path.realpath(path) if os.path.islink(path) else path
+
+
+def _refuse_many(count):
+    if count > MOST:
+        raise SceneError("", "--shard-size", None, f"{count:,} shards are too many, {MOST:,} is the most: make them larger")
 
 
 def _refuse_beyond(only, count):
     """SceneError where of a range of shards there is none."""
     if only is not None and (not isinstance(only, range) or only.step != 1 or not only or not 0 <= only[0] < count):
-        told = f"{only.start}:{only.stop}" if isinstance(only, range) else only
-        raise SceneError("", "--shards", told, f"expected a range of shards; the run has 0 to {count - 1}")
+        given = f"{only.start}:{only.stop}" if isinstance(only, range) else only
+        raise SceneError("", "--shards", given, f"expected a range of shards; the run has 0 to {count - 1}")
 
 
 def _columns(scene, count):
@@ -148,7 +166,11 @@ def resume(
         which = [i for i in directory.missing() if only is None or i in only]
         left, many = sum(len(directory.members(i)) for i in which), threads or threads_available()
         parts = planned(directory, allow_code, threads or 1, block)
-        refuse_hopeless(parts[3], parts[4]._replace(members=left), many, os.path.join(directory.path, "shards"))
+        if which and (cluster is None or cluster.startswith("local:")):  # workers elsewhere have memory of their own
+            here = many if cluster is None else int(cluster.partition(":")[2])
+            *_, mine, shown = parts
+            more = memory_of_shards(mine, shown, min(directory.facts["shard"], left), here)
+            refuse_hopeless(mine, shown._replace(members=left), here, os.path.join(directory.path, "shards"), more)
         compiled = compile_kernel(*parts[:2]) if which else 0.0  # for the workers of a cluster too, which find it in the cache
         started = time.monotonic()
         directory.note(event="begun", shards=len(which), threads=threads, cluster=cluster, compile_seconds=round(compiled, 3))
@@ -180,22 +202,25 @@ def extend(path, members, accept=False, allow_code=False):
         raise SceneError("run", "members", members, f"the run has {facts['members']:,} already")
     if facts["first"] + members > 2**53:
         raise SceneError("run", "members", members, "are more than 2^53, and could not be told apart")
-    if strays := directory.strays():
-        raise SceneError("", "run", path, f"{', '.join(strays)}: no shard of this run; take it away first, or see `rigidmc verify`")
+    directory.refuse_strays()
+    _refuse_many(-(-members // facts["shard"]))
     scene = scene_of_run(directory, allow_code)
     if scene.run.points == "latin_hypercube":
         raise SceneError("run", "members", members, "a Latin hypercube has as many members as strata: start a new run")
     if (most := rows(*scene.quantities())) is not None and members + facts["first"] > most:
         raise SceneError("run", "members", members, f"the scene has rows for {most:,} members")
-    *_, told, shown = planned(directory, allow_code)
+    *_, mine, shown = planned(directory, allow_code)
     more = shown._replace(members=members - facts["members"])
-    refuse_hopeless(told, more, threads_available(), os.path.join(directory.path, "run.json"))
+    refuse_hopeless(mine, more, threads_available(), os.path.join(directory.path, "run.json"))
     with directory.locked():
-        last = directory.count - 1
-        if facts["members"] % facts["shard"] and last in directory.done():
-            os.unlink(directory.shards()[last])
-        write_bytes(os.path.join(directory.path, "run.json"), rendered({**facts, "members": int(members)}).encode(), force=True)
-        directory.note(event="extended", members=int(members))
+        name, last = os.path.join(directory.path, "run.json"), directory.shards().get(directory.count - 1)
+
+        def shorten():
+            if facts["members"] % facts["shard"] and last is not None:
+                os.unlink(last)
+
+        write_bytes(name, rendered({**facts, "members": members}).encode(), force=True, before=shorten)
+        directory.note(event="extended", members=members)
     return RunDirectory(path)
 
 
@@ -203,8 +228,9 @@ def repair(path):
     """Take away the shards that are damaged or not of their number, to be computed again, and files that are no shards; how many there were."""
     directory = RunDirectory(path)
     with directory.locked():
-        bad = [shard for i, shard in directory.shards().items() if fault_of(directory, i, shard)]
-        bad += [stray for stray in directory.strays() if os.path.isfile(stray)]
+        shards, strays = directory.listed()
+        bad = [shard for i, shard in shards.items() if fault_of(directory, i, shard)]
+        bad += [stray for stray in strays if not os.path.isdir(stray) or os.path.islink(stray)]
         for path in bad:
             os.unlink(path)
         directory.note(event="repaired", shards=[os.path.basename(path) for path in bad])
@@ -219,20 +245,16 @@ def merge(path, others):
     """
     if isinstance(others, (str, os.PathLike)) or not others:
         raise SceneError("", "others", others, "expected a list of run directories")
-    path = os.path.realpath(os.fspath(path))
+    path = _place_of(path)
     others = [RunDirectory(other) for other in others]
     for other in others[1:]:
         _refuse_unlike(others[0], other)
-    parent = os.path.dirname(os.path.abspath(path))
-    refuse_unwritable(parent)
     if not os.path.lexists(path) or (os.path.isdir(path) and not os.listdir(path)):
-        folder = tempfile.mkdtemp(prefix=f".{os.path.basename(path)}-", dir=parent)
-        os.chmod(folder, 0o777 & ~_umask())
-        os.mkdir(os.path.join(folder, "shards"))
-        for name in ("columns.nc", "scene.toml", "run.json"):
-            if os.path.isfile(os.path.join(others[0].path, name)):
-                shutil.copyfile(os.path.join(others[0].path, name), os.path.join(folder, name))
-        _move(folder, path)
+        refuse_unwritable(os.path.dirname(os.path.abspath(path)))
+        with _made_beside(path) as folder:
+            for name in ("columns.nc", "scene.toml", "run.json"):
+                if os.path.isfile(os.path.join(others[0].path, name)):
+                    write_bytes(os.path.join(folder, name), text_of(others[0].path, name))
     directory, copied = RunDirectory(path), 0
     for other in others:
         _refuse_unlike(directory, other)
@@ -249,8 +271,12 @@ def merge(path, others):
                 if fault := fault_of(other, i, shard):
                     raise SceneError("", "run", other.path, fault)
                 final = os.path.join(path, "shards", os.path.basename(shard))
-                shutil.copyfile(shard, part_of(final))
-                put_in_place(part_of(final), final, False)
+                try:
+                    shutil.copyfile(shard, part_of(final))
+                    put_in_place(part_of(final), final, False)
+                except BaseException:
+                    drop(part_of(final))
+                    raise
                 copied += 1
         directory.note(event="merged", shards=copied, others=[other.path for other in others])
     return directory, copied

@@ -15,12 +15,13 @@ from rigidmc.engine.machine import this_machine
 from rigidmc.errors import SceneError
 from rigidmc.observables import rows_of
 from rigidmc.planning import BLOCK, SLAB
-from rigidmc.run_directory import damaged, hash_of, hash_of_file
+from rigidmc.run_directory import damaged, flagged_of, hash_of, hash_of_file
 from rigidmc.scene_file import loads
 from rigidmc.simulation import compute, settled
 from rigidmc.sinks import Memory, buffer
 from rigidmc.storage.netcdf import Writer, read
 from rigidmc.storage.schema import bytes_of_a_member
+from rigidmc.units import told
 
 SHARD = 64 * 2**20  # bytes of a shard: a thousand of them are 67 GB
 
@@ -67,12 +68,12 @@ def planned(directory, allow_code=False, threads=1, block=None):
     scene, plan, units, _ = settled(scene_of_run(directory, allow_code), threads, True, block or directory.facts["block"])
     if directory.facts["shard"] % plan.block:
         raise SceneError("run", "block", plan.block, f"has to divide the {directory.facts['shard']:,} members of a shard")
-    return scene, plan, units, *in_units_told(scene, plan, units)[2:]
+    return scene, plan, units, *told(scene, plan, units)
 
 
-def in_units_told(scene, plan, units):
-    """(scene, plan, and both in the units of the user)."""
-    return scene, plan, *((scene, plan) if units is None else units.back(scene, plan))
+def memory_of_shards(scene, plan, shard, threads):
+    """Bytes of the shards that are put together at once, each twice while it is written; blocks of several may be on their way."""
+    return (1 + math.ceil((threads + 2) * plan.block / shard)) * shard * sum(bytes_of_a_member(scene, plan))
 
 
 def fault_of(directory, i, path):
@@ -86,8 +87,8 @@ def fault_of(directory, i, path):
     if found["member"].size != len(members) or found["member"][0] != members[0]:
         return f"{path}: is no shard {i} of this run: its members are others"
     count = np.count_nonzero(found["status"])
-    if count != directory.flagged()[i]:
-        return f"{path}: its name says {directory.flagged()[i]:,} flagged members, its content {count:,}"
+    if count != flagged_of(path):
+        return f"{path}: its name says {flagged_of(path):,} flagged members, its content {count:,}"
     return ""
 
 
@@ -104,20 +105,20 @@ def refuse_others(directory, accept):
 
 def compute_shards(directory, parts, which, threads, progress=False, stop=None):
     """Compute some shards of a run that is `planned`, none that would not be done by `stop`; {status: members}."""
-    scene, plan, units, told, shown = parts
-    started, made = time.monotonic(), 0
+    scene, plan, units, *shown = parts
+    started, begun = time.monotonic(), 0
     each, count = directory.facts["shard"] // plan.block, math.ceil(plan.members / plan.block)
 
     def blocks():
-        nonlocal made
+        nonlocal begun
         for i in which:
-            took = (time.monotonic() - started) / made if made else 0.0
-            if stop is not None and time.monotonic() + took > stop:
+            took = (time.monotonic() - started) / sink.written if sink.written else 0.0
+            if stop is not None and time.monotonic() + took * (begun - sink.written + 1) > stop:
                 return
+            begun += 1
             yield from range(i * each, min((i + 1) * each, count))
-            made += 1
 
-    sink = Shards(directory, told, shown)
+    sink = Shards(directory, *shown)
     try:
         flagged = compute(scene, plan, threads, sink, progress, units, blocks(), sum(len(directory.members(i)) for i in which))
         sink.finish()
@@ -138,6 +139,7 @@ class Shards:
         self._queue: queue.Queue = queue.Queue(waiting(scene, plan))
         self._open: dict[int, tuple] = {}  # shard -> (what of it is there, [how many members])
         self._error: BaseException | None = None
+        self.written = 0
         self._dropped = False
         self._thread = threading.Thread(target=self._work, name="rigidmc-writer", daemon=True)
         self._thread.start()
@@ -201,6 +203,7 @@ class Shards:
             writer.write(part.plan.first, part.plan.members, {name: values[name] for name in by_member})
             writer.write_all({name: v for name, v in values.items() if name not in by_member})
             writer.finish()
+            self.written += 1
         except BaseException:
             writer.discard()
             raise

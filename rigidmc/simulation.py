@@ -25,7 +25,7 @@ from rigidmc.sinks import File, Memory
 from rigidmc.staging import stage
 from rigidmc.storage import refuse_existing
 from rigidmc.storage.schema import member_variables
-from rigidmc.units import internal, scaled
+from rigidmc.units import internal, scaled, told
 
 REHEARSED = 8192  # members: two blocks for each of two threads
 
@@ -119,8 +119,8 @@ def settled(scene, threads=1, streaming=False, block=None):
 def run(scene, plan, threads, progress=False, output=None, force=False, attrs=None, units=None):
     """Run a plan of a scene, which `units` tells to be in other units than its result; `dataset.encoding["rigidmc"]` tells what it cost and how many members are flagged. See `simulate`."""
     compiled = compile_kernel(scene, plan)
-    told, shown = (scene, plan) if units is None else units.back(scene, plan)
-    sink = File(output, told, shown, force, attrs or {}) if output is not None else Memory(told, shown, attrs or {})
+    mine, shown = told(scene, plan, units)
+    sink = File(output, mine, shown, force, attrs or {}) if output is not None else Memory(mine, shown, attrs or {})
     began = time.perf_counter()
     try:
         flagged = compute(scene, plan, threads, sink, progress, units)
@@ -139,7 +139,7 @@ def run(scene, plan, threads, progress=False, output=None, force=False, attrs=No
 
 def compute(scene, plan, threads, sink, progress=False, units=None, blocks=None, members=None):
     """Compute the blocks of a plan, or those of some indices with so many members, and give them to a sink as they are done; {status: members}."""
-    told, shown = (scene, plan) if units is None else units.back(scene, plan)
+    mine, shown = told(scene, plan, units)
     which = range(math.ceil(plan.members / plan.block)) if blocks is None else blocks
     flagged = dict.fromkeys(layout.STATUSES, 0)
 
@@ -165,7 +165,7 @@ def compute(scene, plan, threads, sink, progress=False, units=None, blocks=None,
         }
         seen = watching.results(scene, plan.watch, rows, plan.dt / rows[layout.STEPS], plan.steps * rows[layout.STEPS])
         results = {**drift, **seen, **faults, "status": status, "steps": rows[layout.STEPS] * plan.steps, **job.start}
-        sink.take(job, results if units is None else _told(job, results, told, shown, units))
+        sink.take(job, results if units is None else _told(job, results, mine, shown, units))
 
     with reporter(progress, plan.members if members is None else members, plan.steps) as report:
         run_blocks(make, which, threads, finished, report.step, report.poll)

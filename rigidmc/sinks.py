@@ -120,11 +120,11 @@ def buffer(scene, plan, count):
 class File:
     """Writes blocks to a netCDF file as they are done."""
 
-    def __init__(self, path, scene, plan, force, more=None, attrs=None, named=None):
+    def __init__(self, path, scene, plan, force, more=None):
         self.scene, self.plan, self.path = scene, plan, path
         self.counts, self.rows = Counts(scene), rows_of(scene.effects, *scene.recorded())
         self.names, self.flagged = set(member_variables(scene, plan.carried)), list[dict[str, np.ndarray]]()
-        self.writer = Writer(path, scene, plan, force, more, attrs, named)
+        self.writer = Writer(path, scene, plan, force, more)
 
     def room(self, low, count):
         return buffer(self.scene, self.plan, count)
@@ -138,13 +138,9 @@ class File:
             values |= kept_values(self.scene, self.plan, parts)
         self.writer.write(job.first, job.size, values)
 
-    def close(self):
-        """Give the file its name."""
+    def finish(self):
         self.writer.write_all({**self.counts.variables(), **joined(self.flagged)})
         self.writer.finish()
-
-    def finish(self):
-        self.close()
         return open_result(self.path)
 
     def discard(self):

@@ -87,6 +87,11 @@ class Internal(NamedTuple):
         return scaled(scene, 1.0 / self.mass, 1.0, 1.0 / self.time), told
 
 
+def told(scene, plan, units):
+    """A scene and its Plan in the units that the user gave; `units` : an Internal, or None where those are they."""
+    return (scene, plan) if units is None else units.back(scene, plan)
+
+
 def internal(scene):
     """The Internal units that bring a scene's first member to moments and rates near 1, or None where they are within RANGE.
 

@@ -2,16 +2,17 @@
 
 --kills N    start a run, kill it with SIGKILL at a random moment, resume it until it is whole; its shards' sha256 are those of an unbroken run.
              Every other run has rows of its own for each member, from a table, and keeps summaries and thinned digits
---faults N   at every open, write, fsync, rename and unlink of a run (at N of each, or all): a full disk, a broken one (also half-way through a
-             write), or a delay; and files that the system lets grow to so many bytes only, wherever the C library then is. Exit 74 and one
-             message, nothing visible is wrong, and resumed it is whole
---corrupt N  flip a bit or cut a file of a whole run at a random place; `verify` has to find it, and `resume --repair` to undo it
+--faults N   at every open, fsync, rename, link and unlink and every variable written of `run`, `extend` and `merge` (at N of each, or all): a full
+             disk, a broken one, or a delay; and files that the system lets grow to so many bytes only, wherever the C library then is. Exit 74
+             and one message, nothing visible is wrong, and resumed, or asked once more, it is whole
+--corrupt N  flip a bit or cut a shard or run.json of a whole run at a random place; `verify` has to find it, and `resume --repair` to undo it
 --lost N     kill N workers of `--cluster local:2`, one every few seconds; the run ends well, and its shards are those of two threads
 """
 
 import argparse
 import contextlib
 import hashlib
+import itertools
 import multiprocessing
 import os
 import random
@@ -133,7 +134,7 @@ def lost(count, folder, some, members=2_000_000):
         child = subprocess.Popen(
             [*COMMAND, *words, path + "/", "--cluster", "local:2"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         )
-        while child.poll() is None and not sums(path):
+        while child.poll() is None and not any(name.endswith(".nc") for _, _, names in os.walk(path) for name in names):
             time.sleep(0.01)
         while child.poll() is None:
             time.sleep(0.1 if told["workers killed"] == 0 else some.uniform(1.5, 3.0))
@@ -212,20 +213,34 @@ def faults(most, folder, some):
 
     from typer.testing import CliRunner
 
+    from rigidmc import run_directory
     from rigidmc.cli import app
     from rigidmc.storage import netcdf
 
     whole, path, words = os.path.join(folder, "whole"), os.path.join(folder, "run"), [*WORDS[:3], "20000", *WORDS[4:]]
     words[words.index("--shard-size") + 1] = "0.5"
+    half, parts = os.path.join(folder, "half"), [os.path.join(folder, f"part{i}") for i in range(2)]
     invoke = CliRunner().invoke
     assert invoke(app, [*words, whole + "/"]).exit_code == 0
+    assert invoke(app, [*words[:3], "10000", *words[4:], half + "/"]).exit_code == 0
+    assert [
+        invoke(app, [*words, part + "/", "--shards", given]).exit_code for part, given in zip(parts, ("0:2", "2:9"), strict=True)
+    ] == [5, 5]
     expected = sums(whole)
-    told = {"faults": 0, "exit 74, one message": 0, "no harm done, exit 0": 0, "wrong shards seen": 0, "resumed, sha256 equal": 0}
+    kinds = {"run": [*words, path + "/"], "extend": ["extend", path, "--members", "20000"], "merge": ["merge", path, *parts]}
+    told = {"faults": 0, "exit 74, one message": 0, "no harm done, exit 0": 0, "wrong shards seen": 0, "completed, sha256 equal": 0}
 
-    def tried(name, failing):
-        """A run while something fails, and what comes after."""
+    def prepared(kind):
+        """What there is before a command."""
+        shutil.rmtree(path, ignore_errors=True)
+        if kind == "extend":
+            shutil.copytree(half, path)
+
+    def tried(name, kind, failing):
+        """A command while something fails, and what comes after."""
+        prepared(kind)
         with failing:
-            done = invoke(app, [*words, path + "/"])
+            done = invoke(app, kinds[kind])
         told["faults"] += 1
         if done.exit_code == 0:
             told["no harm done, exit 0"] += 1
@@ -237,28 +252,32 @@ def faults(most, folder, some):
             print(f"{name}: exit {done.exit_code}: {done.output[-300:]} {done.exception!r}", file=sys.stderr)
         is_run = os.path.isfile(os.path.join(path, "run.json"))
         seen = sums(path) if is_run else {}
-        told["wrong shards seen"] += sum(expected.get(n) != s for n, s in seen.items() if n in expected or n.endswith(".nc"))
-        again = invoke(app, ["resume", path] if is_run else [*words, path + "/"])
+        known = expected | (sums(half) if kind == "extend" else {})
+        told["wrong shards seen"] += sum(known.get(n) != s for n, s in seen.items() if n.endswith(".nc"))
+        if kind == "extend" and run_directory.status(path)["members"] == 20000:
+            told["wrong shards seen"] += any(len(sums(half)) - 1 == int(n[:8]) and n not in expected for n in seen)
+            again = invoke(app, ["resume", path])
+        else:
+            again = invoke(app, ["resume", path] if is_run and kind == "run" else kinds[kind])
         good = again.exit_code == 0 and sums(path) == expected
-        told["resumed, sha256 equal"] += good
+        told["completed, sha256 equal"] += good
         if not good:
-            print(f"{name}: resumed: exit {again.exit_code}: {again.output[-300:]}", file=sys.stderr)
-        shutil.rmtree(path, ignore_errors=True)
+            print(f"{name}: afterwards: exit {again.exit_code}: {again.output[-300:]}", file=sys.stderr)
 
     system = [OSError(code, os.strerror(code)) for code in (errno.ENOSPC, errno.EIO)]
     library = [RuntimeError("NetCDF: HDF error")]  # all that the C library tells, in the middle of a shard
-    places = [("fsync", os, "fsync", system), ("rename", os, "replace", system), ("open", builtins, "open", system), ("unlink", os, "unlink", system),
+    places = [("fsync", os, "fsync", system), ("rename", os, "replace", system), ("open", builtins, "open", system), ("unlink", os, "unlink", system), ("link", os, "link", system),
               ("open of a shard", netcdf.netCDF4, "Dataset", system), ("write", netcdf.Writer, "_rounded", library)]  # fmt: skip
-    for name, where, attribute, errors in places:
+    for kind, (name, where, attribute, errors) in itertools.product(kinds, places):
         real, seen = getattr(where, attribute), [0]
 
         def counted(*given, real=real, seen=seen, **named):
             seen[0] += folder in str(given) or "Writer" in str(given)
             return real(*given, **named)
 
+        prepared(kind)
         with patch.object(where, attribute, counted):
-            assert invoke(app, [*words, path + "/"]).exit_code == 0
-        shutil.rmtree(path)
+            assert invoke(app, kinds[kind]).exit_code == 0
         numbers = range(seen[0]) if most >= seen[0] else sorted(some.sample(range(seen[0]), most))
         for number in numbers:
             for error in (*errors, None):
@@ -277,10 +296,10 @@ def faults(most, folder, some):
                             time.sleep(0.2)
                     return real(*given, **named)
 
-                tried(f"{name} {number}", patch.object(where, attribute, failing))
+                tried(f"{kind}: {name} {number}", kind, patch.object(where, attribute, failing))
     largest = max(os.path.getsize(os.path.join(whole, "shards", shard)) for shard in expected)
     for i in range(min(most, 40)):
-        tried(f"no file larger than {i}/40 of a shard", limited(i * largest // 40))
+        tried(f"no file larger than {i}/40 of a shard", ("run", "extend", "merge")[i % 3], limited(i * largest // 40))
     return told
 
 

@@ -152,8 +152,8 @@ def verify(
     with reported():
         from rigidmc import run_directory, run_results
 
-        wrong = run_results.verify(run, spot, allow_code)
         found = run_directory.status(run)
+        wrong = run_results.verify(run, spot, allow_code)
         for line in wrong:
             print(line, file=sys.stderr)
         if wrong:

@@ -73,7 +73,8 @@ class Writer:
     def __init__(self, path, scene, plan, force=False, more=None, attrs=None, named=None):
         """attrs : in the place of the attributes of a result;  named : of shards, the path that a finished file has to have: each of its chunks
         then has a sum, so that a flipped bit is an error to whoever reads it"""
-        refuse_existing(path, force)
+        if named is None:
+            refuse_existing(path, force)
         self.path, self.force, self._named = path, force, named
         self._file: Any = None
         self._temporary = part_of(path)
@@ -92,10 +93,11 @@ class Writer:
         file.set_fill_off()
         variables = {**member_variables(scene, plan.carried), **saved_variables(scene), **ensemble_variables(scene)}
         self.variables = variables = variables | flagged_variables(scene)
-        used = [*coordinates(plan), *(dim for v in variables.values() for dim in v.dims)]
+        known = coordinates(plan._replace(members=0))  # which they are is written with the members: memory does not grow with them
+        used = [*known, *(dim for v in variables.values() for dim in v.dims)]
         for dim in dict.fromkeys(used):
             file.createDimension(dim, length(dim, plan))
-        for name, (dims, values, attrs) in coordinates(plan).items():
+        for name, (dims, values, attrs) in known.items():
             if values.dtype.kind == "U":  # as characters: netCDF 4.10.1 crashes when a file with strings is opened once more
                 letters = np.char.encode(values, "utf-8")
                 dims, attrs, size = (*dims, f"string{letters.itemsize}"), {**attrs, "_Encoding": "utf-8"}, letters.itemsize
@@ -107,7 +109,8 @@ class Writer:
             else:
                 variable = file.createVariable(name, values.dtype, dims)
             variable.setncatts(attrs)
-            variable[:] = values
+            if name != "member":
+                variable[:] = values
         for name, (dims, dtype, attrs) in variables.items():
             sizes = [length(d, plan) for d in dims]
             # one chunk holds a block of members and up to 128 times: cheap to write, and to read by member or by time
@@ -127,6 +130,7 @@ class Writer:
         """Write {name: array with the member dimension last} for members first ... first + count - 1."""
         part = slice(first - self._first, first - self._first + count)
         with _naming(self.path), alone():
+            self._file.variables["member"][part] = np.arange(first, first + count)
             for name, array in values.items():
                 self._file.variables[name][..., part] = self._rounded(name, array[..., :count])
 
