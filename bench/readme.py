@@ -110,7 +110,11 @@ def runs(rows, machine):
     found = {r["what"]: r["measured"] for r in rows if r["kind"] == "target"}
     share, ratio = (next(v for k, v in found.items() if word in k) for word in ("writing adds", "cluster here"))
     words = f"Free tops with attitude over 1,200 steps, final state to a run directory; writing adds {100 * share:.0f} % to the time of this short run"
-    words += f"; two processes of a cluster here do {ratio:.2f} of the work of two threads, its start included"
+    taken = [r for r in rows if r["kind"] == "cluster"]
+    whole, seconds = (
+        sorted(values)[len(taken) // 2] for values in ([r["threads"] / r["cluster"] for r in taken], [r["threads"] for r in taken])
+    )
+    words += f"; two processes of a cluster here do {ratio:.2f} of the work of two threads, {whole:.2f} in a run of {seconds:.0f} s with its start"
     return f"{table(('members', 'GB of memory', 'seconds', 'GB written'), lines)}\n\n{words}; {_machine(machine)}."
 
 

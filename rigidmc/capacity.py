@@ -10,22 +10,14 @@ from rigidmc.observables import rows_of
 from rigidmc.storage.schema import bytes_of_a_member
 
 BASE = 0.25e9  # interpreter, libraries and kernels [bytes]
-WAITING = (
-    128 * 2**20
-)  # bytes of blocks on their way to the disk; more make those that compute wait: memory does not grow where disks are slow
 
 
 def sizes(scene, plan, threads):
     """Bytes that a run needs: (of memory with its result there, of memory with its result in files, of a file of it)."""
     _, each = bytes_of_a_member(scene, plan)
     block = _bytes_of_a_block(scene, plan)
-    scratch = block * (min(threads + 2, -(-plan.members // plan.block)) + waiting(scene, plan))
+    scratch = block * (min(threads, -(-plan.members // plan.block)) + 2)
     return int(BASE + scratch + each * plan.members), int(BASE + scratch), int((each + 8) * plan.members + 20_000)
-
-
-def waiting(scene, plan):
-    """How many blocks may be on their way to the disk."""
-    return min(64, max(4, WAITING // _bytes_of_a_block(scene, plan)))
 
 
 def _bytes_of_a_block(scene, plan):

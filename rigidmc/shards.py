@@ -9,7 +9,6 @@ import time
 
 import numpy as np
 
-from rigidmc.capacity import waiting
 from rigidmc.engine.layout import LANES
 from rigidmc.engine.machine import this_machine
 from rigidmc.errors import SceneError
@@ -72,8 +71,8 @@ def planned(directory, allow_code=False, threads=1, block=None):
 
 
 def memory_of_shards(scene, plan, shard, threads):
-    """Bytes of the shards that are put together at once, each twice while it is written; blocks of several may be on their way."""
-    return (1 + math.ceil((threads + 2) * plan.block / shard)) * shard * sum(bytes_of_a_member(scene, plan))
+    """Bytes of the shards that are there at once: those that blocks on their way are of, one that waits and one that is written, twice."""
+    return (4 + math.ceil((threads + 2) * plan.block / shard)) * shard * sum(bytes_of_a_member(scene, plan))
 
 
 def fault_of(directory, i, path):
@@ -129,14 +128,15 @@ def compute_shards(directory, parts, which, threads, progress=False, stop=None):
 
 
 class Shards:
-    """Writes blocks to the shards of a run directory; what is written depends on no order, thread or block that came first.
+    """Collects blocks to shards of a run directory, which a thread of its own writes; what is written depends on no order, thread or block that
+    came first. Of a block only what is kept waits for the disk: its memory is at once that of the next.
 
     directory : RunDirectory, whose lock this process holds;  plan : of the whole run
     """
 
     def __init__(self, directory, scene, plan):
         self.directory, self.scene, self.plan = directory, scene, plan
-        self._queue: queue.Queue = queue.Queue(waiting(scene, plan))
+        self._queue: queue.Queue = queue.Queue(1)  # where a disk is slower than that, those that compute wait: memory does not grow
         self._open: dict[int, tuple] = {}  # shard -> (what of it is there, [how many members])
         self._error: BaseException | None = None
         self.written = 0
@@ -148,7 +148,18 @@ class Shards:
         return buffer(self.scene, self.plan, count)
 
     def take(self, job, results):
-        self._put((job, results))
+        facts = self.directory.facts
+        i = (job.first - facts["first"]) // facts["shard"]
+        members = self.directory.members(i)
+        if i not in self._open:
+            part = self.plan._replace(first=members.start, members=len(members), block=facts["block"])
+            self._open[i] = Memory(self.scene, part, {}, False), [0]
+        part, done = self._open[i]
+        part.take(job, results)
+        done[0] += job.size
+        if done[0] == len(members):
+            del self._open[i]
+            self._put((i, part))
 
     def _put(self, item):
         """Hand something to the thread that writes; what went wrong there is raised here, where else one might wait for it forever."""
@@ -176,24 +187,11 @@ class Shards:
         try:
             while (item := self._queue.get()) is not None and not self._dropped:
                 self._write(*item)
+                del item  # it waits for the next with the memory of none
         except BaseException as error:  # told by the thread that computes
             self._error = error
 
-    def _write(self, job, results):
-        facts = self.directory.facts
-        i = (job.first - facts["first"]) // facts["shard"]
-        members = self.directory.members(i)
-        if i not in self._open:
-            part = self.plan._replace(first=members.start, members=len(members), block=facts["block"])
-            self._open[i] = Memory(self.scene, part, {}, False), [0]
-        part, done = self._open[i]
-        part.take(job, results)
-        done[0] += job.size
-        if done[0] == len(members):
-            del self._open[i]
-            self._write_shard(i, part)
-
-    def _write_shard(self, i, part):
+    def _write(self, i, part):
         """All at once and in one order: no byte depends on which block came first, and it takes half the time."""
         values, bad = part.values(), int(np.count_nonzero(part.arrays["status"]))
         path, named = self.directory.temporary(i), lambda file: self.directory.named(i, bad, file)
