@@ -4,6 +4,7 @@ import json
 import os
 import re
 import sys
+from statistics import median
 
 from bench.accuracy import step_text
 
@@ -111,9 +112,7 @@ def runs(rows, machine):
     share, ratio = (next(v for k, v in found.items() if word in k) for word in ("writing adds", "cluster here"))
     words = f"Free tops with attitude over 1,200 steps, final state to a run directory; writing adds {100 * share:.0f} % to the time of this short run"
     taken = [r for r in rows if r["kind"] == "cluster"]
-    whole, seconds = (
-        sorted(values)[len(taken) // 2] for values in ([r["threads"] / r["cluster"] for r in taken], [r["threads"] for r in taken])
-    )
+    whole, seconds = median([r["threads"] / r["cluster"] for r in taken]), median([r["threads"] for r in taken])
     words += f"; two processes of a cluster here do {ratio:.2f} of the work of two threads, {whole:.2f} in a run of {seconds:.0f} s with its start"
     return f"{table(('members', 'GB of memory', 'seconds', 'GB written'), lines)}\n\n{words}; {_machine(machine)}."
 
