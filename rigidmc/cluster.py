@@ -8,10 +8,10 @@ Ten thousand million members on a thousand workers, planned with what `python -m
 
     computing   54,000 s of one thread: a minute of a thousand workers
     files       1.22 TB; in shards of 500 MB (--shard-size 500) 2,440 files, each 22 s of one worker; 64 MB, the default, would be 18,200
-    scheduler   4.0 ms of CPU a task: 10 s for 2,440 tasks beside that minute, 73 s for 18,200, which would take longer than the work
+    scheduler   4.3 ms of CPU a task: 10 s for 2,440 tasks beside that minute, 78 s for 18,200, which would take longer than the work
     messages    some kB a task: scene.toml goes once to each worker; two tasks wait for each thread
-    memory      of a worker 0.25 GB, two shards and 0.13 GB of blocks on their way to the disk
-    status      9 ms for 1,000 shards by their names alone; rm.open 0.26 s
+    memory      of a worker 0.25 GB, a few blocks and up to four shards: 2.3 GB of those of 500 MB
+    status      5 ms for 1,000 shards by their names alone; rm.open 0.15 s
 
 Where no scheduler is wanted, a job array needs none: `rigidmc run SCENE -o part$I/ --shards A:B` and `rigidmc merge`, whose copying reads and writes
 every byte once more.
