@@ -80,7 +80,7 @@ def part_of(path):
 
 
 def write_bytes(path, data, force=False, before=None):
-    """Write a file whole or not at all; `before` : what is done when it is on the disk, before it has its name."""
+    """Write a file whole or not at all; `before` : what is done when it is written, before it has its name."""
     temporary = part_of(path)
     try:
         with naming(path), open(temporary, "wb") as file:
