@@ -32,7 +32,7 @@ def kernels(ensemble):
     all_cores = tops.pool(threads_available())
 
     def candidate(name, effects, attitude=True, pool=all_cores, same_as="kernel rk4 free"):
-        made = form(INTEGRATORS[name], Turns(0.1), attitude, effects)
+        made = form(INTEGRATORS[name], Turns(0.1), effects)
 
         def run(parts):
             tops.advance(parts, made, effects, attitude, H, STEPS, pool)

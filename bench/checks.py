@@ -41,7 +41,7 @@ def run(quick):
     ensemble, pool, rows = tops.random_tops(MEMBERS), tops.pool(threads_available()), []
     shift = shifted(pool)
     for name, effects, attitude in CASES:
-        made = form(INTEGRATORS[name], Turns(0.1), attitude, effects)
+        made = form(INTEGRATORS[name], Turns(0.1), effects)
         with_all = tuple(Limits(0.05, math.inf if effects else 0.05, 0.05 if effects and attitude else math.inf, math.pi, 1e-9))
         ends = {}
 

@@ -37,7 +37,7 @@ def some(kind):
 def added(quick):
     """Rows of what each effect adds to a step of a free body by rk4, with attitude: all interleaved."""
     ensemble, pool = tops.random_tops(MEMBERS), tops.pool(threads_available())
-    made = form(INTEGRATORS["rk4"], Turns(0.1), True, ())
+    made = form(INTEGRATORS["rk4"], Turns(0.1), ())
 
     def run(effects):
         def move(parts):
@@ -86,7 +86,7 @@ def fingerprint():
     ]
     ensemble, gravity = tops.random_tops(256), (some(EFFECTS["gravity"]),)
     parts = tops.blocks(ensemble, gravity)
-    tops.advance(parts, form(INTEGRATORS["rk4"], Turns(0.1), True, ()), gravity, True, H, 100, tops.pool(1))
+    tops.advance(parts, form(INTEGRATORS["rk4"], Turns(0.1), ()), gravity, True, H, 100, tops.pool(1))
     digest = [hashlib.sha256(x).hexdigest()[:16] for x in (" ".join(words).encode(), np.concatenate(parts, axis=1).tobytes())]
     return len(words), *digest
 

@@ -142,7 +142,7 @@ def _form(many, name, kind, dt, turn=None):
     body = rigidmc.Body.from_moments(many.moments.T, mass=1.0, centre=many.static.T)
     start = rigidmc.Start(omega=many.omega.T, attitude=many.attitude.T)
     scene = rigidmc.Scene(body, GRAVITY if kind == "heavy" else (), start)
-    return form_of(scene.with_run(integrator=name, members=MEMBERS, turn=turn), dt, True)[0]
+    return form_of(scene.with_run(integrator=name, members=MEMBERS, turn=turn), dt)[0]
 
 
 def longest(error_of, limit, first=8, most=200_000):

@@ -13,6 +13,9 @@ from rigidmc.retention import summaries
 from rigidmc.simulation import simulate
 from rigidmc.storage import refuse_existing, scene_of, write
 
+# what steps and saves decide of every member; all else that has no time is what it starts from
+FOUND = ("energy_drift_max", "l2_drift_max", "status", "status_step", "status_time", "steps")
+
 
 def rerun(source, member, every=None, save=None, allow_code=False, output=None, force=False, **options):
     """Integrate a member of a result once more: a Dataset like that of `rigidmc.simulate`, equal to it where both have saves.
@@ -21,7 +24,7 @@ def rerun(source, member, every=None, save=None, allow_code=False, output=None, 
     member : its index, or a range of indices
     every : time between saves [s], a whole number of steps; default that of the result. A member's bits are those of its steps: with steps of its
         own (`turn`) these follow `every`, which has to stay
-    save : names of observables; default all but work, which the result may not have booked
+    save : names of observables; default all, work only where the result has booked it
     output : write this netCDF file too; `force` replaces one that is there
     allow_code, options : as of `rigidmc.Scene.load` and `rigidmc.simulate`
 
@@ -46,7 +49,10 @@ def rerun(source, member, every=None, save=None, allow_code=False, output=None, 
         rule = f"{called} has only {source.sizes['member']:,} of its {run.members:,} members, and not this one"
         raise SceneError("", "member", member, rule)
     asked = run.every if every is None else every
-    scene = scene.with_run(every=asked, save=_everything(scene) if save is None else tuple(save), keep="full")
+    names = _everything(scene) if save is None else tuple(save)
+    booked = ("work",) * ("work" in run.save and "work" not in names)  # without it energy_drift would be another quantity
+    # of a selection only its own members have rows
+    scene = scene.with_run(every=asked, save=(*names, *booked), keep="full", first=wanted[0], members=len(wanted))
     if run.turn is not None and asked != run.every:
         raise SceneError(
             "run", "every", every, f"members have steps of their own in each {run.every} s: another time between saves changes them"
@@ -79,9 +85,9 @@ def frames(source, member, count, allow_code=False):
 
 
 def _everything(scene):
-    """Names of all observables at save times but work, and of those over all steps that the scene has."""
+    """Names of all observables at save times, of work only where the scene books it, and of those over all steps that the scene has."""
     over = (name for name in (*scene.run.save, *summaries(scene.kept())) if name not in OBSERVABLES)
-    return (*(name for name in OBSERVABLES if name != "work"), *over)
+    return (*(name for name in OBSERVABLES if name != "work" or "work" in scene.run.save), *over)
 
 
 def _compared(made, result, source):
@@ -89,7 +95,8 @@ def _compared(made, result, source):
     scene = scene_of(result)
     digits, times, names, apart = scene.run.digits, np.empty(0), [], dict[str, float]()
     for name, one, two, saves in _pairs(made, result, scene):
-        names.append(name)
+        names += [name] if saves is not None else []
+        saves = np.empty(0) if saves is None else saves
         times = np.union1d(times, saves)
         rounded = digits is not None and saves.size and not name.endswith("_final")
         if not np.array_equal(one, two, equal_nan=True) and not (rounded and np.allclose(one, two, 10.0**-digits, 0.0, True)):
@@ -105,12 +112,14 @@ def _compared(made, result, source):
 
 
 def _pairs(made, result, scene):
-    """(name, values, values, their times) of what both results have."""
+    """(name, values, values, their times) of what both results have; None for times of what members start from."""
     over = {name for label, one in scene.watched() for name in outputs(label, one)} if made.sizes["time"] else set()
     for name in made.data_vars:
         dims = made[name].dims
         if "member" not in dims:  # of the ensemble as a whole
             continue
+        if "time" not in dims and name not in (*over, *FOUND) and name in result:
+            yield name, made[name].values, _values(result[name], dims), None
         if name in over and name in result:
             yield name, made[name].values, _values(result[name], dims), np.empty(0)
         for kept, clock in ((name, "time"), (f"{name}_thinned", "thinned_time")):

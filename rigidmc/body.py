@@ -41,7 +41,7 @@ class Body:
         object.__setattr__(self, "moments", moments)
         object.__setattr__(self, "mass", quantity(self.mass, "body", "mass"))
         object.__setattr__(self, "centre", vector(self.centre, "body", "centre"))
-        if self.axes != IDENTITY and not is_shared(*self.centre):
+        if self.axes != IDENTITY and not is_shared(self.centre):
             raise SceneError("body", "centre", None, "a body given by a tensor takes plain numbers; give principal moments instead")
         fixed = [] if whole else [m for m in self.moments if not is_open(m)]
         if not all(np.min(m) > 0 for m in fixed):
@@ -55,12 +55,12 @@ class Body:
                     float(np.broadcast_to(m, (bad[0] + 1,))[bad[0]]) if np.ndim(m) == 0 else float(m[bad[0]]) for m in self.moments
                 ]
                 large, rest = max(values), sum(values) - max(values)
-                row = "" if is_shared(*self.moments) else f"row {bad[0]}: "
+                row = "" if is_shared(self.moments) else f"row {bad[0]}: "
                 rule = f"{row}the triangle inequality is broken: {large:g} exceeds the sum of the other two, {rest:g}; no rigid body has these"
                 raise SceneError("body", "moments", self._given(), rule)
 
     def _given(self):
-        return list(self.moments) if is_shared(*self.moments) else None
+        return list(self.moments) if is_shared(self.moments) else None
 
     @classmethod
     def from_moments(cls, moments, mass=1.0, centre=(0.0, 0.0, 0.0)):
@@ -174,7 +174,7 @@ class Body:
     def pivoted_at(self, point):
         """The same body turning about another of its points (own axes [m]), by the parallel axes theorem, TdC (3.26), (3.27)."""
         point = vector(point, "body", "pivot")
-        if not is_shared(*self.moments, self.mass, *self.centre, *point):
+        if not is_shared(self.moments, self.mass, self.centre, point):
             raise SceneError(
                 "body", "pivot", None, "only a body given by plain numbers can be moved; give moments about the new point instead"
             )
@@ -197,10 +197,10 @@ class Body:
 
     def _with(self, other, at, turned, sign):
         for body in (self, other):
-            if not isinstance(body, Body) or not is_shared(*body.moments, body.mass, *body.centre):
+            if not isinstance(body, Body) or not is_shared(body.moments, body.mass, body.centre):
                 raise SceneError("body", "join", None, "only bodies given by plain numbers can be joined")
         place = vector(at, "body", "at")
-        if not is_shared(*place):
+        if not is_shared(place):
             raise SceneError("body", "at", None, "expected plain numbers")
         a, at = rotation.matrix(turned), np.array(place)
         centre = a @ np.array(other.centre)
@@ -241,7 +241,7 @@ class Body:
     @property
     def tensor(self):
         """Inertia tensor (3, 3) about the fixed point in the body's own axes [kg m^2]; only for plain numbers."""
-        if not is_shared(*self.moments):
+        if not is_shared(self.moments):
             raise ValueError("a body that differs from member to member has no single tensor")
         axes = np.array(self.axes)
         return (axes * np.array(self.moments)) @ axes.T

@@ -125,7 +125,7 @@ def follow(pilot, integrator, steps, dtype="float64", compensated=False, nudge=0
 
 def _saved(pilot, scene, block, h, slots, steps, stride, dtype="float64", compensated=False, nudge=0.0, seed=0):
     """The States after every `stride` of `steps` slots, and at the end."""
-    made, *_ = form_of(scene, h, pilot.carried)
+    made, *_ = form_of(scene, h)
     effects = blank(scene.effects)
     how = (
         as_single(made.integrator) if dtype == "float32" else made.integrator, made.parts, effects, OBSERVED,

@@ -14,7 +14,7 @@ from rigidmc.engine import layout
 from rigidmc.errors import SceneError
 from rigidmc.integrators import INTEGRATORS, Turns, form
 from rigidmc.limits import limits
-from rigidmc.observables import OBSERVABLES, rows_of
+from rigidmc.observables import rows_of
 from rigidmc.retention import thinned
 from rigidmc.sampling import is_open, is_shared, rows
 from rigidmc.scene_checks import PILOT
@@ -102,11 +102,10 @@ def rounds(t_end, every):
     return count, length, stride
 
 
-def carries_attitude(scene):
-    """Whether anything needs the attitude: an effect that names q, or an observable of it that is saved."""
-    needed = [names(e, "torque", "kick", "energy") for e in scene.effects]
-    needed += [names(OBSERVABLES[name], "value") for name in scene.recorded() if name == "attitude"]
-    return any("q" in n for n in needed) or needs_attitude(scene)
+def carries_attitude(scene, watched=None):
+    """Whether anything needs the attitude: an effect that names q, or what is saved or watched of it; watched : the Watch of the scene."""
+    by_effects = any("q" in names(e, "torque", "kick", "energy") for e in scene.effects)
+    return by_effects or needs_attitude(scene, watch(scene) if watched is None else watched)
 
 
 def prepare(scene, threads=1, streaming=False, block=None):
@@ -114,7 +113,8 @@ def prepare(scene, threads=1, streaming=False, block=None):
     scene.check()
     check_starts(scene.coarse())
     run = scene.run
-    own, carried = run.turn is not None and run.integrator != "closed", carries_attitude(scene)
+    own, found = run.turn is not None and run.integrator != "closed", watch(scene)
+    carried = carries_attitude(scene, found)
     if own:
         steps, dt, stride = rounds(run.t_end, run.every)
         notes, angle, theta = tuple[str, ...](), run.turn, run.turn
@@ -125,7 +125,7 @@ def prepare(scene, threads=1, streaming=False, block=None):
     else:
         steps, dt, stride, notes = steps_and_saves(run.t_end, run.dt, run.every)
         angle, theta = (dt * speed for speed in _speeds(scene, carried))
-    made, rate, spin = (None, None, 0.0) if run.integrator == "closed" else form_of(scene, dt, carried)
+    made, rate, spin = (None, None, 0.0) if run.integrator == "closed" else form_of(scene, dt)
     mean = steps * float(np.mean(stage(scene.coarse(), 0, _pilot(scene), carried, dt)[0][layout.STEPS])) if own else steps
     # a splitting turns exactly, however fast: it only sees the torque less often
     most = 3.0 if hasattr(INTEGRATORS[run.integrator], "drifts") else 1.0
@@ -145,11 +145,11 @@ def prepare(scene, threads=1, streaming=False, block=None):
         run.first, run.members, steps, dt, stride, own, mean, np.array(slots) * dt, few, made, carried, block, _constant(scene), angle, rate,
         run.dtype, run.compensated, notes, () if made is None else limits(scene, carried, theta, mean, made, spin),
         tuple(label for label, _ in labelled(scene.effects)) if "work" in run.save else (),
-        watch(scene),
+        found,
     )  # fmt: skip
 
 
-def form_of(scene, dt, carried):
+def form_of(scene, dt):
     """(the Form of a scene's integrator for steps of dt, or of its `turn` in times of at most dt; bound on the rate of free motion where it
     asks for that, with `turn` of the members' own rate; and the turn |omega| dt for which it is then prepared)."""
     run = scene.run
@@ -163,7 +163,7 @@ def form_of(scene, dt, carried):
         if turns.spin > largest:
             rule = f"a step may turn by {turns.spin:.3g} rad, more than the {largest:g} for which {run.integrator} can be solved; "
             raise SceneError("run", key, getattr(run, key), rule + f"use {key} <= {unit * largest / turns.spin:.2g}")
-    return form(kind, turns, carried, scene.effects), rate, turns.spin
+    return form(kind, turns, scene.effects), rate, turns.spin
 
 
 def whole_lanes(count):
@@ -173,12 +173,12 @@ def whole_lanes(count):
 
 def _constant(scene):
     """Member variables that need not be stored a million times in memory."""
-    same = {"moments"} if is_shared(*scene.body.moments) else set()
+    same = {"moments"} if is_shared(scene.body.moments) else set()
     same |= {"mass"} if is_shared(scene.body.mass) else set()
-    same |= {"centre"} if is_shared(*scene.body.centre) else set()
+    same |= {"centre"} if is_shared(scene.body.centre) else set()
     which = "omega" if scene.start.momentum is None else "momentum"
-    same |= {f"start_{which}"} if is_shared(*getattr(scene.start, which)) else set()
-    if is_shared(*scene.start.attitude):
+    same |= {f"start_{which}"} if is_shared(getattr(scene.start, which)) else set()
+    if is_shared(scene.start.attitude):
         same |= {"start_attitude"}
     return frozenset(same)
 
@@ -234,4 +234,4 @@ def _turn_rates(scene):
 
 def _symmetric_by_construction(scene):
     """Whether a look at the pilot tells for all members that they have two equal moments."""
-    return not is_open(*scene.body.moments)
+    return not is_open(scene.body.moments)

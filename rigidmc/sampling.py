@@ -182,14 +182,14 @@ def rows(*quantities):
     return sizes.pop() if sizes else None
 
 
-def is_open(*quantities):
-    """Whether a look at the first members does not tell what all of them are: distributions, grids, and vectors of them."""
-    return any(not isinstance(q, (float, np.ndarray)) for q in quantities)
+def is_open(*values):
+    """Whether a look at the first members does not tell what all of them are: distributions, grids, tuples of them, and laws of whole vectors."""
+    return any(any(map(is_open, v)) if type(v) is tuple else not isinstance(v, (float, np.ndarray)) for v in values)
 
 
-def is_shared(*quantities):
-    """Whether all quantities are plain numbers, the same for every member."""
-    return all(isinstance(q, float) for q in quantities)
+def is_shared(*values):
+    """Whether all values are plain numbers or tuples of these, the same for every member. A law of a whole vector is not, whatever its own numbers."""
+    return all(all(map(is_shared, v)) if type(v) is tuple else isinstance(v, float) for v in values)
 
 
 def numbers(seed, name, first, count, draw=0, used=(0, 1, 2, 3)):

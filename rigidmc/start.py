@@ -92,12 +92,12 @@ def _attitude(value):
         value = tuple(q.tolist()) if q.ndim == 1 else q
     size = 3 if (shape[1] if isinstance(value, np.ndarray) and len(shape) == 2 else len(value)) == 3 else 4
     parts = vector(value, "start", "attitude", size)
-    if size == 4 and rows(*parts) is not None and is_open(*parts):
+    if size == 4 and rows(*parts) is not None and is_open(parts):
         raise SceneError("start", "attitude", None, "a quaternion has distributions or arrays as components, not both")
-    if size == 4 and not is_open(*parts):
+    if size == 4 and not is_open(parts):
         square = sum(p * p for p in parts)
         if np.min(square) < 1e-200:
-            raise SceneError("start", "attitude", value if is_shared(*parts) else None, "a quaternion of norm 0 is no attitude")
+            raise SceneError("start", "attitude", value if is_shared(parts) else None, "a quaternion of norm 0 is no attitude")
     return parts
 
 

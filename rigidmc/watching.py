@@ -4,7 +4,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rigidmc.dynamics.methods import names
+from rigidmc.dynamics.euler import MassProperties
+from rigidmc.dynamics.methods import depends
 from rigidmc.effects.parameters import parameter_count
 from rigidmc.engine import layout
 from rigidmc.engine.compose import as_single
@@ -12,6 +13,7 @@ from rigidmc.engine.events import EVENT, record_of
 from rigidmc.engine.watch import SHADOW, SUMS, watch_rows
 from rigidmc.observables import OBSERVABLES, RUNNING, SIZES, outputs
 from rigidmc.observables.chaos import OFTEN
+from rigidmc.observables.verbs import armed, begin, level, update, value
 from rigidmc.sampling import is_open, rows
 from rigidmc.scene_checks import PILOT
 
@@ -45,7 +47,7 @@ def watch(scene):
     events = tuple((label, one) for label, one in found if hasattr(one, "event"))
     running = tuple((label, one) for label, one in found if not hasattr(one, "event") and not hasattr(one, "shadow"))
     shadow = tuple((label, one) for label, one in found if hasattr(one, "shadow"))
-    single, bodies = scene.run.dtype == "float32", _bodies(scene)
+    single, bodies = scene.run.dtype == "float32", _bodies(scene) if events else ()
     return Watch(
         tuple(as_single(one.compiled(*bodies)) if single else one.compiled(*bodies) for _, one in events),
         tuple((one, (0.0,) * _size(label, one)) for label, one in running),
@@ -59,7 +61,7 @@ def watch(scene):
 
 def _bodies(scene):
     """(moments (3, n) of the first members, or of all that arrays have; whether they are all that there are)."""
-    sure = not is_open(*scene.body.moments)
+    sure = not is_open(scene.body.moments)
     count = (rows(*scene.body.moments) or 1) if sure else PILOT
     return scene.coarse().body.sample(scene.run.seed, 0, count)[0], sure
 
@@ -68,20 +70,25 @@ def _size(label, one):
     return one.kept * SIZES[one.of.dims] if label in RUNNING else one.marks
 
 
-def needs_attitude(scene):
-    """Whether what is watched does."""
-    for label, one in scene.watched():
-        if hasattr(one, "ensemble"):
-            continue
-        if label in RUNNING:
-            asked = "attitude" in label
-        elif hasattr(one, "event"):
-            asked = getattr(one, "needs_attitude", False)
-        else:
-            asked = "q" in names(one, "update")
-        if asked:
-            return True
-    return False
+_VALUES = {
+    "body": MassProperties.of((0.6, 0.8, 1.0), (0.05, -0.02, 0.3)),
+    "effects": (),
+    "t": 0.5,
+    "l": (0.4, -0.3, 0.5),
+    "q": (None,) * 4,
+}
+_SAVED = {**_VALUES, "start": (1.0, 1.0, 1.0, 1.0)}
+
+
+def needs_attitude(scene, found):
+    """Whether the attitude itself, not only by the effects, goes into what is saved and watched; found : the Watch of the scene."""
+    works = (0.0,) * len(scene.effects)
+    return (
+        bool(found.shadow)  # the distance to the neighbour is that of attitude and momentum, whatever is saved
+        or any(depends(value, OBSERVABLES[name](), **_SAVED, works=works) for name in scene.recorded())
+        or any(depends(begin, one, **_VALUES) or depends(update, one, **_VALUES, kept=marks) for one, marks in found.running)
+        or any(depends(level, one, **_VALUES) or depends(armed, one, **_VALUES, level=0.5, armed=True) for one in found.events)
+    )
 
 
 def results(scene, found, block, h, total):

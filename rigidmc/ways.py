@@ -73,7 +73,7 @@ class Costs:
         if integrator == "closed":
             return self._once("closed", self._closed)
         scene = self.pilot.stepped(steps)[0].with_run(integrator=integrator)
-        made, *_ = form_of(scene, scene.run.t_end / steps, self.pilot.carried)
+        made, *_ = form_of(scene, scene.run.t_end / steps)
         key = type(made.integrator), made.integrator, len(made.parts), dtype
         return self._once(key, lambda: self._stepped(made, scene.run.t_end / steps, dtype, OBSERVED))
 
@@ -94,7 +94,7 @@ class Costs:
 
         def record():
             scene = self.pilot.scene.with_run(integrator="rk4")
-            made, *_ = form_of(scene, 1.0, self.pilot.carried)
+            made, *_ = form_of(scene, 1.0)
             observables = tuple(OBSERVABLES[name]() for name in scene.saved() if name != "work")
             h = 1e-6 * scene.run.t_end
             plain, saving = (self._stepped(made, h, "float64", observables, stride=stride) for stride in (32, 1))
@@ -198,7 +198,7 @@ def ladder(costs, true, integrator, dtype, finest=0.0, ratio=2.0**0.5, most=MOST
     if integrator == "closed":
         return [measured(costs, true, integrator, dtype, 1)]
     if INTEGRATORS[integrator].order == math.inf:  # one step between checks, or pieces of each member's own
-        whole, *_ = form_of(found.stepped(found.base)[0].with_run(integrator=integrator), found.scene.run.t_end, found.carried)
+        whole, *_ = form_of(found.stepped(found.base)[0].with_run(integrator=integrator), found.scene.run.t_end)
         multiple = math.ceil(found.turn(found.base)) if found.own and len(whole.parts) > 2 else 1.0
     best, idle = math.inf, 0
     while (steps := found.base * round(multiple)) <= most:

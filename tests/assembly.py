@@ -54,7 +54,7 @@ class Case(NamedTuple):
 
 def case(name, effects=(), attitude=(0.0,), compensated=(), dtype=float, own=(), ledger=(), events=(), running=(), shadow=()):
     """The Case of an integrator by name."""
-    made = form(INTEGRATORS[name], Turns(0.1, 0.1), bool(attitude), effects)
+    made = form(INTEGRATORS[name], Turns(0.1, 0.1), effects)
     return Case(made, blank(effects), attitude, compensated, dtype, own, ledger, events, running, shadow)
 
 

@@ -88,9 +88,9 @@ def march(kind, problems, h, steps, effects=None, made=None, **options):
     return block[: K.MOMENTUM, : len(problems)], block[K.MOMENTUM : K.REST, : len(problems)]
 
 
-def prepare(kind, turn, effects=(), attitude=True, symmetric=False):
+def prepare(kind, turn, effects=(), symmetric=False):
     """The Form for steps that turn by `turn` [rad]."""
-    return form(kind, Turns(turn, 3.0 * turn, symmetric), attitude, effects)
+    return form(kind, Turns(turn, 3.0 * turn, symmetric), effects)
 
 
 def one_step(made, body, effects, t, h, q, l):

@@ -91,7 +91,7 @@ def moved(top, name, h=None, steps=STEPS, way=1.0):
     block = make_block(
         MassProperties.of(top.moments, top.weight), effects, np.array(top.attitude)[:, None], np.array(top.momentum)[:, None]
     )
-    run(block, form(INTEGRATORS[name], Turns(TURN, 3.0 * TURN), True, effects), effects, way * h, steps)
+    run(block, form(INTEGRATORS[name], Turns(TURN, 3.0 * TURN), effects), effects, way * h, steps)
     assert not block[K.STATUS].any()
     return block[: K.MOMENTUM, 0].copy(), block[K.MOMENTUM : K.REST, 0].copy()
 
@@ -211,7 +211,7 @@ def test_never_a_nan_without_a_flag(moments, momentum, exponent, weight, h, name
     )
     before = block[: K.REST].copy()
     limits = SAFE if weight else SAFE._replace(l2=0.05)
-    run(block, form(INTEGRATORS[name], Turns(TURN, 3.0 * TURN), True, effects), effects, h, 64, limits=tuple(limits))
+    run(block, form(INTEGRATORS[name], Turns(TURN, 3.0 * TURN), effects), effects, h, 64, limits=tuple(limits))
     ok = block[K.STATUS] == 0.0
     assert np.isfinite(block[: K.REST]).all() or np.array_equal(block[: K.REST], before, equal_nan=True)
     if ok.all():

@@ -101,29 +101,27 @@ def _share(body, on_third, sign, u):
     return f, c * f, rate * ff, ff * (c * (p - select(on_third, q1, q3)) - 2.0 * rate * rate * f)
 
 
-def _panels(body, on_third, sign, half, whole, h, u, start, count):
-    """(change of u, end of u, end of f, integral of v) over len(count) panels of length h.
+def _integral(body, on_third, sign, half, whole, h, u, start, count):
+    """Integral of v over len(count) panels of length h.
 
     A panel's integral by the rule that is exact for polynomials of degree 7: v, v', v'' at both ends, where they come free with the
     flow, and v alone in the middle; its error is 5e-9 h^9 v^(8).
     """
     if len(count) == 0:
-        return (0.0, 0.0, 0.0), u, start[0], 0.0
+        return 0.0
     p, f1, f3 = body.a1 * body.a3 * u[1] * u[1], 1.0 - half.g1, 1.0 - half.g3
     d = 1.0 - p * half.s * half.s
     first = f1 * u[0] + f3 * half.s * body.a1 * u[1] * u[2]
     third = f3 * u[2] + f1 * half.s * body.a3 * u[0] * u[1]
     middle = sign * select(on_third, third, first)
-    change = increment(body, whole, p, u)
-    u = add(u, change)
+    u = add(u, increment(body, whole, p, u))
     end = _share(body, on_third, sign, u)
     integral = h * (
         (19 / 70) * (start[1] + end[1])
         + (16 / 35) * (middle / (d + middle))
         + h * ((1 / 35) * (start[2] - end[2]) + h * (1 / 840) * (start[3] + end[3]))
     )
-    rest, u, f, more = _panels(body, on_third, sign, half, whole, h, u, end, count[1:])
-    return add(change, rest), u, f, integral + more
+    return integral + _integral(body, on_third, sign, half, whole, h, u, end, count[1:])
 
 
 def _half_and_whole(h, x, y, halvings):
@@ -135,6 +133,13 @@ def _half_and_whole(h, x, y, halvings):
     return half, doubled(half, x, y)
 
 
+def _of_a_panel(half, whole, h, x, y, panels):
+    """(Arc of half a panel, Arc of a panel) where a time h, of which half and whole are known, is cut into panels."""
+    if len(panels) == 1:
+        return half, whole
+    return _half_and_whole(panels[0] * h, x, y, ())
+
+
 def free_flow(body, halvings, panels, h, l):
     """(turn, change of L) of a free body in the time h: its attitude goes from q to q turn.
 
@@ -143,8 +148,10 @@ def free_flow(body, halvings, panels, h, l):
     where P(L) turns L to the body axis e_j, the one (1 or 3) about which L circles. |L|, T and the space momentum are kept to
     rounding at any h; the phase is exact for symmetric bodies and of order 8 in h otherwise.
 
+    The momentum takes h in one, whatever the panels: its bits do not depend on whether anyone asks for the attitude.
+
     halvings : a tuple whose LENGTH says how often the series' argument is halved
-    panels : (1/n, ...), n panels into which h is cut; their length in the tuple and not len(), which would be a float64 for float32 too
+    panels : (1/n, ...), n panels into which h is cut for the phase; 1/n in the tuple and not len(), which would be a float64 for float32 too
     """
     square = dot(l, l)
     moves = square > _REST
@@ -157,22 +164,24 @@ def free_flow(body, halvings, panels, h, l):
     u = relabel(first, third, u)
     i1, _, i3 = relabel(first, third, (body.i1, body.i2, body.i3))
     body = Axes(i1, i3, *relabel(first, third, (body.a1, body.a2, body.a3)))
-    time = h * g
-    h = time * panels[0]  # from here on the time is |L| t and the momentum is the unit vector u
+    time = h * g  # from here on the time is |L| t and the momentum is the unit vector u
     p, q1, q3 = squares(body, u)
-    half, whole = _half_and_whole(h, p + q3, p + q1, halvings)
+    half, whole = _half_and_whole(time, p + q3, p + q1, halvings)
+    change = increment(body, whole, p, u)
+    end = add(u, change)
     on_third = q3 >= q1
     # the side on which L circles stays; where u_j is 0 to rounding its sign may change, and taken anew it would turn the body over
     sign = select(select(on_third, u[2], u[0]) < 0.0, -1.0, 1.0)
     start = _share(body, on_third, sign, u)
-    change, end, f, integral = _panels(body, on_third, sign, half, whole, h, u, start, panels)
+    half, whole = _of_a_panel(half, whole, time, p + q3, p + q1, panels)
+    integral = _integral(body, on_third, sign, half, whole, time * panels[0], u, start, panels)
     # psi' = 2T (1 - v) + v/I_j: written so that nothing cancels for needles, where 1/I_j exceeds 2T by orders of magnitude
     phase = twice_energy * (time - integral) + select(on_third, body.i3, body.i1) * integral
     s, c = sincos(0.5 * phase)
     s = s * sign
     turn = multiply(conjugate(to_axis(on_third, sign, u)), (c, select(on_third, 0.0, s), 0.0, select(on_third, s, 0.0)))
     turn = multiply(turn, to_axis(on_third, sign, end))
-    r = 0.5 * math.sqrt(start[0] * f)  # |P(u)|^2 = 2 (1 + c) before normalisation
+    r = 0.5 * math.sqrt(start[0] * _share(body, on_third, sign, end)[0])  # |P(u)|^2 = 2 (1 + c) before normalisation
     one, two, three = relabel(third, first, scale(r, turn[1:]))
     return (r * turn[0], one, two, three), scale(g, relabel(third, first, change))
 

@@ -37,3 +37,45 @@ def names(part, *methods):
     """All the argument names that the given methods of a class or its instance use; methods it lacks use none."""
     kind = part if isinstance(part, type) else type(part)
     return {a for m in methods if hasattr(kind, m) for a in arguments(getattr(kind, m))}
+
+
+class Traced:
+    """Stands for a number whose use is asked for: what is computed from it is Traced again, and `used` holds once code compares it, branches on it
+    or gives it to a library."""
+
+    def __init__(self, notes):
+        self.notes = notes
+
+    def _again(self, *_):
+        return self
+
+    def _told(self, *_):
+        self.notes.append(True)
+        return 1.0
+
+    __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = __rtruediv__ = _again
+    __pow__ = __rpow__ = __neg__ = __pos__ = __abs__ = _again
+    __lt__ = __le__ = __gt__ = __ge__ = __eq__ = __ne__ = _again
+    __and__ = __or__ = __invert__ = __rand__ = __ror__ = _again
+    __float__ = _told
+    __hash__ = None  # type: ignore[assignment]
+
+    def __bool__(self):
+        return bool(self._told())
+
+
+def depends(call, part, **values):
+    """Whether what `call` (made by `method`) computes with `part` depends on those of the values that are None: numbers, or tuples of so many, are Traced.
+
+    values : by name, all that `call` offers; (None, None, None, None) for an attitude that is traced. Code that fails with such numbers is taken to depend.
+    """
+    notes: list[bool] = []
+
+    def traced(value):
+        return tuple(map(traced, value)) if type(value) is tuple else Traced(notes) if value is None else value
+
+    try:
+        found = call(part, *(traced(values[name]) for name in call.available))
+    except Exception:  # a user's own code: it may do anything with its numbers
+        return True
+    return bool(notes) or any(isinstance(x, Traced) for x in (found if isinstance(found, tuple) else (found,)))

@@ -80,7 +80,9 @@ def kicked(effects, body, t, h, q, l):
         after = axpy(before, h, total_torque(effects, body, t, whole(q), before))
         w = angular_velocity(body, scale(0.5, add(before, after)))
         return after + worked(effects, body, t, h, q, before, w, l[3:])
-    return gain(l, scale(h, total_torque(effects, body, t, whole(q), whole(l))))
+    if len(l) == 2:
+        return gain(l, scale(h, total_torque(effects, body, t, whole(q), l[0])))
+    return axpy(l, h, total_torque(effects, body, t, whole(q), l))
 
 
 def push(effects, body, t, h, q, l, change):

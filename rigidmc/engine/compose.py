@@ -12,6 +12,7 @@ import sys
 import numpy as np
 from numba.core import compiler, compiler_machinery, ir, types
 from numba.core.errors import NumbaError  # noqa: F401  (for those who call)
+from numba.core.typed_passes import NativeLowering
 from numba.core.untyped_passes import IRProcessing
 from numba.extending import intrinsic, overload
 
@@ -20,12 +21,13 @@ import rigidmc.observables.verbs  # noqa: F401  (imported so that METHODS is com
 from rigidmc.dynamics import euler, free_flow, principal, so3
 from rigidmc.dynamics.methods import METHODS, arguments
 from rigidmc.effects import EFFECTS, flows, verbs
+from rigidmc.engine.fused import FusingLowering
 from rigidmc.integrators import drifts, lie, midpoint, rk4, rk8, splitting
 from rigidmc.observables import SUMMARIES, statistics
 
-# "nsz" lets an absent effect's +0.0 vanish (12 packed adds a step without it), "contract" allows fused multiply-add.
-# No other flag: "nnan" or "ninf" would delete the check for non-finite members.
-FLAGS = {"error_model": "numpy", "fastmath": {"nsz", "contract"}}
+# "nsz" lets an absent effect's +0.0 vanish (12 packed adds a step without it). No other flag: "nnan" or "ninf" would delete the check for
+# non-finite members, "contract" would let bits depend on what is compiled beside them (see `rigidmc.engine.fused`).
+FLAGS = {"error_model": "numpy", "fastmath": {"nsz"}}
 
 
 @compiler_machinery.register_pass(mutates_CFG=False, analysis_only=False)
@@ -70,11 +72,12 @@ def as_single(value):
 
 
 class Pipeline(compiler.CompilerBase):
-    """Numba's own pipeline and `_Precision`."""
+    """Numba's own pipeline with `_Precision`, and with `FusingLowering` in the place of its lowering."""
 
     def define_pipelines(self):
         passes = compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
         passes.add_pass_after(_Precision, IRProcessing)
+        passes.passes = [(FusingLowering if kind is NativeLowering else kind, what) for kind, what in passes.passes]
         passes.finalize()
         return [passes]
 

@@ -14,7 +14,7 @@ from rigidmc.engine.layout import put
 from rigidmc.integrators.verbs import step
 
 _OPERATION = re.compile(
-    r"= .*?\b(?:f(add|sub|mul|div)|call [^@]*@(?:llvm\.)?(sqrt|fabs|minnum|maxnum)\b\S*)\b[^<]*?(?:<(\d+) x )?double"
+    r"= .*?\b(?:f(add|sub|mul|div)|call [^@]*@(?:llvm\.)?(sqrt|fabs|minnum|maxnum|fma)\b\S*)\b[^<]*?(?:<(\d+) x )?double"
 )
 _CHOICE = re.compile(r"= (?:fcmp|select)\b[^<]*?(?:<(\d+) x )?double")
 _MANY = 1024  # lanes of a loop that is looked at: one of 32 with little in it would be unrolled whole
@@ -121,7 +121,7 @@ def _momentum_alone(integrator, body, effects, t, h, part, q, l):
 def _counted(function, *arguments):
     code = _code(function, *arguments).splitlines()
     found = [m for line in code if (m := _OPERATION.search(line))]
-    counts = [(m[1] or m[2], int(m[3] or 1)) for m in found]
+    counts = [(m[1] or m[2], (2 if m[2] == "fma" else 1) * int(m[3] or 1)) for m in found]
     choices = sum(int(m[1] or 1) for line in code if (m := _CHOICE.search(line)))
     divisions, roots = (sum(n for kind, n in counts if kind == word) for word in ("div", "sqrt"))
     return Operations(sum(n for _, n in counts), divisions, roots, choices)

@@ -6,7 +6,7 @@ q and l may be pairs (value, remainder): `whole` gives the value, `gain`, `gain4
 Facts: order, evaluations of the torque per step, reversible, conserves (free body), accepts (which torques), compensated, and
 largest_turn where a step may turn by less than pi [rad], or by more with the number; least_spin and largest_spin, between which what is
 compiled follows the turn of a step; see `rigidmc.limits`.
-Where what is compiled depends on the size of the step: prepared(self, turns, attitude, effects) -> Form; see `forms`.
+Where what is compiled depends on the size of the step: prepared(self, turns, effects) -> Form; see `forms`.
 """
 
 from typing import Any

@@ -40,13 +40,13 @@ class Split(NamedTuple):
         return split_flow(body, h, l)
 
 
-def exact_drift(turns, largest, attitude):
+def exact_drift(turns, largest):
     """The exact drift for steps of `turns` whose longest drift is `largest` of a step; at most PIECE_TURN at a time."""
     if turns.symmetric:
         return Symmetric()
     turn = max(min(turns.free * largest, PIECE_TURN), 1e-300)
     doublings = max(0, math.ceil(math.log2(turn / PANEL_TURN) - 1e-9))
-    return Exact((), (0.5**doublings,) * 2**doublings) if attitude else Exact((1.0,) * doublings, (1.0,))
+    return Exact((1.0,) * doublings, (0.5**doublings,) * 2**doublings)
 
 
 def pieces(turns, drift):

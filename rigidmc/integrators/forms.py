@@ -31,8 +31,8 @@ class Form(NamedTuple):
 ONE = ((0.0, 0.0, 0.0, 0.0), (1.0, 1.0, 0.0, 0.0))  # a step in one part
 
 
-def form(kind, turns=None, attitude=True, effects=()):
-    """The Form of an integrator of INTEGRATORS for steps that turn by `turns`; `attitude` says whether the attitude is carried."""
+def form(kind, turns=None, effects=()):
+    """The Form of an integrator of INTEGRATORS for steps that turn by `turns`."""
     if hasattr(kind, "prepared"):
-        return kind.prepared(turns or Turns(), attitude, effects)
+        return kind.prepared(turns or Turns(), effects)
     return Form(kind, np.array(ONE))

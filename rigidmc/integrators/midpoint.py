@@ -53,7 +53,7 @@ class Midpoint(NamedTuple):
     largest_spin = 0.5  # [rad] in a step: 32 iterations; 64 compile for 20 s
     least_spin = 0.0135  # up to which 8 iterations will do
 
-    def prepared(self, turns, attitude, effects):
+    def prepared(self, turns, effects):
         # each iteration brings |omega| h/2 of the error, 1e-17 is wanted; 8, 16 or 32 of them, so that kernels are few
         rate = max(0.55 * turns.spin, 1e-3)
         count = math.log(1e-17) / math.log(min(rate, 0.66)) / 8.0

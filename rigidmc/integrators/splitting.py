@@ -186,7 +186,7 @@ class Composition:
         drifts, kicks = self.sequence()
         return min(len(drifts), len(kicks))
 
-    def prepared(self, turns, attitude, effects):
+    def prepared(self, turns, effects):
         """The Form for steps of `turns`."""
         drifts, kicks = self.sequence()
         if self.drift_first:
@@ -195,8 +195,8 @@ class Composition:
             lead, drifts, kicks = (0.0, kicks[0]), drifts, [*kicks[1:-1], kicks[-1] + kicks[0]]
         largest = max(abs(a) for a in drifts)
         if any(is_random(e) for e in effects):
-            return self._noisy(turns, attitude, effects)
-        drift = Split() if self.split else exact_drift(turns, largest, attitude)
+            return self._noisy(turns, effects)
+        drift = Split() if self.split else exact_drift(turns, largest)
         if any(depends_on_momentum(e) for e in effects):
             n = 1 if self.split else pieces(turns, 1.0)
             rows = [(1.0 / n, 0.5 * (k == 0), 0.5 * (k == n - 1), 0.0) for k in range(n)]
@@ -210,9 +210,9 @@ class Composition:
         kind = ForceGradient(drift) if self.gradient else Splitting(drift, (0.0,) if self.drift_first else ())
         return Form(kind, np.array(rows))
 
-    def _noisy(self, turns, attitude, effects):
+    def _noisy(self, turns, effects):
         """BAOAB: half a kick, half a drift, flows and noise, half a drift, half a kick; the halves of two steps are one kick."""
-        drift = Split() if self.split else exact_drift(turns, 0.5, attitude)
+        drift = Split() if self.split else exact_drift(turns, 0.5)
         n = 1 if self.split else pieces(turns, 0.5)
         rows = [(0.0, 0.5, 0.0, 0.0), (0.5 / n, 1.0, 0.0, 1.0)]
         pushes = tuple(() if depends_on_momentum(e) or is_random(e) else (0.0,) for e in effects)
@@ -304,6 +304,6 @@ class FreeMotion:
     conserves = ("|q|", "|L|^2", "T", "L in space")
     accepts = "no torque"
 
-    def prepared(self, turns, attitude, effects):
+    def prepared(self, turns, effects):
         n = pieces(turns, 1.0)
-        return Form(Splitting(exact_drift(turns, 1.0, attitude)), np.array([ONE[0], *[(1.0 / n, 0.0, 0.0, 0.0)] * n]))
+        return Form(Splitting(exact_drift(turns, 1.0)), np.array([ONE[0], *[(1.0 / n, 0.0, 0.0, 0.0)] * n]))

@@ -51,10 +51,6 @@ class Passage(NamedTuple):
         outward = -1.0 if self.way == "leaves" else 1.0
         return kind(marks, outward * math.copysign(1.0, self.axis), outward * math.cos(self.angle), (0.0,) * self.stop)
 
-    @property
-    def needs_attitude(self):
-        return self.about == "vertical"
-
     def words(self):
         return {
             "axis": f"axis {self.axis}",

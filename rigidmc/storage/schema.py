@@ -180,7 +180,7 @@ def member_variables(scene, carried):
     }
     if scene.run.turn is not None and scene.run.integrator != "closed":
         variables["steps"] = Variable(("member",), "i8", {"long_name": "steps of the member, each as long as the others"})
-    if any(hasattr(e, "energy") for e in scene.effects) or not is_shared(scene.body.mass, *scene.body.centre):
+    if any(hasattr(e, "energy") for e in scene.effects) or not is_shared(scene.body.mass, scene.body.centre):
         variables["mass"] = Variable(("member",), "f8", {"units": "kg", "long_name": "mass"})
         variables["centre"] = Variable(("axis", "member"), "f8", {"units": "m", "long_name": "centre of mass, principal axes"})
     for label, effect in labelled(scene.effects):
@@ -201,7 +201,7 @@ def member_variables(scene, carried):
     if carried:
         kind = OBSERVABLES["attitude"]
         variables["start_attitude"] = Variable(("quat", "member"), "f8", {"units": "1", "long_name": f"{kind.long_name}, at t = 0"})
-        if len(scene.start.attitude) == 3 and not is_shared(*scene.start.attitude):
+        if len(scene.start.attitude) == 3 and not is_shared(scene.start.attitude):
             attrs = {"units": "rad", "long_name": "Euler angles z-x-z (phi, theta, psi), at t = 0"}
             variables["start_euler"] = Variable(("axis", "member"), "f8", attrs)
     return variables
@@ -209,9 +209,8 @@ def member_variables(scene, carried):
 
 def attributes(scene, plan):
     """Global attributes; the scene's TOML and the member range are enough to run it again to the same bits."""
-    # of arrays, the file keeps the rows of its own members only: what was chosen by looking at all of them is written down
-    partial = rows(*scene.quantities()) not in (None, plan.members)
-    looked = {"turn_rate": plan.turn_rate, **plan.bounds()} if partial else {}
+    # a selection of the result has the rows of its own members only: what was chosen by looking at all of them is written down
+    looked = {} if rows(*scene.quantities()) is None else {"turn_rate": plan.turn_rate, **plan.bounds()}
     resolved = scene.with_run(**looked, **({} if plan.own else {"dt": plan.dt}))
     steps = {"turn": scene.run.turn} if plan.own else {"dt": plan.dt, "steps": plan.steps}
     return {

@@ -25,10 +25,11 @@ def body_of(moments):
     return MassProperties.of(tuple(map(float, moments)), (0.0, 0.0, 0.0))
 
 
-def flow(moments, momentum, h, q=IDENTITY, halvings=0, panels=None):
-    """One step, cut into panels of at most 1/8 rad unless told."""
+def flow(moments, momentum, h, q=IDENTITY, halvings=None, panels=None):
+    """One step, cut into panels of at most 1/8 rad unless told, and its momentum by a series over no more."""
     body = body_of(moments)
     panels = panels or max(1, math.ceil(8.0 * abs(h) * turn_rate_of(moments, momentum)))
+    halvings = math.ceil(math.log2(panels)) if halvings is None else halvings
     turn, change = free_flow(body, (1.0,) * halvings, (1.0 / panels,) * panels, h, momentum)
     return moved(q, turn), gain(momentum, change)
 
@@ -248,9 +249,9 @@ def test_flips_come_when_they_should(name):
         """When the middle component is 0, by Newton from a guess."""
         for _ in range(20):
             steps = math.ceil(guess * lam)
-            made = prepare(INTEGRATORS["exact"], lam * guess / steps, attitude=False)
+            made = prepare(INTEGRATORS["exact"], lam * guess / steps)
             block = make_block(body, (), np.array([IDENTITY]).T, np.array([problem.momentum]).T)
-            run(block, made, (), guess / steps, steps, attitude=False)
+            run(block, made, (), guess / steps, steps)
             l = block[K.MOMENTUM : K.REST, 0]
             late = l[1] / (body.a2 * l[0] * l[2])
             guess -= np.clip(late, -0.3 / lam, 0.3 / lam)

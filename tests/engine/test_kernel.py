@@ -252,7 +252,7 @@ def physics():
         effects = EFFECTS if name in accepting(EFFECTS) else EFFECTS[:1] if name in accepting(EFFECTS[:1]) else ()
         block = block_of(bodies, effects)
         saved = EVERYTHING if name == "rk4" else ()
-        out = run(block, form(kind, Turns(0.2, 0.2), True, effects), effects, 1e-3, 20, saved, 7)
+        out = run(block, form(kind, Turns(0.2, 0.2), effects), effects, 1e-3, 20, saved, 7)
         results[name] = block
         if saved:
             results["saves"] = out

@@ -115,9 +115,9 @@ def test_published_ends(name, problem):
 
 def test_exact_momentum_alone_in_one_step():
     for problem in (PROBLEMS[n] for n in ("hairer_free", "hairer_lubich_wanner", "toms903_run")):
-        made = prepare(INTEGRATORS["exact"], turn(problem, problem.time), attitude=False)
+        made = prepare(INTEGRATORS["exact"], turn(problem, problem.time))
         block = block_of([problem])
-        run(block, made, (), problem.time, 1, attitude=False)
+        run(block, made, (), problem.time, 1)
         assert np.abs(block[K.MOMENTUM : K.REST, 0] - problem.end_momentum).max() < 1.5e-14  # measured 1.4e-15
 
 
