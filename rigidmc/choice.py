@@ -44,6 +44,12 @@ class Chosen(NamedTuple):
     tolerance: float
     members: int
 
+    @property
+    def short(self):
+        """In words, that the prediction is above the tolerance, which finer steps did not mend; "" where it is not."""
+        missed = f"the error below which 99 % of the members stay with certainty, {self.predicted:.2g}, is above the tolerance of {self.tolerance:g}"
+        return f"{missed}; finer steps were tried" if self.predicted > self.tolerance else ""
+
     def lines(self, count, seconds=None):
         """What was picked and why, and how long `count` members will take, by a rehearsal where there was one."""
         way, other = self.way, self.runner_up
@@ -53,6 +59,7 @@ class Chosen(NamedTuple):
         lines.append(
             f"  error of 99 % of the members below {self.predicted:.1e}; on a second pilot of {self.members} members {100 * self.checked:.1f} % keep the tolerance"
         )
+        lines += [f"  note: {self.short}"] * bool(self.short)
         lines.append(f"  against the {self.truth}")
         seconds = count / self.members_per_second if seconds is None else seconds
         lines.append(f"  about {seconds:.2g} s for {count:,} members")
@@ -105,6 +112,7 @@ def choose(scene, tolerance, integrators=None, members=PILOT, threads=None):
     found.sort(key=costs.per_member)
     second = pilot(scene, members, first.first + first.members)._replace(own=first.own)
     other_true, faster = truth(second), float(second.rates.max() / first.rates.max()) if first.own else 1
+    spare = None
     for way in found:
         for _ in range(4):
             check = measured(Costs(second), other_true, way.integrator, way.dtype, faster * way.steps).errors["state"]
@@ -114,9 +122,14 @@ def choose(scene, tolerance, integrators=None, members=PILOT, threads=None):
                 cost, speed = costs.per_member(way), costs.members_per_second(way, threads)
                 runner_up = (others[0], costs.per_member(others[0]) / cost) if others else None
                 known = max(way.upper, upper_quantile(check))
-                return Chosen(way, known, share, true.source, runner_up, speed, tolerance, second.members)
+                made = Chosen(way, known, share, true.source, runner_up, speed, tolerance, second.members)
+                if known <= tolerance:
+                    return made
+                spare = spare or made
             steps = first.base * math.ceil(1.2 * way.steps / first.base)
             way = measured(costs, true, way.integrator, way.dtype, steps) or way
+    if spare is not None:
+        return spare
     raise _unreachable(scene, tolerance, first, nearest, "members beyond the pilot err more")
 
 

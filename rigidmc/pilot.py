@@ -19,7 +19,7 @@ from rigidmc.engine.members import energies
 from rigidmc.errors import SceneError
 from rigidmc.integrators import accepting
 from rigidmc.observables import OBSERVABLES
-from rigidmc.planning import carries_attitude, form_of, rounds, whole_lanes
+from rigidmc.planning import carries_attitude, form_of, rounds, spinning_up, whole_lanes
 from rigidmc.rotation import attitude_error
 from rigidmc.sampling import is_shared, rows
 from rigidmc.staging import own_steps, physics, rates, stage
@@ -38,7 +38,8 @@ class Pilot(NamedTuple):
 
     block : rows for the kernel, whole lanes;  first, members : which members;  carried : whether the attitude is part of the state
     base, stride : steps must be a multiple of `base`, and `stride` of it lie between two checks;  times : of the checks [s]
-    rates : of the members [rad/s], see `rigidmc.staging.rates`;  own : whether they are so different that each steps by its own
+    rates : of the members [rad/s], see `rigidmc.staging.rates`;  own : whether they are so different that each steps by its own, unless torques
+        spin members up: their rates are soon others
     """
 
     scene: Any
@@ -105,7 +106,8 @@ def pilot(scene, members, first=None):
     times = run.t_end * np.minimum(np.arange(stride, base + stride, stride), base) / base
     rate = rates(scene.effects, block)[:members]
     rate = rate[np.isfinite(rate)] if np.isfinite(rate).any() else np.ones(1)
-    return Pilot(scene, block, first, members, carried, base, stride, times, rate, bool(rate.max() > SPREAD * rate.mean() > 0.0))
+    own = bool(rate.max() > SPREAD * rate.mean() > 0.0) and not spinning_up(scene)
+    return Pilot(scene, block, first, members, carried, base, stride, times, rate, own)
 
 
 def follow(pilot, integrator, steps, dtype="float64", compensated=False, nudge=0.0, seed=0):

@@ -96,6 +96,8 @@ def simulate(
     refuse_hopeless(scene, plan, threads, output)
     if chosen is not None:
         expected = _rehearsed(scene, plan, threads, output, chosen)
+        if chosen.short:
+            warnings.warn(chosen.short, SceneWarning, stacklevel=2)
         if progress is True:
             print("\n".join(chosen.lines(plan.members, expected)), file=sys.stderr)
         dataset = run(scene, plan, threads, progress, output, force, {**chosen.attributes(), **(attrs or {})}, units)

@@ -35,6 +35,11 @@ class Watch(NamedTuple):
         return self.events, self.running, self.shadow
 
     @property
+    def each_step(self):
+        """Labels of what sees the state at the end of each step: how far a step goes decides what it can see."""
+        return [label for label, _ in (*self.of_events, *self.of_running)]
+
+    @property
     def rows(self):
         """How many rows of a block it takes."""
         return watch_rows(*self.compiled)

@@ -17,11 +17,12 @@ from rigidmc.errors import SceneError, unknown
 from rigidmc.integrators import INTEGRATORS, accepting
 from rigidmc.observables import OBSERVABLES, SIZES
 from rigidmc.pilot import MOST_STEPS, OBSERVED, QUANTITIES, errors, first_steps, follow, pilot, upper_quantile
-from rigidmc.planning import BLOCK, form_of
+from rigidmc.planning import BLOCK, WATCHED_TURN, form_of
 from rigidmc.sampling import rows
 from rigidmc.scene import Scene
 from rigidmc.staging import stage
 from rigidmc.start import Start
+from rigidmc.watching import watch
 
 SINGLE = ("rk4", "exact", "strang")  # tried in float32 too
 
@@ -162,6 +163,8 @@ def candidates(scene, true, integrators=None, dtype=None):
         for name in accepting(scene.effects, works="work" in scene.run.save)
         if name != "closed" or true.source.startswith("closed")
     ]
+    if watch(scene).each_step:  # closed forms make no steps
+        able = [name for name in able if name != "closed"]
     if integrators:
         for name in integrators:
             if name not in INTEGRATORS:
@@ -192,7 +195,9 @@ def measured(costs, true, integrator, dtype, steps):
 
 
 def ladder(costs, true, integrator, dtype, finest=0.0, ratio=2.0**0.5, most=MOST_STEPS, too_dear=None):
-    """Ways of one integrator from long steps to short ones, until the error falls below `finest` or falls no more, or too_dear(way)."""
+    """Ways of one integrator from long steps to short ones, until the error falls below `finest` or falls no more, or too_dear(way).
+
+    Where steps are watched, none goes farther than WATCHED_TURN: what an event or an extreme needs of them no error of the end tells."""
     found, ways = costs.pilot, []
     multiple = max(1.0, first_steps(found) / found.base / 24.0)
     if integrator == "closed":
@@ -200,6 +205,8 @@ def ladder(costs, true, integrator, dtype, finest=0.0, ratio=2.0**0.5, most=MOST
     if INTEGRATORS[integrator].order == math.inf:  # one step between checks, or pieces of each member's own
         whole, *_ = form_of(found.stepped(found.base)[0].with_run(integrator=integrator), found.scene.run.t_end)
         multiple = math.ceil(found.turn(found.base)) if found.own and len(whole.parts) > 2 else 1.0
+    if watch(found.scene).each_step:
+        multiple = max(multiple, math.ceil(found.turn(found.base) / WATCHED_TURN))
     best, idle = math.inf, 0
     while (steps := found.base * round(multiple)) <= most:
         way = measured(costs, true, integrator, dtype, steps)

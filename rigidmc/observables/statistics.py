@@ -1,4 +1,7 @@
-"""Running statistics over the steps of a member: smallest, largest, mean and variance of any observable of its state."""
+"""Running statistics over the steps of a member: smallest, largest, mean and variance of any observable of its state.
+
+They see the start and the ends of steps: extremes between them are missed by up to x'' h^2/8, means are off by order h^2 of the trapezoidal rule.
+"""
 
 from typing import Any, NamedTuple
 

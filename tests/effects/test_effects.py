@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
 
 import rigidmc as rm
 from rigidmc.dynamics.euler import MassProperties, angular_velocity
@@ -50,10 +49,11 @@ from rigidmc.effects.verbs import (
     total_energy,
     total_torque,
 )  # fmt: skip
+from tests.effects.laws import REFERENCE, Known, symmetric
 from tests.reference import rotation, unit
 
 MOMENTS, STATIC = (0.6, 0.8, 1.0), (0.05, -0.02, 0.3)
-BODY = MassProperties.of(MOMENTS, STATIC)
+BODY, KNOWN = MassProperties.of(MOMENTS, STATIC), Known(MOMENTS, STATIC)
 EXAMPLES = {
     "gravity": Gravity(9.81),
     "gravity_gradient": GravityGradient(2.0, 1.3, 0.4, 0.5),
@@ -85,81 +85,12 @@ def some_states(count=50):
     return [(unit(some.normal(size=4)), tuple(some.normal(size=3))) for _ in range(count)]
 
 
-def symmetric(m):
-    return np.array([[m[0], m[5], m[4]], [m[5], m[1], m[3]], [m[4], m[3], m[2]]])
-
-
-def pull(e, t):
-    """mu/r^3 and the direction to the body on its orbit, by scipy's root of Kepler's equation."""
-    mean = math.sqrt(e.mu / e.distance**3) * t + e.anomaly
-    at = brentq(lambda x: x - e.eccentricity * math.sin(x) - mean, mean - 1.0, mean + 1.0, xtol=1e-15)
-    x, y = e.distance * (math.cos(at) - e.eccentricity), e.distance * math.sqrt(1.0 - e.eccentricity**2) * math.sin(at)
-    return e.mu / math.hypot(x, y) ** 3, np.array([x, y, 0.0]) / math.hypot(x, y)
-
-
-def turn_about_z(a):
-    return np.array([[math.cos(a), -math.sin(a), 0.0], [math.sin(a), math.cos(a), 0.0], [0.0, 0.0, 1.0]])
-
-
-def gradient_torque(e, t, a):
-    size, r = pull(e, t)
-    tensor = a @ np.diag(MOMENTS) @ a.T
-    return 3.0 * size * np.cross(r, tensor @ r)
-
-
-def spring_torque(e, a):
-    arm = a @ e.at
-    d = arm - e.to
-    return np.cross(arm, -e.stiffness * (1.0 - e.length / np.linalg.norm(d)) * d)
-
-
-def potential_torque(e, a):
-    u, h = a[2], 0.1  # by differences of the energy along u, exact up to degree 4
-    value = lambda u: np.dot(e.linear, u) + 0.5 * u @ symmetric(e.quadratic) @ u + np.dot(e.quartic, u**4)  # noqa: E731
-    slope = [
-        (8.0 * (value(u + h * x) - value(u - h * x)) - value(u + 2.0 * h * x) + value(u - 2.0 * h * x)) / (12.0 * h)
-        for x in np.eye(3)
-    ]
-    return a @ np.cross(u, slope)
-
-
-SPACE = np.array([0.0, 0.0, 1.0])
-REFERENCE = {  # torque in space components: functions of effect, t, A, omega in space
-    "gravity": lambda e, t, a, w: np.cross(a @ STATIC, -e.g * SPACE),
-    "gravity_gradient": lambda e, t, a, w: gradient_torque(e, t, a),
-    "spring": lambda e, t, a, w: spring_torque(e, a),
-    "uniform_field": lambda e, t, a, w: np.cross(a @ e.dipole, e.field),
-    "rotating_field": lambda e, t, a, w: np.cross(a @ e.dipole, turn_about_z(e.rate * t) @ e.field),
-    "potential": lambda e, t, a, w: potential_torque(e, a),
-    "moving_pivot": lambda e, t, a, w: np.cross(
-        a @ STATIC, np.multiply(e.swing, e.frequency**2 * math.cos(e.frequency * t + e.phase))
-    ),
-    "body_torque": lambda e, t, a, w: a @ e.size,
-    "space_torque": lambda e, t, a, w: np.array(e.size),
-    "periodic_torque": lambda e, t, a, w: a @ e.size * math.cos(e.frequency * t + e.phase),
-    # the whole keeps its momentum: that of the wheel in space changes by what the body gets back
-    "rotor": lambda e, t, a, w: -np.cross(w, a @ (np.array(e.momentum) + t * np.array(e.motor))) - a @ e.motor,
-    "viscous_damping": lambda e, t, a, w: -e.rate * a @ np.diag(MOMENTS) @ a.T @ w,
-    "axial_damping": lambda e, t, a, w: -a @ np.diag(np.multiply(e.rates, MOMENTS)) @ a.T @ w,
-    "matrix_damping": lambda e, t, a, w: -a @ symmetric(e.matrix) @ a.T @ w,
-    "quadratic_drag": lambda e, t, a, w: -e.drag * np.linalg.norm(w) * w,
-    "dry_friction": lambda e, t, a, w: -e.friction * w / math.hypot(np.linalg.norm(w), e.rest),
-    "energy_dissipation": lambda e, t, a, w: dissipated(e, a @ np.diag(MOMENTS) @ a.T @ w, w),
-}
-
-
-def dissipated(e, l, w):
-    """Minus loss times the part of omega across L, times |L|."""
-    n = l / np.linalg.norm(l)
-    return -e.loss * np.linalg.norm(l) * (w - n * (n @ w))
-
-
 def reference_error(effect, name):
     worst = 0.0
     for i, (q, l) in enumerate(some_states()):
         a, t = np.array(rotation(q)), 0.3 * i
         w = a @ (np.array(l) / MOMENTS)
-        worst = max(worst, np.abs(a @ torque(effect, BODY, t, q, l) - REFERENCE[name](EXAMPLES[name], t, a, w)).max())
+        worst = max(worst, np.abs(a @ torque(effect, BODY, t, q, l) - REFERENCE[name](EXAMPLES[name], t, a, w, KNOWN)).max())
     return worst
 
 
