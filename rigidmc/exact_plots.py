@@ -215,8 +215,8 @@ def free_summary(moments, momentum, attitude, t_end, title="free top"):
 
 def case_summary(case, title, t_end):
     """The summary of the first member of a `rigidmc.closed_form.Case`."""
-    moments, momentum, attitude = case.moments[0], case.momentum[0], case.attitude[0]
-    if case.weight is None:
+    moments, momentum, attitude, form = case.moments[0], case.momentum[0], case.attitude[0], int(case.form[0])
+    if form == 0:
         return free_summary(moments, momentum, attitude, t_end, title)
-    moments, momentum, attitude = with_axis_third(case.axis, moments, momentum, attitude)
+    moments, momentum, attitude = with_axis_third(form, moments, momentum, attitude)
     return lagrange_summary(moments, case.weight[0], momentum, attitude, title)
