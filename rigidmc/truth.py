@@ -36,12 +36,12 @@ def integrated(pilot, agreed=AGREED):
     """The Truth of a pilot by rk8 and another method in more and more steps, until they agree to `agreed` or come no nearer."""
     kept = agreed < 10.0 * AGREED  # else rounding is too small to matter, and these kernels are compiled for other uses too
     able = accepting(pilot.scene.effects, compensated=kept)
-    other = "srkn11" if "srkn11" in able else "cf4"
+    other = next(name for name in ("exact", "srkn11", "cf4") if name in able)
     steps, last = first_steps(pilot), None
     while True:
         ends = [
             follow(pilot, name, m, compensated=kept)
-            for name, m in (("rk8", steps), (other, steps if other == "srkn11" else 16 * steps))
+            for name, m in (("rk8", steps), (other, 16 * steps if other == "cf4" else steps))
         ]
         apart = errors(pilot, ends[0], ends[1])["state"]
         worst = float(np.max(apart))

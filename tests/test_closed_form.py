@@ -108,8 +108,8 @@ def test_effects_of_one_kind_add_up():
     free = Body.from_moments((1.0, 2.0, 3.0))
     for scene in (twice, Scene(free, (ViscousDamping(0.2), ViscousDamping(0.15)), start)):
         found, true = (end(scene, members=8, t_end=2.0, integrator=name, dt=2e-3) for name in ("closed", "rk8"))
-        assert np.abs(found[0] - true[0]).max() < 2e-12  # 1.2e-13
-        assert attitude_error(found[1], true[1]).max() < 2e-12  # 6.0e-14
+        assert np.abs(found[0] - true[0]).max() < 5e-13  # 2.7e-14
+        assert attitude_error(found[1], true[1]).max() < 5e-13  # 1.2e-14
     alone = Scene(heavy, (Gravity(5.0),), start)
     wrong = end(alone, members=8, t_end=2.0, integrator="closed")[0] - end(twice, members=8, t_end=2.0, integrator="closed")[0]
     assert np.abs(wrong).max() > 1e-2
@@ -126,13 +126,13 @@ def test_damping_that_drives_is_in_the_time_too():
     )
     with pytest.warns(SceneWarning, match="drives the body"):
         found, true = (end(scene, integrator=name) for name in ("closed", "rk8"))
-    assert np.abs(found[0] - true[0]).max() < 1e-11  # 5.4e-13, of |L| = 11
+    assert np.abs(found[0] - true[0]).max() < 2e-12  # 9.9e-14, of |L| = 11
     assert found[0][0] == pytest.approx((5.43, 1.71, -9.33), abs=1e-2)
-    assert attitude_error(found[1], true[1]).max() < 1e-11  # 2.0e-13
+    assert attitude_error(found[1], true[1]).max() < 5e-13  # 1.4e-14
     motion = closed_form(scene).motion(-3.0)  # and backwards
     q, l = reference.taylor((1.0, 2.0, 3.0), (0.3, 4.0, 0.3), -3.0, damping=-0.5)
-    assert np.abs(motion.momentum[0] - np.array(l, float)).max() < 4e-15  # 2.2e-16
-    assert reference.attitude_error(motion.attitude[0], np.array(q, float)) < 4e-15  # 3.5e-16
+    assert np.abs(motion.momentum[0] - np.array(l, float)).max() < 4e-15  # 3.4e-16
+    assert reference.attitude_error(motion.attitude[0], np.array(q, float)) < 4e-15  # 4.1e-16
 
 
 def heavy_ones(mass, omega):
@@ -222,6 +222,7 @@ def test_command_where_members_are_flagged(tmp_path):
     assert "nan" not in shown.stdout
     for settings, said in (
         (("--members", "1"), "none of the first 1 is a body"),
+        (("--plot", str(tmp_path / "a.png")), "no motion to draw"),
         (
             ("--set", "body.moments=[1.4,1.4,2]", "--set", "start.omega=[{ normal = [0, 1e60] }, 1, 2]"),
             "all 2 members are flagged (2 ",
