@@ -9,10 +9,11 @@ import numpy as np
 import rigidmc
 from bench import harness
 from rigidmc.errors import SceneError
-from rigidmc.pilot import errors, pilot, truth
+from rigidmc.pilot import errors, pilot
 from rigidmc.rotation import attitude_error
 from rigidmc.scene_file import shipped
 from rigidmc.studies.accuracy import accuracy
+from rigidmc.truth import truth
 
 TOLERANCES = (1e-4, 1e-7, 1e-10)
 SAVED = ("final state", "all in memory", "all in a file")

@@ -10,7 +10,8 @@ from rigidmc.effects import name_of
 from rigidmc.effects.verbs import is_random
 from rigidmc.engine import layout
 from rigidmc.errors import SceneError
-from rigidmc.pilot import growth, pilot, truth, upper_quantile
+from rigidmc.pilot import growth, pilot, upper_quantile
+from rigidmc.truth import AGREED, check_agreement, integrated, truth
 from rigidmc.ways import Costs, Way, candidates, ladder, measured
 
 PILOT = 512  # members: then the 99 % of a distribution are below the second largest error with 96 % certainty
@@ -111,18 +112,27 @@ def choose(scene, tolerance, integrators=None, members=PILOT, threads=None):
         raise _unreachable(scene, tolerance, first, nearest, "no integrator comes nearer")
     found.sort(key=costs.per_member)
     second = pilot(scene, members, first.first + first.members)._replace(own=first.own)
-    other_true, faster = truth(second), float(second.rates.max() / first.rates.max()) if first.own else 1
+    faster = float(second.rates.max() / first.rates.max()) if first.own else 1
+    truths: dict[bool, Any] = {}
     spare = None
     for way in found:
+        closed = way.integrator == "closed"
+        if closed not in truths:  # what is chosen is checked by another method
+            truths[closed] = integrated(second, max(AGREED, 1e-2 * tolerance)) if closed else truth(second)
+        other = truths[closed]
         for _ in range(4):
-            check = measured(Costs(second), other_true, way.integrator, way.dtype, faster * way.steps).errors["state"]
+            check = measured(Costs(second), other, way.integrator, way.dtype, faster * way.steps).errors["state"]
+            if closed:
+                check_agreement(check, other.error, true, other.source)
+                check = np.maximum(check - other.error, 0.0)  # what the integration itself may err is not the closed form's
             share = float(np.mean(check <= tolerance))
             if share >= 0.99:
                 others = [w for w in found if w.integrator != way.integrator]
                 cost, speed = costs.per_member(way), costs.members_per_second(way, threads)
                 runner_up = (others[0], costs.per_member(others[0]) / cost) if others else None
                 known = max(way.upper, upper_quantile(check))
-                made = Chosen(way, known, share, true.source, runner_up, speed, tolerance, second.members)
+                source = f"{true.source}; the second pilot by {other.source}" if closed else true.source
+                made = Chosen(way, known, share, source, runner_up, speed, tolerance, second.members)
                 if known <= tolerance:
                     return made
                 spare = spare or made

@@ -1,12 +1,12 @@
 """The closed form of a scene, where one covers it."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from rigidmc.dynamics.euler import kinetic_energy
 from rigidmc.dynamics.so3 import dot
-from rigidmc.effects import name_of
+from rigidmc.effects import labelled, name_of
 from rigidmc.effects.verbs import total_energy, total_energy_scale
 from rigidmc.engine import layout
 from rigidmc.errors import SceneError
@@ -20,39 +20,73 @@ COVERED = (
     "the free top (no effects), the free top with viscous_damping, and the Lagrange top (gravity on a body with two equal moments "
     "and its centre of mass on the third axis)"
 )
+NONE = -1  # the form of a member without a body or a start: its motion is nan
 
 
 class Case(NamedTuple):
-    """What a closed form needs of the first members of a scene: moments, momentum (n, 3) and attitude (n, 4) at the start.
+    """What closed forms need of members of a scene: moments, momentum (n, 3) and attitude (n, 4) at the start.
 
-    weight : m g l (n,) about the symmetry axis of a Lagrange top, None of a free one;  axis : that axis;  damping : rate (n,) [1/s]
+    Each member has a form of its own, so that its bits do not depend on which members are asked for with it.
+
+    form : (n,) 0 for a free top, 1 to 3 for a Lagrange top about that axis, NONE
+    weight : m g l (n,) about that axis [N m];  damping : rate (n,) of a free top [1/s]
     """
 
-    name: str
     moments: np.ndarray
     momentum: np.ndarray
     attitude: np.ndarray
-    weight: Any
-    axis: int
+    form: np.ndarray
+    weight: np.ndarray
     damping: np.ndarray
 
+    @property
+    def name(self):
+        """What the members are, in words."""
+        free = "free top" + (" with viscous damping" if np.any(self.damping[self.form == 0]) else "")
+        return " and ".join([free] * bool(np.any(self.form == 0)) + ["Lagrange top"] * bool(np.any(self.form > 0)))
+
+    def parts(self):
+        """[(form, members, their Case)] of the forms that there are."""
+        found = []
+        for form in np.unique(self.form[self.form != NONE]):
+            members = np.flatnonzero(self.form == form)
+            found.append((int(form), members, Case(*(field[members] for field in self))))
+        return found
+
     def motion(self, t):
-        """The Motion of the members at t [s]: (n, 3); at times (m,) it is (m, n, 3)."""
+        """The Motion of the members at t [s]: (n, 3); at times (m,) it is (m, n, 3). nan where a member has none."""
         t = np.asarray(t, dtype=float)[..., None]
-        if self.weight is not None:
-            return lagrange_top(self.moments, self.weight, self.momentum, self.attitude, t, axis=self.axis)
-        rate = self.damping
-        # L' = L x omega - rate L runs through the undamped motion at the time (1 - exp(-rate t))/rate
-        shrunk = np.where(rate > 0.0, -np.expm1(-rate * t) / np.where(rate > 0.0, rate, 1.0), t)
-        l, omega, q = free_top(self.moments, self.momentum, self.attitude, shrunk)
-        left = np.exp(-rate * t)[..., None]
-        return Motion(left * l, left * omega, q)
+        shape = (*t.shape[:-1], len(self.form))
+        found = Motion(*(np.full((*shape, size), np.nan) for size in (3, 3, 4)))
+        for form, members, part in self.parts():
+            for whole, values in zip(found, _motion(form, part, t), strict=True):
+                whole[..., members, :] = values
+        return found
 
     def what(self):
-        """Kind of a free motion, Nutation of a Lagrange top."""
-        if self.weight is None:
-            return free_motion(self.moments, self.momentum)
-        return lagrange_motion(self.moments, self.weight, self.momentum, self.attitude, axis=self.axis)
+        """[(members, their Kind of free motion or Nutation of a Lagrange top)]."""
+        return [
+            (
+                members,
+                lagrange_motion(part.moments, part.weight, part.momentum, part.attitude, axis=form)
+                if form
+                else free_motion(part.moments, part.momentum),
+            )
+            for form, members, part in self.parts()
+        ]
+
+
+def _motion(form, case, t):
+    """The Motion of a Case of one form."""
+    if form:
+        return lagrange_top(case.moments, case.weight, case.momentum, case.attitude, t, axis=form)
+    # L' = L x omega - rate L runs through the undamped motion at the time (1 - exp(-rate t))/rate, of either sign
+    rate = case.damping
+    with np.errstate(over="ignore", invalid="ignore"):  # driven beyond all numbers, it is nan
+        passed = np.where(rate == 0.0, t, -np.expm1(-rate * t) / np.where(rate == 0.0, 1.0, rate))
+        l, omega, q = free_top(case.moments, case.momentum, case.attitude, passed)
+        left = np.exp(-rate * t)[..., None]
+        return Motion(left * l, left * omega, q)
 
 
 def closed_form(scene, members=None, first=None):
@@ -62,67 +96,78 @@ def closed_form(scene, members=None, first=None):
 
 
 def case_of(scene, block, start):
-    """The Case of staged members, see `rigidmc.staging.stage`."""
+    """The Case of staged members, see `rigidmc.staging.stage`; SceneError where no closed form covers one that is well."""
     moments, momentum, attitude = start["moments"].T, block[layout.MOMENTUM : layout.REST].T, block[: layout.MOMENTUM].T
-    effects = {name_of(effect) for effect in scene.effects}
-    if unknown := sorted(effects - {"gravity", "viscous_damping"}):
+    if unknown := sorted({name_of(e) for e in scene.effects} - {"gravity", "viscous_damping"}):
         raise _uncovered(f"the scene has {', '.join(unknown)}")
-    weight = (start["gravity_g"] * start["mass"] * start["centre"]).T if "gravity" in effects else np.zeros(moments.shape)
-    rate = start.get("viscous_damping_rate", np.zeros(len(moments)))
-    if not np.any(weight):
-        name = "free top" + (" with viscous damping" if np.any(rate) else "")
-        return Case(name, moments, momentum, attitude, None, 0, rate)
-    if np.any(rate):
-        raise _uncovered("a damped heavy top has none")
-    heavy = np.flatnonzero(np.any(np.abs(weight) > 1e-12 * np.abs(weight).max(), axis=0))
-    if heavy.size > 1:
-        centre = ", ".join(f"{x:.4g}" for x in start["centre"][:, 0])
-        raise _uncovered(f"its centre of mass ({centre}) m in principal axes lies on none of them")
-    axis = int(heavy[0]) + 1
-    i, j = (k for k in range(3) if k != axis - 1)
-    apart = np.abs(moments[:, i] - moments[:, j])
-    if np.any(apart > 1e-12 * moments[:, i]):
-        at = int(np.argmax(apart))
-        rule = f"its centre of mass lies on axis {axis}, but I{i + 1} = {moments[at, i]:.6g} and I{j + 1} = {moments[at, j]:.6g} differ"
-        raise _uncovered(rule)
-    return Case("Lagrange top", moments, momentum, attitude, weight[:, axis - 1], axis, rate)
+    g, rate = np.zeros(len(moments)), np.zeros(len(moments))
+    for label, effect in labelled(scene.effects):  # a scene may have several of a kind: what acts is their sum
+        if name_of(effect) == "gravity":
+            g = g + start[f"{label}_g"]
+        else:
+            rate = rate + start[f"{label}_rate"]
+    with np.errstate(all="ignore"):
+        weight = (g * start["mass"] * start["centre"]).T
+    well = (block[layout.STATUS] == 0.0) & np.isfinite(block[: layout.REST]).all(0) & np.isfinite(weight).all(1)
+    heavy = np.abs(weight) > 1e-12 * np.abs(weight).max(1, keepdims=True)
+    form = np.where(well, np.where(heavy.any(1), heavy.argmax(1) + 1, 0), NONE)
+    if np.any(damped := (form > 0) & (rate != 0.0)):
+        raise _uncovered(f"a damped heavy top has none{_some(damped)}")
+    if np.any(off := well & (heavy.sum(1) > 1)):
+        centre = ", ".join(f"{x:.4g}" for x in start["centre"][:, np.argmax(off)])
+        raise _uncovered(f"its centre of mass ({centre}) m in principal axes lies on none of them{_some(off)}")
+    for axis in (1, 2, 3):
+        i, j = (k for k in range(3) if k != axis - 1)
+        apart = np.abs(moments[:, i] - moments[:, j])
+        if np.any(unequal := (form == axis) & (apart > 1e-12 * moments[:, i])):
+            at = int(np.argmax(np.where(unequal, apart, -1.0)))
+            rule = f"its centre of mass lies on axis {axis}, but I{i + 1} = {moments[at, i]:.6g} and I{j + 1} = {moments[at, j]:.6g} differ"
+            raise _uncovered(rule + _some(unequal))
+    along = np.take_along_axis(weight, np.maximum(form, 1)[:, None] - 1, 1)[:, 0]
+    return Case(moments, momentum, attitude, form, np.where(form > 0, along, 0.0), rate)
+
+
+def _some(bad):
+    """How many members it is, unless it is all."""
+    return "" if bad.all() else f" ({int(bad.sum()):,} of {bad.size:,} members)"
 
 
 def _uncovered(why):
     return SceneError("", "scene", None, f"no closed form covers it: {why}; covered are {COVERED}")
 
 
-def closed_values(scene, block, start, times):
-    """The values that a scene saves at `times`, (times, rows, n), from the closed form; the block gets its end, drifts and status."""
-    sick = (block[layout.STATUS] > 0.0) | ~np.isfinite(block[: layout.REST]).all(0)
-    block[layout.STATUS, sick & (block[layout.STATUS] == 0.0)] = layout.STATUSES["non_finite"]
-    well = {name: np.where(sick, 1.0, values) for name, values in start.items()}  # some motion: nothing of it is kept
-    staged = np.where(sick, 0.0, block)
-    staged[0, sick] = 1.0
-    motion = case_of(scene, staged, well).motion(times)
+def closed_values(scene, block, start, times, dt):
+    """The values that a scene saves at `times`, 0 and multiples of dt, (times, rows, n); the block gets its end, drifts and status.
+
+    A member that is not well at the start stays there; one that turns non-finite stays where it last was finite, as in a kernel.
+    """
+    motion = case_of(scene, block, start).motion(times)
     q, l = np.moveaxis(motion.attitude, -1, 1), np.moveaxis(motion.momentum, -1, 1)
-    # at t = 0 the start itself, and the sick stay there
-    q, l = (np.where(sick | (times == 0.0)[:, None, None], x[None], y) for x, y in ((block[:4], q), (block[4:7], l)))
+    q[0], l[0] = block[: layout.MOMENTUM], block[layout.MOMENTUM : layout.REST]  # the start itself
     body, effects = physics(scene.effects, block)
-    observables = [OBSERVABLES[name]() for name in scene.recorded()]
     with np.errstate(all="ignore"):
         kinetic, squared = kinetic_energy(body, l[0]), dot(l[0], l[0])
         energy = kinetic + total_energy(effects, body, q[0])
         scale = np.maximum(np.abs(energy), 1e-3 * (kinetic + total_energy_scale(effects, body)))
         first = energy, 1.0 / np.where(scale > 0.0, scale, 1.0), squared, 1.0 / np.where(squared > 0.0, squared, 1.0)
-        values = np.array(
-            [
-                [v for o in observables for v in value(o, body, effects, t, a, b, first, ())]
-                for t, a, b in zip(times, q, l, strict=True)
-            ]
-        )
-        drifts = [
-            (
-                abs((kinetic_energy(body, b) + total_energy(effects, body, a) - first[0]) * first[1]),
-                abs((dot(b, b) - squared) * first[3]),
-            )
-            for a, b in zip(q, l, strict=True)
-        ]
-    block[layout.DRIFT : layout.STATUS] = np.where(sick, np.nan, np.max(drifts, axis=0))
+        now = np.array([(kinetic_energy(body, b) + total_energy(effects, body, a), dot(b, b)) for a, b in zip(q, l, strict=True)])
+        finite = np.isfinite(now).all(1) & np.isfinite(q).all(1) & np.isfinite(l).all(1)
+        unit = np.abs((q * q).sum(1) - 1.0) < 1e-9  # phases beyond 1e15 rad have neither digits nor a sine
+        well = np.logical_and.accumulate(finite & unit & (block[layout.STATUS] == 0.0))
+        drifts = np.abs(now - now[0]) * np.array(first[1::2])
+    last = np.minimum(np.arange(len(times))[:, None], np.maximum(well.sum(0) - 1, 0))
+    q, l = (np.take_along_axis(x, last[:, None], 0) for x in (q, l))
+    found = np.where(finite.all(0), layout.STATUSES["off_unit_quaternion"], layout.STATUSES["non_finite"])
+    block[layout.STATUS] = np.where(well[-1] | (block[layout.STATUS] > 0.0), block[layout.STATUS], found)
+    block[layout.DRIFT : layout.STATUS] = np.where(well[0], np.where(well[:, None], drifts, 0.0).max(0), np.nan)
     block[: layout.MOMENTUM], block[layout.MOMENTUM : layout.REST] = q[-1], l[-1]
-    return values
+    steps = np.rint(times / dt)
+    block[layout.GOOD_STEP] = steps[last[-1]]
+    block[layout.FAULT_STEP] = np.where(well[-1], -1.0, steps[np.minimum(well.sum(0), len(times) - 1)])
+    observables = [OBSERVABLES[name]() for name in scene.recorded()]
+    with np.errstate(all="ignore"):
+        rows = [
+            [v for o in observables for v in value(o, body, effects, t, a, b, first, ())]
+            for t, a, b in zip(times, q, l, strict=True)
+        ]
+    return np.array(rows)

@@ -66,6 +66,8 @@ def describe(scene, threads):
     )
     kept = [f"{word} of {name}" for name, word in scene.kept().items() if word != "full"]
     less = f"; kept: {', '.join(kept)}, and all of flagged members" if kept else ""
+    if plan.dtype == "float32":
+        lines.append(f"float32      {single_precision(plan)}")
     lines.append(f"saves        {plan.times.size:,} times of {', '.join(run.save) or 'nothing'}{less}")
     memory, lean, file = sizes(scene, plan, threads)
     free = free_memory()
@@ -104,6 +106,17 @@ def describe(scene, threads):
     lines.append(f"parameters   {', '.join(parameters(scene))}")
     lines += [f"note         {note}" for note in (*plan.notes, *impossible(scene))]
     return "\n".join(lines)
+
+
+def single_precision(plan):
+    """What float32 costs, in words."""
+    turned = plan.angle * plan.mean_steps
+    error = 6e-8 * turned  # median of 64 heavy tops by rk4: 9.6e-7, 4.0e-6, 2.0e-5 after 16, 63, 250 rad, whatever the step
+    words = f"the numbers of a body are rounded to 6e-8, which turns it by {error:.1e} rad in {turned:.3g} rad, however many steps that takes"
+    if not plan.compensated:
+        error = max(error, 1.5e-8 * plan.mean_steps)  # rk4 over 10 s without remainders: 7.2e-6 in 512 steps, 1.9e-3 in 131,072
+        words += f"; sums cannot keep their remainders here, which costs about 1.5e-8 a step, {1.5e-8 * plan.mean_steps:.1e}"
+    return f"about {max(0.0, -np.log10(max(error, 6e-8))):.0f} digits at t_end in regular motion: {words}"
 
 
 def impossible(scene):

@@ -5,6 +5,8 @@ Each is a function of one top and draws into a new Figure or into the axes given
 
 import numpy as np
 
+from rigidmc.closed_form import NONE
+from rigidmc.errors import SceneError
 from rigidmc.exact.free_top import free_motion, free_top
 from rigidmc.exact.lagrange_top import effective_potential, lagrange_motion, lagrange_top, with_axis_third
 from rigidmc.plots import HALO, INK, MEDIAN, PATH, new_figure
@@ -215,8 +217,10 @@ def free_summary(moments, momentum, attitude, t_end, title="free top"):
 
 def case_summary(case, title, t_end):
     """The summary of the first member of a `rigidmc.closed_form.Case`."""
-    moments, momentum, attitude = case.moments[0], case.momentum[0], case.attitude[0]
-    if case.weight is None:
+    moments, momentum, attitude, form = case.moments[0], case.momentum[0], case.attitude[0], int(case.form[0])
+    if form == NONE:
+        raise SceneError("", "members", None, "the first member has no body or no start: no motion to draw")
+    if form == 0:
         return free_summary(moments, momentum, attitude, t_end, title)
-    moments, momentum, attitude = with_axis_third(case.axis, moments, momentum, attitude)
+    moments, momentum, attitude = with_axis_third(form, moments, momentum, attitude)
     return lagrange_summary(moments, case.weight[0], momentum, attitude, title)

@@ -114,7 +114,7 @@ def job_of(scene, plan, first, count, block, start, out, width, column):
 
 def closed_job(scene, plan, first, count, block, start, out, width, column):
     """A block that needs no kernel: its saves are closed forms."""
-    values, saves = closed_values(scene, block, start, plan.times), len(plan.times)
+    values, saves = closed_values(scene, block, start, plan.times, plan.dt), len(plan.times)
     if width:
         size = block.shape[1]
         out.reshape(saves, -1, width)[:, :, column : column + size] = values

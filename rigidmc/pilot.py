@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import stats
 
-from rigidmc.closed_form import closed_form
 from rigidmc.dynamics.euler import kinetic_energy
 from rigidmc.dynamics.so3 import dot, up
 from rigidmc.effects.parameters import blank
@@ -16,8 +15,7 @@ from rigidmc.engine import kernel, layout
 from rigidmc.engine.compose import as_single
 from rigidmc.engine.machine import threads_available
 from rigidmc.engine.members import energies
-from rigidmc.errors import SceneError
-from rigidmc.integrators import accepting
+from rigidmc.integrators import keeps_remainders
 from rigidmc.observables import OBSERVABLES
 from rigidmc.planning import carries_attitude, form_of, rounds, spinning_up, whole_lanes
 from rigidmc.rotation import attitude_error
@@ -26,7 +24,6 @@ from rigidmc.staging import own_steps, physics, rates, stage
 
 CHECKPOINTS = 8  # times at which states are compared, evenly among those that the scene saves
 ROUNDING = 1.1e-16
-AGREED = 1e-12  # two methods that agree to this are taken for the truth
 QUANTITIES = ("state", "momentum", "attitude", "energy", "l2", "lz")
 OBSERVED = (OBSERVABLES["attitude"](), OBSERVABLES["momentum"]())
 MOST_STEPS = 1_000_000
@@ -78,14 +75,6 @@ class States(NamedTuple):
     status: np.ndarray
 
 
-class Truth(NamedTuple):
-    """The states that others are measured against, what they are, and how well they are known: error (n,) of each member."""
-
-    states: States
-    source: str
-    error: np.ndarray
-
-
 def pilot(scene, members, first=None):
     """`members` members of a scene, from index `first` on; fewer where the scene has no more rows, one where all are alike."""
     scene.check()
@@ -129,6 +118,7 @@ def _saved(pilot, scene, block, h, slots, steps, stride, dtype="float64", compen
     """The States after every `stride` of `steps` slots, and at the end."""
     made, *_ = form_of(scene, h)
     effects = blank(scene.effects)
+    compensated = keeps_remainders(scene.run.integrator, scene.effects, dtype, compensated)
     how = (
         as_single(made.integrator) if dtype == "float32" else made.integrator, made.parts, effects, OBSERVED,
         (0.0,) if pilot.carried else (), (0.0,) if compensated else (), np.empty(0, dtype),
@@ -145,7 +135,7 @@ def _saved(pilot, scene, block, h, slots, steps, stride, dtype="float64", compen
     with ThreadPoolExecutor(len(parts)) as pool:
         for first in range(0, steps, stride if nudge else steps):
             for block in parts if nudge else ():
-                _push(block, nudge, pilot.carried, some)
+                push(block, nudge, pilot.carried, some)
             last = min(first + stride, steps) if nudge else steps
             for _ in pool.map(advance, range(len(parts)), [first] * len(parts), [last] * len(parts)):
                 pass
@@ -183,7 +173,7 @@ def _kept(body, effects, q, l):
     return {"energy": kinetic_energy(body, l) + energies(effects, body, q), "l2": dot(l, l), "lz": dot(l, up(q))}
 
 
-def _push(block, size, carried, some):
+def push(block, size, carried, some):
     """Move the states of a block by `size` of their own size in random directions."""
     l = block[layout.MOMENTUM : layout.REST]
     push = some.normal(size=l.shape)
@@ -192,55 +182,6 @@ def _push(block, size, carried, some):
         q = block[: layout.MOMENTUM]
         q += 0.5 * size * some.normal(size=q.shape)
         q /= np.linalg.norm(q, axis=0)
-
-
-def truth(pilot):
-    """The Truth of a pilot: its closed form, else two methods that agree; SceneError where members fail or nothing agrees."""
-    scene = pilot.scene
-    try:
-        return _closed_truth(pilot)
-    except SceneError as error:
-        why = str(error)
-    able = accepting(scene.effects, compensated=True)
-    other = "srkn11" if "srkn11" in able else "cf4"
-    steps, last = first_steps(pilot), None
-    while True:
-        ends = [
-            follow(pilot, name, m, compensated=True)
-            for name, m in (("rk8", steps), (other, steps if other == "srkn11" else 16 * steps))
-        ]
-        apart = errors(pilot, ends[0], ends[1])["state"]
-        worst = float(np.max(apart))
-        if worst < AGREED or (last is not None and worst > 0.25 * last[0]) or steps > MOST_STEPS / 32:
-            break
-        last, steps = (worst, apart, ends, steps), 2 * steps
-    if last is not None and last[0] < worst:
-        worst, apart, ends, steps = last
-    if not np.isfinite(worst):
-        bad = int(np.count_nonzero(~np.isfinite(apart)))
-        raise SceneError(
-            "",
-            "pilot",
-            None,
-            f"{bad} of {pilot.members} members end non-finite with rk8 and {other} at {steps:,} steps: no truth to compare with",
-        )
-    source = f"rk8 in {'up to ' if pilot.own else ''}{steps:,} steps, which {other} confirms (sums compensated); no closed form: {why.split('covers it: ')[-1].split('; covered')[0]}"
-    return Truth(ends[0], source, apart)
-
-
-def _closed_truth(pilot):
-    case = closed_form(pilot.scene, pilot.members, pilot.first)
-    found = _motion(pilot, case)
-    size, block = 1e-10, pilot.block[:, : pilot.members].copy()  # how well it is known: what the rounding of the start alone does
-    _push(block, size, pilot.carried, np.random.default_rng(0))
-    attitude = block[: layout.MOMENTUM].T if pilot.carried else case.attitude
-    moved = _motion(pilot, case._replace(momentum=block[layout.MOMENTUM : layout.REST].T, attitude=attitude))
-    return Truth(found, f"closed form of the {case.name}", ROUNDING / size * errors(pilot, moved, found)["state"])
-
-
-def _motion(pilot, case):
-    motion = case.motion(pilot.times)
-    return States(np.moveaxis(motion.attitude, -1, 1), np.moveaxis(motion.momentum, -1, 1), np.zeros(pilot.members))
 
 
 def errors(pilot, states, true):

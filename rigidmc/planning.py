@@ -12,7 +12,7 @@ from rigidmc.effects import labelled
 from rigidmc.effects.verbs import total_energy_scale
 from rigidmc.engine import layout
 from rigidmc.errors import SceneError
-from rigidmc.integrators import INTEGRATORS, Turns, form
+from rigidmc.integrators import INTEGRATORS, Turns, form, keeps_remainders
 from rigidmc.limits import SPUN_UP, limits
 from rigidmc.observables import rows_of
 from rigidmc.retention import thinned
@@ -150,7 +150,7 @@ def prepare(scene, threads=1, streaming=False, block=None):
             block = min(block, max(layout.LANES, SLAB // (8 * max(1, values) * len(slots)) // layout.LANES * layout.LANES))
     return Plan(
         run.first, run.members, steps, dt, stride, own, mean, np.array(slots) * dt, few, made, carried, block, _constant(scene), angle, rate,
-        run.dtype, run.compensated, notes, () if made is None else limits(scene, carried, theta, mean, made, spin),
+        run.dtype, keeps_remainders(run.integrator, scene.effects, run.dtype, run.compensated), notes, () if made is None else limits(scene, carried, theta, mean, made, spin),
         tuple(label for label, _ in labelled(scene.effects)) if "work" in run.save else (),
         found,
     )  # fmt: skip

@@ -41,7 +41,8 @@ def simulate(
     integrator : a name of `rigidmc integrators`, or "auto" for the cheapest that keeps a tolerance
     tolerance : error to keep in 99 % of the members, of the momentum's size and of the attitude in rad; chooses integrator, dtype and dt by
         a pilot (`rigidmc.choice.choose`; the choice rests on measured times, and the result tells it in its attributes)
-    dtype : "float64" or "float32", of the numbers in which steps are made; starts, saves and drifts are float64
+    dtype : "float64" or "float32", of the numbers in which steps are made; starts, saves and drifts are float64. In float32 sums keep
+        their remainders wherever they can, and what is left is the rounding of the body to 6e-8
     compensated : keep the remainders of all sums, for very many steps
     dt : step [s]; reduced where it divides neither t_end nor every, which a warning says
     turn : in place of dt, how far a member may move in a step [rad] at its own rate (`rigidmc.staging.rates`): each then makes its own

@@ -14,7 +14,7 @@ from rigidmc.engine import kernel, layout
 from rigidmc.engine.compose import as_single
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import SceneError, unknown
-from rigidmc.integrators import INTEGRATORS, accepting
+from rigidmc.integrators import INTEGRATORS, accepting, keeps_remainders
 from rigidmc.observables import OBSERVABLES, SIZES
 from rigidmc.pilot import MOST_STEPS, OBSERVED, QUANTITIES, errors, first_steps, follow, pilot, upper_quantile
 from rigidmc.planning import BLOCK, WATCHED_TURN, form_of
@@ -22,6 +22,7 @@ from rigidmc.sampling import rows
 from rigidmc.scene import Scene
 from rigidmc.staging import stage
 from rigidmc.start import Start
+from rigidmc.truth import closed_states
 from rigidmc.watching import watch
 
 SINGLE = ("rk4", "exact", "strang")  # tried in float32 too
@@ -76,7 +77,8 @@ class Costs:
         scene = self.pilot.stepped(steps)[0].with_run(integrator=integrator)
         made, *_ = form_of(scene, scene.run.t_end / steps)
         key = type(made.integrator), made.integrator, len(made.parts), dtype
-        return self._once(key, lambda: self._stepped(made, scene.run.t_end / steps, dtype, OBSERVED))
+        kept = keeps_remainders(integrator, scene.effects, dtype)
+        return self._once(key, lambda: self._stepped(made, scene.run.t_end / steps, dtype, OBSERVED, compensated=kept))
 
     def start(self):
         """Per member, to draw its start."""
@@ -115,16 +117,16 @@ class Costs:
         for _ in range(3):
             block, start = stage(scene, 0, count, self.pilot.carried)
             began = time.perf_counter()
-            closed_values(scene, block, start, times)
+            closed_values(scene, block, start, times, times[1])
             taken.append(time.perf_counter() - began)
         return 1e9 * min(taken) / (count * saves)
 
-    def _stepped(self, made, h, dtype, observables, stride=None):
+    def _stepped(self, made, h, dtype, observables, stride=None, compensated=False):
         effects = blank(self.pilot.scene.effects)
         integrator = as_single(made.integrator) if dtype == "float32" else made.integrator
         own = self.pilot.own and stride is None
         how = (
-            integrator, made.parts, effects, observables, (0.0,) if self.pilot.carried else (), (), np.empty(0, dtype),
+            integrator, made.parts, effects, observables, (0.0,) if self.pilot.carried else (), (0.0,) if compensated else (), np.empty(0, dtype),
             (np.arange(512),) if own else (), (), (), (), (), (), (),
         )  # fmt: skip
         few, steps = self.pilot.block, 32
@@ -180,9 +182,11 @@ def candidates(scene, true, integrators=None, dtype=None):
 def measured(costs, true, integrator, dtype, steps):
     """The Way of an integrator in `steps` steps; None where it refuses the step."""
     found = costs.pilot
-    if integrator == "closed":  # its error cannot be seen against itself: what rounding does
-        unseen = np.full(found.members, np.nan)
-        apart = {name: true.error if name in ("state", "momentum", "attitude") else unseen for name in QUANTITIES}
+    if integrator == "closed":
+        apart = errors(found, closed_states(found), true.states)
+        if true.source.startswith("closed"):  # its error cannot be seen against itself: what rounding does
+            unseen = np.full(found.members, np.nan)
+            apart = {name: true.error if name in ("state", "momentum", "attitude") else unseen for name in QUANTITIES}
         ns, saves = costs.step(integrator, 1, dtype), costs.saves
         return Way(integrator, dtype, saves, saves, found.scene.run.t_end / saves, None, apart, ns)
     try:

@@ -5,6 +5,7 @@ import pytest
 
 import rigidmc as rm
 from rigidmc import choice as C
+from rigidmc import closed_form as closed_form_module
 from rigidmc.closed_form import closed_form
 from rigidmc.rotation import attitude_error
 
@@ -66,6 +67,40 @@ def test_a_short_heavy_run_is_rk8_or_a_splitting_of_high_order():
     slower = C.choose(scene, 1e-8, integrators=("rk4",), **SMALL)
     costs = C.Costs(C.pilot(scene, 128))
     assert costs.per_member(found.way) < 0.5 * costs.per_member(slower.way)  # a third, measured
+
+
+LAGRANGE = rm.Scene(
+    rm.Body.from_moments((1.0, 1.0, 0.5), centre=(0.0, 0.0, 0.2)),
+    (rm.Gravity(3.0),),
+    rm.Start(omega=(rm.normal(0.5, 0.1), 1.0, rm.normal(0.0, 0.3)), attitude="uniform"),
+).with_run(t_end=20.0, save=("omega", "attitude"))
+
+
+def test_a_closed_form_is_checked_by_integration():
+    found = C.choose(LAGRANGE, 1e-7, integrators=("closed",), **SMALL)
+    assert (found.way.integrator, found.checked) == ("closed", 1.0)
+    assert found.truth.startswith("closed form of the Lagrange top, which rk8 confirms; the second pilot by rk8 in ")
+    assert "srkn11 confirms" in found.truth
+    assert found.predicted < 1e-12  # 8.5e-15
+
+
+@pytest.mark.parametrize("member", [3, 128 + 3])  # of the first pilot, of the second alone
+@pytest.mark.parametrize("integrators", [("closed",), ("rk8",)])
+def test_a_closed_form_that_is_wrong_is_not_believed(monkeypatch, member, integrators):
+    """One member is turned by 90 degrees about its axis all along: its energy, |L|^2 and L_z are right."""
+    true = closed_form_module._motion
+
+    def turned(form, case, t):
+        motion = true(form, case, t)
+        for i in np.flatnonzero((case.momentum == wrong).all(1)):
+            l = motion.momentum[..., i, :].copy()
+            motion.momentum[..., i, 0], motion.momentum[..., i, 1] = -l[..., 1], l[..., 0]
+        return motion
+
+    wrong = closed_form(LAGRANGE, 1, member).momentum[0]
+    monkeypatch.setattr(closed_form_module, "_motion", turned)
+    with pytest.raises(rm.SceneError, match=r"closed form of the Lagrange top and rk8 in .* disagree for 1 of 128 members"):
+        C.choose(LAGRANGE, 1e-7, integrators=integrators, **SMALL)
 
 
 def test_out_of_reach():

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from rigidmc import Body, Gravity, Scene, SceneError, Start, ViscousDamping, normal
+from rigidmc import Body, Gravity, Run, Scene, SceneError, SceneWarning, Start, ViscousDamping, grid, normal
 from rigidmc.cli import app
 from rigidmc.closed_form import closed_form
 from rigidmc.comparison import compare
+from rigidmc.engine.layout import STATUSES
 from rigidmc.rotation import attitude_error
 from rigidmc.simulation import simulate
 from tests import reference
@@ -92,6 +93,146 @@ def test_command_draws_and_does_not_overwrite(tmp_path):
         assert run(scene, "--members", "2", "--plot", str(picture)).exit_code == 0
         assert picture.stat().st_size > 20_000
     assert run("heavy_top", "--plot", str(picture)).exit_code == 6
+
+
+def end(scene, **settings):
+    """momentum (n, 3) and attitude (n, 4) at t_end, with sums compensated."""
+    last = simulate(scene, save=("momentum", "attitude"), **settings).isel(time=-1)
+    return last.momentum.transpose("member", "axis").values, last.attitude.transpose("member", "quat").values
+
+
+def test_effects_of_one_kind_add_up():
+    heavy = Body.from_moments((1.4, 1.4, 1.0), centre=(0.0, 0.0, 0.2))
+    start = Start(omega=(0.3, normal(0.4, 0.1), 6.0), attitude=(0.3, 0.7, 0.2))
+    twice = Scene(heavy, (Gravity(5.0), Gravity(4.81)), start)
+    free = Body.from_moments((1.0, 2.0, 3.0))
+    for scene in (twice, Scene(free, (ViscousDamping(0.2), ViscousDamping(0.15)), start)):
+        found, true = (end(scene, members=8, t_end=2.0, integrator=name, dt=2e-3) for name in ("closed", "rk8"))
+        assert np.abs(found[0] - true[0]).max() < 5e-13  # 2.7e-14
+        assert attitude_error(found[1], true[1]).max() < 5e-13  # 1.2e-14
+    alone = Scene(heavy, (Gravity(5.0),), start)
+    wrong = end(alone, members=8, t_end=2.0, integrator="closed")[0] - end(twice, members=8, t_end=2.0, integrator="closed")[0]
+    assert np.abs(wrong).max() > 1e-2
+    none = Scene(heavy, (Gravity(5.0), Gravity(-5.0)), start)
+    assert closed_form(none, 4).name == "free top"
+
+
+def test_damping_that_drives_is_in_the_time_too():
+    scene = Scene(
+        Body.from_moments((1.0, 2.0, 3.0)),
+        (ViscousDamping(-0.5),),
+        Start(omega=(0.3, 2.0, 0.1)),
+        run=Run(anti_damping=True, members=1, t_end=2.0, dt=2e-3),
+    )
+    with pytest.warns(SceneWarning, match="drives the body"):
+        found, true = (end(scene, integrator=name) for name in ("closed", "rk8"))
+    assert np.abs(found[0] - true[0]).max() < 2e-12  # 9.9e-14, of |L| = 11
+    assert found[0][0] == pytest.approx((5.43, 1.71, -9.33), abs=1e-2)
+    assert attitude_error(found[1], true[1]).max() < 5e-13  # 1.4e-14
+    motion = closed_form(scene).motion(-3.0)  # and backwards
+    q, l = reference.taylor((1.0, 2.0, 3.0), (0.3, 4.0, 0.3), -3.0, damping=-0.5)
+    assert np.abs(motion.momentum[0] - np.array(l, float)).max() < 4e-15  # 3.4e-16
+    assert reference.attitude_error(motion.attitude[0], np.array(q, float)) < 4e-15  # 4.1e-16
+
+
+def heavy_ones(mass, omega):
+    """300 members: the first 30 or so of the grid are no bodies, as are the last 80; masses and starts as given."""
+    body = Body.from_moments((1.4, 1.4, grid(-0.5, 4.0, 300)), mass=1.0, centre=(0.0, 0.0, mass))
+    return Scene(body, (Gravity(9.81),), Start(omega=omega, attitude=(0.3, 0.7, 0.2))).with_run(
+        members=300, t_end=2.0, every=0.3, save=("omega", "attitude", "energy")
+    )
+
+
+def test_members_that_cannot_be_are_flagged_as_with_rk8_and_the_others_keep_every_bit():
+    some = np.random.default_rng(0)
+    centre, omega = some.normal(0.0, 0.1, 300), some.normal(size=(300, 3))
+    centre[120:200] = 0.0  # free ones: of other closed forms, in blocks with heavy ones and in blocks of their own
+    fast = omega.copy()
+    fast[[111, 150]] = 1e200
+    well, sick = (simulate(heavy_ones(centre, o), integrator="closed") for o in (omega, fast))
+    true = simulate(heavy_ones(centre, fast), integrator="rk8", dt=0.01)
+    assert (sick.status.values == true.status.values).all()
+    assert np.bincount(sick.status.values).tolist() == [185, 2, 113]
+    flagged = sick.status.values > 0
+    for name in ("omega", "attitude", "energy_drift_max", "status_step", "status_time"):
+        x, y = (ds[name].transpose("member", ...).values[flagged] for ds in (sick, true))
+        assert np.array_equal(x, y, equal_nan=True)  # frozen at the start
+    assert not np.isnan(sick.omega.isel(member=~flagged)).any()
+    for name in well.variables:
+        if "member" in well[name].dims and not name.startswith("start_omega"):
+            x, y = (ds[name].transpose("member", ...).values[~flagged] for ds in (well, sick))
+            assert x.tobytes() == y.tobytes()
+
+
+def test_bits_do_not_depend_on_who_shares_a_block():
+    some = np.random.default_rng(1)
+    centre, omega = some.normal(0.0, 0.1, 300), some.normal(size=(300, 3))
+    centre[100:230] = 0.0
+    scene = heavy_ones(centre, omega)
+    whole = simulate(scene, integrator="closed", threads=1)
+    for block, threads in ((32, 2), (64, 1), (96, 2)):
+        other = simulate(scene, integrator="closed", block=block, threads=threads)
+        assert all(whole[name].values.tobytes() == other[name].values.tobytes() for name in whole.variables)
+    few = simulate(scene, integrator="closed", members=range(90, 110))
+    same = whole.isel(member=slice(90, 110))
+    assert few.omega.transpose("member", ...).values.tobytes() == same.omega.transpose("member", ...).values.tobytes()
+    assert closed_form(scene).name == "free top and Lagrange top"
+
+
+def test_one_that_spins_beyond_all_digits_stays_where_it_was():
+    """Driven at a rate of 30 1/s, the phase passes 1e15 rad between 1 and 1.5 s, and the numbers end later."""
+    scene = Scene(
+        Body.from_moments((1.0, 1.0, 1.0)), (ViscousDamping(np.array([-30.0, -700.0, 0.1])),), Start(omega=(0.3, 2.0, 0.1)),
+        run=Run(anti_damping=True, members=3, t_end=2.0, every=0.5, save=("momentum",)),
+    )  # fmt: skip
+    with pytest.warns(SceneWarning, match="drives"):
+        ds = simulate(scene, integrator="closed")
+    assert ds.status.values.tolist() == [STATUSES["off_unit_quaternion"], STATUSES["non_finite"], 0]
+    assert ds.status_time.values[:2].tolist() == [1.5, 0.5]
+    momentum = ds.momentum.transpose("member", "time", "axis").values
+    assert np.isfinite(momentum).all()
+    assert (momentum[0, 3:] == momentum[0, 2]).all()
+    assert momentum[0, 2] == pytest.approx(np.exp(30.0) * momentum[0, 0], rel=1e-12)
+    assert (momentum[1] == momentum[1, 0]).all()
+    assert (np.diff(momentum[2, :, 1]) < 0).all()
+
+
+BODIES = """[body]
+moments = [1.4, 1.4, { grid = [-4.0, 4.0, 2] }]
+centre = [0, 0, 0.1]
+[effects.gravity]
+g = 9.81
+[start]
+omega = [0.3, 1, 2]
+[run]
+members = 2
+dt = 0.01
+t_end = 1.0
+"""
+
+
+def test_command_where_members_are_flagged(tmp_path):
+    file = tmp_path / "bodies.toml"
+    file.write_text(BODIES)
+    shown = run(str(file))
+    assert shown.exit_code == 0
+    assert "no body or no start (1)" in shown.stdout
+    assert "member 1:" in shown.stdout  # the one that is well
+    assert "over 1 member" in shown.stdout
+    assert "nan" not in shown.stdout
+    for settings, said in (
+        (("--members", "1"), "none of the first 1 is a body"),
+        (("--plot", str(tmp_path / "a.png")), "no motion to draw"),
+        (
+            ("--set", "body.moments=[1.4,1.4,2]", "--set", "start.omega=[{ normal = [0, 1e60] }, 1, 2]"),
+            "all 2 members are flagged (2 ",
+        ),
+        (("--set", "body.moments=[1.4,1.4,2]", "--integrator", "closed"), "not compared with itself"),
+    ):
+        shown = run(str(file), *settings)
+        assert shown.exit_code == 3
+        assert said in shown.stderr
+        assert len(shown.stderr.splitlines()) < 4
 
 
 def test_before_the_start_there_is_the_closed_form_alone():

@@ -92,7 +92,8 @@ def free_motion(moments, momentum):
     o: Any = Orbit(*table.T)
     _, (moments, l) = aligned(("moments", moments, 3), ("momentum", momentum, 3))
     axis = np.where(bad, 0, _AXES[np.nan_to_num(o.shift).astype(int), (o.about == 3.0).astype(int)])
-    forces = [(moments[i] - moments[j]) * l[i] * l[j] for i, j in ((1, 2), (2, 0), (0, 1))]  # of L x omega, but for moments
+    with np.errstate(over="ignore"):
+        forces = [(moments[i] - moments[j]) * l[i] * l[j] for i, j in ((1, 2), (2, 0), (0, 1))]  # of L x omega, but for moments
     permanent = ~np.any(forces, axis=0)
     symmetric = (moments == np.roll(moments, 1, 0)).any(0)
     largest = np.take_along_axis(moments, np.maximum(axis, 1)[None] - 1, 0)[0] == moments.max(0)

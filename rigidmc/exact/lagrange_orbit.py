@@ -33,6 +33,8 @@ from rigidmc.exact.jacobi import (
 )
 
 TINY = 1e-280  # stands for v2 = 0 or y1 = 0, an exact passage through the vertical, where a phase jumps by pi/2 at once
+VERTICAL = 1e-60  # a tilt or a swing below it is none: its square is below the smallest 1 - m of `rigidmc.exact.jacobi`
+SLOW, FAST = 1e-15, 1e15  # rates [rad/s] beyond which their sixth powers leave the range of doubles: they are scaled to 1
 
 
 class Orbit(NamedTuple):
@@ -117,6 +119,8 @@ def differences(beta, f0, f1, f2):
     small = (not last) & (2.0 * abs(big) < abs(f2 + big))
     total = select(small, -f2 - big, total)
     product = select(small, beta * f1 - big * total, product)
+    # from u'^2(0) to all its digits, where the Newton step leaves 1e-16 of the others: 0 for a start at u1
+    big = select(small, -divided(beta * beta * f0, product), big)
     root = math.sqrt(max(total * total - 4.0 * product, 0.0))
     far = 0.5 * (total + select(total < 0.0, -root, root))
     near = divided(product, far)
@@ -130,11 +134,18 @@ def orbit(a, c, k, l, q):
     """The constants of a motion, in the order of Orbit."""
     r = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     q = (r * q[0], r * q[1], r * q[2], r * q[3])
+    upright, hanging = max(abs(q[1]), abs(q[2])) < VERTICAL, max(abs(q[0]), abs(q[3])) < VERTICAL
+    q = select(hanging, 0.0, q[0]), select(upright, 0.0, q[1]), select(upright, 0.0, q[2]), select(hanging, 0.0, q[3])
     y0, v0 = 2.0 * (q[0] * q[0] + q[3] * q[3]), 2.0 * (q[1] * q[1] + q[2] * q[2])
     u0 = 0.5 * (y0 - v0)
     g = up(q)
-    one, two = l[0] / a, l[1] / a
-    w, b, beta = one * one + two * two, l[2] / a, 2.0 * k / a
+    one, two, b, beta = l[0] / a, l[1] / a, l[2] / a, 2.0 * k / a
+    swing, other = max(abs(one), abs(two)), max(abs(b), math.sqrt(beta))
+    size = max(swing, other)
+    unit = select(((size > FAST) | (size < SLOW)) & (size > 0.0), size, 1.0)
+    moving = select(swing < VERTICAL * other, 0.0, 1.0 / unit)
+    one, two, b, beta = moving * one, moving * two, b / unit, beta / unit / unit
+    w = one * one + two * two
     across, speed = one * g[0] + two * g[1], g[0] * two - g[1] * one  # a - b u and u' at t = 0
     e_minus, e_plus = across - b * v0, across + b * y0
     s1, s2, r3 = differences(beta, speed * speed, -beta * v0 * y0 - 2.0 * u0 * w + 2.0 * across * b, 2.0 * beta * u0 - w - b * b)
@@ -178,13 +189,13 @@ def orbit(a, c, k, l, q):
     h_s, h_c = math.sqrt(y2 * r3y), math.sqrt(y1 * span)
     h_s, h_c = select(still, 0.0, h_s), select(still, 1.0, h_c)
     h_minus = select(still, 0.0, math.sqrt(divided(v2 * r3v, v1 * span)))
-    rate = select(still, 0.0, 0.5 * math.sqrt(span))
+    rate = select(still, 0.0, 0.5 * unit * math.sqrt(span))
     plus_all, minus_all = complete(quarter, m, mc, (plus, minus))
     at_start = jacobi_at(offset, m, mc, (plus, minus), sn, cn, dn)
     half_turn = select(direct, 0.0, arctan2(h_s * sign * sn, h_c * cn * dn))
     theta_plus, theta_minus = sign * at_start[0], sign * at_start[1]
     slope_plus = select(direct, divided(h_s, h_c) * sign * offset, half_turn)
-    own = 0.5 * l[2] * (1.0 / c - 1.0 / a) + select(still, 0.5 * divided(e_plus, y0), 0.0)
+    own = 0.5 * l[2] * (1.0 / c - 1.0 / a) + select(still, 0.5 * unit * divided(e_plus, y0), 0.0)
     # a parameter that is 0 at t = 0 has the phase of its derivative half a jump later
     alpha = select(y0 > 0.0, q[0], -(q[1] * one + q[2] * two)), select(y0 > 0.0, q[3], q[1] * two - q[2] * one)
     gamma = select(v0 > 0.0, q[1], q[0] * one - q[3] * two), select(v0 > 0.0, q[2], q[0] * two + q[3] * one)
@@ -205,9 +216,9 @@ def orbit(a, c, k, l, q):
         y1,
         y2,
         width,
-        b,
-        e_minus,
-        e_plus,
+        unit * b,
+        unit * e_minus,
+        unit * e_plus,
         sigma,
         delta,
         own,

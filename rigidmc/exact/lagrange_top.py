@@ -98,10 +98,11 @@ def lagrange_top(moments, weight, momentum, attitude, t, axis=3):
     shape, index, times = spread(tops, np.asarray(t, dtype=float))
     values = evaluate(Reached, 7, times[None], table, index)
     q = values[:4]
-    if below.any():
-        q = np.where(below[index], np.stack(multiply((0.0, -1.0, 0.0, 0.0), q)), q)
-    if axis != 3:
-        q = np.stack(multiply(q, conjugate(_TURNS[axis])))
+    with np.errstate(invalid="ignore"):  # what is too fast for numbers is nan
+        if below.any():
+            q = np.where(below[index], np.stack(multiply((0.0, -1.0, 0.0, 0.0), q)), q)
+        if axis != 3:
+            q = np.stack(multiply(q, conjugate(_TURNS[axis])))
     momentum = np.moveaxis(np.roll(values[4:], axis - 3, 0).reshape(3, *shape), 0, -1)
     return Motion(momentum, momentum / np.asarray(moments, dtype=float), np.moveaxis(q.reshape(4, *shape), 0, -1))
 
@@ -138,12 +139,13 @@ def lagrange_motion(moments, weight, momentum, attitude, axis=3):
         height = (q[0] ** 2 + q[3] ** 2 - q[1] ** 2 - q[2] ** 2) / (q**2).sum(0)
         precession = np.where(np.isfinite(period), sigma + delta, np.nan)
         spin = np.where(np.isfinite(period), sigma - delta, np.nan)
+        energy = 0.5 * ((l1**2 + l2**2) / a + l3**2 / c) + k * height
     upside = np.where(below, -1.0, 1.0)
     values = (
         np.select(list(kinds.values()), list(kinds), "monotone precession"),
         upside * 0.5 * o.inertia * (o.e_plus + o.e_minus),
         l3,
-        0.5 * ((l1**2 + l2**2) / a + l3**2 / c) + k * height,
+        energy,
         np.where(below, np.pi - high, low),
         np.where(below, np.pi - low, high),
         o.m,

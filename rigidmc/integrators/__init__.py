@@ -21,7 +21,7 @@ from rigidmc.integrators.rk4 import RK4
 from rigidmc.integrators.rk8 import RK8
 from rigidmc.integrators.splitting import ABA864, ABA1064, CHIN4, ROTATIONS, SRKN6, SRKN11, STRANG, SUZUKI4, FreeMotion
 
-__all__ = ["INTEGRATORS", "Form", "Turns", "accepting", "form", "refusal"]
+__all__ = ["INTEGRATORS", "Form", "Turns", "accepting", "form", "keeps_remainders", "refusal"]
 
 INTEGRATORS: dict[str, Any] = {
     "rk4": RK4(),
@@ -74,6 +74,15 @@ def _kinship(name, other):
 def accepting(effects, compensated=False, works=False):
     """The names of the integrators that take these effects, and keep their works."""
     return [name for name, kind in INTEGRATORS.items() if _refusal(kind, effects, compensated, works) is None]
+
+
+def keeps_remainders(name, effects, dtype, compensated=False):
+    """Whether sums keep their remainders: where that is asked for, and in float32 wherever they can.
+
+    A short step changes a state by so few units in its last place that they are rounded alike for many steps: in float32 errors grow
+    with the steps' number and faster (rk4: 10 s in 1.3e5 steps 2e-3), with remainders not at all (6e-7). rk4 is 1.3 times as dear for it.
+    """
+    return compensated or (dtype == "float32" and _refusal(INTEGRATORS[name], effects, True, False) is None)
 
 
 def _refusal(kind, effects, compensated, works):

@@ -13,8 +13,9 @@ from rigidmc.choice import check_pilot
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import SceneError, unknown
 from rigidmc.integrators import INTEGRATORS, accepting, refusal
-from rigidmc.pilot import QUANTITIES, ROUNDING, drift_along, growth, pilot, truth, upper_quantile
+from rigidmc.pilot import QUANTITIES, ROUNDING, drift_along, growth, pilot, upper_quantile
 from rigidmc.storage.schema import conservation
+from rigidmc.truth import truth
 from rigidmc.ways import Costs, candidates, ladder
 
 TOLERANCES = tuple(10.0**-k for k in range(3, 13))

@@ -280,3 +280,14 @@ def test_published_flip_intervals_are_those_of_the_elliptic_integral():
             square = p + max(q1, q3)
             flip = 2 * mp.ellipk(1 - abs(q1 - q3) / square) / mp.sqrt(square)
             assert abs(flip / problem.more["flip"] - 1) < 1e-15  # measured 2e-16
+
+
+@pytest.mark.parametrize("h", [1e-6, 1e-3, 0.05])
+def test_a_short_turn_has_all_its_digits(h):
+    """What is lost of it is lost alike at every step, and adds up: 6.6e-11 of a turn by 1e-6 rad, when it was a product of three of size 1."""
+    some = np.random.default_rng(3)
+    for _ in range(4):
+        moments, l = some.uniform(0.6, 1.0, 3), some.normal(size=3)
+        turn, _ = free_flow(MassProperties.of(tuple(moments), (0.0, 0.0, 0.0)), (), (1.0,), h, tuple(l))
+        q = np.array(taylor(moments, l, h)[0], float)
+        assert np.abs(np.array(turn[1:]) - q[1:]).max() < 1e-15 * np.linalg.norm(q[1:])  # 3.2e-16

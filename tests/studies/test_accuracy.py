@@ -5,8 +5,9 @@ import pytest
 
 import rigidmc as rm
 from rigidmc import study_plots
-from rigidmc.pilot import errors, follow, pilot, truth
+from rigidmc.pilot import errors, follow, pilot
 from rigidmc.studies import accuracy as A
+from rigidmc.truth import truth
 
 START = rm.Start(omega=(rm.normal(0.5, 0.1), 1.0, rm.normal(0.0, 0.3)), attitude="uniform")
 LAGRANGE = rm.Scene(rm.Body.from_moments((1.0, 1.0, 0.5), centre=(0.0, 0.0, 0.2)), (rm.Gravity(3.0),), START)
