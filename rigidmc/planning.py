@@ -132,8 +132,6 @@ def prepare(scene, threads=1, streaming=False, block=None):
     if angle > most and INTEGRATORS[run.integrator].order < math.inf:
         would = f"turn <= {most:g}" if own else f"dt <= {most * dt / angle:.2g} s"
         notes += (f"omega dt reaches {angle:.3g} rad per step, more than {most:g}: expect large errors; {would} would do",)
-    if run.anti_damping:
-        notes += ("anti_damping = true: damping may be negative, which drives the body",)
     slots = [s for s in range(0, steps, stride)] + [steps]
     few = thinned(len(slots), run.thin) if "thinned" in scene.kept().values() else np.empty(0, int)
     values = rows_of(scene.effects, *scene.recorded())
