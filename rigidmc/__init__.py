@@ -4,12 +4,15 @@
     scene = rm.Scene(rm.Body.from_moments((1, 2, 3)), start=rm.Start(omega=(rm.normal(0, 1e-3), 1.0, 0.0)))
     ds = rm.simulate(scene, integrator="rk4", dt=1e-2, t_end=40.0, members=100_000, every=0.1, save=("omega",))
 
-The names below are loaded when first used: importing rigidmc compiles nothing and takes a millisecond.
+The names below are loaded when first used: importing rigidmc compiles nothing and takes a millisecond. A Dataset has `ds.rigid` as soon as rigidmc and
+xarray are imported, see `rigidmc.accessor`.
 """
 
 from importlib import import_module
 from os.path import isdir
 from typing import TYPE_CHECKING
+
+from rigidmc.when_imported import register
 
 __version__ = "0.1.0"
 
@@ -73,7 +76,6 @@ if TYPE_CHECKING:
 
 def open(path, allow_code=False):
     """A result as an xarray Dataset, read when asked for: a netCDF file, or a run directory (`rigidmc.run_results.open_run`). SceneError for what is none."""
-    import_module("rigidmc.accessor")  # a Dataset has `ds.rigid`
     if isdir(path):
         return import_module("rigidmc.run_results").open_run(path, allow_code)
     return import_module("rigidmc.storage").open_result(path)
@@ -81,9 +83,11 @@ def open(path, allow_code=False):
 
 def __getattr__(name):
     if name not in _HOMES:
-        raise AttributeError(f"module 'rigidmc' has no attribute '{name}'")
-    if name in ("simulate", "rerun"):
-        import_module("rigidmc.accessor")  # the Datasets that they return have `ds.rigid`
+        words = f"module 'rigidmc' has no attribute '{name}'"
+        if not name.startswith("_"):  # Python itself asks for those
+            close = import_module("rigidmc.errors").nearest(name, __all__)
+            words += f"; did you mean '{close}'?" if close else ""
+        raise AttributeError(words)
     found = getattr(import_module(f"rigidmc.{_HOMES[name]}"), name)
     globals()[name] = found
     return found
@@ -91,3 +95,6 @@ def __getattr__(name):
 
 def __dir__():
     return [*__all__, "__version__"]
+
+
+register()

@@ -1,4 +1,4 @@
-"""`ds.rigid`: what one asks of a result, on the Dataset itself. It is there once a result was made or opened by rigidmc."""
+"""`ds.rigid`: what one asks of a result, on the Dataset itself. It is there as soon as rigidmc and xarray are imported, see `rigidmc.when_imported`."""
 
 import numpy as np
 import xarray as xr

@@ -6,6 +6,7 @@ import warnings
 import numpy as np
 
 import rigidmc
+from rigidmc.amounts import counted, seconds
 from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.observables import OBSERVABLES, outputs
 from rigidmc.planning import prepare
@@ -22,14 +23,15 @@ def rerun(source, member, every=None, save=None, allow_code=False, output=None, 
 
     source : a result: a file (.nc), a run directory or a Dataset
     member : its index, or a range of indices
-    every : time between saves [s], a whole number of steps; default that of the result. A member's bits are those of its steps: with steps of its
+    every : time between saves [s]; default that of the result. Where it is no whole number of steps it becomes the nearest, and a SceneWarning
+        tells which time that is. A member's bits are those of its steps: with steps of its
         own (`turn`) these follow `every`, which has to stay
     save : names of observables; default all, work only where the result has booked it
     output : write this netCDF file too; `force` replaces one that is there
     allow_code, options : as of `rigidmc.Scene.load` and `rigidmc.simulate`
 
-    The attribute `rerun` tells at how many times it was compared. Raises SceneError for a member that the result has not and an `every` between
-    steps; a SceneWarning where a value differs, as it may on another type of processor or with another version.
+    The attribute `rerun` tells at how many times it was compared. Raises SceneError for a member that the result has not and an `every` that
+    changes them; a SceneWarning where a value differs, as it may on another type of processor or with another version.
     """
     if output is not None:
         refuse_existing(os.fspath(output), force)
@@ -38,9 +40,7 @@ def rerun(source, member, every=None, save=None, allow_code=False, output=None, 
             return rerun(result, member, every, save, allow_code, output, force, **options)
     scene = scene_of(source, allow_code=allow_code)
     called = source.encoding.get("source", "the result")
-    if not isinstance(member, range) and (isinstance(member, bool) or not isinstance(member, (int, np.integer))):
-        raise SceneError("", "member", member, "expected the index of a member, or a range of them")
-    wanted = member if isinstance(member, range) else range(member, member + 1)
+    wanted = member if isinstance(member, range) else range(counted(member, "member", 0), counted(member, "member", 0) + 1)
     run = scene.run
     known = range(run.first, run.first + run.members)
     if not wanted or wanted.step != 1 or wanted[0] not in known or wanted[-1] not in known:
@@ -48,7 +48,7 @@ def rerun(source, member, every=None, save=None, allow_code=False, output=None, 
     if not np.isin(wanted, source.member.values).all():
         rule = f"{called} has only {source.sizes['member']:,} of its {run.members:,} members, and not this one"
         raise SceneError("", "member", member, rule)
-    asked = run.every if every is None else every
+    asked = run.every if every is None else _whole_steps(run, seconds(every, "every", "run"))
     names = _everything(scene) if save is None else tuple(save)
     booked = ("work",) * ("work" in run.save and "work" not in names)  # without it energy_drift would be another quantity
     # of a selection only its own members have rows
@@ -57,16 +57,28 @@ def rerun(source, member, every=None, save=None, allow_code=False, output=None, 
         raise SceneError(
             "run", "every", every, f"members have steps of their own in each {run.every} s: another time between saves changes them"
         )
-    if run.turn is None and run.integrator != "closed" and asked is not None:
-        steps = asked / run.dt
-        if abs(steps - round(steps)) > 1e-9 * steps or round(steps) < 1 or abs(prepare(scene).dt / run.dt - 1.0) > 1e-9:
-            rule = f"has to be a whole number of steps of {run.dt:.10g} s and to divide t_end = {run.t_end:g} s"
-            raise SceneError("run", "every", every, rule)
+    own = run.turn is not None or run.integrator == "closed"
+    if not own and asked is not None and abs(prepare(scene).dt / run.dt - 1.0) > 1e-9:
+        rule = f"{asked / run.dt:.0f} steps of {run.dt:.10g} s and t_end = {run.t_end:g} s have no common part of some steps"
+        raise SceneError("run", "every", every, rule)
     made = simulate(scene, members=wanted, **options)
     made.attrs["rerun"] = _compared(made, source.sel(member=list(wanted)), called)
     if output is not None:
         write(made, os.fspath(output), force)
     return made
+
+
+def _whole_steps(run, every):
+    """The time between saves that is the nearest whole number of steps; a SceneWarning where that is another."""
+    if run.turn is not None or run.integrator == "closed" or every >= run.t_end:
+        return every
+    steps, count = max(1, round(run.t_end / run.dt)), max(1, round(every / run.dt))
+    found = run.t_end * count / steps
+    if abs(every / found - 1.0) < 1e-9:
+        return every
+    note = f"every = {every:.10g} s is no whole number of steps of {run.dt:.10g} s: saves are {found:.10g} s apart, {count:,} steps"
+    warnings.warn(note, SceneWarning, stacklevel=3)
+    return found
 
 
 def frames(source, member, count, allow_code=False):

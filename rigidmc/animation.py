@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from rigidmc import rotation
+from rigidmc.files import check_suffix
 
-SUFFIXES = (".gif", ".mp4", ".webm")
 FACES = (
     "#08306b",
     "#9ecae1",
@@ -56,8 +56,7 @@ def animate(ds, path, fps=25, progress=None):
     the momentum sphere, with its path so far. Raises ValueError for other endings, and where ffmpeg is missing.
     """
     path = str(path)
-    if not path.endswith(SUFFIXES):
-        raise ValueError(f"{path}: expected a file that ends in {', '.join(SUFFIXES)}")
+    check_suffix(path, "animations")
     if not path.endswith(".gif") and not animation.writers.is_available("ffmpeg"):
         raise ValueError(f"{path}: {path[-4:]} is written by ffmpeg, which is not installed; .gif needs nothing more")
     writer = animation.PillowWriter(fps=fps) if path.endswith(".gif") else animation.FFMpegWriter(fps=fps, bitrate=2400)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from rigidmc import inertia, rotation, solids
-from rigidmc.errors import SceneError, unknown
+from rigidmc.errors import SceneError, nearest, unknown
 from rigidmc.inertia import broken
 from rigidmc.sampling import draw, is_open, is_shared, quantity, vector
 from rigidmc.vectors import checked, numbers_of
@@ -15,8 +15,23 @@ from rigidmc.vectors import checked, numbers_of
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
+class _Hints(type):
+    """A Body.cone that is not there is Body.solid("cone", ...)."""
+
+    def __getattr__(cls, name):
+        words = f"type object 'Body' has no attribute '{name}'"
+        if name in solids.SOLIDS:
+            sizes = ", ".join(f"{key}=..." for key in inspect.signature(solids.SOLIDS[name]).parameters)
+            words += f"; Body.solid('{name}', {sizes}) makes one"
+        elif not name.startswith("_"):
+            close = nearest(name, (*solids.SOLIDS, *(word for word in dir(cls) if not word.startswith("_"))))
+            close = f"solid('{close}', ...)" if close in solids.SOLIDS and close not in cls.__dict__ else close
+            words += f"; did you mean Body.{close}?" if close else ""
+        raise AttributeError(words)
+
+
 @dataclass(frozen=True, eq=False)
-class Body:
+class Body(metaclass=_Hints):
     """A rigid body that turns about a fixed point, the origin of the body's own axes.
 
     moments : principal moments (I1, I2, I3) about the fixed point [kg m^2]
@@ -26,7 +41,7 @@ class Body:
         a tensor, by particles or by a shift
 
     Components of moments, mass and centre are numbers, distributions, grids, or arrays with one row per member; moments also
-    SecondMoments, whose bodies always exist.
+    SecondMoments, whose bodies always exist, and Correlated, with the covariance of inertia that was measured.
     Raises SceneError for moments that are not positive or break the triangle inequality I_i <= I_j + I_k.
     """
 

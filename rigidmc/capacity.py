@@ -37,7 +37,7 @@ def refuse_hopeless(scene, plan, threads, path=None, more=0):
         ways = "keep less of what is saved (--keep final), save less, or run fewer members"
         ways = f"take fewer than {threads:,} threads, {ways}" if threads > 2 * (os.cpu_count() or 1) else ways
         ways = (
-            f"write it to a file (-o FILE), which takes {in_words(lean)}, or {ways}"
+            f"write it to a file (-o FILE), for which {in_words(lean)} of memory do and {in_words(file)} of disk, or {ways}"
             if path is None and lean - BASE < free
             else ways
         )
@@ -47,7 +47,9 @@ def refuse_hopeless(scene, plan, threads, path=None, more=0):
         free = shutil.disk_usage(folder).free
         if file > free:
             ways = "keep less of what is saved (--keep final), fewer digits (--set run.digits=6), or run fewer members"
-            raise NoRoom(f"{plan.members:,} members need {in_words(file)} in {folder}, of which {in_words(free)} are free: {ways}")
+            raise NoRoom(
+                f"{plan.members:,} members need {in_words(file)} of disk in {folder}, of which {in_words(free)} are free: {ways}"
+            )
 
 
 def free_memory():

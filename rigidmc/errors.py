@@ -32,13 +32,6 @@ class SceneWarning(UserWarning):
     """A scene that runs, but perhaps not as meant."""
 
 
-def counted(value, key, least=1):
-    """A whole number; SceneError where it is none, or less than it may be."""
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)) or value < least:
-        raise SceneError("", key, value, f"expected a whole number of at least {least}")
-    return int(value)
-
-
 def nearest(word, words):
     """The closest of some words, or None."""
     known = {str(w).lower(): str(w) for w in words}

@@ -7,7 +7,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
-from rigidmc.body import IDENTITY, broken
+from rigidmc.body import IDENTITY
 from rigidmc.capacity import free_memory, in_words, sizes
 from rigidmc.choice import resolved
 from rigidmc.effects import EFFECTS, labelled
@@ -19,7 +19,7 @@ from rigidmc.observables import OBSERVABLES
 from rigidmc.planning import prepare
 from rigidmc.prices import cost_per_step, prices, some_of
 from rigidmc.sampling import Distribution, Grid
-from rigidmc.scene_checks import PILOT
+from rigidmc.scene_notes import notes
 from rigidmc.scene_parameters import parameters
 from rigidmc.shards import members_of
 from rigidmc.storage.schema import conservation
@@ -28,7 +28,8 @@ from rigidmc.vectors import word_of
 
 def describe(scene, threads):
     """What a scene is, which effects are compiled, and what a run of it would take."""
-    scene, chosen = resolved(scene, threads)
+    asked = scene
+    scene, chosen = resolved(asked, threads)
     plan = prepare(scene, threads=threads)
     run = scene.run
     lines = [f"{scene.title}: {scene.summary}".rstrip(": ")]
@@ -104,7 +105,7 @@ def describe(scene, threads):
             f"price        {free:.2f} ns without effects ({none}){each}: {predicted:.2f} ns predicted, {quiet / predicted:.2f} of that measured"
         )
     lines.append(f"parameters   {', '.join(parameters(scene))}")
-    lines += [f"note         {note}" for note in (*plan.notes, *impossible(scene))]
+    lines += [f"note         {note}" for note in notes(asked, plan)]
     return "\n".join(lines)
 
 
@@ -117,17 +118,6 @@ def single_precision(plan):
         error = max(error, 1.5e-8 * plan.mean_steps)  # rk4 over 10 s without remainders: 7.2e-6 in 512 steps, 1.9e-3 in 131,072
         words += f"; sums cannot keep their remainders here, which costs about 1.5e-8 a step, {1.5e-8 * plan.mean_steps:.1e}"
     return f"about {max(0.0, -np.log10(max(error, 6e-8))):.0f} digits at t_end in regular motion: {words}"
-
-
-def impossible(scene):
-    """Notes on bodies that cannot be though their moments could: about the centre of mass the second moments S_i = (I_j + I_k - I_i)/2 - m c_i^2 have
-    to form a matrix without negative eigenvalues, which is m sum c_i^2/S_i <= 1."""
-    moments, mass, centre = scene.coarse().body.sample(scene.run.seed, 0, PILOT)
-    second = 0.5 * moments.sum(0) - moments
-    with np.errstate(all="ignore"):
-        bad = (mass * np.where(centre == 0.0, 0.0, centre**2 / second).sum(0) > 1.0 + 1e-9) & ~broken(moments)
-    words = "of the bodies have their mass nearer to the fixed point than the centre of mass would be: no body of these moments about it has such a one"
-    return (f"{int(bad.sum()):,} of the first {PILOT:,} {words}",) if bad.any() else ()
 
 
 def _limits(limits):
@@ -173,10 +163,10 @@ def _cpu():
 
 def _words(value):
     """A quantity or a tuple of them for people."""
-    if isinstance(value, tuple):
-        return "(" + ", ".join(_words(v) for v in value) + ")"
     if hasattr(value, "_fields"):
         return f"{word_of(value)}({', '.join(f'{k} = {v}' if isinstance(v, int) else f'{k} = {_words(v)}' for k, v in value._asdict().items() if v is not None)})"
+    if isinstance(value, tuple):
+        return "(" + ", ".join(_words(v) for v in value) + ")"
     if isinstance(value, Grid):
         return f"grid({value.low:g} to {value.high:g}, {value.count})"
     if isinstance(value, Distribution):

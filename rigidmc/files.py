@@ -5,15 +5,31 @@ import os
 import platform
 import tempfile
 
-from rigidmc.errors import OutputExists
+from rigidmc.errors import OutputExists, SceneError
+
+KINDS = {  # of what is written, with their endings
+    "results": (".nc",),
+    "pictures": (".png", ".pdf", ".svg"),
+    "animations": (".gif", ".mp4", ".webm"),
+    "tables of bounds": (".csv",),
+}
 
 
-def refuse_existing(path, force):
-    """Raise OutputExists where a result would overwrite a file."""
+def check_suffix(path, kind):
+    """SceneError for a file whose name does not end as those of its kind do: what is in it would be something else."""
+    suffix, endings = os.path.splitext(path)[1], KINDS[kind]
+    if suffix.lower() not in endings:
+        more = "; `rigidmc run SCENE -o RUN/` makes a run directory" if kind == "results" else ""
+        raise SceneError("", "output", os.fspath(path), f"a name for {kind} ends in {', '.join(endings)}, not in '{suffix}'{more}")
+
+
+def refuse_existing(path, force, kind="results"):
+    """Raise OutputExists where a file would be overwritten, SceneError where its name does not end as those of its kind do."""
     if os.path.lexists(path) and not force:
         raise OutputExists(f"{path} exists; nothing was written (use --force, or force=True, to replace it)")
     if os.path.isdir(path) or not os.path.basename(path):
         raise IsADirectoryError(f"{path}: names a folder, not a file; nothing was written")
+    check_suffix(path, kind)
     refuse_unwritable(os.path.dirname(path) or os.curdir)
 
 

@@ -139,8 +139,6 @@ def prepare(scene, threads=1, streaming=False, block=None):
     if own and (driving := spinning_up(scene)):
         rule = f"steps are those of the start, and {', '.join(driving)} may spin members up; one that turns by {SPUN_UP:g} times as much in a step is flagged"
         notes += (f"[run] turn = {run.turn:g}: {rule}; dt goes by no start",)
-    if run.anti_damping:
-        notes += ("anti_damping = true: damping may be negative, which drives the body",)
     slots = [s for s in range(0, steps, stride)] + [steps]
     few = thinned(len(slots), run.thin) if "thinned" in scene.kept().values() else np.empty(0, int)
     values = rows_of(scene.effects, *scene.recorded())

@@ -17,9 +17,9 @@ from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import NullFormatter
 
+from rigidmc.files import check_suffix
 from rigidmc.sphere import central_axis, density, lambert, polhodes
 
-SUFFIXES = (".png", ".pdf", ".svg")
 TIMES, MEMBERS, POINTS = 400, 20_000, 2_000_000  # read are TIMES saves at most, and MEMBERS members, or more up to POINTS vectors
 DRAWN = 4  # members drawn one by one: more are spaghetti
 COARSE = 0.8  # mean cosine of the turn from one save to the next; below it a path is dots, as lines would cut its corners
@@ -184,15 +184,9 @@ def drift_histogram(ds, axes=None):
     return axes.figure
 
 
-def check_suffix(path):
-    """ValueError for a path that does not end in .png, .pdf or .svg."""
-    if Path(path).suffix.lower() not in SUFFIXES:
-        raise ValueError(f"{path}: a picture ends in {', '.join(SUFFIXES)}, not in {Path(path).suffix!r}")
-
-
 def save(figure, path):
-    """Write a picture by its suffix, under a temporary name in the same folder, then renamed; ValueError as `check_suffix`."""
-    check_suffix(path)
+    """Write a picture by its suffix, under a temporary name in the same folder, then renamed; SceneError as `check_suffix`."""
+    check_suffix(path, "pictures")
     path = Path(path)
     half = path.with_name(f".{path.name}.part-{os.getpid()}")
     try:

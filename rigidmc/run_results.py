@@ -8,8 +8,9 @@ import warnings
 
 import numpy as np
 
+from rigidmc.amounts import counted
 from rigidmc.capacity import refuse_hopeless
-from rigidmc.errors import SceneError, SceneWarning, counted
+from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.files import refuse_existing
 from rigidmc.retention import joined
 from rigidmc.run_directory import RunDirectory, flagged_of
@@ -32,7 +33,7 @@ from rigidmc.storage.schema import (
 def verify(path, spot=3, allow_code=False, threads=None):
     """What is wrong with a run, in words, [] for nothing: the sum of every shard, how many members its name says are flagged, the scene, and
     some members of each of `spot` shards computed again, to the bit: first, last and one by chance, of shards by chance."""
-    counted(spot, "spot", 0)
+    spot = counted(spot, "spot", 0)
     directory = RunDirectory(path)
     scene = scene_of_run(directory, allow_code)
     shards, strays = directory.listed()
@@ -77,7 +78,7 @@ def consolidate(path, output, force=False, allow_code=False):
     more = directory.facts["attributes"]
     writer, sums, pieces = Writer(output, told, shown, force, more), dict[str, np.ndarray](), list[dict[str, np.ndarray]]()
     shards = directory.shards()
-    kept, counted, bad = (
+    kept, sums_of, bad = (
         [*member_variables(told, shown.carried), *saved_variables(told)],
         ensemble_variables(told),
         flagged_variables(told),
@@ -88,7 +89,7 @@ def consolidate(path, output, force=False, allow_code=False):
             if fault := fault_of(directory, i, shards[i]):
                 raise SceneError("", "run", directory.path, f"{fault}; `rigidmc resume --repair` computes it again")
             writer.write(members.start, len(members), read(shards[i], *kept))
-            for name, values in (read(shards[i], *counted) if counted else {}).items():
+            for name, values in (read(shards[i], *sums_of) if sums_of else {}).items():
                 sums[name] = sums.get(name, 0) + values
             if bad and flagged_of(shards[i]):
                 pieces.append(read(shards[i], *bad))

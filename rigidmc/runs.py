@@ -12,17 +12,20 @@ import warnings
 
 import numpy as np
 
+from rigidmc import amounts
+from rigidmc.amounts import counted
 from rigidmc.capacity import refuse_hopeless
 from rigidmc.cluster import checked, compute_on
 from rigidmc.effects import EFFECTS
 from rigidmc.effects.own import source_of
 from rigidmc.engine.machine import this_machine, threads_available
-from rigidmc.errors import OutputExists, SceneError, SceneWarning, counted
+from rigidmc.errors import OutputExists, SceneError, SceneWarning
 from rigidmc.files import drop, make_durable, part_of, put_in_place, refuse_unwritable, text_of, write_bytes
 from rigidmc.jobs import compile_kernel
 from rigidmc.planning import BLOCK
 from rigidmc.run_directory import FORMAT, MOST, RunDirectory, hash_of, hash_of_file, rendered
 from rigidmc.sampling import rows
+from rigidmc.scene_notes import notes
 from rigidmc.shards import (
     SHARD,
     compute_shards,
@@ -55,7 +58,7 @@ def create(scene, path, size=SHARD, only=None):
         scene = scene.with_run(strata=scene.run.first + scene.run.members)
     *made, chosen = settled(scene, streaming=True)
     mine, shown = told(*made)
-    for note in made[1].notes:
+    for note in notes(scene, made[1], made[2]):
         warnings.warn(note, SceneWarning, stacklevel=2)
     block, shard = members_of(mine, shown, size)
     run, count = mine.run, -(-mine.run.members // shard)
@@ -146,7 +149,7 @@ def resume(
     """Compute the shards of a run that are missing; (RunDirectory, {status: members} of what was computed).
 
     accept : go on though versions or processor are others, whose last bits may differ
-    max_wall : seconds after which no further shard is begun that would not be done by then; compiling is left out of how long they take
+    max_wall : time ("3h", or seconds) after which no further shard is begun that would not be done by then; compiling is left out of how long they take
     only : a range of shards, of a job array whose directories are merged; it may end beyond the last;  block : members computed at once; nothing depends on it
     cluster : "tcp://host:8786" of a dask scheduler, or "local:4" for so many processes here, see `rigidmc.cluster`
     Raises SceneError for what is no run or no longer the same, OutputExists where another process writes, NoRoom where there is none.
@@ -155,11 +158,8 @@ def resume(
     began = time.monotonic()
     refuse_others(directory, accept)
     _refuse_beyond(only, directory.count)
-    for name, given in (("threads", threads), ("block", block)):
-        if given is not None:
-            counted(given, name)
-    if max_wall is not None and (isinstance(max_wall, str) or not 0.0 < max_wall < math.inf):
-        raise SceneError("", "max_wall", max_wall, "expected seconds")
+    threads, block = (None if v is None else counted(v, name) for name, v in (("threads", threads), ("block", block)))
+    max_wall = None if max_wall is None else amounts.seconds(max_wall, "max_wall")
     if cluster is not None:
         checked(cluster)
     with directory.locked():

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rigidmc.amounts import counted
 from rigidmc.engine.random import uniforms
 from rigidmc.errors import SceneError, unknown
 
@@ -81,8 +82,10 @@ def grid(low, high, count, stride=1, log=False):
         rule = "expected grid = [low, high, count] with low < high" + (", above 0 where log = true" if log else "")
         raise SceneError("", "grid", given, rule)
     for name, value in (("count", count), ("stride", stride)):
-        if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
-            raise SceneError("", "grid", given, f"{name} has to be a whole number of at least 1")
+        try:
+            counted(value, name)
+        except SceneError as error:
+            raise SceneError("", "grid", given, f"{name}: {error.rule}") from None
     return Grid(float(low), float(high), int(count), int(stride), bool(log))
 
 

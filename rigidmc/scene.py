@@ -1,15 +1,18 @@
 """A scene: body, effects, start and run settings, and what of them cannot be run."""
 
 from dataclasses import dataclass, field, replace
+from numbers import Real
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
+from rigidmc.amounts import counted, seconds
 from rigidmc.body import Body
 from rigidmc.effects import EFFECTS, canonical, name_of
 from rigidmc.effects.parameters import numbers, shape
 from rigidmc.errors import SceneError, unknown
+from rigidmc.idle import STAYS, idle
 from rigidmc.integrators import INTEGRATORS
 from rigidmc.observables import KNOWN, SUMMARIES, recorded, saved, summary_of, watched
 from rigidmc.retention import check_keep, kept, summaries
@@ -24,22 +27,29 @@ class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
 
+_TIME = BeforeValidator(lambda value, info: seconds(value, info.field_name, "run", positive=False))
+_COUNT = BeforeValidator(lambda value, info: counted(value, info.field_name, None, table="run"))
+
+
 class Run(Table):
-    """How a scene is run; every setting can be overridden by `simulate` and on the command line."""
+    """How a scene is run; every setting can be overridden by `simulate` and on the command line.
+
+    Times are seconds or text such as "1h30m" and "250 ms", counts whole numbers, also as 1e6. A tolerance without an integrator means "auto".
+    """
 
     integrator: str = "rk4"
-    dt: Annotated[float, Field(gt=0, description="step [s]")] = 0.01
+    dt: Annotated[float, _TIME, Field(gt=0, description="step [s]")] = 0.01
     turn: (
         Annotated[float, Field(gt=0, description="in place of dt: each member steps by so much of its own motion [rad]")] | None
     ) = None
-    t_end: Annotated[float, Field(gt=0, description="end time [s]")] = 10.0
-    members: Annotated[int, Field(gt=0, description="members of the ensemble")] = 1000
-    first: Annotated[int, Field(ge=0, description="index of the first member")] = 0
-    seed: Annotated[int, Field(ge=0, description="seed of all random draws")] = 0
+    t_end: Annotated[float, _TIME, Field(gt=0, description="end time [s]")] = 10.0
+    members: Annotated[int, _COUNT, Field(gt=0, description="members of the ensemble")] = 1000
+    first: Annotated[int, _COUNT, Field(ge=0, description="index of the first member")] = 0
+    seed: Annotated[int, _COUNT, Field(ge=0, description="seed of all random draws")] = 0
     points: Annotated[
         Literal["independent", "sobol", "latin_hypercube", "antithetic"], Field(description="what members are drawn from")
     ] = "independent"
-    strata: Annotated[int, Field(gt=0, description="of a Latin hypercube; else as many as members")] | None = None
+    strata: Annotated[int, _COUNT, Field(gt=0, description="of a Latin hypercube; else as many as members")] | None = None
     dtype: Annotated[Literal["float64", "float32"], Field(description="numbers in which steps are made")] = "float64"
     compensated: Annotated[bool, Field(description="keep the remainders of all sums, for very many steps")] = False
     tolerance: (
@@ -65,17 +75,45 @@ class Run(Table):
         Annotated[float, Field(gt=0, description="|omega| dt that flags a member [rad]; else from the integrator")] | None
     ) = None
     anti_damping: Annotated[bool, Field(description="allow negative damping, which drives the body")] = False
-    every: Annotated[float, Field(gt=0, description="time between saves [s]; without it first and last")] | None = None
+    every: Annotated[float, _TIME, Field(gt=0, description="time between saves [s]; without it first and last")] | None = None
     save: tuple[str, ...] = ("omega",)
     keep: Annotated[
         str | dict[str, str], Field(description="of what is saved, for all or by name: none, final, summary, thinned, full")
     ] = "full"
-    thin: Annotated[int, Field(gt=0, description="saves of which one is kept, of what is thinned")] = 10
+    thin: Annotated[int, _COUNT, Field(gt=0, description="saves of which one is kept, of what is thinned")] = 10
     compress: Annotated[bool, Field(description="without loss, in files")] = False
     digits: (
-        Annotated[int, Field(ge=1, le=15, description="kept of saves over time, in files: errors of 10^-digits/2; compressed")]
+        Annotated[
+            int, _COUNT, Field(ge=1, le=15, description="kept of saves over time, in files: errors of 10^-digits/2; compressed")
+        ]
         | None
     ) = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _settled(cls, data):
+        data = {key: value.item() if isinstance(value, np.generic) else value for key, value in data.items()}
+        if data.get("dt") is not None and data.get("turn") is not None:
+            raise SceneError("run", "turn", data["turn"], "give dt or turn, not both")
+        if data.get("tolerance") is not None and data.get("integrator") is None:
+            data["integrator"] = "auto"
+        return data
+
+
+def changed(run, given):
+    """The settings of a run with some in the place of its own; SceneError. Settings that these leave without effect return to their defaults: a
+    tolerance takes the place of integrator and step, `turn` that of dt."""
+    if given.get("tolerance") is not None:
+        given = {"integrator": "auto", **given}
+    kept = run.model_dump(exclude={"turn"} if "dt" in given else {"dt"} if "turn" in given or run.turn is not None else None)
+    if "save" in given and isinstance(run.keep, dict):
+        kept["keep"] = {name: word for name, word in run.keep.items() if name in given["save"]}
+    try:
+        made = Run.model_validate({**kept, **given})
+        lost = idle(made).keys() - idle(run).keys() - given.keys() - STAYS
+        return Run.model_validate({k: v for k, v in {**kept, **given}.items() if k not in lost}) if lost else made
+    except ValidationError as error:
+        raise complaint(error, "run", Run, given) from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,19 +178,13 @@ class Scene:
         return self.mapped(lambda q: replace(q, count=made[q.stride][0], stride=made[q.stride][1]) if isinstance(q, Grid) else q)
 
     def with_run(self, **settings):
-        """The same scene with other run settings; those that are None stay as they are."""
+        """The same scene with other run settings, see `changed`; those that are None stay as they are."""
         given = {k: v for k, v in settings.items() if v is not None}
         more = self.observables
         if "save" in given and any(hasattr(one, "_fields") for one in given["save"]):
             more += tuple(one for one in given["save"] if hasattr(one, "_fields") and one not in more)
             given["save"] = tuple(dict.fromkeys(summary_of(one) if hasattr(one, "_fields") else one for one in given["save"]))
-        if "dt" in given and "turn" in given:
-            raise SceneError("run", "turn", given["turn"], "give dt or turn, not both")
-        kept = self.run.model_dump(exclude={"turn"} if "dt" in given else {"dt"} if "turn" in given else None)
-        try:
-            run = Run.model_validate({**kept, **given})
-        except ValidationError as error:
-            raise complaint(error, "run", Run, given) from None
+        run = changed(self.run, given)
         if run.integrator not in (*INTEGRATORS, "auto"):
             raise unknown("run", "integrator", run.integrator, "integrator", (*INTEGRATORS, "auto"))
         for name in run.save:
@@ -256,6 +288,8 @@ def _observable(one):
     if type(one) not in SUMMARIES.values():
         known = ", ".join(kind.__name__ for kind in SUMMARIES.values())
         raise SceneError("observables", "observable", one, f"expected one of {known}, with its numbers")
+    counts = [k for k, kind in type(one).__annotations__.items() if kind is int and isinstance(getattr(one, k), Real)]
+    one = one._replace(**{k: int(v) for k in counts if not isinstance(v := getattr(one, k), bool) and v == v // 1})  # 1e2 bins too
     if hasattr(one, "check"):
         one.check()
     return one
@@ -275,4 +309,6 @@ def complaint(error, table, model, data):
         return unknown(table, key, None, "table or key" if not table else "key", list(model.model_fields))
     if first["type"] == "missing":
         return SceneError(table, key, None, "is missing")
+    if isinstance(ours := first.get("ctx", {}).get("error"), SceneError):
+        return ours
     return SceneError(table, key, data.get(key), first["msg"][0].lower() + first["msg"][1:])

@@ -17,7 +17,7 @@ from rigidmc.effects.own import class_of, source_of
 from rigidmc.effects.parameters import given
 from rigidmc.errors import SceneError, nearest, unknown
 from rigidmc.observables import SUMMARIES, summary_of
-from rigidmc.scene import Run, Scene, Table, complaint
+from rigidmc.scene import Run, Scene, Table, changed, complaint
 from rigidmc.scene_values import Columns, numbers, only, parse, plain
 from rigidmc.solids import SOLIDS
 from rigidmc.start import Start
@@ -57,7 +57,7 @@ def load(source, settings=(), allow_code=False):
         if not os.path.isfile(os.path.join(source, "scene.toml")):
             raise SceneError("", "scene", None, "is a folder, and no run directory", file=source)
         source = os.path.join(source, "scene.toml")
-    if source.endswith(".nc"):
+    if source.lower().endswith(".nc"):
         from rigidmc.storage import scene_of
 
         return scene_of(source, settings, allow_code)
@@ -75,7 +75,9 @@ def loads(text, file="scene", settings=(), stored=None, title="scene", allow_cod
         for key, value in settings:
             _set(data, key, value)
         _refuse_long(data)
-        return _from_tables(data, Columns(stored, os.path.dirname(file)), title, os.path.dirname(file) if allow_code else None)
+        overridden = {key.split(".")[1] for key, _ in settings if key.startswith("run.")}
+        folder = os.path.dirname(file)
+        return _from_tables(data, Columns(stored, folder), title, folder if allow_code else None, overridden)
     except SceneError as error:
         error.file = error.file or file
         raise
@@ -97,15 +99,16 @@ def _refuse_long(data, table="", key=""):
         raise SceneError(table, key, float("inf") if data > 0 else float("-inf"), "whole numbers have 64 bits")
 
 
-def _from_tables(data, stored, title, folder):
-    """The scene of parsed TOML; `folder` is where Python files lie that may be run, None where none may."""
+def _from_tables(data, stored, title, folder, overridden):
+    """The scene of parsed TOML; `folder` is where Python files lie that may be run, None where none may; `overridden` are the keys of [run] that the
+    file has not by itself."""
     file = _File(**data)
+    settings = {k: tuple(v) if isinstance(v, list) else v for k, v in file.run.items()}
     try:
-        run = Run.model_validate({k: tuple(v) if isinstance(v, list) else v for k, v in file.run.items()})
+        run = Run.model_validate({k: v for k, v in settings.items() if k not in overridden})
     except ValidationError as error:
         raise complaint(error, "run", Run, file.run) from None
-    if {"dt", "turn"} <= file.run.keys():
-        raise SceneError("run", "turn", run.turn, "give dt or turn, not both")
+    run = changed(run, {k: v for k, v in settings.items() if k in overridden})
     effects = []
     for name, table in file.effects.items():
         for one in table if isinstance(table, list) else [table]:  # [effects.spring], or [[effects.spring]] for several
@@ -245,8 +248,6 @@ def _set(data, dotted, value):
         data[key] = tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
         data[key] = value
-    if tables[-1:] == ["run"] and key in ("dt", "turn"):
-        data.pop({"dt": "turn", "turn": "dt"}[key], None)
     if key in _SHAPES and tables[-1:] == ["body"]:
         for other in set(_SHAPES) - {key}:
             data.pop(other, None)

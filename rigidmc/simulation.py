@@ -10,17 +10,19 @@ import warnings
 import numpy as np
 
 from rigidmc import watching
+from rigidmc.amounts import counted
 from rigidmc.capacity import refuse_hopeless
 from rigidmc.choice import resolved
 from rigidmc.engine import layout
 from rigidmc.engine.blocks import run_blocks
 from rigidmc.engine.machine import threads_available
-from rigidmc.errors import SceneError, SceneWarning, counted
+from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.jobs import closed_job, compile_kernel, job_of
 from rigidmc.observables import OBSERVABLES, rows_of
 from rigidmc.planning import prepare, whole_lanes
 from rigidmc.progress import reporter
-from rigidmc.sampling import quantity, rows
+from rigidmc.sampling import rows
+from rigidmc.scene_notes import notes
 from rigidmc.sinks import File, Memory
 from rigidmc.staging import stage
 from rigidmc.storage import refuse_existing
@@ -44,10 +46,10 @@ def simulate(
     dtype : "float64" or "float32", of the numbers in which steps are made; starts, saves and drifts are float64. In float32 sums keep
         their remainders wherever they can, and what is left is the rounding of the body to 6e-8
     compensated : keep the remainders of all sums, for very many steps
-    dt : step [s]; reduced where it divides neither t_end nor every, which a warning says
+    dt : step [s], as all times also "250 ms" or "1h30m"; reduced where it divides neither t_end nor every, which a warning says
     turn : in place of dt, how far a member may move in a step [rad] at its own rate (`rigidmc.staging.rates`): each then makes its own
         number of equal steps between saves, which the result has as `steps`; an ensemble of slow and fast tops takes half the time
-    members : how many, or a range of member indices: a member's bits depend on scene, seed and its index alone
+    members : how many, also as 1e6, or a range of member indices: a member's bits depend on scene, seed and its index alone
     every : time between saves [s]; without it the first and last state are saved
     save : names of observables, e.g. ("omega", "attitude", "energy")
     keep : how much of what is saved: "full", "thinned", "summary", "final" or "none", or {name: one of these}; of members that are flagged all
@@ -71,13 +73,13 @@ def simulate(
         members = count - scene.run.first
     if save is not None:
         save = (save,) if isinstance(save, str) else tuple(save)
-    numbers = {"dt": dt, "t_end": t_end, "every": every, "turn": turn}
-    numbers = {k: v if v is None else quantity(v, "run", k) for k, v in numbers.items()}
-    members, seed = (v.item() if isinstance(v, np.integer) else v for v in (members, seed))
-    numbers["tolerance"] = tolerance if tolerance is None else quantity(tolerance, "run", "tolerance")
-    integrator = "auto" if tolerance is not None and integrator is None else integrator
     scene = scene.with_run(
         integrator=integrator,
+        tolerance=tolerance,
+        dt=dt,
+        turn=turn,
+        t_end=t_end,
+        every=every,
         first=first,
         members=members,
         seed=seed,
@@ -86,14 +88,16 @@ def simulate(
         dtype=dtype,
         compensated=compensated,
         checks=checks,
-        **numbers,
     )
     if scene.run.points == "latin_hypercube" and scene.run.strata is None:
         scene = scene.with_run(strata=scene.run.first + scene.run.members)
     threads = threads_available() if threads is None else counted(threads, "threads")
     if output is not None:
         refuse_existing(output, force)
-    scene, plan, units, chosen = settled(scene, threads, output is not None, block)
+    given = scene
+    scene, plan, units, chosen = settled(given, threads, output is not None, block)
+    for note in notes(given, plan, units):
+        warnings.warn(note, SceneWarning, stacklevel=2)
     refuse_hopeless(scene, plan, threads, output)
     if chosen is not None:
         expected = _rehearsed(scene, plan, threads, output, chosen)
@@ -104,9 +108,6 @@ def simulate(
         dataset = run(scene, plan, threads, progress, output, force, {**chosen.attributes(), **(attrs or {})}, units)
         dataset.encoding["rigidmc"]["predicted_seconds"] = expected
         return dataset
-    for note in plan.notes:
-        note = note if units is None else f"{note} (in units of {1.0 / units.time:.6g} s)"
-        warnings.warn(note, SceneWarning, stacklevel=2)
     return run(scene, plan, threads, progress, output, force, attrs, units)
 
 

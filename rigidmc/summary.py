@@ -62,9 +62,14 @@ def _line(label, variable, good, confidence):
         return None if label.startswith("moments") else f"  {label:24s} {seen[0]:.6g} for all {_units(variable)}".rstrip()
     found = statistics.mean(seen, confidence=confidence or 0.95)
     width = f" +- {found.half:.2g}" if confidence else ""
+    driven = variable.attrs.get("conserved", "yes")
+    driven = "" if driven == "yes" else f"   (not conserved: {driven.removeprefix('no: ')})"
     low, middle, high = np.quantile(seen, (0.05, 0.5, 0.95))
     never = f"; never for {values.size - seen.size:,}" if seen.size < values.size else ""
-    return f"  {label:24s} {found.value:.6g}{width}, median {middle:.6g}, 90 % in {low:.4g} to {high:.4g} {_units(variable)}{never}".rstrip()
+    return (
+        f"  {label:24s} {found.value:.6g}{width}, median {middle:.6g}, 90 % in {low:.4g} to {high:.4g} {_units(variable)}{never}".rstrip()
+        + driven
+    )
 
 
 def _units(variable):

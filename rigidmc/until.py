@@ -7,7 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rigidmc.amounts import counted
 from rigidmc.errors import SceneError, SceneWarning
+from rigidmc.files import refuse_existing
 from rigidmc.measures import Measure, measure, observing
 from rigidmc.observables import OBSERVABLES
 from rigidmc.sampling import rows
@@ -53,6 +55,9 @@ def simulate_until(scene, until, most=MOST, confidence=0.95, threads=None, progr
     if options.get("members") is not None:
         rule = "there are as many members as it takes, `most` at most: give that"
         raise SceneError("run", "members", options["members"], rule)
+    most = counted(most, "most")
+    if output is not None:
+        refuse_existing(output, force)
     scene = observing(scene.with_run(**options), [_SIGN.split(until)[0]])
     if scene.run.points != "independent":
         rule = f"an interval of {scene.run.points} points is not told by their spread: see rigidmc.randomised; use independent ones"

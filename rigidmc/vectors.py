@@ -1,7 +1,7 @@
 """Vectors drawn as a whole: cones, spheres, correlated normals, energy shells, the Gibbs ensemble, bodies by their second moments.
 
 Each is a NamedTuple of numbers, distributions and grids, drawn as a function of (seed, name, member) alone. `omega` and `momentum` take cone, sphere
-and correlated, `momentum` shell and gibbs, `moments` second_moments, `attitude` fisher and pointing. In scene files: omega = { cone = { axis = 2, size = 1.0, angle = 0.01 } }.
+and correlated, `momentum` shell and gibbs, `moments` second_moments and correlated, `attitude` fisher and pointing. In scene files: omega = { cone = { axis = 2, size = 1.0, angle = 0.01 } }.
 """
 
 import math
@@ -94,7 +94,10 @@ class Sphere(NamedTuple):
 
 
 class Correlated(NamedTuple):
-    """A normal vector of mean (3) and covariance (3, 3): mean + C^1/2 z, C^1/2 the lower Cholesky factor."""
+    """A normal vector of mean (3) and covariance (3, 3): mean + C^1/2 z, C^1/2 the lower Cholesky factor.
+
+    Of moments: inertia that was measured. A member whose moments no body has is flagged (invalid_input), and a note counts them.
+    """
 
     mean: tuple
     covariance: tuple
@@ -224,7 +227,7 @@ ATTITUDES: dict[str, Any] = {"fisher": Fisher, "pointing": Pointing}
 VECTORS: dict[str, dict[str, Any]] = {
     "omega": {"cone": Cone, "sphere": Sphere, "correlated": Correlated},
     "momentum": {"cone": Cone, "sphere": Sphere, "correlated": Correlated, "shell": Shell, "gibbs": GibbsMomentum},
-    "moments": {"second_moments": SecondMoments},
+    "moments": {"second_moments": SecondMoments, "correlated": Correlated},
     "attitude": ATTITUDES,
 }
 
@@ -247,12 +250,12 @@ def checked(one, table, key):
     kinds = VECTORS[key]
     if type(one) not in kinds.values():
         raise SceneError(table, key, one, f"expected one of {', '.join(kinds)}, or three components")
-    where, fields = f"{table}.{key}.{word_of(one)}", {}
+    where, fields = f"{table}.{key}.{word_of(one)}", dict[str, Any]()
     for name, value in one._asdict().items():
         if name == "axis":
             if isinstance(value, bool) or value not in (1, 2, 3, -1, -2, -3):
                 raise SceneError(where, name, value, "expected 1, 2 or 3, or -1, -2, -3 for the other end of the axis")
-            fields[name] = value
+            fields[name] = int(value)
         elif name == "covariance":
             fields[name] = _covariance(value, where)
         elif name in ("mean", "direction", "values", "attitude"):
@@ -296,7 +299,8 @@ def _covariance(value, where):
         found = np.asarray(value, float)
     except (TypeError, ValueError):
         raise SceneError(where, "covariance", value, "expected a symmetric matrix of 3x3 finite numbers") from None
-    if found.shape != (3, 3) or not np.isfinite(found).all() or not np.allclose(found, found.T):
+    even = found.shape == (3, 3) and np.isfinite(found).all() and np.abs(found - found.T).max() <= 1e-9 * np.abs(found).max()
+    if not even:
         raise SceneError(where, "covariance", np.asarray(value).tolist(), "expected a symmetric matrix of 3x3 finite numbers")
     if np.linalg.eigvalsh(found).min() <= 0.0:
         raise SceneError(where, "covariance", found.tolist(), "expected a positive definite matrix: no variance is 0 or below")

@@ -116,7 +116,7 @@ def test_out_of_reach():
 def test_auto_needs_a_tolerance():
     with pytest.raises(rm.SceneError, match="tolerance: is missing"):
         rm.simulate(rm.Scene.load("heavy_top"), integrator="auto")
-    text = rm.Scene.load("nasa_brick").dumps().replace('integrator = "rk4"', 'integrator = "auto"\ntolerance = 1e-6')
+    text = rm.Scene.load("nasa_brick").dumps().replace('integrator = "rk4"\ndt = 0.001', "tolerance = 1e-6")
     scene = rm.Scene.loads(text)
     assert rm.simulate(scene).attrs["integrator"] != "auto"
 

@@ -103,7 +103,7 @@ def test_folders_that_cannot_be_written(tmp_path):
 
 def test_usage():
     failed(run("run"), 2)
-    failed(run("run", "dzhanibekov", "--members", "ten"), 2, "integer")
+    failed(run("run", "dzhanibekov", "--members", "ten"), 3, "whole number")
     failed(run("fly", "dzhanibekov"), 2)
 
 
@@ -113,7 +113,7 @@ def test_usage():
         (["run", "dzanibekov"], "did you mean 'dzhanibekov'"),
         (["run", "heavy_top", "--integrator", "exact"], "takes no torque"),
         (["run", "heavy_top", "--integrator", "rkm4"], "did you mean 'rkmk4'"),
-        (["run", "dzhanibekov", "--members", "0"], "greater than 0"),
+        (["run", "dzhanibekov", "--members", "0"], "at least 1"),
         (["run", "dzhanibekov", "--dt", "-1"], "greater than 0"),
         (["run", "dzhanibekov", "--save", "omga"], "did you mean 'omega'"),
         (["run", "dzhanibekov", "--set", "body.moments=[1,2,9]"], "triangle inequality"),

@@ -21,7 +21,6 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc import cluster, run_directory, run_results, runs
 from rigidmc.cli import app
-from rigidmc.cli.runs import seconds_of
 from rigidmc.errors import NoRoom, OutputExists, SceneError, SceneWarning
 from rigidmc.files import text_of
 from rigidmc.run_directory import RunDirectory, rendered
@@ -506,7 +505,7 @@ def test_bad_arguments(whole, tmp_path):
     for bad in (
         lambda: runs.create(scene, tmp_path / "run", 0), lambda: runs.create(scene, tmp_path / "run", math.nan),
         lambda: runs.create(scene, tmp_path / "run", only=range(7, 9)), lambda: runs.resume(whole, only=1), lambda: runs.resume(whole, threads=-1),
-        lambda: runs.resume(whole, threads=0), lambda: runs.resume(whole, block=0), lambda: runs.resume(whole, max_wall="3h"),
+        lambda: runs.resume(whole, threads=0), lambda: runs.resume(whole, block=0), lambda: runs.resume(whole, max_wall="soon"),
         lambda: runs.resume(whole, max_wall=math.nan), lambda: runs.extend(whole, 6000.5), lambda: runs.extend(whole, "9000"),
         lambda: run_results.verify(whole, spot=-1), lambda: runs.merge(tmp_path / "new", []), lambda: runs.merge(tmp_path / "new", str(whole)),
     ):  # fmt: skip
@@ -522,7 +521,6 @@ def test_bad_arguments(whole, tmp_path):
     assert invoke(app, ["run", "tennis_racket", "-o", f"{tmp_path}/x/", "--shards", "90:99"]).exit_code == 3
     assert "names a folder" in invoke(app, ["run", "tennis_racket", "--plot", f"{tmp_path}/x/"]).stderr
     assert not (tmp_path / "x").exists()
-    assert [seconds_of(text) for text in ("3h", "1h30m", "90m", "2.5", "1e-9s", "1h1m1s")] == [10800, 5400, 5400, 2.5, 1e-9, 3661]
 
 
 def test_what_cannot_be_is_refused_before_anything_is_changed(whole, tmp_path):

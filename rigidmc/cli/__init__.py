@@ -3,7 +3,7 @@ imported before it is needed."""
 
 import sys
 
-from rigidmc.cli import closed, maps, results, runs, scene, stress, study  # noqa: F401  (their commands, in this order)
+from rigidmc.cli import closed, maps, results, runs, scene, stress, study, vocabulary  # noqa: F401  (their commands, in this order)
 from rigidmc.cli.common import INTERRUPTED, app
 
 

@@ -15,10 +15,12 @@ from rigidmc.cli.common import (
     SceneArgument,
     Set,
     app,
-    check_suffix,
+    count_option,
     load_scene,
     plots_module,
+    refuse_outputs,
     reported,
+    time_option,
 )
 
 
@@ -46,8 +48,8 @@ def body_command(
 @app.command("exact")
 def exact_command(
     scene: SceneArgument,
-    at: Annotated[float | None, typer.Option(help="Time \\[s]; default the scene's t_end. Negative: the closed form alone.")] = None,
-    members: Annotated[int, typer.Option(min=1, help="How many members, the first ones.")] = 1000,
+    at: Annotated[float | None, time_option("--at", positive=False, help="Time; default the scene's t_end. Negative: the closed form alone.")] = None,
+    members: Annotated[int, count_option("--members", help="How many members, the first ones.")] = 1000,
     integrator: Integrator = None, dt: Dt = None, settings: Set = [], allow_code: AllowCode = False,  # noqa: B006
     plot: Annotated[str | None, typer.Option(metavar="FILE", help="Picture of the first member (.png, .pdf, .svg).")] = None,
     force: Force = False,
@@ -57,13 +59,10 @@ def exact_command(
         from rigidmc.closed_form import closed_form
         from rigidmc.comparison import compare
         from rigidmc.errors import SceneError, SceneWarning
-        from rigidmc.storage import refuse_existing
 
         loaded = load_scene(scene, settings, allow_code, integrator=integrator, dt=dt)
         at = loaded.run.t_end if at is None else at
-        if plot is not None:
-            refuse_existing(plot, force)
-            check_suffix(plot)
+        refuse_outputs(force, plot=plot)
         with warnings.catch_warnings():
             warnings.simplefilter("always", SceneWarning)
             warnings.showwarning = lambda message, *_, **__: print(f"rigidmc: note: {message}", file=sys.stderr)

@@ -23,12 +23,49 @@ app = typer.Typer(
     "74 input or output failed, 130 / 143 stopped by a signal.",
 )
 
+
+def count_option(key, least=1, most=None, **option):
+    """An option that takes a whole number, also as 1e6."""
+
+    def read(text):
+        from rigidmc.amounts import counted_text
+
+        return counted_text(text, key, least, most)
+
+    return typer.Option(key, parser=_told(read), metavar="N", **option)
+
+
+def time_option(key, positive=True, **option):
+    """An option that takes a time: seconds, or 90s, 1h30m, 250ms."""
+
+    def read(text):
+        from rigidmc.amounts import seconds
+
+        return seconds(text, key, positive=positive)
+
+    return typer.Option(key, parser=_told(read), metavar="TIME", **option)
+
+
+def _told(read):
+    """A reader of an option whose SceneError is a message and an exit code."""
+
+    def parser(text):
+        from rigidmc.errors import SceneError
+
+        try:
+            return read(text)
+        except SceneError as error:
+            return fail(error, INVALID)
+
+    return parser
+
+
 SceneArgument = Annotated[
     str, typer.Argument(metavar="SCENE", help="A TOML file, the name of a shipped scene, or a result file (.nc).")
 ]
 ResultArgument = Annotated[str, typer.Argument(metavar="FILE", help="A result (.nc), or a run directory.")]
-Members = Annotated[int | None, typer.Option(help="Members of the ensemble.")]
-Seed = Annotated[int | None, typer.Option(help="Seed of all random draws.")]
+Members = Annotated[int | None, count_option("--members", help="Members of the ensemble.")]
+Seed = Annotated[int | None, count_option("--seed", 0, help="Seed of all random draws.")]
 Integrator = Annotated[str | None, typer.Option(help="A name of `rigidmc integrators`, or auto with --tolerance.")]
 Tolerance = Annotated[
     float | None,
@@ -38,10 +75,10 @@ Tolerance = Annotated[
 ]
 Dtype = Annotated[str | None, typer.Option(help="float64 or float32: the numbers in which steps are made.")]
 Compensated = Annotated[bool | None, typer.Option("--compensated", help="Keep the remainders of all sums, for very many steps.")]
-Dt = Annotated[float | None, typer.Option(help="Step \\[s].")]
+Dt = Annotated[float | None, time_option("--dt", help="Step.")]
 Turn = Annotated[float | None, typer.Option(help="In place of --dt: each member steps by so much of its own motion \\[rad].")]
-TEnd = Annotated[float | None, typer.Option(help="End time \\[s].")]
-Every = Annotated[float | None, typer.Option(help="Time between saves \\[s]; without it first and last.")]
+TEnd = Annotated[float | None, time_option("--t-end", help="End time, in seconds or as 90s, 1h30m, 250ms; so all TIMEs.")]
+Every = Annotated[float | None, time_option("--every", help="Time between saves; without it first and last.")]
 Save = Annotated[
     str | None,
     typer.Option(
@@ -54,7 +91,7 @@ Keep = Annotated[
         help="How much of what is saved: full, thinned, summary, final or none, or of each: omega=final,energy=summary. Of flagged members, all."
     ),
 ]
-Threads = Annotated[int | None, typer.Option(min=1, help="Threads; default one per core.")]
+Threads = Annotated[int | None, count_option("--threads", help="Threads; default one per core.")]
 Set = Annotated[
     list[str], typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the scene, e.g. body.moments=[1,2,3].")
 ]
@@ -67,7 +104,7 @@ Until = Annotated[
         metavar="MEASURE", help='Add members until it is known so well, e.g. "p(flips >= 1) +- 0.001", "mean(flip_wait) +- 1 %".'
     ),
 ]
-Most = Annotated[int, typer.Option(min=32, help="Members at most, with --until.")]
+Most = Annotated[int, count_option("--most", 32, help="Members at most, with --until.")]
 Output = Annotated[str | None, typer.Option("-o", "--output", metavar="FILE", help="netCDF file to write.")]
 Plot = Annotated[str | None, typer.Option(metavar="FILE", help="Picture to write (.png, .pdf, .svg).")]
 Force = Annotated[bool, typer.Option(help="Replace files that exist; folders never.")]
@@ -103,14 +140,14 @@ def reported():
     except NoRoom as error:
         fail(f"{error}; nothing was written", IO)
     except FileNotFoundError as error:
-        fail(error, INVALID if "shipped scene" in str(error) else IO)
+        fail(_in_words(error), INVALID if "shipped scene" in str(error) else IO)
     except BrokenPipeError:  # whoever read our lines has gone
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise typer.Exit(OK) from None
     except (OSError, RuntimeError) as error:
         if isinstance(error, RuntimeError) and "HDF error" not in str(error) and "NetCDF" not in str(error):
             raise
-        fail(error if "nothing was" in str(error) else f"{error}; nothing that existed was changed", IO)
+        fail(error if "nothing was" in str(error) else f"{_in_words(error)}; nothing that existed was changed", IO)
     except MemoryError as error:
         fail(f"not enough memory: {error}; write to a file with -o, save less, or run fewer members", IO)
     except KeyboardInterrupt:
@@ -123,6 +160,25 @@ def reported():
         signal.signal(signal.SIGTERM, previous)
         if asked is not None:
             signal.signal(signal.SIGUSR1, asked)
+
+
+def _in_words(error):
+    """An error of the system without its number: the file, and what is wrong with it."""
+    if getattr(error, "strerror", None) is None or error.filename is None:
+        return str(error)
+    from rigidmc.errors import nearest
+
+    path = os.path.relpath(error.filename)
+    path = os.fspath(error.filename) if path.startswith(os.pardir) else path
+    folder, name = os.path.split(path)
+    here = os.listdir(folder or os.curdir) if isinstance(error, FileNotFoundError) and os.path.isdir(folder or os.curdir) else []
+    close = nearest(name, [word for word in here if _ending(word) == _ending(name)])
+    hint = f" (did you mean '{os.path.join(folder, close)}'?)" if close else ""
+    return f"{path}: {error.strerror[0].lower()}{error.strerror[1:]}{hint}"
+
+
+def _ending(name):
+    return os.path.splitext(name)[1]
 
 
 @contextmanager
@@ -156,8 +212,6 @@ def load_scene(source, settings, allow_code=False, **run):
         run["save"] = tuple(word.strip() for word in run["save"].split(",") if word.strip() not in ("", "none"))
     if run.get("keep") is not None and "=" in run["keep"]:
         run["keep"] = {name.strip(): word.strip() for name, _, word in (part.partition("=") for part in run["keep"].split(","))}
-    if run.get("tolerance") is not None and run.get("integrator") is None:
-        run["integrator"] = "auto"
     try:
         return Scene.load(source, pairs, allow_code).with_run(**run)
     except SceneError as error:
@@ -181,8 +235,12 @@ def plots_module():
     return plots
 
 
-def check_suffix(path):
-    try:
-        plots_module().check_suffix(path)
-    except ValueError as error:
-        fail(error, INVALID)
+def refuse_outputs(force, output=None, plot=None, bounds=None):
+    """Raise, before any work, for files that exist, cannot be made or have another ending than their kind; pictures need matplotlib."""
+    from rigidmc.files import refuse_existing
+
+    for path, kind in ((output, "results"), (plot, "pictures"), (bounds, "tables of bounds")):
+        if path is not None:
+            refuse_existing(path, force, kind)
+    if plot is not None:
+        plots_module()

@@ -21,9 +21,11 @@ from rigidmc.cli.common import (
     Tolerance,
     Turn,
     app,
-    check_suffix,
+    count_option,
     load_scene,
+    noted,
     plots_module,
+    refuse_outputs,
     reported,
 )
 
@@ -31,11 +33,12 @@ from rigidmc.cli.common import (
 @app.command("map")
 def make_map(
     name: Annotated[str, typer.Argument(metavar="NAME|SCENE", help="A map of the package (rigidmc map list), a TOML file, or a shipped scene.")],
+    which: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Of `rigidmc map list NAME`: the map to be explained.")] = None,
     x: Annotated[str | None, typer.Option(metavar="KEY=LOW:HIGH", help="Scene parameter across, e.g. body.moments.1=0:1; :log for even ratios.")] = None,
     y: Annotated[str | None, typer.Option(metavar="KEY=LOW:HIGH", help="Scene parameter upwards.")] = None,
     of: Annotated[list[str], typer.Option(metavar="MEASURE", help='What a pixel is asked: "p(flips >= 1)", "mean(megno)", "quantile(flip_wait, 0.9)"; may be repeated.')] = [],  # noqa: B006
-    resolution: Annotated[int, typer.Option(help="Pixels a side.")] = 256,
-    members: Annotated[int | None, typer.Option(help="Members to a pixel; default 16, or the map's own, or 1 where nothing else is drawn.")] = None,
+    resolution: Annotated[int, count_option("--resolution", help="Pixels a side.")] = 256,
+    members: Annotated[int | None, count_option("--members", help="Members to a pixel; default 16, or the map's own, or 1 where nothing else is drawn.")] = None,
     integrator: Integrator = None, dt: Dt = None, turn: Turn = None, t_end: TEnd = None, tolerance: Tolerance = None,
     seed: Seed = None, threads: Threads = None, settings: Set = [], allow_code: AllowCode = False,  # noqa: B006
     output: Output = None, plot: Plot = None, force: Force = False,
@@ -43,22 +46,24 @@ def make_map(
     """Map two parameters of a scene against what its members do, with replicas and a confidence interval for every pixel."""
     with reported():
         from rigidmc.errors import SceneError, unknown
-        from rigidmc.storage import refuse_existing, write
+        from rigidmc.storage import write
         from rigidmc.studies.map_cases import MAPS, case_map
 
         if name == "list":
-            for word, case in MAPS.items():
+            if which is not None and which not in MAPS:
+                raise unknown("", "map", which, "map", MAPS)
+            for word, case in MAPS.items() if which is None else [(which, MAPS[which])]:
                 made = case()
                 print(f"{word:18s} {made.title}")
                 print(f"{'':18s} {made.x[0]} and {made.y[0]}: {', '.join(made.of)}")
                 if made.source:
                     print(f"{'':18s} theory: {made.source}")
+                if which is not None:
+                    _explain(made)
             return
-        for path in (output, plot):
-            if path is not None:
-                refuse_existing(path, force)
-        if plot is not None:
-            check_suffix(plot)
+        if which is not None:
+            raise SceneError("", "NAME", which, "goes with `rigidmc map list NAME`")
+        refuse_outputs(force, output, plot)
 
         def show(done, total):
             if sys.stderr.isatty():
@@ -70,10 +75,10 @@ def make_map(
                 )
 
         try:
-            integrator = "auto" if tolerance is not None and integrator is None else integrator
             changed = {"tolerance": tolerance, "integrator": integrator, "dt": dt, "turn": turn, "t_end": t_end}
             if name in MAPS and not (x or y or of or settings):
-                found = case_map(name, resolution, members, threads, show, seed=seed, **changed)
+                with noted():
+                    found = case_map(name, resolution, members, threads, show, seed=seed, **changed)
             else:
                 from rigidmc.studies.stability_map import stability_map
 
@@ -90,18 +95,9 @@ def make_map(
                         "", missing, None, f"is missing: a map of a scene needs it; maps of the package: {', '.join(MAPS)}"
                     )
                 scene = load_scene(name, settings, allow_code)
-                found = stability_map(
-                    scene,
-                    _side(x, "--x"),
-                    _side(y, "--y"),
-                    of,
-                    resolution,
-                    members,
-                    threads,
-                    show,
-                    seed=seed,
-                    **changed,
-                )
+                sides = _side(x, "--x"), _side(y, "--y")
+                with noted():
+                    found = stability_map(scene, *sides, of, resolution, members, threads, show, seed=seed, **changed)
         except SceneError as error:
             error.file = error.file or name
             raise
@@ -116,6 +112,14 @@ def make_map(
             plots.save(map_plots.stability_map(found), plot)
             print(f"  wrote {plot}")
     raise typer.Exit(FLAGGED if failed else OK)
+
+
+def _explain(case):
+    """What a map of the package computes."""
+    sides = [f"{name} from {low:g} to {high:g}{' in even ratios' * bool(log)}" for name, low, high, *log in (case.x, case.y)]
+    print(f"{'':18s} across {sides[0]}; upwards {sides[1]}")
+    print(f"{'':18s} {case.members} members to a pixel; {', '.join(f'{k} = {v}' for k, v in case.settings.items())}")
+    print(f"\n{case.scene.dumps()}", end="")
 
 
 def _side(text, key):

@@ -15,32 +15,29 @@ from rigidmc.cli.common import (
     ResultArgument,
     Save,
     app,
-    check_suffix,
+    count_option,
     fail,
     noted,
     opened,
     plots_module,
+    refuse_outputs,
     reported,
+    time_option,
 )
 
 
 @app.command()
 def rerun(
     file: ResultArgument,
-    member: Annotated[int, typer.Option(help="Index of the member.")],
+    member: Annotated[int, count_option("--member", 0, help="Index of the member.")],
     every: Every = None, save: Save = None, output: Output = None, plot: Plot = None, force: Force = False, allow_code: AllowCode = False,
 ):  # fmt: skip
     """Integrate one member of a result again, to the same bits, with more saved: all observables unless --save says which."""
     with reported():
         from rigidmc.again import rerun as again
         from rigidmc.errors import SceneError
-        from rigidmc.storage import refuse_existing
 
-        for path in (output, plot):
-            if path is not None:
-                refuse_existing(path, force)
-        if plot is not None:
-            check_suffix(plot)
+        refuse_outputs(force, output, plot)
         wanted = None if save is None else [word.strip() for word in save.split(",") if word.strip() not in ("", "none")]
         try:
             with noted():
@@ -78,25 +75,22 @@ def summary(file: ResultArgument):
 @app.command()
 def animate(
     file: ResultArgument,
-    member: Annotated[int, typer.Option(help="Index of the member.")],
+    member: Annotated[int, count_option("--member", 0, help="Index of the member.")],
     output: Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="Animation to write (.gif, .mp4, .webm).")],
-    seconds: Annotated[float, typer.Option(min=0.1, help="How long it is to last \\[s].")] = 10.0,
-    fps: Annotated[int, typer.Option(min=1, max=60, help="Frames a second.")] = 25,
+    seconds: Annotated[float, time_option("--seconds", help="How long it is to last.")] = 10.0,
+    fps: Annotated[int, count_option("--fps", 1, 60, help="Frames a second.")] = 25,
     force: Force = False, allow_code: AllowCode = False,
 ):  # fmt: skip
     """Animate one member of a result: it is integrated again, and drawn turning beside its momentum sphere."""
     with reported():
         from rigidmc.again import frames
-        from rigidmc.errors import SceneError
         from rigidmc.storage import refuse_existing
 
-        refuse_existing(output, force)
+        refuse_existing(output, force, "animations")
         plots_module()
-        from rigidmc.animation import SMOOTH, SUFFIXES
+        from rigidmc.animation import SMOOTH
         from rigidmc.animation import animate as written
 
-        if not output.endswith(SUFFIXES):
-            raise SceneError("", "--output", output, f"expected a file that ends in {', '.join(SUFFIXES)}")
         with noted():
             dataset = frames(opened(file, allow_code), member, max(2, round(seconds * fps) - 1) * SMOOTH, allow_code)
         if int(dataset.status.values[0]) == 2:

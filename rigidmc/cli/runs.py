@@ -1,13 +1,25 @@
 """rigidmc resume, status, verify, consolidate, extend: runs in a directory."""
 
 import os
-import re
 import sys
 from typing import Annotated
 
 import typer
 
-from rigidmc.cli.common import FLAGGED, INCOMPLETE, INVALID, OK, AllowCode, Force, Threads, app, fail, reported
+from rigidmc.cli.common import (
+    FLAGGED,
+    INCOMPLETE,
+    INVALID,
+    OK,
+    AllowCode,
+    Force,
+    Threads,
+    app,
+    count_option,
+    fail,
+    reported,
+    time_option,
+)
 
 RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="A run directory, made by `rigidmc run SCENE -o RUN/`.")]
 Accept = Annotated[
@@ -18,12 +30,8 @@ OutputOrRun = Annotated[
     typer.Option("-o", "--output", metavar="FILE", help="netCDF file to write; RUN/ makes a run directory, which survives."),
 ]
 MaxWall = Annotated[
-    str | None,
-    typer.Option(
-        "--max-wall",
-        metavar="TIME",
-        help="Begin no shard that would not be done by then, to be resumed: 3h, 1h30m, 3600s or seconds.",
-    ),
+    float | None,
+    time_option("--max-wall", help="Begin no shard that would not be done by then, to be resumed: 3h, 1h30m, 3600s or seconds."),
 ]
 ShardSize = Annotated[
     float | None,
@@ -46,22 +54,6 @@ Blocks = Annotated[
 def is_run(path):
     """Whether an output is to be a run directory: RUN/ is."""
     return path is not None and (path.endswith(os.sep) or os.path.isdir(path))
-
-
-def seconds_of(text):
-    """Seconds of 3h, 1h30m, 3600s or 3600; SceneError."""
-    from rigidmc.errors import SceneError
-
-    if text is None:
-        return None
-    number = r"(\d+\.?\d*(?:[eE][-+]?\d+)?)"
-    parts = re.fullmatch(rf"(?:{number}h)?(?:{number}m)?(?:{number}s?)?", text, re.ASCII)
-    found = (
-        sum(float(part) * size for part, size in zip(parts.groups(), (3600.0, 60.0, 1.0), strict=True) if part) if parts else 0.0
-    )
-    if not 0.0 < found < float("inf"):
-        raise SceneError("", "--max-wall", text, "expected a time such as 3h, 1h30m, 3600s or 3600")
-    return found
 
 
 def shards_of(text):
@@ -101,7 +93,7 @@ def go_on(run, threads, accept=False, max_wall=None, shards=None, allow_code=Fal
     from rigidmc import run_directory, runs
 
     directory, flagged = runs.resume(
-        run, threads, progress=True, accept=accept, max_wall=seconds_of(max_wall), only=shards_of(shards), allow_code=allow_code,
+        run, threads, progress=True, accept=accept, max_wall=max_wall, only=shards_of(shards), allow_code=allow_code,
         cluster=cluster,
     )  # fmt: skip
     found = run_directory.status(directory.path)
@@ -143,7 +135,9 @@ def status(run: RunArgument):
 @app.command()
 def verify(
     run: RunArgument,
-    spot: Annotated[int, typer.Option(min=0, help="Shards, by chance, of which some members are computed again, to the bit.")] = 3,
+    spot: Annotated[
+        int, count_option("--spot", 0, help="Shards, by chance, of which some members are computed again, to the bit.")
+    ] = 3,
     allow_code: AllowCode = False,
 ):
     """Check a run: the sum of every shard against its name, run.json and scene, and some of them computed again.
@@ -184,7 +178,7 @@ def consolidate(
 
 @app.command()
 def extend(
-    run: RunArgument, members: Annotated[int, typer.Option(help="Members that it shall have in all.")], threads: Threads = None,
+    run: RunArgument, members: Annotated[int, count_option("--members", help="Members that it shall have in all.")], threads: Threads = None,
     accept: Accept = False, max_wall: MaxWall = None, cluster: Cluster = None, allow_code: AllowCode = False,
 ):  # fmt: skip
     """Give a run more members; those that are there are not changed by a bit."""
@@ -192,7 +186,6 @@ def extend(
         from rigidmc import runs
         from rigidmc.cluster import checked
 
-        seconds_of(max_wall)
         if cluster is not None:
             checked(cluster)
         runs.extend(run, members, accept, allow_code)

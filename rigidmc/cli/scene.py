@@ -36,15 +36,15 @@ from rigidmc.cli.common import (
     Turn,
     Until,
     app,
-    check_suffix,
     fail,
     load_scene,
     noted,
     opened,
     plots_module,
+    refuse_outputs,
     reported,
 )  # fmt: skip
-from rigidmc.cli.runs import Blocks, Cluster, MaxWall, OutputOrRun, ShardSize, go_on, is_run, seconds_of, shards_of
+from rigidmc.cli.runs import Blocks, Cluster, MaxWall, OutputOrRun, ShardSize, go_on, is_run, shards_of
 
 
 @app.command("run")
@@ -62,7 +62,6 @@ def run_scene(
     with reported():
         from rigidmc.errors import SceneError
         from rigidmc.simulation import simulate
-        from rigidmc.storage import refuse_existing
 
         loaded = load_scene(
             scene,
@@ -89,7 +88,6 @@ def run_scene(
             from rigidmc.cluster import checked
             from rigidmc.runs import SHARD, create
 
-            seconds_of(max_wall)  # before there is a directory
             if cluster is not None:
                 checked(cluster)
             if shard_size is not None and not shard_size < 1e6:
@@ -100,11 +98,7 @@ def run_scene(
         for name, given in (("--max-wall", max_wall), ("--shards", shards), ("--shard-size", shard_size), ("--cluster", cluster)):
             if given is not None:
                 raise SceneError("", name, given, "is of a run directory: -o RUN/")
-        for path in (output, plot):
-            if path is not None:
-                refuse_existing(path, force)
-        if plot is not None:
-            check_suffix(plot)
+        refuse_outputs(force, output, plot)
         try:
             with noted():
                 if until is None:
@@ -207,19 +201,25 @@ def check(scene: SceneArgument, settings: Set = [], allow_code: AllowCode = Fals
     """Check a scene file: exit code 0 where it can be run, 3 and one message where it cannot."""
     with reported():
         from rigidmc.errors import SceneError
-        from rigidmc.estimate import impossible
         from rigidmc.planning import prepare
+        from rigidmc.scene_notes import notes
 
         loaded = load_scene(scene, settings, allow_code)
         try:
             loaded.check()
-            plan = prepare(loaded if loaded.run.integrator != "auto" else loaded.with_run(integrator="rk8"))
+            plan = prepare(loaded.with_run(integrator="rk8") if (auto := loaded.run.integrator == "auto") else loaded)
+            told = notes(loaded, plan)
         except SceneError as error:
             error.file = error.file or scene
             raise
-        for note in (*plan.notes, *impossible(loaded)):
+        for note in told:
             print(f"note: {note}")
-        print(f"{scene}: good, {loaded.run.members:,} members x {plan.mean_steps:,.0f} steps with {loaded.run.integrator}")
+        how = (
+            f"as many steps as keep {loaded.run.tolerance:g}"
+            if auto
+            else f"{plan.mean_steps:,.0f} steps with {loaded.run.integrator}"
+        )
+        print(f"{scene}: good, {loaded.run.members:,} members x {how}")
 
 
 @app.command(help=scenes_package.__doc__.replace("[", r"\[").replace("\n\n", "\n\n\b\n"))
@@ -248,14 +248,12 @@ def plot(
     """Draw a picture of a result."""
     with reported():
         from rigidmc.errors import SceneError, nearest
-        from rigidmc.storage import refuse_existing
 
         pictures = ("summary", "momentum_sphere", "middle_component", "drift_histogram", "axis_sphere", "gibbs")
         if picture not in pictures:
             raise SceneError("", "--picture", picture, f"no such picture; known: {', '.join(pictures)}", nearest(picture, pictures))
-        refuse_existing(output, force)
+        refuse_outputs(force, plot=output)
         plots = plots_module()
-        check_suffix(output)
         try:
             with opened(file, allow_code) as dataset:
                 if picture == "gibbs":

@@ -15,9 +15,9 @@ from rigidmc.cli.common import (
     Set,
     Threads,
     app,
-    check_suffix,
     load_scene,
     plots_module,
+    refuse_outputs,
     reported,
 )
 
@@ -36,13 +36,9 @@ def stress(
     """Hard cases, each against its bound, on this machine; or how far your own scene can be trusted. Exit code 4 where something fails."""
     with reported():
         from rigidmc.errors import SceneError
-        from rigidmc.storage import refuse_existing, write
+        from rigidmc.storage import write
 
-        for path in (output, plot, write_bounds):
-            if path is not None:
-                refuse_existing(path, force)
-        if plot is not None:
-            check_suffix(plot)
+        refuse_outputs(force, output, plot, write_bounds)
         if scene is not None:
             from rigidmc.studies import trust as study
 

@@ -30,11 +30,12 @@ A scene file is TOML; SI units, angles in rad:
                              its own, see `rigidmc observables`
 [run]
   integrator, dt, t_end, members, seed, every, save
-  integrator = "auto" and tolerance = 1e-8   instead of integrator and dt
+  tolerance = 1e-8           instead of integrator and dt: chooses both
   turn                       rad, instead of dt: each member steps by so much
                              of its own motion
   dtype                      "float64" or "float32": the numbers of the steps
   compensated                true: keep the remainders of all sums
+  times are seconds or text, as "1h30m" and "250 ms"; counts also 1e6
 
 Any number of body, effects and start may be a distribution:
   { normal = [mean, sd] },  { uniform = [low, high] },
@@ -49,7 +50,8 @@ Vectors as a whole:
                      attitude = "ensemble" the whole micro-, canonical one
   attitude         = { fisher = { attitude, kappa } },
                      { pointing = { direction, kappa } }
-  moments          = { second_moments = [a, b, c] }: always a body
+  moments          = { second_moments = [a, b, c] }: always a body,
+                     { correlated = ... }: inertia that was measured
 [run]
   points                     "independent", "sobol", "latin_hypercube",
                              "antithetic": what distributions are drawn by

@@ -9,6 +9,7 @@ import xarray as xr
 
 from rigidmc import __version__
 from rigidmc.ahead import compile_ahead
+from rigidmc.amounts import counted, seconds
 from rigidmc.choice import check_pilot
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import SceneError, unknown
@@ -52,7 +53,7 @@ def accuracy(scene, integrators=None, tolerances=TOLERANCES, members=256, thread
         for name in integrators:
             if name in INTEGRATORS and (why := refusal(name, scene.effects)):
                 raise SceneError("", "integrators", name, why)
-    found = pilot(scene, members)
+    found = pilot(scene, counted(members, "members"))
     check_pilot(scene, found)
     say = progress or (lambda line: None)
     true, costs = truth(found), Costs(found)
@@ -198,7 +199,7 @@ def long_drift(scene, integrators=None, steps=1_000_000, dt=None, members=64, pr
             raise unknown("", "integrators", name, "integrator", INTEGRATORS)
         if why := refusal(name, scene.effects):
             raise SceneError("", "integrators", name, why)
-    dt = dt or scene.run.dt
+    dt, steps, members = seconds(dt or scene.run.dt, "dt"), counted(steps, "steps"), counted(members, "members")
     at = np.unique(np.append(2 ** np.arange(4, int(math.log2(steps)) + 1), steps))
     found = pilot(scene.with_run(t_end=dt * steps, every=None), members)
     check_pilot(scene, found)

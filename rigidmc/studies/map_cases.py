@@ -239,17 +239,8 @@ def case_map(name, resolution=256, members=None, threads=None, progress=None, **
     case = MAPS[name]()
     asked = {key: value for key, value in settings.items() if value is not None}
     kept = {key: value for key, value in case.settings.items() if not (key == "dt" and "turn" in asked)}
-    ds = stability_map(
-        case.scene,
-        case.x,
-        case.y,
-        case.of,
-        resolution,
-        case.members if members is None else members,
-        threads,
-        progress,
-        **kept | asked,
-    )
+    members = case.members if members is None else members
+    ds = stability_map(case.scene, case.x, case.y, case.of, resolution, members, threads, progress, **kept | asked)
     for key, (values, attrs) in case.derived(ds).items():
         ds[key] = (("y", "x"), values, attrs)
     ds.attrs |= {"title": case.title, "map": name, "theory": case.source}

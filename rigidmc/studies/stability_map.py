@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from rigidmc import __version__
+from rigidmc.amounts import counted
 from rigidmc.choice import resolved
 from rigidmc.effects import labelled
 from rigidmc.engine.layout import STATUSES
@@ -14,6 +15,7 @@ from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.measures import measure, observing
 from rigidmc.planning import prepare
 from rigidmc.sampling import Distribution, grid
+from rigidmc.scene_notes import notes
 from rigidmc.scene_parameters import with_parameter
 from rigidmc.simulation import simulate
 from rigidmc.storage.schema import member_variables
@@ -28,12 +30,7 @@ def on_map(scene, x, y, resolution, members):
 
     x, y : (parameter, low, high) or (parameter, low, high, True) for even ratios;  resolution : pixels a side, or (columns, rows)
     """
-    sides = (resolution, resolution) if np.ndim(resolution) == 0 else tuple(resolution)
-    for side in sides:
-        if isinstance(side, bool) or not isinstance(side, (int, np.integer)) or not 1 <= side <= MOST:
-            raise SceneError("", "resolution", resolution, f"expected whole numbers between 1 and {MOST}")
-    if isinstance(members, bool) or not isinstance(members, (int, np.integer)) or members < 1:
-        raise SceneError("", "members", members, "expected a whole number of members to a pixel, 1 or more")
+    sides, members = _sides(resolution), counted(members, "members")
     for key, side in (("x", x), ("y", y)):
         if isinstance(side, str) or len(side) not in (3, 4) or not isinstance(side[0], str):
             raise SceneError(
@@ -43,7 +40,7 @@ def on_map(scene, x, y, resolution, members):
         raise SceneError("", "y", y[0], "is the parameter of x already")
     for key, (name, low, high, *log), side, stride in (("x", x, sides[0], members), ("y", y, sides[1], members * sides[0])):
         try:
-            between = grid(low, high, side, int(stride), bool(log and log[0]))
+            between = grid(low, high, side, stride, bool(log and log[0]))
         except SceneError as error:
             rule = (
                 error.rule
@@ -52,7 +49,7 @@ def on_map(scene, x, y, resolution, members):
             )
             raise SceneError("", key, f"{name} from {low} to {high}", rule) from None
         scene = with_parameter(scene, name, between, key)
-    return scene.with_run(members=int(members) * sides[0] * sides[1], first=0)
+    return scene.with_run(members=members * sides[0] * sides[1], first=0)
 
 
 def stability_map(scene, x, y, of, resolution=256, members=None, threads=None, progress=None, confidence=0.95, **settings):
@@ -73,12 +70,14 @@ def stability_map(scene, x, y, of, resolution=256, members=None, threads=None, p
         raise SceneError("", "of", of, 'expected measures, such as "p(flips >= 1)"')
     if members is None:
         members = REPLICAS if _drawn(on_map(scene, x, y, 1, 1)) else 1
+    sides, members = _sides(resolution), counted(members, "members")
     made = on_map(scene, x, y, resolution, members).with_run(save=settings.pop("save", ()), **settings)
     if made.run.points != "independent":
         raise SceneError(
             "run", "points", made.run.points, "the members of a pixel are independent ones: their spread tells its interval"
         )
     made = observing(made, of)
+    given = made
     if made.run.integrator == "auto":
         run = resolved(made.coarse(), threads)[0].run
         made = made.with_run(
@@ -86,14 +85,15 @@ def stability_map(scene, x, y, of, resolution=256, members=None, threads=None, p
         )
     variables = {name: v.dims for name, v in member_variables(made, False).items()}
     asked = [measure(text, variables) for text in of]
-    sides = (resolution, resolution) if np.ndim(resolution) == 0 else tuple(resolution)
     plan, pixels, each = prepare(made, threads or 1), sides[0] * sides[1], max(1, CHUNK // members)
+    for note in notes(given, plan._replace(notes=())):  # how large steps may be is what maps of the package try
+        warnings.warn(note, SceneWarning, stacklevel=2)
     parts = {one.text: np.full((3, pixels), np.nan) for one in asked}
     counts, began = np.zeros((3, pixels), "i4"), time.perf_counter()
     for low in range(0, pixels, each):
         high = min(pixels, low + each)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", SceneWarning)  # what there is to say was said by the plan
+            warnings.simplefilter("ignore", SceneWarning)  # what there is to say was said above
             dataset = simulate(made, members=range(low * members, high * members), threads=threads)
         status = dataset.status.values.reshape(-1, members)
         none, good = status == STATUSES["invalid_input"], status == 0
@@ -106,6 +106,15 @@ def stability_map(scene, x, y, of, resolution=256, members=None, threads=None, p
         rule = f"between {x[1]:g} and {x[2]:g}, and {y[1]:g} and {y[2]:g} of {y[0]} no pixel has a body and a start: moments must obey I_i <= I_j + I_k"
         raise SceneError("", "x", x[0], rule)
     return _dataset(made, plan, asked, parts, counts, x, y, sides, members, confidence, time.perf_counter() - began)
+
+
+def _sides(resolution):
+    """(columns, rows) of a map; SceneError."""
+    sides = resolution if isinstance(resolution, (list, tuple)) else (resolution, resolution)
+    if len(sides) != 2:
+        raise SceneError("", "resolution", resolution, "expected pixels a side, or (columns, rows)")
+    columns, rows = (counted(side, "resolution", 1, MOST) for side in sides)
+    return columns, rows
 
 
 def _drawn(scene):

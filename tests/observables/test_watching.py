@@ -183,6 +183,7 @@ def growth(l, q, t_end):
     return math.log(math.sqrt(4.0 * end[10:] @ end[10:] + weight * end[7:10] @ end[7:10]))
 
 
+@pytest.mark.filterwarnings("ignore:.*bodies cannot exist")  # the equations do not mind
 def test_the_neighbour_grows_as_variational_equations_say():
     some = np.random.default_rng(3)
     q = some.normal(size=(6, 4))
