@@ -15,10 +15,11 @@ from rigidmc.cli.common import (
     SceneArgument,
     Set,
     app,
-    check_suffix,
+    check_outputs,
     load_scene,
-    plots_module,
     reported,
+    save_picture,
+    told,
 )
 
 
@@ -57,25 +58,22 @@ def exact_command(
         from rigidmc.closed_form import closed_form
         from rigidmc.comparison import compare
         from rigidmc.errors import SceneError, SceneWarning
-        from rigidmc.storage import refuse_existing
 
         loaded = load_scene(scene, settings, allow_code, integrator=integrator, dt=dt)
         at = loaded.run.t_end if at is None else at
-        if plot is not None:
-            refuse_existing(plot, force)
-            check_suffix(plot)
+        check_outputs(force, plot=plot)
         with warnings.catch_warnings():
             warnings.simplefilter("always", SceneWarning)
             warnings.showwarning = lambda message, *_, **__: print(f"rigidmc: note: {message}", file=sys.stderr)
             try:
-                print("\n".join(compare(loaded, at, members)))
+                lines = compare(loaded, at, members)
                 if plot is not None:
                     from rigidmc import exact_plots
 
                     case = closed_form(loaded, 1)
                     title = f"{loaded.title}: {case.name}, closed form of member {loaded.run.first}"
-                    plots_module().save(exact_plots.case_summary(case, title, abs(at) or loaded.run.t_end), plot)
-                    print(f"wrote {plot}")
+                    save_picture(exact_plots.case_summary(case, title, abs(at) or loaded.run.t_end), plot, force)
+                print("\n".join([*lines, *told([plot])]))
             except SceneError as error:
                 error.file = error.file or scene
                 raise

@@ -15,12 +15,14 @@ from rigidmc.cli.common import (
     ResultArgument,
     Save,
     app,
-    check_suffix,
+    check_outputs,
     fail,
     noted,
     opened,
     plots_module,
     reported,
+    save_picture,
+    told,
 )
 
 
@@ -34,13 +36,8 @@ def rerun(
     with reported():
         from rigidmc.again import rerun as again
         from rigidmc.errors import SceneError
-        from rigidmc.storage import refuse_existing
 
-        for path in (output, plot):
-            if path is not None:
-                refuse_existing(path, force)
-        if plot is not None:
-            check_suffix(plot)
+        check_outputs(force, output, plot=plot)
         wanted = None if save is None else [word.strip() for word in save.split(",") if word.strip() not in ("", "none")]
         try:
             with noted():
@@ -48,18 +45,15 @@ def rerun(
         except SceneError as error:
             error.file = error.file or file
             raise
+        if plot is not None:
+            save_picture(plots_module().summary(dataset), plot, force)
         times = dataset.sizes["time"]
         print(
             f"{dataset.attrs['title']}: member {member}, {times:,} saves of {', '.join(v for v in dataset.data_vars if 'time' in dataset[v].dims)}"
         )
         print(f"  {dataset.attrs['rerun']}")
-        if plot is not None:
-            plots = plots_module()
-            plots.save(plots.summary(dataset), plot)
+        print("\n".join(told([output, plot])), end="\n" * bool(output or plot))
         dataset.close()
-        for path in (output, plot):
-            if path is not None:
-                print(f"  wrote {path}")
 
 
 @app.command()
@@ -88,15 +82,18 @@ def animate(
     with reported():
         from rigidmc.again import frames
         from rigidmc.errors import SceneError
-        from rigidmc.storage import refuse_existing
 
-        refuse_existing(output, force)
+        check_outputs(force, output)
         plots_module()
-        from rigidmc.animation import SMOOTH, SUFFIXES
+        from rigidmc.animation import SMOOTH, SUFFIXES, check_suffix
         from rigidmc.animation import animate as written
 
         if not output.endswith(SUFFIXES):
             raise SceneError("", "--output", output, f"expected a file that ends in {', '.join(SUFFIXES)}")
+        try:
+            check_suffix(output)
+        except ValueError as error:
+            fail(error, INVALID)
         with noted():
             dataset = frames(opened(file, allow_code), member, max(2, round(seconds * fps) - 1) * SMOOTH, allow_code)
         if int(dataset.status.values[0]) == 2:
@@ -105,10 +102,7 @@ def animate(
         if made < 0.9 * seconds * fps:
             print(f"  it makes {dataset.sizes['time'] - 1} steps only, which are {made} frames", file=sys.stderr)
             fps = max(1, round(made / seconds))
-        try:
-            written(dataset, output, fps)
-        except ValueError as error:
-            fail(error, INVALID)
+        written(dataset, output, fps, force=force)
         end = float(dataset.time.values[-1])
         print(f"{dataset.attrs['title']}: member {member}, {-(-dataset.sizes['time'] // SMOOTH)} frames of {end:g} s")
-        print(f"  wrote {output}")
+        print(*told([output]))

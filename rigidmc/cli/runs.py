@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from rigidmc.cli.common import FLAGGED, INCOMPLETE, INVALID, OK, AllowCode, Force, Threads, app, fail, reported
+from rigidmc.cli.common import FLAGGED, INCOMPLETE, INVALID, OK, AllowCode, Force, Threads, app, fail, reported, told
 
 RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="A run directory, made by `rigidmc run SCENE -o RUN/`.")]
 Accept = Annotated[
@@ -178,7 +178,7 @@ def consolidate(
 
         run_results.consolidate(run, output, force, allow_code).close()
         found = run_directory.status(run)
-        print(f"  wrote {output} ({os.path.getsize(output) / 1e6:,.1f} MB); flagged members: {found['flagged'] or 'none'}")
+        print(f"{told([output])[0]}; flagged members: {found['flagged'] or 'none'}")
     raise typer.Exit(outcome(found))
 
 

@@ -1,7 +1,6 @@
 """rigidmc run, show, check, scenes, plot, doctor."""
 
 import json
-import os
 import sys
 import time
 from typing import Annotated
@@ -36,13 +35,15 @@ from rigidmc.cli.common import (
     Turn,
     Until,
     app,
-    check_suffix,
+    check_outputs,
     fail,
     load_scene,
     noted,
     opened,
     plots_module,
     reported,
+    save_picture,
+    told,
 )  # fmt: skip
 from rigidmc.cli.runs import Blocks, Cluster, MaxWall, OutputOrRun, ShardSize, go_on, is_run, seconds_of, shards_of
 
@@ -62,7 +63,6 @@ def run_scene(
     with reported():
         from rigidmc.errors import SceneError
         from rigidmc.simulation import simulate
-        from rigidmc.storage import refuse_existing
 
         loaded = load_scene(
             scene,
@@ -90,21 +90,17 @@ def run_scene(
             from rigidmc.runs import SHARD, create
 
             seconds_of(max_wall)  # before there is a directory
-            if cluster is not None:
-                checked(cluster)
+            kind, many = ("", "") if cluster is None else checked(cluster)
             if shard_size is not None and not shard_size < 1e6:
                 raise SceneError("", "--shard-size", shard_size, "expected megabytes, up to 1e6")
             with noted():
-                made = create(loaded, output, SHARD if shard_size is None else 1e6 * shard_size, shards_of(shards))
+                size = SHARD if shard_size is None else 1e6 * shard_size
+                made = create(loaded, output, size, shards_of(shards), int(many) if kind == "local" else threads)
             raise typer.Exit(go_on(made.path, threads, max_wall=max_wall, shards=shards, allow_code=allow_code, cluster=cluster))
         for name, given in (("--max-wall", max_wall), ("--shards", shards), ("--shard-size", shard_size), ("--cluster", cluster)):
             if given is not None:
                 raise SceneError("", name, given, "is of a run directory: -o RUN/")
-        for path in (output, plot):
-            if path is not None:
-                refuse_existing(path, force)
-        if plot is not None:
-            check_suffix(plot)
+        check_outputs(force, output, plot=plot)
         try:
             with noted():
                 if until is None:
@@ -122,8 +118,7 @@ def run_scene(
             raise
         cost = dataset.encoding["rigidmc"]
         if plot is not None:
-            plots = plots_module()
-            plots.save(plots.summary(dataset), plot)
+            save_picture(plots_module().summary(dataset), plot, force)
         _close(dataset, cost, time.perf_counter() - began, [p for p in (output, plot) if p])
         if found is not None:
             print(f"  {until}: {found.value:.6g}, 95 % between {found.low:.6g} and {found.high:.6g}")
@@ -160,8 +155,8 @@ def _close(dataset, cost, wall, files):
     print(f"  flagged members: {flags or 'none'}{where}")
     if not files:
         print("  nothing was written: -o FILE keeps the result, --plot FILE draws it")
-    for path in files:
-        print(f"  wrote {path} ({os.path.getsize(path) / 1e6:,.1f} MB)")
+    for line in told(files):
+        print(line)
 
 
 @app.command()
@@ -248,25 +243,23 @@ def plot(
     """Draw a picture of a result."""
     with reported():
         from rigidmc.errors import SceneError, nearest
-        from rigidmc.storage import refuse_existing
 
         pictures = ("summary", "momentum_sphere", "middle_component", "drift_histogram", "axis_sphere", "gibbs")
         if picture not in pictures:
             raise SceneError("", "--picture", picture, f"no such picture; known: {', '.join(pictures)}", nearest(picture, pictures))
-        refuse_existing(output, force)
+        check_outputs(force, plot=output)
         plots = plots_module()
-        check_suffix(output)
         try:
             with opened(file, allow_code) as dataset:
                 if picture == "gibbs":
                     from rigidmc.gibbs_plot import gibbs
 
-                    plots.save(gibbs(dataset, allow_code), output)
+                    save_picture(gibbs(dataset, allow_code), output, force)
                 else:
-                    plots.save(getattr(plots, picture)(dataset), output)
+                    save_picture(getattr(plots, picture)(dataset), output, force)
         except ValueError as error:
             fail(error, INVALID)
-        print(f"wrote {output}")
+        print(*told([output]))
 
 
 @app.command()
