@@ -8,11 +8,12 @@ import numpy as np
 import rigidmc
 from rigidmc.amounts import counted, seconds
 from rigidmc.errors import SceneError, SceneWarning
+from rigidmc.files import refuse_existing, write_bytes
 from rigidmc.observables import OBSERVABLES, outputs
 from rigidmc.planning import prepare
 from rigidmc.retention import summaries
 from rigidmc.simulation import simulate
-from rigidmc.storage import refuse_existing, scene_of, write
+from rigidmc.storage import encoded, scene_of
 
 # what steps and saves decide of every member; all else that has no time is what it starts from
 FOUND = ("energy_drift_max", "l2_drift_max", "status", "status_step", "status_time", "steps")
@@ -64,7 +65,7 @@ def rerun(source, member, every=None, save=None, allow_code=False, output=None, 
     made = simulate(scene, members=wanted, **options)
     made.attrs["rerun"] = _compared(made, source.sel(member=list(wanted)), called)
     if output is not None:
-        write(made, os.fspath(output), force)
+        write_bytes(os.fspath(output), encoded(made), force)
     return made
 
 

@@ -1,5 +1,7 @@
 """A top that turns, beside the sphere on which its angular momentum moves: an animation by matplotlib's own writers."""
 
+import contextlib
+import subprocess
 from typing import Any
 
 import numpy as np
@@ -10,7 +12,7 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from rigidmc import rotation
-from rigidmc.files import check_suffix
+from rigidmc.files import Part, check_suffix, naming, refuse_existing
 
 FACES = (
     "#08306b",
@@ -47,27 +49,49 @@ def faces(half):
 SMOOTH = 4  # saves to a frame: the path on the sphere is drawn through all of them
 
 
-def animate(ds, path, fps=25, progress=None):
-    """Write an animation of a Dataset of one member with attitude and momentum at evenly spaced times, a frame to every SMOOTH of them.
-
-    path : .gif by pillow, .mp4 or .webm by ffmpeg, which has to be there;  progress : a function of (frames done, all)
-
-    Left the body as the box of its moments, in space, with the vertical and its angular momentum (an arrow); right its angular momentum in body axes on
-    the momentum sphere, with its path so far. Raises ValueError for other endings, and where ffmpeg is missing.
-    """
-    path = str(path)
+def check_writer(path):
+    """SceneError for a path of another ending than .gif, .mp4, .webm, ValueError for one that needs ffmpeg where that is missing."""
     check_suffix(path, "animations")
     if not path.endswith(".gif") and not animation.writers.is_available("ffmpeg"):
         raise ValueError(f"{path}: {path[-4:]} is written by ffmpeg, which is not installed; .gif needs nothing more")
+
+
+def animate(ds, path, fps=25, progress=None, force=False):
+    """Write an animation of a Dataset of one member with attitude and momentum at evenly spaced times, a frame to every SMOOTH of them.
+
+    path : .gif by pillow, .mp4 or .webm by ffmpeg, which has to be there;  progress : a function of (frames done, all);  force : replace a file
+
+    Left the body as the box of its moments, in space, with the vertical and its angular momentum (an arrow); right its angular momentum in body axes on
+    the momentum sphere, with its path so far. It appears whole or not at all. Raises as `check_writer`, OutputExists where a file is there.
+    """
+    path = str(path)
+    check_writer(path)
+    refuse_existing(path, force, "animations")
     writer = animation.PillowWriter(fps=fps) if path.endswith(".gif") else animation.FFMpegWriter(fps=fps, bitrate=2400)
     figure, draw = scene(ds)
     shown = range(0, ds.sizes["time"], SMOOTH)
-    with writer.saving(figure, path, dpi=90):
+    with Part(path, force) as part, naming(path, part), _finished(path, writer):
+        writer.setup(figure, part, dpi=90)
         for i in shown:
             draw(i)
             writer.grab_frame()
             if progress is not None:
                 progress(i // SMOOTH + 1, len(shown))
+
+
+@contextlib.contextmanager
+def _finished(path, writer):
+    """Let a writer finish; what ffmpeg could not do is an error of the file. `writer.saving` hides what went wrong behind what that leads to."""
+    try:
+        try:
+            yield
+        except BaseException:
+            with contextlib.suppress(Exception):
+                writer.finish()
+            raise
+        writer.finish()
+    except (subprocess.CalledProcessError, BrokenPipeError) as error:
+        raise OSError(f"{path}: could not be written by ffmpeg: {error}") from None
 
 
 def scene(ds):

@@ -1,11 +1,21 @@
-"""Files that appear whole or not at all."""
+"""Files that appear whole or not at all: written beside their place as a `Part`, made durable, then renamed; whole files are never overwritten
+unless that is asked for.
 
+A part is called .part-COMPUTER-PROCESS-NUMBER. What a process leaves that is killed, the next one that writes to that folder takes away.
+"""
+
+import atexit
 import contextlib
+import errno
+import functools
+import itertools
 import os
 import platform
-import tempfile
+import re
+import shutil
+import time
 
-from rigidmc.errors import OutputExists, SceneError
+from rigidmc.errors import NoRoom, OutputExists, SceneError
 
 KINDS = {  # of what is written, with their endings
     "results": (".nc",),
@@ -13,6 +23,10 @@ KINDS = {  # of what is written, with their endings
     "animations": (".gif", ".mp4", ".webm"),
     "tables of bounds": (".csv",),
 }
+_PART = re.compile(r"\.part-(.+)-([0-9]+)-([0-9]+)(\.[A-Za-z0-9]{1,8})?")
+_numbers = itertools.count()
+_parts: set[str] = set()  # those that this process writes
+os.register_at_fork(after_in_child=_parts.clear)
 
 
 def check_suffix(path, kind):
@@ -23,47 +37,130 @@ def check_suffix(path, kind):
         raise SceneError("", "output", os.fspath(path), f"a name for {kind} ends in {', '.join(endings)}, not in '{suffix}'{more}")
 
 
-def refuse_existing(path, force, kind="results"):
-    """Raise OutputExists where a file would be overwritten, SceneError where its name does not end as those of its kind do."""
-    if os.path.lexists(path) and not force:
+def refuse_existing(path, force, kind="results", size=100_000):
+    """Raise, before the work, where a result could not be written later: OutputExists where it would overwrite a file, SceneError where its
+    name does not end as those of its kind do, NoRoom where the disk has not `size` bytes for it."""
+    try:
+        there = os.lstat(path) is not None
+    except (FileNotFoundError, NotADirectoryError):
+        there = False
+    except OSError as error:  # a name that is too long
+        raise _said(error, path) from None
+    if there and not force:
         raise OutputExists(f"{path} exists; nothing was written (use --force, or force=True, to replace it)")
     if os.path.isdir(path) or not os.path.basename(path):
         raise IsADirectoryError(f"{path}: names a folder, not a file; nothing was written")
+    if os.path.exists(path) and not os.path.isfile(path):
+        raise OutputExists(f"{path}: is no file that could be replaced; nothing was written")
     check_suffix(path, kind)
-    refuse_unwritable(os.path.dirname(path) or os.curdir)
+    refuse_unwritable(os.path.dirname(path) or os.curdir, size)
 
 
-def refuse_unwritable(folder):
-    """Raise where no file can be made in a folder."""
+def refuse_unwritable(folder, size=100_000):
+    """Raise where no file of so many bytes can be made in a folder; parts that were left there by processes that have ended are taken away."""
     if not os.path.isdir(folder):
         raise FileNotFoundError(f"{folder}: no such folder; nothing was written")
+    clear(folder)
+    probe = Part(os.path.join(folder, "probe"))
     try:
-        with tempfile.TemporaryFile(dir=folder):  # what os.access says of a folder is not what happens there
-            pass
+        with open(probe.path, "wb") as file:  # what os.access says of a folder is not what happens there
+            file.write(bytes(4096))
     except OSError as error:
-        raise PermissionError(f"{folder}: not writable ({error.strerror}); nothing was written") from None
+        raise _said(error, folder) from None
+    finally:
+        probe.discard()
+    if (free := shutil.disk_usage(folder).free) < size:
+        raise NoRoom(f"{folder}: {size / 1e6:.1f} MB are needed, of which {free / 1e6:.1f} MB are free")
+
+
+def _said(error, path):
+    """An error of the system in words, of its own kind."""
+    return type(error)(f"{path}: not writable: {error.strerror}; nothing was written")
+
+
+class Part:
+    """A file, or a folder, on its way to its name: what is written to `path` gets the name when it is finished, and else is gone.
+
+    As a context manager it gives `path`, finishes at the end, and discards where anything is raised.
+    """
+
+    def __init__(self, final, force=False, before=None):
+        """before : what is done when the file is durable, before it has its name"""
+        self.final, self.force, self.before = os.fspath(final), force, before
+        folder, name = os.path.split(os.path.abspath(self.final))
+        suffix = os.path.splitext(name)[1]  # what writes pictures goes by it
+        name = f".part-{_computer()}-{os.getpid()}-{next(_numbers)}"  # short, where the name itself may have all 255 letters
+        self.path = os.path.join(folder, name + suffix * bool(_PART.fullmatch(name + suffix)))
+        _parts.add(self.path)
+
+    def __enter__(self):
+        return self.path
+
+    def __exit__(self, kind, *_):
+        if kind is None:
+            self.finish()
+        else:
+            self.discard()
+
+    def finish(self, final=None):
+        """Make the file durable and give it its name, or `final`. Where another appeared there meanwhile it becomes NAME.2, and OutputExists tells."""
+        final = self.final if final is None else final
+        try:
+            with naming(final, self.path):
+                with open(self.path, "rb") as file:
+                    os.fsync(file.fileno())
+                if self.before is not None:
+                    self.before()
+                self._rename(final)
+            make_durable(os.path.dirname(os.path.abspath(final)))
+        finally:
+            self.discard()
+
+    def _rename(self, final):
+        try:
+            if self.force:
+                os.replace(self.path, final)
+            else:
+                _rename_to_nothing(self.path, final)
+        except (FileExistsError, IsADirectoryError):
+            for other in _others(final):
+                with contextlib.suppress(FileExistsError):
+                    _rename_to_nothing(self.path, other)
+                    break
+            raise OutputExists(f"{final} appeared meanwhile and was not overwritten: the result is {other}") from None
+
+    def discard(self):
+        """Delete what is not whole and free its space, also where a library keeps it open."""
+        _drop(self.path)
+        _parts.discard(self.path)  # not where a signal interrupts: `drop_parts` comes back to it
 
 
 @contextlib.contextmanager
-def naming(path):
-    """Errors of the system that name no file, as those of write and fsync do not, name this one."""
+def folder_beside(path):
+    """A folder beside a place, deleted in the end unless it was renamed."""
+    part = Part(path)
+    try:
+        os.mkdir(part.path)
+        yield part.path
+    finally:
+        part.discard()
+
+
+def write_bytes(path, data, force=False, before=None):
+    """Write a file whole or not at all; `before` : as of `Part`."""
+    with Part(path, force, before) as part, naming(path, part), open(part, "wb") as file:
+        file.write(data)
+
+
+@contextlib.contextmanager
+def naming(path, part=None):
+    """Errors of the system that name no file, as those of write and fsync do not, or its part, name this one."""
     try:
         yield
     except OSError as error:
-        if error.errno is None or error.filename is not None:
+        if error.errno is None or error.filename not in (None, part):
             raise
         raise OSError(error.errno, error.strerror, path) from None
-
-
-def put_in_place(temporary, path, force):
-    """Make a finished file durable and give it its name; OutputExists, and no file, where one appeared there meanwhile."""
-    with open(temporary, "rb") as file, naming(path):
-        os.fsync(file.fileno())
-    if force:
-        os.replace(temporary, path)
-    else:
-        _rename_to_nothing(temporary, path)
-    make_durable(os.path.dirname(os.path.abspath(path)))
 
 
 def make_durable(folder):
@@ -76,46 +173,82 @@ def make_durable(folder):
             os.close(file)
 
 
-def _rename_to_nothing(temporary, path):
-    """Rename a file; OutputExists, and no file, where there is one of that name."""
+def _rename_to_nothing(part, path):
+    """Rename a file; FileExistsError where there is one of that name."""
     try:
-        os.link(temporary, path)  # looks and names in one; not all file systems have it
+        os.link(part, path)  # looks and names in one; not all file systems have it
     except OSError:
         if os.path.lexists(path):
-            os.unlink(temporary)
-            raise OutputExists(f"{path} appeared meanwhile; nothing was overwritten") from None
-        os.replace(temporary, path)
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), path) from None
+        os.replace(part, path)
     else:
-        with contextlib.suppress(OSError):  # a second name of what is whole, which the next writer takes away
-            os.unlink(temporary)
+        with contextlib.suppress(OSError):  # a second name of what is whole
+            os.unlink(part)
 
 
-def part_of(path):
-    """Where this process writes what is to be a file, before it is whole."""
-    return f"{path}.part-{platform.node()}-{os.getpid()}"
+def _others(path):
+    """x.2.nc, x.3.nc, ... for x.nc, in 255 bytes."""
+    folder, name = os.path.split(path)
+    stem, suffix = os.path.splitext(name)
+    for i in itertools.count(2):
+        end = f".{i}{suffix}"
+        yield os.path.join(folder, os.fsdecode(os.fsencode(stem)[: max(1, 255 - len(os.fsencode(end)))]) + end)
 
 
-def write_bytes(path, data, force=False, before=None):
-    """Write a file whole or not at all; `before` : what is done when it is written, before it has its name."""
-    temporary = part_of(path)
+def is_part(name):
+    """Whether a name is that of a part."""
+    return _PART.fullmatch(name) is not None
+
+
+def clear(folder, age=None):
+    """Take away the parts in a folder that no process writes any more: of processes of this computer that have ended, and, where `age` is given,
+    those of other computers that have not changed for so many seconds."""
+    with contextlib.suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            with contextlib.suppress(OSError):
+                if (found := _PART.fullmatch(entry.name)) and _is_left(entry, found[1], int(found[2]), age):
+                    _drop(entry.path)
+
+
+def _is_left(entry, computer, process, age):
+    if computer != _computer():
+        return age is not None and time.time() - entry.stat(follow_symlinks=False).st_mtime > age
+    if process == os.getpid():
+        return os.path.abspath(entry.path) not in _parts
     try:
-        with naming(path), open(temporary, "wb") as file:
-            file.write(data)
-        if before is not None:
-            before()
-        put_in_place(temporary, path, force)
-    except BaseException:
-        drop(temporary)
-        raise
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return True
+    except OSError:
+        return False
+    return False
 
 
-def drop(path):
-    """Take a file away that is not whole, and what it takes of the disk, also where a library keeps it open."""
+@functools.cache
+def _computer():
+    """This computer, and whose count of processes: those of another container are others."""
+    try:
+        return f"{platform.node()[:64]}-{os.stat('/proc/self/ns/pid').st_ino}"
+    except OSError:
+        return platform.node()[:64]
+
+
+@atexit.register
+def drop_parts():
+    """Delete what this process has begun and not finished, where a second signal interrupted the clean-up."""
+    for part in list(_parts):
+        _drop(part)
+
+
+def _drop(part):
     with contextlib.suppress(OSError):
-        if os.stat(path).st_nlink == 1:  # else it has its name already
-            os.truncate(path, 0)
-    with contextlib.suppress(OSError):
-        os.unlink(path)
+        if os.path.isdir(part) and not os.path.islink(part):
+            shutil.rmtree(part, ignore_errors=True)
+        else:
+            if os.lstat(part).st_nlink == 1:  # else it has its name already
+                with contextlib.suppress(OSError):
+                    os.truncate(part, 0)
+            os.unlink(part)
 
 
 def text_of(folder, name):

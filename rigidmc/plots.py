@@ -5,7 +5,7 @@ that a million members take seconds; of the drifts, all. A flagged member (statu
 figure counts them. ValueError where a picture has nothing to draw, with what to save.
 """
 
-import os
+import io
 from pathlib import Path
 from textwrap import fill
 
@@ -17,7 +17,7 @@ from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import NullFormatter
 
-from rigidmc.files import check_suffix
+from rigidmc.files import check_suffix, refuse_existing, write_bytes
 from rigidmc.sphere import central_axis, density, lambert, polhodes
 
 TIMES, MEMBERS, POINTS = 400, 20_000, 2_000_000  # read are TIMES saves at most, and MEMBERS members, or more up to POINTS vectors
@@ -184,16 +184,18 @@ def drift_histogram(ds, axes=None):
     return axes.figure
 
 
-def save(figure, path):
-    """Write a picture by its suffix, under a temporary name in the same folder, then renamed; SceneError as `check_suffix`."""
+def save(figure, path, force=False):
+    """Write a picture by its suffix, whole or not at all; OutputExists where a file is there and not `force`, SceneError as `check_suffix`."""
+    refuse_existing(path, force, "pictures")
+    write_bytes(path, drawn(figure, path), force)
+
+
+def drawn(figure, path):
+    """The bytes of a picture of the kind that a path names; SceneError as `check_suffix`."""
     check_suffix(path, "pictures")
-    path = Path(path)
-    half = path.with_name(f".{path.name}.part-{os.getpid()}")
-    try:
-        figure.savefig(half, dpi=150, format=path.suffix[1:].lower())
-        os.replace(half, path)
-    finally:
-        half.unlink(missing_ok=True)
+    made = io.BytesIO()
+    figure.savefig(made, dpi=150, format=Path(path).suffix[1:].lower())
+    return made.getvalue()
 
 
 def _sample(ds):

@@ -75,7 +75,7 @@ def _lines():
         if now - last > _LINE_SECONDS:
             last = now
             left = (now - began) * (total - done) / max(1, done)
-            with suppress(BrokenPipeError):  # who reads it may have gone; the run goes on
+            with suppress(OSError):  # who reads it may have gone; the run goes on
                 print(f"{100 * done / total:.0f} % done, {left:.0f} s left", file=sys.stderr, flush=True)
 
     return show

@@ -22,13 +22,11 @@ import time
 from typing import Any
 
 from rigidmc.errors import OutputExists, SceneError
-from rigidmc.files import naming
+from rigidmc.files import clear, is_part, naming
 
 FORMAT = 1
 MOST = 10**8  # shards, whose names have eight digits
 _SHARD = re.compile(r"([0-9]{8})-([0-9]{1,12})-([0-9a-f]{16})\.nc")
-# by writers that were killed
-_LEFT = re.compile(r"([0-9]{8}(-[0-9]{1,12}-[0-9a-f]{16}\.nc)?|run\.json|scene\.toml|columns\.nc)\.part-(.+)-([0-9]+)")
 _OLD = 3600.0  # seconds after which a file of another computer that is not whole is one that was left
 _FACTS = {
     "format": int,
@@ -117,7 +115,7 @@ class RunDirectory:
                 found = _SHARD.fullmatch(entry.name)
                 if found and int(found[1]) < self.count and int(found[1]) not in shards and entry.is_file(follow_symlinks=False):
                     shards[int(found[1])] = entry.path
-                elif not _LEFT.fullmatch(entry.name):
+                elif not is_part(entry.name):
                     strays.append(entry.path)
         return shards, strays
 
@@ -191,29 +189,12 @@ class RunDirectory:
     def clear(self):
         """Take away what writers left that were killed: temporary files, which no shard is, and which no process writes any more."""
         for folder in (self.path, self._folder):
-            for name in os.listdir(folder):
-                path = os.path.join(folder, name)
-                with contextlib.suppress(FileNotFoundError):
-                    if (found := _LEFT.fullmatch(name)) and os.path.isfile(path) and _is_left(path, found[3], int(found[4])):
-                        os.unlink(path)
+            clear(folder, _OLD)
 
 
 def _opener(path, flags):
     """What is written in a run is no link to what is not."""
     return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0), 0o666)
-
-
-def _is_left(path, host, process):
-    """Whether no one writes a temporary file any more: its process has ended, or was another computer's and is not heard of."""
-    if host != platform.node():
-        return time.time() - os.stat(path).st_mtime > _OLD
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return True
-    except OSError:
-        return False
-    return process == os.getpid()
 
 
 def flagged_of(path):

@@ -5,7 +5,6 @@ import errno
 import math
 import os
 import shutil
-import tempfile
 import time
 import tomllib
 import warnings
@@ -20,7 +19,7 @@ from rigidmc.effects import EFFECTS
 from rigidmc.effects.own import source_of
 from rigidmc.engine.machine import this_machine, threads_available
 from rigidmc.errors import OutputExists, SceneError, SceneWarning
-from rigidmc.files import drop, make_durable, part_of, put_in_place, refuse_unwritable, text_of, write_bytes
+from rigidmc.files import Part, folder_beside, make_durable, naming, refuse_unwritable, text_of, write_bytes
 from rigidmc.jobs import compile_kernel
 from rigidmc.planning import BLOCK
 from rigidmc.run_directory import FORMAT, MOST, RunDirectory, hash_of, hash_of_file, rendered
@@ -44,9 +43,10 @@ from rigidmc.storage.schema import attributes
 from rigidmc.units import told
 
 
-def create(scene, path, size=SHARD, only=None):
+def create(scene, path, size=SHARD, only=None, threads=None):
     """The RunDirectory of a new run of a scene, in shards of about `size` bytes, a block of members at least; OutputExists where there is
-    anything in that folder, SceneError also where of `only`, the range of shards that is wanted of it, there is none."""
+    anything in that folder, SceneError also where of `only`, the range of shards that is wanted of it, there is none, NoRoom where there is too
+    little for so many threads."""
     if not isinstance(size, (int, float)) or not 0.0 < size < math.inf:
         raise SceneError("", "size", size, "expected the bytes of a shard")
     path = _place_of(path)
@@ -64,7 +64,7 @@ def create(scene, path, size=SHARD, only=None):
     run, count = mine.run, -(-mine.run.members // shard)
     _refuse_beyond(only, count)
     _refuse_many(count)
-    threads = threads_available()
+    threads = threads or threads_available()
     refuse_hopeless(mine, shown, threads, path, memory_of_shards(mine, shown, min(shard, run.members), threads))
     versions, machine = this_machine()
     sources = [file for e in mine.effects if type(e) not in EFFECTS.values() and (file := source_of(type(e))) is not None]
@@ -88,10 +88,7 @@ def create(scene, path, size=SHARD, only=None):
 def _made_beside(path):
     """A new run directory, made beside its place and moved there when it is whole: what is killed meanwhile leaves nothing under that name.
     OutputExists where something appeared there."""
-    parent = os.path.dirname(os.path.abspath(path))
-    folder = tempfile.mkdtemp(prefix=f".{os.path.basename(path)}-", dir=parent)
-    try:
-        os.chmod(folder, 0o777 & ~_umask())
+    with folder_beside(path) as folder:
         os.mkdir(os.path.join(folder, "shards"))
         yield folder
         try:
@@ -100,10 +97,7 @@ def _made_beside(path):
             if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
                 raise
             raise OutputExists(f"{path} appeared meanwhile; nothing was overwritten") from None
-        make_durable(parent)
-    except BaseException:
-        shutil.rmtree(folder, ignore_errors=True)
-        raise
+        make_durable(os.path.dirname(os.path.abspath(path)))
 
 
 def _place_of(path):
@@ -135,12 +129,6 @@ def _columns(scene, count):
     names = sorted(set(referred(tomllib.loads(scene.dumps()))))
     pieces = [stage(scene, low, min(BLOCK, count - low), True)[1] for low in range(0, count, BLOCK)]
     return {name: np.concatenate([piece[name] for piece in pieces], axis=-1) for name in names}
-
-
-def _umask():
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 def resume(
@@ -218,6 +206,7 @@ def extend(path, members, accept=False, allow_code=False):
         def shorten():
             if facts["members"] % facts["shard"] and last is not None:
                 os.unlink(last)
+                make_durable(os.path.dirname(last))  # before run.json says that it is longer
 
         write_bytes(name, rendered({**facts, "members": members}).encode(), force=True, before=shorten)
         directory.note(event="extended", members=members)
@@ -271,12 +260,8 @@ def merge(path, others):
                 if fault := fault_of(other, i, shard):
                     raise SceneError("", "run", other.path, fault)
                 final = os.path.join(path, "shards", os.path.basename(shard))
-                try:
-                    shutil.copyfile(shard, part_of(final))
-                    put_in_place(part_of(final), final, False)
-                except BaseException:
-                    drop(part_of(final))
-                    raise
+                with Part(final, True) as part, naming(final, part):
+                    shutil.copyfile(shard, part)
                 copied += 1
         directory.note(event="merged", shards=copied, others=[other.path for other in others])
     return directory, copied

@@ -17,6 +17,7 @@ from rigidmc.engine import layout
 from rigidmc.engine.blocks import run_blocks
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import SceneError, SceneWarning
+from rigidmc.files import folder_beside, refuse_existing
 from rigidmc.jobs import closed_job, compile_kernel, job_of
 from rigidmc.observables import OBSERVABLES, rows_of
 from rigidmc.planning import prepare, whole_lanes
@@ -25,7 +26,6 @@ from rigidmc.sampling import rows
 from rigidmc.scene_notes import notes
 from rigidmc.sinks import File, Memory
 from rigidmc.staging import stage
-from rigidmc.storage import refuse_existing
 from rigidmc.storage.schema import member_variables
 from rigidmc.units import internal, scaled, told
 
@@ -194,9 +194,7 @@ def _rehearsed(scene, plan, threads, output, chosen):
         return guess
     kept, began = [], time.perf_counter()
     taken: dict[int, list[float]] = {REHEARSED: [], 3 * REHEARSED: []}
-    with tempfile.TemporaryDirectory(
-        prefix=".rigidmc-", dir=os.path.dirname(os.path.abspath(output)) if output else None
-    ) as folder:
+    with folder_beside(output) if output else tempfile.TemporaryDirectory() as folder:
         for i in range(10):
             count = REHEARSED * (1 + 2 * (i % 2))
             few = scene.with_run(members=count)

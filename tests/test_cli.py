@@ -177,7 +177,7 @@ def test_signals(tmp_path, number, code):
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # tests started in the background have it ignored
     )  # fmt: skip
     deadline = time.monotonic() + 60
-    while not any(name.startswith("x.nc.part") for name in os.listdir(tmp_path)) and time.monotonic() < deadline:
+    while not any(name.startswith(".part-") for name in os.listdir(tmp_path)) and time.monotonic() < deadline:
         time.sleep(0.05)
     time.sleep(0.5)
     process.send_signal(number)

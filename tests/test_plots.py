@@ -332,12 +332,14 @@ def test_save_refuses_other_suffixes_and_keeps_the_old_picture(free, tmp_path, m
     old.write_bytes(b"old")
 
     def full(half, **_):
-        half.write_bytes(b"half")
+        half.write(b"half")
         raise OSError("No space left on device")
 
+    with pytest.raises(FileExistsError, match="--force"):
+        plots.save(figure, old)
     monkeypatch.setattr(figure, "savefig", full)
     with pytest.raises(OSError, match="No space"):
-        plots.save(figure, old)
+        plots.save(figure, old, force=True)
     assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("flips.png", b"old")]
 
 

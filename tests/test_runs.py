@@ -22,7 +22,7 @@ import rigidmc as rm
 from rigidmc import cluster, run_directory, run_results, runs
 from rigidmc.cli import app
 from rigidmc.errors import NoRoom, OutputExists, SceneError, SceneWarning
-from rigidmc.files import text_of
+from rigidmc.files import Part, text_of
 from rigidmc.run_directory import RunDirectory, rendered
 from rigidmc.storage.netcdf import read
 from tests import torture
@@ -197,7 +197,7 @@ def test_a_full_disk_is_told_and_lived_on_with(tmp_path):
     """netCDF-C frees what it keeps a number for where a close fails, and crashed a later run when the collector closed the file once more."""
     done = subprocess.run([sys.executable, "-X", "faulthandler", "-c", FULL, tmp_path], capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr[-2000:]
-    assert not list(tmp_path.glob("*.part-*"))
+    assert not list(tmp_path.glob(".part-*"))
 
 
 def test_results_may_be_opened_and_dropped_beside_a_run(tmp_path):
@@ -279,13 +279,14 @@ def test_leftovers_of_those_who_write_are_left(tmp_path):
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
     names = {os.getpid(): False, os.getppid(): True, gone.pid: False}  # this process writes nothing now
+    here = os.path.basename(Part(tmp_path / "x").path).rsplit("-", 2)[0]
     for process in names:
-        (tmp_path / "run" / "shards" / f"00000001.part-{os.uname().nodename}-{process}").touch()
-    late, old = (tmp_path / "run" / f"run.json.part-elsewhere-{n}" for n in (1, 2))
+        (tmp_path / "run" / "shards" / f"{here}-{process}-7").touch()
+    late, old = (tmp_path / "run" / f".part-elsewhere-{n}-7" for n in (1, 2))
     late.touch(), old.touch()
     os.utime(old, (0.0, 0.0))
     directory.clear()
-    assert {process: bool(list(tmp_path.rglob(f"*-{process}"))) for process in names} == names
+    assert {process: bool(list(tmp_path.rglob(f"*-{process}-7"))) for process in names} == names
     assert late.exists() and not old.exists()
 
 

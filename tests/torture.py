@@ -1,4 +1,4 @@
-"""What run directories survive, with closing tables: python tests/torture.py --kills 200 --faults all --corrupt 500 --lost 6.
+"""What outputs survive, with closing tables: python tests/torture.py --kills 200 --faults all --corrupt 500 --lost 6 --outputs all.
 
 --kills N    start a run, kill it with SIGKILL at a random moment, resume it until it is whole; its shards' sha256 are those of an unbroken run.
              Every other run has rows of its own for each member, from a table, and keeps summaries and thinned digits
@@ -6,23 +6,28 @@
              disk, a broken one, or a delay; and files that the system lets grow to so many bytes only, wherever the C library then is. Exit 74
              and one message, nothing visible is wrong, and resumed, or asked once more, it is whole
 --corrupt N  flip a bit or cut a shard or run.json of a whole run at a random place; `verify` has to find it, and `resume --repair` to undo it
+--outputs N  every other output (results, consolidated files, maps, studies, bounds, pictures, animations): the same faults, and files that appear
+             meanwhile, at N of each call or all; and N kills and signals that come twice, or 200. Exit 74 or 6 and one message, no file is torn or
+             overwritten, and nothing is left behind. And every command with streams that are closed, full or whose reader has gone
 --lost N     kill N workers of `--cluster local:2`, one every few seconds; the run ends well, and its shards are those of two threads
 """
 
 import argparse
-import contextlib
 import hashlib
 import itertools
 import multiprocessing
 import os
 import random
-import resource
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 import time
+
+sys.path[:0] = [os.path.dirname(os.path.dirname(os.path.abspath(__file__)))]  # as a script it stands in tests/
+
+from tests.faulty import at_call, delay, limited, places  # noqa: E402
 
 COMMAND = [sys.executable, "-c", "from rigidmc.cli import main; main()"]
 WORDS = ["run", "tennis_racket", "--members", "400000", "--every", "0.5", "--save", "omega", "--shard-size", "4", "-o"]
@@ -208,15 +213,10 @@ def corrupt(count, folder, some):
 
 def faults(most, folder, some):
     """Let each operation of a run fail once; {what: how often}."""
-    import builtins
-    import errno
-    from unittest.mock import patch
-
     from typer.testing import CliRunner
 
     from rigidmc import run_directory
     from rigidmc.cli import app
-    from rigidmc.storage import netcdf
 
     whole, path, words = os.path.join(folder, "whole"), os.path.join(folder, "run"), [*WORDS[:3], "20000", *WORDS[4:]]
     words[words.index("--shard-size") + 1] = "0.5"
@@ -237,10 +237,10 @@ def faults(most, folder, some):
         if kind == "extend":
             shutil.copytree(half, path)
 
-    def tried(name, kind, failing):
+    def tried(name, kind, failure):
         """A command while something fails, and what comes after."""
         prepared(kind)
-        with failing:
+        with failure:
             done = invoke(app, kinds[kind])
         told["faults"] += 1
         if done.exit_code == 0:
@@ -265,54 +265,17 @@ def faults(most, folder, some):
         if not good:
             print(f"{name}: afterwards: exit {again.exit_code}: {again.output[-300:]}", file=sys.stderr)
 
-    system = [OSError(code, os.strerror(code)) for code in (errno.ENOSPC, errno.EIO)]
-    library = [RuntimeError("NetCDF: HDF error")]  # all that the C library tells, in the middle of a shard
-    places = [("fsync", os, "fsync", system), ("rename", os, "replace", system), ("open", builtins, "open", system), ("unlink", os, "unlink", system), ("link", os, "link", system),
-              ("open of a shard", netcdf.netCDF4, "Dataset", system), ("write", netcdf.Writer, "_rounded", library)]  # fmt: skip
-    for kind, (name, where, attribute, errors) in itertools.product(kinds, places):
-        real, seen = getattr(where, attribute), [0]
-
-        def counted(*given, real=real, seen=seen, **named):
-            seen[0] += folder in str(given) or "Writer" in str(given)
-            return real(*given, **named)
-
+    for kind, place in itertools.product(kinds, places()):
         prepared(kind)
-        with patch.object(where, attribute, counted):
+        with at_call(folder, *place[1:3]) as seen:
             assert invoke(app, kinds[kind]).exit_code == 0
         numbers = range(seen[0]) if most >= seen[0] else sorted(some.sample(range(seen[0]), most))
-        for number in numbers:
-            for error in (*errors, None):
-                at = [0]
-
-                def failing(*given, real=real, at=at, number=number, error=error, **named):
-                    if folder in str(given) or "Writer" in str(given):
-                        at[0] += 1
-                        if at[0] == number + 1:
-                            if error is not None and isinstance(
-                                given[0], str
-                            ):  # the system names files, but not those it has numbers for
-                                error.filename = given[0]
-                            if error is not None:
-                                raise error
-                            time.sleep(0.2)
-                    return real(*given, **named)
-
-                tried(f"{kind}: {name} {number}", kind, patch.object(where, attribute, failing))
+        for number, act in itertools.product(numbers, (*place[3], delay)):
+            tried(f"{kind}: {place[0]} {number}", kind, at_call(folder, *place[1:3], number, act))
     largest = max(os.path.getsize(os.path.join(whole, "shards", shard)) for shard in expected)
     for i in range(min(most, 40)):
         tried(f"no file larger than {i}/40 of a shard", ("run", "extend", "merge")[i % 3], limited(i * largest // 40))
     return told
-
-
-@contextlib.contextmanager
-def limited(size):
-    """Let files grow to so many bytes only; what writes more is told EFBIG, in the middle of its write."""
-    known = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, known[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, known)
 
 
 def main():
@@ -321,14 +284,18 @@ def main():
     words.add_argument("--faults", type=lambda text: 10**6 if text == "all" else int(text), default=0)
     words.add_argument("--corrupt", type=int, default=0)
     words.add_argument("--lost", type=int, default=0)
+    words.add_argument("--outputs", type=lambda text: 10**6 if text == "all" else int(text), default=0)
     words.add_argument("--seed", type=int, default=1)
     given = words.parse_args()
     some = random.Random(given.seed)
+    from tests.torture_outputs import outputs
+
     for name, work, count in (
         ("kills", kills, given.kills),
         ("faults", faults, given.faults),
         ("corrupt", corrupt, given.corrupt),
         ("lost", lost, given.lost),
+        ("outputs", outputs, given.outputs),
     ):
         if count:
             began = time.monotonic()

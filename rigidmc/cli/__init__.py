@@ -2,17 +2,28 @@
 imported before it is needed."""
 
 import sys
+from typing import Any
 
 from rigidmc.cli import closed, maps, results, runs, scene, stress, study, vocabulary  # noqa: F401  (their commands, in this order)
-from rigidmc.cli.common import INTERRUPTED, app
+from rigidmc.cli.common import FLAGGED, INCOMPLETE, INTERRUPTED, IO, OK, app
+from rigidmc.cli.streams import guard
 
 
 def main():
     """Entry point of the `rigidmc` command."""
+    out = guard()
+    code: Any = OK
     try:
         app()
     except KeyboardInterrupt:  # before or after the work itself
-        sys.exit(INTERRUPTED)
+        code = INTERRUPTED
+    except SystemExit as ended:
+        code = ended.code
+    out.flush()
+    if out.fault is not None and code in (None, OK, FLAGGED, INCOMPLETE):  # else there is a message
+        print(f"rigidmc: standard output: {out.fault.strerror}; what was written to files is whole", file=sys.stderr)
+        code = IO
+    sys.exit(code)
 
 
 if __name__ == "__main__":

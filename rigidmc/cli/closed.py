@@ -17,10 +17,11 @@ from rigidmc.cli.common import (
     app,
     count_option,
     load_scene,
-    plots_module,
     refuse_outputs,
     reported,
+    save_picture,
     time_option,
+    told,
 )
 
 
@@ -67,14 +68,14 @@ def exact_command(
             warnings.simplefilter("always", SceneWarning)
             warnings.showwarning = lambda message, *_, **__: print(f"rigidmc: note: {message}", file=sys.stderr)
             try:
-                print("\n".join(compare(loaded, at, members)))
+                lines = compare(loaded, at, members)
                 if plot is not None:
                     from rigidmc import exact_plots
 
                     case = closed_form(loaded, 1)
                     title = f"{loaded.title}: {case.name}, closed form of member {loaded.run.first}"
-                    plots_module().save(exact_plots.case_summary(case, title, abs(at) or loaded.run.t_end), plot)
-                    print(f"wrote {plot}")
+                    save_picture(exact_plots.case_summary(case, title, abs(at) or loaded.run.t_end), plot, force)
+                print("\n".join([*lines, *told([plot])]))
             except SceneError as error:
                 error.file = error.file or scene
                 raise

@@ -122,17 +122,21 @@ class AskedToStop(BaseException):
 def reported():
     """Turn what can go wrong into one message and an exit code; never a traceback for a user's mistake."""
     from rigidmc.errors import NoRoom, OutputExists, SceneError
+    from rigidmc.files import drop_parts
 
-    def terminate(*_):
-        raise Terminated
+    def heard(number, _):
+        raise Terminated if number == signal.SIGTERM else AskedToStop
 
-    def stop(*_):
-        raise AskedToStop
-
-    previous = signal.signal(signal.SIGTERM, terminate)
-    asked = signal.signal(signal.SIGUSR1, stop) if hasattr(signal, "SIGUSR1") else None
+    numbers = [signal.SIGTERM, *([signal.SIGUSR1] if hasattr(signal, "SIGUSR1") else [])]
+    previous = {signal.SIGINT: signal.getsignal(signal.SIGINT), **{number: signal.signal(number, heard) for number in numbers}}
     try:
-        yield
+        try:
+            yield
+        except (KeyboardInterrupt, Terminated, AskedToStop):
+            for number in previous:  # what follows is short, and a second signal leaves nothing behind
+                signal.signal(number, signal.SIG_IGN)
+            drop_parts()
+            raise
     except SceneError as error:
         fail(error, INVALID)
     except OutputExists as error:
@@ -141,9 +145,6 @@ def reported():
         fail(f"{error}; nothing was written", IO)
     except FileNotFoundError as error:
         fail(_in_words(error), INVALID if "shipped scene" in str(error) else IO)
-    except BrokenPipeError:  # whoever read our lines has gone
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        raise typer.Exit(OK) from None
     except (OSError, RuntimeError) as error:
         if isinstance(error, RuntimeError) and "HDF error" not in str(error) and "NetCDF" not in str(error):
             raise
@@ -157,9 +158,8 @@ def reported():
     except AskedToStop:
         fail(f"asked to stop; {LEFT}", INCOMPLETE)
     finally:
-        signal.signal(signal.SIGTERM, previous)
-        if asked is not None:
-            signal.signal(signal.SIGUSR1, asked)
+        for number, handler in previous.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
 
 
 def _in_words(error):
@@ -235,12 +235,44 @@ def plots_module():
     return plots
 
 
-def refuse_outputs(force, output=None, plot=None, bounds=None):
-    """Raise, before any work, for files that exist, cannot be made or have another ending than their kind; pictures need matplotlib."""
+def refuse_outputs(force, output=None, plot=None, bounds=None, animation=None, size=100_000):
+    """Refuse, before any work, outputs that could not be written after it: files that exist, cannot be made, have another ending than their kind or
+    the same name; pictures need matplotlib.
+
+    size : bytes of the largest of them, if that is known
+    """
+    from rigidmc.errors import SceneError
     from rigidmc.files import refuse_existing
 
-    for path, kind in ((output, "results"), (plot, "pictures"), (bounds, "tables of bounds")):
-        if path is not None:
-            refuse_existing(path, force, kind)
-    if plot is not None:
+    kinds = {"results": output, "pictures": plot, "tables of bounds": bounds, "animations": animation}
+    given = {kind: path for kind, path in kinds.items() if path is not None}
+    for kind, path in given.items():
+        refuse_existing(path, force, kind, size)
+    if len({os.path.abspath(path) for path in given.values()}) < len(given):
+        raise SceneError("", "--output", next(iter(given.values())), "two outputs have the same name")
+    if plot is not None or animation is not None:
         plots_module()
+
+
+def keep(dataset, output, plot, force, draw):
+    """Write a study, and the picture that draw(dataset) makes of it; lines that tell so."""
+    from rigidmc.files import write_bytes
+    from rigidmc.storage import encoded
+
+    if output is not None:
+        write_bytes(output, encoded(dataset), force)
+    if plot is not None:
+        save_picture(draw(dataset), plot, force)
+    return told([output, plot])
+
+
+def save_picture(figure, path, force):
+    """Write a picture to a path that was looked at before: where a file appeared there meanwhile it is kept under another name."""
+    from rigidmc.files import write_bytes
+
+    write_bytes(path, plots_module().drawn(figure, path), force)
+
+
+def told(paths):
+    """A line for each file that was written."""
+    return [f"  wrote {path} ({os.path.getsize(path) / 1e6:,.1f} MB)" for path in paths if path is not None]

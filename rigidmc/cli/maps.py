@@ -22,9 +22,9 @@ from rigidmc.cli.common import (
     Turn,
     app,
     count_option,
+    keep,
     load_scene,
     noted,
-    plots_module,
     refuse_outputs,
     reported,
 )
@@ -46,7 +46,6 @@ def make_map(
     """Map two parameters of a scene against what its members do, with replicas and a confidence interval for every pixel."""
     with reported():
         from rigidmc.errors import SceneError, unknown
-        from rigidmc.storage import write
         from rigidmc.studies.map_cases import MAPS, case_map
 
         if name == "list":
@@ -63,7 +62,7 @@ def make_map(
             return
         if which is not None:
             raise SceneError("", "NAME", which, "goes with `rigidmc map list NAME`")
-        refuse_outputs(force, output, plot)
+        refuse_outputs(force, output, plot, size=8 * max(resolution, 1) ** 2 * (4 + 3 * len(of)))
 
         def show(done, total):
             if sys.stderr.isatty():
@@ -101,17 +100,19 @@ def make_map(
         except SceneError as error:
             error.file = error.file or name
             raise
-        failed = _close(found, members)
-        if output is not None:
-            write(found, output, force)
-            print(f"  wrote {output}")
-        if plot is not None:
-            plots = plots_module()
+
+        def draw(found):
             from rigidmc import map_plots
 
-            plots.save(map_plots.stability_map(found), plot)
-            print(f"  wrote {plot}")
-    raise typer.Exit(FLAGGED if failed else OK)
+            return map_plots.stability_map(found)
+
+        lines = list[str]()
+        try:
+            lines = keep(found, output, plot, force, draw)
+        finally:  # what was found is told also where it could not be written
+            _close(found)
+            print("\n".join(lines), end="\n" * bool(lines))
+    raise typer.Exit(FLAGGED if int(found.failed.sum()) else OK)
 
 
 def _explain(case):
@@ -137,8 +138,8 @@ def _side(text, key):
     return name.strip(), low, high, len(parts) == 3
 
 
-def _close(found, members):
-    """The closing summary; how many members failed."""
+def _close(found):
+    """The closing summary."""
     import numpy as np
 
     pixels, none = found.good.size, int(((found.good == 0) & (found.failed == 0)).sum())
@@ -162,4 +163,3 @@ def _close(found, members):
             f"  {name:28s} {float(found[name].min()):.4g} to {float(found[name].max()):.4g}, median {float(found[name].median()):.4g}{sure}"
         )
     print(f"  pixels without body or start: {none:,}; members that failed: {failed:,}")
-    return failed

@@ -22,7 +22,9 @@ from rigidmc.cli.common import (
     plots_module,
     refuse_outputs,
     reported,
+    save_picture,
     time_option,
+    told,
 )
 
 
@@ -45,18 +47,15 @@ def rerun(
         except SceneError as error:
             error.file = error.file or file
             raise
+        if plot is not None:
+            save_picture(plots_module().summary(dataset), plot, force)
         times = dataset.sizes["time"]
         print(
             f"{dataset.attrs['title']}: member {member}, {times:,} saves of {', '.join(v for v in dataset.data_vars if 'time' in dataset[v].dims)}"
         )
         print(f"  {dataset.attrs['rerun']}")
-        if plot is not None:
-            plots = plots_module()
-            plots.save(plots.summary(dataset), plot)
+        print("\n".join(told([output, plot])), end="\n" * bool(output or plot))
         dataset.close()
-        for path in (output, plot):
-            if path is not None:
-                print(f"  wrote {path}")
 
 
 @app.command()
@@ -84,13 +83,15 @@ def animate(
     """Animate one member of a result: it is integrated again, and drawn turning beside its momentum sphere."""
     with reported():
         from rigidmc.again import frames
-        from rigidmc.storage import refuse_existing
 
-        refuse_existing(output, force, "animations")
-        plots_module()
-        from rigidmc.animation import SMOOTH
+        refuse_outputs(force, animation=output)
+        from rigidmc.animation import SMOOTH, check_writer
         from rigidmc.animation import animate as written
 
+        try:
+            check_writer(output)
+        except ValueError as error:
+            fail(error, INVALID)
         with noted():
             dataset = frames(opened(file, allow_code), member, max(2, round(seconds * fps) - 1) * SMOOTH, allow_code)
         if int(dataset.status.values[0]) == 2:
@@ -99,10 +100,7 @@ def animate(
         if made < 0.9 * seconds * fps:
             print(f"  it makes {dataset.sizes['time'] - 1} steps only, which are {made} frames", file=sys.stderr)
             fps = max(1, round(made / seconds))
-        try:
-            written(dataset, output, fps)
-        except ValueError as error:
-            fail(error, INVALID)
+        written(dataset, output, fps, force=force)
         end = float(dataset.time.values[-1])
         print(f"{dataset.attrs['title']}: member {member}, {-(-dataset.sizes['time'] // SMOOTH)} frames of {end:g} s")
-        print(f"  wrote {output}")
+        print(*told([output]))

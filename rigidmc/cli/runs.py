@@ -19,6 +19,7 @@ from rigidmc.cli.common import (
     fail,
     reported,
     time_option,
+    told,
 )
 
 RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="A run directory, made by `rigidmc run SCENE -o RUN/`.")]
@@ -172,7 +173,7 @@ def consolidate(
 
         run_results.consolidate(run, output, force, allow_code).close()
         found = run_directory.status(run)
-        print(f"  wrote {output} ({os.path.getsize(output) / 1e6:,.1f} MB); flagged members: {found['flagged'] or 'none'}")
+        print(f"{told([output])[0]}; flagged members: {found['flagged'] or 'none'}")
     raise typer.Exit(outcome(found))
 
 

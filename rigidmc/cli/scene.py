@@ -1,7 +1,6 @@
 """rigidmc run, show, check, scenes, plot, doctor."""
 
 import json
-import os
 import sys
 import time
 from typing import Annotated
@@ -43,6 +42,8 @@ from rigidmc.cli.common import (
     plots_module,
     refuse_outputs,
     reported,
+    save_picture,
+    told,
 )  # fmt: skip
 from rigidmc.cli.runs import Blocks, Cluster, MaxWall, OutputOrRun, ShardSize, go_on, is_run, shards_of
 
@@ -88,12 +89,12 @@ def run_scene(
             from rigidmc.cluster import checked
             from rigidmc.runs import SHARD, create
 
-            if cluster is not None:
-                checked(cluster)
+            kind, many = ("", "") if cluster is None else checked(cluster)
             if shard_size is not None and not shard_size < 1e6:
                 raise SceneError("", "--shard-size", shard_size, "expected megabytes, up to 1e6")
             with noted():
-                made = create(loaded, output, SHARD if shard_size is None else 1e6 * shard_size, shards_of(shards))
+                size = SHARD if shard_size is None else 1e6 * shard_size
+                made = create(loaded, output, size, shards_of(shards), int(many) if kind == "local" else threads)
             raise typer.Exit(go_on(made.path, threads, max_wall=max_wall, shards=shards, allow_code=allow_code, cluster=cluster))
         for name, given in (("--max-wall", max_wall), ("--shards", shards), ("--shard-size", shard_size), ("--cluster", cluster)):
             if given is not None:
@@ -116,8 +117,7 @@ def run_scene(
             raise
         cost = dataset.encoding["rigidmc"]
         if plot is not None:
-            plots = plots_module()
-            plots.save(plots.summary(dataset), plot)
+            save_picture(plots_module().summary(dataset), plot, force)
         _close(dataset, cost, time.perf_counter() - began, [p for p in (output, plot) if p])
         if found is not None:
             print(f"  {until}: {found.value:.6g}, 95 % between {found.low:.6g} and {found.high:.6g}")
@@ -154,8 +154,8 @@ def _close(dataset, cost, wall, files):
     print(f"  flagged members: {flags or 'none'}{where}")
     if not files:
         print("  nothing was written: -o FILE keeps the result, --plot FILE draws it")
-    for path in files:
-        print(f"  wrote {path} ({os.path.getsize(path) / 1e6:,.1f} MB)")
+    for line in told(files):
+        print(line)
 
 
 @app.command()
@@ -259,12 +259,12 @@ def plot(
                 if picture == "gibbs":
                     from rigidmc.gibbs_plot import gibbs
 
-                    plots.save(gibbs(dataset, allow_code), output)
+                    save_picture(gibbs(dataset, allow_code), output, force)
                 else:
-                    plots.save(getattr(plots, picture)(dataset), output)
+                    save_picture(getattr(plots, picture)(dataset), output, force)
         except ValueError as error:
             fail(error, INVALID)
-        print(f"wrote {output}")
+        print(*told([output]))
 
 
 @app.command()

@@ -1,6 +1,5 @@
 """rigidmc stress."""
 
-import os
 from typing import Annotated
 
 import typer
@@ -15,10 +14,11 @@ from rigidmc.cli.common import (
     Set,
     Threads,
     app,
+    keep,
     load_scene,
-    plots_module,
     refuse_outputs,
     reported,
+    told,
 )
 
 
@@ -36,7 +36,6 @@ def stress(
     """Hard cases, each against its bound, on this machine; or how far your own scene can be trusted. Exit code 4 where something fails."""
     with reported():
         from rigidmc.errors import SceneError
-        from rigidmc.storage import write
 
         refuse_outputs(force, output, plot, write_bounds)
         if scene is not None:
@@ -48,7 +47,6 @@ def stress(
             except SceneError as error:
                 error.file = error.file or scene
                 raise
-            print("\n".join(study.table(found)))
             bad = study.failed(found)
         else:
             from rigidmc.cli.stress_table import show
@@ -56,20 +54,25 @@ def stress(
 
             given = cases.load_bounds(bounds) if bounds else None
             found = cases.stress(_words(group), _words(integrator), quick, given, threads, progress=True)
-            show(found)
             bad = cases.failed(found)
-            if write_bounds is not None:
-                cases.save_bounds(found, write_bounds)
-                print(f"wrote {write_bounds}")
-        if output is not None:
-            write(found, output, force=True)  # what is there was refused before
-            print(f"wrote {output} ({os.path.getsize(output) / 1e6:,.1f} MB)")
-        if plot is not None:
-            plots = plots_module()
+
+        def draw(found):
             from rigidmc import study_plots
 
-            plots.save((study_plots.trust if scene is not None else study_plots.hard_cases)(found), plot)
-            print(f"wrote {plot}")
+            return (study_plots.trust if scene is not None else study_plots.hard_cases)(found)
+
+        lines = list[str]()
+        try:
+            lines += keep(found, output, plot, force, draw)
+            if scene is None and write_bounds is not None:
+                cases.save_bounds(found, write_bounds, force)
+                lines += told([write_bounds])
+        finally:  # what was found is told also where it could not be written
+            if scene is not None:
+                print("\n".join(study.table(found)))
+            else:
+                show(found)
+            print("\n".join(lines), end="\n" * bool(lines))
     raise typer.Exit(FLAGGED if bad else OK)
 
 

@@ -15,8 +15,8 @@ from rigidmc.cli.common import (
     Threads,
     app,
     count_option,
+    keep,
     load_scene,
-    plots_module,
     refuse_outputs,
     reported,
     time_option,
@@ -38,7 +38,6 @@ def accuracy(
     """What accuracy costs in time, for a scene: every integrator over a ladder of steps against the truth, and the cheapest for each accuracy."""
     with reported():
         from rigidmc.errors import SceneError
-        from rigidmc.storage import write
         from rigidmc.studies import accuracy as study
 
         loaded = load_scene(scene, settings, allow_code)
@@ -51,23 +50,24 @@ def accuracy(
         try:
             if long:
                 found = study.long_drift(loaded, names, steps, dt, min(members, 64), progress=say)
-                print("\n".join(study.long_table(found)))
+                lines = study.long_table(found)
             else:
                 wanted = _numbers(tolerances) if tolerances else study.TOLERANCES
                 found = study.accuracy(loaded, names, wanted, members, threads, progress=say)
-                print("\n".join(study.table(found)))
+                lines = study.table(found)
         except SceneError as error:
             error.file = error.file or scene
             raise
-        if output is not None:
-            write(found, output, force=True)  # what is there was refused before
-            print(f"wrote {output}")
-        if plot is not None:
-            plots = plots_module()
+
+        def draw(found):
             from rigidmc import study_plots
 
-            plots.save((study_plots.long_drift if long else study_plots.work_precision)(found), plot)
-            print(f"wrote {plot}")
+            return (study_plots.long_drift if long else study_plots.work_precision)(found)
+
+        try:
+            lines += keep(found, output, plot, force, draw)
+        finally:  # what was found is told also where it could not be written
+            print("\n".join(lines))
 
 
 def _numbers(text):

@@ -13,7 +13,7 @@ import numpy as np
 from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 
 from rigidmc.errors import SceneError
-from rigidmc.files import drop, part_of, put_in_place, refuse_existing, write_bytes
+from rigidmc.files import Part, refuse_existing, write_bytes
 from rigidmc.storage.schema import (
     attributes,
     coordinates,
@@ -62,9 +62,13 @@ def _naming(path):
 def write(dataset, path, force=False):
     """Write a Dataset whole or not at all."""
     refuse_existing(path, force)
+    write_bytes(path, encoded(dataset), force)
+
+
+def encoded(dataset):
+    """The bytes of the file of a Dataset, made in memory: where the disk is full it is not the C library that has to tell, which crashes later."""
     words = {name: {"dtype": "S1"} for name, v in dataset.variables.items() if v.dtype.kind in "UO"}
-    # made in memory: where the disk is full it is not the C library that has to tell, which crashes later
-    write_bytes(path, dataset.to_netcdf(engine="netcdf4", encoding=words), force)
+    return dataset.to_netcdf(engine="netcdf4", encoding=words)
 
 
 class Writer:
@@ -75,13 +79,13 @@ class Writer:
         then has a sum, so that a flipped bit is an error to whoever reads it"""
         if named is None:
             refuse_existing(path, force)
-        self.path, self.force, self._named = path, force, named
+        self.path, self._named = path, named
         self._file: Any = None
-        self._temporary = part_of(path)
+        self._part = Part(path, force)
         self._first, self._digits = plan.first, dict[str, int]()
         try:
             with _naming(self.path), alone():
-                self._file = netCDF4.Dataset(self._temporary, "w", format="NETCDF4", clobber=True)
+                self._file = netCDF4.Dataset(self._part.path, "w", format="NETCDF4", clobber=True)
                 self._define(scene, plan, attributes(scene, plan) if attrs is None else attrs)
                 self._file.setncatts(more or {})
         except BaseException:
@@ -156,7 +160,7 @@ class Writer:
         file, self._file = self._file, None
         with _naming(self.path), alone():
             _close(file)
-        put_in_place(self._temporary, self.path if self._named is None else self._named(self._temporary), self.force)
+        self._part.finish(None if self._named is None else self._named(self._part.path))
 
     def discard(self):
         """Leave nothing behind."""
@@ -164,7 +168,7 @@ class Writer:
         with contextlib.suppress(RuntimeError), alone():
             if file is not None:
                 _close(file)
-        drop(self._temporary)
+        self._part.discard()
 
 
 def read(path, *names, mark=None):
@@ -178,23 +182,17 @@ def read(path, *names, mark=None):
 
 def write_columns(path, columns):
     """Write {name: array}, members last, as a small file of its own."""
-    temporary = part_of(path)
-    try:
-        with _naming(path), alone():
-            file = netCDF4.Dataset(temporary, "w", format="NETCDF4")
-            try:
-                for name, values in columns.items():
-                    dims = [f"{size}" for size in values.shape[:-1]] + ["member"]
-                    for dim, size in zip(dims, values.shape, strict=True):
-                        if dim not in file.dimensions:
-                            file.createDimension(dim, size)
-                    file.createVariable(name, values.dtype, dims)[:] = values
-            finally:
-                _close(file)
-        put_in_place(temporary, path, False)
-    except BaseException:
-        drop(temporary)
-        raise
+    with Part(path) as part, _naming(path), alone():
+        file = netCDF4.Dataset(part, "w", format="NETCDF4")
+        try:
+            for name, values in columns.items():
+                dims = [f"{size}" for size in values.shape[:-1]] + ["member"]
+                for dim, size in zip(dims, values.shape, strict=True):
+                    if dim not in file.dimensions:
+                        file.createDimension(dim, size)
+                file.createVariable(name, values.dtype, dims)[:] = values
+        finally:
+            _close(file)
 
 
 def scene_of(source, settings=(), allow_code=False):

@@ -2,6 +2,7 @@
 
 import contextlib
 import csv
+import io
 import json
 import math
 import subprocess
@@ -17,6 +18,7 @@ import xarray as xr
 from rigidmc import __version__
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import SceneError, unknown
+from rigidmc.files import write_bytes
 from rigidmc.integrators import INTEGRATORS
 from rigidmc.progress import reporter
 from rigidmc.studies.catalogue import GROUPS, catalogue
@@ -91,18 +93,18 @@ def load_bounds(path):
     return {key: _positive(key, bound) for key, (bound, _) in found.items()}
 
 
-def save_bounds(study, path):
+def save_bounds(study, path, force=False):
     """Write four times what a study measured as bounds, to one digit, at least 1e-16, for cases whose bound is not asked by mathematics."""
-    with open(path, "w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(_COLUMNS)
-        for i, case in enumerate(study.case.values):
-            for j, name in enumerate(study.integrator.values):
-                error = float(study.error.values[i, j])
-                if math.isfinite(error):
-                    writer.writerow(
-                        [study.group.values[i], case, name, f"{_rounded_up(max(4.0 * error, 1e-16)):.0e}", f"{error:.2g}"]
-                    )
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(_COLUMNS)
+    for i, case in enumerate(study.case.values):
+        for j, name in enumerate(study.integrator.values):
+            error = float(study.error.values[i, j])
+            if math.isfinite(error):
+                bound = f"{_rounded_up(max(4.0 * error, 1e-16)):.0e}"
+                writer.writerow([study.group.values[i], case, name, bound, f"{error:.2g}"])
+    write_bytes(path, text.getvalue().encode(), force)
 
 
 def _rounded_up(value):

@@ -1,0 +1,318 @@
+"""Every output appears whole or not at all, overwrites nothing that was not asked for, and leaves nothing behind."""
+
+import errno
+import os
+import random
+import shlex
+import signal
+import stat
+import subprocess
+import sys
+import time
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.figure import Figure
+from typer.testing import CliRunner
+
+import rigidmc as rm
+from rigidmc import animation, files, runs, simulation, study_plots
+from rigidmc.cli import app
+from rigidmc.errors import NoRoom, OutputExists
+from rigidmc.studies import accuracy, hard_cases, trust
+from tests import torture_outputs
+from tests.faulty import limited
+from tests.torture import COMMAND
+
+SCENE = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)), start=rm.Start(omega=(0.1, 1.0, rm.normal(0.0, 0.1)))).with_run(
+    integrator="rk4", dt=0.05, t_end=1.0, members=100, save=("omega",)
+)
+STUDY = xr.Dataset({"error": ("n", np.arange(3.0))})
+OLD = b"precious"
+
+
+def invoke(*words):
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+def parts(folder):
+    return [name for name in os.listdir(folder) if "part" in name or "rigidmc" in name]
+
+
+def appearing(paths, result):
+    """A function that gives a result while other processes write those files."""
+
+    def made(*_, **__):
+        for path in paths:
+            path.write_bytes(OLD)
+        return result
+
+    return made
+
+
+@pytest.mark.parametrize(
+    ("words", "module", "name"), [(("accuracy", "nasa_brick"), accuracy, "accuracy"), (("stress", "nasa_brick"), trust, "trust")]
+)
+def test_studies_and_pictures_overwrite_nothing_that_appears_meanwhile(tmp_path, words, module, name):
+    one, two = tmp_path / "s.nc", tmp_path / "s.png"
+    with (
+        patch.object(module, name, appearing([one, two], STUDY)), patch.object(module, "table", lambda found: ["the table"]),
+        patch.object(trust, "failed", lambda found: False), patch.object(study_plots, "work_precision", lambda found: Figure()),
+        patch.object(study_plots, "trust", lambda found: Figure()),
+    ):  # fmt: skip
+        told = invoke(*words, "-o", one)
+        assert told.exit_code == 6 and "s.2.nc" in told.stderr and "the table" in told.stdout
+        one.unlink(), two.unlink()
+        assert invoke(*words, "--plot", two).exit_code == 6
+    assert one.read_bytes() == two.read_bytes() == OLD
+    with xr.open_dataset(tmp_path / "s.2.nc") as kept:
+        assert kept.error.size == 3
+    assert (tmp_path / "s.2.png").stat().st_size > 1000
+    assert sorted(os.listdir(tmp_path)) == ["s.2.nc", "s.2.png", "s.nc", "s.png"]
+
+
+def test_bounds_are_written_whole_and_overwrite_nothing(tmp_path):
+    study = xr.Dataset(
+        {"error": (("case", "integrator"), [[1e-9]]), "group": ("case", ["H1"])}, {"case": ["needle"], "integrator": ["rk4"]}
+    )
+    path = tmp_path / "b.csv"
+    path.write_bytes(OLD)
+    with pytest.raises(OutputExists):
+        hard_cases.save_bounds(study, path)
+    with patch.object(hard_cases, "_rounded_up", side_effect=KeyboardInterrupt), pytest.raises(KeyboardInterrupt):
+        hard_cases.save_bounds(study, path, force=True)
+    assert path.read_bytes() == OLD
+    hard_cases.save_bounds(study, path, force=True)
+    assert "needle,rk4,4e-09,1e-09" in path.read_text()
+
+
+def test_a_result_whose_name_is_taken_at_the_end_is_kept_under_another(tmp_path):
+    path, compute = tmp_path / "r.nc", simulation.compute
+    taken = appearing([path], None)
+    with patch.object(simulation, "compute", lambda *given: (compute(*given), taken())[0]):
+        told = invoke("run", "nasa_brick", "--t-end", 0.1, "-o", path)
+    assert told.exit_code == 6 and str(tmp_path / "r.2.nc") in told.stderr
+    assert path.read_bytes() == OLD
+    with rm.open(tmp_path / "r.2.nc") as kept:
+        assert kept.sizes["member"] == 1
+    files.write_bytes(tmp_path / "new", b"1")
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    with pytest.raises(OutputExists, match=r"folder\.2"):
+        files.write_bytes(folder, b"2", force=True)
+    assert (tmp_path / "folder.2").read_bytes() == b"2" and not parts(tmp_path)
+
+
+def test_an_animation_is_whole_or_not_there(tmp_path):
+    ds = rm.simulate(SCENE, members=1, every=0.05, save=("attitude", "momentum"))
+    path = tmp_path / "a.gif"
+
+    def half(writer):
+        with open(writer.outfile, "wb") as file:
+            file.write(b"half")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with patch.object(animation.animation.PillowWriter, "finish", half), pytest.raises(OSError, match=r"No space left .*a\.gif"):
+        animation.animate(ds, path)
+    assert os.listdir(tmp_path) == []
+    path.write_bytes(OLD)
+    with patch.object(animation.animation.PillowWriter, "finish", half), pytest.raises(OSError, match="No space left"):
+        animation.animate(ds, path, force=True)
+    assert path.read_bytes() == OLD and os.listdir(tmp_path) == ["a.gif"]
+    with pytest.raises(OutputExists):
+        animation.animate(ds, path)
+    with pytest.raises(KeyboardInterrupt):  # and not what a writer without a frame raises
+        animation.animate(ds, path, force=True, progress=lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    animation.animate(ds, path, force=True)
+    assert path.read_bytes().startswith(b"GIF8") and os.listdir(tmp_path) == ["a.gif"]
+
+
+def test_ffmpeg_that_fails_is_told(tmp_path, monkeypatch):
+    """It ended with exit 0 where it was gone before the last frame, and with a traceback where it gave an exit code."""
+    (tmp_path / "bin").mkdir()
+    monkeypatch.setenv("PATH", f"{tmp_path / 'bin'}:{os.environ['PATH']}")
+    assert invoke("run", "nasa_brick", "--t-end", 0.1, "-o", tmp_path / "r.nc").exit_code == 0
+    for script in ("cat > /dev/null; exit 1", "exit 0", "exit 1"):
+        (tmp_path / "bin" / "ffmpeg").write_text(f"#!/bin/sh\n{script}\n")
+        (tmp_path / "bin" / "ffmpeg").chmod(0o755)
+        told = invoke("animate", tmp_path / "r.nc", "--member", 0, "--seconds", 0.2, "-o", tmp_path / "a.mp4")
+        assert told.exit_code == 74 and told.stderr.count("rigidmc:") == 1 and "a.mp4" in told.stderr, (script, told.output)
+        assert isinstance(told.exception, SystemExit)
+        assert sorted(os.listdir(tmp_path)) == ["bin", "r.nc"]
+
+
+def test_names_of_all_lengths(tmp_path):
+    """A name may have 255 bytes: 250 were too many for the part beside it, 256 were told after the work."""
+    words = "run", "nasa_brick", "--t-end", 0.1
+    assert invoke(*words, "-o", tmp_path / ("n" * 247 + ".nc")).exit_code == 0
+    assert invoke(*words, "-o", f"{tmp_path / ('n' * 250)}/", "--shard-size", 1).exit_code == 0
+    assert invoke("plot", tmp_path / ("n" * 247 + ".nc"), "--picture", "drift_histogram", "-o", tmp_path / ("n" * 251 + ".png")).exit_code == 0  # fmt: skip
+    long = tmp_path / ("n" * 300 + ".nc")
+    with patch.object(simulation, "compute") as compute:
+        told = invoke(*words, "-o", long)
+    assert told.exit_code == 74 and "File name too long" in told.stderr and not compute.called and isinstance(told.exception, SystemExit)  # fmt: skip
+    long = tmp_path / ("n" * 252 + ".nc")
+    with pytest.raises(OutputExists, match="appeared"):
+        long.write_bytes(OLD)
+        files.write_bytes(long, b"1")
+    assert sum(name.endswith(".2.nc") for name in os.listdir(tmp_path)) == 1
+
+
+def test_what_is_wrong_with_a_folder_is_told_as_it_is(tmp_path):
+    with limited(1000), pytest.raises(OSError, match=r"not writable: File too large; nothing was written") as caught:
+        files.refuse_existing(tmp_path / "x.nc", False)
+    assert not isinstance(caught.value, PermissionError) and os.listdir(tmp_path) == []
+    for number, kind in ((errno.ENOSPC, OSError), (errno.EROFS, OSError), (errno.EACCES, PermissionError)):
+        with (
+            patch("builtins.open", side_effect=OSError(number, os.strerror(number))), patch("os.open", side_effect=OSError(number, os.strerror(number))),
+            pytest.raises(OSError, match=os.strerror(number)) as caught,
+        ):  # fmt: skip
+            files.refuse_unwritable(str(tmp_path))
+        assert type(caught.value) is kind
+    with pytest.raises(NoRoom, match="MB are needed"):
+        files.refuse_unwritable(str(tmp_path), 10**18)
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(OutputExists, match="no file that could be replaced"):
+        files.refuse_existing(tmp_path / "pipe", True)
+    told = invoke("map", "intermediate_axis", "-o", tmp_path / "m.nc", "--resolution", 10**6)
+    assert told.exit_code == 74 and "nothing was written" in told.stderr
+    told = invoke("run", "nasa_brick", "-o", tmp_path / "m.png", "--plot", tmp_path / "m.png")
+    assert told.exit_code == 3 and "same name" in told.stderr
+
+
+def test_no_moment_without_umask_and_a_short_shard_is_gone_for_good(tmp_path):
+    """Another thread's files were open to all; after a loss of power run.json could be the new one beside the short shard."""
+    known = os.umask(0o027)
+    try:
+        with patch.object(os, "umask", side_effect=AssertionError):
+            runs.create(SCENE, tmp_path / "run", 100_000)
+    finally:
+        os.umask(known)
+    assert stat.S_IMODE((tmp_path / "run").stat().st_mode) == 0o750
+    runs.resume(tmp_path / "run")
+    calls = list[str]()
+
+    def noted(name):
+        real = getattr(os, name)
+
+        def called(*given, **named):
+            where = os.readlink(f"/proc/self/fd/{given[0]}") if name == "fsync" else given[-1]
+            calls.append(f"{name} {os.path.basename(where)}")
+            return real(*given, **named)
+
+        return patch.object(os, name, called)
+
+    with noted("unlink"), noted("fsync"), noted("replace"):
+        runs.extend(tmp_path / "run", 20_000)
+    (shard,) = [call for call in calls if call.startswith("unlink 0000")]
+    i = calls.index(shard)
+    assert calls[i - 1].startswith("fsync .part-")  # the new run.json is durable before anything is taken away
+    assert calls[i + 1 : i + 3] == ["fsync shards", "replace run.json"]
+
+
+def test_a_run_without_room_is_not_begun(tmp_path):
+    """The folder was made for as many threads as there are cores, and refused for those that were given. No worker is started here."""
+    asked = list[int]()
+
+    def hopeless(scene, plan, threads, *_):
+        asked.append(threads)
+        raise NoRoom("too little memory")
+
+    words = "run", "nasa_brick", "-o", f"{tmp_path}/run/"
+    with patch.object(runs, "refuse_hopeless", hopeless), patch.object(runs, "resume", side_effect=AssertionError):
+        for more in (["--threads", 7], ["--cluster", "local:9"]):
+            told = invoke(*words, *more)
+            assert told.exit_code == 74 and "nothing was written" in told.stderr and os.listdir(tmp_path) == [], told.output
+    assert asked == [7, 9]
+
+
+def test_what_is_killed_leaves_nothing_for_long(tmp_path):
+    """A run to a file and a consolidation left a part for each time that they were killed."""
+    here = os.path.basename(files.Part(tmp_path / "x").path).rsplit("-", 2)[0]
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    (tmp_path / f"{here}-{gone.pid}-3").mkdir()
+    (tmp_path / f"{here}-{gone.pid}-3" / "0.nc").touch()
+    for name in (
+        f"{here}-{gone.pid}-1.nc",
+        f"{here}-{os.getpid()}-10000000",
+        f"{here}-{os.getppid()}-1",
+        ".part-elsewhere-7-1",
+        ".part-notes",
+    ):
+        (
+            tmp_path / name
+        ).touch()  # of a process that ended, of one that had this number, of one that writes, of another computer, of no one
+    with files.Part(tmp_path / "mine") as mine:
+        with open(mine, "w"):
+            pass
+        assert invoke("run", "nasa_brick", "--t-end", 0.1, "-o", tmp_path / "r.nc").exit_code == 0
+        assert os.path.exists(mine)
+    assert sorted(os.listdir(tmp_path)) == sorted(
+        [f"{here}-{os.getppid()}-1", ".part-elsewhere-7-1", ".part-notes", "mine", "r.nc"]
+    )
+
+
+TWICE = """
+import os, signal, sys, time
+import rigidmc.files
+from rigidmc.cli import main
+real = os.truncate
+def slow(*given):
+    print("cleaning", flush=True)
+    time.sleep(0.5)
+    return real(*given)
+os.truncate = slow
+main()
+"""
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_second_signal_does_not_leave_what_the_first_would_not(tmp_path, number, code):
+    words = ["run", "dzhanibekov", "--members", "2000000", "-o", str(tmp_path / "x.nc")]
+    heard = {"preexec_fn": lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)}
+    child = subprocess.Popen(
+        [sys.executable, "-c", TWICE, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **heard
+    )
+    end = time.monotonic() + 60
+    while not any(entry.stat().st_size > 10**5 for entry in list(os.scandir(tmp_path))) and time.monotonic() < end:
+        time.sleep(0.01)
+    child.send_signal(number)
+    assert child.stdout.readline() == "cleaning\n"
+    child.send_signal(number)
+    child.send_signal(number)
+    _, told = child.communicate(timeout=60)
+    assert child.returncode == code and told.count("rigidmc:") == 1 and "Traceback" not in told
+    assert os.listdir(tmp_path) == []
+
+
+def test_what_is_printed_changes_nothing(tmp_path):
+    """As `python tests/torture.py --outputs all`."""
+    told = torture_outputs.streams(str(tmp_path), ("map", "verify bad"), ("reader gone, unbuffered", "all closed", "full"))
+    assert set(told.values()) == {6}, told
+
+
+def test_an_output_that_fails(tmp_path):
+    """As `python tests/torture.py --outputs all`."""
+    told = torture_outputs.faults(1, str(tmp_path), random.Random(6), ("consolidate",))
+    assert told["faults"] >= 25 and told["wrong files"] == told["left behind"] == 0
+    assert told["faults"] == told["whole in the end"] == told["exit 74, one message"] + told["exit 6, one message, NAME.2"] + told["no harm done, exit 0"]  # fmt: skip
+
+
+@pytest.mark.slow
+def test_every_output_survives(tmp_path):
+    """As `python tests/torture.py --outputs all`."""
+    told = torture_outputs.outputs(3, str(tmp_path), random.Random(6))
+    assert told["faults: wrong files"] == told["kills: torn files"] == told["kills: left behind in the end"] == 0
+
+
+def test_a_command_with_all_streams_closed(tmp_path):
+    """Closed stderr ended every run with AttributeError; what the next file is opened as then has the number of a stream."""
+    run = shlex.join([*COMMAND, "run", "nasa_brick", "--t-end", "0.1", "-o", f"{tmp_path}/r.nc"])
+    assert subprocess.run(["sh", "-c", f"{run} <&- >&- 2>&-"]).returncode == 0
+    with rm.open(tmp_path / "r.nc") as ds:
+        assert ds.sizes["member"] == 1
+    done = subprocess.run(["sh", "-c", f"{shlex.join([*COMMAND, 'scenes'])} > /dev/full"], capture_output=True, text=True)
+    assert done.returncode == 74 and done.stderr.count("rigidmc:") == 1 and "No space left" in done.stderr

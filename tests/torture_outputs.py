@@ -1,0 +1,343 @@
+"""The outputs that are one file each, attacked: faults, files that appear meanwhile, kills, signals that come twice, and streams that do not work."""
+
+import contextlib
+import itertools
+import multiprocessing
+import os
+import signal
+import sys
+import time
+import unittest.mock
+
+import netCDF4
+import xarray as xr
+
+from tests.faulty import at_call, limited, places
+
+OLD = b"precious"
+SCENE = ["tennis_racket", "--members", "300", "--t-end", "0.5", "--every", "0.1", "--save", "omega", "--threads", "1"]
+PICTURE = ["--picture", "drift_histogram"]
+
+
+def commands(folder, at):
+    """{kind: (words, paths that it writes)} of all commands that write files, from what `made` has put in the folder."""
+    whole, run = os.path.join(folder, "whole.nc"), os.path.join(folder, "whole")
+    one, two, three = (os.path.join(at, f"out.{suffix}") for suffix in ("nc", "png", "csv"))
+    gif = os.path.join(at, "out.gif")
+    return {
+        "run": (["run", *SCENE, "-o", one], [one]),
+        "rerun": (["rerun", whole, "--member", "3", "-o", one], [one]),
+        "consolidate": (["consolidate", run, "-o", one], [one]),
+        "map": (["map", "intermediate_axis", "--resolution", "4", "--members", "2", "-o", one, "--plot", two], [one, two]),
+        "study": (["accuracy", "nasa_brick", "--integrators", "exact,rk4", "--members", "4", "--tolerances", "1e-4", "-o", one, "--plot", two], [one, two]),
+        "stress": (["stress", "--group", "H5", "--integrator", "exact", "-o", one, "--write-bounds", three], [one, three]),
+        "plot": (["plot", whole, *PICTURE, "-o", two], [two]),
+        "animate": (["animate", whole, "--member", "0", "--seconds", "0.1", "-o", gif], [gif]),
+    }  # fmt: skip
+
+
+def made(folder, process):
+    """Make what commands start from, and run each once, which compiles; {path: bytes} of what they write."""
+    assert process(["run", *SCENE, "-o", os.path.join(folder, "whole.nc")]) == 0
+    assert process(["run", *SCENE, "-o", os.path.join(folder, "whole") + "/"]) == 0
+    at = os.path.join(folder, "at")
+    os.mkdir(at)
+    return at
+
+
+@contextlib.contextmanager
+def computed_once():
+    """Studies are computed once, then their outputs are attacked."""
+    from rigidmc import again
+    from rigidmc.studies import accuracy, hard_cases, map_cases
+
+    with contextlib.ExitStack() as held:
+        for module, name in ((accuracy, "accuracy"), (hard_cases, "stress"), (map_cases, "case_map"), (again, "frames")):
+            real, kept = getattr(module, name), {}
+
+            def once(*given, real=real, kept=kept, **named):
+                if not kept:
+                    kept["it"] = real(*given, **named)
+                return kept["it"].copy()
+
+            held.enter_context(unittest.mock.patch.object(module, name, once))
+        yield
+
+
+def empty(at, old=()):
+    """Leave in a folder only the old files."""
+    for name in os.listdir(at):
+        os.unlink(os.path.join(at, name))
+    for path in old:
+        with open(path, "wb") as file:
+            file.write(OLD)
+
+
+def contents(at):
+    """{path: bytes} of a folder."""
+    found = {}
+    for name in os.listdir(at):
+        with open(os.path.join(at, name), "rb") as file:
+            found[os.path.join(at, name)] = file.read()
+    return found
+
+
+def same(one, other):
+    """Whether two files say the same; the C library puts the chunks of a netCDF file in any order."""
+    if one is None or one == other or not other.startswith(b"\x89HDF"):
+        return one == other
+    with contextlib.suppress(OSError, RuntimeError, ValueError):
+        return read(one).identical(read(other))
+    return False
+
+
+def read(data):
+    """The Dataset of the bytes of a netCDF file, with every value; it raises where one of them is not there."""
+    with netCDF4.Dataset("of bytes", memory=data) as file:
+        return xr.open_dataset(xr.backends.NetCDF4DataStore(file)).load()
+
+
+def faults(most, folder, some, kinds=None):
+    """Let each call of each command, or of some kinds of them, fail once, and let its file appear before it, with and without --force; {what: how often}."""
+    from typer.testing import CliRunner
+
+    from rigidmc.cli import app
+
+    at = made(folder, lambda words: CliRunner().invoke(app, words).exit_code)
+    told = dict.fromkeys(("faults", "exit 74, one message", "exit 6, one message, NAME.2", "no harm done, exit 0", "wrong files", "left behind", "whole in the end"), 0)  # fmt: skip
+
+    def tried(name, words, paths, expected, failure, old=(), appears=None):
+        empty(at, old)
+        with failure:
+            done = CliRunner().invoke(app, words)
+        told["faults"] += 1
+        kept = {path.replace("out.", "out.2."): path for path in paths}  # x.2.nc of x.nc
+        one = done.stderr.count("rigidmc:") == 1 and "Traceback" not in done.output and folder in done.stderr
+        found = contents(at)
+        if done.exit_code == 0:
+            told["no harm done, exit 0"] += 1
+        elif done.exit_code == 74 and one and appears is None:
+            told["exit 74, one message"] += 1
+        elif done.exit_code == 6 and one and appears is not None:
+            told["exit 6, one message, NAME.2"] += 1
+        else:
+            print(f"{name}: exit {done.exit_code}: {done.output[-300:]} {done.exception!r}", file=sys.stderr)
+        for path in paths:
+            there = found.get(path)
+            right = (
+                same(there, expected[path])
+                or (there == OLD and (path in old or path == appears))
+                or (there is None and path not in old)
+            )
+            told["wrong files"] += not right
+            if not right:
+                print(f"{name}: {path}: {'none' if there is None else there[:40]}", file=sys.stderr)
+        told["wrong files"] += sum(not same(found[path], expected[kept[path]]) for path in found if path in kept)
+        others = [path for path in found if path not in paths and path not in kept]
+        others = others if "unlink" not in name else []  # what cannot be deleted stays till the next one
+        told["left behind"] += len(others)
+        done = CliRunner().invoke(app, [*words, "--force"])
+        found = {path: data for path, data in contents(at).items() if path not in kept}
+        right = (
+            done.exit_code == 0 and found.keys() == expected.keys() and all(same(found[path], expected[path]) for path in expected)
+        )
+        told["whole in the end"] += right
+        if not right or others:
+            print(f"{name}: left {others}; then exit {done.exit_code}: {sorted(found)}: {done.output[-300:]}", file=sys.stderr)
+
+    with computed_once():
+        for kind, (words, paths) in commands(folder, at).items():
+            if kinds is not None and kind not in kinds:
+                continue
+            empty(at)
+            assert CliRunner().invoke(app, words).exit_code == 0, kind
+            expected = contents(at)
+            empty(at)
+            assert CliRunner().invoke(app, words).exit_code == 0, kind
+            assert sorted(expected) == sorted(contents(at)) == sorted(paths)
+            assert all(same(data, expected[path]) for path, data in contents(at).items()), kind
+            for name, module, attribute, acts in places():
+                empty(at)
+                with at_call(at, module, attribute) as seen:
+                    CliRunner().invoke(app, words)
+                numbers = range(seen[0]) if most >= seen[0] else sorted(some.sample(range(seen[0]), min(most, seen[0])))
+                for number, act in itertools.product(numbers, acts):
+                    for more, old in (([], ()), (["--force"], paths)):
+                        tried(
+                            f"{kind}: {name} {number}{more}",
+                            [*words, *more],
+                            paths,
+                            expected,
+                            at_call(at, module, attribute, number, act),
+                            old,
+                        )
+                for number, path in itertools.product(numbers, paths):
+
+                    def appears(real, given, named, path=path):
+                        if not os.path.lexists(path):
+                            with contextlib.suppress(OSError), open(path, "xb") as file:
+                                file.write(OLD)
+                        return real(*given, **named)
+
+                    tried(f"{kind}: {os.path.basename(path)} appears at {name} {number}", words, paths, expected, at_call(at, module, attribute, number, appears), (), path)  # fmt: skip
+            largest = max(map(len, expected.values()))
+            for i in range(min(most, 20)):
+                tried(f"{kind}: no file larger than {i}/20", words, paths, expected, limited(i * largest // 20))
+    return told
+
+
+def child(words, streams=(), unbuffered=False):
+    """The command line in a process of its own, with standard streams that a shell gave it. streams : of (number, "closed", "gone" or "full")"""
+    reader, gone = os.pipe()
+    os.close(reader)
+    for number, what in streams:
+        if what != "closed":
+            os.dup2(gone if what == "gone" else os.open("/dev/full" if what == "full" else os.devnull, os.O_RDWR), number)
+    os.close(gone)
+    closed = [number for number, what in streams if what == "closed"]
+    for number in closed:
+        os.close(number)
+    sys.stdin, sys.stdout, sys.stderr = (  # as the interpreter makes them
+        None if number in closed else os.fdopen(number, mode, closefd=False) for number, mode in enumerate("rww")
+    )
+    if unbuffered:
+        for stream in (sys.stdout, sys.stderr):
+            if stream is not None:
+                stream.reconfigure(write_through=True)
+    sys.argv = ["rigidmc", *words]
+    from rigidmc.cli import main
+
+    main()
+
+
+def server():
+    """Starts processes that have imported everything already."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(
+        ["rigidmc.cli", "rigidmc.simulation", "rigidmc.runs", "rigidmc.plots", "rigidmc.animation", "tests.torture_outputs"]
+    )
+
+    def process(words, streams=((1, "null"), (2, "null")), unbuffered=False):
+        one = context.Process(target=child, args=(words, streams, unbuffered))
+        one.start()
+        return one
+
+    return process
+
+
+def done(one):
+    one.join()
+    return one.exitcode
+
+
+def kills(count, folder, some):
+    """Kill commands at any time, by SIGKILL, or by SIGINT or SIGTERM twice; {what: how often}."""
+    process = server()
+    at = made(folder, lambda words: done(process(words)))
+    told = dict.fromkeys(("kills", "signals that came twice", "torn files", "left behind by signals", "left behind by kills", "left behind in the end"), 0)  # fmt: skip
+    kinds = {}
+    for kind, (words, paths) in commands(folder, at).items():
+        empty(at)
+        assert done(process(words)) == 0, kind  # compiles
+        empty(at)
+        began = time.monotonic()
+        assert done(process(words)) == 0, kind
+        kinds[kind] = words, paths, time.monotonic() - began, {path: len(data) for path, data in contents(at).items()}
+    for i, kind in zip(range(count), itertools.cycle(kinds)):
+        words, paths, length, sizes = kinds[kind]
+        empty(at)
+        one = process(words)
+        if i % 2:
+            one.join(some.uniform(0.02, 1.0) * length)
+        else:
+            watched(at, one, some.randrange(2 * len(paths) + 1))
+        if (number := (signal.SIGKILL, signal.SIGINT, signal.SIGTERM)[i // len(kinds) % 3]) == signal.SIGKILL:
+            one.kill()
+            told["kills"] += one.exitcode is None
+        else:
+            for _ in range(2):
+                if one.exitcode is None:
+                    os.kill(one.pid, number)
+                time.sleep(some.uniform(0.0, 0.02))
+            told["signals that came twice"] += 1
+        one.join()
+        found = contents(at)
+        told["torn files"] += sum(path in found and not whole(path, found[path], sizes[path]) for path in paths)
+        left = [path for path in found if path not in paths]
+        told["left behind by kills" if number == signal.SIGKILL else "left behind by signals"] += len(left)
+        if left and number != signal.SIGKILL:
+            print(f"{kind}: left by {number.name}: {left}", file=sys.stderr)
+        assert done(process([*words, "--force"])) == 0, kind
+        told["left behind in the end"] += len(set(contents(at)) - set(paths))
+    return told
+
+
+def watched(at, one, count):
+    """Wait until a process has begun so many parts; a part is there for a millisecond."""
+    seen = set[str]()
+    while one.exitcode is None and len(seen) < count:
+        seen.update(name for name in os.listdir(at) if name.startswith(".part-"))
+
+
+def whole(path, data, size):
+    """Whether a file is whole, by what ends it or that it can be read, and that it is about as large as others of its kind."""
+    if path.endswith(".nc"):
+        return bool(read(data).sizes)
+    ends = {".png": b"IEND\xaeB`\x82", ".gif": b";", ".csv": b"\n"}
+    return data.endswith(ends[os.path.splitext(path)[1]]) and 0.8 * size < len(data)
+
+
+def streams(folder, kinds=None, only=None):
+    """Run every command, or some kinds, with each stream closed, full or without a reader, in all ways or only some; {what: how often}."""
+    process = server()
+    at = made(folder, lambda words: done(process(words)))
+    whole, run, bad = (os.path.join(folder, name) for name in ("whole.nc", "whole", "bad"))
+    assert done(process(["run", *SCENE, "-o", bad + "/"])) == 0
+    with open(os.path.join(bad, "shards", "notes"), "w") as file:
+        file.write("a stray")
+    writing = {kind: words for kind, (words, _) in commands(folder, at).items() if kind not in ("study", "stress")}
+    telling = {
+        "status": ["status", run], "verify": ["verify", run], "summary": ["summary", whole], "show": ["show", "nasa_brick"], "scenes": ["scenes"],
+        "scene": ["scenes", "nasa_brick"], "check": ["check", "nasa_brick"], "body": ["body", "nasa_brick"], "exact": ["exact", "nasa_brick"],
+        "effects": ["effects"], "integrators": ["integrators"], "observables": ["observables"], "maps": ["map", "list"], "doctor": ["doctor"],
+        "help": ["--help"], "status of bad": ["status", bad], "verify bad": ["verify", bad], "no scene": ["show", "nasa_brik"], "no command": ["fly"],
+        "refused": ["run", *SCENE, "-o", whole],
+    }  # fmt: skip
+    ways = {
+        "reader gone": ([(1, "gone"), (2, "null")], False), "reader gone, unbuffered": ([(1, "gone"), (2, "null")], True),
+        "both readers gone": ([(1, "gone"), (2, "gone")], True), "stdout closed": ([(1, "closed"), (2, "null")], False),
+        "stderr closed": ([(1, "null"), (2, "closed")], False), "stdin closed": ([(0, "closed"), (1, "null"), (2, "null")], False),
+        "all closed": ([(0, "closed"), (1, "closed"), (2, "closed")], False), "full": ([(1, "full"), (2, "null")], False),
+        "full, unbuffered": ([(1, "full"), (2, "null")], True),
+    }  # fmt: skip
+    told = {"commands": 0, "exit as to /dev/null, or 74 where full": 0, "files as to /dev/null": 0}
+    for kind, words in {**writing, **telling}.items():
+        if kinds is not None and kind not in kinds:
+            continue
+        empty(at)
+        code = done(process(words))
+        expected = contents(at)
+        for name, (given, unbuffered) in ways.items() if only is None else ((name, ways[name]) for name in only):
+            empty(at)
+            got = done(process(words, given, unbuffered))
+            told["commands"] += 1
+            right = got == (74 if "full" in name and code in (0, 4, 5) else code)
+            told["exit as to /dev/null, or 74 where full"] += right
+            same = contents(at).keys() == expected.keys() and all(
+                len(data) == len(expected[path]) for path, data in contents(at).items() if path.endswith((".png", ".gif"))
+            )
+            told["files as to /dev/null"] += same
+            if not right or not same:
+                print(f"{kind}, {name}: exit {got}, not {code}; {sorted(contents(at))}", file=sys.stderr)
+    return told
+
+
+def outputs(most, folder, some):
+    """All of it; {what: how often}."""
+    told = {}
+    parts = (lambda at: faults(most, at, some)), (lambda at: kills(min(most, 200), at, some)), streams
+    for name, part in zip(("faults", "kills", "streams"), parts, strict=True):
+        at = os.path.join(folder, name)
+        os.mkdir(at)
+        told |= {f"{name}: {what}" if what != name else what: number for what, number in part(at).items()}
+    return told
