@@ -80,9 +80,9 @@ def compute_on(cluster, directory, which, progress=False, stop=None, allow_code=
             client = held.enter_context(Client(here, timeout=10))
         except (OSError, ValueError, RuntimeError) as error:  # RuntimeError of a process here that ended before it began
             raise SceneError("", "--cluster", cluster, f"does not answer: {error}") from None
-        report = held.enter_context(reporter(progress, sum(len(directory.members(i)) for i in which), 1))
+        report = held.enter_context(reporter(progress, directory.members_of(which), 1))
         there = client.scatter(texts, broadcast=True, hash=True)
-        began, made, waiting = time.monotonic(), 0, iter(which)
+        began, made, waiting = time.monotonic(), 0, map(int, which)
         # fixed keys: whoever asks for the same shard of the same directory once more gets the task that is on its way
         name = hashlib.sha256(os.path.abspath(directory.path).encode() + texts[0]).hexdigest()
         running = sum(client.nthreads().values()) or 1

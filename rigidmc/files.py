@@ -1,11 +1,18 @@
 """Files that appear whole or not at all."""
 
 import contextlib
+import errno
+import fcntl
 import os
 import platform
 import tempfile
 
 from rigidmc.errors import OutputExists
+
+_LOCKLESS = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP)
+WITHOUT_LOCKS = (
+    "With HDF5_USE_FILE_LOCKING=FALSE in the environment files are written without: see to it yourself that one process only writes"
+)
 
 
 def refuse_existing(path, force):
@@ -26,6 +33,27 @@ def refuse_unwritable(folder):
             pass
     except OSError as error:
         raise PermissionError(f"{folder}: not writable ({error.strerror}); nothing was written") from None
+
+
+def lock(file, name, kind=fcntl.LOCK_EX):
+    """Hold the lock of an open file until it is closed; BlockingIOError where another process does. OSError where the file system has no locks, and
+    the user has not said to go without."""
+    try:
+        with naming(name):
+            fcntl.flock(file, kind | fcntl.LOCK_NB)
+    except OSError as error:
+        if error.errno not in _LOCKLESS:
+            raise
+        if os.environ.get("HDF5_USE_FILE_LOCKING", "").upper() not in ("FALSE", "0"):
+            raise OSError(
+                f"{name}: the file system has no locks ({error.strerror}); nothing was written. {WITHOUT_LOCKS}"
+            ) from None
+
+
+def refuse_lockless(folder):
+    """OSError where the files of a folder cannot be locked, and the user has not said to go without."""
+    with tempfile.TemporaryFile(dir=folder) as file:
+        lock(file, folder)
 
 
 @contextlib.contextmanager

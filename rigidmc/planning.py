@@ -8,7 +8,6 @@ import numpy as np
 
 from rigidmc.closed_form import closed_form
 from rigidmc.dynamics.methods import names
-from rigidmc.effects import labelled
 from rigidmc.effects.verbs import total_energy_scale
 from rigidmc.engine import layout
 from rigidmc.errors import SceneError
@@ -19,6 +18,7 @@ from rigidmc.retention import thinned
 from rigidmc.sampling import is_open, is_shared, rows
 from rigidmc.scene_checks import PILOT
 from rigidmc.staging import check_starts, physics, rates, stage
+from rigidmc.storage.schema import booked_labels
 from rigidmc.watching import Watch, needs_attitude, watch
 
 BLOCK = 4096  # members: their 30 to 40 rows are 1 MB, and a kernel call on them is 10 ms or more
@@ -26,6 +26,7 @@ SLAB = 32 * 2**20  # bytes of saved values that a block may hold on its way to a
 MARGIN = 2.0  # a member beyond the pilot may spin faster than all of the pilot: 7 sigma where the pilot reaches 3.5
 
 MOST_STEPS = 10**15
+MOST_SAVES = 10**7  # their times alone are 80 MB
 OWN_MARGIN = 1.25  # with steps of their own only the shapes of bodies beyond the pilot count: lambda of a member's rate
 
 
@@ -134,7 +135,9 @@ def prepare(scene, threads=1, streaming=False, block=None):
         notes += (f"omega dt reaches {angle:.3g} rad per step, more than {most:g}: expect large errors; {would} would do",)
     if run.anti_damping:
         notes += ("anti_damping = true: damping may be negative, which drives the body",)
-    slots = [s for s in range(0, steps, stride)] + [steps]
+    if steps // stride > MOST_SAVES:
+        raise SceneError("run", "every", run.every, f"{steps // stride:,} saves are more than the limit of {MOST_SAVES:,}")
+    slots = np.append(np.arange(0, steps, stride), steps)
     few = thinned(len(slots), run.thin) if "thinned" in scene.kept().values() else np.empty(0, int)
     values = rows_of(scene.effects, *scene.recorded())
     if block is None:
@@ -142,9 +145,9 @@ def prepare(scene, threads=1, streaming=False, block=None):
         if streaming:
             block = min(block, max(layout.LANES, SLAB // (8 * max(1, values) * len(slots)) // layout.LANES * layout.LANES))
     return Plan(
-        run.first, run.members, steps, dt, stride, own, mean, np.array(slots) * dt, few, made, carried, block, _constant(scene), angle, rate,
+        run.first, run.members, steps, dt, stride, own, mean, slots * dt, few, made, carried, block, _constant(scene), angle, rate,
         run.dtype, run.compensated, notes, () if made is None else limits(scene, carried, theta, mean, made, spin),
-        tuple(label for label, _ in labelled(scene.effects)) if "work" in run.save else (),
+        booked_labels(scene),
         watch(scene),
     )  # fmt: skip
 
