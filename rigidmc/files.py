@@ -11,7 +11,7 @@ from rigidmc.errors import OutputExists
 
 _LOCKLESS = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP)
 WITHOUT_LOCKS = (
-    "With HDF5_USE_FILE_LOCKING=FALSE in the environment files are written without: see to it yourself that one process only writes"
+    "With HDF5_USE_FILE_LOCKING=FALSE in the environment it goes on without; see to it yourself that only one process writes there"
 )
 
 

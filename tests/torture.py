@@ -6,6 +6,8 @@
              disk, a broken one, or a delay; and files that the system lets grow to so many bytes only, wherever the C library then is. Exit 74
              and one message, nothing visible is wrong, and resumed, or asked once more, it is whole
 --corrupt N  flip a bit or cut a shard or run.json of a whole run at a random place; `verify` has to find it, and `resume --repair` to undo it
+--cache N    damage the cached kernels of a run N times, every third time let no file grow to the size of a kernel; the run ends well, to the same
+             bytes, with one line where the cache cannot be written
 --lost N     kill N workers of `--cluster local:2`, one every few seconds; the run ends well, and its shards are those of two threads
 """
 
@@ -304,6 +306,48 @@ def faults(most, folder, some):
     return told
 
 
+def cache(count, folder, some):
+    """Damage cached kernels `count` times, or give them no room; {what: how often}."""
+    kernels, out = os.path.join(folder, "kernels"), os.path.join(folder, "run")
+    words = [*COMMAND, "run", "tennis_racket", "--members", "100", "-o", out + "/"]
+    told = {
+        "caches damaged": 0,
+        "caches without room": 0,
+        "exit 0": 0,
+        "sha256 equal": 0,
+        "one line of a cache without room": 0,
+        "kernels kept": 0,
+    }
+
+    def made():
+        shutil.rmtree(out, ignore_errors=True)
+        done = subprocess.run(words, capture_output=True, text=True, env={**os.environ, "RIGIDMC_CACHE_DIR": kernels})
+        return done, sums(out)
+
+    def files():
+        return [os.path.join(top, name) for top, _, names in os.walk(kernels) for name in names if name.endswith(".nbc")]
+
+    _, expected = made()
+    for i in range(count):
+        full = i % 3 == 2
+        for path in files():
+            with open(path, "rb") as file:
+                data = bytearray(file.read())
+            data[some.randrange(len(data))] ^= 1 << some.randrange(8)
+            with open(path, "wb") as file:
+                file.write(data if some.random() < 0.7 else data[: some.randrange(len(data))])
+        with limited(100_000) if full else contextlib.nullcontext():  # kernels are larger, and the result is not
+            done, found = made()
+        told["caches without room" if full else "caches damaged"] += 1
+        told["exit 0"] += done.returncode == 0
+        told["sha256 equal"] += found == expected
+        told["one line of a cache without room"] += full and done.stderr.count(kernels) == 1
+        told["kernels kept"] += bool(files()) != full
+        if done.returncode or found != expected:
+            print(f"cache {i}: exit {done.returncode}: {done.stderr[-300:]}", file=sys.stderr)
+    return told
+
+
 @contextlib.contextmanager
 def limited(size):
     """Let files grow to so many bytes only; what writes more is told EFBIG, in the middle of its write."""
@@ -321,6 +365,7 @@ def main():
     words.add_argument("--faults", type=lambda text: 10**6 if text == "all" else int(text), default=0)
     words.add_argument("--corrupt", type=int, default=0)
     words.add_argument("--lost", type=int, default=0)
+    words.add_argument("--cache", type=int, default=0)
     words.add_argument("--seed", type=int, default=1)
     given = words.parse_args()
     some = random.Random(given.seed)
@@ -329,6 +374,7 @@ def main():
         ("faults", faults, given.faults),
         ("corrupt", corrupt, given.corrupt),
         ("lost", lost, given.lost),
+        ("cache", cache, given.cache),
     ):
         if count:
             began = time.monotonic()
