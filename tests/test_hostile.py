@@ -129,7 +129,7 @@ def told(some, kind, command, path, folder):
         raise Hung
 
     previous = signal.signal(signal.SIGALRM, hung)
-    signal.setitimer(signal.ITIMER_REAL, 20.0)
+    signal.setitimer(signal.ITIMER_REAL, 100.0)  # waits, on a machine that has other work too
     try:
         if command == "open":
             return opened(some, path)

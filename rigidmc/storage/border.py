@@ -121,7 +121,7 @@ def _refuse_members(dataset, scene, wrong):
     if not (np.diff(members) > 0).all() and np.unique(members).size < members.size:
         raise wrong("member", "is there twice")
     for name in ("time", "thinned_time"):
-        times = dataset[name].values if name in dataset.variables else np.zeros(1)
+        times = dataset[name].values if dataset.sizes.get(name, 0) and name in dataset.variables else np.zeros(1)
         if not np.isfinite(times).all() or not (np.diff(times) > 0.0).all() or times[0] < 0.0 or times[-1] > run.t_end * (1 + 1e-9):
             raise wrong(name, f"expected times that ascend from 0 to t_end = {run.t_end:g} s at most")
     if not np.isin(dataset.status.values, list(STATUSES.values())).all():
