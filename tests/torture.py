@@ -336,7 +336,7 @@ def cache(count, folder, some):
             data[some.randrange(len(data))] ^= 1 << some.randrange(8)
             with open(path, "wb") as file:
                 file.write(data if some.random() < 0.7 else data[: some.randrange(len(data))])
-        with limited(100_000) if full else contextlib.nullcontext():  # kernels are larger, and the result is not
+        with limited(400_000) if full else contextlib.nullcontext():  # kernels are larger, and the result is not
             done, found = made()
         told["caches without room" if full else "caches damaged"] += 1
         told["exit 0"] += done.returncode == 0
