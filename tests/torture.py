@@ -309,7 +309,7 @@ def faults(most, folder, some):
 def cache(count, folder, some):
     """Damage cached kernels `count` times, or give them no room; {what: how often}."""
     kernels, out = os.path.join(folder, "kernels"), os.path.join(folder, "run")
-    words = [*COMMAND, "run", "tennis_racket", "--members", "100", "-o", out + "/"]
+    words = [*COMMAND, "run", "tennis_racket", "--members", "100", "--save", "none", "-o", out + "/"]
     told = {
         "caches damaged": 0,
         "caches without room": 0,
