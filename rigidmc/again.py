@@ -105,7 +105,7 @@ def _everything(scene):
 
 def _compared(made, result, source):
     """In words, at how many times the saves of both are equal to the bit; warns where they are not."""
-    scene = scene_of(result)
+    scene = scene_of(result, allow_code=None)
     digits, times, names, apart = scene.run.digits, np.empty(0), [], dict[str, float]()
     for name, one, two, saves in _pairs(made, result, scene):
         names += [name] if saves is not None else []

@@ -107,7 +107,7 @@ def scene(ds):
     left: Any
     right: Any
     left, right = figure.add_axes((0.0, 0.0, 0.5, 0.9), projection="3d"), figure.add_axes((0.5, 0.0, 0.5, 0.9), projection="3d")
-    title = figure.suptitle("", fontsize=11)
+    title = figure.suptitle("", fontsize=11, parse_math=False)
     for axes, words in ((left, "the body in space"), (right, "its angular momentum in body axes")):
         axes.set(xlim=(-1.0, 1.0), ylim=(-1.0, 1.0), zlim=(-1.0, 1.0), box_aspect=(1, 1, 1))
         axes.set_axis_off()

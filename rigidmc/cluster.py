@@ -26,7 +26,7 @@ import time
 
 from rigidmc.engine.layout import STATUSES
 from rigidmc.errors import SceneError
-from rigidmc.files import text_of, write_bytes
+from rigidmc.files import content_of, write_bytes
 from rigidmc.progress import reporter
 from rigidmc.run_directory import RunDirectory
 from rigidmc.shards import compute_shards, planned, refuse_others
@@ -68,7 +68,7 @@ def compute_on(cluster, directory, which, progress=False, stop=None, allow_code=
         raise SceneError("", "--cluster", cluster, f"needs dask.distributed: pip install 'rigidmc[cluster]' ({error})") from None
     kind, rest = checked(cluster)
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what goes wrong is told once, here
-    texts = tuple(text_of(directory.path, name) for name in ("run.json", "scene.toml", "columns.nc"))
+    texts = tuple(content_of(directory.path, name) for name in ("run.json", "scene.toml", "columns.nc"))
     flagged = dict.fromkeys(STATUSES, 0)
     with dask.config.set(SETTINGS), contextlib.ExitStack() as held:
         try:
@@ -80,9 +80,9 @@ def compute_on(cluster, directory, which, progress=False, stop=None, allow_code=
             client = held.enter_context(Client(here, timeout=10))
         except (OSError, ValueError, RuntimeError) as error:  # RuntimeError of a process here that ended before it began
             raise SceneError("", "--cluster", cluster, f"does not answer: {error}") from None
-        report = held.enter_context(reporter(progress, sum(len(directory.members(i)) for i in which), 1))
+        report = held.enter_context(reporter(progress, directory.members_of(which), 1))
         there = client.scatter(texts, broadcast=True, hash=True)
-        began, made, waiting = time.monotonic(), 0, iter(which)
+        began, made, waiting = time.monotonic(), 0, map(int, which)
         # fixed keys: whoever asks for the same shard of the same directory once more gets the task that is on its way
         name = hashlib.sha256(os.path.abspath(directory.path).encode() + texts[0]).hexdigest()
         running = sum(client.nthreads().values()) or 1
@@ -151,7 +151,7 @@ def shard(path, texts, i, allow_code=False, accept=False):
 
     path, texts : of the run directory, and its run.json, scene.toml and columns.nc
     """
-    if text_of(path, "run.json") == texts[0]:
+    if content_of(path, "run.json") == texts[0]:
         found = _compute(path, i, allow_code, accept)
         return i, found, os.path.basename(RunDirectory(path).shards()[i]), None
     with tempfile.TemporaryDirectory(prefix="rigidmc-") as folder:
@@ -162,7 +162,7 @@ def shard(path, texts, i, allow_code=False, accept=False):
                     file.write(text)
         found = _compute(folder, i, allow_code, accept)
         ((_, made),) = RunDirectory(folder).shards().items()
-        return i, found, os.path.basename(made), text_of(*os.path.split(made))
+        return i, found, os.path.basename(made), content_of(*os.path.split(made))
 
 
 def _compute(path, i, allow_code, accept):

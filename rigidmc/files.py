@@ -7,12 +7,14 @@ A part is called .part-COMPUTER-PROCESS-NUMBER. What a process leaves that is ki
 import atexit
 import contextlib
 import errno
+import fcntl
 import functools
 import itertools
 import os
 import platform
 import re
 import shutil
+import tempfile
 import time
 
 from rigidmc.errors import NoRoom, OutputExists, SceneError
@@ -27,6 +29,11 @@ _PART = re.compile(r"\.part-(.+)-([0-9]+)-([0-9]+)(\.[A-Za-z0-9]{1,8})?")
 _numbers = itertools.count()
 _parts: set[str] = set()  # those that this process writes
 os.register_at_fork(after_in_child=_parts.clear)
+
+_LOCKLESS = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP)
+WITHOUT_LOCKS = (
+    "With HDF5_USE_FILE_LOCKING=FALSE in the environment it goes on without; see to it yourself that only one process writes there"
+)
 
 
 def check_suffix(path, kind):
@@ -135,6 +142,27 @@ class Part:
         _parts.discard(self.path)  # not where a signal interrupts: `drop_parts` comes back to it
 
 
+def lock(file, name, kind=fcntl.LOCK_EX):
+    """Hold the lock of an open file until it is closed; BlockingIOError where another process does. OSError where the file system has no locks, and
+    the user has not said to go without."""
+    try:
+        with naming(name):
+            fcntl.flock(file, kind | fcntl.LOCK_NB)
+    except OSError as error:
+        if error.errno not in _LOCKLESS:
+            raise
+        if os.environ.get("HDF5_USE_FILE_LOCKING", "").upper() not in ("FALSE", "0"):
+            raise OSError(
+                f"{name}: the file system has no locks ({error.strerror}); nothing was written. {WITHOUT_LOCKS}"
+            ) from None
+
+
+def refuse_lockless(folder):
+    """OSError where the files of a folder cannot be locked, and the user has not said to go without."""
+    with tempfile.TemporaryFile(dir=folder) as file:
+        lock(file, folder)
+
+
 @contextlib.contextmanager
 def folder_beside(path):
     """A folder beside a place, deleted in the end unless it was renamed."""
@@ -217,7 +245,7 @@ def _is_left(entry, computer, process, age):
         return os.path.abspath(entry.path) not in _parts
     try:
         os.kill(process, 0)
-    except ProcessLookupError:
+    except (ProcessLookupError, OverflowError):  # OverflowError: a number that no process has
         return True
     except OSError:
         return False
@@ -251,7 +279,7 @@ def _drop(part):
             os.unlink(part)
 
 
-def text_of(folder, name):
+def content_of(folder, name):
     """The bytes of a file of a folder, b"" where there is none."""
     path = os.path.join(folder, name)
     if not os.path.isfile(path):

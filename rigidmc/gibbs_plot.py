@@ -7,8 +7,8 @@ from rigidmc.effects.verbs import is_random
 from rigidmc.engine.members import energies
 from rigidmc.plots import CORE, INK, PATH, new_figure
 from rigidmc.sampling import is_shared
-from rigidmc.scene_file import loads
 from rigidmc.staging import physics, stage
+from rigidmc.storage import scene_of
 
 THEORY = 200_000  # attitudes, uniform on SO(3), which the law of Gibbs weighs
 
@@ -22,7 +22,7 @@ def gibbs(ds, allow_code=False):
     ds : with momentum, and attitude where effects have an energy; ValueError for scenes without a bath or with two, and for those whose body, kT
         or energies differ from member to member
     """
-    scene = loads(ds.attrs["scene"], allow_code=allow_code)
+    scene = scene_of(ds, allow_code=allow_code)
     baths = [e for e in scene.effects if is_random(e)]
     if len(baths) != 1:
         raise ValueError("gibbs needs a scene with a bath, and with one")

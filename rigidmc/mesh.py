@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from rigidmc.errors import SceneError
+from rigidmc.reading import refuse_irregular
 
 _MIX = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio, odd
 
@@ -23,6 +24,7 @@ def load(path, scale=1.0):
         raise SceneError("", "mesh", os.fspath(path), f"meshes need trimesh: pip install 'rigidmc[mesh]' ({error})") from None
     if not os.path.exists(path):
         raise FileNotFoundError(f"{path}: no such file")
+    refuse_irregular(path)
     try:
         mesh: Any = trimesh.load(path, force="mesh", process=False)
     except Exception as error:  # trimesh raises whatever its readers do

@@ -19,6 +19,7 @@ from rigidmc.retention import thinned
 from rigidmc.sampling import is_open, is_shared, rows
 from rigidmc.scene_checks import PILOT
 from rigidmc.staging import check_starts, physics, rates, stage
+from rigidmc.storage.schema import booked_labels
 from rigidmc.watching import Watch, needs_attitude, watch
 
 BLOCK = 4096  # members: their 30 to 40 rows are 1 MB, and a kernel call on them is 10 ms or more
@@ -29,6 +30,7 @@ MOST_STEPS = 10**15
 # [rad] that a member may move in a step of which something is watched: of 50 heavy tops to t = 25 watched after steps of 1.6 rad, nutation was up to
 # 0.43 rad off, 43 of 801 passages were missed and precession was off by whole turns in 12
 WATCHED_TURN = 0.3
+MOST_SAVES = 10**7  # their times alone are 80 MB
 OWN_MARGIN = 1.25  # with steps of their own only the shapes of bodies beyond the pilot count: lambda of a member's rate
 
 
@@ -139,7 +141,9 @@ def prepare(scene, threads=1, streaming=False, block=None):
     if own and (driving := spinning_up(scene)):
         rule = f"steps are those of the start, and {', '.join(driving)} may spin members up; one that turns by {SPUN_UP:g} times as much in a step is flagged"
         notes += (f"[run] turn = {run.turn:g}: {rule}; dt goes by no start",)
-    slots = [s for s in range(0, steps, stride)] + [steps]
+    if steps // stride > MOST_SAVES:
+        raise SceneError("run", "every", run.every, f"{steps // stride:,} saves are more than the limit of {MOST_SAVES:,}")
+    slots = np.append(np.arange(0, steps, stride), steps)
     few = thinned(len(slots), run.thin) if "thinned" in scene.kept().values() else np.empty(0, int)
     values = rows_of(scene.effects, *scene.recorded())
     if block is None:
@@ -147,9 +151,9 @@ def prepare(scene, threads=1, streaming=False, block=None):
         if streaming:
             block = min(block, max(layout.LANES, SLAB // (8 * max(1, values) * len(slots)) // layout.LANES * layout.LANES))
     return Plan(
-        run.first, run.members, steps, dt, stride, own, mean, np.array(slots) * dt, few, made, carried, block, _constant(scene), angle, rate,
+        run.first, run.members, steps, dt, stride, own, mean, slots * dt, few, made, carried, block, _constant(scene), angle, rate,
         run.dtype, keeps_remainders(run.integrator, scene.effects, run.dtype, run.compensated), notes, () if made is None else limits(scene, carried, theta, mean, made, spin),
-        tuple(label for label, _ in labelled(scene.effects)) if "work" in run.save else (),
+        booked_labels(scene),
         found,
     )  # fmt: skip
 

@@ -306,5 +306,5 @@ def new_figure(title, size):
     """An empty figure with a heading."""
     figure = Figure(size, layout="constrained")
     FigureCanvasAgg(figure)
-    figure.suptitle(title, fontsize=11)
+    figure.suptitle(title, fontsize=11, parse_math=False)  # a scene may say what it likes
     return figure

@@ -11,7 +11,6 @@ A shard appears by a temporary file, close, fsync and rename: what has its name 
 """
 
 import contextlib
-import fcntl
 import hashlib
 import json
 import math
@@ -19,29 +18,52 @@ import os
 import platform
 import re
 import time
-from typing import Any
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from rigidmc.errors import OutputExists, SceneError
-from rigidmc.files import clear, is_part, naming
+from rigidmc.files import clear, is_part, lock
+from rigidmc.reading import bytes_of, json_of, text_of
 
 FORMAT = 1
-MOST = 10**8  # shards, whose names have eight digits
+MOST = 10**7  # shards, each a file; their names have eight digits
 _SHARD = re.compile(r"([0-9]{8})-([0-9]{1,12})-([0-9a-f]{16})\.nc")
 _OLD = 3600.0  # seconds after which a file of another computer that is not whole is one that was left
-_FACTS = {
-    "format": int,
-    "scene": str,
-    "columns": str,
-    "code": dict,
-    "attributes": dict,
-    "seed": int,
-    "first": int,
-    "members": int,
-    "shard": int,
-    "block": int,
-    "versions": dict,
-    "machine": str,
-}
+_JOURNAL = 2**20  # bytes of the end of a journal that are read: two lines of 300 for each time that a run was resumed
+_Count = Annotated[int, Field(ge=0, le=2**53)]
+_Some = Annotated[int, Field(ge=1, le=2**53)]
+
+
+class _Facts(BaseModel):
+    """What stands in run.json: types, ranges, and no other keys."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    format: int
+    scene: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+    columns: Annotated[str, Field(pattern="^([0-9a-f]{64})?$")]
+    code: dict[str, str]
+    attributes: dict[str, str | int | float]
+    seed: Annotated[int, Field(ge=0, lt=2**63)]
+    first: _Count
+    members: _Some
+    shard: _Some
+    block: Annotated[int, Field(ge=1, le=2**20)]
+    versions: dict[str, str]
+    machine: str
+
+
+class _Line(BaseModel):
+    """What a line of the journal may tell that is counted with; the rest is for people."""
+
+    model_config = ConfigDict(strict=True)
+
+    time: Annotated[float, Field(ge=0.0, le=1e11)]
+    event: str = ""
+    members: _Count | None = None
+    seconds: Annotated[float, Field(ge=0.0, le=1e11)] | None = None
 
 
 def hash_of(scene):
@@ -66,27 +88,26 @@ class RunDirectory:
         name = os.path.join(self.path, "run.json")
         if not os.path.isfile(name):
             raise SceneError("", "run", self.path, "is no run directory: it has no run.json")
+        text = text_of(name)
         try:
-            with open(name, encoding="utf-8") as file:
-                text = file.read()
-            facts = json.loads(text)
-        except (ValueError, RecursionError) as error:
+            facts = json_of(text)
+            if isinstance(facts, dict):
+                facts.pop("check", None)
+            _Facts.model_validate(facts)
+        except ValidationError as error:
+            first = error.errors()[0]
+            key = str(first["loc"][0]) if first["loc"] else "run.json"
+            raise SceneError("", key, None, f"is damaged: {first['msg'][0].lower()}{first['msg'][1:]}", file=name) from None
+        except ValueError as error:
             raise SceneError("", "run.json", None, f"is damaged: {error}", file=name) from None
-        for key, kind in _FACTS.items():
-            if not isinstance(facts, dict) or type(facts.get(key)) is not kind:
-                raise SceneError("", key, None, f"is damaged: expected {kind.__name__}", file=name)
-        facts.pop("check", None)
         if rendered(facts) != text:
             raise SceneError("", "run.json", None, "is damaged, or was changed by hand: its sum is another", file=name)
         if facts["format"] != FORMAT:
             raise SceneError("", "format", facts["format"], f"this version reads format {FORMAT}", file=name)
-        if (
-            facts["first"] + facts["members"] > 2**53
-            or min(facts["members"], facts["shard"], facts["block"]) < 1
-            or facts["first"] < 0
-            or facts["shard"] % facts["block"]
-        ):
-            raise SceneError("", "members", None, "is damaged: counts have to be positive, and a shard whole blocks", file=name)
+        if facts["first"] + facts["members"] > 2**53 or facts["shard"] % facts["block"]:
+            raise SceneError("", "members", None, "is damaged: a shard has to be whole blocks, and members below 2^53", file=name)
+        if facts["members"] > MOST * facts["shard"]:
+            raise SceneError("", "shard", facts["shard"], f"is damaged: more than {MOST:,} shards are no run", file=name)
         return facts
 
     @property
@@ -105,6 +126,11 @@ class RunDirectory:
         first, end = self.facts["first"], self.facts["first"] + self.facts["members"]
         low = first + i * self.facts["shard"]
         return range(low, min(low + self.facts["shard"], end))
+
+    def members_of(self, shards):
+        """How many members some shards have, given by their numbers."""
+        short = self.count * self.facts["shard"] - self.facts["members"]  # what the last one lacks
+        return len(shards) * self.facts["shard"] - short * bool(np.any(np.asarray(shards) == self.count - 1))
 
     def listed(self):
         """({i: path} of the shards that are there, paths of files among them that none is: of other numbers, names, or a number that is there twice)."""
@@ -138,8 +164,10 @@ class RunDirectory:
         return os.path.join(self._folder, f"{i:08d}-{flagged}-{hash_of_file(file)[:16]}.nc")
 
     def missing(self):
-        """The shards that are not there."""
-        return sorted(set(range(self.count)) - set(self.shards()))
+        """The shards that are not there, as an array: of as many as there may be 80 MB."""
+        gone = np.ones(self.count, bool)
+        gone[list(self.shards())] = False
+        return np.flatnonzero(gone)
 
     def note(self, **facts):
         """Add a line to the journal, if that can be: nothing depends on it."""
@@ -151,16 +179,13 @@ class RunDirectory:
             file.write(line + "\n")
 
     def journal(self):
-        """The lines of the journal; one that is torn is left out."""
+        """The last lines of the journal; those that are torn, or tell what cannot be, are left out."""
         found: list[dict[str, Any]] = []
-        with (
-            contextlib.suppress(OSError),
-            open(os.path.join(self.path, "journal.jsonl"), encoding="utf-8", errors="replace") as file,
-        ):
-            for line in file:
-                with contextlib.suppress(ValueError):
-                    made = json.loads(line)
-                    found += [made] if isinstance(made, dict) and isinstance(made.get("time"), float) else []
+        with contextlib.suppress(OSError, SceneError):
+            for line in bytes_of(os.path.join(self.path, "journal.jsonl"), _JOURNAL, last=True).splitlines():
+                with contextlib.suppress(ValueError):  # also of pydantic
+                    told = json_of(line.decode("utf-8"))
+                    found.append({**told, **_Line.model_validate(told).model_dump()})
         return found
 
     @contextlib.contextmanager
@@ -171,12 +196,11 @@ class RunDirectory:
         name = os.path.join(self.path, "lock")
         with open(name, "ab+", buffering=0, opener=_opener) as file:
             try:
-                with naming(name):  # where a file system has no locks that is an error like any other
-                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                lock(file, name)
             except BlockingIOError:
                 file.seek(0)
                 raise OutputExists(
-                    f"{self.path}: is being written by {file.read().decode(errors='replace').strip() or 'another process'}"
+                    f"{self.path}: is being written by {file.read(200).decode(errors='replace').strip() or 'another process'}"
                 ) from None
             if self._read_facts() != self.facts:
                 raise OutputExists(f"{self.path}: was changed by another process meanwhile; look at it again")
@@ -193,8 +217,8 @@ class RunDirectory:
 
 
 def _opener(path, flags):
-    """What is written in a run is no link to what is not."""
-    return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0), 0o666)
+    """What is written in a run is no link to what is not, and no pipe that waits for a reader."""
+    return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0), 0o666)
 
 
 def flagged_of(path):
@@ -230,17 +254,16 @@ def status(path):
     directory = RunDirectory(path)
     (shards, strays), journal = directory.listed(), directory.journal()
     members = sum(len(directory.members(i)) for i in shards)
-    begun = max((line["time"] for line in journal if line.get("event") == "begun"), default=math.inf)
+    begun = max((line["time"] for line in journal if line["event"] == "begun"), default=math.inf)
     made = list[tuple[float, int]]()
     for i, shard in shards.items():
         with contextlib.suppress(FileNotFoundError):  # taken away meanwhile
             made.append((os.stat(shard).st_mtime, len(directory.members(i))))
     new, seconds = sum(count for at, count in made if at > begun), max((at for at, _ in made), default=0.0) - begun
     for line in journal:
-        if line.get("event") == "ended" and line["time"] >= begun:
-            new, seconds = (line.get(key) for key in ("members", "seconds"))
-    known = isinstance(new, int) and isinstance(seconds, float) and new > 0 and seconds > 0.0
-    rate = new / seconds if known else None
+        if line["event"] == "ended" and line["time"] >= begun:
+            new, seconds = line["members"] or 0, line["seconds"] or 0.0
+    rate = new / seconds if new > 0 and seconds >= 1e-3 else None  # the journal's are rounded to that
     left = directory.facts["members"] - members
     return {
         "shards": directory.count, "done": len(shards), "members": directory.facts["members"], "members_done": members,

@@ -28,6 +28,7 @@ from rigidmc.storage.schema import (
     member_variables,
     saved_variables,
 )
+from rigidmc.trial import refuse_unreadable
 
 
 def verify(path, spot=3, allow_code=False, threads=None):
@@ -71,8 +72,8 @@ def consolidate(path, output, force=False, allow_code=False):
     directory, output = RunDirectory(path), os.fspath(output)
     refuse_existing(output, force)
     *_, told, shown = planned(directory, allow_code)
-    if missing := directory.missing():
-        raise SceneError("", "run", directory.path, f"{len(missing):,} of {directory.count:,} shards are missing: resume it first")
+    if (missing := directory.missing()).size:
+        raise SceneError("", "run", directory.path, f"{missing.size:,} of {directory.count:,} shards are missing: resume it first")
     refuse_hopeless(told, shown, 1, output)
     directory.refuse_strays()
     more = directory.facts["attributes"]
@@ -98,7 +99,7 @@ def consolidate(path, output, force=False, allow_code=False):
     except BaseException:
         writer.discard()
         raise
-    return open_result(output)
+    return open_result(output, made=True)
 
 
 def open_run(path, allow_code=False):
@@ -135,17 +136,19 @@ def open_run(path, allow_code=False):
         if is_rounded(told, dims, dtype):
             attrs = {**attrs, "significant_digits": told.run.digits}
         graph = {
-            (label, *[j if d == long else 0 for d in dims]): (_read, shards[i], directory.mark, name, ranges[j].start)
+            (label, *[j if d == long else 0 for d in dims]): (_read, shards[i], directory.mark, name, ranges[j].start, shape, dtype)
             if counts[long][j]
-            else (np.empty, [s[j] if d == long else s[0] for d, s in zip(dims, sizes, strict=True)], dtype)
+            else (np.empty, shape, dtype)
             for j, i in enumerate(done)
+            for shape in [[s[j] if d == long else s[0] for d, s in zip(dims, sizes, strict=True)]]
         }
         variables[name] = dims, da.Array(graph, label, sizes, np.dtype(dtype)), attrs
     for name, (dims, dtype, attrs) in ensemble_variables(told).items():
         size = [length(d, shown) for d in dims]
         label = f"{name}-{mark}"
         graph = {
-            (label, j, *[0] * len(size)): (_read_one, shards[i], directory.mark, name, ranges[j].start) for j, i in enumerate(done)
+            (label, j, *[0] * len(size)): (_read_one, shards[i], directory.mark, name, ranges[j].start, size, dtype)
+            for j, i in enumerate(done)
         }
         stacked = da.Array(graph, label, ((1,) * len(done), *((n,) for n in size)), np.dtype(dtype))
         variables[name] = dims, stacked.sum(0, dtype=dtype), attrs
@@ -158,17 +161,22 @@ def open_run(path, allow_code=False):
     return made
 
 
-def _read(path, mark, name, first):
-    """A variable of a shard, whose mark and first member are checked."""
+def _read(path, mark, name, first, shape, dtype):
+    """A variable of a shard, whose mark, first member, shape and type are checked."""
     try:
+        refuse_unreadable(path)
         found = read(path, "member", name, mark=mark)
-    except (OSError, RuntimeError, IndexError) as error:  # a chunk whose sum is wrong, a file that is none or is gone
+    except OSError as error:  # it is gone
         raise SceneError("", name, None, f"cannot be read: {error}; `rigidmc verify` tells more", file=path) from None
-    if found["member"][0] != first:
+    except SceneError as error:  # a chunk whose sum is wrong, a file that is none, or one of another run
+        error.rule = f"cannot be read: {error.rule}; `rigidmc verify` tells more"
+        raise
+    values = found[name]
+    if found["member"].size == 0 or found["member"][0] != first or (values.shape, values.dtype) != (tuple(shape), np.dtype(dtype)):
         raise SceneError("", name, None, "has the members of another shard; `rigidmc verify` tells more", file=path)
-    return found[name]
+    return values
 
 
-def _read_one(path, mark, name, first):
+def _read_one(*shard):
     """A variable of a shard, as one of a stack."""
-    return _read(path, mark, name, first)[None]
+    return _read(*shard)[None]

@@ -19,7 +19,7 @@ from rigidmc.effects import EFFECTS
 from rigidmc.effects.own import source_of
 from rigidmc.engine.machine import this_machine, threads_available
 from rigidmc.errors import OutputExists, SceneError, SceneWarning
-from rigidmc.files import Part, folder_beside, make_durable, naming, refuse_unwritable, text_of, write_bytes
+from rigidmc.files import Part, content_of, folder_beside, make_durable, naming, refuse_lockless, refuse_unwritable, write_bytes
 from rigidmc.jobs import compile_kernel
 from rigidmc.planning import BLOCK
 from rigidmc.run_directory import FORMAT, MOST, RunDirectory, hash_of, hash_of_file, rendered
@@ -54,6 +54,7 @@ def create(scene, path, size=SHARD, only=None, threads=None):
         hint = "; `rigidmc resume` goes on with it" if os.path.isfile(os.path.join(path, "run.json")) else ""
         raise OutputExists(f"{path} exists; nothing was written{hint}")
     refuse_unwritable(os.path.dirname(os.path.abspath(path)))
+    refuse_lockless(os.path.dirname(os.path.abspath(path)))
     if scene.run.points == "latin_hypercube" and scene.run.strata is None:
         scene = scene.with_run(strata=scene.run.first + scene.run.members)
     *made, chosen = settled(scene, streaming=True)
@@ -151,15 +152,16 @@ def resume(
     if cluster is not None:
         checked(cluster)
     with directory.locked():
-        which = [i for i in directory.missing() if only is None or i in only]
-        left, many = sum(len(directory.members(i)) for i in which), threads or threads_available()
+        which = directory.missing()
+        which = which if only is None else which[(which >= only.start) & (which < only.stop)]
+        left, many = directory.members_of(which), threads or threads_available()
         parts = planned(directory, allow_code, threads or 1, block)
-        if which and (cluster is None or cluster.startswith("local:")):  # workers elsewhere have memory of their own
+        if which.size and (cluster is None or cluster.startswith("local:")):  # workers elsewhere have memory of their own
             here = many if cluster is None else int(cluster.partition(":")[2])
             *_, mine, shown = parts
             more = memory_of_shards(mine, shown, min(directory.facts["shard"], left), here)
             refuse_hopeless(mine, shown._replace(members=left), here, os.path.join(directory.path, "shards"), more)
-        compiled = compile_kernel(*parts[:2]) if which else 0.0  # for the workers of a cluster too, which find it in the cache
+        compiled = compile_kernel(*parts[:2]) if which.size else 0.0  # for the workers of a cluster too, which find it in the cache
         started = time.monotonic()
         directory.note(event="begun", shards=len(which), threads=threads, cluster=cluster, compile_seconds=round(compiled, 3))
         stop = None if max_wall is None else began + max_wall
@@ -240,10 +242,11 @@ def merge(path, others):
         _refuse_unlike(others[0], other)
     if not os.path.lexists(path) or (os.path.isdir(path) and not os.listdir(path)):
         refuse_unwritable(os.path.dirname(os.path.abspath(path)))
+        refuse_lockless(os.path.dirname(os.path.abspath(path)))
         with _made_beside(path) as folder:
             for name in ("columns.nc", "scene.toml", "run.json"):
                 if os.path.isfile(os.path.join(others[0].path, name)):
-                    write_bytes(os.path.join(folder, name), text_of(others[0].path, name))
+                    write_bytes(os.path.join(folder, name), content_of(others[0].path, name))
     directory, copied = RunDirectory(path), 0
     for other in others:
         _refuse_unlike(directory, other)
@@ -270,6 +273,6 @@ def merge(path, others):
 def _refuse_unlike(one, other):
     """SceneError where two directories are not of the same run."""
     apart = [key for key, value in one.facts.items() if other.facts[key] != value]
-    apart += [name for name in ("scene.toml", "columns.nc") if text_of(one.path, name) != text_of(other.path, name)]
+    apart += [name for name in ("scene.toml", "columns.nc") if content_of(one.path, name) != content_of(other.path, name)]
     if apart:
         raise SceneError("", "run", other.path, f"is of another run than {one.path}: {', '.join(apart)} differ")

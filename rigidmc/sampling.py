@@ -58,12 +58,16 @@ class Grid:
 
     def values(self):
         """All of them."""
-        share = (np.arange(self.count) + 0.5) / self.count
+        return self._values(np.arange(self.count))
+
+    def _values(self, index):
+        """Some of them: a grid may have more than any memory."""
+        share = (index + 0.5) / self.count
         return self.low * (self.high / self.low) ** share if self.log else self.low + (self.high - self.low) * share
 
     def at(self, first, count):
         """Those of members first ... first + count - 1."""
-        return self.values()[np.arange(first, first + count) // self.stride % self.count]
+        return self._values(np.arange(first, first + count) // self.stride % self.count)
 
     def times(self, by):
         """The grid of the number multiplied by a positive one."""
@@ -157,6 +161,8 @@ def quantity(value, table, key):
     if _is_number(value):
         return float(value)
     if isinstance(value, np.ndarray) and value.ndim == 1 and np.issubdtype(value.dtype, np.number):
+        if not value.size:
+            raise SceneError(table, key, None, "an array without rows is of no member")
         if not np.isfinite(value).all():
             row = int(np.flatnonzero(~np.isfinite(value))[0])
             raise SceneError(table, key, float(value[row]), f"row {row} is not finite")

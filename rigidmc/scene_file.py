@@ -2,7 +2,7 @@
 
 import inspect
 import os
-import tomllib
+from collections import namedtuple
 from dataclasses import replace
 from functools import partial
 from importlib import resources
@@ -17,10 +17,13 @@ from rigidmc.effects.own import class_of, source_of
 from rigidmc.effects.parameters import given
 from rigidmc.errors import SceneError, nearest, unknown
 from rigidmc.observables import SUMMARIES, summary_of
+from rigidmc.reading import text_of, toml
 from rigidmc.scene import Run, Scene, Table, changed, complaint
 from rigidmc.scene_values import Columns, numbers, only, parse, plain
 from rigidmc.solids import SOLIDS
 from rigidmc.start import Start
+
+MOST = 100  # effects, and observables over all steps: a kernel is compiled for all of them, 100 springs in a minute
 
 
 class _File(Table):
@@ -66,18 +69,17 @@ def load(source, settings=(), allow_code=False):
 
 
 def loads(text, file="scene", settings=(), stored=None, title="scene", allow_code=False):
-    """A scene from TOML text; `stored(name, axis)` gives the columns of a result file that the text refers to."""
+    """A scene from TOML text; `stored(name)` gives the rows of a result file that the text refers to, None where it has none of that name.
+
+    allow_code : as of `load`; None puts classes without physics in the place of code, which is neither run nor refused
+    """
     try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise SceneError("", "TOML", None, f"not valid TOML: {error}", file=file) from None
-    try:
+        data = toml(text)
         for key, value in settings:
             _set(data, key, value)
-        _refuse_long(data)
         overridden = {key.split(".")[1] for key, _ in settings if key.startswith("run.")}
         folder = os.path.dirname(file)
-        return _from_tables(data, Columns(stored, folder), title, folder if allow_code else None, overridden)
+        return _from_tables(data, Columns(stored, folder), title, folder if allow_code else allow_code, overridden)
     except SceneError as error:
         error.file = error.file or file
         raise
@@ -87,22 +89,13 @@ def loads(text, file="scene", settings=(), stored=None, title="scene", allow_cod
         raise made from None
 
 
-def _refuse_long(data, table="", key=""):
-    """SceneError for a whole number of more than 64 bits, which TOML has not."""
-    if isinstance(data, dict):
-        for name, value in data.items():
-            _refuse_long(value, f"{table}.{key}".strip("."), name)
-    elif isinstance(data, list):
-        for value in data:
-            _refuse_long(value, table, key)
-    elif isinstance(data, int) and not -(2**63) <= data < 2**63:
-        raise SceneError(table, key, float("inf") if data > 0 else float("-inf"), "whole numbers have 64 bits")
-
-
 def _from_tables(data, stored, title, folder, overridden):
-    """The scene of parsed TOML; `folder` is where Python files lie that may be run, None where none may; `overridden` are the keys of [run] that the
+    """The scene of parsed TOML; `folder` is where Python files lie that may be run, False where none may, None where none is needed; `overridden` are the keys of [run] that the
     file has not by itself."""
     file = _File(**data)
+    for kind, tables in (("effects", file.effects), ("observables", file.observables)):
+        if sum(len(one) if isinstance(one, list) else 1 for one in tables.values()) > MOST:
+            raise SceneError("", kind, None, f"has more than {MOST} tables, which no kernel is compiled for")
     settings = {k: tuple(v) if isinstance(v, list) else v for k, v in file.run.items()}
     try:
         run = Run.model_validate({k: v for k, v in settings.items() if k not in overridden})
@@ -146,9 +139,24 @@ def _kind(name, table, folder):
         error.rule += '; one of your own needs module = "file.py"'
         raise error
     if folder is None:
+        return _stand_in(name, table)
+    if folder is False:
         rule = "is code, and scene files execute nothing; look at it, then allow it with --allow-code (in Python allow_code=True)"
         raise SceneError(f"effects.{name}", "module", module, rule)
     return class_of(folder, module, name, f"effects.{name}")
+
+
+def _stand_in(name, table):
+    """A class in the place of code that is not run: with the parameters of its table, and without physics."""
+    words = [key for key in table if key != "module"]
+    try:
+        made = namedtuple(name, words)  # type: ignore[misc]
+    except ValueError as error:
+        raise SceneError("effects", name, None, f"cannot be a class with these parameters: {error}") from None
+    kind: Any = made
+    kind.shapes = {key: len(value) for key, value in table.items() if isinstance(value, list)}
+    kind.torque = kind.energy = kind.stand_in = lambda self: 0.0
+    return kind
 
 
 def dumps(scene):
@@ -199,11 +207,7 @@ def read_source(source):
     if source in shipped():
         return resources.files("rigidmc.scenes").joinpath(f"{source}.toml").read_text("utf-8")
     if os.path.exists(source):
-        with open(source, encoding="utf-8") as file:
-            try:
-                return file.read()
-            except UnicodeDecodeError:
-                raise SceneError("", "scene", None, "is no text in UTF-8, and so no scene file", file=source) from None
+        return text_of(source)
     close = nearest(os.path.basename(source).removesuffix(".toml"), shipped())
     hint = f" (did you mean '{close}'?)" if close else ""
     raise FileNotFoundError(f"{source}: no such file, and no shipped scene of that name{hint}; shipped: {', '.join(shipped())}")
@@ -245,8 +249,10 @@ def _set(data, dotted, value):
         if not isinstance(data, dict):
             raise SceneError("", dotted, value, f"'{table}' is not a table")
     try:
-        data[key] = tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
+        data[key] = toml(f"value = {value}")["value"]
+    except SceneError as error:
+        if "not valid" not in error.rule:
+            raise
         data[key] = value
     if key in _SHAPES and tables[-1:] == ["body"]:
         for other in set(_SHAPES) - {key}:

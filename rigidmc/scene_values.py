@@ -11,7 +11,7 @@ from rigidmc.vectors import VECTORS, of_table, word_of
 
 
 class Columns(NamedTuple):
-    """Where columns come from that a file refers to: those of a result, and tables beside the scene file."""
+    """Where columns come from that a file refers to: those of a result, rows of a name or None, and tables beside the scene file."""
 
     of_result: Any
     folder: str
@@ -44,9 +44,7 @@ def parse(value, table, key, stored):
     if not isinstance(value, dict):
         return value
     if "stored" in value:
-        if stored.of_result is None:
-            raise SceneError(table, key, value, "refers to the rows of a result file; load that file instead")
-        return stored.of_result(value["stored"], value.get("axis"))
+        return _rows_of(value, table, key, stored.of_result)
     if "table" in value:
         one = "column" in value
         only(value, ("table", "column" if one else "columns"), f"{table}.{key}")
@@ -78,6 +76,22 @@ def parse(value, table, key, stored):
     if isinstance(parameters, dict):
         return _named(table, key, value, distribution, name, **parameters)
     return _named(table, key, value, distribution, name, *(parameters if isinstance(parameters, list) else [parameters]))
+
+
+def _rows_of(value, table, key, of_result):
+    """The rows that { stored = name, axis = i } of a result refers to; SceneError where there are no such rows."""
+    if of_result is None:
+        raise SceneError(table, key, value, "refers to the rows of a result file; load that file instead")
+    only(value, ("stored", "axis"), f"{table}.{key}")
+    name, axis = value["stored"], value.get("axis")
+    rows = of_result(name) if isinstance(name, str) else None
+    if rows is None or rows.dtype.kind != "f" or rows.ndim != (1 if axis is None else 2):
+        raise SceneError(table, key, value, "refers to rows that the result does not have")
+    if axis is None:
+        return rows
+    if type(axis) is not int or not 1 <= axis <= len(rows):
+        raise SceneError(table, key, value, f"expected an axis between 1 and {len(rows)}")
+    return rows[axis - 1]
 
 
 def _named(table, key, value, make, *arguments, **words):

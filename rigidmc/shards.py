@@ -6,6 +6,7 @@ import os
 import queue
 import threading
 import time
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from rigidmc.engine.machine import this_machine
 from rigidmc.errors import SceneError
 from rigidmc.observables import rows_of
 from rigidmc.planning import BLOCK, SLAB
+from rigidmc.reading import text_of
 from rigidmc.run_directory import damaged, flagged_of, hash_of, hash_of_file
 from rigidmc.scene_file import loads
 from rigidmc.simulation import compute, settled
@@ -34,18 +36,16 @@ def members_of(scene, plan, size=SHARD):
 
 def scene_in(folder, facts, allow_code):
     """The scene that lies in a folder, with its columns."""
-    stored, name = None, os.path.join(folder, "scene.toml")
+    stored: Any = None
+    name = os.path.join(folder, "scene.toml")
     if facts["columns"]:
         file = os.path.join(folder, "columns.nc")
         if not os.path.isfile(file) or hash_of_file(file) != facts["columns"]:
             raise SceneError("", "columns.nc", None, "is not what was written: the rows of the members are gone", file=folder)
         kept = read(file)
 
-        def stored(name, axis):
-            return kept[name] if axis is None else kept[name][axis - 1]
-
-    with open(name, encoding="utf-8", errors="replace") as text:
-        return loads(text.read(), name, stored=stored, allow_code=allow_code)
+        stored = kept.get
+    return loads(text_of(name), name, stored=stored, allow_code=allow_code)
 
 
 def scene_of_run(directory, allow_code=False):
@@ -83,7 +83,7 @@ def fault_of(directory, i, path):
         found, members = read(path, "member", "status", mark=directory.mark), directory.members(i)
     except SceneError as error:
         return str(error)
-    if found["member"].size != len(members) or found["member"][0] != members[0]:
+    if found["member"].shape != (len(members),) or found["status"].shape != (len(members),) or found["member"][0] != members[0]:
         return f"{path}: is no shard {i} of this run: its members are others"
     count = np.count_nonzero(found["status"])
     if count != flagged_of(path):
@@ -110,7 +110,7 @@ def compute_shards(directory, parts, which, threads, progress=False, stop=None):
 
     def blocks():
         nonlocal begun
-        for i in which:
+        for i in map(int, which):
             took = (time.monotonic() - started) / sink.written if sink.written else 0.0
             if stop is not None and time.monotonic() + took * (begun - sink.written + 1) > stop:
                 return
@@ -119,7 +119,7 @@ def compute_shards(directory, parts, which, threads, progress=False, stop=None):
 
     sink = Shards(directory, *shown)
     try:
-        flagged = compute(scene, plan, threads, sink, progress, units, blocks(), sum(len(directory.members(i)) for i in which))
+        flagged = compute(scene, plan, threads, sink, progress, units, blocks(), directory.members_of(which))
         sink.finish()
     except BaseException:
         sink.discard()

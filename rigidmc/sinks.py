@@ -141,7 +141,7 @@ class File:
     def finish(self):
         self.writer.write_all({**self.counts.variables(), **joined(self.flagged)})
         self.writer.finish()
-        return open_result(self.path)
+        return open_result(self.path, made=True)
 
     def discard(self):
         self.writer.discard()

@@ -1,11 +1,11 @@
 """A result in a few lines: who is well, what was kept, and every number that its members have, with its interval."""
 
-import tomllib
-
 import numpy as np
 
 from rigidmc import statistics
 from rigidmc.engine.layout import STATUSES
+from rigidmc.reading import toml
+from rigidmc.storage.netcdf import scene_text
 
 _PLAIN = ("status", "status_step", "status_time", "mass", "steps")
 
@@ -20,7 +20,7 @@ def summary(dataset, confidence=0.95):
         if "dt" in dataset.attrs
         else f"turn = {dataset.attrs.get('turn', float('nan')):.6g} rad"
     )
-    settings = tomllib.loads(dataset.attrs["scene"])["run"]
+    settings = toml(scene_text(dataset))["run"]
     points, planned = settings.get("points", "independent"), settings["members"]
     of = f" of {planned:,}" if count < planned else ""
     independent = points == "independent"

@@ -5,6 +5,8 @@ import os
 import numpy as np
 
 from rigidmc.errors import SceneError, unknown
+from rigidmc.reading import refuse_irregular
+from rigidmc.trial import refuse_unreadable
 
 SUFFIXES = (".csv", ".nc")
 
@@ -19,7 +21,10 @@ def column(folder, file, name, table, key):
         raise SceneError(table, key, file, f"expected a file that ends in {' or '.join(SUFFIXES)}")
     if not os.path.exists(path):
         raise SceneError(table, key, file, f"no such file in {os.path.abspath(folder or os.curdir)}")
-    columns = _csv(path, table, key, file) if file.endswith(".csv") else _netcdf(path)
+    try:
+        columns = _csv(path, table, key, file) if file.endswith(".csv") else _netcdf(path)
+    except SceneError as why:
+        raise why if why.table else SceneError(table, key, file, why.rule) from None
     if name not in columns:
         error = unknown(table, key, name, f"column of {file}", columns)
         error.rule += (
@@ -36,6 +41,7 @@ def column(folder, file, name, table, key):
 
 
 def _csv(path, table, key, file):
+    refuse_irregular(path)
     with open(path, encoding="utf-8") as lines:
         try:
             names = [word.strip().strip('"') for word in lines.readline().strip().lstrip("\ufeff").split(",")]
@@ -56,9 +62,17 @@ def _csv(path, table, key, file):
 
 
 def _netcdf(path):
+    refuse_unreadable(path)
+    try:
+        return _columns(path)
+    except (OSError, ValueError, TypeError, RuntimeError, KeyError, IndexError) as error:
+        raise SceneError("", "file", None, f"cannot be read: {error}") from None
+
+
+def _columns(path):
     import xarray as xr
 
-    with xr.open_dataset(path, engine="netcdf4") as file:
+    with xr.open_dataset(path, engine="netcdf4", decode_times=False, decode_coords=False) as file:
         found = {str(name): v.values for name, v in file.data_vars.items() if v.ndim == 1 and v.dtype.kind in "fiu"}
         for name, v in file.data_vars.items():
             if v.ndim == 2 and v.dtype.kind in "fiu" and v.shape[0] <= 6:

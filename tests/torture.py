@@ -9,10 +9,13 @@
 --outputs N  every other output (results, consolidated files, maps, studies, bounds, pictures, animations): the same faults, and files that appear
              meanwhile, at N of each call or all; and N kills and signals that come twice, or 200. Exit 74 or 6 and one message, no file is torn or
              overwritten, and nothing is left behind. And every command with streams that are closed, full or whose reader has gone
+--cache N    damage the cached kernels of a run N times, every third time let no file grow to the size of a kernel; the run ends well, to the same
+             bytes, with one line where the cache cannot be written
 --lost N     kill N workers of `--cluster local:2`, one every few seconds; the run ends well, and its shards are those of two threads
 """
 
 import argparse
+import contextlib
 import hashlib
 import itertools
 import multiprocessing
@@ -278,6 +281,48 @@ def faults(most, folder, some):
     return told
 
 
+def cache(count, folder, some):
+    """Damage cached kernels `count` times, or give them no room; {what: how often}."""
+    kernels, out = os.path.join(folder, "kernels"), os.path.join(folder, "run")
+    words = [*COMMAND, "run", "tennis_racket", "--members", "100", "--save", "none", "-o", out + "/"]
+    told = {
+        "caches damaged": 0,
+        "caches without room": 0,
+        "exit 0": 0,
+        "sha256 equal": 0,
+        "one line of a cache without room": 0,
+        "kernels kept": 0,
+    }
+
+    def made():
+        shutil.rmtree(out, ignore_errors=True)
+        done = subprocess.run(words, capture_output=True, text=True, env={**os.environ, "RIGIDMC_CACHE_DIR": kernels})
+        return done, sums(out)
+
+    def files():
+        return [os.path.join(top, name) for top, _, names in os.walk(kernels) for name in names if name.endswith(".nbc")]
+
+    _, expected = made()
+    for i in range(count):
+        full = i % 3 == 2
+        for path in files():
+            with open(path, "rb") as file:
+                data = bytearray(file.read())
+            data[some.randrange(len(data))] ^= 1 << some.randrange(8)
+            with open(path, "wb") as file:
+                file.write(data if some.random() < 0.7 else data[: some.randrange(len(data))])
+        with limited(400_000) if full else contextlib.nullcontext():  # kernels are larger, and the result is not
+            done, found = made()
+        told["caches without room" if full else "caches damaged"] += 1
+        told["exit 0"] += done.returncode == 0
+        told["sha256 equal"] += found == expected
+        told["one line of a cache without room"] += full and done.stderr.count(kernels) == 1
+        told["kernels kept"] += bool(files()) != full
+        if done.returncode or found != expected:
+            print(f"cache {i}: exit {done.returncode}: {done.stderr[-300:]}", file=sys.stderr)
+    return told
+
+
 def main():
     words = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     words.add_argument("--kills", type=int, default=0)
@@ -285,6 +330,7 @@ def main():
     words.add_argument("--corrupt", type=int, default=0)
     words.add_argument("--lost", type=int, default=0)
     words.add_argument("--outputs", type=lambda text: 10**6 if text == "all" else int(text), default=0)
+    words.add_argument("--cache", type=int, default=0)
     words.add_argument("--seed", type=int, default=1)
     given = words.parse_args()
     some = random.Random(given.seed)
@@ -296,6 +342,7 @@ def main():
         ("corrupt", corrupt, given.corrupt),
         ("lost", lost, given.lost),
         ("outputs", outputs, given.outputs),
+        ("cache", cache, given.cache),
     ):
         if count:
             began = time.monotonic()

@@ -19,6 +19,8 @@ import platformdirs
 config: Any = numba.config
 log = logging.getLogger("rigidmc")
 _PACKAGE = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+_SUM = hashlib.sha256().digest_size
+_TOLD: set[str] = set()
 _KEEP_SECONDS = 30 * 86400  # kernels of other versions of the sources are deleted after a month
 
 
@@ -90,7 +92,7 @@ def _forget_old(folder, stamp):
 
 
 def cached(kernel):
-    """Give a jitted kernel the private disk cache, or none and one log line where there can be no such cache."""
+    """Give a jitted kernel the private disk cache. One that cannot be read or written costs the time to compile, and one log line that names it."""
     try:
         from numba.core import caching
 
@@ -107,20 +109,38 @@ def cached(kernel):
             _locator_classes: list = [Locator]
 
         class Files(caching.IndexDataCacheFile):
-            """One file for each kernel, named by its key: processes that compile at once cannot mix up their entries."""
+            """One file for each kernel, named by its key: processes that compile at once cannot mix up their entries.
+
+            Behind what Numba writes stands its sha256: a file with a flipped bit is code that crashes, and none of it is loaded.
+            """
 
             def _name(self, key):
                 homes = [kind.__module__ for kind in _classes(key[0])]  # the text of a type leaves its module out
                 return hashlib.sha256(repr((key, homes)).encode()).hexdigest() + ".nbc"
 
+            def _dump(self, obj):
+                data = super()._dump(obj)
+                return data + hashlib.sha256(data).digest()
+
             def save(self, key, data):
-                self._save_data(self._name(key), data)
+                try:
+                    self._save_data(self._name(key), data)
+                except OSError as error:
+                    _uncached(error)
 
             def load(self, key):
+                path = self._data_path(self._name(key))
                 try:
-                    return self._load_data(self._name(key))
-                except Exception:  # not there, torn, or of another version: compile anew
+                    with open(path, "rb") as file:
+                        data = file.read()
+                    if hashlib.sha256(data[:-_SUM]).digest() == data[-_SUM:]:
+                        return self._load_data(self._name(key))  # which ends before the sum
+                    os.unlink(path)
+                except FileNotFoundError:
                     return None
+                except Exception as error:  # unreadable, or of another version
+                    _uncached(error)
+                return None
 
         class Cache(caching.FunctionCache):
             """Knows only the package's own types: a user's class of the same name may have other physics."""
@@ -137,8 +157,16 @@ def cached(kernel):
         kernel._cache = Cache(kernel.py_func)
         kernel._cache._cache_file = Files(folder, "kernel", os.path.basename(folder))
     except (ImportError, AttributeError, OSError, RuntimeError) as error:
-        log.warning("kernels are compiled anew in every process: %s", error)
+        _uncached(error)
     return kernel
+
+
+def _uncached(error):
+    """Say of a cache, once in a process, that it cannot be used."""
+    folder = cache_folder()
+    if folder not in _TOLD:
+        _TOLD.add(folder)
+        log.warning("kernels are compiled anew in every process, as their cache %s cannot be used: %s", folder, error)
 
 
 def _classes(signature):

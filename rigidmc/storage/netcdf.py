@@ -6,14 +6,16 @@ import math
 import os
 import shutil
 import threading
+import warnings
 from typing import Any
 
 import netCDF4
 import numpy as np
 from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 
-from rigidmc.errors import SceneError
-from rigidmc.files import Part, refuse_existing, write_bytes
+from rigidmc.errors import SceneError, SceneWarning
+from rigidmc.files import Part, refuse_existing, refuse_lockless, write_bytes
+from rigidmc.storage.border import ROWS, as_result
 from rigidmc.storage.schema import (
     attributes,
     coordinates,
@@ -24,6 +26,7 @@ from rigidmc.storage.schema import (
     member_variables,
     saved_variables,
 )
+from rigidmc.trial import refuse_unreadable
 
 _opening = threading.Lock()
 
@@ -79,6 +82,7 @@ class Writer:
         then has a sum, so that a flipped bit is an error to whoever reads it"""
         if named is None:
             refuse_existing(path, force)
+        refuse_lockless(os.path.dirname(os.path.abspath(path)))  # the C library locks what it writes, and says "Permission denied"
         self.path, self._named = path, named
         self._file: Any = None
         self._part = Part(path, force)
@@ -172,12 +176,20 @@ class Writer:
 
 
 def read(path, *names, mark=None):
-    """{name: array} of variables of a file, all of them where none are named, as they were written; SceneError for a shard of another mark."""
-    with alone(), netCDF4.Dataset(path) as file:
-        if mark is not None and getattr(file, "run", None) != mark:
-            raise SceneError("", "shard", None, "is of another run: another scene, seed, rows or code", file=path)
-        file.set_auto_mask(False)
-        return {name: file[name][:] for name in names or file.variables}
+    """{name: array} of variables of a file, all of them where none are named, as they were written; SceneError for a shard of another mark, and
+    for a file without them."""
+    try:
+        with alone(), netCDF4.Dataset(path) as file:
+            if mark is not None and getattr(file, "run", None) != mark:
+                raise SceneError("", "shard", None, "is of another run: another scene, seed, rows or code", file=path)
+            file.set_auto_mask(False)
+            file.set_auto_scale(False)
+            file.set_auto_chartostring(False)
+            return {name: file[name][:] for name in names or file.variables}
+    except (OSError, RuntimeError, IndexError) as error:
+        if isinstance(error, OSError) and (error.errno or 0) > 0:  # of the system; those of the library are below 0
+            raise
+        raise SceneError("", "file", None, f"is damaged, or is not what it should be: {error}", file=path) from None
 
 
 def write_columns(path, columns):
@@ -196,36 +208,71 @@ def write_columns(path, columns):
 
 
 def scene_of(source, settings=(), allow_code=False):
-    """The scene of a result, a file or a Dataset, with its columns where it had one row per member."""
+    """The scene of a result, a file or a Dataset, with its columns where it had one row per member; `allow_code` as of `rigidmc.scene_file.loads`."""
     from rigidmc.scene_file import loads
 
-    if not isinstance(source, str):
+    if isinstance(source, str):
+        with open_result(source) as file:  # by xarray: netCDF4 1.7.5 crashes when it opens once more what xarray has open
+            return scene_of(file, settings, allow_code)
+    file = source.encoding.get("source", "result")
 
-        def stored(name, axis):
-            rows = source[name].values if axis is None else source[name].values[axis - 1]
-            members = source.member.values  # any selection, in any order: members between have no rows, and need none
-            whole = np.repeat(rows[:1], int(members.max()) + 1)
-            whole[members] = rows
-            return whole
+    def stored(name):
+        if name not in source.variables or source[name].dims[-1:] != ("member",):
+            return None
+        members, rows = (
+            source.member.values,
+            source[name].values,
+        )  # any selection, in any order: members between have no rows, and need none
+        count = int(members.max()) + 1
+        if count > max(ROWS, 100 * members.size):
+            rule = f"has the rows of {members.size:,} members only, of which one is {count - 1:,}: open the whole result"
+            raise SceneError("", "member", None, rule, file=file)
+        whole = np.repeat(rows[..., :1], count, axis=-1)
+        whole[..., members] = rows
+        return whole
 
-        return loads(source.attrs["scene"], source.encoding.get("source", "result"), settings, stored, allow_code=allow_code)
-    with open_result(source) as file:  # by xarray: netCDF4 1.7.5 crashes when it opens once more what xarray has open
-        return scene_of(file, settings, allow_code)
+    return loads(scene_text(source), file, settings, stored, allow_code=allow_code)
 
 
-def open_result(path):
-    """A result as an xarray Dataset, read lazily; ValueError where the file is no result of rigidmc."""
+def scene_text(dataset):
+    """The TOML text of the scene of a result; SceneError for a Dataset that is none."""
+    text = dataset.attrs.get("scene")
+    if not isinstance(text, str):
+        file = dataset.encoding.get("source")
+        raise SceneError("", "scene", None, "not a result of rigidmc: it has no attribute 'scene' with the text of one", file=file)
+    return text
+
+
+def open_result(path, made=False):
+    """A result as an xarray Dataset, read lazily; SceneError where the file is no result of rigidmc, see `rigidmc.storage.border`.
+
+    made : whether this process has just written it, and so knows what it is
+    """
     import xarray as xr
 
     if os.path.isdir(path):
         raise SceneError("", "file", None, "is a folder, and no result of rigidmc", file=path)
-    with _opening:
-        dataset = xr.open_dataset(path, engine="netcdf4")
-    if "scene" not in dataset.attrs:
+    if made:
+        with _opening:
+            return xr.open_dataset(path, engine="netcdf4")
+    refuse_unreadable(path)
+    try:
+        with _opening:  # as it stands: nothing of it is decoded by what its attributes say
+            dataset = xr.open_dataset(path, engine="netcdf4", decode_cf=False)
+    except (ValueError, TypeError, RuntimeError, KeyError, IndexError) as error:
+        raise SceneError("", "file", None, f"is damaged, or no result of rigidmc: {error}", file=path) from None
+    try:
+        scene_text(dataset)
+        if "status" not in dataset:
+            rule = "a map, not a result with members; rigidmc.map_plots.stability_map(xarray.open_dataset(...)) draws it"
+            raise SceneError("", "file", None, rule, file=path)
+        found, strange = as_result(dataset, os.fspath(path))
+    except BaseException:
         dataset.close()
-        raise SceneError("", "file", None, "not a result of rigidmc: it has no attribute 'scene'", file=path)
-    if "status" not in dataset:
-        dataset.close()
-        rule = "a map, not a result with members; rigidmc.map_plots.stability_map(xarray.open_dataset(...)) draws it"
-        raise SceneError("", "file", None, rule, file=path)
-    return dataset
+        raise
+    if strange:
+        names = ", ".join(strange[:5]) + (f" and {len(strange) - 5:,} more" if len(strange) > 5 else "")
+        warnings.warn(f"{path}: left out what no result of its scene has: {names}", SceneWarning, stacklevel=3)
+    found.set_close(dataset.close)
+    found.encoding["source"] = dataset.encoding.get("source", os.path.abspath(path))
+    return found

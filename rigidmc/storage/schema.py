@@ -40,6 +40,11 @@ def conservation(scene):
     }
 
 
+def booked_labels(scene):
+    """The labels of the effects whose works are saved."""
+    return tuple(label for label, _ in labelled(scene.effects)) if "work" in scene.run.save else ()
+
+
 def booked(scene):
     """The labels of the effects whose work is no part of `energy`."""
     return [label for label, e in labelled(scene.effects) if not hasattr(e, "energy")]

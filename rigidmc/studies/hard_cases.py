@@ -21,6 +21,7 @@ from rigidmc.errors import SceneError, unknown
 from rigidmc.files import write_bytes
 from rigidmc.integrators import INTEGRATORS
 from rigidmc.progress import reporter
+from rigidmc.reading import text_of
 from rigidmc.studies.catalogue import GROUPS, catalogue
 
 QUICK = ("rk4", "rk8", "srkn11", "exact", "closed")
@@ -82,8 +83,7 @@ def shipped_bounds():
 
 def load_bounds(path):
     """{(case, integrator): bound} of a file like `bounds.csv`; SceneError for what is wrong in it."""
-    with open(path, encoding="utf-8") as file:
-        found = _read(file.read(), path)
+    found = _read(text_of(path), path)
     cases = {case.name for case in catalogue()}
     for name, integrator in found:
         if name not in cases:
@@ -114,7 +114,10 @@ def _rounded_up(value):
 
 def _read(text, file):
     found = {}
-    rows = list(csv.DictReader(text.splitlines()))
+    try:
+        rows = list(csv.DictReader(text.splitlines()))
+    except csv.Error as error:
+        raise SceneError("", "bounds", None, f"is no table: {error}", file=file) from None
     for number, row in enumerate(rows, 2):
         try:
             found[row["case"], row["integrator"]] = float(row["bound"]), float(row.get("measured") or math.nan)

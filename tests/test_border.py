@@ -1,0 +1,305 @@
+"""What is read is looked at first: each way in which a file can lie, and the message that names it."""
+
+import contextlib
+import errno
+import fcntl
+import json
+import os
+import pathlib
+import resource
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import rigidmc as rm
+from rigidmc import run_directory, runs
+from rigidmc.cli import app
+from rigidmc.errors import SceneError, SceneWarning
+from rigidmc.reading import DEPTH, toml
+from rigidmc.run_directory import RunDirectory, rendered
+from rigidmc.studies.hard_cases import load_bounds
+from rigidmc.trial import refuse_unreadable
+from tests import hostile
+
+SCENE = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)), start=rm.Start(omega=(0.1, 1.0, rm.normal(0.0, 0.1))))
+RUN = {"dt": 0.05, "t_end": 0.5, "every": 0.1, "save": ("omega",)}
+
+
+@contextlib.contextmanager
+def within(seconds):
+    """TimeoutError for what takes longer, a wait for a pipe too."""
+
+    def late(*_):
+        raise TimeoutError
+
+    previous = signal.signal(signal.SIGALRM, late)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, previous)
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    path = tmp_path_factory.mktemp("border") / "good.nc"
+    rm.simulate(SCENE, members=40, output=str(path), **RUN).close()
+    return path
+
+
+@pytest.fixture
+def directory(tmp_path):
+    return RunDirectory(runs.create(SCENE.with_run(members=40, **RUN), tmp_path / "run").path)
+
+
+def changed(result, path, change):
+    """A copy of a result with something of it changed."""
+    made = hostile.Stored(result)
+    change(made)
+    made.write(path)
+    return str(path)
+
+
+def with_facts(directory, **facts):
+    """Change facts of a run, its sum too."""
+    known = {k: v for k, v in directory.facts.items() if k != "check"}
+    (pathlib.Path(directory.path) / "run.json").write_text(rendered({**known, **facts}))
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["a = " + "[" * 50_000 + "]" * 50_000, "a = " + "{ a = " * 50_000, "a" + ".a" * 50_000 + " = 1", "[" + "a." * 50_000 + "a]"],
+)
+def test_toml_is_nested_a_hundred_deep_at_most(text, tmp_path):
+    began = time.process_time()
+    with pytest.raises(SceneError, match="nested more than 100 deep"):
+        toml(text)
+    assert time.process_time() - began < 1.0  # measured 0.01 s; Python's reader takes minutes for the third
+    assert toml(f"a = {'[' * DEPTH}{']' * DEPTH}") and toml('a = "' + "[" * 1000 + '"  # ' + "[" * 1000)
+    (tmp_path / "deep.toml").write_text(text)
+    assert CliRunner().invoke(app, ["check", str(tmp_path / "deep.toml")]).exit_code == 3
+
+
+CHANGES = {
+    "scene is a number": (lambda f: f.attrs.update(scene=3.5), "no attribute 'scene' with the text"),
+    "scene is no TOML": (lambda f: f.attrs.update(scene="[[["), "scene in this result"),
+    "scene of other effects": (
+        lambda f: f.attrs.update(scene=f.attrs["scene"].replace("[effects]", "[effects.klingon]")),
+        "klingon",
+    ),
+    "units are dates": (lambda f: f.variables["time"][2].update(units="days since 2000-01-01"), "units of 'days since"),
+    "axis is 99 long": (lambda f: f.dims.update(axis=99), "is 99 long along axis, expected 3"),
+    "times go back": (lambda f: f.variables["time"].__setitem__(3, -f.variables["time"][3]), "times that ascend"),
+    "a member twice": (lambda f: f.variables["member"].__setitem__(3, np.zeros(40)), "is there twice"),
+    "a member it has not": (lambda f: f.variables["member"].__setitem__(3, np.arange(1, 41)), "has the members 0 to 39"),
+    "a status that is none": (lambda f: f.variables["status"].__setitem__(3, np.full(40, 77)), "status"),
+    "a variable is gone": (lambda f: f.variables.pop("moments"), "moments.*is missing"),
+    "words for numbers": (lambda f: f.variables["omega"].__setitem__(1, "S1"), "omega.*of type"),
+    "packed": (lambda f: f.variables["omega"][2].update(scale_factor=2.0), "packed"),
+    "another seed": (lambda f: f.attrs.update(seed=5), "contradicts the scene"),
+    "dt is text": (lambda f: f.attrs.update(dt="x"), "contradicts the scene"),
+}
+
+
+def renamed(file):
+    file.dims = {"Member" if k == "member" else k: v for k, v in file.dims.items()}
+    for one in file.variables.values():
+        one[0] = tuple("Member" if d == "member" else d for d in one[0])
+
+
+@pytest.mark.parametrize("name", [*CHANGES, "dimensions are renamed"])
+def test_a_result_is_what_its_scene_demands(result, tmp_path, name):
+    change, words = CHANGES.get(name, (renamed, "member"))
+    path = changed(result, tmp_path / "bad.nc", change)
+    with pytest.raises(SceneError, match=words) as error:
+        rm.open(path)
+    assert path in str(error.value)
+    for command in (["summary", path], ["show", path], ["rerun", path, "--member", "1"]):
+        done = CliRunner().invoke(app, command)
+        assert done.exit_code == 3 and len(done.stderr.splitlines()) == 1, done.output
+
+
+def test_what_a_result_says_of_its_text_and_its_times_is_not_decoded(result, tmp_path):
+    def change(file):
+        file.variables["quat"][2].update(_Encoding="klingon")
+        file.variables["omega"][2].update(_FillValue=0.0, coordinates="nowhere", calendar="lunar", long_name="$\\frac{")
+
+    with rm.open(changed(result, tmp_path / "odd.nc", change)) as odd, rm.open(str(result)) as good:
+        assert odd.identical(good) and list(odd.quat.values) == ["w", "x", "y", "z"]
+
+
+def test_what_no_result_of_a_scene_has_is_left_out(result, tmp_path):
+    def change(file):
+        file.variables["mine"] = [("member",), "f8", {"units": "days since 2000-01-01"}, np.zeros(40)]
+
+    with pytest.warns(SceneWarning, match="left out.*mine"), rm.open(changed(result, tmp_path / "more.nc", change)) as ds:
+        assert "mine" not in ds
+
+
+def test_a_file_that_claims_a_terabyte_is_refused_by_its_header(result, tmp_path):
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    for name in ("member", "omega", "extra"):
+        path = changed(
+            result,
+            tmp_path / f"{name}.nc",
+            lambda f, n=name: f.variables.update({n: [("huge",), "f8", {}, np.zeros(1)]}) or f.dims.update(huge=2**40),
+        )
+        with pytest.raises(SceneError, match="more than the file can hold"):
+            rm.open(path)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 1e5  # kB; measured 0
+
+
+def test_a_file_that_the_library_does_not_survive_is_refused(result, tmp_path):
+    """An entry of HDF5's global heap that is -16 bytes long: the library looks for the next of them for ever."""
+    data, path = bytearray(result.read_bytes()), tmp_path / "endless.nc"
+    at = data.index(b"GCOL") + 16
+    data[at + 8 : at + 16] = (2**64 - 16).to_bytes(8, "little")
+    path.write_bytes(data)
+    with within(20.0), pytest.raises(SceneError, match="does not survive"):
+        rm.open(str(path))
+    with rm.open(str(result)) as ds:  # and the next is opened by another helper
+        assert ds.sizes["member"] == 40
+
+
+def test_a_result_with_code_is_opened_without_running_it(tmp_path):
+    text = "from typing import NamedTuple\nclass Wind(NamedTuple):\n    size: float\n    def torque(self, t, l):\n        return self.size, 0.0, 0.0\n"
+    (tmp_path / "wind.py").write_text(text)
+    (tmp_path / "scene.toml").write_text(
+        '[body]\nmoments = [1.0, 2.0, 3.0]\n[effects.Wind]\nmodule = "wind.py"\nsize = { uniform = [0.1, 0.2] }\n[start]\nomega = [0.0, 1.0, 0.0]\n'
+    )
+    out = str(tmp_path / "r.nc")
+    rm.simulate(rm.Scene.load(tmp_path / "scene.toml", allow_code=True), members=5, dt=0.05, t_end=0.5, output=out).close()
+    with rm.open(out) as ds:
+        assert ds.Wind_size.size == 5
+        assert "equal to the bit" in rm.rerun(ds, 2, allow_code=True).attrs["rerun"]
+        with pytest.raises(SceneError, match="allow-code"):
+            ds.rigid.scene()
+
+
+@pytest.mark.parametrize("axis", [0, 4, 99, -1, True, 1.0, [1]])
+def test_rows_of_a_result_are_asked_for_by_name_and_axis(axis, tmp_path):
+    rows = {"omega": np.zeros((3, 5))}
+    text = f"[body]\nmoments = [1.0, 2.0, 3.0]\n[start]\nomega = [{{ stored = 'omega', axis = {str(axis).lower()} }}, 0.0, 0.0]\n"
+    from rigidmc.scene_file import loads
+
+    with pytest.raises(SceneError, match="axis between 1 and 3"):
+        loads(text, stored=rows.get)
+    with pytest.raises(SceneError, match="rows that the result does not have"):
+        loads(text.replace("'omega'", "'x'"), stored=rows.get)
+
+
+@pytest.mark.parametrize("facts", [{"members": 2**53}, {"seed": 2**64}, {"block": 2**40, "shard": 2**40}])
+def test_a_run_of_too_many_members_is_refused_before_it_is_counted(directory, facts):
+    with_facts(directory, **{"shard": 32, "block": 32, **facts})
+    before, began = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
+    for command in ("status", "resume", "verify"):
+        done = CliRunner().invoke(app, [command, directory.path])
+        assert done.exit_code == 3 and done.stderr.count("rigidmc:") == 1 and "is damaged" in done.stderr, done.output
+    assert (
+        resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 1e5 and time.process_time() - began < 1.0
+    )  # measured 0, 0.02 s
+
+
+def test_a_run_of_ten_million_shards_is_asked_quickly(directory):
+    with_facts(directory, members=2**53, shard=2**30, block=2**20)
+    before, began = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
+    assert CliRunner().invoke(app, ["status", directory.path]).exit_code == 5
+    assert CliRunner().invoke(app, ["resume", directory.path]).exit_code == 74  # so much memory is not free
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 3e5 and time.process_time() - began < 2.0
+
+
+def test_a_journal_that_tells_what_cannot_be_is_left_out(directory):
+    runs.resume(directory)
+    lines = ['{"time": 1e308, "event": "begun"}', "[" * 100_000, '{"a": ' * 100_000, "9" * 5000, '{"time": 1' + "0" * 400 + "}", '{"time": NaN, "event": "begun"}',
+             '{"time": 9e10, "event": "ended", "members": ' + "9" * 400 + ', "seconds": 1.0}', '{"time": 9e10, "event": "ended", "members": 5, "seconds": 1e-320}']  # fmt: skip
+    (pathlib.Path(directory.path) / "journal.jsonl").write_text("\n".join(lines) + "\n")
+    assert run_directory.status(directory.path)["rate"] is None  # of the last line, which is well formed, 5/1e-320 is no number
+    lines.append("x" * 2_000_000 + '\n{"time": 9.05e10, "event": "begun"}')
+    good = {"time": 9.1e10, "event": "ended", "members": 50, "seconds": 2.0, "flagged": {}}
+    (pathlib.Path(directory.path) / "journal.jsonl").write_text("\n".join([*lines, json.dumps(good)]) + "\n")
+    assert run_directory.status(directory.path)["rate"] == 25.0
+
+
+def test_a_part_with_a_number_that_no_process_has_is_taken_away(directory):
+    part = pathlib.Path(directory.path) / "shards" / f"00000000.part-{os.uname().nodename}-{'9' * 20}"
+    part.write_text("")
+    assert CliRunner().invoke(app, ["resume", directory.path]).exit_code == 0 and not part.exists()
+
+
+def test_a_pipe_in_place_of_a_file_is_not_waited_for(result, directory, tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    for name in ("p.nc", "p.toml", "p.csv", "p.stl"):
+        (tmp_path / name).symlink_to(pipe)
+    scene = '[body]\nmoments = [1.0, 2.0, 3.0]\n[start]\nomega = [{ table = "p.csv", column = "a" }, 0.0, 0.0]\n'
+    (tmp_path / "scene.toml").write_text(scene), (tmp_path / "other.toml").write_text(scene.replace("p.csv", "p.nc"))
+    with within(20.0):
+        for words in (
+            ["check", "p.toml"],
+            ["show", "p.nc"],
+            ["summary", "p.nc"],
+            ["body", "p.stl"],
+            ["check", "scene.toml"],
+            ["check", "other.toml"],
+        ):
+            done = CliRunner().invoke(app, [words[0], str(tmp_path / words[1])])
+            assert done.exit_code == 3 and "is a pipe" in done.stderr, (words, done.output)
+        with pytest.raises(SceneError, match="is a pipe"):
+            load_bounds(str(pipe))
+        for name, code in (("journal.jsonl", 0), ("scene.toml", 3), ("run.json", 3)):
+            place = pathlib.Path(directory.path) / name
+            place.unlink(missing_ok=True)
+            place.symlink_to(pipe)
+            assert CliRunner().invoke(app, ["resume", directory.path]).exit_code == code, name
+        refuse_unreadable(result)
+
+
+def test_a_device_a_folder_and_text_that_is_none_are_named(tmp_path):
+    (
+        (tmp_path / "zero.toml").symlink_to("/dev/zero"),
+        (tmp_path / "latin.toml").write_bytes(b'title = "\xe9"'),
+        (tmp_path / "x.nc").write_text("x"),
+    )
+    (tmp_path / "long.toml").write_text("a = 1\n" * 3_000_000)
+    for name, words in (
+        ("zero.toml", "is a device"),
+        ("latin.toml", "no text in UTF-8"),
+        ("x.nc", "no netCDF file"),
+        ("long.toml", "more than the 16 MB"),
+    ):
+        done = CliRunner().invoke(app, ["show", str(tmp_path / name)])
+        assert done.exit_code == 3 and words in done.stderr and name in done.stderr, done.output
+
+
+@pytest.mark.parametrize("code", [errno.ENOLCK, errno.EOPNOTSUPP])
+def test_without_locks_nothing_is_made_and_the_way_out_is_named(monkeypatch, tmp_path, code):
+    def flock(*_):
+        raise OSError(code, os.strerror(code))
+
+    monkeypatch.setattr(fcntl, "flock", flock)
+    (tmp_path / "scene.toml").write_text(SCENE.with_run(members=40, **RUN).dumps())
+    for out in ("run/", "one.nc"):
+        done = CliRunner().invoke(app, ["run", str(tmp_path / "scene.toml"), "-o", f"{tmp_path}/{out}"])
+        assert done.exit_code == 74 and "HDF5_USE_FILE_LOCKING=FALSE" in done.stderr and str(tmp_path) in done.stderr, done.output
+    assert os.listdir(tmp_path) == ["scene.toml"]
+    monkeypatch.setenv("HDF5_USE_FILE_LOCKING", "FALSE")
+    for out in ("run/", "one.nc"):
+        done = CliRunner().invoke(app, ["run", str(tmp_path / "scene.toml"), "-o", f"{tmp_path}/{out}"])
+        assert done.exit_code == 0, done.output
+    assert run_directory.status(tmp_path / "run")["done"] == 1
+
+
+def test_rigidmc_knows_of_a_lock_that_another_holds(directory):
+    code = "import fcntl, sys; file = open(sys.argv[1], 'ab'); fcntl.flock(file, fcntl.LOCK_EX); print(1, flush=True); sys.stdin.read()"
+    with subprocess.Popen(
+        [sys.executable, "-c", code, f"{directory.path}/lock"], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as other:
+        other.stdout.readline()
+        assert CliRunner().invoke(app, ["resume", directory.path]).exit_code == 6
+        other.stdin.close()
