@@ -137,7 +137,7 @@ def prepare(scene, threads=1, streaming=False, block=None):
     if angle > most and INTEGRATORS[run.integrator].order < math.inf:
         would = f"turn <= {most:g}" if own else f"dt <= {most * dt / angle:.2g} s"
         notes += (f"omega dt reaches {angle:.3g} rad per step, more than {most:g}: expect large errors; {would} would do",)
-    notes += watched_notes(found, theta, own, dt)
+    notes += watched_notes(found, theta if scene.effects else angle, own, dt)  # how far torques may bring it
     if own and (driving := spinning_up(scene)):
         rule = f"steps are those of the start, and {', '.join(driving)} may spin members up; one that turns by {SPUN_UP:g} times as much in a step is flagged"
         notes += (f"[run] turn = {run.turn:g}: {rule}; dt goes by no start",)

@@ -97,6 +97,8 @@ def _from_tables(data, stored, title, folder, overridden):
         if sum(len(one) if isinstance(one, list) else 1 for one in tables.values()) > MOST:
             raise SceneError("", kind, None, f"has more than {MOST} tables, which no kernel is compiled for")
     settings = {k: tuple(v) if isinstance(v, list) else v for k, v in file.run.items()}
+    if stored.of_result is not None and settings.get("integrator", "auto") != "auto":
+        settings.pop("tolerance", None)  # results of version 0.1 told there what their integrator was chosen for
     try:
         run = Run.model_validate({k: v for k, v in settings.items() if k not in overridden})
     except ValidationError as error:

@@ -193,7 +193,7 @@ def _density(seen):
     real = thick & (mass != 1.0) & (mass > SMALLEST) & (mass < LARGEST)  # a mass of 1 stands for none: only the moments are meant
     if not real.any():
         return
-    extents = np.sqrt(5.0 * second / mass)[:, real]
+    extents = np.sqrt(5.0 * second[:, real] / mass[real])
     densities = mass[real] / (4.0 / 3.0 * math.pi * extents.prod(0))
     size, density = 2.0 * float(np.median(extents.max(0))), float(np.median(densities))
     if not LIGHTEST <= density <= DENSEST:

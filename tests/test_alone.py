@@ -53,6 +53,7 @@ def differing(some, every, booked):
     return [v for v in names if not np.array_equal(some[v].values, every[v].transpose(*some[v].dims).values, equal_nan=True)]
 
 
+@pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # long steps
 @pytest.mark.parametrize("name", SCENES)
 def test_little_and_much(name):
     scene = SCENES[name]
@@ -63,6 +64,7 @@ def test_little_and_much(name):
     assert differing(little, much, "work" in much) == []
 
 
+@pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # long steps
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_every_observable_alone_and_together(name):

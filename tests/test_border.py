@@ -20,6 +20,7 @@ import rigidmc as rm
 from rigidmc import run_directory, runs
 from rigidmc.cli import app
 from rigidmc.errors import SceneError, SceneWarning
+from rigidmc.files import Part
 from rigidmc.reading import DEPTH, toml
 from rigidmc.run_directory import RunDirectory, rendered
 from rigidmc.studies.hard_cases import load_bounds
@@ -227,7 +228,8 @@ def test_a_journal_that_tells_what_cannot_be_is_left_out(directory):
 
 
 def test_a_part_with_a_number_that_no_process_has_is_taken_away(directory):
-    part = pathlib.Path(directory.path) / "shards" / f"00000000.part-{os.uname().nodename}-{'9' * 20}"
+    part = pathlib.Path(Part(os.path.join(directory.path, "shards", "00000000")).path)
+    part = part.with_name(part.name.replace(f"-{os.getpid()}-", f"-{'9' * 20}-"))
     part.write_text("")
     assert CliRunner().invoke(app, ["resume", directory.path]).exit_code == 0 and not part.exists()
 

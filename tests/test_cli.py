@@ -135,7 +135,7 @@ def test_invalid_scenes_exit_3(words, message):
 def test_plot_of_what_is_no_result(tmp_path):
     failed(run("plot", tmp_path / "none.nc", "-o", tmp_path / "x.png"), 74, "none.nc")
     (tmp_path / "text.nc").write_text("not netCDF")
-    failed(run("plot", tmp_path / "text.nc", "-o", tmp_path / "x.png"), 74, "text.nc")
+    failed(run("plot", tmp_path / "text.nc", "-o", tmp_path / "x.png"), 3, "text.nc")
     assert not (tmp_path / "x.png").exists()
 
 
@@ -291,13 +291,13 @@ def test_stress_of_a_group(tmp_path):
     words = ("stress", "--group", "H5", "--integrator", "exact")
     made = run(*words, "-o", files[0], "--plot", files[1], "--write-bounds", files[2])
     assert made.exit_code == 0, made.output
-    assert "5 cases, 5 runs: 5 good" in made.output
+    assert "5 cases, 5 runs: " in made.output and " above," not in made.output
     assert all(file.stat().st_size > 100 for file in files)
     failed(run(*words, "-o", files[0]), 6, "exists")
     with xr.open_dataset(files[0]) as found:
         error = float(found.error.sel(case="needle", integrator="exact"))
     files[2].write_text(f"group,case,integrator,bound,measured\nH5,needle,exact,{0.1 * error},\n")
-    failed(run(*words, "--bounds", files[2]), 4, "10.00  H5 needle, exact", "4 good, 1 above")
+    failed(run(*words, "--bounds", files[2]), 4, "10.00  H5 needle, exact", "1 above")
     files[2].write_text("group,case,integrator,bound,measured\nH5,needle,exact,-1.0,\n")
     failed(run(*words, "--bounds", files[2]), 3, "not negative")
 

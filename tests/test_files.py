@@ -178,8 +178,6 @@ def test_what_is_wrong_with_a_folder_is_told_as_it_is(tmp_path):
         files.refuse_existing(tmp_path / "pipe", True)
     told = invoke("map", "intermediate_axis", "-o", tmp_path / "m.nc", "--resolution", 10**6)
     assert told.exit_code == 74 and "nothing was written" in told.stderr
-    told = invoke("run", "nasa_brick", "-o", tmp_path / "m.png", "--plot", tmp_path / "m.png")
-    assert told.exit_code == 3 and "same name" in told.stderr
 
 
 def test_no_moment_without_umask_and_a_short_shard_is_gone_for_good(tmp_path):

@@ -236,20 +236,16 @@ def plots_module():
 
 
 def refuse_outputs(force, output=None, plot=None, bounds=None, animation=None, size=100_000):
-    """Refuse, before any work, outputs that could not be written after it: files that exist, cannot be made, have another ending than their kind or
-    the same name; pictures need matplotlib.
+    """Refuse, before any work, outputs that could not be written after it: files that exist, cannot be made or have another ending than their kind (no
+    two kinds share one, so that no two outputs have one name); pictures need matplotlib.
 
     size : bytes of the largest of them, if that is known
     """
-    from rigidmc.errors import SceneError
     from rigidmc.files import refuse_existing
 
-    kinds = {"results": output, "pictures": plot, "tables of bounds": bounds, "animations": animation}
-    given = {kind: path for kind, path in kinds.items() if path is not None}
-    for kind, path in given.items():
-        refuse_existing(path, force, kind, size)
-    if len({os.path.abspath(path) for path in given.values()}) < len(given):
-        raise SceneError("", "--output", next(iter(given.values())), "two outputs have the same name")
+    for kind, path in {"results": output, "pictures": plot, "tables of bounds": bounds, "animations": animation}.items():
+        if path is not None:
+            refuse_existing(path, force, kind, size)
     if plot is not None or animation is not None:
         plots_module()
 

@@ -31,5 +31,5 @@ def test_operations_of_a_step():
     assert counted("rk4") == 217  # 215 in the assembly, which shares two
     assert counted("rk4", (Gravity(1.0),)) == 340  # 338
     assert abs(counted("rk4", attitude=False) - 66) <= 2
-    assert abs(counted("exact") - 388) <= 8
+    assert abs(counted("exact") - 401) <= 8
     assert counted("strang", (Gravity(1.0),)) > counted("strang") > counted("exact") - 10

@@ -170,7 +170,7 @@ def test_a_library_call_is_caught(code):
 
 def test_without_attitude_most_work_is_gone(code):
     assert code["rk4 momentum"]["packed"] < 0.4 * code["rk4"]["packed"]  # measured 48 of 140
-    assert code["exact momentum"]["packed"] < 0.45 * code["exact"]["packed"]  # measured 117 of 292
+    assert code["exact momentum"]["packed"] < 0.45 * code["exact"]["packed"]  # measured 117 of 300
 
 
 def test_a_step_costs_no_more_than_it_should(code):
@@ -179,8 +179,8 @@ def test_a_step_costs_no_more_than_it_should(code):
     assert flops["rk4 gravity"] < 355  # measured 338
     assert flops["rk4 momentum"] < 70  # measured 66
     assert flops["rkmk4 gravity damping"] < 695  # measured 662
-    assert flops["strang gravity damping"] < 575  # measured 549: each side of the drift has its own times
-    assert flops["exact"] < 405  # measured 388
+    assert flops["strang gravity damping"] < 590  # measured 561: each side of the drift has its own times
+    assert flops["exact"] < 420  # measured 400
     assert flops["exact momentum"] < 147  # measured 140
 
 

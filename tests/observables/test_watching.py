@@ -8,12 +8,15 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import rigidmc as rm
+from rigidmc import staging
 from rigidmc.closed_form import closed_form
 from rigidmc.dynamics.so3 import up
 from rigidmc.errors import SceneError
 from rigidmc.exact.free_top import free_motion, free_top
 from rigidmc.observables import SUMMARIES, outputs
 from rigidmc.observables.chaos import NEAR
+from rigidmc.planning import prepare
+from rigidmc.staging import stage
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 
@@ -43,7 +46,7 @@ def flipping():
     clear = np.abs(widest(moments, momentum) / 0.25 - 1.0) > 0.05
     moments, momentum = moments[clear][:10_000].copy(), momentum[clear][:10_000].copy()
     scene = rm.Scene(rm.Body.from_moments(moments), start=rm.Start(momentum=momentum))
-    return moments, momentum, rm.simulate(scene, integrator="exact", dt=0.2, t_end=100.0, save=("flips",), threads=2)
+    return moments, momentum, rm.simulate(scene, integrator="exact", dt=0.1, t_end=100.0, save=("flips",), threads=2)
 
 
 def test_no_flip_is_missed_and_none_invented(flipping):
@@ -79,7 +82,7 @@ def test_flips_happen_when_the_closed_form_says(flipping):
 def test_no_bit_depends_on_blocks_or_on_what_else_is_watched(flipping):
     moments, l, ds = flipping
     scene = rm.Scene(rm.Body.from_moments(moments), start=rm.Start(momentum=l))
-    one = rm.simulate(scene, integrator="exact", dt=0.2, t_end=100.0, save=("flips",), threads=1, block=32, members=range(200))
+    one = rm.simulate(scene, integrator="exact", dt=0.1, t_end=100.0, save=("flips",), threads=1, block=32, members=range(200))
     for name in ("flips", "flip_first", "flip_last", "flip_wait", "flip_wait_deviation"):
         assert one[name].values.tobytes() == ds[name].values[:200].tobytes()
 
@@ -195,6 +198,7 @@ def test_the_neighbour_grows_as_variational_equations_say():
         assert abs(60.0 * ds.lyapunov.values[i] - growth(l, ds.start_attitude.values[:, i], 60.0)) < 1e-4
 
 
+@pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # a body that cannot be
 def test_megno_tells_regular_from_chaotic():
     n, cases = 64, []
     kinds = (
@@ -357,6 +361,7 @@ def test_an_event_that_stops_a_member_ends_the_others_too():
         assert (ds.flips.values[1:] <= rest).all()
 
 
+@pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # long steps
 def test_a_member_that_is_stopped_in_time_is_well():
     """A torque that would make it non-finite before the next look; the passage is at 1.5328e-4 s."""
     scene = rm.Scene(
@@ -412,6 +417,7 @@ def test_precession_from_the_half_line_where_turns_are_counted():
         assert abs(ds.precession.values[0] - expected) < 1e-6
 
 
+@pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # long steps
 def test_nutation_near_the_vertical_keeps_its_digits():
     body = rm.Body.from_moments((1.0, 1.0, 1.5), mass=1.0, centre=(0.0, 0.0, 0.3))
     for lean in (1e-3, 1e-8):
@@ -420,3 +426,28 @@ def test_nutation_near_the_vertical_keeps_its_digits():
             scene, integrator="rk8", dt=0.02, t_end=1.0, members=1, save=("nutation", "precession", rm.Passage(3, 1.2))
         )
         assert abs(ds.nutation_min.values[0] / lean - 1.0) < 1e-6  # the largest is what its spin allows
+
+
+WATCHED = rm.Scene(
+    rm.Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.2, 0.3)),
+    (rm.Gravity(1.0),),
+    rm.Start(omega=rm.Sphere(1.0), attitude="uniform"),
+)
+
+
+@pytest.mark.parametrize("save", ["nutation", "flips", "omega_max"])
+def test_steps_that_hide_what_is_watched_are_noted(save):
+    with pytest.warns(rm.SceneWarning, match=f"{save} see the ends of steps only"):
+        rm.simulate(WATCHED, "rk8", turn=0.9, t_end=1.0, members=32, save=(save,))
+    rm.simulate(WATCHED, "rk8", turn=0.3, t_end=1.0, members=32, save=(save,))  # no warning, which would be an error
+    rm.simulate(WATCHED, "rk8", turn=1.0, t_end=1.0, members=32, save=("omega",))
+
+
+def test_a_tolerance_chooses_no_step_that_hides_what_is_watched():
+    """rk8 took steps of 1.6 rad for 1e-4, and nutation was 0.4 rad off."""
+    alone = rm.simulate(WATCHED, tolerance=1e-4, t_end=10.0, members=64, save=("attitude",))
+    ds = rm.simulate(WATCHED, tolerance=1e-4, t_end=10.0, members=64, save=("attitude", "nutation"))
+    plan, watched = (prepare(rm.Scene.loads(one.attrs["scene"])) for one in (alone, ds))
+    rate = staging.rates(WATCHED.effects, stage(WATCHED, 0, 512, True)[0]).max()
+    turns = [one.dt * rate if "turn" not in made.attrs else made.attrs["turn"] for one, made in ((plan, alone), (watched, ds))]
+    assert turns[1] <= 0.3 * (1 + 1e-9) < turns[0]  # measured 0.29 and 1.6

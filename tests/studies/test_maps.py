@@ -203,8 +203,8 @@ def test_what_is_no_measure_is_told(text):
             ["dzhanibekov", "--x", "body.moments.1=1:2", "--y", "body.moments.3=1:2", "--of", "flips", "--set", "run.points=sobol"],
             "independent",
         ),
-        (["intermediate_axis", "--resolution", "0"], "between 1 and"),
-        (["intermediate_axis", "--members", "0"], "1 or more"),
+        (["intermediate_axis", "--resolution", "0"], "at least 1"),
+        (["intermediate_axis", "--members", "0"], "at least 1"),
         (["intermediate_axis", "--plot", "map.xyz"], ".png"),
     ],
 )
