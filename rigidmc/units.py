@@ -33,9 +33,10 @@ def dimensions(units):
 
 
 def factor(units, mass, length, time):
-    """What a number in `units` is multiplied by where masses, lengths and times are."""
+    """What a number in `units` is multiplied by where masses, lengths and times are; inf where that is beyond float64."""
     kg, m, s = dimensions(units)
-    return mass**kg * length**m * time**s
+    with np.errstate(over="ignore"):
+        return float(np.float64(mass) ** kg * np.float64(length) ** m * np.float64(time) ** s)
 
 
 def scaled(scene, mass=1.0, length=1.0, time=1.0):

@@ -94,3 +94,11 @@ def test_what_cannot_be_scaled_is_refused():
     with pytest.raises(rm.SceneError, match="Wind does not tell that of size"):
         scaled(windy, mass=2.0)
     assert internal(windy) is None
+
+
+def test_units_beyond_float64_are_no_error():
+    """Spins of 1e200 rad/s: the square of what they are in, kg2 m4 s-2, is beyond 1e308; the members are flagged."""
+    scene = rm.Scene(rm.Body.from_moments((1.0, 1.4, 2.0)), start=rm.Start(omega=(rm.normal(0.0, 1e200), 0.0, 0.0)))
+    with pytest.warns(rm.SceneWarning, match="omega dt"):
+        ds = rm.simulate(scene, t_end=1.0, members=4, save=("l2",))
+    assert (ds.status != 0).all()
