@@ -95,7 +95,7 @@ def scene(kind, seed, members=2):
     )
     run = rm.Run(
         integrator=kind.integrator, t_end=END, members=members, seed=int(some.integers(2**31)), anti_damping=True, save=("omega", "attitude"),
-        compensated=kind.compensated, dtype=kind.dtype, points=points, strata=64 if points == "latin_hypercube" else None, **step,
+        compensated=kind.compensated, dtype=kind.dtype, points=points, strata=1024 if points == "latin_hypercube" else None, **step,
     )  # fmt: skip
     return rm.Scene(body, effects, start, run)
 

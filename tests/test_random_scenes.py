@@ -1,6 +1,6 @@
 """Random scenes against the laws in space integrated by scipy, from the inputs that the result tells: no difference that is not flagged, beyond the order.
 
-100 scenes of 10 kinds; 3,000 of 150 kinds, and what a tolerance chooses for 30 more, with  pytest -m slow tests/test_random_scenes.py  (40 minutes).
+100 scenes of 10 kinds; 3,000 of 100 kinds, and what a tolerance chooses for 30 more, with  pytest -m slow tests/test_random_scenes.py  (25 minutes).
 """
 
 import math
@@ -59,7 +59,7 @@ def errors(scene, ds, true):
     return found
 
 
-def wrong(kind, seed):
+def wrong(kind, seed, members=2):
     """What is wrong with a scene, in words, "" for nothing; and how many of its members were flagged."""
     scene = random_scenes.scene(kind, seed)
     try:
@@ -91,9 +91,9 @@ def test_no_difference_that_is_not_flagged(kind):
 @pytest.mark.slow
 @pytest.mark.parametrize("part", range(10))
 def test_thousands(part):
-    found = {(kind, seed): wrong(kind, seed) for kind in random_scenes.kinds(15, seed=part) for seed in range(20)}
+    found = {(kind, seed): wrong(kind, seed, 1) for kind in random_scenes.kinds(10, seed=part) for seed in range(30)}
     assert {key: words for key, (words, _) in found.items() if words} == {}
-    assert sum(flagged for _, flagged in found.values()) < 60  # of 600 members
+    assert sum(flagged for _, flagged in found.values()) < 30  # of 300 members
 
 
 def missed(kind, seed, tolerance):

@@ -1,8 +1,6 @@
 """rigidmc body, exact."""
 
 import json
-import sys
-import warnings
 from typing import Annotated
 
 import typer
@@ -59,23 +57,20 @@ def exact_command(
     with reported():
         from rigidmc.closed_form import closed_form
         from rigidmc.comparison import compare
-        from rigidmc.errors import SceneError, SceneWarning
+        from rigidmc.errors import SceneError
 
         loaded = load_scene(scene, settings, allow_code, integrator=integrator, dt=dt)
         at = loaded.run.t_end if at is None else at
         refuse_outputs(force, plot=plot)
-        with warnings.catch_warnings():
-            warnings.simplefilter("always", SceneWarning)
-            warnings.showwarning = lambda message, *_, **__: print(f"rigidmc: note: {message}", file=sys.stderr)
-            try:
-                lines = compare(loaded, at, members)
-                if plot is not None:
-                    from rigidmc import exact_plots
+        try:
+            lines = compare(loaded, at, members)
+            if plot is not None:
+                from rigidmc import exact_plots
 
-                    case = closed_form(loaded, 1)
-                    title = f"{loaded.title}: {case.name}, closed form of member {loaded.run.first}"
-                    save_picture(exact_plots.case_summary(case, title, abs(at) or loaded.run.t_end), plot, force)
-                print("\n".join([*lines, *told([plot])]))
-            except SceneError as error:
-                error.file = error.file or scene
-                raise
+                case = closed_form(loaded, 1)
+                title = f"{loaded.title}: {case.name}, closed form of member {loaded.run.first}"
+                save_picture(exact_plots.case_summary(case, title, abs(at) or loaded.run.t_end), plot, force)
+            print("\n".join([*lines, *told([plot])]))
+        except SceneError as error:
+            error.file = error.file or scene
+            raise

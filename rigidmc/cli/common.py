@@ -131,7 +131,8 @@ def reported():
     previous = {signal.SIGINT: signal.getsignal(signal.SIGINT), **{number: signal.signal(number, heard) for number in numbers}}
     try:
         try:
-            yield
+            with noted():
+                yield
         except (KeyboardInterrupt, Terminated, AskedToStop):
             for number in previous:  # what follows is short, and a second signal leaves nothing behind
                 signal.signal(number, signal.SIG_IGN)
@@ -183,12 +184,19 @@ def _ending(name):
 
 @contextmanager
 def noted():
-    """Show warnings about scenes as notes."""
+    """Show warnings about scenes as notes, each once."""
     from rigidmc.errors import SceneWarning
+
+    seen = set()
+
+    def show(message, *_, **__):
+        if str(message) not in seen:
+            seen.add(str(message))
+            print(f"rigidmc: note: {message}", file=sys.stderr)
 
     with warnings.catch_warnings():
         warnings.simplefilter("always", SceneWarning)
-        warnings.showwarning = lambda message, *_, **__: print(f"rigidmc: note: {message}", file=sys.stderr)
+        warnings.showwarning = show
         yield
 
 
@@ -223,8 +231,7 @@ def opened(path, allow_code=False):
     """A result as a Dataset: a file or a run directory."""
     import rigidmc
 
-    with noted():
-        return rigidmc.open(path, allow_code)
+    return rigidmc.open(path, allow_code)
 
 
 def plots_module():

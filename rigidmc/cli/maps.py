@@ -24,7 +24,6 @@ from rigidmc.cli.common import (
     count_option,
     keep,
     load_scene,
-    noted,
     refuse_outputs,
     reported,
 )
@@ -76,8 +75,7 @@ def make_map(
         try:
             changed = {"tolerance": tolerance, "integrator": integrator, "dt": dt, "turn": turn, "t_end": t_end}
             if name in MAPS and not (x or y or of or settings):
-                with noted():
-                    found = case_map(name, resolution, members, threads, show, seed=seed, **changed)
+                found = case_map(name, resolution, members, threads, show, seed=seed, **changed)
             else:
                 from rigidmc.studies.stability_map import stability_map
 
@@ -95,8 +93,7 @@ def make_map(
                     )
                 scene = load_scene(name, settings, allow_code)
                 sides = _side(x, "--x"), _side(y, "--y")
-                with noted():
-                    found = stability_map(scene, *sides, of, resolution, members, threads, show, seed=seed, **changed)
+                found = stability_map(scene, *sides, of, resolution, members, threads, show, seed=seed, **changed)
         except SceneError as error:
             error.file = error.file or name
             raise

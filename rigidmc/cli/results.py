@@ -17,7 +17,6 @@ from rigidmc.cli.common import (
     app,
     count_option,
     fail,
-    noted,
     opened,
     plots_module,
     refuse_outputs,
@@ -42,8 +41,7 @@ def rerun(
         refuse_outputs(force, output, plot)
         wanted = None if save is None else [word.strip() for word in save.split(",") if word.strip() not in ("", "none")]
         try:
-            with noted():
-                dataset = again(file, member, every, wanted, allow_code, output=output, force=force)
+            dataset = again(file, member, every, wanted, allow_code, output=output, force=force)
         except SceneError as error:
             error.file = error.file or file
             raise
@@ -92,8 +90,7 @@ def animate(
             check_writer(output)
         except ValueError as error:
             fail(error, INVALID)
-        with noted():
-            dataset = frames(opened(file, allow_code), member, max(2, round(seconds * fps) - 1) * SMOOTH, allow_code)
+        dataset = frames(opened(file, allow_code), member, max(2, round(seconds * fps) - 1) * SMOOTH, allow_code)
         if int(dataset.status.values[0]) == 2:
             fail(f"{file}: member {member} never started: it has no such body or start", INVALID)
         made = -(-dataset.sizes["time"] // SMOOTH)

@@ -37,7 +37,6 @@ from rigidmc.cli.common import (
     app,
     fail,
     load_scene,
-    noted,
     opened,
     plots_module,
     refuse_outputs,
@@ -92,26 +91,22 @@ def run_scene(
             kind, many = ("", "") if cluster is None else checked(cluster)
             if shard_size is not None and not shard_size < 1e6:
                 raise SceneError("", "--shard-size", shard_size, "expected megabytes, up to 1e6")
-            with noted():
-                size = SHARD if shard_size is None else 1e6 * shard_size
-                made = create(loaded, output, size, shards_of(shards), int(many) if kind == "local" else threads)
+            size = SHARD if shard_size is None else 1e6 * shard_size
+            made = create(loaded, output, size, shards_of(shards), int(many) if kind == "local" else threads)
             raise typer.Exit(go_on(made.path, threads, max_wall=max_wall, shards=shards, allow_code=allow_code, cluster=cluster))
         for name, given in (("--max-wall", max_wall), ("--shards", shards), ("--shard-size", shard_size), ("--cluster", cluster)):
             if given is not None:
                 raise SceneError("", name, given, "is of a run directory: -o RUN/")
         refuse_outputs(force, output, plot)
         try:
-            with noted():
-                if until is None:
-                    dataset, found = simulate(loaded, threads=threads, progress=True, output=output, force=force), None
-                else:
-                    from rigidmc.until import goal_reached, simulate_until
+            if until is None:
+                dataset, found = simulate(loaded, threads=threads, progress=True, output=output, force=force), None
+            else:
+                from rigidmc.until import goal_reached, simulate_until
 
-                    if members is not None:
-                        raise SceneError("", "--members", members, "with --until there are as many as it takes: give --most")
-                    dataset, found = simulate_until(
-                        loaded, until, most, threads=threads, progress=_grown, output=output, force=force
-                    )
+                if members is not None:
+                    raise SceneError("", "--members", members, "with --until there are as many as it takes: give --most")
+                dataset, found = simulate_until(loaded, until, most, threads=threads, progress=_grown, output=output, force=force)
         except SceneError as error:
             error.file = error.file or scene
             raise
