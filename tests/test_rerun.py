@@ -75,3 +75,32 @@ def test_from_the_command_line(file, tmp_path):
 def test_no_name_of_the_package_is_that_of_a_module_too():
     """Importing the module would put it in the place of what the package has by that name."""
     assert not set(rm.__all__) & {module.name for module in pkgutil.iter_modules(rm.__path__)}
+
+
+ROWS = rm.Scene(
+    rm.Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.0, 0.3)), (rm.Gravity(9.81), rm.ViscousDamping(0.1)),
+    rm.Start(omega=np.random.default_rng(0).normal(size=(200, 3)) + [0.0, 3.0, 0.0]),
+).with_run(dt=0.01, t_end=1.0, every=0.1, save=("omega", "energy_drift", "work"))  # fmt: skip
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "strang"])
+def test_work_that_was_booked_is_booked_again(integrator):
+    """Without it energy_drift is another quantity, and "another processor or version" was blamed."""
+    ds = rm.simulate(ROWS, integrator)
+    for save in (None, ("omega", "energy_drift")):
+        assert ds.rigid.rerun(5, save=save).attrs["rerun"] == "equal to the bit at 11 times in omega, energy_drift, work"
+
+
+def test_of_a_selection_only_its_own_members_have_rows():
+    """What was chosen by a look at all rows is written down; the others are not needed."""
+    ds = rm.simulate(ROWS, "strang")
+    for members in ([5], [7, 5, 130]):
+        made = ds.isel(member=members).rigid.rerun(5, every=0.02)
+        assert made.attrs["rerun"] == "equal to the bit at 11 times in omega, energy_drift, work"
+
+
+def test_inputs_are_compared_too():
+    ds = rm.simulate(ROWS, "rk4", members=32)
+    ds = ds.assign(moments=ds.moments * (1.0 + 1e-12))
+    with pytest.warns(rm.SceneWarning, match="moments by"):
+        ds.rigid.rerun(5)
