@@ -216,7 +216,7 @@ class Stored:
 
     def write(self, path):
         """Write what of it can be written."""
-        with netCDF4.Dataset(path, "w") as file:
+        with np.errstate(all="ignore"), netCDF4.Dataset(path, "w") as file:  # fill values that a type has not
             file.set_fill_off()
             for name, size in self.dims.items():
                 file.createDimension(name, size)
