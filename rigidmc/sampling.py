@@ -115,7 +115,7 @@ def uniform(low, high):
     return distribution("uniform", low, high)
 
 
-def distribution(name, *values, **parameters):
+def distribution(name, /, *values, **parameters):
     """A distribution by name: normal(mean, sd), uniform(low, high), or scipy.stats' with keyword parameters.
 
     Raises SceneError for an unknown name or parameters outside its domain.

@@ -94,7 +94,7 @@ def _rows_of(value, table, key, of_result):
     return rows[axis - 1]
 
 
-def _named(table, key, value, make, *arguments, **words):
+def _named(table, key, value, make, /, *arguments, **words):
     """make(...), its error told of a key of a table."""
     try:
         return make(*arguments, **words)

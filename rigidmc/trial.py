@@ -99,6 +99,8 @@ def complaint(path):
             for name, variable in file.variables.items():
                 for attribute in variable.ncattrs():
                     variable.getncattr(attribute)
+                if len(set(variable.dimensions)) < len(variable.dimensions):
+                    return f"{name} has a dimension twice"
                 kind = variable.dtype
                 if kind is not str and not (isinstance(variable.datatype, np.dtype) and kind.kind in "iufS"):
                     return f"{name} has a type of its own"

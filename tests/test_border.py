@@ -305,3 +305,19 @@ def test_rigidmc_knows_of_a_lock_that_another_holds(directory):
         other.stdout.readline()
         assert CliRunner().invoke(app, ["resume", directory.path]).exit_code == 6
         other.stdin.close()
+
+
+@pytest.mark.parametrize("word", ["table", "key", "value", "make", "name"])
+def test_parameters_of_a_law_may_have_any_name(word):
+    """They went to Python as they stood, and some were taken for its own."""
+    scene = f"[body]\nmoments = [1.0, 2.0, {{ beta = {{ a = 2.0, b = 3.0, {word} = 1.0 }} }}]\n[start]\nomega = [0.0, 1.0, 0.0]\n"
+    with pytest.raises(SceneError, match="keys a, b, loc, scale"):
+        rm.Scene.loads(scene)
+
+
+def test_a_dimension_twice_is_refused(tmp_path):
+    with netCDF4.Dataset(tmp_path / "twice.nc", "w") as file:
+        file.createDimension("member", 2)
+        file.createVariable("status", "i1", ("member", "member"))
+    with pytest.raises(SceneError, match="status has a dimension twice"):
+        refuse_unreadable(tmp_path / "twice.nc")

@@ -184,7 +184,8 @@ def _ending(name):
 
 @contextmanager
 def noted():
-    """Show warnings about scenes as notes, each once."""
+    """Show warnings about scenes as notes, each once. Those of libraries, of numbers that overflow and of files that are strange, are not for users: what
+    comes of them is flagged or refused."""
     from rigidmc.errors import SceneWarning
 
     seen = set()
@@ -195,6 +196,8 @@ def noted():
             print(f"rigidmc: note: {message}", file=sys.stderr)
 
     with warnings.catch_warnings():
+        for kind in (RuntimeWarning, UserWarning):
+            warnings.simplefilter("ignore", kind)
         warnings.simplefilter("always", SceneWarning)
         warnings.showwarning = show
         yield

@@ -180,7 +180,7 @@ def read(path, *names, mark=None):
     for a file without them."""
     try:
         with alone(), netCDF4.Dataset(path) as file:
-            if mark is not None and getattr(file, "run", None) != mark:
+            if mark is not None and str(getattr(file, "run", None)) != mark:
                 raise SceneError("", "shard", None, "is of another run: another scene, seed, rows or code", file=path)
             file.set_auto_mask(False)
             file.set_auto_scale(False)
