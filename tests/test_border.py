@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 
+import netCDF4
 import numpy as np
 import pytest
 from typer.testing import CliRunner
