@@ -215,7 +215,19 @@ class Stored:
             }
 
     def write(self, path):
-        """Write what of it can be written."""
+        """Write it in a process of its own: the C library does not survive all that it is asked for; OSError for what cannot be written."""
+        child = os.fork()
+        if child == 0:
+            done = 1
+            try:
+                self._write(path)
+                done = 0
+            finally:
+                os._exit(done)
+        if os.waitpid(child, 0)[1]:
+            raise OSError(f"{path}: the netCDF library does not write it")
+
+    def _write(self, path):
         with np.errstate(all="ignore"), netCDF4.Dataset(path, "w") as file:  # fill values that a type has not
             file.set_fill_off()
             for name, size in self.dims.items():
