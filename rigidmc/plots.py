@@ -252,7 +252,7 @@ def _hemispheres(axes, v, paths, names, slopes=()):
     lowest, highest = np.nanmin(heights), np.nanmax(heights)
     sides = [1, -1] if lowest <= 0.0 <= highest else [1 if lowest > 0.0 else -1]
     inner = max(lowest, -highest, 0.0)
-    angle = next(a for a in (1, 2, 5, 10, 20, 30, 45, 60, 90) if np.cos(np.radians(a)) <= inner + 1e-12)
+    angle = next((a for a in (1, 2, 5, 10, 20, 30, 45, 60) if np.cos(np.radians(a)) <= inner + 1e-12), 90)
     limit = 2.0 * np.sin(np.radians(angle) / 2.0)
     shown = density(v, sides, limit)
     first, last = np.floor(np.log10(np.nanmin(shown))), np.ceil(np.log10(np.nanmax(shown)))

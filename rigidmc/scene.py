@@ -17,7 +17,7 @@ from rigidmc.integrators import INTEGRATORS
 from rigidmc.observables import KNOWN, SUMMARIES, recorded, saved, summary_of, watched
 from rigidmc.retention import check_keep, kept, summaries
 from rigidmc.sampling import Grid, is_open, quantity, rows, vector
-from rigidmc.scene_checks import PILOT, check, limits, outside
+from rigidmc.scene_checks import PILOT, check, check_histogram, limits, outside
 from rigidmc.start import Start
 
 
@@ -292,6 +292,8 @@ def _observable(one):
     one = one._replace(**{k: int(v) for k in counts if not isinstance(v := getattr(one, k), bool) and v == v // 1})  # 1e2 bins too
     if hasattr(one, "check"):
         one.check()
+    if hasattr(one, "ensemble"):
+        check_histogram(one)
     return one
 
 

@@ -109,13 +109,11 @@ def _check_watched(scene):
             rule = "megno does not go with an event that stops members"
         elif scene.run.turn is not None:
             rule = "megno needs the same steps for all members: dt, not turn"
-    for _, one in scene.histograms():
-        _check_histogram(one)
     if rule:
         raise SceneError("run", "save", ", ".join(label for label, _ in scene.watched()), rule)
 
 
-def _check_histogram(one):
+def check_histogram(one):
     """Raise SceneError for a histogram of nothing."""
     if one.name not in OBSERVABLES or one.name == "work":
         raise unknown("observables.histogram", "of", one.name, "observable", [name for name in OBSERVABLES if name != "work"])
