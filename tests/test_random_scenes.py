@@ -82,7 +82,7 @@ def wrong(kind, seed, members=2):
 def test_no_difference_that_is_not_flagged(kind):
     found = {seed: wrong(kind, seed) for seed in range(10)}
     assert {seed: words for seed, (words, _) in found.items() if words} == {}
-    assert sum(flagged for _, flagged in found.values()) < 10  # of 20 members; measured 0 to 4
+    assert sum(flagged for _, flagged in found.values()) < 10  # of 20 members; measured 0 of five kinds
 
 
 @pytest.mark.slow
@@ -123,4 +123,4 @@ def test_a_wrong_law_is_caught():
     scene = random_scenes.scene(QUICK[3], 0)
     ds = run(scene)
     less = rm.Scene(scene.body, scene.effects[:-1], scene.start, scene.run)
-    assert np.nanmin(errors(scene, ds, truths(less, ds))) > 1e-2  # measured 0.2
+    assert np.nanmin(errors(scene, ds, truths(less, ds))) > 1e-2  # measured 0.38

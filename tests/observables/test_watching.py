@@ -444,10 +444,10 @@ def test_steps_that_hide_what_is_watched_are_noted(save):
 
 
 def test_a_tolerance_chooses_no_step_that_hides_what_is_watched():
-    """rk8 took steps of 1.6 rad for 1e-4, and nutation was 0.4 rad off."""
+    """Without what is watched its steps go as far as 0.54 rad."""
     alone = rm.simulate(WATCHED, tolerance=1e-4, t_end=10.0, members=64, save=("attitude",))
     ds = rm.simulate(WATCHED, tolerance=1e-4, t_end=10.0, members=64, save=("attitude", "nutation"))
     plan, watched = (prepare(rm.Scene.loads(one.attrs["scene"])) for one in (alone, ds))
     rate = staging.rates(WATCHED.effects, stage(WATCHED, 0, 512, True)[0]).max()
     turns = [one.dt * rate if "turn" not in made.attrs else made.attrs["turn"] for one, made in ((plan, alone), (watched, ds))]
-    assert turns[1] <= 0.3 * (1 + 1e-9) < turns[0]  # measured 0.29 and 1.6
+    assert turns[1] <= 0.3 * (1 + 1e-9) < turns[0]  # measured 0.298 and 0.54
