@@ -11,7 +11,7 @@ import time
 from bench import harness, startup
 from bench.memory import peak
 from rigidmc.capacity import free_memory
-from rigidmc.jobs import compile_kernel
+from rigidmc.jobs import program_of
 from rigidmc.runs import create
 from rigidmc.scene_file import load
 from rigidmc.shards import compute_shards, planned
@@ -54,13 +54,13 @@ def share(folder, members, rounds):
     for i in range(rounds):
         directory = create(scene, os.path.join(folder, f"share{i}"))
         parts = planned(directory, threads=threads)
-        compile_kernel(*parts[:2])
+        program = program_of(*parts[:2])
         began = time.perf_counter()
-        compute(*parts[:2], threads, Nothing(*parts[3:]), False, parts[2])
+        compute(*parts[:2], program, threads, Nothing(*parts[3:]), False, parts[2])
         without = time.perf_counter() - began
         with directory.locked():
             began = time.perf_counter()
-            compute_shards(directory, parts, range(directory.count), threads)
+            compute_shards(directory, parts, program, range(directory.count), threads)
             seconds = time.perf_counter() - began
         rows.append({"kind": "share", "members": members, "steps": parts[1].steps, "without": without, "with": seconds})
         subprocess.run(["rm", "-r", directory.path], check=True)

@@ -7,9 +7,9 @@ import numpy as np
 
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.effects.parameters import blank, numbers, parameter_count
-from rigidmc.engine import kernel, layout
+from rigidmc.engine import layout
 from rigidmc.engine.blocks import run_block
-from rigidmc.engine.compose import as_single
+from rigidmc.engine.cpu import QUIET, Program, Run
 from rigidmc.jobs import Job
 from rigidmc.staging import own_steps, rates, together
 
@@ -48,7 +48,7 @@ def random_tops(members, seed=7):
 
 
 def blocks(tops, effects, size=BLOCK):
-    """The blocks of rows that `kernel.advance` works on, at their start."""
+    """The blocks of rows that a Program works on, at their start."""
     n = tops.omega.shape[1]
     rows = np.zeros((layout.EFFECTS + parameter_count(*effects), n))
     rows[layout.ATTITUDE : layout.MOMENTUM] = tops.attitude
@@ -59,45 +59,27 @@ def blocks(tops, effects, size=BLOCK):
     return [np.ascontiguousarray(rows[:, low : low + size]) for low in range(0, n, size)]
 
 
-def advance(parts, made, effects, attitude, h, steps, pool, dtype=float, limits=()):
+def advance(parts, made, effects, attitude, h, steps, pool, dtype="float64", limits=()):
     """Move blocks by `steps` steps h of a Form on the threads of a pool, final state only."""
-    integrator = as_single(made.integrator) if dtype == np.float32 else made.integrator
-    how = (
-        integrator,
-        made.parts,
-        blank(effects),
-        (),
-        (0.0,) if attitude else (),
-        (),
-        np.empty(0, dtype),
-        (),
-        limits,
-        (),
-        (),
-        (),
-        (),
-        (),
-    )
-    nothing = np.empty(0)
+    program = Program(made, blank(effects), (), attitude, dtype=dtype, limits=limits)
 
     def move(block):
-        kernel.advance(*how, block, nothing, 0, 0, h, 1, 0, steps, steps, steps)
+        program.advance(block, Run(h, 1, steps, steps, 0, 0, steps))
 
     for _ in pool.map(move, parts):
         pass
 
 
-def advance_own(parts, made, effects, turn, t_end, pool, dtype=float):
+def advance_own(parts, made, effects, turn, t_end, pool, dtype="float64"):
     """Move blocks to t_end, each member in steps of its own: found, sorted and made as `simulate` does."""
-    integrator = as_single(made.integrator) if dtype == np.float32 else made.integrator
-    how = (integrator, made.parts, effects, (), (0.0,), (), np.empty(0, dtype))
+    program = Program(made, blank(effects), dtype=dtype)
 
     def move(block):
         block[layout.STEPS] = own_steps(rates(effects, block), t_end, turn)
         slots = int(block[layout.STEPS].max())
         order = together(block)
         given = np.take(block, order, axis=1)
-        run_block(Job(0, 0, {}, (*how, (order,), (), (), ()), given, order, np.empty(0), 0, 0, t_end, slots, slots, slots, 1))
+        run_block(Job(0, 0, {}, program, QUIET, given, order, np.empty(0), 0, 0, t_end, slots, slots, slots, 1))
         block[: layout.REST, order] = given[: layout.REST]
 
     for _ in pool.map(move, parts):

@@ -27,6 +27,7 @@ import time
 from rigidmc.engine.layout import STATUSES
 from rigidmc.errors import SceneError
 from rigidmc.files import content_of, write_bytes
+from rigidmc.jobs import program_of
 from rigidmc.progress import reporter
 from rigidmc.run_directory import RunDirectory
 from rigidmc.shards import compute_shards, planned, refuse_others
@@ -168,4 +169,5 @@ def shard(path, texts, i, allow_code=False, accept=False):
 def _compute(path, i, allow_code, accept):
     directory = RunDirectory(path)
     refuse_others(directory, accept)
-    return compute_shards(directory, planned(directory, allow_code), [i], 1)
+    parts = planned(directory, allow_code)
+    return compute_shards(directory, parts, program_of(*parts[:2]), [i], 1)

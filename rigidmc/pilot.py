@@ -11,8 +11,8 @@ from rigidmc.dynamics.euler import kinetic_energy
 from rigidmc.dynamics.so3 import dot, up
 from rigidmc.effects.parameters import blank
 from rigidmc.effects.verbs import total_energy_scale
-from rigidmc.engine import kernel, layout
-from rigidmc.engine.compose import as_single
+from rigidmc.engine import layout
+from rigidmc.engine.cpu import Program, Run, Saves
 from rigidmc.engine.machine import threads_available
 from rigidmc.engine.members import energies
 from rigidmc.integrators import keeps_remainders
@@ -117,20 +117,16 @@ def follow(pilot, integrator, steps, dtype="float64", compensated=False, nudge=0
 def _saved(pilot, scene, block, h, slots, steps, stride, dtype="float64", compensated=False, nudge=0.0, seed=0):
     """The States after every `stride` of `steps` slots, and at the end."""
     made, *_ = form_of(scene, h)
-    effects = blank(scene.effects)
     compensated = keeps_remainders(scene.run.integrator, scene.effects, dtype, compensated)
-    how = (
-        as_single(made.integrator) if dtype == "float32" else made.integrator, made.parts, effects, OBSERVED,
-        (0.0,) if pilot.carried else (), (0.0,) if compensated else (), np.empty(0, dtype),
-    )  # fmt: skip
+    program = Program(made, blank(scene.effects), OBSERVED, pilot.carried, compensated, dtype)
     width, saves, some = block.shape[1], (steps + stride - 1) // stride + 1, np.random.default_rng(seed)
     share = layout.LANES * max(1, math.ceil(width / layout.LANES / threads_available()))
     parts = [block[:, low : low + share].copy() for low in range(0, width, share)]
-    out = np.empty(saves * 7 * width)
+    out, own = np.empty(saves * 7 * width), int(scene.run.turn is not None)
 
     def advance(i, first, last):
-        own = () if scene.run.turn is None else (np.arange(parts[i].shape[1]),)
-        kernel.advance(*how, own, (), (), (), (), (), (), parts[i], out, width, i * share, h, slots, first, last, stride, steps)
+        saved = Saves(out, width, i * share, np.arange(parts[i].shape[1]))
+        program.advance(parts[i], Run(h, slots, stride, steps, own, first, last), saves=saved)
 
     with ThreadPoolExecutor(len(parts)) as pool:
         for first in range(0, steps, stride if nudge else steps):

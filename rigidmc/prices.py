@@ -10,13 +10,14 @@ from rigidmc.body import Body
 from rigidmc.effects import EFFECTS, labelled
 from rigidmc.effects.parameters import filled
 from rigidmc.effects.verbs import is_random
-from rigidmc.engine import kernel, layout
+from rigidmc.engine import layout
+from rigidmc.engine.cpu import NOWHERE, Run
 from rigidmc.engine.flops import step_operations, torque_operations
-from rigidmc.jobs import block_arguments, compile_kernel
+from rigidmc.jobs import program_of
 from rigidmc.observables import Flips, Passage
 from rigidmc.planning import prepare
 from rigidmc.scene import Scene
-from rigidmc.staging import stage
+from rigidmc.staging import noise, stage
 from rigidmc.start import Start
 from rigidmc.vectors import Cone
 from rigidmc.watching import Watch
@@ -24,14 +25,15 @@ from rigidmc.watching import Watch
 
 def cost_per_step(scene, plan, members=256, seconds=0.05):
     """Nanoseconds per member-step on one thread of this machine, measured on the scene's own first members."""
-    compile_kernel(scene, plan)
+    program, random = program_of(scene, plan), noise(scene, plan.first)
     best, steps = np.inf, 16
     for _ in range(12):
         block, _ = stage(scene, plan.first, members, plan.carried, more=plan.watch.rows)
+        order = NOWHERE._replace(order=np.arange(block.shape[1]))
         if plan.own:
             block[layout.STEPS] = steps
         began = time.perf_counter()
-        kernel.advance(*block_arguments(scene, plan, block), steps if plan.own else 1, 0, steps, steps, steps)
+        program.advance(block, Run(plan.dt, steps if plan.own else 1, steps, steps, int(plan.own), 0, steps), random, order)
         took = time.perf_counter() - began
         best = min(best, took / (members * steps))
         steps = int(min(1e6, max(16, steps * seconds / 4 / max(took, 1e-9))))

@@ -20,7 +20,7 @@ from rigidmc.effects.own import source_of
 from rigidmc.engine.machine import this_machine, threads_available
 from rigidmc.errors import OutputExists, SceneError, SceneWarning
 from rigidmc.files import Part, content_of, folder_beside, make_durable, naming, refuse_lockless, refuse_unwritable, write_bytes
-from rigidmc.jobs import compile_kernel
+from rigidmc.jobs import program_of
 from rigidmc.planning import BLOCK
 from rigidmc.run_directory import FORMAT, MOST, RunDirectory, hash_of, hash_of_file, rendered
 from rigidmc.sampling import rows
@@ -161,15 +161,16 @@ def resume(
             *_, mine, shown = parts
             more = memory_of_shards(mine, shown, min(directory.facts["shard"], left), here)
             refuse_hopeless(mine, shown._replace(members=left), here, os.path.join(directory.path, "shards"), more)
-        compiled = compile_kernel(*parts[:2]) if which.size else 0.0  # for the workers of a cluster too, which find it in the cache
         started = time.monotonic()
+        program = program_of(*parts[:2]) if which.size else None  # for the workers of a cluster too, which find it in the cache
+        compiled, started = time.monotonic() - started, time.monotonic()
         directory.note(event="begun", shards=len(which), threads=threads, cluster=cluster, compile_seconds=round(compiled, 3))
         stop = None if max_wall is None else began + max_wall
         try:
             if cluster is not None:
                 flagged = compute_on(cluster, directory, which, progress, stop, allow_code, accept)
             else:
-                flagged = compute_shards(directory, parts, which, many, progress, stop)
+                flagged = compute_shards(directory, parts, program, which, many, progress, stop)
         except BaseException as error:
             directory.note(event="stopped", reason=type(error).__name__, seconds=round(time.monotonic() - started, 3))
             raise

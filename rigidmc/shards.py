@@ -102,7 +102,7 @@ def refuse_others(directory, accept):
         raise SceneError("", "run", directory.path, rule)
 
 
-def compute_shards(directory, parts, which, threads, progress=False, stop=None):
+def compute_shards(directory, parts, program, which, threads, progress=False, stop=None):
     """Compute some shards of a run that is `planned`, none that would not be done by `stop`; {status: members}."""
     scene, plan, units, *shown = parts
     started, begun = time.monotonic(), 0
@@ -119,7 +119,7 @@ def compute_shards(directory, parts, which, threads, progress=False, stop=None):
 
     sink = Shards(directory, *shown)
     try:
-        flagged = compute(scene, plan, threads, sink, progress, units, blocks(), directory.members_of(which))
+        flagged = compute(scene, plan, program, threads, sink, progress, units, blocks(), directory.members_of(which))
         sink.finish()
     except BaseException:
         sink.discard()

@@ -18,7 +18,7 @@ from rigidmc.engine.blocks import run_blocks
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.files import folder_beside, refuse_existing
-from rigidmc.jobs import closed_job, compile_kernel, job_of
+from rigidmc.jobs import closed_job, job_of, program_of
 from rigidmc.observables import OBSERVABLES, rows_of
 from rigidmc.planning import prepare, whole_lanes
 from rigidmc.progress import reporter
@@ -122,12 +122,14 @@ def settled(scene, threads=1, streaming=False, block=None):
 
 def run(scene, plan, threads, progress=False, output=None, force=False, attrs=None, units=None):
     """Run a plan of a scene, which `units` tells to be in other units than its result; `dataset.encoding["rigidmc"]` tells what it cost and how many members are flagged. See `simulate`."""
-    compiled = compile_kernel(scene, plan)
+    began = time.perf_counter()
+    program = program_of(scene, plan)
+    compiled = time.perf_counter() - began
     mine, shown = told(scene, plan, units)
     sink = File(output, mine, shown, force, attrs or {}) if output is not None else Memory(mine, shown, attrs or {})
     began = time.perf_counter()
     try:
-        flagged = compute(scene, plan, threads, sink, progress, units)
+        flagged = compute(scene, plan, program, threads, sink, progress, units)
         dataset = sink.finish()
     except BaseException:
         sink.discard()
@@ -141,7 +143,7 @@ def run(scene, plan, threads, progress=False, output=None, force=False, attrs=No
     return dataset
 
 
-def compute(scene, plan, threads, sink, progress=False, units=None, blocks=None, members=None):
+def compute(scene, plan, program, threads, sink, progress=False, units=None, blocks=None, members=None):
     """Compute the blocks of a plan, or those of some indices with so many members, and give them to a sink as they are done; {status: members}."""
     mine, shown = told(scene, plan, units)
     which = range(math.ceil(plan.members / plan.block)) if blocks is None else blocks
@@ -154,7 +156,7 @@ def compute(scene, plan, threads, sink, progress=False, units=None, blocks=None,
         block, start = stage(scene, plan.first + low, whole_lanes(count), plan.carried, span, plan.watch.rows)
         if scene.run.integrator == "closed":
             return closed_job(scene, plan, plan.first + low, count, block, start, *sink.room(low, count))
-        return job_of(scene, plan, plan.first + low, count, block, start, *sink.room(low, count))
+        return job_of(scene, plan, program, plan.first + low, count, block, start, *sink.room(low, count))
 
     def finished(job):
         rows = job.block if job.order is None else job.block[:, np.argsort(job.order)]

@@ -12,6 +12,7 @@ from rigidmc.effects import labelled
 from rigidmc.effects.parameters import filled, parameter_count, shape
 from rigidmc.effects.verbs import is_random, total_energy_scale
 from rigidmc.engine import layout
+from rigidmc.engine.cpu import Noise
 from rigidmc.engine.members import energies, torques
 from rigidmc.engine.random import key_of, stream_of, uniforms
 from rigidmc.errors import SceneError
@@ -115,7 +116,7 @@ def check_starts(scene):
 
 
 def ledger(scene):
-    """For each effect () where its energy tells its work, else (0.0,); () where no works are saved. See `rigidmc.engine.kernel.advance`."""
+    """For each effect () where its energy tells its work, else (0.0,); () where no works are saved. See `rigidmc.engine.cpu.Program`."""
     if "work" not in scene.run.save:
         return ()
     return tuple(() if hasattr(effect, "energy") else (0.0,) for effect in scene.effects)
@@ -126,19 +127,11 @@ def block_rows(scene):
     return layout.EFFECTS + parameter_count(*scene.effects) + 2 * len(ledger(scene))
 
 
-def noise(scene, first, count, order=None):
-    """What the kernel needs for random effects, () where there are none; see `rigidmc.engine.kernel.advance`."""
-    streams, rows, row = [], [], layout.EFFECTS_AT
-    for label, effect in labelled(scene.effects):
-        if is_random(effect):
-            streams.append(stream_of(f"effects.{label}.noise"))
-            before = effect._fields[: effect._fields.index("noise")]
-            rows.append(row + sum(shape(effect, field) or 1 for field in before))
-        row += parameter_count(effect)
-    if not streams:
-        return ()
-    members = np.arange(first, first + count, dtype=np.uint64)
-    return key_of(scene.run.seed), np.array(streams, np.uint64), np.array(rows), members if order is None else members[order]
+def noise(scene, first):
+    """What decides the noise of random effects, of members from `first` on."""
+    streams = [stream_of(f"effects.{label}.noise") for label, effect in labelled(scene.effects) if is_random(effect)]
+    key, other = key_of(scene.run.seed)
+    return Noise(key, other, np.array(streams or [0], np.uint64), first)
 
 
 def physics(effects, block):

@@ -8,7 +8,6 @@ from rigidmc.dynamics.euler import MassProperties
 from rigidmc.dynamics.methods import depends
 from rigidmc.effects.parameters import parameter_count
 from rigidmc.engine import layout
-from rigidmc.engine.compose import as_single
 from rigidmc.engine.events import EVENT, record_of
 from rigidmc.engine.watch import SHADOW, SUMS, watch_rows
 from rigidmc.observables import OBSERVABLES, RUNNING, SIZES, outputs
@@ -31,7 +30,7 @@ class Watch(NamedTuple):
 
     @property
     def compiled(self):
-        """As arguments of `rigidmc.engine.kernel.advance`."""
+        """As arguments of `rigidmc.engine.cpu.Program`."""
         return self.events, self.running, self.shadow
 
     @property
@@ -52,9 +51,9 @@ def watch(scene):
     events = tuple((label, one) for label, one in found if hasattr(one, "event"))
     running = tuple((label, one) for label, one in found if not hasattr(one, "event") and not hasattr(one, "shadow"))
     shadow = tuple((label, one) for label, one in found if hasattr(one, "shadow"))
-    single, bodies = scene.run.dtype == "float32", _bodies(scene) if events else ()
+    bodies = _bodies(scene) if events else ()
     return Watch(
-        tuple(as_single(one.compiled(*bodies)) if single else one.compiled(*bodies) for _, one in events),
+        tuple(one.compiled(*bodies) for _, one in events),
         tuple((one, (0.0,) * _size(label, one)) for label, one in running),
         (0.0,) * len(shadow[:1]),
         events,

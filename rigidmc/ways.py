@@ -10,8 +10,8 @@ from rigidmc.body import Body
 from rigidmc.closed_form import closed_values
 from rigidmc.effects import EFFECTS
 from rigidmc.effects.parameters import blank
-from rigidmc.engine import kernel, layout
-from rigidmc.engine.compose import as_single
+from rigidmc.engine import layout
+from rigidmc.engine.cpu import Program, Run, Saves
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import SceneError, unknown
 from rigidmc.integrators import INTEGRATORS, accepting, keeps_remainders
@@ -122,15 +122,10 @@ class Costs:
         return 1e9 * min(taken) / (count * saves)
 
     def _stepped(self, made, h, dtype, observables, stride=None, compensated=False):
-        effects = blank(self.pilot.scene.effects)
-        integrator = as_single(made.integrator) if dtype == "float32" else made.integrator
-        own = self.pilot.own and stride is None
-        how = (
-            integrator, made.parts, effects, observables, (0.0,) if self.pilot.carried else (), (0.0,) if compensated else (), np.empty(0, dtype),
-            (np.arange(512),) if own else (), (), (), (), (), (), (),
-        )  # fmt: skip
+        program = Program(made, blank(self.pilot.scene.effects), observables, self.pilot.carried, compensated, dtype)
+        own = int(self.pilot.own and stride is None)
         few, steps = self.pilot.block, 32
-        block = np.ascontiguousarray(np.tile(few, -(-512 // few.shape[1]))[:, :512])
+        block, order = np.ascontiguousarray(np.tile(few, -(-512 // few.shape[1]))[:, :512]), np.arange(512)
         width, values = block.shape[1] if observables else 0, sum(SIZES[o.dims] for o in observables)
         best, spent = math.inf, -1.0
         while spent < 0.03:
@@ -139,7 +134,7 @@ class Costs:
             if own:
                 given[layout.STEPS], span, slots = steps, h * steps, steps
             began = time.perf_counter()
-            kernel.advance(*how, given, out, width, 0, span, slots, 0, steps, stride or steps, steps)
+            program.advance(given, Run(span, slots, stride or steps, steps, own, 0, steps), saves=Saves(out, width, 0, order))
             took = time.perf_counter() - began
             if spent >= 0.0:  # the first may have compiled
                 best = min(best, took / (steps * block.shape[1]))

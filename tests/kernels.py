@@ -6,9 +6,8 @@ import numpy as np
 
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.effects.parameters import blank, numbers, parameter_count
-from rigidmc.engine import kernel
+from rigidmc.engine import cpu
 from rigidmc.engine import layout as K
-from rigidmc.engine.compose import as_single
 from rigidmc.integrators import Turns, form
 from rigidmc.integrators.verbs import closed, opened, step
 
@@ -43,39 +42,34 @@ def slots(total, stride):
     return (total + stride - 1) // stride + 1
 
 
+def program(
+    made, effects, observables=(), attitude=True, compensated=False, dtype=float, limits=(), watch=((), (), ()), lanes=None
+):
+    """The compiled Program of a Form."""
+    return cpu.Program(made, blank(effects), observables, attitude, compensated, dtype, limits, (), *watch, lanes)
+
+
 def run(
     block, made, effects, h, steps, observables=(), stride=None, attitude=True, cuts=(), compensated=False, dtype=float, slots_each=None,
-    limits=(), noise=(), watch=((), (), ()),
+    limits=(), noise=None, watch=((), (), ()), lanes=None,
 ):  # fmt: skip
     """Change the block in place, `steps` steps further on; the saves as an array (slot, value row, member).
 
     made : a Form;  cuts : steps at which the run is split into several calls
     watch : events, running observables and neighbour; the block then has `more` rows, see `rigidmc.engine.watch.watch_rows`
     slots_each : of a round of length h, of which members make the first block[STEPS]; `steps` and `stride` are then slots
+    lanes : members side by side
     """
     stride = stride or max(steps, 1)
     size = sum(SIZES[o.dims] for o in observables)
     width = block.shape[1] if observables else 0
     out = np.full(slots(steps, stride) * size * width, -1.0) if observables else NOTHING
-    types = blank(effects)
-    moved, kept = (0.0,) if attitude else (), (0.0,) if compensated else ()
-    integrator = as_single(made.integrator) if dtype == np.float32 else made.integrator
-    how = (
-        integrator,
-        made.parts,
-        types,
-        observables,
-        moved,
-        kept,
-        np.empty(0, dtype),
-        (np.arange(block.shape[1]),) if slots_each else (),
-        limits,
-        noise,
-        (),
-        *watch,
-    )
+    saves = cpu.Saves(out, width, 0, np.arange(block.shape[1]))
+    moves = program(made, effects, observables, attitude, compensated, dtype, limits, watch, lanes)
     for first, last in pairwise([0, *cuts, steps]):
-        kernel.advance(*how, block, out, width, 0, float(h), slots_each or 1, first, last, stride, steps)
+        moves.advance(
+            block, cpu.Run(float(h), slots_each or 1, stride, steps, int(slots_each is not None), first, last), noise, saves
+        )
     return out.reshape(-1, size, width) if observables else None
 
 
@@ -95,6 +89,8 @@ def prepare(kind, turn, effects=(), symmetric=False):
 
 def one_step(made, body, effects, t, h, q, l):
     """One step in plain Python, opened before and closed after."""
+    if (len(q) == 2 or len(l) > 3) and hasattr(made.integrator, "with_sums"):
+        made = made.integrator.with_sums()
     lead, rows = [h * x for x in made.parts[0]], made.parts[1:]
     q, l = opened(made.integrator, body, effects, t + lead[3], lead, q, l)
     for row in rows:

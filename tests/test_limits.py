@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.engine import kernel
+from rigidmc.engine import cpu
 from rigidmc.engine import layout as K
 from rigidmc.integrators import INTEGRATORS
 from rigidmc.limits import Limits
@@ -65,10 +65,10 @@ def test_a_drift_beyond_its_limit(fault, limits):
     assert sick[K.STATUS, SICK] == K.STATUSES[fault]
     found = int(sick[K.FAULT_STEP, SICK])
     assert 32 < found < STEPS
-    assert sick[K.GOOD_STEP, SICK] == found - kernel.LOOK
+    assert sick[K.GOOD_STEP, SICK] == found - cpu.LOOK
     row = K.DRIFT + (fault == "momentum_drift")
     assert 1e-6 < sick[row, SICK] < 1e-5  # the drift that flagged it
-    moved(alone, (), found - kernel.LOOK)
+    moved(alone, (), found - cpu.LOOK)
     assert alone[row, SICK] < 1e-6
     assert np.array_equal(sick[: K.REST, SICK], alone[: K.REST, SICK])
     moved(slow, ())

@@ -9,10 +9,9 @@ import math
 from typing import NamedTuple
 
 from rigidmc.dynamics.euler import angular_velocity
-from rigidmc.dynamics.so3 import add, conjugate, dot, exponential, multiply, scale, select, select3, sincos
+from rigidmc.dynamics.so3 import add, by_precision, conjugate, dot, exponential, multiply, opposite, scale, select, select3, sincos
 
 _REST = 1e-306  # |L|^2 at which a body stands still: below 2e-308 its digits go, and with them the unit vector L/|L|
-SINGLE = {"_REST": 1e-36}
 
 
 class Arc(NamedTuple):
@@ -154,13 +153,13 @@ def free_flow(body, halvings, panels, h, l):
     panels : (1/n, ...), n panels into which h is cut for the phase; 1/n in the tuple and not len(), which would be a float64 for float32 too
     """
     square = dot(l, l)
-    moves = square > _REST
+    moves = square > by_precision(square, _REST, 1e-36)
     g = select(moves, math.sqrt(square), 0.0)
     u = select3(moves, scale(1.0 / select(moves, g, 1.0), l), (0.0, 0.0, 1.0))  # at rest any unit vector will do: nothing turns
     twice_energy = dot(u, angular_velocity(body, u))
     # axis 2 is the middle one unless a1 a3 < 0; of a body symmetric about axis 2 either other axis will do
     elsewhere, one_fits = body.a1 * body.a3 < 0.0, body.a2 * body.a3 >= 0.0
-    first, third = elsewhere & one_fits, elsewhere & (not one_fits)
+    first, third = elsewhere & one_fits, elsewhere & opposite(one_fits)
     u = relabel(first, third, u)
     i1, _, i3 = relabel(first, third, (body.i1, body.i2, body.i3))
     body = Axes(i1, i3, *relabel(first, third, (body.a1, body.a2, body.a3)))
@@ -217,7 +216,7 @@ def split_flow(body, h, l):
     about L and commutes with the others, which are turns about the axes 1 and 3: half a turn about 1, a turn about 3, half about 1.
     """
     elsewhere, one_fits = body.a1 * body.a3 < 0.0, body.a2 * body.a3 >= 0.0
-    first, third = elsewhere & one_fits, elsewhere & (not one_fits)
+    first, third = elsewhere & one_fits, elsewhere & opposite(one_fits)
     one, two, three = relabel(first, third, l)
     _, i2, _ = relabel(first, third, (body.i1, body.i2, body.i3))
     a1, _, a3 = relabel(first, third, (body.a1, body.a2, body.a3))

@@ -8,16 +8,36 @@ import math
 
 # pi/2 in three parts of 33, 33 and 53 bits (Cody & Waite; the parts of fdlibm's e_rem_pio2): n*part is exact for n < 2^20,
 # beyond it the error is that of the rounded argument itself.
-_HALF_PI_1, _HALF_PI_2, _HALF_PI_3 = 1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21
+_HALF_PI = 1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21
 _TWO_OVER_PI = 0.63661977236758134308
-_ROUND = 6755399441055744.0  # 1.5 * 2^52: adding and subtracting it rounds to the nearest integer, with no libm call
-# what these constants are in float32; pi/2 in parts of 8, 11 and 24 bits (Cephes, sinf)
-SINGLE = {"_HALF_PI_1": 1.5703125, "_HALF_PI_2": 4.837512969970703e-04, "_HALF_PI_3": 7.54978995489188e-08, "_ROUND": 12582912.0}
+_EIGHTH = 0.41421356237309503  # tan(pi/8)
+_HALF_PI_SINGLE = 1.5703125, 4.837512969970703e-04, 7.54978995489188e-08  # in parts of 8, 11 and 24 bits (Cephes, sinf)
 
 
 def select(condition, a, b):
     """`a if condition else b`, both evaluated: a blend in lanes, never a branch."""
     return a if condition else b
+
+
+def opposite(condition):
+    """`not condition`, of a mask too."""
+    return not condition
+
+
+def by_precision(x, double, single):
+    """One of two constants: the first, or where x is a number of float32 the second."""
+    return double
+
+
+def rounded(x):
+    """The integer next to x, |x| < 2^51 (2^22 in float32), with no call of a library: large enough a number has no digits after its point."""
+    large = by_precision(x, 6755399441055744.0, 12582912.0)
+    return (x + large) - large
+
+
+def root(x):
+    """The square root of a number, or of numbers of an array."""
+    return x**0.5
 
 
 def select3(condition, a, b):
@@ -188,12 +208,16 @@ def into_body(q, v):
     return v[0] - w * s[0] + 2.0 * t[0], v[1] - w * s[1] + 2.0 * t[1], v[2] - w * s[2] + 2.0 * t[2]
 
 
+def third_of(q):
+    """1/|q| for a quaternion of norm about 3: two Newton steps, exact to rounding when | |q|/3 - 1 | < 1e-4; no root, no division."""
+    s = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
+    r = 1.5 - (1.0 / 18.0) * s
+    return r * (0.5 - ((1.0 / 54.0) * s) * (r * r))
+
+
 def third(q):
-    """q/|q| for a quaternion of norm about 3: two Newton steps, exact to rounding when | |q|/3 - 1 | < 1e-4; no root, no division."""
-    n = (1.0 / 9.0) * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    r = 1.5 - 0.5 * n
-    r = r * (0.5 - (n * r) * (r * (1.0 / 6.0)))
-    return r * q[0], r * q[1], r * q[2], r * q[3]
+    """q/|q| for a quaternion of norm about 3."""
+    return scale4(third_of(q), q)
 
 
 def touch_up(q):
@@ -305,9 +329,10 @@ def sincos(x):
 
     Cody-Waite reduction to [-pi/4, pi/4], then `sincos_small`.
     """
-    n = (x * _TWO_OVER_PI + _ROUND) - _ROUND
-    s, c = sincos_small(((x - n * _HALF_PI_1) - n * _HALF_PI_2) - n * _HALF_PI_3)
-    quarter = n - 4.0 * ((n * 0.25 + _ROUND) - _ROUND)  # n mod 4 as -2, -1, 0, 1, 2
+    n = rounded(x * _TWO_OVER_PI)
+    one, two, three = by_precision(x, _HALF_PI, _HALF_PI_SINGLE)
+    s, c = sincos_small(((x - n * one) - n * two) - n * three)
+    quarter = n - 4.0 * rounded(n * 0.25)  # n mod 4 as -2, -1, 0, 1, 2
     odd = abs(quarter) == 1.0
     half = abs(quarter) == 2.0
     sine = select(odd, c, s)
@@ -344,3 +369,28 @@ def expm1(x):
     e = e * (2.0 + e)
     e = e * (2.0 + e)
     return e * (2.0 + e)
+
+
+def arctan2(y, x):
+    """atan2(y, x) without branch or libm call; |relative error| <= 3e-16; 0 for (0, 0)."""
+    a, b = abs(y), abs(x)
+    low, high = min(a, b), max(a, b)
+    high = select(high > 0.0, high, 1.0)
+    far = low > _EIGHTH * high
+    z = select(far, low - high, low) / select(far, high + low, high)
+    w = z * z
+    # atan z = z + z^3 P(z^2) on |z| <= tan(pi/8): interpolation at the Chebyshev nodes, relative error 7e-18
+    p = 0.03923165829558719 + w * -0.01917688706911062
+    p = -0.0508544973794026 + w * p
+    p = 0.0585814891280221 + w * p
+    p = -0.06664511447381948 + w * p
+    p = 0.07692183190826087 + w * p
+    p = -0.09090904578123903 + w * p
+    p = 0.11111111015256361 + w * p
+    p = -0.14285714284666542 + w * p
+    p = 0.1999999999999552 + w * p
+    p = -0.3333333333333333 + w * p
+    angle = z + z * w * p + select(far, 0.25 * math.pi, 0.0)
+    angle = select(a > b, 0.5 * math.pi - angle, angle)
+    angle = select(x < 0.0, math.pi - angle, angle)
+    return select(y < 0.0, -angle, angle)

@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from rigidmc.dynamics.so3 import cross, dot, into_body, sincos
+from rigidmc.dynamics.so3 import cross, dot, into_body, root, sincos
 
 _ANY = (-math.inf, math.inf)
 
@@ -73,4 +73,4 @@ class RotatingField(NamedTuple):
 
 def _sizes(a, b):
     """A bound on |a . A b|: (a.a b.b)^(1/2), by multiplication and the power 1/2, which arrays and numbers have."""
-    return (dot(a, a) * dot(b, b)) ** 0.5
+    return root(dot(a, a) * dot(b, b))

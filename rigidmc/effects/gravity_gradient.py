@@ -3,10 +3,9 @@
 import math
 from typing import NamedTuple
 
-from rigidmc.dynamics.so3 import cross, into_body, sincos
+from rigidmc.dynamics.so3 import cross, into_body, rounded, sincos
 
-_TURN, _ROUND = 6.283185307179586, 6755399441055744.0  # 1.5 * 2^52: adding and subtracting it rounds to the nearest integer
-SINGLE = {"_ROUND": 12582912.0}
+_TURN = 6.283185307179586
 
 
 class GravityGradient(NamedTuple):
@@ -60,7 +59,7 @@ def _pull(mu, distance, e, anomaly, t):
     E = M + e sin M / sqrt(1 - 2 e cos M + e^2), whose first leaves at most 1e-4 and whose second 6e-16 up to e = 0.9 (4e-13 at 0.95)."""
     square = mu / distance / distance / distance  # the cube of 1e13 m is past float32
     m = math.sqrt(square) * t + anomaly
-    m = m - _TURN * ((m * (1.0 / _TURN) + _ROUND) - _ROUND)
+    m = m - _TURN * rounded(m * (1.0 / _TURN))
     s, c = sincos(m)
     at = m + e * s / math.sqrt(1.0 + e * (e - 2.0 * c))
     s, c = sincos(at)

@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from rigidmc.dynamics.so3 import cross, into_body, scale, sincos
+from rigidmc.dynamics.so3 import cross, into_body, root, scale, sincos
 
 _ANY = (-math.inf, math.inf)
 
@@ -39,5 +39,5 @@ class MovingPivot(NamedTuple):
 
     def energy_scale(self, body):
         s = self.swing
-        size = (s[0] * s[0] + s[1] * s[1] + s[2] * s[2]) ** 0.5
+        size = root(s[0] * s[0] + s[1] * s[1] + s[2] * s[2])
         return self.frequency * self.frequency * size * (abs(body.p1) + abs(body.p2) + abs(body.p3))

@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from rigidmc.dynamics.so3 import add, cross, dot, up
+from rigidmc.dynamics.so3 import add, cross, dot, root, up
 from rigidmc.effects.flows import symmetric_times
 
 _ANY = (-math.inf, math.inf)
@@ -57,7 +57,7 @@ class Potential(NamedTuple):
         m, k = self.quadratic, self.quartic
         off = m[3] * m[3] + m[4] * m[4] + m[5] * m[5]
         return (
-            dot(self.linear, self.linear) ** 0.5
-            + 0.5 * (m[0] * m[0] + m[1] * m[1] + m[2] * m[2] + 2.0 * off) ** 0.5
+            root(dot(self.linear, self.linear))
+            + 0.5 * root(m[0] * m[0] + m[1] * m[1] + m[2] * m[2] + 2.0 * off)
             + (abs(k[0]) + abs(k[1]) + abs(k[2]))
         )

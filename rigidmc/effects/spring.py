@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from rigidmc.dynamics.so3 import cross, difference, dot, into_body, scale
+from rigidmc.dynamics.so3 import cross, difference, dot, into_body, root, scale
 
 _ANY = (-math.inf, math.inf)
 
@@ -49,5 +49,5 @@ class Spring(NamedTuple):
         return 0.5 * self.stiffness * stretch * stretch
 
     def energy_scale(self):
-        longest = dot(self.at, self.at) ** 0.5 + dot(self.to, self.to) ** 0.5 + self.length
+        longest = root(dot(self.at, self.at)) + root(dot(self.to, self.to)) + self.length
         return 0.5 * self.stiffness * longest * longest

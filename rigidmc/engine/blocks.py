@@ -3,9 +3,12 @@
 import threading
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 
-from rigidmc.engine import kernel
+import numpy as np
 
-CALL = 3_000_000  # member-steps per kernel call: 10 to 60 ms at 50 to 300 M/s on two threads
+from rigidmc.engine.cpu import Run, Saves
+
+EVERY = np.empty(0, np.int64)  # the order of members that are in their order
+CALL = 3_000_000  # member-steps per call: 10 to 60 ms at 50 to 300 M/s on two threads
 
 
 class Stopped(Exception):
@@ -14,18 +17,20 @@ class Stopped(Exception):
 
 def run_block(job, stop=None, progress=None):
     """Take one block from the first step to the last. job: see `Job`."""
-    block, steps, done = job.block, job.total, 0
+    block, done = job.block, 0
     size, each = max(1, block.shape[1]), job.rounds / job.total
-    if job.how is None:  # made without steps
+    if job.program is None:  # made without steps
         if progress is not None:
             progress(size * job.rounds)
         return job
-    piece = max(1, CALL // (size * (len(job.how[1]) - 1)))  # a step in many parts takes as many times as long
-    while done < steps:
+    order = EVERY if job.order is None else job.order
+    saves, own = Saves(job.out, job.width, job.column, order), int(job.order is not None)
+    piece = max(1, CALL // (size * (len(job.program.form.parts) - 1)))  # a step in many parts takes as many times as long
+    while done < job.total:
         if stop is not None and stop.is_set():
             raise Stopped
-        last = min(steps, done + piece)
-        kernel.advance(*job.how, block, job.out, job.width, job.column, job.h, job.slots, done, last, job.stride, steps)
+        last = min(job.total, done + piece)
+        job.program.advance(block, Run(job.h, job.slots, job.stride, job.total, own, done, last), job.noise, saves)
         if progress is not None:
             progress(size * (last - done) * each)
         done = last

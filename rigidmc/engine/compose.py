@@ -1,91 +1,34 @@
-"""From a tuple of effects to one straight-line function: the one clever file.
+"""From a tuple of effects to one straight-line function.
 
 Physics is written as plain functions and as methods of NamedTuples. Here they become callable from compiled code: a plain
 function through `overload` with itself as the implementation, a method through `overload` on the TYPE of its NamedTuple.
-Tuples of effects are unrolled by recursion on their type, so a kernel holds what a scene lists and nothing else, and
+Tuples of effects are unrolled by recursion on their type, so what is compiled holds what a scene lists and nothing else, and
 Numba's disk cache works, since no function is ever an argument.
 """
 
 import inspect
+import math
+import operator
 import sys
 
-import numpy as np
-from numba.core import compiler, compiler_machinery, ir, types
+from numba import typeof
+from numba.core import types
+from numba.core.datamodel import register_default
+from numba.core.datamodel.models import OpaqueModel
 from numba.core.errors import NumbaError  # noqa: F401  (for those who call)
-from numba.core.typed_passes import NativeLowering
-from numba.core.untyped_passes import IRProcessing
-from numba.extending import intrinsic, overload
+from numba.extending import NativeValue, intrinsic, overload, typeof_impl, unbox
 
 import rigidmc.integrators.verbs
 import rigidmc.observables.verbs  # noqa: F401  (imported so that METHODS is complete)
 from rigidmc.dynamics import euler, free_flow, principal, so3
 from rigidmc.dynamics.methods import METHODS, arguments
 from rigidmc.effects import EFFECTS, flows, verbs
-from rigidmc.engine.fused import FusingLowering
+from rigidmc.engine.fused import INLINE
+from rigidmc.engine.numbers import Mask, Vec, blend, opposite_of
 from rigidmc.integrators import drifts, lie, midpoint, rk4, rk8, splitting
 from rigidmc.observables import SUMMARIES, statistics
 
-# "nsz" lets an absent effect's +0.0 vanish (12 packed adds a step without it). No other flag: "nnan" or "ninf" would delete the check for
-# non-finite members, "contract" would let bits depend on what is compiled beside them (see `rigidmc.engine.fused`).
-FLAGS = {"error_model": "numpy", "fastmath": {"nsz"}}
-
-
-@compiler_machinery.register_pass(mutates_CFG=False, analysis_only=False)
-class _Precision(compiler_machinery.FunctionPass):
-    """Constants take the precision of the arguments: 0.5 * x is float32 where x is, which Numba alone would make float64.
-
-    A module may say in SINGLE what its named constants are in float32.
-    """
-
-    _name = "rigidmc_precision"
-
-    def __init__(self):
-        super().__init__()
-
-    def run_pass(self, state):
-        kinds = {kind for a in state.args for kind in _numbers(a)}
-        if types.float32 not in kinds or types.float64 in kinds:
-            return False
-        named = state.func_ir.func_id.func.__globals__.get("SINGLE", {})
-        for block in state.func_ir.blocks.values():
-            for assign in block.find_insts(ir.Assign):
-                if isinstance(assign.value, (ir.Const, ir.Global, ir.FreeVar)):
-                    value = named.get(getattr(assign.value, "name", None), assign.value.value)
-                    if (made := as_single(value)) is not value:
-                        assign.value = ir.Const(made, assign.loc)
-        return True
-
-
-def _numbers(kind):
-    """The types of the numbers in a type, those of tuples included."""
-    return [n for k in kind for n in _numbers(k)] if isinstance(kind, types.BaseTuple) else [kind]
-
-
-def as_single(value):
-    """Numbers, and tuples of them, in float32."""
-    if isinstance(value, float):
-        return np.float32(value)
-    if not isinstance(value, tuple) or not value:
-        return value
-    made = map(as_single, value)
-    return type(value)(*made) if hasattr(value, "_fields") else tuple(made)
-
-
-class Pipeline(compiler.CompilerBase):
-    """Numba's own pipeline with `_Precision`, and with `FusingLowering` in the place of its lowering."""
-
-    def define_pipelines(self):
-        passes = compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
-        passes.add_pass_after(_Precision, IRProcessing)
-        passes.passes = [(FusingLowering if kind is NativeLowering else kind, what) for kind, what in passes.passes]
-        passes.finalize()
-        return [passes]
-
-
-FLAGS["pipeline_class"] = Pipeline
-INLINE = {**FLAGS, "forceinline": True, "no_cfunc_wrapper": True}  # without forced inlining no lane loop vectorises
-
-_known = set()
+_known = {so3.select, so3.opposite, so3.by_precision, so3.root}
 
 
 def reason(error):
@@ -108,6 +51,32 @@ def inline(function):
         _known.add(function)
         overload(function, jit_options=INLINE, strict=False)(lambda *args: function)
     return function
+
+
+@overload(so3.select, jit_options=INLINE)
+def _compiled_select(condition, a, b):
+    if isinstance(condition, Mask):
+        return lambda condition, a, b: blend(condition, a, b)
+    return lambda condition, a, b: a if condition else b
+
+
+@overload(so3.opposite, jit_options=INLINE)
+def _compiled_opposite(condition):
+    if isinstance(condition, Mask):
+        return lambda condition: opposite_of(condition)
+    return lambda condition: not condition
+
+
+@overload(so3.by_precision, jit_options=INLINE)
+def _compiled_by_precision(x, double, single):
+    if isinstance(x, Vec) and x.dtype == types.float32:
+        return lambda x, double, single: single
+    return lambda x, double, single: double
+
+
+@overload(so3.root, jit_options=INLINE)
+def _compiled_root(x):
+    return lambda x: math.sqrt(x)
 
 
 def compile_method(call):
@@ -134,46 +103,125 @@ def compile_method(call):
         )[len(at)]
 
 
+class Kinds:
+    """What a piece of code is compiled for: NamedTuples, and tuples of them, whose types count and whose numbers do not.
+
+    Its type in compiled code tells theirs, and takes no room: pieces for different scenes have one way of being called.
+    """
+
+    def __init__(self, *parts):
+        self.parts = parts
+
+
+class KindsType(types.Type):
+    """The type of Kinds."""
+
+    def __init__(self, parts):
+        self.parts = parts
+        super().__init__(name=f"kinds of {parts}")
+
+    @property
+    def key(self):
+        return self.parts
+
+    def __iter__(self):
+        return iter(self.parts)
+
+
+register_default(KindsType)(OpaqueModel)
+
+
+@typeof_impl.register(Kinds)
+def _typeof_kinds(value, context):
+    return KindsType(typeof(value.parts))
+
+
+@unbox(KindsType)
+def _unbox_kinds(kind, value, context):
+    return NativeValue(context.context.get_dummy_value())
+
+
+def numbers_of(part):
+    """The numbers in nested tuples, one after the other: what `given` reads."""
+    return [number for one in part for number in numbers_of(one)] if isinstance(part, tuple) else [float(part)]
+
+
+def given(kinds, numbers):
+    """The parts of Kinds, with the numbers from flat memory that `numbers_of` wrote."""
+    return kinds.parts
+
+
 @intrinsic(prefer_literal=False)
-def _read(typing_context, part, work, row, lane, stride):
-    """A NamedTuple of the class of `part` from work[(row + i)*stride + lane], i = 0, 1, ..., in the precision of work."""
-    kinds = [types.UniTuple(work.dtype, len(kind)) if isinstance(kind, types.BaseTuple) else work.dtype for kind in part]
-    made: types.Type = part
-    if kinds:
-        alike = all(kind == kinds[0] for kind in kinds)
-        made = (
-            types.NamedUniTuple(kinds[0], len(kinds), part.instance_class)
-            if alike
-            else types.NamedTuple(kinds, part.instance_class)
-        )
-    signature = made(part, work, row, lane, stride)
+def _given(typing_context, kinds, numbers):
+    return _made(kinds.parts, numbers, kinds, numbers)
 
-    def generate(context, builder, signature, values):
-        array = context.make_array(signature.args[1])(context, builder, values[1])
-        row, lane, stride = values[2:]
-        at = iter(range(_rows_of(part)))
 
-        def number():
-            index = builder.add(builder.mul(builder.add(row, row.type(next(at))), stride), lane)
-            return builder.load(builder.gep(array.data, [index]))
+@overload(given, jit_options=INLINE)
+def _compiled_given(kinds, numbers):
+    return lambda kinds, numbers: _given(kinds, numbers)
 
-        fields = [
-            context.make_tuple(builder, kind, [number() for _ in kind]) if isinstance(kind, types.BaseTuple) else number()
-            for kind in kinds
-        ]
-        return context.make_tuple(builder, made, fields)
 
-    return signature, generate
+def filled(part, rows, first):
+    """Nested tuples of the type of `part` whose numbers are rows[first], rows[first + 1], ..."""
+    left = iter(range(first, first + rows_of(part)))
+
+    def made(one):
+        if not isinstance(one, tuple):
+            return rows[next(left)]
+        return type(one)(*map(made, one)) if hasattr(one, "_fields") else tuple(map(made, one))
+
+    return made(part)
+
+
+@intrinsic(prefer_literal=False)
+def _filled(typing_context, part, rows, first):
+    return _made(part, rows, part, rows, first)
+
+
+@overload(filled, jit_options=INLINE)
+def _compiled_filled(part, rows, first):
+    return lambda part, rows, first: _filled(part, rows, first)
+
+
+def _made(part, rows, *arguments):
+    """(signature, code) of an intrinsic that makes nested tuples like `part` of numbers from rows; the last argument is the first row, or it is 0."""
+    word = types.intp
+
+    def kind_of(one):
+        if not isinstance(one, types.BaseTuple):
+            return rows.item
+        each = [kind_of(x) for x in one]
+        alike = all(x == each[0] for x in each)
+        if not hasattr(one, "instance_class"):
+            return types.Tuple(each)
+        if each and alike:
+            return types.NamedUniTuple(each[0], len(each), one.instance_class)
+        return types.NamedTuple(each, one.instance_class)
+
+    def generate(context, builder, sig, values):
+        at = [sig.args.index(rows)]
+        first = values[-1] if len(values) > 2 else context.get_constant(word, 0)
+        read = context.get_function(operator.getitem, rows.item(rows, word))
+        count = iter(range(_rows_of(part)))
+
+        def make(one):
+            if not isinstance(one, types.BaseTuple):
+                return read(builder, (values[at[0]], builder.add(first, context.get_constant(word, next(count)))))
+            return context.make_tuple(builder, kind_of(one), [make(x) for x in one])
+
+        return make(part)
+
+    return kind_of(part)(*arguments), generate
 
 
 def _rows_of(kind):
-    """How many numbers a NamedTuple's type has, those of vectors counted one by one."""
-    return sum(len(k) if isinstance(k, types.BaseTuple) else 1 for k in kind)
+    """How many numbers a type of nested tuples has."""
+    return sum(map(_rows_of, kind)) if isinstance(kind, types.BaseTuple) else 1
 
 
 def rows_of(part):
-    """How many rows of a workspace a NamedTuple takes."""
-    return sum(len(x) if isinstance(x, tuple) else 1 for x in part)
+    """How many numbers nested tuples have: rows that they take."""
+    return sum(map(rows_of, part)) if isinstance(part, tuple) else 1
 
 
 @overload(rows_of, jit_options=INLINE)
@@ -182,36 +230,33 @@ def _compiled_rows_of(part):
     return lambda part: number
 
 
-def read(part, work, row, lane, stride):
-    """A NamedTuple of the type of `part` from the rows of a workspace."""
-    rows = iter(range(row, row + rows_of(part)))
-    fields = [
-        tuple(work[next(rows) * stride + lane] for _ in x) if isinstance(x, tuple) else work[next(rows) * stride + lane]
-        for x in part
-    ]
-    return type(part)(*fields)
+def has_noise(effect):
+    """Whether an effect has normal deviates among its numbers, new ones for each step."""
+    return "noise" in effect._fields
 
 
-@overload(read, jit_options=INLINE)
-def _compiled_read(part, work, row, lane, stride):
-    if isinstance(part, types.BaseAnonymousTuple) or not hasattr(part, "instance_class"):
-        return None
-    return lambda part, work, row, lane, stride: _read(part, work, row, lane, stride)
+@overload(has_noise, jit_options=INLINE)
+def _compiled_has_noise(effect):
+    found = "noise" in effect.instance_class._fields
+    return lambda effect: found
 
 
-def read_all(parts, work, row, lane, stride):
-    """A tuple of NamedTuples of the types of `parts` from consecutive rows."""
-    if len(parts) == 0:
-        return ()
-    first = read(parts[0], work, row, lane, stride)
-    return (first,) + read_all(parts[1:], work, row + rows_of(parts[0]), lane, stride)
+def with_noise(effect, deviates):
+    """An effect with other deviates."""
+    return effect._replace(noise=deviates)
 
 
-def all_rows(parts):
-    """How many rows some NamedTuples take."""
-    if len(parts) == 0:
-        return 0
-    return rows_of(parts[0]) + all_rows(parts[1:])
+@intrinsic
+def _with_noise(typing_context, effect, deviates):
+    place = effect.instance_class._fields.index("noise")
+    return effect(effect, deviates), lambda context, builder, sig, args: builder.insert_value(args[0], args[1], place)
+
+
+@overload(with_noise, jit_options=INLINE)
+def _compiled_with_noise(effect, deviates):
+    if "noise" in effect.instance_class._fields:
+        return lambda effect, deviates: _with_noise(effect, deviates)
+    return lambda effect, deviates: effect
 
 
 def inline_all(module):
@@ -225,7 +270,5 @@ for _module in (so3, euler, free_flow, principal, verbs, drifts, lie, midpoint, 
     inline_all(_module)
 for _kind in (*EFFECTS.values(), *SUMMARIES.values()):
     inline_all(sys.modules[_kind.__module__])
-inline(read_all)
-inline(all_rows)
 for _call in METHODS:
     compile_method(_call)

@@ -9,8 +9,9 @@ import numba
 import numpy as np
 from numba import njit, typeof
 
-from rigidmc.engine.compose import FLAGS
+from rigidmc.engine.fused import FLAGS
 from rigidmc.engine.machine import cached, use_widest_vectors
+from rigidmc.engine.numbers import Lanes
 
 config: Any = numba.config
 _options: Any = {"nogil": True, **FLAGS}
@@ -27,7 +28,7 @@ def _kind(argument):
     if isinstance(argument, np.ndarray):
         flags = argument.flags
         return argument.dtype, argument.ndim, flags.c_contiguous, flags.f_contiguous, flags.writeable, flags.aligned
-    return type(argument)
+    return argument if isinstance(argument, Lanes) else type(argument)
 
 
 class Compiled:
@@ -38,7 +39,7 @@ class Compiled:
     """
 
     def __init__(self, function):
-        self.function = function
+        self.function, self.plain = function, bool(config.DISABLE_JIT)
         self.dispatcher: Any = function if config.DISABLE_JIT else cached(njit(**_options)(function))
         self._entries: dict[tuple, Any] = {}
         self._compiling = threading.Lock()

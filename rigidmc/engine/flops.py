@@ -7,21 +7,23 @@ import numpy as np
 from numba import njit
 
 from rigidmc.dynamics.euler import MassProperties
+from rigidmc.effects import EFFECTS
+from rigidmc.effects.own import RULE
 from rigidmc.effects.parameters import blank
 from rigidmc.effects.verbs import total_torque
-from rigidmc.engine.compose import FLAGS, read, read_all, rows_of
-from rigidmc.engine.layout import put
+from rigidmc.engine.compose import NumbaError, filled
+from rigidmc.engine.formulas import WIDTH
+from rigidmc.engine.fused import FLAGS
+from rigidmc.engine.layout import four_at, put, three_at
+from rigidmc.engine.numbers import Lanes, rows
+from rigidmc.errors import SceneError
 from rigidmc.integrators.verbs import step
 
 _OPERATION = re.compile(
     r"= .*?\b(?:f(add|sub|mul|div)|call [^@]*@(?:llvm\.)?(sqrt|fabs|minnum|maxnum|fma)\b\S*)\b[^<]*?(?:<(\d+) x )?double"
 )
 _CHOICE = re.compile(r"= (?:fcmp|select)\b[^<]*?(?:<(\d+) x )?double")
-_MANY = 1024  # lanes of a loop that is looked at: one of 32 with little in it would be unrolled whole
 DIVISION, ROOT = 10, 18  # what they take in place of a product in packed arithmetic (Zen 4, 512 bits)
-_LIBRARY = re.compile(
-    r"call [^@\n]*@(?:llvm\.)?(sin|cos|tan|exp|expm1|log|log10|log1p|pow|atan|atan2|asin|acos|sinh|cosh|tanh|fmod|hypot)\b"
-)
 _BODY, _AT, _SPIN = MassProperties(*[1.0] * 9), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
@@ -63,32 +65,33 @@ def misdeeds(effect):
     return "takes memory" if "NRT_" in _torque_code(effect) else ""
 
 
-def library_calls(effect):
-    """Functions of the library that a torque calls: no lane loop with one of them is packed."""
-    return sorted(set(_LIBRARY.findall(_torque_code(effect))))
+def refuse_misdeeds(effects):
+    """Raise SceneError for an effect of a user's own that takes memory."""
+    for effect in effects:
+        if type(effect) not in EFFECTS.values() and (wrong := misdeeds(effect)):
+            raise SceneError("effects", f"{type(effect).__name__}.torque", None, f"{wrong}; {RULE}")
 
 
 def unpacked(effect):
-    """Why lanes cannot work on the torque of a user's own effect side by side, in words; "" where they do."""
-    if called := library_calls(effect):
-        return f"calls {', '.join(called)} of the library (rigidmc.dynamics.so3 has sincos, expm1 and exponential that are none)"
-    rows = 17 + rows_of(effect)
-    found = [
-        line for line in _code(_lanes, *blank((effect,)), np.zeros((rows + 3) * _MANY)).splitlines() if _OPERATION.search(line)
-    ]
-    if all("x double>" in line for line in found):
-        return ""
-    return "branches, or loops as often as numbers say, where both sides and a fixed number of turns would do"
+    """Why members cannot be worked on side by side with a user's own effect, in words; "" where they can."""
+    if type(effect) not in _side_by_side:
+        try:
+            _code(_felt, Lanes(WIDTH), *blank((effect,)), np.zeros(32 * WIDTH))
+            _side_by_side[type(effect)] = ""
+        except NumbaError:
+            _side_by_side[type(effect)] = "branches, or calls what takes one number at a time"
+    return _side_by_side[type(effect)]
 
 
 def step_operations(form, effects, attitude):
     """Operations of one step of a Form with some effects: of its parts together."""
     part, q = (0.0, 0.0, 0.0), _AT if attitude else (1.0, 0.0, 0.0, 0.0)
     counted = _with_attitude if attitude else _momentum_alone
-    return _counted(counted, form.integrator, _BODY, blank(effects), 0.0, 0.1, part, q, _SPIN).times(len(form.parts) - 1)
+    return _counted(counted, form.integrator, blank(effects), 0.0, part, q, _SPIN).times(len(form.parts) - 1)
 
 
 _codes: dict[type, str] = {}
+_side_by_side: dict[type, str] = {}
 
 
 def _torque_code(effect):
@@ -102,20 +105,22 @@ def _torque(effect, body, t, q, l):
     return total_torque((effect,), body, t, q, l)
 
 
-def _lanes(effect, work):
-    for k in range(_MANY):
-        body, present = read(_BODY, work, 8, k, _MANY), read_all((effect,), work, 17, k, _MANY)
-        q = work[k], work[_MANY + k], work[2 * _MANY + k], work[3 * _MANY + k]
-        l = work[4 * _MANY + k], work[5 * _MANY + k], work[6 * _MANY + k]
-        put(total_torque(present, body, work[7 * _MANY + k], q, l), work, (17 + rows_of(effect)) * _MANY + k, _MANY)
+def _felt(lanes, effect, memory):
+    at = rows(lanes, memory)
+    found = total_torque((filled(effect, at, 17),), filled(_BODY, at, 8), at[7], four_at(at, 0), three_at(at, 4))
+    put(found, at, 0)
 
 
-def _with_attitude(integrator, body, effects, t, h, part, q, l):
-    return step(integrator, body, effects, t, h, part, q, l)
+# body and step stay the same from step to step: constants, so that what is made of them alone counts as little as it does before a loop
+_STILL, _STEP = MassProperties.of((0.61, 0.83, 1.07), (0.053, -0.022, 0.31)), 0.013
 
 
-def _momentum_alone(integrator, body, effects, t, h, part, q, l):
-    return step(integrator, body, effects, t, h, part, q, l)[1]
+def _with_attitude(integrator, effects, t, part, q, l):
+    return step(integrator, _STILL, effects, t, _STEP, part, q, l)
+
+
+def _momentum_alone(integrator, effects, t, part, q, l):
+    return step(integrator, _STILL, effects, t, _STEP, part, q, l)[1]
 
 
 def _counted(function, *arguments):

@@ -1,13 +1,29 @@
 """Torque and energy of the effects for many members at once, outside a run: by arrays where the formulas pass them, else compiled."""
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.effects.parameters import blank, numbers
 from rigidmc.effects.verbs import total_energy, total_torque
-from rigidmc.engine.compose import read, read_all
-from rigidmc.engine.entries import Compiled
-from rigidmc.engine.layout import LANES, four_at, put, three_at
+from rigidmc.engine.compose import NumbaError
+from rigidmc.engine.flops import refuse_misdeeds
+from rigidmc.engine.formulas import evaluate
+
+
+class Felt(NamedTuple):
+    """The torque of effects on a body [N m], and its potential energy [J]."""
+
+    q: tuple
+    l: tuple
+    body: MassProperties
+    effects: Any
+
+    def values(self):
+        x, y, z = total_torque(self.effects, self.body, 0.0, self.q, self.l)
+        return x, y, z, total_energy(self.effects, self.body, self.q)
+
 
 _BODY = MassProperties(*[0.0] * 9)
 
@@ -31,28 +47,11 @@ def torques(effects, body, q, l):
 def evaluated(effects, body, q, l):
     """Torque and energy (4, ...) by compiled code."""
     columns = np.broadcast_arrays(*q, *l, *body, *(value for e in effects for _, _, value in numbers(e)))
-    rows = np.ascontiguousarray([column.ravel() for column in columns], dtype=float)
-    out = np.empty((4, rows.shape[1]))
-    _compiled(blank(effects), rows, out)
-    return out.reshape(4, *columns[0].shape)
-
-
-def _fill(effects, rows, out):
-    """out[:, m] = torque and energy of the member whose attitude, momentum, body and effects are rows[:, m]."""
-    count = rows.shape[0]
-    work = np.empty((count + 4) * LANES)
-    for low in range(0, rows.shape[1], LANES):
-        for i in range(count):
-            for k in range(LANES):
-                work[i * LANES + k] = rows[i, min(low + k, rows.shape[1] - 1)]
-        for k in range(LANES):
-            q, l = four_at(work, k, 0), three_at(work, k, 4)
-            body, present = read(_BODY, work, 7, k, LANES), read_all(effects, work, 16, k, LANES)
-            x, y, z = total_torque(present, body, 0.0, q, l)
-            put((x, y, z, total_energy(present, body, q)), work, count * LANES + k, LANES)
-        for i in range(4):
-            for k in range(min(LANES, rows.shape[1] - low)):
-                out[i, low + k] = work[(count + i) * LANES + k]
-
-
-_compiled = Compiled(_fill)
+    rows = [column.ravel() for column in columns]
+    formula = Felt((0.0,) * 4, (0.0,) * 3, _BODY, blank(effects))
+    try:
+        found = evaluate(formula, 4, rows, threads=1)
+    except NumbaError:  # code of a user's own that takes one member only
+        refuse_misdeeds(effects)
+        found = evaluate(formula, 4, rows, threads=1, side=1)
+    return found.reshape(4, *columns[0].shape)

@@ -6,14 +6,12 @@ Source: Salmon, Moraes, Dror & Shaw, SC11 (2011); Box & Muller, Ann. Math. Stat.
 """
 
 import math
-import struct
 
 import numpy as np
-from numba.core import types
-from numba.extending import intrinsic, overload
 
 from rigidmc.dynamics.so3 import select, sincos_small
-from rigidmc.engine.compose import INLINE, inline
+from rigidmc.engine.compose import inline
+from rigidmc.engine.numbers import as_float, as_word
 
 _M0, _M1 = np.uint64(0xD2E7470EE14C6C93), np.uint64(0xCA5A826395121157)
 _W0, _W1 = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBB67AE8584CAA73B)
@@ -45,42 +43,6 @@ def rounds(left, c, key):
 def philox(key, counter):
     """Four random words of 64 bits: Philox4x64-10."""
     return rounds((0, 0, 0, 0, 0, 0, 0, 0, 0, 0), counter, key)
-
-
-@intrinsic
-def _as_float(typing_context, word):
-    def generate(context, builder, signature, values):
-        return builder.bitcast(values[0], context.get_value_type(types.float64))
-
-    return types.float64(types.uint64), generate
-
-
-@intrinsic
-def _as_word(typing_context, number):
-    def generate(context, builder, signature, values):
-        return builder.bitcast(values[0], context.get_value_type(types.uint64))
-
-    return types.uint64(types.float64), generate
-
-
-def as_float(word):
-    """The number whose bits are those of a word."""
-    return struct.unpack("<d", struct.pack("<Q", int(word)))[0]
-
-
-def as_word(number):
-    """The bits of a number as a word."""
-    return np.uint64(struct.unpack("<Q", struct.pack("<d", number))[0])
-
-
-@overload(as_float, jit_options=INLINE)
-def _compiled_as_float(word):
-    return lambda word: _as_float(word)
-
-
-@overload(as_word, jit_options=INLINE)
-def _compiled_as_word(number):
-    return lambda number: _as_word(number)
 
 
 def uniform(word):

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from rigidmc.dynamics.euler import mass_properties
 from rigidmc.dynamics.free_flow import Axes, relabel, squares, to_axis
-from rigidmc.dynamics.so3 import conjugate, dot, multiply, normalised, scale, select, sincos
+from rigidmc.dynamics.so3 import conjugate, dot, multiply, normalised, opposite, scale, select, sincos
 from rigidmc.engine.compose import inline_all
 from rigidmc.exact.jacobi import (
     Third,
@@ -96,7 +96,7 @@ def orbit(moments, l, q):
     body = mass_properties(moments, (0.0, 0.0, 0.0))
     # axis 2 is the middle one unless a1 a3 < 0; of a body symmetric about axis 2 either other axis will do
     elsewhere, one_fits = body.a1 * body.a3 < 0.0, body.a2 * body.a3 >= 0.0
-    first, last = elsewhere & one_fits, elsewhere & (not one_fits)
+    first, last = elsewhere & one_fits, elsewhere & opposite(one_fits)
     u = relabel(first, last, u)
     i1, i2, i3 = relabel(first, last, (body.i1, body.i2, body.i3))
     a1, a2, a3 = relabel(first, last, (body.a1, body.a2, body.a3))

@@ -9,13 +9,11 @@ import sys
 from typing import NamedTuple
 
 from rigidmc.dynamics.free_flow import arc
-from rigidmc.dynamics.so3 import select
+from rigidmc.dynamics.so3 import arctan2, rounded, select
 from rigidmc.engine.compose import inline_all
 
 SMALLEST = 1e-120  # mc below it is taken for it, and mc = 0 for the separatrix itself: K = 139.5 there, and sech K = 2e-60
 _TERMS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
-_ROUND = 6755399441055744.0  # 1.5 * 2^52
-_EIGHTH = 0.41421356237309503  # tan(pi/8)
 
 
 class Third(NamedTuple):
@@ -33,36 +31,6 @@ def third(nu, one_plus_nu, m_plus_nu):
 def divided(a, b):
     """a/b, and 0 where b is 0."""
     return select(b == 0.0, 0.0, a / select(b == 0.0, 1.0, b))
-
-
-def arctan2(y, x):
-    """atan2(y, x) without branch or libm call; |relative error| <= 3e-16; 0 for (0, 0)."""
-    a, b = abs(y), abs(x)
-    low, high = min(a, b), max(a, b)
-    high = select(high > 0.0, high, 1.0)
-    far = low > _EIGHTH * high
-    z = select(far, low - high, low) / select(far, high + low, high)
-    w = z * z
-    # atan z = z + z^3 P(z^2) on |z| <= tan(pi/8): interpolation at the Chebyshev nodes, relative error 7e-18
-    p = 0.03923165829558719 + w * -0.01917688706911062
-    p = -0.0508544973794026 + w * p
-    p = 0.0585814891280221 + w * p
-    p = -0.06664511447381948 + w * p
-    p = 0.07692183190826087 + w * p
-    p = -0.09090904578123903 + w * p
-    p = 0.11111111015256361 + w * p
-    p = -0.14285714284666542 + w * p
-    p = 0.1999999999999552 + w * p
-    p = -0.3333333333333333 + w * p
-    angle = z + z * w * p + select(far, 0.25 * math.pi, 0.0)
-    angle = select(a > b, 0.5 * math.pi - angle, angle)
-    angle = select(x < 0.0, math.pi - angle, angle)
-    return select(y < 0.0, -angle, angle)
-
-
-def nearest_integer(x):
-    """The integer next to x, |x| < 2^51."""
-    return (x + _ROUND) - _ROUND
 
 
 def _mean(ab):
@@ -197,7 +165,7 @@ def complete(quarter, m, mc, thirds):
 
 def reduced(u, mc, quarter):
     """(n, v): u = 2 n K + v with |v| <= K; a soliton (mc = 0) has no period, and past K(SMALLEST) nothing but its angles moves."""
-    n = select(mc > 0.0, nearest_integer(u / (2.0 * quarter)), 0.0)
+    n = select(mc > 0.0, rounded(u / (2.0 * quarter)), 0.0)
     v = u - 2.0 * n * quarter
     return n, max(min(v, quarter), -quarter)
 
@@ -209,7 +177,7 @@ def angle_past(one, angle, whole, u, n, v, mc):
 
 def parity(n):
     """(-1)^n of a whole number n."""
-    return 1.0 - 2.0 * abs(n - 2.0 * nearest_integer(0.5 * n))
+    return 1.0 - 2.0 * abs(n - 2.0 * rounded(0.5 * n))
 
 
 class JacobiAt(NamedTuple):

@@ -16,7 +16,7 @@ import math
 import sys
 from typing import NamedTuple
 
-from rigidmc.dynamics.so3 import select, sincos, up
+from rigidmc.dynamics.so3 import opposite, select, sincos, up
 from rigidmc.engine.compose import inline_all
 from rigidmc.exact.jacobi import (
     Third,
@@ -116,7 +116,7 @@ def differences(beta, f0, f1, f2):
     # last: big = beta s3, the pair is s1 and s2; else big = beta s1, the pair is beta s2 and beta s3, and a start at u1 has big = 0
     product = -divided(select(last, f0, beta * beta * f0), big)
     total = divided(select(last, f1 - beta * product, beta * f1 - product), big)
-    small = (not last) & (2.0 * abs(big) < abs(f2 + big))
+    small = opposite(last) & (2.0 * abs(big) < abs(f2 + big))
     total = select(small, -f2 - big, total)
     product = select(small, beta * f1 - big * total, product)
     # from u'^2(0) to all its digits, where the Newton step leaves 1e-16 of the others: 0 for a start at u1
@@ -168,7 +168,7 @@ def orbit(a, c, k, l, q):
     m, mc = divided(beta * width, span), select(span > 0.0, divided(beta * v2 + r3v, span), 1.0)
     # amplitude at t = 0
     still = (span == 0.0) | ((mc == 0.0) & (s2 == 0.0))
-    moves = (width > 0.0) & (not still)
+    moves = (width > 0.0) & opposite(still)
     sn = select(moves, math.sqrt(divided(-s1, width)), 0.0)
     cn = select(moves, math.sqrt(divided(s2, width)), 1.0)
     m, mc = select(still, 0.0, m), select(still, 1.0, mc)

@@ -35,4 +35,4 @@ def form(kind, turns=None, effects=()):
     """The Form of an integrator of INTEGRATORS for steps that turn by `turns`."""
     if hasattr(kind, "prepared"):
         return kind.prepared(turns or Turns(), effects)
-    return Form(kind, np.array(ONE))
+    return kind.form() if hasattr(kind, "form") else Form(kind, np.array(ONE))

@@ -2,9 +2,27 @@
 
 from typing import NamedTuple
 
+import numpy as np
+
 from rigidmc.dynamics.euler import scaled, spun, turn, twice
-from rigidmc.dynamics.so3 import add, add4, axpy, axpy4, difference, difference4, gain, gain4, third, turned, whole
-from rigidmc.effects.verbs import push
+from rigidmc.dynamics.so3 import (
+    add,
+    add4,
+    axpy,
+    axpy4,
+    by_precision,
+    difference,
+    difference4,
+    gain,
+    gain4,
+    scale4,
+    select,
+    third,
+    turned,
+    whole,
+)
+from rigidmc.effects.verbs import push, total_torque
+from rigidmc.integrators.forms import Form
 from rigidmc.integrators.rk8 import changes, combined
 
 _START = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
@@ -38,11 +56,18 @@ class RK4(NamedTuple):
     conserves = ()
     accepts = "any torque"
     compensated = True
+    groups = (
+        2  # of members whose steps are made one after the other: a stage waits for the one before, and the next group's need not
+    )
     largest_turn = 2.0  # [rad] in a step: off by 0.03 rad after a turn (median of 100 bodies; 0.17 at worst), by 0.4 and 3 at 4 rad
+
+    def form(self):
+        """The Form of steps without remainders and works."""
+        return Form(ScaledRK4(), np.array([(1.0, 0.0, 0.0, 0.0), (1.0, 1.0, 0.0, 0.0)]))
 
     def step(self, body, effects, t, h, q, l):
         # Rates are scaled by h/2 once, stages x, y, z are made in fused multiply-adds, and the stages themselves are summed:
-        # 3 q(t + h) = x + 2 y + z - q + (rate at z). 110 multiplications free, against 132 for q + h/6 (k1 + 2 k2 + 2 k3 + k4).
+        # 3 q(t + h) = x + 2 y + z - q + (rate at z).
         if len(q) == 2:  # pairs with the remainders of all sums
             return compensated_step(body, effects, t, h, q, l)
         half = scaled(body, 0.5 * h)
@@ -58,3 +83,100 @@ class RK4(NamedTuple):
         dl = push(effects, body, t + h, 0.5 * h, z, lz, spun(half, dl, lz))
         l = axpy(l, 1.0 / 3.0, dl)
         return third(turned(axpy4(add4(difference4(x, q), z), 2.0, y), z, turn(half, lz))), l
+
+
+class ScaledRK4(NamedTuple):
+    """RK4 as it is compiled: between steps of h it keeps w = h omega/4 in place of L, which no stage has to scale, and of a free body 3 q.
+
+    A stage is q + x (0, w) in 12 multiply-adds, and 3 q(t + h) = x + 2 y + z - q + z (0, w). 88 products and multiply-adds a step of a free body, where
+    stages by q and L take 108; the norm of a free body's q is found beside the stages, from what the step begins with: the step is linear in q.
+    """
+
+    groups = 2
+
+    def with_sums(self):
+        """The Form of steps with remainders, or works."""
+        return Form(RK4(), np.array([(0.0, 0.0, 0.0, 0.0), (1.0, 1.0, 0.0, 0.0)]))
+
+    def opened(self, body, effects, part, q, l):
+        x, y, z = quarters(body, part[0])
+        return tripled(effects, q), (x * l[0], y * l[1], z * l[2])
+
+    def closed(self, body, effects, part, q, l):
+        x, y, z = quarters(body, part[0])
+        return normal(effects, q), ((1.0 / x) * l[0], (1.0 / y) * l[1], (1.0 / z) * l[2])
+
+    def step(self, body, effects, t, h, q, l):
+        k = couplings(body)
+        x = turned(q, q, l)
+        wx = pushed(effects, body, t, h, 0.5, q, l, advanced(k, l, l))
+        y = turned(q, x, wx)
+        wy = pushed(effects, body, t + 0.5 * h, h, 0.5, x, wx, advanced(k, l, wx))
+        double = add(wy, wy)
+        z = turned(q, y, double)
+        wz = pushed(effects, body, t + 0.5 * h, h, 1.0, y, wy, advanced_by_two(k, l, wy, double))
+        # w is summed by small differences: what it keeps is looked at to the last digit
+        dw = axpy(add(difference(wx, l), difference(wz, l)), 2.0, difference(wy, l))
+        dw = pushed(effects, body, t + h, h, 0.5, z, wz, advanced(k, dw, wz))
+        new = turned(axpy4(add4(difference4(x, q), z), 2.0, y), z, wz)
+        return renormed(effects, q, new), axpy(l, 1.0 / 3.0, dw)
+
+
+def quarters(body, h):
+    """h/4 times the reciprocal moments; of a step back of no length, as one to an event may be, that of next to none, or w would tell nothing."""
+    h = select(h == 0.0, by_precision(h, 1e-30, 1e-20), h)
+    return 0.25 * h * body.i1, 0.25 * h * body.i2, 0.25 * h * body.i3
+
+
+def couplings(body):
+    """k with h/2 dw_i/dt = k_i w_j w_k of a free body: 2 (I_j - I_k)/I_i, in an order in which no product leaves the range of numbers."""
+    one, two, three = 1.0 / body.i1, 1.0 / body.i2, 1.0 / body.i3
+    return (
+        2.0 * (body.a1 * two) * (three * body.i1),
+        2.0 * (body.a2 * three) * (one * body.i2),
+        2.0 * (body.a3 * one) * (two * body.i3),
+    )
+
+
+def advanced(k, onto, w):
+    """onto + h/2 dw/dt of a free body."""
+    return onto[0] + k[0] * (w[1] * w[2]), onto[1] + k[1] * (w[2] * w[0]), onto[2] + k[2] * (w[0] * w[1])
+
+
+def advanced_by_two(k, onto, w, double):
+    """onto + h dw/dt of a free body, double = 2 w."""
+    return onto[0] + k[0] * (double[1] * w[2]), onto[1] + k[1] * (double[2] * w[0]), onto[2] + k[2] * (double[0] * w[1])
+
+
+def pushed(effects, body, t, h, share, q, w, change):
+    """change + share h dw/dt by the torques at (t, q, L)."""
+    if len(effects) == 0:
+        return change
+    x, y, z = quarters(body, h)
+    one, two, three = total_torque(effects, body, t, q, ((1.0 / x) * w[0], (1.0 / y) * w[1], (1.0 / z) * w[2]))
+    return change[0] + (share * h * x) * one, change[1] + (share * h * y) * two, change[2] + (share * h * z) * three
+
+
+def tripled(effects, q):
+    """3 q of a free body, q of another: torques want a unit quaternion."""
+    if len(effects) == 0:
+        return scale4(3.0, q)
+    return q
+
+
+def normal(effects, q):
+    """The unit quaternion of what `tripled` gave."""
+    if len(effects) == 0:
+        return third(q)
+    return q
+
+
+def renormed(effects, q, new):
+    """The state after a step from q, which has the norm 3 of a free body, else 1, to three times as long.
+
+    Of a free body by one Newton step: off by 1e-11 after steps of 0.5 rad, by 1e-4 after those of 2 rad, and no more after many; where the state is looked at
+    it is exact, and nothing else depends on it.
+    """
+    if len(effects) == 0:
+        return scale4(0.5 - (1.0 / 54.0) * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]), new)
+    return third(new)

@@ -82,6 +82,7 @@ class RK8(NamedTuple):
     conserves = ()
     accepts = "any torque"
     compensated = True
+    groups = 2  # see `rigidmc.integrators.rk4`
 
     def step(self, body, effects, t, h, q, l):
         state, momentum = q, l

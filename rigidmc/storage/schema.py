@@ -8,7 +8,7 @@ from rigidmc import __version__
 from rigidmc.effects import labelled
 from rigidmc.effects.parameters import shape
 from rigidmc.effects.verbs import is_random
-from rigidmc.engine.kernel import LOOK
+from rigidmc.engine.cpu import LOOK
 from rigidmc.engine.layout import STATUSES
 from rigidmc.observables import OBSERVABLES, outputs
 from rigidmc.sampling import is_shared, rows

@@ -32,8 +32,8 @@ from rigidmc.dynamics.so3 import (
     two_sum,
     up,
 )  # fmt: skip
-from rigidmc.engine import kernel  # noqa: F401  (sets the vector width before anything is compiled)
-from rigidmc.engine.compose import FLAGS
+from rigidmc.engine import entries  # noqa: F401  (sets the vector width before anything is compiled)
+from rigidmc.engine.fused import FLAGS
 from tests.reference import hat, rodrigues, rotation, unit
 
 compiled_sincos = njit(**FLAGS)(lambda x: so3.sincos(x))

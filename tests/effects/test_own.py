@@ -9,8 +9,11 @@ from typer.testing import CliRunner
 
 import rigidmc as rm
 from rigidmc.cli import app
+from rigidmc.dynamics.euler import MassProperties
 from rigidmc.dynamics.so3 import up
 from rigidmc.engine.flops import unpacked
+from rigidmc.integrators import INTEGRATORS
+from tests.kernels import one_step, prepare
 
 BODY = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3))
 START = rm.Start(omega=(0.1, 1.0, 0.2), attitude="uniform")
@@ -121,6 +124,13 @@ class Sine(NamedTuple):
         return self.size * math.sin(l[0]), 0.0, 0.0
 
 
+class Gamma(NamedTuple):
+    size: float
+
+    def torque(self, l):
+        return self.size * math.gamma(1.5 + 0.1 * math.sin(l[0])), 0.0, 0.0
+
+
 @pytest.mark.parametrize(("effect", "words"), [
     (Upside(9.81), r"Upside.torque.*is not that of its energy"),
     (Raises(1.0), r"Raises.torque.*line \d+: return math.sqrt.*ValueError"),
@@ -148,10 +158,18 @@ class Five(NamedTuple):
         return (x, 0.0, 0.0) if l[0] > 0.3 else (0.0, x, 0.0)
 
 
+class Switch(NamedTuple):
+    size: float
+
+    def torque(self, l):
+        if l[0] > 0.3:
+            return -self.size, 0.0, 0.0
+        return self.size, 0.0, self.size * l[1]
+
+
 def test_whether_it_is_packed_is_told_and_why_not():
-    assert unpacked(Five(1.0)) == unpacked(Weight(9.81)) == ""
-    assert "calls sin of the library" in unpacked(Sine(1.0))
-    assert "loops as often as numbers say" in unpacked(Halving(1.0))
+    assert unpacked(Sine(1.0)) == unpacked(Weight(9.81)) == ""
+    assert all("takes one number at a time" in unpacked(kind(1.0)) for kind in (Five, Gamma, Halving, Switch))
 
 
 FILE = """
@@ -227,5 +245,13 @@ def test_an_own_effect_runs_as_a_built_in_one():
     own, known = rm.simulate(scene(Weight(9.81))), rm.simulate(scene(rm.Gravity(9.81)))
     assert np.abs(own.momentum - known.momentum).max() < 1e-12
     assert own.energy_drift_max.attrs["conserved"] == "yes"
-    with pytest.warns(rm.SceneWarning, match="Sine calls sin of the library"):
-        rm.simulate(scene(Sine(0.1)))
+    for kind in (Gamma, Switch):
+        with pytest.warns(
+            rm.SceneWarning, match=f"{kind.__name__}.*takes one number at a time.*members are not worked on side by side"
+        ):
+            alone = rm.simulate(scene(kind(0.1)))
+        q, l = (tuple(alone[name].isel(time=0, member=0).values.tolist()) for name in ("attitude", "momentum"))
+        body, made = MassProperties.of((1.0, 1.4, 2.0), (0.1, 0.2, 0.3)), prepare(INTEGRATORS["rk4"], 0.1, (kind(0.1),))
+        for i in range(100):
+            q, l = one_step(made, body, (kind(0.1),), 0.01 * i, 0.01, q, l)
+        assert np.abs(alone.momentum.isel(time=-1, member=0).values - l).max() < 1e-13

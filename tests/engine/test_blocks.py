@@ -9,13 +9,14 @@ import pytest
 from rigidmc.engine import blocks
 from rigidmc.integrators import RK4, form
 from tests.engine.test_kernel import EFFECTS, EVERYTHING, ROWS, tops
+from tests.kernels import program
 
 H, TOTAL, STRIDE, MEMBERS = 0.01, 200, 30, 96
 
 
 def job(low, size, out):
     return SimpleNamespace(
-        how=(*form(RK4()), EFFECTS, EVERYTHING, (0.0,), (), np.empty(0), *((),) * 7), h=H, slots=1, total=TOTAL, stride=STRIDE, rounds=TOTAL,
+        program=program(form(RK4()), EFFECTS, EVERYTHING), noise=None, order=None, h=H, slots=1, total=TOTAL, stride=STRIDE, rounds=TOTAL,
         block=np.ascontiguousarray(tops()[:, low : low + size]), out=out, width=MEMBERS, column=low,
     )  # fmt: skip
 

@@ -11,19 +11,18 @@ import pytest
 
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.effects import Gravity, ViscousDamping
-from rigidmc.engine import kernel
+from rigidmc.engine import cpu
 from rigidmc.engine import layout as K
 from rigidmc.integrators import INTEGRATORS, Turns, accepting, form
 from rigidmc.observables import OBSERVABLES
 from rigidmc.studies.problems import PROBLEMS
-from tests.kernels import SIZES, block_of, make_block, run, slots
+from tests.kernels import SIZES, block_of, make_block, program, run, slots
 
 EFFECTS = Gravity(9.81), ViscousDamping(0.1)
 EVERYTHING = tuple(kind() for kind in OBSERVABLES.values())
 ROWS = sum(SIZES[o.dims] for o in EVERYTHING)
 H, TOTAL, STRIDE, MEMBERS = 0.01, 47, 10, 96  # the last save is off the stride
-NO_MORE = ((),) * 6  # limits, noise, ledger, events, running, shadow
-RK4, NOTHING = form(INTEGRATORS["rk4"]), np.empty(0)
+RK4 = form(INTEGRATORS["rk4"])
 
 
 def tops(members=MEMBERS, effects=EFFECTS):
@@ -57,27 +56,10 @@ def in_blocks(size, threads):
     parts = [np.ascontiguousarray(block[:, low : low + size]) for low in range(0, MEMBERS, size)]
     out = np.zeros(slots(TOTAL, STRIDE) * ROWS * MEMBERS)
 
+    moves = program(RK4, EFFECTS, EVERYTHING)
+
     def work(i):
-        kernel.advance(
-            *RK4,
-            EFFECTS,
-            EVERYTHING,
-            (0.0,),
-            (),
-            NOTHING,
-            (),
-            *NO_MORE,
-            parts[i],
-            out,
-            MEMBERS,
-            i * size,
-            H,
-            1,
-            0,
-            TOTAL,
-            STRIDE,
-            TOTAL,
-        )
+        moves.advance(parts[i], cpu.Run(H, 1, STRIDE, TOTAL, 0, 0, TOTAL), None, cpu.Saves(out, MEMBERS, i * size, np.arange(size)))
 
     with ThreadPoolExecutor(threads) as pool:
         list(pool.map(work, range(len(parts))))

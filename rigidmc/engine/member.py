@@ -1,0 +1,402 @@
+"""The life of one member: it begins, it makes steps, it is looked at, and it is recorded.
+
+Written for one number and compiled for vectors of them (`rigidmc.engine.numbers`), so that several members live it side by side; uncompiled it runs on
+floats. Each function here is a piece that is compiled by itself and called by `rigidmc.engine.cpu`: another observable compiles `record` alone.
+
+kinds, numbers : what the piece is compiled for, and its numbers, see `rigidmc.engine.compose.Kinds`
+parts : those of a Form, see `rigidmc.integrators.forms`, flat;  state, work : rows, see `rigidmc.engine.layout`
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rigidmc.dynamics.euler import angular_velocity, kinetic_energy
+from rigidmc.dynamics.so3 import dot, first_three, joined, scale, select, select3, select4, up, whole
+from rigidmc.effects.verbs import booked, gross, total_energy, total_energy_scale
+from rigidmc.engine.compose import filled, given, has_noise, inline, rows_of, with_noise
+from rigidmc.engine.layout import (
+    ATTITUDE,
+    BEGAN,
+    BODY,
+    BODY_AT,
+    DRIFT,
+    EACH,
+    EFFECTS,
+    EFFECTS_AT,
+    FAULT_STEP,
+    GOOD,
+    GOOD_STEP,
+    HELD,
+    INDEX,
+    KNOWN,
+    LENGTH,
+    MOMENTUM,
+    REST,
+    START,
+    STATUS,
+    STEPS,
+    STOPPED,
+    TRUE,
+    body_at,
+    four_at,
+    put,
+    put_state,
+    state_at,
+    three_at,
+    tuple_at,
+)  # fmt: skip
+from rigidmc.engine.noise import normals, philox
+from rigidmc.engine.numbers import as_word, like, load, store, stream
+from rigidmc.integrators.verbs import closed, opened, step
+from rigidmc.observables.verbs import value
+
+ALWAYS = 1e300  # steps of a round, where members have no number of their own
+
+
+def enter(kinds, numbers, block, rows, members, low, own, h, round_time, state, work):
+    """Bring the rows of the members from `low` on side by side, of a block of so many rows and members.
+
+    own, h, round_time : whether members have steps of their own, which then divide a round of h; when the round began
+    """
+    for i in range(rows):
+        x = load(work, block, i * members + low)
+        work[KNOWN + i] = x
+        if i < START:
+            state[i] = like(x, state)
+        if i >= BODY:
+            state[BODY_AT + i - BODY] = like(x, state)
+    each = load(work, block, STEPS * members + low) if own != 0 else like(ALWAYS, work)
+    work[EACH] = each
+    work[LENGTH] = h / each if own != 0 else like(h, work)
+    work[BEGAN] = like(round_time, work)
+    work[STOPPED] = like(0.0, work)
+    return 0
+
+
+def leave(kinds, numbers, block, rows, members, low, works, works_at, done, state, work):
+    """Put the rows of the members from `low` on back; where the run is done, with the last good state. works : so many, whose rows begin at works_at."""
+    for i in range(rows):
+        at = i * members + low
+        if i < START:
+            x = work[KNOWN + GOOD + i] if (done != 0 and i < REST) else like(state[i], work)
+            store(block, at, x)
+        elif i < BODY:
+            store(block, at, work[KNOWN + i])
+        elif i >= works_at + 2 * works:
+            store(block, at, like(state[BODY_AT + i - BODY], work))
+        elif i >= works_at + works:
+            store(block, at, work[KNOWN + i])
+        elif i >= works_at:
+            store(block, at, work[KNOWN + i + works] if done != 0 else like(state[BODY_AT + i - BODY], work))
+    return 0
+
+
+def begin(kinds, numbers, parts, state, work):
+    """Note energy and momentum of the start, judge it, and bring the state to how the integrator keeps it between steps."""
+    integrator, effects, _, _, limits, ledger = given(kinds, numbers)
+    body, present = body_at(work, KNOWN + BODY), filled(effects, work, KNOWN + EFFECTS)
+    works = KNOWN + EFFECTS + rows_of(effects)
+    q, l = four_at(work, KNOWN + ATTITUDE), three_at(work, KNOWN + MOMENTUM)
+    kinetic, squared = kinetic_energy(body, l), dot(l, l)
+    energy, in_play = kinetic + total_energy(present, body, q), kinetic + total_energy_scale(present, body)
+    compared = max(abs(energy), 1e-3 * in_play)
+    start = (
+        energy,
+        1.0 / select(compared > 0.0, compared, 1.0),
+        squared,
+        1.0 / select(squared > 0.0, squared, 1.0),
+        1.0 / select(in_play > 0.0, in_play, 1.0),
+    )
+    put(start, work, KNOWN + START)
+    found = select(is_finite(q, l, energy, squared), 0.0, 1.0)
+    largest = math.sqrt(2.0 / (start[4] * min(min(body.i1, body.i2), body.i3)))
+    scales = start[4], dot(up(q), l), 1.0 / select(largest > 0.0, largest, 1.0)
+    put(scales[1:], work, KNOWN + START + 5)
+    found = fault(limits, found, start, (scales[0], scales[1], 0.0), q, l, angular_velocity(body, l), work[LENGTH], energy, squared)
+    status = work[KNOWN + STATUS]
+    status = select(status == 0.0, found, status)
+    healthy = status == 0.0
+    drift = select(healthy, 0.0, math.nan)
+    put((drift, drift, status, 0.0, select(healthy, -1.0, 0.0)), work, KNOWN + DRIFT)
+    put(q + l, work, KNOWN + GOOD)
+    h = work[LENGTH]
+    l = joined(l, tuple_at(ledger, work, works))
+    q, l = opened(integrator, body, present, work[BEGAN] + parts[3] * h, (parts[0] * h, parts[1] * h, parts[2] * h), q, l)
+    put(in_precision(q + first_three(l), state), state, ATTITUDE)
+    put(in_precision(l[3:], state), state, EFFECTS_AT + rows_of(effects))
+    return 0
+
+
+def march(kinds, numbers, parts, count, state, work, trace, traced, key, other, streams, rounds, first, last):
+    """Make the steps from `first` to `last` of a round, of `count` - 1 parts each.
+
+    trace, traced : where the state after each step goes, seven rows a step, unless traced is 0
+    key, other, streams, rounds : the two words of the seed, the stream of each random effect, and the number of the round, which no two steps share
+
+    The members that are worked on side by side may be in groups, whose steps are made one after the other: while those of one wait for a result, a processor
+    works on another's.
+    """
+    integrator, effects, attitude, compensated, ledger, groups = given(kinds, numbers)
+    works = EFFECTS_AT + rows_of(effects)
+    fixed = all_fixed(groups, groups, 0, effects, state, work)
+    moving = all_moving(groups, groups, 0, compensated, ledger, works, state)
+    for s in range(first, last):
+        number = (np.uint64(rounds) << np.uint64(32)) | np.uint64(s)
+        present = all_shaken(fixed, (key, other), number, streams)
+        for p in range(1, count):
+            at = 4 * p
+            moving = all_stepped(
+                integrator, attitude, present, s + parts[at + 3], (parts[at], parts[at + 1], parts[at + 2]), moving
+            )
+        if traced != 0:
+            all_traced(groups, groups, 0, moving, trace, 7 * (s - first))
+    all_put(groups, groups, 0, moving, compensated, works, state)
+    return 0
+
+
+class Fixed(NamedTuple):
+    """What a group of members takes through its steps: body, effects, when the round began, the length of a step, that in the precision of the run, and the
+    bits of the members' index."""
+
+    body: Any
+    effects: Any
+    began: Any
+    length: Any
+    h: Any
+    index: Any
+
+
+def all_fixed(left, groups, i, effects, state, work):
+    """What is Fixed of each group."""
+    if len(left) == 0:
+        return ()
+    mine, known = stream(state, groups, i), stream(work, groups, i)
+    one = Fixed(
+        body_at(mine, BODY_AT),
+        filled(effects, mine, EFFECTS_AT),
+        known[BEGAN],
+        known[LENGTH],
+        like(known[LENGTH], mine),
+        known[INDEX],
+    )
+    return (one,) + all_fixed(left[1:], groups, i + 1, effects, state, work)
+
+
+def all_moving(left, groups, i, compensated, ledger, works, state):
+    """(q, L) of each group."""
+    if len(left) == 0:
+        return ()
+    return (state_at(stream(state, groups, i), compensated, ledger, works),) + all_moving(
+        left[1:], groups, i + 1, compensated, ledger, works, state
+    )
+
+
+def all_shaken(fixed, key, number, streams):
+    """What is Fixed of each group, the random effects with the deviates of a step."""
+    if len(fixed) == 0:
+        return ()
+    body, effects, began, length, h, index = fixed[0]
+    one = Fixed(body, shaken(effects, key, index, number, streams, 0, h), began, length, h, index)
+    return (one,) + all_shaken(fixed[1:], key, number, streams)
+
+
+def all_stepped(integrator, attitude, fixed, when, shares, moving):
+    """(q, L) of each group after a part of a step, whose torque is that of the time `when`, in steps; shares: its times in steps."""
+    if len(fixed) == 0:
+        return ()
+    one, (q, l), length, h = fixed[0], moving[0], fixed[0].length, fixed[0].h
+    part = like(shares[0] * length, h), like(shares[1] * length, h), like(shares[2] * length, h)
+    moved, l = step(integrator, one.body, one.effects, like(one.began + when * length, h), h, part, q, l)
+    rest = all_stepped(integrator, attitude, fixed[1:], when, shares, moving[1:])
+    return ((carried(attitude, moved, q), l),) + rest
+
+
+def carried(attitude, moved, q):
+    """The attitude after a step, where it is moved at all."""
+    if len(attitude) == 0:
+        return q
+    return moved
+
+
+def all_traced(left, groups, i, moving, trace, row):
+    """Write the states of all groups to the trace."""
+    if len(left) == 0:
+        return 0
+    put(whole(moving[0][0]) + first_three(whole(moving[0][1])), stream(trace, groups, i), row)
+    return all_traced(left[1:], groups, i + 1, moving[1:], trace, row)
+
+
+def all_put(left, groups, i, moving, compensated, works, state):
+    """Write the states of all groups to their rows."""
+    if len(left) == 0:
+        return 0
+    put_state(moving[0][0], moving[0][1], stream(state, groups, i), compensated, works)
+    return all_put(left[1:], groups, i + 1, moving[1:], compensated, works, state)
+
+
+def look(kinds, numbers, parts, state, work, rounds, slot):
+    """Look at the state after `slot` steps of a round, `rounds` of which are done: its drifts, and whether it is well; one that is not stays as it last was.
+
+    Energy counts the work of effects without an energy as its own, where that is booked.
+    """
+    integrator, effects, attitude, compensated, limits, ledger = given(kinds, numbers)
+    body, present = body_at(work, KNOWN + BODY), filled(effects, work, KNOWN + EFFECTS)
+    works = KNOWN + EFFECTS + rows_of(effects)
+    h, made = work[LENGTH], min(work[EACH], slot)
+    q, l = seen(state, work, compensated)
+    l = joined(l, in_precision(tuple_at(ledger, state, EFFECTS_AT + rows_of(effects)), work))
+    t = work[BEGAN] + (made + parts[3]) * h
+    q, l = closed(integrator, body, present, t, (parts[0] * h, parts[1] * h, parts[2] * h), q, l)
+    done, stopped = l[3:], work[STOPPED] > 0.0
+    q = carried(attitude, q, four_at(work, KNOWN + GOOD))
+    q, l = select4(stopped, four_at(work, HELD), q), select3(stopped, three_at(work, HELD + 4), first_three(l))
+    energy, squared = kinetic_energy(body, l) + total_energy(present, body, q), dot(l, l)
+    put(q + l + (energy, squared), work, TRUE)
+    before, start = work[KNOWN + STATUS], booked(four_at(work, KNOWN + START), ledger, done)
+    found = select(is_finite(q, l, energy, squared), 0.0, 1.0)
+    scales = three_at(work, KNOWN + START + 4)
+    less = scales[0] / (1.0 + scales[0] * gross(done)), scales[1], scales[2]
+    found = fault(limits, found, start, less, q, l, angular_velocity(body, l), h, energy, squared)
+    was, counted = before == 0.0, (before == 0.0) & (found != 1.0)  # the drift that flagged a member is told
+    healthy, caught = was & (found == 0.0), was & (found > 0.0)
+    drifts = abs((energy - start[0]) * start[1]), abs((squared - start[2]) * start[3])
+    larger(counted, drifts, work, KNOWN + DRIFT)
+    steps = rounds * work[EACH] + made
+    work[KNOWN + STATUS] = select(was, found, before)
+    work[KNOWN + GOOD_STEP] = select(healthy, steps, work[KNOWN + GOOD_STEP])
+    work[KNOWN + FAULT_STEP] = select(caught, steps, work[KNOWN + FAULT_STEP])
+    good = select4(healthy, q, four_at(work, KNOWN + GOOD)) + select3(healthy, l, three_at(work, KNOWN + GOOD + 4))
+    put(good, work, KNOWN + GOOD)
+    frozen = work[KNOWN + STATUS] > 0.0
+    keep(frozen, tuple_at(ledger, work, works + len(ledger)), done, work, works + len(ledger), state, EFFECTS_AT + rows_of(effects))
+    freeze(frozen | stopped, good, state, 0)
+    return 0
+
+
+def record(kinds, numbers, work, out, at, width, t):
+    """Write the values of all observables of the last good state, each `width` numbers after the other from out[at] on."""
+    observables, effects, ledger = given(kinds, numbers)
+    body, present = body_at(work, KNOWN + BODY), filled(effects, work, KNOWN + EFFECTS)
+    works = tuple_at(ledger, work, KNOWN + EFFECTS + rows_of(effects) + len(ledger))
+    q, l = four_at(work, KNOWN + GOOD), three_at(work, KNOWN + GOOD + 4)
+    start = booked(four_at(work, KNOWN + START), ledger, works)
+    write_all(observables, body, present, t, q, l, start, works, work, out, at, width)
+    return 0
+
+
+def shaken(effects, key, member, number, streams, i, state):
+    """The effects, the random ones with the deviates of a member for a step: a function of (seed, stream, member, step) and of nothing else."""
+    if len(effects) == 0:
+        return ()
+    if has_noise(effects[0]):
+        deviates = normals(philox(key, (as_word(member), number, streams[i], np.uint64(1))))
+        first = with_noise(effects[0], in_precision(deviates, state))
+        return (first,) + shaken(effects[1:], key, member, number, streams, i + 1, state)
+    return (effects[0],) + shaken(effects[1:], key, member, number, streams, i, state)
+
+
+def is_finite(q, l, energy, squared):
+    """Whether no number of a state is infinite or none: 0 times any of those is not 0."""
+    return 0.0 * (energy + squared + q[0] + q[1] + q[2] + q[3]) == 0.0
+
+
+def fault(limits, endless, start, scales, q, l, omega, h, energy, squared):
+    """The status of a member: 1 where it is not finite, else the first of the limits that it exceeds, or 0.
+
+    scales = (1/energies in play, L_z(0), 1/largest |L|)
+    """
+    if len(limits) == 0:
+        return endless
+    w = scale(h, omega)
+    drift, drift2 = abs((energy - start[0]) * scales[0]), abs((squared - start[2]) * start[3])
+    drift_z = abs((dot(up(q), l) - scales[1]) * scales[2])
+    found = select(drift2 > limits[1], 4.0, select(drift_z > limits[2], 4.0, 0.0))
+    found = select(drift > limits[0], 3.0, found)
+    found = select(dot(w, w) > limits[3] * limits[3], 5.0, found)
+    found = select(abs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1.0) > limits[4], 6.0, found)
+    return select(endless == 0.0, found, 1.0)
+
+
+def in_precision(values, other):
+    """Numbers in the precision of others."""
+    if len(values) == 0:
+        return ()
+    return (like(values[0], other),) + in_precision(values[1:], other)
+
+
+def seen(state, work, compensated):
+    """(q, L) of a state in float64, with the remainders where they are kept."""
+    q, l = in_precision(four_at(state, ATTITUDE), work), in_precision(three_at(state, MOMENTUM), work)
+    if len(compensated) == 0:
+        return q, l
+    rest, more = in_precision(four_at(state, REST), work), in_precision(three_at(state, REST + 4), work)
+    return (
+        (q[0] + rest[0], q[1] + rest[1], q[2] + rest[2], q[3] + rest[3]),
+        (l[0] + more[0], l[1] + more[1], l[2] + more[2]),
+    )
+
+
+def larger(counted, values, work, row):
+    """Keep the larger of values and what the rows have, where they count."""
+    if len(values) == 0:
+        return 0
+    work[row] = select(counted & (values[0] > work[row]), values[0], work[row])
+    return larger(counted, values[1:], work, row + 1)
+
+
+def freeze(frozen, good, state, row):
+    """Put the state of a member that is frozen back to its last good one."""
+    if len(good) == 0:
+        return 0
+    state[row] = select(frozen, like(good[0], state), state[row])
+    state[REST + row] = select(frozen, like(0.0 * good[0], state), state[REST + row])
+    return freeze(frozen, good[1:], state, row + 1)
+
+
+def keep(frozen, good, done, work, row, state, at):
+    """Note works as the last good ones, or where a member is frozen put them back."""
+    if len(good) == 0:
+        return 0
+    work[row] = select(frozen, good[0], done[0])
+    state[at] = select(frozen, like(good[0], state), state[at])
+    return keep(frozen, good[1:], done[1:], work, row + 1, state, at + 1)
+
+
+def write_all(observables, body, effects, t, q, l, start, works, work, out, at, width):
+    """Write the values of observables, one after the other."""
+    if len(observables) == 0:
+        return at
+    at = write(value(observables[0], body, effects, t, q, l, start, works), work, out, at, width)
+    return write_all(observables[1:], body, effects, t, q, l, start, works, work, out, at, width)
+
+
+def write(values, work, out, at, width):
+    """Write a tuple to out[at], out[at + width], ..."""
+    if len(values) == 0:
+        return at
+    store(out, at, like(values[0], work))
+    return write(values[1:], work, out, at + width, width)
+
+
+for _function in (
+    all_fixed,
+    all_moving,
+    all_shaken,
+    all_stepped,
+    carried,
+    all_traced,
+    all_put,
+    shaken,
+    is_finite,
+    fault,
+    in_precision,
+    seen,
+    larger,
+    freeze,
+    keep,
+    write_all,
+    write,
+):
+    inline(_function)

@@ -1,0 +1,119 @@
+"""Pieces of compiled code, each compiled by itself, and called by its address: another observable or event compiles its piece and no other."""
+
+import gc
+import sys
+import threading
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit, typeof
+from numba.core import types
+from numba.extending import intrinsic, overload
+
+import rigidmc.engine.functions  # noqa: F401  (what effects of a user's own may call)
+from rigidmc.engine.compose import Kinds, numbers_of
+from rigidmc.engine.entries import DEEPEST, config
+from rigidmc.engine.fused import FLAGS, INLINE
+from rigidmc.engine.machine import cached
+from rigidmc.engine.numbers import Rows
+
+_INT, _REAL, _PLAIN = types.int64, types.float64, Rows(types.float64, 0)
+_alive: dict[tuple, Any] = {}  # what is compiled, by what it is compiled for: an address is good as long as its code
+_compiling = threading.Lock()
+_dispatchers: dict[Any, Any] = {}
+
+
+class Piece(NamedTuple):
+    """A piece: where its code and its numbers are; uncompiled the function, what it is for, and an array."""
+
+    code: Any
+    kinds: Any
+    numbers: Any
+
+
+NOTHING = Piece(0, 0, 0)
+
+
+def signature_of(parts, dtype, lanes, arguments):
+    """The types of a piece for NamedTuples `parts`, see `piece`."""
+    real = types.float64 if dtype == "float64" else types.float32
+    known = {
+        "s": Rows(real, lanes),
+        "w": Rows(_REAL, lanes),
+        "p": _PLAIN,
+        "u": Rows(types.uint64, 0),
+        "i": _INT,
+        "f": _REAL,
+        "k": types.uint64,
+    }
+    return _INT(typeof(Kinds(*parts)), _PLAIN, *(known[letter] for letter in arguments))
+
+
+def piece(function, parts, dtype, lanes, arguments):
+    """The Piece of a function(kinds, numbers, *arguments) for NamedTuples `parts`.
+
+    arguments : the types of the other arguments in letters: s for rows in the precision of the run, w for rows in float64, p for plain numbers in memory,
+        u for words in memory, i for an integer, k for a word, f for a number
+    """
+    numbers = tuple(numbers_of(parts))
+    if numbers not in _alive:
+        _alive[numbers] = np.array(numbers or [0.0])
+    if config.DISABLE_JIT:
+        return Piece(function, Kinds(*parts), _alive[numbers])
+    return Piece(_address(function, signature_of(parts, dtype, lanes, arguments)), 0, _alive[numbers].ctypes.data)
+
+
+def dispatcher_of(function):
+    """Numba's dispatcher of a piece's function, without a cache."""
+    options: Any = {**FLAGS, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    return njit(**options)(function)
+
+
+def _address(function, signature):
+    key = function, signature.args
+    with _compiling:
+        if key not in _alive:
+            if function not in _dispatchers:
+                _dispatchers[function] = cached(dispatcher_of(function))
+            _alive[key] = _compiled(_dispatchers[function], signature)
+    return _alive[key]
+
+
+def _compiled(dispatcher, signature):
+    deepest, collects = sys.getrecursionlimit(), gc.isenabled()
+    sys.setrecursionlimit(max(deepest, DEEPEST))
+    gc.disable()  # a sixth of the time, for 70 MB
+    try:
+        dispatcher.compile(signature)
+    finally:
+        sys.setrecursionlimit(deepest)
+        if collects:
+            gc.enable()
+    made = dispatcher.overloads[signature.args]
+    return made.library.get_pointer_to_function(made.fndesc.llvm_func_name)
+
+
+def call(piece, arguments):
+    """Call a piece with a tuple of arguments, arrays as `memory`."""
+    return piece.code(piece.kinds, piece.numbers, *arguments)
+
+
+@intrinsic(prefer_literal=False)
+def _call_at(typing_context, address, numbers, arguments):
+    given = [_PLAIN, _PLAIN, *map(types.unliteral, arguments)]
+
+    def generate(context, builder, sig, args):
+        code = builder.inttoptr(args[0], context.call_conv.get_function_type(_INT, given).as_pointer())
+        values = [builder.extract_value(args[2], i) for i in range(len(sig.args[2]))]
+        first = context.get_constant_null(_PLAIN), builder.inttoptr(args[1], context.get_value_type(_PLAIN))
+        status, result = context.call_conv.call_function(builder, code, _INT, given, [*first, *values])
+        with builder.if_then(status.is_error, likely=False):
+            context.call_conv.return_status_propagate(builder, status)
+        return result
+
+    return _INT(_INT, _INT, arguments), generate
+
+
+@overload(call, jit_options=INLINE)
+def _compiled_call(piece, arguments):
+    return lambda piece, arguments: _call_at(piece.code, piece.numbers, arguments)
