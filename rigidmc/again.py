@@ -15,7 +15,7 @@ from rigidmc.retention import summaries
 from rigidmc.simulation import simulate
 from rigidmc.storage import encoded, scene_of
 
-# what steps and saves decide of every member; all else that has no time is what it starts from
+# variables of a member that the steps and saves decide; every other variable without times is part of its start
 FOUND = ("energy_drift_max", "l2_drift_max", "status", "status_step", "status_time", "steps")
 
 
@@ -24,15 +24,16 @@ def rerun(source, member, every=None, save=None, allow_code=False, output=None, 
 
     source : a result: a file (.nc), a run directory or a Dataset
     member : its index, or a range of indices
-    every : time between saves [s]; default that of the result. Where it is no whole number of steps it becomes the nearest, and a SceneWarning
-        tells which time that is. A member's bits are those of its steps: with steps of its
-        own (`turn`) these follow `every`, which has to stay
+    every : time between saves [s]; default that of the result. If it is no whole number of steps, the nearest whole number is
+        taken, and a SceneWarning tells that time. The steps of members with steps of their own (`turn`) depend on `every`, so there
+        it cannot change
     save : names of observables; default all, work only where the result has booked it
     output : write this netCDF file too; `force` replaces one that is there
     allow_code, options : as of `rigidmc.Scene.load` and `rigidmc.simulate`
 
-    The attribute `rerun` tells at how many times it was compared. Raises SceneError for a member that the result has not and an `every` that
-    changes them; a SceneWarning where a value differs, as it may on another type of processor or with another version.
+    The attribute `rerun` tells at how many times both were compared. Raises SceneError for a member that the result does not have
+    and for an `every` that would change the steps; warns (SceneWarning) if a value differs, as it may on another type of processor
+    or with another version.
     """
     if output is not None:
         refuse_existing(os.fspath(output), force)
@@ -60,7 +61,7 @@ def rerun(source, member, every=None, save=None, allow_code=False, output=None, 
         )
     own = run.turn is not None or run.integrator == "closed"
     if not own and asked is not None and abs(prepare(scene).dt / run.dt - 1.0) > 1e-9:
-        rule = f"{asked / run.dt:.0f} steps of {run.dt:.10g} s and t_end = {run.t_end:g} s have no common part of some steps"
+        rule = f"saves {asked / run.dt:.0f} steps of {run.dt:.10g} s apart do not fit t_end = {run.t_end:g} s without another step"
         raise SceneError("run", "every", every, rule)
     made = simulate(scene, members=wanted, **options)
     made.attrs["rerun"] = _compared(made, source.sel(member=list(wanted)), called)
@@ -70,7 +71,7 @@ def rerun(source, member, every=None, save=None, allow_code=False, output=None, 
 
 
 def _whole_steps(run, every):
-    """The time between saves that is the nearest whole number of steps; a SceneWarning where that is another."""
+    """The time of the whole number of steps that is nearest to `every` [s]; a SceneWarning if the two differ."""
     if run.turn is not None or run.integrator == "closed" or every >= run.t_end:
         return every
     steps, count = max(1, round(run.t_end / run.dt)), max(1, round(every / run.dt))
@@ -125,7 +126,7 @@ def _compared(made, result, source):
 
 
 def _pairs(made, result, scene):
-    """(name, values, values, their times) of what both results have; None for times of what members start from."""
+    """(name, values, values, times) of each variable that both results have; times is None for what members start from."""
     over = {name for label, one in scene.watched() for name in outputs(label, one)} if made.sizes["time"] else set()
     for name in made.data_vars:
         dims = made[name].dims

@@ -25,7 +25,7 @@ TIME = 'expected a finite number of seconds, or a time such as "90 s", "1h30m", 
 
 
 def seconds(value, key, table="", positive=True):
-    """A time [s]: a number, or text such as "90 s", "1h30m", "250 ms"; SceneError for what is none, and for 0 or less where it is to be positive."""
+    """A time [s] from a number or from text such as "90 s", "1h30m", "250 ms". SceneError else, and if `positive` for 0 or less."""
     number = math.nan
     with contextlib.suppress(OverflowError):  # whole numbers of Python may be larger than floats
         number = _seconds_of(value) if isinstance(value, str) else float(value) if _is_number(value) else math.nan
@@ -37,7 +37,7 @@ def seconds(value, key, table="", positive=True):
 
 
 def _seconds_of(text):
-    """Seconds, rounded once: 3 ms is 0.003 to the bit, which steps are divided by; nan where it is none."""
+    """Seconds of a text, rounded only once, so that 3 ms is 0.003 to the bit; nan if the text is no time."""
     text = text.strip()
     if _PLAIN.fullmatch(text):
         return float(text)
@@ -70,4 +70,4 @@ def counted_text(text, key, least=1, most=None):
 
 
 def _is_number(value):
-    return isinstance(value, Real) and not isinstance(value, bool)  # of numpy too, whose truth values are none
+    return isinstance(value, Real) and not isinstance(value, bool)  # numbers of numpy count too, its truth values do not

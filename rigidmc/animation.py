@@ -50,7 +50,7 @@ SMOOTH = 4  # saves to a frame: the path on the sphere is drawn through all of t
 
 
 def check_writer(path):
-    """SceneError for a path of another ending than .gif, .mp4, .webm, ValueError for one that needs ffmpeg where that is missing."""
+    """SceneError if a path does not end in .gif, .mp4 or .webm; ValueError if it needs ffmpeg and ffmpeg is not installed."""
     check_suffix(path, "animations")
     if not path.endswith(".gif") and not animation.writers.is_available("ffmpeg"):
         raise ValueError(f"{path}: {path[-4:]} is written by ffmpeg, which is not installed; .gif needs nothing more")
@@ -81,7 +81,7 @@ def animate(ds, path, fps=25, progress=None, force=False):
 
 @contextlib.contextmanager
 def _finished(path, writer):
-    """Let a writer finish; what ffmpeg could not do is an error of the file. `writer.saving` hides what went wrong behind what that leads to."""
+    """Finish a writer; if ffmpeg fails, OSError names the file. `writer.saving` would report only what the error leads to."""
     try:
         try:
             yield

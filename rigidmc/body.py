@@ -16,7 +16,7 @@ IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 class _Hints(type):
-    """A Body.cone that is not there is Body.solid("cone", ...)."""
+    """Hints for attributes that Body does not have: Body.cone is Body.solid("cone", ...)."""
 
     def __getattr__(cls, name):
         words = f"type object 'Body' has no attribute '{name}'"

@@ -37,7 +37,7 @@ def refuse_hopeless(scene, plan, threads, path=None, more=0):
         ways = "keep less of what is saved (--keep final), save less, or run fewer members"
         ways = f"take fewer than {threads:,} threads, {ways}" if threads > 2 * (os.cpu_count() or 1) else ways
         ways = (
-            f"write it to a file (-o FILE), for which {in_words(lean)} of memory do and {in_words(file)} of disk, or {ways}"
+            f"write it to a file (-o FILE), which needs {in_words(lean)} of memory and {in_words(file)} of disk, or {ways}"
             if path is None and lean - BASE < free
             else ways
         )

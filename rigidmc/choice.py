@@ -47,8 +47,8 @@ class Chosen(NamedTuple):
 
     @property
     def short(self):
-        """In words, that the prediction is above the tolerance, which finer steps did not mend; "" where it is not."""
-        missed = f"the error below which 99 % of the members stay with certainty, {self.predicted:.2g}, is above the tolerance of {self.tolerance:g}"
+        """A sentence that says so if the predicted error is above the tolerance although finer steps were tried, else ""."""
+        missed = f"the error bound of 99 % of the members, {self.predicted:.2g}, is above the tolerance of {self.tolerance:g}"
         return f"{missed}; finer steps were tried" if self.predicted > self.tolerance else ""
 
     def lines(self, count, seconds=None):
@@ -117,14 +117,14 @@ def choose(scene, tolerance, integrators=None, members=PILOT, threads=None):
     spare = None
     for way in found:
         closed = way.integrator == "closed"
-        if closed not in truths:  # what is chosen is checked by another method
+        if closed not in truths:  # a choice is checked by another method than its own
             truths[closed] = integrated(second, max(AGREED, 1e-2 * tolerance)) if closed else truth(second)
         other = truths[closed]
         for _ in range(4):
             check = measured(Costs(second), other, way.integrator, way.dtype, faster * way.steps).errors["state"]
             if closed:
                 check_agreement(check, other.error, true, other.source)
-                check = np.maximum(check - other.error, 0.0)  # what the integration itself may err is not the closed form's
+                check = np.maximum(check - other.error, 0.0)  # the integration's own error does not count against the closed form
             share = float(np.mean(check <= tolerance))
             if share >= 0.99:
                 others = [w for w in found if w.integrator != way.integrator]

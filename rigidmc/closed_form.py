@@ -24,11 +24,11 @@ NONE = -1  # the form of a member without a body or a start: its motion is nan
 
 
 class Case(NamedTuple):
-    """What closed forms need of members of a scene: moments, momentum (n, 3) and attitude (n, 4) at the start.
+    """Members of a scene as closed forms take them: moments, momentum (n, 3) and attitude (n, 4) at the start.
 
-    Each member has a form of its own, so that its bits do not depend on which members are asked for with it.
+    The form is chosen for each member alone, so its bits do not depend on which other members are asked for.
 
-    form : (n,) 0 for a free top, 1 to 3 for a Lagrange top about that axis, NONE
+    form : (n,) 0 for a free top, 1 to 3 for a Lagrange top about that axis, NONE for a member without a motion
     weight : m g l (n,) about that axis [N m];  damping : rate (n,) of a free top [1/s]
     """
 
@@ -82,7 +82,7 @@ def _motion(form, case, t):
         return lagrange_top(case.moments, case.weight, case.momentum, case.attitude, t, axis=form)
     # L' = L x omega - rate L runs through the undamped motion at the time (1 - exp(-rate t))/rate, of either sign
     rate = case.damping
-    with np.errstate(over="ignore", invalid="ignore"):  # driven beyond all numbers, it is nan
+    with np.errstate(over="ignore", invalid="ignore"):  # a motion that overflows becomes nan
         passed = np.where(rate == 0.0, t, -np.expm1(-rate * t) / np.where(rate == 0.0, 1.0, rate))
         l, omega, q = free_top(case.moments, case.momentum, case.attitude, passed)
         left = np.exp(-rate * t)[..., None]
@@ -128,7 +128,7 @@ def case_of(scene, block, start):
 
 
 def _some(bad):
-    """How many members it is, unless it is all."""
+    """How many members are bad, in words; "" if all are."""
     return "" if bad.all() else f" ({int(bad.sum()):,} of {bad.size:,} members)"
 
 
@@ -137,9 +137,10 @@ def _uncovered(why):
 
 
 def closed_values(scene, block, start, times, dt):
-    """The values that a scene saves at `times`, 0 and multiples of dt, (times, rows, n); the block gets its end, drifts and status.
+    """The values that a scene saves at `times`, which are 0 and multiples of dt: (times, rows, n). Final states, drifts and status
+    go into the block.
 
-    A member that is not well at the start stays there; one that turns non-finite stays where it last was finite, as in a kernel.
+    A member that is not well at the start stays there; one that turns non-finite freezes at its last finite state, as in a kernel.
     """
     motion = case_of(scene, block, start).motion(times)
     q, l = np.moveaxis(motion.attitude, -1, 1), np.moveaxis(motion.momentum, -1, 1)

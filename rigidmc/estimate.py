@@ -113,10 +113,10 @@ def single_precision(plan):
     """What float32 costs, in words."""
     turned = plan.angle * plan.mean_steps
     error = 6e-8 * turned  # median of 64 heavy tops by rk4: 9.6e-7, 4.0e-6, 2.0e-5 after 16, 63, 250 rad, whatever the step
-    words = f"the numbers of a body are rounded to 6e-8, which turns it by {error:.1e} rad in {turned:.3g} rad, however many steps that takes"
+    words = f"rounding a body's numbers to 6e-8 misplaces it by {error:.1e} rad in a turn of {turned:.3g} rad, whatever the step"
     if not plan.compensated:
         error = max(error, 1.5e-8 * plan.mean_steps)  # rk4 over 10 s without remainders: 7.2e-6 in 512 steps, 1.9e-3 in 131,072
-        words += f"; sums cannot keep their remainders here, which costs about 1.5e-8 a step, {1.5e-8 * plan.mean_steps:.1e}"
+        words += f"; sums cannot keep their remainders here: about 1.5e-8 more for each step, {1.5e-8 * plan.mean_steps:.1e} in all"
     return f"about {max(0.0, -np.log10(max(error, 6e-8))):.0f} digits at t_end in regular motion: {words}"
 
 

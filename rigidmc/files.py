@@ -1,7 +1,7 @@
-"""Files that appear whole or not at all: written beside their place as a `Part`, made durable, then renamed; whole files are never overwritten
-unless that is asked for.
+"""Files that appear whole or not at all. Each is written beside its place as a `Part`, made durable, then renamed; an existing file
+is replaced only on request.
 
-A part is called .part-COMPUTER-PROCESS-NUMBER. What a process leaves that is killed, the next one that writes to that folder takes away.
+A part is called .part-COMPUTER-PROCESS-NUMBER. If a process is killed, the next one that writes to the folder deletes its parts.
 """
 
 import atexit
@@ -32,12 +32,12 @@ os.register_at_fork(after_in_child=_parts.clear)
 
 _LOCKLESS = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP)
 WITHOUT_LOCKS = (
-    "With HDF5_USE_FILE_LOCKING=FALSE in the environment it goes on without; see to it yourself that only one process writes there"
+    "With HDF5_USE_FILE_LOCKING=FALSE in the environment it works without locks; then make sure that only one process writes there"
 )
 
 
 def check_suffix(path, kind):
-    """SceneError for a file whose name does not end as those of its kind do: what is in it would be something else."""
+    """SceneError if a file name does not have an ending of its kind, because the ending would belie the content."""
     suffix, endings = os.path.splitext(path)[1], KINDS[kind]
     if suffix.lower() not in endings:
         more = "; `rigidmc run SCENE -o RUN/` makes a run directory" if kind == "results" else ""
@@ -45,8 +45,8 @@ def check_suffix(path, kind):
 
 
 def refuse_existing(path, force, kind="results", size=100_000):
-    """Raise, before the work, where a result could not be written later: OutputExists where it would overwrite a file, SceneError where its
-    name does not end as those of its kind do, NoRoom where the disk has not `size` bytes for it."""
+    """Raise, before the work, if a result could not be written after it: OutputExists if it would overwrite a file, SceneError if
+    its name does not have an ending of its kind, NoRoom if fewer than `size` bytes of the disk are free."""
     try:
         there = os.lstat(path) is not None
     except (FileNotFoundError, NotADirectoryError):
@@ -64,13 +64,13 @@ def refuse_existing(path, force, kind="results", size=100_000):
 
 
 def refuse_unwritable(folder, size=100_000):
-    """Raise where no file of so many bytes can be made in a folder; parts that were left there by processes that have ended are taken away."""
+    """Raise if no file of `size` bytes can be made in a folder. Parts that ended processes left there are deleted first."""
     if not os.path.isdir(folder):
         raise FileNotFoundError(f"{folder}: no such folder; nothing was written")
     clear(folder)
     probe = Part(os.path.join(folder, "probe"))
     try:
-        with open(probe.path, "wb") as file:  # what os.access says of a folder is not what happens there
+        with open(probe.path, "wb") as file:  # os.access may be wrong about a folder: only writing tells
             file.write(bytes(4096))
     except OSError as error:
         raise _said(error, folder) from None
@@ -86,16 +86,16 @@ def _said(error, path):
 
 
 class Part:
-    """A file, or a folder, on its way to its name: what is written to `path` gets the name when it is finished, and else is gone.
+    """An unfinished file or folder. Its content is written to `path`; `finish` gives it its name, `discard` deletes it.
 
-    As a context manager it gives `path`, finishes at the end, and discards where anything is raised.
+    As a context manager it gives `path`, finishes at the end, and discards if anything is raised.
     """
 
     def __init__(self, final, force=False, before=None):
-        """before : what is done when the file is durable, before it has its name"""
+        """before : called when the file is durable and does not have its name yet"""
         self.final, self.force, self.before = os.fspath(final), force, before
         folder, name = os.path.split(os.path.abspath(self.final))
-        suffix = os.path.splitext(name)[1]  # what writes pictures goes by it
+        suffix = os.path.splitext(name)[1]  # writers of animations choose the format by it
         name = f".part-{_computer()}-{os.getpid()}-{next(_numbers)}"  # short, where the name itself may have all 255 letters
         self.path = os.path.join(folder, name + suffix * bool(_PART.fullmatch(name + suffix)))
         _parts.add(self.path)
@@ -110,7 +110,8 @@ class Part:
             self.discard()
 
     def finish(self, final=None):
-        """Make the file durable and give it its name, or `final`. Where another appeared there meanwhile it becomes NAME.2, and OutputExists tells."""
+        """Make the file durable and give it its name, or `final`. If the name x.nc is taken meanwhile, this file becomes x.2.nc,
+        and OutputExists says so."""
         final = self.final if final is None else final
         try:
             with naming(final, self.path):
@@ -137,14 +138,14 @@ class Part:
             raise OutputExists(f"{final} appeared meanwhile and was not overwritten: the result is {other}") from None
 
     def discard(self):
-        """Delete what is not whole and free its space, also where a library keeps it open."""
+        """Delete an unfinished file and free its space, even if a library still has it open."""
         _drop(self.path)
-        _parts.discard(self.path)  # not where a signal interrupts: `drop_parts` comes back to it
+        _parts.discard(self.path)  # if a signal interrupts before this, `drop_parts` deletes the part
 
 
 def lock(file, name, kind=fcntl.LOCK_EX):
-    """Hold the lock of an open file until it is closed; BlockingIOError where another process does. OSError where the file system has no locks, and
-    the user has not said to go without."""
+    """Hold the lock of an open file until it is closed. BlockingIOError if another process holds it; OSError if the file system has
+    no locks, unless the environment has HDF5_USE_FILE_LOCKING=FALSE."""
     try:
         with naming(name):
             fcntl.flock(file, kind | fcntl.LOCK_NB)
@@ -158,7 +159,7 @@ def lock(file, name, kind=fcntl.LOCK_EX):
 
 
 def refuse_lockless(folder):
-    """OSError where the files of a folder cannot be locked, and the user has not said to go without."""
+    """OSError if the files of a folder cannot be locked, see `lock`."""
     with tempfile.TemporaryFile(dir=folder) as file:
         lock(file, folder)
 
@@ -182,7 +183,7 @@ def write_bytes(path, data, force=False, before=None):
 
 @contextlib.contextmanager
 def naming(path, part=None):
-    """Errors of the system that name no file, as those of write and fsync do not, or its part, name this one."""
+    """Let errors of the system name `path` if they name no file, as those of write and fsync, or only its part."""
     try:
         yield
     except OSError as error:
@@ -229,8 +230,8 @@ def is_part(name):
 
 
 def clear(folder, age=None):
-    """Take away the parts in a folder that no process writes any more: of processes of this computer that have ended, and, where `age` is given,
-    those of other computers that have not changed for so many seconds."""
+    """Delete the parts in a folder that no process writes any more: those of ended processes of this computer and, if `age` is
+    given, those of other computers that have not changed for `age` seconds."""
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
             with contextlib.suppress(OSError):
@@ -254,7 +255,7 @@ def _is_left(entry, computer, process, age):
 
 @functools.cache
 def _computer():
-    """This computer, and whose count of processes: those of another container are others."""
+    """The name of this computer, with the namespace of its process numbers: every container counts its own."""
     try:
         return f"{platform.node()[:64]}-{os.stat('/proc/self/ns/pid').st_ino}"
     except OSError:

@@ -14,7 +14,7 @@ SPLIT = 2.0  # [rad] in a step of free motion that is split into turns: ten of t
 # A member may spin so many times faster than what drift or iteration were prepared for: a drift of it is off by 5e-12 (60 bodies each for five
 # turns; 3 times: 5e-10), the stage of midpoint by 3e-15 (3 times: 7e-8).
 PLANNED = 2.0
-SPUN_UP = 2.0  # times `turn` that a member with steps of its own may turn in one
+SPUN_UP = 2.0  # a member with steps of its own may turn by this many times `turn` in a step
 
 
 class Limits(NamedTuple):
@@ -41,8 +41,9 @@ def limits(scene, carried, theta, steps, made=None, spin=0.0):
     A drift that is not bounded by the scene (energy_limit, momentum_limit) may reach steps * theta^(order + 1), at least 380 times what the
     shipped integrators make of it (1 to 3,000 steps of 0.05 to 0.6 rad, free and heavy; strang comes nearest), at least 5e6 + 50 steps
     roundings, at most 0.05. A step may turn a member by the integrator's `largest_turn` (turn_limit), pi where it has none; by more it is
-    aliased or divergent. With steps of their own (turn) members may turn by twice what was asked: no potential brings them there (their rate
-    bounds |omega|), but a torque that spins them up does. The exact free motion and midpoint are prepared for the spins of the pilot, and take twice that.
+    aliased or divergent. A member with steps of its own may turn by twice `turn`. A potential never brings it there, because the
+    rate of its steps bounds |omega|; a torque that spins it up may. The exact free motion and midpoint are prepared for the spins
+    of the pilot, and take twice that.
     """
     run = scene.run
     if not run.checks:

@@ -1,6 +1,6 @@
-"""What may be read of a file that comes from outside: a regular file, text of at most so many bytes, TOML and JSON nested at most so deep.
+"""Readers of files that come from outside: regular files only, text of at most TEXT bytes, TOML nested at most DEPTH deep.
 
-A pipe would wait for ever, a device has no end, and Python's own readers raise whatever they like. Here all of that is one SceneError.
+A pipe would block for ever, a device has no end, and Python's own readers raise many kinds of errors: here each is a SceneError.
 """
 
 import contextlib
@@ -15,7 +15,7 @@ from rigidmc.errors import SceneError
 TEXT = 16 * 2**20  # bytes of a text: TOML is read at 5 MB/s
 DEPTH = 100  # tables and lists within each other; scenes have 4
 _KINDS = {stat.S_ISDIR: "a folder", stat.S_ISFIFO: "a pipe", stat.S_ISSOCK: "a socket"}
-# of TOML: all that brackets and dots may stand in without a meaning
+# strings and comments of TOML, in which brackets and dots have no meaning
 _STRINGS = re.compile(r'"""(?:\\.|[^\\])*?"""|\'\'\'.*?\'\'\'|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'|#[^\n]*', re.DOTALL)
 
 
@@ -28,7 +28,7 @@ def refuse_irregular(path, mode=None):
 
 
 def bytes_of(path, most=TEXT, last=False):
-    """The bytes of a regular file; of one that has more than `most` the last ones with `last`, else SceneError."""
+    """The bytes of a regular file. If it has more than `most`: the last ones with `last`, else SceneError."""
     refuse_irregular(path)
     with open(path, "rb", opener=_at_once) as file:
         refuse_irregular(path, os.fstat(file.fileno()).st_mode)
@@ -37,7 +37,7 @@ def bytes_of(path, most=TEXT, last=False):
             return file.read(most)
         data = file.read(most + 1)
     if len(data) > most:
-        raise SceneError("", "file", None, f"has more than the {most / 2**20:g} MB that are read of a text", file=os.fspath(path))
+        raise SceneError("", "file", None, f"has more than the {most / 2**20:g} MB that a text may have", file=os.fspath(path))
     return data
 
 
@@ -50,7 +50,7 @@ def text_of(path):
 
 
 def _at_once(path, flags):
-    """Open a file; a pipe that took its place meanwhile opens too, without waiting for who writes to it."""
+    """Open a file without waiting, even if a pipe without a writer has taken its place meanwhile."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0))
 
 
@@ -90,7 +90,7 @@ def _refuse_long(data, table="", key=""):
 
 
 def json_of(text):
-    """What a JSON text says; ValueError for what is none, also for one that is nested too deep."""
+    """The value of a JSON text; ValueError if it is not JSON or is nested too deep."""
     with contextlib.suppress(RecursionError):
         return json.loads(text)
     raise ValueError("nested too deep")

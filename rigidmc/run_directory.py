@@ -31,13 +31,13 @@ FORMAT = 1
 MOST = 10**7  # shards, each a file; their names have eight digits
 _SHARD = re.compile(r"([0-9]{8})-([0-9]{1,12})-([0-9a-f]{16})\.nc")
 _OLD = 3600.0  # seconds after which a file of another computer that is not whole is one that was left
-_JOURNAL = 2**20  # bytes of the end of a journal that are read: two lines of 300 for each time that a run was resumed
+_JOURNAL = 2**20  # bytes read from the end of a journal; each resume adds two lines of 300 bytes
 _Count = Annotated[int, Field(ge=0, le=2**53)]
 _Some = Annotated[int, Field(ge=1, le=2**53)]
 
 
 class _Facts(BaseModel):
-    """What stands in run.json: types, ranges, and no other keys."""
+    """The keys of run.json, which may have no others, with their types and ranges."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
@@ -56,7 +56,7 @@ class _Facts(BaseModel):
 
 
 class _Line(BaseModel):
-    """What a line of the journal may tell that is counted with; the rest is for people."""
+    """The keys of a line of the journal that are used in computing; the others are for people."""
 
     model_config = ConfigDict(strict=True)
 
@@ -101,13 +101,13 @@ class RunDirectory:
         except ValueError as error:
             raise SceneError("", "run.json", None, f"is damaged: {error}", file=name) from None
         if rendered(facts) != text:
-            raise SceneError("", "run.json", None, "is damaged, or was changed by hand: its sum is another", file=name)
+            raise SceneError("", "run.json", None, "is damaged, or was changed by hand: its checksum does not match", file=name)
         if facts["format"] != FORMAT:
             raise SceneError("", "format", facts["format"], f"this version reads format {FORMAT}", file=name)
         if facts["first"] + facts["members"] > 2**53 or facts["shard"] % facts["block"]:
-            raise SceneError("", "members", None, "is damaged: a shard has to be whole blocks, and members below 2^53", file=name)
+            raise SceneError("", "members", None, "is damaged: a shard must be whole blocks, and members below 2^53", file=name)
         if facts["members"] > MOST * facts["shard"]:
-            raise SceneError("", "shard", facts["shard"], f"is damaged: more than {MOST:,} shards are no run", file=name)
+            raise SceneError("", "shard", facts["shard"], f"is damaged: a run has at most {MOST:,} shards", file=name)
         return facts
 
     @property
@@ -164,7 +164,7 @@ class RunDirectory:
         return os.path.join(self._folder, f"{i:08d}-{flagged}-{hash_of_file(file)[:16]}.nc")
 
     def missing(self):
-        """The shards that are not there, as an array: of as many as there may be 80 MB."""
+        """The numbers of the shards that are not there, as an array (80 MB if all of MOST shards are missing)."""
         gone = np.ones(self.count, bool)
         gone[list(self.shards())] = False
         return np.flatnonzero(gone)
@@ -179,7 +179,7 @@ class RunDirectory:
             file.write(line + "\n")
 
     def journal(self):
-        """The last lines of the journal; those that are torn, or tell what cannot be, are left out."""
+        """The last lines of the journal, without torn lines and lines of impossible values."""
         found: list[dict[str, Any]] = []
         with contextlib.suppress(OSError, SceneError):
             for line in bytes_of(os.path.join(self.path, "journal.jsonl"), _JOURNAL, last=True).splitlines():
@@ -217,7 +217,7 @@ class RunDirectory:
 
 
 def _opener(path, flags):
-    """What is written in a run is no link to what is not, and no pipe that waits for a reader."""
+    """Open a file of a run for writing. A link, which may lead out of the run, is refused; a pipe does not block."""
     return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0), 0o666)
 
 

@@ -168,7 +168,7 @@ def _read(path, mark, name, first, shape, dtype):
         found = read(path, "member", name, mark=mark)
     except OSError as error:  # it is gone
         raise SceneError("", name, None, f"cannot be read: {error}; `rigidmc verify` tells more", file=path) from None
-    except SceneError as error:  # a chunk whose sum is wrong, a file that is none, or one of another run
+    except SceneError as error:  # a chunk with a wrong checksum, a file that is not netCDF, a shard of another run
         error.rule = f"cannot be read: {error.rule}; `rigidmc verify` tells more"
         raise
     values = found[name]

@@ -44,9 +44,14 @@ from rigidmc.units import told
 
 
 def create(scene, path, size=SHARD, only=None, threads=None):
-    """The RunDirectory of a new run of a scene, in shards of about `size` bytes, a block of members at least; OutputExists where there is
-    anything in that folder, SceneError also where of `only`, the range of shards that is wanted of it, there is none, NoRoom where there is too
-    little for so many threads."""
+    """Make a run directory for a scene; returns its RunDirectory.
+
+    size : approximate bytes of a shard, which has at least one block of members;  only : the range of shards that will be computed
+    threads : how many will compute, which decides how much memory is needed
+
+    Raises OutputExists if there is anything in that folder, SceneError if the run has no shard in `only`, NoRoom if memory or disk
+    is too small.
+    """
     if not isinstance(size, (int, float)) or not 0.0 < size < math.inf:
         raise SceneError("", "size", size, "expected the bytes of a shard")
     path = _place_of(path)
@@ -138,7 +143,8 @@ def resume(
     """Compute the shards of a run that are missing; (RunDirectory, {status: members} of what was computed).
 
     accept : go on though versions or processor are others, whose last bits may differ
-    max_wall : time ("3h", or seconds) after which no further shard is begun that would not be done by then; compiling is left out of how long they take
+    max_wall : time limit ("3h", or seconds): no shard is begun that would not be done by then, judged by the time of the others
+        without compiling
     only : a range of shards, of a job array whose directories are merged; it may end beyond the last;  block : members computed at once; nothing depends on it
     cluster : "tcp://host:8786" of a dask scheduler, or "local:4" for so many processes here, see `rigidmc.cluster`
     Raises SceneError for what is no run or no longer the same, OutputExists where another process writes, NoRoom where there is none.

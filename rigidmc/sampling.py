@@ -61,7 +61,7 @@ class Grid:
         return self._values(np.arange(self.count))
 
     def _values(self, index):
-        """Some of them: a grid may have more than any memory."""
+        """The values of these indices; all values of a grid may not fit into memory."""
         share = (index + 0.5) / self.count
         return self.low * (self.high / self.low) ** share if self.log else self.low + (self.high - self.low) * share
 
@@ -162,7 +162,7 @@ def quantity(value, table, key):
         return float(value)
     if isinstance(value, np.ndarray) and value.ndim == 1 and np.issubdtype(value.dtype, np.number):
         if not value.size:
-            raise SceneError(table, key, None, "an array without rows is of no member")
+            raise SceneError(table, key, None, "an array needs at least one row")
         if not np.isfinite(value).all():
             row = int(np.flatnonzero(~np.isfinite(value))[0])
             raise SceneError(table, key, float(value[row]), f"row {row} is not finite")
@@ -192,12 +192,14 @@ def rows(*quantities):
 
 
 def is_open(*values):
-    """Whether a look at the first members does not tell what all of them are: distributions, grids, tuples of them, and laws of whole vectors."""
+    """Whether the first members do not tell about the others: if any value is a distribution, a grid, a law of a whole vector, or a
+    tuple with one."""
     return any(any(map(is_open, v)) if type(v) is tuple else not isinstance(v, (float, np.ndarray)) for v in values)
 
 
 def is_shared(*values):
-    """Whether all values are plain numbers or tuples of these, the same for every member. A law of a whole vector is not, whatever its own numbers."""
+    """Whether all values are plain numbers or tuples of them, the same for every member. A law of a whole vector never is, even one
+    of plain numbers."""
     return all(all(map(is_shared, v)) if type(v) is tuple else isinstance(v, float) for v in values)
 
 

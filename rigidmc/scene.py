@@ -101,8 +101,8 @@ class Run(Table):
 
 
 def changed(run, given):
-    """The settings of a run with some in the place of its own; SceneError. Settings that these leave without effect return to their defaults: a
-    tolerance takes the place of integrator and step, `turn` that of dt."""
+    """A Run with the settings `given` in place of its own; SceneError. Settings that lose their effect by this return to their
+    defaults: a tolerance replaces integrator and step, `turn` replaces dt."""
     if given.get("tolerance") is not None:
         given = {"integrator": "auto", **given}
     kept = run.model_dump(exclude={"turn"} if "dt" in given else {"dt"} if "turn" in given or run.turn is not None else None)

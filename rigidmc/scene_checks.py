@@ -29,7 +29,7 @@ def check(scene):
     if works and not scene.effects:
         raise SceneError("run", "save", "work", "the scene has no effects that could do work")
     if works and scene.run.dtype == "float32":
-        raise SceneError("run", "save", "work", "needs float64: sums in float32 keep their remainders, which works have not")
+        raise SceneError("run", "save", "work", "needs float64: sums in float32 keep their remainders, and sums of work cannot")
     if scene.run.integrator != "auto" and (why := refusal(scene.run.integrator, scene.effects, scene.run.compensated, works)):
         raise SceneError("run", "integrator", scene.run.integrator, why)
     _check_watched(scene)

@@ -69,9 +69,10 @@ def load(source, settings=(), allow_code=False):
 
 
 def loads(text, file="scene", settings=(), stored=None, title="scene", allow_code=False):
-    """A scene from TOML text; `stored(name)` gives the rows of a result file that the text refers to, None where it has none of that name.
+    """A scene from TOML text; `stored(name)` gives the rows of a result file that the text refers to, None if the file has none of
+    that name.
 
-    allow_code : as of `load`; None puts classes without physics in the place of code, which is neither run nor refused
+    allow_code : as for `load`; with None code is neither run nor refused: classes without physics stand in for it
     """
     try:
         data = toml(text)
@@ -90,15 +91,18 @@ def loads(text, file="scene", settings=(), stored=None, title="scene", allow_cod
 
 
 def _from_tables(data, stored, title, folder, overridden):
-    """The scene of parsed TOML; `folder` is where Python files lie that may be run, False where none may, None where none is needed; `overridden` are the keys of [run] that the
-    file has not by itself."""
+    """The scene of parsed TOML.
+
+    folder : where Python files lie that may be run; False if none may, None if stand-ins take their place (`_stand_in`)
+    overridden : keys of [run] whose values do not come from the file itself
+    """
     file = _File(**data)
     for kind, tables in (("effects", file.effects), ("observables", file.observables)):
         if sum(len(one) if isinstance(one, list) else 1 for one in tables.values()) > MOST:
-            raise SceneError("", kind, None, f"has more than {MOST} tables, which no kernel is compiled for")
+            raise SceneError("", kind, None, f"has more than {MOST} tables, the limit for one kernel")
     settings = {k: tuple(v) if isinstance(v, list) else v for k, v in file.run.items()}
     if stored.of_result is not None and settings.get("integrator", "auto") != "auto":
-        settings.pop("tolerance", None)  # results of version 0.1 told there what their integrator was chosen for
+        settings.pop("tolerance", None)  # in results of version 0.1: the tolerance for which their integrator was chosen
     try:
         run = Run.model_validate({k: v for k, v in settings.items() if k not in overridden})
     except ValidationError as error:

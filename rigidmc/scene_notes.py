@@ -1,4 +1,5 @@
-"""Looks at a scene that runs, but perhaps not as meant: settings without effect, and mistakes of units and signs. Each look is a function that yields notes."""
+"""Notes on a scene that runs, but perhaps not as meant: settings without effect, likely mistakes of units and signs. Each of LOOKS
+yields notes."""
 
 import math
 from typing import Any, NamedTuple
@@ -26,11 +27,12 @@ CENTRES = {
     "the Sun": (1.32712e20, 6.957e8), "Venus": (3.24859e14, 6.0518e6), "the Earth": (3.98600e14, 6.371e6), "the Moon": (4.90280e12, 1.7374e6),
     "Mars": (4.28284e13, 3.3895e6), "Jupiter": (1.26713e17, 6.9911e7), "Saturn": (3.79406e16, 5.8232e7),
 }  # fmt: skip
-# kg/m3 of the ellipsoid of a body's moments. Osmium whose lengths are given in mm for m has 2e-5; scenes in units of their own reach 1e-3. No body of
-# matter exceeds osmium: of all bodies of these moments none has a smaller highest density than the ellipsoid.
+# Density [kg/m3] of the uniform ellipsoid with a body's moments. Osmium with lengths in mm taken for m has 2e-5; scenes in units of
+# their own reach 1e-3. Above osmium the body cannot exist: of all bodies with these moments the ellipsoid has the smallest peak
+# density.
 LIGHTEST, DENSEST = 1e-4, 22_590.0
 SMALLEST, LARGEST = 1e-21, 1e27  # kg: below are molecules, above are stars
-COLD = 1e6  # K, below which all small things that tumble in a bath are
+COLD = 1e6  # K: small bodies that tumble in a bath are colder
 
 
 class Seen(NamedTuple):
@@ -47,7 +49,8 @@ class Seen(NamedTuple):
 def notes(scene, plan, units=None):
     """What the user of a scene should know, in words: `rigidmc run`, `show` and `check` print it, `simulate` warns with it.
 
-    units : in which the plan is, where it was rescaled. The notes of a plan whose steps a tolerance chose are left out: their error is measured.
+    units : how the plan was rescaled, None if it was not. If a tolerance chose the steps, notes of the plan are left out: the error
+        is measured.
     """
     made = () if scene.run.integrator == "auto" else plan.notes
     told = [note if units is None else f"{note} (in units of {1.0 / units.time:.6g} s)" for note in made]
@@ -101,7 +104,7 @@ def _anti_damping(seen):
 
 def _idle_effects(seen):
     size = np.abs(seen.centre).max()
-    with np.errstate(all="ignore"):  # of size 1, so that nothing is 0 by underflow
+    with np.errstate(all="ignore"):  # scaled to size 1, so that no torque underflows to 0
         body = MassProperties.of(tuple(seen.moments / seen.moments.max()), tuple(seen.centre / (size or 1.0)))
     chance = np.random.default_rng(1)
     for label, effect in seen.effects:
@@ -114,7 +117,7 @@ def _idle_effects(seen):
 
 
 def _acts(effect, body, i, chance):
-    """Whether an effect has a torque on a member at some attitude, spin and time; of random ones, whether they have friction."""
+    """Whether an effect exerts a torque on member i at a random attitude, spin and time; for a bath, whether it has friction."""
     one, mine = MassProperties(*(x[i] for x in body)), filled(type(effect), [x[i] for _, _, x in numbers(effect)])
     if isinstance(mine, Bath):
         return mine.gamma != 0.0
@@ -169,14 +172,17 @@ def _quaternions(seen):
 
 
 def _bodies(seen):
-    """Bodies that cannot be though their moments could: about the centre of mass the second moments S_i = (I_j + I_k - I_i)/2 - m c_i^2 have to form
-    a matrix without negative eigenvalues, which is m sum c_i^2/S_i <= 1."""
-    if any(isinstance(q, Grid) for q in seen.scene.body.quantities()):  # of a map they are its blank parts
+    """Bodies that cannot exist: those with I_i > I_j + I_k, and those whose centre of mass c lies too far from the fixed point.
+
+    With S_i = (I_j + I_k - I_i)/2 the second moments about the centre of mass are diag(S) - m c c^T. This matrix has no negative
+    eigenvalue if m sum c_i^2/S_i <= 1.
+    """
+    if any(isinstance(q, Grid) for q in seen.scene.body.quantities()):  # they are the blank parts of a map
         return
     moments, mass, centre = seen.scene.body.sample(seen.scene.run.seed, 0, PILOT)
     none = int(np.count_nonzero(broken(moments)))
     if none:
-        yield f"[body] moments: {none:,} of the first {PILOT:,} bodies cannot exist, for I_i > I_j + I_k, and are flagged invalid_input"
+        yield f"[body] moments: {none:,} of the first {PILOT:,} bodies cannot exist (I_i > I_j + I_k) and are flagged invalid_input"
     second = 0.5 * moments.sum(0) - moments
     with np.errstate(all="ignore"):
         bad = (mass * np.where(centre == 0.0, 0.0, centre**2 / second).sum(0) > 1.0 + 1e-9) & ~broken(moments)
@@ -186,7 +192,8 @@ def _bodies(seen):
 
 
 def _density(seen):
-    """The density of the ellipsoid of a body's second moments about its centre, where it has three extents and its mass is given."""
+    """A density unlike any matter, for bodies of given mass that extend in three directions: that of the uniform ellipsoid with
+    their moments."""
     mass = seen.mass
     second = np.stack([_about_centre(*one) for one in zip(seen.moments.T, mass, seen.centre.T, strict=True)], axis=-1)
     thick = second.min(0) > 1e-9 * second.max(0)  # plates, rods and points without thickness have no density
@@ -198,7 +205,8 @@ def _density(seen):
     size, density = 2.0 * float(np.median(extents.max(0))), float(np.median(densities))
     if not LIGHTEST <= density <= DENSEST:
         what = "far less than air" if density < LIGHTEST else "more than osmium"
-        yield f"[body] mass: {np.median(mass[real]):g} kg and these moments are a body of {size:.3g} m and {density:.2g} kg/m3, {what}: are lengths in m and masses in kg?"
+        made = f"{np.median(mass[real]):g} kg with these moments makes a body of {size:.3g} m and {density:.2g} kg/m3"
+        yield f"[body] mass: {made}, {what}: are lengths in m and masses in kg?"
 
 
 def _about_centre(moments, mass, centre):
@@ -207,7 +215,7 @@ def _about_centre(moments, mass, centre):
 
 
 def _hot(seen):
-    """Kelvin in the place of joules, of bodies small enough to feel heat at all."""
+    """A kT given in K instead of J, for bodies small enough to feel heat at all."""
     momentum = seen.scene.coarse().start.momentum
     found = [(f"effects.{label}", effect.kT) for label, effect in seen.effects if isinstance(effect, Bath)]
     if hasattr(momentum, "kT"):
@@ -215,7 +223,7 @@ def _hot(seen):
     for table, heat in found:
         kelvin = float(np.median(heat)) / BOLTZMANN
         if np.median(seen.mass) < 1e-9 and kelvin > COLD:
-            yield f"[{table}] kT = {np.median(heat):g} J is the heat of {kelvin:.2g} K: kT is in J, 300 K are {300 * BOLTZMANN:.4g} J"
+            yield f"[{table}] kT = {np.median(heat):g} J is {kelvin:.2g} K: kT is in J, and 300 K are {300 * BOLTZMANN:.4g} J"
 
 
 LOOKS = (

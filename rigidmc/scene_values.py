@@ -11,7 +11,10 @@ from rigidmc.vectors import VECTORS, of_table, word_of
 
 
 class Columns(NamedTuple):
-    """Where columns come from that a file refers to: those of a result, rows of a name or None, and tables beside the scene file."""
+    """Sources of the columns that a file refers to.
+
+    of_result : a function that gives the rows of a name in a result, or None;  folder : that of tables
+    """
 
     of_result: Any
     folder: str

@@ -1,5 +1,6 @@
-"""Opening a netCDF file on trial, in a process of its own: of 7,500 files with flipped bits the C library read five without end, and some
-claim more than any machine holds. What the process does not survive in a second of computing is refused here."""
+"""A trial of netCDF files in a helper process. The C library never finishes reading some damaged files (5 of 7,500 with flipped
+bits), and some claim more data than any machine holds. A file is refused if the helper crashes on it or needs more than a second of
+computing."""
 
 import atexit
 import contextlib
@@ -19,22 +20,22 @@ from rigidmc.reading import refuse_irregular
 
 SECONDS = 1.0  # of computing, not of waiting for a disk; a file of ours takes 0.01
 MEMORY = 2**30
-PACKED = 1100  # zlib makes 1032 bytes of one at most: no file holds more than so many times its size
+PACKED = 1100  # zlib expands a byte to 1032 at most: no file holds more than PACKED times its size
 MOST = 10_000  # variables
 _lock = threading.Lock()
 _helpers: list[subprocess.Popen] = []
 
 
 def refuse_unreadable(path):
-    """SceneError for a file that is no netCDF file, damaged, or claims more than it can hold; it is not opened in this process."""
+    """SceneError if a file is not netCDF, is damaged, or claims more data than it can hold. Only the helper opens it as netCDF."""
     path = os.path.abspath(path)
     refuse_irregular(path)
-    with open(path, "rb") as file:  # what the system refuses it tells itself
+    with open(path, "rb") as file:  # errors of the system, such as missing rights, are raised as they are
         with _lock:
             complaint = _told(path)
         if complaint:
             with contextlib.suppress(BlockingIOError):
-                lock(file, path, fcntl.LOCK_SH)  # where there are no locks, the library tells no more than that something is wrong
+                lock(file, path, fcntl.LOCK_SH)  # without locks the library only says that something is wrong
     if complaint:
         raise SceneError("", "file", None, complaint, file=path)
 
@@ -85,7 +86,7 @@ def main():
 
 
 def complaint(path):
-    """In words, why a file is not to be opened, "" for nothing: header and attributes are read, no values."""
+    """Why a file must not be opened, in words; "" if it may be. Only header and attributes are read, no values."""
     import netCDF4
     import numpy as np
 

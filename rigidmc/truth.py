@@ -34,7 +34,7 @@ def truth(pilot):
 
 def integrated(pilot, agreed=AGREED):
     """The Truth of a pilot by rk8 and another method in more and more steps, until they agree to `agreed` or come no nearer."""
-    kept = agreed < 10.0 * AGREED  # else rounding is too small to matter, and these kernels are compiled for other uses too
+    kept = agreed < 10.0 * AGREED  # otherwise rounding does not matter, and kernels without remainders are compiled anyway
     able = accepting(pilot.scene.effects, compensated=kept)
     other = next(name for name in ("exact", "srkn11", "cf4") if name in able)
     steps, last = first_steps(pilot), None
@@ -64,7 +64,7 @@ def integrated(pilot, agreed=AGREED):
 
 def _closed_truth(pilot, case):
     found = _motion(pilot, case)
-    size, block = 1e-10, pilot.block[:, : pilot.members].copy()  # how well it is known: what the rounding of the start alone does
+    size, block = 1e-10, pilot.block[:, : pilot.members].copy()  # its error is taken from the effect of rounding the start
     push(block, size, pilot.carried, np.random.default_rng(0))
     attitude = block[: layout.MOMENTUM].T if pilot.carried else case.attitude
     moved = _motion(pilot, case._replace(momentum=block[layout.MOMENTUM : layout.REST].T, attitude=attitude))
@@ -72,7 +72,7 @@ def _closed_truth(pilot, case):
 
 
 def _confirmed(pilot, true):
-    """A closed form that rk8 does not contradict: by its steps and by half of them it tells how far off it may be itself."""
+    """The Truth of a closed form if rk8 does not contradict it. The error of rk8 is seen by halving its steps."""
     steps = 2 * first_steps(pilot)
     coarse, fine = follow(pilot, "rk8", steps), follow(pilot, "rk8", 2 * steps)
     check_agreement(
@@ -82,17 +82,21 @@ def _confirmed(pilot, true):
 
 
 def check_agreement(apart, known, true, other):
-    """Raise SceneError where a closed form and an integration are farther `apart` than both are known; known: of the integration."""
-    # rounding at every step, which may grow along the way, is up to 4,000 times that of the start (dzhanibekov, 1,440 steps);
-    # two of such motions may be as near by chance as a thirtieth of what they are off
+    """Raise SceneError if a closed form and an integration differ by more than their errors explain.
+
+    apart : how far they differ, for each member;  known : error of the integration;  true : Truth of the closed form;  other : name
+        of the integration
+    """
+    # Rounding in every step, which may grow on the way, has up to 4,000 times the effect of rounding the start (dzhanibekov, 1,440
+    # steps). Two such motions may by chance differ by only a thirtieth of their error.
     limit = 10.0 * known + 1e4 * true.error + 1e-11
     wrong = ~(apart <= limit)
     if wrong.any():
         at = int(np.argmax(np.where(wrong, np.nan_to_num(apart, nan=np.inf), -1.0)))
         rule = (
-            f"the {true.source.split(',')[0]} and {other} disagree for {int(wrong.sum()):,} of {wrong.size:,} members, by {apart[at]:.1e} where they are "
-            f"known to {limit[at]:.1e}: one of them is wrong, and nothing is measured with either; please report this scene, "
-            "and name an integrator and a step in its place"
+            f"the {true.source.split(',')[0]} and {other} disagree for {int(wrong.sum()):,} of {wrong.size:,} members, by "
+            f"{apart[at]:.1e}, but their errors explain only {limit[at]:.1e}. One of them is wrong, so neither is used; "
+            "please report this scene, and give an integrator and a step instead"
         )
         raise SceneError("", "pilot", None, rule)
 

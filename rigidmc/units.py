@@ -33,7 +33,7 @@ def dimensions(units):
 
 
 def factor(units, mass, length, time):
-    """What a number in `units` is multiplied by where masses, lengths and times are; inf where that is beyond float64."""
+    """The factor of a number in `units` if masses, lengths and times have these factors; inf if beyond float64."""
     kg, m, s = dimensions(units)
     with np.errstate(over="ignore"):
         return float(np.float64(mass) ** kg * np.float64(length) ** m * np.float64(time) ** s)

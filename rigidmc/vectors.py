@@ -96,7 +96,7 @@ class Sphere(NamedTuple):
 class Correlated(NamedTuple):
     """A normal vector of mean (3) and covariance (3, 3): mean + C^1/2 z, C^1/2 the lower Cholesky factor.
 
-    Of moments: inertia that was measured. A member whose moments no body has is flagged (invalid_input), and a note counts them.
+    For moments: measured inertia. A member whose moments no body can have is flagged (invalid_input), a note counts them.
     """
 
     mean: tuple

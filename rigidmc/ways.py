@@ -179,7 +179,7 @@ def measured(costs, true, integrator, dtype, steps):
     found = costs.pilot
     if integrator == "closed":
         apart = errors(found, closed_states(found), true.states)
-        if true.source.startswith("closed"):  # its error cannot be seen against itself: what rounding does
+        if true.source.startswith("closed"):  # it is its own truth: its error is that of rounding
             unseen = np.full(found.members, np.nan)
             apart = {name: true.error if name in ("state", "momentum", "attitude") else unseen for name in QUANTITIES}
         ns, saves = costs.step(integrator, 1, dtype), costs.saves
@@ -196,7 +196,9 @@ def measured(costs, true, integrator, dtype, steps):
 def ladder(costs, true, integrator, dtype, finest=0.0, ratio=2.0**0.5, most=MOST_STEPS, too_dear=None):
     """Ways of one integrator from long steps to short ones, until the error falls below `finest` or falls no more, or too_dear(way).
 
-    Where steps are watched, none goes farther than WATCHED_TURN: what an event or an extreme needs of them no error of the end tells."""
+    If steps are watched, none turns by more than WATCHED_TURN: the error at the end does not tell how short steps must be for
+    events and extremes.
+    """
     found, ways = costs.pilot, []
     multiple = max(1.0, first_steps(found) / found.base / 24.0)
     if integrator == "closed":

@@ -328,5 +328,5 @@ def test_a_rerun_saves_at_the_nearest_whole_number_of_steps(tmp_path):
 
 def test_too_much_memory_tells_memory_from_disk():
     scene = rm.Scene.load("dzhanibekov")
-    with pytest.raises(OSError, match=r"GB of memory.*\(-o FILE\), for which .*B of memory do and .* GB of disk"):
+    with pytest.raises(OSError, match=r"GB of memory.*\(-o FILE\), which needs .*B of memory and .* GB of disk"):
         rm.simulate(scene, members=2e9, every=None, save=("omega",), keep="final")

@@ -47,7 +47,7 @@ def time_option(key, positive=True, **option):
 
 
 def _told(read):
-    """A reader of an option whose SceneError is a message and an exit code."""
+    """A parser of an option: it calls `read`, and a SceneError ends the command with its message and exit code."""
 
     def parser(text):
         from rigidmc.errors import SceneError
@@ -77,7 +77,7 @@ Dtype = Annotated[str | None, typer.Option(help="float64 or float32: the numbers
 Compensated = Annotated[bool | None, typer.Option("--compensated", help="Keep the remainders of all sums, for very many steps.")]
 Dt = Annotated[float | None, time_option("--dt", help="Step.")]
 Turn = Annotated[float | None, typer.Option(help="In place of --dt: each member steps by so much of its own motion \\[rad].")]
-TEnd = Annotated[float | None, time_option("--t-end", help="End time, in seconds or as 90s, 1h30m, 250ms; so all TIMEs.")]
+TEnd = Annotated[float | None, time_option("--t-end", help="End time. Every TIME is in seconds, or like 90s, 1h30m, 250ms.")]
 Every = Annotated[float | None, time_option("--every", help="Time between saves; without it first and last.")]
 Save = Annotated[
     str | None,
@@ -134,7 +134,7 @@ def reported():
             with noted():
                 yield
         except (KeyboardInterrupt, Terminated, AskedToStop):
-            for number in previous:  # what follows is short, and a second signal leaves nothing behind
+            for number in previous:  # the clean-up is short: no second signal may interrupt it
                 signal.signal(number, signal.SIG_IGN)
             drop_parts()
             raise
@@ -184,8 +184,8 @@ def _ending(name):
 
 @contextmanager
 def noted():
-    """Show warnings about scenes as notes, each once. Those of libraries, of numbers that overflow and of files that are strange, are not for users: what
-    comes of them is flagged or refused."""
+    """Show warnings about scenes as notes, each once. Warnings of libraries, about overflow or strange files, are hidden: rigidmc
+    itself flags or refuses what follows from them."""
     from rigidmc.errors import SceneWarning
 
     seen = set()
@@ -246,10 +246,10 @@ def plots_module():
 
 
 def refuse_outputs(force, output=None, plot=None, bounds=None, animation=None, size=100_000):
-    """Refuse, before any work, outputs that could not be written after it: files that exist, cannot be made or have another ending than their kind (no
-    two kinds share one, so that no two outputs have one name); pictures need matplotlib.
+    """Refuse, before any work, outputs that could not be written after it: files that exist, that cannot be made, or whose ending
+    is not one of their kind. No two kinds share an ending, so no two outputs share a name. Pictures and animations need matplotlib.
 
-    size : bytes of the largest of them, if that is known
+    size : bytes of the largest output, if known
     """
     from rigidmc.files import refuse_existing
 
@@ -261,7 +261,7 @@ def refuse_outputs(force, output=None, plot=None, bounds=None, animation=None, s
 
 
 def keep(dataset, output, plot, force, draw):
-    """Write a study, and the picture that draw(dataset) makes of it; lines that tell so."""
+    """Write a study, and the picture that draw(dataset) makes of it. Returns a line for each file, see `told`."""
     from rigidmc.files import write_bytes
     from rigidmc.storage import encoded
 
@@ -273,7 +273,7 @@ def keep(dataset, output, plot, force, draw):
 
 
 def save_picture(figure, path, force):
-    """Write a picture to a path that was looked at before: where a file appeared there meanwhile it is kept under another name."""
+    """Write a picture to a path that was checked before the work. If a file is there now, the picture gets another name."""
     from rigidmc.files import write_bytes
 
     write_bytes(path, plots_module().drawn(figure, path), force)

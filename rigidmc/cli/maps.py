@@ -32,7 +32,7 @@ from rigidmc.cli.common import (
 @app.command("map")
 def make_map(
     name: Annotated[str, typer.Argument(metavar="NAME|SCENE", help="A map of the package (rigidmc map list), a TOML file, or a shipped scene.")],
-    which: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Of `rigidmc map list NAME`: the map to be explained.")] = None,
+    which: Annotated[str | None, typer.Argument(metavar="[NAME]", help="With `rigidmc map list`: the map to explain.")] = None,
     x: Annotated[str | None, typer.Option(metavar="KEY=LOW:HIGH", help="Scene parameter across, e.g. body.moments.1=0:1; :log for even ratios.")] = None,
     y: Annotated[str | None, typer.Option(metavar="KEY=LOW:HIGH", help="Scene parameter upwards.")] = None,
     of: Annotated[list[str], typer.Option(metavar="MEASURE", help='What a pixel is asked: "p(flips >= 1)", "mean(megno)", "quantile(flip_wait, 0.9)"; may be repeated.')] = [],  # noqa: B006

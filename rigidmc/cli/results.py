@@ -74,7 +74,7 @@ def animate(
     file: ResultArgument,
     member: Annotated[int, count_option("--member", 0, help="Index of the member.")],
     output: Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="Animation to write (.gif, .mp4, .webm).")],
-    seconds: Annotated[float, time_option("--seconds", help="How long it is to last.")] = 10.0,
+    seconds: Annotated[float, time_option("--seconds", help="Length of the animation.")] = 10.0,
     fps: Annotated[int, count_option("--fps", 1, 60, help="Frames a second.")] = 25,
     force: Force = False, allow_code: AllowCode = False,
 ):  # fmt: skip

@@ -7,11 +7,11 @@ import typer
 
 from rigidmc.cli.common import app, reported
 
-Name = Annotated[str | None, typer.Argument(metavar="[NAME]", help="One of them, to be explained.")]
+Name = Annotated[str | None, typer.Argument(metavar="[NAME]", help="The one to explain; without it all are listed.")]
 
 
 def _explained(name, kinds, word, text, lines):
-    """Print all that is known of one of some kinds: its docstring, which has its equation and source, and lines of facts."""
+    """Explain the kind of this name: print its docstring, which has its equation and source, then lines of facts."""
     from inspect import cleandoc
 
     from rigidmc.errors import unknown

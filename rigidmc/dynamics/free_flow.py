@@ -133,7 +133,7 @@ def _half_and_whole(h, x, y, halvings):
 
 
 def _of_a_panel(half, whole, h, x, y, panels):
-    """(Arc of half a panel, Arc of a panel) where a time h, of which half and whole are known, is cut into panels."""
+    """(Arc of half a panel, Arc of a panel) of a time h that is cut into panels; half, whole : the Arcs of h/2 and h."""
     if len(panels) == 1:
         return half, whole
     return _half_and_whole(panels[0] * h, x, y, ())
@@ -147,10 +147,11 @@ def free_flow(body, halvings, panels, h, l):
     where P(L) turns L to the body axis e_j, the one (1 or 3) about which L circles. |L|, T and the space momentum are kept to
     rounding at any h; the phase is exact for symmetric bodies and of order 8 in h otherwise.
 
-    The momentum takes h in one, whatever the panels: its bits do not depend on whether anyone asks for the attitude.
+    The momentum advances by h at once, however many panels there are: its bits do not depend on whether the attitude is computed.
 
     halvings : a tuple whose LENGTH says how often the series' argument is halved
-    panels : (1/n, ...), n panels into which h is cut for the phase; 1/n in the tuple and not len(), which would be a float64 for float32 too
+    panels : n times 1/n: for the phase h is cut into n panels. The tuple holds 1/n because 1/len() would be a float64 in float32
+        kernels too
     """
     square = dot(l, l)
     moves = square > by_precision(square, _REST, 1e-36)
@@ -178,8 +179,9 @@ def free_flow(body, halvings, panels, h, l):
     phase = twice_energy * (time - integral) + select(on_third, body.i3, body.i1) * integral
     s, c = sincos(0.5 * phase)
     s = s * sign
-    # P(u)^-1 R P(u + du), R the turn by the phase: |P(u)|^2 R about u, and what du adds. A short step has a small turn to all digits:
-    # the product of the three has it to 1e-16 of 1, alike from step to step, which adds up with their number
+    # The turn is P(u)^-1 R P(u + du), R the turn by the phase. As |P(u)|^2 R about u, plus what du adds, the small turn of a short
+    # step has all its digits. The product of the three is off by 1e-16, alike in every step, so that the error grows with the
+    # number of steps
     size, more = 2.0 / start[0], to_axis(on_third, sign, change)
     more = sign * select(on_third, change[2], change[0]), more[1], more[2], more[3]
     turn = multiply(conjugate(to_axis(on_third, sign, u)), (c, select(on_third, 0.0, s), 0.0, select(on_third, s, 0.0)))

@@ -40,8 +40,8 @@ def names(part, *methods):
 
 
 class Traced:
-    """Stands for a number whose use is asked for: what is computed from it is Traced again, and `used` holds once code compares it, branches on it
-    or gives it to a library."""
+    """A stand-in for a number, which shows whether code uses it: what is computed from it is Traced again, and `notes` gets an
+    entry as soon as code branches on it or gives it to a library."""
 
     def __init__(self, notes):
         self.notes = notes
@@ -65,9 +65,11 @@ class Traced:
 
 
 def depends(call, part, **values):
-    """Whether what `call` (made by `method`) computes with `part` depends on those of the values that are None: numbers, or tuples of so many, are Traced.
+    """Whether the result of call(part, ...), with a `call` made by `method`, depends on a value that is None.
 
-    values : by name, all that `call` offers; (None, None, None, None) for an attitude that is traced. Code that fails with such numbers is taken to depend.
+    values : all that `call` offers, by name; a Traced stands in for each None, and an attitude is four of them
+
+    Code that fails with a Traced is taken to depend on it.
     """
     notes: list[bool] = []
 

@@ -77,10 +77,11 @@ def accepting(effects, compensated=False, works=False):
 
 
 def keeps_remainders(name, effects, dtype, compensated=False):
-    """Whether sums keep their remainders: where that is asked for, and in float32 wherever they can.
+    """Whether sums keep their remainders: if that is asked for, and in float32 whenever the integrator can.
 
-    A short step changes a state by so few units in its last place that they are rounded alike for many steps: in float32 errors grow
-    with the steps' number and faster (rk4: 10 s in 1.3e5 steps 2e-3), with remainders not at all (6e-7). rk4 is 1.3 times as dear for it.
+    A short step changes a state by few units in its last place, which many steps in a row round alike. In float32 the error then
+    grows as fast as the number of steps or faster (rk4: 2e-3 after 10 s in 1.3e5 steps); with remainders it does not grow (6e-7),
+    and rk4 costs 1.3 times as much.
     """
     return compensated or (dtype == "float32" and _refusal(INTEGRATORS[name], effects, True, False) is None)
 

@@ -15,7 +15,7 @@ class Flips(NamedTuple):
     A flip is a change of sign of the angular momentum about the axis after it has come within an angle of it, either end: free tops that start there
     flip every 2 K(m)/lambda (flip_interval of `rigidmc exact`), TdC (3.35) in closed form; those that wobble about another axis never do.
 
-    The component is looked at when steps end: what comes and goes within a step is not seen.
+    The component is checked at the end of each step: a change that comes and goes within a step is missed.
 
     axis : 1, 2 or 3; 0 for that of the middle moment of each body;  within : that angle [rad]
     """

@@ -1,6 +1,7 @@
 """Running statistics over the steps of a member: smallest, largest, mean and variance of any observable of its state.
 
-They see the start and the ends of steps: extremes between them are missed by up to x'' h^2/8, means are off by order h^2 of the trapezoidal rule.
+They use the start and the end of each step: an extreme in between is missed by up to x'' h^2/8, and a mean has the error of the
+trapezoidal rule, of order h^2.
 """
 
 from typing import Any, NamedTuple

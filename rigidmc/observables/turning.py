@@ -11,8 +11,8 @@ from rigidmc.dynamics.so3 import select
 class Nutation(NamedTuple):
     """The smallest and largest angle theta between axis 3 of the body and the vertical, at the start and after every step, TdC (3.36).
 
-    An extreme between two steps is missed: of 50 heavy tops to t = 25 the worst by 0.32 rad after steps of 1.6 rad, by 0.06 rad after
-    steps of 0.3 rad, by 0.02 rad after steps of 0.15 rad.
+    An extreme between two steps is missed. The worst error among 50 heavy tops to t = 25 is 0.32 rad with steps of 1.6 rad, 0.06
+    rad with steps of 0.3 rad, 0.02 rad with steps of 0.15 rad.
 
     What is kept: sin^2(theta/2), which has all its digits near 0, where its cosine has half of them.
     """
@@ -40,8 +40,8 @@ class Nutation(NamedTuple):
 class Precession(NamedTuple):
     """The angle phi by which axis 3 of the body has turned about the vertical, turns counted, TdC (3.36).
 
-    The way from one step to the next is taken to be the shorter one: where a step turns the axis by half a turn or more about the vertical, as it may
-    when it passes near that, whole turns are lost (of 50 heavy tops 12 after steps of 1.6 rad).
+    Between two steps the axis is taken to go the shorter way round. If a step turns it by half a turn or more about the vertical,
+    as it may when the axis passes near the vertical, whole turns are lost (for 12 of 50 heavy tops with steps of 1.6 rad).
 
     What is kept: the axis over the horizontal plane, how often it changed between its halves y >= 0 and y < 0, counted by its sense, and where it
     was at the start.

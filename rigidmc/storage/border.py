@@ -1,4 +1,4 @@
-"""What a file must be to be taken for a result: its variables, their dimensions, types and units are those that the scene in it demands."""
+"""Checks whether a file is a result: variables, dimensions, types and units must be those that the scene in it demands."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -19,12 +19,12 @@ from rigidmc.storage.schema import (
     saved_variables,
 )
 
-ROWS = 10_000_000  # members up to which a few of them have their rows spread to their indices: 80 MB a column
+ROWS = 10_000_000  # a selection is spread out to a column of all indices if they are below this: 80 MB
 
 
 def as_result(dataset, path):
-    """(the Dataset as the scene in it lays it out, names of variables that no result of that scene has) of a file that was opened as it stands;
-    SceneError for one that is none."""
+    """Check an undecoded Dataset; returns it as results of its scene are laid out, and the names of variables that no such result
+    has. SceneError if it is not a result."""
 
     def wrong(key, rule, value=None):
         return SceneError("", key, value, rule, file=path)
@@ -49,7 +49,7 @@ def as_result(dataset, path):
     strange = [str(name) for name in dataset.variables if name not in known and name not in own]
     words = [name for name, (_, values, _) in own.items() if values.dtype.kind == "U"]
     found = dataset.drop_vars([*strange, *(name for name in words if name in dataset.variables)])
-    found = found.assign_coords({name: own[name] for name in words})  # which they are is known: no text is read
+    found = found.assign_coords({name: own[name] for name in words})  # their values are known: no text is read from the file
     for name, variable in found.variables.items():
         attrs = own[name][2] if name in own else known[str(name)].attrs
         variable.attrs = {k: variable.attrs[k] for k in ("units", "significant_digits") if k in variable.attrs} | attrs
@@ -71,7 +71,7 @@ def _scene_of(dataset, path):
 
 
 def _layout(scene, dataset):
-    """(what stands for the plan of a scene, {name: Variable} of all that its results may have, names of those that each has)."""
+    """(a stand-in for the plan of a scene, {name: Variable} of all that its results may have, names they must have)."""
     bins = tuple((f"{label}_bin", one.edges(), OBSERVABLES[one.name].units) for label, one in scene.histograms())
     labels = booked_labels(scene)
     times = np.empty(dataset.sizes["time"])
@@ -87,8 +87,8 @@ def _layout(scene, dataset):
     }
     opaque = [(label, effect) for label, effect in labelled(scene.effects) if hasattr(effect, "stand_in")]
     for name in {f"{label}_{field}" for label, effect in opaque for field in effect._fields} & known.keys():
-        known[name] = known[name]._replace(attrs={"long_name": known[name].attrs["long_name"]})  # in what units only the code tells
-    # and only that tells whether it has an energy, which mass and centre are kept for
+        known[name] = known[name]._replace(attrs={"long_name": known[name].attrs["long_name"]})  # only the code tells the units
+    # only the code tells whether an effect has an energy; if none has, mass and centre may be missing
     return plan, known, [name for name in always if not (opaque and name in ("mass", "centre"))]
 
 

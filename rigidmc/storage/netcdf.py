@@ -69,7 +69,7 @@ def write(dataset, path, force=False):
 
 
 def encoded(dataset):
-    """The bytes of the file of a Dataset, made in memory: where the disk is full it is not the C library that has to tell, which crashes later."""
+    """The bytes of a Dataset as a netCDF file. They are made in memory: after a full disk the C library crashes."""
     words = {name: {"dtype": "S1"} for name, v in dataset.variables.items() if v.dtype.kind in "UO"}
     return dataset.to_netcdf(engine="netcdf4", encoding=words)
 
@@ -82,7 +82,7 @@ class Writer:
         then has a sum, so that a flipped bit is an error to whoever reads it"""
         if named is None:
             refuse_existing(path, force)
-        refuse_lockless(os.path.dirname(os.path.abspath(path)))  # the C library locks what it writes, and says "Permission denied"
+        refuse_lockless(os.path.dirname(os.path.abspath(path)))  # without locks the C library only says "Permission denied"
         self.path, self._named = path, named
         self._file: Any = None
         self._part = Part(path, force)
@@ -176,8 +176,8 @@ class Writer:
 
 
 def read(path, *names, mark=None):
-    """{name: array} of variables of a file, all of them where none are named, as they were written; SceneError for a shard of another mark, and
-    for a file without them."""
+    """{name: array} of variables of a file as they were written, of all if none are named. SceneError for a shard of another mark,
+    a damaged file and a missing variable."""
     try:
         with alone(), netCDF4.Dataset(path) as file:
             if mark is not None and str(getattr(file, "run", None)) != mark:
@@ -187,7 +187,7 @@ def read(path, *names, mark=None):
             file.set_auto_chartostring(False)
             return {name: file[name][:] for name in names or file.variables}
     except (OSError, RuntimeError, IndexError) as error:
-        if isinstance(error, OSError) and (error.errno or 0) > 0:  # of the system; those of the library are below 0
+        if isinstance(error, OSError) and (error.errno or 0) > 0:  # an error of the system; those of the library are negative
             raise
         raise SceneError("", "file", None, f"is damaged, or is not what it should be: {error}", file=path) from None
 
@@ -225,7 +225,7 @@ def scene_of(source, settings=(), allow_code=False):
         )  # any selection, in any order: members between have no rows, and need none
         count = int(members.max()) + 1
         if count > max(ROWS, 100 * members.size):
-            rule = f"has the rows of {members.size:,} members only, of which one is {count - 1:,}: open the whole result"
+            rule = f"has the rows of {members.size:,} members only, up to member {count - 1:,}: open the whole result"
             raise SceneError("", "member", None, rule, file=file)
         whole = np.repeat(rows[..., :1], count, axis=-1)
         whole[..., members] = rows
@@ -246,7 +246,7 @@ def scene_text(dataset):
 def open_result(path, made=False):
     """A result as an xarray Dataset, read lazily; SceneError where the file is no result of rigidmc, see `rigidmc.storage.border`.
 
-    made : whether this process has just written it, and so knows what it is
+    made : whether this process has just written the file, which then needs no checks
     """
     import xarray as xr
 
@@ -257,7 +257,7 @@ def open_result(path, made=False):
             return xr.open_dataset(path, engine="netcdf4")
     refuse_unreadable(path)
     try:
-        with _opening:  # as it stands: nothing of it is decoded by what its attributes say
+        with _opening:  # undecoded: attributes of a file are not to be trusted
             dataset = xr.open_dataset(path, engine="netcdf4", decode_cf=False)
     except (ValueError, TypeError, RuntimeError, KeyError, IndexError) as error:
         raise SceneError("", "file", None, f"is damaged, or no result of rigidmc: {error}", file=path) from None
@@ -272,7 +272,7 @@ def open_result(path, made=False):
         raise
     if strange:
         names = ", ".join(strange[:5]) + (f" and {len(strange) - 5:,} more" if len(strange) > 5 else "")
-        warnings.warn(f"{path}: left out what no result of its scene has: {names}", SceneWarning, stacklevel=3)
+        warnings.warn(f"{path}: left out variables that no result of its scene has: {names}", SceneWarning, stacklevel=3)
     found.set_close(dataset.close)
     found.encoding["source"] = dataset.encoding.get("source", os.path.abspath(path))
     return found

@@ -86,7 +86,7 @@ def stability_map(scene, x, y, of, resolution=256, members=None, threads=None, p
     variables = {name: v.dims for name, v in member_variables(made, False).items()}
     asked = [measure(text, variables) for text in of]
     plan, pixels, each = prepare(made, threads or 1), sides[0] * sides[1], max(1, CHUNK // members)
-    for note in notes(given, plan._replace(notes=())):  # how large steps may be is what maps of the package try
+    for note in notes(given, plan._replace(notes=())):  # without the plan's notes on large steps: maps take them on purpose
         warnings.warn(note, SceneWarning, stacklevel=2)
     parts = {one.text: np.full((3, pixels), np.nan) for one in asked}
     counts, began = np.zeros((3, pixels), "i4"), time.perf_counter()
