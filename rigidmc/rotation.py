@@ -8,7 +8,7 @@ hat(omega). Arrays have components last and any leading shape. Whatever takes an
 
 import numpy as np
 
-from rigidmc.dynamics.so3 import multiply
+from rigidmc.dynamics.so3 import multiply, sincos
 from rigidmc.errors import SceneError, flag
 
 CONVENTIONS = ("zxz", "zyz")
@@ -73,8 +73,8 @@ def quaternion_from_matrix(matrix, table="", key="matrix"):
 def quaternion_from_euler(phi, theta, psi):
     """Quaternions (4, ...), components FIRST, of A = Rz(phi) Rx(theta) Rz(psi), TdC (3.36). Angles [rad] of any one shape."""
     plus, minus, half = 0.5 * (phi + psi), 0.5 * (phi - psi), 0.5 * theta
-    c, s = np.cos(half), np.sin(half)
-    return np.stack([c * np.cos(plus), s * np.cos(minus), s * np.sin(minus), c * np.sin(plus)])
+    (s, c), (sine, cosine), (other, more) = sincos(half), sincos(plus), sincos(minus)
+    return np.stack([c * cosine, s * more, s * other, c * sine])
 
 
 def from_euler(angles, convention="zxz"):

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rigidmc.amounts import counted
+from rigidmc.dynamics.functions import normal_quantile, power
 from rigidmc.engine.random import uniforms
 from rigidmc.errors import SceneError, unknown
 
@@ -23,9 +24,7 @@ class Distribution:
     def ppf(self, u):
         """Quantiles of u, an array in (0, 1)."""
         if self.name == "normal":
-            from scipy.special import ndtri
-
-            return self.parameters[0] + self.parameters[1] * ndtri(u)
+            return self.parameters[0] + self.parameters[1] * normal_quantile(u)
         if self.name == "uniform":
             return self.parameters[0] + (self.parameters[1] - self.parameters[0]) * u
         return _scipy(self.name)(**dict(self.parameters)).ppf(u)
@@ -63,7 +62,7 @@ class Grid:
     def _values(self, index):
         """The values of these indices; all values of a grid may not fit into memory."""
         share = (index + 0.5) / self.count
-        return self.low * (self.high / self.low) ** share if self.log else self.low + (self.high - self.low) * share
+        return self.low * power(self.high / self.low, share) if self.log else self.low + (self.high - self.low) * share
 
     def at(self, first, count):
         """Those of members first ... first + count - 1."""

@@ -10,6 +10,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rigidmc.dynamics.functions import (
+    arcsine,
+    cosine,
+    exponential_of,
+    hyperbolic_sine,
+    hypotenuse,
+    logarithm_of,
+    logarithm_of_one_and,
+    sine,
+)
+from rigidmc.dynamics.so3 import arctan2, expm1
 from rigidmc.engine.random import uniforms
 from rigidmc.errors import SceneError, unknown
 from rigidmc.rotation import product, quaternion, quaternion_from_euler
@@ -35,7 +46,7 @@ def turns(u, v, w):
     """
     a, b = np.sqrt(1.0 - u), np.sqrt(u)
     v, w = 2.0 * np.pi * v, 2.0 * np.pi * w
-    return np.stack([b * np.cos(w), a * np.sin(v), a * np.cos(v), b * np.sin(w)])
+    return np.stack([b * cosine(w), a * sine(v), a * cosine(v), b * sine(w)])
 
 
 def kept(share, seed, first, count):
@@ -59,7 +70,7 @@ def directions(draws, name, first, count):
     """Unit vectors (3, n), uniform on the sphere: cosine of the polar angle and azimuth are."""
     z, phi = draw((uniform(-1.0, 1.0), uniform(0.0, 2.0 * math.pi)), draws, f"{name}.direction", first, count)
     r = np.sqrt((1.0 - z) * (1.0 + z))
-    return np.stack([r * np.cos(phi), r * np.sin(phi), z])
+    return np.stack([r * cosine(phi), r * sine(phi), z])
 
 
 class Cone(NamedTuple):
@@ -78,8 +89,8 @@ class Cone(NamedTuple):
         size, angle, azimuth = draw((self.size, self.angle, self.azimuth), draws, f"{name}.cone", first, count)
         i = abs(self.axis) - 1
         v = np.empty((3, count))
-        v[i] = math.copysign(1.0, self.axis) * size * np.cos(angle)
-        v[(i + 1) % 3], v[(i + 2) % 3] = size * np.sin(angle) * np.cos(azimuth), size * np.sin(angle) * np.sin(azimuth)
+        v[i] = math.copysign(1.0, self.axis) * size * cosine(angle)
+        v[(i + 1) % 3], v[(i + 2) % 3] = size * sine(angle) * cosine(azimuth), size * sine(angle) * sine(azimuth)
         return v
 
 
@@ -105,8 +116,17 @@ class Correlated(NamedTuple):
 
     def sample(self, draws, name, first, count, facts):
         z = draw((Distribution("normal", (0.0, 1.0)),) * 3, draws, f"{name}.normal", first, count)
-        root = np.linalg.cholesky(np.array(self.covariance))
-        return np.stack([self.mean[i] + sum(root[i, j] * z[j] for j in range(i + 1)) for i in range(3)])
+        root = lower_factor(self.covariance)
+        return np.stack([self.mean[i] + sum(root[i][j] * z[j] for j in range(i + 1)) for i in range(3)])
+
+
+def lower_factor(c):
+    """The lower Cholesky factor of a symmetric matrix of 3x3, as rows."""
+    a = math.sqrt(c[0][0])
+    b, d = c[1][0] / a, c[2][0] / a
+    e = math.sqrt(c[1][1] - b * b)
+    f = (c[2][1] - d * b) / e
+    return (a,), (b, e), (d, f, math.sqrt(c[2][2] - d * d - f * f))
 
 
 class Shell(NamedTuple):
@@ -148,7 +168,7 @@ class GibbsMomentum(NamedTuple):
     def share(self, seed, first, count, facts):
         """Of attitudes: q -> exp(-V(q)/kT), of its bound."""
         (heat,) = draw((self.kT,), seed, "start.momentum.kT", first, count)
-        return lambda q: np.exp(-(facts.potential(q) + facts.bound) / heat)
+        return lambda q: exponential_of(-(facts.potential(q) + facts.bound) / heat)
 
     def sample(self, draws, name, first, count, facts):
         (heat,) = draw((self.kT,), draws, f"{name}.kT", first, count)
@@ -184,7 +204,7 @@ class Fisher(NamedTuple):
         u = draw((Distribution("uniform", (0.0, 1.0)),), draws, f"{name}.angle", first, count)[0]
         half = 0.5 * np.interp(u, *_turns(self.kappa))
         axis = directions(draws, name, first, count)
-        turn = np.stack([np.cos(half), *(np.sin(half) * axis)], axis=-1)
+        turn = np.stack([cosine(half), *(sine(half) * axis)], axis=-1)
         return product(quaternion(self.attitude), turn).T
 
 
@@ -203,10 +223,10 @@ class Pointing(NamedTuple):
         whole = Distribution("uniform", (0.0, 2.0 * math.pi))
         u, azimuth, psi = draw((Distribution("uniform", (0.0, 1.0)), whole, whole), draws, f"{name}.pointing", first, count)
         k = self.kappa
-        less = -np.log1p((1.0 - u) * np.expm1(-2.0 * k)) / k if k > 0.0 else 2.0 * (1.0 - u)  # 1 - cosine
-        theta = 2.0 * np.arcsin(np.sqrt(np.clip(0.5 * less, 0.0, 1.0)))
-        x, y, z = np.array(self.direction) / np.linalg.norm(self.direction)
-        tip = quaternion_from_euler(math.atan2(x, -y), math.atan2(math.hypot(x, y), z), 0.0)
+        less = -logarithm_of_one_and((1.0 - u) * expm1(-2.0 * k)) / k if k > 0.0 else 2.0 * (1.0 - u)  # 1 - cosine
+        theta = 2.0 * arcsine(np.sqrt(np.clip(0.5 * less, 0.0, 1.0)))
+        x, y, z = self.direction
+        tip = quaternion_from_euler(arctan2(x, -y), arctan2(hypotenuse(x, y), z), 0.0)
         return product(tip, quaternion_from_euler(azimuth, theta, psi).T).T
 
 
@@ -217,8 +237,8 @@ def _turns(kappa):
 
     width = min(1.0, 1.0 / math.sqrt(2.0 * kappa + 1.0))
     s = np.linspace(0.0, 1.0, 20_001)
-    angle = np.pi * np.sinh(s * np.arcsinh(1.0 / width)) * width
-    density = (1.0 - np.cos(angle)) * np.exp(2.0 * kappa * (np.cos(angle) - 1.0))
+    angle = np.pi * hyperbolic_sine(s * logarithm_of(1.0 / width + math.sqrt(1.0 / (width * width) + 1.0))) * width
+    density = (1.0 - cosine(angle)) * exponential_of(2.0 * kappa * (cosine(angle) - 1.0))
     total = cumulative_simpson(density, x=angle, initial=0.0)
     return total / total[-1], angle
 

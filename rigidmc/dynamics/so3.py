@@ -6,6 +6,8 @@ q and -q are one attitude; a product `multiply(p, q)` turns by q first, then by 
 
 import math
 
+import numpy as np
+
 # pi/2 in three parts of 33, 33 and 53 bits (Cody & Waite; the parts of fdlibm's e_rem_pio2): n*part is exact for n < 2^20,
 # beyond it the error is that of the rounded argument itself.
 _HALF_PI = 1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21
@@ -15,7 +17,9 @@ _HALF_PI_SINGLE = 1.5703125, 4.837512969970703e-04, 7.54978995489188e-08  # in p
 
 
 def select(condition, a, b):
-    """`a if condition else b`, both evaluated: a blend in lanes, never a branch."""
+    """`a if condition else b`, both evaluated: a blend where many members are worked on, never a branch; of arrays, element by element."""
+    if isinstance(condition, np.ndarray):
+        return np.where(condition, a, b)
     return a if condition else b
 
 
@@ -36,8 +40,18 @@ def rounded(x):
 
 
 def root(x):
-    """The square root of a number, or of numbers of an array."""
-    return x**0.5
+    """The square root of a number, or of the numbers of an array."""
+    return np.sqrt(x)
+
+
+def larger(a, b):
+    """The larger of two numbers, or of those of arrays."""
+    return select(b > a, b, a)
+
+
+def smaller(a, b):
+    """The smaller of two numbers, or of those of arrays."""
+    return select(b < a, b, a)
 
 
 def select3(condition, a, b):
@@ -356,7 +370,7 @@ def expm1(x):
     Series of degree 9 at x/256, then e <- e (2 + e) eight times. The next term is 3e-22 of x at |x| = 1 and 3e-14 at 44, where
     nothing of it is left for x < 0.
     """
-    y = max(x, -44.0) * 0.00390625
+    y = larger(x, -44.0) * 0.00390625
     e = y * (
         1.0
         + y * (1 / 2 + y * (1 / 6 + y * (1 / 24 + y * (1 / 120 + y * (1 / 720 + y * (1 / 5040 + y * (1 / 40320 + y / 362880)))))))
@@ -374,7 +388,7 @@ def expm1(x):
 def arctan2(y, x):
     """atan2(y, x) without branch or libm call; |relative error| <= 3e-16; 0 for (0, 0)."""
     a, b = abs(y), abs(x)
-    low, high = min(a, b), max(a, b)
+    low, high = smaller(a, b), larger(a, b)
     high = select(high > 0.0, high, 1.0)
     far = low > _EIGHTH * high
     z = select(far, low - high, low) / select(far, high + low, high)

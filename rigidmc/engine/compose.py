@@ -20,15 +20,19 @@ from numba.extending import NativeValue, intrinsic, overload, typeof_impl, unbox
 
 import rigidmc.integrators.verbs
 import rigidmc.observables.verbs  # noqa: F401  (imported so that METHODS is complete)
-from rigidmc.dynamics import euler, free_flow, principal, so3
+from rigidmc.dynamics import euler, free_flow, functions, principal, so3
 from rigidmc.dynamics.methods import METHODS, arguments
 from rigidmc.effects import EFFECTS, flows, verbs
 from rigidmc.engine.fused import INLINE
-from rigidmc.engine.numbers import Mask, Vec, blend, opposite_of
+from rigidmc.engine.numbers import Mask, Vec, blend, like, opposite_of
 from rigidmc.integrators import drifts, lie, midpoint, rk4, rk8, splitting
 from rigidmc.observables import SUMMARIES, statistics
 
-_known = {so3.select, so3.opposite, so3.by_precision, so3.root}
+# these have code of their own, here and in `rigidmc.engine.numbers`
+_known = {
+    so3.select, so3.opposite, so3.by_precision, so3.root, functions.as_float, functions.as_word, functions.double, functions.as_given,
+    functions.normal_quantile, functions._ratio,
+}  # fmt: skip
 
 
 def reason(error):
@@ -72,6 +76,11 @@ def _compiled_by_precision(x, double, single):
     if isinstance(x, Vec) and x.dtype == types.float32:
         return lambda x, double, single: single
     return lambda x, double, single: double
+
+
+@overload(functions.as_given, jit_options=INLINE)
+def _compiled_as_given(found, x):
+    return lambda found, x: like(found, x)
 
 
 @overload(so3.root, jit_options=INLINE)
@@ -266,7 +275,7 @@ def inline_all(module):
             inline(function)
 
 
-for _module in (so3, euler, free_flow, principal, verbs, drifts, lie, midpoint, rk4, rk8, splitting, flows, statistics):
+for _module in (so3, functions, euler, free_flow, principal, verbs, drifts, lie, midpoint, rk4, rk8, splitting, flows, statistics):
     inline_all(_module)
 for _kind in (*EFFECTS.values(), *SUMMARIES.values()):
     inline_all(sys.modules[_kind.__module__])

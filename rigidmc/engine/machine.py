@@ -37,7 +37,7 @@ def use_widest_vectors():
 
 def vector_bits():
     """Width of the widest vector registers that kernels of this process may use [bit]."""
-    features = (config.CPU_FEATURES or llvm.get_host_cpu_features().flatten()).split(",")
+    features = (llvm.get_host_cpu_features().flatten() if config.CPU_FEATURES is None else config.CPU_FEATURES).split(",")
     if "+avx512f" in features and "+prefer-256-bit" not in features:
         return 512
     return 256 if "+avx2" in features or "+avx512f" in features else 128

@@ -2,23 +2,22 @@
 
 A member's noise in a step is a function of (seed, stream, member, step) and of nothing else. The counter is [member + 1, step, stream, 1]: the
 last word keeps it apart from the draws of `rigidmc.engine.random`, where it is 0.
-Source: Salmon, Moraes, Dror & Shaw, SC11 (2011); Box & Muller, Ann. Math. Stat. 29 (1958) 610; logarithm after fdlibm's e_log.
+Source: Salmon, Moraes, Dror & Shaw, SC11 (2011); Box & Muller, Ann. Math. Stat. 29 (1958) 610; the logarithm is that of `rigidmc.dynamics.functions`.
 """
 
 import math
 
 import numpy as np
 
+from rigidmc.dynamics.functions import as_float, as_word, logarithm
 from rigidmc.dynamics.so3 import select, sincos_small
 from rigidmc.engine.compose import inline
-from rigidmc.engine.numbers import as_float, as_word
 
 _M0, _M1 = np.uint64(0xD2E7470EE14C6C93), np.uint64(0xCA5A826395121157)
 _W0, _W1 = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBB67AE8584CAA73B)
 _LOW, _HALF, _ONE = np.uint64(0xFFFFFFFF), np.uint64(32), np.uint64(1)
 _MANTISSA, _EXPONENT, _TWELVE = np.uint64(0x000FFFFFFFFFFFFF), np.uint64(0x3FF0000000000000), np.uint64(12)
 _SIGN = np.uint64(0x8000000000000000)
-_LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
 
 
 def product(a, b):
@@ -50,25 +49,6 @@ def uniform(word):
     return (as_float((word >> _TWELVE) | _EXPONENT) - 1.0) + 1.1102230246251565e-16
 
 
-def logarithm(x):
-    """ln x of 2^-53 <= x < 1: |relative error| < 1e-16."""
-    word = as_word(x)
-    m = as_float((word & _MANTISSA) | _EXPONENT)
-    # the exponent as a number: its bits in the low end of 2^52 + ...
-    e = (as_float((word >> np.uint64(52)) | np.uint64(0x4330000000000000)) - 4503599627370496.0) - 1023.0
-    large = m > 1.4142135623730951
-    m, e = select(large, 0.5 * m, m), select(large, e + 1.0, e)
-    f = m - 1.0
-    s = f / (2.0 + f)
-    z = s * s
-    w = z * z
-    r = w * (3.999999999940941908e-01 + w * (2.222219843214978396e-01 + w * 1.531383769920937332e-01)) + z * (
-        6.666666666666735130e-01 + w * (2.857142874366239149e-01 + w * (1.818357216161805012e-01 + w * 1.479819860511658591e-01))
-    )
-    half = 0.5 * f * f
-    return e * _LN2_HIGH - ((half - (s * (half + r) + e * _LN2_LOW)) - f)
-
-
 def signed(x, word):
     """x with the sign of the top bit of a word."""
     return as_float(as_word(x) | (word & _SIGN))
@@ -88,5 +68,5 @@ def normals(words):
     return a * x, a * y, b * direction(words[3])[0]
 
 
-for _function in (product, rounds, philox, uniform, logarithm, signed, direction, normals):
+for _function in (product, rounds, philox, uniform, signed, direction, normals):
     inline(_function)

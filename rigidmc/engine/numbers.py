@@ -7,7 +7,6 @@ Of a vector of one number a mask is also a bool, and every function of the libra
 
 import math
 import operator
-import struct
 from typing import Any
 
 import numpy as np
@@ -20,6 +19,7 @@ from numba.core.typeconv import Conversion
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import NativeValue, intrinsic, overload, typeof_impl, unbox
 
+from rigidmc.dynamics.functions import as_float, as_word, double
 from rigidmc.engine.fused import INLINE
 
 ELEMENT = {"float64": ir.DoubleType(), "float32": ir.FloatType(), "uint64": ir.IntType(64), "int64": ir.IntType(64)}
@@ -307,16 +307,6 @@ def _compiled_any_of(mask):
     return lambda mask: bool(mask)
 
 
-def as_float(word):
-    """The number whose bits are those of a word."""
-    return struct.unpack("<d", struct.pack("<Q", int(word)))[0]
-
-
-def as_word(number):
-    """The bits of a number as a word."""
-    return np.uint64(struct.unpack("<Q", struct.pack("<d", number))[0])
-
-
 @intrinsic
 def _as(typing_context, value, sample):
     kind = Vec(sample, value.count) if isinstance(value, Vec) else sample
@@ -369,11 +359,6 @@ def _compiled_like(x, other):
 def _widened(typing_context, x):
     kind = Vec(types.float64, x.count)
     return kind(x), lambda context, builder, sig, args: builder.fpext(args[0], llvm_type(kind))
-
-
-def double(x):
-    """x in float64."""
-    return x
 
 
 @overload(double, jit_options=INLINE)

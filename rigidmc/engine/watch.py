@@ -6,6 +6,7 @@ observable, SHADOW rows for the neighbour. Steps are made first, a few dozen at 
 
 import math
 
+from rigidmc.dynamics.functions import logarithm
 from rigidmc.dynamics.so3 import difference, difference4, dot, select
 from rigidmc.engine.compose import filled, given, inline
 from rigidmc.engine.events import (
@@ -48,7 +49,6 @@ from rigidmc.engine.layout import (
     three_at,
 )  # fmt: skip
 from rigidmc.engine.member import in_precision
-from rigidmc.engine.noise import logarithm
 from rigidmc.engine.numbers import any_of, like
 from rigidmc.integrators.verbs import closed, opened
 from rigidmc.observables.chaos import NEAR, OFTEN  # noqa: F401

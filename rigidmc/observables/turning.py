@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rigidmc.dynamics.so3 import select
+from rigidmc.dynamics.functions import arcsine
+from rigidmc.dynamics.so3 import arctan2, select
 
 
 class Nutation(NamedTuple):
@@ -33,7 +34,7 @@ class Nutation(NamedTuple):
 
     def results(self, kept):
         """Outputs from what is kept, (2, n)."""
-        low, high = 2.0 * np.arcsin(np.sqrt(np.clip(kept, 0.0, 1.0)))
+        low, high = 2.0 * arcsine(np.sqrt(np.clip(kept, 0.0, 1.0)))
         return {"nutation_min": low, "nutation_max": high}
 
 
@@ -63,7 +64,7 @@ class Precession(NamedTuple):
         """Outputs from what is kept, (5, n)."""
         x, y, halves, x0, y0 = kept
         turns = 0.5 * (halves - (y0 < 0.0) + (y < 0.0))  # half -1 is y < 0 of turn 0, half 0 the other
-        return {"precession": 2.0 * math.pi * turns + np.arctan2(y + 0.0, x) - np.arctan2(y0 + 0.0, x0)}  # of -0.0 that of 0.0
+        return {"precession": 2.0 * math.pi * turns + arctan2(y + 0.0, x) - arctan2(y0 + 0.0, x0)}  # of -0.0 that of 0.0
 
 
 def over_plane(q):

@@ -1,0 +1,52 @@
+"""A member's bits are those of scene, seed and index: whatever the width and the processor, draws and events included. `python -m bench bits` has them all."""
+
+import numpy as np
+import pytest
+from scipy.special import ndtri
+
+from bench.bits import elsewhere, sums
+from rigidmc.dynamics import functions
+from rigidmc.vectors import lower_factor
+
+pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # steps that hide what is watched
+
+
+def test_widths_change_no_bit():
+    for case, each in sums((1, 16), ("strang",)).items():
+        assert len(set(each)) == 1, case
+
+
+def test_neither_does_another_processor_with_other_libraries():
+    assert elsewhere("haswell, plain libraries", (0,), ("rk4",)) == sums((0,), ("rk4",))
+
+
+def test_the_comparison_sees_one_bit(monkeypatch):
+    here = sums((0,), ("exact",))
+    quantile = functions.normal_quantile
+    monkeypatch.setattr("rigidmc.sampling.normal_quantile", lambda u: np.nextafter(quantile(u), 9.0))
+    assert sums((0,), ("exact",)) != here
+
+
+def test_quantiles_of_normal_deviates():
+    u = np.concatenate([np.random.default_rng(1).uniform(size=5000), 10.0 ** -np.linspace(0.1, 300.0, 5000)])
+    assert np.abs(functions.normal_quantile(u) / ndtri(u) - 1.0).max() < 2e-15  # measured 7.8e-16
+    assert functions.normal_quantile(np.array([0.5]))[0] == 0.0
+
+
+def test_functions_of_arrays_are_those_of_numbers():
+    x = np.random.default_rng(2).uniform(-3.0, 3.0, 200)
+    for function in (
+        functions.sine,
+        functions.exponential_of,
+        functions.hyperbolic_tangent,
+        functions.arctangent,
+        functions.hyperbolic_sine,
+    ):
+        assert function(x).tolist() == [function(float(one)) for one in x]
+    assert np.abs(functions.logarithm_of_one_and(1e-3 * x) - np.log1p(1e-3 * x)).max() < 1e-18  # measured 4e-19
+
+
+def test_a_cholesky_factor_is_one():
+    c = np.array([[2.0, 0.3, -0.4], [0.3, 1.0, 0.2], [-0.4, 0.2, 0.5]])
+    root = np.array([row + (0.0,) * (3 - len(row)) for row in lower_factor(c.tolist())])
+    assert np.abs(root @ root.T - c).max() < 1e-15  # measured 4.4e-16
