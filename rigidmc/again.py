@@ -32,7 +32,7 @@ def rerun(source, member, every=None, save=None, allow_code=False, output=None, 
     allow_code, options : as of `rigidmc.Scene.load` and `rigidmc.simulate`
 
     The attribute `rerun` tells at how many times both were compared. Raises SceneError for a member that the result does not have
-    and for an `every` that would change the steps; warns (SceneWarning) if a value differs, as it may on another type of processor
+    and for an `every` that would change the steps; warns (SceneWarning) if a value differs, as it may with another version of rigidmc or of a library
     or with another version.
     """
     if output is not None:
@@ -117,7 +117,7 @@ def _compared(made, result, source):
             apart[name] = float(np.nanmax(np.abs(one - two)))
     if apart:
         worst = ", ".join(f"{name} by {off:.1e}" for name, off in apart.items())
-        warnings.warn(f"differs from {source}: {worst}; another processor or version rounds otherwise", SceneWarning, stacklevel=3)
+        warnings.warn(f"differs from {source}: {worst}; another version rounds otherwise", SceneWarning, stacklevel=3)
         return f"differs: {worst}"
     if not names:
         return "compared with nothing: no save of both is the same quantity at the same time"

@@ -142,7 +142,7 @@ def resume(
 ):  # fmt: skip
     """Compute the shards of a run that are missing; (RunDirectory, {status: members} of what was computed).
 
-    accept : go on though versions or processor are others, whose last bits may differ
+    accept : go on though versions are others, whose last bits may differ; a processor of another type makes the same bits
     max_wall : time limit ("3h", or seconds): no shard is begun that would not be done by then, judged by the time of the others
         without compiling
     only : a range of shards, of a job array whose directories are merged; it may end beyond the last;  block : members computed at once; nothing depends on it

@@ -250,7 +250,9 @@ def test_sobol_points_are_scipys():
     scene = scene_of_points("sobol")
     w = stage(scene, 0, 256, False)[1]["start_omega"]
     true = stats.qmc.Sobol(3, rng=np.random.default_rng([3, stream_of("points.sobol") >> 1])).random(256).T + 0.5**31
-    assert np.abs(w - (np.array([[0.3], [1.0], [0.2]]) + 0.1 * ndtri(true))).max() < 4e-16  # measured 2.2e-16: quantiles are our own
+    assert (
+        np.abs(w - (np.array([[0.3], [1.0], [0.2]]) + 0.1 * ndtri(true))).max() < 4e-16
+    )  # measured 2.2e-16: quantiles are our own
     later = stage(scene, 96, 32, True)[1]["start_omega"]
     assert np.array_equal(later, w[:, 96:128]) and np.array_equal(stage(scene, 32, 32, False)[1]["start_omega"], w[:, 32:64])
 

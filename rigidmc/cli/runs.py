@@ -23,9 +23,7 @@ from rigidmc.cli.common import (
 )
 
 RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="A run directory, made by `rigidmc run SCENE -o RUN/`.")]
-Accept = Annotated[
-    bool, typer.Option("--accept", help="Go on though versions or processor are others, whose last bits may differ.")
-]
+Accept = Annotated[bool, typer.Option("--accept", help="Go on though versions are others, whose last bits may differ.")]
 OutputOrRun = Annotated[
     str | None,
     typer.Option("-o", "--output", metavar="FILE", help="netCDF file to write; RUN/ makes a run directory, which survives."),

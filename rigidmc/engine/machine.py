@@ -61,7 +61,7 @@ def source_stamp():
 
 
 def this_machine():
-    """What the last bits of results may depend on: versions of what computes and writes, and the type of processor."""
+    """(versions of what computes and writes, on which the last bits of results may depend; the type of processor that code is made for, on which none does)."""
     versions = {name: version(name) for name in ("rigidmc", "numpy", "numba", "llvmlite", "netCDF4")}
     return versions, f"{platform.machine()} {llvm.get_host_cpu_name()}, {vector_bits()} bit"
 
