@@ -1,4 +1,4 @@
-"""A run on the workers of a dask cluster: each shard is one task, a pure function of the run and its number, to the bits of one machine.
+"""A run on the workers of a dask cluster: each shard is one task, a pure function of the run and its number, to the bits of one machine of any type.
 
 Where workers see the run directory they write its shards there themselves; else they send each back whole, and this process writes it. A worker
 that is lost loses the shard that it was computing, which another then computes; what was written stays.

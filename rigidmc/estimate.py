@@ -12,7 +12,7 @@ from rigidmc.capacity import free_memory, in_words, sizes
 from rigidmc.choice import resolved
 from rigidmc.effects import EFFECTS, labelled
 from rigidmc.effects.parameters import given
-from rigidmc.engine import layout
+from rigidmc.engine.cpu import lanes_for
 from rigidmc.engine.flops import torque_operations, unpacked
 from rigidmc.engine.machine import cache_folder, threads_available, vector_bits
 from rigidmc.observables import OBSERVABLES
@@ -139,7 +139,7 @@ def machine_facts():
     facts = {
         "cpu": _cpu(),
         "cores": f"{threads_available()} usable of {os.cpu_count()}",
-        "vectors": f"{vector_bits()} bit, {vector_bits() // 64} float64 lanes; a kernel works on {layout.LANES} members at once",
+        "vectors": f"{vector_bits()} bit, {vector_bits() // 64} float64 lanes; {lanes_for('float64')} members are worked on side by side",
         "threads": threads_available(),
         "kernel cache": f"{folder} ({len(cached)} kernels, {sum(map(os.path.getsize, cached)) / 1e6:.1f} MB)",
         "python": sys.version.split()[0],

@@ -80,7 +80,12 @@ def test_no_byte_depends_on_threads_blocks_or_order(whole, tmp_path, threads, bl
 def test_another_processor_goes_on_with_the_same_bytes(whole, tmp_path):
     started(tmp_path / "run")
     runs.resume(tmp_path / "run", only=range(2))
-    environment = {**os.environ, "NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": "", "RIGIDMC_CACHE_DIR": str(tmp_path / "cache")}
+    environment = {
+        **os.environ,
+        "NUMBA_CPU_NAME": "haswell",
+        "NUMBA_CPU_FEATURES": "",
+        "RIGIDMC_CACHE_DIR": str(tmp_path / "cache"),
+    }
     done = subprocess.run([*COMMAND, "resume", str(tmp_path / "run")], env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert sums(tmp_path / "run") == sums(whole)
