@@ -195,7 +195,7 @@ def _density(seen):
     """A density unlike any matter, for bodies of given mass that extend in three directions: that of the uniform ellipsoid with
     their moments."""
     mass = seen.mass
-    second = np.stack([_about_centre(*one) for one in zip(seen.moments.T, mass, seen.centre.T, strict=True)], axis=-1)
+    second = _about_centre(seen.moments, mass, seen.centre)
     thick = second.min(0) > 1e-9 * second.max(0)  # plates, rods and points without thickness have no density
     real = thick & (mass != 1.0) & (mass > SMALLEST) & (mass < LARGEST)  # a mass of 1 stands for none: only the moments are meant
     if not real.any():
@@ -210,8 +210,9 @@ def _density(seen):
 
 
 def _about_centre(moments, mass, centre):
-    """Eigenvalues of the matrix of second moments about the centre of mass [kg m2], ascending."""
-    return np.linalg.eigvalsh(np.diag(0.5 * moments.sum() - moments) - mass * np.outer(centre, centre))
+    """Eigenvalues (3, n) of the matrices of second moments about the centre of mass [kg m2], ascending."""
+    matrices = np.eye(3)[:, :, None] * (0.5 * moments.sum(0) - moments) - mass * centre[:, None] * centre
+    return np.linalg.eigvalsh(np.moveaxis(matrices, -1, 0)).T
 
 
 def _hot(seen):

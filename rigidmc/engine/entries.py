@@ -21,10 +21,10 @@ DEEPEST = (
 use_widest_vectors()
 
 
-def _kind(argument):
+def kind_of(argument):
     """What tells apart whatever `typeof` tells apart, ten times as fast: 9 us a call of the kernel in place of 90."""
     if isinstance(argument, tuple):
-        return type(argument), *map(_kind, argument)
+        return type(argument), *map(kind_of, argument)
     if isinstance(argument, np.ndarray):
         flags = argument.flags
         return argument.dtype, argument.ndim, flags.c_contiguous, flags.f_contiguous, flags.writeable, flags.aligned
@@ -48,7 +48,7 @@ class Compiled:
         """The machine code for the types of these arguments."""
         if config.DISABLE_JIT:
             return self.function
-        key = tuple(map(_kind, arguments))
+        key = tuple(map(kind_of, arguments))
         if key not in self._entries:
             with self._compiling:
                 signature, deepest, collects = tuple(typeof(a) for a in arguments), sys.getrecursionlimit(), gc.isenabled()

@@ -12,13 +12,14 @@ from numba.extending import intrinsic, overload
 
 import rigidmc.engine.functions  # noqa: F401  (what effects of a user's own may call)
 from rigidmc.engine.compose import Kinds, numbers_of
-from rigidmc.engine.entries import DEEPEST, config
+from rigidmc.engine.entries import DEEPEST, config, kind_of
 from rigidmc.engine.fused import FLAGS, INLINE
 from rigidmc.engine.machine import cached
 from rigidmc.engine.numbers import Rows
 
 _INT, _REAL, _PLAIN = types.int64, types.float64, Rows(types.float64, 0)
 _alive: dict[tuple, Any] = {}  # what is compiled, by what it is compiled for: an address is good as long as its code
+_addresses: dict[tuple, int] = {}  # where a piece is, found without asking Numba for types, which takes 0.1 ms
 _compiling = threading.Lock()
 _dispatchers: dict[Any, Any] = {}
 
@@ -60,7 +61,10 @@ def piece(function, parts, dtype, lanes, arguments):
         _alive[numbers] = np.array(numbers or [0.0])
     if config.DISABLE_JIT:
         return Piece(function, Kinds(*parts), _alive[numbers])
-    return Piece(_address(function, signature_of(parts, dtype, lanes, arguments)), 0, _alive[numbers].ctypes.data)
+    key = function, dtype, lanes, kind_of(parts)
+    if key not in _addresses:
+        _addresses[key] = _address(function, signature_of(parts, dtype, lanes, arguments))
+    return Piece(_addresses[key], 0, _alive[numbers].ctypes.data)
 
 
 def dispatcher_of(function):
