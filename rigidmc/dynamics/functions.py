@@ -1,7 +1,7 @@
 """Functions of analysis in straight code: +, -, *, /, roots and bits are the same on every machine, functions of libraries are not, to the last digit.
 
 They take numbers, arrays, and what compiled code has for numbers. Errors in units of 1e-16, relative where not said otherwise: sin, cos 1.8 of 1, for
-|x| < 1e6; exp 1.3; log 1.4; atan, asin, acos 3; sinh, cosh 9; tanh 7; normal quantiles 5. Powers are those of whole numbers, by products; any other is
+|x| < 1e6; exp 1.3; log 1.4; atan, asin, acos 3; sinh, cosh 9; tanh 7; normal quantiles 9. Powers are those of whole numbers, by products; any other is
 exp(y log x), which is off by |y log x| times as much.
 Source of the logarithm: fdlibm's e_log; of the quantiles: Wichura, Appl. Stat. 37 (1988) 477, AS 241, PPND16.
 """

@@ -368,8 +368,14 @@ class Program:
         seen = (form.integrator, effects, turned, kept, tuple(limits), ledger)
         watched = (form.integrator, effects, events, running)
 
+        self._numbers = []  # of the pieces, which know only where they are
+
         def made(wanted, function, parts, arguments):
-            return piece(function, parts, self.dtype, self.lanes, arguments) if wanted else NOTHING
+            if not wanted:
+                return NOTHING
+            found, numbers = piece(function, parts, self.dtype, self.lanes, arguments)
+            self._numbers.append(numbers)
+            return found
 
         some = bool(events or running)
         self.pieces = Pieces(

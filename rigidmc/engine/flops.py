@@ -10,8 +10,8 @@ from rigidmc.dynamics.euler import MassProperties
 from rigidmc.effects import EFFECTS
 from rigidmc.effects.own import RULE
 from rigidmc.effects.parameters import blank
-from rigidmc.effects.verbs import total_torque
-from rigidmc.engine.compose import NumbaError, filled
+from rigidmc.effects.verbs import energy, energy_scale, kick, shake, torque, torque_rate, total_torque
+from rigidmc.engine.compose import NumbaError, filled, rows_of
 from rigidmc.engine.formulas import WIDTH
 from rigidmc.engine.fused import FLAGS
 from rigidmc.engine.layout import four_at, put, three_at
@@ -73,10 +73,10 @@ def refuse_misdeeds(effects):
 
 
 def unpacked(effect):
-    """Why members cannot be worked on side by side with a user's own effect, in words; "" where they can."""
+    """Why members cannot be worked on side by side with a user's own effect, any of its methods, in words; "" where they can."""
     if type(effect) not in _side_by_side:
         try:
-            _code(_felt, Lanes(WIDTH), *blank((effect,)), np.zeros(32 * WIDTH))
+            _code(_felt, Lanes(WIDTH), *blank((effect,)), np.zeros((30 + rows_of(effect)) * WIDTH))
             _side_by_side[type(effect)] = ""
         except NumbaError:
             _side_by_side[type(effect)] = "branches, or calls what takes one number at a time"
@@ -107,8 +107,10 @@ def _torque(effect, body, t, q, l):
 
 def _felt(lanes, effect, memory):
     at = rows(lanes, memory)
-    found = total_torque((filled(effect, at, 17),), filled(_BODY, at, 8), at[7], four_at(at, 0), three_at(at, 4))
-    put(found, at, 0)
+    body, q, l, t, h = filled(_BODY, at, 8), four_at(at, 0), three_at(at, 4), at[7], at[29]
+    one = filled(effect, at, 30)
+    put(torque(one, body, t, q, l) + kick(one, body, t, h, q, l) + torque_rate(one, body, t, q, l) + shake(one, body, h, l), at, 0)
+    put((energy(one, body, q), energy_scale(one, body)), at, 0)
 
 
 # body and step stay the same from step to step: constants, so that what is made of them alone counts as little as it does before a loop

@@ -19,7 +19,7 @@ from rigidmc.engine.numbers import Rows
 
 _INT, _REAL, _PLAIN = types.int64, types.float64, Rows(types.float64, 0)
 _alive: dict[tuple, Any] = {}  # what is compiled, by what it is compiled for: an address is good as long as its code
-_addresses: dict[tuple, int] = {}  # where a piece is, found without asking Numba for types, which takes 0.1 ms
+_addresses: dict[tuple, int] = {}  # where a piece is, found without asking Numba for types
 _compiling = threading.Lock()
 _dispatchers: dict[Any, Any] = {}
 
@@ -51,20 +51,18 @@ def signature_of(parts, dtype, lanes, arguments):
 
 
 def piece(function, parts, dtype, lanes, arguments):
-    """The Piece of a function(kinds, numbers, *arguments) for NamedTuples `parts`.
+    """(the Piece of a function(kinds, numbers, *arguments) for NamedTuples `parts`, an array that has to live as long as it is called).
 
     arguments : the types of the other arguments in letters: s for rows in the precision of the run, w for rows in float64, p for plain numbers in memory,
         u for words in memory, i for an integer, k for a word, f for a number
     """
-    numbers = tuple(numbers_of(parts))
-    if numbers not in _alive:
-        _alive[numbers] = np.array(numbers or [0.0])
+    numbers = np.array(numbers_of(parts) or [0.0])
     if config.DISABLE_JIT:
-        return Piece(function, Kinds(*parts), _alive[numbers])
+        return Piece(function, Kinds(*parts), numbers), numbers
     key = function, dtype, lanes, kind_of(parts)
     if key not in _addresses:
         _addresses[key] = _address(function, signature_of(parts, dtype, lanes, arguments))
-    return Piece(_addresses[key], 0, _alive[numbers].ctypes.data)
+    return Piece(_addresses[key], 0, numbers.ctypes.data), numbers
 
 
 def dispatcher_of(function):

@@ -167,9 +167,23 @@ class Switch(NamedTuple):
         return self.size, 0.0, self.size * l[1]
 
 
+class Wall(NamedTuple):
+    """A torque that any vector has, and a flow of its own that branches."""
+
+    size: float
+
+    def torque(self, l):
+        return -self.size * l[0], 0.0, 0.0
+
+    def kick(self, h, l):
+        if l[0] > 0.3:
+            return l[0] * (1.0 - self.size * h), l[1], l[2]
+        return l[0] / (1.0 + self.size * h), l[1], l[2]
+
+
 def test_whether_it_is_packed_is_told_and_why_not():
     assert unpacked(Sine(1.0)) == unpacked(Weight(9.81)) == ""
-    assert all("takes one number at a time" in unpacked(kind(1.0)) for kind in (Five, Gamma, Halving, Switch))
+    assert all("takes one number at a time" in unpacked(kind(1.0)) for kind in (Five, Gamma, Halving, Switch, Wall))
 
 
 FILE = """
@@ -245,13 +259,13 @@ def test_an_own_effect_runs_as_a_built_in_one():
     own, known = rm.simulate(scene(Weight(9.81))), rm.simulate(scene(rm.Gravity(9.81)))
     assert np.abs(own.momentum - known.momentum).max() < 1e-12
     assert own.energy_drift_max.attrs["conserved"] == "yes"
-    for kind in (Gamma, Switch):
+    for kind, integrator in ((Gamma, "rk4"), (Switch, "rk4"), (Wall, "strang")):
         with pytest.warns(
             rm.SceneWarning, match=f"{kind.__name__}.*takes one number at a time.*members are not worked on side by side"
         ):
-            alone = rm.simulate(scene(kind(0.1)))
+            alone = rm.simulate(scene(kind(0.1)), integrator=integrator)
         q, l = (tuple(alone[name].isel(time=0, member=0).values.tolist()) for name in ("attitude", "momentum"))
-        body, made = MassProperties.of((1.0, 1.4, 2.0), (0.1, 0.2, 0.3)), prepare(INTEGRATORS["rk4"], 0.1, (kind(0.1),))
+        body, made = MassProperties.of((1.0, 1.4, 2.0), (0.1, 0.2, 0.3)), prepare(INTEGRATORS[integrator], 0.1, (kind(0.1),))
         for i in range(100):
             q, l = one_step(made, body, (kind(0.1),), 0.01 * i, 0.01, q, l)
-        assert np.abs(alone.momentum.isel(time=-1, member=0).values - l).max() < 1e-13
+        assert np.abs(alone.momentum.isel(time=-1, member=0).values - l).max() < 1e-13  # measured 1.2e-14

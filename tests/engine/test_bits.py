@@ -29,7 +29,7 @@ def test_the_comparison_sees_one_bit(monkeypatch):
 
 def test_quantiles_of_normal_deviates():
     u = np.concatenate([np.random.default_rng(1).uniform(size=5000), 10.0 ** -np.linspace(0.1, 300.0, 5000)])
-    assert np.abs(functions.normal_quantile(u) / ndtri(u) - 1.0).max() < 2e-15  # measured 7.8e-16
+    assert np.abs(functions.normal_quantile(u) / ndtri(u) - 1.0).max() < 2e-15  # measured 8.9e-16
     assert functions.normal_quantile(np.array([0.5]))[0] == 0.0
 
 
