@@ -70,20 +70,20 @@ def cases(integrators=None):
 def sums(widths, integrators=None):
     """{case: [sha256 of its result by each width]}."""
     import rigidmc as rm
-    from rigidmc.engine import cpu
+    from rigidmc.engine import program
 
-    own, made = cpu.lanes_for, {}
+    own, made = program.lanes_for, {}
     try:
         for word, scene, options in cases(integrators):
             label = f"{word}, {', '.join(str(v) for v in options.values() if isinstance(v, (str, float)))}"
             label += " steps of their own" if "turn" in options else ", works and a neighbour" if "save" in options else ""
             for width in widths:
-                cpu.lanes_for = (lambda dtype, width=width: width) if width else own
+                program.lanes_for = (lambda dtype, width=width: width) if width else own
                 result = rm.simulate(scene, threads=1, checks=False, **options)
                 parts = [np.ascontiguousarray(result[name].values).tobytes() for name in sorted(result.data_vars)]
                 made.setdefault(label, []).append(hashlib.sha256(b"".join(parts)).hexdigest())
     finally:
-        cpu.lanes_for = own
+        program.lanes_for = own
     return made
 
 

@@ -12,9 +12,9 @@ from rigidmc.capacity import free_memory, in_words, sizes
 from rigidmc.choice import resolved
 from rigidmc.effects import EFFECTS, labelled
 from rigidmc.effects.parameters import given
-from rigidmc.engine.cpu import lanes_for
 from rigidmc.engine.flops import torque_operations, unpacked
 from rigidmc.engine.machine import cache_folder, threads_available, vector_bits
+from rigidmc.engine.program import lanes_for
 from rigidmc.observables import OBSERVABLES
 from rigidmc.planning import prepare
 from rigidmc.prices import cost_per_step, prices, some_of

@@ -18,7 +18,7 @@ SPUN_UP = 2.0  # a member with steps of its own may turn by this many times `tur
 
 
 class Limits(NamedTuple):
-    """Bounds of a run, as `rigidmc.engine.cpu.Program` takes them; inf where there is none.
+    """Bounds of a run, as `rigidmc.engine.program.Program` takes them; inf where there is none.
 
     energy : |E - E(0)| of the energies in play;  l2 : of |L|^2, of its size;  lz : of L_z, of the largest |L| that the energies allow
     turn : |omega| h [rad];  norm : ||q|^2 - 1|

@@ -12,9 +12,10 @@ from rigidmc.dynamics.so3 import dot, up
 from rigidmc.effects.parameters import blank
 from rigidmc.effects.verbs import total_energy_scale
 from rigidmc.engine import layout
-from rigidmc.engine.cpu import Program, Run, Saves
+from rigidmc.engine.cpu import Run, Saves
 from rigidmc.engine.machine import threads_available
 from rigidmc.engine.members import energies
+from rigidmc.engine.program import Program
 from rigidmc.integrators import keeps_remainders
 from rigidmc.observables import OBSERVABLES
 from rigidmc.planning import carries_attitude, form_of, rounds, spinning_up, whole_lanes

@@ -116,7 +116,7 @@ def check_starts(scene):
 
 
 def ledger(scene):
-    """For each effect () where its energy tells its work, else (0.0,); () where no works are saved. See `rigidmc.engine.cpu.Program`."""
+    """For each effect () where its energy tells its work, else (0.0,); () where no works are saved. See `rigidmc.engine.program.Program`."""
     if "work" not in scene.run.save:
         return ()
     return tuple(() if hasattr(effect, "energy") else (0.0,) for effect in scene.effects)

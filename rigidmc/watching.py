@@ -30,7 +30,7 @@ class Watch(NamedTuple):
 
     @property
     def compiled(self):
-        """As arguments of `rigidmc.engine.cpu.Program`."""
+        """As arguments of `rigidmc.engine.program.Program`."""
         return self.events, self.running, self.shadow
 
     @property

@@ -8,6 +8,7 @@ from rigidmc.dynamics.euler import MassProperties
 from rigidmc.effects.parameters import blank, numbers, parameter_count
 from rigidmc.engine import cpu
 from rigidmc.engine import layout as K
+from rigidmc.engine import program as programs
 from rigidmc.integrators import Turns, form
 from rigidmc.integrators.verbs import closed, opened, step
 
@@ -46,7 +47,7 @@ def program(
     made, effects, observables=(), attitude=True, compensated=False, dtype=float, limits=(), watch=((), (), ()), lanes=None
 ):
     """The compiled Program of a Form."""
-    return cpu.Program(made, blank(effects), observables, attitude, compensated, dtype, limits, (), *watch, lanes)
+    return programs.Program(made, blank(effects), observables, attitude, compensated, dtype, limits, (), *watch, lanes)
 
 
 def run(

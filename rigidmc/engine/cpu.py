@@ -7,32 +7,25 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rigidmc.engine import member, watch
-from rigidmc.engine.compose import inline, rows_of
+from rigidmc.engine.compose import inline
 from rigidmc.engine.entries import Compiled
-from rigidmc.engine.events import COUNT, EVENT, TRIES
+from rigidmc.engine.events import COUNT, EVENT
 from rigidmc.engine.layout import (
     BEGAN,
     BODY,
     BODY_AT,
     EACH,
-    EFFECTS_AT,
     INDEX,
     KNOWN,
-    LANES,
     START,
     STATUS,
     STOPPED,
 )  # fmt: skip
-from rigidmc.engine.machine import vector_bits
 from rigidmc.engine.numbers import as_float, memory
-from rigidmc.engine.pieces import NOTHING, Piece, call, piece
-from rigidmc.engine.watch import OFTEN, watch_rows
-from rigidmc.observables import SIZES
+from rigidmc.engine.pieces import Piece, call
+from rigidmc.engine.watch import OFTEN
 
 LOOK = 32  # steps between two looks at drift and health: a look each step costs 20 to 25 % of rk4, every 16th up to 5 %
-MARCH = "piswsikkuiii"  # the arguments of `march`, see `piece`
-LINE = 64  # bytes of a cache line, and of the widest vectors
 
 
 class Pieces(NamedTuple):
@@ -329,92 +322,4 @@ def find(pieces, shape, room):
 
 for _function in (enter, begin, swap, ending, steps, march, most_steps, some_end, put_aside, is_idle, save, leave, find):
     inline(_function)
-_compiled = Compiled(advance)
-
-
-def aligned(count, dtype):
-    """An array on a cache line: half of all are 32 bytes off it, where every vector of 512 bits takes two accesses (rk4 with gravity: 5.1 ns a
-    step in place of 4.6)."""
-    whole = np.zeros(count + LINE // 4, dtype)
-    off = (-whole.ctypes.data % LINE) // whole.itemsize
-    return whole[off : off + count]
-
-
-class Program:
-    """What moves the members of a scene, compiled.
-
-    form : a Form, see `rigidmc.integrators.forms`;  effects : blank ones
-    attitude : whether it is moved, and paid for;  compensated : whether sums keep their remainders;  dtype : of the numbers in which steps are made
-    limits : () where only non-finite members are flagged; else what else flags them, inf where a scene has no such law: drift of energy
-        (of the energies in play), of |L|^2 (of its size) and of L_z (of the largest |L| that the energies allow), |omega| h [rad],
-        and ||q|^2 - 1|
-    ledger : () where no works are kept; else for each effect () if its energy tells its work, (0.0,) if not. See `rigidmc.effects.verbs`
-    lanes : how many are worked on side by side, by default what suits this processor
-    events, running, shadow : what is watched, see `rigidmc.engine.watch`: events; (running observable, as many 0.0 as it keeps
-        floats) each; (0.0,) for a neighbour, else ()
-    """
-
-    def __init__(
-        self, form, effects, observables=(), attitude=True, compensated=False, dtype="float64", limits=(), ledger=(), events=(), running=(), shadow=(),
-        lanes=None,
-    ):  # fmt: skip
-        if (compensated or ledger) and hasattr(form.integrator, "with_sums"):
-            form = form.integrator.with_sums()
-        self.form, self.dtype, self.lanes = form, np.dtype(dtype).name, 1 if _compiled.plain else lanes or lanes_for(dtype)
-        groups = min(self.lanes, getattr(form.integrator, "groups", 1))
-        self.parts = np.ascontiguousarray(form.parts, dtype=float).ravel()
-        turned, kept, works = (0.0,) if attitude else (), (0.0,) if compensated else (), tuple(0.0 for _ in ledger)
-        moved = (form.integrator, effects, turned, kept, works, (0.0,) * groups)
-        seen = (form.integrator, effects, turned, kept, tuple(limits), ledger)
-        watched = (form.integrator, effects, events, running)
-
-        self._numbers = []  # of the pieces, which know only where they are
-
-        def made(wanted, function, parts, arguments):
-            if not wanted:
-                return NOTHING
-            found, numbers = piece(function, parts, self.dtype, self.lanes, arguments)
-            self._numbers.append(numbers)
-            return found
-
-        some = bool(events or running)
-        self.pieces = Pieces(
-            made(True, member.enter, (), "piiiiffsw"),
-            made(True, member.leave, (), "piiiiiisw"),
-            made(True, member.begin, seen, "psw"),
-            made(True, member.march, moved, MARCH),
-            made(True, member.look, seen, "pswff"),
-            made(bool(observables), member.record, (observables, effects, ledger), "wpiif"),
-            made(some, watch.begin_watch, watched, "pswi"),
-            made(some, watch.watch, watched, "pswsiii"),
-            made(bool(events), watch.seek, (form.integrator, effects, events), "pswswiii"),
-            made(bool(shadow), watch.begin_near, (form.integrator, effects), "pswsi"),
-            made(bool(shadow), watch.meet, (form.integrator, effects), "pswsiff"),
-        )
-        at = EFFECTS_AT + rows_of(effects)
-        row = at + 2 * len(ledger)
-        random = any("noise" in effect._fields for effect in effects)
-        values = sum(len(ledger) if "effect" in o.dims else SIZES[o.dims] for o in observables)
-        near_at, tries = row + watch_rows(events, running, ()), 0 if random else TRIES
-        self.shape = Shape(
-            self.lanes, values, at, len(ledger), row, near_at, int(some), len(shadow), 2 * len(events), tries, int(random)
-        )
-
-    def advance(self, block, run, noise=None, saves=None):
-        """Run the program on a block; see `advance`."""
-        lanes, rows = self.lanes, block.shape[0]
-        state, near = (aligned((BODY_AT + rows - BODY) * lanes, self.dtype) for _ in range(2))
-        work, trace = aligned((KNOWN + rows) * lanes, float), aligned((7 * LOOK + START + self.shape.works) * lanes, self.dtype)
-        _compiled(
-            self.pieces, self.shape, run, noise or QUIET, saves or NOWHERE, self.parts, block, state, near, work, trace,
-            aligned(max(1, self.shape.values) * lanes, float),
-        )  # fmt: skip
-
-
-QUIET = Noise(np.uint64(0), np.uint64(0), np.zeros(1, np.uint64), 0)
-NOWHERE = Saves(np.empty(0), 0, 0, np.empty(0, np.int64))
-
-
-def lanes_for(dtype):
-    """How many members are worked on side by side: two registers of each number, so that what waits for one works on the other. No result depends on it."""
-    return min(LANES, 2 * vector_bits() // (8 * np.dtype(dtype).itemsize))
+compiled = Compiled(advance)
