@@ -21,7 +21,8 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc import estimate, plots, simulation  # noqa: F401  (imported now, and not in the first example)
 from rigidmc.cli import app
-from rigidmc.engine.entries import Compiled
+from rigidmc.engine import pieces
+from rigidmc.engine.entries import Compiled, kind_of
 from rigidmc.errors import SceneError
 from rigidmc.studies import accuracy, hard_cases, trust
 from tests import hostile
@@ -61,15 +62,17 @@ def good(tmp_path_factory):
 @contextlib.contextmanager
 def bounded():
     """No kernel is compiled that the good files do not need, no price measured, no long run made."""
-    entry, compute = Compiled.entry, simulation.compute
+    entry, address, compute = Compiled.entry, pieces._address, simulation.compute
 
     def known(self, *arguments):
-        before = dict(self._entries)
-        from rigidmc.engine.entries import _kind
-
-        if tuple(map(_kind, arguments)) not in before:
+        if tuple(map(kind_of, arguments)) not in self._entries:
             raise Passed
         return entry(self, *arguments)
+
+    def known_piece(function, signature):
+        if (function, signature.args) not in pieces._alive:
+            raise Passed
+        return address(function, signature)
 
     def short(scene, plan, *given, **named):
         if plan.members * plan.mean_steps > WORK or plan.members * plan.times.size > WORK:
@@ -81,7 +84,7 @@ def bounded():
 
     with contextlib.ExitStack() as held:
         for where, name, what in (
-            (Compiled, "entry", known), (simulation, "compute", short), (rm.shards, "compute", short), (estimate, "cost_per_step", passed),
+            (Compiled, "entry", known), (pieces, "_address", known_piece), (simulation, "compute", short), (rm.shards, "compute", short), (estimate, "cost_per_step", passed),
             (accuracy, "accuracy", passed), (hard_cases, "stress", passed), (trust, "trust", passed),
         ):  # fmt: skip
             held.enter_context(patch.object(where, name, what))
