@@ -45,11 +45,12 @@ _HOMES = {
     "simulate": "simulation",
     "simulate_until": "until",
     "stability_map": "studies.stability_map",
+    "warm": "precompile",
     "uniform": "sampling",
     **dict.fromkeys(_EFFECTS, "effects"),
 }
 __all__ = [
-    "Body", "Scene", "Start", "Run", "simulate", "open", "rerun", "accuracy", "stability_map", "simulate_until", "randomised",
+    "Body", "Scene", "Start", "Run", "simulate", "open", "rerun", "accuracy", "stability_map", "simulate_until", "randomised", "warm",
     "free_top", "free_motion", "lagrange_top", "lagrange_motion",
     "normal", "uniform", "distribution", "grid", "Flips", "Passage", "Histogram", *_EFFECTS,
     "Cone", "Correlated", "Fisher", "GibbsMomentum", "Pointing", "SecondMoments", "Shell", "Sphere",
@@ -64,6 +65,7 @@ if TYPE_CHECKING:
     from rigidmc.exact.free_top import free_motion, free_top
     from rigidmc.exact.lagrange_top import lagrange_motion, lagrange_top
     from rigidmc.observables import Flips, Histogram, Passage
+    from rigidmc.precompile import warm
     from rigidmc.sampling import distribution, grid, normal, uniform
     from rigidmc.scene import Run, Scene
     from rigidmc.simulation import simulate

@@ -12,9 +12,11 @@ from rigidmc.capacity import free_memory, in_words, sizes
 from rigidmc.choice import resolved
 from rigidmc.effects import EFFECTS, labelled
 from rigidmc.effects.parameters import given
+from rigidmc.engine.compile_time import listed, rounded, seconds
 from rigidmc.engine.flops import torque_operations, unpacked
-from rigidmc.engine.machine import cache_folder, threads_available, vector_bits
+from rigidmc.engine.machine import cache_folder, this_machine, threads_available, vector_bits
 from rigidmc.engine.program import lanes_for
+from rigidmc.jobs import program_of
 from rigidmc.observables import OBSERVABLES
 from rigidmc.planning import prepare
 from rigidmc.prices import cost_per_step, prices, some_of
@@ -46,6 +48,8 @@ def describe(scene, threads):
     words = {"uniform": "uniform on SO(3)", "ensemble": "of the momentum's ensemble"}
     attitude = words[scene.start.attitude] if isinstance(scene.start.attitude, str) else _words(scene.start.attitude)
     lines.append(f"start        {which} {_words(getattr(scene.start, which))} {OBSERVABLES[which].units}; attitude {attitude}")
+    if through := scene.drawn_through():
+        lines.append(f"drawn        {through}")
     compiled = [f"{label}({', '.join(f'{k} = {_words(getattr(e, k))}' for k in given(e))})" for label, e in labelled(scene.effects)]
     lines.append(
         f"compiled     {run.integrator}; effects: {', '.join(compiled) or 'none (free body)'}; {'with' if plan.carried else 'no'} attitude"
@@ -83,6 +87,7 @@ def describe(scene, threads):
     lines += chosen.lines(plan.members) if chosen else []
     if plan.form is None:
         return "\n".join([*lines, "cost         closed form at every save"])
+    lines.append(f"code         {to_compile(program_of(scene, plan, compile=False))}")
     cost = cost_per_step(scene, plan)
     seconds = cost * 1e-9 * plan.members * plan.mean_steps / threads
     lines.append(
@@ -107,6 +112,17 @@ def describe(scene, threads):
     lines.append(f"parameters   {', '.join(parameters(scene))}")
     lines += [f"note         {note}" for note in notes(asked, plan)]
     return "\n".join(lines)
+
+
+def to_compile(program):
+    """What of a program is to be compiled, and how long that takes, in words."""
+    missing = program.missing()
+    if not missing:
+        return "nothing to compile"
+    known = seconds(program.label, missing, program.effects)
+    return (
+        f"to be compiled, on first use: {listed(program.label, missing)}: about {rounded(known)} s (done now, to measure the cost)"
+    )
 
 
 def single_precision(plan):
@@ -139,6 +155,7 @@ def machine_facts():
     facts = {
         "cpu": _cpu(),
         "cores": f"{threads_available()} usable of {os.cpu_count()}",
+        "code": f"generated for {this_machine()[1]}",
         "vectors": f"{vector_bits()} bit, {vector_bits() // 64} float64 lanes; {lanes_for('float64')} members are worked on side by side",
         "threads": threads_available(),
         "kernel cache": f"{folder} ({len(cached)} kernels, {sum(map(os.path.getsize, cached)) / 1e6:.1f} MB)",

@@ -39,8 +39,9 @@ class Job(NamedTuple):
     rounds: int
 
 
-def program_of(scene, plan):
-    """What moves the members of a plan, compiled or from the cache; None for closed forms. SceneError for effects that cannot be compiled."""
+def program_of(scene, plan, compile=True):
+    """What moves the members of a plan, compiled or from the cache; None for closed forms. SceneError for effects that cannot be compiled.
+    compile : False to ask only what is missing"""
     if plan.form is None:
         return None
     own = [e for e in scene.effects if type(e) not in EFFECTS.values()]
@@ -64,6 +65,7 @@ def program_of(scene, plan):
             running,
             shadow,
             side_by_side(own),
+            compile,
         )
     except NumbaError as error:
         if not own:

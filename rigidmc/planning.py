@@ -191,7 +191,7 @@ def form_of(scene, dt):
         if turns.spin > largest:
             rule = f"a step may turn by {turns.spin:.3g} rad, more than the {largest:g} for which {run.integrator} can be solved; "
             raise SceneError("run", key, getattr(run, key), rule + f"use {key} <= {unit * largest / turns.spin:.2g}")
-    return form(kind, turns, scene.effects), rate, turns.spin
+    return form(kind, turns, scene.effects)._replace(name=run.integrator), rate, turns.spin
 
 
 def whole_lanes(count):

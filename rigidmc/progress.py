@@ -1,11 +1,33 @@
 """Progress of a run: a bar with members/s and time left on a terminal, a line now and then elsewhere, or a user's function."""
 
+import logging
 import sys
 import threading
 import time
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 
+log = logging.getLogger("rigidmc")
 _LINE_SECONDS = 10.0  # between plain lines
+_announced: ContextVar[bool] = ContextVar("announced", default=False)
+
+
+@contextmanager
+def announcing(progress):
+    """Within this, what begins is printed by `say` if `progress` is True."""
+    token = _announced.set(_announced.get() or progress is True)
+    try:
+        yield
+    finally:
+        _announced.reset(token)
+
+
+def say(text):
+    """A line about something that begins and takes long: for the log, and for people who asked for progress."""
+    log.info(text)
+    if _announced.get():
+        with suppress(OSError):  # who reads it may have gone
+            print(text, file=sys.stderr, flush=True)
 
 
 class _Report:

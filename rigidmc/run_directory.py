@@ -247,7 +247,7 @@ def damaged(path):
 
 def status(path):
     """What of a run is done, by the names of its shards alone: {"shards", "done", "members", "members_done", "flagged", "strays", "rate",
-    "seconds_left"}; the strays are files that are no shards of the run.
+    "seconds_left", "machine", "versions"}; the strays are files that are no shards of the run.
 
     The rate [1/s] is that since it was last begun: of the journal where that has ended, else from the times of the shards that appeared.
     """
@@ -268,4 +268,5 @@ def status(path):
     return {
         "shards": directory.count, "done": len(shards), "members": directory.facts["members"], "members_done": members,
         "flagged": sum(map(flagged_of, shards.values())), "strays": len(strays), "rate": rate, "seconds_left": left / rate if rate else None,
+        "machine": directory.facts["machine"], "versions": directory.facts["versions"],
     }  # fmt: skip

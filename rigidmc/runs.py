@@ -22,6 +22,7 @@ from rigidmc.errors import OutputExists, SceneError, SceneWarning
 from rigidmc.files import Part, content_of, folder_beside, make_durable, naming, refuse_lockless, refuse_unwritable, write_bytes
 from rigidmc.jobs import program_of
 from rigidmc.planning import BLOCK
+from rigidmc.progress import announcing
 from rigidmc.run_directory import FORMAT, MOST, RunDirectory, hash_of, hash_of_file, rendered
 from rigidmc.sampling import rows
 from rigidmc.scene_notes import notes
@@ -72,7 +73,7 @@ def create(scene, path, size=SHARD, only=None, threads=None):
     _refuse_many(count)
     threads = threads or threads_available()
     refuse_hopeless(mine, shown, threads, path, memory_of_shards(mine, shown, min(shard, run.members), threads))
-    versions, machine = this_machine()
+    versions, machine = this_machine(*["scipy"] * bool(mine.drawn_through()))
     sources = [file for e in mine.effects if type(e) not in EFFECTS.values() and (file := source_of(type(e))) is not None]
     with _made_beside(path) as folder:
         write_bytes(os.path.join(folder, "scene.toml"), attributes(mine, shown)["scene"].encode())
@@ -168,7 +169,8 @@ def resume(
             more = memory_of_shards(mine, shown, min(directory.facts["shard"], left), here)
             refuse_hopeless(mine, shown._replace(members=left), here, os.path.join(directory.path, "shards"), more)
         started = time.monotonic()
-        program = program_of(*parts[:2]) if which.size else None  # for the workers of a cluster too, which find it in the cache
+        with announcing(progress):
+            program = program_of(*parts[:2]) if which.size else None  # for the workers of a cluster too, which find it in the cache
         compiled, started = time.monotonic() - started, time.monotonic()
         directory.note(event="begun", shards=len(which), threads=threads, cluster=cluster, compile_seconds=round(compiled, 3))
         stop = None if max_wall is None else began + max_wall

@@ -21,6 +21,11 @@ class Distribution:
     name: str
     parameters: tuple
 
+    @property
+    def by_scipy(self):
+        """Whether its quantiles are computed by scipy, of which another version may round them otherwise."""
+        return self.name not in ("normal", "uniform")
+
     def ppf(self, u):
         """Quantiles of u, an array in (0, 1)."""
         if self.name == "normal":
@@ -31,15 +36,14 @@ class Distribution:
 
     def times(self, by):
         """The distribution of the number multiplied by a positive one."""
-        if self.name in ("normal", "uniform"):
+        if not self.by_scipy:
             return Distribution(self.name, tuple(by * p for p in self.parameters))
         scales = {"loc": 0.0, "scale": 1.0} | dict(self.parameters)
         return Distribution(self.name, tuple((k, v * by if k in ("loc", "scale") else v) for k, v in scales.items()))
 
     def as_table(self):
         """The distribution as it stands in a scene file."""
-        plain = self.name in ("normal", "uniform")
-        return {self.name: list(self.parameters) if plain else dict(self.parameters)}
+        return {self.name: dict(self.parameters) if self.by_scipy else list(self.parameters)}
 
 
 @dataclass(frozen=True)

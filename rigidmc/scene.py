@@ -1,6 +1,7 @@
 """A scene: body, effects, start and run settings, and what of them cannot be run."""
 
 from dataclasses import dataclass, field, replace
+from importlib.metadata import version
 from numbers import Real
 from typing import Annotated, Any, Literal
 
@@ -155,6 +156,13 @@ class Scene:
     def quantities(self):
         """All quantities that may differ from member to member."""
         return self.body.quantities() + self.start.quantities() + tuple(value for e in self.effects for _, _, value in numbers(e))
+
+    def drawn_through(self):
+        """Which library draws numbers of the scene whose bits may change with its version, in words; "" if it is rigidmc alone."""
+        laws = any(getattr(q, "by_scipy", False) for q in self.quantities())
+        if not laws and self.run.points not in ("sobol", "latin_hypercube"):
+            return ""
+        return f"through scipy {version('scipy')}: the bits are those of this version"
 
     def mapped(self, change):
         """The same scene with change(quantity) in the place of each number, distribution, grid and array of body, start and effects."""

@@ -94,7 +94,7 @@ def fault_of(directory, i, path):
 def refuse_others(directory, accept):
     """SceneError where this machine is another than that of the run."""
     known = directory.facts["versions"]
-    versions, _ = this_machine()
+    versions, _ = this_machine(*["scipy"] * ("scipy" in known))
     other = [f"{name} {known.get(name)} there, {here} here" for name, here in versions.items() if known.get(name) != here]
     if other and not accept:
         rule = f"was started with others: {'; '.join(other)}. Bits of new members may differ from those of old ones; --accept takes that"

@@ -21,7 +21,7 @@ from rigidmc.files import folder_beside, refuse_existing
 from rigidmc.jobs import closed_job, job_of, program_of
 from rigidmc.observables import OBSERVABLES, rows_of
 from rigidmc.planning import prepare, whole_lanes
-from rigidmc.progress import reporter
+from rigidmc.progress import announcing, reporter
 from rigidmc.sampling import rows
 from rigidmc.scene_notes import notes
 from rigidmc.sinks import File, Memory
@@ -55,7 +55,7 @@ def simulate(
     keep : how much of what is saved: "full", "thinned", "summary", "final" or "none", or {name: one of these}; of members that are flagged all
         of it is kept, see `rigidmc.retention`
     threads : default one per core that the process may use
-    progress : True for a bar on a terminal (lines elsewhere), or a function of (done, total) member-steps
+    progress : True for a bar on a terminal (lines elsewhere), and a line before anything is compiled; or a function of (done, total) member-steps
     checks : False to flag non-finite members only, not those that drift or spin beyond the limits of `rigidmc.limits`
     output : write this netCDF file block by block, in memory that does not grow, and open it lazily; `force` replaces one that is there
     block : members of a block, a multiple of 32; no result depends on it
@@ -95,20 +95,21 @@ def simulate(
     if output is not None:
         refuse_existing(output, force)
     given = scene
-    scene, plan, units, chosen = settled(given, threads, output is not None, block)
-    for note in notes(given, plan, units):
-        warnings.warn(note, SceneWarning, stacklevel=2)
-    refuse_hopeless(scene, plan, threads, output)
-    if chosen is not None:
-        expected = _rehearsed(scene, plan, threads, output, chosen)
-        if chosen.short:
-            warnings.warn(chosen.short, SceneWarning, stacklevel=2)
-        if progress is True:
-            print("\n".join(chosen.lines(plan.members, expected)), file=sys.stderr)
-        dataset = run(scene, plan, threads, progress, output, force, {**chosen.attributes(), **(attrs or {})}, units)
-        dataset.encoding["rigidmc"]["predicted_seconds"] = expected
-        return dataset
-    return run(scene, plan, threads, progress, output, force, attrs, units)
+    with announcing(progress):
+        scene, plan, units, chosen = settled(given, threads, output is not None, block)
+        for note in notes(given, plan, units):
+            warnings.warn(note, SceneWarning, stacklevel=2)
+        refuse_hopeless(scene, plan, threads, output)
+        if chosen is not None:
+            expected = _rehearsed(scene, plan, threads, output, chosen)
+            if chosen.short:
+                warnings.warn(chosen.short, SceneWarning, stacklevel=2)
+            if progress is True:
+                print("\n".join(chosen.lines(plan.members, expected)), file=sys.stderr)
+            dataset = run(scene, plan, threads, progress, output, force, {**chosen.attributes(), **(attrs or {})}, units)
+            dataset.encoding["rigidmc"]["predicted_seconds"] = expected
+            return dataset
+        return run(scene, plan, threads, progress, output, force, attrs, units)
 
 
 def settled(scene, threads=1, streaming=False, block=None):

@@ -199,6 +199,7 @@ class Fisher(NamedTuple):
 
     attitude: tuple
     kappa: float
+    by_scipy = True  # its distribution function is integrated by scipy
 
     def sample(self, draws, name, first, count, facts):
         u = draw((Distribution("uniform", (0.0, 1.0)),), draws, f"{name}.angle", first, count)[0]

@@ -1,10 +1,10 @@
-"""The command line: rigidmc run, show, check, scenes, rerun, summary, animate, resume, status, verify, consolidate, extend, body, exact, accuracy, stress, map, plot, effects, integrators, doctor. Nothing heavy is
+"""The command line: rigidmc run, show, warm, check, scenes, rerun, summary, animate, resume, status, verify, consolidate, extend, body, exact, accuracy, stress, map, plot, effects, integrators, doctor. Nothing heavy is
 imported before it is needed."""
 
 import sys
 from typing import Any
 
-from rigidmc.cli import closed, maps, results, runs, scene, stress, study, vocabulary  # noqa: F401  (their commands, in this order)
+from rigidmc.cli import closed, maps, results, runs, scene, stress, study, vocabulary, warm  # noqa: F401  (their commands, in this order)
 from rigidmc.cli.common import FLAGGED, INCOMPLETE, INTERRUPTED, IO, OK, app
 from rigidmc.cli.streams import guard
 

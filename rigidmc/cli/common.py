@@ -120,9 +120,10 @@ class AskedToStop(BaseException):
 
 @contextmanager
 def reported():
-    """Turn what can go wrong into one message and an exit code; never a traceback for a user's mistake."""
+    """Turn what can go wrong into one message and an exit code; never a traceback for a user's mistake. What is compiled is said before it begins."""
     from rigidmc.errors import NoRoom, OutputExists, SceneError
     from rigidmc.files import drop_parts
+    from rigidmc.progress import announcing
 
     def heard(number, _):
         raise Terminated if number == signal.SIGTERM else AskedToStop
@@ -131,7 +132,7 @@ def reported():
     previous = {signal.SIGINT: signal.getsignal(signal.SIGINT), **{number: signal.signal(number, heard) for number in numbers}}
     try:
         try:
-            with noted():
+            with noted(), announcing(True):
                 yield
         except (KeyboardInterrupt, Terminated, AskedToStop):
             for number in previous:  # the clean-up is short: no second signal may interrupt it

@@ -123,6 +123,9 @@ def status(run: RunArgument):
         found = run_directory.status(run)
     print(f"{run}: {found['done']:,} of {found['shards']:,} shards, {found['members_done']:,} of {found['members']:,} members")
     print(f"  flagged so far: {found['flagged']:,} members")
+    print(
+        f"  code generated for {found['machine']}, by {', '.join(f'{name} {number}' for name, number in found['versions'].items())}"
+    )
     if found["rate"]:
         print(
             f"  {found['rate']:,.0f} members/s since it was last begun"

@@ -9,8 +9,9 @@ import numba
 import numpy as np
 from numba import njit, typeof
 
+from rigidmc.engine.compile_time import announced
 from rigidmc.engine.fused import FLAGS
-from rigidmc.engine.machine import cached, use_widest_vectors
+from rigidmc.engine.machine import cached, is_cached, use_widest_vectors
 from rigidmc.engine.numbers import Lanes
 
 config: Any = numba.config
@@ -38,11 +39,22 @@ class Compiled:
     would run the kernel of the first effect it met for every other; `typeof` tells them apart.
     """
 
-    def __init__(self, function):
-        self.function, self.plain = function, bool(config.DISABLE_JIT)
+    def __init__(self, function, told=""):
+        self.function, self.told, self.plain = (
+            function,
+            told,
+            bool(config.DISABLE_JIT),
+        )  # told : what to call it before it is compiled
         self.dispatcher: Any = function if config.DISABLE_JIT else cached(njit(**_options)(function))
         self._entries: dict[tuple, Any] = {}
         self._compiling = threading.Lock()
+
+    def is_ready(self, *arguments):
+        """Whether nothing has to be compiled for the types of these arguments: the code is in memory or in the disk cache."""
+        if config.DISABLE_JIT or tuple(map(kind_of, arguments)) in self._entries:
+            return True
+        signature = tuple(typeof(a) for a in arguments)
+        return signature in self.dispatcher.overloads or is_cached(self.dispatcher, signature)
 
     def entry(self, *arguments):
         """The machine code for the types of these arguments."""
@@ -54,8 +66,10 @@ class Compiled:
                 signature, deepest, collects = tuple(typeof(a) for a in arguments), sys.getrecursionlimit(), gc.isenabled()
                 sys.setrecursionlimit(max(deepest, DEEPEST))
                 gc.disable()  # a sixth of the time, for 70 MB
+                missing = (self.told,) if self.told and not is_cached(self.dispatcher, signature) else ()
                 try:
-                    self.dispatcher.compile(signature)
+                    with announced(self.told, missing):
+                        self.dispatcher.compile(signature)
                 finally:
                     sys.setrecursionlimit(deepest)
                     if collects:

@@ -45,7 +45,7 @@ def _fill(lanes, width, formula, table, index, columns, out, begin, end):
 
 inline(values.default)
 compile_method(values)
-_compiled = Compiled(_fill)
+_compiled = Compiled(_fill, "formulas")
 
 
 def evaluate(kind, width, columns, table=None, index=None, threads=None, side=WIDTH):

@@ -60,9 +60,12 @@ def source_stamp():
     return digest.hexdigest()[:32]
 
 
-def this_machine():
-    """(versions of what computes and writes, on which the last bits of results may depend; the type of processor that code is made for, on which none does)."""
-    versions = {name: version(name) for name in ("rigidmc", "numpy", "numba", "llvmlite", "netCDF4")}
+def this_machine(*more):
+    """(versions of what computes and writes, on which the last bits of results may depend; the type of processor that code is made for, on which none does).
+
+    more : names of other packages that draw numbers of a scene
+    """
+    versions = {name: version(name) for name in ("rigidmc", "numpy", "numba", "llvmlite", "netCDF4", *more)}
     return versions, f"{platform.machine()} {llvm.get_host_cpu_name()}, {vector_bits()} bit"
 
 
@@ -159,6 +162,14 @@ def cached(kernel):
     except (ImportError, AttributeError, OSError, RuntimeError) as error:
         _uncached(error)
     return kernel
+
+
+def is_cached(kernel, signature):
+    """Whether the disk cache has a kernel for a signature, by the name of its file: nothing is read."""
+    files = getattr(kernel._cache, "_cache_file", None)
+    if files is None or not _own(signature):
+        return False
+    return os.path.exists(files._data_path(files._name(kernel._cache._index_key(signature, kernel.targetctx.codegen()))))
 
 
 def _uncached(error):

@@ -14,7 +14,7 @@ import rigidmc.engine.functions  # noqa: F401  (what effects of a user's own may
 from rigidmc.engine.compose import Kinds, numbers_of
 from rigidmc.engine.entries import DEEPEST, config, kind_of
 from rigidmc.engine.fused import FLAGS, INLINE
-from rigidmc.engine.machine import cached
+from rigidmc.engine.machine import cached, is_cached
 from rigidmc.engine.numbers import Rows
 
 _INT, _REAL, _PLAIN = types.int64, types.float64, Rows(types.float64, 0)
@@ -65,19 +65,31 @@ def piece(function, parts, dtype, lanes, arguments):
     return Piece(_addresses[key], 0, numbers.ctypes.data), numbers
 
 
+def is_ready(function, parts, dtype, lanes, arguments):
+    """Whether nothing has to be compiled for a `piece`: its code is in memory or in the disk cache."""
+    if config.DISABLE_JIT or (function, dtype, lanes, kind_of(parts)) in _addresses:
+        return True
+    signature = signature_of(parts, dtype, lanes, arguments)
+    return (function, signature.args) in _alive or is_cached(_cached_dispatcher(function), signature)
+
+
 def dispatcher_of(function):
     """Numba's dispatcher of a piece's function, without a cache."""
     options: Any = {**FLAGS, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     return njit(**options)(function)
 
 
+def _cached_dispatcher(function):
+    if function not in _dispatchers:
+        _dispatchers[function] = cached(dispatcher_of(function))
+    return _dispatchers[function]
+
+
 def _address(function, signature):
     key = function, signature.args
     with _compiling:
         if key not in _alive:
-            if function not in _dispatchers:
-                _dispatchers[function] = cached(dispatcher_of(function))
-            _alive[key] = _compiled(_dispatchers[function], signature)
+            _alive[key] = _compiled(_cached_dispatcher(function), signature)
     return _alive[key]
 
 

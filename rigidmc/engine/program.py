@@ -2,13 +2,15 @@
 
 import numpy as np
 
+from rigidmc.effects import labelled
 from rigidmc.engine import member, watch
+from rigidmc.engine.compile_time import announced
 from rigidmc.engine.compose import rows_of
-from rigidmc.engine.cpu import LOOK, Noise, Pieces, Saves, Shape, compiled
+from rigidmc.engine.cpu import LOOK, Noise, Pieces, Run, Saves, Shape, compiled
 from rigidmc.engine.events import TRIES
-from rigidmc.engine.layout import BODY, BODY_AT, EFFECTS_AT, KNOWN, LANES, START
+from rigidmc.engine.layout import BODY, BODY_AT, EFFECTS, EFFECTS_AT, KNOWN, LANES, START
 from rigidmc.engine.machine import vector_bits
-from rigidmc.engine.pieces import NOTHING, piece
+from rigidmc.engine.pieces import NOTHING, is_ready, piece
 from rigidmc.engine.watch import watch_rows
 from rigidmc.observables import SIZES
 
@@ -16,6 +18,8 @@ MARCH = "piswsikkuiii"  # the arguments of `march`, see `piece`
 LINE = 64  # bytes of a cache line, and of the widest vectors
 QUIET = Noise(np.uint64(0), np.uint64(0), np.zeros(1, np.uint64), 0)
 NOWHERE = Saves(np.empty(0), 0, 0, np.empty(0, np.int64))
+# of the types that all pieces, blocks and runs have
+TYPICAL = Pieces(*[NOTHING] * len(Pieces._fields)), np.empty((EFFECTS, LANES)), Run(0.0, 1, 1, 1, 0, 0, 1)
 
 
 def aligned(count, dtype):
@@ -27,7 +31,7 @@ def aligned(count, dtype):
 
 
 class Program:
-    """What moves the members of a scene, compiled.
+    """What moves the members of a scene, compiled; with `compile` False only asked what is `missing`.
 
     form : a Form, see `rigidmc.integrators.forms`;  effects : blank ones
     attitude : whether it is moved, and paid for;  compensated : whether sums keep their remainders;  dtype : of the numbers in which steps are made
@@ -42,11 +46,12 @@ class Program:
 
     def __init__(
         self, form, effects, observables=(), attitude=True, compensated=False, dtype="float64", limits=(), ledger=(), events=(), running=(), shadow=(),
-        lanes=None,
+        lanes=None, compile=True,
     ):  # fmt: skip
         if (compensated or ledger) and hasattr(form.integrator, "with_sums"):
-            form = form.integrator.with_sums()
-        self.form, self.dtype, self.lanes = form, np.dtype(dtype).name, 1 if compiled.plain else lanes or lanes_for(dtype)
+            form = form.integrator.with_sums()._replace(name=form.name)
+        self.form, self.effects, self.dtype = form, effects, np.dtype(dtype).name
+        self.lanes = 1 if compiled.plain else lanes or lanes_for(dtype)
         groups = min(self.lanes, getattr(form.integrator, "groups", 1))
         self.parts = np.ascontiguousarray(form.parts, dtype=float).ravel()
         turned, kept, works = (0.0,) if attitude else (), (0.0,) if compensated else (), tuple(0.0 for _ in ledger)
@@ -54,17 +59,11 @@ class Program:
         seen = (form.integrator, effects, turned, kept, tuple(limits), ledger)
         watched = (form.integrator, effects, events, running)
 
-        self._numbers = []  # of the pieces, which know only where they are
-
         def made(wanted, function, parts, arguments):
-            if not wanted:
-                return NOTHING
-            found, numbers = piece(function, parts, self.dtype, self.lanes, arguments)
-            self._numbers.append(numbers)
-            return found
+            return (function, parts, self.dtype, self.lanes, arguments) if wanted else None
 
         some = bool(events or running)
-        self.pieces = Pieces(
+        self._asked = Pieces(
             made(True, member.enter, (), "piiiiffsw"),
             made(True, member.leave, (), "piiiiiisw"),
             made(True, member.begin, seen, "psw"),
@@ -85,14 +84,42 @@ class Program:
         self.shape = Shape(
             self.lanes, values, at, len(ledger), row, near_at, int(some), len(shadow), 2 * len(events), tries, int(random)
         )
+        self.pieces = None
+        if compile:
+            self._compile()
+
+    @property
+    def label(self):
+        """What it is, in the words of a scene."""
+        words = [self.form.name or type(self.form.integrator).__name__, *(label for label, _ in labelled(self.effects))]
+        return " + ".join(words) + " in float32" * (self.dtype == "float32")
+
+    def missing(self):
+        """Names of the pieces that are neither in memory nor in the disk cache, `advance` for what calls them."""
+        names = [name for name, asked in zip(Pieces._fields, self._asked, strict=True) if asked and not is_ready(*asked)]
+        return names if compiled.is_ready(*self._arguments(*TYPICAL)) else [*names, "advance"]
+
+    def _compile(self):
+        self._numbers = []  # of the pieces, which know only where they are
+        with announced(self.label, self.missing(), self.effects):
+            pieces = []
+            for asked in self._asked:
+                found, numbers = piece(*asked) if asked else (NOTHING, None)
+                pieces.append(found)
+                self._numbers.append(numbers)
+            self.pieces = Pieces(*pieces)
+            compiled.entry(*self._arguments(*TYPICAL))
 
     def advance(self, block, run, noise=None, saves=None):
         """Run the program on a block; see `advance`."""
+        compiled(*self._arguments(self.pieces, block, run, noise, saves))
+
+    def _arguments(self, pieces, block, run, noise=None, saves=None):
         lanes, rows = self.lanes, block.shape[0]
         state, near = (aligned((BODY_AT + rows - BODY) * lanes, self.dtype) for _ in range(2))
         work, trace = aligned((KNOWN + rows) * lanes, float), aligned((7 * LOOK + START + self.shape.works) * lanes, self.dtype)
-        compiled(
-            self.pieces, self.shape, run, noise or QUIET, saves or NOWHERE, self.parts, block, state, near, work, trace,
+        return (
+            pieces, self.shape, run, noise or QUIET, saves or NOWHERE, self.parts, block, state, near, work, trace,
             aligned(max(1, self.shape.values) * lanes, float),
         )  # fmt: skip
 

@@ -22,10 +22,12 @@ class Form(NamedTuple):
     integrator : the NamedTuple whose type is compiled
     parts : (1 + n, 4) rows of (drift, kick, gradient, time of the torque) in units of the step: row 0 opens the state, the others are
         one step
+    name : by which a scene asks for it
     """
 
     integrator: Any
     parts: np.ndarray
+    name: str = ""
 
 
 ONE = ((0.0, 0.0, 0.0, 0.0), (1.0, 1.0, 0.0, 0.0))  # a step in one part

@@ -231,6 +231,7 @@ def attributes(scene, plan):
         "compensated": int(plan.compensated),
         **plan.bounds(),
         "parts_per_step": len(plan.form.parts) - 1 if plan.form else 0,
+        **({"drawn": through} if (through := scene.drawn_through()) else {}),
     }
 
 

@@ -1,0 +1,168 @@
+"""What is compiled is said before it begins, and nothing is said, or compiled, where it is there already."""
+
+import logging
+import os
+import subprocess
+import sys
+from typing import NamedTuple
+
+import pytest
+import scipy
+from typer.testing import CliRunner
+
+import rigidmc as rm
+from rigidmc import precompile, run_directory
+from rigidmc.cli import app
+from rigidmc.engine import compile_time
+from rigidmc.engine.compile_time import listed, seconds, summary
+from rigidmc.engine.machine import this_machine
+from rigidmc.integrators import INTEGRATORS
+
+compiles = pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="nothing is compiled")
+BODY = rm.Body.from_moments((1.0, 2.0, 2.8), mass=1.0, centre=(0.0, 0.0, 0.1))
+
+
+def invoke(*words):
+    return CliRunner().invoke(app, [str(w) for w in words])
+
+
+@compiles
+def test_nothing_is_compiled_after_warm(tmp_path):
+    """In processes of their own, with an empty disk cache: `warm` announces and compiles, `run` and `show` find all of it."""
+    environment = {**os.environ, "RIGIDMC_CACHE_DIR": str(tmp_path / "cache")}
+
+    def ran(*words):
+        command = [sys.executable, "-c", "from rigidmc.cli import main; main()", *words]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        return done.stdout, done.stderr
+
+    out, told = ran("warm", "nasa_brick")
+    assert told.startswith("compiling rk4, first use: about ")
+    assert out.split()[0] == "nasa_brick" and out.endswith(" s for rk4\n")
+    assert 0.2 < float((tmp_path / "cache" / "pace").read_text()) < 5.0  # measured 0.96: what this machine took, of the table
+
+    assert "compiling" not in ran("run", "nasa_brick", "--t-end", "1")[1]
+    out, told = ran("show", "nasa_brick")
+    assert "code         nothing to compile\n" in out and "compiling" not in told
+
+    words = "run", "nasa_brick", "--t-end", "1", "--save", "omega,attitude,energy"
+    assert "compiling saves of rk4, first use: about " in ran(*words)[1]
+    assert "compiling" not in ran(*words)[1]  # the second run
+
+
+def own_scene():
+    """A scene with an effect of its own, which no disk cache has."""
+
+    class Push(NamedTuple):
+        size: float
+
+        def torque(self):
+            return self.size, 0.0, 0.0
+
+    return rm.Scene(BODY, (Push(0.1),), rm.Start(omega=(0.1, 1.0, 0.0))).with_run(dt=0.01, t_end=0.1, members=32, save=("omega",))
+
+
+@compiles
+def test_it_is_said_to_those_who_ask_for_progress(capfd, caplog):
+    caplog.set_level(logging.INFO, "rigidmc")
+    scene = own_scene()
+    rm.simulate(scene)
+    assert capfd.readouterr() == ("", "")
+    assert caplog.messages[0].startswith("compiling rk4 + Push, first use: about ")
+
+    scene = scene.with_run(save=("momentum",))
+    rm.simulate(scene, progress=True)
+    assert capfd.readouterr().err.startswith("compiling saves of rk4 + Push, first use: about ")
+    rm.simulate(scene, progress=True)
+    assert "compiling" not in capfd.readouterr().err
+
+
+def test_what_is_compiled_in_words():
+    every = ["enter", "leave", "begin", "march", "look", "record", "begin_watch", "watch", "seek", "advance"]
+    assert summary("rk8 + gravity", every) == "rk8 + gravity + events"
+    assert summary("rk4", ["march", "begin_watch", "watch", "begin_near", "meet"]) == "rk4 + running observables + neighbour"
+    assert summary("rk4", ["record", "begin_watch", "watch", "seek"]) == "events, saves of rk4"
+    assert summary("rk4", ["look"]) == "look of rk4"
+    assert summary("formulas", ("formulas",)) == "formulas"
+    assert listed("rk8 + gravity", ["begin", "march", "look"]) == "march of rk8 + gravity, begin, look"
+
+
+def test_seconds_follow_the_machine_and_what_is_compiled(tmp_path, monkeypatch):
+    monkeypatch.setenv("RIGIDMC_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(compile_time, "compiled", [])
+    one = seconds("rk4", ["march", "look"])
+    assert one == pytest.approx(compile_time.OTHERS + compile_time.PIECES["look"])
+    assert seconds("rk8", ["march", "look"]) > one < seconds("rk4 + gravity", ["march", "look"], (rm.Gravity(1.0),))
+    for text, factor in (("2.0\n", 2.0), ("1e9", 5.0), ("nan", 1.0), ("fast", 1.0), ("\xff", 1.0), ("", 1.0)):
+        (tmp_path / "pace").write_text(text, encoding="latin-1")
+        assert seconds("rk4", ["march", "look"]) == pytest.approx(factor * one)
+    compile_time.compiled.append("rk4")
+    assert seconds("rk4", ["march", "look"]) == pytest.approx(compile_time.LATER * one)
+
+
+def test_integrators_that_cannot_run_a_scene_are_skipped(monkeypatch):
+    some = {name: INTEGRATORS[name] for name in ("rk4", "exact", "closed")}
+    monkeypatch.setattr(precompile, "INTEGRATORS", some)
+    found = {one.integrator: one for one in rm.warm(rm.Scene.load("kapitza_top"), all_integrators=True)}
+    assert set(found) == set(some) and not found["rk4"].skipped
+    assert "takes no torque" in found["exact"].skipped and "closed form" in found["closed"].skipped
+    assert "Push: effects of your own are compiled in every process" in rm.warm(own_scene())[0].skipped
+
+
+def test_warm_refuses_bad_scenes_with_exit_code_3():
+    for words, message in (
+        (("warm", "nasa_brik"), "did you mean 'nasa_brick'"),
+        (("warm", "nasa_brick", "heavy_top", "--set", "run.integrator=exact"), "takes no torque"),
+    ):
+        found = invoke(*words)
+        assert found.exit_code == 3 and message in found.output, found.output
+
+
+def scipy_scene():
+    start = rm.Start(omega=(rm.distribution("gamma", a=2.0, scale=0.1), 1.0, 0.0))
+    return rm.Scene(BODY, (), start).with_run(dt=0.01, t_end=0.1, members=32, save=("omega",))
+
+
+def test_a_scene_drawn_through_scipy_tells_its_version(tmp_path):
+    through = f"through scipy {scipy.__version__}: the bits are those of this version"
+    scene = scipy_scene()
+    assert rm.simulate(scene).attrs["drawn"] == through
+    plain = rm.Scene(BODY, (), rm.Start(omega=(rm.normal(0.1, 0.1), 1.0, 0.0))).with_run(
+        dt=0.01, t_end=0.1, members=32, save=("omega",)
+    )
+    assert "drawn" not in rm.simulate(plain).attrs
+    assert rm.simulate(plain.with_run(points="sobol")).attrs["drawn"] == through
+    fisher = rm.Start(omega=(0.1, 1.0, 0.0), attitude=rm.Fisher((1.0, 0.0, 0.0, 0.0), 10.0))
+    assert rm.Scene(BODY, (), fisher).drawn_through() == through
+
+    file = tmp_path / "s.toml"
+    file.write_text(scene.dumps())
+    assert f"drawn        {through}\n" in invoke("show", file).output
+    assert "drawn " not in invoke("show", "nasa_brick").output
+
+
+def test_a_run_tells_what_its_code_is_generated_for(tmp_path):
+    for name, scene in (("plain", rm.Scene.load("nasa_brick").with_run(t_end=0.1)), ("drawn", scipy_scene())):
+        file, run = tmp_path / f"{name}.toml", f"{tmp_path / name}/"
+        file.write_text(scene.dumps())
+        assert invoke("run", file, "-o", run).exit_code == 0
+        facts = run_directory.RunDirectory(run).facts
+        assert facts["machine"] == this_machine()[1]
+        assert facts["versions"].get("scipy") == (scipy.__version__ if name == "drawn" else None)
+        told = invoke("status", run).output
+        assert f"code generated for {this_machine()[1]}, by rigidmc {rm.__version__}" in told
+        assert ("scipy" in told) == (name == "drawn")
+    assert f"generated for {this_machine()[1]}" in invoke("doctor").output
+
+
+def test_a_run_drawn_through_scipy_goes_on_with_that_version_alone(tmp_path):
+    (tmp_path / "s.toml").write_text(scipy_scene().dumps())
+    run = f"{tmp_path / 'run'}/"
+    assert invoke("run", tmp_path / "s.toml", "-o", run).exit_code == 0
+    facts = run_directory.RunDirectory(run).facts
+    other = {**facts, "versions": {**facts["versions"], "scipy": "0.1"}}
+    (tmp_path / "run" / "run.json").write_text(run_directory.rendered(other))
+    found = invoke("resume", run)
+    assert found.exit_code == 3 and f"scipy 0.1 there, {scipy.__version__} here" in found.output
+    assert invoke("resume", run, "--accept").exit_code == 0
