@@ -1,5 +1,7 @@
-"""Seconds of wall clock from the shell: --help, the first run ever, the second."""
+"""Seconds of wall clock until something runs: from the shell, and of the first `simulate()` with each capability in a fresh process with an empty disk cache."""
 
+import itertools
+import json
 import os
 import subprocess
 import sys
@@ -8,8 +10,30 @@ import time
 
 from bench import harness
 
-ASKED = {"--help": 0.5, "first run ever of 1,000 tops": 12.0, "second run": 2.5}
-RUN = ["run", "dzhanibekov", "--members", "1000", "-o"]
+README = "run dzhanibekov --members 100000 -o dzhanibekov.nc --plot dzhanibekov.png"  # its first command
+RUN = "run dzhanibekov --members 1000 -o"
+COMMANDS = {  # name: (words, whether the cache is empty, seconds asked)
+    "--help": ("--help", False, 0.5),
+    "first run ever of 1,000 tops": (f"{RUN} first.nc --force", True, 12.0),
+    "second run": (f"{RUN} second.nc --force", False, 2.5),
+    "README's first command": (f"{README} --force", True, 6.0),
+    "accuracy heavy_top": ("accuracy heavy_top", True, 35.0),
+}
+HEAVY, WATCHED = ("gravity",), ("omega", "attitude")
+CALLS = {  # name: ([(integrator, effects, save) of each call], of which the last is timed; seconds asked)
+    "rk4 free": ([("rk4", (), WATCHED)], 3.0),
+    "rk4 gravity": ([("rk4", HEAVY, WATCHED)], 3.0),
+    **{name: ([(name, HEAVY, WATCHED)], 5.0) for name in ("rk8", "strang", "srkn11", "midpoint")},
+    "exact": ([("exact", (), WATCHED)], 5.0),
+    "events": ([("rk4", (), ("omega", "flips"))], 5.0),
+    "statistics": ([("rk4", HEAVY, ("omega", "omega_max", "energy_mean", "energy_variance"))], 5.0),
+    "noise": ([("strang", ("bath",), WATCHED)], 5.0),
+    "MEGNO": ([("rk4", HEAVY, ("omega", "megno"))], 5.0),
+    "all built-in effects but the random one": ([("rk4", None, WATCHED)], 10.0),
+    "another save": ([("rk4", HEAVY, WATCHED), ("rk4", HEAVY, (*WATCHED, "energy"))], 1.0),
+    "another event": ([("rk4", HEAVY, (*WATCHED, "flips")), ("rk4", HEAVY, (*WATCHED, "passage"))], 1.0),
+    "second simulate of 64 members": ([("rk4", HEAVY, WATCHED)] * 101, 1.5e-3),
+}
 
 
 def command():
@@ -18,38 +42,67 @@ def command():
     return [script] if os.path.exists(script) else [sys.executable, "-c", "from rigidmc.cli import main; main()"]
 
 
-def seconds(arguments, folder, cache):
-    """Wall seconds of one command in a folder, with kernels cached in `cache`; RuntimeError with its last words if it fails."""
+def ran(words, folder, cache):
+    """(wall seconds, output) of one process in a folder, with kernels cached in `cache`; RuntimeError with its last words if it fails."""
     # the package is found from here even where it is not installed, the folder of the run being another one
     path = os.pathsep.join(filter(None, [os.getcwd(), os.environ.get("PYTHONPATH")]))
     environment = {**os.environ, "RIGIDMC_CACHE_DIR": cache, "PYTHONPATH": path}
     began = time.perf_counter()
-    done = subprocess.run([*command(), *arguments], cwd=folder, env=environment, capture_output=True, text=True)
+    done = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True)
     took = time.perf_counter() - began
     if done.returncode != 0:
-        raise RuntimeError(f"rigidmc {' '.join(arguments)} ended with {done.returncode}: {(done.stderr or done.stdout)[-2000:]}")
-    return took
+        raise RuntimeError(f"{' '.join(words)} ended with {done.returncode}: {(done.stderr or done.stdout)[-2000:]}")
+    return took, done.stdout
+
+
+def call(name):
+    """In a process of its own: print the seconds of the last of some calls of `simulate`, the median of the later half of many."""
+    import rigidmc as rm
+    from rigidmc.effects import EFFECTS
+    from rigidmc.effects.parameters import filled, given
+    from rigidmc.effects.verbs import is_random
+
+    body = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3))
+    start = rm.Start(omega=(0.5, 0.7, rm.normal(0.5, 0.1)), attitude=(1.0, 0.0, 0.0, 0.0))
+    taken = []
+    for integrator, names, save in CALLS[name][0]:
+        wanted = [word for word, kind in EFFECTS.items() if not is_random(kind)] if names is None else names
+        effects = tuple(
+            EFFECTS[word](*filled(EFFECTS[word], itertools.repeat(0.1))[: len(given(EFFECTS[word]))]) for word in wanted
+        )
+        events = {"flips": rm.Flips(2), "passage": rm.Passage(3, 0.5)}
+        scene = rm.Scene(body, effects, start)
+        began = time.perf_counter()
+        rm.simulate(
+            scene, integrator=integrator, dt=0.01, t_end=0.1, members=64, save=tuple(events.get(word, word) for word in save)
+        )
+        taken.append(time.perf_counter() - began)
+    print(json.dumps(harness.median(taken[len(taken) // 2 :]) if len(taken) > 2 else taken[-1]))
 
 
 def run(quick):
     """All rows of the bench."""
-    times: dict[str, list[float]] = {what: [] for what in ASKED}
+    times: dict[str, list[float]] = {what: [] for what in (*COMMANDS, *CALLS)}
     with tempfile.TemporaryDirectory(prefix="rigidmc-bench-") as folder:
-        for i in range(1 if quick else 3):
-            cache = os.path.join(folder, f"cache{i}")  # new and empty: every kernel is compiled
-            times["first run ever of 1,000 tops"].append(seconds([*RUN, f"first{i}.nc"], folder, cache))
-        for i in range(2 if quick else 5):
-            times["--help"].append(seconds(["--help"], folder, cache))
-            times["second run"].append(seconds([*RUN, f"second{i}.nc"], folder, cache))
+        caches = (os.path.join(folder, f"cache{i}") for i in itertools.count())
+        known = next(caches)
+        ran([*command(), *f"{RUN} known.nc".split()], folder, known)
+        for _ in range(1 if quick else 3):
+            for what, (words, empty, _) in COMMANDS.items():
+                times[what].append(ran([*command(), *words.split()], folder, next(caches) if empty else known)[0])
+            for what in CALLS:
+                script = f"from bench.startup import call; call({what!r})"
+                times[what].append(float(ran([sys.executable, "-c", script], folder, next(caches))[1]))
+    asked = {what: given[-1] for what, given in {**COMMANDS, **CALLS}.items()}
     rows = [{"kind": "seconds", "name": what, "seconds": taken} for what, taken in times.items()]
     return rows + [
         harness.target(
             what,
-            ASKED[what],
+            asked[what],
             harness.median(taken),
             "s",
             at_most=True,
-            note=f"{len(taken)} times, {min(taken):.2f} to {max(taken):.2f} s",
+            note=f"{len(taken)} times, {min(taken):.4g} to {max(taken):.4g} s",
         )
         for what, taken in times.items()
     ]
