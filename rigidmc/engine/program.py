@@ -18,6 +18,7 @@ MARCH = "piswsikkuiii"  # the arguments of `march`, see `piece`
 LINE = 64  # bytes of a cache line, and of the widest vectors
 QUIET = Noise(np.uint64(0), np.uint64(0), np.zeros(1, np.uint64), 0)
 NOWHERE = Saves(np.empty(0), 0, 0, np.empty(0, np.int64))
+_looped: set[str] = set()  # types of numbers for which the loop over members is in memory
 # of the types that all pieces, blocks and runs have
 TYPICAL = Pieces(*[NOTHING] * len(Pieces._fields)), np.empty((EFFECTS, LANES)), Run(0.0, 1, 1, 1, 0, 0, 1)
 
@@ -97,7 +98,8 @@ class Program:
     def missing(self):
         """Names of the pieces that are neither in memory nor in the disk cache, `advance` for what calls them."""
         names = [name for name, asked in zip(Pieces._fields, self._asked, strict=True) if asked and not is_ready(*asked)]
-        return names if compiled.is_ready(*self._arguments(*TYPICAL)) else [*names, "advance"]
+        ready = self.dtype in _looped or compiled.is_ready(*self._arguments(*TYPICAL))
+        return names if ready else [*names, "advance"]
 
     def _compile(self):
         self._numbers = []  # of the pieces, which know only where they are
@@ -108,7 +110,9 @@ class Program:
                 pieces.append(found)
                 self._numbers.append(numbers)
             self.pieces = Pieces(*pieces)
-            compiled.entry(*self._arguments(*TYPICAL))
+            if self.dtype not in _looped:
+                compiled.entry(*self._arguments(*TYPICAL))
+                _looped.add(self.dtype)
 
     def advance(self, block, run, noise=None, saves=None):
         """Run the program on a block; see `advance`."""
