@@ -1,14 +1,16 @@
 """What moves the members of a scene: its pieces, compiled, and the memory that they work in."""
 
+from types import SimpleNamespace
+
 import numpy as np
 
 from rigidmc.engine import member, watch
 from rigidmc.engine.compose import rows_of
-from rigidmc.engine.cpu import LOOK, Noise, Pieces, Saves, Shape, compiled
+from rigidmc.engine.cpu import LOOK, Noise, Pieces, Room, Saves, Shape, advance, frame_type
 from rigidmc.engine.events import TRIES
 from rigidmc.engine.layout import BODY, BODY_AT, EFFECTS_AT, KNOWN, LANES, START
 from rigidmc.engine.machine import vector_bits
-from rigidmc.engine.pieces import NOTHING, piece
+from rigidmc.engine.pieces import NOTHING, Piece, config, piece, run
 from rigidmc.engine.watch import watch_rows
 from rigidmc.observables import SIZES
 
@@ -46,7 +48,7 @@ class Program:
     ):  # fmt: skip
         if (compensated or ledger) and hasattr(form.integrator, "with_sums"):
             form = form.integrator.with_sums()
-        self.form, self.dtype, self.lanes = form, np.dtype(dtype).name, 1 if compiled.plain else lanes or lanes_for(dtype)
+        self.form, self.dtype, self.lanes = form, np.dtype(dtype).name, 1 if config.DISABLE_JIT else lanes or lanes_for(dtype)
         groups = min(self.lanes, getattr(form.integrator, "groups", 1))
         self.parts = np.ascontiguousarray(form.parts, dtype=float).ravel()
         turned, kept, works = (0.0,) if attitude else (), (0.0,) if compensated else (), tuple(0.0 for _ in ledger)
@@ -86,15 +88,35 @@ class Program:
             self.lanes, values, at, len(ledger), row, near_at, int(some), len(shadow), 2 * len(events), tries, int(random)
         )
 
-    def advance(self, block, run, noise=None, saves=None):
-        """Run the program on a block; see `advance`."""
-        lanes, rows = self.lanes, block.shape[0]
+        self._type = frame_type(self.dtype)
+        self._advance, _ = piece(advance, (), self.dtype, 0, self._type)
+
+    def advance(self, block, steps, noise=None, saves=None):
+        """Take a block through the steps of a Run; see `rigidmc.engine.cpu.advance`."""
+        lanes, (rows, members) = self.lanes, block.shape
         state, near = (aligned((BODY_AT + rows - BODY) * lanes, self.dtype) for _ in range(2))
-        work, trace = aligned((KNOWN + rows) * lanes, float), aligned((7 * LOOK + START + self.shape.works) * lanes, self.dtype)
-        compiled(
-            self.pieces, self.shape, run, noise or QUIET, saves or NOWHERE, self.parts, block, state, near, work, trace,
+        work, aside = aligned((KNOWN + rows) * lanes, float), aligned(KNOWN * lanes, float)
+        trace, saved = (
+            aligned((7 * LOOK + START + self.shape.works) * lanes, self.dtype),
             aligned(max(1, self.shape.values) * lanes, float),
-        )  # fmt: skip
+        )
+        room = Room(self.parts, self.parts.size // 4, block, rows, members, state, near, work, aside, trace, saved)
+        run(self._advance, "p", framed(self._type, (self.pieces, self.shape, steps, noise or QUIET, saves or NOWHERE, room)))
+
+
+def framed(kind, given):
+    """The record of `frame_type` from the NamedTuples that have its fields; uncompiled something with attributes of their names."""
+    named = {name: value for part in given for name, value in part._asdict().items()}
+    if config.DISABLE_JIT:
+        flat = {name: value.ravel() for name, value in named.items() if isinstance(value, np.ndarray)}
+        return SimpleNamespace(**{**named, **flat}, real=1.0)
+    frame = np.zeros(1, kind)
+    for name, value in named.items():
+        if isinstance(value, Piece):
+            frame[name] = value.code, value.numbers
+        else:
+            frame[name] = value.ctypes.data if isinstance(value, np.ndarray) else value
+    return frame
 
 
 def lanes_for(dtype):
