@@ -87,7 +87,7 @@ def describe(scene, threads):
     lines += chosen.lines(plan.members) if chosen else []
     if plan.form is None:
         return "\n".join([*lines, "cost         closed form at every save"])
-    lines.append(f"code         {to_compile(program_of(scene, plan, compile=False))}")
+    lines.append(f"code         {to_compile(program_of(scene, plan, ask=True))}")
     cost = cost_per_step(scene, plan)
     seconds = cost * 1e-9 * plan.members * plan.mean_steps / threads
     lines.append(

@@ -39,9 +39,9 @@ class Job(NamedTuple):
     rounds: int
 
 
-def program_of(scene, plan, compile=True):
+def program_of(scene, plan, ask=False):
     """What moves the members of a plan, compiled or from the cache; None for closed forms. SceneError for effects that cannot be compiled.
-    compile : False to ask only what is missing"""
+    ask : compile nothing, and tell what is `missing`"""
     if plan.form is None:
         return None
     own = [e for e in scene.effects if type(e) not in EFFECTS.values()]
@@ -65,7 +65,7 @@ def program_of(scene, plan, compile=True):
             running,
             shadow,
             side_by_side(own),
-            compile,
+            ask,
         )
     except NumbaError as error:
         if not own:

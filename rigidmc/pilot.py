@@ -5,7 +5,6 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import stats
 
 from rigidmc.dynamics.euler import kinetic_energy
 from rigidmc.dynamics.so3 import dot, up
@@ -247,5 +246,7 @@ def first_steps(pilot):
 def upper_quantile(values, share=0.99, sure=0.95):
     """The smallest element of a sample that exceeds the quantile of its distribution with probability `sure`; else the largest."""
     ordered, n = np.sort(values), len(values)
+    from scipy import stats  # half a second, which only a chosen step has to wait for
+
     rank = int(stats.binom.ppf(sure, n, share)) + 1
     return float(ordered[min(n, rank) - 1])

@@ -22,7 +22,6 @@ import rigidmc as rm
 from rigidmc import estimate, plots, simulation  # noqa: F401  (imported now, and not in the first example)
 from rigidmc.cli import app
 from rigidmc.engine import pieces
-from rigidmc.engine.entries import Compiled, kind_of
 from rigidmc.errors import SceneError
 from rigidmc.studies import accuracy, hard_cases, trust
 from tests import hostile
@@ -62,14 +61,9 @@ def good(tmp_path_factory):
 @contextlib.contextmanager
 def bounded():
     """No kernel is compiled that the good files do not need, no price measured, no long run made."""
-    entry, address, compute = Compiled.entry, pieces._address, simulation.compute
+    address, compute = pieces._address, simulation.compute
 
-    def known(self, *arguments):
-        if tuple(map(kind_of, arguments)) not in self._entries:
-            raise Passed
-        return entry(self, *arguments)
-
-    def known_piece(function, signature):
+    def known(function, signature):
         if (function, signature.args) not in pieces._alive:
             raise Passed
         return address(function, signature)
@@ -84,7 +78,7 @@ def bounded():
 
     with contextlib.ExitStack() as held:
         for where, name, what in (
-            (Compiled, "entry", known), (pieces, "_address", known_piece), (simulation, "compute", short), (rm.shards, "compute", short), (estimate, "cost_per_step", passed),
+            (pieces, "_address", known), (simulation, "compute", short), (rm.shards, "compute", short), (estimate, "cost_per_step", passed),
             (accuracy, "accuracy", passed), (hard_cases, "stress", passed), (trust, "trust", passed),
         ):  # fmt: skip
             held.enter_context(patch.object(where, name, what))

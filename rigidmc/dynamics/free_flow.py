@@ -9,7 +9,19 @@ import math
 from typing import NamedTuple
 
 from rigidmc.dynamics.euler import angular_velocity
-from rigidmc.dynamics.so3 import add, by_precision, conjugate, dot, exponential, multiply, opposite, scale, select, select3, sincos
+from rigidmc.dynamics.so3 import (
+    add,
+    by_precision,
+    conjugate,
+    dot,
+    exponential,
+    multiply,
+    opposite,
+    scale,
+    select,
+    select_each,
+    sincos,
+)
 
 _REST = 1e-306  # |L|^2 at which a body stands still: below 2e-308 its digits go, and with them the unit vector L/|L|
 
@@ -156,7 +168,7 @@ def free_flow(body, halvings, panels, h, l):
     square = dot(l, l)
     moves = square > by_precision(square, _REST, 1e-36)
     g = select(moves, math.sqrt(square), 0.0)
-    u = select3(moves, scale(1.0 / select(moves, g, 1.0), l), (0.0, 0.0, 1.0))  # at rest any unit vector will do: nothing turns
+    u = select_each(moves, scale(1.0 / select(moves, g, 1.0), l), (0.0, 0.0, 1.0))  # at rest any unit vector will do: nothing turns
     twice_energy = dot(u, angular_velocity(body, u))
     # axis 2 is the middle one unless a1 a3 < 0; of a body symmetric about axis 2 either other axis will do
     elsewhere, one_fits = body.a1 * body.a3 < 0.0, body.a2 * body.a3 >= 0.0

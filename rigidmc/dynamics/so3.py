@@ -54,19 +54,9 @@ def smaller(a, b):
     return select(b < a, b, a)
 
 
-def select3(condition, a, b):
-    """`select` of two 3-vectors."""
-    return select(condition, a[0], b[0]), select(condition, a[1], b[1]), select(condition, a[2], b[2])
-
-
-def select4(condition, a, b):
-    """`select` of two quaternions."""
-    return (
-        select(condition, a[0], b[0]),
-        select(condition, a[1], b[1]),
-        select(condition, a[2], b[2]),
-        select(condition, a[3], b[3]),
-    )
+def select_each(condition, a, b):
+    """`select` of each number of two tuples."""
+    return tuple(select(condition, x, y) for x, y in zip(a, b, strict=True))
 
 
 def dot(a, b):

@@ -12,18 +12,17 @@ from rigidmc.progress import say
 log = logging.getLogger("rigidmc")
 compiled: list[str] = []  # labels of what this process has compiled
 
-# CPU seconds in a process that compiles nothing else; 2 cores of AMD EPYC (family 25, model 17). In brackets the extremes of what was measured.
+# CPU seconds in a process that compiles nothing else; 2 cores of Intel Xeon (family 6, model 167): within 10 % of what these programs took, rk4 to exact.
 PIECES = {
-    "enter": 0.4, "leave": 0.1, "begin": 1.2, "look": 0.85, "record": 0.4, "advance": 2.5,  # begin of splittings 2.5
-    "begin_watch": 0.9, "watch": 0.75, "seek": 0.5, "begin_near": 1.0, "meet": 0.5,  # flips 1.4 and 1.0, nutation 0.7 and 0.5
-    "formulas": 1.5,  # of closed forms 0.7 to 3.1
+    "enter": 0.1, "leave": 0.1, "begin": 0.4, "look": 0.4, "record": 0.2, "advance": 1.3,
+    "begin_watch": 0.4, "watch": 0.6, "seek": 0.4, "begin_near": 0.4, "meet": 0.4, "formulas": 1.0,  # 0.5 to 1.9
 }  # fmt: skip
-MARCH = {"rk8": 2.6}  # of a free body; of the others 1.0 (strang) to 1.7 (rk4)
-OTHERS = 1.6
-TORQUE = 1.4  # with gravity 2.1 (strang), 3.2 (rk4), 4.1 (rk8)
-EFFECT = 0.45  # each more: 11.8 of all 17 that are not random by rk4, 4.7 of gravity alone, `begin` included
-NOISE = 1.8  # a bath by strang 3.9
-LATER = 0.45  # of what a process compiles later, functions that pieces share being there: 0.24 to 0.58
+MARCH = {"rk8": 2.6}  # of a free body
+OTHERS = 1.2  # 1.0 (cf4) to 1.2 (rk4); of splittings 2.0 with what their `begin` takes longer
+TORQUE = 0.9  # with gravity 1.8 (cf4), 2.1 (rk4), 3.7 (rk8)
+EFFECT = 0.45  # each more, by rk8 as many times as much as a free step: all 17 that are not random 12.4 by rk4 (table 12.1), 23.7 by rk8 (table 21.9)
+FIRST = 0.3  # once a process
+LATER = 0.45  # of what a process compiles after its first program, functions that pieces share being there: 0.3 to 0.6
 
 
 @contextlib.contextmanager
@@ -35,11 +34,11 @@ def announced(label, missing, effects=()):
     if not missing:
         yield
         return
-    cold, known, began = not compiled, seconds(label, missing, effects), time.process_time()
+    cold, known, began = _cold(), seconds(label, missing, effects), time.process_time()
     say(f"compiling {summary(label, missing)}, first use: about {rounded(known)} s")
     yield
     compiled.append(label)
-    if cold and known > 1.0:  # by CPU time, which other processes do not lengthen
+    if cold and "march" in missing:  # by CPU time, which other processes do not lengthen
         _learn(_pace() * (time.process_time() - began) / known)
 
 
@@ -47,9 +46,14 @@ def seconds(label, missing, effects=()):
     """About how long it takes to compile some pieces of a program on this machine."""
     total = sum(PIECES.get(name, 0.0) for name in missing)
     if "march" in missing:
-        total += MARCH.get(label.split(" ")[0], OTHERS) + TORQUE * bool(effects) + EFFECT * max(0, len(effects) - 1)
-        total += NOISE * any("noise" in effect._fields for effect in effects)
-    return _pace() * total * (LATER if compiled else 1.0)
+        free = MARCH.get(label.split(" ")[0], OTHERS)
+        total += free + TORQUE * bool(effects) + EFFECT * max(0, len(effects) - 1) * free / OTHERS
+    return _pace() * (FIRST + total if _cold() else LATER * total)
+
+
+def _cold():
+    """Whether this process has compiled no program yet, formulas aside, which share nothing with programs."""
+    return not set(compiled) - {"formulas"}
 
 
 def rounded(number):

@@ -1,36 +1,38 @@
 """From a tuple of effects to one straight-line function.
 
 Physics is written as plain functions and as methods of NamedTuples. Here they become callable from compiled code: a plain
-function through `overload` with itself as the implementation, a method through `overload` on the TYPE of its NamedTuple.
+function with itself as the implementation, a method by the TYPE of its NamedTuple.
 Tuples of effects are unrolled by recursion on their type, so what is compiled holds what a scene lists and nothing else, and
 Numba's disk cache works, since no function is ever an argument.
 """
 
 import inspect
-import math
-import operator
 import sys
+from functools import cache, partial
+from typing import Any, cast
 
-from numba import typeof
+from numba import njit, typeof
 from numba.core import types
 from numba.core.datamodel import register_default
 from numba.core.datamodel.models import OpaqueModel
 from numba.core.errors import NumbaError  # noqa: F401  (for those who call)
-from numba.extending import NativeValue, intrinsic, overload, typeof_impl, unbox
+from numba.core.typing.templates import AbstractTemplate
+from numba.extending import overload, typeof_impl
 
 import rigidmc.integrators.verbs
 import rigidmc.observables.verbs  # noqa: F401  (imported so that METHODS is complete)
 from rigidmc.dynamics import euler, free_flow, functions, principal, so3
 from rigidmc.dynamics.methods import METHODS, arguments
 from rigidmc.effects import EFFECTS, flows, verbs
-from rigidmc.engine.fused import INLINE
-from rigidmc.engine.numbers import Mask, Vec, blend, like, opposite_of
+from rigidmc.engine.memory import get_row
+from rigidmc.engine.numbers import coded, known_by
+from rigidmc.engine.pipeline import INLINE
 from rigidmc.integrators import drifts, lie, midpoint, rk4, rk8, splitting
 from rigidmc.observables import SUMMARIES, statistics
 
 # these have code of their own, here and in `rigidmc.engine.numbers`
 _known = {
-    so3.select, so3.opposite, so3.by_precision, so3.root, functions.as_float, functions.as_word, functions.double, functions.as_given,
+    so3.select, so3.select_each, so3.opposite, so3.by_precision, so3.root, functions.as_float, functions.as_word, functions.double, functions.as_given,
     functions.normal_quantile, functions._ratio,
 }  # fmt: skip
 
@@ -50,66 +52,57 @@ def reason(error):
 
 
 def inline(function):
-    """Let compiled code call a plain Python function, inlined."""
+    """Let compiled code call a plain Python function, inlined.
+
+    Numba's `overload` would do, but it compiles a function once more for each kind of caller: a third of all that is compiled.
+    """
     if function not in _known:
         _known.add(function)
-        overload(function, jit_options=INLINE, strict=False)(lambda *args: function)
+        made: dict[tuple, Any] = {}  # by the types of the arguments
+
+        class Template(AbstractTemplate):
+            key = function
+
+            def generic(self, args, kws):
+                kind = types.Dispatcher(_compiled_for(function, (*args, *kws.items())))
+                found = kind.get_call_type(self.context, args, kws)
+                made[found.args] = kind.get_overload(found)
+                return found
+
+            def get_impl_key(self, sig):
+                return made[sig.args]
+
+        known_by(Template)
     return function
 
 
-@overload(so3.select, jit_options=INLINE)
-def _compiled_select(condition, a, b):
-    if isinstance(condition, Mask):
-        return lambda condition, a, b: blend(condition, a, b)
-    return lambda condition, a, b: a if condition else b
-
-
-@overload(so3.opposite, jit_options=INLINE)
-def _compiled_opposite(condition):
-    if isinstance(condition, Mask):
-        return lambda condition: opposite_of(condition)
-    return lambda condition: not condition
-
-
-@overload(so3.by_precision, jit_options=INLINE)
-def _compiled_by_precision(x, double, single):
-    if isinstance(x, Vec) and x.dtype == types.float32:
-        return lambda x, double, single: single
-    return lambda x, double, single: double
-
-
-@overload(functions.as_given, jit_options=INLINE)
-def _compiled_as_given(found, x):
-    return lambda found, x: like(found, x)
-
-
-@overload(so3.root, jit_options=INLINE)
-def _compiled_root(x):
-    return lambda x: math.sqrt(x)
+@cache
+def _compiled_for(function, kinds):
+    """A function as it is compiled for arguments of these types alone."""
+    return njit(**INLINE)(function)
 
 
 def compile_method(call):
-    """Let compiled code call a generic function of `rigidmc.dynamics.methods`."""
+    """Let compiled code call a generic function of `rigidmc.dynamics.methods`: the method of the part, with those of the values that it takes, or the default."""
     name, default, available = call.__name__, inline(call.default), call.available
 
-    @overload(call, jit_options=INLINE, strict=False)
-    def resolve(part, *values):
+    def resolve(typing_context, part, *values):
         function = getattr(part.instance_class, name, None)
-        if function is None:
-            return default
-        inline(function)
-        at = [available.index(argument) for argument in arguments(function)]
-        a, b, c, d, e, f, g = at + [0] * (7 - len(at))
-        return (
-            lambda part, *v: function(part),
-            lambda part, *v: function(part, v[a]),
-            lambda part, *v: function(part, v[a], v[b]),
-            lambda part, *v: function(part, v[a], v[b], v[c]),
-            lambda part, *v: function(part, v[a], v[b], v[c], v[d]),
-            lambda part, *v: function(part, v[a], v[b], v[c], v[d], v[e]),
-            lambda part, *v: function(part, v[a], v[b], v[c], v[d], v[e], v[f]),
-            lambda part, *v: function(part, v[a], v[b], v[c], v[d], v[e], v[f], v[g]),
-        )[len(at)]
+        at = [-1, *range(len(values))] if function is None else [-1, *(available.index(a) for a in arguments(function))]
+        function = default if function is None else inline(function)
+        typing_context.refresh()
+        function = typing_context.resolve_value_type(function)
+        given = [part if i < 0 else values[i] for i in at]
+        found = typing_context.resolve_function_type(function, given, {})
+
+        def generate(context, builder, sig, args):
+            return context.get_function(function, found)(builder, [args[1 + i] for i in at])
+
+        return found and (found.return_type(part, *values), generate)
+
+    words = [inspect.Parameter(word, inspect.Parameter.POSITIONAL_ONLY) for word in ("_context", "_part", *available)]
+    cast(Any, resolve).__signature__ = inspect.Signature(words)  # Numba makes a tuple of what a `*` takes
+    coded(call)(resolve)
 
 
 class Kinds:
@@ -145,11 +138,6 @@ def _typeof_kinds(value, context):
     return KindsType(typeof(value.parts))
 
 
-@unbox(KindsType)
-def _unbox_kinds(kind, value, context):
-    return NativeValue(context.context.get_dummy_value())
-
-
 def numbers_of(part):
     """The numbers in nested tuples, one after the other: what `given` reads."""
     return [number for one in part for number in numbers_of(one)] if isinstance(part, tuple) else [float(part)]
@@ -160,14 +148,9 @@ def given(kinds, numbers):
     return kinds.parts
 
 
-@intrinsic(prefer_literal=False)
+@coded(given)
 def _given(typing_context, kinds, numbers):
     return _made(kinds.parts, numbers, kinds, numbers)
-
-
-@overload(given, jit_options=INLINE)
-def _compiled_given(kinds, numbers):
-    return lambda kinds, numbers: _given(kinds, numbers)
 
 
 def filled(part, rows, first):
@@ -182,14 +165,9 @@ def filled(part, rows, first):
     return made(part)
 
 
-@intrinsic(prefer_literal=False)
+@coded(filled)
 def _filled(typing_context, part, rows, first):
     return _made(part, rows, part, rows, first)
-
-
-@overload(filled, jit_options=INLINE)
-def _compiled_filled(part, rows, first):
-    return lambda part, rows, first: _filled(part, rows, first)
 
 
 def _made(part, rows, *arguments):
@@ -210,12 +188,12 @@ def _made(part, rows, *arguments):
     def generate(context, builder, sig, values):
         at = [sig.args.index(rows)]
         first = values[-1] if len(values) > 2 else context.get_constant(word, 0)
-        read = context.get_function(operator.getitem, rows.item(rows, word))
+        read = partial(get_row, context, builder, rows.item(rows, word))
         count = iter(range(_rows_of(part)))
 
         def make(one):
             if not isinstance(one, types.BaseTuple):
-                return read(builder, (values[at[0]], builder.add(first, context.get_constant(word, next(count)))))
+                return read((values[at[0]], builder.add(first, context.get_constant(word, next(count)))))
             return context.make_tuple(builder, kind_of(one), [make(x) for x in one])
 
         return make(part)
@@ -233,10 +211,9 @@ def rows_of(part):
     return sum(map(rows_of, part)) if isinstance(part, tuple) else 1
 
 
-@overload(rows_of, jit_options=INLINE)
-def _compiled_rows_of(part):
-    number = _rows_of(part)
-    return lambda part: number
+@coded(rows_of)
+def _counted(typing_context, part):
+    return types.intp(part), lambda context, builder, sig, args: context.get_constant(types.intp, _rows_of(part))
 
 
 def has_noise(effect):
@@ -255,17 +232,12 @@ def with_noise(effect, deviates):
     return effect._replace(noise=deviates)
 
 
-@intrinsic
+@coded(with_noise)
 def _with_noise(typing_context, effect, deviates):
+    if "noise" not in effect.instance_class._fields:
+        return effect(effect, deviates), lambda context, builder, sig, args: args[0]
     place = effect.instance_class._fields.index("noise")
     return effect(effect, deviates), lambda context, builder, sig, args: builder.insert_value(args[0], args[1], place)
-
-
-@overload(with_noise, jit_options=INLINE)
-def _compiled_with_noise(effect, deviates):
-    if "noise" in effect.instance_class._fields:
-        return lambda effect, deviates: _with_noise(effect, deviates)
-    return lambda effect, deviates: effect
 
 
 def inline_all(module):

@@ -3,12 +3,11 @@
 `advance` is compiled once for all scenes: it knows the pieces of a program by their addresses, and how many numbers lie side by side as a number.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from rigidmc.engine.compose import inline
-from rigidmc.engine.entries import Compiled
 from rigidmc.engine.events import COUNT, EVENT
 from rigidmc.engine.layout import (
     BEGAN,
@@ -21,7 +20,8 @@ from rigidmc.engine.layout import (
     STATUS,
     STOPPED,
 )  # fmt: skip
-from rigidmc.engine.numbers import as_float, memory
+from rigidmc.engine.memory import memory
+from rigidmc.engine.numbers import as_float
 from rigidmc.engine.pieces import Piece, call
 from rigidmc.engine.watch import OFTEN
 
@@ -48,8 +48,8 @@ class Shape(NamedTuple):
     """How the members of a program lie in memory, and what they have.
 
     lanes : how many are worked on side by side;  values : numbers of a save;  works : effects whose work is kept, whose rows begin at `works_at` of a state
-    watched : the row of a state from which on things are watched;  looks, near, records : whether steps are watched, there is a neighbour, and how many
-        records of events there are;  tries : steps back to find an event;  noisy : whether effects are random
+    watched, near_at : the rows of a state from which on things are watched, and of the neighbour;  looks, shadow, records : whether steps are watched, there is
+        a neighbour, and how many records of events there are;  tries : steps back to find an event;  noisy : whether effects are random
     """
 
     lanes: int
@@ -59,7 +59,7 @@ class Shape(NamedTuple):
     watched: int
     near_at: int
     looks: int
-    near: int
+    shadow: int
     records: int
     tries: int
     noisy: int
@@ -90,236 +90,244 @@ class Noise(NamedTuple):
 
 
 class Saves(NamedTuple):
-    """Where saves go: value row r of save slot s of member m to out[(s*R + r)*width + column + m], R = value rows in all; the members of a block
+    """Where saves go: value row r of save slot s of member m to out[(s*R + r)*columns + column + m], R = value rows in all; the members of a block
     that are not in their order are at column + order[m]."""
 
     out: np.ndarray
-    width: int
+    columns: int
     column: int
     order: np.ndarray
 
 
 class Room(NamedTuple):
-    """Where everything is in memory: the parts of a step and how many rows they have, a block and its size, two states, what is known of members, the states
-    after steps, a save, the streams of noise, where saves go, the order of the members; and whose noise it is."""
+    """Where everything is in memory: the parts of a step and how many there are, a block and its size, two states, what is known of members and room for
+    that of others, the states after LOOK steps and one more, and a save."""
 
-    parts: Any
+    parts: np.ndarray
     count: int
-    block: Any
+    block: np.ndarray
     rows: int
-    members: int
-    state: Any
-    near: Any
-    work: Any
-    trace: Any
-    values: Any
-    streams: Any
-    out: Any
-    order: Any
-    key: int
-    other: int
-    member: int
+    width: int
+    state: np.ndarray
+    near: np.ndarray
+    work: np.ndarray
+    aside: np.ndarray
+    trace: np.ndarray
+    saved: np.ndarray
 
 
-def advance(pieces, shape, run, noise, saves, parts, block, state, near, work, trace, values):
-    """Take every member of a block from step run.first to step run.last.
+def frame_type(real):
+    """The record that compiled code takes for all of these, arrays by their addresses; its field `real` is a number of the precision of the run."""
+    code = np.dtype([("code", np.intp), ("numbers", np.intp)])
+    kinds = {"h": np.float64, "key": np.uint64, "other": np.uint64}
+    numbers = [name for kind in (Shape, Run, Noise, Saves, Room) for name in kind._fields]
+    fields = [(name, code) for name in Pieces._fields] + [(name, kinds.get(name, np.intp)) for name in numbers]
+    return np.dtype([*fields, ("real", real)])
+
+
+def advance(kinds, numbers, frame):
+    """Take every member of a block from step frame.first to step frame.last; frame: the fields of Pieces, Shape, Run, Noise, Saves and Room.
 
     block : (rows, n) as in `rigidmc.engine.layout`, changed in place; n a multiple of LANES. Between calls it holds the state as the integrator keeps it
         between steps, after step `total` the true one
-    state, near : two states;  work : what is known of members;  trace : room for the states after LOOK steps, and one;  values : room for a save
     """
-    room = Room(
-        memory(parts), parts.size // 4, memory(block), block.shape[0], block.shape[1], memory(state), memory(near), memory(work), memory(trace),
-        memory(values), memory(noise.streams), memory(saves.out), memory(saves.order), noise.key, noise.other, noise.member,
-    )  # fmt: skip
-    for low in range(0, room.members, shape.lanes):
-        enter(pieces, shape, run, room, low)
-        if run.first == 0:
-            begin(pieces, shape, run, saves, room, low)
-        elif shape.near != 0:
-            swap(shape, room, 0)
-        now, idle = run.first, False
-        while now < run.last:
-            begun = now // run.slots * run.slots if run.own != 0 else 0  # of the round; without own steps there is one
-            stop = ending(run, now, begun)
-            if run.own != 0 and now == begun:
-                for k in range(shape.lanes):
-                    room.work[BEGAN * shape.lanes + k] = begun // run.slots * run.h
+    for low in range(0, frame.width, frame.lanes):
+        enter(frame, low)
+        if frame.first == 0:
+            begin(frame, low)
+        elif frame.shadow != 0:
+            swap(frame, 0)
+        now, idle = frame.first, False
+        while now < frame.last:
+            begun = now // frame.slots * frame.slots if frame.own != 0 else 0  # of the round; without own steps there is one
+            stop = ending(frame, now, begun)
+            if frame.own != 0 and now == begun:
+                work = memory(frame.work, 1.0)
+                for k in range(frame.lanes):
+                    work[BEGAN * frame.lanes + k] = begun // frame.slots * frame.h
             if not idle:
-                steps(pieces, shape, run, room, begun, now - begun, stop - begun)
+                steps(frame, begun, now - begun, stop - begun)
             now, slot = stop, stop - begun
-            saved = now == run.total or now % run.stride == 0
+            saved = now == frame.total or now % frame.stride == 0
             if saved or (
-                slot % LOOK == 0 and (run.own == 0 or slot < run.slots)
+                slot % LOOK == 0 and (frame.own == 0 or slot < frame.slots)
             ):  # not where a call ends: no result depends on calls
-                rounds = begun // run.slots * 1.0 if run.own != 0 else 0.0
-                call(pieces.look, (room.parts, room.state, room.work, rounds, slot * 1.0))
-                idle = is_idle(shape, room)
+                idle = look(frame, begun // frame.slots * 1.0 if frame.own != 0 else 0.0, slot)
             if saved:
-                save(pieces, shape, run, saves, room, low, now)
-        leave(pieces, shape, run, room, low)
+                save(frame, low, now)
+        leave(frame, low)
     return 0
 
 
-def enter(pieces, shape, run, room, low):
+def enter(frame, low):
     """Bring the rows of some members side by side."""
-    time = run.first // run.slots * run.h if run.own != 0 else 0.0
-    call(pieces.enter, (room.block, room.rows, room.members, low, run.own, run.h, time, room.state, room.work))
-    for k in range(shape.lanes if shape.noisy != 0 else 0):
-        place = room.order[low + k] if run.own != 0 else low + k
-        room.work[INDEX * shape.lanes + k] = as_float(np.uint64(room.member + place + 1))
+    lanes, own, work, order = frame.lanes, frame.own, memory(frame.work, 1.0), memory(frame.order, frame.lanes)
+    time = frame.first // frame.slots * frame.h if own != 0 else 0.0
+    state, block = memory(frame.state, frame.real), memory(frame.block, 1.0)
+    call(frame.enter, (block, frame.rows, frame.width, low, own, frame.h, time, state, work))
+    for k in range(lanes if frame.noisy != 0 else 0):
+        place = order[low + k] if own != 0 else low + k
+        work[INDEX * lanes + k] = as_float(np.uint64(frame.member + place + 1))
 
 
-def begin(pieces, shape, run, saves, room, low):
+def begin(frame, low):
     """The start of some members."""
-    call(pieces.begin, (room.parts, room.state, room.work))
-    if shape.looks != 0:
-        call(pieces.begin_watch, (room.parts, room.state, room.work, shape.watched))
-    if shape.near != 0:
-        swap(shape, room, 0)
-        call(pieces.begin_near, (room.parts, room.state, room.work, room.near, shape.near_at))
-    save(pieces, shape, run, saves, room, low, 0)
+    parts, state, work = memory(frame.parts, 1.0), memory(frame.state, frame.real), memory(frame.work, 1.0)
+    call(frame.begin, (parts, state, work))
+    if frame.looks != 0:
+        call(frame.begin_watch, (parts, state, work, frame.watched))
+    if frame.shadow != 0:
+        swap(frame, 0)
+        call(frame.begin_near, (parts, state, work, memory(frame.near, frame.real), frame.near_at))
+    save(frame, low, 0)
 
 
-def swap(shape, room, out):
+def look(frame, rounds, slot):
+    """Look at some members after `slot` steps of a round, `rounds` of which are done; whether all are stopped, or stay as they are for good."""
+    lanes, work = frame.lanes, memory(frame.work, 1.0)
+    call(frame.look, (memory(frame.parts, 1.0), memory(frame.state, frame.real), work, rounds, slot * 1.0))
+    moving = 0
+    for k in range(lanes):
+        if work[(KNOWN + STATUS) * lanes + k] == 0.0 and work[STOPPED * lanes + k] == 0.0:
+            moving += 1
+    return moving == 0
+
+
+def swap(frame, out):
     """Bring back the neighbour of members that begin in the middle of a run, or put it to their rows."""
-    lanes, at = shape.lanes, shape.near_at * shape.lanes
-    for i in range((BODY_AT + room.rows - BODY) * lanes if out == 0 else 0):
-        room.near[i] = room.state[i]
-    for i in range(START * lanes):
+    at, state, near = frame.near_at * frame.lanes, memory(frame.state, frame.real), memory(frame.near, frame.real)
+    for i in range((BODY_AT + frame.rows - BODY) * frame.lanes if out == 0 else 0):
+        near[i] = state[i]
+    for i in range(START * frame.lanes):
         if out == 0:
-            room.near[i] = room.state[at + i]
+            near[i] = state[at + i]
         else:
-            room.state[at + i] = room.near[i]
+            state[at + i] = near[i]
 
 
-def ending(run, now, begun):
+def ending(frame, now, begun):
     """The step at which members are looked at next, saved, or left."""
-    stop = min(run.last, begun + ((now - begun) // LOOK + 1) * LOOK, (now // run.stride + 1) * run.stride)
-    return min(stop, begun + run.slots) if run.own != 0 else stop
+    stop = min(min(frame.last, begun + ((now - begun) // LOOK + 1) * LOOK), (now // frame.stride + 1) * frame.stride)
+    return min(stop, begun + frame.slots) if frame.own != 0 else stop
 
 
-def steps(pieces, shape, run, room, begun, first, last):
+def steps(frame, begun, first, last):
     """Steps from `first` to `last` of the round that began with step `begun`, watched where that is asked for."""
-    rounds, now = begun // run.slots if run.own != 0 else 0, first
-    if run.own != 0:
-        last = most_steps(shape, room, last)
+    parts, state, work = memory(frame.parts, 1.0), memory(frame.state, frame.real), memory(frame.work, 1.0)
+    near, now = memory(frame.near, frame.real), first
+    if frame.own != 0:
+        last = most_steps(frame, last)
     while now < last:
         stop = last
-        if shape.near != 0:
+        if frame.shadow != 0:
             stop = min(last, (begun + now) // OFTEN * OFTEN + OFTEN - begun)
-        if run.own != 0:
-            stop = some_end(shape, room, now, stop)
-        march(pieces, shape, run, room, room.state, shape.looks, rounds, now, stop)
-        if shape.near != 0:
-            march(pieces, shape, run, room, room.near, 0, rounds, now, stop)
-            if (begun + stop) % OFTEN == 0:
-                number = (begun + stop) // OFTEN * 1.0
-                call(pieces.meet, (room.parts, room.state, room.work, room.near, shape.near_at, stop * 1.0, number))
-        if shape.looks != 0:
-            call(pieces.watch, (room.parts, room.state, room.work, room.trace, shape.watched, now, stop))
+        if frame.own != 0:
+            stop = some_end(frame, now, stop)
+        rounds = begun // frame.slots if frame.own != 0 else 0
+        for other in range(1 + frame.shadow):
+            moving = near if other != 0 else state
+            idle = frame.own != 0 and put_aside(frame, moving, now, 1)
+            march(frame, moving, work, frame.looks if other == 0 else 0, rounds, now, stop)
+            if idle:
+                put_aside(frame, moving, now, 0)
+        if frame.shadow != 0 and (begun + stop) % OFTEN == 0:
+            number = (begun + stop) // OFTEN * 1.0
+            call(frame.meet, (parts, state, work, near, frame.near_at, stop * 1.0, number))
+        if frame.looks != 0:
+            call(frame.watch, (parts, state, work, memory(frame.trace, frame.real), frame.watched, now, stop))
         now = stop
 
 
-def march(pieces, shape, run, room, state, traced, rounds, now, stop):
-    """Steps that all members make that are not done with theirs; the others stay as they are."""
-    idle = run.own != 0 and put_aside(shape, room, state, now, 1)
-    call(
-        pieces.march,
-        (room.parts, room.count, state, room.work, room.trace, traced, room.key, room.other, room.streams, rounds, now, stop),
-    )
-    if idle:
-        put_aside(shape, room, state, now, 0)
+def march(frame, state, work, traced, rounds, now, stop):
+    """Steps of some members, from step `now` of a round to `stop`."""
+    trace, streams = memory(frame.trace, frame.real), memory(frame.streams, frame.key)
+    parts = memory(frame.parts, 1.0)
+    call(frame.march, (parts, frame.count, state, work, trace, traced, frame.key, frame.other, streams, rounds, now, stop))
 
 
-def most_steps(shape, room, last):
+def most_steps(frame, last):
     """How many steps of a round the member makes that makes most, up to `last`."""
-    most = 0.0
-    for k in range(shape.lanes):
-        most = max(most, room.work[EACH * shape.lanes + k])
+    most, work = 0.0, memory(frame.work, 1.0)
+    for k in range(frame.lanes):
+        most = max(most, work[EACH * frame.lanes + k])
     return int(min(most, float(last)))
 
 
-def some_end(shape, room, now, stop):
+def some_end(frame, now, stop):
     """The step at which the first of the members that still move has made all of its own."""
-    for k in range(shape.lanes):
-        each = room.work[EACH * shape.lanes + k]
+    work = memory(frame.work, 1.0)
+    for k in range(frame.lanes):
+        each = work[EACH * frame.lanes + k]
         if float(now) < each and each < float(stop):
             stop = int(each)
     return stop
 
 
-def put_aside(shape, room, state, now, out):
+def put_aside(frame, state, now, out):
     """Put the states of members that have made all of their steps aside, or bring them back; whether there are any."""
-    lanes, found, place = shape.lanes, False, 7 * LOOK * shape.lanes
+    lanes, found, place, trace, work = (
+        frame.lanes,
+        False,
+        7 * LOOK * frame.lanes,
+        memory(frame.trace, frame.real),
+        memory(frame.work, 1.0),
+    )
     for k in range(lanes):
-        if room.work[EACH * lanes + k] <= float(now):
+        if work[EACH * lanes + k] <= float(now):
             found = True
-            for i in range(START + shape.works):
-                at = (i if i < START else shape.works_at + i - START) * lanes + k
+            for i in range(START + frame.works):
+                at = (i if i < START else frame.works_at + i - START) * lanes + k
                 if out != 0:
-                    room.trace[place + i * lanes + k] = state[at]
+                    trace[place + i * lanes + k] = state[at]
                 else:
-                    state[at] = room.trace[place + i * lanes + k]
+                    state[at] = trace[place + i * lanes + k]
     return found
 
 
-def is_idle(shape, room):
-    """Whether all members are stopped, or stay as they are for good."""
-    for k in range(shape.lanes):
-        if room.work[(KNOWN + STATUS) * shape.lanes + k] == 0.0 and room.work[STOPPED * shape.lanes + k] == 0.0:
-            return False
-    return True
-
-
-def save(pieces, shape, run, saves, room, low, now):
+def save(frame, low, now):
     """Write what is saved of some members at a step."""
-    if saves.width == 0 or shape.values == 0:
-        return
-    slot = (run.total + run.stride - 1) // run.stride if now == run.total else now // run.stride
-    base, t = slot * shape.values * saves.width + saves.column, now // run.slots * run.h
-    if run.own == 0:
-        call(pieces.record, (room.work, room.out, base + low, saves.width, t))
-        return
-    call(pieces.record, (room.work, room.values, 0, shape.lanes, t))
-    for i in range(shape.values):
-        for k in range(shape.lanes):
-            room.out[base + i * saves.width + room.order[low + k]] = room.values[i * shape.lanes + k]
+    if frame.columns != 0 and frame.values != 0:
+        lanes, out, work = frame.lanes, memory(frame.out, 1.0), memory(frame.work, 1.0)
+        saved, order = memory(frame.saved, 1.0), memory(frame.order, frame.lanes)
+        slot = (frame.total + frame.stride - 1) // frame.stride if now == frame.total else now // frame.stride
+        base, t = slot * frame.values * frame.columns + frame.column, now // frame.slots * frame.h
+        own = frame.own != 0
+        call(frame.record, (work, saved if own else out, 0 if own else base + low, lanes if own else frame.columns, t))
+        for i in range(frame.values if own else 0):
+            for k in range(lanes):
+                out[base + i * frame.columns + order[low + k]] = saved[i * lanes + k]
 
 
-def leave(pieces, shape, run, room, low):
+def leave(frame, low):
     """Put the rows of some members back; at the end of the run with the last good state, and with the times of events."""
-    done = 1 if run.last == run.total else 0
-    if shape.near != 0:
-        swap(shape, room, 1)
-    if done != 0 and shape.records > 0:
-        find(pieces, shape, room)
-    works_at = BODY + shape.works_at - BODY_AT
-    call(pieces.leave, (room.block, room.rows, room.members, low, shape.works, works_at, done, room.state, room.work))
+    done = 1 if frame.last == frame.total else 0
+    if frame.shadow != 0:
+        swap(frame, 1)
+    if done != 0 and frame.records > 0:
+        find(frame)
+    works_at, state = BODY + frame.works_at - BODY_AT, memory(frame.state, frame.real)
+    block, work = memory(frame.block, 1.0), memory(frame.work, 1.0)
+    call(frame.leave, (block, frame.rows, frame.width, low, frame.works, works_at, done, state, work))
 
 
-def find(pieces, shape, room):
+def find(frame):
     """The times of the first and last of each event, by steps back from where it was seen."""
-    lanes = shape.lanes
-    aside = np.empty(KNOWN * lanes)
+    lanes, state, near = frame.lanes, memory(frame.state, frame.real), memory(frame.near, frame.real)
+    parts, work, aside = memory(frame.parts, 1.0), memory(frame.work, 1.0), memory(frame.aside, 1.0)
     for i in range(KNOWN * lanes):
-        aside[i] = room.work[i]
-    for i in range((BODY_AT + room.rows - BODY) * lanes):
-        room.near[i] = room.state[i]
-    for which in range(shape.records):
+        aside[i] = work[i]
+    for i in range((BODY_AT + frame.rows - BODY) * lanes):
+        near[i] = state[i]
+    for which in range(frame.records):
         seen = 0.0
         for k in range(lanes):
-            seen += abs(room.state[(shape.watched + which // 2 * EVENT + COUNT) * lanes + k])
-        tries = shape.tries if seen > 0.0 else 0
+            seen += abs(state[(frame.watched + which // 2 * EVENT + COUNT) * lanes + k])
+        tries = frame.tries if seen > 0.0 else 0
         for tried in range(tries + 1):
-            call(pieces.seek, (room.parts, room.state, room.work, room.near, memory(aside), shape.watched, which, tried))
+            call(frame.seek, (parts, state, work, near, aside, frame.watched, which, tried))
             if tried < tries:
-                call(
-                    pieces.march,
-                    (room.parts, room.count, room.near, memory(aside), room.trace, 0, room.key, room.other, room.streams, 0, 0, 1),
-                )
+                march(frame, near, aside, 0, 0, 0, 1)
 
 
-for _function in (enter, begin, swap, ending, steps, march, most_steps, some_end, put_aside, is_idle, save, leave, find):
+for _function in (enter, begin, look, swap, ending, steps, march, most_steps, some_end, put_aside, save, leave, find):
     inline(_function)
-compiled = Compiled(advance)

@@ -6,9 +6,9 @@ are made back from there, of the length at which its level is 0: as exact as the
 
 from typing import Any, NamedTuple
 
-from rigidmc.dynamics.so3 import opposite, select, select3, select4
-from rigidmc.engine.compose import inline
-from rigidmc.engine.layout import four_at, put, three_at
+from rigidmc.dynamics.so3 import opposite, select, select_each
+from rigidmc.engine.compose import filled, inline
+from rigidmc.engine.memory import four_at, put, three_at
 from rigidmc.observables.verbs import armed, level, past
 
 # Rows of an event: its level after the last step, 0 where it cannot happen next; how often it happened; when by linear interpolation, last and first;
@@ -110,7 +110,7 @@ def held(events, state, row, q, l):
     if len(events[0].stop) == 0:
         return held(events[1:], state, row + EVENT, q, l)
     here, at = state[row + COUNT] > 0.0, row + RECORDS + 3
-    q, l = select4(here, four_at(state, at), q), select3(here, three_at(state, at + 4), l)
+    q, l = select_each(here, four_at(state, at), q), select_each(here, three_at(state, at + 4), l)
     return held(events[1:], state, row + EVENT, q, l)
 
 
@@ -135,10 +135,7 @@ def note(events, moves, t, h, q, l, before, now, state, row):
 
 def write(condition, values, state, row):
     """Write a tuple to rows where the condition holds."""
-    if len(values) == 0:
-        return 0
-    state[row] = select(condition, values[0], state[row])
-    return write(condition, values[1:], state, row + 1)
+    return put(select_each(condition, values, filled(values, state, row)), state, row)
 
 
 def level_of(events, which, body, effects, t, q, l):

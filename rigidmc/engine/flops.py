@@ -3,19 +3,18 @@
 import re
 from typing import Any, NamedTuple
 
-import numpy as np
-from numba import njit
+from numba import njit, typeof
 
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.effects import EFFECTS
 from rigidmc.effects.own import RULE
 from rigidmc.effects.parameters import blank
 from rigidmc.effects.verbs import energy, energy_scale, kick, shake, torque, torque_rate, total_torque
-from rigidmc.engine.compose import NumbaError, filled, rows_of
+from rigidmc.engine.compose import NumbaError, filled, given
 from rigidmc.engine.formulas import WIDTH
-from rigidmc.engine.fused import FLAGS
-from rigidmc.engine.layout import four_at, put, three_at
-from rigidmc.engine.numbers import Lanes, rows
+from rigidmc.engine.memory import four_at, put, three_at
+from rigidmc.engine.pieces import dispatcher_of, signature_of
+from rigidmc.engine.pipeline import FLAGS
 from rigidmc.errors import SceneError
 from rigidmc.integrators.verbs import step
 
@@ -76,7 +75,7 @@ def unpacked(effect):
     """Why members cannot be worked on side by side with a user's own effect, any of its methods, in words; "" where they can."""
     if type(effect) not in _side_by_side:
         try:
-            _code(_felt, Lanes(WIDTH), *blank((effect,)), np.zeros((30 + rows_of(effect)) * WIDTH))
+            dispatcher_of(_felt).compile(signature_of(blank((effect,)), "float64", WIDTH, "s"))
             _side_by_side[type(effect)] = ""
         except NumbaError:
             _side_by_side[type(effect)] = "branches, or calls what takes one number at a time"
@@ -105,12 +104,13 @@ def _torque(effect, body, t, q, l):
     return total_torque((effect,), body, t, q, l)
 
 
-def _felt(lanes, effect, memory):
-    at = rows(lanes, memory)
+def _felt(kinds, numbers, at):
+    (one,) = given(kinds, numbers)
+    one = filled(one, at, 30)
     body, q, l, t, h = filled(_BODY, at, 8), four_at(at, 0), three_at(at, 4), at[7], at[29]
-    one = filled(effect, at, 30)
     put(torque(one, body, t, q, l) + kick(one, body, t, h, q, l) + torque_rate(one, body, t, q, l) + shake(one, body, h, l), at, 0)
     put((energy(one, body, q), energy_scale(one, body)), at, 0)
+    return 0
 
 
 # body and step stay the same from step to step: constants, so that what is made of them alone counts as little as it does before a loop
@@ -137,6 +137,6 @@ def _counted(function, *arguments):
 def _code(function, *arguments):
     flags: Any = FLAGS
     compiled = njit(**flags)(function)
-    compiled(*arguments)
+    compiled.compile(tuple(map(typeof, arguments)))
     (code,) = compiled.inspect_llvm().values()
     return code

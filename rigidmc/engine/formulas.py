@@ -8,14 +8,15 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 
 import numpy as np
+from numba.core import types
 
-import rigidmc.engine.functions  # noqa: F401  (what effects of a user's own may call)
 from rigidmc.dynamics.methods import method
-from rigidmc.engine.compose import compile_method, filled, inline
-from rigidmc.engine.entries import Compiled
-from rigidmc.engine.layout import put
+from rigidmc.engine.compile_time import announced
+from rigidmc.engine.compose import compile_method, filled, given, inline
 from rigidmc.engine.machine import threads_available
-from rigidmc.engine.numbers import Lanes, rows
+from rigidmc.engine.memory import put
+from rigidmc.engine.numbers import coded
+from rigidmc.engine.pieces import is_ready, piece, run
 
 PIECE, LEAST, WIDTH = 16384, 512, 8  # elements per call on a thread: at most a few milliseconds, at least 0.1; and side by side
 
@@ -26,26 +27,41 @@ def values(formula):
     return ()
 
 
-def _fill(lanes, width, formula, table, index, columns, out, begin, end):
-    """out[:, e] = values of the formula whose fields are table[index[e]] and columns[:, e], begin <= e < end."""
-    known = table.shape[1]
-    memory, found = np.empty((known + columns.shape[0]) * width), np.empty(out.shape[0] * width)
+def fill(kinds, numbers, room, known, table, fields, index, columns, more, count, out, values_of, begin, end):
+    """out[:, e] = values of the formula whose fields are table[index[e]] and columns[:, e], begin <= e < end.
+
+    room : rows for the fields and the values;  known : the same as plain numbers;  fields, more, values_of : rows of table, columns and out
+    """
+    (formula,) = given(kinds, numbers)
+    width = side(room)
     for low in range(begin, end, width):
         for k in range(width):
             e = min(low + k, end - 1)
-            for i in range(known):
-                memory[i * width + k] = table[index[e], i]
-            for i in range(columns.shape[0]):
-                memory[(known + i) * width + k] = columns[i, e]
-        put(values(filled(formula, rows(lanes, memory), 0)), rows(lanes, found), 0)
-        for i in range(out.shape[0]):
+            for i in range(fields):
+                known[i * width + k] = table[index[e] * fields + i]
+            for i in range(more):
+                known[(fields + i) * width + k] = columns[i * count + e]
+        first = fields + more
+        put(values(filled(formula, room, 0)), room, first)
+        for i in range(values_of):
             for k in range(min(width, end - low)):
-                out[i, low + k] = found[i * width + k]
+                out[i * count + low + k] = known[(first + i) * width + k]
+    return 0
+
+
+def side(rows):
+    """How many numbers lie side by side in a row."""
+    return 1
+
+
+@coded(side)
+def _side(typing_context, rows):
+    return types.intp(rows), lambda context, builder, sig, args: context.get_constant(types.intp, rows.count)
 
 
 inline(values.default)
 compile_method(values)
-_compiled = Compiled(_fill, "formulas")
+FILL = "wppinpiipiii"
 
 
 def evaluate(kind, width, columns, table=None, index=None, threads=None, side=WIDTH):
@@ -59,32 +75,28 @@ def evaluate(kind, width, columns, table=None, index=None, threads=None, side=WI
     table = np.empty((1, 0)) if table is None else np.ascontiguousarray(table, dtype=float)
     index = np.zeros(count, dtype=np.int64) if index is None else np.ascontiguousarray(index, dtype=np.int64)
     formula = kind if isinstance(kind, tuple) else kind(*[0.0] * (table.shape[1] + columns.shape[0]))
-    out = np.empty((width, count))
-    lanes, side = side_by_side(side)
+    out, fields = np.empty((width, count)), table.shape[1]
+    asked = fill, (formula,), "float64", side, FILL
+    with announced("formulas", () if is_ready(*asked) else ("formulas",)):
+        compiled, _alive = piece(*asked)
 
-    def piece(low):
-        _compiled(lanes, side, formula, table, index, columns, out, low, min(low + size, count))
+    def part(low):
+        room = np.empty((fields + columns.shape[0] + width) * side)
+        given = room, room, table.ravel(), fields, index, columns.ravel(), columns.shape[0], count, out.ravel(), width
+        run(compiled, FILL, *given, low, min(low + size, count))
 
     threads = threads or threads_available()
     size = min(PIECE, max(LEAST, WIDTH * -(-count // (threads * WIDTH))))
     starts = range(0, count, size)
     if threads > 1 and len(starts) > 1:
-        _compiled.entry(lanes, side, formula, table, index, columns, out, 0, 0)  # compiled once, before the threads ask for it
-        others = [_pool(threads - 1).submit(piece, low) for low in starts[1:]]
-        piece(0)
+        others = [_pool(threads - 1).submit(part, low) for low in starts[1:]]
+        part(0)
         for other in others:
             other.result()
     else:
         for low in starts:
-            piece(low)
+            part(low)
     return out
-
-
-@cache
-def side_by_side(width):
-    """(Lanes, how many they are) of what is worked on side by side: one, where nothing is compiled."""
-    width = 1 if _compiled.plain else width
-    return Lanes(width), width
 
 
 @cache

@@ -1,4 +1,4 @@
-"""How everything is compiled, and which product is fused with a sum: settled here, so that a member's bits depend on no compiler's choice.
+"""Which product is fused with a sum: settled here, so that a member's bits depend on no compiler's choice.
 
 A compiler that may fuse a*b + c*d chooses the product by what stands around it: by other saves, another width, another machine. Here the rule is one for
 all: of a sum or difference, the left operand that is a product made in the same function becomes a fused multiply-add (`llvm.fma`), else the right one; nothing else is fused.
@@ -6,51 +6,6 @@ Everything else in a step is +, -, *, / and square roots, which IEEE 754 fixes.
 """
 
 from llvmlite import ir
-from numba.core import compiler
-from numba.core.compiler_machinery import register_pass
-from numba.core.lowering import Lower
-from numba.core.typed_passes import NativeLowering
-
-LINE = 64  # bytes of a cache line, and of the widest vectors: one that is put aside on the stack and lies across two lines takes two accesses
-
-
-class FusingLower(Lower):
-    """Numba's own lowering of a function, then `fuse`."""
-
-    def lower_normal_function(self, fndesc):
-        super().lower_normal_function(fndesc)
-        for function in self.module.functions:
-            fuse(function)
-            if function.blocks:
-                function.attributes.add("nounwind")  # alone, the next one would not be written
-                function.attributes.alignstack = LINE
-
-
-@register_pass(mutates_CFG=True, analysis_only=False)
-class FusingLowering(NativeLowering):
-    """Numba's own pass with `FusingLower`."""
-
-    _name = "rigidmc_fusing_lowering"
-
-    @property
-    def lowering_class(self):
-        return FusingLower
-
-
-class Pipeline(compiler.CompilerBase):
-    """Numba's own pipeline with `FusingLowering` in the place of its lowering."""
-
-    def define_pipelines(self):
-        passes = compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
-        passes.passes = [(FusingLowering if kind is NativeLowering else kind, what) for kind, what in passes.passes]
-        passes.finalize()
-        return [passes]
-
-
-# No flag of fast arithmetic: "nnan" or "ninf" would delete the check for non-finite members, "contract" would let bits depend on what is compiled beside
-# them, "nsz" would let the sign of a zero. Without debugging information a product stays in its register, where the rule finds it.
-FLAGS = {"error_model": "numpy", "debug": False, "pipeline_class": Pipeline}
-INLINE = {**FLAGS, "forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
 def fuse(function):

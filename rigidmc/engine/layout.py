@@ -8,6 +8,7 @@ the parameters of the effects, their works, and what is watched. Some members at
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.dynamics.so3 import first_three, joined
 from rigidmc.engine.compose import filled, inline
+from rigidmc.engine.memory import four_at, put, three_at, tuple_at
 
 LANES = 32  # what a block's members are a multiple of: the most that are worked on at once
 
@@ -45,31 +46,6 @@ def body_at(rows, row):
     return filled(_BODY, rows, row)
 
 
-def four_at(rows, row):
-    """Four numbers from four rows."""
-    return rows[row], rows[row + 1], rows[row + 2], rows[row + 3]
-
-
-def three_at(rows, row):
-    """Three numbers from three rows."""
-    return rows[row], rows[row + 1], rows[row + 2]
-
-
-def tuple_at(marks, rows, row):
-    """As many numbers as there are marks, from as many rows."""
-    if len(marks) == 0:
-        return ()
-    return (rows[row],) + tuple_at(marks[1:], rows, row + 1)
-
-
-def put(values, rows, row):
-    """Write a tuple to rows."""
-    if len(values) == 0:
-        return row
-    rows[row] = values[0]
-    return put(values[1:], rows, row + 1)
-
-
 def state_at(state, compensated, ledger, works):
     """(q, L), the works of the effects after L where they are kept; or ((q, remainder), (L, remainder)) where those are kept."""
     if len(compensated) == 0:
@@ -91,5 +67,5 @@ def put_state(q, l, state, compensated, works):
     return 0
 
 
-for _function in (body_at, four_at, three_at, tuple_at, put, state_at, put_state):
+for _function in (body_at, state_at, put_state):
     inline(_function)

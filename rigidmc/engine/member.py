@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rigidmc.dynamics.euler import angular_velocity, kinetic_energy
-from rigidmc.dynamics.so3 import dot, first_three, joined, scale, select, select3, select4, up, whole
+from rigidmc.dynamics.so3 import dot, first_three, joined, scale, select, select_each, up, whole
 from rigidmc.effects.verbs import booked, gross, total_energy, total_energy_scale
 from rigidmc.engine.compose import filled, given, has_noise, inline, rows_of, with_noise
 from rigidmc.engine.layout import (
@@ -40,15 +40,12 @@ from rigidmc.engine.layout import (
     STOPPED,
     TRUE,
     body_at,
-    four_at,
-    put,
     put_state,
     state_at,
-    three_at,
-    tuple_at,
 )  # fmt: skip
+from rigidmc.engine.memory import four_at, load, put, spread, store, stream, three_at, tuple_at
 from rigidmc.engine.noise import normals, philox
-from rigidmc.engine.numbers import as_word, like, load, store, stream
+from rigidmc.engine.numbers import as_word, in_precision, like
 from rigidmc.integrators.verbs import closed, opened, step
 from rigidmc.observables.verbs import value
 
@@ -251,7 +248,7 @@ def look(kinds, numbers, parts, state, work, rounds, slot):
     q, l = closed(integrator, body, present, t, (parts[0] * h, parts[1] * h, parts[2] * h), q, l)
     done, stopped = l[3:], work[STOPPED] > 0.0
     q = carried(attitude, q, four_at(work, KNOWN + GOOD))
-    q, l = select4(stopped, four_at(work, HELD), q), select3(stopped, three_at(work, HELD + 4), first_three(l))
+    q, l = select_each(stopped, four_at(work, HELD), q), select_each(stopped, three_at(work, HELD + 4), first_three(l))
     energy, squared = kinetic_energy(body, l) + total_energy(present, body, q), dot(l, l)
     put(q + l + (energy, squared), work, TRUE)
     before, start = work[KNOWN + STATUS], booked(four_at(work, KNOWN + START), ledger, done)
@@ -262,16 +259,17 @@ def look(kinds, numbers, parts, state, work, rounds, slot):
     was, counted = before == 0.0, (before == 0.0) & (found != 1.0)  # the drift that flagged a member is told
     healthy, caught = was & (found == 0.0), was & (found > 0.0)
     drifts = abs((energy - start[0]) * start[1]), abs((squared - start[2]) * start[3])
-    larger(counted, drifts, work, KNOWN + DRIFT)
+    most = work[KNOWN + DRIFT], work[KNOWN + DRIFT + 1]
+    put(select_each(counted, (max(most[0], drifts[0]), max(most[1], drifts[1])), most), work, KNOWN + DRIFT)
     steps = rounds * work[EACH] + made
     work[KNOWN + STATUS] = select(was, found, before)
     work[KNOWN + GOOD_STEP] = select(healthy, steps, work[KNOWN + GOOD_STEP])
     work[KNOWN + FAULT_STEP] = select(caught, steps, work[KNOWN + FAULT_STEP])
-    good = select4(healthy, q, four_at(work, KNOWN + GOOD)) + select3(healthy, l, three_at(work, KNOWN + GOOD + 4))
+    good = select_each(healthy, q, four_at(work, KNOWN + GOOD)) + select_each(healthy, l, three_at(work, KNOWN + GOOD + 4))
     put(good, work, KNOWN + GOOD)
     frozen = work[KNOWN + STATUS] > 0.0
     keep(frozen, tuple_at(ledger, work, works + len(ledger)), done, work, works + len(ledger), state, EFFECTS_AT + rows_of(effects))
-    freeze(frozen | stopped, good, state, 0)
+    freeze(frozen | stopped, good, state)
     return 0
 
 
@@ -319,13 +317,6 @@ def fault(limits, endless, start, scales, q, l, omega, h, energy, squared):
     return select(endless == 0.0, found, 1.0)
 
 
-def in_precision(values, other):
-    """Numbers in the precision of others."""
-    if len(values) == 0:
-        return ()
-    return (like(values[0], other),) + in_precision(values[1:], other)
-
-
 def seen(state, work, compensated):
     """(q, L) of a state in float64, with the remainders where they are kept."""
     q, l = in_precision(four_at(state, ATTITUDE), work), in_precision(three_at(state, MOMENTUM), work)
@@ -338,46 +329,26 @@ def seen(state, work, compensated):
     )
 
 
-def larger(counted, values, work, row):
-    """Keep the larger of values and what the rows have, where they count."""
-    if len(values) == 0:
-        return 0
-    work[row] = select(counted & (values[0] > work[row]), values[0], work[row])
-    return larger(counted, values[1:], work, row + 1)
-
-
-def freeze(frozen, good, state, row):
+def freeze(frozen, good, state):
     """Put the state of a member that is frozen back to its last good one."""
-    if len(good) == 0:
-        return 0
-    state[row] = select(frozen, like(good[0], state), state[row])
-    state[REST + row] = select(frozen, like(0.0 * good[0], state), state[REST + row])
-    return freeze(frozen, good[1:], state, row + 1)
+    put(select_each(frozen, in_precision(good, state), filled(good, state, ATTITUDE)), state, ATTITUDE)
+    put(select_each(frozen, (0.0,) * 7, filled(good, state, REST)), state, REST)
+    return 0
 
 
 def keep(frozen, good, done, work, row, state, at):
     """Note works as the last good ones, or where a member is frozen put them back."""
-    if len(good) == 0:
-        return 0
-    work[row] = select(frozen, good[0], done[0])
-    state[at] = select(frozen, like(good[0], state), state[at])
-    return keep(frozen, good[1:], done[1:], work, row + 1, state, at + 1)
+    put(select_each(frozen, good, done), work, row)
+    put(select_each(frozen, in_precision(good, state), filled(good, state, at)), state, at)
+    return 0
 
 
 def write_all(observables, body, effects, t, q, l, start, works, work, out, at, width):
     """Write the values of observables, one after the other."""
     if len(observables) == 0:
         return at
-    at = write(value(observables[0], body, effects, t, q, l, start, works), work, out, at, width)
+    at = spread(value(observables[0], body, effects, t, q, l, start, works), work, out, at, width)
     return write_all(observables[1:], body, effects, t, q, l, start, works, work, out, at, width)
-
-
-def write(values, work, out, at, width):
-    """Write a tuple to out[at], out[at + width], ..."""
-    if len(values) == 0:
-        return at
-    store(out, at, like(values[0], work))
-    return write(values[1:], work, out, at + width, width)
 
 
 for _function in (
@@ -391,12 +362,9 @@ for _function in (
     shaken,
     is_finite,
     fault,
-    in_precision,
     seen,
-    larger,
     freeze,
     keep,
     write_all,
-    write,
 ):
     inline(_function)

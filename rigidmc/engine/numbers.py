@@ -9,22 +9,20 @@ import math
 import operator
 from typing import Any
 
-import numpy as np
 from llvmlite import ir
 from numba.core import types
 from numba.core.datamodel import register_default
-from numba.core.datamodel.models import OpaqueModel, PrimitiveModel
+from numba.core.datamodel.models import PrimitiveModel
 from numba.core.imputils import lower_builtin, lower_cast
 from numba.core.typeconv import Conversion
-from numba.core.typing.templates import AbstractTemplate, infer_global, signature
-from numba.extending import NativeValue, intrinsic, overload, typeof_impl, unbox
+from numba.core.typing.templates import AbstractTemplate, infer, infer_global, make_intrinsic_template, signature
+from numba.extending import intrinsic
 
-from rigidmc.dynamics.functions import as_float, as_word, double
-from rigidmc.engine.fused import INLINE
+from rigidmc.dynamics.functions import as_float, as_given, as_word, double
+from rigidmc.dynamics.so3 import by_precision, opposite, root, select, select_each
 
 ELEMENT = {"float64": ir.DoubleType(), "float32": ir.FloatType(), "uint64": ir.IntType(64), "int64": ir.IntType(64)}
 _PLAIN = (types.Float, types.Integer)
-_WORD, _NO_WORD = ir.IntType(64), np.uint64(0)
 
 
 class Vec(types.Type):
@@ -61,37 +59,6 @@ class Mask(types.Type):
         return Conversion.unsafe if self.count == 1 and isinstance(other, types.Boolean) else None
 
 
-class Rows(types.Type):
-    """Memory as vectors one after the other: rows[i] is a Vec; of count 0, as plain numbers. In Python an array.
-
-    pitch : numbers from one row to the next, of rows that are part of longer ones
-    """
-
-    def __init__(self, dtype, count, pitch=None):
-        self.dtype, self.count, self.pitch = dtype, count, pitch or count
-        super().__init__(name=f"rows of {dtype}x{count}" + (f" in {pitch}" if pitch else ""))
-
-    @property
-    def item(self):
-        """The type of rows[i]."""
-        return Vec(self.dtype, self.count) if self.count else self.dtype
-
-
-class Lanes:
-    """How many members are worked on at once: a value whose type tells it, so that it is in the key of whatever is compiled."""
-
-    def __init__(self, count):
-        self.count = count
-
-
-class LanesType(types.Type):
-    """The type of Lanes."""
-
-    def __init__(self, count):
-        self.count = count
-        super().__init__(name=f"lanes x{count}")
-
-
 def llvm_type(kind):
     """LLVM's type of a Vec or Mask."""
     return ir.VectorType(ELEMENT[kind.dtype.name] if isinstance(kind, Vec) else ir.IntType(1), kind.count)
@@ -103,20 +70,6 @@ for _kind in (Vec, Mask):
     class _Model(PrimitiveModel):
         def __init__(self, manager, kind):
             super().__init__(manager, kind, llvm_type(kind))
-
-
-for _kind in (Rows, LanesType):
-    register_default(_kind)(OpaqueModel)
-
-
-@typeof_impl.register(Lanes)
-def _typeof_lanes(value, context):
-    return LanesType(value.count)
-
-
-@unbox(LanesType)
-def _unbox_lanes(kind, value, context):
-    return NativeValue(context.context.get_dummy_value())
 
 
 def broadcast(builder, kind, x):
@@ -269,21 +222,82 @@ _define(
 )
 
 
-@intrinsic(prefer_literal=False)
-def blend(typing_context, mask, one, other):
-    """Where the mask holds numbers of one, elsewhere of the other; of plain numbers those of the mask's type."""
+def coded(function):
+    """Give the compiler code of its own for a plain function, from define(typing_context, *types) -> (signature, generate), or None for types that it does not take.
+
+    An `overload` would do, but is a function more to compile, 10 to 20 ms each, wherever it is called.
+    """
+
+    def register(define):
+        known_by(make_intrinsic_template(function, define, function.__name__))
+        return define
+
+    return register
+
+
+def known_by(template):
+    """Let the compiler know a function by a template of its types."""
+    infer(template)
+    infer_global(template.key, types.Function(template))
+
+
+def _first(context, builder, sig, args):
+    return args[0]
+
+
+@coded(select)
+def _select(typing_context, condition, one, other):
+    if isinstance(condition, types.Boolean):
+        kind = typing_context.unify_types(one, other)
+        return kind and (kind(condition, kind, kind), lambda context, builder, sig, args: builder.select(*args))
+    if not isinstance(condition, Mask):
+        return None
     found = [t for t in (one, other) if isinstance(t, (Vec, Mask))]
-    if found and any(t != found[0] for t in found):
+    if any(t != found[0] for t in found):
         return None
     boolean = isinstance(one, types.Boolean) and isinstance(other, types.Boolean)
-    kind = found[0] if found else Mask(mask.dtype, mask.count) if boolean else Vec(mask.dtype, mask.count)
-    return kind(mask, kind, kind), lambda context, builder, sig, args: builder.select(*args)
+    kind = found[0] if found else (Mask if boolean else Vec)(condition.dtype, condition.count)
+    return kind(condition, kind, kind), lambda context, builder, sig, args: builder.select(*args)
 
 
-@intrinsic
-def opposite_of(typing_context, mask):
-    """The mask that holds where this does not."""
-    return mask(mask), lambda context, builder, sig, args: _opposite(builder, mask, args[0])
+@coded(select_each)
+def _select_each(typing_context, condition, one, other):
+    definitions = [_select(typing_context, condition, a, b) for a, b in zip(one, other, strict=True)]
+    if None in definitions:
+        return None
+    kinds = types.Tuple([signature.return_type for signature, _ in definitions])
+
+    def generate(context, builder, sig, args):
+        both = [context.cast(builder, value, kind, kinds) for value, kind in zip(args[1:], sig.args[1:], strict=True)]
+        each = [[builder.extract_value(x, i) for x in both] for i in range(len(kinds))]
+        return context.make_tuple(builder, kinds, [builder.select(args[0], a, b) for a, b in each])
+
+    return kinds(condition, one, other), generate
+
+
+@coded(opposite)
+def _opposite_of(typing_context, condition):
+    if isinstance(condition, types.Boolean):
+        return condition(condition), lambda context, builder, sig, args: builder.not_(args[0])
+    if isinstance(condition, Mask):
+        return condition(condition), lambda context, builder, sig, args: _opposite(builder, condition, args[0])
+    return None
+
+
+@coded(root)
+def _root(typing_context, x):
+    if isinstance(x, Vec):
+        return x(x), lambda context, builder, sig, args: _of_llvm("sqrt")(builder, x, *args)
+    kind = x if isinstance(x, types.Float) else types.float64
+    return kind(kind), lambda context, builder, sig, args: builder.call(
+        builder.module.declare_intrinsic("llvm.sqrt", [args[0].type]), args
+    )
+
+
+@coded(by_precision)
+def _by_precision(typing_context, x, double, single):
+    place = 2 if isinstance(x, Vec) and x.dtype == types.float32 else 1
+    return types.unliteral((double, single)[place - 1])(x, double, single), lambda context, builder, sig, args: args[place]
 
 
 def any_of(mask):
@@ -291,56 +305,38 @@ def any_of(mask):
     return bool(mask)
 
 
-@intrinsic
+@coded(any_of)
 def _any_of(typing_context, mask):
     def generate(context, builder, sig, args):
+        if isinstance(mask, types.Boolean):
+            return args[0]
         bits = builder.bitcast(args[0], ir.IntType(mask.count))
         return builder.icmp_unsigned("!=", bits, ir.Constant(bits.type, 0))
 
     return types.boolean(mask), generate
 
 
-@overload(any_of, jit_options=INLINE)
-def _compiled_any_of(mask):
-    if isinstance(mask, Mask):
-        return lambda mask: _any_of(mask)
-    return lambda mask: bool(mask)
+def _reinterpreted(kind):
+    """The definition of a function that takes the bits of numbers for those of another kind."""
+
+    def define(typing_context, x):
+        found = Vec(kind, x.count) if isinstance(x, Vec) else kind
+        return found(x), lambda context, builder, sig, args: builder.bitcast(args[0], context.get_value_type(found))
+
+    return define
 
 
-@intrinsic
-def _as(typing_context, value, sample):
-    kind = Vec(sample, value.count) if isinstance(value, Vec) else sample
-    return kind(value, sample), lambda context, builder, sig, args: builder.bitcast(args[0], context.get_value_type(kind))
+coded(as_float)(_reinterpreted(types.float64))
+coded(as_word)(_reinterpreted(types.uint64))
 
 
-@overload(as_float, jit_options=INLINE)
-def _compiled_as_float(word):
-    return lambda word: _as(word, 0.0)
-
-
-@overload(as_word, jit_options=INLINE)
-def _compiled_as_word(number):
-    return lambda number: _as(number, _NO_WORD)
-
-
-@intrinsic
-def _like(typing_context, x, other):
-    kind = Vec(other.dtype, other.count)
-
-    def generate(context, builder, sig, args):
-        if not isinstance(x, Vec):
-            return context.cast(builder, args[0], x, kind)
-        if x.dtype == kind.dtype:
-            return args[0]
-        return (builder.fptrunc if kind.dtype == types.float32 else builder.fpext)(args[0], llvm_type(kind))
-
-    return kind(x, other), generate
-
-
-@intrinsic
-def plain(typing_context, x):
-    """The number that a vector of one number has."""
-    return x.dtype(x), lambda context, builder, sig, args: builder.extract_element(args[0], ir.Constant(ir.IntType(32), 0))
+def _brought(context, builder, x, kind, value):
+    """A number of type x as one of the type `kind`, a Vec."""
+    if not isinstance(x, Vec):
+        return context.cast(builder, value, x, kind)
+    if x.dtype == kind.dtype:
+        return value
+    return (builder.fptrunc if kind.dtype == types.float32 else builder.fpext)(value, llvm_type(kind))
 
 
 def like(x, other):
@@ -348,177 +344,46 @@ def like(x, other):
     return x
 
 
-@overload(like, jit_options=INLINE)
-def _compiled_like(x, other):
-    if isinstance(other, Vec) or (isinstance(other, Rows) and other.count):
-        return lambda x, other: _like(x, other)
-    return lambda x, other: x
+@coded(like)
+def _like(typing_context, x, other):
+    if not getattr(other, "count", 0):
+        return x(x, other), _first
+    kind = Vec(other.dtype, other.count)
+    return kind(x, other), lambda context, builder, sig, args: _brought(context, builder, x, kind, args[0])
 
 
-@intrinsic
-def _widened(typing_context, x):
+@coded(as_given)
+def _as_given(typing_context, found, x):
+    return _like(typing_context, found, x)
+
+
+def in_precision(values, other):
+    """Numbers in the precision of others."""
+    return tuple(values)
+
+
+@coded(in_precision)
+def _in_precision(typing_context, values, other):
+    if not getattr(other, "count", 0) or not len(values):
+        return values(values, other), _first
+    kind = Vec(other.dtype, other.count)
+
+    def generate(context, builder, sig, args):
+        each = (_brought(context, builder, x, kind, builder.extract_value(args[0], i)) for i, x in enumerate(values))
+        return context.make_tuple(builder, sig.return_type, list(each))
+
+    return types.UniTuple(kind, len(values))(values, other), generate
+
+
+@coded(double)
+def _double(typing_context, x):
+    if not (isinstance(x, Vec) and x.dtype == types.float32):
+        return x(x), _first
     kind = Vec(types.float64, x.count)
     return kind(x), lambda context, builder, sig, args: builder.fpext(args[0], llvm_type(kind))
 
 
-@overload(double, jit_options=INLINE)
-def _compiled_double(x):
-    if isinstance(x, Vec) and x.dtype == types.float32:
-        return lambda x: _widened(x)
-    return lambda x: x
-
-
-def _address(context, builder, kind, array, index, item):
-    """Of array[index], the array plain memory, as LLVM's type `item`."""
-    data = array if isinstance(kind, Rows) else context.make_array(kind)(context, builder, array).data
-    numbers = builder.bitcast(data, ELEMENT[kind.dtype.name].as_pointer())
-    return builder.bitcast(builder.gep(numbers, [index]), item.as_pointer())
-
-
 @intrinsic
-def _load(typing_context, rows, array, index):
-    kind = Vec(array.dtype, rows.count)
-
-    def generate(context, builder, sig, args):
-        size = ELEMENT[array.dtype.name]
-        return builder.load(
-            _address(context, builder, array, args[1], args[2], llvm_type(kind)), align=4 if size == ir.FloatType() else 8
-        )
-
-    return kind(rows, array, types.intp), generate
-
-
-@intrinsic
-def _store(typing_context, array, index, value):
-    def generate(context, builder, sig, args):
-        place = _address(context, builder, array, args[0], args[1], llvm_type(sig.args[2]))
-        builder.store(args[2], place, align=4 if value.dtype == types.float32 else 8)
-        return context.get_dummy_value()
-
-    return types.void(array, types.intp, value), generate
-
-
-def load(rows, array, index):
-    """array[index], array[index + 1], ... of a flat array, for as many members as a row has."""
-    return array[index]
-
-
-def store(array, index, value):
-    """Write numbers to array[index], array[index + 1], ..."""
-    array[index] = value
-
-
-@overload(load, jit_options=INLINE)
-def _compiled_load(rows, array, index):
-    return lambda rows, array, index: _load(rows, array, index)
-
-
-@overload(store, jit_options=INLINE)
-def _compiled_store(array, index, value):
-    if isinstance(value, Vec):
-        return lambda array, index, value: _store(array, index, value)
-    return None
-
-
-@intrinsic
-def _rows(typing_context, lanes, array):
-    kind = Rows(array.dtype, lanes.count)
-
-    def generate(context, builder, sig, args):
-        return builder.bitcast(context.make_array(array)(context, builder, args[1]).data, context.get_value_type(kind))
-
-    return kind(lanes, array), generate
-
-
-def rows(lanes, array):
-    """A flat array as Rows."""
-    return array
-
-
-@overload(rows, jit_options=INLINE)
-def _compiled_rows(lanes, array):
-    return lambda lanes, array: _rows(lanes, array)
-
-
-@intrinsic
-def _memory(typing_context, array):
-    kind = Rows(array.dtype, 0)
-
-    def generate(context, builder, sig, args):
-        return builder.bitcast(context.make_array(array)(context, builder, args[0]).data, context.get_value_type(kind))
-
-    return kind(array), generate
-
-
-def memory(array):
-    """An array as the plain numbers that it has in memory: nobody counts who uses them, which costs more than to use them."""
-    return array.ravel()
-
-
-@overload(memory, jit_options=INLINE)
-def _compiled_memory(array):
-    return lambda array: _memory(array)
-
-
-@intrinsic(prefer_literal=False)
-def _stream(typing_context, rows, marks, number):
-    kind = Rows(rows.dtype, rows.count // len(marks), rows.count)
-
-    def generate(context, builder, sig, args):
-        at = builder.mul(args[2], ir.Constant(_WORD, kind.count))
-        place = _address(context, builder, rows, args[0], at, ELEMENT[rows.dtype.name])
-        return builder.bitcast(place, context.get_value_type(kind))
-
-    return kind(rows, marks, types.intp), generate
-
-
-def stream(rows, marks, number):
-    """Of rows the part that is the stream of a number, of as many as there are marks."""
-    return rows
-
-
-@overload(stream, jit_options=INLINE)
-def _compiled_stream(rows, marks, number):
-    if len(marks) == 1:
-        return lambda rows, marks, number: rows
-    return lambda rows, marks, number: _stream(rows, marks, number)
-
-
-@infer_global(operator.getitem)
-class _GetRow(AbstractTemplate):
-    def generic(self, args, kws):
-        if isinstance(args[0], Rows) and isinstance(args[1], types.Integer):
-            return signature(args[0].item, args[0], types.intp)
-        return None
-
-
-@lower_builtin(operator.getitem, Rows, types.Integer)
-def _get_row(context, builder, sig, args):
-    kind = sig.args[0]
-    if not kind.count:
-        return builder.load(_address(context, builder, kind, args[0], args[1], ELEMENT[kind.dtype.name]))
-    at = builder.mul(args[1], ir.Constant(_WORD, kind.pitch))
-    return builder.load(
-        _address(context, builder, kind, args[0], at, llvm_type(kind.item)), align=4 if kind.dtype == types.float32 else 8
-    )
-
-
-@infer_global(operator.setitem)
-class _SetRow(AbstractTemplate):
-    def generic(self, args, kws):
-        if isinstance(args[0], Rows) and isinstance(args[1], types.Integer):
-            return signature(types.none, args[0], types.intp, args[0].item)
-        return None
-
-
-@lower_builtin(operator.setitem, Rows, types.Integer, types.Any)
-def _set_row(context, builder, sig, args):
-    kind = sig.args[0]
-    if not kind.count:
-        builder.store(args[2], _address(context, builder, kind, args[0], args[1], ELEMENT[kind.dtype.name]))
-        return context.get_dummy_value()
-    at = builder.mul(args[1], ir.Constant(_WORD, kind.pitch))
-    builder.store(
-        args[2], _address(context, builder, kind, args[0], at, llvm_type(kind.item)), align=4 if kind.dtype == types.float32 else 8
-    )
-    return context.get_dummy_value()
+def plain(typing_context, x):
+    """The number that a vector of one number has."""
+    return x.dtype(x), lambda context, builder, sig, args: builder.extract_element(args[0], ir.Constant(ir.IntType(32), 0))

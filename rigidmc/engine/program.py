@@ -1,16 +1,18 @@
 """What moves the members of a scene: its pieces, compiled, and the memory that they work in."""
 
+from types import SimpleNamespace
+
 import numpy as np
 
 from rigidmc.effects import labelled
 from rigidmc.engine import member, watch
 from rigidmc.engine.compile_time import announced
 from rigidmc.engine.compose import rows_of
-from rigidmc.engine.cpu import LOOK, Noise, Pieces, Run, Saves, Shape, compiled
+from rigidmc.engine.cpu import LOOK, Noise, Pieces, Room, Saves, Shape, advance, frame_type
 from rigidmc.engine.events import TRIES
-from rigidmc.engine.layout import BODY, BODY_AT, EFFECTS, EFFECTS_AT, KNOWN, LANES, START
+from rigidmc.engine.layout import BODY, BODY_AT, EFFECTS_AT, KNOWN, LANES, START
 from rigidmc.engine.machine import vector_bits
-from rigidmc.engine.pieces import NOTHING, is_ready, piece
+from rigidmc.engine.pieces import NOTHING, Piece, config, is_ready, piece, run
 from rigidmc.engine.watch import watch_rows
 from rigidmc.observables import SIZES
 
@@ -18,9 +20,6 @@ MARCH = "piswsikkuiii"  # the arguments of `march`, see `piece`
 LINE = 64  # bytes of a cache line, and of the widest vectors
 QUIET = Noise(np.uint64(0), np.uint64(0), np.zeros(1, np.uint64), 0)
 NOWHERE = Saves(np.empty(0), 0, 0, np.empty(0, np.int64))
-_looped: set[str] = set()  # types of numbers for which the loop over members is in memory
-# of the types that all pieces, blocks and runs have
-TYPICAL = Pieces(*[NOTHING] * len(Pieces._fields)), np.empty((EFFECTS, LANES)), Run(0.0, 1, 1, 1, 0, 0, 1)
 
 
 def aligned(count, dtype):
@@ -32,7 +31,7 @@ def aligned(count, dtype):
 
 
 class Program:
-    """What moves the members of a scene, compiled; with `compile` False only asked what is `missing`.
+    """What moves the members of a scene, compiled; with `ask` nothing is compiled, and it tells what is `missing`.
 
     form : a Form, see `rigidmc.integrators.forms`;  effects : blank ones
     attitude : whether it is moved, and paid for;  compensated : whether sums keep their remainders;  dtype : of the numbers in which steps are made
@@ -47,12 +46,12 @@ class Program:
 
     def __init__(
         self, form, effects, observables=(), attitude=True, compensated=False, dtype="float64", limits=(), ledger=(), events=(), running=(), shadow=(),
-        lanes=None, compile=True,
+        lanes=None, ask=False,
     ):  # fmt: skip
         if (compensated or ledger) and hasattr(form.integrator, "with_sums"):
             form = form.integrator.with_sums()._replace(name=form.name)
         self.form, self.effects, self.dtype = form, effects, np.dtype(dtype).name
-        self.lanes = 1 if compiled.plain else lanes or lanes_for(dtype)
+        self.lanes = 1 if config.DISABLE_JIT else lanes or lanes_for(dtype)
         groups = min(self.lanes, getattr(form.integrator, "groups", 1))
         self.parts = np.ascontiguousarray(form.parts, dtype=float).ravel()
         turned, kept, works = (0.0,) if attitude else (), (0.0,) if compensated else (), tuple(0.0 for _ in ledger)
@@ -64,7 +63,7 @@ class Program:
             return (function, parts, self.dtype, self.lanes, arguments) if wanted else None
 
         some = bool(events or running)
-        self._asked = Pieces(
+        pieces = Pieces(
             made(True, member.enter, (), "piiiiffsw"),
             made(True, member.leave, (), "piiiiiisw"),
             made(True, member.begin, seen, "psw"),
@@ -85,9 +84,15 @@ class Program:
         self.shape = Shape(
             self.lanes, values, at, len(ledger), row, near_at, int(some), len(shadow), 2 * len(events), tries, int(random)
         )
-        self.pieces = None
-        if compile:
-            self._compile()
+
+        self._type = frame_type(self.dtype)
+        self.asked = {**pieces._asdict(), "advance": (advance, (), self.dtype, 0, self._type)}
+        if not ask:
+            with announced(self.label, self.missing(), self.effects):
+                found = {name: piece(*asked) if asked else (NOTHING, None) for name, asked in self.asked.items()}
+            self._numbers = [numbers for _, numbers in found.values()]  # of the pieces, which know only where they are
+            *pieces, self._advance = (one for one, _ in found.values())
+            self.pieces = Pieces(*pieces)
 
     @property
     def label(self):
@@ -96,36 +101,35 @@ class Program:
         return " + ".join(words) + " in float32" * (self.dtype == "float32")
 
     def missing(self):
-        """Names of the pieces that are neither in memory nor in the disk cache, `advance` for what calls them."""
-        names = [name for name, asked in zip(Pieces._fields, self._asked, strict=True) if asked and not is_ready(*asked)]
-        ready = self.dtype in _looped or compiled.is_ready(*self._arguments(*TYPICAL))
-        return names if ready else [*names, "advance"]
+        """Names of the pieces that are neither in memory nor in the disk cache, `advance` for the loop that calls them."""
+        return [name for name, asked in self.asked.items() if asked and not is_ready(*asked)]
 
-    def _compile(self):
-        self._numbers = []  # of the pieces, which know only where they are
-        with announced(self.label, self.missing(), self.effects):
-            pieces = []
-            for asked in self._asked:
-                found, numbers = piece(*asked) if asked else (NOTHING, None)
-                pieces.append(found)
-                self._numbers.append(numbers)
-            self.pieces = Pieces(*pieces)
-            if self.dtype not in _looped:
-                compiled.entry(*self._arguments(*TYPICAL))
-                _looped.add(self.dtype)
-
-    def advance(self, block, run, noise=None, saves=None):
-        """Run the program on a block; see `advance`."""
-        compiled(*self._arguments(self.pieces, block, run, noise, saves))
-
-    def _arguments(self, pieces, block, run, noise=None, saves=None):
-        lanes, rows = self.lanes, block.shape[0]
+    def advance(self, block, steps, noise=None, saves=None):
+        """Take a block through the steps of a Run; see `rigidmc.engine.cpu.advance`."""
+        lanes, (rows, members) = self.lanes, block.shape
         state, near = (aligned((BODY_AT + rows - BODY) * lanes, self.dtype) for _ in range(2))
-        work, trace = aligned((KNOWN + rows) * lanes, float), aligned((7 * LOOK + START + self.shape.works) * lanes, self.dtype)
-        return (
-            pieces, self.shape, run, noise or QUIET, saves or NOWHERE, self.parts, block, state, near, work, trace,
+        work, aside = aligned((KNOWN + rows) * lanes, float), aligned(KNOWN * lanes, float)
+        trace, saved = (
+            aligned((7 * LOOK + START + self.shape.works) * lanes, self.dtype),
             aligned(max(1, self.shape.values) * lanes, float),
-        )  # fmt: skip
+        )
+        room = Room(self.parts, self.parts.size // 4, block, rows, members, state, near, work, aside, trace, saved)
+        run(self._advance, "p", framed(self._type, (self.pieces, self.shape, steps, noise or QUIET, saves or NOWHERE, room)))
+
+
+def framed(kind, given):
+    """The record of `frame_type` from the NamedTuples that have its fields; uncompiled something with attributes of their names."""
+    named = {name: value for part in given for name, value in part._asdict().items()}
+    if config.DISABLE_JIT:
+        flat = {name: value.ravel() for name, value in named.items() if isinstance(value, np.ndarray)}
+        return SimpleNamespace(**{**named, **flat}, real=1.0)
+    frame = np.zeros(1, kind)
+    for name, value in named.items():
+        if isinstance(value, Piece):
+            frame[name] = value.code, value.numbers
+        else:
+            frame[name] = value.ctypes.data if isinstance(value, np.ndarray) else value
+    return frame
 
 
 def lanes_for(dtype):

@@ -7,7 +7,7 @@ observable, SHADOW rows for the neighbour. Steps are made first, a few dozen at 
 import math
 
 from rigidmc.dynamics.functions import logarithm
-from rigidmc.dynamics.so3 import difference, difference4, dot, select
+from rigidmc.dynamics.so3 import difference, difference4, dot, select, select_each
 from rigidmc.engine.compose import filled, given, inline
 from rigidmc.engine.events import (
     EVENT,
@@ -44,12 +44,9 @@ from rigidmc.engine.layout import (
     STOPPED,
     TRUE,
     body_at,
-    four_at,
-    put,
-    three_at,
 )  # fmt: skip
-from rigidmc.engine.member import in_precision
-from rigidmc.engine.numbers import any_of, like
+from rigidmc.engine.memory import four_at, put, three_at
+from rigidmc.engine.numbers import any_of, in_precision, like
 from rigidmc.integrators.verbs import closed, opened
 from rigidmc.observables.chaos import NEAR, OFTEN  # noqa: F401
 from rigidmc.observables.verbs import begin, update
@@ -128,14 +125,7 @@ def updated(running, moves, kept, body, effects, t, q, l):
     if len(running) == 0:
         return ()
     new = update(running[0][0], kept[0], body, effects, t, q, l)
-    return (chosen_of(moves, new, kept[0]),) + updated(running[1:], moves, kept[1:], body, effects, t, q, l)
-
-
-def chosen_of(condition, new, old):
-    """Where the condition holds the numbers of one tuple, elsewhere of the other."""
-    if len(old) == 0:
-        return ()
-    return (select(condition, new[0], old[0]),) + chosen_of(condition, new[1:], old[1:])
+    return (select_each(moves, new, kept[0]),) + updated(running[1:], moves, kept[1:], body, effects, t, q, l)
 
 
 def put_kept(kept, state, row):
@@ -245,5 +235,5 @@ def settle(kinds, numbers, parts, work, slot, q, l, near, state):
     return 0
 
 
-for _function in (opening, in_double, settle, watched, hold, begin_running, kept_at, updated, chosen_of, put_kept, all_marks):
+for _function in (opening, in_double, settle, watched, hold, begin_running, kept_at, updated, put_kept, all_marks):
     inline(_function)

@@ -23,8 +23,7 @@ from rigidmc.dynamics.so3 import (
     multiply,
     normalised,
     scale4,
-    select3,
-    select4,
+    select_each,
     sincos,
     third,
     touch_up,
@@ -32,8 +31,8 @@ from rigidmc.dynamics.so3 import (
     two_sum,
     up,
 )  # fmt: skip
-from rigidmc.engine import entries  # noqa: F401  (sets the vector width before anything is compiled)
-from rigidmc.engine.fused import FLAGS
+from rigidmc.engine import pieces  # noqa: F401  (sets the vector width before anything is compiled)
+from rigidmc.engine.pipeline import FLAGS
 from tests.reference import hat, rodrigues, rotation, unit
 
 compiled_sincos = njit(**FLAGS)(lambda x: so3.sincos(x))
@@ -234,10 +233,8 @@ def test_a_pair_comes_back_to_the_sphere():
 
 def test_selects_take_each_component_from_its_own_place():
     a, b = (1.0, 2.0, 3.0, 4.0), (5.0, 6.0, 7.0, 8.0)
-    assert select3(True, a, b) == a[:3]
-    assert select3(False, a, b) == b[:3]
-    assert select4(True, a, b) == a
-    assert select4(False, a, b) == b
+    assert select_each(True, a, b) == a
+    assert select_each(False, a, b) == b
 
 
 def test_components_in_the_body():

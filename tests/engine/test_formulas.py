@@ -51,12 +51,12 @@ def test_closed_forms_are_packed_arithmetic(tmp_path):
     program = """if True:
         import json, re
         import numpy as np
-        from rigidmc.engine import formulas
+        from rigidmc.engine import formulas, pieces
         from rigidmc.exact import free_orbit, lagrange_orbit
         for orbit in (free_orbit, lagrange_orbit):
             width = len(orbit.Orbit._fields)
             formulas.evaluate(orbit.Reached, 7, np.ones((1, 64)), np.ones((64, width)), np.arange(64))
-        compiled = formulas._compiled.dispatcher
+        compiled = pieces._dispatchers[formulas.fill]
         codes = [compiled.inspect_asm(s) for s in compiled.signatures]
         print(json.dumps([[len(re.findall(rf"\\b{op}\\b", code)) for op in ("vdivpd", "vdivsd", "vmulpd", "vmulsd")] for code in codes]))
     """

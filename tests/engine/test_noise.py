@@ -9,9 +9,9 @@ from numba import njit
 from scipy import stats
 
 from rigidmc.dynamics.functions import as_float, as_word, logarithm
-from rigidmc.engine import entries  # noqa: F401  (sets the vector width before anything is compiled)
-from rigidmc.engine.fused import FLAGS
+from rigidmc.engine import pieces  # noqa: F401  (sets the vector width before anything is compiled)
 from rigidmc.engine.noise import normals, philox, uniform
+from rigidmc.engine.pipeline import FLAGS
 from rigidmc.engine.random import key_of, stream_of
 
 KEY, STREAM, STEP = key_of(5), np.uint64(stream_of("effects.bath.noise")), np.uint64(12345)

@@ -1,0 +1,221 @@
+"""Memory as numbers of the compiler: rows of vectors, and what lies in them.
+
+In Python, and uncompiled, rows are arrays.
+"""
+
+import operator
+
+from llvmlite import ir
+from numba.core import types
+from numba.core.datamodel import register_default
+from numba.core.datamodel.models import OpaqueModel
+from numba.core.imputils import lower_builtin
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+
+from rigidmc.engine.numbers import ELEMENT, Vec, coded, llvm_type
+
+_WORD = ir.IntType(64)
+
+
+class Rows(types.Type):
+    """Memory as vectors one after the other: rows[i] is a Vec; of count 0, as plain numbers. In Python an array.
+
+    pitch : numbers from one row to the next, of rows that are part of longer ones
+    """
+
+    def __init__(self, dtype, count, pitch=None):
+        self.dtype, self.count, self.pitch = dtype, count, pitch or count
+        super().__init__(name=f"rows of {dtype}x{count}" + (f" in {pitch}" if pitch else ""))
+
+    @property
+    def item(self):
+        """The type of rows[i]."""
+        return Vec(self.dtype, self.count) if self.count else self.dtype
+
+
+register_default(Rows)(OpaqueModel)
+
+
+def _place(context, builder, kind, array, index, item):
+    """The address of array[index], the array plain memory, as that of LLVM's type `item`."""
+    data = array if isinstance(kind, Rows) else context.make_array(kind)(context, builder, array).data
+    numbers = builder.bitcast(data, ELEMENT[kind.dtype.name].as_pointer())
+    return builder.bitcast(builder.gep(numbers, [index]), item.as_pointer())
+
+
+def _align(kind):
+    return 4 if kind.dtype == types.float32 else 8
+
+
+def load(rows, array, index):
+    """array[index], array[index + 1], ... of a flat array, for as many members as a row has."""
+    return array[index]
+
+
+@coded(load)
+def _load(typing_context, rows, array, index):
+    kind = Vec(array.dtype, rows.count)
+
+    def generate(context, builder, sig, args):
+        return builder.load(_place(context, builder, array, args[1], args[2], llvm_type(kind)), align=_align(kind))
+
+    return kind(rows, array, types.intp), generate
+
+
+def store(array, index, value):
+    """Write numbers to array[index], array[index + 1], ..."""
+    array[index] = value
+
+
+@coded(store)
+def _store(typing_context, array, index, value):
+    def generate(context, builder, sig, args):
+        builder.store(args[2], _place(context, builder, array, args[0], args[1], llvm_type(value)), align=_align(value))
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, value), generate
+
+
+def memory(array, number):
+    """An array, in compiled code its address, as plain numbers of the kind of `number`: nobody counts who uses them, which costs more than to use them."""
+    return array
+
+
+@coded(memory)
+def _memory(typing_context, address, number):
+    kind = Rows(types.unliteral(number), 0)
+    return kind(address, number), lambda context, builder, sig, args: builder.inttoptr(args[0], context.get_value_type(kind))
+
+
+def stream(rows, marks, number):
+    """Of rows the part that is the stream of a number, of as many as there are marks."""
+    return rows
+
+
+@coded(stream)
+def _stream(typing_context, rows, marks, number):
+    kind = Rows(rows.dtype, rows.count // len(marks), rows.count)
+
+    def generate(context, builder, sig, args):
+        at = builder.mul(args[2], ir.Constant(_WORD, kind.count))
+        place = _place(context, builder, rows, args[0], at, ELEMENT[rows.dtype.name])
+        return builder.bitcast(place, context.get_value_type(kind))
+
+    return kind(rows, marks, types.intp), generate
+
+
+def _row(context, builder, kind, rows, index):
+    """The address of rows[index]."""
+    if not kind.count:
+        return _place(context, builder, kind, rows, index, ELEMENT[kind.dtype.name])
+    return _place(context, builder, kind, rows, builder.mul(index, ir.Constant(_WORD, kind.pitch)), llvm_type(kind.item))
+
+
+@infer_global(operator.getitem)
+class _GetRow(AbstractTemplate):
+    def generic(self, args, kws):
+        if isinstance(args[0], Rows) and isinstance(args[1], types.Integer):
+            return signature(args[0].item, args[0], types.intp)
+        return None
+
+
+@lower_builtin(operator.getitem, Rows, types.Integer)
+def get_row(context, builder, sig, args):
+    """LLVM's code of rows[index]."""
+    return builder.load(_row(context, builder, sig.args[0], *args), align=_align(sig.args[0]))
+
+
+@infer_global(operator.setitem)
+class _SetRow(AbstractTemplate):
+    def generic(self, args, kws):
+        if isinstance(args[0], Rows) and isinstance(args[1], types.Integer):
+            return signature(types.none, args[0], types.intp, args[0].item)
+        return None
+
+
+@lower_builtin(operator.setitem, Rows, types.Integer, types.Any)
+def _set_row(context, builder, sig, args):
+    builder.store(args[2], _row(context, builder, sig.args[0], *args[:2]), align=_align(sig.args[0]))
+    return context.get_dummy_value()
+
+
+def three_at(rows, row):
+    """Three numbers from three rows."""
+    return rows[row], rows[row + 1], rows[row + 2]
+
+
+def four_at(rows, row):
+    """Four numbers from four rows."""
+    return rows[row], rows[row + 1], rows[row + 2], rows[row + 3]
+
+
+def tuple_at(marks, rows, row):
+    """As many numbers as there are marks, from as many rows."""
+    return tuple(rows[row + i] for i in range(len(marks)))
+
+
+def _following(count, *arguments):
+    """(signature, code) of a function that reads so many rows; arguments: types, the last two of rows and of the first row."""
+    rows = arguments[-2]
+
+    def generate(context, builder, sig, args):
+        at = [builder.add(args[-1], ir.Constant(_WORD, i)) for i in range(count)]
+        each = [builder.load(_row(context, builder, rows, args[-2], i), align=_align(rows)) for i in at]
+        return context.make_tuple(builder, sig.return_type, each)
+
+    return types.UniTuple(rows.item, count)(*arguments[:-1], types.intp), generate
+
+
+@coded(three_at)
+def _three_at(typing_context, rows, row):
+    return _following(3, rows, row)
+
+
+@coded(four_at)
+def _four_at(typing_context, rows, row):
+    return _following(4, rows, row)
+
+
+@coded(tuple_at)
+def _tuple_at(typing_context, marks, rows, row):
+    return _following(len(marks), marks, rows, row)
+
+
+def put(values, rows, row):
+    """Write a tuple to rows; the row after them."""
+    for i, value in enumerate(values):
+        rows[row + i] = value
+    return row + len(values)
+
+
+@coded(put)
+def _put(typing_context, values, rows, row):
+    def generate(context, builder, sig, args):
+        for i, kind in enumerate(values):
+            at, x = builder.add(args[2], ir.Constant(_WORD, i)), builder.extract_value(args[0], i)
+            builder.store(context.cast(builder, x, kind, rows.item), _row(context, builder, rows, args[1], at), align=_align(rows))
+        return builder.add(args[2], ir.Constant(_WORD, len(values)))
+
+    return types.intp(values, rows, types.intp), generate
+
+
+def spread(values, rows, array, at, pitch):
+    """Write a tuple, as rows have it, to a flat array: to at, at + pitch, ...; the place after them."""
+    for i, value in enumerate(values):
+        store(array, at + i * pitch, value)
+    return at + len(values) * pitch
+
+
+@coded(spread)
+def _spread(typing_context, values, rows, array, at, pitch):
+    kind = rows.item
+
+    def generate(context, builder, sig, args):
+        place = args[3]
+        for i, known in enumerate(values):
+            x = context.cast(builder, builder.extract_value(args[0], i), known, kind)
+            builder.store(x, _place(context, builder, array, args[2], place, llvm_type(kind)), align=_align(array))
+            place = builder.add(place, args[4])
+        return place
+
+    return types.intp(values, rows, array, types.intp, types.intp), generate
