@@ -9,6 +9,7 @@ from rigidmc.errors import NoRoom
 from rigidmc.observables import rows_of
 from rigidmc.storage.schema import bytes_of_a_member
 
+LITTLE = 2**26  # bytes that are not worth half a millisecond of asking
 BASE = 0.25e9  # interpreter, libraries and kernels [bytes]
 
 
@@ -31,8 +32,8 @@ def refuse_hopeless(scene, plan, threads, path=None, more=0):
     more : bytes of memory that it needs besides, for its shards
     """
     memory, lean, file = sizes(scene, plan, threads)
-    free = free_memory()
     needed = (memory if path is None else lean) - BASE + more
+    free = None if needed < LITTLE else free_memory()
     if free is not None and needed > free:
         ways = "keep less of what is saved (--keep final), save less, or run fewer members"
         ways = f"take fewer than {threads:,} threads, {ways}" if threads > 2 * (os.cpu_count() or 1) else ways

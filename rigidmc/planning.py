@@ -18,11 +18,11 @@ from rigidmc.observables import rows_of
 from rigidmc.retention import thinned
 from rigidmc.sampling import is_open, is_shared, rows
 from rigidmc.scene_checks import PILOT
-from rigidmc.staging import check_starts, physics, rates, stage
+from rigidmc.staging import check_starts, first_members, own_steps, physics, rates
 from rigidmc.storage.schema import booked_labels
 from rigidmc.watching import Watch, needs_attitude, watch
 
-BLOCK = 4096  # members: their 30 to 40 rows are 1 MB, and a kernel call on them is 10 ms or more
+BLOCK = 4064  # members: their 30 to 40 rows are 1 MB, and a call on them is 10 ms or more; with 4096 all rows would want one place in the cache, and a block begin and end in 64 ns a member, not 47
 SLAB = 32 * 2**20  # bytes of saved values that a block may hold on its way to a file
 MARGIN = 2.0  # a member beyond the pilot may spin faster than all of the pilot: 7 sigma where the pilot reaches 3.5
 
@@ -131,7 +131,7 @@ def prepare(scene, threads=1, streaming=False, block=None):
         steps, dt, stride, notes = steps_and_saves(run.t_end, run.dt, run.every)
         angle, theta = (dt * speed for speed in _speeds(scene, carried))
     made, rate, spin = (None, None, 0.0) if run.integrator == "closed" else form_of(scene, dt)
-    mean = steps * float(np.mean(stage(scene.coarse(), 0, _pilot(scene), carried, dt)[0][layout.STEPS])) if own else steps
+    mean = steps * _mean_own_steps(scene, carried, dt) if own else steps
     # a splitting turns exactly, however fast: it only sees the torque less often
     most = 3.0 if hasattr(INTEGRATORS[run.integrator], "drifts") else 1.0
     if angle > most and INTEGRATORS[run.integrator].order < math.inf:
@@ -214,17 +214,23 @@ def _constant(scene):
 def _pilot(scene):
     """How many members a look at the ensemble takes in: always the same first ones, and every row of arrays."""
     alike = is_shared(*scene.quantities()) and not isinstance(scene.start.attitude, str)
-    return layout.LANES if alike else max(PILOT, rows(*scene.quantities()) or 0)
+    return layout.LANES if alike else whole_lanes(max(PILOT, rows(*scene.quantities()) or 0))
 
 
 def _speeds(scene, carried):
     """(largest |omega| at the start, largest rate) of the pilot [rad/s], see `rigidmc.staging.rates`."""
     scene = scene.coarse()
-    block, _ = stage(scene, 0, _pilot(scene), carried)
+    block = first_members(scene, _pilot(scene), carried).block
     with np.errstate(all="ignore"):
         omega = block[layout.BODY : layout.BODY + 3] * block[layout.MOMENTUM : layout.REST]
         found = np.sqrt((omega**2).sum(0)), rates(scene.effects, block)
     return tuple(float(np.max(x, where=np.isfinite(x), initial=0.0)) for x in found)
+
+
+def _mean_own_steps(scene, carried, span):
+    """How many steps of their own the members of the pilot make in a time, on average."""
+    block = first_members(scene.coarse(), _pilot(scene), carried).block
+    return float(np.mean(own_steps(rates(scene.effects, block), span, scene.run.turn)))
 
 
 def _turn_rates(scene):
@@ -233,7 +239,7 @@ def _turn_rates(scene):
     lambda is the rate at which free motion turns L in the body. Where members have steps of their own, both are in units of their rates.
     """
     scene = scene.coarse()
-    block, _ = stage(scene, 0, _pilot(scene), carries_attitude(scene))
+    block = first_members(scene, _pilot(scene), carries_attitude(scene)).block
     body, effects = physics(scene.effects, block)
     l = block[layout.MOMENTUM : layout.REST]
     a, i = np.array([body.a1, body.a2, body.a3]), np.array([body.i1, body.i2, body.i3])

@@ -3,6 +3,7 @@
 import numpy as np
 import xarray as xr
 
+from rigidmc.engine.memory import aligned
 from rigidmc.observables import OBSERVABLES, rows_of
 from rigidmc.planning import whole_lanes
 from rigidmc.retention import flagged_values, joined, kept_values
@@ -62,7 +63,7 @@ class Memory:
         self.rows = rows_of(scene.effects, *scene.recorded())
         self.direct = direct and scene.recorded() == scene.saved() and set(scene.kept().values()) <= {"full"}
         self.width = whole_lanes(plan.members)
-        self.out = np.empty(plan.times.size * self.rows * self.width if self.direct else 0)
+        self.out = aligned(plan.times.size * self.rows * self.width if self.direct else 0, float, np.empty)
         self.variables = member_variables(scene, plan.carried)
         kept = {} if self.direct else saved_variables(scene)
         self.arrays = {
@@ -114,7 +115,7 @@ class Memory:
 def buffer(scene, plan, count):
     """(array, width, column) for what a block of so many members saves."""
     values, width = rows_of(scene.effects, *scene.recorded()), whole_lanes(count)
-    return np.empty(plan.times.size * values * width), width if values else 0, 0
+    return aligned(plan.times.size * values * width, float, np.empty), width if values else 0, 0
 
 
 class File:

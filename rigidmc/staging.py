@@ -1,6 +1,6 @@
 """From a scene to rows for the kernel: the members of a block at their start, and how fast they may move."""
 
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -21,6 +21,7 @@ from rigidmc.sampling import draw
 from rigidmc.scene_checks import PILOT
 from rigidmc.vectors import Facts, turns
 
+KEPT = 2**26  # bytes of members that are kept from plan to run: 180,000 members
 MOST_OWN_STEPS = 2**24  # of a member in a round: no member stops a run, however fast it spins
 
 
@@ -30,9 +31,41 @@ def stage(scene, first, count, carried, span=None, more=0):
     span : time [s] in which a member makes its own number of steps, where the scene sets `turn`
     more : rows for what is kept of every step, see `rigidmc.watching`
     """
-    return _staged(scene, source(scene), first, count, carried, span, more)
+    known, low = _known.get(scene), first
+    if known is None or known.carried != carried or first + count > known.block.shape[1]:
+        known, low = _members(scene, first, count, carried), 0
+    part = slice(low, low + count)
+    block = np.empty((len(known.block) + more, count))
+    block[: len(known.block)], block[len(known.block) :] = known.block[:, part], 0.0
+    if span is not None:
+        block[layout.STEPS] = own_steps(rates(scene.effects, known.block[:, part]), span, scene.run.turn)
+    return block, {name: values[..., part] for name, values in known.start.items()}
 
 
+class Members(NamedTuple):
+    """The first members of a scene at their start: rows that nobody changes, and what they were made from."""
+
+    block: np.ndarray
+    start: dict
+    carried: bool
+
+
+def _members(scene, first, count, carried):
+    block, start = _staged(scene, source(scene), first, count, carried)
+    return Members(block, start, carried)
+
+
+def first_members(scene, count, carried):
+    """The Members that a plan looks at, kept until they run."""
+    known = _known.get(scene)
+    if known is None or known.carried != carried or known.block.shape[1] < count:
+        known = _members(scene, 0, count, carried)
+        if known.block.nbytes <= KEPT:
+            _known[scene] = known
+    return known
+
+
+_known: WeakKeyDictionary[Any, Members] = WeakKeyDictionary()
 _sources: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
 
 
@@ -50,7 +83,7 @@ def source(scene):
     return _sources[scene]
 
 
-def _staged(scene, seed, first, count, carried, span=None, more=0):
+def _staged(scene, seed, first, count, carried):
     moments, mass, centre = scene.body.sample(seed, first, count)
     effects = {
         f"{label}_{field}": draw(value if shape(e, field) else (value,), seed, f"effects.{label}.{field}", first, count)
@@ -58,7 +91,7 @@ def _staged(scene, seed, first, count, carried, span=None, more=0):
         for field, value in zip(e._fields, e, strict=True)
     }
     drawn = {name: values if len(values) > 1 else values[0] for name, values in effects.items()}
-    block = np.zeros((block_rows(scene) + more, count))
+    block = np.zeros((block_rows(scene), count))
     block[layout.ATTITUDE] = 1.0
     with np.errstate(all="ignore"):
         block[layout.BODY : layout.EFFECTS] = MassProperties.of(tuple(moments), tuple(mass * centre))
@@ -77,7 +110,7 @@ def _staged(scene, seed, first, count, carried, span=None, more=0):
         broken(moments) | ~(mass > 0) | np.isnan(spin).any(0) | np.isnan(block[layout.ATTITUDE])
     )  # a shell may have too little energy
     block[layout.STATUS, bad] = layout.STATUSES["invalid_input"]
-    block[layout.STEPS] = 1.0 if span is None else own_steps(rates(scene.effects, block), span, scene.run.turn)
+    block[layout.STEPS] = 1.0
     return block, start
 
 

@@ -11,7 +11,7 @@ from rigidmc.effects import name_of
 from rigidmc.effects.parameters import filled, numbers
 from rigidmc.errors import SceneError
 from rigidmc.sampling import Distribution, Grid, is_shared
-from rigidmc.staging import stage
+from rigidmc.staging import source, stage
 
 # exponents of kilogram, metre and second; amperes stay as they are
 _KNOWN = {"1": (0, 0, 0), "rad": (0, 0, 0), "kg": (1, 0, 0), "m": (0, 1, 0), "s": (0, 0, 1), "N": (1, 1, -2), "J": (1, 2, -2), "W": (1, 2, -3), "Hz": (0, 0, -1),
@@ -44,19 +44,7 @@ def scaled(scene, mass=1.0, length=1.0, time=1.0):
 
     Raises SceneError where an effect does not tell the units of its parameters.
     """
-    effects = []
-    for effect in scene.effects:
-        values = []
-        for name, _, value in numbers(effect):
-            told = getattr(effect, "units", {}).get(name)
-            try:
-                values.append(_times(value, factor(told, mass, length, time)))
-            except (ValueError, AttributeError):
-                rule = f"the scene cannot be put in other units: {name_of(effect)} does not tell that of {name}"
-                raise SceneError(
-                    f"effects.{name_of(effect)}", name, None, rule if told is None else f"{rule}, but '{told}'"
-                ) from None
-        effects.append(filled(type(effect), values))
+    effects = _scaled_effects(scene.effects, mass, length, time)
     inertia = mass * length**2
     body = replace(
         scene.body, moments=_sized(scene.body.moments, inertia, 1.0), mass=_times(scene.body.mass, mass),
@@ -68,7 +56,24 @@ def scaled(scene, mass=1.0, length=1.0, time=1.0):
     run |= {"dt": scene.run.dt * time} if scene.run.turn is None else {}
     if scene.run.turn_rate is not None and scene.run.turn is None:
         run["turn_rate"] = scene.run.turn_rate / time
-    return replace(scene, body=body, effects=tuple(effects), start=start).with_run(**run)
+    return replace(scene, body=body, effects=effects, start=start).with_run(**run)
+
+
+def _scaled_effects(effects, mass, length, time):
+    made = []
+    for effect in effects:
+        values = []
+        for name, _, value in numbers(effect):
+            told = getattr(effect, "units", {}).get(name)
+            try:
+                values.append(_times(value, factor(told, mass, length, time)))
+            except (ValueError, AttributeError):
+                rule = f"the scene cannot be put in other units: {name_of(effect)} does not tell that of {name}"
+                raise SceneError(
+                    f"effects.{name_of(effect)}", name, None, rule if told is None else f"{rule}, but '{told}'"
+                ) from None
+        made.append(filled(type(effect), values))
+    return tuple(made)
 
 
 class Internal(NamedTuple):
@@ -99,13 +104,16 @@ def internal(scene):
     No bit of a result depends on it where both come out; in float32, and at the ends of float64, they come out only so.
     """
     try:
-        scaled(scene)
+        _scaled_effects(scene.effects, 1.0, 1.0, 1.0)
     except SceneError:  # an effect of the user's own, without units
         return None
     moments, mass, centre = (x[..., 0] for x in scene.body.sample(scene.run.seed, 0, 1))
-    _, start = stage(scene, 0, 1, True)
     which = "omega" if scene.start.momentum is None else "momentum"
-    spin = np.nan_to_num(start[f"start_{which}"])
+    if hasattr(getattr(scene.start, which), "_fields"):  # a law, which may depend on the energy
+        spin = stage(scene, 0, 1, True)[1][f"start_{which}"]
+    else:
+        _, spin = scene.start.spin(source(scene), 0, 1, None)
+    spin = np.nan_to_num(spin)
     inertia = _exponent(np.max(moments))
     each = [
         _exponent(x) - (_exponent(i) if which == "momentum" else 0) for x, i in zip(spin[:, 0], moments, strict=True) if x != 0.0

@@ -20,7 +20,7 @@ from rigidmc.dynamics.functions import (
     logarithm_of_one_and,
     sine,
 )
-from rigidmc.dynamics.so3 import arctan2, expm1
+from rigidmc.dynamics.so3 import arctan2, expm1, sincos
 from rigidmc.engine.random import uniforms
 from rigidmc.errors import SceneError, unknown
 from rigidmc.rotation import product, quaternion, quaternion_from_euler
@@ -45,8 +45,8 @@ def turns(u, v, w):
     Source: Shoemake, Graphics Gems III (1992) 124.
     """
     a, b = np.sqrt(1.0 - u), np.sqrt(u)
-    v, w = 2.0 * np.pi * v, 2.0 * np.pi * w
-    return np.stack([b * cosine(w), a * sine(v), a * cosine(v), b * sine(w)])
+    (sine_v, cosine_v), (sine_w, cosine_w) = sincos(2.0 * np.pi * v), sincos(2.0 * np.pi * w)
+    return np.stack([b * cosine_w, a * sine_v, a * cosine_v, b * sine_w])
 
 
 def kept(share, seed, first, count):
@@ -69,8 +69,8 @@ def kept(share, seed, first, count):
 def directions(draws, name, first, count):
     """Unit vectors (3, n), uniform on the sphere: cosine of the polar angle and azimuth are."""
     z, phi = draw((uniform(-1.0, 1.0), uniform(0.0, 2.0 * math.pi)), draws, f"{name}.direction", first, count)
-    r = np.sqrt((1.0 - z) * (1.0 + z))
-    return np.stack([r * cosine(phi), r * sine(phi), z])
+    r, (y, x) = np.sqrt((1.0 - z) * (1.0 + z)), sincos(phi)
+    return np.stack([r * x, r * y, z])
 
 
 class Cone(NamedTuple):

@@ -119,6 +119,7 @@ def test_what_cannot_be_held_is_refused(tmp_path, monkeypatch):
     with pytest.raises(NoRoom, match="--keep final"):
         runs.create(big, tmp_path / "run")
     monkeypatch.setattr(capacity, "free_memory", lambda: 1000)
+    monkeypatch.setattr(capacity, "LITTLE", 0)
     with pytest.raises(NoRoom, match="run fewer members"):
         rm.simulate(SCENE, output=tmp_path / "one.nc")
     assert list(tmp_path.iterdir()) == []

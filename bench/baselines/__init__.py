@@ -31,6 +31,9 @@ def build(source, *options):
         if hasattr(library, name):
             function = getattr(library, name)
             function.argtypes, function.restype = [ctypes.c_void_p, ctypes.c_long, ctypes.c_long, ctypes.c_double], None
+    if hasattr(library, "rk4_free_saves"):
+        function, number = library.rk4_free_saves, ctypes.c_long
+        function.argtypes, function.restype = [ctypes.c_void_p, number, number, ctypes.c_double, number, ctypes.c_void_p], None
     if hasattr(library, "fma_peak"):
         library.fma_peak.argtypes, library.fma_peak.restype = [ctypes.c_long, ctypes.c_int], ctypes.c_double
     return library

@@ -39,11 +39,23 @@
 
 #define SUM(i) (s##i + h / 6 * (a_##i + 2 * (b_##i + c_##i) + d_##i))
 
-static inline __attribute__((always_inline)) void chunk(double *s, long n, long low, long steps, double h, const int heavy) {
+/* omega, attitude, energy of motion and |L|^2 of a chunk, to nine rows of n doubles */
+static inline __attribute__((always_inline)) void save(double *out, long n, double w[16][CHUNK]) {
+#pragma omp simd aligned(w : 64)
+  for (int k = 0; k < CHUNK; k++) {
+    double l1 = w[4][k], l2 = w[5][k], l3 = w[6][k], o1 = 2 * w[7][k] * l1, o2 = 2 * w[8][k] * l2, o3 = 2 * w[9][k] * l3;
+    out[k] = o1, out[n + k] = o2, out[2 * n + k] = o3;
+    out[3 * n + k] = w[0][k], out[4 * n + k] = w[1][k], out[5 * n + k] = w[2][k], out[6 * n + k] = w[3][k];
+    out[7 * n + k] = 0.5 * (o1 * l1 + o2 * l2 + o3 * l3), out[8 * n + k] = l1 * l1 + l2 * l2 + l3 * l3;
+  }
+}
+
+static inline __attribute__((always_inline)) void chunk(double *s, long n, long low, long steps, double h, const int heavy, long stride, double *out) {
   double w[16][CHUNK] __attribute__((aligned(64)));
   for (int row = 0; row < 16; row++)
     for (int k = 0; k < CHUNK; k++) w[row][k] = s[row * n + low + k] * (row >= 7 && row < 10 ? 0.5 : 1.0);
   for (long t = 0; t < steps; t++) {
+    if (stride && t % stride == 0) save(out + t / stride * 9 * n + low, n, w);
 #pragma omp simd aligned(w : 64)
     for (int k = 0; k < CHUNK; k++) {
       double s0 = w[0][k], s1 = w[1][k], s2 = w[2][k], s3 = w[3][k], s4 = w[4][k], s5 = w[5][k], s6 = w[6][k];
@@ -63,16 +75,21 @@ static inline __attribute__((always_inline)) void chunk(double *s, long n, long 
       w[4][k] = SUM(4), w[5][k] = SUM(5), w[6][k] = SUM(6);
     }
   }
+  if (stride) save(out + steps / stride * 9 * n + low, n, w);
   for (int row = 0; row < 7; row++)
     for (int k = 0; k < CHUNK; k++) s[row * n + low + k] = w[row][k];
 }
 
 /* functions of their own: gcc outlines a parallel region before it inlines, and `heavy` would be a variable there */
 static __attribute__((noinline)) void chunk_free(double *s, long n, long low, long steps, double h) {
-  chunk(s, n, low, steps, h, 0);
+  chunk(s, n, low, steps, h, 0, 0, 0);
 }
 static __attribute__((noinline)) void chunk_heavy(double *s, long n, long low, long steps, double h) {
-  chunk(s, n, low, steps, h, 1);
+  chunk(s, n, low, steps, h, 1, 0, 0);
+}
+
+static __attribute__((noinline)) void chunk_saves(double *s, long n, long low, long steps, double h, long stride, double *out) {
+  chunk(s, n, low, steps, h, 0, stride, out);
 }
 
 void rk4_free(double *s, long n, long steps, double h) {
@@ -83,4 +100,10 @@ void rk4_free(double *s, long n, long steps, double h) {
 void rk4_heavy(double *s, long n, long steps, double h) {
 #pragma omp parallel for schedule(dynamic, 4)
   for (long low = 0; low < n; low += CHUNK) chunk_heavy(s, n, low, steps, h);
+}
+
+/* the same, saved every `stride` steps and at the end to out (steps/stride + 1, 9, n); stride divides steps */
+void rk4_free_saves(double *s, long n, long steps, double h, long stride, double *out) {
+#pragma omp parallel for schedule(dynamic, 4)
+  for (long low = 0; low < n; low += CHUNK) chunk_saves(s, n, low, steps, h, stride, out);
 }

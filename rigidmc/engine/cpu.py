@@ -101,7 +101,7 @@ class Saves(NamedTuple):
 
 class Room(NamedTuple):
     """Where everything is in memory: the parts of a step and how many there are, a block and its size, two states, what is known of members and room for
-    that of others, the states after LOOK steps and one more, and a save."""
+    that of others, the states after LOOK steps and one more, and a save; and whether saves may go past the cache."""
 
     parts: np.ndarray
     count: int
@@ -114,6 +114,7 @@ class Room(NamedTuple):
     aside: np.ndarray
     trace: np.ndarray
     saved: np.ndarray
+    past: int
 
 
 def frame_type(real):
@@ -292,7 +293,8 @@ def save(frame, low, now):
         slot = (frame.total + frame.stride - 1) // frame.stride if now == frame.total else now // frame.stride
         base, t = slot * frame.values * frame.columns + frame.column, now // frame.slots * frame.h
         own = frame.own != 0
-        call(frame.record, (work, saved if own else out, 0 if own else base + low, lanes if own else frame.columns, t))
+        past = 0 if own else frame.past
+        call(frame.record, (work, saved if own else out, 0 if own else base + low, lanes if own else frame.columns, t, past))
         for i in range(frame.values if own else 0):
             for k in range(lanes):
                 out[base + i * frame.columns + order[low + k]] = saved[i * lanes + k]

@@ -4,13 +4,11 @@ A formula is a NamedTuple whose fields are its arguments and whose method `value
 once, runs as it stands in Python, and is compiled by its type as an effect is.
 """
 
-from concurrent.futures import ThreadPoolExecutor
-from functools import cache
-
 import numpy as np
 from numba.core import types
 
 from rigidmc.dynamics.methods import method
+from rigidmc.engine.blocks import threads_of
 from rigidmc.engine.compile_time import announced
 from rigidmc.engine.compose import compile_method, filled, given, inline
 from rigidmc.engine.machine import threads_available
@@ -89,7 +87,7 @@ def evaluate(kind, width, columns, table=None, index=None, threads=None, side=WI
     size = min(PIECE, max(LEAST, WIDTH * -(-count // (threads * WIDTH))))
     starts = range(0, count, size)
     if threads > 1 and len(starts) > 1:
-        others = [_pool(threads - 1).submit(part, low) for low in starts[1:]]
+        others = [threads_of("formulas", threads - 1).submit(part, low) for low in starts[1:]]
         part(0)
         for other in others:
             other.result()
@@ -97,9 +95,3 @@ def evaluate(kind, width, columns, table=None, index=None, threads=None, side=WI
         for low in starts:
             part(low)
     return out
-
-
-@cache
-def _pool(threads):
-    """Threads that stay: to start two takes as long as a thousand elements."""
-    return ThreadPoolExecutor(threads, thread_name_prefix="rigidmc")

@@ -254,8 +254,7 @@ def look(kinds, numbers, parts, state, work, rounds, slot):
     before, start = work[KNOWN + STATUS], booked(four_at(work, KNOWN + START), ledger, done)
     found = select(is_finite(q, l, energy, squared), 0.0, 1.0)
     scales = three_at(work, KNOWN + START + 4)
-    less = scales[0] / (1.0 + scales[0] * gross(done)), scales[1], scales[2]
-    found = fault(limits, found, start, less, q, l, angular_velocity(body, l), h, energy, squared)
+    found = fault(limits, found, start, eased(scales, done), q, l, angular_velocity(body, l), h, energy, squared)
     was, counted = before == 0.0, (before == 0.0) & (found != 1.0)  # the drift that flagged a member is told
     healthy, caught = was & (found == 0.0), was & (found > 0.0)
     drifts = abs((energy - start[0]) * start[1]), abs((squared - start[2]) * start[3])
@@ -273,14 +272,14 @@ def look(kinds, numbers, parts, state, work, rounds, slot):
     return 0
 
 
-def record(kinds, numbers, work, out, at, width, t):
-    """Write the values of all observables of the last good state, each `width` numbers after the other from out[at] on."""
+def record(kinds, numbers, work, out, at, width, t, past):
+    """Write the values of all observables of the last good state, each `width` numbers after the other from out[at] on; past : see `spread`."""
     observables, effects, ledger = given(kinds, numbers)
     body, present = body_at(work, KNOWN + BODY), filled(effects, work, KNOWN + EFFECTS)
     works = tuple_at(ledger, work, KNOWN + EFFECTS + rows_of(effects) + len(ledger))
     q, l = four_at(work, KNOWN + GOOD), three_at(work, KNOWN + GOOD + 4)
     start = booked(four_at(work, KNOWN + START), ledger, works)
-    write_all(observables, body, present, t, q, l, start, works, work, out, at, width)
+    write_all(observables, body, present, t, q, l, start, works, work, out, at, width, past)
     return 0
 
 
@@ -329,6 +328,13 @@ def seen(state, work, compensated):
     )
 
 
+def eased(scales, works):
+    """The scales of `fault` after works, of which all are energies in play."""
+    if len(works) == 0:
+        return scales
+    return scales[0] / (1.0 + scales[0] * gross(works)), scales[1], scales[2]
+
+
 def freeze(frozen, good, state):
     """Put the state of a member that is frozen back to its last good one."""
     put(select_each(frozen, in_precision(good, state), filled(good, state, ATTITUDE)), state, ATTITUDE)
@@ -343,12 +349,12 @@ def keep(frozen, good, done, work, row, state, at):
     return 0
 
 
-def write_all(observables, body, effects, t, q, l, start, works, work, out, at, width):
+def write_all(observables, body, effects, t, q, l, start, works, work, out, at, width, past):
     """Write the values of observables, one after the other."""
     if len(observables) == 0:
         return at
-    at = spread(value(observables[0], body, effects, t, q, l, start, works), work, out, at, width)
-    return write_all(observables[1:], body, effects, t, q, l, start, works, work, out, at, width)
+    at = spread(value(observables[0], body, effects, t, q, l, start, works), work, out, at, width, past)
+    return write_all(observables[1:], body, effects, t, q, l, start, works, work, out, at, width, past)
 
 
 for _function in (
@@ -363,6 +369,7 @@ for _function in (
     is_finite,
     fault,
     seen,
+    eased,
     freeze,
     keep,
     write_all,

@@ -9,7 +9,7 @@ from numba.core.typed_passes import NativeLowering
 
 from rigidmc.engine.fused import fuse
 
-LINE = 64  # bytes of a cache line, and of the widest vectors: one that is put aside on the stack and lies across two lines takes two accesses
+LINE = 64  # bytes of the widest vectors: one that is put aside on the stack and lies across two cache lines takes two accesses
 
 
 class FusingLower(Lower):
@@ -25,21 +25,31 @@ class FusingLower(Lower):
 
 
 class Inlined(JITCodeLibrary):
-    """Code that has no life of its own: it is inlined wherever it is called, and neither optimised nor made into machine code before."""
+    """Code that has no life of its own: it is inlined wherever it is called, and before that neither linked, optimised nor made into machine code."""
 
     def _optimize_functions(self, ll_module):
         ll_module.data_layout = self._codegen._data_layout
 
-    def _optimize_final_module(self):
-        pass
-
-    def _finalize_final_module(self):
-        self._finalize_dynamic_globals()
+    def finalize(self):
+        for function in self.get_defined_functions():
+            function.linkage = "linkonce_odr"
         self._finalized = True
+
+    def _get_module_for_linking(self):
+        return self._final_module
 
 
 class Flat(JITCodeLibrary):
-    """Code whose calls are all inlined first, and which is then optimised once."""
+    """Code whose calls, and the calls in those, are all inlined first, and which is then optimised once."""
+
+    def finalize(self):
+        found, left = dict.fromkeys(self._linking_libraries), list(self._linking_libraries)
+        while left:
+            new = [library for library in left.pop()._linking_libraries if library not in found]
+            found.update(dict.fromkeys(new))
+            left += new
+        self._linking_libraries = list(found)
+        super().finalize()
 
     def _optimize_final_module(self):
         passes, builder = self._codegen._module_pass_manager(opt=0)

@@ -12,22 +12,14 @@ from rigidmc.engine.cpu import LOOK, Noise, Pieces, Room, Saves, Shape, advance,
 from rigidmc.engine.events import TRIES
 from rigidmc.engine.layout import BODY, BODY_AT, EFFECTS_AT, KNOWN, LANES, START
 from rigidmc.engine.machine import vector_bits
+from rigidmc.engine.memory import LINE, aligned
 from rigidmc.engine.pieces import NOTHING, Piece, config, is_ready, piece, run
 from rigidmc.engine.watch import watch_rows
 from rigidmc.observables import SIZES
 
 MARCH = "piswsikkuiii"  # the arguments of `march`, see `piece`
-LINE = 64  # bytes of a cache line, and of the widest vectors
 QUIET = Noise(np.uint64(0), np.uint64(0), np.zeros(1, np.uint64), 0)
 NOWHERE = Saves(np.empty(0), 0, 0, np.empty(0, np.int64))
-
-
-def aligned(count, dtype):
-    """An array on a cache line: half of all are 32 bytes off it, where every vector of 512 bits takes two accesses (rk4 with gravity: 5.1 ns a
-    step in place of 4.6)."""
-    whole = np.zeros(count + LINE // 4, dtype)
-    off = (-whole.ctypes.data % LINE) // whole.itemsize
-    return whole[off : off + count]
 
 
 class Program:
@@ -69,7 +61,7 @@ class Program:
             made(True, member.begin, seen, "psw"),
             made(True, member.march, moved, MARCH),
             made(True, member.look, seen, "pswff"),
-            made(bool(observables), member.record, (observables, effects, ledger), "wpiif"),
+            made(bool(observables), member.record, (observables, effects, ledger), "wpiifi"),
             made(some, watch.begin_watch, watched, "pswi"),
             made(some, watch.watch, watched, "pswsiii"),
             made(bool(events), watch.seek, (form.integrator, effects, events), "pswswiii"),
@@ -113,8 +105,10 @@ class Program:
             aligned((7 * LOOK + START + self.shape.works) * lanes, self.dtype),
             aligned(max(1, self.shape.values) * lanes, float),
         )
-        room = Room(self.parts, self.parts.size // 4, block, rows, members, state, near, work, aside, trace, saved)
-        run(self._advance, "p", framed(self._type, (self.pieces, self.shape, steps, noise or QUIET, saves or NOWHERE, room)))
+        noise, saves = noise or QUIET, saves or NOWHERE
+        lines = 8 * lanes % LINE == saves.out.ctypes.data % LINE == 8 * saves.columns % LINE == 8 * saves.column % LINE == 0
+        room = Room(self.parts, self.parts.size // 4, block, rows, members, state, near, work, aside, trace, saved, int(lines))
+        run(self._advance, "p", framed(self._type, (self.pieces, self.shape, steps, noise, saves, room)))
 
 
 def framed(kind, given):

@@ -21,7 +21,7 @@ from rigidmc.dynamics.so3 import (
     turned,
     whole,
 )
-from rigidmc.effects.verbs import push, total_torque
+from rigidmc.effects.verbs import impelled, push
 from rigidmc.integrators.forms import Form
 from rigidmc.integrators.rk8 import changes, combined
 
@@ -153,8 +153,8 @@ def pushed(effects, body, t, h, share, q, w, change):
     if len(effects) == 0:
         return change
     x, y, z = quarters(body, h)
-    one, two, three = total_torque(effects, body, t, q, ((1.0 / x) * w[0], (1.0 / y) * w[1], (1.0 / z) * w[2]))
-    return change[0] + (share * h * x) * one, change[1] + (share * h * y) * two, change[2] + (share * h * z) * three
+    l, by = ((1.0 / x) * w[0], (1.0 / y) * w[1], (1.0 / z) * w[2]), (share * h * x, share * h * y, share * h * z)
+    return impelled(effects, body, t, q, l, by, change)
 
 
 def tripled(effects, q):

@@ -11,13 +11,13 @@ pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is com
 
 BOUNDS = {  # (integrator, with gravity, what is saved): {piece: instructions}; `advance` is the loop over members, compiled once for all scenes
     ("rk4", False, "omega,attitude"): {
-        "enter": 108, "leave": 158, "begin": 227, "march": 567, "look": 347, "record": 48, "advance": 3190,
-        # measured 98, 143, 206, 515, 315, 43, 2898
+        "enter": 108, "leave": 158, "begin": 227, "march": 567, "look": 345, "record": 80, "advance": 3200,
+        # measured 98, 143, 206, 515, 313, 73, 2908
     },
-    ("rk4", True, "omega,attitude"): {"begin": 246, "march": 807, "look": 347},  # measured 223, 733, 315
-    ("rk8", True, "omega,attitude"): {"begin": 231, "march": 2410, "look": 329},  # measured 210, 2187, 299
-    ("strang", True, "omega,attitude"): {"begin": 253, "march": 1115, "look": 366},  # measured 230, 1013, 332
-    ("midpoint", True, "omega,attitude"): {"begin": 231, "march": 1842, "look": 329},  # measured 210, 1674, 299
+    ("rk4", True, "omega,attitude"): {"begin": 246, "march": 802, "look": 345},  # measured 223, 729, 313
+    ("rk8", True, "omega,attitude"): {"begin": 231, "march": 2290, "look": 327},  # measured 210, 2079, 297
+    ("strang", True, "omega,attitude"): {"begin": 256, "march": 1115, "look": 364},  # measured 233, 1014, 331
+    ("midpoint", True, "omega,attitude"): {"begin": 231, "march": 1667, "look": 327},  # measured 210, 1515, 297
     ("rk4", True, "flips"): {"begin_watch": 110, "watch": 285, "seek": 182},  # measured 100, 259, 165
     ("rk4", True, "energy_mean"): {"begin_watch": 102, "watch": 158},  # measured 92, 143
     ("rk4", True, "megno"): {"begin_near": 115, "meet": 182},  # measured 104, 165
