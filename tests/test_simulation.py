@@ -69,7 +69,7 @@ def test_layout_and_attributes():
     assert ds.status.attrs["flag_meanings"].split()[0] == "ok"
     assert ds.energy_drift_max.attrs["conserved"].startswith("no: viscous_damping")
     assert rm.simulate(FREE, **SETTINGS).l2_drift_max.attrs["conserved"] == "yes"
-    assert "every 32nd step" in ds.energy_drift_max.attrs["long_name"]
+    assert "every 64th step" in ds.energy_drift_max.attrs["long_name"]
 
 
 def test_stored_starts_are_what_the_kernel_used():

@@ -8,7 +8,7 @@ from rigidmc.effects import labelled
 from rigidmc.engine import member, watch
 from rigidmc.engine.compile_time import announced
 from rigidmc.engine.compose import rows_of
-from rigidmc.engine.cpu import LOOK, Noise, Pieces, Room, Saves, Shape, advance, frame_type
+from rigidmc.engine.cpu import TRACE, Noise, Pieces, Room, Saves, Shape, advance, frame_type
 from rigidmc.engine.events import TRIES
 from rigidmc.engine.layout import BODY, BODY_AT, EFFECTS_AT, KNOWN, LANES, START
 from rigidmc.engine.machine import vector_bits
@@ -102,7 +102,7 @@ class Program:
         state, near = (aligned((BODY_AT + rows - BODY) * lanes, self.dtype) for _ in range(2))
         work, aside = aligned((KNOWN + rows) * lanes, float), aligned(KNOWN * lanes, float)
         trace, saved = (
-            aligned((7 * LOOK + START + self.shape.works) * lanes, self.dtype),
+            aligned((7 * TRACE + START + self.shape.works) * lanes, self.dtype),
             aligned(max(1, self.shape.values) * lanes, float),
         )
         noise, saves = noise or QUIET, saves or NOWHERE

@@ -140,7 +140,7 @@ def ensemble_variables(scene):
 def member_variables(scene, carried):
     """Variables with one value per member that every result has: {name: Variable}."""
     kept = conservation(scene)
-    over = f"largest over every {LOOK}nd step and all saves"
+    over = f"largest over every {LOOK}th step and all saves"
     drift = "relative to the start's energy (to 1e-3 of the energies in play where that is smaller)"
     energy = "|E - E(0)|"
     if "work" in scene.run.save:
