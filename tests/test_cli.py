@@ -197,7 +197,7 @@ def test_show_says_what_is_compiled():
         for word in ("members", "memory", "file", "ns per member-step", "steps", "conserved"):
             assert word in text
     assert "price" not in free
-    assert "ns without effects (188 operations), gravity 128 operations:" in heavy
+    assert "ns without effects (188 operations), gravity 120 operations:" in heavy
 
 
 def test_effects_are_listed():
