@@ -1,4 +1,4 @@
-"""The life of one member: it begins, it makes steps, it is looked at, and it is recorded.
+"""The life of one member: it enters, it begins, it is looked at while it makes steps (`rigidmc.engine.march`), it is recorded, and it leaves.
 
 Written for one number and compiled for vectors of them (`rigidmc.engine.numbers`), so that several members live it side by side; uncompiled it runs on
 floats. Each function here is a piece that is compiled by itself and called by `rigidmc.engine.cpu`: another observable compiles `record` alone.
@@ -8,14 +8,11 @@ parts : those of a Form, see `rigidmc.integrators.forms`, flat;  state, work : r
 """
 
 import math
-from typing import Any, NamedTuple
-
-import numpy as np
 
 from rigidmc.dynamics.euler import angular_velocity, kinetic_energy
-from rigidmc.dynamics.so3 import dot, first_three, joined, scale, select, select_each, up, whole
+from rigidmc.dynamics.so3 import dot, first_three, joined, scale, select, select_each, up
 from rigidmc.effects.verbs import booked, gross, total_energy, total_energy_scale
-from rigidmc.engine.compose import filled, given, has_noise, inline, rows_of, with_noise
+from rigidmc.engine.compose import filled, given, inline, rows_of
 from rigidmc.engine.layout import (
     ATTITUDE,
     BEGAN,
@@ -29,7 +26,6 @@ from rigidmc.engine.layout import (
     GOOD,
     GOOD_STEP,
     HELD,
-    INDEX,
     KNOWN,
     LENGTH,
     MOMENTUM,
@@ -40,13 +36,10 @@ from rigidmc.engine.layout import (
     STOPPED,
     TRUE,
     body_at,
-    put_state,
-    state_at,
 )  # fmt: skip
-from rigidmc.engine.memory import four_at, load, put, spread, store, stream, three_at, tuple_at
-from rigidmc.engine.noise import normals, philox
-from rigidmc.engine.numbers import as_word, in_precision, like
-from rigidmc.integrators.verbs import closed, opened, step
+from rigidmc.engine.memory import four_at, load, put, spread, store, three_at, tuple_at
+from rigidmc.engine.numbers import in_precision, like
+from rigidmc.integrators.verbs import closed, opened
 from rigidmc.observables.verbs import value
 
 ALWAYS = 1e300  # steps of a round, where members have no number of their own
@@ -126,113 +119,6 @@ def begin(kinds, numbers, parts, state, work):
     return 0
 
 
-def march(kinds, numbers, parts, count, state, work, trace, traced, key, other, streams, rounds, first, last):
-    """Make the steps from `first` to `last` of a round, of `count` - 1 parts each.
-
-    trace, traced : where the state after each step goes, seven rows a step, unless traced is 0
-    key, other, streams, rounds : the two words of the seed, the stream of each random effect, and the number of the round, which no two steps share
-
-    The members that are worked on side by side may be in groups, whose steps are made one after the other: while those of one wait for a result, a processor
-    works on another's.
-    """
-    integrator, effects, attitude, compensated, ledger, groups = given(kinds, numbers)
-    works = EFFECTS_AT + rows_of(effects)
-    fixed = all_fixed(groups, groups, 0, effects, state, work)
-    moving = all_moving(groups, groups, 0, compensated, ledger, works, state)
-    for s in range(first, last):
-        number = (np.uint64(rounds) << np.uint64(32)) | np.uint64(s)
-        present = all_shaken(fixed, (key, other), number, streams)
-        for p in range(1, count):
-            at = 4 * p
-            moving = all_stepped(
-                integrator, attitude, present, s + parts[at + 3], (parts[at], parts[at + 1], parts[at + 2]), moving
-            )
-        if traced != 0:
-            all_traced(groups, groups, 0, moving, trace, 7 * (s - first))
-    all_put(groups, groups, 0, moving, compensated, works, state)
-    return 0
-
-
-class Fixed(NamedTuple):
-    """What a group of members takes through its steps: body, effects, when the round began, the length of a step, that in the precision of the run, and the
-    bits of the members' index."""
-
-    body: Any
-    effects: Any
-    began: Any
-    length: Any
-    h: Any
-    index: Any
-
-
-def all_fixed(left, groups, i, effects, state, work):
-    """What is Fixed of each group."""
-    if len(left) == 0:
-        return ()
-    mine, known = stream(state, groups, i), stream(work, groups, i)
-    one = Fixed(
-        body_at(mine, BODY_AT),
-        filled(effects, mine, EFFECTS_AT),
-        known[BEGAN],
-        known[LENGTH],
-        like(known[LENGTH], mine),
-        known[INDEX],
-    )
-    return (one,) + all_fixed(left[1:], groups, i + 1, effects, state, work)
-
-
-def all_moving(left, groups, i, compensated, ledger, works, state):
-    """(q, L) of each group."""
-    if len(left) == 0:
-        return ()
-    return (state_at(stream(state, groups, i), compensated, ledger, works),) + all_moving(
-        left[1:], groups, i + 1, compensated, ledger, works, state
-    )
-
-
-def all_shaken(fixed, key, number, streams):
-    """What is Fixed of each group, the random effects with the deviates of a step."""
-    if len(fixed) == 0:
-        return ()
-    body, effects, began, length, h, index = fixed[0]
-    one = Fixed(body, shaken(effects, key, index, number, streams, 0, h), began, length, h, index)
-    return (one,) + all_shaken(fixed[1:], key, number, streams)
-
-
-def all_stepped(integrator, attitude, fixed, when, shares, moving):
-    """(q, L) of each group after a part of a step, whose torque is that of the time `when`, in steps; shares: its times in steps."""
-    if len(fixed) == 0:
-        return ()
-    one, (q, l), length, h = fixed[0], moving[0], fixed[0].length, fixed[0].h
-    part = like(shares[0] * length, h), like(shares[1] * length, h), like(shares[2] * length, h)
-    moved, l = step(integrator, one.body, one.effects, like(one.began + when * length, h), h, part, q, l)
-    rest = all_stepped(integrator, attitude, fixed[1:], when, shares, moving[1:])
-    return ((carried(attitude, moved, q), l),) + rest
-
-
-def carried(attitude, moved, q):
-    """The attitude after a step, where it is moved at all."""
-    if len(attitude) == 0:
-        return q
-    return moved
-
-
-def all_traced(left, groups, i, moving, trace, row):
-    """Write the states of all groups to the trace."""
-    if len(left) == 0:
-        return 0
-    put(whole(moving[0][0]) + first_three(whole(moving[0][1])), stream(trace, groups, i), row)
-    return all_traced(left[1:], groups, i + 1, moving[1:], trace, row)
-
-
-def all_put(left, groups, i, moving, compensated, works, state):
-    """Write the states of all groups to their rows."""
-    if len(left) == 0:
-        return 0
-    put_state(moving[0][0], moving[0][1], stream(state, groups, i), compensated, works)
-    return all_put(left[1:], groups, i + 1, moving[1:], compensated, works, state)
-
-
 def look(kinds, numbers, parts, state, work, rounds, slot):
     """Look at the state after `slot` steps of a round, `rounds` of which are done: its drifts, and whether it is well; one that is not stays as it last was.
 
@@ -283,15 +169,11 @@ def record(kinds, numbers, work, out, at, width, t, past):
     return 0
 
 
-def shaken(effects, key, member, number, streams, i, state):
-    """The effects, the random ones with the deviates of a member for a step: a function of (seed, stream, member, step) and of nothing else."""
-    if len(effects) == 0:
-        return ()
-    if has_noise(effects[0]):
-        deviates = normals(philox(key, (as_word(member), number, streams[i], np.uint64(1))))
-        first = with_noise(effects[0], in_precision(deviates, state))
-        return (first,) + shaken(effects[1:], key, member, number, streams, i + 1, state)
-    return (effects[0],) + shaken(effects[1:], key, member, number, streams, i, state)
+def carried(attitude, moved, q):
+    """The attitude after a step, where it is moved at all."""
+    if len(attitude) == 0:
+        return q
+    return moved
 
 
 def is_finite(q, l, energy, squared):
@@ -358,14 +240,7 @@ def write_all(observables, body, effects, t, q, l, start, works, work, out, at, 
 
 
 for _function in (
-    all_fixed,
-    all_moving,
-    all_shaken,
-    all_stepped,
     carried,
-    all_traced,
-    all_put,
-    shaken,
     is_finite,
     fault,
     seen,

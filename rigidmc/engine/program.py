@@ -12,6 +12,7 @@ from rigidmc.engine.cpu import TRACE, Noise, Pieces, Room, Saves, Shape, advance
 from rigidmc.engine.events import TRIES
 from rigidmc.engine.layout import BODY, BODY_AT, EFFECTS_AT, KNOWN, LANES, START
 from rigidmc.engine.machine import vector_bits
+from rigidmc.engine.march import march
 from rigidmc.engine.memory import LINE, aligned
 from rigidmc.engine.pieces import NOTHING, Piece, config, is_ready, piece, run
 from rigidmc.engine.watch import watch_rows
@@ -59,7 +60,7 @@ class Program:
             made(True, member.enter, (), "piiiiffsw"),
             made(True, member.leave, (), "piiiiiisw"),
             made(True, member.begin, seen, "psw"),
-            made(True, member.march, moved, MARCH),
+            made(True, march, moved, MARCH),
             made(True, member.look, seen, "pswff"),
             made(bool(observables), member.record, (observables, effects, ledger), "wpiifi"),
             made(some, watch.begin_watch, watched, "pswi"),
