@@ -58,7 +58,9 @@ def cases(integrators=None):
         )
         for name in accepting(effects):
             if name != "closed" and (integrators is None or name in integrators):
-                found.append((word, scene, {"integrator": name, "dt": 0.05}))
+                found.append(
+                    (word, scene, {"integrator": name, "dt": 0.02 if name == "midpoint" else 0.05})
+                )  # which solves for less than 0.5 rad
         if effects and word != "in a bath":
             found.append((word, scene, {"integrator": "rk4", "turn": 0.1}))
         if word == "heavy":

@@ -17,6 +17,7 @@ from rigidmc.effects.parameters import filled
 from rigidmc.effects.verbs import is_random
 from rigidmc.engine.flops import step_operations, torque_operations
 from rigidmc.engine.machine import threads_available
+from rigidmc.engine.program import lanes_for
 from rigidmc.integrators import INTEGRATORS, Turns, form
 from rigidmc.planning import prepare
 from rigidmc.prices import cost_per_step, prices
@@ -82,7 +83,9 @@ print(json.dumps([len(e.EFFECTS), *fingerprint()]))
 def fingerprint():
     """(instructions, digest of them, digest of a result) of rk4 with gravity."""
     words = [
-        line.split()[0] for line in assembly_of(case("rk4", (some(EFFECTS["gravity"]),))).splitlines() if re.match(r"\t[a-z]", line)
+        line.split()[0]
+        for line in assembly_of(case("rk4", (some(EFFECTS["gravity"]),)), lanes_for("float64")).splitlines()
+        if re.match(r"\t[a-z]", line)
     ]
     ensemble, gravity = tops.random_tops(256), (some(EFFECTS["gravity"]),)
     parts = tops.blocks(ensemble, gravity)

@@ -1,7 +1,8 @@
-"""python -m bench.mutants [--count 200]: break the physics on purpose, one place at a time, and see whether the hard cases and tests notice.
+"""python -m bench.mutants [--count 200]: break the package on purpose, one place at a time, and see whether the hard cases and tests notice.
 
-A mutant is the package with one sign, factor, index or frame changed in dynamics, effects, integrators or observables. It is first judged
-by hard cases in plain Python (one lane, nothing compiled: seconds), and what survives that by the tests of those folders, uncompiled too.
+A mutant is the package with one sign, factor, index, frame, choice or row changed in dynamics, effects, integrators, observables or the engine. It is
+first judged by hard cases in plain Python (one lane, nothing compiled: seconds), and what survives that by tests of those folders, uncompiled too. What
+survives that of the engine is judged by compiled tests, and code that tells the compiler what to do (`COMPILED`) by those alone.
 """
 
 import argparse
@@ -20,35 +21,64 @@ from concurrent.futures import ThreadPoolExecutor
 HERE = os.path.dirname(os.path.abspath(__file__))
 ROOT = os.path.dirname(HERE)
 FOLDERS = ("dynamics", "effects", "integrators", "observables")
+ENGINE = ("member.py", "watch.py", "events.py", "cpu.py", "noise.py")  # runs uncompiled too
+COMPILED = ("numbers.py", "compose.py", "functions.py", "fused.py")
 NO_PHYSICS = {  # what is compiled, and for whom: facts, tables and words
     "prepared", "sequence", "conserves", "accepts", "evaluations", "description", "refusal", "accepting", "form", "method", "names",
-    "exact_drift", "pieces", "canonical", "name_of", "rows_of", "arguments", "depends_on_momentum",
+    "exact_drift", "pieces", "canonical", "name_of", "rows_of", "arguments", "depends_on_momentum", "reason", "__init__",
 }  # fmt: skip
-TESTS = ("tests/dynamics", "tests/effects", "tests/observables", "tests/integrators/test_integrators.py")  # uncompiled: 30 s
-LEFT_OUT = "not ten_thousand_steps and not test_bath and not (test_integrators and not (depends_on_time or no_potential or stages))"  # compiled, or long
+TESTS = (
+    "tests/dynamics",
+    "tests/effects",
+    "tests/observables/test_observables.py",
+    "tests/integrators/test_integrators.py",
+)  # uncompiled
+COMPILED_TESTS = (
+    "tests/engine/test_numbers.py",
+    "tests/engine/test_kernel.py",
+    "tests/engine/test_noise.py",
+    "tests/observables/test_watching.py",
+    "tests/test_own_steps.py",
+)
+LEFT_OUT = "not ten_thousand_steps and not test_bath and not test_own and not frozen_members and not (test_integrators and not (depends_on_time or no_potential or stages))"  # compiled, long, or with numbers of which NumPy warns
 JUDGES = (  # the quickest first: 40 s for all, uncompiled
     "toms903 step", "near middle axis 13", "damped asymmetric body", "flat disc", "|omega| h = 3", "equilibria stay, 1e5 steps", "at rest",
     "hairer free", "nasa brick", "sleeping top, 1e5 steps", "Staude's permanent rotation", "hairer heavy", "there and back", "oblate",
     "symmetric about 2", "I1 = I2 to 1e-12", "separatrix", "axis spins of a generic body", "backward steps and damping", "a torque on free motion",
     "to rest in 30 e-foldings",
 )  # fmt: skip
+PYTEST = (sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider")
 SECONDS = 1200.0  # both judges take 80 s for what they let pass; what takes so long hangs
 
 
-def places():
+OPPOSITE = {ast.Lt: ">=", ast.LtE: ">", ast.Gt: "<=", ast.GtE: "<", ast.Eq: "!=", ast.NotEq: "=="}
+WORDS = {  # of LLVM
+    "fadd": "fsub", "fsub": "fadd", "fmul": "fdiv", "add": "sub", "sub": "add", "mul": "add", "and_": "or_", "or_": "xor", "xor": "and_",
+    "shl": "lshr", "lshr": "shl", "<": ">", "<=": "<", ">": ">=", ">=": ">", "==": "!=", "!=": "==", "fabs": "sqrt", "uno": "ord", "fneg": "fabs",
+}  # fmt: skip
+
+
+def places(engine=True, physics=True):
     """Every place that can be broken: (file, kind, line, column, end line, end column, new text)."""
-    found = []
-    for folder in FOLDERS:
-        for name in sorted(os.listdir(os.path.join(ROOT, "rigidmc", folder))):
-            if name.endswith(".py") and name not in ("methods.py", "closed.py"):
-                path = os.path.join("rigidmc", folder, name)
-                with open(os.path.join(ROOT, path)) as file:
-                    text = file.read()
-                found += [(path, *place) for place in _in_file(ast.parse(text), text)]
+    paths, found = [], []
+    for folder in FOLDERS if physics else ():
+        names = sorted(os.listdir(os.path.join(ROOT, "rigidmc", folder)))
+        paths += [(folder, name) for name in names if name.endswith(".py") and name not in ("methods.py", "closed.py")]
+    paths += [("engine", name) for name in (*ENGINE, *COMPILED)] if engine else []
+    for folder, name in paths:
+        path = os.path.join("rigidmc", folder, name)
+        with open(os.path.join(ROOT, path)) as file:
+            text = file.read()
+        found += [(path, *place) for place in _in_file(ast.parse(text), text, folder == "engine")]
     return found
 
 
-def _in_file(tree, text):
+def is_compiled(path):
+    """Whether a file tells the compiler what to do."""
+    return os.path.split(path) in [(os.path.join("rigidmc", "engine"), name) for name in COMPILED]
+
+
+def _in_file(tree, text, engine):
     found = []
 
     def put(kind, node, new):
@@ -70,7 +100,7 @@ def _in_file(tree, text):
                 return
             inside = True
         if inside:
-            if isinstance(node, ast.BinOp) and isinstance(node.op, (ast.Add, ast.Sub)):
+            if isinstance(node, ast.BinOp) and isinstance(node.op, (ast.Add, ast.Sub)) and not _of_tuples(node):
                 sign = "-" if isinstance(node.op, ast.Add) else "+"
                 put("sign", node, f"({source(node.left)} {sign} ({source(node.right)}))")
             if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub) and not isinstance(node.operand, ast.Constant):
@@ -79,8 +109,22 @@ def _in_file(tree, text):
                 put("factor", node, f"({source(node)} * 1.01)")
             if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant) and node.slice.value in (0, 1, 2):
                 put("index", node, f"{source(node.value)}[{(node.slice.value + 1) % 3}]")
+            if engine and isinstance(node, ast.Compare) and type(node.ops[0]) in OPPOSITE and not _of_length(node):
+                put("choice", node, f"({source(node.left)} {OPPOSITE[type(node.ops[0])]} {source(node.comparators[0])})")
+            if isinstance(node, ast.BinOp) and isinstance(node.op, (ast.BitAnd, ast.BitOr)):
+                put(
+                    "choice",
+                    node,
+                    f"(({source(node.left)}) {'|' if isinstance(node.op, ast.BitAnd) else '&'} ({source(node.right)}))",
+                )
+            if engine and isinstance(node, ast.Constant) and type(node.value) is int:
+                put("row", node, str(node.value + 1))
+            if engine and isinstance(node, ast.Constant) and node.value in WORDS:
+                put("choice", node, repr(WORDS[node.value]))
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
                 args = [source(a) for a in node.args]
+                if node.func.id == "select":
+                    put("choice", node, f"select({args[0]}, {args[2]}, {args[1]})")
                 if node.func.id in ("multiply", "cross") and len(args) == 2:
                     put("frame", node, f"{node.func.id}({args[1]}, {args[0]})")
                 if node.func.id in ("conjugate", "up") and len(args) == 1:
@@ -96,20 +140,33 @@ def _in_file(tree, text):
                 visit(child, inside)
 
     for node in tree.body:
-        visit(node, False)
+        visit(node, engine and isinstance(node, (ast.For, ast.Expr)) and not isinstance(getattr(node, "value", None), ast.Constant))
     return found
 
 
-def chosen(count, seed):
-    """`count` places, as many of each kind as there are, at most one in four of them constants."""
-    some, every = random.Random(seed), places()
+def _of_tuples(node):
+    """Whether a sum joins tuples, as far as one sees: the difference of those is an error."""
+    both = node.left, node.right
+    return any(isinstance(x, ast.Tuple) or (isinstance(x, ast.BinOp) and _of_tuples(x)) for x in both) or [
+        getattr(x, "id", "") for x in both
+    ] == ["q", "l"]
+
+
+def _of_length(node):
+    """Whether a comparison ends a recursion over a tuple: without it nothing ends."""
+    return isinstance(node.left, ast.Call) and getattr(node.left.func, "id", "") == "len"
+
+
+def chosen(count, seed, every):
+    """`count` of some places, of each kind its share."""
+    some = random.Random(seed)
     kinds: dict[str, list] = {}
     for place in every:
         kinds.setdefault(place[1], []).append(place)
-    shares = {"sign": 0.35, "factor": 0.25, "index": 0.3, "frame": 0.1}
+    shares = {"sign": 0.25, "factor": 0.15, "index": 0.2, "frame": 0.05, "choice": 0.2, "row": 0.15}
     made = []
     for kind, share in shares.items():
-        made += some.sample(kinds[kind], min(len(kinds[kind]), round(share * count)))
+        made += some.sample(kinds.get(kind, []), min(len(kinds.get(kind, [])), round(share * count)))
     return made
 
 
@@ -151,14 +208,16 @@ def judged(place):
         row = {} if place is None else {"file": place[0], "line": place[2], "kind": place[1], "before": before, "after": after}
         env = {**os.environ, "PYTHONPATH": folder, "RIGIDMC_CACHE_DIR": os.path.join(folder, "cache")}
         began = time.perf_counter()
-        code, said = _run(
-            [sys.executable, "-c", "from bench.mutants import judge; judge()"], folder, {**env, "NUMBA_DISABLE_JIT": "1"}, SECONDS
-        )
-        killed = None if code == 0 else f"hard cases: {said}"
-        if killed is None:
-            words = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", "-k", LEFT_OUT, *TESTS]
-            code, said = _run(words, folder, {**env, "NUMBA_DISABLE_JIT": "1"}, SECONDS)
-            killed = None if code == 0 else f"tests: {said}"
+        plain, killed = {**env, "NUMBA_DISABLE_JIT": "1"}, None
+        if place is None or not is_compiled(place[0]):
+            code, said = _run([sys.executable, "-c", "from bench.mutants import judge; judge()"], folder, plain, SECONDS)
+            killed = None if code == 0 else f"hard cases: {said}"
+            if killed is None:
+                code, said = _run([*PYTEST, "-k", LEFT_OUT, *TESTS], folder, plain, SECONDS)
+                killed = None if code == 0 else f"tests: {said}"
+        if killed is None and (place is None or "engine" in place[0]):
+            code, said = _run([*PYTEST, *COMPILED_TESTS], folder, env, SECONDS)
+            killed = None if code == 0 else f"compiled tests: {said}"
         return {**row, "killed": killed, "seconds": time.perf_counter() - began}
 
 
@@ -199,20 +258,23 @@ def main():
     parser = argparse.ArgumentParser(prog="python -m bench.mutants", description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=200, help="how many mutants")
     parser.add_argument("--seed", type=int, default=1, help="which")
+    parser.add_argument("--of", choices=("all", "physics", "engine"), default="all", help="where")
+    parser.add_argument("--threads", type=int, default=os.cpu_count() or 1, help="how many at once")
     parser.add_argument("--output", default=os.path.join(HERE, "results", "mutants.json"), metavar="FILE")
     parser.add_argument("--again", action="store_true", help="judge only the survivors of FILE, after tests were added")
     options = parser.parse_args()
     rows, made = [], []
+    every = places(options.of != "physics", options.of != "engine")
     if options.again:
         with open(options.output) as file:
             for row in json.load(file):
                 (rows if row["killed"] else made).append(row)
         made = [found_again(row) for row in made]
     else:
-        made = chosen(options.count, options.seed)
+        made = chosen(options.count, options.seed, every)
     if said := judged(None)["killed"]:
         sys.exit(f"the package as it is does not pass: {said}")
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+    with ThreadPoolExecutor(options.threads) as pool:
         for row in pool.map(judged, made):
             rows.append(row)
             word = "killed  " if row["killed"] else "SURVIVED"
@@ -222,7 +284,7 @@ def main():
             )
     alive = [row for row in rows if not row["killed"]]
     print(
-        f"{len(rows) - len(alive)} of {len(rows)} killed, {100.0 * (1.0 - len(alive) / len(rows)):.1f} %, of {len(places()):,} places"
+        f"{len(rows) - len(alive)} of {len(rows)} killed, {100.0 * (1.0 - len(alive) / len(rows)):.1f} %, of {len(every):,} places"
     )
     by_cases = sum(bool(row["killed"]) and row["killed"].startswith("hard cases") for row in rows)
     print(f"{by_cases} by the hard cases alone; {math.fsum(row['seconds'] for row in rows):.0f} s of work")

@@ -85,10 +85,13 @@ def thousand(folder, shards):
     )
 
 
-def cluster(folder, members, t_end, rounds):
-    """Rows of seconds of the same run with two threads and on two processes, start-up of the cluster included, and of what a shard takes without it."""
+def cluster(folder, members, t_end, rounds, size):
+    """Rows of seconds of the same run with two threads and on two processes, start-up of the cluster included, and of what a shard takes without it.
+
+    size : of a shard [MB], so small that there are many for each worker, and none waits long for the last
+    """
     words = ["run", "dzhanibekov", "--members", str(members), "--t-end", str(t_end), "--save", "omega", "--keep", "final"]
-    words += ["--shard-size", "4"]  # many for each worker, so that none waits long for the last
+    words += ["--shard-size", str(size)]
     rows = []
     for i in range(rounds):
         row: dict = {"kind": "cluster", "members": members, "t_end": t_end}
@@ -165,7 +168,7 @@ def run(quick):
             harness.target(f"status of {count:,} shards", 0.5, told, "s", at_most=True, note=f"`rigidmc status` {command:.2f} s")
         )
         rows.append(scheduler(folder, 10 if quick else 1000))
-        rows += cluster(folder, sizes[0], 2.0 if quick else 400.0, 1 if quick else 2)
+        rows += cluster(folder, sizes[0], 2.0 if quick else 400.0, 1 if quick else 2, 0.5 if quick else 4)
         found = [row for row in rows if row["kind"] == "cluster"]
         assert all(row["equal"] for row in found)
         ratio = harness.median([row["threads"] / row["cluster"] for row in found])

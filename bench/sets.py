@@ -38,7 +38,8 @@ def judge(which):
     alone = min(one(())[0] for _ in range(2))
     for effects in which:
         seconds, found = one(effects)
-        fine = found["scalar"] == 0 and found["calls"] == 0 and not found["libm"] and found["widest"]
+        # one scalar sum is the time of a step, which all members share
+        fine = found["scalar"] <= 1 and found["calls"] == 0 and not found["libm"] and found["widest"]
         print(
             json.dumps({"kind": "set", "effects": effects, "alone": alone, "seconds": seconds - alone, "fine": fine, **found}),
             flush=True,

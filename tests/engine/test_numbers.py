@@ -37,6 +37,23 @@ class Choices(NamedTuple):
         return max(a, b), min(a, b), abs(a), math.copysign(a, b), chosen(both, a, b), chosen(one, 1.0, 0.0), chosen(a != a, 1.0, b)
 
 
+class Others(NamedTuple):
+    """What else numbers and masks can do, in Python's own words."""
+
+    a: float
+    b: float
+
+    def values(self):
+        a, b = self.a, self.b
+        above, below, equal = a > b, a < b, a == b
+        return (
+            math.floor(a) + 0.0, math.ceil(a) + 0.0, math.trunc(a) + 0.0, math.fabs(a), +a, -a, chosen(math.isnan(b), 1.0, 0.0),
+            chosen(a >= b, 1.0, 0.0), chosen(a <= b, 1.0, 0.0), chosen(a != b, 1.0, 0.0), chosen(equal, 1.0, 0.0), chosen(above == below, 1.0, 0.0),
+            chosen(above != equal, 1.0, 0.0), chosen(opposite(above), 1.0, 0.0), chosen(above ^ (b > 0.0), 1.0, 0.0), chosen(chosen(above, below, equal), 1.0, 0.0),
+            1.0 - a, 1.0 / b, b / 3.0, chosen(True & above, 1.0, 0.0),
+        )  # fmt: skip
+
+
 class Functions(NamedTuple):
     """Functions of the library that a user's effect may call, of one number and of a positive one."""
 
@@ -55,7 +72,7 @@ def chosen(condition, a, b):
     return select(condition, a, b)
 
 
-from rigidmc.dynamics.so3 import select  # noqa: E402
+from rigidmc.dynamics.so3 import opposite, select  # noqa: E402
 from rigidmc.engine.compose import inline  # noqa: E402
 
 inline(chosen)
@@ -101,6 +118,16 @@ def test_choices_are_those_of_python():
     )
     plain = np.array([Choices(*map(float, column)).values() for column in columns.T]).T
     assert evaluate(Choices, 7, columns).tobytes() == plain.tobytes()
+
+
+def test_so_is_what_else_numbers_and_masks_can_do():
+    columns = np.concatenate([some.normal(0.0, 2.0, (2, 50)), [[1.5, -1.5, 2.0, 0.5, 1.0], [1.5, 1.5, -2.0, np.inf, 0.5]]], axis=1)
+    plain = np.array([Others(*map(float, column)).values() for column in columns.T]).T
+    assert evaluate(Others, 20, columns).tobytes() == plain.astype(float).tobytes()
+    found = evaluate(Others, 20, np.array([[np.nan, 1.0], [1.0, np.nan]]))
+    assert found[6].tolist() == [0.0, 1.0]
+    assert not found[[7, 8, 10]].any()  # no order, and not equal
+    assert found[9].tolist() == [1.0, 1.0]
 
 
 def test_functions_of_analysis():
