@@ -21,7 +21,7 @@ from concurrent.futures import ThreadPoolExecutor
 HERE = os.path.dirname(os.path.abspath(__file__))
 ROOT = os.path.dirname(HERE)
 FOLDERS = ("dynamics", "effects", "integrators", "observables")
-ENGINE = ("member.py", "watch.py", "events.py", "cpu.py", "noise.py")  # runs uncompiled too
+ENGINE = ("member.py", "march.py", "watch.py", "events.py", "cpu.py", "noise.py")  # runs uncompiled too
 COMPILED = ("numbers.py", "compose.py", "functions.py", "fused.py")
 NO_PHYSICS = {  # what is compiled, and for whom: facts, tables and words
     "prepared", "sequence", "conserves", "accepts", "evaluations", "description", "refusal", "accepting", "form", "method", "names",
