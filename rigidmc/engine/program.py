@@ -78,14 +78,16 @@ class Program:
             self.lanes, values, at, len(ledger), row, near_at, int(some), len(shadow), 2 * len(events), tries, int(random)
         )
 
-        self._type = frame_type(self.dtype)
-        self.asked = {**pieces._asdict(), "advance": (advance, (), self.dtype, 0, self._type)}
+        kind = frame_type(self.dtype)
+        self.asked = {**pieces._asdict(), "advance": (advance, (), self.dtype, 0, kind)}
         if not ask:
             with announced(self.label, self.missing(), self.effects):
                 found = {name: piece(*asked) if asked else (NOTHING, None) for name, asked in self.asked.items()}
             self._numbers = [numbers for _, numbers in found.values()]  # of the pieces, which know only where they are
             *pieces, self._advance = (one for one, _ in found.values())
             self.pieces = Pieces(*pieces)
+            empty = SimpleNamespace(real=1.0) if config.DISABLE_JIT else np.zeros(1, kind)
+            self._frame = framed(empty, self.pieces, self.shape)
 
     @property
     def label(self):
@@ -109,21 +111,21 @@ class Program:
         noise, saves = noise or QUIET, saves or NOWHERE
         lines = 8 * lanes % LINE == saves.out.ctypes.data % LINE == 8 * saves.columns % LINE == 8 * saves.column % LINE == 0
         room = Room(self.parts, self.parts.size // 4, block, rows, members, state, near, work, aside, trace, saved, int(lines))
-        run(self._advance, "p", framed(self._type, (self.pieces, self.shape, steps, noise, saves, room)))
+        run(self._advance, "p", framed(self._frame, steps, noise, saves, room))
 
 
-def framed(kind, given):
-    """The record of `frame_type` from the NamedTuples that have its fields; uncompiled something with attributes of their names."""
-    named = {name: value for part in given for name, value in part._asdict().items()}
+def framed(frame, *given):
+    """The record of `frame_type` with fields from NamedTuples; uncompiled something with attributes of their names."""
     if config.DISABLE_JIT:
-        flat = {name: value.ravel() for name, value in named.items() if isinstance(value, np.ndarray)}
-        return SimpleNamespace(**{**named, **flat}, real=1.0)
-    frame = np.zeros(1, kind)
-    for name, value in named.items():
-        if isinstance(value, Piece):
-            frame[name] = value.code, value.numbers
-        else:
-            frame[name] = value.ctypes.data if isinstance(value, np.ndarray) else value
+        flat = {name: x.ravel() if isinstance(x, np.ndarray) else x for part in given for name, x in part._asdict().items()}
+        return SimpleNamespace(**vars(frame), **flat)
+    frame = frame.copy()
+    for part in given:
+        for name, value in zip(part._fields, part, strict=True):
+            if isinstance(value, Piece):
+                frame[name] = value.code, value.numbers
+            else:
+                frame[name] = value.__array_interface__["data"][0] if isinstance(value, np.ndarray) else value
     return frame
 
 

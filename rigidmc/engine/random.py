@@ -5,6 +5,7 @@ members are contiguous counters, so that a block of members is one call.
 """
 
 import hashlib
+from functools import cache
 
 import numpy as np
 
@@ -14,9 +15,10 @@ def stream_of(name):
     return int.from_bytes(hashlib.blake2b(name.encode(), digest_size=8).digest(), "little")
 
 
+@cache
 def key_of(seed):
     """The two words of a seed's key."""
-    return np.random.SeedSequence(seed).generate_state(2, np.uint64)
+    return tuple(np.random.SeedSequence(seed).generate_state(2, np.uint64))
 
 
 def uniforms(seed, name, first, count, draw=0):
