@@ -107,14 +107,14 @@ def test_a_symmetric_body_takes_any_step():
         assert relative < 1e-14  # measured 1.8e-15
 
 
-def test_too_few_halvings_conserve_everything_and_are_wrong():
+def test_too_few_halvings_are_wrong_and_change_the_size_of_l():
     moments, momentum = (1.0, 2.0, 3.0), (1.0, 0.8, 1.2)
     h = 5.0
     true_l = truth(moments, momentum, h)[1]
     good, bad = (np.array(flow(moments, momentum, h, halvings=n, panels=1)[1]) for n in (7, 0))
     assert np.abs(good - true_l).max() < 2e-14  # measured 2.0e-15
     assert np.abs(bad - true_l).max() > 0.1  # measured 0.37
-    assert abs(bad @ bad / np.dot(momentum, momentum) - 1.0) < 2e-14  # measured 2.1e-15
+    assert abs(bad @ bad / np.dot(momentum, momentum) - 1.0) > 0.01  # measured 0.065: a run flags it
 
 
 def test_the_phase_rule_is_of_order_8():
