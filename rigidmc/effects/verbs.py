@@ -91,7 +91,7 @@ def kicked(effects, body, t, h, q, l):
         return l
     if len(l) > 3:  # the exact flow of the works too, linear in L
         before = first_three(l)
-        after = axpy(before, h, total_torque(effects, body, t, whole(q), before))
+        after = impelled(effects, body, t, whole(q), before, (h, h, h), before)
         w = angular_velocity(body, scale(0.5, add(before, after)))
         return after + worked(effects, body, t, h, q, before, w, l[3:])
     if len(l) == 2:
@@ -105,7 +105,7 @@ def push(effects, body, t, h, q, l, change):
         return change
     if len(l) > 3:
         at = first_three(l)
-        pushed = axpy(first_three(change), h, total_torque(effects, body, t, q, at))
+        pushed = impelled(effects, body, t, q, at, (h, h, h), first_three(change))
         return pushed + worked(effects, body, t, h, q, at, angular_velocity(body, at), change[3:])
     return impelled(effects, body, t, q, l, (h, h, h), change)
 
