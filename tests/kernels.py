@@ -90,7 +90,7 @@ def prepare(kind, turn, effects=(), symmetric=False):
 
 def one_step(made, body, effects, t, h, q, l):
     """One step in plain Python, opened before and closed after."""
-    if (len(q) == 2 or len(l) > 3) and hasattr(made.integrator, "with_sums"):
+    if len(q) == 2 and hasattr(made.integrator, "with_sums"):
         made = made.integrator.with_sums()
     lead, rows = [h * x for x in made.parts[0]], made.parts[1:]
     q, l = opened(made.integrator, body, effects, t + lead[3], lead, q, l)

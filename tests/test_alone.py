@@ -30,6 +30,7 @@ def acted(*effects, momentum=None, **run):
 SCENES = {
     "free, by the exact motion": free(integrator="exact", dt=0.5, t_end=60.0),  # 4 panels of the phase to a step
     "free, steps of its own": free(integrator="rk4", turn=0.1, t_end=30.0),
+    "heavy and damped, by Runge-Kutta": acted(rm.Gravity(1.0), rm.ViscousDamping(0.01), integrator="rk4", dt=0.05, t_end=10.0),
     "heavy": acted(rm.Gravity(1.0), integrator="srkn11", dt=0.1, t_end=10.0),
     "damped": acted(rm.EnergyDissipation(0.1), rm.ViscousDamping(0.01), integrator="strang", dt=0.05, t_end=10.0),
     "in a bath": acted(rm.Bath(0.1, 1.0), momentum=rm.GibbsMomentum(1.0), integrator="strang", dt=0.05, t_end=10.0),

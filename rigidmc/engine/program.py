@@ -41,7 +41,7 @@ class Program:
         self, form, effects, observables=(), attitude=True, compensated=False, dtype="float64", limits=(), ledger=(), events=(), running=(), shadow=(),
         lanes=None, ask=False,
     ):  # fmt: skip
-        if (compensated or ledger) and hasattr(form.integrator, "with_sums"):
+        if compensated and hasattr(form.integrator, "with_sums"):
             form = form.integrator.with_sums()._replace(name=form.name)
         self.form, self.effects, self.dtype = form, effects, np.dtype(dtype).name
         self.lanes = 1 if config.DISABLE_JIT else lanes or lanes_for(dtype)

@@ -95,7 +95,7 @@ CASES = {
     "rk4 gravity float32": case("rk4", (G,), WITH, (), "float32"),
     "rk8 gravity float32": case("rk8", (G,), WITH, (), "float32"),
     "strang gravity float32": case("strang", (G,), WITH, (), "float32"),
-    "rk4 gravity damping works": Case(RK4().form().integrator.with_sums(), (G, D), works=(0.0, 0.0)),
+    "rk4 gravity damping works": Case(RK4().form(), (G, D), works=(0.0, 0.0)),
     "rk4 gravity by hand": Case(form(HeavyByHand()), (G,)),
     "rkmk4 gravity damping float32": case("rkmk4", (G, D), WITH, (), "float32"),
 }
@@ -147,7 +147,7 @@ def test_so_is_that_of_rare_kernels(rare, name):
 
 
 def is_packed(found):
-    assert found["packed"] >= 40  # measured 45 (momentum alone by rk4) to 906 (rk8)
+    assert found["packed"] >= 40  # measured 45 (momentum alone by rk4) to 846 (rk8)
     assert found["widest"]
     assert found["scalar"] == 0
     assert found["calls"] == 0
@@ -169,18 +169,20 @@ def test_what_cannot_be_packed_is_caught(code):
 
 def test_without_attitude_most_work_is_gone(code):
     assert code["rk4 momentum"]["packed"] < 0.42 * code["rk4"]["packed"]  # measured 45 of 114
-    assert code["exact momentum"]["packed"] < 0.45 * code["exact"]["packed"]  # measured 113 of 298
+    assert code["exact momentum"]["packed"] < 0.45 * code["exact"]["packed"]  # measured 133 of 318
 
 
 def test_a_step_costs_no_more_than_it_should(code):
     flops = {name: found["flops"] for name, found in code.items()}
     assert flops["rk4"] < 192  # measured 188
-    assert flops["rk4 gravity"] < 320  # measured 313
+    assert flops["rk4 gravity"] < 300  # measured 293
     assert flops["rk4 momentum"] < 65  # measured 63
-    assert flops["rkmk4 gravity damping"] < 695  # measured 662
-    assert flops["strang gravity damping"] < 590  # measured 557: each side of the drift has its own times
-    assert flops["exact"] < 405  # measured 397
-    assert flops["exact momentum"] < 140  # measured 136
+    assert flops["rkmk4 gravity damping"] < 695  # measured 654
+    # series in place of two roots and three divisions are more operations and less time: counted in times of a product
+    slots = {name: found["slots"] for name, found in code.items()}
+    assert slots["strang gravity damping"] < 575  # measured 551.5: each side of the drift has its own times
+    assert slots["exact"] < 440  # measured 429; 470.5 by roots and divisions
+    assert slots["exact momentum"] < 172  # measured 165.5; 206.5
 
 
 def test_the_reader_sees_what_it_looks_for():
