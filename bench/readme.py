@@ -92,6 +92,7 @@ def throughput(rows, machine):
         "rigidmc, exact (free) / strang (heavy)": ("kernel exact", "kernel strang heavy"),
         "rigidmc, exact, momentum only": ("kernel exact, momentum only", ""),
         "C, structure of arrays, gcc -O3 -march=native -ffast-math": base,
+        "C, structure of arrays, with the same 100 saves": ("C structure of arrays, free, 100 saves", ""),
         "C, explicit 512-bit vectors, few operations": ("C 512-bit intrinsics, free", "C 512-bit intrinsics, heavy"),
         "Numba `prange` over tops": ("naive prange, free", "naive prange, heavy"),
     }
