@@ -1,6 +1,7 @@
 """Random words against numpy's Philox bit for bit, in plain Python and compiled; the logarithm against 40 digits; normal deviates against their law."""
 
 import math
+from typing import NamedTuple
 
 import mpmath as mp
 import numpy as np
@@ -10,6 +11,7 @@ from scipy import stats
 
 from rigidmc.dynamics.functions import as_float, as_word, logarithm
 from rigidmc.engine import pieces  # noqa: F401  (sets the vector width before anything is compiled)
+from rigidmc.engine.formulas import evaluate
 from rigidmc.engine.noise import normals, philox, uniform
 from rigidmc.engine.pipeline import FLAGS
 from rigidmc.engine.random import key_of, stream_of
@@ -31,6 +33,16 @@ def deviates(key, stream, step, out, raw):
         raw[0, k], raw[1, k], raw[2, k], raw[3, k] = four
 
 
+class Member(NamedTuple):
+    """The words and deviates of a member, of which others are worked on side by side; number: the bits of its index and 1, of its words those of numbers."""
+
+    number: float
+
+    def values(self):
+        four = philox((KEY[0], KEY[1]), (as_word(self.number), STEP, STREAM, ONE))
+        return (as_float(four[0]), as_float(four[1]), as_float(four[2]), as_float(four[3]), *normals(four))
+
+
 @pytest.fixture(scope="module")
 def made():
     out, raw = np.empty((3, 1 << 20)), np.empty((4, 1 << 20), np.uint64)
@@ -43,6 +55,13 @@ def test_words_are_those_of_numpy(made):
     theirs = np.random.Philox(key=KEY, counter=np.array([0, STEP, STREAM, 1], np.uint64)).random_raw(4 * count).reshape(-1, 4).T
     assert np.array_equal(made[1], theirs)
     assert [list(words(m)) for m in (0, 1, 999)] == [list(theirs[:, m]) for m in (0, 1, 999)]
+
+
+def test_side_by_side_they_are_the_same(made):
+    numbers = np.arange(1, 1001, dtype=np.uint64).view(float)
+    found = evaluate(Member, 7, numbers[None])
+    assert np.array_equal(found[:4].copy().view(np.uint64), made[1][:, :1000])
+    assert np.array_equal(found[4:], made[0][:, :1000])
 
 
 def test_bits_come_and_go():

@@ -10,6 +10,7 @@ import pytest
 from rigidmc.engine.formulas import evaluate
 
 some = np.random.default_rng(3)
+TENTH = 0.1
 
 
 class Sums(NamedTuple):
@@ -22,7 +23,7 @@ class Sums(NamedTuple):
 
     def values(self):
         a, b, c, d = self.a, self.b, self.c, self.d
-        return a * b + c * d, a * b - c * d, c - a * b, (a + b) * (c - d) - a, -a * b + c, a * 3.0 - d, 2.0 * 0.1 + a
+        return a * b + c * d, a * b - c * d, c - a * b, (a + b) * (c - d) - a, -a * b + c, a * 3.0 - d, TENTH * 3.0 + a
 
 
 class Choices(NamedTuple):
@@ -96,7 +97,7 @@ def test_of_two_products_the_left_one_is_fused():
             fused(a + b, c - d, -a),
             fused(-a, b, c),
             fused(a, 3.0, -d),
-            fused(2.0, 0.1, a),
+            fused(TENTH, 3.0, a),  # a product that all share, and is no number: 0.3 and a little more
         )
         assert found[:, e].tolist() == list(wanted)
     assert (found[0] != columns[0] * columns[1] + columns[2] * columns[3]).any()  # what is not fused has other bits
