@@ -9,7 +9,7 @@ from rigidmc.dynamics.euler import MassProperties
 from rigidmc.effects.parameters import blank, numbers, parameter_count
 from rigidmc.engine import layout
 from rigidmc.engine.blocks import run_block
-from rigidmc.engine.cpu import Run
+from rigidmc.engine.frame import Run
 from rigidmc.engine.program import QUIET, Program
 from rigidmc.jobs import Job
 from rigidmc.staging import own_steps, rates, together

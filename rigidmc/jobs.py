@@ -11,8 +11,8 @@ from rigidmc.effects.own import RULE
 from rigidmc.effects.parameters import blank
 from rigidmc.engine import layout
 from rigidmc.engine.compose import NumbaError, reason
-from rigidmc.engine.cpu import Noise
 from rigidmc.engine.flops import refuse_misdeeds, unpacked
+from rigidmc.engine.frame import Noise
 from rigidmc.engine.program import QUIET, Program
 from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.observables import OBSERVABLES

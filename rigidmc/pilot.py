@@ -11,7 +11,7 @@ from rigidmc.dynamics.so3 import dot, up
 from rigidmc.effects.parameters import blank
 from rigidmc.effects.verbs import total_energy_scale
 from rigidmc.engine import layout
-from rigidmc.engine.cpu import Run, Saves
+from rigidmc.engine.frame import Run, Saves
 from rigidmc.engine.machine import threads_available
 from rigidmc.engine.members import energies
 from rigidmc.engine.program import Program

@@ -11,8 +11,8 @@ from rigidmc.effects import EFFECTS, labelled
 from rigidmc.effects.parameters import filled
 from rigidmc.effects.verbs import is_random
 from rigidmc.engine import layout
-from rigidmc.engine.cpu import Run
 from rigidmc.engine.flops import step_operations, torque_operations
+from rigidmc.engine.frame import Run
 from rigidmc.engine.program import NOWHERE
 from rigidmc.jobs import program_of
 from rigidmc.observables import Flips, Passage

@@ -12,7 +12,7 @@ from rigidmc.effects import labelled
 from rigidmc.effects.parameters import filled, parameter_count, shape
 from rigidmc.effects.verbs import is_random, total_energy_scale
 from rigidmc.engine import layout
-from rigidmc.engine.cpu import Noise
+from rigidmc.engine.frame import Noise
 from rigidmc.engine.members import energies, torques
 from rigidmc.engine.random import key_of, stream_of, uniforms
 from rigidmc.errors import SceneError
@@ -31,15 +31,15 @@ def stage(scene, first, count, carried, span=None, more=0):
     span : time [s] in which a member makes its own number of steps, where the scene sets `turn`
     more : rows for what is kept of every step, see `rigidmc.watching`
     """
-    known, low = _known.get(scene), first
+    known = _known.get(scene)
     if known is None or known.carried != carried or first + count > known.block.shape[1]:
-        known, low = _members(scene, first, count, carried), 0
-    part = slice(low, low + count)
-    block = np.empty((len(known.block) + more, count))
-    block[: len(known.block)], block[len(known.block) :] = known.block[:, part], 0.0
+        block, start = _staged(scene, source(scene), first, count, carried)
+    else:
+        part = slice(first, first + count)
+        block, start = known.block[:, part].copy(), {name: values[..., part] for name, values in known.start.items()}
     if span is not None:
-        block[layout.STEPS] = own_steps(rates(scene.effects, known.block[:, part]), span, scene.run.turn)
-    return block, {name: values[..., part] for name, values in known.start.items()}
+        block[layout.STEPS] = own_steps(rates(scene.effects, block), span, scene.run.turn)
+    return (np.concatenate([block, np.zeros((more, count))]) if more else block), start
 
 
 class Members(NamedTuple):
@@ -50,16 +50,12 @@ class Members(NamedTuple):
     carried: bool
 
 
-def _members(scene, first, count, carried):
-    block, start = _staged(scene, source(scene), first, count, carried)
-    return Members(block, start, carried)
-
-
 def first_members(scene, count, carried):
     """The Members that a plan looks at, kept until they run."""
     known = _known.get(scene)
     if known is None or known.carried != carried or known.block.shape[1] < count:
-        known = _members(scene, 0, count, carried)
+        block, start = _staged(scene, source(scene), 0, count, carried)
+        known = Members(block, start, carried)
         if known.block.nbytes <= KEPT:
             _known[scene] = known
     return known

@@ -11,7 +11,7 @@ from rigidmc.closed_form import closed_values
 from rigidmc.effects import EFFECTS
 from rigidmc.effects.parameters import blank
 from rigidmc.engine import layout
-from rigidmc.engine.cpu import Run, Saves
+from rigidmc.engine.frame import Run, Saves
 from rigidmc.engine.machine import threads_available
 from rigidmc.engine.program import Program
 from rigidmc.errors import SceneError, unknown

@@ -6,7 +6,7 @@ import numpy as np
 
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.effects.parameters import blank, numbers, parameter_count
-from rigidmc.engine import cpu
+from rigidmc.engine import frame
 from rigidmc.engine import layout as K
 from rigidmc.engine import program as programs
 from rigidmc.integrators import Turns, form
@@ -65,11 +65,11 @@ def run(
     size = sum(SIZES[o.dims] for o in observables)
     width = block.shape[1] if observables else 0
     out = np.full(slots(steps, stride) * size * width, -1.0) if observables else NOTHING
-    saves = cpu.Saves(out, width, 0, np.arange(block.shape[1]))
+    saves = frame.Saves(out, width, 0, np.arange(block.shape[1]))
     moves = program(made, effects, observables, attitude, compensated, dtype, limits, watch, lanes)
     for first, last in pairwise([0, *cuts, steps]):
         moves.advance(
-            block, cpu.Run(float(h), slots_each or 1, stride, steps, int(slots_each is not None), first, last), noise, saves
+            block, frame.Run(float(h), slots_each or 1, stride, steps, int(slots_each is not None), first, last), noise, saves
         )
     return out.reshape(-1, size, width) if observables else None
 

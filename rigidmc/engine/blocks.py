@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from rigidmc.engine.cpu import Run, Saves
+from rigidmc.engine.frame import Run, Saves
 
 EVERY = np.empty(0, np.int64)  # the order of members that are in their order
 CALL = 3_000_000  # member-steps per call: 10 to 60 ms at 50 to 300 M/s on two threads

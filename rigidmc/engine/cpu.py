@@ -3,8 +3,6 @@
 `advance` is compiled once for all scenes: it knows the pieces of a program by their addresses, and how many numbers lie side by side as a number.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from rigidmc.engine.compose import inline
@@ -22,113 +20,15 @@ from rigidmc.engine.layout import (
 )  # fmt: skip
 from rigidmc.engine.memory import memory
 from rigidmc.engine.numbers import as_float
-from rigidmc.engine.pieces import Piece, call
+from rigidmc.engine.pieces import call
 from rigidmc.engine.watch import OFTEN
 
 LOOK = 64  # steps between two looks at drift and health: a look takes as long as 2.7 steps of rk4 without effects, 4 % of 64
 TRACE = 32  # steps that are made before they are watched: their states fit in the fastest cache
 
 
-class Pieces(NamedTuple):
-    """The compiled pieces of a program, see `rigidmc.engine.member` and `rigidmc.engine.watch`; NOTHING where a scene has no use for one."""
-
-    enter: Piece
-    leave: Piece
-    begin: Piece
-    march: Piece
-    look: Piece
-    record: Piece
-    begin_watch: Piece
-    watch: Piece
-    seek: Piece
-    begin_near: Piece
-    meet: Piece
-
-
-class Shape(NamedTuple):
-    """How the members of a program lie in memory, and what they have.
-
-    lanes : how many are worked on side by side;  values : numbers of a save;  works : effects whose work is kept, whose rows begin at `works_at` of a state
-    watched, near_at : the rows of a state from which on things are watched, and of the neighbour;  looks, shadow, records : whether steps are watched, there is
-        a neighbour, and how many records of events there are;  tries : steps back to find an event;  noisy : whether effects are random
-    """
-
-    lanes: int
-    values: int
-    works_at: int
-    works: int
-    watched: int
-    near_at: int
-    looks: int
-    shadow: int
-    records: int
-    tries: int
-    noisy: int
-
-
-class Run(NamedTuple):
-    """From which step to which, of how many, and when to save: in rounds of `slots` steps of which a member makes its own, where `own` is 1.
-
-    h : the step, with own steps the length of a round;  stride : steps between saves; step `total` is always saved
-    """
-
-    h: float
-    slots: int
-    stride: int
-    total: int
-    own: int
-    first: int
-    last: int
-
-
-class Noise(NamedTuple):
-    """Two words of the seed, the stream of each random effect, and the index of the block's first member."""
-
-    key: int
-    other: int
-    streams: np.ndarray
-    member: int
-
-
-class Saves(NamedTuple):
-    """Where saves go: value row r of save slot s of member m to out[(s*R + r)*columns + column + m], R = value rows in all; the members of a block
-    that are not in their order are at column + order[m]."""
-
-    out: np.ndarray
-    columns: int
-    column: int
-    order: np.ndarray
-
-
-class Room(NamedTuple):
-    """Where everything is in memory: the parts of a step and how many there are, a block and its size, two states, what is known of members and room for
-    that of others, the states after TRACE steps and one more, and a save; and whether saves may go past the cache."""
-
-    parts: np.ndarray
-    count: int
-    block: np.ndarray
-    rows: int
-    width: int
-    state: np.ndarray
-    near: np.ndarray
-    work: np.ndarray
-    aside: np.ndarray
-    trace: np.ndarray
-    saved: np.ndarray
-    past: int
-
-
-def frame_type(real):
-    """The record that compiled code takes for all of these, arrays by their addresses; its field `real` is a number of the precision of the run."""
-    code = np.dtype([("code", np.intp), ("numbers", np.intp)])
-    kinds = {"h": np.float64, "key": np.uint64, "other": np.uint64}
-    numbers = [name for kind in (Shape, Run, Noise, Saves, Room) for name in kind._fields]
-    fields = [(name, code) for name in Pieces._fields] + [(name, kinds.get(name, np.intp)) for name in numbers]
-    return np.dtype([*fields, ("real", real)])
-
-
 def advance(kinds, numbers, frame):
-    """Take every member of a block from step frame.first to step frame.last; frame: the fields of Pieces, Shape, Run, Noise, Saves and Room.
+    """Take every member of a block from step frame.first to step frame.last; frame: a record of `rigidmc.engine.frame.frame_type`.
 
     block : (rows, n) as in `rigidmc.engine.layout`, changed in place; n a multiple of LANES. Between calls it holds the state as the integrator keeps it
         between steps, after step `total` the true one
@@ -246,7 +146,7 @@ def march(frame, state, work, traced, rounds, now, stop):
     """Steps of some members, from step `now` of a round to `stop`."""
     trace, streams = memory(frame.trace, frame.real), memory(frame.streams, frame.key)
     parts = memory(frame.parts, 1.0)
-    call(frame.march, (parts, frame.count, state, work, trace, traced, frame.key, frame.other, streams, rounds, now, stop))
+    call(frame.march, (parts, frame.part_rows, state, work, trace, traced, frame.key, frame.other, streams, rounds, now, stop))
 
 
 def most_steps(frame, last):

@@ -14,8 +14,8 @@ from numba.core.imputils import lower_builtin
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 
 from rigidmc.engine.numbers import ELEMENT, Vec, coded, llvm_type
+from rigidmc.engine.pipeline import LINE
 
-LINE = 64  # bytes of a cache line, and of the widest vectors
 _WORD = ir.IntType(64)
 
 
@@ -46,10 +46,9 @@ class Rows(types.Type):
 register_default(Rows)(OpaqueModel)
 
 
-def _place(context, builder, kind, array, index, item):
+def _place(builder, kind, array, index, item):
     """The address of array[index], the array plain memory, as that of LLVM's type `item`."""
-    data = array if isinstance(kind, Rows) else context.make_array(kind)(context, builder, array).data
-    numbers = builder.bitcast(data, ELEMENT[kind.dtype.name].as_pointer())
+    numbers = builder.bitcast(array, ELEMENT[kind.dtype.name].as_pointer())
     return builder.bitcast(builder.gep(numbers, [index]), item.as_pointer())
 
 
@@ -67,7 +66,7 @@ def _load(typing_context, rows, array, index):
     kind = Vec(array.dtype, rows.count)
 
     def generate(context, builder, sig, args):
-        return builder.load(_place(context, builder, array, args[1], args[2], llvm_type(kind)), align=_align(kind))
+        return builder.load(_place(builder, array, args[1], args[2], llvm_type(kind)), align=_align(kind))
 
     return kind(rows, array, types.intp), generate
 
@@ -80,7 +79,7 @@ def store(array, index, value):
 @coded(store)
 def _store(typing_context, array, index, value):
     def generate(context, builder, sig, args):
-        builder.store(args[2], _place(context, builder, array, args[0], args[1], llvm_type(value)), align=_align(value))
+        builder.store(args[2], _place(builder, array, args[0], args[1], llvm_type(value)), align=_align(value))
         return context.get_dummy_value()
 
     return types.void(array, types.intp, value), generate
@@ -108,17 +107,17 @@ def _stream(typing_context, rows, marks, number):
 
     def generate(context, builder, sig, args):
         at = builder.mul(args[2], ir.Constant(_WORD, kind.count))
-        place = _place(context, builder, rows, args[0], at, ELEMENT[rows.dtype.name])
+        place = _place(builder, rows, args[0], at, ELEMENT[rows.dtype.name])
         return builder.bitcast(place, context.get_value_type(kind))
 
     return kind(rows, marks, types.intp), generate
 
 
-def _row(context, builder, kind, rows, index):
+def _row(builder, kind, rows, index):
     """The address of rows[index]."""
     if not kind.count:
-        return _place(context, builder, kind, rows, index, ELEMENT[kind.dtype.name])
-    return _place(context, builder, kind, rows, builder.mul(index, ir.Constant(_WORD, kind.pitch)), llvm_type(kind.item))
+        return _place(builder, kind, rows, index, ELEMENT[kind.dtype.name])
+    return _place(builder, kind, rows, builder.mul(index, ir.Constant(_WORD, kind.pitch)), llvm_type(kind.item))
 
 
 @infer_global(operator.getitem)
@@ -132,7 +131,7 @@ class _GetRow(AbstractTemplate):
 @lower_builtin(operator.getitem, Rows, types.Integer)
 def get_row(context, builder, sig, args):
     """LLVM's code of rows[index]."""
-    return builder.load(_row(context, builder, sig.args[0], *args), align=_align(sig.args[0]))
+    return builder.load(_row(builder, sig.args[0], *args), align=_align(sig.args[0]))
 
 
 @infer_global(operator.setitem)
@@ -145,7 +144,7 @@ class _SetRow(AbstractTemplate):
 
 @lower_builtin(operator.setitem, Rows, types.Integer, types.Any)
 def _set_row(context, builder, sig, args):
-    builder.store(args[2], _row(context, builder, sig.args[0], *args[:2]), align=_align(sig.args[0]))
+    builder.store(args[2], _row(builder, sig.args[0], *args[:2]), align=_align(sig.args[0]))
     return context.get_dummy_value()
 
 
@@ -170,7 +169,7 @@ def _following(count, *arguments):
 
     def generate(context, builder, sig, args):
         at = [builder.add(args[-1], ir.Constant(_WORD, i)) for i in range(count)]
-        each = [builder.load(_row(context, builder, rows, args[-2], i), align=_align(rows)) for i in at]
+        each = [builder.load(_row(builder, rows, args[-2], i), align=_align(rows)) for i in at]
         return context.make_tuple(builder, sig.return_type, each)
 
     return types.UniTuple(rows.item, count)(*arguments[:-1], types.intp), generate
@@ -203,7 +202,7 @@ def _put(typing_context, values, rows, row):
     def generate(context, builder, sig, args):
         for i, kind in enumerate(values):
             at, x = builder.add(args[2], ir.Constant(_WORD, i)), builder.extract_value(args[0], i)
-            builder.store(context.cast(builder, x, kind, rows.item), _row(context, builder, rows, args[1], at), align=_align(rows))
+            builder.store(context.cast(builder, x, kind, rows.item), _row(builder, rows, args[1], at), align=_align(rows))
         return builder.add(args[2], ir.Constant(_WORD, len(values)))
 
     return types.intp(values, rows, types.intp), generate
@@ -230,7 +229,7 @@ def _spread(typing_context, values, rows, array, at, pitch, past):
         each = [context.cast(builder, builder.extract_value(args[0], i), known, kind) for i, known in enumerate(values)]
 
         def write(align):
-            to = (_place(context, builder, array, args[2], place, llvm_type(kind)) for place in places)
+            to = (_place(builder, array, args[2], place, llvm_type(kind)) for place in places)
             return [builder.store(x, place, align=align) for x, place in zip(each, to, strict=False)]
 
         with builder.if_else(builder.icmp_signed("!=", args[5], ir.Constant(_WORD, 0))) as (then, otherwise):

@@ -9,7 +9,7 @@ from numba.core.typed_passes import NativeLowering
 
 from rigidmc.engine.fused import fuse
 
-LINE = 64  # bytes of the widest vectors: one that is put aside on the stack and lies across two cache lines takes two accesses
+LINE = 64  # bytes of a cache line, and of the widest vectors: one that lies across two lines takes two accesses
 
 
 class FusingLower(Lower):

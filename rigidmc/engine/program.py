@@ -8,8 +8,9 @@ from rigidmc.effects import labelled
 from rigidmc.engine import member, watch
 from rigidmc.engine.compile_time import announced
 from rigidmc.engine.compose import rows_of
-from rigidmc.engine.cpu import TRACE, Noise, Pieces, Room, Saves, Shape, advance, frame_type
+from rigidmc.engine.cpu import TRACE, advance
 from rigidmc.engine.events import TRIES
+from rigidmc.engine.frame import Noise, Pieces, Room, Saves, Shape, frame_type
 from rigidmc.engine.layout import BODY, BODY_AT, EFFECTS_AT, KNOWN, LANES, START
 from rigidmc.engine.machine import vector_bits
 from rigidmc.engine.march import march

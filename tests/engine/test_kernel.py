@@ -11,7 +11,7 @@ import pytest
 
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.effects import Gravity, ViscousDamping
-from rigidmc.engine import cpu
+from rigidmc.engine import frame
 from rigidmc.engine import layout as K
 from rigidmc.integrators import INTEGRATORS, Turns, accepting, form
 from rigidmc.observables import OBSERVABLES
@@ -59,7 +59,9 @@ def in_blocks(size, threads):
     moves = program(RK4, EFFECTS, EVERYTHING)
 
     def work(i):
-        moves.advance(parts[i], cpu.Run(H, 1, STRIDE, TOTAL, 0, 0, TOTAL), None, cpu.Saves(out, MEMBERS, i * size, np.arange(size)))
+        moves.advance(
+            parts[i], frame.Run(H, 1, STRIDE, TOTAL, 0, 0, TOTAL), None, frame.Saves(out, MEMBERS, i * size, np.arange(size))
+        )
 
     with ThreadPoolExecutor(threads) as pool:
         list(pool.map(work, range(len(parts))))
