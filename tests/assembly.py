@@ -27,6 +27,18 @@ def blocks_of(assembly):
     return blocks
 
 
+def loop_of(assembly):
+    """The instructions of the loop with most packed arithmetic: of the blocks that jump to their own label."""
+    found, label = {}, ""
+    for line in assembly.splitlines():
+        if re.match(r"[.\w$]+:", line):
+            label = line.split(":")[0]
+        elif line.startswith("\t") and not line.startswith("\t."):
+            found.setdefault(label, []).append(line.strip())
+    loops = [block for label, block in found.items() if any(re.match(rf"j\w+\s+{re.escape(label)}$", i) for i in block)]
+    return max(loops, key=lambda block: sum(bool(m) and m[2] == "p" for m in map(ARITHMETIC.match, block)))
+
+
 def slots(loop):
     """Cycles that the vector instructions of a loop take in one pipe: moves none, a division 10 and a root 18 (Zen 4, 512 bits)."""
     words = [i.split()[0] for i in loop if re.search(r"%[xyz]mm|%k\d", i) and not i.startswith("vmov")]
@@ -63,7 +75,7 @@ def counted(case):
     """What the loop over steps does."""
     lanes = 1 if case.effects and any(map(unpacked, case.effects)) else lanes_for(case.dtype)
     assembly = assembly_of(case, lanes)
-    loop = max(blocks_of(assembly), key=lambda block: sum(bool(m) and m[2] == "p" for m in map(ARITHMETIC.match, block)))
+    loop = loop_of(assembly)
     wanted = "s" if case.dtype == "float32" else "d"
     operations = [(i, *m.groups()) for i in loop if (m := ARITHMETIC.match(i))]
     packed = [(i, kind) for i, kind, shape, real in operations if shape == "p" and real == wanted]

@@ -10,7 +10,7 @@ from rigidmc.engine import frame
 from rigidmc.engine import layout as K
 from rigidmc.engine import program as programs
 from rigidmc.integrators import Turns, form
-from rigidmc.integrators.verbs import closed, opened, step
+from rigidmc.integrators.verbs import closed, constants, opened, step
 
 NOTHING = np.empty(0)
 SIZES = {(): 1, ("axis",): 3, ("quat",): 4, ("effect",): 0}  # of works nothing where none are kept
@@ -91,11 +91,12 @@ def prepare(kind, turn, effects=(), symmetric=False):
 def one_step(made, body, effects, t, h, q, l):
     """One step in plain Python, opened before and closed after."""
     if len(q) == 2 and hasattr(made.integrator, "with_sums"):
-        made = made.integrator.with_sums()
+        made = made._replace(integrator=made.integrator.with_sums(), parts=np.vstack([np.zeros(4), made.parts[1:]]))
     lead, rows = [h * x for x in made.parts[0]], made.parts[1:]
     q, l = opened(made.integrator, body, effects, t + lead[3], lead, q, l)
+    once = constants(made.integrator, body, tuple(h * rows[0][:3]), l)
     for row in rows:
-        q, l = step(made.integrator, body, effects, t + h * row[3], h, tuple(h * row[:3]), q, l)
+        q, l = step(made.integrator, body, effects, t + h * row[3], h, tuple(h * row[:3]), q, l, once)
     return closed(made.integrator, body, effects, t + h + lead[3], lead, q, l)
 
 

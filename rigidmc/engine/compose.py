@@ -27,7 +27,7 @@ from rigidmc.effects import EFFECTS, flows, verbs
 from rigidmc.engine.memory import get_row
 from rigidmc.engine.numbers import coded, known_by
 from rigidmc.engine.pipeline import INLINE
-from rigidmc.integrators import drifts, lie, midpoint, rk4, rk8, splitting
+from rigidmc.integrators import drifts, free_motion, lie, midpoint, rk4, rk8, splitting
 from rigidmc.observables import SUMMARIES, statistics
 
 # these have code of their own, here and in `rigidmc.engine.numbers`
@@ -247,7 +247,23 @@ def inline_all(module):
             inline(function)
 
 
-for _module in (so3, functions, euler, free_flow, principal, verbs, drifts, lie, midpoint, rk4, rk8, splitting, flows, statistics):
+for _module in (
+    so3,
+    functions,
+    euler,
+    free_flow,
+    principal,
+    verbs,
+    drifts,
+    free_motion,
+    lie,
+    midpoint,
+    rk4,
+    rk8,
+    splitting,
+    flows,
+    statistics,
+):
     inline_all(_module)
 for _kind in (*EFFECTS.values(), *SUMMARIES.values()):
     inline_all(sys.modules[_kind.__module__])

@@ -16,7 +16,7 @@ from rigidmc.engine.memory import four_at, put, three_at
 from rigidmc.engine.pieces import dispatcher_of, signature_of
 from rigidmc.engine.pipeline import FLAGS
 from rigidmc.errors import SceneError
-from rigidmc.integrators.verbs import step
+from rigidmc.integrators.verbs import constants, opened, step
 
 _OPERATION = re.compile(
     r"= .*?\b(?:f(add|sub|mul|div)|call [^@]*@(?:llvm\.)?(sqrt|fabs|minnum|maxnum|fma)\b\S*)\b[^<]*?(?:<(\d+) x )?double"
@@ -85,8 +85,18 @@ def unpacked(effect):
 def step_operations(form, effects, attitude):
     """Operations of one step of a Form with some effects: of its parts together."""
     part, q = (0.0, 0.0, 0.0), _AT if attitude else (1.0, 0.0, 0.0, 0.0)
-    counted = _with_attitude if attitude else _momentum_alone
-    return _counted(counted, form.integrator, blank(effects), 0.0, part, q, _SPIN).times(len(form.parts) - 1)
+    first = tuple(_STEP * x for x in form.parts[1, :3].tolist())
+    q, l = opened(form.integrator, _STILL, blank(effects), 0.0, first, q, _SPIN)
+    once = constants(form.integrator, _STILL, first, l)
+
+    def counted(integrator, effects, t, part, q, l):
+        return step(integrator, _STILL, effects, t, _STEP, part, q, l, once)
+
+    def momentum_alone(integrator, effects, t, part, q, l):
+        return step(integrator, _STILL, effects, t, _STEP, part, q, l, once)[1]
+
+    function = counted if attitude else momentum_alone
+    return _counted(function, form.integrator, blank(effects), 0.0, part, q, l).times(len(form.parts) - 1)
 
 
 _codes: dict[type, str] = {}
@@ -115,14 +125,6 @@ def _felt(kinds, numbers, at):
 
 # body and step stay the same from step to step: constants, so that what is made of them alone counts as little as it does before a loop
 _STILL, _STEP = MassProperties.of((0.61, 0.83, 1.07), (0.053, -0.022, 0.31)), 0.013
-
-
-def _with_attitude(integrator, effects, t, part, q, l):
-    return step(integrator, _STILL, effects, t, _STEP, part, q, l)
-
-
-def _momentum_alone(integrator, effects, t, part, q, l):
-    return step(integrator, _STILL, effects, t, _STEP, part, q, l)[1]
 
 
 def _counted(function, *arguments):

@@ -46,19 +46,33 @@ def body_at(rows, row):
     return filled(_BODY, rows, row)
 
 
-def state_at(state, compensated, ledger, works):
-    """(q, L), the works of the effects after L where they are kept; or ((q, remainder), (L, remainder)) where those are kept."""
+def state_at(state, compensated, more, row):
+    """(q, L), with what follows L, see `more_of`; or ((q, remainder), (L, remainder)) where those are kept."""
     if len(compensated) == 0:
-        return four_at(state, ATTITUDE), joined(three_at(state, MOMENTUM), tuple_at(ledger, state, works))
+        return four_at(state, ATTITUDE), joined(three_at(state, MOMENTUM), tuple_at(more, state, row))
     return (four_at(state, ATTITUDE), four_at(state, REST)), (three_at(state, MOMENTUM), three_at(state, REST + 4))
 
 
-def put_state(q, l, state, compensated, works):
+def more_of(keeps, ledger):
+    """What follows L in a state without remainders: what the integrator keeps, else the works of the effects; `more_row` is where it lies."""
+    if len(keeps) == 0:
+        return ledger
+    return keeps
+
+
+def more_row(keeps, works):
+    """See `more_of`; works : the first row of the works."""
+    if len(keeps) == 0:
+        return works
+    return REST
+
+
+def put_state(q, l, state, compensated, row):
     """Write what `state_at` reads."""
     if len(compensated) == 0:
         put(q, state, ATTITUDE)
         put(first_three(l), state, MOMENTUM)
-        put(l[3:], state, works)
+        put(l[3:], state, row)
     else:
         put(q[0], state, ATTITUDE)
         put(q[1], state, REST)
@@ -67,5 +81,5 @@ def put_state(q, l, state, compensated, works):
     return 0
 
 
-for _function in (body_at, state_at, put_state):
+for _function in (body_at, more_of, more_row, state_at, put_state):
     inline(_function)

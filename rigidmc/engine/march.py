@@ -9,12 +9,12 @@ import numpy as np
 
 from rigidmc.dynamics.so3 import first_three, whole
 from rigidmc.engine.compose import filled, given, has_noise, inline, rows_of, with_noise
-from rigidmc.engine.layout import BEGAN, BODY_AT, EFFECTS_AT, INDEX, LENGTH, body_at, put_state, state_at
+from rigidmc.engine.layout import BEGAN, BODY_AT, EFFECTS_AT, INDEX, LENGTH, body_at, more_of, more_row, put_state, state_at
 from rigidmc.engine.member import carried
 from rigidmc.engine.memory import put, stream
 from rigidmc.engine.noise import normals, philox
 from rigidmc.engine.numbers import as_word, in_precision, like
-from rigidmc.integrators.verbs import step
+from rigidmc.integrators.verbs import constants, keeps, step
 
 
 def march(kinds, numbers, parts, count, state, work, trace, traced, key, other, streams, rounds, first, last):
@@ -27,9 +27,9 @@ def march(kinds, numbers, parts, count, state, work, trace, traced, key, other, 
     works on another's.
     """
     integrator, effects, attitude, compensated, ledger, groups = given(kinds, numbers)
-    works = EFFECTS_AT + rows_of(effects)
-    fixed = all_fixed(groups, groups, 0, effects, state, work)
-    moving = all_moving(groups, groups, 0, compensated, ledger, works, state)
+    more, row = more_of(keeps(integrator), ledger), more_row(keeps(integrator), EFFECTS_AT + rows_of(effects))
+    moving = all_moving(groups, groups, 0, compensated, more, row, state)
+    fixed = all_fixed(integrator, effects, parts, moving, groups, 0, state, work)
     for s in range(first, last):
         number = (np.uint64(rounds) << np.uint64(32)) | np.uint64(s)
         present = all_shaken(fixed, (key, other), number, streams)
@@ -40,13 +40,13 @@ def march(kinds, numbers, parts, count, state, work, trace, traced, key, other, 
             )
         if traced != 0:
             all_traced(groups, groups, 0, moving, trace, 7 * (s - first))
-    all_put(groups, groups, 0, moving, compensated, works, state)
+    all_put(groups, groups, 0, moving, compensated, row, state)
     return 0
 
 
 class Fixed(NamedTuple):
-    """What a group of members takes through its steps: body, effects, when the round began, the length of a step, that in the precision of the run, and the
-    bits of the members' index."""
+    """What a group of members takes through its steps: body, effects, when the round began, the length of a step, that in the precision of the run, the
+    bits of the members' index, and what the integrator makes of a member once."""
 
     body: Any
     effects: Any
@@ -54,30 +54,26 @@ class Fixed(NamedTuple):
     length: Any
     h: Any
     index: Any
+    constants: Any
 
 
-def all_fixed(left, groups, i, effects, state, work):
+def all_fixed(integrator, effects, parts, moving, groups, i, state, work):
     """What is Fixed of each group."""
-    if len(left) == 0:
+    if len(moving) == 0:
         return ()
     mine, known = stream(state, groups, i), stream(work, groups, i)
-    one = Fixed(
-        body_at(mine, BODY_AT),
-        filled(effects, mine, EFFECTS_AT),
-        known[BEGAN],
-        known[LENGTH],
-        like(known[LENGTH], mine),
-        known[INDEX],
-    )
-    return (one,) + all_fixed(left[1:], groups, i + 1, effects, state, work)
+    body, h = body_at(mine, BODY_AT), like(known[LENGTH], mine)
+    found = constants(integrator, body, (parts[4] * h, parts[5] * h, parts[6] * h), moving[0][1])
+    one = Fixed(body, filled(effects, mine, EFFECTS_AT), known[BEGAN], known[LENGTH], h, known[INDEX], found)
+    return (one,) + all_fixed(integrator, effects, parts, moving[1:], groups, i + 1, state, work)
 
 
-def all_moving(left, groups, i, compensated, ledger, works, state):
+def all_moving(left, groups, i, compensated, more, row, state):
     """(q, L) of each group."""
     if len(left) == 0:
         return ()
-    return (state_at(stream(state, groups, i), compensated, ledger, works),) + all_moving(
-        left[1:], groups, i + 1, compensated, ledger, works, state
+    return (state_at(stream(state, groups, i), compensated, more, row),) + all_moving(
+        left[1:], groups, i + 1, compensated, more, row, state
     )
 
 
@@ -85,8 +81,8 @@ def all_shaken(fixed, key, number, streams):
     """What is Fixed of each group, the random effects with the deviates of a step."""
     if len(fixed) == 0:
         return ()
-    body, effects, began, length, h, index = fixed[0]
-    one = Fixed(body, shaken(effects, key, index, number, streams, 0, h), began, length, h, index)
+    body, effects, began, length, h, index, found = fixed[0]
+    one = Fixed(body, shaken(effects, key, index, number, streams, 0, h), began, length, h, index, found)
     return (one,) + all_shaken(fixed[1:], key, number, streams)
 
 
@@ -96,7 +92,7 @@ def all_stepped(integrator, attitude, fixed, when, shares, moving):
         return ()
     one, (q, l), length, h = fixed[0], moving[0], fixed[0].length, fixed[0].h
     part = like(shares[0] * length, h), like(shares[1] * length, h), like(shares[2] * length, h)
-    moved, l = step(integrator, one.body, one.effects, like(one.began + when * length, h), h, part, q, l)
+    moved, l = step(integrator, one.body, one.effects, like(one.began + when * length, h), h, part, q, l, one.constants)
     rest = all_stepped(integrator, attitude, fixed[1:], when, shares, moving[1:])
     return ((carried(attitude, moved, q), l),) + rest
 
@@ -109,12 +105,12 @@ def all_traced(left, groups, i, moving, trace, row):
     return all_traced(left[1:], groups, i + 1, moving[1:], trace, row)
 
 
-def all_put(left, groups, i, moving, compensated, works, state):
+def all_put(left, groups, i, moving, compensated, row, state):
     """Write the states of all groups to their rows."""
     if len(left) == 0:
         return 0
-    put_state(moving[0][0], moving[0][1], stream(state, groups, i), compensated, works)
-    return all_put(left[1:], groups, i + 1, moving[1:], compensated, works, state)
+    put_state(moving[0][0], moving[0][1], stream(state, groups, i), compensated, row)
+    return all_put(left[1:], groups, i + 1, moving[1:], compensated, row, state)
 
 
 def shaken(effects, key, member, number, streams, i, state):

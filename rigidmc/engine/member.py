@@ -36,10 +36,12 @@ from rigidmc.engine.layout import (
     STOPPED,
     TRUE,
     body_at,
+    more_of,
+    more_row,
 )  # fmt: skip
 from rigidmc.engine.memory import four_at, load, put, spread, store, three_at, tuple_at
 from rigidmc.engine.numbers import in_precision, like
-from rigidmc.integrators.verbs import closed, opened
+from rigidmc.integrators.verbs import closed, keeps, opened
 from rigidmc.observables.verbs import value
 
 ALWAYS = 1e300  # steps of a round, where members have no number of their own
@@ -115,7 +117,7 @@ def begin(kinds, numbers, parts, state, work):
     l = joined(l, tuple_at(ledger, work, works))
     q, l = opened(integrator, body, present, work[BEGAN] + parts[3] * h, (parts[0] * h, parts[1] * h, parts[2] * h), q, l)
     put(in_precision(q + first_three(l), state), state, ATTITUDE)
-    put(in_precision(l[3:], state), state, EFFECTS_AT + rows_of(effects))
+    put(in_precision(l[3:], state), state, more_row(keeps(integrator), EFFECTS_AT + rows_of(effects)))
     return 0
 
 
@@ -129,7 +131,8 @@ def look(kinds, numbers, parts, state, work, rounds, slot):
     works = KNOWN + EFFECTS + rows_of(effects)
     h, made = work[LENGTH], min(work[EACH], slot)
     q, l = seen(state, work, compensated)
-    l = joined(l, in_precision(tuple_at(ledger, state, EFFECTS_AT + rows_of(effects)), work))
+    more, row = more_of(keeps(integrator), ledger), more_row(keeps(integrator), EFFECTS_AT + rows_of(effects))
+    l = joined(l, in_precision(tuple_at(more, state, row), work))
     t = work[BEGAN] + (made + parts[3]) * h
     q, l = closed(integrator, body, present, t, (parts[0] * h, parts[1] * h, parts[2] * h), q, l)
     done, stopped = l[3:], work[STOPPED] > 0.0

@@ -43,7 +43,9 @@ class Program:
         lanes=None, ask=False,
     ):  # fmt: skip
         if compensated and hasattr(form.integrator, "with_sums"):
-            form = form.integrator.with_sums()._replace(name=form.name)
+            form = form._replace(
+                integrator=form.integrator.with_sums(), parts=form.parts * (np.arange(len(form.parts)) > 0)[:, None]
+            )
         self.form, self.effects, self.dtype = form, effects, np.dtype(dtype).name
         self.lanes = 1 if config.DISABLE_JIT else lanes or lanes_for(dtype)
         groups = min(self.lanes, getattr(form.integrator, "groups", 1))

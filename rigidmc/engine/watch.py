@@ -7,7 +7,7 @@ observable, SHADOW rows for the neighbour. Steps are made first, a few dozen at 
 import math
 
 from rigidmc.dynamics.functions import logarithm
-from rigidmc.dynamics.so3 import difference, difference4, dot, select, select_each
+from rigidmc.dynamics.so3 import difference, difference4, dot, first_three, joined, select, select_each
 from rigidmc.engine.compose import filled, given, inline
 from rigidmc.engine.events import (
     EVENT,
@@ -40,14 +40,15 @@ from rigidmc.engine.layout import (
     KNOWN,
     LENGTH,
     MOMENTUM,
+    REST,
     START,
     STOPPED,
     TRUE,
     body_at,
 )  # fmt: skip
-from rigidmc.engine.memory import four_at, put, three_at
+from rigidmc.engine.memory import four_at, put, three_at, tuple_at
 from rigidmc.engine.numbers import any_of, in_precision, like
-from rigidmc.integrators.verbs import closed, opened
+from rigidmc.integrators.verbs import closed, keeps, opened
 from rigidmc.observables.chaos import NEAR, OFTEN  # noqa: F401
 from rigidmc.observables.verbs import begin, update
 
@@ -73,11 +74,12 @@ def watch(kinds, numbers, parts, state, work, trace, row, first, last):
     began, length = work[BEGAN], work[LENGTH]
     h, each = like(length, state), like(work[EACH], state)
     part = like(parts[0] * length, state), like(parts[1] * length, state), like(parts[2] * length, state)
+    more = tuple_at(keeps(integrator), state, REST)
     levels, kept = levels_at(events, state, row), kept_at(running, state, row + EVENT * len(events))
     for s in range(first, last):
         t, at = like(began + (s + 1.0) * length, state), 7 * (s - first)
         lead = like(began + (s + 1.0 + parts[3]) * length, state)
-        q, l = closed(integrator, body, present, lead, part, four_at(trace, at), three_at(trace, at + 4))
+        q, l = closed(integrator, body, present, lead, part, four_at(trace, at), joined(three_at(trace, at + 4), more))
         moves = (each > s) & (stopped(events, state, row) <= 0.0)
         kept = updated(running, moves, kept, body, present, t, q, l)
         levels = watched(events, moves, body, present, t, h, q, l, levels, state, row)
@@ -161,7 +163,7 @@ def seek(kinds, numbers, parts, state, work, spare, aside, row, which, tried):
         share = like(aside[TRUE + 4], state)
         by = -share * h
         part = like(parts[0], state) * by, like(parts[1], state) * by, like(parts[2], state) * by
-        q, l = closed(integrator, body, present, t + by + parts[3] * by, part, four_at(spare, 0), three_at(spare, MOMENTUM))
+        q, l = closed(integrator, body, present, t + by + parts[3] * by, part, four_at(spare, 0), momentum_at(integrator, spare))
         found = level_of(events, which // 2, body, present, t + by, q, l)
         ends = narrowed(in_precision(four_at(aside, TRUE), state), share, found)
     share = guess(ends)
@@ -169,8 +171,7 @@ def seek(kinds, numbers, parts, state, work, spare, aside, row, which, tried):
     put(in_precision(ends + (share,), aside), aside, TRUE)
     part = like(parts[0], state) * by, like(parts[1], state) * by, like(parts[2], state) * by
     q, l = opened(integrator, body, present, t + parts[3] * by, part, four_at(state, at + 3), three_at(state, at + 7))
-    none = 0.0 * h
-    put(q + l + (none, none, none, none, none, none, none), spare, ATTITUDE)
+    put_opened(q, l, spare)
     put(in_precision((t, by), aside), aside, BEGAN)
     at_start = (before < 0.0) == (there < 0.0)
     state[row + which // 2 * EVENT + TIMES + which % 2] = select(at_start, t, t + by)
@@ -200,8 +201,8 @@ def meet(kinds, numbers, parts, state, work, near, row, slot, number):
     integrator, effects = given(kinds, numbers)
     body, present = body_at(work, KNOWN + BODY), filled(effects, work, KNOWN + EFFECTS)
     t, part = opening(parts, work, slot)
-    q, l = closed(integrator, body, present, t, part, *in_double(state, work))
-    p, m = closed(integrator, body, present, t, part, *in_double(near, work))
+    q, l = closed(integrator, body, present, t, part, *in_double(integrator, state, work))
+    p, m = closed(integrator, body, present, t, part, *in_double(integrator, near, work))
     sums, weight = in_precision(three_at(state, row + SUMS), work), like(state[row + WEIGHT], work)
     dq, dl = difference4(p, q), difference(m, l)
     square = 4.0 * (dq[0] * dq[0] + dq[1] * dq[1] + dq[2] * dq[2] + dq[3] * dq[3]) + weight * dot(dl, dl)
@@ -220,9 +221,28 @@ def opening(parts, work, slot):
     return work[BEGAN] + (made + parts[3]) * h, (parts[0] * h, parts[1] * h, parts[2] * h)
 
 
-def in_double(state, work):
-    """(q, L) of a state in float64."""
-    return in_precision(four_at(state, ATTITUDE), work), in_precision(three_at(state, MOMENTUM), work)
+def in_double(integrator, state, work):
+    """(q, L) of a state in float64, with what the integrator keeps."""
+    return in_precision(four_at(state, ATTITUDE), work), in_precision(momentum_at(integrator, state), work)
+
+
+def momentum_at(integrator, state):
+    """L of a state, with what the integrator keeps."""
+    return joined(three_at(state, MOMENTUM), tuple_at(keeps(integrator), state, REST))
+
+
+def put_opened(q, l, state):
+    """Write a state that an integrator has opened; without remainders of sums."""
+    put(q + first_three(l), state, ATTITUDE)
+    put(rest_of(0.0 * l[0], l[3:]), state, REST)
+    return 0
+
+
+def rest_of(none, keeps):
+    """The seven numbers after q and L: what the integrator keeps, or no remainders."""
+    if len(keeps) == 0:
+        return none, none, none, none, none, none, none
+    return keeps
 
 
 def settle(kinds, numbers, parts, work, slot, q, l, near, state):
@@ -230,10 +250,23 @@ def settle(kinds, numbers, parts, work, slot, q, l, near, state):
     integrator, effects = given(kinds, numbers)
     t, part = opening(parts, work, slot)
     q, l = opened(integrator, body_at(work, KNOWN + BODY), filled(effects, work, KNOWN + EFFECTS), t, part, q, l)
-    none = 0.0 * l[0]
-    put(in_precision(q + l + (none, none, none, none, none, none, none), state), near, ATTITUDE)
+    put_opened(in_precision(q, state), in_precision(l, state), near)
     return 0
 
 
-for _function in (opening, in_double, settle, watched, hold, begin_running, kept_at, updated, put_kept, all_marks):
+for _function in (
+    opening,
+    in_double,
+    momentum_at,
+    put_opened,
+    rest_of,
+    settle,
+    watched,
+    hold,
+    begin_running,
+    kept_at,
+    updated,
+    put_kept,
+    all_marks,
+):
     inline(_function)

@@ -15,11 +15,12 @@ from rigidmc.effects import name_of
 from rigidmc.effects.verbs import depends_on_momentum, is_random
 from rigidmc.integrators.closed import ClosedForm
 from rigidmc.integrators.forms import Form, Turns, form
+from rigidmc.integrators.free_motion import FreeMotion
 from rigidmc.integrators.lie import CF4, CK45, RKMK4
 from rigidmc.integrators.midpoint import Midpoint
 from rigidmc.integrators.rk4 import RK4
 from rigidmc.integrators.rk8 import RK8
-from rigidmc.integrators.splitting import ABA864, ABA1064, CHIN4, ROTATIONS, SRKN6, SRKN11, STRANG, SUZUKI4, FreeMotion
+from rigidmc.integrators.splitting import ABA864, ABA1064, CHIN4, ROTATIONS, SRKN6, SRKN11, STRANG, SUZUKI4
 
 __all__ = ["INTEGRATORS", "Form", "Turns", "accepting", "form", "keeps_remainders", "refusal"]
 

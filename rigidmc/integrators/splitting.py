@@ -287,23 +287,3 @@ ABA1064 = Composition(
     kicks=(0.09585888083707521061077150377145884776921, 0.2044461531429987806805077839164344779763,
            0.2170703479789911017143385924306336714532, -0.01737538195906509300561788011852699719871),
 )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class FreeMotion:
-    """The closed-form motion of a free body: any step, no error but rounding. Refuses torques.
-
-    Long steps are cut into pieces that turn by at most 1 rad; bodies with two equal moments need no cut.
-    Source: Celledoni, Fasso, Saefstroem & Zanna, SIAM J. Sci. Comput. 30 (2008) 2084; see `rigidmc.dynamics.free_flow`.
-    """
-
-    order = float("inf")
-    evaluations = 1
-    reversible = True
-    compensated = True
-    conserves = ("|q|", "|L|^2", "T", "L in space")
-    accepts = "no torque"
-
-    def prepared(self, turns, effects):
-        n = pieces(turns, 1.0)
-        return Form(Splitting(exact_drift(turns, 1.0)), np.array([ONE[0], *[(1.0 / n, 0.0, 0.0, 0.0)] * n]))

@@ -170,7 +170,7 @@ def test_a_user_effect_works_and_is_never_taken_from_the_cache(place):
 
     q, l = (0.6, 0.0, 0.8, 0.0), (1.0, 2.0, 3.0)
     for i in range(4):
-        l = step(RK4(), MassProperties.of((1.0, 1.2, 1.5), (0.1, 0.2, 0.3)), (Own(0.5),), 0.01 * i, 0.01, (), q, l)[1]
+        l = step(RK4(), MassProperties.of((1.0, 1.2, 1.5), (0.1, 0.2, 0.3)), (Own(0.5),), 0.01 * i, 0.01, (), q, l, ())[1]
     assert max(abs(a - b) for a, b in zip(l, first["state"][4:], strict=True)) < 4e-15  # measured 0
 
 

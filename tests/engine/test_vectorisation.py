@@ -169,7 +169,7 @@ def test_what_cannot_be_packed_is_caught(code):
 
 def test_without_attitude_most_work_is_gone(code):
     assert code["rk4 momentum"]["packed"] < 0.42 * code["rk4"]["packed"]  # measured 45 of 114
-    assert code["exact momentum"]["packed"] < 0.45 * code["exact"]["packed"]  # measured 133 of 318
+    assert code["exact momentum"]["packed"] < 0.56 * code["exact"]["packed"]  # measured 53 of 105
 
 
 def test_a_step_costs_no_more_than_it_should(code):
@@ -180,9 +180,11 @@ def test_a_step_costs_no_more_than_it_should(code):
     assert flops["rkmk4 gravity damping"] < 695  # measured 654
     # series in place of two roots and three divisions are more operations and less time: counted in times of a product
     slots = {name: found["slots"] for name, found in code.items()}
-    assert slots["strang gravity damping"] < 575  # measured 551.5: each side of the drift has its own times
-    assert slots["exact"] < 440  # measured 429; 470.5 by roots and divisions
-    assert slots["exact momentum"] < 172  # measured 165.5; 206.5
+    assert slots["strang gravity damping"] < 575  # measured 554: each side of the drift has its own times
+    assert slots["strang gravity"] < 465  # measured 450.5
+    # a free body's steps have almost everything in common: 429 by a whole drift each
+    assert slots["exact"] < 121  # measured 115.5
+    assert slots["exact momentum"] < 56  # measured 53; 165.5
 
 
 def test_the_reader_sees_what_it_looks_for():
