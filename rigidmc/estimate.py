@@ -119,7 +119,7 @@ def to_compile(program):
     missing = program.missing()
     if not missing:
         return "nothing to compile"
-    known = seconds(program.label, missing, program.effects)
+    known = seconds(program.label, missing, program.effects, program.theirs())
     return (
         f"to be compiled, on first use: {listed(program.label, missing)}: about {rounded(known)} s (done now, to measure the cost)"
     )

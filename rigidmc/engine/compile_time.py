@@ -22,33 +22,61 @@ OTHERS = 1.2  # 1.0 (cf4) to 1.2 (rk4); of splittings 2.0 with what their `begin
 TORQUE = 0.9  # with gravity 1.8 (cf4), 2.1 (rk4), 3.7 (rk8)
 EFFECT = 0.45  # each more, by rk8 as many times as much as a free step: all 17 that are not random 11.5 by rk4 (table 12.1), 23.7 by rk8 (table 21.9)
 FIRST = 0.3  # once a process
+START = 0.4  # until a second process has begun: 0.3 to 0.4
+APART = 1.3  # what it compiles takes longer, without the functions that pieces share
+GAIN = 0.5  # a wait that is shorter by less needs no second process
 LATER = 0.45  # of what a process compiles after its first program, functions that pieces share being there: 0.3 to 0.6
 
 
 @contextlib.contextmanager
-def announced(label, missing, effects=()):
+def announced(label, missing, effects=(), theirs=()):
     """Say what is compiled within this, and learn from it how fast this machine is.
 
-    label : of the program;  missing : names of its pieces that are to be compiled;  effects : of the program
+    label : of the program;  missing : names of its pieces that are to be compiled;  effects : of the program;  theirs : see `divided`
     """
     if not missing:
         yield
         return
-    cold, known, began = _cold(), seconds(label, missing, effects), time.process_time()
-    say(f"compiling {summary(label, missing)}, first use: about {rounded(known)} s")
+    cold, began = _cold(), time.process_time()
+    say(f"compiling {summary(label, missing)}, first use: about {rounded(seconds(label, missing, effects, theirs))} s")
+    known = seconds(label, [name for name in missing if name not in theirs], effects)
     yield
     compiled.append(label)
     if cold and "march" in missing:  # by CPU time, which other processes do not lengthen
         _learn(_pace() * (time.process_time() - began) / known)
 
 
-def seconds(label, missing, effects=()):
-    """About how long it takes to compile some pieces of a program on this machine."""
-    total = sum(PIECES.get(name, 0.0) for name in missing)
-    if "march" in missing:
-        free = MARCH.get(label.split(" ")[0], OTHERS)
-        total += free + TORQUE * bool(effects) + EFFECT * max(0, len(effects) - 1) * free / OTHERS
-    return _pace() * (FIRST + total if _cold() else LATER * total)
+def seconds(label, missing, effects=(), theirs=()):
+    """About how long it takes to compile some pieces of a program on this machine; theirs : those that a second process compiles meanwhile."""
+    costs = {name: _cost(name, label, effects) for name in missing}
+    own = sum(cost for name, cost in costs.items() if name not in theirs)
+    own = FIRST + own if _cold() else LATER * own
+    return _pace() * max(own, START + APART * sum(costs[name] for name in theirs) if theirs else 0.0)
+
+
+def divided(label, missing, effects, fit):
+    """Names of the pieces that a second process is to compile: `march` stays here, and the others, the most costly first, go where less is to do.
+
+    None where the wait would not be shorter by half a second, or more. fit : names of those that another process could compile
+    """
+    costs = {name: _cost(name, label, effects) for name in missing}
+    own, share = (FIRST, 1.0) if _cold() else (0.0, LATER)
+    other, theirs = START, list[str]()
+    for name in sorted(costs, key=lambda name: (name != "march", -costs[name])):
+        if name in fit and other + APART * costs[name] < own + share * costs[name]:
+            theirs.append(name)
+            other += APART * costs[name]
+        else:
+            own += share * costs[name]
+    return theirs if seconds(label, missing, effects) - seconds(label, missing, effects, theirs) >= GAIN else []
+
+
+def _cost(name, label, effects):
+    """CPU seconds that a piece of a program takes, where nothing else of it is compiled yet and a machine is as fast as the one above."""
+    if name != "march":
+        return PIECES.get(name, 0.0)
+    free = MARCH.get(label.split(" ")[0], OTHERS)
+    return free + TORQUE * bool(effects) + EFFECT * max(0, len(effects) - 1) * free / OTHERS
 
 
 def _cold():

@@ -164,11 +164,16 @@ def cached(kernel):
     return kernel
 
 
+def is_kept(kernel, signature):
+    """Whether the disk cache keeps a kernel for a signature, once it is compiled."""
+    return hasattr(kernel._cache, "_cache_file") and _own(signature)
+
+
 def is_cached(kernel, signature):
     """Whether the disk cache has a kernel for a signature, by the name of its file: nothing is read."""
-    files = getattr(kernel._cache, "_cache_file", None)
-    if files is None or not _own(signature):
+    if not is_kept(kernel, signature):
         return False
+    files = kernel._cache._cache_file
     return os.path.exists(files._data_path(files._name(kernel._cache._index_key(signature, kernel.targetctx.codegen()))))
 
 

@@ -6,7 +6,8 @@ import numpy as np
 
 from rigidmc.effects import labelled
 from rigidmc.engine import member, watch
-from rigidmc.engine.compile_time import announced
+from rigidmc.engine.beside import beside, helped
+from rigidmc.engine.compile_time import announced, divided
 from rigidmc.engine.compose import rows_of
 from rigidmc.engine.cpu import TRACE, advance
 from rigidmc.engine.events import TRIES
@@ -84,7 +85,12 @@ class Program:
         kind = frame_type(self.dtype)
         self.asked = {**pieces._asdict(), "advance": (advance, (), self.dtype, 0, kind)}
         if not ask:
-            with announced(self.label, self.missing(), self.effects):
+            missing, theirs = self.missing(), self.theirs()
+            with announced(self.label, missing, self.effects, theirs):
+                with beside([self.asked[name] for name in theirs]):
+                    for name in missing:
+                        if name not in theirs:
+                            piece(*self.asked[name])
                 found = {name: piece(*asked) if asked else (NOTHING, None) for name, asked in self.asked.items()}
             self._numbers = [numbers for _, numbers in found.values()]  # of the pieces, which know only where they are
             *pieces, self._advance = (one for one, _ in found.values())
@@ -101,6 +107,11 @@ class Program:
     def missing(self):
         """Names of the pieces that are neither in memory nor in the disk cache, `advance` for the loop that calls them."""
         return [name for name, asked in self.asked.items() if asked and not is_ready(*asked)]
+
+    def theirs(self):
+        """Names of those of them that a second process is to compile."""
+        missing = self.missing()
+        return divided(self.label, missing, self.effects, helped({name: self.asked[name] for name in missing}))
 
     def advance(self, block, steps, noise=None, saves=None):
         """Take a block through the steps of a Run; see `rigidmc.engine.cpu.advance`."""
