@@ -7,9 +7,9 @@ import numpy as np
 import rigidmc
 from bench import harness, tops
 from rigidmc.effects import Gravity
-from rigidmc.pilot import pilot
+from rigidmc.planning.tolerance.ladder import Costs
+from rigidmc.planning.tolerance.pilot import pilot
 from rigidmc.studies.accuracy import accuracy
-from rigidmc.ways import Costs
 
 T_END, MEMBERS = 10.0, 512
 TARGETS = (1e-4, 1e-6, 1e-8, 1e-10)

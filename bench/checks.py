@@ -9,7 +9,7 @@ from rigidmc.effects import Gravity
 from rigidmc.engine import layout
 from rigidmc.engine.machine import threads_available
 from rigidmc.integrators import INTEGRATORS, Turns, form
-from rigidmc.limits import Limits
+from rigidmc.planning.limits import Limits
 
 MEMBERS, STEPS, H = 65536, 1000, 0.01
 FREE, HEAVY = (), (Gravity(tops.GRAVITY),)

@@ -11,18 +11,18 @@ import sys
 import numpy as np
 
 from bench import harness, tops
-from rigidmc.body import Body
 from rigidmc.effects import EFFECTS
 from rigidmc.effects.parameters import filled
-from rigidmc.effects.verbs import is_random
-from rigidmc.engine.flops import step_operations, torque_operations
+from rigidmc.effects.protocol import is_random
 from rigidmc.engine.machine import threads_available
+from rigidmc.engine.operations import step_operations, torque_operations
 from rigidmc.engine.program import lanes_for
 from rigidmc.integrators import INTEGRATORS, Turns, form
-from rigidmc.planning import prepare
-from rigidmc.prices import cost_per_step, prices
-from rigidmc.scene import Scene
-from rigidmc.start import Start
+from rigidmc.planning.plan import prepare
+from rigidmc.planning.tolerance.costs import cost_per_step, prices
+from rigidmc.scene.body import Body
+from rigidmc.scene.scene import Scene
+from rigidmc.scene.start import Start
 from tests.assembly import assembly_of, case, counted
 
 MEMBERS, STEPS, H = 16384, 300, 0.01

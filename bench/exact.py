@@ -13,10 +13,10 @@ import numpy as np
 
 from bench import harness
 from rigidmc.engine.machine import threads_available
-from rigidmc.exact import elliptic
-from rigidmc.exact.free_top import free_motion, free_top
-from rigidmc.exact.lagrange_top import lagrange_motion, lagrange_top
-from rigidmc.rotation import attitude_error
+from rigidmc.mechanics import elliptic
+from rigidmc.mechanics.free_top import free_motion, free_top
+from rigidmc.mechanics.lagrange_top import lagrange_motion, lagrange_top
+from rigidmc.mechanics.rotation import attitude_error
 from tests.exact import oracles
 
 NUDGE = 1e-13

@@ -14,8 +14,8 @@ import xarray as xr
 import rigidmc as rm
 from bench import harness, startup
 from bench.memory import peak
-from rigidmc.statistics import mean, probability
-from rigidmc.studies.map_cases import MAPS
+from rigidmc.studies.intervals import mean, probability
+from rigidmc.studies.maps.catalogue import MAPS
 
 SIDES = {"intermediate_axis": 512}
 ASKED = {"intermediate_axis": 30.0, "heavy_chaos": 180.0}
@@ -69,7 +69,7 @@ def agreement(name, ds):
 def prices(processes):
     """[(what, scene word, ns, ns of the bare step)] of rk4 steps on one thread: medians over processes, each of interleaved rounds. Where the stack
     of a process lies makes 10 % of what a kernel takes: spilled registers 4,096 bytes from a row of the workspace wait for it."""
-    script = "import json; from rigidmc.prices import watched_prices; print(json.dumps(watched_prices(rounds=3)))"
+    script = "import json; from rigidmc.planning.tolerance.costs import watched_prices; print(json.dumps(watched_prices(rounds=3)))"
     found = [
         json.loads(subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout)
         for _ in range(processes)

@@ -242,15 +242,15 @@ def judge():
     from rigidmc.engine import layout
 
     layout.LANES = 1
-    from rigidmc.studies import hard_cases
-    from rigidmc.studies.catalogue import catalogue
+    from rigidmc.studies.stress import run
+    from rigidmc.studies.stress.catalogue import catalogue
 
-    known = hard_cases.shipped_bounds()
+    known = run.shipped_bounds()
     cases = sorted((case for case in catalogue() if case.name in JUDGES), key=lambda case: JUDGES.index(case.name))
     for case in cases:
         for name in case.integrators():
-            error, _, reason = hard_cases.carried_out(case, name, 1e-4)
-            bound = hard_cases.bound_of(case, name, known)[0]
+            error, _, reason = run.carried_out(case, name, 1e-4)
+            bound = run.bound_of(case, name, known)[0]
             # plain Python makes no fused multiply-adds: other roundings, at most 0.54 of the shipped bounds here
             if reason or error > bound:
                 print(f"above: {case.name}, {name}: {error:.1e} > {bound:.1e} {reason}")

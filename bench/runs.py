@@ -10,13 +10,13 @@ import time
 
 from bench import harness, startup
 from bench.memory import peak
-from rigidmc.capacity import free_memory
-from rigidmc.jobs import program_of
-from rigidmc.runs import create
-from rigidmc.scene_file import load
-from rigidmc.shards import compute_shards, planned
-from rigidmc.simulation import compute
-from rigidmc.sinks import buffer
+from rigidmc.planning.job import program_of
+from rigidmc.runs.capacity import free_memory
+from rigidmc.runs.resume import create
+from rigidmc.runs.shards import compute_shards, planned
+from rigidmc.runs.simulate import compute
+from rigidmc.scene.file import load
+from rigidmc.storage.sinks import buffer
 
 STUDY = ["run", "dzhanibekov", "--t-end", "12", "--save", "omega,attitude", "--keep", "final"]
 MEMBERS = (2_000_000, 5_000_000, 20_000_000)
@@ -24,7 +24,8 @@ MEMBERS = (2_000_000, 5_000_000, 20_000_000)
 OPEN = """
 import sys, time
 import rigidmc as rm
-from rigidmc import run_directory, run_results
+from rigidmc.runs import gather
+from rigidmc.storage import run_directory
 import dask.array, xarray
 began = time.perf_counter()
 rm.open(sys.argv[1])
@@ -117,13 +118,13 @@ def cluster(folder, members, t_end, rounds, size):
 # in a process whose workers are others: its CPU seconds are those of scheduler, client and locks
 SCHEDULE = """
 import resource, sys
-from rigidmc import runs
-from rigidmc.scene_file import load
+from rigidmc.runs import resume
+from rigidmc.scene.file import load
 if __name__ == "__main__":
-    directory = runs.create(load("dzhanibekov").with_run(members=4096 * int(sys.argv[2]), t_end=0.1, every=0.1), sys.argv[1], 0.5e6)
+    directory = resume.create(load("dzhanibekov").with_run(members=4096 * int(sys.argv[2]), t_end=0.1, every=0.1), sys.argv[1], 0.5e6)
     usage = []
     for which in (range(2), range(2, directory.count)):
-        runs.resume(directory.path, cluster="local:2", only=which)
+        resume.resume(directory.path, cluster="local:2", only=which)
         found = resource.getrusage(resource.RUSAGE_SELF)
         usage.append(found.ru_utime + found.ru_stime)
     print((usage[1] - usage[0]) / (directory.count - 2), directory.count)

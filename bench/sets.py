@@ -10,7 +10,7 @@ import time
 
 from bench import harness
 from rigidmc.effects import EFFECTS
-from rigidmc.effects.verbs import is_random
+from rigidmc.effects.protocol import is_random
 
 RANDOM, SEED, ASKED = 50, 6, 3.0
 

@@ -60,7 +60,7 @@ def call(name):
     import rigidmc as rm
     from rigidmc.effects import EFFECTS
     from rigidmc.effects.parameters import filled, given
-    from rigidmc.effects.verbs import is_random
+    from rigidmc.effects.protocol import is_random
 
     body = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3))
     start = rm.Start(omega=(0.5, 0.7, rm.normal(0.5, 0.1)), attitude=(1.0, 0.0, 0.0, 0.0))

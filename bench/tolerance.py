@@ -9,11 +9,11 @@ import numpy as np
 import rigidmc
 from bench import harness
 from rigidmc.errors import SceneError
-from rigidmc.pilot import errors, pilot
-from rigidmc.rotation import attitude_error
-from rigidmc.scene_file import shipped
+from rigidmc.mechanics.rotation import attitude_error
+from rigidmc.planning.tolerance.pilot import errors, pilot
+from rigidmc.planning.tolerance.truth import truth
+from rigidmc.scene.file import shipped
 from rigidmc.studies.accuracy import accuracy
-from rigidmc.truth import truth
 
 TOLERANCES = (1e-4, 1e-7, 1e-10)
 SAVED = ("final state", "all in memory", "all in a file")
@@ -113,7 +113,7 @@ def predicted(name, tolerance, saved):
 
 def study_errors(name):
     """The error of 99 % of other members against the study's, at the cheapest way to two accuracies."""
-    from rigidmc.pilot import follow
+    from rigidmc.planning.tolerance.pilot import follow
 
     scene, rows = rigidmc.Scene.load(name), []
     study = accuracy(scene, ("rk4", "rk8", "srkn6") if scene.effects else ("rk4", "rk8"), (1e-4, 1e-7))

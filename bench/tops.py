@@ -8,14 +8,14 @@ import numpy as np
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.effects.parameters import blank, numbers, parameter_count
 from rigidmc.engine import layout
-from rigidmc.engine.blocks import run_block
 from rigidmc.engine.frame import Run
 from rigidmc.engine.program import QUIET, Program
-from rigidmc.jobs import Job
-from rigidmc.staging import own_steps, rates, together
+from rigidmc.engine.threads import run_block
+from rigidmc.planning.job import Job
+from rigidmc.planning.stage import own_steps, rates, together
 
 GRAVITY = 9.81  # m/s^2
-BLOCK = 4096  # members of a block, as in rigidmc.planning
+BLOCK = 4096  # members of a block, as in rigidmc.planning.plan
 
 
 class Tops(NamedTuple):

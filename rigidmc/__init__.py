@@ -5,14 +5,14 @@
     ds = rm.simulate(scene, integrator="rk4", dt=1e-2, t_end=40.0, members=100_000, every=0.1, save=("omega",))
 
 The names below are loaded when first used: importing rigidmc compiles nothing and takes a millisecond. A Dataset has `ds.rigid` as soon as rigidmc and
-xarray are imported, see `rigidmc.accessor`.
+xarray are imported, see `rigidmc.views.accessor`.
 """
 
 from importlib import import_module
 from os.path import isdir
 from typing import TYPE_CHECKING
 
-from rigidmc.when_imported import register
+from rigidmc.views.when_imported import register
 
 __version__ = "0.1.0"
 
@@ -21,32 +21,32 @@ _EFFECTS = (
 )  # fmt: skip
 _VECTORS = ("Cone", "Correlated", "Fisher", "GibbsMomentum", "Pointing", "SecondMoments", "Shell", "Sphere")
 _HOMES = {
-    "Body": "body",
+    "Body": "scene.body",
     "Flips": "observables",
     "Histogram": "observables",
     "OutputExists": "errors",
     "Passage": "observables",
-    "Scene": "scene",
+    "Scene": "scene.scene",
     "SceneError": "errors",
     "SceneWarning": "errors",
-    "Run": "scene",
-    "Start": "start",
-    "grid": "sampling",
-    **dict.fromkeys(_VECTORS, "vectors"),
+    "Run": "scene.scene",
+    "Start": "scene.start",
+    "grid": "scene.quantities",
+    **dict.fromkeys(_VECTORS, "scene.laws"),
     "accuracy": "studies.accuracy",
-    "distribution": "sampling",
-    "free_motion": "exact.free_top",
-    "free_top": "exact.free_top",
-    "lagrange_motion": "exact.lagrange_top",
-    "lagrange_top": "exact.lagrange_top",
-    "normal": "sampling",
-    "randomised": "until",
-    "rerun": "again",
-    "simulate": "simulation",
-    "simulate_until": "until",
-    "stability_map": "studies.stability_map",
-    "warm": "precompile",
-    "uniform": "sampling",
+    "distribution": "scene.quantities",
+    "free_motion": "mechanics.free_top",
+    "free_top": "mechanics.free_top",
+    "lagrange_motion": "mechanics.lagrange_top",
+    "lagrange_top": "mechanics.lagrange_top",
+    "normal": "scene.quantities",
+    "randomised": "studies.until",
+    "rerun": "runs.rerun",
+    "simulate": "runs.simulate",
+    "simulate_until": "studies.until",
+    "stability_map": "studies.maps.stability_map",
+    "warm": "runs.warm",
+    "uniform": "scene.quantities",
     **dict.fromkeys(_EFFECTS, "effects"),
 }
 __all__ = [
@@ -58,28 +58,28 @@ __all__ = [
 ]  # fmt: skip
 
 if TYPE_CHECKING:
-    from rigidmc.again import rerun
-    from rigidmc.body import Body
     from rigidmc.effects import *  # noqa: F403
     from rigidmc.errors import OutputExists, SceneError, SceneWarning
-    from rigidmc.exact.free_top import free_motion, free_top
-    from rigidmc.exact.lagrange_top import lagrange_motion, lagrange_top
+    from rigidmc.mechanics.free_top import free_motion, free_top
+    from rigidmc.mechanics.lagrange_top import lagrange_motion, lagrange_top
     from rigidmc.observables import Flips, Histogram, Passage
-    from rigidmc.precompile import warm
-    from rigidmc.sampling import distribution, grid, normal, uniform
-    from rigidmc.scene import Run, Scene
-    from rigidmc.simulation import simulate
-    from rigidmc.start import Start
+    from rigidmc.runs.rerun import rerun
+    from rigidmc.runs.simulate import simulate
+    from rigidmc.runs.warm import warm
+    from rigidmc.scene.body import Body
+    from rigidmc.scene.laws import Cone, Correlated, Fisher, GibbsMomentum, Pointing, SecondMoments, Shell, Sphere
+    from rigidmc.scene.quantities import distribution, grid, normal, uniform
+    from rigidmc.scene.scene import Run, Scene
+    from rigidmc.scene.start import Start
     from rigidmc.studies.accuracy import accuracy
-    from rigidmc.studies.stability_map import stability_map
-    from rigidmc.until import randomised, simulate_until
-    from rigidmc.vectors import Cone, Correlated, Fisher, GibbsMomentum, Pointing, SecondMoments, Shell, Sphere
+    from rigidmc.studies.maps.stability_map import stability_map
+    from rigidmc.studies.until import randomised, simulate_until
 
 
 def open(path, allow_code=False):
-    """A result as an xarray Dataset, read when asked for: a netCDF file, or a run directory (`rigidmc.run_results.open_run`). SceneError for what is none."""
+    """A result as an xarray Dataset, read when asked for: a netCDF file, or a run directory (`rigidmc.runs.gather.open_run`). SceneError for what is none."""
     if isdir(path):
-        return import_module("rigidmc.run_results").open_run(path, allow_code)
+        return import_module("rigidmc.runs.gather").open_run(path, allow_code)
     return import_module("rigidmc.storage").open_result(path)
 
 

@@ -4,9 +4,9 @@ import re
 from typing import Any, NamedTuple
 
 from rigidmc.effects.parameters import blank
-from rigidmc.engine.flops import DIVISION, ROOT, unpacked
 from rigidmc.engine.machine import vector_bits
 from rigidmc.engine.march import march
+from rigidmc.engine.operations import DIVISION, ROOT, unpacked
 from rigidmc.engine.pieces import dispatcher_of, signature_of
 from rigidmc.engine.program import MARCH, lanes_for
 from rigidmc.integrators import INTEGRATORS, Turns, form

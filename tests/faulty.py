@@ -12,14 +12,14 @@ def places():
     import builtins
     import errno
 
-    from rigidmc.storage import netcdf
+    from rigidmc.storage import writer
 
     system = [failing(OSError, code, os.strerror(code)) for code in (errno.ENOSPC, errno.EIO)]
     half = [torn(OSError, code, os.strerror(code)) for code in (errno.ENOSPC, errno.EIO)]
     library = [failing(RuntimeError, "NetCDF: HDF error")]
     asked = [(name, os, name, system) for name in ("fsync", "replace", "unlink", "link", "mkdir")]
     return [("open", builtins, "open", system), ("write", builtins, "open", half), *asked,
-            ("open of a shard", netcdf.netCDF4, "Dataset", system), ("write to a shard", netcdf.Writer, "_rounded", library)]  # fmt: skip
+            ("open of a shard", writer.netCDF4, "Dataset", system), ("write to a shard", writer.Writer, "_rounded", library)]  # fmt: skip
 
 
 @contextlib.contextmanager

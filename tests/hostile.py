@@ -16,9 +16,9 @@ import numpy as np
 import tomli_w
 
 import rigidmc as rm
-from rigidmc import runs
-from rigidmc.run_directory import _SHARD, RunDirectory, hash_of_file, rendered
-from rigidmc.shards import scene_in
+from rigidmc.runs import resume
+from rigidmc.runs.shards import scene_in
+from rigidmc.storage.run_directory import _SHARD, RunDirectory, hash_of_file, rendered
 
 SCENE = """
 title = "good"
@@ -395,12 +395,12 @@ class Good:
 
     def run(self, name, scene, only=None):
         """A run in shards of 32 members."""
-        runs.create(scene, self.at(name), 1.0)
+        resume.create(scene, self.at(name), 1.0)
         with open(self.at(f"{name}/run.json")) as file:
             facts = json.load(file)
         del facts["check"]
         self.at(f"{name}/run.json", rendered({**facts, "block": 32, "shard": 32}))
-        runs.resume(self.at(name), only=only)
+        resume.resume(self.at(name), only=only)
 
     def at(self, name, text=None):
         path = os.path.join(self.folder, name)
@@ -530,7 +530,7 @@ def summed(path, scene):
             facts = json.load(file)
         facts.pop("check", None)
         if scene:
-            from rigidmc.run_directory import hash_of
+            from rigidmc.storage.run_directory import hash_of
 
             facts["scene"] = hash_of(scene_in(path, facts, False))
         text = rendered(facts)

@@ -10,7 +10,7 @@ from rigidmc.engine import frame
 from rigidmc.engine import layout as K
 from rigidmc.engine import program as programs
 from rigidmc.integrators import Turns, form
-from rigidmc.integrators.verbs import closed, constants, opened, step
+from rigidmc.integrators.protocol import closed, constants, opened, step
 
 NOTHING = np.empty(0)
 SIZES = {(): 1, ("axis",): 3, ("quat",): 4, ("effect",): 0}  # of works nothing where none are kept

@@ -11,7 +11,7 @@ import numpy as np
 import rigidmc as rm
 from rigidmc.effects import EFFECTS, name_of
 from rigidmc.effects.parameters import filled, given, numbers
-from rigidmc.effects.verbs import is_random
+from rigidmc.effects.protocol import is_random
 from rigidmc.integrators import INTEGRATORS, accepting
 from tests.effects.test_effects import EXAMPLES
 

@@ -6,8 +6,8 @@ from typer.testing import CliRunner
 
 import rigidmc as rm
 from rigidmc.cli import app
-from rigidmc.exact.free_top import free_motion
-from rigidmc.rotation import from_euler
+from rigidmc.mechanics.free_top import free_motion
+from rigidmc.mechanics.rotation import from_euler
 
 
 @pytest.fixture(scope="module")

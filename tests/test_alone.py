@@ -11,7 +11,7 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.observables import KNOWN, OBSERVABLES, RUNNING, SUMMARIES
-from rigidmc.planning import carries_attitude
+from rigidmc.planning.plan import carries_attitude
 
 HEAVY = rm.Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.2, 0.3))
 TIPS, FLIPS = rm.Passage(3, 0.5), rm.Flips(2)
@@ -102,7 +102,7 @@ class Tilt(NamedTuple):
 def test_an_observable_that_names_the_attitude_gets_it(monkeypatch):
     """It was that of the identity, 1, where nothing else carried the attitude."""
     monkeypatch.setitem(OBSERVABLES, "tilt", Tilt)
-    monkeypatch.setattr("rigidmc.scene.KNOWN", (*KNOWN, "tilt"))
+    monkeypatch.setattr("rigidmc.scene.scene.KNOWN", (*KNOWN, "tilt"))
     scene = rm.Scene(HEAVY, start=rm.Start(omega=rm.Sphere(1.0), attitude="uniform"))
     alone, beside = (
         rm.simulate(scene, "rk4", dt=0.05, t_end=5.0, members=32, save=save) for save in (("tilt",), ("tilt", "attitude"))

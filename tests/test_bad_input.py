@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 import rigidmc
-from rigidmc import runs
 from rigidmc.cli import app
 from rigidmc.engine.machine import cache_folder
-from rigidmc.scene_file import read_source, shipped
+from rigidmc.runs import resume
+from rigidmc.scene.file import read_source, shipped
 from tests.test_runs import SCENE
 
 PACKAGE = pathlib.Path(rigidmc.__file__).parent
@@ -103,7 +103,7 @@ def test_a_torn_scene_is_one_message(tmp_path_factory, name, at, more):
 
 @pytest.fixture(scope="module")
 def directory(tmp_path_factory):
-    return pathlib.Path(runs.create(SCENE, tmp_path_factory.mktemp("bad") / "run", 40_000).path)
+    return pathlib.Path(resume.create(SCENE, tmp_path_factory.mktemp("bad") / "run", 40_000).path)
 
 
 @settings(deadline=None, suppress_health_check=list(HealthCheck))
@@ -139,7 +139,7 @@ def test_nothing_is_executed_but_what_was_allowed():
             names -= {"compile"} if isinstance(node, ast.Attribute) else set()  # of regular expressions and kernels
             if names & NEVER:
                 found.append((path.relative_to(PACKAGE).as_posix(), *(names & NEVER)))
-    assert sorted(found) == [("effects/own.py", "exec_module"), ("when_imported.py", "exec_module")]
+    assert sorted(found) == [("effects/own.py", "exec_module"), ("views/when_imported.py", "exec_module")]
 
 
 def test_kernels_are_cached_where_only_the_user_may_write():

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import rigidmc as rm
-from rigidmc.body import broken
-from rigidmc.inertia import principal_axes as principal
+from rigidmc.mechanics.inertia import principal_axes
+from rigidmc.scene.body import broken
 
 
 def test_four_particles_of_the_chapter():
@@ -91,7 +91,7 @@ def test_principal_axes(rng, kind):
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     tensor = (turn * moments) @ turn.T
     tensor = 0.5 * (tensor + tensor.T)
-    found, axes = principal(tensor)
+    found, axes = principal_axes(tensor)
     assert np.allclose((axes * found) @ axes.T, tensor, rtol=0, atol=5e-15)  # measured 2.0e-15
     assert np.linalg.det(axes) == pytest.approx(1.0, abs=1e-14)  # measured 2e-15
     assert np.allclose(sorted(found), sorted(moments), rtol=0, atol=5e-15)  # measured 1.2e-15

@@ -18,14 +18,15 @@ import pytest
 from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc import run_directory, runs
 from rigidmc.cli import app
 from rigidmc.errors import SceneError, SceneWarning
-from rigidmc.files import Part
-from rigidmc.reading import DEPTH, toml
-from rigidmc.run_directory import RunDirectory, rendered
-from rigidmc.studies.hard_cases import load_bounds
-from rigidmc.trial import refuse_unreadable
+from rigidmc.files.outputs import Part
+from rigidmc.files.reading import DEPTH, toml
+from rigidmc.files.trial import refuse_unreadable
+from rigidmc.runs import resume
+from rigidmc.storage import run_directory
+from rigidmc.storage.run_directory import RunDirectory, rendered
+from rigidmc.studies.stress.run import load_bounds
 from tests import hostile
 
 SCENE = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)), start=rm.Start(omega=(0.1, 1.0, rm.normal(0.0, 0.1))))
@@ -57,7 +58,7 @@ def result(tmp_path_factory):
 
 @pytest.fixture
 def directory(tmp_path):
-    return RunDirectory(runs.create(SCENE.with_run(members=40, **RUN), tmp_path / "run").path)
+    return RunDirectory(resume.create(SCENE.with_run(members=40, **RUN), tmp_path / "run").path)
 
 
 def changed(result, path, change):
@@ -188,7 +189,7 @@ def test_a_result_with_code_is_opened_without_running_it(tmp_path):
 def test_rows_of_a_result_are_asked_for_by_name_and_axis(axis, tmp_path):
     rows = {"omega": np.zeros((3, 5))}
     text = f"[body]\nmoments = [1.0, 2.0, 3.0]\n[start]\nomega = [{{ stored = 'omega', axis = {str(axis).lower()} }}, 0.0, 0.0]\n"
-    from rigidmc.scene_file import loads
+    from rigidmc.scene.file import loads
 
     with pytest.raises(SceneError, match="axis between 1 and 3"):
         loads(text, stored=rows.get)
@@ -217,7 +218,7 @@ def test_a_run_of_ten_million_shards_is_asked_quickly(directory):
 
 
 def test_a_journal_that_tells_what_cannot_be_is_left_out(directory):
-    runs.resume(directory)
+    resume.resume(directory)
     lines = ['{"time": 1e308, "event": "begun"}', "[" * 100_000, '{"a": ' * 100_000, "9" * 5000, '{"time": 1' + "0" * 400 + "}", '{"time": NaN, "event": "begun"}',
              '{"time": 9e10, "event": "ended", "members": ' + "9" * 400 + ', "seconds": 1.0}', '{"time": 9e10, "event": "ended", "members": 5, "seconds": 1e-320}']  # fmt: skip
     (pathlib.Path(directory.path) / "journal.jsonl").write_text("\n".join(lines) + "\n")

@@ -8,11 +8,12 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from rigidmc import Body, Gravity, Scene, Start, coordinates, inertia, rotation, simulate
-from rigidmc.closed_form import closed_form
-from rigidmc.exact.chapter import jacobi_omega, symmetric_omega
-from rigidmc.exact.free_top import free_top
-from rigidmc.exact.lagrange_top import effective_potential, lagrange_motion, lagrange_top
+from rigidmc import Body, Gravity, Scene, Start, simulate
+from rigidmc.mechanics import coordinates, inertia, rotation
+from rigidmc.mechanics.free_top import free_top
+from rigidmc.mechanics.lagrange_top import effective_potential, lagrange_motion, lagrange_top
+from rigidmc.mechanics.textbook import jacobi_omega, symmetric_omega
+from rigidmc.planning.closed_form import closed_form
 from tests import reference
 
 RNG = np.random.default_rng(34)

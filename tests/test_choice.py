@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc import choice as C
-from rigidmc import closed_form as closed_form_module
-from rigidmc.closed_form import closed_form
-from rigidmc.rotation import attitude_error
+from rigidmc.mechanics.rotation import attitude_error
+from rigidmc.planning import closed_form as closed_form_module
+from rigidmc.planning.closed_form import closed_form
+from rigidmc.planning.tolerance import choose
 
 SMALL = {"members": 128}
 
@@ -42,12 +42,12 @@ def test_the_tolerance_is_kept_in_shipped_scenes(name, tolerance):
 
 def test_a_symmetric_free_body_is_one_exact_step():
     scene = rm.Scene(rm.Body.from_moments((1.0, 1.0, 1.7)), (), rm.Start(omega=(rm.normal(1.0, 0.2), 0.3, 2.0), attitude="uniform"))
-    found = C.choose(scene.with_run(t_end=20.0, save=("omega", "attitude")), 1e-9, **SMALL)
+    found = choose.choose(scene.with_run(t_end=20.0, save=("omega", "attitude")), 1e-9, **SMALL)
     assert (found.way.integrator, found.way.steps) == ("exact", 1)
 
 
 def test_a_fast_top_is_split():
-    found = C.choose(rm.Scene.load("bruels_cardona"), 1e-9, integrators=("rk4", "rk8", "aba1064", "srkn11"))
+    found = choose.choose(rm.Scene.load("bruels_cardona"), 1e-9, integrators=("rk4", "rk8", "aba1064", "srkn11"))
     assert found.way.integrator in ("aba1064", "srkn11")
     assert found.way.steps == 100  # one for each save; rk4 takes 30,000 (Bruels & Cardona 2010)
 
@@ -59,13 +59,13 @@ def test_a_short_heavy_run_is_rk8_or_a_splitting_of_high_order():
         (rm.Gravity(1.0),),
         rm.Start(omega=(rm.normal(1, 1), 0.5, -0.9), attitude="uniform"),
     ).with_run(t_end=5.0, save=("omega", "attitude"))
-    found = C.choose(scene, 1e-8, integrators=("rk4", "rk8", "strang", "srkn6", "srkn11"), **SMALL)
+    found = choose.choose(scene, 1e-8, integrators=("rk4", "rk8", "strang", "srkn6", "srkn11"), **SMALL)
     assert found.way.turn > 0.0  # members of such different speed have steps of their own
     assert found.way.integrator in ("rk8", "srkn11", "srkn6")
     assert found.predicted <= 1e-8
     assert found.checked >= 0.99
-    slower = C.choose(scene, 1e-8, integrators=("rk4",), **SMALL)
-    costs = C.Costs(C.pilot(scene, 128))
+    slower = choose.choose(scene, 1e-8, integrators=("rk4",), **SMALL)
+    costs = choose.Costs(choose.pilot(scene, 128))
     assert costs.per_member(found.way) < 0.5 * costs.per_member(slower.way)  # a third, measured
 
 
@@ -77,7 +77,7 @@ LAGRANGE = rm.Scene(
 
 
 def test_a_closed_form_is_checked_by_integration():
-    found = C.choose(LAGRANGE, 1e-7, integrators=("closed",), **SMALL)
+    found = choose.choose(LAGRANGE, 1e-7, integrators=("closed",), **SMALL)
     assert (found.way.integrator, found.checked) == ("closed", 1.0)
     assert found.truth.startswith("closed form of the Lagrange top, which rk8 confirms; the second pilot by rk8 in ")
     assert "srkn11 confirms" in found.truth
@@ -100,7 +100,7 @@ def test_a_closed_form_that_is_wrong_is_not_believed(monkeypatch, member, integr
     wrong = closed_form(LAGRANGE, 1, member).momentum[0]
     monkeypatch.setattr(closed_form_module, "_motion", turned)
     with pytest.raises(rm.SceneError, match=r"closed form of the Lagrange top and rk8 in .* disagree for 1 of 128 members"):
-        C.choose(LAGRANGE, 1e-7, integrators=integrators, **SMALL)
+        choose.choose(LAGRANGE, 1e-7, integrators=integrators, **SMALL)
 
 
 def test_out_of_reach():
@@ -108,7 +108,7 @@ def test_out_of_reach():
     with pytest.raises(rm.SceneError, match=r"tolerance = 1e-14: out of reach of double precision here: the best is .*grows"):
         rm.simulate(scene, tolerance=1e-14)
     with pytest.raises(rm.SceneError, match="No integrator comes nearer"):
-        C.choose(rm.Scene.load("heavy_top"), 1e-13, integrators=("rk4",), **SMALL)
+        choose.choose(rm.Scene.load("heavy_top"), 1e-13, integrators=("rk4",), **SMALL)
     with pytest.raises(rm.SceneError, match="less than 1"):
         rm.simulate(scene, tolerance=2.0)
 
@@ -124,7 +124,7 @@ def test_auto_needs_a_tolerance():
 def test_noise_has_no_path_to_be_right_about():
     scene = rm.Scene(rm.Body.from_moments((1.0, 1.4, 2.0)), (rm.Bath(0.1, 1.0),), rm.Start(omega=(0.1, 1.0, 0.2)))
     with pytest.raises(rm.SceneError, match="error of averages"):
-        C.choose(scene.with_run(t_end=1.0), 1e-6)
+        choose.choose(scene.with_run(t_end=1.0), 1e-6)
 
 
 def test_a_pilot_that_fails_is_said():
@@ -132,22 +132,22 @@ def test_a_pilot_that_fails_is_said():
     omega[3] = 1e200
     scene = rm.Scene(rm.Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.2, 0.3)), (rm.Gravity(1.0),), rm.Start(omega=omega))
     with pytest.raises(rm.SceneError, match="1 of 64 members"), np.errstate(all="ignore"):
-        C.choose(scene.with_run(t_end=1.0, members=64), 1e-6)
+        choose.choose(scene.with_run(t_end=1.0, members=64), 1e-6)
 
 
 @pytest.mark.parametrize("bad", [1, 100])
 def test_a_prediction_above_the_tolerance_is_not_taken_without_a_word(bad, monkeypatch):
     """Nor where 99 % of a second pilot keep it (1.16e-9 was predicted for 1e-9): finer steps are taken, and where they do not help that is said."""
-    real, calls, tolerance = C.upper_quantile, [], 1e-6
+    real, calls, tolerance = choose.upper_quantile, [], 1e-6
 
     def told(values):
         calls.append(values)
         return 2.0 * tolerance if 1 < len(calls) <= 1 + bad else real(values)  # the first is what the truth is known to
 
     scene = rm.Scene(rm.Body.from_moments((1.0, 1.4, 2.0)), (rm.BodyTorque((0.1, 0.2, 0.1)),), rm.Start(omega=rm.Sphere(1.0)))
-    plain = C.choose(scene.with_run(t_end=5.0), tolerance, ("rk4",), **SMALL)
-    monkeypatch.setattr(C, "upper_quantile", told)
-    found = C.choose(scene.with_run(t_end=5.0), tolerance, ("rk4",), **SMALL)
+    plain = choose.choose(scene.with_run(t_end=5.0), tolerance, ("rk4",), **SMALL)
+    monkeypatch.setattr(choose, "upper_quantile", told)
+    found = choose.choose(scene.with_run(t_end=5.0), tolerance, ("rk4",), **SMALL)
     if bad == 1:
         assert found.way.steps > 1.1 * plain.way.steps and found.predicted <= tolerance and not found.short
     else:

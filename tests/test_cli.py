@@ -213,9 +213,9 @@ def test_effects_are_listed():
 
 @pytest.mark.slow
 def test_effects_are_priced(monkeypatch):
-    from rigidmc import prices
+    from rigidmc.planning.tolerance import costs
 
-    monkeypatch.setattr(prices, "cost_per_step", lambda *arguments: 2.5)  # what it measures is compiled for minutes
+    monkeypatch.setattr(costs, "cost_per_step", lambda *arguments: 2.5)  # what it measures is compiled for minutes
     listing = run("effects", "--measure").output
     assert "a step of rk4 on one thread: 2.50 ns of the momentum alone" in listing
     assert listing.count("27 operations a torque; a step with it alone 2.50 ns; it adds 0.00 ns") == 1  # gravity

@@ -6,11 +6,11 @@ from typer.testing import CliRunner
 
 from rigidmc import Body, Gravity, Run, Scene, SceneError, SceneWarning, Start, ViscousDamping, grid, normal
 from rigidmc.cli import app
-from rigidmc.closed_form import closed_form
-from rigidmc.comparison import compare
 from rigidmc.engine.layout import STATUSES
-from rigidmc.rotation import attitude_error
-from rigidmc.simulation import simulate
+from rigidmc.mechanics.rotation import attitude_error
+from rigidmc.planning.closed_form import closed_form
+from rigidmc.runs.simulate import simulate
+from rigidmc.studies.closed_form import compare
 from tests import reference
 
 LAGRANGE = Body.from_moments((0.5, 0.5, 0.2), mass=1.0, centre=(0.0, 0.0, 0.1))

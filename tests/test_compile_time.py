@@ -11,12 +11,13 @@ import scipy
 from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc import precompile, run_directory
 from rigidmc.cli import app
 from rigidmc.engine import compile_time
 from rigidmc.engine.compile_time import listed, seconds, summary
 from rigidmc.engine.machine import this_machine
 from rigidmc.integrators import INTEGRATORS
+from rigidmc.runs import warm
+from rigidmc.storage import run_directory
 
 compiles = pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="nothing is compiled")
 BODY = rm.Body.from_moments((1.0, 2.0, 2.8), mass=1.0, centre=(0.0, 0.0, 0.1))
@@ -104,7 +105,7 @@ def test_seconds_follow_the_machine_and_what_is_compiled(tmp_path, monkeypatch):
 
 def test_integrators_that_cannot_run_a_scene_are_skipped(monkeypatch):
     some = {name: INTEGRATORS[name] for name in ("rk4", "exact", "closed")}
-    monkeypatch.setattr(precompile, "INTEGRATORS", some)
+    monkeypatch.setattr(warm, "INTEGRATORS", some)
     found = {one.integrator: one for one in rm.warm(rm.Scene.load("kapitza_top"), all_integrators=True)}
     assert set(found) == set(some) and not found["rk4"].skipped
     assert "takes no torque" in found["exact"].skipped and "closed form" in found["closed"].skipped

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from rigidmc import coordinates as C
-from rigidmc import rotation as R
+from rigidmc.mechanics import coordinates as C
+from rigidmc.mechanics import rotation as R
 from tests import reference
 
 RNG = np.random.default_rng(32)

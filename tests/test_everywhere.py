@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc import run_results, runs
+from rigidmc.runs import gather, resume
 from tests import random_scenes
 from tests.random_scenes import QUICK
 
@@ -51,9 +51,9 @@ def everywhere(scene, folder, cluster=None):
     with quiet(rm.simulate, scene, output=folder / "one.nc", block=64) as file:
         found["file"] = unlike(memory, file)
     path = folder / "run"
-    quiet(runs.create, scene, path, 1e3)
-    quiet(runs.resume, path, threads=2, cluster=cluster)
-    with quiet(rm.open, path) as directory, quiet(run_results.consolidate, path, folder / "all.nc") as whole:
+    quiet(resume.create, scene, path, 1e3)
+    quiet(resume.resume, path, threads=2, cluster=cluster)
+    with quiet(rm.open, path) as directory, quiet(gather.consolidate, path, folder / "all.nc") as whole:
         found |= {"run directory": unlike(memory, directory), "consolidated": unlike(memory, whole)}
     return found, memory
 

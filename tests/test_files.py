@@ -18,10 +18,13 @@ from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc import animation, files, runs, simulation, study_plots
 from rigidmc.cli import app
 from rigidmc.errors import NoRoom, OutputExists
-from rigidmc.studies import accuracy, hard_cases, trust
+from rigidmc.files import outputs
+from rigidmc.runs import resume, simulate
+from rigidmc.studies import accuracy, trust
+from rigidmc.studies.stress import run as hard_cases
+from rigidmc.views import animation, studies
 from tests import torture_outputs
 from tests.faulty import limited
 from tests.torture import COMMAND
@@ -59,8 +62,8 @@ def test_studies_and_pictures_overwrite_nothing_that_appears_meanwhile(tmp_path,
     one, two = tmp_path / "s.nc", tmp_path / "s.png"
     with (
         patch.object(module, name, appearing([one, two], STUDY)), patch.object(module, "table", lambda found: ["the table"]),
-        patch.object(trust, "failed", lambda found: False), patch.object(study_plots, "work_precision", lambda found: Figure()),
-        patch.object(study_plots, "trust", lambda found: Figure()),
+        patch.object(trust, "failed", lambda found: False), patch.object(studies, "work_precision", lambda found: Figure()),
+        patch.object(studies, "trust", lambda found: Figure()),
     ):  # fmt: skip
         told = invoke(*words, "-o", one)
         assert told.exit_code == 6 and "s.2.nc" in told.stderr and "the table" in told.stdout
@@ -89,19 +92,19 @@ def test_bounds_are_written_whole_and_overwrite_nothing(tmp_path):
 
 
 def test_a_result_whose_name_is_taken_at_the_end_is_kept_under_another(tmp_path):
-    path, compute = tmp_path / "r.nc", simulation.compute
+    path, compute = tmp_path / "r.nc", simulate.compute
     taken = appearing([path], None)
-    with patch.object(simulation, "compute", lambda *given: (compute(*given), taken())[0]):
+    with patch.object(simulate, "compute", lambda *given: (compute(*given), taken())[0]):
         told = invoke("run", "nasa_brick", "--t-end", 0.1, "-o", path)
     assert told.exit_code == 6 and str(tmp_path / "r.2.nc") in told.stderr
     assert path.read_bytes() == OLD
     with rm.open(tmp_path / "r.2.nc") as kept:
         assert kept.sizes["member"] == 1
-    files.write_bytes(tmp_path / "new", b"1")
+    outputs.write_bytes(tmp_path / "new", b"1")
     folder = tmp_path / "folder"
     folder.mkdir()
     with pytest.raises(OutputExists, match=r"folder\.2"):
-        files.write_bytes(folder, b"2", force=True)
+        outputs.write_bytes(folder, b"2", force=True)
     assert (tmp_path / "folder.2").read_bytes() == b"2" and not parts(tmp_path)
 
 
@@ -150,32 +153,32 @@ def test_names_of_all_lengths(tmp_path):
     assert invoke(*words, "-o", f"{tmp_path / ('n' * 250)}/", "--shard-size", 1).exit_code == 0
     assert invoke("plot", tmp_path / ("n" * 247 + ".nc"), "--picture", "drift_histogram", "-o", tmp_path / ("n" * 251 + ".png")).exit_code == 0  # fmt: skip
     long = tmp_path / ("n" * 300 + ".nc")
-    with patch.object(simulation, "compute") as compute:
+    with patch.object(simulate, "compute") as compute:
         told = invoke(*words, "-o", long)
     assert told.exit_code == 74 and "File name too long" in told.stderr and not compute.called and isinstance(told.exception, SystemExit)  # fmt: skip
     long = tmp_path / ("n" * 252 + ".nc")
     with pytest.raises(OutputExists, match="appeared"):
         long.write_bytes(OLD)
-        files.write_bytes(long, b"1")
+        outputs.write_bytes(long, b"1")
     assert sum(name.endswith(".2.nc") for name in os.listdir(tmp_path)) == 1
 
 
 def test_what_is_wrong_with_a_folder_is_told_as_it_is(tmp_path):
     with limited(1000), pytest.raises(OSError, match=r"not writable: File too large; nothing was written") as caught:
-        files.refuse_existing(tmp_path / "x.nc", False)
+        outputs.refuse_existing(tmp_path / "x.nc", False)
     assert not isinstance(caught.value, PermissionError) and os.listdir(tmp_path) == []
     for number, kind in ((errno.ENOSPC, OSError), (errno.EROFS, OSError), (errno.EACCES, PermissionError)):
         with (
             patch("builtins.open", side_effect=OSError(number, os.strerror(number))), patch("os.open", side_effect=OSError(number, os.strerror(number))),
             pytest.raises(OSError, match=os.strerror(number)) as caught,
         ):  # fmt: skip
-            files.refuse_unwritable(str(tmp_path))
+            outputs.refuse_unwritable(str(tmp_path))
         assert type(caught.value) is kind
     with pytest.raises(NoRoom, match="MB are needed"):
-        files.refuse_unwritable(str(tmp_path), 10**18)
+        outputs.refuse_unwritable(str(tmp_path), 10**18)
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(OutputExists, match="no file that could be replaced"):
-        files.refuse_existing(tmp_path / "pipe", True)
+        outputs.refuse_existing(tmp_path / "pipe", True)
     told = invoke("map", "intermediate_axis", "-o", tmp_path / "m.nc", "--resolution", 10**6)
     assert told.exit_code == 74 and "nothing was written" in told.stderr
 
@@ -185,11 +188,11 @@ def test_no_moment_without_umask_and_a_short_shard_is_gone_for_good(tmp_path):
     known = os.umask(0o027)
     try:
         with patch.object(os, "umask", side_effect=AssertionError):
-            runs.create(SCENE, tmp_path / "run", 100_000)
+            resume.create(SCENE, tmp_path / "run", 100_000)
     finally:
         os.umask(known)
     assert stat.S_IMODE((tmp_path / "run").stat().st_mode) == 0o750
-    runs.resume(tmp_path / "run")
+    resume.resume(tmp_path / "run")
     calls = list[str]()
 
     def noted(name):
@@ -203,7 +206,7 @@ def test_no_moment_without_umask_and_a_short_shard_is_gone_for_good(tmp_path):
         return patch.object(os, name, called)
 
     with noted("unlink"), noted("fsync"), noted("replace"):
-        runs.extend(tmp_path / "run", 20_000)
+        resume.extend(tmp_path / "run", 20_000)
     (shard,) = [call for call in calls if call.startswith("unlink 0000")]
     i = calls.index(shard)
     assert calls[i - 1].startswith("fsync .part-")  # the new run.json is durable before anything is taken away
@@ -219,7 +222,7 @@ def test_a_run_without_room_is_not_begun(tmp_path):
         raise NoRoom("too little memory")
 
     words = "run", "nasa_brick", "-o", f"{tmp_path}/run/"
-    with patch.object(runs, "refuse_hopeless", hopeless), patch.object(runs, "resume", side_effect=AssertionError):
+    with patch.object(resume, "refuse_hopeless", hopeless), patch.object(resume, "resume", side_effect=AssertionError):
         for more in (["--threads", 7], ["--cluster", "local:9"]):
             told = invoke(*words, *more)
             assert told.exit_code == 74 and "nothing was written" in told.stderr and os.listdir(tmp_path) == [], told.output
@@ -228,7 +231,7 @@ def test_a_run_without_room_is_not_begun(tmp_path):
 
 def test_what_is_killed_leaves_nothing_for_long(tmp_path):
     """A run to a file and a consolidation left a part for each time that they were killed."""
-    here = os.path.basename(files.Part(tmp_path / "x").path).rsplit("-", 2)[0]
+    here = os.path.basename(outputs.Part(tmp_path / "x").path).rsplit("-", 2)[0]
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
     (tmp_path / f"{here}-{gone.pid}-3").mkdir()
@@ -243,7 +246,7 @@ def test_what_is_killed_leaves_nothing_for_long(tmp_path):
         (
             tmp_path / name
         ).touch()  # of a process that ended, of one that had this number, of one that writes, of another computer, of no one
-    with files.Part(tmp_path / "mine") as mine:
+    with outputs.Part(tmp_path / "mine") as mine:
         with open(mine, "w"):
             pass
         assert invoke("run", "nasa_brick", "--t-end", 0.1, "-o", tmp_path / "r.nc").exit_code == 0
@@ -255,7 +258,7 @@ def test_what_is_killed_leaves_nothing_for_long(tmp_path):
 
 TWICE = """
 import os, signal, sys, time
-import rigidmc.files
+import rigidmc.files.outputs
 from rigidmc.cli import main
 real = os.truncate
 def slow(*given):

@@ -19,11 +19,13 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc import estimate, plots, simulation  # noqa: F401  (imported now, and not in the first example)
 from rigidmc.cli import app
 from rigidmc.engine import pieces
 from rigidmc.errors import SceneError
-from rigidmc.studies import accuracy, hard_cases, trust
+from rigidmc.runs import shards, simulate
+from rigidmc.studies import accuracy, trust
+from rigidmc.studies.stress import run
+from rigidmc.views import scene as estimate
 from tests import hostile
 
 SECONDS, BYTES = (
@@ -61,7 +63,7 @@ def good(tmp_path_factory):
 @contextlib.contextmanager
 def bounded():
     """No kernel is compiled that the good files do not need, no price measured, no long run made."""
-    address, compute = pieces._address, simulation.compute
+    address, compute = pieces._address, simulate.compute
 
     def known(function, signature):
         if (function, signature.args) not in pieces._alive:
@@ -78,8 +80,8 @@ def bounded():
 
     with contextlib.ExitStack() as held:
         for where, name, what in (
-            (pieces, "_address", known), (simulation, "compute", short), (rm.shards, "compute", short), (estimate, "cost_per_step", passed),
-            (accuracy, "accuracy", passed), (hard_cases, "stress", passed), (trust, "trust", passed),
+            (pieces, "_address", known), (simulate, "compute", short), (shards, "compute", short), (estimate, "cost_per_step", passed),
+            (accuracy, "accuracy", passed), (run, "stress", passed), (trust, "trust", passed),
         ):  # fmt: skip
             held.enter_context(patch.object(where, name, what))
         yield

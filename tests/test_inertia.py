@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from rigidmc import Body, SceneError, SceneWarning, inertia, mesh, rotation, solids
+from rigidmc import Body, SceneError, SceneWarning
 from rigidmc.cli import app
+from rigidmc.mechanics import inertia, mesh, rotation, solids
 
 RNG = np.random.default_rng(33)
 COORDINATE = st.floats(-2.0, 2.0)

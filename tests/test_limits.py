@@ -10,7 +10,7 @@ import rigidmc as rm
 from rigidmc.engine import cpu
 from rigidmc.engine import layout as K
 from rigidmc.integrators import INTEGRATORS
-from rigidmc.limits import Limits
+from rigidmc.planning.limits import Limits
 from rigidmc.studies.problems import PROBLEMS
 from tests.kernels import block_of, prepare, run
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc import Body, SceneError, mesh
+from rigidmc import Body, SceneError
+from rigidmc.mechanics import mesh
 
 trimesh = pytest.importorskip("trimesh")
 

@@ -9,7 +9,7 @@ import xarray as xr
 
 pytest.importorskip("matplotlib")
 
-from rigidmc import plots, sphere
+from rigidmc.views import ensemble, sphere
 
 MOMENTS = (1.0, 2.0, 3.0)
 STATES = {"omega": "axis", "attitude": "quat"}
@@ -87,7 +87,7 @@ def draw(figure):
 
 
 def test_momentum_sphere_shows_two_discs_axes_paths_and_separatrices(free):
-    figure = draw(plots.momentum_sphere(free))
+    figure = draw(ensemble.momentum_sphere(free))
     axes, bar = figure.axes
     assert len(axes.images) == 2
     assert {text.get_text() for text in axes.texts} == {f"${sign}{axis}$" for sign in "+-" for axis in (1, 2, 3)}
@@ -98,7 +98,7 @@ def test_momentum_sphere_shows_two_discs_axes_paths_and_separatrices(free):
 
 
 def test_separatrices_are_where_2t_i_mid_is_l2(free):
-    line = next(line for line in plots.momentum_sphere(free).axes[0].lines if line.get_label() == "separatrices")
+    line = next(line for line in ensemble.momentum_sphere(free).axes[0].lines if line.get_label() == "separatrices")
     (x0, x1), (y0, y1) = line.get_data()
     l3, l1 = x1 - x0, y1 - y0  # to the right is axis 3, up is axis 1: the middle axis looks at the reader
     for scale, zero in ((1.0, True), (1.2, False)):
@@ -137,25 +137,25 @@ def test_polhodes_keep_energy_and_pass_through_the_start():
 def test_both_hemispheres_are_shown_where_a_path_goes_on_to_the_other(free):
     bare = free.drop_vars("omega")
     bare["start_omega"][:] = np.array([0.5, 0.1, 0.1])[:, None]  # one point; its polhode goes around axis 1
-    assert len(plots.momentum_sphere(bare).axes[0].images) == 2
+    assert len(ensemble.momentum_sphere(bare).axes[0].images) == 2
 
 
 def test_paths_of_tops_under_torque_are_their_saves(tops):
-    saved = plots._vectors(tops, "momentum")[0][:, :, 0]
-    line = next(line for line in plots.momentum_sphere(tops).axes[0].lines if line.get_label() == "single members")
+    saved = ensemble._vectors(tops, "momentum")[0][:, :, 0]
+    line = next(line for line in ensemble.momentum_sphere(tops).axes[0].lines if line.get_label() == "single members")
     u = saved / np.linalg.norm(saved, axis=1, keepdims=True)
     seen = u[:, 1] > 0.0
     assert np.allclose(line.get_xdata()[seen], (u[:, 2] * np.sqrt(2.0 / (1.0 + u[:, 1])))[seen], atol=1e-14)
 
 
 def test_middle_component_has_bands_units_and_a_few_members(free):
-    figure = draw(plots.middle_component(free))
+    figure = draw(ensemble.middle_component(free))
     (axes,) = figure.axes
     assert axes.get_xlabel() == "time [s]"
     assert axes.get_ylabel() == "$\\omega_2$ [rad/s]"
     assert legend(axes) == ["5 to 95 %", "25 to 75 %", "median", "single members"]
     median, *few = axes.lines
-    assert len(few) == plots.DRAWN
+    assert len(few) == ensemble.DRAWN
     assert np.array_equal(median.get_ydata(), np.median(free.omega.sel(axis=2), axis=1))
     assert median.get_ydata().min() < -0.99  # it flips
     assert np.array_equal(few[-1].get_ydata(), free.omega.sel(axis=2, member=399))
@@ -165,34 +165,34 @@ def test_middle_component_follows_the_middle_moment_of_each_member(free):
     mixed = free.copy(deep=True)
     mixed["moments"][:, 200:] = np.array([2.0, 1.0, 3.0])[:, None]
     mixed["omega"][:, :, 200:] = mixed.omega.values[:, [1, 0, 2], 200:]
-    (axes,) = plots.middle_component(mixed).axes
+    (axes,) = ensemble.middle_component(mixed).axes
     assert axes.get_ylabel() == "$\\omega_\\mathrm{mid}$ [rad/s]"
     assert np.array_equal(axes.lines[0].get_ydata(), np.median(free.omega.sel(axis=2), axis=1))
-    assert "separatrices" not in legend(plots.momentum_sphere(mixed).axes[0])  # not one body
+    assert "separatrices" not in legend(ensemble.momentum_sphere(mixed).axes[0])  # not one body
 
 
 def test_symmetric_tops_are_seen_along_their_symmetry_axis(free):
     lagrange = free.assign(moments=free.moments.copy(data=np.repeat([[2.0], [2.0], [1.0]], 400, axis=1)))
-    texts = draw(plots.momentum_sphere(lagrange)).axes[0].texts
+    texts = draw(ensemble.momentum_sphere(lagrange)).axes[0].texts
     assert texts[4].get_text() == "$+3$"
     assert texts[4].xy == (0.0, 0.0)
-    assert plots.middle_component(lagrange).axes[0].get_title() == "Angular velocity across the symmetry axis"
+    assert ensemble.middle_component(lagrange).axes[0].get_title() == "Angular velocity across the symmetry axis"
 
 
 def test_momentum_saved_instead_of_omega_gives_the_same_pictures(free):
     other = free.assign(momentum=free.omega * free.moments).drop_vars("omega")
-    assert np.array_equal(discs(plots.momentum_sphere(free)), discs(plots.momentum_sphere(other)), equal_nan=True)
-    medians = [plots.middle_component(ds).axes[0].lines[0].get_ydata() for ds in (free, other)]
+    assert np.array_equal(discs(ensemble.momentum_sphere(free)), discs(ensemble.momentum_sphere(other)), equal_nan=True)
+    medians = [ensemble.middle_component(ds).axes[0].lines[0].get_ydata() for ds in (free, other)]
     assert np.abs(medians[0] - medians[1]).max() < 1e-15  # measured 0: moments are 1, 2, 3
     started = other.rename(start_omega="start_momentum").drop_vars("momentum")
     started["start_momentum"] = started.start_momentum * started.moments
-    assert np.isfinite(plots._vectors(started, "omega")[0]).all()
+    assert np.isfinite(ensemble._vectors(started, "omega")[0]).all()
 
 
 def test_drift_histogram_marks_median_worst_and_zeros(free):
     ds = free.copy(deep=True)
     ds["energy_drift_max"][:3] = 0.0
-    (axes,) = draw(plots.drift_histogram(ds)).axes
+    (axes,) = draw(ensemble.drift_histogram(ds)).axes
     assert axes.get_xlabel() == "largest relative drift [1]"
     assert axes.get_xscale() == "log"
     energy, l2 = legend(axes)
@@ -203,7 +203,7 @@ def test_drift_histogram_marks_median_worst_and_zeros(free):
 
 
 def test_drift_histogram_says_what_is_not_conserved(tops):
-    title = draw(plots.drift_histogram(tops)).axes[0].get_title()
+    title = draw(ensemble.drift_histogram(tops)).axes[0].get_title()
     assert title.endswith("$|L|^2$ is not conserved: gravity exerts a torque")
     assert "E is" not in title
 
@@ -211,11 +211,11 @@ def test_drift_histogram_says_what_is_not_conserved(tops):
 @pytest.mark.parametrize("value", [0.0, np.nan])
 def test_drift_histogram_without_a_drift_to_show(free, value):
     ds = free.assign({name: ("member", np.full(400, value)) for name in ("energy_drift_max", "l2_drift_max")})
-    assert sum(patch.get_data().values.sum() for patch in draw(plots.drift_histogram(ds)).axes[0].patches) == 0
+    assert sum(patch.get_data().values.sum() for patch in draw(ensemble.drift_histogram(ds)).axes[0].patches) == 0
 
 
 def test_axis_sphere_shows_the_third_column_of_a_on_one_cap(tops):
-    figure = draw(plots.axis_sphere(tops))
+    figure = draw(ensemble.axis_sphere(tops))
     (density,) = discs(figure)
     row, column = np.nonzero(np.isfinite(density))
     assert figure.axes[0].get_legend().get_title().get_text() == "rim: 45° from centre"
@@ -226,16 +226,16 @@ def test_axis_sphere_shows_the_third_column_of_a_on_one_cap(tops):
 
 
 def test_summary_composes_all_and_heads_them(free, tops):
-    figure = draw(plots.summary(free))
+    figure = draw(ensemble.summary(free))
     titles = " ".join(axes.get_title() for axes in figure.axes)
     assert all(words in titles for words in ("Direction of the angular momentum", "middle moment", "drift"))
     assert figure.get_suptitle().startswith("flips: 400 members, rk4, dt = 0.05 s, seed 7")
     assert "Axis 3" not in titles
-    assert "Axis 3" in " ".join(axes.get_title() for axes in draw(plots.summary(tops)).axes)
+    assert "Axis 3" in " ".join(axes.get_title() for axes in draw(ensemble.summary(tops)).axes)
 
 
 def test_summary_of_first_and_last_save_shows_the_spread(ends):
-    figure = draw(plots.summary(ends))
+    figure = draw(ensemble.summary(ends))
     spread = next(axes for axes in figure.axes if axes.get_title() == "Spread of the angular velocity")
     assert legend(spread) == ["t = 0 s", "t = 45 s"]
     assert spread.get_xlabel() == "angular velocity, body axes [rad/s]"
@@ -244,13 +244,13 @@ def test_summary_of_first_and_last_save_shows_the_spread(ends):
 
 def test_summary_without_states_shows_the_start_and_says_so(free):
     bare = free.drop_vars("omega")
-    figure = draw(plots.summary(bare))
+    figure = draw(ensemble.summary(bare))
     assert figure.axes[0].get_title().endswith("at the start (nothing later was saved)")
     assert any(axes.get_legend() and legend(axes) == ["at the start (nothing later was saved)"] for axes in figure.axes)
     for ds, picture, wanted in (
-        (bare, plots.middle_component, "every="),
-        (bare, plots.axis_sphere, 'save=("attitude",)'),
-        (bare.drop_vars("start_omega"), plots.momentum_sphere, 'save=("omega",)'),
+        (bare, ensemble.middle_component, "every="),
+        (bare, ensemble.axis_sphere, 'save=("attitude",)'),
+        (bare.drop_vars("start_omega"), ensemble.momentum_sphere, 'save=("omega",)'),
     ):
         with pytest.raises(ValueError, match="run with") as error:
             picture(ds)
@@ -262,72 +262,72 @@ def test_a_flagged_member_is_left_out_and_counted(free):
     bad["status"][5], bad["omega"][30:, :, 5], bad["energy_drift_max"][5] = 1, 1e6, 1e9
     bad["omega"][2, 1, 6] = np.nan  # not flagged, and still no harm
     good = free.drop_sel(member=[5, 6])
-    figure = draw(plots.summary(bad))
+    figure = draw(ensemble.summary(bad))
     assert figure.get_suptitle().endswith("1 flagged and left out")
-    assert np.array_equal(discs(figure), discs(plots.summary(good)), equal_nan=True)
-    assert np.array_equal(*(plots.middle_component(ds).axes[0].lines[0].get_ydata() for ds in (bad, good)))
-    assert "worst (▾) 1.0e-11" in legend(plots.drift_histogram(bad).axes[0])[0]
+    assert np.array_equal(discs(figure), discs(ensemble.summary(good)), equal_nan=True)
+    assert np.array_equal(*(ensemble.middle_component(ds).axes[0].lines[0].get_ydata() for ds in (bad, good)))
+    assert "worst (▾) 1.0e-11" in legend(ensemble.drift_histogram(bad).axes[0])[0]
     bad["status"][5] = 0
-    assert not np.array_equal(discs(plots.summary(bad)), discs(plots.summary(good)), equal_nan=True)
+    assert not np.array_equal(discs(ensemble.summary(bad)), discs(ensemble.summary(good)), equal_nan=True)
 
 
 def test_nothing_but_flagged_members(free):
     dead = free.assign(status=("member", np.ones(400, np.int8)))
-    assert draw(plots.summary(dead)).texts[-1].get_text() == "nothing to draw: every member is flagged"
+    assert draw(ensemble.summary(dead)).texts[-1].get_text() == "nothing to draw: every member is flagged"
     with pytest.raises(ValueError, match="400 members"):
-        plots.momentum_sphere(dead)
+        ensemble.momentum_sphere(dead)
 
 
 @pytest.mark.parametrize("members", [1, 2, 3])
 def test_a_handful_of_members(free, members):
-    figure = draw(plots.summary(free.isel(member=slice(members))))
+    figure = draw(ensemble.summary(free.isel(member=slice(members))))
     assert f"{members} member{'s' if members > 1 else ''}," in figure.get_suptitle()
 
 
 def test_bodies_at_rest_have_no_direction():
     rest = dataset([0.0, 1.0], np.zeros((3, 5)), omega=np.zeros((2, 3, 5)))
-    assert "at rest" in draw(plots.summary(rest)).axes[0].texts[0].get_text()
+    assert "at rest" in draw(ensemble.summary(rest)).axes[0].texts[0].get_text()
 
 
 def test_spherical_bodies_and_bodies_that_stay_on_an_axis():
     start = np.repeat([[0.0], [0.0], [1.0]], 4, axis=1)
     for moments in ((2.0, 2.0, 2.0), (1.0, 2.0, 3.0)):
-        draw(plots.summary(dataset([0.0, 1.0, 2.0], start, moments, omega=np.repeat(start[None], 3, axis=0))))
+        draw(ensemble.summary(dataset([0.0, 1.0, 2.0], start, moments, omega=np.repeat(start[None], 3, axis=0))))
 
 
 def test_what_is_read_is_bounded_and_ends_with_the_last_save():
     huge = np.broadcast_to(np.array([0.1, 1.0, 0.2])[None, :, None], (1001, 3, 300_000))  # 7 GB, were it in memory
-    sample = plots._sample(dataset(np.arange(1001.0), huge[0], omega=huge))
-    assert sample.sizes["time"] <= plots.TIMES
-    assert sample.sizes["member"] <= plots.MEMBERS
+    sample = ensemble._sample(dataset(np.arange(1001.0), huge[0], omega=huge))
+    assert sample.sizes["time"] <= ensemble.TIMES
+    assert sample.sizes["member"] <= ensemble.MEMBERS
     assert sample.time[-1] == 1000.0
-    assert plots._sample(sample).sizes == sample.sizes
-    two = plots._sample(dataset([0.0, 1.0], huge[0], omega=huge[:2]))
+    assert ensemble._sample(sample).sizes == sample.sizes
+    two = ensemble._sample(dataset([0.0, 1.0], huge[0], omega=huge[:2]))
     assert two.sizes["member"] == 300_000  # under POINTS vectors all members are read
 
 
 def test_a_picture_goes_into_given_axes(free):
-    figure = plots.Figure((4.0, 3.0))
+    figure = ensemble.Figure((4.0, 3.0))
     axes = figure.add_subplot()
-    assert plots.middle_component(free, axes) is figure
+    assert ensemble.middle_component(free, axes) is figure
     assert figure.axes == [axes]
     assert figure.get_suptitle() == ""
-    assert plots.summary(free, figure) is figure
+    assert ensemble.summary(free, figure) is figure
 
 
 @pytest.mark.parametrize(("suffix", "magic"), [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml"), ("PNG", b"\x89PNG")])
 def test_save_writes_by_suffix_and_leaves_nothing_else(free, tmp_path, suffix, magic):
     path = tmp_path / f"flips.{suffix}"
-    plots.save(plots.drift_histogram(free), str(path))
+    ensemble.save(ensemble.drift_histogram(free), str(path))
     assert path.read_bytes().startswith(magic)
     assert list(tmp_path.iterdir()) == [path]
 
 
 def test_save_refuses_other_suffixes_and_keeps_the_old_picture(free, tmp_path, monkeypatch):
-    figure = plots.drift_histogram(free)
+    figure = ensemble.drift_histogram(free)
     for name in ("flips.jpeg", "flips"):
         with pytest.raises(ValueError, match=r"\.png, \.pdf, \.svg"):
-            plots.save(figure, tmp_path / name)
+            ensemble.save(figure, tmp_path / name)
     old = tmp_path / "flips.png"
     old.write_bytes(b"old")
 
@@ -336,13 +336,13 @@ def test_save_refuses_other_suffixes_and_keeps_the_old_picture(free, tmp_path, m
         raise OSError("No space left on device")
 
     with pytest.raises(FileExistsError, match="--force"):
-        plots.save(figure, old)
+        ensemble.save(figure, old)
     monkeypatch.setattr(figure, "savefig", full)
     with pytest.raises(OSError, match="No space"):
-        plots.save(figure, old, force=True)
+        ensemble.save(figure, old, force=True)
     assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("flips.png", b"old")]
 
 
 def test_pyplot_is_left_alone():
-    code = "import sys, rigidmc.plots; assert 'matplotlib.pyplot' not in sys.modules"
+    code = "import sys, rigidmc.views.ensemble; assert 'matplotlib.pyplot' not in sys.modules"
     subprocess.run([sys.executable, "-W", "error", "-c", code], check=True)

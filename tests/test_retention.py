@@ -5,10 +5,10 @@ import pytest
 from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc import capacity, run_results, runs
 from rigidmc.cli import app
 from rigidmc.errors import NoRoom, SceneError
-from rigidmc.storage.netcdf import read
+from rigidmc.runs import capacity, gather, resume
+from rigidmc.storage.writer import read
 from tests.test_runs import SCENE as OTHER
 
 SCENE = OTHER.with_run(every=0.1, turn_limit=0.051, save=("omega", "flips", "omega_max"))
@@ -47,15 +47,15 @@ def test_flagged_members_are_kept_in_full(full, tmp_path, keep):
         alike(file, ds)
         assert rm.rerun(file, 7).attrs["rerun"].startswith("equal to the bit")
         assert "members to 2 s" in file.rigid.summary()
-    runs.create(SCENE.with_run(keep=keep), tmp_path / "run", 40_000)
-    runs.resume(tmp_path / "run")
+    resume.create(SCENE.with_run(keep=keep), tmp_path / "run", 40_000)
+    resume.resume(tmp_path / "run")
     alike(rm.open(tmp_path / "run"), ds)
     for words in (["summary"], ["rerun", "--member", "5"], ["plot", "-o", f"{tmp_path}/a.png"]):
         made = CliRunner().invoke(app, [words[0], f"{tmp_path}/run", *words[1:]])
         assert made.exit_code == 0, made.output
-    with run_results.consolidate(tmp_path / "run", tmp_path / "two.nc") as file:
+    with gather.consolidate(tmp_path / "run", tmp_path / "two.nc") as file:
         alike(file, ds)
-    assert run_results.verify(tmp_path / "run") == []
+    assert gather.verify(tmp_path / "run") == []
 
 
 def test_a_summary_is_over_the_steps():
@@ -85,7 +85,7 @@ def test_digits_are_of_saves_alone(full, tmp_path):
         assert np.array_equal(ds.omega_flagged.values, full.omega.values[..., np.flatnonzero(full.status.values)])
         assert not np.array_equal(ds.omega_thinned.values, full.omega.values[::10])
         assert rm.rerun(ds, 7, save=("energy",)).attrs["rerun"].startswith("compared with nothing")
-    from rigidmc.storage.netcdf import Writer
+    from rigidmc.storage.writer import Writer
 
     class Four:
         _digits = dict(x=4)
@@ -117,7 +117,7 @@ def test_what_cannot_be_held_is_refused(tmp_path, monkeypatch):
     with pytest.raises(NoRoom, match="--keep final"):
         rm.simulate(big, output=tmp_path / "one.nc")
     with pytest.raises(NoRoom, match="--keep final"):
-        runs.create(big, tmp_path / "run")
+        resume.create(big, tmp_path / "run")
     monkeypatch.setattr(capacity, "free_memory", lambda: 1000)
     monkeypatch.setattr(capacity, "LITTLE", 0)
     with pytest.raises(NoRoom, match="run fewer members"):

@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from rigidmc import rotation as R
 from rigidmc.errors import SceneError, SceneWarning
-from rigidmc.exact.free_top import free_top
+from rigidmc.mechanics import rotation as R
+from rigidmc.mechanics.free_top import free_top
 
 RNG = np.random.default_rng(31)
 Q = RNG.normal(size=(200, 4))

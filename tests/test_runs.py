@@ -19,12 +19,13 @@ import pytest
 from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc import cluster, run_directory, run_results, runs
 from rigidmc.cli import app
 from rigidmc.errors import NoRoom, OutputExists, SceneError, SceneWarning
-from rigidmc.files import Part, content_of
-from rigidmc.run_directory import RunDirectory, rendered
-from rigidmc.storage.netcdf import read
+from rigidmc.files.outputs import Part, content_of
+from rigidmc.runs import cluster, gather, resume
+from rigidmc.storage import run_directory
+from rigidmc.storage.run_directory import RunDirectory, rendered
+from rigidmc.storage.writer import read
 from tests import torture
 from tests.torture import COMMAND, sums
 
@@ -44,7 +45,7 @@ def changed(path, **facts):
 
 def started(path, **run):
     """A run directory of the scene, nothing of it computed; blocks of 32 members, so that there is an order to get wrong."""
-    runs.create(SCENE.with_run(**run), path, SIZE)
+    resume.create(SCENE.with_run(**run), path, SIZE)
     changed(path, block=32, shard=192)
     return RunDirectory(path)
 
@@ -53,16 +54,16 @@ def started(path, **run):
 def whole(tmp_path_factory):
     path = tmp_path_factory.mktemp("runs") / "whole"
     started(path)
-    runs.resume(path, threads=2)
+    resume.resume(path, threads=2)
     return path
 
 
 def test_a_run_is_what_a_file_is(whole, tmp_path):
-    ds, direct = run_results.consolidate(whole, tmp_path / "one.nc"), rm.simulate(SCENE)
+    ds, direct = gather.consolidate(whole, tmp_path / "one.nc"), rm.simulate(SCENE)
     for name in direct.data_vars:
         assert np.array_equal(ds[name].values, direct[name].values, equal_nan=True), name
     assert ds.attrs["scene"] == direct.attrs["scene"] and set(ds.data_vars) == set(direct.data_vars)
-    assert run_directory.status(whole)["done"] == 6 and run_results.verify(whole) == []
+    assert run_directory.status(whole)["done"] == 6 and gather.verify(whole) == []
     assert "differs" not in rm.rerun(ds, 777).attrs["rerun"]
     ds.close()
 
@@ -73,13 +74,13 @@ def test_a_run_is_what_a_file_is(whole, tmp_path):
 def test_no_byte_depends_on_threads_blocks_or_order(whole, tmp_path, threads, block, order):
     started(tmp_path / "run")
     for part in order:
-        runs.resume(tmp_path / "run", threads=threads, block=block, only=part)
+        resume.resume(tmp_path / "run", threads=threads, block=block, only=part)
     assert sums(tmp_path / "run") == sums(whole)
 
 
 def test_another_processor_goes_on_with_the_same_bytes(whole, tmp_path):
     started(tmp_path / "run")
-    runs.resume(tmp_path / "run", only=range(2))
+    resume.resume(tmp_path / "run", only=range(2))
     environment = {
         **os.environ,
         "NUMBA_CPU_NAME": "haswell",
@@ -93,14 +94,14 @@ def test_another_processor_goes_on_with_the_same_bytes(whole, tmp_path):
 
 def test_an_extended_run_is_one_of_that_size(whole, tmp_path):
     started(tmp_path / "run", members=500)
-    runs.resume(tmp_path / "run")
+    resume.resume(tmp_path / "run")
     early = sums(tmp_path / "run")
-    runs.extend(tmp_path / "run", MEMBERS)
-    runs.resume(tmp_path / "run")
+    resume.extend(tmp_path / "run", MEMBERS)
+    resume.resume(tmp_path / "run")
     assert sums(tmp_path / "run") == sums(whole)
     assert {name: s for name, s in early.items() if name < "00000002"}.items() <= sums(whole).items()
     with pytest.raises(SceneError, match="already"):
-        runs.extend(tmp_path / "run", MEMBERS)
+        resume.extend(tmp_path / "run", MEMBERS)
 
 
 def test_a_run_is_opened_without_reading_it(whole, tmp_path):
@@ -110,7 +111,7 @@ def test_a_run_is_opened_without_reading_it(whole, tmp_path):
         assert np.array_equal(ds[name].values, direct[name].values, equal_nan=True), name
     assert "equal to the bit" in ds.rigid.rerun(500).attrs["rerun"]
     started(tmp_path / "part")
-    runs.resume(tmp_path / "part", only=range(2, 4))
+    resume.resume(tmp_path / "part", only=range(2, 4))
     with pytest.warns(SceneWarning, match="384 of"):
         part = rm.open(str(tmp_path / "part"))
     assert np.array_equal(part.member.values, np.arange(384, 768)) and np.array_equal(
@@ -120,17 +121,17 @@ def test_a_run_is_opened_without_reading_it(whole, tmp_path):
 
 def test_histograms_are_summed(tmp_path):
     scene = SCENE.with_run(save=("omega", HISTOGRAM))
-    directory = runs.create(scene, tmp_path / "run", SIZE)
-    runs.resume(directory.path)
+    directory = resume.create(scene, tmp_path / "run", SIZE)
+    resume.resume(directory.path)
     assert np.array_equal(rm.open(directory.path).histogram.values, rm.simulate(scene).histogram.values)
-    with run_results.consolidate(directory.path, tmp_path / "one.nc") as ds:
+    with gather.consolidate(directory.path, tmp_path / "one.nc") as ds:
         assert np.array_equal(ds.histogram.values, rm.simulate(scene).histogram.values)
 
 
 def test_what_is_damaged_is_found_and_computed_again(whole, tmp_path):
     some = random.Random(7)
     started(tmp_path / "run")
-    runs.resume(tmp_path / "run")
+    resume.resume(tmp_path / "run")
     for _ in range(40):
         path = some.choice([*sorted((tmp_path / "run" / "shards").iterdir()), tmp_path / "run" / "run.json"])
         data = path.read_bytes()
@@ -140,11 +141,11 @@ def test_what_is_damaged_is_found_and_computed_again(whole, tmp_path):
         )
         if path.suffix == ".json":
             with pytest.raises(SceneError, match="damaged"):
-                run_results.verify(tmp_path / "run", spot=0)
+                gather.verify(tmp_path / "run", spot=0)
             path.write_bytes(data)
         else:
-            assert path.name in run_results.verify(tmp_path / "run", spot=0)[0]
-            assert runs.repair(tmp_path / "run") == 1 and runs.resume(tmp_path / "run")[1]["ok"] in (40, 192)
+            assert path.name in gather.verify(tmp_path / "run", spot=0)[0]
+            assert resume.repair(tmp_path / "run") == 1 and resume.resume(tmp_path / "run")[1]["ok"] in (40, 192)
         assert sums(tmp_path / "run") == sums(whole)
 
 
@@ -165,14 +166,15 @@ def test_a_fault_of_every_kind(tmp_path):
 BESIDE = """
 import gc, sys, threading
 import rigidmc as rm
-from rigidmc import run_directory, run_results, runs
-from rigidmc.scene_file import load
+from rigidmc.runs import gather, resume
+from rigidmc.scene.file import load
+from rigidmc.storage import run_directory
 folder, scene = sys.argv[1], load("tennis_racket").with_run(members=60000, t_end=1.0, every=0.5, save=("omega",))
 for i in range(60):
     rm.simulate(scene, members=50, output=f"{folder}/{i}.nc").close()
 kept = [rm.open(f"{folder}/{i}.nc") for i in range(60)]
-runs.create(scene, f"{folder}/run", 100_000)
-run = threading.Thread(target=runs.resume, args=(f"{folder}/run", 2))
+resume.create(scene, f"{folder}/run", 100_000)
+run = threading.Thread(target=resume.resume, args=(f"{folder}/run", 2))
 run.start()
 while run.is_alive():
     dropped = [kept.pop() if kept else None, rm.open(f"{folder}/0.nc"), rm.open(f"{folder}/0.nc")]
@@ -180,7 +182,7 @@ while run.is_alive():
     del dropped
     gc.collect()
 run.join()
-assert run_directory.status(f"{folder}/run")["members_done"] == 60000 and run_results.verify(f"{folder}/run") == []
+assert run_directory.status(f"{folder}/run")["members_done"] == 60000 and gather.verify(f"{folder}/run") == []
 """
 
 
@@ -188,8 +190,8 @@ FULL = """
 import gc, sys
 import netCDF4
 import rigidmc as rm
-from rigidmc.scene_file import load
-from rigidmc.storage.netcdf import write_columns
+from rigidmc.scene.file import load
+from rigidmc.storage.writer import write_columns
 from tests.torture import limited
 folder, scene, told = sys.argv[1], load("tennis_racket").with_run(members=3000, t_end=1.0, every=0.5, save=("omega",)), 0
 whole = rm.simulate(scene).omega.values
@@ -255,36 +257,36 @@ def test_what_is_not_the_same_is_refused(whole, tmp_path):
     facts = RunDirectory(tmp_path / "run").facts
     changed(tmp_path / "run", versions={**facts["versions"], "numba": "0.1"})
     with pytest.raises(SceneError, match=r"numba 0\.1 there"):
-        runs.resume(tmp_path / "run")
-    assert runs.resume(tmp_path / "run", accept=True)[1]["ok"] == MEMBERS
+        resume.resume(tmp_path / "run")
+    assert resume.resume(tmp_path / "run", accept=True)[1]["ok"] == MEMBERS
     text = (tmp_path / "run" / "scene.toml").read_text()
     (tmp_path / "run" / "scene.toml").write_text(text.replace("seed = 4", "seed = 5"))
     with pytest.raises(SceneError, match="is not the scene"):
-        runs.resume(tmp_path / "run", accept=True)
+        resume.resume(tmp_path / "run", accept=True)
     with pytest.raises(OutputExists, match="resume"):
-        runs.create(SCENE, tmp_path / "run")
+        resume.create(SCENE, tmp_path / "run")
     with pytest.raises(SceneError, match="no run directory"):
-        runs.resume(tmp_path)
+        resume.resume(tmp_path)
     for text in ("", "[1]", "{", '{"format": 1}', json.dumps({**facts, "seed": 7}), json.dumps({**facts, "format": 9})):
         (tmp_path / "run" / "run.json").write_text(text)
         with pytest.raises(SceneError, match=r"run\.json"):
-            runs.resume(tmp_path / "run")
+            resume.resume(tmp_path / "run")
 
 
 def test_two_writers_are_one_too_many(tmp_path):
     directory = started(tmp_path / "run")
     with directory.locked(), pytest.raises(OutputExists, match="being written"):
-        runs.resume(tmp_path / "run")
-    assert runs.resume(tmp_path / "run")[1]["ok"] == MEMBERS
+        resume.resume(tmp_path / "run")
+    assert resume.resume(tmp_path / "run")[1]["ok"] == MEMBERS
 
 
 def test_what_another_process_changed_meanwhile_is_looked_at_again(whole, tmp_path):
     shutil.copytree(whole, tmp_path / "run")
     early = RunDirectory(tmp_path / "run")
-    runs.extend(tmp_path / "run", 2 * MEMBERS)
-    runs.resume(tmp_path / "run")
-    with patch.object(runs, "RunDirectory", lambda path: early), pytest.raises(OutputExists, match="changed by another"):
-        runs.repair(tmp_path / "run")  # to which the new shards are none
+    resume.extend(tmp_path / "run", 2 * MEMBERS)
+    resume.resume(tmp_path / "run")
+    with patch.object(resume, "RunDirectory", lambda path: early), pytest.raises(OutputExists, match="changed by another"):
+        resume.repair(tmp_path / "run")  # to which the new shards are none
     assert run_directory.status(tmp_path / "run")["members_done"] == 2 * MEMBERS
 
 
@@ -310,20 +312,20 @@ def test_links_lead_nowhere(whole, tmp_path):
         started(tmp_path / "run")
         (tmp_path / "run" / name).symlink_to(tmp_path / "mine")
         with contextlib.suppress(OSError):
-            runs.resume(tmp_path / "run", only=range(1))
+            resume.resume(tmp_path / "run", only=range(1))
         assert (tmp_path / "mine").read_text() == "mine"
         shutil.rmtree(tmp_path / "run")
     started(tmp_path / "run")
     (tmp_path / "run" / "shards").rmdir()
     (tmp_path / "run" / "shards").symlink_to(whole / "shards")
-    for use in (runs.repair, runs.resume, rm.open):
+    for use in (resume.repair, resume.resume, rm.open):
         with pytest.raises(SceneError, match="is a link"):
             use(tmp_path / "run")
     (tmp_path / "run" / "shards").unlink()
     (tmp_path / "run" / "shards").mkdir()
     os.mkfifo(tmp_path / "run" / "shards" / "00000000-0-0000000000000000.nc")
     assert run_directory.status(tmp_path / "run") | {"strays": 1, "done": 0} == run_directory.status(tmp_path / "run")
-    assert runs.repair(tmp_path / "run") == 1
+    assert resume.repair(tmp_path / "run") == 1
 
 
 def test_a_run_whose_reader_has_gone_goes_on(tmp_path):
@@ -345,7 +347,7 @@ def test_a_cluster_makes_the_same_bytes(whole, tmp_path):
     assert (i, found["ok"]) == (5, 40) and hashlib.sha256(data).hexdigest() == sums(whole)[name]
     for where in ("here:2", "local:0", "tcp"):
         with pytest.raises(SceneError, match="--cluster"):
-            runs.resume(started(tmp_path / where.replace("/", "")), cluster=where)
+            resume.resume(started(tmp_path / where.replace("/", "")), cluster=where)
 
 
 @pytest.mark.slow
@@ -353,16 +355,16 @@ def test_one_sum_for_every_way(whole, tmp_path):
     """Threads, blocks, workers and order, interrupted and extended: one sum for each shard, and for the consolidated file."""
     ways = [{"threads": threads, "block": block} for threads in (1, 2, 5) for block in (32, 64, 96)]
     ways += [{"cluster": f"local:{count}"} for count in (1, 2, 4)]
-    run_results.consolidate(whole, tmp_path / "whole.nc").close()
+    gather.consolidate(whole, tmp_path / "whole.nc").close()
     expected = hashlib.sha256((tmp_path / "whole.nc").read_bytes()).hexdigest()
     for way, order in itertools.product(ways, ((range(4),), (range(2, 4), range(1, 2), range(1)))):
         started(tmp_path / "run", members=700)
         for only in order:
-            runs.resume(tmp_path / "run", only=only, **way)
-        runs.extend(tmp_path / "run", MEMBERS)
-        runs.resume(tmp_path / "run", **way)
+            resume.resume(tmp_path / "run", only=only, **way)
+        resume.extend(tmp_path / "run", MEMBERS)
+        resume.resume(tmp_path / "run", **way)
         assert sums(tmp_path / "run") == sums(whole), (way, order)
-        run_results.consolidate(tmp_path / "run", tmp_path / "one.nc", force=True).close()
+        gather.consolidate(tmp_path / "run", tmp_path / "one.nc", force=True).close()
         assert hashlib.sha256((tmp_path / "one.nc").read_bytes()).hexdigest() == expected, (way, order)
         shutil.rmtree(tmp_path / "run")
 
@@ -371,16 +373,16 @@ def test_the_parts_of_a_job_array_are_one_run(whole, tmp_path):
     parts = [tmp_path / f"part{k}" for k in range(3)]
     for k, part in enumerate(parts):
         started(part)
-        runs.resume(part, only=range(2 * k, 2 * k + 2))
-    assert runs.merge(tmp_path / "all", parts[:2])[1] == 4 and runs.merge(tmp_path / "all", parts)[1] == 2
-    assert sums(tmp_path / "all") == sums(whole) and run_results.verify(tmp_path / "all") == []
+        resume.resume(part, only=range(2 * k, 2 * k + 2))
+    assert resume.merge(tmp_path / "all", parts[:2])[1] == 4 and resume.merge(tmp_path / "all", parts)[1] == 2
+    assert sums(tmp_path / "all") == sums(whole) and gather.verify(tmp_path / "all") == []
     started(tmp_path / "other", seed=5)
     with pytest.raises(SceneError, match="seed"):
-        runs.merge(tmp_path / "all", [tmp_path / "other"])
+        resume.merge(tmp_path / "all", [tmp_path / "other"])
     shard = min((parts[0] / "shards").iterdir())
     shard.write_bytes(shard.read_bytes()[:-1])
     with pytest.raises(SceneError, match="its sum"):
-        runs.merge(tmp_path / "new", parts)
+        resume.merge(tmp_path / "new", parts)
 
 
 def test_rows_of_their_own_go_with_the_run(tmp_path):
@@ -389,31 +391,31 @@ def test_rows_of_their_own_go_with_the_run(tmp_path):
     scene = rm.Scene(rm.Body.from_moments((some.uniform(1.0, 1.2, MEMBERS), 2.0, 3.0)), start=start).with_run(
         **SCENE.run.model_dump(exclude={"turn"})
     )
-    directory = runs.create(scene.with_run(members=600), tmp_path / "run", SIZE)
-    runs.resume(directory)
-    runs.extend(directory.path, MEMBERS)
-    runs.resume(directory.path)
+    directory = resume.create(scene.with_run(members=600), tmp_path / "run", SIZE)
+    resume.resume(directory)
+    resume.extend(directory.path, MEMBERS)
+    resume.resume(directory.path)
     made, direct = rm.open(directory.path), rm.simulate(scene)
     for name in direct.data_vars:
         assert np.array_equal(made[name].values, direct[name].values, equal_nan=True), name
-    assert run_results.verify(directory.path) == []
+    assert gather.verify(directory.path) == []
     with pytest.raises(SceneError, match="rows for 1,000"):
-        runs.extend(directory.path, MEMBERS + 1)
+        resume.extend(directory.path, MEMBERS + 1)
     data = bytearray((tmp_path / "run" / "columns.nc").read_bytes())
     data[len(data) // 2] ^= 1
     (tmp_path / "run" / "columns.nc").write_bytes(data)
     with pytest.raises(SceneError, match=r"columns\.nc"):
-        run_results.verify(directory.path)
+        gather.verify(directory.path)
 
 
 def test_what_is_killed_before_it_began_leaves_nothing(tmp_path):
-    with patch.object(runs, "rendered", side_effect=KeyboardInterrupt), pytest.raises(KeyboardInterrupt):
-        runs.create(SCENE, tmp_path / "run")
+    with patch.object(resume, "rendered", side_effect=KeyboardInterrupt), pytest.raises(KeyboardInterrupt):
+        resume.create(SCENE, tmp_path / "run")
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "scene.toml").write_text("mine")
     with pytest.raises(OutputExists):
-        runs.create(SCENE, tmp_path / "mine")
+        resume.create(SCENE, tmp_path / "mine")
     assert (tmp_path / "mine" / "scene.toml").read_text() == "mine"
 
 
@@ -433,7 +435,7 @@ def test_no_path_leads_out_of_a_run(whole, tmp_path):
             (tmp_path / "run" / "shards" / name).write_bytes(b"")
     (tmp_path / "run" / "shards" / "00000000-0-0123456789abcdef.nc").symlink_to(outside)
     assert RunDirectory(tmp_path / "run").shards() == {}
-    runs.resume(tmp_path / "run")
+    resume.resume(tmp_path / "run")
     assert sums(whole).items() <= sums(tmp_path / "run").items()
     assert outside.read_bytes() == min((whole / "shards").iterdir()).read_bytes()
 
@@ -462,35 +464,35 @@ def test_shards_are_those_of_their_numbers(whole, tmp_path):
         path = tmp_path / spoil.__name__
         shutil.copytree(whole, path)
         spoil(path)
-        assert run_results.verify(path, spot=0), spoil
+        assert gather.verify(path, spot=0), spoil
         with pytest.raises(SceneError):
-            run_results.consolidate(path, tmp_path / "one.nc")
+            gather.consolidate(path, tmp_path / "one.nc")
         if spoil is not misnamed:
             with pytest.raises(SceneError):
-                run_results.open_run(path).load()
-        assert runs.repair(path) >= 1
-        runs.resume(path)
-        assert sums(path) == sums(whole) and run_results.verify(path, spot=0) == []
+                gather.open_run(path).load()
+        assert resume.repair(path) >= 1
+        resume.resume(path)
+        assert sums(path) == sums(whole) and gather.verify(path, spot=0) == []
     beyond(path)
     with pytest.raises(SceneError, match="no shard of this run"):
-        runs.extend(path, 2 * MEMBERS)
+        resume.extend(path, 2 * MEMBERS)
 
 
 def test_a_shard_of_another_run_is_none_of_this(whole, tmp_path):
     started(tmp_path / "other", seed=5)
-    runs.resume(tmp_path / "other")
+    resume.resume(tmp_path / "other")
     started(tmp_path / "run")
-    runs.resume(tmp_path / "run", only=range(5))
+    resume.resume(tmp_path / "run", only=range(5))
     shutil.copy(RunDirectory(tmp_path / "other").shards()[5], tmp_path / "run" / "shards")
     assert run_directory.status(tmp_path / "run")["done"] == 6  # by its name
-    (found,) = run_results.verify(tmp_path / "run", spot=0)
+    (found,) = gather.verify(tmp_path / "run", spot=0)
     assert "another run" in found
     opened = rm.open(tmp_path / "run")
     assert opened.omega_max.isel(member=slice(0, 960)).values.shape == (3, 960)
     for use in (
         opened.load,
-        lambda: run_results.consolidate(tmp_path / "run", tmp_path / "one.nc"),
-        lambda: runs.merge(tmp_path / "new", [tmp_path / "run"]),
+        lambda: gather.consolidate(tmp_path / "run", tmp_path / "one.nc"),
+        lambda: resume.merge(tmp_path / "new", [tmp_path / "run"]),
     ):
         with pytest.raises(SceneError, match="another run"):
             use()
@@ -503,7 +505,7 @@ def test_a_shard_of_another_run_is_none_of_this(whole, tmp_path):
 
 def test_part_of_a_run_is_told_as_part(tmp_path):
     started(tmp_path / "run")
-    runs.resume(tmp_path / "run", only=range(4, 99))
+    resume.resume(tmp_path / "run", only=range(4, 99))
     with pytest.warns(SceneWarning, match="232 of 1,000 members are there"):
         rm.open(tmp_path / "run")
     told = CliRunner().invoke(app, ["summary", f"{tmp_path}/run"])
@@ -518,20 +520,20 @@ def journal(path):
 def test_bad_arguments(whole, tmp_path):
     scene = SCENE.with_run(members=100)
     for bad in (
-        lambda: runs.create(scene, tmp_path / "run", 0), lambda: runs.create(scene, tmp_path / "run", math.nan),
-        lambda: runs.create(scene, tmp_path / "run", only=range(7, 9)), lambda: runs.resume(whole, only=1), lambda: runs.resume(whole, threads=-1),
-        lambda: runs.resume(whole, threads=0), lambda: runs.resume(whole, block=0), lambda: runs.resume(whole, max_wall="soon"),
-        lambda: runs.resume(whole, max_wall=math.nan), lambda: runs.extend(whole, 6000.5), lambda: runs.extend(whole, "9000"),
-        lambda: run_results.verify(whole, spot=-1), lambda: runs.merge(tmp_path / "new", []), lambda: runs.merge(tmp_path / "new", str(whole)),
+        lambda: resume.create(scene, tmp_path / "run", 0), lambda: resume.create(scene, tmp_path / "run", math.nan),
+        lambda: resume.create(scene, tmp_path / "run", only=range(7, 9)), lambda: resume.resume(whole, only=1), lambda: resume.resume(whole, threads=-1),
+        lambda: resume.resume(whole, threads=0), lambda: resume.resume(whole, block=0), lambda: resume.resume(whole, max_wall="soon"),
+        lambda: resume.resume(whole, max_wall=math.nan), lambda: resume.extend(whole, 6000.5), lambda: resume.extend(whole, "9000"),
+        lambda: gather.verify(whole, spot=-1), lambda: resume.merge(tmp_path / "new", []), lambda: resume.merge(tmp_path / "new", str(whole)),
     ):  # fmt: skip
         with pytest.raises(SceneError):
             bad()
     with pytest.raises(FileNotFoundError, match="no such folder"):
-        run_results.consolidate(whole, tmp_path / "no" / "one.nc")
+        gather.consolidate(whole, tmp_path / "no" / "one.nc")
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "empty").mkdir()
     os.symlink(tmp_path / "empty", tmp_path / "link")
-    assert runs.create(scene, tmp_path / "link").path == str(tmp_path / "empty")
+    assert resume.create(scene, tmp_path / "link").path == str(tmp_path / "empty")
     invoke = CliRunner().invoke
     assert invoke(app, ["run", "tennis_racket", "-o", f"{tmp_path}/x/", "--shards", "90:99"]).exit_code == 3
     assert "names a folder" in invoke(app, ["run", "tennis_racket", "--plot", f"{tmp_path}/x/"]).stderr
@@ -543,9 +545,9 @@ def test_what_cannot_be_is_refused_before_anything_is_changed(whole, tmp_path):
     before = {p: p.read_bytes() for p in (tmp_path / "run").rglob("*") if p.is_file()}
     for members, error in ((19 * 10**8, NoRoom), (9 * 10**12, SceneError), (10**30, SceneError), (MEMBERS, SceneError)):
         with pytest.raises(error):
-            runs.extend(tmp_path / "run", members)
+            resume.extend(tmp_path / "run", members)
     with pytest.raises(SceneError, match="0 to 5"):
-        runs.resume(tmp_path / "run", only=range(6, 7))
+        resume.resume(tmp_path / "run", only=range(6, 7))
     assert {p: p.read_bytes() for p in (tmp_path / "run").rglob("*") if p.is_file()} == before
     for words in (
         ["--max-wall", "soon"],
@@ -562,7 +564,7 @@ def test_what_cannot_be_is_refused_before_anything_is_changed(whole, tmp_path):
     shutil.rmtree(tmp_path / "run" / "shards")
     (tmp_path / "run" / "journal.jsonl").unlink()
     (tmp_path / "run" / "journal.jsonl").mkdir()
-    runs.resume(tmp_path / "run")
+    resume.resume(tmp_path / "run")
     assert sums(tmp_path / "run") == sums(whole) and (tmp_path / "run" / "notes.part-2.txt").read_text() == "mine"
 
 
@@ -603,7 +605,7 @@ def test_a_shard_that_cannot_be_read_is_named(whole, tmp_path):
 
 def test_flagged_members_are_told_by_whoever_ends_the_run(tmp_path):
     started(tmp_path / "run", turn_limit=0.051)
-    runs.resume(tmp_path / "run", only=range(3))
+    resume.resume(tmp_path / "run", only=range(3))
     invoke = CliRunner().invoke
     assert invoke(app, ["resume", f"{tmp_path}/run", "--shards", "3:5"]).exit_code == 5
     assert invoke(app, ["resume", f"{tmp_path}/run"]).exit_code == 4 and invoke(app, ["status", f"{tmp_path}/run"]).exit_code == 4
@@ -613,8 +615,8 @@ def test_flagged_members_are_told_by_whoever_ends_the_run(tmp_path):
 
 def test_nothing_saved_over_time_and_notes(tmp_path):
     with pytest.warns(SceneWarning, match="dt reduced"):
-        directory = runs.create(SCENE.with_run(save=("flips", "omega_max"), dt=0.06), tmp_path / "run")
-    runs.resume(directory)
+        directory = resume.create(SCENE.with_run(save=("flips", "omega_max"), dt=0.06), tmp_path / "run")
+    resume.resume(directory)
     assert rm.open(directory.path).omega_max.shape == (3, MEMBERS)
 
 

@@ -5,8 +5,8 @@ import pytest
 import scipy.stats
 
 import rigidmc as rm
-from rigidmc.rotation import matrix, quaternion_from_euler
-from rigidmc.sampling import draw
+from rigidmc.mechanics.rotation import matrix, quaternion_from_euler
+from rigidmc.scene.quantities import draw
 
 COUNT = 1 << 16
 

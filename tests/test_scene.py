@@ -7,8 +7,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import rigidmc as rm
-from rigidmc.planning import steps_and_saves
-from rigidmc.scene_file import shipped
+from rigidmc.planning.plan import steps_and_saves
+from rigidmc.scene.file import shipped
 
 GOOD = """
 title = "test"
@@ -74,7 +74,7 @@ def test_bad_scenes(case):
 
 
 def prepared(text):
-    from rigidmc.planning import prepare
+    from rigidmc.planning.plan import prepare
 
     scene = rm.Scene.loads(text, "mine.toml")
     try:

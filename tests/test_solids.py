@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc import Body, SceneError, inertia
-from rigidmc.solids import SOLIDS
+from rigidmc import Body, SceneError
+from rigidmc.mechanics import inertia
+from rigidmc.mechanics.solids import SOLIDS
 
 RNG = np.random.default_rng(35)
 

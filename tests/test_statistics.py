@@ -5,8 +5,8 @@ import pytest
 from scipy import stats
 
 import rigidmc as rm
-from rigidmc import statistics
-from rigidmc.statistics import mean, probability, quantile
+from rigidmc.studies import intervals as statistics
+from rigidmc.studies.intervals import mean, probability, quantile
 
 REPEATED = 2000
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.units import dimensions, factor, internal, scaled
+from rigidmc.planning.units import dimensions, factor, internal, scaled
 
 BODY = rm.Body.from_moments((rm.uniform(0.9, 1.1), 1.4, 2.0), mass=1.5, centre=(0.1, 0.2, 0.3))
 START = rm.Start(omega=(rm.normal(0.3, 0.1), rm.distribution("laplace", loc=0.5, scale=0.1), 0.2), attitude="uniform")

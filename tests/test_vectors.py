@@ -8,10 +8,10 @@ import pytest
 from scipy import stats
 
 import rigidmc as rm
-from rigidmc.effects.verbs import total_energy
+from rigidmc.effects.protocol import total_energy
 from rigidmc.errors import SceneError
-from rigidmc.sampling import Grid
-from rigidmc.staging import physics, stage
+from rigidmc.planning.stage import physics, stage
+from rigidmc.scene.quantities import Grid
 
 N = 20_000
 MOMENTS = (1.0, 2.0, 2.5)
@@ -148,7 +148,7 @@ def test_bad_vectors_are_told(text, words):
 
 
 def test_other_units_move_alike():
-    from rigidmc.units import scaled
+    from rigidmc.planning.units import scaled
 
     for vector in (rm.Cone(2, 1.0, 0.1), rm.Correlated((0.0, 1.0, 0.0), np.eye(3)), rm.Shell(2.0), rm.GibbsMomentum(1.0)):
         scene = rm.Scene(rm.Body.from_moments(MOMENTS), start=rm.Start(momentum=vector))
@@ -245,7 +245,7 @@ def scene_of_points(kind, members=256, seed=3):
 def test_sobol_points_are_scipys():
     from scipy.special import ndtri
 
-    from rigidmc.engine.random import stream_of
+    from rigidmc.engine.streams import stream_of
 
     scene = scene_of_points("sobol")
     w = stage(scene, 0, 256, False)[1]["start_omega"]

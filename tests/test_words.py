@@ -8,15 +8,16 @@ import pytest
 from typer.testing import CliRunner
 
 import rigidmc as rm
-from rigidmc.amounts import counted, counted_text, seconds
 from rigidmc.cli import app
-from rigidmc.idle import idle
-from rigidmc.planning import prepare
-from rigidmc.scene import Run
-from rigidmc.scene_file import shipped
-from rigidmc.scene_notes import notes
-from rigidmc.studies.map_cases import MAPS
-from rigidmc.studies.stability_map import on_map
+from rigidmc.planning.notes import notes
+from rigidmc.planning.plan import prepare
+from rigidmc.scene.amounts import counted, counted_text, seconds
+from rigidmc.scene.file import shipped
+from rigidmc.scene.idle import idle
+from rigidmc.scene.parameters import parameters
+from rigidmc.scene.scene import Run
+from rigidmc.studies.maps.catalogue import MAPS
+from rigidmc.studies.maps.stability_map import on_map
 
 BODY = rm.Body.from_moments((1.0, 2.0, 2.5))
 HEAVY = rm.Body.from_moments((1.0, 2.0, 2.5), mass=2.0, centre=(0.0, 0.0, 0.1))
@@ -276,7 +277,7 @@ def test_correlated_moments_have_their_covariance_and_tails_are_flagged(tmp_path
         f"[body]\nmoments = {{ correlated = {{ mean = [1.0, 2.0, 2.7], covariance = {covariance.tolist()} }} }}\n" + start
     )
     assert rm.Scene.loads(scene.dumps()).dumps() == scene.dumps()
-    assert rm.scene_parameters.parameters(scene)[:3] == [f"body.moments.mean.{i}" for i in (1, 2, 3)]
+    assert parameters(scene)[:3] == [f"body.moments.mean.{i}" for i in (1, 2, 3)]
     with pytest.warns(rm.SceneWarning, match=r"\[body\] moments: 347 of the first 4,096 bodies cannot exist"):
         ds = rm.simulate(scene, output=str(tmp_path / "a.nc"))
     moments = ds.moments.values

@@ -79,7 +79,7 @@ def kills(count, folder, some, members=400_000, size=4):
     The processes are forked from one that has imported everything: two seconds less each, in which there is nothing to kill.
     """
     server = multiprocessing.get_context("forkserver")
-    server.set_forkserver_preload(["rigidmc.cli", "rigidmc.simulation", "rigidmc.runs"])
+    server.set_forkserver_preload(["rigidmc.cli", "rigidmc.runs.simulate", "rigidmc.runs.resume"])
 
     def process(*words):
         made = server.Process(target=quietly, args=words)
@@ -177,8 +177,8 @@ def corrupt(count, folder, some):
     words = [*WORDS[:3], "20000", *WORDS[4:]]
     words[words.index("--shard-size") + 1] = "0.3"
     assert run(*words, whole + "/").returncode == 0
-    from rigidmc import run_results, runs
     from rigidmc.errors import SceneError
+    from rigidmc.runs import gather, resume
 
     expected = sums(whole)
     told = {"damaged": 0, "found": 0, "repaired, sha256 equal": 0, "crashes of verify": 0}
@@ -196,7 +196,7 @@ def corrupt(count, folder, some):
             file.write(bad)
         told["damaged"] += 1
         try:
-            found = bool(run_results.verify(whole, spot=0))
+            found = bool(gather.verify(whole, spot=0))
         except SceneError:
             found = True
         except Exception as error:
@@ -205,8 +205,8 @@ def corrupt(count, folder, some):
             found = True
         told["found"] += found
         if path.endswith(".nc"):
-            runs.repair(whole)
-            runs.resume(whole)
+            resume.repair(whole)
+            resume.resume(whole)
         else:
             with open(path, "wb") as file:
                 file.write(data)
@@ -218,8 +218,8 @@ def faults(most, folder, some):
     """Let each operation of a run fail once; {what: how often}."""
     from typer.testing import CliRunner
 
-    from rigidmc import run_directory
     from rigidmc.cli import app
+    from rigidmc.storage import run_directory
 
     whole, path, words = os.path.join(folder, "whole"), os.path.join(folder, "run"), [*WORDS[:3], "20000", *WORDS[4:]]
     words[words.index("--shard-size") + 1] = "0.5"

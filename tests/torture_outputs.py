@@ -48,11 +48,13 @@ def made(folder, process):
 @contextlib.contextmanager
 def computed_once():
     """Studies are computed once, then their outputs are attacked."""
-    from rigidmc import again
-    from rigidmc.studies import accuracy, hard_cases, map_cases
+    from rigidmc.runs import rerun as again
+    from rigidmc.studies import accuracy
+    from rigidmc.studies.maps import catalogue
+    from rigidmc.studies.stress import run as hard_cases
 
     with contextlib.ExitStack() as held:
-        for module, name in ((accuracy, "accuracy"), (hard_cases, "stress"), (map_cases, "case_map"), (again, "frames")):
+        for module, name in ((accuracy, "accuracy"), (hard_cases, "stress"), (catalogue, "case_map"), (again, "frames")):
             real, kept = getattr(module, name), {}
 
             def once(*given, real=real, kept=kept, **named):
@@ -214,7 +216,14 @@ def server():
     """Starts processes that have imported everything already."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(
-        ["rigidmc.cli", "rigidmc.simulation", "rigidmc.runs", "rigidmc.plots", "rigidmc.animation", "tests.torture_outputs"]
+        [
+            "rigidmc.cli",
+            "rigidmc.runs.simulate",
+            "rigidmc.runs.resume",
+            "rigidmc.views.ensemble",
+            "rigidmc.views.animation",
+            "tests.torture_outputs",
+        ]
     )
 
     def process(words, streams=((1, "null"), (2, "null")), unbuffered=False):

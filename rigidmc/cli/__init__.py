@@ -4,7 +4,7 @@ imported before it is needed."""
 import sys
 from typing import Any
 
-from rigidmc.cli import closed, maps, results, runs, scene, stress, study, vocabulary, warm  # noqa: F401  (their commands, in this order)
+from rigidmc.cli import body, catalogues, directories, maps, results, run, stress, vocabulary, warm  # noqa: F401
 from rigidmc.cli.common import FLAGGED, INCOMPLETE, INTERRUPTED, IO, OK, app
 from rigidmc.cli.streams import guard
 

@@ -28,7 +28,7 @@ def count_option(key, least=1, most=None, **option):
     """An option that takes a whole number, also as 1e6."""
 
     def read(text):
-        from rigidmc.amounts import counted_text
+        from rigidmc.scene.amounts import counted_text
 
         return counted_text(text, key, least, most)
 
@@ -39,7 +39,7 @@ def time_option(key, positive=True, **option):
     """An option that takes a time: seconds, or 90s, 1h30m, 250ms."""
 
     def read(text):
-        from rigidmc.amounts import seconds
+        from rigidmc.scene.amounts import seconds
 
         return seconds(text, key, positive=positive)
 
@@ -122,7 +122,7 @@ class AskedToStop(BaseException):
 def reported():
     """Turn what can go wrong into one message and an exit code; never a traceback for a user's mistake. What is compiled is said before it begins."""
     from rigidmc.errors import NoRoom, OutputExists, SceneError
-    from rigidmc.files import drop_parts
+    from rigidmc.files.outputs import drop_parts
     from rigidmc.progress import announcing
 
     def heard(number, _):
@@ -212,7 +212,7 @@ def fail(message, code):
 def load_scene(source, settings, allow_code=False, **run):
     """A scene with the options of the command line in it."""
     from rigidmc.errors import SceneError
-    from rigidmc.scene import Scene
+    from rigidmc.scene.scene import Scene
 
     pairs = []
     for setting in settings:
@@ -240,10 +240,10 @@ def opened(path, allow_code=False):
 
 def plots_module():
     try:
-        from rigidmc import plots
+        from rigidmc.views import ensemble
     except ImportError as error:
         fail(f"pictures need matplotlib: pip install 'rigidmc[plot]' ({error})", IO)
-    return plots
+    return ensemble
 
 
 def refuse_outputs(force, output=None, plot=None, bounds=None, animation=None, size=100_000):
@@ -252,7 +252,7 @@ def refuse_outputs(force, output=None, plot=None, bounds=None, animation=None, s
 
     size : bytes of the largest output, if known
     """
-    from rigidmc.files import refuse_existing
+    from rigidmc.files.outputs import refuse_existing
 
     for kind, path in {"results": output, "pictures": plot, "tables of bounds": bounds, "animations": animation}.items():
         if path is not None:
@@ -263,7 +263,7 @@ def refuse_outputs(force, output=None, plot=None, bounds=None, animation=None, s
 
 def keep(dataset, output, plot, force, draw):
     """Write a study, and the picture that draw(dataset) makes of it. Returns a line for each file, see `told`."""
-    from rigidmc.files import write_bytes
+    from rigidmc.files.outputs import write_bytes
     from rigidmc.storage import encoded
 
     if output is not None:
@@ -275,7 +275,7 @@ def keep(dataset, output, plot, force, draw):
 
 def save_picture(figure, path, force):
     """Write a picture to a path that was checked before the work. If a file is there now, the picture gets another name."""
-    from rigidmc.files import write_bytes
+    from rigidmc.files.outputs import write_bytes
 
     write_bytes(path, plots_module().drawn(figure, path), force)
 

@@ -45,7 +45,7 @@ def make_map(
     """Map two parameters of a scene against what its members do, with replicas and a confidence interval for every pixel."""
     with reported():
         from rigidmc.errors import SceneError, unknown
-        from rigidmc.studies.map_cases import MAPS, case_map
+        from rigidmc.studies.maps.catalogue import MAPS, case_map
 
         if name == "list":
             if which is not None and which not in MAPS:
@@ -77,7 +77,7 @@ def make_map(
             if name in MAPS and not (x or y or of or settings):
                 found = case_map(name, resolution, members, threads, show, seed=seed, **changed)
             else:
-                from rigidmc.studies.stability_map import stability_map
+                from rigidmc.studies.maps.stability_map import stability_map
 
                 if name in MAPS and not (x and y and of):
                     rule = (
@@ -99,9 +99,9 @@ def make_map(
             raise
 
         def draw(found):
-            from rigidmc import map_plots
+            from rigidmc.views import maps
 
-            return map_plots.stability_map(found)
+            return maps.stability_map(found)
 
         lines = list[str]()
         try:

@@ -35,8 +35,8 @@ def rerun(
 ):  # fmt: skip
     """Integrate one member of a result again, to the same bits, with more saved: all observables unless --save says which."""
     with reported():
-        from rigidmc.again import rerun as again
         from rigidmc.errors import SceneError
+        from rigidmc.runs.rerun import rerun as again
 
         refuse_outputs(force, output, plot)
         wanted = None if save is None else [word.strip() for word in save.split(",") if word.strip() not in ("", "none")]
@@ -60,7 +60,7 @@ def rerun(
 def summary(file: ResultArgument):
     """Say what is in a result: flagged members, and of each number that members have its mean with the interval, median and range."""
     with reported():
-        from rigidmc.summary import summary as lines
+        from rigidmc.views.summary import summary as lines
 
         try:
             with opened(file) as dataset:
@@ -80,11 +80,11 @@ def animate(
 ):  # fmt: skip
     """Animate one member of a result: it is integrated again, and drawn turning beside its momentum sphere."""
     with reported():
-        from rigidmc.again import frames
+        from rigidmc.runs.rerun import frames
 
         refuse_outputs(force, animation=output)
-        from rigidmc.animation import SMOOTH, check_writer
-        from rigidmc.animation import animate as written
+        from rigidmc.views.animation import SMOOTH, check_writer
+        from rigidmc.views.animation import animate as written
 
         try:
             check_writer(output)

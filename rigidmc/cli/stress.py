@@ -39,37 +39,37 @@ def stress(
 
         refuse_outputs(force, output, plot, write_bounds)
         if scene is not None:
-            from rigidmc.studies import trust as study
+            from rigidmc.studies import trust
 
             loaded = load_scene(scene, settings, allow_code, integrator=integrator)
             try:
-                found = study.trust(loaded, quick=quick, progress=True)
+                found = trust.trust(loaded, quick=quick, progress=True)
             except SceneError as error:
                 error.file = error.file or scene
                 raise
-            bad = study.failed(found)
+            bad = trust.failed(found)
         else:
             from rigidmc.cli.stress_table import show
-            from rigidmc.studies import hard_cases as cases
+            from rigidmc.studies.stress import run
 
-            given = cases.load_bounds(bounds) if bounds else None
-            found = cases.stress(_words(group), _words(integrator), quick, given, threads, progress=True)
-            bad = cases.failed(found)
+            given = run.load_bounds(bounds) if bounds else None
+            found = run.stress(_words(group), _words(integrator), quick, given, threads, progress=True)
+            bad = run.failed(found)
 
         def draw(found):
-            from rigidmc import study_plots
+            from rigidmc.views import studies
 
-            return (study_plots.trust if scene is not None else study_plots.hard_cases)(found)
+            return (studies.trust if scene is not None else studies.hard_cases)(found)
 
         lines = list[str]()
         try:
             lines += keep(found, output, plot, force, draw)
             if scene is None and write_bounds is not None:
-                cases.save_bounds(found, write_bounds, force)
+                run.save_bounds(found, write_bounds, force)
                 lines += told([write_bounds])
         finally:  # what was found is told also where it could not be written
             if scene is not None:
-                print("\n".join(study.table(found)))
+                print("\n".join(trust.table(found)))
             else:
                 show(found)
             print("\n".join(lines), end="\n" * bool(lines))

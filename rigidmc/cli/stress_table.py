@@ -7,8 +7,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from rigidmc.studies.catalogue import GROUPS
-from rigidmc.studies.hard_cases import AMBER, VERDICTS
+from rigidmc.studies.stress.catalogue import GROUPS
+from rigidmc.studies.stress.run import AMBER, VERDICTS
 
 _STYLES = {
     "good": "green",

@@ -41,7 +41,7 @@ def effects(
 
         costs = {}
         if measure:
-            from rigidmc.prices import effect_prices
+            from rigidmc.planning.tolerance.costs import effect_prices
 
             costs = effect_prices()
             free, turning, heavy, split = (costs.pop(word) for word in ("free", "with attitude", "with gravity", "strang"))
@@ -64,7 +64,7 @@ def _of_effect(name):
     """(label, fact) of an effect."""
     from rigidmc.effects import EFFECTS, description
     from rigidmc.effects.parameters import given
-    from rigidmc.scene_checks import limits
+    from rigidmc.scene.checks import limits
 
     kind = EFFECTS[name]
     numbers = {field: f" = {kind._field_defaults[field]:g}" if field in kind._field_defaults else "" for field in given(kind)}
@@ -127,7 +127,7 @@ def observables(
     NAME: all of it."""
     with reported():
         from rigidmc.observables import KNOWN, OBSERVABLES, RUNNING, SUMMARIES
-        from rigidmc.observables.statistics import STATISTICS
+        from rigidmc.observables.running import STATISTICS
 
         if name is not None:
             kinds = {**OBSERVABLES, **SUMMARIES, **{word: kind for word, (_, kind) in RUNNING.items()}}
@@ -135,7 +135,7 @@ def observables(
             return
         costs = {}
         if measure:
-            from rigidmc.prices import watched_prices
+            from rigidmc.planning.tolerance.costs import watched_prices
 
             costs = watched_prices()
             bare = ", ".join(f"{word} {each['']:.2f} ns" for word, each in costs.items())
@@ -189,7 +189,7 @@ def integrators(
             return
         costs = {}
         if measure:
-            from rigidmc.ways import step_costs
+            from rigidmc.planning.tolerance.ladder import step_costs
 
             costs = step_costs()
         for word, kind in INTEGRATORS.items():

@@ -17,9 +17,9 @@ def warm(
 
     A line for each scene tells what it took; code that is there is not compiled again."""
     with reported():
-        from rigidmc import precompile
         from rigidmc.errors import SceneError
-        from rigidmc.scene_file import shipped
+        from rigidmc.runs import warm as precompile
+        from rigidmc.scene.file import shipped
 
         loaded = [(name, load_scene(name, settings, allow_code)) for name in scenes or shipped()]
         for name, scene in loaded:

@@ -13,7 +13,7 @@ import numpy as np
 
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.dynamics.so3 import exponential, multiply
-from rigidmc.effects import EFFECTS, verbs
+from rigidmc.effects import EFFECTS, protocol
 from rigidmc.effects.parameters import filled, numbers
 from rigidmc.errors import SceneError, nearest
 
@@ -89,7 +89,7 @@ def _complaint(kind, verb, rule, line=None):
 
 
 def _arguments(kind, verb):
-    known = getattr(verbs, verb).available
+    known = getattr(protocol, verb).available
     for name in list(inspect.signature(getattr(kind, verb)).parameters)[1:]:
         if name not in known:
             close = nearest(name, known)

@@ -19,16 +19,16 @@ from numba.core.errors import NumbaError  # noqa: F401  (for those who call)
 from numba.core.typing.templates import AbstractTemplate
 from numba.extending import overload, typeof_impl
 
-import rigidmc.integrators.verbs
-import rigidmc.observables.verbs  # noqa: F401  (imported so that METHODS is complete)
+import rigidmc.integrators.protocol
+import rigidmc.observables.protocol  # noqa: F401  (imported so that METHODS is complete)
 from rigidmc.dynamics import euler, free_flow, functions, principal, so3
 from rigidmc.dynamics.methods import METHODS, arguments
-from rigidmc.effects import EFFECTS, flows, verbs
+from rigidmc.effects import EFFECTS, flows, protocol
 from rigidmc.engine.memory import get_row
 from rigidmc.engine.numbers import coded, known_by
 from rigidmc.engine.pipeline import INLINE
 from rigidmc.integrators import drifts, free_motion, lie, midpoint, rk4, rk8, splitting
-from rigidmc.observables import SUMMARIES, statistics
+from rigidmc.observables import SUMMARIES, running
 
 # these have code of their own, here and in `rigidmc.engine.numbers`
 _known = {
@@ -253,7 +253,7 @@ for _module in (
     euler,
     free_flow,
     principal,
-    verbs,
+    protocol,
     drifts,
     free_motion,
     lie,
@@ -262,7 +262,7 @@ for _module in (
     rk8,
     splitting,
     flows,
-    statistics,
+    running,
 ):
     inline_all(_module)
 for _kind in (*EFFECTS.values(), *SUMMARIES.values()):

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from rigidmc.dynamics.so3 import opposite, select, select_each
 from rigidmc.engine.compose import filled, inline
 from rigidmc.engine.memory import four_at, put, three_at
-from rigidmc.observables.verbs import armed, level, past
+from rigidmc.observables.protocol import armed, level, past
 
 # Rows of an event: its level after the last step, 0 where it cannot happen next; how often it happened; when by linear interpolation, last and first;
 # the squares of the times between; when exactly, first and last; and of first and last the time of the step's end, the levels before and there, and the state.

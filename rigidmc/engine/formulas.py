@@ -8,13 +8,13 @@ import numpy as np
 from numba.core import types
 
 from rigidmc.dynamics.methods import method
-from rigidmc.engine.blocks import threads_of
 from rigidmc.engine.compile_time import announced
 from rigidmc.engine.compose import compile_method, filled, given, inline
 from rigidmc.engine.machine import threads_available
 from rigidmc.engine.memory import put
 from rigidmc.engine.numbers import coded
 from rigidmc.engine.pieces import is_ready, piece, run
+from rigidmc.engine.threads import threads_of
 
 PIECE, LEAST, WIDTH = 16384, 512, 8  # elements per call on a thread: at most a few milliseconds, at least 0.1; and side by side
 

@@ -14,7 +14,7 @@ from rigidmc.engine.member import carried
 from rigidmc.engine.memory import put, stream
 from rigidmc.engine.noise import normals, philox
 from rigidmc.engine.numbers import as_word, in_precision, like
-from rigidmc.integrators.verbs import constants, keeps, step
+from rigidmc.integrators.protocol import constants, keeps, step
 
 
 def march(kinds, numbers, parts, count, state, work, trace, traced, key, other, streams, rounds, first, last):

@@ -11,7 +11,7 @@ import math
 
 from rigidmc.dynamics.euler import angular_velocity, kinetic_energy
 from rigidmc.dynamics.so3 import dot, first_three, joined, scale, select, select_each, up
-from rigidmc.effects.verbs import booked, gross, total_energy, total_energy_scale
+from rigidmc.effects.protocol import booked, gross, total_energy, total_energy_scale
 from rigidmc.engine.compose import filled, given, inline, rows_of
 from rigidmc.engine.layout import (
     ATTITUDE,
@@ -41,8 +41,8 @@ from rigidmc.engine.layout import (
 )  # fmt: skip
 from rigidmc.engine.memory import four_at, load, put, spread, store, three_at, tuple_at
 from rigidmc.engine.numbers import in_precision, like
-from rigidmc.integrators.verbs import closed, keeps, opened
-from rigidmc.observables.verbs import value
+from rigidmc.integrators.protocol import closed, keeps, opened
+from rigidmc.observables.protocol import value
 
 ALWAYS = 1e300  # steps of a round, where members have no number of their own
 

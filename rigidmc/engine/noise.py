@@ -1,7 +1,7 @@
 """Normal deviates in lanes: Philox4x64-10 as numpy has it, and the transform of Box and Muller, without branch or libm call.
 
 A member's noise in a step is a function of (seed, stream, member, step) and of nothing else. The counter is [member + 1, step, stream, 1]: the
-last word keeps it apart from the draws of `rigidmc.engine.random`, where it is 0.
+last word keeps it apart from the draws of `rigidmc.engine.streams`, where it is 0.
 Source: Salmon, Moraes, Dror & Shaw, SC11 (2011); Box & Muller, Ann. Math. Stat. 29 (1958) 610; the logarithm is that of `rigidmc.dynamics.functions`.
 """
 

@@ -48,9 +48,9 @@ from rigidmc.engine.layout import (
 )  # fmt: skip
 from rigidmc.engine.memory import four_at, put, three_at, tuple_at
 from rigidmc.engine.numbers import any_of, in_precision, like
-from rigidmc.integrators.verbs import closed, keeps, opened
+from rigidmc.integrators.protocol import closed, keeps, opened
 from rigidmc.observables.chaos import NEAR, OFTEN  # noqa: F401
-from rigidmc.observables.verbs import begin, update
+from rigidmc.observables.protocol import begin, update
 
 # rows of the neighbour: its state and the remainders of its sums; sums of ln growth, of the same by number of looks, of Y; 1/|L|^2 of the motion
 SUMS, WEIGHT, SHADOW = 14, 17, 18

@@ -5,15 +5,15 @@
 q and l may be pairs (value, remainder): `whole` gives the value, `gain`, `gain4` and `moved` add to either.
 Facts: order, evaluations of the torque per step, reversible, conserves (free body), accepts (which torques), compensated, and
 largest_turn where a step may turn by less than pi [rad], or by more with the number; least_spin and largest_spin, between which what is
-compiled follows the turn of a step; see `rigidmc.limits`.
+compiled follows the turn of a step; see `rigidmc.planning.limits`.
 Where what is compiled depends on the size of the step: prepared(self, turns, effects) -> Form; see `forms`.
 """
 
 from typing import Any
 
 from rigidmc.effects import name_of
-from rigidmc.effects.verbs import depends_on_momentum, is_random
-from rigidmc.integrators.closed import ClosedForm
+from rigidmc.effects.protocol import depends_on_momentum, is_random
+from rigidmc.integrators.closed_form import ClosedForm
 from rigidmc.integrators.forms import Form, Turns, form
 from rigidmc.integrators.free_motion import FreeMotion
 from rigidmc.integrators.lie import CF4, CK45, RKMK4
@@ -53,7 +53,7 @@ def description(name):
 def refusal(name, effects, compensated=False, works=False):
     """Why an integrator does not take these effects, and the nearest ones that do; None where it takes them.
 
-    Whether `closed` covers a body is known only from its moments, see `rigidmc.closed_form`.
+    Whether `closed` covers a body is known only from its moments, see `rigidmc.planning.closed_form`.
     """
     why = _refusal(INTEGRATORS[name], effects, compensated, works)
     if why is None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from rigidmc.dynamics.euler import scaled, spun, turn
 from rigidmc.dynamics.so3 import gain, gain4, scale, scale4, spin, turned, whole
-from rigidmc.effects.verbs import push
+from rigidmc.effects.protocol import push
 from rigidmc.integrators.forms import ONE, Form
 
 

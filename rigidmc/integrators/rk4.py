@@ -23,7 +23,7 @@ from rigidmc.dynamics.so3 import (
     turned,
     whole,
 )
-from rigidmc.effects.verbs import impelled, push, worked
+from rigidmc.effects.protocol import impelled, push, worked
 from rigidmc.integrators.forms import Form
 from rigidmc.integrators.rk8 import changes, combined
 

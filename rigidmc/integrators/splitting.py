@@ -16,7 +16,7 @@ import numpy as np
 
 from rigidmc.dynamics.euler import angular_velocity
 from rigidmc.dynamics.so3 import axpy, cross, difference, dot, first_three, gain, moved, scale, select, whole
-from rigidmc.effects.verbs import (
+from rigidmc.effects.protocol import (
     chosen,
     depends_on_momentum,
     is_random,

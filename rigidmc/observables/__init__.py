@@ -20,10 +20,10 @@ from rigidmc.observables.chaos import Megno
 from rigidmc.observables.flips import Flips
 from rigidmc.observables.histogram import Histogram
 from rigidmc.observables.invariants import L2, Energy, EnergyDrift, L2Drift
+from rigidmc.observables.nutation import Nutation, Precession
 from rigidmc.observables.passage import Passage
+from rigidmc.observables.running import STATISTICS
 from rigidmc.observables.state import Attitude, Momentum, Omega
-from rigidmc.observables.statistics import STATISTICS
-from rigidmc.observables.turning import Nutation, Precession
 from rigidmc.observables.work import Work
 
 OBSERVABLES: dict[str, Any] = {

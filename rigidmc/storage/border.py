@@ -58,7 +58,7 @@ def as_result(dataset, path):
 
 def _scene_of(dataset, path):
     """The scene of a result, with the first of its rows, and with no code run."""
-    from rigidmc.scene_file import loads
+    from rigidmc.scene.file import loads
 
     def stored(name):
         return np.asarray(dataset[name][..., :32].values) if name in dataset.variables and dataset[name].ndim in (1, 2) else None

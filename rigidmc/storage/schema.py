@@ -7,11 +7,11 @@ import numpy as np
 from rigidmc import __version__
 from rigidmc.effects import labelled
 from rigidmc.effects.parameters import shape
-from rigidmc.effects.verbs import is_random
+from rigidmc.effects.protocol import is_random
 from rigidmc.engine.cpu import LOOK
 from rigidmc.engine.layout import STATUSES
 from rigidmc.observables import OBSERVABLES, outputs
-from rigidmc.sampling import is_shared, rows
+from rigidmc.scene.quantities import is_shared, rows
 
 _LENGTHS = {"axis": 3, "quat": 4, "component": 6}
 
@@ -79,7 +79,7 @@ def coordinates(plan):
 
 
 def saved_variables(scene):
-    """Variables of what is recorded at save times, see `rigidmc.retention`: {name: Variable}."""
+    """Variables of what is recorded at save times, see `rigidmc.observables.keep`: {name: Variable}."""
     kept, variables = conservation(scene), {}
     for name in scene.saved():
         kind = OBSERVABLES[name]

@@ -8,16 +8,16 @@ import numpy as np
 import xarray as xr
 
 from rigidmc import __version__
-from rigidmc.ahead import compile_ahead
-from rigidmc.amounts import counted, seconds
-from rigidmc.choice import check_pilot
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import SceneError, unknown
 from rigidmc.integrators import INTEGRATORS, accepting, refusal
-from rigidmc.pilot import QUANTITIES, ROUNDING, drift_along, growth, pilot, upper_quantile
+from rigidmc.planning.tolerance.choose import check_pilot
+from rigidmc.planning.tolerance.compile_ahead import compile_ahead
+from rigidmc.planning.tolerance.ladder import Costs, candidates, ladder
+from rigidmc.planning.tolerance.pilot import QUANTITIES, ROUNDING, drift_along, growth, pilot, upper_quantile
+from rigidmc.planning.tolerance.truth import truth
+from rigidmc.scene.amounts import counted, seconds
 from rigidmc.storage.schema import conservation
-from rigidmc.truth import truth
-from rigidmc.ways import Costs, candidates, ladder
 
 TOLERANCES = tuple(10.0**-k for k in range(3, 13))
 FINEST = 1e-13  # ladders end there: below it is rounding

@@ -8,20 +8,20 @@ import numpy as np
 import xarray as xr
 
 from rigidmc import __version__
-from rigidmc.choice import check_quiet, resolved
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.dynamics.methods import names
 from rigidmc.dynamics.so3 import multiply
 from rigidmc.engine import layout
 from rigidmc.errors import SceneError
 from rigidmc.integrators import INTEGRATORS, accepting
-from rigidmc.pilot import States, first_steps, follow, growth, pilot
-from rigidmc.planning import prepare
+from rigidmc.mechanics.rotation import attitude_error
+from rigidmc.planning.plan import prepare
+from rigidmc.planning.stage import physics
+from rigidmc.planning.tolerance.choose import check_quiet, resolved
+from rigidmc.planning.tolerance.pilot import States, first_steps, follow, growth, pilot
+from rigidmc.planning.units import scaled
 from rigidmc.progress import reporter
-from rigidmc.rotation import attitude_error
-from rigidmc.staging import physics
-from rigidmc.studies.cases import closed_form
-from rigidmc.units import scaled
+from rigidmc.studies.stress.case import closed_form
 
 TIMES = 32  # at which states are compared
 MEMBERS, FEW = 64, 32  # of the scene that are looked at, and with `quick`

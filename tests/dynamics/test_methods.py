@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from rigidmc.dynamics.methods import METHODS, arguments, method, names
 from rigidmc.effects import Gravity, ViscousDamping
-from rigidmc.effects.verbs import torque
+from rigidmc.effects.protocol import torque
 
 
 class Twice(NamedTuple):

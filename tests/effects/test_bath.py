@@ -80,7 +80,7 @@ def test_who_takes_noise():
 def test_the_picture_has_the_run_and_the_law():
     """Members drawn from the law itself: the titles tell its averages, <V> = WEIGHT (1/x - coth x)."""
     pytest.importorskip("matplotlib")
-    from rigidmc.gibbs_plot import gibbs
+    from rigidmc.views.gibbs import gibbs
 
     some, n, x = np.random.default_rng(2), 40_000, WEIGHT / KT
     cosine = -np.log(np.exp(-x) + some.random(n) * 2.0 * np.sinh(x)) / x  # of exp(-x cos), by inversion

@@ -37,7 +37,7 @@ from rigidmc.effects import (
     name_of,
 )  # fmt: skip
 from rigidmc.effects.parameters import blank, filled, numbers, parameter_count
-from rigidmc.effects.verbs import (
+from rigidmc.effects.protocol import (
     energy,
     energy_scale,
     kick,

@@ -11,7 +11,7 @@ import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.dynamics.so3 import up
-from rigidmc.engine.flops import unpacked
+from rigidmc.engine.operations import unpacked
 from rigidmc.integrators import INTEGRATORS
 from tests.kernels import one_step, prepare
 

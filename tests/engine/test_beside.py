@@ -14,8 +14,8 @@ from rigidmc.engine import compile_time
 from rigidmc.engine.beside import _named, _read, _written, beside, helped
 from rigidmc.engine.compile_time import divided, seconds
 from rigidmc.engine.pieces import config, kind_of
-from rigidmc.jobs import program_of
-from rigidmc.planning import prepare
+from rigidmc.planning.job import program_of
+from rigidmc.planning.plan import prepare
 
 EVERY = ["enter", "leave", "begin", "march", "look", "record", "advance"]
 
@@ -45,8 +45,8 @@ SCRIPT = """
 import rigidmc as rm
 from rigidmc.engine.beside import beside
 from rigidmc.engine.pieces import is_ready
-from rigidmc.jobs import program_of
-from rigidmc.planning import prepare
+from rigidmc.planning.job import program_of
+from rigidmc.planning.plan import prepare
 scene = rm.Scene.load("nasa_brick").with_run(integrator="rk4", members=4, t_end=1.0)
 asked = program_of(scene, prepare(scene), ask=True).asked
 some = [asked["enter"], asked["advance"]]

@@ -6,7 +6,7 @@ from scipy.special import ndtri
 
 from bench.bits import elsewhere, sums
 from rigidmc.dynamics import functions
-from rigidmc.vectors import lower_factor
+from rigidmc.scene.laws import lower_factor
 
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # steps that hide what is watched
 
@@ -23,7 +23,7 @@ def test_neither_does_another_processor_with_other_libraries():
 def test_the_comparison_sees_one_bit(monkeypatch):
     here = sums((0,), ("exact",))
     quantile = functions.normal_quantile
-    monkeypatch.setattr("rigidmc.sampling.normal_quantile", lambda u: np.nextafter(quantile(u), 9.0))
+    monkeypatch.setattr("rigidmc.scene.quantities.normal_quantile", lambda u: np.nextafter(quantile(u), 9.0))
     assert sums((0,), ("exact",)) != here
 
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rigidmc.engine import blocks
+from rigidmc.engine import threads as blocks
 from rigidmc.integrators import RK4, form
 from tests.engine.test_kernel import EFFECTS, EVERYTHING, ROWS, tops
 from tests.kernels import program

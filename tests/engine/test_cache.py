@@ -22,7 +22,7 @@ from rigidmc.dynamics.euler import MassProperties
 from rigidmc.engine import machine
 from rigidmc.engine.machine import cached
 from rigidmc.integrators import RK4
-from rigidmc.integrators.verbs import step
+from rigidmc.integrators.protocol import step
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "getuid"), reason="folder permissions are those of POSIX")
 

@@ -4,8 +4,8 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.engine.pieces import config, dispatcher_of, signature_of
-from rigidmc.jobs import program_of
-from rigidmc.planning import prepare
+from rigidmc.planning.job import program_of
+from rigidmc.planning.plan import prepare
 
 pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
 

@@ -4,7 +4,7 @@ import math
 from typing import NamedTuple
 
 from rigidmc.effects import Gravity, ViscousDamping
-from rigidmc.engine.flops import step_operations, torque_operations
+from rigidmc.engine.operations import step_operations, torque_operations
 from rigidmc.integrators import INTEGRATORS, Turns, form
 
 

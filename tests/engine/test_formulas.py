@@ -52,7 +52,7 @@ def test_closed_forms_are_packed_arithmetic(tmp_path):
         import json, re
         import numpy as np
         from rigidmc.engine import formulas, pieces
-        from rigidmc.exact import free_orbit, lagrange_orbit
+        from rigidmc.mechanics import free_orbit, lagrange_orbit
         for orbit in (free_orbit, lagrange_orbit):
             width = len(orbit.Orbit._fields)
             formulas.evaluate(orbit.Reached, 7, np.ones((1, 64)), np.ones((64, width)), np.arange(64))

@@ -5,8 +5,8 @@ import numpy as np
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.effects import Gravity, ViscousDamping, canonical
 from rigidmc.effects.parameters import filled, numbers
-from rigidmc.effects.verbs import total_energy, total_torque
-from rigidmc.engine import members
+from rigidmc.effects.protocol import total_energy, total_torque
+from rigidmc.engine import forces
 from tests.effects.test_effects import EXAMPLES, MOMENTS, STATIC
 
 some = np.random.default_rng(4)
@@ -30,13 +30,13 @@ def worst(effects, torque, energy):
 def test_all_effects_at_once_compiled():
     effects, body = canonical(tuple(EXAMPLES.values())), MassProperties.of(MOMENTS, STATIC)
     effects = tuple(filled(type(e), [v * some.uniform(0.8, 1.2, 50) for _, _, v in numbers(e)]) for e in effects)
-    found = members.torques(effects, body, tuple(Q), tuple(L)), members.energies(effects, body, tuple(Q))
+    found = forces.torques(effects, body, tuple(Q), tuple(L)), forces.energies(effects, body, tuple(Q))
     assert worst(effects, *found) < 2e-14  # measured 1.8e-15
-    assert np.array_equal(members.evaluated(effects, body, tuple(Q), tuple(L))[3], found[1])
+    assert np.array_equal(forces.evaluated(effects, body, tuple(Q), tuple(L))[3], found[1])
 
 
 def test_by_arrays_where_they_pass():
     effects, body = (Gravity(2.0), ViscousDamping(0.1)), MassProperties.of(MOMENTS, STATIC)
-    found = members.torques(effects, body, tuple(Q), tuple(L)), members.energies(effects, body, tuple(Q))
+    found = forces.torques(effects, body, tuple(Q), tuple(L)), forces.energies(effects, body, tuple(Q))
     assert worst(effects, *found) == 0.0
-    assert members.energies(effects, body, tuple(Q.reshape(4, 5, 10))).shape == (5, 10)
+    assert forces.energies(effects, body, tuple(Q.reshape(4, 5, 10))).shape == (5, 10)

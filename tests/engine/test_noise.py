@@ -14,7 +14,7 @@ from rigidmc.engine import pieces  # noqa: F401  (sets the vector width before a
 from rigidmc.engine.formulas import evaluate
 from rigidmc.engine.noise import normals, philox, uniform
 from rigidmc.engine.pipeline import FLAGS
-from rigidmc.engine.random import key_of, stream_of
+from rigidmc.engine.streams import key_of, stream_of
 
 KEY, STREAM, STEP = key_of(5), np.uint64(stream_of("effects.bath.noise")), np.uint64(12345)
 ONE = np.uint64(1)

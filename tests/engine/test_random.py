@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from rigidmc.engine.random import stream_of, uniforms
+from rigidmc.engine.streams import stream_of, uniforms
 
 
 def test_numbers_are_philox_at_counter_member_plus_one():

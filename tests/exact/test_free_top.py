@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from rigidmc import SceneError, SceneWarning, free_motion, free_top
-from rigidmc.rotation import attitude_error, matrix, rotation_vector
+from rigidmc.mechanics.rotation import attitude_error, matrix, rotation_vector
 from rigidmc.studies.problems import HARD, PROBLEMS
 from tests import reference
 from tests.exact import oracles

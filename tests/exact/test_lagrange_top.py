@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from rigidmc import SceneError, SceneWarning, lagrange_motion, lagrange_top
-from rigidmc.exact import constants
-from rigidmc.exact.lagrange_top import effective_potential, sleeping_growth, steady_precession
-from rigidmc.rotation import attitude_error, euler, from_euler, matrix, omega_from_euler_rates
+from rigidmc.mechanics import integrable_tops
+from rigidmc.mechanics.lagrange_top import effective_potential, sleeping_growth, steady_precession
+from rigidmc.mechanics.rotation import attitude_error, euler, from_euler, matrix, omega_from_euler_rates
 from rigidmc.studies.problems import PROBLEMS
 from tests import reference
 from tests.exact import oracles
@@ -161,8 +161,8 @@ def test_constants_of_kovalevskaya_and_of_goryachev_and_chaplygin():
     q /= np.linalg.norm(q)
     c, l, up = (0.7, 0.4, 0.0), np.array([0.3, 0.9, -0.4]), matrix(q)[2]
     for moments, function, start in (
-        ((2.0, 2.0, 1.0), constants.kovalevskaya, l),
-        ((4.0, 4.0, 1.0), constants.goryachev_chaplygin, l - (l @ up) * up),
+        ((2.0, 2.0, 1.0), integrable_tops.kovalevskaya, l),
+        ((4.0, 4.0, 1.0), integrable_tops.goryachev_chaplygin, l - (l @ up) * up),
     ):
         p, end = (np.array([float(x) for x in v]) for v in reference.taylor(moments, tuple(start), 5.0, tuple(q), weight=c))
         value = function(moments, c, start, up)
@@ -173,12 +173,12 @@ def test_constants_of_kovalevskaya_and_of_goryachev_and_chaplygin():
         with pytest.raises(SceneError, match=r"I1 = I2"):
             function((1.0, 2.0, 2.5), c, start, up)
     with pytest.raises(SceneError, match="needs L_z"):
-        constants.goryachev_chaplygin((4.0, 4.0, 1.0), c, l, up)
+        integrable_tops.goryachev_chaplygin((4.0, 4.0, 1.0), c, l, up)
 
 
 def test_griolis_precession_and_staudes_rotation():
     moments, k = np.array([1.0, 1.5, 2.2]), 1.3
-    start, end = constants.grioli(moments, k, 0.0), constants.grioli(moments, k, 3.0)
+    start, end = integrable_tops.grioli(moments, k, 0.0), integrable_tops.grioli(moments, k, 3.0)
     axis = np.cross(start.up, [0.0, 0.0, 1.0])
     angle = np.arctan2(np.linalg.norm(axis), start.up[2])
     q = (np.cos(angle / 2), *(np.sin(angle / 2) * axis / np.linalg.norm(axis)))
@@ -190,7 +190,7 @@ def test_griolis_precession_and_staudes_rotation():
     assert np.abs(matrix(p)[2] - end.up).max() < 2e-15  # 3.3e-16
     up = np.array([0.5, 0.3, 0.8]) / np.linalg.norm([0.5, 0.3, 0.8])
     c = 2.1 * moments * up + 0.4 * up
-    square, defect = constants.staude(moments, c, up)
+    square, defect = integrable_tops.staude(moments, c, up)
     assert square == pytest.approx(2.1, rel=1e-14)
     assert defect < 1e-15  # 2.5e-18
-    assert constants.staude(moments, c + [0.0, 0.1, 0.0], up)[1] > 1e-3
+    assert integrable_tops.staude(moments, c + [0.0, 0.1, 0.0], up)[1] > 1e-3

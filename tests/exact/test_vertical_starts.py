@@ -7,8 +7,8 @@ from rigidmc import Gravity, free_top, lagrange_top
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.engine import layout as K
 from rigidmc.integrators import INTEGRATORS
+from rigidmc.mechanics.rotation import attitude_error
 from rigidmc.observables import OBSERVABLES
-from rigidmc.rotation import attitude_error
 from tests.kernels import make_block, prepare, run
 
 MEMBERS, END, SAVES = 2000, 6.0, 12

@@ -7,10 +7,10 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.engine import layout as K
-from rigidmc.estimate import single_precision
 from rigidmc.integrators import INTEGRATORS
-from rigidmc.planning import prepare as prepared
+from rigidmc.planning.plan import prepare as prepared
 from rigidmc.studies.problems import PROBLEMS
+from rigidmc.views.scene import single_precision
 from tests.kernels import block_of, march, prepare, run, turn
 from tests.reference import attitude_error, true_end
 

@@ -8,7 +8,7 @@ import pytest
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.effects import Gravity
 from rigidmc.observables import OBSERVABLES
-from rigidmc.observables.verbs import value
+from rigidmc.observables.protocol import value
 from tests.kernels import SIZES
 from tests.reference import rotation
 

@@ -8,15 +8,15 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import rigidmc as rm
-from rigidmc import staging
-from rigidmc.closed_form import closed_form
 from rigidmc.dynamics.so3 import up
 from rigidmc.errors import SceneError
-from rigidmc.exact.free_top import free_motion, free_top
+from rigidmc.mechanics.free_top import free_motion, free_top
 from rigidmc.observables import SUMMARIES, outputs
 from rigidmc.observables.chaos import NEAR
-from rigidmc.planning import prepare
-from rigidmc.staging import stage
+from rigidmc.planning import stage as staging
+from rigidmc.planning.closed_form import closed_form
+from rigidmc.planning.plan import prepare
+from rigidmc.planning.stage import stage
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc import study_plots
-from rigidmc.pilot import errors, follow, pilot
-from rigidmc.studies import accuracy as A
-from rigidmc.truth import truth
+from rigidmc.planning.tolerance.pilot import errors, follow, pilot
+from rigidmc.planning.tolerance.truth import truth
+from rigidmc.studies import accuracy
+from rigidmc.views import studies
 
 START = rm.Start(omega=(rm.normal(0.5, 0.1), 1.0, rm.normal(0.0, 0.3)), attitude="uniform")
 LAGRANGE = rm.Scene(rm.Body.from_moments((1.0, 1.0, 0.5), centre=(0.0, 0.0, 0.2)), (rm.Gravity(3.0),), START)
@@ -63,7 +63,7 @@ def test_the_cheapest_is_the_cheapest(study):
 
 
 def test_the_table_says_it(study):
-    lines = A.table(study)
+    lines = accuracy.table(study)
     assert lines[0].startswith("truth: closed form of the Lagrange top, which rk8 confirms, known to ")
     assert lines[1].startswith("for 1e-03: ")
     assert lines[2].startswith("for 1e-05: ")
@@ -88,7 +88,7 @@ def test_members_of_different_speed_step_on_their_own():
     wide = rm.Scene(LAGRANGE.body, LAGRANGE.effects, rm.Start(omega=(rm.normal(0.0, 2.0), 0.1, 0.1), attitude="uniform"))
     found = rm.accuracy(wide.with_run(t_end=3.0), ("rk4",), (1e-3, 1e-6), members=64)
     assert np.isfinite(found.turn.values).all()
-    assert " at turn " in A.table(found)[2]
+    assert " at turn " in accuracy.table(found)[2]
     order = np.polyfit(np.log(found.turn), np.log(found.error_state_median), 1)[0]
     assert order > 2.0  # rows of float32 bend it
 
@@ -106,23 +106,23 @@ def test_growth_laws():
     some = np.random.default_rng(0)
     wobble = np.exp(0.1 * some.normal(size=steps.size))
     for law, power in (("bounded", 0.0), ("sqrt", 0.5), ("linear", 1.0), ("faster than linear", 2.0)):
-        found, fitted = A.growth_law(steps, 1e-12 * steps**power * wobble)
+        found, fitted = accuracy.growth_law(steps, 1e-12 * steps**power * wobble)
         assert found == law
         assert fitted == pytest.approx(power, abs=0.1)
-    assert A.growth_law(steps, 1e-16 * steps**0.2)[0] == "bounded"  # rounding that does not matter
-    assert A.growth_law(steps, np.append(np.ones(16), np.inf))[0] == "failed"
+    assert accuracy.growth_law(steps, 1e-16 * steps**0.2)[0] == "bounded"  # rounding that does not matter
+    assert accuracy.growth_law(steps, np.append(np.ones(16), np.inf))[0] == "failed"
 
 
 def test_horizons():
-    regular = A._horizon(10.0, np.full(100, 1e3), np.zeros(100))
-    assert regular["horizon_median"] == pytest.approx(10.0 / (A.ROUNDING * 1e3))
-    chaotic = A._horizon(10.0, np.full(100, 1e3), np.full(100, 0.7))
-    assert chaotic["horizon_p01"] == pytest.approx(10.0 + np.log(1.0 / (A.ROUNDING * 1e3)) / 0.7)
+    regular = accuracy._horizon(10.0, np.full(100, 1e3), np.zeros(100))
+    assert regular["horizon_median"] == pytest.approx(10.0 / (accuracy.ROUNDING * 1e3))
+    chaotic = accuracy._horizon(10.0, np.full(100, 1e3), np.full(100, 0.7))
+    assert chaotic["horizon_p01"] == pytest.approx(10.0 + np.log(1.0 / (accuracy.ROUNDING * 1e3)) / 0.7)
 
 
 @pytest.fixture(scope="module")
 def drifts():
-    return A.long_drift(LAGRANGE, ("rk4", "chin4"), 40_000, 0.05, members=16)
+    return accuracy.long_drift(LAGRANGE, ("rk4", "chin4"), 40_000, 0.05, members=16)
 
 
 def test_drift_over_many_steps(drifts):
@@ -133,7 +133,7 @@ def test_drift_over_many_steps(drifts):
     assert chin4[-1] < 1.5 * chin4[8]  # no trend
     assert drifts.attrs["lz_conserved"] == "yes"
     assert drifts.attrs["l2_conserved"].startswith("no")
-    lines = A.long_table(drifts)
+    lines = accuracy.long_table(drifts)
     assert lines[1].startswith("rk4 ")
     assert "(linear, power 1.0" in lines[1]
     assert "|L|^2" not in lines[1]
@@ -142,21 +142,21 @@ def test_drift_over_many_steps(drifts):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["strang", "rotations", "chin4", "suzuki4", "srkn6", "srkn11", "aba864", "aba1064"])
 def test_the_energy_of_splittings_is_bounded_over_ten_million_steps(name):
-    found = A.long_drift(rm.Scene.load("heavy_top"), (name,), 10_000_000, members=8)
+    found = accuracy.long_drift(rm.Scene.load("heavy_top"), (name,), 10_000_000, members=8)
     energy = found.energy_drift.values[0]
     early = energy[np.searchsorted(found.step.values, 2**17)]
     assert energy[-1] < 1.5 * early + 1e-16 * 1e7  # what each rounding can add
 
 
 def test_pictures(study, drifts, tmp_path):
-    figure = study_plots.work_precision(study)
+    figure = studies.work_precision(study)
     (axes,) = figure.axes
     labels = axes.get_legend_handles_labels()[1]
     assert {"rk4", "rk8", "chin4", "closed", "rk4 in float32", "frontier"} <= set(labels)
     assert "members to t_end per second" in axes.get_ylabel()
     assert "[rad]" in axes.get_xlabel()
     figure.savefig(tmp_path / "a.png")
-    figure = study_plots.long_drift(drifts)
+    figure = studies.long_drift(drifts)
     assert [a.get_xlabel() for a in figure.axes] == ["steps", "steps"]
     assert "rk4: linear" in figure.axes[0].get_legend_handles_labels()[1]
     figure.savefig(tmp_path / "b.png")

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc import study_plots
 from rigidmc.integrators import INTEGRATORS
-from rigidmc.studies import hard_cases as H
-from rigidmc.studies.cases import Case, against_closed, conserved, constant, direction, flips, tops, walk
-from rigidmc.studies.catalogue import GROUPS, catalogue, some_tops
+from rigidmc.studies.stress import run as H
+from rigidmc.studies.stress.case import Case, against_closed, conserved, constant, direction, flips, tops, walk
+from rigidmc.studies.stress.catalogue import GROUPS, catalogue, some_tops
+from rigidmc.views import studies
 
 CASES = catalogue()
 
@@ -47,7 +47,7 @@ def test_errors_are_seen():
     scene, wrong = tops((1.0, 1.4, 2.0), (0.3, 0.9, 0.7)), tops((1.0, 1.4, 2.0001), (0.3, 0.9, 0.7))
 
     def against_wrong(integrator, share):
-        from rigidmc.studies.cases import closed_states, distance, run, worst
+        from rigidmc.studies.stress.case import closed_states, distance, run, worst
 
         ds = run(scene, integrator, 10.0)
         return worst(ds, distance(ds.attitude.values, ds.momentum.values, *closed_states(wrong, ds)).max(0))
@@ -74,7 +74,7 @@ def test_a_study_tells_what_is_above_its_bound(tmp_path):
     H.save_bounds(first, tmp_path / "b.csv")
     kept = H.load_bounds(tmp_path / "b.csv")
     assert error < kept["needle", "exact"] < 6 * error
-    figure = study_plots.hard_cases(second)
+    figure = studies.hard_cases(second)
     assert figure.axes[0].get_images()[0].get_array().shape[:2] == second.error.shape
     first.to_netcdf(tmp_path / "s.nc", engine="netcdf4")
 

@@ -7,14 +7,14 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.errors import SceneError
-from rigidmc.exact.free_top import free_motion
-from rigidmc.map_plots import stability_map as picture
-from rigidmc.measures import measure
+from rigidmc.mechanics.free_top import free_motion
 from rigidmc.observables import Flips
-from rigidmc.scene_parameters import parameters, with_parameter
-from rigidmc.statistics import probability
-from rigidmc.studies.map_cases import MAPS, case_map
-from rigidmc.until import simulate_until
+from rigidmc.scene.parameters import parameters, with_parameter
+from rigidmc.studies.intervals import probability
+from rigidmc.studies.maps.catalogue import MAPS, case_map
+from rigidmc.studies.measures import measure
+from rigidmc.studies.until import simulate_until
+from rigidmc.views.maps import stability_map
 
 SIDE, EACH = 12, 4
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # of steps of 1.2 rad, which rk8 takes
@@ -75,7 +75,7 @@ def test_the_sleeping_top_falls_within_a_pixel_of_theory():
 
 
 def test_the_picture_has_axes_units_and_a_legend(flips, tmp_path):
-    figure = picture(flips)
+    figure = stability_map(flips)
     axes, bar = figure.axes
     assert axes.get_xlabel() == "I$_1$/I$_2$" and axes.get_ylabel() == "I$_3$/I$_2$" and "s-1" in bar.get_ylabel()
     words = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
@@ -83,10 +83,10 @@ def test_the_picture_has_axes_units_and_a_legend(flips, tmp_path):
     figure.savefig(tmp_path / "map.png", dpi=60)
     assert (tmp_path / "map.png").stat().st_size > 10_000
     bare = flips.assign_attrs(map="none").drop_vars(["rate", "theory"])
-    axes, bar = picture(bare).axes
+    axes, bar = stability_map(bare).axes
     assert axes.get_xlabel() == "body.moments.1 [kg m2]" and "mean(flips)" in bar.get_ylabel()
     failed = bare.assign(failed=bare.failed.copy(data=np.where(bare.none.values == 0, EACH, 0)), good=bare.good * 0)
-    assert "members failed" in [text.get_text() for text in picture(failed).axes[0].get_legend().get_texts()]
+    assert "members failed" in [text.get_text() for text in stability_map(failed).axes[0].get_legend().get_texts()]
 
 
 def test_failed_members_are_never_stable():
@@ -217,7 +217,7 @@ def test_where_nothing_else_is_drawn_a_pixel_is_one_member():
     scene = rm.Scene(rm.Body.from_moments((0.5, 1.0, 1.4)), (), rm.Start(omega=(0.01, 1.0, 0.01)))
     axes = ("start.omega.1", 0.01, 0.2), ("start.omega.3", 0.01, 0.2)
     ds = rm.stability_map(scene, *axes, "flips", resolution=1, dt=0.1, t_end=20.0)
-    assert ds.attrs["members"] == 1 and picture(ds).axes
+    assert ds.attrs["members"] == 1 and stability_map(ds).axes
     assert (
         rm.stability_map(free(), *((f"body.moments.{i}", 1.0, 1.1) for i in (1, 3)), "flips", 1, t_end=1.0).attrs["members"] == 16
     )
@@ -254,7 +254,7 @@ def test_the_command_maps(tmp_path):
 def test_every_map(name):
     ds = case_map(name, 24)
     assert not ds.failed.values.any()
-    picture(ds)
+    stability_map(ds)
     if name == "growth":
         error = ds.error.values[np.isfinite(ds.error.values)]
         assert (error < 0.01).mean() > 0.99

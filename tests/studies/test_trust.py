@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc import study_plots
-from rigidmc.studies import trust as T
+from rigidmc.studies import trust
+from rigidmc.views import studies
 
 START = rm.Start(omega=(rm.normal(0.5, 0.1), 1.0, rm.normal(0.0, 0.3)), attitude="uniform")
 LAGRANGE = rm.Scene(rm.Body.from_moments((1.0, 1.0, 0.5), centre=(0.0, 0.0, 0.2)), (rm.Gravity(3.0),), START)
@@ -14,7 +14,7 @@ LAGRANGE = LAGRANGE.with_run(t_end=5.0, dt=0.02, members=100, integrator="rk4")
 
 @pytest.fixture(scope="module")
 def good():
-    return T.trust(LAGRANGE, quick=True)
+    return trust.trust(LAGRANGE, quick=True)
 
 
 def test_a_good_scene_is_trusted_as_far_as_it_is_true(good):
@@ -35,33 +35,33 @@ def test_a_good_scene_is_trusted_as_far_as_it_is_true(good):
         assert (np.diff(values) >= 0).all()
     assert good.attrs["digits"] == int(-np.log10(error["closed form"]))
     assert good.attrs["verdict"] == f"trust {good.attrs['digits']} digits to t = 5 s"
-    assert not T.failed(good)
-    assert "verdict" in T.table(good)[-1]
-    assert len(study_plots.trust(good).axes[0].lines) == 8
+    assert not trust.failed(good)
+    assert "verdict" in trust.table(good)[-1]
+    assert len(studies.trust(good).axes[0].lines) == 8
 
 
 def test_a_long_step_is_seen():
-    found = T.trust(LAGRANGE.with_run(dt=1.0, t_end=50.0), quick=True)
+    found = trust.trust(LAGRANGE.with_run(dt=1.0, t_end=50.0), quick=True)
     assert found.attrs["digits"] == 0
     assert "the step is too long" in found.attrs["verdict"]
-    assert T.failed(found)
+    assert trust.failed(found)
 
 
 def test_chaos_is_told_from_a_long_step():
     body = rm.Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.25, 0.15))
     start = rm.Start(omega=(rm.normal(0.0, 0.3), rm.normal(0.0, 0.3), 0.3), attitude="uniform")
-    found = T.trust(
+    found = trust.trust(
         rm.Scene(body, (rm.Gravity(10.0),), start).with_run(t_end=200.0, dt=0.02, members=64, integrator="rk8"), quick=True
     )
     assert found.attrs["chaotic_share"] > 0.1
     assert found.attrs["horizon"] < 200.0
     assert "beyond, chaos" in found.attrs["verdict"]
-    assert not T.failed(found)
+    assert not trust.failed(found)
     rounding = found.error.values[found.tells.values == "rounding"].max(0)
     assert rounding[-1] > 1e-2  # rounding alone
 
 
 def test_the_closed_form_is_judged_by_an_integrator():
-    found = T.trust(LAGRANGE.with_run(integrator="closed"), quick=True)
+    found = trust.trust(LAGRANGE.with_run(integrator="closed"), quick=True)
     assert list(found.check.values) == ["another integrator (rk8)"]
     assert found.attrs["digits"] >= 11

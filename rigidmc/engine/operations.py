@@ -1,0 +1,144 @@
+"""What physics costs before it is run: floating-point operations, counted in the code that LLVM makes of it."""
+
+import re
+from typing import Any, NamedTuple
+
+from numba import njit, typeof
+
+from rigidmc.dynamics.euler import MassProperties
+from rigidmc.effects import EFFECTS
+from rigidmc.effects.own import RULE
+from rigidmc.effects.parameters import blank
+from rigidmc.effects.protocol import energy, energy_scale, kick, shake, torque, torque_rate, total_torque
+from rigidmc.engine.compose import NumbaError, filled, given
+from rigidmc.engine.formulas import WIDTH
+from rigidmc.engine.memory import four_at, put, three_at
+from rigidmc.engine.pieces import dispatcher_of, signature_of
+from rigidmc.engine.pipeline import FLAGS
+from rigidmc.errors import SceneError
+from rigidmc.integrators.protocol import constants, opened, step
+
+_OPERATION = re.compile(
+    r"= .*?\b(?:f(add|sub|mul|div)|call [^@]*@(?:llvm\.)?(sqrt|fabs|minnum|maxnum|fma)\b\S*)\b[^<]*?(?:<(\d+) x )?double"
+)
+_CHOICE = re.compile(r"= (?:fcmp|select)\b[^<]*?(?:<(\d+) x )?double")
+DIVISION, ROOT = 10, 18  # what they take in place of a product in packed arithmetic (Zen 4, 512 bits)
+_BODY, _AT, _SPIN = MassProperties(*[1.0] * 9), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+
+
+class Operations(NamedTuple):
+    """Floating-point operations, and how many of them are divisions and square roots; beside them comparisons and selections."""
+
+    all: int
+    divisions: int
+    roots: int
+    choices: int
+
+    @property
+    def slots(self):
+        """In times of a product."""
+        return self.all + self.choices + (DIVISION - 1) * self.divisions + (ROOT - 1) * self.roots
+
+    def less(self, other):
+        """What is left without others."""
+        return Operations(*(a - b for a, b in zip(self, other, strict=True)))
+
+    def times(self, count):
+        """As often as `count` says."""
+        return Operations(*(count * a for a in self))
+
+    def __str__(self):
+        parts = [
+            f"{count} {word}{'s' * (count != 1)}" for count, word in ((self.divisions, "division"), (self.roots, "root")) if count
+        ]
+        return f"{self.all} operations" + (f" ({', '.join(parts)})" if parts else "")
+
+
+def torque_operations(effect):
+    """Operations of one evaluation of an effect's torque."""
+    return _counted(_torque, *blank((effect,)), _BODY, 0.0, _AT, _SPIN)
+
+
+def misdeeds(effect):
+    """What keeps the torque of a user's own effect from a kernel, in words: memory that it takes; or ""."""
+    return "takes memory" if "NRT_" in _torque_code(effect) else ""
+
+
+def refuse_misdeeds(effects):
+    """Raise SceneError for an effect of a user's own that takes memory."""
+    for effect in effects:
+        if type(effect) not in EFFECTS.values() and (wrong := misdeeds(effect)):
+            raise SceneError("effects", f"{type(effect).__name__}.torque", None, f"{wrong}; {RULE}")
+
+
+def unpacked(effect):
+    """Why members cannot be worked on side by side with a user's own effect, any of its methods, in words; "" where they can."""
+    if type(effect) not in _side_by_side:
+        try:
+            dispatcher_of(_felt).compile(signature_of(blank((effect,)), "float64", WIDTH, "s"))
+            _side_by_side[type(effect)] = ""
+        except NumbaError:
+            _side_by_side[type(effect)] = "branches, or calls what takes one number at a time"
+    return _side_by_side[type(effect)]
+
+
+def step_operations(form, effects, attitude):
+    """Operations of one step of a Form with some effects: of its parts together."""
+    part, q = (0.0, 0.0, 0.0), _AT if attitude else (1.0, 0.0, 0.0, 0.0)
+    first = tuple(_STEP * x for x in form.parts[1, :3].tolist())
+    q, l = opened(form.integrator, _STILL, blank(effects), 0.0, first, q, _SPIN)
+    once = constants(form.integrator, _STILL, first, l)
+
+    def counted(integrator, effects, t, part, q, l):
+        return step(integrator, _STILL, effects, t, _STEP, part, q, l, once)
+
+    def momentum_alone(integrator, effects, t, part, q, l):
+        return step(integrator, _STILL, effects, t, _STEP, part, q, l, once)[1]
+
+    function = counted if attitude else momentum_alone
+    return _counted(function, form.integrator, blank(effects), 0.0, part, q, l).times(len(form.parts) - 1)
+
+
+_codes: dict[type, str] = {}
+_side_by_side: dict[type, str] = {}
+
+
+def _torque_code(effect):
+    """LLVM's code of an effect's torque, made once for each class."""
+    if type(effect) not in _codes:
+        _codes[type(effect)] = _code(_torque, *blank((effect,)), _BODY, 0.0, _AT, _SPIN)
+    return _codes[type(effect)]
+
+
+def _torque(effect, body, t, q, l):
+    return total_torque((effect,), body, t, q, l)
+
+
+def _felt(kinds, numbers, at):
+    (one,) = given(kinds, numbers)
+    one = filled(one, at, 30)
+    body, q, l, t, h = filled(_BODY, at, 8), four_at(at, 0), three_at(at, 4), at[7], at[29]
+    put(torque(one, body, t, q, l) + kick(one, body, t, h, q, l) + torque_rate(one, body, t, q, l) + shake(one, body, h, l), at, 0)
+    put((energy(one, body, q), energy_scale(one, body)), at, 0)
+    return 0
+
+
+# body and step stay the same from step to step: constants, so that what is made of them alone counts as little as it does before a loop
+_STILL, _STEP = MassProperties.of((0.61, 0.83, 1.07), (0.053, -0.022, 0.31)), 0.013
+
+
+def _counted(function, *arguments):
+    code = _code(function, *arguments).splitlines()
+    found = [m for line in code if (m := _OPERATION.search(line))]
+    counts = [(m[1] or m[2], (2 if m[2] == "fma" else 1) * int(m[3] or 1)) for m in found]
+    choices = sum(int(m[1] or 1) for line in code if (m := _CHOICE.search(line)))
+    divisions, roots = (sum(n for kind, n in counts if kind == word) for word in ("div", "sqrt"))
+    return Operations(sum(n for _, n in counts), divisions, roots, choices)
+
+
+def _code(function, *arguments):
+    flags: Any = FLAGS
+    compiled = njit(**flags)(function)
+    compiled.compile(tuple(map(typeof, arguments)))
+    (code,) = compiled.inspect_llvm().values()
+    return code

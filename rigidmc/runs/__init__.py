@@ -1,0 +1,1 @@
+"""The verbs: simulate, rerun, resume, gather; on threads, shards or workers."""

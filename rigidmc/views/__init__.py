@@ -1,0 +1,1 @@
+"""A result or a scene looked at: in words, pictures, `ds.rigid`."""
