@@ -12,9 +12,10 @@ from importlib import import_module
 from os.path import isdir
 from typing import TYPE_CHECKING
 
+from rigidmc.version import VERSION
 from rigidmc.views.when_imported import register
 
-__version__ = "0.1.0"
+__version__ = VERSION
 
 _EFFECTS = (
     "AxialDamping", "Bath", "BodyTorque", "DryFriction", "EnergyDissipation", "Gravity", "GravityGradient", "MatrixDamping", "MovingPivot", "PeriodicTorque", "Potential", "QuadraticDrag", "RotatingField", "Rotor", "SpaceTorque", "Spring", "UniformField", "ViscousDamping",

@@ -27,8 +27,9 @@ from rigidmc.effects import EFFECTS, flows, protocol
 from rigidmc.engine.memory import get_row
 from rigidmc.engine.numbers import coded, known_by
 from rigidmc.engine.pipeline import INLINE
-from rigidmc.integrators import drifts, free_motion, lie, midpoint, rk4, rk8, splitting
-from rigidmc.observables import SUMMARIES, running
+from rigidmc.integrators import INTEGRATORS, drifts
+from rigidmc.observables import OBSERVABLES, SUMMARIES
+from rigidmc.observables.running import STATISTICS
 
 # these have code of their own, here and in `rigidmc.engine.numbers`
 _known = {
@@ -247,25 +248,9 @@ def inline_all(module):
             inline(function)
 
 
-for _module in (
-    so3,
-    functions,
-    euler,
-    free_flow,
-    principal,
-    protocol,
-    drifts,
-    free_motion,
-    lie,
-    midpoint,
-    rk4,
-    rk8,
-    splitting,
-    flows,
-    running,
-):
+for _module in (so3, functions, euler, free_flow, principal, drifts, protocol, flows):
     inline_all(_module)
-for _kind in (*EFFECTS.values(), *SUMMARIES.values()):
+for _kind in (*EFFECTS.values(), *OBSERVABLES.values(), *SUMMARIES.values(), *map(type, INTEGRATORS.values()), *STATISTICS.values()):
     inline_all(sys.modules[_kind.__module__])
 for _call in METHODS:
     compile_method(_call)

@@ -5,6 +5,8 @@ the parameters of the effects, their works, and what is watched. Some members at
 `state`, in the precision of the run, for steps, and `work`, in float64, for looks. To a member's program they are rows of one number each.
 """
 
+import math
+
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.dynamics.so3 import first_three, joined
 from rigidmc.engine.compose import filled, inline
@@ -79,6 +81,11 @@ def put_state(q, l, state, compensated, row):
         put(l[0], state, MOMENTUM)
         put(l[1], state, REST + 4)
     return 0
+
+
+def whole_lanes(count):
+    """A number of members rounded up to whole lanes."""
+    return LANES * math.ceil(count / LANES)
 
 
 for _function in (body_at, more_of, more_row, state_at, put_state):

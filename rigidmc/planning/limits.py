@@ -7,7 +7,7 @@ import numpy as np
 
 from rigidmc.integrators import INTEGRATORS
 from rigidmc.integrators.drifts import PANEL_TURN, Exact, Split
-from rigidmc.storage.schema import conservation
+from rigidmc.scene.conservation import conservation
 
 COARSE = 0.05  # drift of energy or momentum that is never taken for a result, whatever the step
 SPLIT = 2.0  # [rad] in a step of free motion that is split into turns: ten of them are off by 0.011 rad (median of 60 bodies; 0.8 at worst)

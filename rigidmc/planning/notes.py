@@ -16,9 +16,9 @@ from rigidmc.effects.pivot import MovingPivot
 from rigidmc.effects.protocol import torque
 from rigidmc.scene.body import broken
 from rigidmc.scene.checks import PILOT
+from rigidmc.scene.conservation import conservation
 from rigidmc.scene.idle import idle
 from rigidmc.scene.quantities import Grid, draw, is_open
-from rigidmc.storage.schema import conservation
 
 FEW = 64  # members whose effects and angles are looked at
 BOLTZMANN = 1.380649e-23  # J/K

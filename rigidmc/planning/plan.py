@@ -10,6 +10,7 @@ from rigidmc.dynamics.methods import names
 from rigidmc.effects import labelled
 from rigidmc.effects.protocol import total_energy_scale
 from rigidmc.engine import layout
+from rigidmc.engine.layout import whole_lanes
 from rigidmc.errors import SceneError
 from rigidmc.integrators import INTEGRATORS, Turns, form, keeps_remainders
 from rigidmc.observables import rows_of
@@ -19,8 +20,8 @@ from rigidmc.planning.limits import SPUN_UP, limits
 from rigidmc.planning.stage import check_starts, first_members, own_steps, physics, rates
 from rigidmc.planning.watch import Watch, needs_attitude, watch
 from rigidmc.scene.checks import PILOT
+from rigidmc.scene.conservation import booked_labels
 from rigidmc.scene.quantities import is_open, is_shared, rows
-from rigidmc.storage.schema import booked_labels
 
 BLOCK = 4064  # members: their 30 to 40 rows are 1 MB, and a call on them is 10 ms or more; with 4096 all rows would want one place in the cache, and a block begin and end in 64 ns a member, not 47
 SLAB = 32 * 2**20  # bytes of saved values that a block may hold on its way to a file
@@ -192,11 +193,6 @@ def form_of(scene, dt):
             rule = f"a step may turn by {turns.spin:.3g} rad, more than the {largest:g} for which {run.integrator} can be solved; "
             raise SceneError("run", key, getattr(run, key), rule + f"use {key} <= {unit * largest / turns.spin:.2g}")
     return form(kind, turns, scene.effects)._replace(name=run.integrator), rate, turns.spin
-
-
-def whole_lanes(count):
-    """A number of members rounded up to whole lanes."""
-    return layout.LANES * math.ceil(count / layout.LANES)
 
 
 def _constant(scene):

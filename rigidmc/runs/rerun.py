@@ -5,15 +5,15 @@ import warnings
 
 import numpy as np
 
-import rigidmc
 from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.files.outputs import refuse_existing, write_bytes
 from rigidmc.observables import OBSERVABLES, outputs
 from rigidmc.observables.keep import summaries
 from rigidmc.planning.plan import prepare
+from rigidmc.runs.gather import open_run
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.amounts import counted, seconds
-from rigidmc.storage import encoded, scene_of
+from rigidmc.storage import encoded, open_result, scene_of
 
 # variables of a member that the steps and saves decide; every other variable without times is part of its start
 FOUND = ("energy_drift_max", "l2_drift_max", "status", "status_step", "status_time", "steps")
@@ -38,7 +38,8 @@ def rerun(source, member, every=None, save=None, allow_code=False, output=None, 
     if output is not None:
         refuse_existing(os.fspath(output), force)
     if not hasattr(source, "data_vars"):
-        with rigidmc.open(os.fspath(source), allow_code) as result:
+        path = os.fspath(source)
+        with open_run(path, allow_code) if os.path.isdir(path) else open_result(path) as result:
             return rerun(result, member, every, save, allow_code, output, force, **options)
     scene = scene_of(source, allow_code=allow_code)
     called = source.encoding.get("source", "the result")

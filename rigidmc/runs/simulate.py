@@ -10,6 +10,7 @@ import warnings
 import numpy as np
 
 from rigidmc.engine import layout
+from rigidmc.engine.layout import whole_lanes
 from rigidmc.engine.machine import threads_available
 from rigidmc.engine.threads import run_blocks
 from rigidmc.errors import SceneError, SceneWarning
@@ -18,7 +19,7 @@ from rigidmc.observables import OBSERVABLES, rows_of
 from rigidmc.planning import watch
 from rigidmc.planning.job import closed_job, job_of, program_of
 from rigidmc.planning.notes import notes
-from rigidmc.planning.plan import prepare, whole_lanes
+from rigidmc.planning.plan import prepare
 from rigidmc.planning.stage import stage
 from rigidmc.planning.tolerance.choose import resolved
 from rigidmc.planning.units import internal, scaled, told

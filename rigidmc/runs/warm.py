@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 from rigidmc.effects import EFFECTS, name_of
 from rigidmc.engine.compile_time import compiled
+from rigidmc.engine.layout import whole_lanes
 from rigidmc.errors import SceneError
 from rigidmc.integrators import INTEGRATORS
 from rigidmc.planning.closed_form import closed_values
 from rigidmc.planning.job import program_of
-from rigidmc.planning.plan import whole_lanes
 from rigidmc.planning.stage import stage
 from rigidmc.progress import announcing
 from rigidmc.runs.simulate import settled

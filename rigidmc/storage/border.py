@@ -9,15 +9,8 @@ from rigidmc.effects import labelled
 from rigidmc.engine.layout import STATUSES
 from rigidmc.errors import SceneError
 from rigidmc.observables import OBSERVABLES
-from rigidmc.storage.schema import (
-    booked_labels,
-    coordinates,
-    ensemble_variables,
-    flagged_variables,
-    length,
-    member_variables,
-    saved_variables,
-)
+from rigidmc.scene.conservation import booked_labels
+from rigidmc.storage.schema import coordinates, ensemble_variables, flagged_variables, length, member_variables, saved_variables
 
 ROWS = 10_000_000  # a selection is spread out to a column of all indices if they are below this: 80 MB
 

@@ -4,14 +4,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rigidmc import __version__
 from rigidmc.effects import labelled
 from rigidmc.effects.parameters import shape
-from rigidmc.effects.protocol import is_random
 from rigidmc.engine.cpu import LOOK
 from rigidmc.engine.layout import STATUSES
 from rigidmc.observables import OBSERVABLES, outputs
+from rigidmc.scene.conservation import booked, conservation
 from rigidmc.scene.quantities import is_shared, rows
+from rigidmc.version import VERSION
 
 _LENGTHS = {"axis": 3, "quat": 4, "component": 6}
 
@@ -22,36 +22,6 @@ class Variable(NamedTuple):
     dims: tuple
     dtype: str
     attrs: dict[str, Any]
-
-
-def conservation(scene):
-    """{"energy": "yes" or the reason why not, "energy_drift": the same of energy less work, "l2": ..., "lz": ...} by the physics of the scene."""
-    noisy = [label for label, e in labelled(scene.effects) if is_random(e)]
-    walk = f"no: under {', '.join(noisy)} the energy of a step of order 2 walks off as dt^2 sqrt(t)" if noisy else ""
-    lossy = [label for label, e in labelled(scene.effects) if not getattr(e, "conservative", hasattr(e, "energy"))]
-    kept = "yes" if not lossy else f"no: {_change(lossy, 'the energy')}"
-    torques = [label for label, e in labelled(scene.effects) if not getattr(e, "keeps_l2", False)]
-    turning = [label for label, e in labelled(scene.effects) if not getattr(e, "keeps_lz", False)]
-    changed = {"l2": (torques, "the angular momentum"), "lz": (turning, "L_z")}
-    return {
-        "energy": kept,
-        "energy_drift": kept if "work" not in scene.run.save else walk or "yes",
-        **{k: "yes" if not who else f"no: {_change(who, what)}" for k, (who, what) in changed.items()},
-    }
-
-
-def booked_labels(scene):
-    """The labels of the effects whose works are saved."""
-    return tuple(label for label, _ in labelled(scene.effects)) if "work" in scene.run.save else ()
-
-
-def booked(scene):
-    """The labels of the effects whose work is no part of `energy`."""
-    return [label for label, e in labelled(scene.effects) if not hasattr(e, "energy")]
-
-
-def _change(who, what):
-    return f"{', '.join(who)} change{'s' * (len(who) == 1)} {what}"
 
 
 def coordinates(plan):
@@ -221,8 +191,8 @@ def attributes(scene, plan):
     return {
         "Conventions": "CF-1.11",
         "title": scene.title,
-        "source": f"rigidmc {__version__}",
-        "version": __version__,
+        "source": f"rigidmc {VERSION}",
+        "version": VERSION,
         "scene": resolved.dumps(),
         "seed": scene.run.seed,
         "integrator": scene.run.integrator,

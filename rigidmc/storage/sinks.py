@@ -3,10 +3,10 @@
 import numpy as np
 import xarray as xr
 
+from rigidmc.engine.layout import whole_lanes
 from rigidmc.engine.memory import aligned
 from rigidmc.observables import OBSERVABLES, rows_of
 from rigidmc.observables.keep import flagged_values, joined, kept_values
-from rigidmc.planning.plan import whole_lanes
 from rigidmc.storage import Writer, open_result
 from rigidmc.storage.schema import (
     attributes,

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from rigidmc import __version__
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import SceneError, unknown
 from rigidmc.integrators import INTEGRATORS, accepting, refusal
@@ -17,7 +16,8 @@ from rigidmc.planning.tolerance.ladder import Costs, candidates, ladder
 from rigidmc.planning.tolerance.pilot import QUANTITIES, ROUNDING, drift_along, growth, pilot, upper_quantile
 from rigidmc.planning.tolerance.truth import truth
 from rigidmc.scene.amounts import counted, seconds
-from rigidmc.storage.schema import conservation
+from rigidmc.scene.conservation import conservation
+from rigidmc.version import VERSION
 
 TOLERANCES = tuple(10.0**-k for k in range(3, 13))
 FINEST = 1e-13  # ladders end there: below it is rounding
@@ -121,7 +121,7 @@ def _dataset(scene, found, true, costs, ways, tolerances, threads):
     factor, rate = growth(found)
     attrs: dict[str, Any] = {
         "title": scene.title,
-        "source": f"rigidmc {__version__}",
+        "source": f"rigidmc {VERSION}",
         "scene": scene.dumps(),
         "t_end": scene.run.t_end,
         "members": found.members,

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from rigidmc import __version__
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.dynamics.methods import names
 from rigidmc.dynamics.so3 import multiply
@@ -22,6 +21,7 @@ from rigidmc.planning.tolerance.pilot import States, first_steps, follow, growth
 from rigidmc.planning.units import scaled
 from rigidmc.progress import reporter
 from rigidmc.studies.stress.case import closed_form
+from rigidmc.version import VERSION
 
 TIMES = 32  # at which states are compared
 MEMBERS, FEW = 64, 32  # of the scene that are looked at, and with `quick`
@@ -170,7 +170,7 @@ def _dataset(scene, plan, found, checks, status, factor, rate):
         "tells": ("check", np.array([c.tells for c in checks], dtype=object)),
     }
     attrs = {
-        "title": scene.title, "source": f"rigidmc {__version__}", "scene": scene.dumps(), "integrator": scene.run.integrator,
+        "title": scene.title, "source": f"rigidmc {VERSION}", "scene": scene.dumps(), "integrator": scene.run.integrator,
         "step": f"turn = {scene.run.turn:g} rad" if plan.own else f"dt = {plan.dt:.6g} s", "members": found.members,
         "flagged": int(status.sum()), "chaotic_share": float(np.mean(rate > 0.0)), "growth": float(np.median(factor)),
     }  # fmt: skip

@@ -22,10 +22,10 @@ from rigidmc.planning.tolerance.costs import cost_per_step, prices, some_of
 from rigidmc.runs.capacity import free_memory, in_words, sizes
 from rigidmc.runs.shards import members_of
 from rigidmc.scene.body import IDENTITY
+from rigidmc.scene.conservation import conservation
 from rigidmc.scene.laws import word_of
 from rigidmc.scene.parameters import parameters
 from rigidmc.scene.quantities import Distribution, Grid
-from rigidmc.storage.schema import conservation
 
 
 def describe(scene, threads):

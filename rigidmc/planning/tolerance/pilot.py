@@ -13,12 +13,13 @@ from rigidmc.effects.protocol import total_energy_scale
 from rigidmc.engine import layout
 from rigidmc.engine.forces import energies
 from rigidmc.engine.frame import Run, Saves
+from rigidmc.engine.layout import whole_lanes
 from rigidmc.engine.machine import threads_available
 from rigidmc.engine.program import Program
 from rigidmc.integrators import keeps_remainders
 from rigidmc.mechanics.rotation import attitude_error
 from rigidmc.observables import OBSERVABLES
-from rigidmc.planning.plan import carries_attitude, form_of, rounds, spinning_up, whole_lanes
+from rigidmc.planning.plan import carries_attitude, form_of, rounds, spinning_up
 from rigidmc.planning.stage import own_steps, physics, rates, stage
 from rigidmc.scene.quantities import is_shared, rows
 

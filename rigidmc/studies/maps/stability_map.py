@@ -6,7 +6,6 @@ import warnings
 import numpy as np
 import xarray as xr
 
-from rigidmc import __version__
 from rigidmc.effects import labelled
 from rigidmc.engine.layout import STATUSES
 from rigidmc.errors import SceneError, SceneWarning
@@ -19,6 +18,7 @@ from rigidmc.scene.parameters import with_parameter
 from rigidmc.scene.quantities import Distribution, grid
 from rigidmc.storage.schema import member_variables
 from rigidmc.studies.measures import measure, observing
+from rigidmc.version import VERSION
 
 CHUNK = 2**17  # members at once: 20 to 40 MB, and 40 waits for the last block of a map of 4e6
 REPLICAS = 16  # members of a pixel
@@ -143,7 +143,7 @@ def _dataset(scene, plan, asked, parts, counts, x, y, sides, members, confidence
         coordinates[key] = ((key,), values, {"long_name": name, "units": units_of(scene, name), "log": int(bool(log and log[0]))})
     attrs = {
         "title": scene.title,
-        "source": f"rigidmc {__version__}",
+        "source": f"rigidmc {VERSION}",
         "scene": scene.dumps(),
         "members": members,
         "confidence": confidence,

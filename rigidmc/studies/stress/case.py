@@ -29,6 +29,11 @@ from rigidmc.scene.start import Start
 TURNS = {2: 0.01, 4: 0.05, 6: 0.12, 8: 0.25, math.inf: 0.12}  # of the fastest member in a step [rad], by order
 
 
+def turn_of(order):
+    """The turn of the fastest member in a step [rad] for a method of an order: that of the highest order in TURNS which is not higher."""
+    return TURNS[max((known for known in TURNS if known <= order), default=min(TURNS))]
+
+
 @dataclass(frozen=True)
 class Case:
     """One hard case.
@@ -79,7 +84,7 @@ def run(scene, integrator, t_end, saves=8, turn=None, steps=None, **settings):
     rate = (1.0 if units is None else units.time) * float(
         np.max(rates(inner.effects, stage(inner, 0, 1 if alike else rows(*scene.quantities()), True)[0]))
     )
-    turn = TURNS[INTEGRATORS[integrator].order] if turn is None else turn
+    turn = turn_of(INTEGRATORS[integrator].order) if turn is None else turn
     dt = t_end / steps if steps else turn / rate if rate > 0.0 else t_end / 100.0
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SceneWarning)

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from rigidmc import __version__
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import SceneError, unknown
 from rigidmc.files.outputs import write_bytes
@@ -23,6 +22,7 @@ from rigidmc.files.reading import text_of
 from rigidmc.integrators import INTEGRATORS
 from rigidmc.progress import reporter
 from rigidmc.studies.stress.catalogue import GROUPS, catalogue
+from rigidmc.version import VERSION
 
 QUICK = ("rk4", "rk8", "srkn11", "exact", "closed")
 AMBER = 0.3  # of its bound, from which an error is shown as close to it
@@ -235,7 +235,7 @@ def _dataset(cases, found, names, known, given):
     variables |= {"seconds": (("case", "integrator"), seconds, {"units": "s"}), "verdict": (("case", "integrator"), verdict, flags)}
     variables |= {"reason": (("case", "integrator"), reason), **about}
     coordinates = {"case": np.array([case.name for case in cases], dtype=object), "integrator": np.array(names, dtype=object)}
-    return xr.Dataset(variables, coordinates, {"title": "hard cases", "source": f"rigidmc {__version__}"})
+    return xr.Dataset(variables, coordinates, {"title": "hard cases", "source": f"rigidmc {VERSION}"})
 
 
 def _verdict(case, name, error, bound):
