@@ -10,6 +10,7 @@ import time
 BENCHES = {
     "throughput": "bench.throughput",
     "startup": "bench.startup",
+    "accuracy": "bench.accuracy",
     "bits": "bench.bits",
     "memory": "bench.memory",
     "checks": "bench.checks",
