@@ -63,12 +63,13 @@ def arithmetic():
 
     By slots: every vector instruction but moves is one, a division of eight numbers ten and their root eighteen. By flops: as they are.
     """
-    from tests.engine.test_vectorisation import counted
+    from tests.assembly import counted
+    from tests.engine.test_vectorisation import CASES
 
     few = pilot(scene(EFFECTS["heavy"]), 64)._replace(own=False)
     rows = []
     for case, name in COUNTED.items():
-        made = counted(case)
+        made = counted(CASES[case])
         steps = few.base * 4096  # one part, one panel
         ns = min(Costs(few).step(name, steps, "float64") for _ in range(5))
         rows.append({"kind": "step", "integrator": name, "ns": ns, "flops": made["flops"] * made["parts"], "slots": made["slots"]})
