@@ -250,7 +250,13 @@ def inline_all(module):
 
 for _module in (so3, functions, euler, free_flow, principal, drifts, protocol, flows):
     inline_all(_module)
-for _kind in (*EFFECTS.values(), *OBSERVABLES.values(), *SUMMARIES.values(), *map(type, INTEGRATORS.values()), *STATISTICS.values()):
+for _kind in (
+    *EFFECTS.values(),
+    *OBSERVABLES.values(),
+    *SUMMARIES.values(),
+    *map(type, INTEGRATORS.values()),
+    *STATISTICS.values(),
+):
     inline_all(sys.modules[_kind.__module__])
 for _call in METHODS:
     compile_method(_call)
