@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 import rigidmc
 from rigidmc.cli import app
-from rigidmc.engine.machine import cache_folder
+from rigidmc.engine.cache import cache_folder
 from rigidmc.runs import resume
 from rigidmc.scene.file import read_source, shipped
 from tests.test_runs import SCENE

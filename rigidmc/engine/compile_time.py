@@ -6,7 +6,7 @@ import math
 import os
 import time
 
-from rigidmc.engine.machine import cache_folder
+from rigidmc.engine.cache import cache_folder
 from rigidmc.progress import say
 
 log = logging.getLogger("rigidmc")

@@ -1,10 +1,10 @@
 """Pieces of compiled code, each compiled by itself, and called by its address: another observable or event compiles its piece and no other."""
 
 import ctypes
+import functools
 import gc
 import sys
 import threading
-from functools import cache
 from typing import Any, NamedTuple
 
 import numba
@@ -14,8 +14,9 @@ from numba import njit, typeof
 from numba.core import types
 
 import rigidmc.engine.functions  # noqa: F401  (what effects of a user's own may call)
-from rigidmc.engine import machine
+from rigidmc.engine import cache
 from rigidmc.engine.compose import Kinds, numbers_of
+from rigidmc.engine.machine import use_widest_vectors
 from rigidmc.engine.memory import Rows
 from rigidmc.engine.numbers import coded
 from rigidmc.engine.pipeline import FLAGS
@@ -24,7 +25,7 @@ config: Any = numba.config
 DEEPEST = (
     5000  # Python's 1000 frames are too few: each plain function that a piece calls, and each element of a tuple, takes 30 or so
 )
-machine.use_widest_vectors()
+use_widest_vectors()
 _INT, _REAL, _PLAIN = types.int64, types.float64, Rows(types.float64, 0)
 _IN_C: dict[str, Any] = {"i": ctypes.c_int64, "k": ctypes.c_uint64, "f": ctypes.c_double}  # the rest are addresses
 _alive: dict[tuple, Any] = {}  # what is compiled, by what it is compiled for: an address is good as long as its code
@@ -81,12 +82,12 @@ def is_ready(function, parts, dtype, lanes, arguments):
     if config.DISABLE_JIT or (function, dtype, lanes, kind_of(parts), arguments) in _addresses:
         return True
     signature = signature_of(parts, dtype, lanes, arguments)
-    return (function, signature.args) in _alive or machine.is_cached(_cached_dispatcher(function), signature)
+    return (function, signature.args) in _alive or cache.is_cached(_cached_dispatcher(function), signature)
 
 
 def is_kept(function, parts, dtype, lanes, arguments):
     """Whether the disk cache keeps the code of a `piece`, so that another process may compile it."""
-    return not config.DISABLE_JIT and machine.is_kept(_cached_dispatcher(function), signature_of(parts, dtype, lanes, arguments))
+    return not config.DISABLE_JIT and cache.is_kept(_cached_dispatcher(function), signature_of(parts, dtype, lanes, arguments))
 
 
 def kind_of(argument):
@@ -104,7 +105,7 @@ def run(piece, letters, *arguments):
     return result.value
 
 
-@cache
+@functools.cache
 def _in_python(address, letters):
     """A piece as a function of Python, by Numba's own way of calling: where the result goes, where an error goes, and the arguments."""
     kinds = (_IN_C.get(letter, ctypes.c_void_p) for letter in letters)
@@ -119,7 +120,7 @@ def dispatcher_of(function):
 
 def _cached_dispatcher(function):
     if function not in _dispatchers:
-        _dispatchers[function] = machine.cached(dispatcher_of(function))
+        _dispatchers[function] = cache.cached(dispatcher_of(function))
     return _dispatchers[function]
 
 

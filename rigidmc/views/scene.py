@@ -9,8 +9,9 @@ import numpy as np
 
 from rigidmc.effects import EFFECTS, labelled
 from rigidmc.effects.parameters import given
+from rigidmc.engine.cache import cache_folder
 from rigidmc.engine.compile_time import listed, rounded, seconds
-from rigidmc.engine.machine import cache_folder, this_machine, threads_available, vector_bits
+from rigidmc.engine.machine import this_machine, threads_available, vector_bits
 from rigidmc.engine.operations import torque_operations, unpacked
 from rigidmc.engine.program import lanes_for
 from rigidmc.observables import OBSERVABLES

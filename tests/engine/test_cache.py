@@ -19,8 +19,8 @@ import pytest
 
 import rigidmc
 from rigidmc.dynamics.euler import MassProperties
-from rigidmc.engine import machine
-from rigidmc.engine.machine import cached
+from rigidmc.engine import cache
+from rigidmc.engine.cache import cached
 from rigidmc.integrators import RK4
 from rigidmc.integrators.protocol import step
 
@@ -179,7 +179,7 @@ def test_a_user_effect_works_and_is_never_taken_from_the_cache(place):
 def kept(tmp_path, monkeypatch):
     """(a small function with the cache of kernels, the key and the file that it has there)."""
     monkeypatch.setenv("RIGIDMC_CACHE_DIR", str(tmp_path / "cache"))
-    monkeypatch.setattr(machine, "_TOLD", set())
+    monkeypatch.setattr(cache, "_TOLD", set())
     made = cached(numba.njit(lambda x: 2.0 * x))
     assert made(1.5) == 3.0
     (file,) = kernels_in(tmp_path / "cache")
