@@ -8,6 +8,7 @@ import signal
 import stat
 import subprocess
 import sys
+import threading
 import time
 from unittest.mock import patch
 
@@ -22,6 +23,7 @@ from rigidmc.cli import app
 from rigidmc.errors import NoRoom, OutputExists
 from rigidmc.files import outputs
 from rigidmc.runs import resume, simulate
+from rigidmc.storage.writer import alone
 from rigidmc.studies import accuracy, trust
 from rigidmc.studies.stress import run as hard_cases
 from rigidmc.views import animation, studies
@@ -268,6 +270,22 @@ def slow(*given):
 os.truncate = slow
 main()
 """
+
+
+def test_a_signal_leaves_no_lock_behind():
+    """What the main thread was interrupted in goes on, and the next call of the C library waits for its end."""
+    done = []
+
+    def slowly():
+        time.sleep(0.3)
+        done.append("first")
+
+    with pytest.raises(KeyboardInterrupt):
+        threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()
+        alone(slowly)
+    assert done == []
+    alone(done.append, "second")
+    assert done == ["first", "second"]
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])

@@ -13,6 +13,7 @@ import netCDF4
 import numpy as np
 from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 
+from rigidmc.engine.threads import threads_of
 from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.files.outputs import Part, refuse_existing, refuse_lockless, write_bytes
 from rigidmc.files.trial import refuse_unreadable
@@ -31,16 +32,24 @@ from rigidmc.storage.schema import (
 _opening = threading.Lock()
 
 
-@contextlib.contextmanager
-def alone():
-    """Call the C library, which is not made for threads, while no one else does.
+def alone(function, *arguments):
+    """Call a function that calls the C library, which is not made for threads, while no one else does.
 
     xarray holds its lock while it reads values and when it closes what was dropped, which happens in any thread and at any time; it does
     not while it opens a file, so that `open_result` holds another. Without them a run crashed within a second of results being dropped,
     or opened, beside it.
+
+    The main thread has it done by another one: a signal interrupts the main thread anywhere, between taking a lock and knowing that it has it too, and
+    a run then waited for itself for ever (once in some 60 runs with two signals). So it only stops waiting, and what comes next waits for the call to end.
     """
-    with _opening, NETCDF4_PYTHON_LOCK:
-        yield
+
+    def called():
+        with _opening, NETCDF4_PYTHON_LOCK:
+            return function(*arguments)
+
+    if threading.current_thread() is threading.main_thread():
+        return threads_of("netCDF", 1).submit(called).result()
+    return called()
 
 
 def _close(file):
@@ -88,13 +97,16 @@ class Writer:
         self._part = Part(path, force)
         self._first, self._digits = plan.first, dict[str, int]()
         try:
-            with _naming(self.path), alone():
-                self._file = netCDF4.Dataset(self._part.path, "w", format="NETCDF4", clobber=True)
-                self._define(scene, plan, attributes(scene, plan) if attrs is None else attrs)
-                self._file.setncatts(more or {})
+            with _naming(self.path):
+                alone(self._begin, scene, plan, attributes(scene, plan) if attrs is None else attrs, more or {})
         except BaseException:
             self.discard()
             raise
+
+    def _begin(self, scene, plan, attrs, more):
+        self._file = netCDF4.Dataset(self._part.path, "w", format="NETCDF4", clobber=True)
+        self._define(scene, plan, attrs)
+        self._file.setncatts(more)
 
     def _define(self, scene, plan, attrs_of_all):
         file = self._file
@@ -137,16 +149,24 @@ class Writer:
     def write(self, first, count, values):
         """Write {name: array with the member dimension last} for members first ... first + count - 1."""
         part = slice(first - self._first, first - self._first + count)
-        with _naming(self.path), alone():
+
+        def put():
             self._file.variables["member"][part] = np.arange(first, first + count)
             for name, array in values.items():
                 self._file.variables[name][..., part] = self._rounded(name, array[..., :count])
 
+        with _naming(self.path):
+            alone(put)
+
     def write_all(self, values):
         """Write {name: array} of variables that are not by members."""
-        with _naming(self.path), alone():
+
+        def put():
             for name, array in values.items():
                 self._file.variables[name][:] = self._rounded(name, array)
+
+        with _naming(self.path):
+            alone(put)
 
     def _rounded(self, name, values):
         """Values as they are kept: of those with so many digits the last bits are zeros, which compresses them. netCDF's own way makes -0 of inf."""
@@ -161,31 +181,37 @@ class Writer:
 
     def finish(self):
         """Close, make durable and give the file its name."""
-        file, self._file = self._file, None
-        with _naming(self.path), alone():
-            _close(file)
+        with _naming(self.path):
+            alone(self._close)
         self._part.finish(None if self._named is None else self._named(self._part.path))
 
     def discard(self):
         """Leave nothing behind."""
-        file, self._file = self._file, None
-        with contextlib.suppress(RuntimeError), alone():
-            if file is not None:
-                _close(file)
+        with contextlib.suppress(RuntimeError):
+            alone(self._close)
         self._part.discard()
+
+    def _close(self):
+        file, self._file = self._file, None
+        if file is not None:
+            _close(file)
 
 
 def read(path, *names, mark=None):
     """{name: array} of variables of a file as they were written, of all if none are named. SceneError for a shard of another mark,
     a damaged file and a missing variable."""
-    try:
-        with alone(), netCDF4.Dataset(path) as file:
+
+    def values():
+        with netCDF4.Dataset(path) as file:
             if mark is not None and str(getattr(file, "run", None)) != mark:
                 raise SceneError("", "shard", None, "is of another run: another scene, seed, rows or code", file=path)
             file.set_auto_mask(False)
             file.set_auto_scale(False)
             file.set_auto_chartostring(False)
             return {name: file[name][:] for name in names or file.variables}
+
+    try:
+        return alone(values)
     except (OSError, RuntimeError, IndexError) as error:
         if isinstance(error, OSError) and (error.errno or 0) > 0:  # an error of the system; those of the library are negative
             raise
@@ -194,7 +220,8 @@ def read(path, *names, mark=None):
 
 def write_columns(path, columns):
     """Write {name: array}, members last, as a small file of its own."""
-    with Part(path) as part, _naming(path), alone():
+
+    def write_to(part):
         file = netCDF4.Dataset(part, "w", format="NETCDF4")
         try:
             for name, values in columns.items():
@@ -205,6 +232,9 @@ def write_columns(path, columns):
                 file.createVariable(name, values.dtype, dims)[:] = values
         finally:
             _close(file)
+
+    with Part(path) as part, _naming(path):
+        alone(write_to, part)
 
 
 def scene_of(source, settings=(), allow_code=False):
