@@ -1,7 +1,5 @@
 """This machine: its widest vectors, its cores, and what of it goes into a result."""
 
-import hashlib
-import logging
 import os
 import platform
 from importlib.metadata import version
@@ -11,11 +9,6 @@ import llvmlite.binding as llvm
 import numba
 
 config: Any = numba.config
-log = logging.getLogger("rigidmc")
-_PACKAGE = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
-_SUM = hashlib.sha256().digest_size
-_TOLD: set[str] = set()
-_KEEP_SECONDS = 30 * 86400  # kernels of other versions of the sources are deleted after a month
 
 
 def use_widest_vectors():

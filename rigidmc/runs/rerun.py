@@ -32,8 +32,7 @@ def rerun(source, member, every=None, save=None, allow_code=False, output=None, 
     allow_code, options : as of `rigidmc.Scene.load` and `rigidmc.simulate`
 
     The attribute `rerun` tells at how many times both were compared. Raises SceneError for a member that the result does not have
-    and for an `every` that would change the steps; warns (SceneWarning) if a value differs, as it may with another version of rigidmc or of a library
-    or with another version.
+    and for an `every` that would change the steps; warns (SceneWarning) if a value differs, as it may with another version of rigidmc or of a library.
     """
     if output is not None:
         refuse_existing(os.fspath(output), force)
