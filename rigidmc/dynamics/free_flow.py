@@ -8,13 +8,13 @@ The formulas want the middle moment on axis 2; `free_flow` relabels the axes cyc
 import math
 from typing import Any, NamedTuple
 
+from rigidmc.dynamics.arc import Arc, half_and_whole, increment, near_of, of_a_panel, squares
 from rigidmc.dynamics.euler import angular_velocity
 from rigidmc.dynamics.so3 import (
     add,
     by_precision,
     conjugate,
     dot,
-    exponential,
     multiply,
     opposite,
     scale,
@@ -26,14 +26,6 @@ from rigidmc.dynamics.so3 import (
 _REST = 1e-306  # |L|^2 at which a body stands still: below 2e-308 its digits go, and with them the unit vector L/|L|
 
 
-class Arc(NamedTuple):
-    """How far the flow goes in time h: S = sn-like, g1 = 1 - f1, g3 = 1 - f3, with S' = f1 f3, f1' = -x S f3, f3' = -y S f1."""
-
-    s: float
-    g1: float
-    g3: float
-
-
 class Axes(NamedTuple):
     """The constants of a body whose middle axis is axis 2."""
 
@@ -42,81 +34,6 @@ class Axes(NamedTuple):
     a1: float
     a2: float
     a3: float
-
-
-def arc(h, x, y):
-    """The Arc of a short time, by the series of S and f1^2 = 1 - x S^2, f3^2 = 1 - y S^2.
-
-    The next term of the series is 0.0036 (h sqrt(max(x, y)))^12: 5e-17 at 0.07, 4e-15 at 0.1.
-    """
-    hx, hy = h * h * x, h * h * y  # pure numbers: x and y alone reach 1e92 for the moments of a molecule
-    u, p = hx + hy, hx * hy
-    uu = u * u
-    s = h * (
-        1.0
-        - (
-            u * (1 / 6)
-            - (
-                (uu + 12.0 * p) * (1 / 120)
-                - (
-                    u * (uu + 132.0 * p) * (1 / 5040)
-                    - (
-                        (uu * uu + 1224.0 * uu * p + 3024.0 * p * p) * (1 / 362880)
-                        - (u * (uu * uu + 11064.0 * uu * p + 71280.0 * p * p) * (1 / 39916800))
-                    )
-                )
-            )
-        )
-    )
-    ss = s * s
-    return Arc(s, _less_than_root(x * ss), _less_than_root(y * ss))
-
-
-def _less_than_root(z):
-    """1 - sqrt(1 - z) by its series, for |z| < 0.016: the next term is 0.02 z^8 of it. A root takes as long as 18 to 30 products."""
-    p = 21 / 512 + z * (33 / 1024 + z * (429 / 16384))
-    p = 1 / 8 + z * (5 / 64 + z * (7 / 128 + z * p))
-    return 0.5 * z * (1.0 + z * (1 / 4 + z * p))
-
-
-def _over(u, near):
-    """1/(1 - u); near : () for any u, (0.0,) for |u| < 0.1, by a series to u^3 and two Newton steps, exact to rounding: a division takes as long as
-    10 to 20 products."""
-    if len(near) == 0:
-        return 1.0 / (1.0 - u)
-    d, r = 1.0 - u, 1.0 + u * (1.0 + u * (1.0 + u))
-    r = r + r * (1.0 - d * r)
-    return r + r * (1.0 - d * r)
-
-
-def doubled(a, x, y, near=()):
-    """The Arc of twice the time; 1 - f' from the factored form, so that no digit cancels. near : (0.0,) for short times, see `_over`."""
-    ss = a.s * a.s
-    f1, f3 = 1.0 - a.g1, 1.0 - a.g3
-    r = _over((x * ss) * (y * ss), near)
-    return Arc(2.0 * a.s * f1 * f3 * r, 2.0 * x * ss * f3 * f3 * r, 2.0 * y * ss * f1 * f1 * r)
-
-
-def increment(body, a, p, l, near=()):
-    """L(t + h) - L(t) of a free body; conserves T and |L|^2 to rounding for any S within the range of `near`, with errors that do not add up.
-
-    near : (0.0,) where h is that of an arc without doublings, or of one panel, see `_over`
-
-    The plain form L1' = (f1 L1 + f3 S a1 L2 L3)/D drifts linearly (1e-12 after 1e4 steps); this one walks (5e-15).
-    """
-    f1, f3 = 1.0 - a.g1, 1.0 - a.g3
-    u = p * (a.s * a.s)
-    r = _over(u, near)
-    return (
-        r * (f3 * a.s * body.a1 * l[1] * l[2] + (u - a.g1) * l[0]),
-        r * (a.s * body.a2 * l[0] * l[2] + (u - (a.g1 + a.g3 - a.g1 * a.g3)) * l[1]),
-        r * (f1 * a.s * body.a3 * l[0] * l[1] + (u - a.g3) * l[2]),
-    )
-
-
-def squares(body, l):
-    """(P, Q1, Q3) = (a1 a3 L2^2, -a2 a3 L1^2, -a1 a2 L3^2) >= 0; x = P + Q3 and y = P + Q1 are constants of motion."""
-    return body.a1 * body.a3 * l[1] * l[1], -body.a2 * body.a3 * l[0] * l[0], -body.a1 * body.a2 * l[2] * l[2]
 
 
 class Motion(NamedTuple):
@@ -245,29 +162,6 @@ def phase(m, time, integral):
     return m.twice_energy * (time - integral) + m.inverse * integral
 
 
-def _half_and_whole(h, x, y, halvings):
-    """(Arc of h/2, Arc of h): the series at h/2^(1 + len(halvings)), then doublings."""
-    if len(halvings) == 0:
-        half = arc(0.5 * h, x, y)
-        return half, doubled(half, x, y, (0.0,))
-    half = _half_and_whole(0.5 * h, x, y, halvings[1:])[1]
-    return half, doubled(half, x, y)
-
-
-def _near(halvings):
-    """(0.0,) where there are none, else ()."""
-    if len(halvings) == 0:
-        return (0.0,)
-    return ()
-
-
-def _of_a_panel(half, whole, h, x, y, panels):
-    """(Arc of half a panel, Arc of a panel) of a time h that is cut into panels; half, whole : the Arcs of h/2 and h."""
-    if len(panels) == 1:
-        return half, whole
-    return _half_and_whole(panels[0] * h, x, y, ())
-
-
 def motion(body, halvings, panels, h, l):
     """(Motion, u) of a free body; halvings, panels : see `free_flow`."""
     square = dot(l, l)
@@ -285,11 +179,11 @@ def motion(body, halvings, panels, h, l):
     axes = Axes(i1, i3, *relabel(first, third, (body.a1, body.a2, body.a3)))
     time = h * size
     p, q1, q3 = squares(axes, u)
-    half, whole = _half_and_whole(time, p + q3, p + q1, halvings)
+    half, whole = half_and_whole(time, p + q3, p + q1, halvings)
     on_third = q3 >= q1
     # the side on which L circles stays; where u_j is 0 to rounding its sign may change, and taken anew it would turn the body over
     sign = select(select(on_third, u[2], u[0]) < 0.0, -1.0, 1.0)
-    one, panel = _of_a_panel(half, whole, time, p + q3, p + q1, panels)
+    one, panel = of_a_panel(half, whole, time, p + q3, p + q1, panels)
     inverse = select(on_third, i3, i1)
     return Motion(size, first, third, axes, twice_energy, on_third, sign, inverse, p + q3, p + q1, time, whole, one, panel), u
 
@@ -297,7 +191,7 @@ def motion(body, halvings, panels, h, l):
 def advance(m, halvings, u, slopes=()):
     """What a step adds to the unit momentum u; slopes : see `followed`."""
     p = m.body.a1 * m.body.a3 * u[1] * u[1]
-    return increment(m.body, followed(m, m.whole, slopes, u), p, u, _near(halvings))
+    return increment(m.body, followed(m, m.whole, slopes, u), p, u, near_of(halvings))
 
 
 def turn_between(m, u, change, angle, start, end):
@@ -343,50 +237,6 @@ def free_flow(body, halvings, panels, h, l):
     integral, end = summed(m, panels, u, start)
     angle = 0.5 * phase(m, m.time, integral + corrected(m, panels, start, end))
     return turn_between(m, u, change, angle, start, end), scale(m.size, back(m, change))
-
-
-def symmetric_flow(body, h, l):
-    """(turn, change of L) in the time h of a free body with two equal moments A, A and C about any axis e; any h, two turns.
-
-    turn = exp(h L/A) exp(h (1/C - 1/A) L_e e),   L turns about e by -h (1/C - 1/A) L_e          (TdC Example 3.5)
-    """
-    x, y, z = abs(body.a1), abs(body.a2), abs(body.a3)
-    first, third = (x < y) & (x < z), (z < y) & (z <= x)  # the axis whose coefficient vanishes becomes axis 2
-    one, two, three = relabel(first, third, l)
-    i1, _, i3 = relabel(first, third, (body.i1, body.i2, body.i3))
-    _, _, rate = relabel(first, third, (body.a1, body.a2, body.a3))  # (A - C)/(A C) = 1/C - 1/A
-    s, c = sincos(0.5 * h * rate * two)
-    a, b = 2.0 * s * s, 2.0 * s * c
-    change = -a * one - b * three, 0.0, b * one - a * three
-    x, y, z = relabel(third, first, (0.0, s, 0.0))
-    turn = multiply(exponential(scale(0.5 * h * (i1 + i3), l)), (c, x, y, z))
-    return turn, relabel(third, first, change)
-
-
-def split_flow(body, h, l):
-    """(turn, change of L) in the time h of a free body, split: order 2, symmetric, exact for bodies with two equal moments.
-
-    T = |L|^2/2I2 + 1/2 (1/I1 - 1/I2) L1^2 + 1/2 (1/I3 - 1/I2) L3^2 with the middle moment on axis 2. The first term turns the body
-    about L and commutes with the others, which are turns about the axes 1 and 3: half a turn about 1, a turn about 3, half about 1.
-    """
-    elsewhere, one_fits = body.a1 * body.a3 < 0.0, body.a2 * body.a3 >= 0.0
-    first, third = elsewhere & one_fits, elsewhere & opposite(one_fits)
-    one, two, three = relabel(first, third, l)
-    _, i2, _ = relabel(first, third, (body.i1, body.i2, body.i3))
-    a1, _, a3 = relabel(first, third, (body.a1, body.a2, body.a3))
-    # a3 = 1/I2 - 1/I1, a1 = 1/I3 - 1/I2; a turn about 1 by w takes (L2, L3) to (c L2 + s L3, c L3 - s L2)
-    s1, c1 = sincos(-0.25 * h * a3 * one)
-    x2 = 2.0 * s1 * (c1 * three - s1 * two)
-    x3 = -2.0 * s1 * (c1 * two + s1 * three)
-    s3, c3 = sincos(0.5 * h * a1 * (three + x3))
-    y1 = 2.0 * s3 * (c3 * (two + x2) - s3 * one)
-    y2 = x2 - 2.0 * s3 * (c3 * one + s3 * (two + x2))
-    s2, c2 = sincos(-0.25 * h * a3 * (one + y1))
-    z2 = y2 + 2.0 * s2 * (c2 * (three + x3) - s2 * (two + y2))
-    z3 = x3 - 2.0 * s2 * (c2 * (two + y2) + s2 * (three + x3))
-    turn = multiply(multiply((c1, s1, 0.0, 0.0), (c3, 0.0, 0.0, s3)), (c2, s2, 0.0, 0.0))
-    x, y, z = relabel(third, first, turn[1:])
-    return multiply(exponential(scale(h * i2, l)), (turn[0], x, y, z)), relabel(third, first, (y1, z2, z3))
 
 
 def relabel(first, third, v):

@@ -21,7 +21,7 @@ from numba.extending import overload, typeof_impl
 
 import rigidmc.integrators.protocol
 import rigidmc.observables.protocol  # noqa: F401  (imported so that METHODS is complete)
-from rigidmc.dynamics import euler, free_flow, functions, principal, so3
+from rigidmc.dynamics import arc, euler, free_flow, functions, principal, so3, turns_flow
 from rigidmc.dynamics.methods import METHODS, arguments
 from rigidmc.effects import EFFECTS, flows, protocol
 from rigidmc.engine.memory import get_row
@@ -248,7 +248,7 @@ def inline_all(module):
             inline(function)
 
 
-for _module in (so3, functions, euler, free_flow, principal, drifts, protocol, flows):
+for _module in (so3, functions, euler, arc, free_flow, turns_flow, principal, drifts, protocol, flows):
     inline_all(_module)
 for _kind in (
     *EFFECTS.values(),

@@ -3,8 +3,9 @@
 import math
 from typing import NamedTuple
 
-from rigidmc.dynamics.free_flow import free_flow, split_flow, symmetric_flow
+from rigidmc.dynamics.free_flow import free_flow
 from rigidmc.dynamics.methods import method
+from rigidmc.dynamics.turns_flow import split_flow, symmetric_flow
 
 PANEL_TURN = 0.125  # turn lambda h of one panel: attitude off by 4.4e-16, momentum by 1.4e-16 (25 random bodies against 40 digits)
 PIECE_TURN = 1.0  # longer drifts are cut: 8 panels compile in 2 s, and more would be no faster

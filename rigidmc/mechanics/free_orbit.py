@@ -14,8 +14,9 @@ import math
 import sys
 from typing import NamedTuple
 
+from rigidmc.dynamics.arc import squares
 from rigidmc.dynamics.euler import mass_properties
-from rigidmc.dynamics.free_flow import Axes, relabel, squares, to_axis
+from rigidmc.dynamics.free_flow import Axes, relabel, to_axis
 from rigidmc.dynamics.so3 import conjugate, dot, multiply, normalised, opposite, scale, select, sincos
 from rigidmc.engine.compose import inline_all
 from rigidmc.mechanics.jacobi import (

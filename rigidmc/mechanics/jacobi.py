@@ -8,7 +8,7 @@ import math
 import sys
 from typing import NamedTuple
 
-from rigidmc.dynamics.free_flow import arc
+from rigidmc.dynamics.arc import arc
 from rigidmc.dynamics.so3 import arctan2, rounded, select
 from rigidmc.engine.compose import inline_all
 

@@ -9,8 +9,9 @@ import mpmath as mp
 import numpy as np
 import pytest
 
+from rigidmc.dynamics.arc import arc, doubled, increment, squares
 from rigidmc.dynamics.euler import MassProperties, kinetic_energy
-from rigidmc.dynamics.free_flow import arc, doubled, free_flow, increment, motion, slopes, squares
+from rigidmc.dynamics.free_flow import free_flow, motion, slopes
 from rigidmc.dynamics.so3 import add, gain, moved, multiply
 from rigidmc.engine import layout as K
 from rigidmc.integrators import INTEGRATORS
