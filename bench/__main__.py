@@ -27,10 +27,21 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 
 
 def main():
-    parser = argparse.ArgumentParser(prog="python -m bench", description="Benchmarks of rigidmc; without names all of them.")
+    parser = argparse.ArgumentParser(
+        prog="python -m bench", description="Benchmarks of rigidmc; without names all of them."
+    )
     parser.add_argument("names", nargs="*", metavar="name", help=f"any of {', '.join(BENCHES)}")
-    parser.add_argument("--output", default=os.path.join(HERE, "results"), metavar="DIR", help="where NAME.json goes")
-    parser.add_argument("--quick", action="store_true", help="fewer rounds and smaller runs: to see that it works, not for figures")
+    parser.add_argument(
+        "--output",
+        default=os.path.join(HERE, "results"),
+        metavar="DIR",
+        help="where NAME.json goes",
+    )
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="fewer rounds and smaller runs: to see that it works, not for figures",
+    )
     options = parser.parse_args()
     if unknown := [name for name in options.names if name not in BENCHES]:
         parser.error(f"no bench {', '.join(unknown)}; there are {', '.join(BENCHES)}")

@@ -30,10 +30,20 @@ def run(quick):
     rows = []
     for body, effects in EFFECTS.items():
         study = accuracy(scene(effects), tolerances=TARGETS, members=128 if quick else MEMBERS)
-        rows.append({"kind": "truth", "body": body, "truth": study.attrs["truth"], "error": study.attrs["truth_error"]})
+        rows.append(
+            {
+                "kind": "truth",
+                "body": body,
+                "truth": study.attrs["truth"],
+                "error": study.attrs["truth_error"],
+            }
+        )
         names = ("integrator", "dtype", "dt", "steps", "turn", "error_state_median", "error_state_upper", "error_state_worst",
                  "ns_per_member_step", "members_per_second")  # fmt: skip
-        found = [{name: _plain(study[name].values[i]) for name in names} for i in range(study.sizes["row"])]
+        found = [
+            {name: _plain(study[name].values[i]) for name in names}
+            for i in range(study.sizes["row"])
+        ]
         rows += [{"kind": "error", "body": body, **row} for row in found]
         rows += choices(body, found)
     return rows + arithmetic()
@@ -44,7 +54,9 @@ def scene(effects):
     some = tops.random_tops(4 * MEMBERS)
     body = rigidmc.Body.from_moments(some.moments.T, mass=1.0, centre=some.static.T)
     start = rigidmc.Start(omega=some.omega.T, attitude=some.attitude.T)
-    return rigidmc.Scene(body, effects, start).with_run(t_end=T_END, members=4 * MEMBERS, save=("omega", "attitude"))
+    return rigidmc.Scene(body, effects, start).with_run(
+        t_end=T_END, members=4 * MEMBERS, save=("omega", "attitude")
+    )
 
 
 def choices(body, found):
@@ -52,9 +64,14 @@ def choices(body, found):
     rows = []
     for limit in TARGETS:
         good = [r for r in found if r["error_state_upper"] <= limit]
-        each = {r["integrator"]: r for r in sorted(good, key=lambda r: r["members_per_second"])}  # the last one is the fastest
+        each = {
+            r["integrator"]: r for r in sorted(good, key=lambda r: r["members_per_second"])
+        }  # the last one is the fastest
         best = sorted(each.values(), key=lambda r: -r["members_per_second"])
-        rows += [{"kind": "choice", "body": body, "limit": limit, "best": i == 0, **r} for i, r in enumerate(best)]
+        rows += [
+            {"kind": "choice", "body": body, "limit": limit, "best": i == 0, **r}
+            for i, r in enumerate(best)
+        ]
     return rows
 
 
@@ -72,14 +89,33 @@ def arithmetic():
         made = counted(CASES[case])
         steps = few.base * 4096  # one part, one panel
         ns = min(Costs(few).step(name, steps, "float64") for _ in range(5))
-        rows.append({"kind": "step", "integrator": name, "ns": ns, "flops": made["flops"] * made["parts"], "slots": made["slots"]})
+        rows.append(
+            {
+                "kind": "step",
+                "integrator": name,
+                "ns": ns,
+                "flops": made["flops"] * made["parts"],
+                "slots": made["slots"],
+            }
+        )
     base = rows[0]
     for row in rows:
         row["cost"] = row["ns"] / base["ns"]
-        row["by_flops"], row["by_slots"] = row["flops"] / base["flops"], row["slots"] / base["slots"]
+        row["by_flops"], row["by_slots"] = (
+            row["flops"] / base["flops"],
+            row["slots"] / base["slots"],
+        )
     off = max(abs(r["cost"] / r["by_slots"] - 1.0) for r in rows)
     far = max(rows, key=lambda r: abs(r["cost"] / r["by_slots"] - 1.0))["integrator"]
-    rows.append(harness.target(f"cost of a step against its arithmetic, worst ({far})", 15.0, 100.0 * off, "%", at_most=True))
+    rows.append(
+        harness.target(
+            f"cost of a step against its arithmetic, worst ({far})",
+            15.0,
+            100.0 * off,
+            "%",
+            at_most=True,
+        )
+    )
     return rows
 
 
@@ -108,7 +144,9 @@ def report(rows):
         for r in rows
         if r["kind"] == "choice"
     ]
-    harness.table(f"what accuracy costs, 99 % of {MEMBERS} random tops to t = {T_END:g} s", columns, lines)
+    harness.table(
+        f"what accuracy costs, 99 % of {MEMBERS} random tops to t = {T_END:g} s", columns, lines
+    )
     lines = [
         (
             r["integrator"],

@@ -9,13 +9,23 @@ from rigidmc import Bath, Body, Gravity, Scene, Start, simulate
 from rigidmc.dynamics.so3 import up
 
 MOMENTS, KT, WEIGHT = (1.0, 1.4, 2.0), 0.7, 1.5
-STEPS = (0.8, 0.4, 0.2, 0.1, 0.05)  # of order h^2: at 0.05 the bias of <L^2> is a quarter of its standard error
+STEPS = (
+    0.8,
+    0.4,
+    0.2,
+    0.1,
+    0.05,
+)  # of order h^2: at 0.05 the bias of <L^2> is a quarter of its standard error
 
 
 def scene():
     """A heavy body in a bath that forgets at the rate 1, from rest and any attitude to t = 12."""
     body = Body.from_moments(MOMENTS, mass=1.0, centre=(0.0, 0.0, 0.3))
-    made = Scene(body, (Gravity(WEIGHT / 0.3), Bath(1.0, KT)), Start(omega=(0.0, 0.0, 0.0), attitude="uniform"))
+    made = Scene(
+        body,
+        (Gravity(WEIGHT / 0.3), Bath(1.0, KT)),
+        Start(omega=(0.0, 0.0, 0.0), attitude="uniform"),
+    )
     return made.with_run(integrator="strang", t_end=12.0, seed=1, save=("momentum", "attitude"))
 
 
@@ -31,7 +41,13 @@ def moments(dt, members):
 
     found = [(f"<L_{i + 1}^2>/(I_{i + 1} kT)", 1.0, *mean(l[i] ** 2)) for i in range(3)]
     found += [
-        (f"kurtosis of L_{i + 1}", 3.0, float((l[i] ** 4).mean() / (l[i] ** 2).mean() ** 2), math.sqrt(24.0 / n)) for i in range(3)
+        (
+            f"kurtosis of L_{i + 1}",
+            3.0,
+            float((l[i] ** 4).mean() / (l[i] ** 2).mean() ** 2),
+            math.sqrt(24.0 / n),
+        )
+        for i in range(3)
     ]
     found += [(f"<L_{i + 1}>", 0.0, *mean(l[i])) for i in range(3)]
     heat, error = mean(0.5 * (l**2).sum(0))
@@ -43,7 +59,10 @@ def run(quick):
     """All rows of the bench."""
     members, rows = 100_000 if quick else 1_000_000, []
     for dt in STEPS:
-        rows += [{"kind": "moment", "dt": dt, "what": w, "theory": t, "mean": m, "error": e} for w, t, m, e in moments(dt, members)]
+        rows += [
+            {"kind": "moment", "dt": dt, "what": w, "theory": t, "mean": m, "error": e}
+            for w, t, m, e in moments(dt, members)
+        ]
     finest = [r for r in rows if r["dt"] == STEPS[-1]]
     worst = max(finest, key=sigmas)
     bias = {r["dt"]: r["mean"] - 1.5 for r in rows if r["what"] == "<T>/kT"}
@@ -57,7 +76,10 @@ def run(quick):
             at_most=True,
         ),
         harness.target(
-            "order of the bias of <T>, from dt = 0.8 to 0.4 (standard error 0.06)", 1.85, math.log2(bias[0.8] / bias[0.4]), ""
+            "order of the bias of <T>, from dt = 0.8 to 0.4 (standard error 0.06)",
+            1.85,
+            math.log2(bias[0.8] / bias[0.4]),
+            "",
         ),
     ]
 
@@ -71,11 +93,23 @@ def report(rows):
     """Print the tables."""
     found = [r for r in rows if r["kind"] == "moment"]
     cells = [
-        (r["what"], f"{r['theory']:.6f}", f"{r['mean']:.6f}", f"{r['error']:.6f}", f"{sigmas(r):.2f}")
+        (
+            r["what"],
+            f"{r['theory']:.6f}",
+            f"{r['mean']:.6f}",
+            f"{r['error']:.6f}",
+            f"{sigmas(r):.2f}",
+        )
         for r in found
         if r["dt"] == STEPS[-1]
     ]
-    harness.table(f"dt = {STEPS[-1]:g}", ["", "Gibbs", "mean", "standard error", "errors apart"], cells)
-    heat = [(f"{r['dt']:g}", f"{r['mean'] / 1.5 - 1.0:+.5f}", f"{r['error'] / 1.5:.5f}") for r in found if r["what"] == "<T>/kT"]
+    harness.table(
+        f"dt = {STEPS[-1]:g}", ["", "Gibbs", "mean", "standard error", "errors apart"], cells
+    )
+    heat = [
+        (f"{r['dt']:g}", f"{r['mean'] / 1.5 - 1.0:+.5f}", f"{r['error'] / 1.5:.5f}")
+        for r in found
+        if r["what"] == "<T>/kT"
+    ]
     harness.table("bias of <T>", ["dt", "of 3/2 kT", "standard error"], heat)
     harness.report_targets(rows)

@@ -31,7 +31,9 @@ def cases(integrators=None):
     from rigidmc.integrators import accepting
 
     body = rm.Body.from_moments(
-        (rm.uniform(1.0, 1.2), rm.normal(1.4, 0.01), 2.0), mass=rm.uniform(1.0, 2.0), centre=(0.1, 0.2, rm.normal(0.3, 0.05))
+        (rm.uniform(1.0, 1.2), rm.normal(1.4, 0.01), 2.0),
+        mass=rm.uniform(1.0, 2.0),
+        centre=(0.1, 0.2, rm.normal(0.3, 0.05)),
     )
     scenes = {
         "free": ((), rm.Start(momentum=rm.Sphere(rm.uniform(1.0, 2.0)), attitude="uniform"), (rm.Flips(2), "omega_max")),
@@ -54,7 +56,11 @@ def cases(integrators=None):
     found = []
     for word, (effects, start, watched) in scenes.items():
         scene = rm.Scene(body, effects, start).with_run(
-            t_end=2.0, every=0.5, members=37, seed=5, save=("attitude", "momentum", "energy", *watched)
+            t_end=2.0,
+            every=0.5,
+            members=37,
+            seed=5,
+            save=("attitude", "momentum", "energy", *watched),
         )
         for name in accepting(effects):
             if name != "closed" and (integrators is None or name in integrators):
@@ -65,7 +71,17 @@ def cases(integrators=None):
             found.append((word, scene, {"integrator": "rk4", "turn": 0.1}))
         if word == "heavy":
             found.append((word, scene, {"integrator": "rk4", "dt": 0.05, "dtype": "float32"}))
-            found.append((word, scene, {"integrator": "strang", "dt": 0.05, "save": (*scene.run.save, "work", "megno")}))
+            found.append(
+                (
+                    word,
+                    scene,
+                    {
+                        "integrator": "strang",
+                        "dt": 0.05,
+                        "save": (*scene.run.save, "work", "megno"),
+                    },
+                )
+            )
     return found
 
 
@@ -78,11 +94,20 @@ def sums(widths, integrators=None):
     try:
         for word, scene, options in cases(integrators):
             label = f"{word}, {', '.join(str(v) for v in options.values() if isinstance(v, (str, float)))}"
-            label += " steps of their own" if "turn" in options else ", works and a neighbour" if "save" in options else ""
+            label += (
+                " steps of their own"
+                if "turn" in options
+                else ", works and a neighbour"
+                if "save" in options
+                else ""
+            )
             for width in widths:
                 program.lanes_for = (lambda dtype, width=width: width) if width else own
                 result = rm.simulate(scene, threads=1, checks=False, **options)
-                parts = [np.ascontiguousarray(result[name].values).tobytes() for name in sorted(result.data_vars)]
+                parts = [
+                    np.ascontiguousarray(result[name].values).tobytes()
+                    for name in sorted(result.data_vars)
+                ]
                 made.setdefault(label, []).append(hashlib.sha256(b"".join(parts)).hexdigest())
     finally:
         program.lanes_for = own
@@ -95,7 +120,9 @@ def elsewhere(processor, widths, integrators=None):
     if environment.get("NPY_DISABLE_CPU_FEATURES") == "all":
         from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__
 
-        environment["NPY_DISABLE_CPU_FEATURES"] = " ".join(name for name in __cpu_dispatch__ if __cpu_features__.get(name))
+        environment["NPY_DISABLE_CPU_FEATURES"] = " ".join(
+            name for name in __cpu_dispatch__ if __cpu_features__.get(name)
+        )
     code = "import json, sys, warnings; warnings.simplefilter('ignore'); from bench.bits import sums; print(json.dumps(sums(*json.load(sys.stdin))))"
     with tempfile.TemporaryDirectory(prefix="rigidmc-bench-") as cache:
         done = subprocess.run(
@@ -121,8 +148,16 @@ def run(quick):
         for word, all_of_it in found.items()
         for case, each in all_of_it.items()
     ]
-    same = sum(len({one for all_of_it in found.values() for one in all_of_it[case]}) == 1 for case in found["this processor"])
-    return [*rows, harness.target("cases whose results are the same everywhere", len(found["this processor"]), same, "")]
+    same = sum(
+        len({one for all_of_it in found.values() for one in all_of_it[case]}) == 1
+        for case in found["this processor"]
+    )
+    return [
+        *rows,
+        harness.target(
+            "cases whose results are the same everywhere", len(found["this processor"]), same, ""
+        ),
+    ]
 
 
 def report(rows):

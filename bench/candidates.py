@@ -77,7 +77,9 @@ def compiled(ensemble, notes):
         return Candidate(lambda: tops.columns(ensemble), run, read, same_as, MEMBERS * steps)
 
     def saving(rows):
-        out = np.empty((EACH + 1, 9, MEMBERS))  # memory that nobody has touched, as that of a result
+        out = np.empty(
+            (EACH + 1, 9, MEMBERS)
+        )  # memory that nobody has touched, as that of a result
         plain.rk4_free_saves(rows.ctypes.data, MEMBERS, STEPS, H, STEPS // EACH, out.ctypes.data)
         return out
 
@@ -88,7 +90,10 @@ def compiled(ensemble, notes):
     found = {
         "C structure of arrays, free": candidate(plain.rk4_free, "kernel rk4 free"),
         "C structure of arrays, free, 100 saves": Candidate(
-            ready, saving, lambda out: (out[-1, 3:7], out[-1, :3] * ensemble.moments), "kernel rk4 free"
+            ready,
+            saving,
+            lambda out: (out[-1, 3:7], out[-1, :3] * ensemble.moments),
+            "kernel rk4 free",
         ),
         "C structure of arrays, heavy": candidate(plain.rk4_heavy, "kernel rk4 heavy"),
     }
@@ -101,7 +106,12 @@ def compiled(ensemble, notes):
     count = 50_000_000  # 0.16 s at 58 GFLOP/s a thread
 
     def summit(threads):
-        return Candidate(lambda: threads, lambda number: peak.fma_peak(count, number), None, work=count * peak.fma_peak(1, threads))
+        return Candidate(
+            lambda: threads,
+            lambda number: peak.fma_peak(count, number),
+            None,
+            work=count * peak.fma_peak(1, threads),
+        )
 
     return {**found, "peak": summit(threads_available()), "peak, one thread": summit(1)}
 
@@ -111,7 +121,9 @@ def numba(ensemble):
 
     def prepare():
         rows = tops.columns(ensemble)
-        return [np.ascontiguousarray(part.T) for part in (rows[:7], rows[7:10], rows[10:13], rows[13:])]
+        return [
+            np.ascontiguousarray(part.T) for part in (rows[:7], rows[7:10], rows[10:13], rows[13:])
+        ]
 
     def free(arrays):
         naive.rk4_free(*arrays[:3], STEPS, H)
@@ -135,12 +147,20 @@ def simulate(ensemble, notes):
     if not hasattr(rigidmc, "simulate"):
         notes["simulate"] = "left out: rigidmc.simulate does not exist yet"
         return {}
-    body = rigidmc.Body.from_moments(ensemble.moments.T.copy(), mass=1.0, centre=ensemble.static.T.copy())
+    body = rigidmc.Body.from_moments(
+        ensemble.moments.T.copy(), mass=1.0, centre=ensemble.static.T.copy()
+    )
     start = rigidmc.Start(omega=ensemble.omega.T.copy(), attitude=ensemble.attitude.T.copy())
 
     def candidate(effects, every, save, same_as, steps=STEPS):
         def run(scene):
-            options: dict[str, Any] = {"members": MEMBERS, "seed": 7, "every": every, "save": save, "progress": False}
+            options: dict[str, Any] = {
+                "members": MEMBERS,
+                "seed": 7,
+                "every": every,
+                "save": save,
+                "progress": False,
+            }
             return rigidmc.simulate(scene, integrator="rk4", dt=H, t_end=H * steps, **options)
 
         def read(data):
@@ -157,8 +177,12 @@ def simulate(ensemble, notes):
         return Candidate(prepare, run, read if same_as else None, same_as, MEMBERS * steps)
 
     return {
-        "simulate rk4 free, final state": candidate((), None, ("omega", "attitude"), "kernel rk4 free"),
+        "simulate rk4 free, final state": candidate(
+            (), None, ("omega", "attitude"), "kernel rk4 free"
+        ),
         "simulate rk4 free, 4,000 steps": candidate((), None, ("omega", "attitude"), "", 4000),
         "simulate rk4 free, 100 saves": candidate((), H * STEPS / EACH, SAVES, "kernel rk4 free"),
-        "simulate rk4 heavy, final state": candidate(GRAVITY, None, ("omega", "attitude"), "kernel rk4 heavy"),
+        "simulate rk4 heavy, final state": candidate(
+            GRAVITY, None, ("omega", "attitude"), "kernel rk4 heavy"
+        ),
     }

@@ -31,7 +31,9 @@ def shifted(pool, seed=0):
         return [np.empty(size) for size in sizes]
 
     def shift():
-        kept[:] = pool.map(hold, [some.integers(1, 600, some.integers(1, 64)).tolist() for _ in range(8)])
+        kept[:] = pool.map(
+            hold, [some.integers(1, 600, some.integers(1, 64)).tolist() for _ in range(8)]
+        )
 
     return shift
 
@@ -42,7 +44,15 @@ def run(quick):
     shift = shifted(pool)
     for name, effects, attitude in CASES:
         made = form(INTEGRATORS[name], Turns(0.1), effects)
-        with_all = tuple(Limits(0.05, math.inf if effects else 0.05, 0.05 if effects and attitude else math.inf, math.pi, 1e-9))
+        with_all = tuple(
+            Limits(
+                0.05,
+                math.inf if effects else 0.05,
+                0.05 if effects and attitude else math.inf,
+                math.pi,
+                1e-9,
+            )
+        )
         ends = {}
 
         def advance(word, limits, made=made, effects=effects, attitude=attitude, ends=ends):
@@ -55,26 +65,45 @@ def run(quick):
         cpu = {}
         field = {"with": advance("with", with_all), "without": advance("without", ())}
         seconds = harness.interleaved(field, 5 if quick else 21, cpu)
-        rest = [np.concatenate([part[: layout.REST] for part in ends[word]], axis=1) for word in field]
+        rest = [
+            np.concatenate([part[: layout.REST] for part in ends[word]], axis=1) for word in field
+        ]
         flagged = sum(int(part[layout.STATUS].any()) for part in ends["with"])
         assert not flagged, f"{name}: members of the bench are flagged"
         assert np.array_equal(*rest), f"{name}: the checks changed bits"
         what = f"{name} {'heavy' if effects else 'free'}{'' if attitude else ', momentum only'}"
-        wall, busy = (100.0 * (harness.ratio(s["with"], s["without"]) - 1.0) for s in (seconds, cpu))
+        wall, busy = (
+            100.0 * (harness.ratio(s["with"], s["without"]) - 1.0) for s in (seconds, cpu)
+        )
         rows.append(
-            {"kind": "cost", "what": what, "wall_percent": wall, "cpu_percent": busy, "seconds": seconds, "cpu_seconds": cpu}
+            {
+                "kind": "cost",
+                "what": what,
+                "wall_percent": wall,
+                "cpu_percent": busy,
+                "seconds": seconds,
+                "cpu_seconds": cpu,
+            }
         )
     worst = max(rows, key=lambda row: row["cpu_percent"])
     return [
         *rows,
         harness.target(
-            f"cost of the status checks, worst ({worst['what']}), CPU seconds", 2.0, worst["cpu_percent"], "%", at_most=True
+            f"cost of the status checks, worst ({worst['what']}), CPU seconds",
+            2.0,
+            worst["cpu_percent"],
+            "%",
+            at_most=True,
         ),
     ]
 
 
 def report(rows):
     """Print the tables."""
-    cells = [(r["what"], f"{r['cpu_percent']:+.2f} %", f"{r['wall_percent']:+.2f} %") for r in rows if r["kind"] == "cost"]
+    cells = [
+        (r["what"], f"{r['cpu_percent']:+.2f} %", f"{r['wall_percent']:+.2f} %")
+        for r in rows
+        if r["kind"] == "cost"
+    ]
     harness.table("status checks, with against without", ["tops", "CPU seconds", "wall"], cells)
     harness.report_targets(rows)

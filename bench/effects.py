@@ -26,7 +26,14 @@ from rigidmc.scene.start import Start
 from tests.assembly import assembly_of, case, counted
 
 MEMBERS, STEPS, H = 16384, 300, 0.01
-SCENES = ("kapitza_top", "hyperion", "damped_dzhanibekov", "magnetic_needle", "brownian_rotor", "gyrostat_wheel")
+SCENES = (
+    "kapitza_top",
+    "hyperion",
+    "damped_dzhanibekov",
+    "magnetic_needle",
+    "brownian_rotor",
+    "gyrostat_wheel",
+)
 ASKED = 1.2
 
 
@@ -75,7 +82,11 @@ from bench.effects import fingerprint
 print(json.dumps([len(e.EFFECTS), *fingerprint()]))
 """
     found = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True, env={**os.environ, "PYTHONPATH": "."}
+        [sys.executable, "-c", script],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "PYTHONPATH": "."},
     )
     return json.loads(found.stdout.splitlines()[-1])
 
@@ -84,13 +95,20 @@ def fingerprint():
     """(instructions, digest of them, digest of a result) of rk4 with gravity."""
     words = [
         line.split()[0]
-        for line in assembly_of(case("rk4", (some(EFFECTS["gravity"]),)), lanes_for("float64")).splitlines()
+        for line in assembly_of(
+            case("rk4", (some(EFFECTS["gravity"]),)), lanes_for("float64")
+        ).splitlines()
         if re.match(r"\t[a-z]", line)
     ]
     ensemble, gravity = tops.random_tops(256), (some(EFFECTS["gravity"]),)
     parts = tops.blocks(ensemble, gravity)
-    tops.advance(parts, form(INTEGRATORS["rk4"], Turns(0.1), ()), gravity, True, H, 100, tops.pool(1))
-    digest = [hashlib.sha256(x).hexdigest()[:16] for x in (" ".join(words).encode(), np.concatenate(parts, axis=1).tobytes())]
+    tops.advance(
+        parts, form(INTEGRATORS["rk4"], Turns(0.1), ()), gravity, True, H, 100, tops.pool(1)
+    )
+    digest = [
+        hashlib.sha256(x).hexdigest()[:16]
+        for x in (" ".join(words).encode(), np.concatenate(parts, axis=1).tobytes())
+    ]
     return len(words), *digest
 
 
@@ -107,11 +125,27 @@ def run(quick):
         plan = prepare(scene)
         free, _, _, noise, predicted = prices(scene, plan)
         cost = min(cost_per_step(scene, plan) for _ in range(1 if quick else 5))
-        rows.append({"kind": "scene", "what": name, "free": free, "noise": noise, "predicted": predicted, "measured": cost})
+        rows.append(
+            {
+                "kind": "scene",
+                "what": name,
+                "free": free,
+                "noise": noise,
+                "predicted": predicted,
+                "measured": cost,
+            }
+        )
     rows += noise_rows(3 if quick else 15)
     noise = {r["what"]: r["noisy"] / r["quiet"] for r in rows if r["kind"] == "noise"}
-    worst = max((r for r in rows if r["kind"] == "added" and r["ns"] > 0.5), key=lambda r: against(r, "slots"))
-    within = [r for r in rows if r["kind"] == "added" and (r["ns"] <= 0.5 or against(r, "issued") <= ASKED)]
+    worst = max(
+        (r for r in rows if r["kind"] == "added" and r["ns"] > 0.5),
+        key=lambda r: against(r, "slots"),
+    )
+    within = [
+        r
+        for r in rows
+        if r["kind"] == "added" and (r["ns"] <= 0.5 or against(r, "issued") <= ASKED)
+    ]
     return [
         *rows,
         harness.target(
@@ -121,9 +155,15 @@ def run(quick):
             "",
             at_most=True,
         ),
-        harness.target("results with them and without, digits alike", 1, float(every[3] == one[3]), ""),
         harness.target(
-            f"time added against operations, worst ({worst['what']})", ASKED, against(worst, "slots"), "x", at_most=True
+            "results with them and without, digits alike", 1, float(every[3] == one[3]), ""
+        ),
+        harness.target(
+            f"time added against operations, worst ({worst['what']})",
+            ASKED,
+            against(worst, "slots"),
+            "x",
+            at_most=True,
         ),
         harness.target(
             f"effects that add less than 0.5 ns or no more than {ASKED} of the instructions issued",
@@ -132,7 +172,9 @@ def run(quick):
             "",
         ),
         *[
-            harness.target(f"a noisy step of strang against the quiet one, {what}", 3.0, x, "x", at_most=True)
+            harness.target(
+                f"a noisy step of strang against the quiet one, {what}", 3.0, x, "x", at_most=True
+            )
             for what, x in noise.items()
         ],
     ]
@@ -146,8 +188,12 @@ def noise_rows(rounds):
         ("0.3 rad a step", (1.0, 1.4, 2.0), 0.3),
         ("two equal moments", (1.0, 1.0, 2.0), 0.1),
     ):
-        quiet = Scene(Body.from_moments(moments, centre=(0.0, 0.0, 0.3)), (EFFECTS["gravity"](1.0),), start)
-        quiet = quiet.with_run(integrator="strang", dt=dt, t_end=10 * dt, save=("attitude",), checks=False)
+        quiet = Scene(
+            Body.from_moments(moments, centre=(0.0, 0.0, 0.3)), (EFFECTS["gravity"](1.0),), start
+        )
+        quiet = quiet.with_run(
+            integrator="strang", dt=dt, t_end=10 * dt, save=("attitude",), checks=False
+        )
         noisy = Scene(quiet.body, (*quiet.effects, EFFECTS["bath"](1.0, 1.0)), start, quiet.run)
         plans = [(scene, prepare(scene)) for scene in (quiet, noisy)]
         ns = np.median([[cost_per_step(*plan) for plan in plans] for _ in range(rounds)], axis=0)
@@ -169,16 +215,42 @@ def report(rows):
     ]  # fmt: skip
     base = next(r for r in rows if r["kind"] == "added")
     title = f"added to a step of rk4 with attitude ({base['base_ns']:.2f} ns of CPU time, {base['base_slots']} operations, {base['base_issued']:.0f} instructions)"
-    columns = ["effect", "ns added", "a torque", "operations a step", "time against them", "instructions", "time against them"]
+    columns = [
+        "effect",
+        "ns added",
+        "a torque",
+        "operations a step",
+        "time against them",
+        "instructions",
+        "time against them",
+    ]
     harness.table(title, columns, cells)
-    absent = [(f"{r['known']} effects known", r["instructions"], r["code"], r["result"]) for r in rows if r["kind"] == "absent"]
-    harness.table("a kernel with gravity alone", ["", "instructions", "digest of them", "digest of the result"], absent)
+    absent = [
+        (f"{r['known']} effects known", r["instructions"], r["code"], r["result"])
+        for r in rows
+        if r["kind"] == "absent"
+    ]
+    harness.table(
+        "a kernel with gravity alone",
+        ["", "instructions", "digest of them", "digest of the result"],
+        absent,
+    )
     scenes = [
-        (r["what"], f"{r['free']:.2f}", f"{r['predicted']:.2f}", f"{r['measured']:.2f}", f"{r['measured'] / r['predicted']:.2f}")
+        (
+            r["what"],
+            f"{r['free']:.2f}",
+            f"{r['predicted']:.2f}",
+            f"{r['measured']:.2f}",
+            f"{r['measured'] / r['predicted']:.2f}",
+        )
         for r in rows
         if r["kind"] == "scene"
     ]
-    harness.table("price of a step, ns", ["scene", "without effects", "predicted", "measured", "ratio"], scenes)
+    harness.table(
+        "price of a step, ns",
+        ["scene", "without effects", "predicted", "measured", "ratio"],
+        scenes,
+    )
     noise = [
         (r["what"], f"{r['quiet']:.2f}", f"{r['noisy']:.2f}", f"{r['noisy'] / r['quiet']:.2f}")
         for r in rows

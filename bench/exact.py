@@ -57,7 +57,9 @@ def bodies(kind, count, rng):
     if kind == "flat":
         moments[:, 2] = moments[:, 0] + moments[:, 1]
     if kind.startswith("near separatrix"):
-        moments[:, 1] = moments[:, 0] + rng.uniform(0.2, 0.8, count) * (moments[:, 2] - moments[:, 0])
+        moments[:, 1] = moments[:, 0] + rng.uniform(0.2, 0.8, count) * (
+            moments[:, 2] - moments[:, 0]
+        )
         low, middle, high = moments.T
         slope = np.sqrt((1 / middle - 1 / high) / (1 / low - 1 / middle))
         step = 10.0 ** -rng.uniform(4, 14, count) * (1 if "below" in kind else -1)
@@ -128,7 +130,9 @@ def true_top(job):
 
 def apart(a, b):
     """Momentum relative to its size, attitude [rad]."""
-    return np.linalg.norm(a.momentum - b[1], axis=-1) / np.linalg.norm(b[1], axis=-1), attitude_error(a.attitude, b[0])
+    return np.linalg.norm(a.momentum - b[1], axis=-1) / np.linalg.norm(
+        b[1], axis=-1
+    ), attitude_error(a.attitude, b[0])
 
 
 def conditioning(function, arguments):
@@ -152,11 +156,18 @@ def true_conditioning(job):
     numbers = [*moments, *l, t]
     with mp.workdps(oracles.DIGITS):
         for k in range(7):
-            moved = [mp.mpf(x) * (1 + (mp.mpf("1e-25") if i == k else 0)) for i, x in enumerate(numbers)]
+            moved = [
+                mp.mpf(x) * (1 + (mp.mpf("1e-25") if i == k else 0)) for i, x in enumerate(numbers)
+            ]
             q, end = oracles.free(moved[:3], moved[3:6], moved[6])
             change = mp.norm([a - b for a, b in zip(end, base[1], strict=True)]) / mp.norm(base[1])
-            turn = min(mp.norm([a - s * b for a, b in zip(q, base[0], strict=True)]) for s in (1, -1))
-            total = [total[0] + float(change * mp.mpf("1e25")), total[1] + float(2 * turn * mp.mpf("1e25"))]
+            turn = min(
+                mp.norm([a - s * b for a, b in zip(q, base[0], strict=True)]) for s in (1, -1)
+            )
+            total = [
+                total[0] + float(change * mp.mpf("1e25")),
+                total[1] + float(2 * turn * mp.mpf("1e25")),
+            ]
     return total
 
 
@@ -167,7 +178,13 @@ def accuracy(name, kind, function, arguments, truth, invariants, pool=None):
     by_momentum, by_attitude = conditioning(function, arguments)
     if pool is not None:
         again = np.flatnonzero(by_momentum > 1e10)
-        found = list(pool.map(true_conditioning, [(kind[0], *(a[k] for a in arguments)) for k in again], chunksize=5))
+        found = list(
+            pool.map(
+                true_conditioning,
+                [(kind[0], *(a[k] for a in arguments)) for k in again],
+                chunksize=5,
+            )
+        )
         for k, (a, b) in zip(again, found, strict=True):
             by_momentum[k], by_attitude[k] = a, b
     return {
@@ -190,7 +207,12 @@ def free_rows(count, pool):
             truth = [
                 np.array(v)
                 for v in zip(
-                    *pool.map(true_free, [(kind, *job) for job in zip(moments, l, t, strict=True)], chunksize=25), strict=True
+                    *pool.map(
+                        true_free,
+                        [(kind, *job) for job in zip(moments, l, t, strict=True)],
+                        chunksize=25,
+                    ),
+                    strict=True,
                 )
             ]
 
@@ -222,15 +244,26 @@ def heavy_rows(count, pool):
         moments, weight, l, q = tops(kind, count // len(HEAVY) + 1, rng)
         what = lagrange_motion(moments, weight, l, q)
         for words, most in (("one period", 1.0), ("1e3 periods", 1e3)):
-            t = rng.uniform(-1.0, 1.0, len(l)) * most * np.where(np.isfinite(what.period), what.period, 10.0)
+            t = (
+                rng.uniform(-1.0, 1.0, len(l))
+                * most
+                * np.where(np.isfinite(what.period), what.period, 10.0)
+            )
             truth = [
                 np.array(v)
-                for v in zip(*pool.map(true_top, list(zip(moments, weight, l, q, t, strict=True)), chunksize=10), strict=True)
+                for v in zip(
+                    *pool.map(
+                        true_top, list(zip(moments, weight, l, q, t, strict=True)), chunksize=10
+                    ),
+                    strict=True,
+                )
             ]
 
             def drift(motion, moments=moments, weight=weight, what=what):
                 w, x, y, z = np.moveaxis(motion.attitude, -1, 0)
-                energy = 0.5 * (motion.momentum**2 / moments).sum(-1) + weight * (w * w + z * z - x * x - y * y)
+                energy = 0.5 * (motion.momentum**2 / moments).sum(-1) + weight * (
+                    w * w + z * z - x * x - y * y
+                )
                 return np.abs((energy - what.energy) / (np.abs(what.energy) + weight)).max()
 
             # L_1 = L_2 of moments move together: a nudge of one alone would be no Lagrange top
@@ -238,7 +271,14 @@ def heavy_rows(count, pool):
                 return lagrange_top(np.stack([one, one, three], -1), weight, l, q, t)
 
             rows.append(
-                accuracy("Lagrange top", (kind, words), function, (moments[:, 0], moments[:, 2], weight, l, q, t), truth, drift)
+                accuracy(
+                    "Lagrange top",
+                    (kind, words),
+                    function,
+                    (moments[:, 0], moments[:, 2], weight, l, q, t),
+                    truth,
+                    drift,
+                )
             )
     return rows
 
@@ -252,7 +292,9 @@ def elliptic_rows(count):
         for mc in (1.0, 0.5, 1e-1, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14):
             u = rng.uniform(0.0, 4.0, count) * elliptic.complete_first(mc=mc)
             m = 1 - mp.mpf(mc)
-            truth = np.array([[float(mp.ellipfun(k, mp.mpf(x), m=m)) for x in u] for k in ("sn", "cn", "dn")])
+            truth = np.array(
+                [[float(mp.ellipfun(k, mp.mpf(x), m=m)) for x in u] for k in ("sn", "cn", "dn")]
+            )
             ours = np.abs(np.array(elliptic.jacobi(u, mc=mc)[:3]) - truth).max()
             rows.append(
                 {
@@ -286,7 +328,10 @@ def speed_rows(rounds):
     wall = harness.interleaved(candidates, rounds, cpu)
     threads = threads_available()
     for name in candidates:
-        rate, busy = n * times.size / harness.median(wall[name]) / 1e6, threads * n * times.size / harness.median(cpu[name]) / 1e6
+        rate, busy = (
+            n * times.size / harness.median(wall[name]) / 1e6,
+            threads * n * times.size / harness.median(cpu[name]) / 1e6,
+        )
         rows.append({"kind": "speed", "form": name, "wall": rate, "cpu": busy, "threads": threads})
     return rows
 
@@ -304,17 +349,34 @@ def run(quick):
             worst = max(r[f"{what}_conditioned"] for r in mine)
             rows.append(
                 harness.target(
-                    f"{form}, {what} / (1 + conditioning)", asked, worst, "", at_most=True, note=f"{total:,} evaluations"
+                    f"{form}, {what} / (1 + conditioning)",
+                    asked,
+                    worst,
+                    "",
+                    at_most=True,
+                    note=f"{total:,} evaluations",
                 )
             )
     worst = max(r["invariants"] for r in classes if r["form"] == "free top")
     rows.append(harness.target("free top, |L|^2 and T", 2e-15, worst, "", at_most=True))
-    rows.append(harness.target("sn, cn, dn", 1e-14, max(r["error"] for r in rows if r["kind"] == "elliptic"), "", at_most=True))
+    rows.append(
+        harness.target(
+            "sn, cn, dn",
+            1e-14,
+            max(r["error"] for r in rows if r["kind"] == "elliptic"),
+            "",
+            at_most=True,
+        )
+    )
     for row in [r for r in rows if r["kind"] == "speed"]:
         asked = 15.0 if row["form"].startswith("free") else 5.0
         rows.append(
             harness.target(
-                row["form"], asked, row["wall"], "M/s", note=f"{row['cpu']:.1f} M/s from CPU seconds, {row['threads']} threads"
+                row["form"],
+                asked,
+                row["wall"],
+                "M/s",
+                note=f"{row['cpu']:.1f} M/s from CPU seconds, {row['threads']} threads",
             )
         )
     return rows
@@ -328,16 +390,45 @@ def report(rows):
             r["class"],
             r["times"],
             r["count"],
-            *(f"{r[k]:.1e}" for k in ("momentum", "attitude", "momentum_conditioned", "attitude_conditioned", "invariants")),
+            *(
+                f"{r[k]:.1e}"
+                for k in (
+                    "momentum",
+                    "attitude",
+                    "momentum_conditioned",
+                    "attitude_conditioned",
+                    "invariants",
+                )
+            ),
         )
         for r in rows
         if r["kind"] == "class"
     ]
-    columns = ("", "class", "times", "tops", "momentum", "attitude", "momentum/(1+c)", "attitude/(1+c)", "invariants")
+    columns = (
+        "",
+        "class",
+        "times",
+        "tops",
+        "momentum",
+        "attitude",
+        "momentum/(1+c)",
+        "attitude/(1+c)",
+        "invariants",
+    )
     harness.table("worst errors against 50 digits; c is the conditioning", columns, lines)
-    lines = [(f"{r['mc']:.0e}", f"{r['error']:.1e}", f"{r['scipy']:.1e}") for r in rows if r["kind"] == "elliptic"]
-    harness.table("worst error of sn, cn, dn, 0 < u < 4 K", ("1 - m", "rigidmc", "scipy.special.ellipj"), lines)
+    lines = [
+        (f"{r['mc']:.0e}", f"{r['error']:.1e}", f"{r['scipy']:.1e}")
+        for r in rows
+        if r["kind"] == "elliptic"
+    ]
+    harness.table(
+        "worst error of sn, cn, dn, 0 < u < 4 K",
+        ("1 - m", "rigidmc", "scipy.special.ellipj"),
+        lines,
+    )
     for row in rows:
         if row["kind"] == "first call":
-            print(f"first call of {row['form']}, compiling into an empty cache: {row['seconds']:.1f} s")
+            print(
+                f"first call of {row['form']}, compiling into an empty cache: {row['seconds']:.1f} s"
+            )
     harness.report_targets(rows)

@@ -39,7 +39,11 @@ def machine_card():
 def _cpu():
     try:
         with open("/proc/cpuinfo") as file:
-            facts = dict(line.split(":", 1) for line in file.read().split("\n\n")[0].splitlines() if ":" in line)
+            facts = dict(
+                line.split(":", 1)
+                for line in file.read().split("\n\n")[0].splitlines()
+                if ":" in line
+            )
         facts = {key.strip(): value.strip() for key, value in facts.items()}
         return f"{facts['model name']} (family {facts.get('cpu family', '?')}, model {facts.get('model', '?')})"
     except (OSError, KeyError):
@@ -106,7 +110,11 @@ def asked_text(row):
 
 def measured_text(row):
     """What a target row measured, for people."""
-    return "not measured" if row["measured"] is None else f"{row['measured']:.3g} {row['unit']}".strip()
+    return (
+        "not measured"
+        if row["measured"] is None
+        else f"{row['measured']:.3g} {row['unit']}".strip()
+    )
 
 
 def met_text(row):
@@ -116,7 +124,11 @@ def met_text(row):
 
 def report_targets(rows):
     """Print the closing table: asked, measured, met."""
-    lines = [(r["what"], asked_text(r), measured_text(r), met_text(r), r["note"]) for r in rows if r["kind"] == "target"]
+    lines = [
+        (r["what"], asked_text(r), measured_text(r), met_text(r), r["note"])
+        for r in rows
+        if r["kind"] == "target"
+    ]
     table("asked and measured", ("", "asked", "measured", "met", ""), lines)
 
 

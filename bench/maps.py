@@ -33,7 +33,17 @@ rm.simulate(scene, members=int(sys.argv[1]), t_end=float(sys.argv[2]), output=sy
 def shell(name, side, folder):
     """(seconds, gigabytes, Dataset) of `rigidmc map`."""
     file = os.path.join(folder, f"{name}.nc")
-    command = [*startup.command(), "map", name, "--resolution", str(side), "-o", file, "--plot", file + ".png"]
+    command = [
+        *startup.command(),
+        "map",
+        name,
+        "--resolution",
+        str(side),
+        "-o",
+        file,
+        "--plot",
+        file + ".png",
+    ]
     began = time.perf_counter()
     memory = peak(command, folder)
     seconds = time.perf_counter() - began
@@ -46,8 +56,12 @@ def agreement(name, ds):
     if name in ("intermediate_axis", "growth"):
         if name == "growth":
             off = ds.error.values[np.isfinite(ds.error.values)]
-            return "share of bodies whose growth rate is within 1 % of theory", float((off < 0.01).mean())
-        return "flips of the median body", float(np.median(ds["mean(flips)"].values[ds.none.values == 0]))
+            return "share of bodies whose growth rate is within 1 % of theory", float(
+                (off < 0.01).mean()
+            )
+        return "flips of the median body", float(
+            np.median(ds["mean(flips)"].values[ds.none.values == 0])
+        )
     if name == "disturbance":
         return "largest relative error of the time between flips, disturbances above 1e-3", float(
             ds.error.values[ds.y.values > 1e-3].max()
@@ -57,7 +71,9 @@ def agreement(name, ds):
         wide = np.zeros_like(stable)
         for shift in [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)]:
             wide |= np.roll(stable, shift, (0, 1)) != stable
-        return "pixels on the wrong side of theory by more than one", float((fallen == stable)[~wide].sum())
+        return "pixels on the wrong side of theory by more than one", float(
+            (fallen == stable)[~wide].sum()
+        )
     if name == "damped_axis":
         return "share that ends about neither end of axis 3", float((ds.end.values == 0).mean())
     megno = ds["mean(megno)"].values
@@ -71,7 +87,11 @@ def prices(processes):
     of a process lies makes 10 % of what a kernel takes: spilled registers 4,096 bytes from a row of the workspace wait for it."""
     script = "import json; from rigidmc.planning.tolerance.costs import watched_prices; print(json.dumps(watched_prices(rounds=3)))"
     found = [
-        json.loads(subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout)
+        json.loads(
+            subprocess.run(
+                [sys.executable, "-c", script], capture_output=True, text=True, check=True
+            ).stdout
+        )
         for _ in range(processes)
     ]
     rows = []
@@ -87,10 +107,16 @@ def prices(processes):
 def fill(members):
     """{points: rms error} of the mean of a smooth result over 8 seeds, against 2^20 Sobol points."""
     start = rm.Start(omega=(rm.normal(0.3, 0.1), rm.normal(1.0, 0.1), rm.normal(0.2, 0.1)))
-    scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)), start=start).with_run(dt=0.1, t_end=5.0, save=("omega_mean",))
+    scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)), start=start).with_run(
+        dt=0.1, t_end=5.0, save=("omega_mean",)
+    )
 
     def value(points, count, seed):
-        return rm.simulate(scene.with_run(points=points), members=count, seed=seed).omega_mean.values[1].mean()
+        return (
+            rm.simulate(scene.with_run(points=points), members=count, seed=seed)
+            .omega_mean.values[1]
+            .mean()
+        )
 
     true = value("sobol", 2**20, 99)
     return {
@@ -107,7 +133,9 @@ def coverage(studies):
     )
     size = 200
     first = rm.simulate(scene, members=studies * size).flip_first.values.reshape(studies, size)
-    many = rm.simulate(scene, members=range(studies * size, studies * size + 2_000_000)).flip_first.values
+    many = rm.simulate(
+        scene, members=range(studies * size, studies * size + 2_000_000)
+    ).flip_first.values
     true, wait = np.isfinite(many).mean(), np.nanmean(many)
     flips = np.isfinite(first).sum(1)
     found = {
@@ -153,26 +181,69 @@ def run(quick):
         count, turns = 200_000 if quick else 10_000_000, 2.0 * np.pi * 50.0
         for t_end in (turns, 4.0 * turns):
             began = time.perf_counter()
-            memory = peak([sys.executable, "-c", MILLIONS, str(count), str(t_end), os.path.join(folder, f"{t_end:.0f}.nc")], folder)
+            memory = peak(
+                [
+                    sys.executable,
+                    "-c",
+                    MILLIONS,
+                    str(count),
+                    str(t_end),
+                    os.path.join(folder, f"{t_end:.0f}.nc"),
+                ],
+                folder,
+            )
             seconds = time.perf_counter() - began
-            rows.append({"kind": "millions", "members": count, "t_end": t_end, "seconds": seconds, "gigabytes": memory})
+            rows.append(
+                {
+                    "kind": "millions",
+                    "members": count,
+                    "t_end": t_end,
+                    "seconds": seconds,
+                    "gigabytes": memory,
+                }
+            )
             if t_end == turns:
-                rows.append(harness.target(f"{count:.0e} free members to 50 turns with flips", 60.0, seconds, "s", at_most=True))
+                rows.append(
+                    harness.target(
+                        f"{count:.0e} free members to 50 turns with flips",
+                        60.0,
+                        seconds,
+                        "s",
+                        at_most=True,
+                    )
+                )
                 rows.append(harness.target("its memory", 1.5, memory, "GB", at_most=True))
     for what, word, ns, bare in prices(1 if quick else 7):
         asked = 2.2 if what == "megno" else 1.1
         rows.append({"kind": "price", "what": what, "scene": word, "ns": ns, "bare": bare})
-        rows.append(harness.target(f"{what}, {word} rk4 step with attitude", asked, ns / bare, "of the bare step", at_most=True))
+        rows.append(
+            harness.target(
+                f"{what}, {word} rk4 step with attitude",
+                asked,
+                ns / bare,
+                "of the bare step",
+                at_most=True,
+            )
+        )
     off = fill(2**12 if quick else 2**16)
     rows += [{"kind": "points", "points": word, "error": error} for word, error in off.items()]
     rows.append(
-        harness.target("error of independent points over that of Sobol points", 10.0, off["independent"] / off["sobol"], "")
+        harness.target(
+            "error of independent points over that of Sobol points",
+            10.0,
+            off["independent"] / off["sobol"],
+            "",
+        )
     )
     for word, share in coverage(200 if quick else 2000).items():
         rows.append({"kind": "coverage", "interval": word, "share": share})
         rows.append(
             harness.target(
-                f"95 % interval of a {word}: distance of its coverage from 95 %", 0.02, abs(share - 0.95), "", at_most=True
+                f"95 % interval of a {word}: distance of its coverage from 95 %",
+                0.02,
+                abs(share - 0.95),
+                "",
+                at_most=True,
             )
         )
     return rows
@@ -194,17 +265,30 @@ def report(rows):
     ]
     harness.table("maps", ["", "members", "s", "GB", "against theory", ""], lines)
     lines = [
-        (f"{r['members']:,} to {r['t_end']:.0f} s", f"{r['seconds']:.1f}", f"{r['gigabytes']:.2f}", "")
+        (
+            f"{r['members']:,} to {r['t_end']:.0f} s",
+            f"{r['seconds']:.1f}",
+            f"{r['gigabytes']:.2f}",
+            "",
+        )
         for r in rows
         if r["kind"] == "millions"
     ]
     harness.table("flip statistics, no trajectories", ["", "s", "GB", ""], lines)
     lines = [
-        (f"{r['what']}, {r['scene']}", f"{r['bare']:.2f}", f"{r['ns']:.2f}", f"{r['ns'] / r['bare']:.3f}", "")
+        (
+            f"{r['what']}, {r['scene']}",
+            f"{r['bare']:.2f}",
+            f"{r['ns']:.2f}",
+            f"{r['ns'] / r['bare']:.3f}",
+            "",
+        )
         for r in rows
         if r["kind"] == "price"
     ]
-    harness.table("ns per member-step of rk4 on one thread", ["", "bare", "with it", "ratio", ""], lines)
+    harness.table(
+        "ns per member-step of rk4 on one thread", ["", "bare", "with it", "ratio", ""], lines
+    )
     harness.table(
         "error of the mean, 2^16 members",
         ["", "rms", ""],

@@ -40,10 +40,19 @@ def peak(command, folder):
     """Peak resident memory of a command [GB]; RuntimeError with its last words if it fails."""
     path = os.pathsep.join(filter(None, [os.getcwd(), os.environ.get("PYTHONPATH")]))
     watch = [sys.executable, "-I", "-S", "-c", WATCH, *command]
-    done = subprocess.run(watch, cwd=folder, env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        watch,
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     facts = json.loads(done.stdout)
     if facts["code"] != 0:
-        raise RuntimeError(f"{' '.join(command)[:200]} ended with {facts['code']}: {facts['words']}")
+        raise RuntimeError(
+            f"{' '.join(command)[:200]} ended with {facts['code']}: {facts['words']}"
+        )
     return facts["kilobytes"] * (1 if sys.platform == "darwin" else 1024) / 1e9
 
 
@@ -56,17 +65,53 @@ def run(quick):
             return peak([sys.executable, "-c", SIMULATE, str(members), str(t_end)], folder)
 
         def commanded(t_end, name):
-            words = ["run", "dzhanibekov", "--members", str(members), "--t-end", str(t_end), "--every", str(t_end)]
-            return peak([*startup.command(), *words, "--save", "omega,attitude", "-o", name], folder)
+            words = [
+                "run",
+                "dzhanibekov",
+                "--members",
+                str(members),
+                "--t-end",
+                str(t_end),
+                "--every",
+                str(t_end),
+            ]
+            return peak(
+                [*startup.command(), *words, "--save", "omega,attitude", "-o", name], folder
+            )
 
         rows = []
         for name, measure in (("simulate()", simulated), ("rigidmc run -o FILE", commanded)):
             first = measure(t_end / 10, "first.nc")  # compiles, which takes 50 MB
             short, long = measure(t_end / 10, "short.nc"), measure(t_end, "long.nc")
-            for what, end, value in (("first run", t_end / 10, first), ("short", t_end / 10, short), ("long", t_end, long)):
-                rows.append({"kind": "peak", "name": name, "what": what, "members": members, "t_end": end, "gigabytes": value})
-            rows.append(harness.target(f"{name}, {members:,} members, final state", ASKED, max(first, long), "GB", at_most=True))
-            rows.append(harness.target(f"{name}, ten times the steps", GROWTH, long / short, "x", at_most=True))
+            for what, end, value in (
+                ("first run", t_end / 10, first),
+                ("short", t_end / 10, short),
+                ("long", t_end, long),
+            ):
+                rows.append(
+                    {
+                        "kind": "peak",
+                        "name": name,
+                        "what": what,
+                        "members": members,
+                        "t_end": end,
+                        "gigabytes": value,
+                    }
+                )
+            rows.append(
+                harness.target(
+                    f"{name}, {members:,} members, final state",
+                    ASKED,
+                    max(first, long),
+                    "GB",
+                    at_most=True,
+                )
+            )
+            rows.append(
+                harness.target(
+                    f"{name}, ten times the steps", GROWTH, long / short, "x", at_most=True
+                )
+            )
     return rows
 
 

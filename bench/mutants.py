@@ -21,7 +21,14 @@ from concurrent.futures import ThreadPoolExecutor
 HERE = os.path.dirname(os.path.abspath(__file__))
 ROOT = os.path.dirname(HERE)
 FOLDERS = ("dynamics", "effects", "integrators", "observables")
-ENGINE = ("member.py", "march.py", "watch.py", "events.py", "cpu.py", "noise.py")  # runs uncompiled too
+ENGINE = (
+    "member.py",
+    "march.py",
+    "watch.py",
+    "events.py",
+    "cpu.py",
+    "noise.py",
+)  # runs uncompiled too
 COMPILED = ("numbers.py", "memory.py", "compose.py", "functions.py", "fused.py")
 NO_PHYSICS = {  # what is compiled, and for whom: facts, tables and words
     "prepared", "sequence", "conserves", "accepts", "evaluations", "description", "refusal", "accepting", "form", "method", "names",
@@ -63,7 +70,11 @@ def places(engine=True, physics=True):
     paths, found = [], []
     for folder in FOLDERS if physics else ():
         names = sorted(os.listdir(os.path.join(ROOT, "rigidmc", folder)))
-        paths += [(folder, name) for name in names if name.endswith(".py") and name not in ("methods.py", "closed.py")]
+        paths += [
+            (folder, name)
+            for name in names
+            if name.endswith(".py") and name not in ("methods.py", "closed.py")
+        ]
     paths += [("engine", name) for name in (*ENGINE, *COMPILED)] if engine else []
     for folder, name in paths:
         path = os.path.join("rigidmc", folder, name)
@@ -82,7 +93,9 @@ def _in_file(tree, text, engine):
     found = []
 
     def put(kind, node, new):
-        found.append((kind, node.lineno, node.col_offset, node.end_lineno, node.end_col_offset, new))
+        found.append(
+            (kind, node.lineno, node.col_offset, node.end_lineno, node.end_col_offset, new)
+        )
 
     def source(node):
         return ast.get_source_segment(text, node)
@@ -95,29 +108,60 @@ def _in_file(tree, text, engine):
             for child in node.body:
                 visit(child, inside)
             return
-        if isinstance(node, ast.Assign) and not inside:  # tables of coefficients; not facts of classes, not float32's constants
-            if not isinstance(node.targets[0], ast.Name) or not node.targets[0].id.isupper() or node.targets[0].id == "SINGLE":
+        if (
+            isinstance(node, ast.Assign) and not inside
+        ):  # tables of coefficients; not facts of classes, not float32's constants
+            if (
+                not isinstance(node.targets[0], ast.Name)
+                or not node.targets[0].id.isupper()
+                or node.targets[0].id == "SINGLE"
+            ):
                 return
             inside = True
         if inside:
-            if isinstance(node, ast.BinOp) and isinstance(node.op, (ast.Add, ast.Sub)) and not _of_tuples(node):
+            if (
+                isinstance(node, ast.BinOp)
+                and isinstance(node.op, (ast.Add, ast.Sub))
+                and not _of_tuples(node)
+            ):
                 sign = "-" if isinstance(node.op, ast.Add) else "+"
                 put("sign", node, f"({source(node.left)} {sign} ({source(node.right)}))")
-            if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub) and not isinstance(node.operand, ast.Constant):
+            if (
+                isinstance(node, ast.UnaryOp)
+                and isinstance(node.op, ast.USub)
+                and not isinstance(node.operand, ast.Constant)
+            ):
                 put("sign", node, f"({source(node.operand)})")
             if isinstance(node, ast.Constant) and type(node.value) is float and node.value != 0.0:
                 put("factor", node, f"({source(node)} * 1.01)")
-            if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant) and node.slice.value in (0, 1, 2):
+            if (
+                isinstance(node, ast.Subscript)
+                and isinstance(node.slice, ast.Constant)
+                and node.slice.value in (0, 1, 2)
+            ):
                 put("index", node, f"{source(node.value)}[{(node.slice.value + 1) % 3}]")
-            if engine and isinstance(node, ast.Compare) and type(node.ops[0]) in OPPOSITE and not _of_length(node):
-                put("choice", node, f"({source(node.left)} {OPPOSITE[type(node.ops[0])]} {source(node.comparators[0])})")
+            if (
+                engine
+                and isinstance(node, ast.Compare)
+                and type(node.ops[0]) in OPPOSITE
+                and not _of_length(node)
+            ):
+                put(
+                    "choice",
+                    node,
+                    f"({source(node.left)} {OPPOSITE[type(node.ops[0])]} {source(node.comparators[0])})",
+                )
             if isinstance(node, ast.BinOp) and isinstance(node.op, (ast.BitAnd, ast.BitOr)):
                 put(
                     "choice",
                     node,
                     f"(({source(node.left)}) {'|' if isinstance(node.op, ast.BitAnd) else '&'} ({source(node.right)}))",
                 )
-            if isinstance(node, ast.Tuple) and len(node.elts) > 1 and all(getattr(x, "value", None) == 0 for x in node.elts):
+            if (
+                isinstance(node, ast.Tuple)
+                and len(node.elts) > 1
+                and all(getattr(x, "value", None) == 0 for x in node.elts)
+            ):
                 return  # counts by its length alone
             if engine and isinstance(node, ast.Constant) and type(node.value) is int:
                 put("row", node, str(node.value + 1))
@@ -142,16 +186,21 @@ def _in_file(tree, text, engine):
                 visit(child, inside)
 
     for node in tree.body:
-        visit(node, engine and isinstance(node, (ast.For, ast.Expr)) and not isinstance(getattr(node, "value", None), ast.Constant))
+        visit(
+            node,
+            engine
+            and isinstance(node, (ast.For, ast.Expr))
+            and not isinstance(getattr(node, "value", None), ast.Constant),
+        )
     return found
 
 
 def _of_tuples(node):
     """Whether a sum joins tuples, as far as one sees: the difference of those is an error."""
     both = node.left, node.right
-    return any(isinstance(x, ast.Tuple) or (isinstance(x, ast.BinOp) and _of_tuples(x)) for x in both) or [
-        getattr(x, "id", "") for x in both
-    ] == ["q", "l"]
+    return any(
+        isinstance(x, ast.Tuple) or (isinstance(x, ast.BinOp) and _of_tuples(x)) for x in both
+    ) or [getattr(x, "id", "") for x in both] == ["q", "l"]
 
 
 def _of_length(node):
@@ -168,7 +217,9 @@ def chosen(count, seed, every):
     shares = {"sign": 0.25, "factor": 0.15, "index": 0.2, "frame": 0.05, "choice": 0.2, "row": 0.15}
     made = []
     for kind, share in shares.items():
-        made += some.sample(kinds.get(kind, []), min(len(kinds.get(kind, [])), round(share * count)))
+        made += some.sample(
+            kinds.get(kind, []), min(len(kinds.get(kind, [])), round(share * count))
+        )
     return made
 
 
@@ -188,7 +239,11 @@ def found_again(row):
 def broken(place, folder):
     """A copy of the package with one place broken; the line as it was and as it is."""
     path, _, line, column, end_line, end_column, new = place or (None,) * 7
-    shutil.copytree(os.path.join(ROOT, "rigidmc"), os.path.join(folder, "rigidmc"), ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(
+        os.path.join(ROOT, "rigidmc"),
+        os.path.join(folder, "rigidmc"),
+        ignore=shutil.ignore_patterns("__pycache__"),
+    )
     for name in ("tests", "bench", "pyproject.toml"):
         os.symlink(os.path.join(ROOT, name), os.path.join(folder, name))
     if place is None:
@@ -207,18 +262,41 @@ def judged(place):
     """{"killed": by what or None, ...} of one mutant; of the package as it is for place = None."""
     with tempfile.TemporaryDirectory(prefix="rigidmc-mutant-") as folder:
         before, after = broken(place, folder)
-        row = {} if place is None else {"file": place[0], "line": place[2], "kind": place[1], "before": before, "after": after}
-        env = {**os.environ, "PYTHONPATH": folder, "RIGIDMC_CACHE_DIR": os.path.join(folder, "cache")}
+        row = (
+            {}
+            if place is None
+            else {
+                "file": place[0],
+                "line": place[2],
+                "kind": place[1],
+                "before": before,
+                "after": after,
+            }
+        )
+        env = {
+            **os.environ,
+            "PYTHONPATH": folder,
+            "RIGIDMC_CACHE_DIR": os.path.join(folder, "cache"),
+        }
         began = time.perf_counter()
         plain, killed = {**env, "NUMBA_DISABLE_JIT": "1"}, None
         if place is None or not is_compiled(place[0]):
-            code, said = _run([sys.executable, "-c", "from bench.mutants import judge; judge()"], folder, plain, SECONDS)
+            code, said = _run(
+                [sys.executable, "-c", "from bench.mutants import judge; judge()"],
+                folder,
+                plain,
+                SECONDS,
+            )
             killed = None if code == 0 else f"hard cases: {said}"
             if killed is None:
                 code, said = _run([*PYTEST, "-k", LEFT_OUT, *TESTS], folder, plain, SECONDS)
                 killed = None if code == 0 else f"tests: {said}"
         if killed is None and (place is None or "engine" in place[0] or "bath" in place[0]):
-            tests = ("tests/effects/test_bath.py",) if place is not None and "bath" in place[0] else COMPILED_TESTS
+            tests = (
+                ("tests/effects/test_bath.py",)
+                if place is not None and "bath" in place[0]
+                else COMPILED_TESTS
+            )
             code, said = _run([*PYTEST, *tests], folder, env, SECONDS)
             killed = None if code == 0 else f"compiled tests: {said}"
         return {**row, "killed": killed, "seconds": time.perf_counter() - began}
@@ -226,7 +304,9 @@ def judged(place):
 
 def _run(words, folder, env, seconds):
     try:
-        done = subprocess.run(words, cwd=folder, env=env, capture_output=True, text=True, timeout=seconds)
+        done = subprocess.run(
+            words, cwd=folder, env=env, capture_output=True, text=True, timeout=seconds
+        )
     except subprocess.TimeoutExpired:
         return 1, f"longer than {seconds:g} s"
     lines = (
@@ -246,7 +326,10 @@ def judge():
     from rigidmc.studies.stress.catalogue import catalogue
 
     known = run.shipped_bounds()
-    cases = sorted((case for case in catalogue() if case.name in JUDGES), key=lambda case: JUDGES.index(case.name))
+    cases = sorted(
+        (case for case in catalogue() if case.name in JUDGES),
+        key=lambda case: JUDGES.index(case.name),
+    )
     for case in cases:
         for name in case.integrators():
             error, _, reason = run.carried_out(case, name, 1e-4)
@@ -258,13 +341,21 @@ def judge():
 
 
 def main():
-    parser = argparse.ArgumentParser(prog="python -m bench.mutants", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m bench.mutants", description=__doc__.splitlines()[0]
+    )
     parser.add_argument("--count", type=int, default=200, help="how many mutants")
     parser.add_argument("--seed", type=int, default=1, help="which")
     parser.add_argument("--of", choices=("all", "physics", "engine"), default="all", help="where")
     parser.add_argument("--threads", type=int, default=os.cpu_count() or 1, help="how many at once")
-    parser.add_argument("--output", default=os.path.join(HERE, "results", "mutants.json"), metavar="FILE")
-    parser.add_argument("--again", action="store_true", help="judge only the survivors of FILE, after tests were added")
+    parser.add_argument(
+        "--output", default=os.path.join(HERE, "results", "mutants.json"), metavar="FILE"
+    )
+    parser.add_argument(
+        "--again",
+        action="store_true",
+        help="judge only the survivors of FILE, after tests were added",
+    )
     options = parser.parse_args()
     rows, made = [], []
     every = places(options.of != "physics", options.of != "engine")
@@ -290,7 +381,9 @@ def main():
         f"{len(rows) - len(alive)} of {len(rows)} killed, {100.0 * (1.0 - len(alive) / len(rows)):.1f} %, of {len(every):,} places"
     )
     by_cases = sum(bool(row["killed"]) and row["killed"].startswith("hard cases") for row in rows)
-    print(f"{by_cases} by the hard cases alone; {math.fsum(row['seconds'] for row in rows):.0f} s of work")
+    print(
+        f"{by_cases} by the hard cases alone; {math.fsum(row['seconds'] for row in rows):.0f} s of work"
+    )
     with open(options.output, "w") as file:
         json.dump(rows, file, indent=1)
         file.write("\n")

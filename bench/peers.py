@@ -21,7 +21,9 @@ from rigidmc.engine.machine import threads_available
 from rigidmc.planning.plan import form_of
 
 T_END, MEMBERS = 10.0, 4096
-OWN_BLOCK = MEMBERS // threads_available()  # as `simulate` cuts them where members have steps of their own
+OWN_BLOCK = (
+    MEMBERS // threads_available()
+)  # as `simulate` cuts them where members have steps of their own
 STEPS_UNIT = 32.0  # steps are tuned as turns of 32 rad over whole numbers
 LIMITS = (1e-4, 1e-7, 1e-10)
 OURS = {  # what is tried for each kind of top, cheapest first where that is known
@@ -50,7 +52,9 @@ class Entry(NamedTuple):
 def ensemble(kind):
     """Second moments uniform in (0.2, 1), I = sums of two; omega normal; attitude uniform; weight times arm normal in each axis."""
     made = tops.random_tops(MEMBERS, seed=11)
-    return made._replace(static=np.random.default_rng(12).normal(size=(3, MEMBERS)) * (kind == "heavy"))
+    return made._replace(
+        static=np.random.default_rng(12).normal(size=(3, MEMBERS)) * (kind == "heavy")
+    )
 
 
 def run(quick):
@@ -83,12 +87,16 @@ def run(quick):
                         }
                     )
         rows += [{"kind": "note", "name": name, "note": note} for name, note in notes.items()]
-        slow = {key for key, entry in field.items() if harness.once((entry.prepare, entry.run))[0] > 2.0}
+        slow = {
+            key for key, entry in field.items() if harness.once((entry.prepare, entry.run))[0] > 2.0
+        }
         cpu: dict = {}
         timed = {key: (warm(e), e.run) for key, e in field.items() if key not in slow}
         seconds = harness.interleaved(timed, 3 if quick else 15, cpu)
         for key in slow:
-            seconds[key], cpu[key] = ([x] for x in harness.once((field[key].prepare, field[key].run)))
+            seconds[key], cpu[key] = (
+                [x] for x in harness.once((field[key].prepare, field[key].run))
+            )
         for (name, limit), taken in seconds.items():
             middle = harness.median(taken)
             rows.append({"kind": "time", "body": kind, "limit": limit, "name": name, "setting": field[name, limit].setting, "seconds": middle,
@@ -117,7 +125,9 @@ def warm(entry):
 def worst(many, end, true):
     """Largest error over all tops of omega [of its size] and attitude [rad]; inf where one is not finite."""
     with np.errstate(over="ignore", invalid="ignore"):  # too long a step
-        errors = np.maximum(tops.omega_error(many, end[1], true[1]), tops.attitude_error(end[0], true[0]))
+        errors = np.maximum(
+            tops.omega_error(many, end[1], true[1]), tops.attitude_error(end[0], true[0])
+        )
     return float(np.max(errors)) if np.isfinite(errors).all() else math.inf
 
 
@@ -127,8 +137,13 @@ def truth(many, kind):
     ways = (("exact", 1), ("rk8", 4000)) if kind == "free" else (("rk8", 4000), ("srkn11", 2000))
     ends = []
     for name, steps in ways:
-        made, parts = _form(many, name, kind, T_END / steps), tops.blocks(many, GRAVITY if kind == "heavy" else (), 256)
-        tops.advance(parts, made, GRAVITY if kind == "heavy" else (), True, T_END / steps, steps, pool)
+        made, parts = (
+            _form(many, name, kind, T_END / steps),
+            tops.blocks(many, GRAVITY if kind == "heavy" else (), 256),
+        )
+        tops.advance(
+            parts, made, GRAVITY if kind == "heavy" else (), True, T_END / steps, steps, pool
+        )
         ends.append(tops.state(parts))
     return ends[0], {
         "source": f"{ways[0][0]} in {ways[0][1]:,} steps",
@@ -181,7 +196,11 @@ def rigidmc_steps(many, kind, limit, true):
         steps = longest(error, limit, 4, 20_000)
         if steps is None:
             continue
-        mean = np.mean(np.concatenate([b[layout.STEPS] for b in go(steps, tops.blocks(many, effects, OWN_BLOCK))]))
+        mean = np.mean(
+            np.concatenate(
+                [b[layout.STEPS] for b in go(steps, tops.blocks(many, effects, OWN_BLOCK))]
+            )
+        )
         entry = Entry(
             lambda: tops.blocks(many, effects, OWN_BLOCK),
             lambda parts, s=steps, go=go: go(s, parts),
@@ -198,12 +217,19 @@ def rigidmc_closed(many, kind, limit, true):
     """The closed form at the end, on all cores."""
     if kind != "free":
         return None
-    moments, momentum, attitude = (np.ascontiguousarray(x.T) for x in (many.moments, many.momentum, many.attitude))
+    moments, momentum, attitude = (
+        np.ascontiguousarray(x.T) for x in (many.moments, many.momentum, many.attitude)
+    )
 
     def read(motion):
         return motion.attitude.T, motion.momentum.T
 
-    return Entry(lambda: None, lambda _: rigidmc.free_top(moments, momentum, attitude, T_END), read, "closed form")
+    return Entry(
+        lambda: None,
+        lambda _: rigidmc.free_top(moments, momentum, attitude, T_END),
+        read,
+        "closed form",
+    )
 
 
 def rigidmc_stepping(many, kind, limit, true):
@@ -227,7 +253,9 @@ def c_rk4(many, kind, limit, true):
     function = library.rk4_heavy_512 if kind == "heavy" else library.rk4_free_512
 
     def prepare():
-        return np.ascontiguousarray(np.concatenate([many.attitude, many.momentum, many.body[:6], many.static]))
+        return np.ascontiguousarray(
+            np.concatenate([many.attitude, many.momentum, many.body[:6], many.static])
+        )
 
     def go(steps, rows):
         function(rows.ctypes.data, MEMBERS, steps, T_END / steps)
@@ -238,7 +266,12 @@ def c_rk4(many, kind, limit, true):
         return worst(many, (rows[:4], rows[4:7]), true)
 
     steps = longest(error, limit)
-    return steps and Entry(prepare, lambda rows: go(steps, rows), lambda rows: (rows[:4], rows[4:7]), f"rk4, {steps} steps")
+    return steps and Entry(
+        prepare,
+        lambda rows: go(steps, rows),
+        lambda rows: (rows[:4], rows[4:7]),
+        f"rk4, {steps} steps",
+    )
 
 
 def heyoka(many, kind, limit, true, saves=False):
@@ -248,7 +281,11 @@ def heyoka(many, kind, limit, true, saves=False):
     q, l = hy.make_vars("q0", "q1", "q2", "q3"), hy.make_vars("l1", "l2", "l3")
     i, a, c = ([hy.par[k + j] for j in range(3)] for k in (0, 3, 6))
     w = [i[k] * l[k] for k in range(3)]
-    up = [2.0 * (q[1] * q[3] - q[0] * q[2]), 2.0 * (q[2] * q[3] + q[0] * q[1]), q[0] ** 2 - q[1] ** 2 - q[2] ** 2 + q[3] ** 2]
+    up = [
+        2.0 * (q[1] * q[3] - q[0] * q[2]),
+        2.0 * (q[2] * q[3] + q[0] * q[1]),
+        q[0] ** 2 - q[1] ** 2 - q[2] ** 2 + q[3] ** 2,
+    ]
     torque = (
         [c[2] * up[1] - c[1] * up[2], c[0] * up[2] - c[2] * up[0], c[1] * up[0] - c[0] * up[1]]
         if kind == "heavy"
@@ -271,7 +308,14 @@ def heyoka(many, kind, limit, true, saves=False):
     times = np.repeat(np.linspace(0.0, T_END, 101)[:, None], width, axis=1)
 
     def solvers(tolerance):
-        one = hy.taylor_adaptive_batch(system, states[0], pars=numbers[0], tol=tolerance, high_accuracy=False, compact_mode=False)
+        one = hy.taylor_adaptive_batch(
+            system,
+            states[0],
+            pars=numbers[0],
+            tol=tolerance,
+            high_accuracy=False,
+            compact_mode=False,
+        )
         return [one, *(_copy(one) for _ in range(threads_available() - 1))]
 
     pool = tops.pool(threads_available())
@@ -303,7 +347,11 @@ def heyoka(many, kind, limit, true, saves=False):
             return None
     with contextlib.suppress(AttributeError):
         return Entry(
-            lambda: made, go, read, f"Taylor order {made[0].order}, tolerance {tolerance:.1e}" + (", 101 outputs" if saves else "")
+            lambda: made,
+            go,
+            read,
+            f"Taylor order {made[0].order}, tolerance {tolerance:.1e}"
+            + (", 101 outputs" if saves else ""),
         )
     return None
 
@@ -331,7 +379,11 @@ def diffrax(many, kind, limit, true):
         q, l = y[:4], y[4:]
         w = p[:3] * l
         up = jnp.array(
-            [2.0 * (q[1] * q[3] - q[0] * q[2]), 2.0 * (q[2] * q[3] + q[0] * q[1]), q[0] ** 2 - q[1] ** 2 - q[2] ** 2 + q[3] ** 2]
+            [
+                2.0 * (q[1] * q[3] - q[0] * q[2]),
+                2.0 * (q[2] * q[3] + q[0] * q[1]),
+                q[0] ** 2 - q[1] ** 2 - q[2] ** 2 + q[3] ** 2,
+            ]
         )
         dq = 0.5 * jnp.array([-q[1] * w[0] - q[2] * w[1] - q[3] * w[2], q[0] * w[0] + q[2] * w[2] - q[3] * w[1],
                               q[0] * w[1] + q[3] * w[0] - q[1] * w[2], q[0] * w[2] + q[1] * w[1] - q[2] * w[0]])  # fmt: skip
@@ -345,7 +397,15 @@ def diffrax(many, kind, limit, true):
         def one(y, p):
             control = dx.PIDController(rtol=tolerance, atol=tolerance)
             found = dx.diffeqsolve(
-                dx.ODETerm(rates), dx.Dopri8(), 0.0, T_END, 0.05, y, args=p, stepsize_controller=control, max_steps=100_000
+                dx.ODETerm(rates),
+                dx.Dopri8(),
+                0.0,
+                T_END,
+                0.05,
+                y,
+                args=p,
+                stepsize_controller=control,
+                max_steps=100_000,
             )
             return found.ys[-1]
 
@@ -361,7 +421,12 @@ def diffrax(many, kind, limit, true):
         made = solver(tolerance)
         if tolerance < 1e-15:
             return None
-    return Entry(lambda: None, lambda _: made(start, parameters).block_until_ready(), read, f"Dopri8, tolerance {tolerance:.0e}")
+    return Entry(
+        lambda: None,
+        lambda _: made(start, parameters).block_until_ready(),
+        read,
+        f"Dopri8, tolerance {tolerance:.0e}",
+    )
 
 
 def scipy_dop853(many, kind, limit, true):
@@ -374,7 +439,11 @@ def scipy_dop853(many, kind, limit, true):
         y = y.reshape(7, MEMBERS)
         q, l = y[:4], y[4:]
         w = body[:3] * l
-        up = (2.0 * (q[1] * q[3] - q[0] * q[2]), 2.0 * (q[2] * q[3] + q[0] * q[1]), q[0] ** 2 - q[1] ** 2 - q[2] ** 2 + q[3] ** 2)
+        up = (
+            2.0 * (q[1] * q[3] - q[0] * q[2]),
+            2.0 * (q[2] * q[3] + q[0] * q[1]),
+            q[0] ** 2 - q[1] ** 2 - q[2] ** 2 + q[3] ** 2,
+        )
         out = np.empty_like(y)
         out[0] = 0.5 * (-q[1] * w[0] - q[2] * w[1] - q[3] * w[2])
         out[1] = 0.5 * (q[0] * w[0] + q[2] * w[2] - q[3] * w[1])
@@ -388,7 +457,11 @@ def scipy_dop853(many, kind, limit, true):
     start = np.concatenate([many.attitude, many.momentum]).reshape(-1)
 
     def go(tolerance):
-        return solve_ivp(rates, (0.0, T_END), start, method="DOP853", rtol=tolerance, atol=tolerance).y[:, -1].reshape(7, MEMBERS)
+        return (
+            solve_ivp(rates, (0.0, T_END), start, method="DOP853", rtol=tolerance, atol=tolerance)
+            .y[:, -1]
+            .reshape(7, MEMBERS)
+        )
 
     def read(end):
         return end[:4] / np.linalg.norm(end[:4], axis=0), end[4:]
@@ -421,14 +494,38 @@ def targets(kind, seconds):
     c = "C rk4, 512-bit intrinsics"
     if kind == "heavy":
         return [
-            row("heavy tops at 1e-4: rigidmc / C rk4 with 512-bit intrinsics", 1.3, 1e-4, "rigidmc", c),
+            row(
+                "heavy tops at 1e-4: rigidmc / C rk4 with 512-bit intrinsics",
+                1.3,
+                1e-4,
+                "rigidmc",
+                c,
+            ),
             row("heavy tops at 1e-7: rigidmc / heyoka", 5.0, 1e-7, "rigidmc", "heyoka"),
-            row("heavy tops at 1e-7: rigidmc / C rk4 with 512-bit intrinsics", 4.0, 1e-7, "rigidmc", c),
+            row(
+                "heavy tops at 1e-7: rigidmc / C rk4 with 512-bit intrinsics",
+                4.0,
+                1e-7,
+                "rigidmc",
+                c,
+            ),
             row("heavy tops at 1e-10: rigidmc / heyoka", 3.0, 1e-10, "rigidmc", "heyoka"),
         ]
     return [
-        row("free tops at 1e-9, 100 saves: exact / heyoka", 8.0, 1e-9, "rigidmc, 100 saves", "heyoka, 100 saves"),
-        row("free tops at 1e-9, final state: closed form / heyoka", 30.0, 1e-9, "rigidmc, closed form", "heyoka"),
+        row(
+            "free tops at 1e-9, 100 saves: exact / heyoka",
+            8.0,
+            1e-9,
+            "rigidmc, 100 saves",
+            "heyoka, 100 saves",
+        ),
+        row(
+            "free tops at 1e-9, final state: closed form / heyoka",
+            30.0,
+            1e-9,
+            "rigidmc, closed form",
+            "heyoka",
+        ),
     ]
 
 
@@ -438,7 +535,9 @@ def report(rows):
         if r["kind"] == "note":
             print(f"{r['name']}: {r['note']}")
         if r["kind"] == "truth":
-            print(f"{r['body']}: truth {r['source']}, which differs from {r['against']} by {r['error']:.1e} at worst")
+            print(
+                f"{r['body']}: truth {r['source']}, which differs from {r['against']} by {r['error']:.1e} at worst"
+            )
     errors = {(r["body"], r["limit"], r["name"]): r["error"] for r in rows if r["kind"] == "check"}
     lines = [
         (
@@ -450,7 +549,10 @@ def report(rows):
             f"{r['best']:.4f}",
             f"{r['cpu_seconds']:.4f}",
         )
-        for r in sorted((r for r in rows if r["kind"] == "time"), key=lambda r: (r["body"], -r["limit"], r["seconds"]))
+        for r in sorted(
+            (r for r in rows if r["kind"] == "time"),
+            key=lambda r: (r["body"], -r["limit"], r["seconds"]),
+        )
     ]
     harness.table(
         f"{MEMBERS:,} tops to t = {T_END:g} s on {threads_available()} threads",

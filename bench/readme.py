@@ -19,13 +19,18 @@ def main():
     for name, draw in DRAWN.items():
         rows = os.path.join(RESULTS, f"{name}.json")
         if not os.path.exists(rows):
-            print(f"{name}: no bench/results/{name}.json; run python -m bench {name}", file=sys.stderr)
+            print(
+                f"{name}: no bench/results/{name}.json; run python -m bench {name}", file=sys.stderr
+            )
             continue
         with open(rows) as file:
             result = json.load(file)
         text, count = replaced(text, name, draw(result["rows"], result["machine"]))
         if not count:
-            print(f"{name}: README.md has no <!-- bench:{name} --> ... <!-- /bench:{name} -->", file=sys.stderr)
+            print(
+                f"{name}: README.md has no <!-- bench:{name} --> ... <!-- /bench:{name} -->",
+                file=sys.stderr,
+            )
     if text != before:
         with open(path + ".tmp", "w") as file:
             file.write(text)
@@ -36,7 +41,9 @@ def main():
 def replaced(text, name, content):
     """(text with what stands between the markers of `name` replaced, how many times)."""
     pattern = rf"(<!-- bench:{name} -->\n).*?(<!-- /bench:{name} -->)"
-    return re.subn(pattern, lambda found: found[1] + content + "\n" + found[2], text, flags=re.DOTALL)
+    return re.subn(
+        pattern, lambda found: found[1] + content + "\n" + found[2], text, flags=re.DOTALL
+    )
 
 
 def table(columns, lines):
@@ -50,11 +57,31 @@ def accuracy(rows, machine):
     lines = []
     for row in rows:
         if row["kind"] == "choice" and row["best"]:
-            same = [r for r in rows if r["kind"] == "choice" and (r["body"], r["limit"]) == (row["body"], row["limit"])]
-            others = ", ".join(f"{r['integrator']} {_count(r['members_per_second'])}" for r in same[1:5])
+            same = [
+                r
+                for r in rows
+                if r["kind"] == "choice" and (r["body"], r["limit"]) == (row["body"], row["limit"])
+            ]
+            others = ", ".join(
+                f"{r['integrator']} {_count(r['members_per_second'])}" for r in same[1:5]
+            )
             step = f"{row['integrator']}, {step_text(row)}"
-            lines.append((row["body"], f"{row['limit']:.0e}", step, _count(row["members_per_second"]), others))
-    columns = ("tops", "error after 10 s at most", "integrator, step", "members per second", "others")
+            lines.append(
+                (
+                    row["body"],
+                    f"{row['limit']:.0e}",
+                    step,
+                    _count(row["members_per_second"]),
+                    others,
+                )
+            )
+    columns = (
+        "tops",
+        "error after 10 s at most",
+        "integrator, step",
+        "members per second",
+        "others",
+    )
     words = "Error of 99 % of random tops, of the momentum's size and in rad in attitude; rad: each in steps of its own, by so much of its motion"
     return f"{table(columns, lines)}\n\n{words}; {_machine(machine)}."
 
@@ -63,12 +90,25 @@ def peers(rows, machine):
     """Seconds of every candidate at each worst error; how ours does it."""
     times = {(r["body"], r["limit"], r["name"]): r for r in rows if r["kind"] == "time"}
     names = list(dict.fromkeys(name for _, _, name in times))
-    plain = [n for n in names if n not in ("rigidmc, closed form", "rigidmc, 100 saves", "heyoka, 100 saves")]
+    plain = [
+        n
+        for n in names
+        if n not in ("rigidmc, closed form", "rigidmc, 100 saves", "heyoka, 100 saves")
+    ]
     lines = []
     for body, limit in dict.fromkeys((body, limit) for body, limit, _ in times):
         found = [times.get((body, limit, name)) for name in plain]
-        lines.append((f"{body}, {limit:.0e}", *(f"{r['seconds']:.4f}" if r else "not reached" for r in found)))
-    ours = "; ".join(f"{b}, {limit:.0e}: {r['setting']}" for (b, limit, name), r in times.items() if name == "rigidmc")
+        lines.append(
+            (
+                f"{body}, {limit:.0e}",
+                *(f"{r['seconds']:.4f}" if r else "not reached" for r in found),
+            )
+        )
+    ours = "; ".join(
+        f"{b}, {limit:.0e}: {r['setting']}"
+        for (b, limit, name), r in times.items()
+        if name == "rigidmc"
+    )
     closed = times.get(("free", 1e-9, "rigidmc, closed form"))
     more = f" Free tops by the closed form: {closed['seconds']:.4f} s." if closed else ""
     return f"{table(('tops, worst error', *plain), lines)}\n\nSeconds for 4,096 different tops to t = 10 s, omega and attitude of the worst of them; ours: {ours}.{more} {_machine(machine)}."
@@ -87,33 +127,55 @@ def throughput(rows, machine):
     base = "C structure of arrays, free", "C structure of arrays, heavy"
     pairs = {
         "rigidmc, rk4, kernel": ("kernel rk4 free", "kernel rk4 heavy"),
-        "rigidmc, rk4, `simulate()`": ("simulate rk4 free, final state", "simulate rk4 heavy, final state"),
-        "rigidmc, rk4, `simulate()` with 100 saves of 9 values": ("simulate rk4 free, 100 saves", ""),
+        "rigidmc, rk4, `simulate()`": (
+            "simulate rk4 free, final state",
+            "simulate rk4 heavy, final state",
+        ),
+        "rigidmc, rk4, `simulate()` with 100 saves of 9 values": (
+            "simulate rk4 free, 100 saves",
+            "",
+        ),
         "rigidmc, exact (free) / strang (heavy)": ("kernel exact", "kernel strang heavy"),
         "rigidmc, exact, momentum only": ("kernel exact, momentum only", ""),
         "C, structure of arrays, gcc -O3 -march=native -ffast-math": base,
-        "C, structure of arrays, with the same 100 saves": ("C structure of arrays, free, 100 saves", ""),
-        "C, explicit 512-bit vectors, few operations": ("C 512-bit intrinsics, free", "C 512-bit intrinsics, heavy"),
+        "C, structure of arrays, with the same 100 saves": (
+            "C structure of arrays, free, 100 saves",
+            "",
+        ),
+        "C, explicit 512-bit vectors, few operations": (
+            "C 512-bit intrinsics, free",
+            "C 512-bit intrinsics, heavy",
+        ),
         "Numba `prange` over tops": ("naive prange, free", "naive prange, heavy"),
     }
-    lines = [(what, cell(free, base[0]), cell(heavy, base[1])) for what, (free, heavy) in pairs.items()]
-    words = (
-        "Million member-steps per second from CPU seconds, float64, 65,536 different tops, all cores; in brackets against plain C"
-    )
+    lines = [
+        (what, cell(free, base[0]), cell(heavy, base[1])) for what, (free, heavy) in pairs.items()
+    ]
+    words = "Million member-steps per second from CPU seconds, float64, 65,536 different tops, all cores; in brackets against plain C"
     return f"{table(('', 'free', 'with gravity'), lines)}\n\n{words}; {_machine(machine)}."
 
 
 def runs(rows, machine):
     """Memory and time of runs to a directory."""
     lines = [
-        (f"{r['members']:,}", f"{r['gigabytes']:.2f}", f"{r['seconds']:.0f}", f"{r['bytes'] / 1e9:.2f}")
+        (
+            f"{r['members']:,}",
+            f"{r['gigabytes']:.2f}",
+            f"{r['seconds']:.0f}",
+            f"{r['bytes'] / 1e9:.2f}",
+        )
         for r in [r for r in rows if r["kind"] == "peak"][1:]  # the first compiles
     ]
     found = {r["what"]: r["measured"] for r in rows if r["kind"] == "target"}
-    share, ratio = (next(v for k, v in found.items() if word in k) for word in ("writing adds", "cluster here"))
+    share, ratio = (
+        next(v for k, v in found.items() if word in k) for word in ("writing adds", "cluster here")
+    )
     words = f"Free tops with attitude over 1,200 steps, final state to a run directory; writing adds {100 * share:.0f} % to the time of this short run"
     taken = [r for r in rows if r["kind"] == "cluster"]
-    whole, seconds = median([r["threads"] / r["cluster"] for r in taken]), median([r["threads"] for r in taken])
+    whole, seconds = (
+        median([r["threads"] / r["cluster"] for r in taken]),
+        median([r["threads"] for r in taken]),
+    )
     words += f"; two processes of a cluster here do {ratio:.2f} of the work of two threads, {whole:.2f} in a run of {seconds:.0f} s with its start"
     return f"{table(('members', 'GB of memory', 'seconds', 'GB written'), lines)}\n\n{words}; {_machine(machine)}."
 
@@ -153,7 +215,11 @@ def _count(number):
     """Two digits of a large number for people."""
     for size, word in ((1e6, " M"), (1e3, " k")):
         if number >= size:
-            return f"{number / size:.2g}{word}" if number < 99.5 * size else f"{number / size:.0f}{word}"
+            return (
+                f"{number / size:.2g}{word}"
+                if number < 99.5 * size
+                else f"{number / size:.0f}{word}"
+            )
     return f"{number:.2g}"
 
 

@@ -50,7 +50,9 @@ class Nothing:
 
 def share(folder, members, rounds):
     """Rows of seconds with and without writing, interleaved."""
-    scene = load("dzhanibekov").with_run(members=members, t_end=12.0, save=("omega", "attitude"), keep="final")
+    scene = load("dzhanibekov").with_run(
+        members=members, t_end=12.0, save=("omega", "attitude"), keep="final"
+    )
     rows, threads = [], len(os.sched_getaffinity(0))
     for i in range(rounds):
         directory = create(scene, os.path.join(folder, f"share{i}"))
@@ -63,7 +65,15 @@ def share(folder, members, rounds):
             began = time.perf_counter()
             compute_shards(directory, parts, program, range(directory.count), threads)
             seconds = time.perf_counter() - began
-        rows.append({"kind": "share", "members": members, "steps": parts[1].steps, "without": without, "with": seconds})
+        rows.append(
+            {
+                "kind": "share",
+                "members": members,
+                "steps": parts[1].steps,
+                "without": without,
+                "with": seconds,
+            }
+        )
         subprocess.run(["rm", "-r", directory.path], check=True)
     return rows
 
@@ -71,11 +81,29 @@ def share(folder, members, rounds):
 def thousand(folder, shards):
     """Seconds of rm.open and of status, of a run of so many shards."""
     path = os.path.join(folder, "many")
-    words = ["run", "dzhanibekov", "--members", str(4096 * shards), "--t-end", "0.1", "--shard-size", "0.5", "--save", "omega"]
-    subprocess.run([*startup.command(), *words, "-o", path + "/"], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    words = [
+        "run",
+        "dzhanibekov",
+        "--members",
+        str(4096 * shards),
+        "--t-end",
+        "0.1",
+        "--shard-size",
+        "0.5",
+        "--save",
+        "omega",
+    ]
+    subprocess.run(
+        [*startup.command(), *words, "-o", path + "/"],
+        check=True,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
     taken = []
     for _ in range(3):
-        done = subprocess.run([sys.executable, "-c", OPEN, path], check=True, capture_output=True, text=True)
+        done = subprocess.run(
+            [sys.executable, "-c", OPEN, path], check=True, capture_output=True, text=True
+        )
         taken.append([float(word) for word in done.stdout.split()])
     began = time.perf_counter()
     subprocess.run([*startup.command(), "status", path], check=True, stdout=subprocess.DEVNULL)
@@ -91,7 +119,18 @@ def cluster(folder, members, t_end, rounds, size):
 
     size : of a shard [MB], so small that there are many for each worker, and none waits long for the last
     """
-    words = ["run", "dzhanibekov", "--members", str(members), "--t-end", str(t_end), "--save", "omega", "--keep", "final"]
+    words = [
+        "run",
+        "dzhanibekov",
+        "--members",
+        str(members),
+        "--t-end",
+        str(t_end),
+        "--save",
+        "omega",
+        "--keep",
+        "final",
+    ]
     words += ["--shard-size", str(size)]
     rows = []
     for i in range(rounds):
@@ -106,8 +145,12 @@ def cluster(folder, members, t_end, rounds, size):
             )
             with open(os.path.join(path, "journal.jsonl")) as file:
                 row[name] = [json.loads(line) for line in file][-1]["seconds"]
-            shards = sorted(os.scandir(os.path.join(path, "shards")), key=lambda entry: entry.stat().st_mtime)
-            row[f"{name}_a_shard"] = (shards[-1].stat().st_mtime - shards[3].stat().st_mtime) / (len(shards) - 4)
+            shards = sorted(
+                os.scandir(os.path.join(path, "shards")), key=lambda entry: entry.stat().st_mtime
+            )
+            row[f"{name}_a_shard"] = (shards[-1].stat().st_mtime - shards[3].stat().st_mtime) / (
+                len(shards) - 4
+            )
             row[f"{name}_shards"] = sorted(entry.name for entry in shards)
             subprocess.run(["rm", "-r", path], check=True)
         row["equal"] = row.pop("threads_shards") == row.pop("cluster_shards")
@@ -137,7 +180,10 @@ def scheduler(folder, shards):
     with open(path, "w") as file:
         file.write(SCHEDULE)
     done = subprocess.run(
-        [sys.executable, path, os.path.join(folder, "tasks"), str(shards)], check=True, capture_output=True, text=True
+        [sys.executable, path, os.path.join(folder, "tasks"), str(shards)],
+        check=True,
+        capture_output=True,
+        text=True,
     )
     seconds, count = done.stdout.split()
     return {"kind": "scheduler", "shards": int(count), "seconds": float(seconds)}
@@ -151,31 +197,84 @@ def run(quick):
         for members in (sizes[0], *sizes):  # the first compiles
             path = os.path.join(folder, f"m{members}-{len(rows)}")
             began = time.perf_counter()
-            memory = peak([*startup.command(), *STUDY, "--members", str(members), "-o", path + "/"], folder)
+            memory = peak(
+                [*startup.command(), *STUDY, "--members", str(members), "-o", path + "/"], folder
+            )
             taken = time.perf_counter() - began
-            size = sum(os.path.getsize(os.path.join(path, "shards", name)) for name in os.listdir(os.path.join(path, "shards")))
-            rows.append({"kind": "peak", "members": members, "gigabytes": memory, "seconds": taken, "bytes": size})
+            size = sum(
+                os.path.getsize(os.path.join(path, "shards", name))
+                for name in os.listdir(os.path.join(path, "shards"))
+            )
+            rows.append(
+                {
+                    "kind": "peak",
+                    "members": members,
+                    "gigabytes": memory,
+                    "seconds": taken,
+                    "bytes": size,
+                }
+            )
             subprocess.run(["rm", "-r", path], check=True)
         peaks = [row["gigabytes"] for row in rows[1:]]
-        rows.append(harness.target(f"peak memory, {sizes[-1]:,} members to a run directory", 1.5, peaks[-1], "GB", at_most=True))
-        rows.append(harness.target(f"{sizes[-1]:,} members against {sizes[0]:,}", 1.15, peaks[-1] / peaks[0], "x", at_most=True))
+        rows.append(
+            harness.target(
+                f"peak memory, {sizes[-1]:,} members to a run directory",
+                1.5,
+                peaks[-1],
+                "GB",
+                at_most=True,
+            )
+        )
+        rows.append(
+            harness.target(
+                f"{sizes[-1]:,} members against {sizes[0]:,}",
+                1.15,
+                peaks[-1] / peaks[0],
+                "x",
+                at_most=True,
+            )
+        )
         rows += share(folder, sizes[1], 1 if quick else 5)
         ratios = [row["with"] / row["without"] - 1.0 for row in rows if row["kind"] == "share"]
         note = f"{len(ratios)} rounds, {min(ratios):.3f} to {max(ratios):.3f}"
-        rows.append(harness.target("what writing adds to a run", 0.10, harness.median(ratios), "", at_most=True, note=note))
+        rows.append(
+            harness.target(
+                "what writing adds to a run",
+                0.10,
+                harness.median(ratios),
+                "",
+                at_most=True,
+                note=note,
+            )
+        )
         count, opened, told, command = thousand(folder, 20 if quick else 1000)
         rows.append(harness.target(f"rm.open of {count:,} shards", 2.0, opened, "s", at_most=True))
         rows.append(
-            harness.target(f"status of {count:,} shards", 0.5, told, "s", at_most=True, note=f"`rigidmc status` {command:.2f} s")
+            harness.target(
+                f"status of {count:,} shards",
+                0.5,
+                told,
+                "s",
+                at_most=True,
+                note=f"`rigidmc status` {command:.2f} s",
+            )
         )
         rows.append(scheduler(folder, 10 if quick else 1000))
-        rows += cluster(folder, sizes[0], 2.0 if quick else 400.0, 1 if quick else 2, 0.5 if quick else 4)
+        rows += cluster(
+            folder, sizes[0], 2.0 if quick else 400.0, 1 if quick else 2, 0.5 if quick else 4
+        )
         found = [row for row in rows if row["kind"] == "cluster"]
         assert all(row["equal"] for row in found)
         ratio = harness.median([row["threads"] / row["cluster"] for row in found])
         steady = harness.median([row["threads_a_shard"] / row["cluster_a_shard"] for row in found])
-        note = f"once it has started; a run of {found[0]['threads']:.0f} s with its start {ratio:.2f}"
-        rows.append(harness.target("two processes of a cluster here against two threads", 0.9, steady, "x", note=note))
+        note = (
+            f"once it has started; a run of {found[0]['threads']:.0f} s with its start {ratio:.2f}"
+        )
+        rows.append(
+            harness.target(
+                "two processes of a cluster here against two threads", 0.9, steady, "x", note=note
+            )
+        )
     rows.append({"kind": "machine", "free_memory": free_memory()})
     return rows
 

@@ -39,9 +39,20 @@ def judge(which):
     for effects in which:
         seconds, found = one(effects)
         # one scalar sum is the time of a step, which all members share
-        fine = found["scalar"] <= 1 and found["calls"] == 0 and not found["libm"] and found["widest"]
+        fine = (
+            found["scalar"] <= 1 and found["calls"] == 0 and not found["libm"] and found["widest"]
+        )
         print(
-            json.dumps({"kind": "set", "effects": effects, "alone": alone, "seconds": seconds - alone, "fine": fine, **found}),
+            json.dumps(
+                {
+                    "kind": "set",
+                    "effects": effects,
+                    "alone": alone,
+                    "seconds": seconds - alone,
+                    "fine": fine,
+                    **found,
+                }
+            ),
             flush=True,
         )
 
@@ -72,8 +83,19 @@ def run(quick):
     small = [r["seconds"] for r in rows if len(r["effects"]) <= 2]
     return [
         *rows,
-        harness.target("sets that compile and are packed throughout", len(todo), sum(r["fine"] for r in rows), ""),
-        harness.target("compile time of one or two effects on top of the body, worst", ASKED, max(small), "s", at_most=True),
+        harness.target(
+            "sets that compile and are packed throughout",
+            len(todo),
+            sum(r["fine"] for r in rows),
+            "",
+        ),
+        harness.target(
+            "compile time of one or two effects on top of the body, worst",
+            ASKED,
+            max(small),
+            "s",
+            at_most=True,
+        ),
         harness.target(
             "compile time of 3 to 8 effects on top of the body, worst",
             ASKED,
@@ -92,7 +114,16 @@ def report(rows):
         part = [r for r in found if len(r["effects"]) in some]
         seconds = [r["seconds"] for r in part]
         late = sum(s > ASKED for s in seconds)
-        lines.append((word, len(part), sum(r["fine"] for r in part), f"{harness.median(seconds):.2f}", f"{max(seconds):.2f}", late))
+        lines.append(
+            (
+                word,
+                len(part),
+                sum(r["fine"] for r in part),
+                f"{harness.median(seconds):.2f}",
+                f"{max(seconds):.2f}",
+                late,
+            )
+        )
     alone = harness.median([r["alone"] for r in found])
     harness.table(
         f"sets of effects; the body alone compiles in {alone:.2f} s",
@@ -100,9 +131,16 @@ def report(rows):
         lines,
     )
     worst = sorted(found, key=lambda r: -r["seconds"])[:8]
-    harness.table("slowest to compile", ["effects", "s"], [(", ".join(r["effects"]), f"{r['seconds']:.2f}") for r in worst])
+    harness.table(
+        "slowest to compile",
+        ["effects", "s"],
+        [(", ".join(r["effects"]), f"{r['seconds']:.2f}") for r in worst],
+    )
     bad = [
-        (", ".join(r["effects"]), f"{r['scalar']} scalar instructions, {r['calls']} calls {r['libm']}")
+        (
+            ", ".join(r["effects"]),
+            f"{r['scalar']} scalar instructions, {r['calls']} calls {r['libm']}",
+        )
         for r in found
         if not r["fine"]
     ]

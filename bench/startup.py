@@ -10,7 +10,9 @@ import time
 
 from bench import harness
 
-README = "run dzhanibekov --members 100000 -o dzhanibekov.nc --plot dzhanibekov.png"  # its first command
+README = (
+    "run dzhanibekov --members 100000 -o dzhanibekov.nc --plot dzhanibekov.png"  # its first command
+)
 RUN = "run dzhanibekov --members 1000 -o"
 COMMANDS = {  # name: (words, whether the cache is empty, seconds asked)
     "--help": ("--help", False, 0.5),
@@ -31,7 +33,10 @@ CALLS = {  # name: ([(integrator, effects, save) of each call], of which the las
     "MEGNO": ([("rk4", HEAVY, ("omega", "megno"))], 5.0),
     "all built-in effects but the random one": ([("rk4", None, WATCHED)], 10.0),
     "another save": ([("rk4", HEAVY, WATCHED), ("rk4", HEAVY, (*WATCHED, "energy"))], 1.0),
-    "another event": ([("rk4", HEAVY, (*WATCHED, "flips")), ("rk4", HEAVY, (*WATCHED, "passage"))], 1.0),
+    "another event": (
+        [("rk4", HEAVY, (*WATCHED, "flips")), ("rk4", HEAVY, (*WATCHED, "passage"))],
+        1.0,
+    ),
     "second simulate of 64 members": ([("rk4", HEAVY, WATCHED)] * 101, 1.5e-3),
 }
 
@@ -39,7 +44,11 @@ CALLS = {  # name: ([(integrator, effects, save) of each call], of which the las
 def command():
     """The words that start rigidmc: the script beside this Python, or its entry point where it is not installed."""
     script = os.path.join(os.path.dirname(sys.executable), "rigidmc")
-    return [script] if os.path.exists(script) else [sys.executable, "-c", "from rigidmc.cli import main; main()"]
+    return (
+        [script]
+        if os.path.exists(script)
+        else [sys.executable, "-c", "from rigidmc.cli import main; main()"]
+    )
 
 
 def ran(words, folder, cache):
@@ -51,7 +60,9 @@ def ran(words, folder, cache):
     done = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True)
     took = time.perf_counter() - began
     if done.returncode != 0:
-        raise RuntimeError(f"{' '.join(words)} ended with {done.returncode}: {(done.stderr or done.stdout)[-2000:]}")
+        raise RuntimeError(
+            f"{' '.join(words)} ended with {done.returncode}: {(done.stderr or done.stdout)[-2000:]}"
+        )
     return took, done.stdout
 
 
@@ -66,15 +77,27 @@ def call(name):
     start = rm.Start(omega=(0.5, 0.7, rm.normal(0.5, 0.1)), attitude=(1.0, 0.0, 0.0, 0.0))
     taken = []
     for integrator, names, save in CALLS[name][0]:
-        wanted = [word for word, kind in EFFECTS.items() if not is_random(kind)] if names is None else names
+        wanted = (
+            [word for word, kind in EFFECTS.items() if not is_random(kind)]
+            if names is None
+            else names
+        )
         effects = tuple(
-            EFFECTS[word](*filled(EFFECTS[word], itertools.repeat(0.1))[: len(given(EFFECTS[word]))]) for word in wanted
+            EFFECTS[word](
+                *filled(EFFECTS[word], itertools.repeat(0.1))[: len(given(EFFECTS[word]))]
+            )
+            for word in wanted
         )
         events = {"flips": rm.Flips(2), "passage": rm.Passage(3, 0.5)}
         scene = rm.Scene(body, effects, start)
         began = time.perf_counter()
         rm.simulate(
-            scene, integrator=integrator, dt=0.01, t_end=0.1, members=64, save=tuple(events.get(word, word) for word in save)
+            scene,
+            integrator=integrator,
+            dt=0.01,
+            t_end=0.1,
+            members=64,
+            save=tuple(events.get(word, word) for word in save),
         )
         taken.append(time.perf_counter() - began)
     print(json.dumps(harness.median(taken[len(taken) // 2 :]) if len(taken) > 2 else taken[-1]))
@@ -89,10 +112,14 @@ def run(quick):
         ran([*command(), *f"{RUN} known.nc".split()], folder, known)
         for _ in range(1 if quick else 3):
             for what, (words, empty, _) in COMMANDS.items():
-                times[what].append(ran([*command(), *words.split()], folder, next(caches) if empty else known)[0])
+                times[what].append(
+                    ran([*command(), *words.split()], folder, next(caches) if empty else known)[0]
+                )
             for what in CALLS:
                 script = f"from bench.startup import call; call({what!r})"
-                times[what].append(float(ran([sys.executable, "-c", script], folder, next(caches))[1]))
+                times[what].append(
+                    float(ran([sys.executable, "-c", script], folder, next(caches))[1])
+                )
     asked = {what: given[-1] for what, given in {**COMMANDS, **CALLS}.items()}
     rows = [{"kind": "seconds", "name": what, "seconds": taken} for what, taken in times.items()]
     return rows + [

@@ -10,8 +10,15 @@ from rigidmc.engine.machine import threads_available
 
 FLOPS = 217  # of a free rk4 step with attitude, counted on the textbook form
 # largest and median relative error of omega against the candidate that it must agree with
-SAME = (1e-10, 1e-13)  # measured 1.5e-11 and 1.0e-14, in heavy tops, where rounding grows a thousandfold in 10 s; free 4e-13
-OTHER_METHOD = {"kernel exact": (1e-5, 1e-8), "kernel exact, momentum only": (1e-5, 1e-8), "kernel strang heavy": (1.0, 1e-3)}
+SAME = (
+    1e-10,
+    1e-13,
+)  # measured 1.5e-11 and 1.0e-14, in heavy tops, where rounding grows a thousandfold in 10 s; free 4e-13
+OTHER_METHOD = {
+    "kernel exact": (1e-5, 1e-8),
+    "kernel exact, momentum only": (1e-5, 1e-8),
+    "kernel strang heavy": (1.0, 1e-3),
+}
 
 
 def run(quick):
@@ -30,8 +37,12 @@ def run(quick):
             ends[name] = candidate.read(result)
     rows += [check(name, *ends[name], *ends[field[name].same_as], ensemble) for name in ends]
     cpu = {}
-    seconds = harness.interleaved({name: (c.prepare, c.run) for name, c in field.items()}, 3 if quick else 11, cpu)
-    rows += [rate(name, field[name].work, seconds[name], cpu[name], first.get(name)) for name in field]
+    seconds = harness.interleaved(
+        {name: (c.prepare, c.run) for name, c in field.items()}, 3 if quick else 11, cpu
+    )
+    rows += [
+        rate(name, field[name].work, seconds[name], cpu[name], first.get(name)) for name in field
+    ]
     return rows + targets(seconds, cpu, field, threads_available())
 
 
@@ -41,9 +52,19 @@ def check(name, q, l, other_q, other_l, ensemble):
     turn = float(tops.attitude_error(q, other_q).max()) if q is not None else None
     worst, middle = float(error.max()), float(np.median(error))
     limits = OTHER_METHOD.get(name, SAME)
-    assert worst <= limits[0], f"{name}: omega is off by {worst:.2g}, more than {limits[0]:g}: not the same problem"
-    assert middle <= limits[1], f"{name}: omega is off by {middle:.2g} in the middle, more than {limits[1]:g}"
-    return {"kind": "check", "name": name, "omega_worst": worst, "omega_median": middle, "attitude_worst": turn}
+    assert worst <= limits[0], (
+        f"{name}: omega is off by {worst:.2g}, more than {limits[0]:g}: not the same problem"
+    )
+    assert middle <= limits[1], (
+        f"{name}: omega is off by {middle:.2g} in the middle, more than {limits[1]:g}"
+    )
+    return {
+        "kind": "check",
+        "name": name,
+        "omega_worst": worst,
+        "omega_median": middle,
+        "attitude_worst": turn,
+    }
 
 
 def rate(name, work, seconds, cpu, first):
@@ -52,9 +73,20 @@ def rate(name, work, seconds, cpu, first):
     middle, best = statistics.median(seconds), min(seconds)
     threads = 1 if name.endswith("one thread") else threads_available()
     undisturbed = scale * work * threads / statistics.median(cpu)
-    row = {"kind": "rate", "name": name, "unit": unit, "rate": scale * work / middle, "best": scale * work / best}
+    row = {
+        "kind": "rate",
+        "name": name,
+        "unit": unit,
+        "rate": scale * work / middle,
+        "best": scale * work / best,
+    }
     row["undisturbed"] = undisturbed
-    return {**row, "compile_s": max(0.0, first - middle) if first else None, "seconds": seconds, "cpu_seconds": cpu}
+    return {
+        **row,
+        "compile_s": max(0.0, first - middle) if first else None,
+        "seconds": seconds,
+        "cpu_seconds": cpu,
+    }
 
 
 def targets(seconds, cpu, field, cores):
@@ -64,19 +96,46 @@ def targets(seconds, cpu, field, cores):
         if name not in seconds or other not in seconds:
             return harness.target(what, asked, None, unit, aim=aim)
         ratio, busy = (factor * harness.ratio(s[other], s[name]) for s in (seconds, cpu))
-        return harness.target(what, asked, ratio, unit, aim=aim, note=f"{busy:.3g} {unit} in CPU seconds")
+        return harness.target(
+            what, asked, ratio, unit, aim=aim, note=f"{busy:.3g} {unit} in CPU seconds"
+        )
 
-    free, heavy, saves, exact = "kernel rk4 free", "kernel rk4 heavy", "simulate rk4 free, 100 saves", "kernel exact"
-    c_free, c_heavy, c_fastest = "C structure of arrays, free", "C structure of arrays, heavy", "C 512-bit intrinsics, "
+    free, heavy, saves, exact = (
+        "kernel rk4 free",
+        "kernel rk4 heavy",
+        "simulate rk4 free, 100 saves",
+        "kernel exact",
+    )
+    c_free, c_heavy, c_fastest = (
+        "C structure of arrays, free",
+        "C structure of arrays, heavy",
+        "C 512-bit intrinsics, ",
+    )
     percent = 100 * FLOPS * field[free].work / field["peak"].work if "peak" in field else 0.0
     rows = [
         row("rk4 free, kernel / C structure of arrays", 1.0, "x", free, c_free),
         row("rk4 free, kernel / naive prange", 6.0, "x", free, "naive prange, free"),
-        row(f"rk4 free, kernel / FMA peak ({FLOPS} flops a step)", 60.0, "%", free, "peak", percent),
-        row("rk4 free, kernel / C with 512-bit intrinsics", 1.0, "x", free, c_fastest + "free", aim=True),
+        row(
+            f"rk4 free, kernel / FMA peak ({FLOPS} flops a step)", 60.0, "%", free, "peak", percent
+        ),
+        row(
+            "rk4 free, kernel / C with 512-bit intrinsics",
+            1.0,
+            "x",
+            free,
+            c_fastest + "free",
+            aim=True,
+        ),
         row("rk4 heavy, kernel / C structure of arrays", 0.9, "x", heavy, c_heavy),
         row("rk4 heavy, kernel / naive prange", 5.0, "x", heavy, "naive prange, heavy"),
-        row("rk4 heavy, kernel / C with 512-bit intrinsics", 1.0, "x", heavy, c_fastest + "heavy", aim=True),
+        row(
+            "rk4 heavy, kernel / C with 512-bit intrinsics",
+            1.0,
+            "x",
+            heavy,
+            c_fastest + "heavy",
+            aim=True,
+        ),
         row(
             "simulate(), free, final state / C with 512-bit intrinsics",
             0.95,
@@ -98,14 +157,23 @@ def targets(seconds, cpu, field, cores):
             "simulate rk4 heavy, final state",
             c_fastest + "heavy",
         ),
-        row("simulate(), 100 saves / C with the same saves", 1.0, "x", saves, c_free + ", 100 saves"),
-        row("exact, momentum only / C's rk4 steps", 0.8, "x", "kernel exact, momentum only", c_free),
+        row(
+            "simulate(), 100 saves / C with the same saves", 1.0, "x", saves, c_free + ", 100 saves"
+        ),
+        row(
+            "exact, momentum only / C's rk4 steps", 0.8, "x", "kernel exact, momentum only", c_free
+        ),
         row("exact with attitude / C's rk4 steps", 0.45, "x", exact, c_free),
     ]
     if cores > 1:
         ratio, busy = (harness.ratio(s[free + ", one thread"], s[free]) for s in (seconds, cpu))
-        what, asked = f"rk4 free, kernel: {cores} threads / one", 1.85 if cores == 2 else 0.9 * cores
-        rows.append(harness.target(what, asked, ratio, "x", note=f"{cores * busy:.3g} x in CPU seconds"))
+        what, asked = (
+            f"rk4 free, kernel: {cores} threads / one",
+            1.85 if cores == 2 else 0.9 * cores,
+        )
+        rows.append(
+            harness.target(what, asked, ratio, "x", note=f"{cores * busy:.3g} x in CPU seconds")
+        )
     return rows
 
 
@@ -124,7 +192,11 @@ def report(rows):
         )
         for r in checks
     ]
-    harness.table("same answers? omega relative, attitude in rad", ("against rigidmc's rk4", "worst", "median", "attitude"), lines)
+    harness.table(
+        "same answers? omega relative, attitude in rad",
+        ("against rigidmc's rk4", "worst", "median", "attitude"),
+        lines,
+    )
     lines = [
         (
             r["name"],

@@ -17,7 +17,11 @@ from rigidmc.studies.accuracy import accuracy
 
 TOLERANCES = (1e-4, 1e-7, 1e-10)
 SAVED = ("final state", "all in memory", "all in a file")
-FIRST, JUDGED, MANY = 20_000, 1000, 100_000  # members that no pilot has seen; of a run whose time is predicted
+FIRST, JUDGED, MANY = (
+    20_000,
+    1000,
+    100_000,
+)  # members that no pilot has seen; of a run whose time is predicted
 
 
 def run(quick):
@@ -33,7 +37,11 @@ def run(quick):
     shares = [r["share"] for r in rows if r["kind"] == "kept" and r["share"] is not None]
     off = {
         saved: 100.0
-        * max(abs(r["seconds"] / r["predicted_seconds"] - 1.0) for r in rows if r["kind"] == "time" and r["saved"] == saved)
+        * max(
+            abs(r["seconds"] / r["predicted_seconds"] - 1.0)
+            for r in rows
+            if r["kind"] == "time" and r["saved"] == saved
+        )
         for saved in SAVED
     }
     memory = "a virtual machine gets memory from its host as it is first touched, 2 s/GB here or nothing: not to be foreseen"
@@ -41,7 +49,9 @@ def run(quick):
     factors = [max(r["ratio"], 1.0 / r["ratio"]) for r in rows if r["kind"] == "error"]
     return [
         *rows,
-        harness.target("members within the tolerance, fewest of all scenes", 99.0, 100.0 * min(shares), "%"),
+        harness.target(
+            "members within the tolerance, fewest of all scenes", 99.0, 100.0 * min(shares), "%"
+        ),
         *(
             harness.target(
                 f"time of 100,000 members off its prediction, {saved}, worst",
@@ -53,7 +63,13 @@ def run(quick):
             )
             for saved in SAVED
         ),
-        harness.target("error of 99 % of other members over that of the study, worst", 2.0, max(factors), "x", at_most=True),
+        harness.target(
+            "error of 99 % of other members over that of the study, worst",
+            2.0,
+            max(factors),
+            "x",
+            at_most=True,
+        ),
     ]
 
 
@@ -71,7 +87,10 @@ def kept(name, tolerance):
     try:
         found, true = others(scene, 1 if alike else JUDGED)
         ds = rigidmc.simulate(
-            scene, tolerance=tolerance, save=("momentum", "attitude"), members=range(found.first, found.first + found.members)
+            scene,
+            tolerance=tolerance,
+            save=("momentum", "attitude"),
+            members=range(found.first, found.first + found.members),
         )
     except SceneError as error:
         return {**row, "share": None, "why": error.rule}
@@ -100,15 +119,25 @@ def predicted(name, tolerance, saved):
     with tempfile.TemporaryDirectory() as folder:
         for i in range(3):
             output = os.path.join(folder, f"{i}.nc") if saved == "all in a file" else None
-            ds = rigidmc.simulate(scene, tolerance=None if i else tolerance, members=MANY, output=output)
+            ds = rigidmc.simulate(
+                scene, tolerance=None if i else tolerance, members=MANY, output=output
+            )
             seconds.append(ds.encoding["rigidmc"]["run_seconds"])
             if i == 0:
-                said, chosen = ds.encoding["rigidmc"]["predicted_seconds"], ds.attrs["tolerance_chosen"].split(":")[0]
+                said, chosen = (
+                    ds.encoding["rigidmc"]["predicted_seconds"],
+                    ds.attrs["tolerance_chosen"].split(":")[0],
+                )
                 scene = rigidmc.Scene.loads(ds.attrs["scene"])
             ds.close()
             del ds
     row = {"kind": "time", "scene": name, "saved": saved, "tolerance": tolerance, "chosen": chosen}
-    return {**row, "seconds": harness.median(seconds), "all_seconds": seconds, "predicted_seconds": said}
+    return {
+        **row,
+        "seconds": harness.median(seconds),
+        "all_seconds": seconds,
+        "predicted_seconds": said,
+    }
 
 
 def study_errors(name):
@@ -116,14 +145,18 @@ def study_errors(name):
     from rigidmc.planning.tolerance.pilot import follow
 
     scene, rows = rigidmc.Scene.load(name), []
-    study = accuracy(scene, ("rk4", "rk8", "srkn6") if scene.effects else ("rk4", "rk8"), (1e-4, 1e-7))
+    study = accuracy(
+        scene, ("rk4", "rk8", "srkn6") if scene.effects else ("rk4", "rk8"), (1e-4, 1e-7)
+    )
     found, true = others(scene, JUDGED)
     for row in sorted(set(study.cheapest.values) - {-1}):
         integrator, dtype, steps = (study[x].values[row] for x in ("integrator", "dtype", "steps"))
         if not np.isnan(study.turn.values[row]):
             steps = found.turn(1.0) / study.turn.values[row]
             found = found._replace(own=True)
-        apart = errors(found, follow(found, integrator, steps if found.own else int(steps), dtype), true.states)["state"]
+        apart = errors(
+            found, follow(found, integrator, steps if found.own else int(steps), dtype), true.states
+        )["state"]
         rows.append({"kind": "error", "scene": name, "integrator": integrator, "dtype": dtype, "steps": float(steps),
                      "study": float(study.error_state_p99.values[row]), "others": float(np.quantile(apart, 0.99)),
                      "ratio": float(np.quantile(apart, 0.99) / study.error_state_p99.values[row])})  # fmt: skip
@@ -133,14 +166,23 @@ def study_errors(name):
 def report(rows):
     """Print what was measured."""
     lines = [
-        (r["scene"], f"{r['tolerance']:.0e}", f"{100 * r['share']:.1f} %", f"{r['p99']:.1e}", f"{r['worst']:.1e}", r["chosen"])
+        (
+            r["scene"],
+            f"{r['tolerance']:.0e}",
+            f"{100 * r['share']:.1f} %",
+            f"{r['p99']:.1e}",
+            f"{r['worst']:.1e}",
+            r["chosen"],
+        )
         if r["share"] is not None
         else (r["scene"], f"{r['tolerance']:.0e}", "refused", "", "", r["why"][:100])
         for r in rows
         if r["kind"] == "kept"
     ]
     harness.table(
-        "run --tolerance on members that no pilot has seen", ("scene", "asked", "keep it", "99 %", "worst", "chosen"), lines
+        "run --tolerance on members that no pilot has seen",
+        ("scene", "asked", "keep it", "99 %", "worst", "chosen"),
+        lines,
     )
     lines = [
         (
@@ -154,7 +196,9 @@ def report(rows):
         for r in rows
         if r["kind"] == "time"
     ]
-    harness.table(f"{MANY:,} members", ("scene", "saves", "asked", "predicted s", "s", "chosen"), lines)
+    harness.table(
+        f"{MANY:,} members", ("scene", "saves", "asked", "predicted s", "s", "chosen"), lines
+    )
     lines = [
         (
             r["scene"],
@@ -169,5 +213,9 @@ def report(rows):
         for r in rows
         if r["kind"] == "error"
     ]
-    harness.table("error of 99 % of the members", ("scene", "", "", "steps", "study", "others", "ratio", ""), lines)
+    harness.table(
+        "error of 99 % of the members",
+        ("scene", "", "", "steps", "study", "others", "ratio", ""),
+        lines,
+    )
     harness.report_targets(rows)

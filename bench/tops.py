@@ -55,7 +55,9 @@ def blocks(tops, effects, size=BLOCK):
     rows[layout.ATTITUDE : layout.MOMENTUM] = tops.attitude
     rows[layout.MOMENTUM : layout.REST] = tops.momentum
     rows[layout.BODY : layout.EFFECTS], rows[layout.STEPS] = tops.body, 1.0
-    for row, (_, _, value) in enumerate((n for effect in effects for n in numbers(effect)), layout.EFFECTS):
+    for row, (_, _, value) in enumerate(
+        (n for effect in effects for n in numbers(effect)), layout.EFFECTS
+    ):
         rows[row] = value
     return [np.ascontiguousarray(rows[:, low : low + size]) for low in range(0, n, size)]
 
@@ -80,7 +82,25 @@ def advance_own(parts, made, effects, turn, t_end, pool, dtype="float64"):
         slots = int(block[layout.STEPS].max())
         order = together(block)
         given = np.take(block, order, axis=1)
-        run_block(Job(0, 0, {}, program, QUIET, given, order, np.empty(0), 0, 0, t_end, slots, slots, slots, 1))
+        run_block(
+            Job(
+                0,
+                0,
+                {},
+                program,
+                QUIET,
+                given,
+                order,
+                np.empty(0),
+                0,
+                0,
+                t_end,
+                slots,
+                slots,
+                slots,
+                1,
+            )
+        )
         block[: layout.REST, order] = given[: layout.REST]
 
     for _ in pool.map(move, parts):
@@ -108,13 +128,20 @@ class Pool:
     def map(self, function, items):
         """The results of a function of each item, in order."""
         items = list(items)
-        results, left = [None] * len(items), iter(range(len(items)))  # next() of a range iterator is atomic
+        results, left = (
+            [None] * len(items),
+            iter(range(len(items))),
+        )  # next() of a range iterator is atomic
 
         def work():
             for i in left:
                 results[i] = function(items[i])
 
-        started = [self.others.submit(work) for _ in range(min(self.threads, len(items)) - 1)] if self.others else []
+        started = (
+            [self.others.submit(work) for _ in range(min(self.threads, len(items)) - 1)]
+            if self.others
+            else []
+        )
         work()
         for one in started:
             one.result()

@@ -20,7 +20,16 @@ __version__ = VERSION
 _EFFECTS = (
     "AxialDamping", "Bath", "BodyTorque", "DryFriction", "EnergyDissipation", "Gravity", "GravityGradient", "MatrixDamping", "MovingPivot", "PeriodicTorque", "Potential", "QuadraticDrag", "RotatingField", "Rotor", "SpaceTorque", "Spring", "UniformField", "ViscousDamping",
 )  # fmt: skip
-_VECTORS = ("Cone", "Correlated", "Fisher", "GibbsMomentum", "Pointing", "SecondMoments", "Shell", "Sphere")
+_VECTORS = (
+    "Cone",
+    "Correlated",
+    "Fisher",
+    "GibbsMomentum",
+    "Pointing",
+    "SecondMoments",
+    "Shell",
+    "Sphere",
+)
 _HOMES = {
     "Body": "scene.body",
     "Flips": "observables",
@@ -68,7 +77,16 @@ if TYPE_CHECKING:
     from rigidmc.runs.simulate import simulate
     from rigidmc.runs.warm import warm
     from rigidmc.scene.body import Body
-    from rigidmc.scene.laws import Cone, Correlated, Fisher, GibbsMomentum, Pointing, SecondMoments, Shell, Sphere
+    from rigidmc.scene.laws import (
+        Cone,
+        Correlated,
+        Fisher,
+        GibbsMomentum,
+        Pointing,
+        SecondMoments,
+        Shell,
+        Sphere,
+    )
     from rigidmc.scene.quantities import distribution, grid, normal, uniform
     from rigidmc.scene.scene import Run, Scene
     from rigidmc.scene.start import Start

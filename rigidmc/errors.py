@@ -11,7 +11,14 @@ class SceneError(ValueError):
 
     def __init__(self, table, key, value, rule, nearest=None, file=None):
         super().__init__(rule)
-        self.table, self.key, self.value, self.rule, self.nearest, self.file = table, key, value, rule, nearest, file
+        self.table, self.key, self.value, self.rule, self.nearest, self.file = (
+            table,
+            key,
+            value,
+            rule,
+            nearest,
+            file,
+        )
 
     def __reduce__(self):  # from the workers of a cluster
         return type(self), (self.table, self.key, self.value, self.rule, self.nearest, self.file)
@@ -42,7 +49,11 @@ def nearest(word, words):
 def unknown(table, key, value, kind, words):
     """The SceneError for a word that is none of `words`."""
     return SceneError(
-        table, key, value, f"no such {kind}; known: {', '.join(words)}", nearest(value if value is not None else key, words)
+        table,
+        key,
+        value,
+        f"no such {kind}; known: {', '.join(words)}",
+        nearest(value if value is not None else key, words),
     )
 
 
@@ -50,9 +61,15 @@ def flag(bad, rule, table="", key="input"):
     """SceneError where all elements are bad, a SceneWarning that counts them where some are; they are nan in the result."""
     count, size = int(np.count_nonzero(bad)), np.size(bad)
     if count and count == size:
-        raise SceneError(table, key, None, f"{rule} (all of {count:,} are bad)" if count > 1 else rule)
+        raise SceneError(
+            table, key, None, f"{rule} (all of {count:,} are bad)" if count > 1 else rule
+        )
     if count:
-        warnings.warn(f"{count:,} of {size:,} elements are nan in the result: {rule}", SceneWarning, stacklevel=4)
+        warnings.warn(
+            f"{count:,} of {size:,} elements are nan in the result: {rule}",
+            SceneWarning,
+            stacklevel=4,
+        )
 
 
 def _short(value):

@@ -67,7 +67,13 @@ def reporter(progress, members, steps):
 @contextmanager
 def _bar(total, steps):
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
 
     columns = (
         TextColumn("{task.percentage:5.1f} %"),
@@ -98,6 +104,10 @@ def _lines():
             last = now
             left = (now - began) * (total - done) / max(1, done)
             with suppress(OSError):  # who reads it may have gone; the run goes on
-                print(f"{100 * done / total:.0f} % done, {left:.0f} s left", file=sys.stderr, flush=True)
+                print(
+                    f"{100 * done / total:.0f} % done, {left:.0f} s left",
+                    file=sys.stderr,
+                    flush=True,
+                )
 
     return show

@@ -13,7 +13,9 @@ from rigidmc.integrators import INTEGRATORS, Turns, form
 
 ARITHMETIC = re.compile(r"v?(mul|add|sub|div|sqrt|fn?m(?:add|sub)\d+)([ps])([ds])\s")
 STORE = re.compile(r"v?mov[au]p[ds]\s+%[xyz]mm\d+, -?\w*\((?!%rsp)")
-LIBM = re.compile(r"\$_*(sin|cos|tan|exp|expm1|pow|log|sqrt|fmod|rint|round|floor|fabs|fma|hypot|gamma|tgamma)\w*\b")
+LIBM = re.compile(
+    r"\$_*(sin|cos|tan|exp|expm1|pow|log|sqrt|fmod|rint|round|floor|fabs|fma|hypot|gamma|tgamma)\w*\b"
+)
 
 
 def blocks_of(assembly):
@@ -35,13 +37,21 @@ def loop_of(assembly):
             label = line.split(":")[0]
         elif line.startswith("\t") and not line.startswith("\t."):
             found.setdefault(label, []).append(line.strip())
-    loops = [block for label, block in found.items() if any(re.match(rf"j\w+\s+{re.escape(label)}$", i) for i in block)]
-    return max(loops, key=lambda block: sum(bool(m) and m[2] == "p" for m in map(ARITHMETIC.match, block)))
+    loops = [
+        block
+        for label, block in found.items()
+        if any(re.match(rf"j\w+\s+{re.escape(label)}$", i) for i in block)
+    ]
+    return max(
+        loops, key=lambda block: sum(bool(m) and m[2] == "p" for m in map(ARITHMETIC.match, block))
+    )
 
 
 def slots(loop):
     """Cycles that the vector instructions of a loop take in one pipe: moves none, a division 10 and a root 18 (Zen 4, 512 bits)."""
-    words = [i.split()[0] for i in loop if re.search(r"%[xyz]mm|%k\d", i) and not i.startswith("vmov")]
+    words = [
+        i.split()[0] for i in loop if re.search(r"%[xyz]mm|%k\d", i) and not i.startswith("vmov")
+    ]
     return sum(DIVISION if "div" in w else ROOT if "sqrt" in w else 1 for w in words)
 
 
@@ -58,7 +68,14 @@ class Case(NamedTuple):
 
 def case(name, effects=(), attitude=(0.0,), compensated=(), dtype="float64", works=()):
     """The Case of an integrator by name."""
-    return Case(form(INTEGRATORS[name], Turns(0.1, 0.1), effects), blank(effects), attitude, compensated, dtype, works)
+    return Case(
+        form(INTEGRATORS[name], Turns(0.1, 0.1), effects),
+        blank(effects),
+        attitude,
+        compensated,
+        dtype,
+        works,
+    )
 
 
 def assembly_of(case, lanes):
@@ -79,14 +96,19 @@ def counted(case):
     wanted = "s" if case.dtype == "float32" else "d"
     operations = [(i, *m.groups()) for i in loop if (m := ARITHMETIC.match(i))]
     packed = [(i, kind) for i, kind, shape, real in operations if shape == "p" and real == wanted]
-    vectors = max(1, lanes * (32 if wanted == "s" else 64) // vector_bits())  # registers that one number of many members takes
+    vectors = max(
+        1, lanes * (32 if wanted == "s" else 64) // vector_bits()
+    )  # registers that one number of many members takes
     return {
         "packed": len(packed) / vectors,
         "flops": sum(2 if kind.startswith("f") else 1 for _, kind in packed) / vectors,
         "parts": len(case.made.parts) - 1,
         "slots": slots(loop) / vectors * (len(case.made.parts) - 1),
         "spills": sum("(%rsp)" in i and i.startswith("vmov") for i in loop) / vectors,
-        "widest": all({512: "%zmm", 256: "%ymm", 128: "%xmm"}[vector_bits()] in i for i, _ in packed) or lanes * 64 < vector_bits(),
+        "widest": all(
+            {512: "%zmm", 256: "%ymm", 128: "%xmm"}[vector_bits()] in i for i, _ in packed
+        )
+        or lanes * 64 < vector_bits(),
         "scalar": len(operations) - len(packed),
         "calls": sum("call" in i for i in loop),
         "libm": sorted({m[0] for m in LIBM.finditer(assembly)}),

@@ -6,7 +6,9 @@ from hypothesis import HealthCheck, settings
 
 from rigidmc.engine import beside
 
-beside.threads_available = lambda: 1  # no second process to compile: the workers of pytest take all cores (4 min in place of 7)
+beside.threads_available = lambda: (
+    1
+)  # no second process to compile: the workers of pytest take all cores (4 min in place of 7)
 
 settings.register_profile("reproducible", derandomize=True, deadline=None)
 settings.register_profile(

@@ -80,7 +80,23 @@ WORDS = (
     "K",
     "ü\u202e",
 )
-NUMBERS = (0, -1, 1, 99, 2**31, 2**53, 2**62, -(2**63), 1e-320, 1e308, -1e308, math.nan, math.inf, 0.5, 1e-9)
+NUMBERS = (
+    0,
+    -1,
+    1,
+    99,
+    2**31,
+    2**53,
+    2**62,
+    -(2**63),
+    1e-320,
+    1e308,
+    -1e308,
+    math.nan,
+    math.inf,
+    0.5,
+    1e-9,
+)
 ATTRIBUTES = ("units", "_FillValue", "missing_value", "scale_factor", "add_offset", "calendar", "_Encoding", "coordinates", "_Unsigned",
               "dtype", "significant_digits", "conserved", "flag_values", "bounds", "grid_mapping", "long_name", "valid_range")  # fmt: skip
 
@@ -113,12 +129,18 @@ def restructured(some, data):
         table = data
         for word in path:
             table = table[word]
-        what = some.choice(("value", "value", "value", "number", "gone", "renamed", "nested", "many", "added"))
+        what = some.choice(
+            ("value", "value", "value", "number", "gone", "renamed", "nested", "many", "added")
+        )
         old = table.pop(key) if what in ("gone", "renamed") else table[key]
         if what == "value":
             table[key] = odd(some)
         elif what == "number" and isinstance(old, (int, float)):
-            table[key] = type(old)(old * some.choice((-1, 0, 2, 3))) if some.random() < 0.7 else some.choice(NUMBERS)
+            table[key] = (
+                type(old)(old * some.choice((-1, 0, 2, 3)))
+                if some.random() < 0.7
+                else some.choice(NUMBERS)
+            )
         elif what == "renamed" and isinstance(table, dict):
             table[f"{key}_"] = old
         elif what == "nested":
@@ -228,7 +250,10 @@ class Stored:
             raise OSError(f"{path}: the netCDF library does not write it")
 
     def _write(self, path):
-        with np.errstate(all="ignore"), netCDF4.Dataset(path, "w") as file:  # fill values that a type has not
+        with (
+            np.errstate(all="ignore"),
+            netCDF4.Dataset(path, "w") as file,
+        ):  # fill values that a type has not
             file.set_fill_off()
             for name, size in self.dims.items():
                 file.createDimension(name, size)
@@ -249,7 +274,11 @@ class Stored:
                         made.setncattr(word, value)
                 if not big and values.size:
                     whole = np.resize(
-                        values, [s if s is not None else values.shape[min(i, values.ndim - 1)] for i, s in enumerate(sizes)]
+                        values,
+                        [
+                            s if s is not None else values.shape[min(i, values.ndim - 1)]
+                            for i, s in enumerate(sizes)
+                        ],
                     )
                     with np.errstate(all="ignore"):
                         made[:] = whole if dtype is str else whole.astype(dtype)
@@ -284,7 +313,9 @@ def hostile_netcdf(some, stored, path):
 
 
 def _attribute(some):
-    return some.choice((*WORDS, 1.5, np.int8(3), 2**40, np.arange(9.0), np.float32("nan"), -1, "f" * 10))
+    return some.choice(
+        (*WORDS, 1.5, np.int8(3), 2**40, np.arange(9.0), np.float32("nan"), -1, "f" * 10)
+    )
 
 
 def _change(some, made):
@@ -323,18 +354,28 @@ def _change(some, made):
         for one in made.variables.values():
             one[0] = tuple(f"{d}_" if d == old else d for d in one[0])
     elif what == "long":
-        made.dims[some.choice(sorted(made.dims))] = some.choice((0, 1, 99, 2**40, 2**53, 1000, None))
+        made.dims[some.choice(sorted(made.dims))] = some.choice(
+            (0, 1, 99, 2**40, 2**53, 1000, None)
+        )
     elif what == "dims":
         variable[0] = tuple(
             some.choice(
-                (variable[0][::-1], variable[0][1:], (*variable[0], variable[0][-1]), ("axis",), ("time", "member"), ("member",))
+                (
+                    variable[0][::-1],
+                    variable[0][1:],
+                    (*variable[0], variable[0][-1]),
+                    ("axis",),
+                    ("time", "member"),
+                    ("member",),
+                )
             )
         )
     elif what == "type":
         variable[1] = some.choice((str, "S1", "i1", "i8", "u2", "f4", "f8"))
     elif what == "values":
         variable[3] = np.asarray(
-            some.choice((np.nan, np.inf, -1, 0, 1e308, 77, 2**53, 1e-320, -1e308)) + 0.0 * np.zeros(variable[3].shape)
+            some.choice((np.nan, np.inf, -1, 0, 1e308, 77, 2**53, 1e-320, -1e308))
+            + 0.0 * np.zeros(variable[3].shape)
         )
         if some.random() < 0.5:
             variable[3] = variable[3] + np.arange(variable[3].size).reshape(variable[3].shape)
@@ -347,11 +388,16 @@ def _change(some, made):
         ]
     elif what == "huge":
         made.dims["huge"] = some.choice((2**40, 2**31, 10**7))
-        made.variables[some.choice(("huge", name))] = [("huge", *variable[0]), "f8", {}, np.zeros(1)]
+        made.variables[some.choice(("huge", name))] = [
+            ("huge", *variable[0]),
+            "f8",
+            {},
+            np.zeros(1),
+        ]
     elif what == "member" and "member" in made.variables:
-        made.variables["member"][3] = np.array([some.choice((0, -5, 2**53 - 1, 10**9, 39))] * 40) + np.arange(40) * some.choice(
-            (0, 1, 1)
-        )
+        made.variables["member"][3] = np.array(
+            [some.choice((0, -5, 2**53 - 1, 10**9, 39))] * 40
+        ) + np.arange(40) * some.choice((0, 1, 1))
 
 
 def hostile_kind(some, path):
@@ -366,7 +412,9 @@ def hostile_kind(some, path):
     elif what == "folder":
         os.mkdir(path)
     elif what in ("zero", "loop", "tty"):
-        os.symlink({"zero": "/dev/zero", "loop": os.path.basename(path), "tty": "/dev/full"}[what], path)
+        os.symlink(
+            {"zero": "/dev/zero", "loop": os.path.basename(path), "tty": "/dev/full"}[what], path
+        )
     elif what == "empty":
         open(path, "wb").close()
     elif what == "socket" and len(path) < 100:
@@ -380,15 +428,28 @@ class Good:
     def __init__(self, folder):
         self.folder = os.fspath(folder)
         some = random.Random(3)
-        self.at("scene.toml", SCENE), self.at("table.toml", TABLE), self.at("tetra.stl", CUBE), self.at("bounds.csv", BOUNDS)
-        self.at("rows.csv", "third,spin\n" + "".join(f"{some.uniform(2.2, 2.8)},{some.gauss(1.0, 0.2)}\n" for _ in range(40)))
+        (
+            self.at("scene.toml", SCENE),
+            self.at("table.toml", TABLE),
+            self.at("tetra.stl", CUBE),
+            self.at("bounds.csv", BOUNDS),
+        )
+        self.at(
+            "rows.csv",
+            "third,spin\n"
+            + "".join(f"{some.uniform(2.2, 2.8)},{some.gauss(1.0, 0.2)}\n" for _ in range(40)),
+        )
         with netCDF4.Dataset(self.at("rows.nc"), "w") as file:
             file.createDimension("row", 40)
             file.createVariable("spin", "f8", ("row",))[:] = np.linspace(0.1, 0.2, 40)
         for name in ("scene", "table"):
-            rm.simulate(rm.Scene.load(self.at(f"{name}.toml")), output=self.at(f"{name}.nc")).close()
+            rm.simulate(
+                rm.Scene.load(self.at(f"{name}.toml")), output=self.at(f"{name}.nc")
+            ).close()
             self.run(f"{name}-run", rm.Scene.load(self.at(f"{name}.toml")))
-        self.run("part-run", rm.Scene.load(self.at("scene.toml")).with_run(members=100), range(1, 3))
+        self.run(
+            "part-run", rm.Scene.load(self.at("scene.toml")).with_run(members=100), range(1, 3)
+        )
         self.stored = {name: Stored(self.at(name)) for name in ("scene.nc", "table.nc", "rows.nc")}
         shard = next(iter(RunDirectory(self.at("scene-run")).shards().values()))
         self.stored["shard"] = Stored(shard)
@@ -436,7 +497,9 @@ def hostile_scene(some, good, folder):
     path = os.path.join(folder, "hostile.toml")
     with open(good.at(name), encoding="utf-8") as file:
         text = file.read()
-    target = some.choice((path, path, path, "rows.csv", "rows.nc")) if name == "table.toml" else path
+    target = (
+        some.choice((path, path, path, "rows.csv", "rows.nc")) if name == "table.toml" else path
+    )
     with open(path, "wb") as file:
         file.write(hostile_toml(some, text) if target == path else text.encode())
     if some.random() < 0.05:
@@ -476,7 +539,9 @@ def hostile_run(some, good, folder):
         host = some.choice((os.uname().nodename, "elsewhere", "", "a-b-c"))
         with open(
             os.path.join(
-                path, some.choice(("", "shards")), f"{some.choice(('run.json', '00000000', 'scene.toml'))}.part-{host}-{number}"
+                path,
+                some.choice(("", "shards")),
+                f"{some.choice(('run.json', '00000000', 'scene.toml'))}.part-{host}-{number}",
             ),
             "w",
         ) as file:
@@ -506,7 +571,12 @@ def hostile_run(some, good, folder):
                 file.write(data)
         if some.random() < 0.7:  # with the sum that its name tells
             found = _SHARD.fullmatch(os.path.basename(target))
-            os.rename(target, os.path.join(path, "shards", f"{found[1]}-{found[2]}-{hash_of_file(target)[:16]}.nc"))
+            os.rename(
+                target,
+                os.path.join(
+                    path, "shards", f"{found[1]}-{found[2]}-{hash_of_file(target)[:16]}.nc"
+                ),
+            )
     elif os.path.isfile(target) or name == "columns.nc":
         with open(target, "wb") as file:
             file.write(some.randbytes(some.choice((0, 1, 5000))))

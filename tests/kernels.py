@@ -23,18 +23,27 @@ def make_block(body, effects, attitude, momentum, more=0):
     rows = np.zeros((K.EFFECTS + parameter_count(*effects) + more, members))
     rows[K.ATTITUDE : K.MOMENTUM] = attitude.reshape(4, -1)
     rows[K.MOMENTUM : K.REST] = momentum
-    for row, field in enumerate([*body, *(value for effect in effects for _, _, value in numbers(effect))], start=K.BODY):
+    for row, field in enumerate(
+        [*body, *(value for effect in effects for _, _, value in numbers(effect))], start=K.BODY
+    ):
         rows[row] = field
     return np.ascontiguousarray(np.pad(rows, ((0, 0), (0, -members % K.LANES)), mode="edge"))
 
 
 def block_of(problems, effects=None):
     """The block of named problems, one a member; their own gravity where `effects` is not given."""
-    moments, static = (np.array([getattr(p, name) for p in problems], float).T for name in ("moments", "static_moment"))
-    effects = (
-        effects if effects is not None else tuple(type(e)(np.array([p.gravity for p in problems])) for e in problems[0].effects)
+    moments, static = (
+        np.array([getattr(p, name) for p in problems], float).T
+        for name in ("moments", "static_moment")
     )
-    attitude, momentum = (np.array([getattr(p, name) for p in problems]).T for name in ("attitude", "momentum"))
+    effects = (
+        effects
+        if effects is not None
+        else tuple(type(e)(np.array([p.gravity for p in problems])) for e in problems[0].effects)
+    )
+    attitude, momentum = (
+        np.array([getattr(p, name) for p in problems]).T for name in ("attitude", "momentum")
+    )
     return make_block(MassProperties.of(moments, static), effects, attitude, momentum)
 
 
@@ -44,10 +53,20 @@ def slots(total, stride):
 
 
 def program(
-    made, effects, observables=(), attitude=True, compensated=False, dtype=float, limits=(), watch=((), (), ()), lanes=None
+    made,
+    effects,
+    observables=(),
+    attitude=True,
+    compensated=False,
+    dtype=float,
+    limits=(),
+    watch=((), (), ()),
+    lanes=None,
 ):
     """The compiled Program of a Form."""
-    return programs.Program(made, blank(effects), observables, attitude, compensated, dtype, limits, (), *watch, lanes)
+    return programs.Program(
+        made, blank(effects), observables, attitude, compensated, dtype, limits, (), *watch, lanes
+    )
 
 
 def run(
@@ -69,7 +88,12 @@ def run(
     moves = program(made, effects, observables, attitude, compensated, dtype, limits, watch, lanes)
     for first, last in pairwise([0, *cuts, steps]):
         moves.advance(
-            block, frame.Run(float(h), slots_each or 1, stride, steps, int(slots_each is not None), first, last), noise, saves
+            block,
+            frame.Run(
+                float(h), slots_each or 1, stride, steps, int(slots_each is not None), first, last
+            ),
+            noise,
+            saves,
         )
     return out.reshape(-1, size, width) if observables else None
 
@@ -78,7 +102,14 @@ def march(kind, problems, h, steps, effects=None, made=None, **options):
     """(attitudes (4, n), momenta (3, n)) of named problems after `steps` steps of an integrator of INTEGRATORS."""
     block = block_of(problems, effects)
     effects = problems[0].effects if effects is None else effects
-    run(block, made or prepare(kind, max(turn(p, h) for p in problems), effects), effects, h, steps, **options)
+    run(
+        block,
+        made or prepare(kind, max(turn(p, h) for p in problems), effects),
+        effects,
+        h,
+        steps,
+        **options,
+    )
     assert not block[K.STATUS].any()
     return block[: K.MOMENTUM, : len(problems)], block[K.MOMENTUM : K.REST, : len(problems)]
 
@@ -91,12 +122,16 @@ def prepare(kind, turn, effects=(), symmetric=False):
 def one_step(made, body, effects, t, h, q, l):
     """One step in plain Python, opened before and closed after."""
     if len(q) == 2 and hasattr(made.integrator, "with_sums"):
-        made = made._replace(integrator=made.integrator.with_sums(), parts=np.vstack([np.zeros(4), made.parts[1:]]))
+        made = made._replace(
+            integrator=made.integrator.with_sums(), parts=np.vstack([np.zeros(4), made.parts[1:]])
+        )
     lead, rows = [h * x for x in made.parts[0]], made.parts[1:]
     q, l = opened(made.integrator, body, effects, t + lead[3], lead, q, l)
     once = constants(made.integrator, body, tuple(h * rows[0][:3]), l)
     for row in rows:
-        q, l = step(made.integrator, body, effects, t + h * row[3], h, tuple(h * row[:3]), q, l, once)
+        q, l = step(
+            made.integrator, body, effects, t + h * row[3], h, tuple(h * row[:3]), q, l, once
+        )
     return closed(made.integrator, body, effects, t + h + lead[3], lead, q, l)
 
 
@@ -110,6 +145,10 @@ def turn_rate_of(moments, momentum):
     order = np.argsort(moments)
     (one, two, three), size = np.asarray(moments, float)[order], np.linalg.norm(momentum)
     u = np.asarray(momentum, float)[order] / size
-    first, second, third = (two - three) / two / three, (three - one) / three / one, (one - two) / one / two
+    first, second, third = (
+        (two - three) / two / three,
+        (three - one) / three / one,
+        (one - two) / one / two,
+    )
     p, q1, q3 = first * third * u[1] ** 2, -second * third * u[0] ** 2, -first * second * u[2] ** 2
     return float(size * np.sqrt(p + max(q1, q3)))

@@ -24,7 +24,13 @@ STEPS = {
     8: 40,
     math.inf: 8,
 }  # of a step of at most 0.1 rad, by order; few bodies turn by more than 10 rad
-DAMPING = ("viscous_damping", "axial_damping", "quadratic_drag", "dry_friction", "energy_dissipation")
+DAMPING = (
+    "viscous_damping",
+    "axial_damping",
+    "quadratic_drag",
+    "dry_friction",
+    "energy_dissipation",
+)
 CONSERVING = ("gravity", "spring", "uniform_field", "potential")
 
 
@@ -44,10 +50,16 @@ QUICK = (
     Kind("closed", ("viscous_damping", "viscous_damping")),
     Kind("closed"),
     Kind("rk4", ("gravity", "gravity", "viscous_damping")),
-    Kind("rk8", ("gravity_gradient", "rotating_field", "matrix_damping", "dry_friction"), turn=True),
+    Kind(
+        "rk8", ("gravity_gradient", "rotating_field", "matrix_damping", "dry_friction"), turn=True
+    ),
     Kind("strang", ("spring", "rotor", "axial_damping", "energy_dissipation")),
     Kind("srkn11", ("uniform_field", "potential", "moving_pivot")),
-    Kind("cf4", ("body_torque", "space_torque", "periodic_torque", "quadratic_drag"), compensated=True),
+    Kind(
+        "cf4",
+        ("body_torque", "space_torque", "periodic_torque", "quadratic_drag"),
+        compensated=True,
+    ),
     Kind("exact", turn=True),
     Kind("chin4", ("gravity", "space_torque"), dtype="float32"),
 )
@@ -87,7 +99,11 @@ def scene(kind, seed, members=2):
     order = INTEGRATORS[kind.integrator].order
     steps = STEPS[order]
     step: dict[str, Any] = {"turn": 10.0 / steps} if kind.turn else {"dt": END / steps}
-    drawn = start.attitude == "uniform" or hasattr(start.attitude, "_fields") or start.momentum is not None
+    drawn = (
+        start.attitude == "uniform"
+        or hasattr(start.attitude, "_fields")
+        or start.momentum is not None
+    )
     points = (
         str(some.choice(("independent", "sobol", "latin_hypercube", "antithetic")))
         if drawn and start.attitude != "ensemble"
@@ -127,7 +143,9 @@ def _law(some, middle, width):
 
 
 def _body(kind, some):
-    if kind.integrator == "closed" and "gravity" in kind.effects:  # a Lagrange top, its axis any of the three
+    if (
+        kind.integrator == "closed" and "gravity" in kind.effects
+    ):  # a Lagrange top, its axis any of the three
         one, axis = some.uniform(0.8, 1.5), int(some.integers(3))
         moments, centre = [one] * 3, [0.0] * 3
         moments[axis], centre[axis] = one * some.uniform(0.3, 1.7), some.uniform(-0.3, 0.3)
@@ -136,7 +154,11 @@ def _body(kind, some):
     moments = second[1] + second[2], second[2] + second[0], second[0] + second[1]
     if some.random() < 0.4:
         moments = rm.SecondMoments(tuple(_law(some, x, 0.1 * x) for x in second))
-    return rm.Body.from_moments(moments, _law(some, 1.0, 0.1), tuple(_law(some, x, 0.05) for x in some.uniform(-0.3, 0.3, 3)))
+    return rm.Body.from_moments(
+        moments,
+        _law(some, 1.0, 0.1),
+        tuple(_law(some, x, 0.05) for x in some.uniform(-0.3, 0.3, 3)),
+    )
 
 
 def _effect(name, some, integrator):
@@ -145,10 +167,14 @@ def _effect(name, some, integrator):
         return rm.Gravity(_law(some, float(some.choice((-5.0, 3.0, 9.81))), 0.5))
     if name == "matrix_damping":  # any other number may drive a spin
         return example
-    factor = float(some.uniform(0.5, 1.2)) * (-1.0 if name in DAMPING and some.random() < 0.3 else 1.0)
-    kept = {"gravity_gradient": ("eccentricity", "distance"), "dry_friction": ("rest",), "spring": ("stiffness", "length")}.get(
-        name, ()
+    factor = float(some.uniform(0.5, 1.2)) * (
+        -1.0 if name in DAMPING and some.random() < 0.3 else 1.0
     )
+    kept = {
+        "gravity_gradient": ("eccentricity", "distance"),
+        "dry_friction": ("rest",),
+        "spring": ("stiffness", "length"),
+    }.get(name, ())
     places = [field in kept for field, _, _ in numbers(example)]
     values = [v * abs(factor) if still else _law(some, v * factor, 0.05 * abs(v) + 1e-3) if field in given(example) else v
               for (field, _, v), still in zip(numbers(example), places, strict=True)]  # fmt: skip
@@ -168,9 +194,14 @@ def _start(some, effects, rows):
     choice, bounded = some.integers(7), all(hasattr(e, "energy") for e in effects)
     size = float(some.uniform(0.5, 2.0))
     if choice == 0:
-        return rm.Start(omega=tuple(_law(some, x, 0.2) for x in some.normal(size=3)), attitude=attitude)
+        return rm.Start(
+            omega=tuple(_law(some, x, 0.2) for x in some.normal(size=3)), attitude=attitude
+        )
     if choice == 1:
-        return rm.Start(omega=rm.Cone(int(some.choice((1, 2, 3, -1, -2, -3))), _law(some, size, 0.1), 0.3), attitude=attitude)
+        return rm.Start(
+            omega=rm.Cone(int(some.choice((1, 2, 3, -1, -2, -3))), _law(some, size, 0.1), 0.3),
+            attitude=attitude,
+        )
     if choice == 2:
         return rm.Start(omega=rm.Sphere(size), attitude=attitude)
     if choice == 3:
@@ -178,11 +209,17 @@ def _start(some, effects, rows):
     if choice == 4:
         root = some.normal(size=(3, 3))
         return rm.Start(
-            momentum=rm.Correlated(tuple(some.normal(size=3)), root @ root.T * 0.1 + 0.05 * np.eye(3)), attitude=attitude
+            momentum=rm.Correlated(
+                tuple(some.normal(size=3)), root @ root.T * 0.1 + 0.05 * np.eye(3)
+            ),
+            attitude=attitude,
         )
     if choice == 5:
         warm = bool(some.random() < 0.5) and bounded and bool(effects)
-        return rm.Start(momentum=rm.GibbsMomentum(20.0 if warm else size), attitude="ensemble" if warm else attitude)
+        return rm.Start(
+            momentum=rm.GibbsMomentum(20.0 if warm else size),
+            attitude="ensemble" if warm else attitude,
+        )
     return (
         rm.Start(momentum=rm.Shell(60.0 if effects else size), attitude=attitude)
         if bounded

@@ -15,7 +15,11 @@ def taylor(moments, momentum, time, attitude=(1, 0, 0, 0), weight=(0, 0, 0), dam
     with mp.workdps(DIGITS):
         inverse = [1 / mp.mpf(i) for i in moments]
         q, l, c = ([mp.mpf(x) for x in values] for values in (attitude, momentum, weight))
-        rate = sum(abs(x * i) for x, i in zip(l, inverse, strict=True)) + mp.sqrt(sum(map(abs, c)) * max(inverse)) + abs(damping)
+        rate = (
+            sum(abs(x * i) for x, i in zip(l, inverse, strict=True))
+            + mp.sqrt(sum(map(abs, c)) * max(inverse))
+            + abs(damping)
+        )
         steps = int(mp.ceil(abs(time) * rate / mp.mpf("0.3"))) + 1
         h = mp.mpf(time) / steps
         for _ in range(steps):
@@ -41,7 +45,10 @@ def _taylor_step(inverse, c, damping, q, l, h, degree):
         )
         vector = [times(q[0], w[i]) + x for i, x in enumerate(cross(q[1:], w))]
         slope = [-times(q[1], w[0]) - times(q[2], w[1]) - times(q[3], w[2]), *vector]
-        torque = [c[j] * u[i] - c[i] * u[j] - damping * l[m][k] for m, (i, j) in enumerate(((1, 2), (2, 0), (0, 1)))]
+        torque = [
+            c[j] * u[i] - c[i] * u[j] - damping * l[m][k]
+            for m, (i, j) in enumerate(((1, 2), (2, 0), (0, 1)))
+        ]
         force = [a + b for a, b in zip(cross(l, w), torque, strict=True)]
         for a, slope_a in zip(q, slope, strict=True):
             a.append(slope_a / (2 * (k + 1)))
@@ -55,7 +62,9 @@ def _taylor_step(inverse, c, damping, q, l, h, degree):
 def true_end(problem, time=None, damping=0.0):
     """(q, L) of a catalogued problem as arrays, from the Taylor series."""
     weight = [mp.mpf(problem.gravity) * mp.mpf(p) for p in problem.static_moment]
-    q, l = taylor(problem.moments, problem.momentum, time or problem.time, problem.attitude, weight, damping)
+    q, l = taylor(
+        problem.moments, problem.momentum, time or problem.time, problem.attitude, weight, damping
+    )
     return np.array(q, float), np.array(l, float)
 
 
@@ -85,7 +94,9 @@ def rodrigues(u):
     """exp(hat(u))."""
     angle = np.linalg.norm(u)
     k = hat(u)
-    return np.eye(3) + np.sinc(angle / np.pi) * k + 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2 * k @ k
+    return (
+        np.eye(3) + np.sinc(angle / np.pi) * k + 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2 * k @ k
+    )
 
 
 class Top:
@@ -159,7 +170,14 @@ def naive_strang(problem, h, steps, damping=0.0):
     a, l = top.start
     for _ in range(steps):
         l = np.exp(-damping * h / 2) * (l + h / 2 * top.gravity(a))
-        y = solve_ivp(free.rates, (0.0, h), np.concatenate([a.ravel(), l]), method="DOP853", rtol=2.3e-14, atol=1e-16).y[:, -1]
+        y = solve_ivp(
+            free.rates,
+            (0.0, h),
+            np.concatenate([a.ravel(), l]),
+            method="DOP853",
+            rtol=2.3e-14,
+            atol=1e-16,
+        ).y[:, -1]
         a, l = y[:9].reshape(3, 3), y[9:]
         l = np.exp(-damping * h / 2) * l + h / 2 * top.gravity(a)
     return a, l

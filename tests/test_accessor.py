@@ -14,9 +14,15 @@ from rigidmc.mechanics.rotation import from_euler
 def result(tmp_path_factory):
     path = tmp_path_factory.mktemp("result") / "r.nc"
     start = rm.Start(omega=(rm.normal(0.0, 0.01), 1.0, 0.0), attitude="uniform")
-    scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 2.8), mass=1.0, centre=(0.0, 0.0, 0.1)), (rm.Gravity(1.0),), start)
+    scene = rm.Scene(
+        rm.Body.from_moments((1.0, 2.0, 2.8), mass=1.0, centre=(0.0, 0.0, 0.1)),
+        (rm.Gravity(1.0),),
+        start,
+    )
     save = ("omega", "attitude", "momentum", "energy", "l2", "energy_drift", "l2_drift")
-    rm.simulate(scene, members=64, dt=0.02, t_end=4.0, every=0.2, save=save, output=str(path)).close()
+    rm.simulate(
+        scene, members=64, dt=0.02, t_end=4.0, every=0.2, save=save, output=str(path)
+    ).close()
     return path
 
 
@@ -32,11 +38,20 @@ def test_energy_and_drift_are_those_of_the_kernel(result):
 
 def test_a_selection_has_its_own_energy(tmp_path):
     body = rm.Body.from_moments((1.0, 2.0, 2.8), mass=rm.uniform(0.1, 2.0), centre=(0.0, 0.0, 0.1))
-    scene = rm.Scene(body, (rm.Gravity(rm.uniform(1.0, 10.0)),), rm.Start(omega=(0.0, 1.0, 0.0), attitude="uniform"))
+    scene = rm.Scene(
+        body,
+        (rm.Gravity(rm.uniform(1.0, 10.0)),),
+        rm.Start(omega=(0.0, 1.0, 0.0), attitude="uniform"),
+    )
     ds = rm.simulate(scene, members=300, dt=0.05, t_end=1.0, save=("omega", "attitude", "energy"))
     bare = ds.drop_vars("energy")
     for part in ([3, 7, 250], slice(0, 300, 2), slice(10, 20), slice(None, None, -1)):
-        assert np.abs(bare.isel(member=part).rigid.energy().values - ds.energy.isel(member=part).values).max() < 1e-14
+        assert (
+            np.abs(
+                bare.isel(member=part).rigid.energy().values - ds.energy.isel(member=part).values
+            ).max()
+            < 1e-14
+        )
     with pytest.raises(ValueError, match="member"):
         bare.isel(member=7).rigid.energy()
 
@@ -88,24 +103,50 @@ def test_pictures_and_summary(result):
         with pytest.raises(AttributeError, match="known"):
             _ = ds.rigid.plot.nothing
         text = ds.rigid.summary()
-    assert "64 members to 4 s with rk4" in text and "energy_drift_max" in text and "flagged: none" in text
+    assert (
+        "64 members to 4 s with rk4" in text
+        and "energy_drift_max" in text
+        and "flagged: none" in text
+    )
     assert CliRunner().invoke(app, ["summary", str(result)]).stdout.strip() == text
 
 
 def test_even_points_tell_no_interval():
-    scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 2.8)), start=rm.Start(omega=(rm.normal(0.0, 0.1), 1.0, 0.0)))
+    scene = rm.Scene(
+        rm.Body.from_moments((1.0, 2.0, 2.8)), start=rm.Start(omega=(rm.normal(0.0, 0.1), 1.0, 0.0))
+    )
     ds = rm.simulate(
-        scene.with_run(points="sobol"), members=64, t_end=1.0, dt=0.05, save=("omega_max", rm.Histogram("energy", 0, 2))
+        scene.with_run(points="sobol"),
+        members=64,
+        t_end=1.0,
+        dt=0.05,
+        save=("omega_max", rm.Histogram("energy", 0, 2)),
     )
     assert "+-" not in ds.rigid.summary() and "randomised" in ds.rigid.summary()
-    assert "equal to the bit" in ds.rigid.rerun(7).attrs["rerun"]  # a histogram is of all members, and is not compared
+    assert (
+        "equal to the bit" in ds.rigid.rerun(7).attrs["rerun"]
+    )  # a histogram is of all members, and is not compared
 
 
 def test_an_animation(result, tmp_path):
     from PIL import Image
 
     path = tmp_path / "top.gif"
-    done = CliRunner().invoke(app, ["animate", str(result), "--member", "7", "-o", str(path), "--seconds", "0.5", "--fps", "10"])
+    done = CliRunner().invoke(
+        app,
+        [
+            "animate",
+            str(result),
+            "--member",
+            "7",
+            "-o",
+            str(path),
+            "--seconds",
+            "0.5",
+            "--fps",
+            "10",
+        ],
+    )
     assert done.exit_code == 0, done.output
     with Image.open(path) as picture:
         assert picture.n_frames == 5 and picture.size == (864, 450)
@@ -113,7 +154,14 @@ def test_an_animation(result, tmp_path):
         first = np.asarray(picture.convert("L"), float)
         picture.seek(picture.n_frames - 1)
         assert np.abs(np.asarray(picture.convert("L"), float) - first).max() > 100.0
-    assert CliRunner().invoke(app, ["animate", str(result), "--member", "7", "-o", str(path)]).exit_code == 6
+    assert (
+        CliRunner()
+        .invoke(app, ["animate", str(result), "--member", "7", "-o", str(path)])
+        .exit_code
+        == 6
+    )
     for name, words in (("top.avi", "ends in"), ("other.gif", "members 0 to 63")):
-        bad = CliRunner().invoke(app, ["animate", str(result), "--member", "64", "-o", str(tmp_path / name)])
+        bad = CliRunner().invoke(
+            app, ["animate", str(result), "--member", "64", "-o", str(tmp_path / name)]
+        )
         assert bad.exit_code == 3 and words in bad.stderr

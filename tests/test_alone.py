@@ -19,23 +19,41 @@ TIPS, FLIPS = rm.Passage(3, 0.5), rm.Flips(2)
 
 def free(**run):
     start = rm.Start(omega=rm.Cone(2, 1.0, rm.uniform(0.01, 1.0)), attitude="uniform")
-    return rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)), start=start, run=rm.Run(**run), observables=(TIPS, FLIPS))
+    return rm.Scene(
+        rm.Body.from_moments((1.0, 2.0, 3.0)),
+        start=start,
+        run=rm.Run(**run),
+        observables=(TIPS, FLIPS),
+    )
 
 
 def acted(*effects, momentum=None, **run):
-    start = rm.Start(omega=rm.Sphere(1.0) if momentum is None else None, momentum=momentum, attitude="uniform")
+    start = rm.Start(
+        omega=rm.Sphere(1.0) if momentum is None else None, momentum=momentum, attitude="uniform"
+    )
     return rm.Scene(HEAVY, effects, start, rm.Run(**run), observables=(TIPS, FLIPS))
 
 
 SCENES = {
-    "free, by the exact motion": free(integrator="exact", dt=0.5, t_end=60.0),  # 4 panels of the phase to a step
+    "free, by the exact motion": free(
+        integrator="exact", dt=0.5, t_end=60.0
+    ),  # 4 panels of the phase to a step
     "free, steps of its own": free(integrator="rk4", turn=0.1, t_end=30.0),
-    "heavy and damped, by Runge-Kutta": acted(rm.Gravity(1.0), rm.ViscousDamping(0.01), integrator="rk4", dt=0.05, t_end=10.0),
+    "heavy and damped, by Runge-Kutta": acted(
+        rm.Gravity(1.0), rm.ViscousDamping(0.01), integrator="rk4", dt=0.05, t_end=10.0
+    ),
     "heavy": acted(rm.Gravity(1.0), integrator="srkn11", dt=0.1, t_end=10.0),
-    "damped": acted(rm.EnergyDissipation(0.1), rm.ViscousDamping(0.01), integrator="strang", dt=0.05, t_end=10.0),
-    "in a bath": acted(rm.Bath(0.1, 1.0), momentum=rm.GibbsMomentum(1.0), integrator="strang", dt=0.05, t_end=10.0),
+    "damped": acted(
+        rm.EnergyDissipation(0.1), rm.ViscousDamping(0.01), integrator="strang", dt=0.05, t_end=10.0
+    ),
+    "in a bath": acted(
+        rm.Bath(0.1, 1.0), momentum=rm.GibbsMomentum(1.0), integrator="strang", dt=0.05, t_end=10.0
+    ),
 }
-DRIFTS = ("energy_drift", "energy_drift_max")  # less the work where that is booked: another quantity then
+DRIFTS = (
+    "energy_drift",
+    "energy_drift_max",
+)  # less the work where that is booked: another quantity then
 
 
 def able(scene, name):
@@ -51,16 +69,32 @@ def saved(scene, *names):
 def differing(some, every, booked):
     """Names of the variables of both that are not equal to the bit."""
     names = [v for v in some.data_vars if v in every and not (v in DRIFTS and booked)]
-    return [v for v in names if not np.array_equal(some[v].values, every[v].transpose(*some[v].dims).values, equal_nan=True)]
+    return [
+        v
+        for v in names
+        if not np.array_equal(
+            some[v].values, every[v].transpose(*some[v].dims).values, equal_nan=True
+        )
+    ]
 
 
 @pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # long steps
 @pytest.mark.parametrize("name", SCENES)
 def test_little_and_much(name):
     scene = SCENES[name]
-    much = saved(scene, *(n for n in ("omega", "attitude", "energy", "work", "nutation", "megno", "omega_mean") if able(scene, n)))
+    much = saved(
+        scene,
+        *(
+            n
+            for n in ("omega", "attitude", "energy", "work", "nutation", "megno", "omega_mean")
+            if able(scene, n)
+        ),
+    )
     little = rm.simulate(
-        rm.Scene(scene.body, scene.effects, scene.start, scene.run), members=64, every=scene.run.t_end / 4, save=("omega",)
+        rm.Scene(scene.body, scene.effects, scene.start, scene.run),
+        members=64,
+        every=scene.run.t_end / 4,
+        save=("omega",),
     )
     assert differing(little, much, "work" in much) == []
 
@@ -73,8 +107,16 @@ def test_every_observable_alone_and_together(name):
     names = [n for n in (*OBSERVABLES, *SUMMARIES, *RUNNING) if n != "histogram" and able(scene, n)]
     together = saved(scene, *(n for n in names if n not in RUNNING or n.startswith("omega")))
     for n in names:
-        if n in RUNNING and n.endswith("_min") and not n.startswith("omega"):  # the statistics of one observable at a time
-            together = saved(scene, "attitude", "flips", "nutation", *(m for m in RUNNING if m.rpartition("_")[0] == n[:-4]))
+        if (
+            n in RUNNING and n.endswith("_min") and not n.startswith("omega")
+        ):  # the statistics of one observable at a time
+            together = saved(
+                scene,
+                "attitude",
+                "flips",
+                "nutation",
+                *(m for m in RUNNING if m.rpartition("_")[0] == n[:-4]),
+            )
         alone = saved(scene, n)
         assert n in RUNNING or set(alone.data_vars) <= set(together.data_vars)
         assert differing(alone, together, "work" in together and n != "work") == [], n
@@ -105,7 +147,8 @@ def test_an_observable_that_names_the_attitude_gets_it(monkeypatch):
     monkeypatch.setattr("rigidmc.scene.scene.KNOWN", (*KNOWN, "tilt"))
     scene = rm.Scene(HEAVY, start=rm.Start(omega=rm.Sphere(1.0), attitude="uniform"))
     alone, beside = (
-        rm.simulate(scene, "rk4", dt=0.05, t_end=5.0, members=32, save=save) for save in (("tilt",), ("tilt", "attitude"))
+        rm.simulate(scene, "rk4", dt=0.05, t_end=5.0, members=32, save=save)
+        for save in (("tilt",), ("tilt", "attitude"))
     )
     assert np.array_equal(alone.tilt.values, beside.tilt.values)
     x, y = beside.attitude.transpose("quat", "time", "member").values[1:3]
@@ -130,4 +173,8 @@ def test_what_is_asked_of_the_attitude():
     assert not carries_attitude(bare.with_run(save=(rm.Passage(3, 0.5, about="momentum"),)))
     assert not carries_attitude(bare.with_run(save=(rm.Histogram("energy", 0.0, 1.0),)))
     assert carries_attitude(bare.with_run(save=(rm.Histogram("attitude[1]", 0.0, 1.0),)))
-    assert carries_attitude(rm.Scene(HEAVY, (rm.Gravity(1.0),), bare.start, bare.run.model_copy(update={"save": ("energy",)})))
+    assert carries_attitude(
+        rm.Scene(
+            HEAVY, (rm.Gravity(1.0),), bare.start, bare.run.model_copy(update={"save": ("energy",)})
+        )
+    )

@@ -83,7 +83,11 @@ def told(*words):
     return made.exit_code
 
 
-@settings(max_examples=3 * settings.default.max_examples, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(
+    max_examples=3 * settings.default.max_examples,
+    deadline=None,
+    suppress_health_check=list(HealthCheck),
+)
 @given(broken())
 def test_a_bad_scene_is_one_message(tmp_path_factory, data):
     file = tmp_path_factory.getbasetemp() / "bad.toml"
@@ -130,16 +134,23 @@ def test_nothing_is_executed_but_what_was_allowed():
     for path in PACKAGE.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text("utf-8"))):
             names = (
-                {getattr(node, "id", None), getattr(node, "attr", None)} if isinstance(node, (ast.Name, ast.Attribute)) else set()
+                {getattr(node, "id", None), getattr(node, "attr", None)}
+                if isinstance(node, (ast.Name, ast.Attribute))
+                else set()
             )
             if isinstance(node, (ast.Import, ast.ImportFrom)):
                 names = {word for alias in node.names for word in alias.name.split(".")} | set(
                     (getattr(node, "module", None) or "").split(".")
                 )
-            names -= {"compile"} if isinstance(node, ast.Attribute) else set()  # of regular expressions and kernels
+            names -= (
+                {"compile"} if isinstance(node, ast.Attribute) else set()
+            )  # of regular expressions and kernels
             if names & NEVER:
                 found.append((path.relative_to(PACKAGE).as_posix(), *(names & NEVER)))
-    assert sorted(found) == [("effects/own.py", "exec_module"), ("views/when_imported.py", "exec_module")]
+    assert sorted(found) == [
+        ("effects/own.py", "exec_module"),
+        ("views/when_imported.py", "exec_module"),
+    ]
 
 
 def test_kernels_are_cached_where_only_the_user_may_write():

@@ -19,7 +19,9 @@ def test_four_particles_of_the_chapter():
     )  # measured 3.3e-16
     assert np.allclose(body.moments, m * a * a * np.array([1, 3, 4]), rtol=1e-15)
     axes = np.array(body.axes)
-    assert np.allclose(np.abs(axes), np.array([[1, 1, 0], [1, 1, 0], [0, 0, np.sqrt(2)]]) / np.sqrt(2), atol=1e-15)
+    assert np.allclose(
+        np.abs(axes), np.array([[1, 1, 0], [1, 1, 0], [0, 0, np.sqrt(2)]]) / np.sqrt(2), atol=1e-15
+    )
     assert axes[0, 0] * axes[1, 0] > 0 > axes[0, 1] * axes[1, 1]
     assert body.mass == pytest.approx(4 * m)
     assert body.centre == pytest.approx((a / 2, a / 2, 0))
@@ -33,14 +35,28 @@ def test_cylinder_on_the_edge_of_its_base():
         direct = (
             mass
             / 12
-            * np.array([[3 * a * a + 4 * h * h, 0, 6 * a * h], [0, 15 * a * a + 4 * h * h, 0], [6 * a * h, 0, 18 * a * a]])
+            * np.array(
+                [
+                    [3 * a * a + 4 * h * h, 0, 6 * a * h],
+                    [0, 15 * a * a + 4 * h * h, 0],
+                    [6 * a * h, 0, 18 * a * a],
+                ]
+            )
         )
         assert np.allclose(
             body.tensor, direct, rtol=0, atol=1e-16
         )  # x points from the axis to the edge here: the sign of I13 turns
         root = np.sqrt(225 * a**4 + 24 * a * a * h * h + 16 * h**4)
         expected = (
-            mass / 24 * np.array([2 * (15 * a * a + 4 * h * h), 21 * a * a + 4 * h * h + root, 21 * a * a + 4 * h * h - root])
+            mass
+            / 24
+            * np.array(
+                [
+                    2 * (15 * a * a + 4 * h * h),
+                    21 * a * a + 4 * h * h + root,
+                    21 * a * a + 4 * h * h - root,
+                ]
+            )
         )
         assert np.allclose(sorted(body.moments), sorted(expected), rtol=1e-14)
     assert np.allclose(sorted(body.moments), mass * a * a * np.array([0.5, 2.25, 2.25]), rtol=1e-14)
@@ -53,10 +69,14 @@ def test_solids_against_clouds_of_points():
     x = (np.arange(80) + 0.5) / 80 - 0.5
     grid = np.stack(np.meshgrid(x, x, x, indexing="ij"), -1).reshape(-1, 3)
     box = rm.Body.from_particles(np.full(len(grid), 2.0 / len(grid)), grid * (0.3, 0.5, 0.7))
-    assert np.allclose(box.moments, rm.Body.box(2.0, (0.3, 0.5, 0.7)).moments, rtol=2e-4)  # measured 1.6e-4
+    assert np.allclose(
+        box.moments, rm.Body.box(2.0, (0.3, 0.5, 0.7)).moments, rtol=2e-4
+    )  # measured 1.6e-4
     inside = grid[(grid[:, 0] ** 2 + grid[:, 1] ** 2) <= 0.25] * (0.4, 0.4, 0.9)
     cylinder = rm.Body.from_particles(np.full(len(inside), 2.0 / len(inside)), inside)
-    assert np.allclose(sorted(cylinder.moments), sorted(rm.Body.cylinder(2.0, 0.2, 0.9).moments), rtol=3e-3)  # measured 5.3e-4
+    assert np.allclose(
+        sorted(cylinder.moments), sorted(rm.Body.cylinder(2.0, 0.2, 0.9).moments), rtol=3e-3
+    )  # measured 5.3e-4
 
 
 clouds = st.integers(0, 2**32 - 1).map(np.random.default_rng)
@@ -78,16 +98,27 @@ def test_parallel_axes(rng):
     m, r, point = rng.uniform(0.1, 1, 7), rng.normal(size=(7, 3)), rng.normal(size=3)
     body = rm.Body.from_particles(m, r)
     moved = body.pivoted_at(tuple(point))
-    assert np.allclose(moved.tensor, rm.Body.from_particles(m, r - point).tensor, rtol=0, atol=1e-12 * np.abs(moved.tensor).max())
+    assert np.allclose(
+        moved.tensor,
+        rm.Body.from_particles(m, r - point).tensor,
+        rtol=0,
+        atol=1e-12 * np.abs(moved.tensor).max(),
+    )
     back = moved.pivoted_at(tuple(-point))
     assert np.allclose(back.tensor, body.tensor, rtol=0, atol=1e-12 * np.abs(moved.tensor).max())
-    assert not np.allclose(rm.Body.from_particles(m, r + point).tensor, moved.tensor, rtol=1e-3)  # the wrong sign of the shift
+    assert not np.allclose(
+        rm.Body.from_particles(m, r + point).tensor, moved.tensor, rtol=1e-3
+    )  # the wrong sign of the shift
 
 
 @given(clouds, st.sampled_from(["general", "two equal", "three equal"]))
 def test_principal_axes(rng, kind):
     """TdC (3.19)-(3.23): I = B diag B^T with det B = +1, also with equal moments."""
-    moments = {"general": rng.uniform(0.5, 1, 3), "two equal": np.array([0.7, 0.7, 1.0]), "three equal": np.full(3, 0.9)}[kind]
+    moments = {
+        "general": rng.uniform(0.5, 1, 3),
+        "two equal": np.array([0.7, 0.7, 1.0]),
+        "three equal": np.full(3, 0.9),
+    }[kind]
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     tensor = (turn * moments) @ turn.T
     tensor = 0.5 * (tensor + tensor.T)
@@ -122,9 +153,15 @@ def test_which_bodies_cannot_be():
         (lambda: rm.Body.from_tensor(np.eye(2)), "3x3"),
         (lambda: rm.Body.from_particles([1, 1], [(0, 0, 1)]), "shape"),
         (lambda: rm.Body.from_particles([0, 0], [(0, 0, 1), (1, 0, 0)]), "some mass positive"),
-        (lambda: rm.Body.from_particles([1, 1], [(0, 0, 1), (0, 0, 2)]), "positive"),  # a line has no third moment
+        (
+            lambda: rm.Body.from_particles([1, 1], [(0, 0, 1), (0, 0, 2)]),
+            "positive",
+        ),  # a line has no third moment
         (lambda: rm.Body.cylinder(1, -1, 1), "positive"),
-        (lambda: rm.Body.from_moments((rm.uniform(1, 2), 2, 2)).pivoted_at((1, 0, 0)), "plain numbers"),
+        (
+            lambda: rm.Body.from_moments((rm.uniform(1, 2), 2, 2)).pivoted_at((1, 0, 0)),
+            "plain numbers",
+        ),
     ],
 )
 def test_bad_bodies(make, rule):

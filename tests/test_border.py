@@ -29,7 +29,9 @@ from rigidmc.storage.run_directory import RunDirectory, rendered
 from rigidmc.studies.stress.run import load_bounds
 from tests import hostile
 
-SCENE = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)), start=rm.Start(omega=(0.1, 1.0, rm.normal(0.0, 0.1))))
+SCENE = rm.Scene(
+    rm.Body.from_moments((1.0, 2.0, 3.0)), start=rm.Start(omega=(0.1, 1.0, rm.normal(0.0, 0.1)))
+)
 RUN = {"dt": 0.05, "t_end": 0.5, "every": 0.1, "save": ("omega",)}
 
 
@@ -77,31 +79,58 @@ def with_facts(directory, **facts):
 
 @pytest.mark.parametrize(
     "text",
-    ["a = " + "[" * 50_000 + "]" * 50_000, "a = " + "{ a = " * 50_000, "a" + ".a" * 50_000 + " = 1", "[" + "a." * 50_000 + "a]"],
+    [
+        "a = " + "[" * 50_000 + "]" * 50_000,
+        "a = " + "{ a = " * 50_000,
+        "a" + ".a" * 50_000 + " = 1",
+        "[" + "a." * 50_000 + "a]",
+    ],
 )
 def test_toml_is_nested_a_hundred_deep_at_most(text, tmp_path):
     began = time.process_time()
     with pytest.raises(SceneError, match="nested more than 100 deep"):
         toml(text)
-    assert time.process_time() - began < 1.0  # measured 0.01 s; Python's reader takes minutes for the third
-    assert toml(f"a = {'[' * DEPTH}{']' * DEPTH}") and toml('a = "' + "[" * 1000 + '"  # ' + "[" * 1000)
+    assert (
+        time.process_time() - began < 1.0
+    )  # measured 0.01 s; Python's reader takes minutes for the third
+    assert toml(f"a = {'[' * DEPTH}{']' * DEPTH}") and toml(
+        'a = "' + "[" * 1000 + '"  # ' + "[" * 1000
+    )
     (tmp_path / "deep.toml").write_text(text)
     assert CliRunner().invoke(app, ["check", str(tmp_path / "deep.toml")]).exit_code == 3
 
 
 CHANGES = {
-    "scene is a number": (lambda f: f.attrs.update(scene=3.5), "no attribute 'scene' with the text"),
+    "scene is a number": (
+        lambda f: f.attrs.update(scene=3.5),
+        "no attribute 'scene' with the text",
+    ),
     "scene is no TOML": (lambda f: f.attrs.update(scene="[[["), "scene in this result"),
     "scene of other effects": (
         lambda f: f.attrs.update(scene=f.attrs["scene"].replace("[effects]", "[effects.klingon]")),
         "klingon",
     ),
-    "units are dates": (lambda f: f.variables["time"][2].update(units="days since 2000-01-01"), "units of 'days since"),
+    "units are dates": (
+        lambda f: f.variables["time"][2].update(units="days since 2000-01-01"),
+        "units of 'days since",
+    ),
     "axis is 99 long": (lambda f: f.dims.update(axis=99), "is 99 long along axis, expected 3"),
-    "times go back": (lambda f: f.variables["time"].__setitem__(3, -f.variables["time"][3]), "times that ascend"),
-    "a member twice": (lambda f: f.variables["member"].__setitem__(3, np.zeros(40)), "is there twice"),
-    "a member it has not": (lambda f: f.variables["member"].__setitem__(3, np.arange(1, 41)), "has the members 0 to 39"),
-    "a status that is none": (lambda f: f.variables["status"].__setitem__(3, np.full(40, 77)), "status"),
+    "times go back": (
+        lambda f: f.variables["time"].__setitem__(3, -f.variables["time"][3]),
+        "times that ascend",
+    ),
+    "a member twice": (
+        lambda f: f.variables["member"].__setitem__(3, np.zeros(40)),
+        "is there twice",
+    ),
+    "a member it has not": (
+        lambda f: f.variables["member"].__setitem__(3, np.arange(1, 41)),
+        "has the members 0 to 39",
+    ),
+    "a status that is none": (
+        lambda f: f.variables["status"].__setitem__(3, np.full(40, 77)),
+        "status",
+    ),
     "a variable is gone": (lambda f: f.variables.pop("moments"), "moments.*is missing"),
     "words for numbers": (lambda f: f.variables["omega"].__setitem__(1, "S1"), "omega.*of type"),
     "packed": (lambda f: f.variables["omega"][2].update(scale_factor=2.0), "packed"),
@@ -131,7 +160,9 @@ def test_a_result_is_what_its_scene_demands(result, tmp_path, name):
 def test_what_a_result_says_of_its_text_and_its_times_is_not_decoded(result, tmp_path):
     def change(file):
         file.variables["quat"][2].update(_Encoding="klingon")
-        file.variables["omega"][2].update(_FillValue=0.0, coordinates="nowhere", calendar="lunar", long_name="$\\frac{")
+        file.variables["omega"][2].update(
+            _FillValue=0.0, coordinates="nowhere", calendar="lunar", long_name="$\\frac{"
+        )
 
     with rm.open(changed(result, tmp_path / "odd.nc", change)) as odd, rm.open(str(result)) as good:
         assert odd.identical(good) and list(odd.quat.values) == ["w", "x", "y", "z"]
@@ -139,9 +170,17 @@ def test_what_a_result_says_of_its_text_and_its_times_is_not_decoded(result, tmp
 
 def test_what_no_result_of_a_scene_has_is_left_out(result, tmp_path):
     def change(file):
-        file.variables["mine"] = [("member",), "f8", {"units": "days since 2000-01-01"}, np.zeros(40)]
+        file.variables["mine"] = [
+            ("member",),
+            "f8",
+            {"units": "days since 2000-01-01"},
+            np.zeros(40),
+        ]
 
-    with pytest.warns(SceneWarning, match="left out.*mine"), rm.open(changed(result, tmp_path / "more.nc", change)) as ds:
+    with (
+        pytest.warns(SceneWarning, match="left out.*mine"),
+        rm.open(changed(result, tmp_path / "more.nc", change)) as ds,
+    ):
         assert "mine" not in ds
 
 
@@ -151,7 +190,10 @@ def test_a_file_that_claims_a_terabyte_is_refused_by_its_header(result, tmp_path
         path = changed(
             result,
             tmp_path / f"{name}.nc",
-            lambda f, n=name: f.variables.update({n: [("huge",), "f8", {}, np.zeros(1)]}) or f.dims.update(huge=2**40),
+            lambda f, n=name: (
+                f.variables.update({n: [("huge",), "f8", {}, np.zeros(1)]})
+                or f.dims.update(huge=2**40)
+            ),
         )
         with pytest.raises(SceneError, match="more than the file can hold"):
             rm.open(path)
@@ -177,7 +219,13 @@ def test_a_result_with_code_is_opened_without_running_it(tmp_path):
         '[body]\nmoments = [1.0, 2.0, 3.0]\n[effects.Wind]\nmodule = "wind.py"\nsize = { uniform = [0.1, 0.2] }\n[start]\nomega = [0.0, 1.0, 0.0]\n'
     )
     out = str(tmp_path / "r.nc")
-    rm.simulate(rm.Scene.load(tmp_path / "scene.toml", allow_code=True), members=5, dt=0.05, t_end=0.5, output=out).close()
+    rm.simulate(
+        rm.Scene.load(tmp_path / "scene.toml", allow_code=True),
+        members=5,
+        dt=0.05,
+        t_end=0.5,
+        output=out,
+    ).close()
     with rm.open(out) as ds:
         assert ds.Wind_size.size == 5
         assert "equal to the bit" in rm.rerun(ds, 2, allow_code=True).attrs["rerun"]
@@ -197,15 +245,22 @@ def test_rows_of_a_result_are_asked_for_by_name_and_axis(axis, tmp_path):
         loads(text.replace("'omega'", "'x'"), stored=rows.get)
 
 
-@pytest.mark.parametrize("facts", [{"members": 2**53}, {"seed": 2**64}, {"block": 2**40, "shard": 2**40}])
+@pytest.mark.parametrize(
+    "facts", [{"members": 2**53}, {"seed": 2**64}, {"block": 2**40, "shard": 2**40}]
+)
 def test_a_run_of_too_many_members_is_refused_before_it_is_counted(directory, facts):
     with_facts(directory, **{"shard": 32, "block": 32, **facts})
     before, began = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
     for command in ("status", "resume", "verify"):
         done = CliRunner().invoke(app, [command, directory.path])
-        assert done.exit_code == 3 and done.stderr.count("rigidmc:") == 1 and "is damaged" in done.stderr, done.output
+        assert (
+            done.exit_code == 3
+            and done.stderr.count("rigidmc:") == 1
+            and "is damaged" in done.stderr
+        ), done.output
     assert (
-        resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 1e5 and time.process_time() - began < 1.0
+        resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 1e5
+        and time.process_time() - began < 1.0
     )  # measured 0, 0.02 s
 
 
@@ -213,8 +268,13 @@ def test_a_run_of_ten_million_shards_is_asked_quickly(directory):
     with_facts(directory, members=2**53, shard=2**30, block=2**20)
     before, began = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
     assert CliRunner().invoke(app, ["status", directory.path]).exit_code == 5
-    assert CliRunner().invoke(app, ["resume", directory.path]).exit_code == 74  # so much memory is not free
-    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 3e5 and time.process_time() - began < 2.0
+    assert (
+        CliRunner().invoke(app, ["resume", directory.path]).exit_code == 74
+    )  # so much memory is not free
+    assert (
+        resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 3e5
+        and time.process_time() - began < 2.0
+    )
 
 
 def test_a_journal_that_tells_what_cannot_be_is_left_out(directory):
@@ -222,10 +282,14 @@ def test_a_journal_that_tells_what_cannot_be_is_left_out(directory):
     lines = ['{"time": 1e308, "event": "begun"}', "[" * 100_000, '{"a": ' * 100_000, "9" * 5000, '{"time": 1' + "0" * 400 + "}", '{"time": NaN, "event": "begun"}',
              '{"time": 9e10, "event": "ended", "members": ' + "9" * 400 + ', "seconds": 1.0}', '{"time": 9e10, "event": "ended", "members": 5, "seconds": 1e-320}']  # fmt: skip
     (pathlib.Path(directory.path) / "journal.jsonl").write_text("\n".join(lines) + "\n")
-    assert run_directory.status(directory.path)["rate"] is None  # of the last line, which is well formed, 5/1e-320 is no number
+    assert (
+        run_directory.status(directory.path)["rate"] is None
+    )  # of the last line, which is well formed, 5/1e-320 is no number
     lines.append("x" * 2_000_000 + '\n{"time": 9.05e10, "event": "begun"}')
     good = {"time": 9.1e10, "event": "ended", "members": 50, "seconds": 2.0, "flagged": {}}
-    (pathlib.Path(directory.path) / "journal.jsonl").write_text("\n".join([*lines, json.dumps(good)]) + "\n")
+    (pathlib.Path(directory.path) / "journal.jsonl").write_text(
+        "\n".join([*lines, json.dumps(good)]) + "\n"
+    )
     assert run_directory.status(directory.path)["rate"] == 25.0
 
 
@@ -242,7 +306,10 @@ def test_a_pipe_in_place_of_a_file_is_not_waited_for(result, directory, tmp_path
     for name in ("p.nc", "p.toml", "p.csv", "p.stl"):
         (tmp_path / name).symlink_to(pipe)
     scene = '[body]\nmoments = [1.0, 2.0, 3.0]\n[start]\nomega = [{ table = "p.csv", column = "a" }, 0.0, 0.0]\n'
-    (tmp_path / "scene.toml").write_text(scene), (tmp_path / "other.toml").write_text(scene.replace("p.csv", "p.nc"))
+    (
+        (tmp_path / "scene.toml").write_text(scene),
+        (tmp_path / "other.toml").write_text(scene.replace("p.csv", "p.nc")),
+    )
     with within(20.0):
         for words in (
             ["check", "p.toml"],
@@ -289,12 +356,20 @@ def test_without_locks_nothing_is_made_and_the_way_out_is_named(monkeypatch, tmp
     monkeypatch.setattr(fcntl, "flock", flock)
     (tmp_path / "scene.toml").write_text(SCENE.with_run(members=40, **RUN).dumps())
     for out in ("run/", "one.nc"):
-        done = CliRunner().invoke(app, ["run", str(tmp_path / "scene.toml"), "-o", f"{tmp_path}/{out}"])
-        assert done.exit_code == 74 and "HDF5_USE_FILE_LOCKING=FALSE" in done.stderr and str(tmp_path) in done.stderr, done.output
+        done = CliRunner().invoke(
+            app, ["run", str(tmp_path / "scene.toml"), "-o", f"{tmp_path}/{out}"]
+        )
+        assert (
+            done.exit_code == 74
+            and "HDF5_USE_FILE_LOCKING=FALSE" in done.stderr
+            and str(tmp_path) in done.stderr
+        ), done.output
     assert os.listdir(tmp_path) == ["scene.toml"]
     monkeypatch.setenv("HDF5_USE_FILE_LOCKING", "FALSE")
     for out in ("run/", "one.nc"):
-        done = CliRunner().invoke(app, ["run", str(tmp_path / "scene.toml"), "-o", f"{tmp_path}/{out}"])
+        done = CliRunner().invoke(
+            app, ["run", str(tmp_path / "scene.toml"), "-o", f"{tmp_path}/{out}"]
+        )
         assert done.exit_code == 0, done.output
     assert run_directory.status(tmp_path / "run")["done"] == 1
 
@@ -302,7 +377,9 @@ def test_without_locks_nothing_is_made_and_the_way_out_is_named(monkeypatch, tmp
 def test_rigidmc_knows_of_a_lock_that_another_holds(directory):
     code = "import fcntl, sys; file = open(sys.argv[1], 'ab'); fcntl.flock(file, fcntl.LOCK_EX); print(1, flush=True); sys.stdin.read()"
     with subprocess.Popen(
-        [sys.executable, "-c", code, f"{directory.path}/lock"], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        [sys.executable, "-c", code, f"{directory.path}/lock"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
     ) as other:
         other.stdout.readline()
         assert CliRunner().invoke(app, ["resume", directory.path]).exit_code == 6

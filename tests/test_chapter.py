@@ -39,8 +39,12 @@ def test_chapter_3_7_to_3_9_and_example_3_3_angular_velocity_of_a_rotation():
         return rotation.matrix(rotation.from_euler((np.sin(t), 0.0, 0.0)))
 
     slope = (a(t + h) - a(t - h)) / (2 * h)
-    assert np.abs(rotation.angular_velocity(a(t), slope) - [0.0, 0.0, rate]).max() < 1e-10  # 2.4e-11
-    assert np.abs(rotation.angular_velocity_space(a(t), slope) - [0.0, 0.0, rate]).max() < 1e-10  # 2.4e-11
+    assert (
+        np.abs(rotation.angular_velocity(a(t), slope) - [0.0, 0.0, rate]).max() < 1e-10
+    )  # 2.4e-11
+    assert (
+        np.abs(rotation.angular_velocity_space(a(t), slope) - [0.0, 0.0, rate]).max() < 1e-10
+    )  # 2.4e-11
     assert np.abs(a(t) - Rotation.from_euler("z", phi).as_matrix()).max() < 1e-15  # 0.0e+00
 
 
@@ -79,18 +83,36 @@ def test_chapter_3_19_to_3_23_principal_axes_right_handed_with_equal_moments_too
 def test_chapter_cylinder_on_the_edge_of_its_base_by_both_routes():
     mass, a = 1.0, 0.1
     h = np.sqrt(3.0) * a
-    direct = mass / 12 * np.array([[3 * a**2 + 4 * h**2, 0, -6 * a * h], [0, 15 * a**2 + 4 * h**2, 0], [-6 * a * h, 0, 18 * a**2]])
+    direct = (
+        mass
+        / 12
+        * np.array(
+            [
+                [3 * a**2 + 4 * h**2, 0, -6 * a * h],
+                [0, 15 * a**2 + 4 * h**2, 0],
+                [-6 * a * h, 0, 18 * a**2],
+            ]
+        )
+    )
     shifted = inertia.about_point(Body.cylinder(mass, a, h).tensor, mass, (a, 0.0, h / 2))
     assert np.abs(shifted - direct).max() < 1e-16  # 3.5e-18
     unit = mass * a**2
-    for body in (Body.from_tensor(direct, mass), Body.cylinder(mass, a, h).pivoted_at((a, 0.0, -h / 2))):
+    for body in (
+        Body.from_tensor(direct, mass),
+        Body.cylinder(mass, a, h).pivoted_at((a, 0.0, -h / 2)),
+    ):
         assert np.abs(np.sort(body.moments) / unit - [0.5, 2.25, 2.25]).max() < 3e-15  # 4.4e-16
     axis = np.array(Body.from_tensor(direct, mass).axes)[:, 0]
-    assert abs(axis @ np.array([2.0, 0.0, np.sqrt(3.0)]) / np.sqrt(7.0)) == pytest.approx(1.0, abs=2e-15)
+    assert abs(axis @ np.array([2.0, 0.0, np.sqrt(3.0)]) / np.sqrt(7.0)) == pytest.approx(
+        1.0, abs=2e-15
+    )
     root = np.sqrt(225 * a**4 + 24 * a**2 * h**2 + 16 * h**4)
     general = mass / 24 * (21 * a**2 + 4 * h**2 + np.array([-root, root]))
     assert (
-        np.abs(np.sort(np.linalg.eigvalsh(direct))[[0, 2]] - np.sort([*general, mass / 12 * (15 * a**2 + 4 * h**2)])[[0, 2]]).max()
+        np.abs(
+            np.sort(np.linalg.eigvalsh(direct))[[0, 2]]
+            - np.sort([*general, mass / 12 * (15 * a**2 + 4 * h**2)])[[0, 2]]
+        ).max()
         < 1e-16
     )  # 6.9e-18
 
@@ -99,7 +121,9 @@ def test_chapter_3_25_angular_momentum_is_not_along_omega_off_a_principal_axis()
     m, r, omega = RNG.uniform(0.1, 1.0, 8), RNG.normal(size=(8, 3)), RNG.normal(size=3)
     body = Body.from_particles(m, r)
     l = body.angular_momentum(omega)
-    assert np.abs(l - (m[:, None] * np.cross(r, np.cross(omega, r))).sum(0)).max() < 2e-14  # 7.1e-15
+    assert (
+        np.abs(l - (m[:, None] * np.cross(r, np.cross(omega, r))).sum(0)).max() < 2e-14
+    )  # 7.1e-15
     assert np.linalg.norm(np.cross(l, omega)) > 1e-3 * np.linalg.norm(l)
     own = np.array(body.axes)[:, 1]
     assert np.linalg.norm(np.cross(body.angular_momentum(own), own)) < 2e-14  # 4.9e-16
@@ -108,8 +132,13 @@ def test_chapter_3_25_angular_momentum_is_not_along_omega_off_a_principal_axis()
 def test_chapter_3_26_to_3_28_and_example_3_4_parallel_axes_and_surviving_principal_axes():
     m, r, point = RNG.uniform(0.1, 1.0, 6), RNG.normal(size=(6, 3)), RNG.normal(size=3)
     body = Body.from_particles(m, r)
-    assert np.abs(body.pivoted_at(point).tensor - inertia.of_particles(m, r - point)).max() < 3e-14  # 1.8e-15
-    assert np.abs(body.about_centre().tensor - inertia.of_particles(m, r - m @ r / m.sum())).max() < 2e-14  # 8.9e-16
+    assert (
+        np.abs(body.pivoted_at(point).tensor - inertia.of_particles(m, r - point)).max() < 3e-14
+    )  # 1.8e-15
+    assert (
+        np.abs(body.about_centre().tensor - inertia.of_particles(m, r - m @ r / m.sum())).max()
+        < 2e-14
+    )  # 8.9e-16
     assert inertia.survives(np.eye(3), (1.0, 1.0, 0.0)).tolist() == [False, False, True]
 
 
@@ -117,9 +146,17 @@ def test_chapter_3_26_to_3_28_and_example_3_4_parallel_axes_and_surviving_princi
 def test_chapter_3_29_to_3_32_coordinates_and_their_identity(name):
     q, rate, h = RNG.uniform(0.4, 1.2, 3), RNG.normal(size=3), 1e-5
     m = coordinates.rate_matrix(name, q)
-    slope = (coordinates.matrix(name, q + h * rate) - coordinates.matrix(name, q - h * rate)) / (2 * h)
-    assert np.abs(rotation.angular_velocity(coordinates.matrix(name, q), slope) - m @ rate).max() < 1e-9  # 5.2e-10
-    assert np.abs(coordinates.identity_residual(lambda x: coordinates.rate_matrix(name, x), q)).max() < 1e-15  # 1.7e-16
+    slope = (coordinates.matrix(name, q + h * rate) - coordinates.matrix(name, q - h * rate)) / (
+        2 * h
+    )
+    assert (
+        np.abs(rotation.angular_velocity(coordinates.matrix(name, q), slope) - m @ rate).max()
+        < 1e-9
+    )  # 5.2e-10
+    assert (
+        np.abs(coordinates.identity_residual(lambda x: coordinates.rate_matrix(name, x), q)).max()
+        < 1e-15
+    )  # 1.7e-16
 
 
 def test_chapter_3_33_and_3_34_torque_of_a_potential():
@@ -135,7 +172,11 @@ def test_chapter_3_33_and_3_34_torque_of_a_potential():
     values = np.array([v(a @ turn) for turn in turns]).reshape(3, 2)
     assert np.abs(torque + (values[:, 0] - values[:, 1]) / (2 * h)).max() < 1e-8  # 7.7e-10
     assert (
-        np.abs(torque - coordinates.torque_of_force("zxz", q, coordinates.generalised_force(v, "zxz", q))).max() < 1e-14
+        np.abs(
+            torque
+            - coordinates.torque_of_force("zxz", q, coordinates.generalised_force(v, "zxz", q))
+        ).max()
+        < 1e-14
     )  # 8.9e-16
 
 
@@ -152,17 +193,31 @@ def test_chapter_3_35_and_example_3_5_two_equal_moments():
         -1,
     )
     moments = np.array([one, one, three])
-    assert np.abs(free_top(moments, moments * omega, (1, 0, 0, 0), t).omega - wanted).max() < 1e-13  # 2.3e-15
+    assert (
+        np.abs(free_top(moments, moments * omega, (1, 0, 0, 0), t).omega - wanted).max() < 1e-13
+    )  # 2.3e-15
 
 
 def test_chapter_example_3_5_as_the_chapter_writes_it():
-    moments, omega, t = np.array([1.0, 1.0, 1.6]), np.array([0.4, -0.3, 2.0]), np.linspace(-9.0, 9.0, 7)
-    assert np.abs(symmetric_omega(moments, omega, t) - free_top(moments, moments * omega, (1, 0, 0, 0), t).omega).max() < 2e-14
+    moments, omega, t = (
+        np.array([1.0, 1.0, 1.6]),
+        np.array([0.4, -0.3, 2.0]),
+        np.linspace(-9.0, 9.0, 7),
+    )
+    assert (
+        np.abs(
+            symmetric_omega(moments, omega, t)
+            - free_top(moments, moments * omega, (1, 0, 0, 0), t).omega
+        ).max()
+        < 2e-14
+    )
     with pytest.raises(ValueError, match="I1 = I2"):
         symmetric_omega((1, 2, 2.5), omega, t)
 
 
-@pytest.mark.parametrize("start", [(0.7, 0.0, 0.9), (1.5, 0.0, 0.2)])  # on either side of the separatrix
+@pytest.mark.parametrize(
+    "start", [(0.7, 0.0, 0.9), (1.5, 0.0, 0.2)]
+)  # on either side of the separatrix
 def test_chapter_example_3_6_as_the_chapter_writes_it(start):
     moments, t = np.array([1.0, 2.0, 3.0]), np.linspace(-9.0, 9.0, 7)
     l = moments * start
@@ -177,7 +232,9 @@ def test_chapter_example_3_6_constants_and_jacobis_solution_in_omega_and_attitud
     assert np.abs(motion.momentum - np.array(end, float)).max() < 1e-14  # 6.9e-16
     assert rotation.attitude_error(motion.attitude, np.array(q, float)) < 1e-14  # 8.3e-16
     assert (motion.momentum**2).sum() == pytest.approx(np.square(l).sum(), rel=2e-15)
-    assert (motion.momentum**2 / moments).sum() == pytest.approx((np.square(l) / moments).sum(), rel=2e-15)
+    assert (motion.momentum**2 / moments).sum() == pytest.approx(
+        (np.square(l) / moments).sum(), rel=2e-15
+    )
     # the chapter's side L^2 > 2 T I_2, with mpmath's sn at the chapter's modulus: omega_2 is an amplitude times sn
     energy, square = (np.square(l) / moments).sum(), np.square(l).sum()
     m = (2 - 1) * (energy * 3 - square) / ((3 - 2) * (square - energy * 1))
@@ -203,14 +260,24 @@ def test_chapter_3_36_to_3_39_euler_angles_their_rates_and_energy():
     assert np.abs(rotation.euler_rates(angles, omega) - rates).max() < 1e-15  # 1.1e-16
     assert np.abs(rotation.euler(rotation.from_euler(angles)) - angles).max() < 1e-15  # 2.2e-16
     assert (
-        np.abs(rotation.matrix(rotation.from_euler(angles)) - Rotation.from_euler("ZXZ", [phi, theta, psi]).as_matrix()).max()
+        np.abs(
+            rotation.matrix(rotation.from_euler(angles))
+            - Rotation.from_euler("ZXZ", [phi, theta, psi]).as_matrix()
+        ).max()
         < 1e-15
     )  # 4.4e-16
     upright = rotation.from_euler((0.5, 0.0, -0.8))
-    assert rotation.attitude_error(rotation.from_euler(rotation.euler(upright)), upright) < 1e-15  # 5.6e-17
+    assert (
+        rotation.attitude_error(rotation.from_euler(rotation.euler(upright)), upright) < 1e-15
+    )  # 5.6e-17
     one, three = 1.0, 0.5
-    energy = 0.5 * (one * (dtheta**2 + dphi**2 * np.sin(theta) ** 2) + three * (dpsi + dphi * np.cos(theta)) ** 2)
-    assert rotation.kinetic_energy_of_euler_rates((one, one, three), angles, rates) == pytest.approx(energy, rel=1e-15)
+    energy = 0.5 * (
+        one * (dtheta**2 + dphi**2 * np.sin(theta) ** 2)
+        + three * (dpsi + dphi * np.cos(theta)) ** 2
+    )
+    assert rotation.kinetic_energy_of_euler_rates(
+        (one, one, three), angles, rates
+    ) == pytest.approx(energy, rel=1e-15)
 
 
 def test_chapter_3_40_to_3_42_and_example_3_7_heavy_symmetric_top():
@@ -223,14 +290,22 @@ def test_chapter_3_40_to_3_42_and_example_3_7_heavy_symmetric_top():
     end = lagrange_top(moments, k, moments * omega, q, 3.0)
     phi, tilt, psi = rotation.euler(end.attitude)
     assert np.cos(tilt) == pytest.approx(0.8481311842035334004268262, abs=1e-15)
-    assert np.remainder(phi - 3.089935055726440571121999 + 1.0, 2 * np.pi) == pytest.approx(1.0, abs=1e-14)
-    assert np.remainder(psi - 17.98891524283163447238032 + 1.0, 2 * np.pi) == pytest.approx(1.0, abs=1e-14)
+    assert np.remainder(phi - 3.089935055726440571121999 + 1.0, 2 * np.pi) == pytest.approx(
+        1.0, abs=1e-14
+    )
+    assert np.remainder(psi - 17.98891524283163447238032 + 1.0, 2 * np.pi) == pytest.approx(
+        1.0, abs=1e-14
+    )
     what = lagrange_motion(moments, k, moments * omega, q)
     assert what.period == pytest.approx(5.4677772510163923079, rel=4e-15)
     assert what.p_psi == pytest.approx(three * (dpsi + dphi * np.cos(theta)), rel=1e-15)  # b
-    assert what.p_phi == pytest.approx(one * dphi * np.sin(theta) ** 2 + what.p_psi * np.cos(theta), rel=4e-15)  # a
+    assert what.p_phi == pytest.approx(
+        one * dphi * np.sin(theta) ** 2 + what.p_psi * np.cos(theta), rel=4e-15
+    )  # a
     for turning in (what.low, what.high):  # nutation limits: the energy is all potential there
-        assert effective_potential(moments, k, what.p_phi, what.p_psi, turning) == pytest.approx(float(what.energy), rel=1e-14)
+        assert effective_potential(moments, k, what.p_phi, what.p_psi, turning) == pytest.approx(
+            float(what.energy), rel=1e-14
+        )
     assert what.kind == "monotone precession"
 
     # and against integration, by the chapter's own (3.42) in theta and by the kernel
@@ -240,10 +315,18 @@ def test_chapter_3_40_to_3_42_and_example_3_7_heavy_symmetric_top():
         force = w**2 * u / (one * s**3) - w * what.p_psi / (one * s) + k * s
         return [y[1], force / one]
 
-    nutation = solve_ivp(rhs, (0.0, 3.0), [theta, dtheta], method="DOP853", rtol=1e-12, atol=1e-13).y[0, -1]
+    nutation = solve_ivp(
+        rhs, (0.0, 3.0), [theta, dtheta], method="DOP853", rtol=1e-12, atol=1e-13
+    ).y[0, -1]
     assert nutation == pytest.approx(tilt, abs=1e-11)
     body = Body.from_moments(tuple(moments), mass=1.0, centre=(0.0, 0.0, k / 9.81))
     scene = Scene(body, (Gravity(9.81),), Start(omega=tuple(omega), attitude=(0.0, theta, 0.0)))
-    last = simulate(scene, dt=1e-3, t_end=3.0, members=1, save=("attitude",)).attitude.isel(time=-1, member=0).values
-    assert rotation.attitude_error(last, closed_form(scene, 1).motion(3.0).attitude[0]) < 5e-10  # 1.2e-10
+    last = (
+        simulate(scene, dt=1e-3, t_end=3.0, members=1, save=("attitude",))
+        .attitude.isel(time=-1, member=0)
+        .values
+    )
+    assert (
+        rotation.attitude_error(last, closed_form(scene, 1).motion(3.0).attitude[0]) < 5e-10
+    )  # 1.2e-10
     assert rotation.attitude_error(last, end.attitude) < 5e-10  # 1.2e-10

@@ -14,7 +14,12 @@ SMALL = {"members": 128}
 
 def within(scene, tolerance, first=5000, members=256):
     """Share of other members that keep the tolerance at all saves, against the closed form; the Dataset too."""
-    ds = rm.simulate(scene, tolerance=tolerance, members=range(first, first + members), save=("momentum", "attitude"))
+    ds = rm.simulate(
+        scene,
+        tolerance=tolerance,
+        members=range(first, first + members),
+        save=("momentum", "attitude"),
+    )
     true = closed_form(scene, members, first).motion(ds.time.values)
     l, q = (ds[name].transpose("time", "member", ...).values for name in ("momentum", "attitude"))
     apart = np.linalg.norm(l - true.momentum, axis=-1) / np.linalg.norm(true.momentum, axis=-1)
@@ -22,11 +27,18 @@ def within(scene, tolerance, first=5000, members=256):
     return np.mean(np.maximum(apart, turned).max(0) <= tolerance), ds
 
 
-SHIPPED = [(name, tolerance) for name in ("heavy_top", "nasa_brick", "toutatis") for tolerance in (1e-4, 1e-7, 1e-10)]
+SHIPPED = [
+    (name, tolerance)
+    for name in ("heavy_top", "nasa_brick", "toutatis")
+    for tolerance in (1e-4, 1e-7, 1e-10)
+]
 SOME = (("nasa_brick", 1e-10),)  # the others with  pytest -m slow
 
 
-@pytest.mark.parametrize(("name", "tolerance"), [s if s in SOME else pytest.param(*s, marks=pytest.mark.slow) for s in SHIPPED])
+@pytest.mark.parametrize(
+    ("name", "tolerance"),
+    [s if s in SOME else pytest.param(*s, marks=pytest.mark.slow) for s in SHIPPED],
+)
 def test_the_tolerance_is_kept_in_shipped_scenes(name, tolerance):
     scene = rm.Scene.load(name)
     alike = scene.run.members == 1
@@ -37,17 +49,25 @@ def test_the_tolerance_is_kept_in_shipped_scenes(name, tolerance):
     assert ds.attrs["tolerance_chosen"].startswith(ds.attrs["integrator"])
     assert ds.attrs["tolerance_truth"].startswith("closed form")
     again = rm.simulate(rm.Scene.loads(ds.attrs["scene"]), members=range(32) if not alike else None)
-    assert again.attrs["integrator"] == ds.attrs["integrator"]  # the file runs again as it ran, without choosing
+    assert (
+        again.attrs["integrator"] == ds.attrs["integrator"]
+    )  # the file runs again as it ran, without choosing
 
 
 def test_a_symmetric_free_body_is_one_exact_step():
-    scene = rm.Scene(rm.Body.from_moments((1.0, 1.0, 1.7)), (), rm.Start(omega=(rm.normal(1.0, 0.2), 0.3, 2.0), attitude="uniform"))
+    scene = rm.Scene(
+        rm.Body.from_moments((1.0, 1.0, 1.7)),
+        (),
+        rm.Start(omega=(rm.normal(1.0, 0.2), 0.3, 2.0), attitude="uniform"),
+    )
     found = choose.choose(scene.with_run(t_end=20.0, save=("omega", "attitude")), 1e-9, **SMALL)
     assert (found.way.integrator, found.way.steps) == ("exact", 1)
 
 
 def test_a_fast_top_is_split():
-    found = choose.choose(rm.Scene.load("bruels_cardona"), 1e-9, integrators=("rk4", "rk8", "aba1064", "srkn11"))
+    found = choose.choose(
+        rm.Scene.load("bruels_cardona"), 1e-9, integrators=("rk4", "rk8", "aba1064", "srkn11")
+    )
     assert found.way.integrator in ("aba1064", "srkn11")
     assert found.way.steps == 100  # one for each save; rk4 takes 30,000 (Bruels & Cardona 2010)
 
@@ -59,7 +79,9 @@ def test_a_short_heavy_run_is_rk8_or_a_splitting_of_high_order():
         (rm.Gravity(1.0),),
         rm.Start(omega=(rm.normal(1, 1), 0.5, -0.9), attitude="uniform"),
     ).with_run(t_end=5.0, save=("omega", "attitude"))
-    found = choose.choose(scene, 1e-8, integrators=("rk4", "rk8", "strang", "srkn6", "srkn11"), **SMALL)
+    found = choose.choose(
+        scene, 1e-8, integrators=("rk4", "rk8", "strang", "srkn6", "srkn11"), **SMALL
+    )
     assert found.way.turn > 0.0  # members of such different speed have steps of their own
     assert found.way.integrator in ("rk8", "srkn11", "srkn6")
     assert found.predicted <= 1e-8
@@ -79,7 +101,9 @@ LAGRANGE = rm.Scene(
 def test_a_closed_form_is_checked_by_integration():
     found = choose.choose(LAGRANGE, 1e-7, integrators=("closed",), **SMALL)
     assert (found.way.integrator, found.checked) == ("closed", 1.0)
-    assert found.truth.startswith("closed form of the Lagrange top, which rk8 confirms; the second pilot by rk8 in ")
+    assert found.truth.startswith(
+        "closed form of the Lagrange top, which rk8 confirms; the second pilot by rk8 in "
+    )
     assert "srkn11 confirms" in found.truth
     assert found.predicted < 1e-12  # 8.5e-15
 
@@ -99,13 +123,19 @@ def test_a_closed_form_that_is_wrong_is_not_believed(monkeypatch, member, integr
 
     wrong = closed_form(LAGRANGE, 1, member).momentum[0]
     monkeypatch.setattr(closed_form_module, "_motion", turned)
-    with pytest.raises(rm.SceneError, match=r"closed form of the Lagrange top and rk8 in .* disagree for 1 of 128 members"):
+    with pytest.raises(
+        rm.SceneError,
+        match=r"closed form of the Lagrange top and rk8 in .* disagree for 1 of 128 members",
+    ):
         choose.choose(LAGRANGE, 1e-7, integrators=integrators, **SMALL)
 
 
 def test_out_of_reach():
     scene = rm.Scene.load("dzhanibekov")
-    with pytest.raises(rm.SceneError, match=r"tolerance = 1e-14: out of reach of double precision here: the best is .*grows"):
+    with pytest.raises(
+        rm.SceneError,
+        match=r"tolerance = 1e-14: out of reach of double precision here: the best is .*grows",
+    ):
         rm.simulate(scene, tolerance=1e-14)
     with pytest.raises(rm.SceneError, match="No integrator comes nearer"):
         choose.choose(rm.Scene.load("heavy_top"), 1e-13, integrators=("rk4",), **SMALL)
@@ -116,13 +146,19 @@ def test_out_of_reach():
 def test_auto_needs_a_tolerance():
     with pytest.raises(rm.SceneError, match="tolerance: is missing"):
         rm.simulate(rm.Scene.load("heavy_top"), integrator="auto")
-    text = rm.Scene.load("nasa_brick").dumps().replace('integrator = "rk4"\ndt = 0.001', "tolerance = 1e-6")
+    text = (
+        rm.Scene.load("nasa_brick")
+        .dumps()
+        .replace('integrator = "rk4"\ndt = 0.001', "tolerance = 1e-6")
+    )
     scene = rm.Scene.loads(text)
     assert rm.simulate(scene).attrs["integrator"] != "auto"
 
 
 def test_noise_has_no_path_to_be_right_about():
-    scene = rm.Scene(rm.Body.from_moments((1.0, 1.4, 2.0)), (rm.Bath(0.1, 1.0),), rm.Start(omega=(0.1, 1.0, 0.2)))
+    scene = rm.Scene(
+        rm.Body.from_moments((1.0, 1.4, 2.0)), (rm.Bath(0.1, 1.0),), rm.Start(omega=(0.1, 1.0, 0.2))
+    )
     with pytest.raises(rm.SceneError, match="error of averages"):
         choose.choose(scene.with_run(t_end=1.0), 1e-6)
 
@@ -130,7 +166,11 @@ def test_noise_has_no_path_to_be_right_about():
 def test_a_pilot_that_fails_is_said():
     omega = np.random.default_rng(0).normal(size=(64, 3))
     omega[3] = 1e200
-    scene = rm.Scene(rm.Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.2, 0.3)), (rm.Gravity(1.0),), rm.Start(omega=omega))
+    scene = rm.Scene(
+        rm.Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.2, 0.3)),
+        (rm.Gravity(1.0),),
+        rm.Start(omega=omega),
+    )
     with pytest.raises(rm.SceneError, match="1 of 64 members"), np.errstate(all="ignore"):
         choose.choose(scene.with_run(t_end=1.0, members=64), 1e-6)
 
@@ -142,14 +182,24 @@ def test_a_prediction_above_the_tolerance_is_not_taken_without_a_word(bad, monke
 
     def told(values):
         calls.append(values)
-        return 2.0 * tolerance if 1 < len(calls) <= 1 + bad else real(values)  # the first is what the truth is known to
+        return (
+            2.0 * tolerance if 1 < len(calls) <= 1 + bad else real(values)
+        )  # the first is what the truth is known to
 
-    scene = rm.Scene(rm.Body.from_moments((1.0, 1.4, 2.0)), (rm.BodyTorque((0.1, 0.2, 0.1)),), rm.Start(omega=rm.Sphere(1.0)))
+    scene = rm.Scene(
+        rm.Body.from_moments((1.0, 1.4, 2.0)),
+        (rm.BodyTorque((0.1, 0.2, 0.1)),),
+        rm.Start(omega=rm.Sphere(1.0)),
+    )
     plain = choose.choose(scene.with_run(t_end=5.0), tolerance, ("rk4",), **SMALL)
     monkeypatch.setattr(choose, "upper_quantile", told)
     found = choose.choose(scene.with_run(t_end=5.0), tolerance, ("rk4",), **SMALL)
     if bad == 1:
-        assert found.way.steps > 1.1 * plain.way.steps and found.predicted <= tolerance and not found.short
+        assert (
+            found.way.steps > 1.1 * plain.way.steps
+            and found.predicted <= tolerance
+            and not found.short
+        )
     else:
         assert found.predicted == 2.0 * tolerance and "above the tolerance of 1e-06" in found.short
         assert any("above the tolerance" in line for line in found.lines(100))

@@ -4,7 +4,18 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from rigidmc import Body, Gravity, Run, Scene, SceneError, SceneWarning, Start, ViscousDamping, grid, normal
+from rigidmc import (
+    Body,
+    Gravity,
+    Run,
+    Scene,
+    SceneError,
+    SceneWarning,
+    Start,
+    ViscousDamping,
+    grid,
+    normal,
+)
 from rigidmc.cli import app
 from rigidmc.engine.layout import STATUSES
 from rigidmc.mechanics.rotation import attitude_error
@@ -30,14 +41,21 @@ def worst(scene, members=64, **settings):
 
 
 def test_free_scene_agrees_with_its_exact_integration():
-    scene = Scene(Body.from_moments((1.0, 2.0, 3.0)), start=Start(omega=(normal(0, 0.1), 1.0, normal(0, 0.1)), attitude="uniform"))
+    scene = Scene(
+        Body.from_moments((1.0, 2.0, 3.0)),
+        start=Start(omega=(normal(0, 0.1), 1.0, normal(0, 0.1)), attitude="uniform"),
+    )
     omega, attitude = worst(scene, integrator="exact", dt=0.5, t_end=20.0)
     assert omega < 5e-12  # 1.3e-13: near the middle axis errors grow by e^(0.58 t)
     assert attitude < 5e-12  # 1.7e-13
 
 
 def test_heavy_symmetric_scene_agrees_with_rk4():
-    scene = Scene(LAGRANGE, (Gravity(9.81),), Start(omega=(normal(0, 1.0), 0.5, 20.0), attitude=(0.3, 0.7, 0.2)))
+    scene = Scene(
+        LAGRANGE,
+        (Gravity(9.81),),
+        Start(omega=(normal(0, 1.0), 0.5, 20.0), attitude=(0.3, 0.7, 0.2)),
+    )
     coarse, fine = (worst(scene, integrator="rk4", dt=dt, t_end=2.0)[1] for dt in (2e-3, 1e-3))
     assert fine < 1e-8  # 4.4e-9
     assert coarse / fine == pytest.approx(16.0, rel=0.2)  # the difference is all rk4's, of order 4
@@ -45,9 +63,13 @@ def test_heavy_symmetric_scene_agrees_with_rk4():
 
 def test_damped_free_scene_runs_through_the_undamped_motion():
     moments, omega, rate = (1.0, 2.0, 3.0), (0.4, 1.0, -0.3), 0.3
-    scene = Scene(Body.from_moments(moments), (ViscousDamping(rate),), Start(omega=omega)).with_run(members=1)
+    scene = Scene(Body.from_moments(moments), (ViscousDamping(rate),), Start(omega=omega)).with_run(
+        members=1
+    )
     motion = closed_form(scene).motion(4.0)
-    q, l = reference.taylor(moments, [i * w for i, w in zip(moments, omega, strict=True)], 4.0, damping=rate)
+    q, l = reference.taylor(
+        moments, [i * w for i, w in zip(moments, omega, strict=True)], 4.0, damping=rate
+    )
     assert np.abs(motion.momentum[0] - np.array(l, float)).max() < 2e-15  # 1.1e-16
     assert reference.attitude_error(motion.attitude[0], np.array(q, float)) < 4e-15  # 2.5e-16
 
@@ -55,7 +77,11 @@ def test_damped_free_scene_runs_through_the_undamped_motion():
 @pytest.mark.parametrize(
     ("body", "effects", "why"),
     [
-        (Body.from_moments((1, 2, 2.5), centre=(0, 0, 0.1)), (Gravity(9.81),), "I1 = 1 and I2 = 2 differ"),
+        (
+            Body.from_moments((1, 2, 2.5), centre=(0, 0, 0.1)),
+            (Gravity(9.81),),
+            "I1 = 1 and I2 = 2 differ",
+        ),
         (Body.from_moments((1, 1, 1.5), centre=(0.1, 0, 0.1)), (Gravity(9.81),), "lies on none"),
         (LAGRANGE, (Gravity(9.81), ViscousDamping(0.1)), "damped heavy top"),
     ],
@@ -98,7 +124,9 @@ def test_command_draws_and_does_not_overwrite(tmp_path):
 def end(scene, **settings):
     """momentum (n, 3) and attitude (n, 4) at t_end, with sums compensated."""
     last = simulate(scene, save=("momentum", "attitude"), **settings).isel(time=-1)
-    return last.momentum.transpose("member", "axis").values, last.attitude.transpose("member", "quat").values
+    return last.momentum.transpose("member", "axis").values, last.attitude.transpose(
+        "member", "quat"
+    ).values
 
 
 def test_effects_of_one_kind_add_up():
@@ -107,11 +135,16 @@ def test_effects_of_one_kind_add_up():
     twice = Scene(heavy, (Gravity(5.0), Gravity(4.81)), start)
     free = Body.from_moments((1.0, 2.0, 3.0))
     for scene in (twice, Scene(free, (ViscousDamping(0.2), ViscousDamping(0.15)), start)):
-        found, true = (end(scene, members=8, t_end=2.0, integrator=name, dt=2e-3) for name in ("closed", "rk8"))
+        found, true = (
+            end(scene, members=8, t_end=2.0, integrator=name, dt=2e-3) for name in ("closed", "rk8")
+        )
         assert np.abs(found[0] - true[0]).max() < 5e-13  # 2.7e-14
         assert attitude_error(found[1], true[1]).max() < 5e-13  # 1.2e-14
     alone = Scene(heavy, (Gravity(5.0),), start)
-    wrong = end(alone, members=8, t_end=2.0, integrator="closed")[0] - end(twice, members=8, t_end=2.0, integrator="closed")[0]
+    wrong = (
+        end(alone, members=8, t_end=2.0, integrator="closed")[0]
+        - end(twice, members=8, t_end=2.0, integrator="closed")[0]
+    )
     assert np.abs(wrong).max() > 1e-2
     none = Scene(heavy, (Gravity(5.0), Gravity(-5.0)), start)
     assert closed_form(none, 4).name == "free top"
@@ -146,7 +179,9 @@ def heavy_ones(mass, omega):
 def test_members_that_cannot_be_are_flagged_as_with_rk8_and_the_others_keep_every_bit():
     some = np.random.default_rng(0)
     centre, omega = some.normal(0.0, 0.1, 300), some.normal(size=(300, 3))
-    centre[120:200] = 0.0  # free ones: of other closed forms, in blocks with heavy ones and in blocks of their own
+    centre[120:200] = (
+        0.0  # free ones: of other closed forms, in blocks with heavy ones and in blocks of their own
+    )
     fast = omega.copy()
     fast[[111, 150]] = 1e200
     well, sick = (simulate(heavy_ones(centre, o), integrator="closed") for o in (omega, fast))
@@ -172,10 +207,15 @@ def test_bits_do_not_depend_on_who_shares_a_block():
     whole = simulate(scene, integrator="closed", threads=1)
     for block, threads in ((32, 2), (64, 1), (96, 2)):
         other = simulate(scene, integrator="closed", block=block, threads=threads)
-        assert all(whole[name].values.tobytes() == other[name].values.tobytes() for name in whole.variables)
+        assert all(
+            whole[name].values.tobytes() == other[name].values.tobytes() for name in whole.variables
+        )
     few = simulate(scene, integrator="closed", members=range(90, 110))
     same = whole.isel(member=slice(90, 110))
-    assert few.omega.transpose("member", ...).values.tobytes() == same.omega.transpose("member", ...).values.tobytes()
+    assert (
+        few.omega.transpose("member", ...).values.tobytes()
+        == same.omega.transpose("member", ...).values.tobytes()
+    )
     assert closed_form(scene).name == "free top and Lagrange top"
 
 
@@ -212,9 +252,15 @@ t_end = 1.0
 
 
 def test_many_exact_steps_stay_with_the_closed_form():
-    scene = Scene(Body.from_moments((1.0, 1.4, 2.0)), (), Start(omega=(normal(0.0, 1.0),) * 3, attitude="uniform"))
+    scene = Scene(
+        Body.from_moments((1.0, 1.4, 2.0)),
+        (),
+        Start(omega=(normal(0.0, 1.0),) * 3, attitude="uniform"),
+    )
     omega, attitude = worst(scene, members=64, seed=1, integrator="exact", dt=0.03, t_end=3000.0)
-    assert omega < 2e-11 and attitude < 2e-11  # measured 2.9e-12 and 2.4e-12; 9e-10 and 4e-10 where the rounding of T walks
+    assert (
+        omega < 2e-11 and attitude < 2e-11
+    )  # measured 2.9e-12 and 2.4e-12; 9e-10 and 4e-10 where the rounding of T walks
 
 
 def test_command_where_members_are_flagged(tmp_path):
@@ -230,10 +276,18 @@ def test_command_where_members_are_flagged(tmp_path):
         (("--members", "1"), "none of the first 1 is a body"),
         (("--plot", str(tmp_path / "a.png")), "no motion to draw"),
         (
-            ("--set", "body.moments=[1.4,1.4,2]", "--set", "start.omega=[{ normal = [0, 1e60] }, 1, 2]"),
+            (
+                "--set",
+                "body.moments=[1.4,1.4,2]",
+                "--set",
+                "start.omega=[{ normal = [0, 1e60] }, 1, 2]",
+            ),
             "all 2 members are flagged (2 ",
         ),
-        (("--set", "body.moments=[1.4,1.4,2]", "--integrator", "closed"), "not compared with itself"),
+        (
+            ("--set", "body.moments=[1.4,1.4,2]", "--integrator", "closed"),
+            "not compared with itself",
+        ),
     ):
         shown = run(str(file), *settings)
         assert shown.exit_code == 3
@@ -242,5 +296,7 @@ def test_command_where_members_are_flagged(tmp_path):
 
 
 def test_before_the_start_there_is_the_closed_form_alone():
-    scene = Scene(Body.from_moments((1.0, 2.0, 3.0)), start=Start(omega=(0.1, 1.0, 0.2))).with_run(members=1)
+    scene = Scene(Body.from_moments((1.0, 2.0, 3.0)), start=Start(omega=(0.1, 1.0, 0.2))).with_run(
+        members=1
+    )
     assert "none: it starts at t = 0" in "\n".join(compare(scene, -3.0, 1))

@@ -19,7 +19,9 @@ from rigidmc.integrators import INTEGRATORS
 from rigidmc.runs import warm
 from rigidmc.storage import run_directory
 
-compiles = pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="nothing is compiled")
+compiles = pytest.mark.skipif(
+    os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="nothing is compiled"
+)
 BODY = rm.Body.from_moments((1.0, 2.0, 2.8), mass=1.0, centre=(0.0, 0.0, 0.1))
 
 
@@ -41,7 +43,9 @@ def test_nothing_is_compiled_after_warm(tmp_path):
     out, told = ran("warm", "nasa_brick")
     assert told.startswith("compiling rk4, first use: about ")
     assert out.split()[0] == "nasa_brick" and out.endswith(" s for rk4\n")
-    assert 0.2 < float((tmp_path / "cache" / "pace").read_text()) < 5.0  # measured 0.96: what this machine took, of the table
+    assert (
+        0.2 < float((tmp_path / "cache" / "pace").read_text()) < 5.0
+    )  # measured 0.96: what this machine took, of the table
 
     assert "compiling" not in ran("run", "nasa_brick", "--t-end", "1")[1]
     out, told = ran("show", "nasa_brick")
@@ -61,7 +65,9 @@ def own_scene():
         def torque(self):
             return self.size, 0.0, 0.0
 
-    return rm.Scene(BODY, (Push(0.1),), rm.Start(omega=(0.1, 1.0, 0.0))).with_run(dt=0.01, t_end=0.1, members=32, save=("omega",))
+    return rm.Scene(BODY, (Push(0.1),), rm.Start(omega=(0.1, 1.0, 0.0))).with_run(
+        dt=0.01, t_end=0.1, members=32, save=("omega",)
+    )
 
 
 @compiles
@@ -80,13 +86,29 @@ def test_it_is_said_to_those_who_ask_for_progress(capfd, caplog):
 
 
 def test_what_is_compiled_in_words():
-    every = ["enter", "leave", "begin", "march", "look", "record", "begin_watch", "watch", "seek", "advance"]
+    every = [
+        "enter",
+        "leave",
+        "begin",
+        "march",
+        "look",
+        "record",
+        "begin_watch",
+        "watch",
+        "seek",
+        "advance",
+    ]
     assert summary("rk8 + gravity", every) == "rk8 + gravity + events"
-    assert summary("rk4", ["march", "begin_watch", "watch", "begin_near", "meet"]) == "rk4 + running observables + neighbour"
+    assert (
+        summary("rk4", ["march", "begin_watch", "watch", "begin_near", "meet"])
+        == "rk4 + running observables + neighbour"
+    )
     assert summary("rk4", ["record", "begin_watch", "watch", "seek"]) == "events, saves of rk4"
     assert summary("rk4", ["look"]) == "look of rk4"
     assert summary("formulas", ("formulas",)) == "formulas"
-    assert listed("rk8 + gravity", ["begin", "march", "look"]) == "march of rk8 + gravity, begin, look"
+    assert (
+        listed("rk8 + gravity", ["begin", "march", "look"]) == "march of rk8 + gravity, begin, look"
+    )
 
 
 def test_seconds_follow_the_machine_and_what_is_compiled(tmp_path, monkeypatch):
@@ -95,8 +117,19 @@ def test_seconds_follow_the_machine_and_what_is_compiled(tmp_path, monkeypatch):
     one = seconds("rk4", ["march", "look"])
     bare = compile_time.OTHERS + compile_time.PIECES["look"]
     assert one == pytest.approx(compile_time.FIRST + bare)
-    assert seconds("rk8", ["march", "look"]) > one < seconds("rk4 + gravity", ["march", "look"], (rm.Gravity(1.0),))
-    for text, factor in (("2.0\n", 2.0), ("1e9", 5.0), ("nan", 1.0), ("fast", 1.0), ("\xff", 1.0), ("", 1.0)):
+    assert (
+        seconds("rk8", ["march", "look"])
+        > one
+        < seconds("rk4 + gravity", ["march", "look"], (rm.Gravity(1.0),))
+    )
+    for text, factor in (
+        ("2.0\n", 2.0),
+        ("1e9", 5.0),
+        ("nan", 1.0),
+        ("fast", 1.0),
+        ("\xff", 1.0),
+        ("", 1.0),
+    ):
         (tmp_path / "pace").write_text(text, encoding="latin-1")
         assert seconds("rk4", ["march", "look"]) == pytest.approx(factor * one)
     compile_time.compiled.append("rk4")
@@ -106,10 +139,14 @@ def test_seconds_follow_the_machine_and_what_is_compiled(tmp_path, monkeypatch):
 def test_integrators_that_cannot_run_a_scene_are_skipped(monkeypatch):
     some = {name: INTEGRATORS[name] for name in ("rk4", "exact", "closed")}
     monkeypatch.setattr(warm, "INTEGRATORS", some)
-    found = {one.integrator: one for one in rm.warm(rm.Scene.load("kapitza_top"), all_integrators=True)}
+    found = {
+        one.integrator: one for one in rm.warm(rm.Scene.load("kapitza_top"), all_integrators=True)
+    }
     assert set(found) == set(some) and not found["rk4"].skipped
     assert "takes no torque" in found["exact"].skipped and "closed form" in found["closed"].skipped
-    assert "Push: effects of your own are compiled in every process" in rm.warm(own_scene())[0].skipped
+    assert (
+        "Push: effects of your own are compiled in every process" in rm.warm(own_scene())[0].skipped
+    )
 
 
 def test_warm_refuses_bad_scenes_with_exit_code_3():
@@ -145,7 +182,10 @@ def test_a_scene_drawn_through_scipy_tells_its_version(tmp_path):
 
 
 def test_a_run_tells_what_its_code_is_generated_for(tmp_path):
-    for name, scene in (("plain", rm.Scene.load("nasa_brick").with_run(t_end=0.1)), ("drawn", scipy_scene())):
+    for name, scene in (
+        ("plain", rm.Scene.load("nasa_brick").with_run(t_end=0.1)),
+        ("drawn", scipy_scene()),
+    ):
         file, run = tmp_path / f"{name}.toml", f"{tmp_path / name}/"
         file.write_text(scene.dumps())
         assert invoke("run", file, "-o", run).exit_code == 0

@@ -19,14 +19,22 @@ def own(q):
     """A user's coordinates: turns about x, y and z one after the other."""
     parts = []
     for k in range(3):
-        c, s, axis = np.cos(q[..., k])[..., None, None], np.sin(q[..., k])[..., None, None], R.hat(np.eye(3)[k])
+        c, s, axis = (
+            np.cos(q[..., k])[..., None, None],
+            np.sin(q[..., k])[..., None, None],
+            R.hat(np.eye(3)[k]),
+        )
         parts.append(np.eye(3) + s * axis + (1.0 - c) * (axis @ axis))
     return parts[0] @ parts[1] @ parts[2]
 
 
 @pytest.mark.parametrize("name", C.NAMED)
 def test_named_coordinates_are_the_rotations_of_rotation_py(name):
-    made = {"zxz": lambda q: R.from_euler(q), "zyz": lambda q: R.from_euler(q, "zyz"), "rotation_vector": R.from_rotation_vector}
+    made = {
+        "zxz": lambda q: R.from_euler(q),
+        "zyz": lambda q: R.from_euler(q, "zyz"),
+        "rotation_vector": R.from_rotation_vector,
+    }
     assert np.abs(C.matrix(name, POINTS) - R.matrix(made[name](POINTS))).max() < 2e-15  # 3.3e-16
 
 
@@ -34,7 +42,9 @@ def test_named_coordinates_are_the_rotations_of_rotation_py(name):
 @pytest.mark.parametrize("size", [1.0, 1e-3, 1e-9])
 def test_closed_forms_of_m_are_the_derivatives_of_a(name, size):
     m = C.rate_matrix(name, size * POINTS)
-    assert np.abs(m - C.rate_matrix(lambda q: C.matrix(name, q), size * POINTS)).max() < 2e-15  # 4.4e-16
+    assert (
+        np.abs(m - C.rate_matrix(lambda q: C.matrix(name, q), size * POINTS)).max() < 2e-15
+    )  # 4.4e-16
 
 
 @pytest.mark.parametrize("name", C.NAMED)
@@ -54,7 +64,9 @@ def test_motion_in_them_is_that_of_the_quaternion_form(coordinates):
     start = POINTS[0]
     rates = np.linalg.solve(C.rate_matrix(coordinates, start), momentum / moments)
     rhs = C.equations_of_motion(coordinates, moments, C.uniform_gravity(1.0, weight, G))
-    y = solve_ivp(rhs, (0.0, 1.0), [*start, *rates], method="DOP853", rtol=1e-11, atol=1e-12).y[:, -1]
+    y = solve_ivp(rhs, (0.0, 1.0), [*start, *rates], method="DOP853", rtol=1e-11, atol=1e-12).y[
+        :, -1
+    ]
     attitude = tuple(R.quaternion(C.matrix(coordinates, start)))
     q, l = reference.taylor(moments, momentum, 1.0, attitude, weight=[G * w for w in weight])
     assert R.attitude_error(C.matrix(coordinates, y[:3]), np.array(q, float)) < 5e-11  # 2.3e-12
@@ -73,12 +85,16 @@ def test_torque_is_minus_the_inverse_transpose_of_m_times_the_slope(potential, c
 
 def test_torque_of_gravity_and_spring_are_force_times_arm():
     a = C.matrix("zxz", POINTS)
-    assert np.abs(C.torque(GRAVITY, a) - np.cross(CENTRE, -MASS * G * a[:, 2])).max() < 2e-15  # 8.9e-16
+    assert (
+        np.abs(C.torque(GRAVITY, a) - np.cross(CENTRE, -MASS * G * a[:, 2])).max() < 2e-15
+    )  # 8.9e-16
     point, hook = np.array([0.3, 0.1, 0.2]), np.array([1.0, 0.0, 0.5])
     apart = hook - a @ point
     length = np.linalg.norm(apart, axis=1, keepdims=True)
     force = 5.0 * (length - 0.4) * apart / length
-    assert np.abs(C.torque(SPRING, a) - np.cross(point, R.to_body(a, force))).max() < 2e-15  # 2.2e-16
+    assert (
+        np.abs(C.torque(SPRING, a) - np.cross(point, R.to_body(a, force))).max() < 2e-15
+    )  # 2.2e-16
 
 
 def test_torque_of_a_users_potential_against_a_difference():
@@ -94,7 +110,11 @@ def test_torque_of_a_users_potential_against_a_difference():
 
 @pytest.mark.parametrize(
     "potential",
-    [lambda a: np.abs(a[..., 2, 0]), lambda a: np.linalg.norm(a[..., 2, :2], axis=-1), lambda a: a.real[..., 2, 0] ** 2],
+    [
+        lambda a: np.abs(a[..., 2, 0]),
+        lambda a: np.linalg.norm(a[..., 2, :2], axis=-1),
+        lambda a: a.real[..., 2, 0] ** 2,
+    ],
 )
 def test_a_potential_that_drops_the_imaginary_part_is_found_out(potential):
     with pytest.raises(ValueError, match="complex"):

@@ -31,9 +31,9 @@ from tests import torture_outputs
 from tests.faulty import limited
 from tests.torture import COMMAND
 
-SCENE = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)), start=rm.Start(omega=(0.1, 1.0, rm.normal(0.0, 0.1)))).with_run(
-    integrator="rk4", dt=0.05, t_end=1.0, members=100, save=("omega",)
-)
+SCENE = rm.Scene(
+    rm.Body.from_moments((1.0, 2.0, 3.0)), start=rm.Start(omega=(0.1, 1.0, rm.normal(0.0, 0.1)))
+).with_run(integrator="rk4", dt=0.05, t_end=1.0, members=100, save=("omega",))
 STUDY = xr.Dataset({"error": ("n", np.arange(3.0))})
 OLD = b"precious"
 
@@ -58,9 +58,15 @@ def appearing(paths, result):
 
 
 @pytest.mark.parametrize(
-    ("words", "module", "name"), [(("accuracy", "nasa_brick"), accuracy, "accuracy"), (("stress", "nasa_brick"), trust, "trust")]
+    ("words", "module", "name"),
+    [
+        (("accuracy", "nasa_brick"), accuracy, "accuracy"),
+        (("stress", "nasa_brick"), trust, "trust"),
+    ],
 )
-def test_studies_and_pictures_overwrite_nothing_that_appears_meanwhile(tmp_path, words, module, name):
+def test_studies_and_pictures_overwrite_nothing_that_appears_meanwhile(
+    tmp_path, words, module, name
+):
     one, two = tmp_path / "s.nc", tmp_path / "s.png"
     with (
         patch.object(module, name, appearing([one, two], STUDY)), patch.object(module, "table", lambda found: ["the table"]),
@@ -80,13 +86,17 @@ def test_studies_and_pictures_overwrite_nothing_that_appears_meanwhile(tmp_path,
 
 def test_bounds_are_written_whole_and_overwrite_nothing(tmp_path):
     study = xr.Dataset(
-        {"error": (("case", "integrator"), [[1e-9]]), "group": ("case", ["H1"])}, {"case": ["needle"], "integrator": ["rk4"]}
+        {"error": (("case", "integrator"), [[1e-9]]), "group": ("case", ["H1"])},
+        {"case": ["needle"], "integrator": ["rk4"]},
     )
     path = tmp_path / "b.csv"
     path.write_bytes(OLD)
     with pytest.raises(OutputExists):
         hard_cases.save_bounds(study, path)
-    with patch.object(hard_cases, "_rounded_up", side_effect=KeyboardInterrupt), pytest.raises(KeyboardInterrupt):
+    with (
+        patch.object(hard_cases, "_rounded_up", side_effect=KeyboardInterrupt),
+        pytest.raises(KeyboardInterrupt),
+    ):
         hard_cases.save_bounds(study, path, force=True)
     assert path.read_bytes() == OLD
     hard_cases.save_bounds(study, path, force=True)
@@ -119,17 +129,25 @@ def test_an_animation_is_whole_or_not_there(tmp_path):
             file.write(b"half")
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    with patch.object(animation.animation.PillowWriter, "finish", half), pytest.raises(OSError, match=r"No space left .*a\.gif"):
+    with (
+        patch.object(animation.animation.PillowWriter, "finish", half),
+        pytest.raises(OSError, match=r"No space left .*a\.gif"),
+    ):
         animation.animate(ds, path)
     assert os.listdir(tmp_path) == []
     path.write_bytes(OLD)
-    with patch.object(animation.animation.PillowWriter, "finish", half), pytest.raises(OSError, match="No space left"):
+    with (
+        patch.object(animation.animation.PillowWriter, "finish", half),
+        pytest.raises(OSError, match="No space left"),
+    ):
         animation.animate(ds, path, force=True)
     assert path.read_bytes() == OLD and os.listdir(tmp_path) == ["a.gif"]
     with pytest.raises(OutputExists):
         animation.animate(ds, path)
     with pytest.raises(KeyboardInterrupt):  # and not what a writer without a frame raises
-        animation.animate(ds, path, force=True, progress=lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+        animation.animate(
+            ds, path, force=True, progress=lambda *_: (_ for _ in ()).throw(KeyboardInterrupt)
+        )
     animation.animate(ds, path, force=True)
     assert path.read_bytes().startswith(b"GIF8") and os.listdir(tmp_path) == ["a.gif"]
 
@@ -142,8 +160,12 @@ def test_ffmpeg_that_fails_is_told(tmp_path, monkeypatch):
     for script in ("cat > /dev/null; exit 1", "exit 0", "exit 1"):
         (tmp_path / "bin" / "ffmpeg").write_text(f"#!/bin/sh\n{script}\n")
         (tmp_path / "bin" / "ffmpeg").chmod(0o755)
-        told = invoke("animate", tmp_path / "r.nc", "--member", 0, "--seconds", 0.2, "-o", tmp_path / "a.mp4")
-        assert told.exit_code == 74 and told.stderr.count("rigidmc:") == 1 and "a.mp4" in told.stderr, (script, told.output)
+        told = invoke(
+            "animate", tmp_path / "r.nc", "--member", 0, "--seconds", 0.2, "-o", tmp_path / "a.mp4"
+        )
+        assert (
+            told.exit_code == 74 and told.stderr.count("rigidmc:") == 1 and "a.mp4" in told.stderr
+        ), (script, told.output)
         assert isinstance(told.exception, SystemExit)
         assert sorted(os.listdir(tmp_path)) == ["bin", "r.nc"]
 
@@ -166,10 +188,19 @@ def test_names_of_all_lengths(tmp_path):
 
 
 def test_what_is_wrong_with_a_folder_is_told_as_it_is(tmp_path):
-    with limited(1000), pytest.raises(OSError, match=r"not writable: File too large; nothing was written") as caught:
+    with (
+        limited(1000),
+        pytest.raises(
+            OSError, match=r"not writable: File too large; nothing was written"
+        ) as caught,
+    ):
         outputs.refuse_existing(tmp_path / "x.nc", False)
     assert not isinstance(caught.value, PermissionError) and os.listdir(tmp_path) == []
-    for number, kind in ((errno.ENOSPC, OSError), (errno.EROFS, OSError), (errno.EACCES, PermissionError)):
+    for number, kind in (
+        (errno.ENOSPC, OSError),
+        (errno.EROFS, OSError),
+        (errno.EACCES, PermissionError),
+    ):
         with (
             patch("builtins.open", side_effect=OSError(number, os.strerror(number))), patch("os.open", side_effect=OSError(number, os.strerror(number))),
             pytest.raises(OSError, match=os.strerror(number)) as caught,
@@ -211,7 +242,9 @@ def test_no_moment_without_umask_and_a_short_shard_is_gone_for_good(tmp_path):
         resume.extend(tmp_path / "run", 20_000)
     (shard,) = [call for call in calls if call.startswith("unlink 0000")]
     i = calls.index(shard)
-    assert calls[i - 1].startswith("fsync .part-")  # the new run.json is durable before anything is taken away
+    assert calls[i - 1].startswith(
+        "fsync .part-"
+    )  # the new run.json is durable before anything is taken away
     assert calls[i + 1 : i + 3] == ["fsync shards", "replace run.json"]
 
 
@@ -224,10 +257,17 @@ def test_a_run_without_room_is_not_begun(tmp_path):
         raise NoRoom("too little memory")
 
     words = "run", "nasa_brick", "-o", f"{tmp_path}/run/"
-    with patch.object(resume, "refuse_hopeless", hopeless), patch.object(resume, "resume", side_effect=AssertionError):
+    with (
+        patch.object(resume, "refuse_hopeless", hopeless),
+        patch.object(resume, "resume", side_effect=AssertionError),
+    ):
         for more in (["--threads", 7], ["--cluster", "local:9"]):
             told = invoke(*words, *more)
-            assert told.exit_code == 74 and "nothing was written" in told.stderr and os.listdir(tmp_path) == [], told.output
+            assert (
+                told.exit_code == 74
+                and "nothing was written" in told.stderr
+                and os.listdir(tmp_path) == []
+            ), told.output
     assert asked == [7, 9]
 
 
@@ -293,10 +333,17 @@ def test_a_second_signal_does_not_leave_what_the_first_would_not(tmp_path, numbe
     words = ["run", "dzhanibekov", "--members", "2000000", "-o", str(tmp_path / "x.nc")]
     heard = {"preexec_fn": lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)}
     child = subprocess.Popen(
-        [sys.executable, "-c", TWICE, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **heard
+        [sys.executable, "-c", TWICE, *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        **heard,
     )
     end = time.monotonic() + 60
-    while not any(entry.stat().st_size > 10**5 for entry in list(os.scandir(tmp_path))) and time.monotonic() < end:
+    while (
+        not any(entry.stat().st_size > 10**5 for entry in list(os.scandir(tmp_path)))
+        and time.monotonic() < end
+    ):
         time.sleep(0.01)
     child.send_signal(number)
     assert child.stdout.readline() == "cleaning\n"
@@ -309,7 +356,9 @@ def test_a_second_signal_does_not_leave_what_the_first_would_not(tmp_path, numbe
 
 def test_what_is_printed_changes_nothing(tmp_path):
     """As `python tests/torture.py --outputs all`."""
-    told = torture_outputs.streams(str(tmp_path), ("map", "verify bad"), ("reader gone, unbuffered", "all closed", "full"))
+    told = torture_outputs.streams(
+        str(tmp_path), ("map", "verify bad"), ("reader gone, unbuffered", "all closed", "full")
+    )
     assert set(told.values()) == {6}, told
 
 
@@ -324,7 +373,12 @@ def test_an_output_that_fails(tmp_path):
 def test_every_output_survives(tmp_path):
     """As `python tests/torture.py --outputs all`."""
     told = torture_outputs.outputs(3, str(tmp_path), random.Random(6))
-    assert told["faults: wrong files"] == told["kills: torn files"] == told["kills: left behind in the end"] == 0
+    assert (
+        told["faults: wrong files"]
+        == told["kills: torn files"]
+        == told["kills: left behind in the end"]
+        == 0
+    )
 
 
 def test_a_command_with_all_streams_closed(tmp_path):
@@ -333,5 +387,13 @@ def test_a_command_with_all_streams_closed(tmp_path):
     assert subprocess.run(["sh", "-c", f"{run} <&- >&- 2>&-"]).returncode == 0
     with rm.open(tmp_path / "r.nc") as ds:
         assert ds.sizes["member"] == 1
-    done = subprocess.run(["sh", "-c", f"{shlex.join([*COMMAND, 'scenes'])} > /dev/full"], capture_output=True, text=True)
-    assert done.returncode == 74 and done.stderr.count("rigidmc:") == 1 and "No space left" in done.stderr
+    done = subprocess.run(
+        ["sh", "-c", f"{shlex.join([*COMMAND, 'scenes'])} > /dev/full"],
+        capture_output=True,
+        text=True,
+    )
+    assert (
+        done.returncode == 74
+        and done.stderr.count("rigidmc:") == 1
+        and "No space left" in done.stderr
+    )

@@ -33,13 +33,56 @@ SECONDS, BYTES = (
     7e8,
 )  # of computing, and of memory beyond what this process has: a command of its own begins with 0.25 GB, and 1 GB is the limit
 WORK = 100_000  # member-steps that an example may take
-ACCESSORS = ("energy", "momentum", "euler", "phase", "drift", "polhode", "rerun", "summary", "scene")
+ACCESSORS = (
+    "energy",
+    "momentum",
+    "euler",
+    "phase",
+    "drift",
+    "polhode",
+    "rerun",
+    "summary",
+    "scene",
+)
 COMMANDS = {
-    "result": ["show", "check", "run", "summary", "plot", "rerun", "animate", "exact", "accuracy", "stress", "body", "open"],
+    "result": [
+        "show",
+        "check",
+        "run",
+        "summary",
+        "plot",
+        "rerun",
+        "animate",
+        "exact",
+        "accuracy",
+        "stress",
+        "body",
+        "open",
+    ],
     "scene": ["show", "check", "run", "exact", "accuracy", "stress", "body"],
-    "run": ["status", "verify", "resume", "consolidate", "extend", "merge", "summary", "plot", "rerun", "animate", "show", "open"],
+    "run": [
+        "status",
+        "verify",
+        "resume",
+        "consolidate",
+        "extend",
+        "merge",
+        "summary",
+        "plot",
+        "rerun",
+        "animate",
+        "show",
+        "open",
+    ],
 }
-PICTURES = ("summary", "momentum_sphere", "middle_component", "drift_histogram", "axis_sphere", "gibbs")
+PICTURES = (
+    "summary",
+    "momentum_sphere",
+    "middle_component",
+    "drift_histogram",
+    "axis_sphere",
+    "gibbs",
+)
 
 
 class Passed(BaseException):
@@ -111,7 +154,9 @@ def opened(some, path):
             warnings.simplefilter("ignore")
             ds = rm.open(path)
             name = some.choice(ACCESSORS)
-            found = getattr(ds.rigid, name)(*([int(ds.member[0])] if name in ("polhode", "rerun") else []))
+            found = getattr(ds.rigid, name)(
+                *([int(ds.member[0])] if name in ("polhode", "rerun") else [])
+            )
             if hasattr(found, "load") and hasattr(found, "sizes"):
                 found.load()
             ds.close()
@@ -167,16 +212,22 @@ def tried(good, seed, ended):
     kind = some.choice(sorted(COMMANDS))
     command = some.choice(COMMANDS[kind])
     with tempfile.TemporaryDirectory() as folder:
-        path = {"result": hostile.hostile_result, "scene": hostile.hostile_scene, "run": hostile.hostile_run}[kind](
-            some, good, folder
-        )
+        path = {
+            "result": hostile.hostile_result,
+            "scene": hostile.hostile_scene,
+            "run": hostile.hostile_run,
+        }[kind](some, good, folder)
         peak()
         began, wall = time.process_time(), time.monotonic()
         with bounded():
             code, text = told(some, kind, command, path, folder)
         seconds, size = time.process_time() - began, peak()
         said = f"seed {seed}: {command} of a {kind}: exit {code} in {seconds:.2f} s, {time.monotonic() - wall:.2f} s by the clock, {size / 1e9:.2f} GB: {text[-800:]}"
-        messages = [line for line in text.splitlines() if line.startswith("rigidmc: ") and not line.startswith("rigidmc: note")]
+        messages = [
+            line
+            for line in text.splitlines()
+            if line.startswith("rigidmc: ") and not line.startswith("rigidmc: note")
+        ]
         allowed = code in (3, 74) if command != "merge" else code in (3, 6, 74)
         assert allowed or code in (0, 4, 5), said
         assert "Traceback" not in text and len(messages) == (code in (3, 6, 74)), said
@@ -190,14 +241,22 @@ def tried(good, seed, ended):
 def many(good, count):
     ended = collections.Counter()
 
-    @settings(max_examples=count, deadline=None, suppress_health_check=list(HealthCheck), phases=[Phase.generate], database=None)
+    @settings(
+        max_examples=count,
+        deadline=None,
+        suppress_health_check=list(HealthCheck),
+        phases=[Phase.generate],
+        database=None,
+    )
     @given(st.integers(0, 2**64))
     def every(seed):
         tried(good, seed, ended)
 
     every()
     print({k: v if isinstance(v, int) else round(v, 3) for k, v in sorted(ended.items())})
-    assert ended["refused"] > 0.3 * count and ended["good enough"] > 0.01 * count  # else nothing is tried
+    assert (
+        ended["refused"] > 0.3 * count and ended["good enough"] > 0.01 * count
+    )  # else nothing is tried
 
 
 def test_hostile_files_are_one_message(good):

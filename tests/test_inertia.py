@@ -31,7 +31,10 @@ def region_of(name):
         x, y, z = sizes["size"]
         return [("box", (-x / 2, x / 2), (-y / 2, y / 2), (-z / 2, z / 2))], x * y * z
     if name in ("cylinder", "rod", "hollow_cylinder"):
-        height, radius = sizes.get("height", sizes.get("length")), sizes.get("radius", sizes.get("outer"))
+        height, radius = (
+            sizes.get("height", sizes.get("length")),
+            sizes.get("radius", sizes.get("outer")),
+        )
         limits, inner = (-height / 2, height / 2), sizes.get("inner", 0.0)
         regions = [("cylinder", radius, limits)] + ([("cylinder", inner, limits)] if inner else [])
         return regions, np.pi * (radius**2 - inner**2) * height
@@ -47,14 +50,23 @@ def test_energy_and_momentum_of_a_cloud_are_sums_over_its_particles():
         m, r = cloud()
         tensor, omega = inertia.of_particles(m, r), RNG.normal(size=3)
         v = np.cross(omega, r)
-        assert inertia.kinetic_energy(tensor, omega) == pytest.approx(0.5 * (m * (v * v).sum(1)).sum(), rel=1e-14)
-        assert np.abs(inertia.angular_momentum(tensor, omega) - (m[:, None] * np.cross(r, v)).sum(0)).max() < 1e-13  # 3.6e-15
+        assert inertia.kinetic_energy(tensor, omega) == pytest.approx(
+            0.5 * (m * (v * v).sum(1)).sum(), rel=1e-14
+        )
+        assert (
+            np.abs(
+                inertia.angular_momentum(tensor, omega) - (m[:, None] * np.cross(r, v)).sum(0)
+            ).max()
+            < 1e-13
+        )  # 3.6e-15
 
 
 @given(POINT, POINT, st.floats(0.1, 10.0))
 @settings(max_examples=100, deadline=None)
 def test_parallel_axes_there_and_back(d, r, mass):
-    tensor = inertia.of_particles(np.array([mass, 1.0, 2.0]), np.array([r, [1.0, 0, 0], [0, 1.0, 0.3]]))
+    tensor = inertia.of_particles(
+        np.array([mass, 1.0, 2.0]), np.array([r, [1.0, 0, 0], [0, 1.0, 0.3]])
+    )
     there = inertia.about_point(tensor, mass, d)
     assert np.abs(inertia.about_centre(there, mass, d) - tensor).max() < 1e-13  # 1.4e-14
 
@@ -67,14 +79,24 @@ def test_parallel_axes_are_what_the_particles_give():
     moved = inertia.about_point(inertia.of_particles(m, r - centre), m.sum(), centre - point)
     assert np.abs(moved - about).max() < 3e-14  # 3.6e-15
     d = centre - point
-    twin = inertia.of_particles(m, r - centre) + m.sum() * (d @ d * np.eye(3) + np.outer(d, d))  # the wrong sign
+    twin = inertia.of_particles(m, r - centre) + m.sum() * (
+        d @ d * np.eye(3) + np.outer(d, d)
+    )  # the wrong sign
     assert np.abs(twin - about).max() > 0.1
 
 
 def test_which_principal_axes_survive_a_shift():
     axes = np.eye(3)
-    assert inertia.survives(axes, (0.0, 0.0, 2.0)).tolist() == [True, True, True]  # along an axis: all
-    assert inertia.survives(axes, (1.0, 2.0, 0.0)).tolist() == [False, False, True]  # in a plane of two: the third
+    assert inertia.survives(axes, (0.0, 0.0, 2.0)).tolist() == [
+        True,
+        True,
+        True,
+    ]  # along an axis: all
+    assert inertia.survives(axes, (1.0, 2.0, 0.0)).tolist() == [
+        False,
+        False,
+        True,
+    ]  # in a plane of two: the third
     assert inertia.survives(axes, (1.0, 2.0, 3.0)).tolist() == [False, False, False]
     moved = inertia.about_point(np.diag([1.0, 2.0, 2.5]), 1.0, (1.0, 2.0, 0.0))
     assert moved[2, 0] == moved[2, 1] == 0.0
@@ -95,7 +117,9 @@ def test_solids_are_integrals_of_their_density(name):
 @pytest.mark.parametrize("name", ["ball", "ellipsoid", "cone"])
 def test_round_solids_are_integrals_over_regions_with_curved_limits(name):
     sizes = SIZES[name]
-    if name == "cone":  # in the coordinates (z, x/z, y/z) it is a cylinder: here slice by slice, with a density for the disc
+    if (
+        name == "cone"
+    ):  # in the coordinates (z, x/z, y/z) it is a cylinder: here slice by slice, with a density for the disc
         a, h, mass = sizes["radius"], sizes["height"], sizes["mass"]
         z, w = np.polynomial.legendre.leggauss(8)
         z, w = 0.5 * h * (z + 1.0), 0.5 * h * w
@@ -117,37 +141,66 @@ def test_round_solids_are_integrals_over_regions_with_curved_limits(name):
             c * np.sqrt(np.maximum(1 - (x / a) ** 2 - (y / b) ** 2, 0)),
         ),
     )
-    made = Body.from_density(density, region, tolerance=1e-4)  # roots at the rim: the rules settle slowly
+    made = Body.from_density(
+        density, region, tolerance=1e-4
+    )  # roots at the rim: the rules settle slowly
     assert np.abs(made.tensor - Body.solid(name, **sizes).tensor).max() < 2e-5
 
 
 def test_thin_solids_are_limits_of_thick_ones():
     for name, sizes, thick, limit in (
-        ("plate", {"mass": 2.0, "size": (1.0, 0.6)}, "box", {"mass": 2.0, "size": (1.0, 0.6, 1e-7)}),
-        ("disc", {"mass": 2.0, "radius": 0.6}, "cylinder", {"mass": 2.0, "radius": 0.6, "height": 1e-7}),
-        ("ring", {"mass": 2.0, "radius": 0.6}, "hollow_cylinder", {"mass": 2.0, "inner": 0.6 - 1e-9, "outer": 0.6, "height": 1e-9}),
+        (
+            "plate",
+            {"mass": 2.0, "size": (1.0, 0.6)},
+            "box",
+            {"mass": 2.0, "size": (1.0, 0.6, 1e-7)},
+        ),
+        (
+            "disc",
+            {"mass": 2.0, "radius": 0.6},
+            "cylinder",
+            {"mass": 2.0, "radius": 0.6, "height": 1e-7},
+        ),
+        (
+            "ring",
+            {"mass": 2.0, "radius": 0.6},
+            "hollow_cylinder",
+            {"mass": 2.0, "inner": 0.6 - 1e-9, "outer": 0.6, "height": 1e-9},
+        ),
     ):
-        assert np.allclose(Body.solid(name, **sizes).moments, Body.solid(thick, **limit).moments, rtol=0, atol=1e-8)
+        assert np.allclose(
+            Body.solid(name, **sizes).moments, Body.solid(thick, **limit).moments, rtol=0, atol=1e-8
+        )
     outer, inner = (Body.solid("ball", mass=r**3, radius=r) for r in (1.0, 1.0 - 1e-5))
     hollow = outer.without(inner)
-    assert hollow.moments == pytest.approx(Body.solid("shell", mass=hollow.mass, radius=1.0).moments, rel=2e-5)
+    assert hollow.moments == pytest.approx(
+        Body.solid("shell", mass=hollow.mass, radius=1.0).moments, rel=2e-5
+    )
 
 
 def test_t_handle_is_the_join_of_its_rods_and_the_shipped_scene():
     handle = Body.solid("t_handle", density=8500.0, radius=0.005, bar=0.08, stem=0.04)
-    bar, stem = (Body.solid("rod", mass=8500 * np.pi * 0.005**2 * x, length=x, radius=0.005) for x in (0.08, 0.04))
+    bar, stem = (
+        Body.solid("rod", mass=8500 * np.pi * 0.005**2 * x, length=x, radius=0.005)
+        for x in (0.08, 0.04)
+    )
     along_1 = rotation.from_rotation_vector((0.0, np.pi / 2, 0.0))
     lying = Body.from_tensor(np.diag([bar.moments[2], bar.moments[1], bar.moments[0]]), bar.mass)
     for base in (lying, Body.solid("ball", mass=1e-9, radius=1e-9).joined(bar, turned=along_1)):
         made = base.joined(stem, at=(0.0, 0.0, 0.02)).about_centre()
         assert sorted(made.moments) == pytest.approx(sorted(handle.moments), rel=1e-7)
-    assert handle.moments == pytest.approx((1.1515900570815086e-05, 3.966587974391863e-05, 2.9151361831435293e-05), rel=1e-12)
+    assert handle.moments == pytest.approx(
+        (1.1515900570815086e-05, 3.966587974391863e-05, 2.9151361831435293e-05), rel=1e-12
+    )
 
 
 @given(POINT, POINT)
 @settings(max_examples=50, deadline=None)
 def test_join_then_take_away(at, vector):
-    body, part = Body.solid("box", mass=5.0, size=(1.0, 2.0, 3.0)), Body.solid("cone", mass=1.0, radius=0.3, height=0.4)
+    body, part = (
+        Body.solid("box", mass=5.0, size=(1.0, 2.0, 3.0)),
+        Body.solid("cone", mass=1.0, radius=0.3, height=0.4),
+    )
     turned = rotation.from_rotation_vector(vector)
     back = body.joined(part, at, turned).without(part, at, turned)
     assert np.abs(back.tensor - body.tensor).max() < 2e-13  # 7.1e-15
@@ -166,12 +219,18 @@ def test_results_come_back_in_the_users_axes():
     tensor = inertia.of_particles(*cloud())
     body, omega = Body.from_tensor(tensor), RNG.normal(size=(5, 3))
     inside = body.to_principal(omega)
-    assert np.abs(body.to_own(np.array(body.moments) * inside) - omega @ tensor).max() < 1e-13  # 3.6e-15
+    assert (
+        np.abs(body.to_own(np.array(body.moments) * inside) - omega @ tensor).max() < 1e-13
+    )  # 3.6e-15
     assert np.abs(body.angular_momentum(omega) - omega @ tensor).max() < 1e-13  # 3.6e-15
     q = rotation.from_rotation_vector(RNG.normal(size=(5, 3)))
-    assert rotation.attitude_error(body.own_attitude(body.principal_attitude(q)), q).max() < 4e-15  # 5.0e-16
+    assert (
+        rotation.attitude_error(body.own_attitude(body.principal_attitude(q)), q).max() < 4e-15
+    )  # 5.0e-16
     space = rotation.to_space(q, omega)  # the same vector by either path
-    assert np.abs(rotation.to_space(body.principal_attitude(q), inside) - space).max() < 1e-14  # 5.6e-16
+    assert (
+        np.abs(rotation.to_space(body.principal_attitude(q), inside) - space).max() < 1e-14
+    )  # 5.6e-16
 
 
 def test_principal_axes_of_arrays_and_what_is_no_tensor():
@@ -179,7 +238,8 @@ def test_principal_axes_of_arrays_and_what_is_no_tensor():
     moments, axes = inertia.principal_axes(tensors)
     assert moments.shape == (4, 10, 3)
     assert (
-        np.abs(np.einsum("...ik,...k,...jk->...ij", axes, moments, axes) - tensors).max() < 4e-15 * np.abs(tensors).max()
+        np.abs(np.einsum("...ik,...k,...jk->...ij", axes, moments, axes) - tensors).max()
+        < 4e-15 * np.abs(tensors).max()
     )  # 3.8e-16
     assert (np.linalg.det(axes) > 0.999).all()
     spoilt = tensors.copy()
@@ -204,7 +264,10 @@ def test_principal_axes_of_arrays_and_what_is_no_tensor():
 
 def test_density_that_jumps_is_refused_with_the_estimate():
     with pytest.raises(SceneError, match="two rules differ by"):
-        Body.from_density(lambda x, y, z: np.where(x > 0.1, 1.0, 2.0) + 0.0 * (y + z), ("box", (-1, 1), (-1, 1), (-1, 1)))
+        Body.from_density(
+            lambda x, y, z: np.where(x > 0.1, 1.0, 2.0) + 0.0 * (y + z),
+            ("box", (-1, 1), (-1, 1), (-1, 1)),
+        )
     smooth = Body.from_density(lambda x, y, z: 1.0 + x, ("box", (0, 1), (0, 1), (0, 1)))
     assert smooth.mass == pytest.approx(1.5, rel=1e-14)
     assert smooth.centre[0] == pytest.approx((1 / 2 + 1 / 3) / 1.5, rel=1e-14)
@@ -224,8 +287,15 @@ def test_words_for_solids_are_checked():
 
 def test_growth_rate_is_that_of_the_linear_equations():
     moments = np.array([1.0, 2.0, 3.0])
-    linear = np.array([[0.0, (moments[1] - moments[2]) / moments[0]], [(moments[0] - moments[1]) / moments[2], 0.0]])
-    assert inertia.growth_rate(moments) == pytest.approx(np.linalg.eigvals(linear).real.max(), rel=1e-14)
+    linear = np.array(
+        [
+            [0.0, (moments[1] - moments[2]) / moments[0]],
+            [(moments[0] - moments[1]) / moments[2], 0.0],
+        ]
+    )
+    assert inertia.growth_rate(moments) == pytest.approx(
+        np.linalg.eigvals(linear).real.max(), rel=1e-14
+    )
     assert inertia.growth_rate([1.0, 1.0, 2.0]) == 0.0
 
 
@@ -235,7 +305,9 @@ class TestMesh:
     @pytest.mark.parametrize("name", ["box", "icosphere", "capsule"])
     def test_equals_trimeshs_own(self, name):
         made = getattr(self.trimesh.creation, name)()
-        made.apply_transform(self.trimesh.transformations.random_rotation_matrix(RNG.uniform(size=3)))
+        made.apply_transform(
+            self.trimesh.transformations.random_rotation_matrix(RNG.uniform(size=3))
+        )
         made.apply_translation([3.0, -2.0, 5.0])
         mass, centre, tensor = mesh.mass_properties(np.asarray(made.triangles), 2.5)
         assert mass == pytest.approx(2.5 * made.volume, rel=1e-12)
@@ -251,12 +323,16 @@ class TestMesh:
     def test_body_command_on_an_stl(self, tmp_path):
         made = self.trimesh.creation.cylinder(radius=10.0, height=40.0, sections=512)
         made.export(tmp_path / "part.stl")
-        shown = CliRunner().invoke(app, ["body", str(tmp_path / "part.stl"), "--density", "7850", "--scale", "0.001"])
+        shown = CliRunner().invoke(
+            app, ["body", str(tmp_path / "part.stl"), "--density", "7850", "--scale", "0.001"]
+        )
         assert shown.exit_code == 0
         assert "prolate" in shown.stdout
         exact = Body.solid("cylinder", mass=7850 * np.pi * 0.01**2 * 0.04, radius=0.01, height=0.04)
         body = Body.from_mesh(tmp_path / "part.stl", density=7850.0, scale=0.001)
-        assert sorted(body.moments) == pytest.approx(sorted(exact.moments), rel=1e-4)  # 512 sides for a circle
+        assert sorted(body.moments) == pytest.approx(
+            sorted(exact.moments), rel=1e-4
+        )  # 512 sides for a circle
         by_mass = Body.from_mesh(tmp_path / "part.stl", mass=exact.mass, scale=0.001)
         assert by_mass.mass == pytest.approx(exact.mass, rel=1e-14)
 

@@ -54,7 +54,8 @@ def test_a_fault_at_the_start(fault, row, value):
 
 
 @pytest.mark.parametrize(
-    ("fault", "limits"), [("energy_drift", TIGHT._replace(l2=1.0)), ("momentum_drift", TIGHT._replace(energy=1.0))]
+    ("fault", "limits"),
+    [("energy_drift", TIGHT._replace(l2=1.0)), ("momentum_drift", TIGHT._replace(energy=1.0))],
 )
 def test_a_drift_beyond_its_limit(fault, limits):
     """One member spins six times as fast, and passes 1e-6 at some look; it stays where the look before was."""
@@ -88,7 +89,9 @@ class Untrue(NamedTuple):
 
 
 def test_lz_is_checked_where_a_scene_keeps_it():
-    scene = rm.Scene(BODY, (rm.Gravity(1.0),), rm.Start(omega=SPINS)).with_run(dt=0.01, t_end=2.0, members=64, integrator="rk4")
+    scene = rm.Scene(BODY, (rm.Gravity(1.0),), rm.Start(omega=SPINS)).with_run(
+        dt=0.01, t_end=2.0, members=64, integrator="rk4"
+    )
     assert not rm.simulate(scene).status.values.any()
     wrong = rm.Scene(BODY, (rm.Gravity(1.0), Untrue(0.1)), rm.Start(omega=SPINS)).with_run(
         dt=0.01, t_end=2.0, members=64, integrator="rk4"
@@ -105,11 +108,15 @@ def test_lz_is_checked_where_a_scene_keeps_it():
         pytest.param("exact", (), id="exact", marks=pytest.mark.slow),
         pytest.param("rk4", HEAVY, id="rk4-heavy", marks=pytest.mark.slow),
         pytest.param("strang", HEAVY, id="strang-heavy"),
-        pytest.param("rk4", (*HEAVY, rm.ViscousDamping(0.1)), id="rk4-damped", marks=pytest.mark.slow),
+        pytest.param(
+            "rk4", (*HEAVY, rm.ViscousDamping(0.1)), id="rk4-damped", marks=pytest.mark.slow
+        ),
     ],
 )
 def test_checks_change_no_bit_of_a_good_run(name, effects):
-    scene = rm.Scene(BODY, effects, rm.Start(omega=SPINS)).with_run(dt=0.02, t_end=2.0, every=0.5, members=64, integrator=name)
+    scene = rm.Scene(BODY, effects, rm.Start(omega=SPINS)).with_run(
+        dt=0.02, t_end=2.0, every=0.5, members=64, integrator=name
+    )
     checked, unchecked = rm.simulate(scene), rm.simulate(scene, checks=False)
     assert not checked.status.values.any()
     for variable in checked.data_vars:
@@ -120,7 +127,9 @@ def test_fast_spins_are_flagged_and_never_nonsense():
     """|omega| h of 0.1, 1 and 3: right, right to its order, flagged at the first step."""
     spins = np.zeros((96, 3))
     spins[:, 0], spins[:, 2] = np.repeat((1.0, 10.0, 30.0), 32), 0.1
-    scene = rm.Scene(BODY, (), rm.Start(omega=spins)).with_run(dt=0.1, t_end=10.0, members=96, save=("omega", "attitude"))
+    scene = rm.Scene(BODY, (), rm.Start(omega=spins)).with_run(
+        dt=0.1, t_end=10.0, members=96, save=("omega", "attitude")
+    )
     for name in ("rk4", "rkmk4"):
         with pytest.warns(rm.SceneWarning, match="omega dt reaches 3 rad"):
             ds = rm.simulate(scene, integrator=name)
@@ -149,7 +158,9 @@ def test_thresholds_of_the_scene(tmp_path):
 def test_default_limits_leave_room_for_what_integrators_make():
     """The drift of good runs is 30 to 1e4 times below the limit that their step gives them."""
     for name in ("rk4", "rk8", "strang", "srkn11"):
-        scene = rm.Scene(BODY, (rm.Gravity(1.0),), rm.Start(omega=SPINS)).with_run(dt=0.02, t_end=20.0, members=64, integrator=name)
+        scene = rm.Scene(BODY, (rm.Gravity(1.0),), rm.Start(omega=SPINS)).with_run(
+            dt=0.02, t_end=20.0, members=64, integrator=name
+        )
         ds = rm.simulate(scene)
         assert not ds.status.values.any()
         assert ds.energy_drift_max.values.max() < 0.1 * ds.attrs["energy_limit"], name
@@ -158,7 +169,11 @@ def test_default_limits_leave_room_for_what_integrators_make():
 def test_a_member_that_a_torque_spins_up_is_flagged():
     """Steps of its own are those of the start: at rest, under a torque, they soon turn a body by more than was asked, 1.07 rad for 0.2 and 0.01 rad off."""
     start = rm.Start(omega=(0.0, 0.0, 0.0))
-    scene = rm.Scene(rm.Body.from_moments((0.5, 1.0, 1.2)), (rm.SpaceTorque((0.0, 0.0, 1.0)), rm.EnergyDissipation(0.05)), start)
+    scene = rm.Scene(
+        rm.Body.from_moments((0.5, 1.0, 1.2)),
+        (rm.SpaceTorque((0.0, 0.0, 1.0)), rm.EnergyDissipation(0.05)),
+        start,
+    )
     with pytest.warns(rm.SceneWarning, match="space_torque may spin members up"):
         ds = rm.simulate(scene, "rk4", turn=0.2, t_end=20.0, members=2, save=("omega",))
     assert (ds.status == K.STATUSES["step_too_large"]).all()
@@ -172,4 +187,6 @@ def test_members_without_such_a_torque_never_turn_by_more_than_was_asked():
     scene = rm.Scene(BODY, (rm.Gravity(9.81), rm.ViscousDamping(0.1)), start)
     ds = rm.simulate(scene, "rk8", turn=0.3, t_end=5.0, members=256, save=("omega_max",))
     assert (ds.status == 0).all()
-    assert float((np.sqrt((ds.omega_max**2).sum("axis")) * 5.0 / ds.steps).max()) < 0.3  # measured 0.20
+    assert (
+        float((np.sqrt((ds.omega_max**2).sum("axis")) * 5.0 / ds.steps).max()) < 0.3
+    )  # measured 0.20

@@ -15,17 +15,25 @@ def test_a_box_from_a_file_is_the_box(ending, tmp_path):
     trimesh.creation.box((1.0, 2.0, 0.5)).export(tmp_path / f"part.{ending}")
     body = Body.from_mesh(tmp_path / f"part.{ending}", density=3.0)
     assert body.mass == pytest.approx(3.0, rel=1e-15)
-    assert np.abs(body.tensor - Body.box(3.0, (1.0, 2.0, 0.5)).tensor).max() < 4e-15  # measured 4.4e-16
+    assert (
+        np.abs(body.tensor - Body.box(3.0, (1.0, 2.0, 0.5)).tensor).max() < 4e-15
+    )  # measured 4.4e-16
 
 
 def test_round_solids_as_polyhedra_tend_to_their_closed_forms():
     """The error of n sides is quadratic: four times less for twice as many."""
     for made, exact in (
         (lambda n: trimesh.creation.cylinder(0.7, 1.5, sections=n), Body.cylinder(1.0, 0.7, 1.5)),
-        (lambda n: trimesh.creation.uv_sphere(0.7, count=[n // 2, n]), Body.solid("ball", mass=1.0, radius=0.7)),
+        (
+            lambda n: trimesh.creation.uv_sphere(0.7, count=[n // 2, n]),
+            Body.solid("ball", mass=1.0, radius=0.7),
+        ),
     ):
         error = [
-            np.abs(np.sort(Body.from_mesh(made(n), mass=1.0).about_centre().moments) - np.sort(exact.moments)).max()
+            np.abs(
+                np.sort(Body.from_mesh(made(n), mass=1.0).about_centre().moments)
+                - np.sort(exact.moments)
+            ).max()
             for n in (64, 128)
         ]
         assert error[1] < 1.5e-3 * max(exact.moments)  # measured 3.2e-4, 5.1e-4
@@ -46,8 +54,14 @@ def test_a_trimesh_is_taken_as_it_is():
     made = trimesh.creation.torus(0.5, 0.1)
     body = Body.from_mesh(made, density=2.0, scale=0.1)
     assert body.mass == pytest.approx(2.0e-3 * made.volume, rel=1e-13)
-    soup = trimesh.Trimesh(np.asarray(made.triangles).reshape(-1, 3), np.arange(3 * len(made.faces)).reshape(-1, 3), process=False)
-    assert Body.from_mesh(soup, density=2.0, scale=0.1).moments == pytest.approx(body.moments, rel=1e-13)
+    soup = trimesh.Trimesh(
+        np.asarray(made.triangles).reshape(-1, 3),
+        np.arange(3 * len(made.faces)).reshape(-1, 3),
+        process=False,
+    )
+    assert Body.from_mesh(soup, density=2.0, scale=0.1).moments == pytest.approx(
+        body.moments, rel=1e-13
+    )
 
 
 def test_merging_is_exact_and_complete_on_round_numbers():
@@ -77,7 +91,9 @@ def test_a_cavity_is_no_mass():
     both = trimesh.util.concatenate([outer, inner])
     solid = Body.from_mesh(outer, density=1.0)
     assert Body.from_mesh(both, density=1.0).mass == pytest.approx(7 / 8 * solid.mass, rel=1e-13)
-    assert Body.from_mesh(both, density=1.0).moments == pytest.approx(31 / 32 * np.array(solid.moments), rel=1e-13)
+    assert Body.from_mesh(both, density=1.0).moments == pytest.approx(
+        31 / 32 * np.array(solid.moments), rel=1e-13
+    )
 
 
 @pytest.mark.parametrize(
@@ -100,7 +116,9 @@ def test_body_command_refuses_what_it_cannot_say(tmp_path):
 
     from rigidmc.cli import app
 
-    text = "[body]\nmoments = [{ uniform = [1.0, 1.1] }, 2.0, 2.5]\n[start]\nomega = [0.0, 1.0, 0.0]\n"
+    text = (
+        "[body]\nmoments = [{ uniform = [1.0, 1.1] }, 2.0, 2.5]\n[start]\nomega = [0.0, 1.0, 0.0]\n"
+    )
     (tmp_path / "many.toml").write_text(text)
     for words, rule in (
         (["body", str(tmp_path / "many.toml")], "differs from member"),

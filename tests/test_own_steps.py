@@ -12,8 +12,12 @@ from rigidmc.studies.problems import PROBLEMS
 from tests.kernels import block_of, prepare, run
 
 BODY = rm.Body.from_moments((rm.uniform(0.9, 1.4), 1.5, 2.0), centre=(0.1, 0.05, 0.2))
-START = rm.Start(omega=(rm.normal(0.0, 1.0), rm.normal(0.0, 1.0), rm.normal(0.0, 1.0)), attitude="uniform")
-SCENE = rm.Scene(BODY, (Gravity(3.0),), START).with_run(t_end=10.0, every=2.5, members=300, save=("omega", "attitude", "energy"))
+START = rm.Start(
+    omega=(rm.normal(0.0, 1.0), rm.normal(0.0, 1.0), rm.normal(0.0, 1.0)), attitude="uniform"
+)
+SCENE = rm.Scene(BODY, (Gravity(3.0),), START).with_run(
+    t_end=10.0, every=2.5, members=300, save=("omega", "attitude", "energy")
+)
 FEW = ("rk4", "srkn6")
 
 
@@ -38,7 +42,9 @@ def test_bits_depend_on_the_member_alone(name, tmp_path):
 def test_a_member_is_what_it_would_be_with_its_dt():
     whole = rm.simulate(SCENE, integrator="rk4", turn=0.4)
     for m in (0, 7, 123):
-        alone = rm.simulate(SCENE, integrator="rk4", dt=10.0 / float(whole.steps[m]), members=range(m, m + 1))
+        alone = rm.simulate(
+            SCENE, integrator="rk4", dt=10.0 / float(whole.steps[m]), members=range(m, m + 1)
+        )
         assert np.array_equal(alone.omega.values[..., 0], whole.omega.values[..., m])
         assert np.array_equal(alone.attitude.values[..., 0], whole.attitude.values[..., m])
 
@@ -46,7 +52,10 @@ def test_a_member_is_what_it_would_be_with_its_dt():
 def test_the_order_stays():
     """Errors fall as turn^4."""
     true = rm.simulate(SCENE, integrator="rk8", dt=0.004).omega.values[-1]
-    apart = [np.abs(rm.simulate(SCENE, integrator="rk4", turn=t).omega.values[-1] - true).max(0) for t in (0.1, 0.05)]
+    apart = [
+        np.abs(rm.simulate(SCENE, integrator="rk4", turn=t).omega.values[-1] - true).max(0)
+        for t in (0.1, 0.05)
+    ]
     assert np.median(np.log2(apart[0] / apart[1])) == pytest.approx(4.0, abs=0.15)  # 3.99
 
 
@@ -63,7 +72,9 @@ def test_members_err_alike():
 def test_rates_bound_omega_for_all_times():
     block, _ = stage(SCENE, 0, 320, True)
     bound = rates(SCENE.effects, block)[:300]
-    omega = np.linalg.norm(rm.simulate(SCENE, integrator="rk8", dt=0.02, every=0.1).omega.values, axis=1)
+    omega = np.linalg.norm(
+        rm.simulate(SCENE, integrator="rk8", dt=0.02, every=0.1).omega.values, axis=1
+    )
     assert (omega.max(0) <= bound).all()
     assert np.median(omega.max(0) / bound) > 0.4  # 0.56, at most 0.75
     free = rm.Scene(rm.Body.from_moments((1.0, 2.0, 2.5)), (), rm.Start(omega=(3.0, 0.0, 0.0)))
@@ -71,7 +82,14 @@ def test_rates_bound_omega_for_all_times():
 
 
 def test_own_steps():
-    assert own_steps(np.array([0.0, 1.0, 1.01, np.nan, np.inf, 1e300]), 10.0, 0.5).tolist() == [1, 20, 21, 1, 1, MOST_OWN_STEPS]
+    assert own_steps(np.array([0.0, 1.0, 1.01, np.nan, np.inf, 1e300]), 10.0, 0.5).tolist() == [
+        1,
+        20,
+        21,
+        1,
+        1,
+        MOST_OWN_STEPS,
+    ]
 
 
 def test_a_kernel_with_rounds_in_several_calls_is_the_same():
@@ -89,7 +107,9 @@ def test_a_kernel_with_rounds_in_several_calls_is_the_same():
 
 def test_a_sick_member_harms_nobody_and_stops_nothing():
     omega = np.random.default_rng(0).normal(size=(64, 3))
-    scene = rm.Scene(rm.Body.from_moments((1.0, 1.5, 2.0)), (), rm.Start(omega=omega)).with_run(t_end=1.0, members=64, turn=0.2)
+    scene = rm.Scene(rm.Body.from_moments((1.0, 1.5, 2.0)), (), rm.Start(omega=omega)).with_run(
+        t_end=1.0, members=64, turn=0.2
+    )
     well = rm.simulate(scene)
     sick = omega.copy()
     sick[5] = 1e200
@@ -101,7 +121,9 @@ def test_a_sick_member_harms_nobody_and_stops_nothing():
 
 def test_dt_or_turn():
     assert rm.simulate(SCENE, turn=0.3, members=32).attrs["turn"] == 0.3
-    assert "turn" not in rm.simulate(SCENE.with_run(turn=0.3), dt=0.05, members=32).attrs  # the later one holds
+    assert (
+        "turn" not in rm.simulate(SCENE.with_run(turn=0.3), dt=0.05, members=32).attrs
+    )  # the later one holds
     with pytest.raises(rm.SceneError, match="give dt or turn, not both"):
         rm.simulate(SCENE, dt=0.1, turn=0.3)
     with pytest.raises(rm.SceneError, match="give dt or turn, not both"):

@@ -11,7 +11,9 @@ BODY = rm.Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.05, 0.2))
 START = rm.Start(omega=(rm.normal(0.5, 0.1), 1.0, rm.normal(0.0, 0.3)), attitude="uniform")
 HEAVY = rm.Scene(BODY, (rm.Gravity(3.0),), START).with_run(t_end=3.0, save=("omega", "attitude"))
 FREE = rm.Scene(BODY, (), START).with_run(t_end=3.0, save=("omega", "attitude"))
-LAGRANGE = rm.Scene(rm.Body.from_moments((1.0, 1.0, 0.5), centre=(0.0, 0.0, 0.2)), (rm.Gravity(3.0),), START).with_run(t_end=3.0)
+LAGRANGE = rm.Scene(
+    rm.Body.from_moments((1.0, 1.0, 0.5), centre=(0.0, 0.0, 0.2)), (rm.Gravity(3.0),), START
+).with_run(t_end=3.0)
 
 
 def test_states_are_those_of_a_run():
@@ -32,7 +34,9 @@ def test_states_are_those_of_a_run():
 def test_a_pilot_of_members_that_are_all_alike_is_one():
     scene = rm.Scene(BODY, (), rm.Start(omega=(0.1, 1.0, 0.2))).with_run(t_end=1.0)
     assert pilot.pilot(scene, 256).members == 1
-    rows = rm.Scene(BODY, (), rm.Start(omega=np.random.default_rng(0).normal(size=(50, 3)))).with_run(t_end=1.0, members=50)
+    rows = rm.Scene(
+        BODY, (), rm.Start(omega=np.random.default_rng(0).normal(size=(50, 3)))
+    ).with_run(t_end=1.0, members=50)
     assert pilot.pilot(rows, 256).members == 50
     assert pilot.pilot(rows, 40, first=40).first == 10  # the last ones there are
 
@@ -43,7 +47,9 @@ def test_the_truth_is_the_closed_form_where_there_is_one(scene, name):
     true = truth.truth(found)
     assert true.source == f"closed form of the {name}, which rk8 confirms"
     assert pilot.upper_quantile(true.error) < 1e-13
-    apart = pilot.errors(found, pilot.follow(found, "rk8", 400, compensated=True), true.states)["state"]
+    apart = pilot.errors(found, pilot.follow(found, "rk8", 400, compensated=True), true.states)[
+        "state"
+    ]
     assert apart.max() < 1e-12
 
 
@@ -55,7 +61,9 @@ def test_without_a_closed_form_two_methods_must_agree():
     assert "srkn11 confirms" in true.source
     assert "lies on none of them" in true.source  # why there is no closed form
     assert true.error.max() < truth.AGREED
-    apart = pilot.errors(found, pilot.follow(found, "rkmk4", 6000, compensated=True), true.states)["state"]
+    apart = pilot.errors(found, pilot.follow(found, "rkmk4", 6000, compensated=True), true.states)[
+        "state"
+    ]
     assert apart.max() < 1e-10  # a third method, of another family
     damped = rm.Scene(BODY, (rm.Gravity(3.0), rm.ViscousDamping(0.1)), START).with_run(t_end=3.0)
     true = truth.truth(pilot.pilot(damped, 32))

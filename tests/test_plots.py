@@ -17,12 +17,16 @@ STATES = {"omega": "axis", "attitude": "quat"}
 
 def euler(w, moments):
     i1, i2, i3 = moments
-    return np.stack([(i2 - i3) / i1 * w[1] * w[2], (i3 - i1) / i2 * w[2] * w[0], (i1 - i2) / i3 * w[0] * w[1]])
+    return np.stack(
+        [(i2 - i3) / i1 * w[1] * w[2], (i3 - i1) / i2 * w[2] * w[0], (i1 - i2) / i3 * w[0] * w[1]]
+    )
 
 
 def flips(members=400, saves=61, t_end=45.0, dt=0.05, moments=MOMENTS, spread=1e-3):
     """Free bodies about their middle axis, by RK4 in NumPy, as the Dataset of simulate()."""
-    start = np.stack([np.random.default_rng(7).normal(0.0, spread, members), np.ones(members), np.zeros(members)])
+    start = np.stack(
+        [np.random.default_rng(7).normal(0.0, spread, members), np.ones(members), np.zeros(members)]
+    )
     steps, w, kept = round(t_end / dt), start, []
     save = set(np.linspace(0, steps, saves).round().astype(int))
     for step in range(steps + 1):
@@ -32,7 +36,9 @@ def flips(members=400, saves=61, t_end=45.0, dt=0.05, moments=MOMENTS, spread=1e
         k2 = euler(w + dt / 2 * k1, moments)
         k3 = euler(w + dt / 2 * k2, moments)
         w = w + dt / 6 * (k1 + 2 * k2 + 2 * k3 + euler(w + dt * k3, moments))
-    return dataset(np.array(sorted(save)) * dt, omega=np.stack(kept), start_omega=start, moments=moments)
+    return dataset(
+        np.array(sorted(save)) * dt, omega=np.stack(kept), start_omega=start, moments=moments
+    )
 
 
 def dataset(time, start_omega, moments=MOMENTS, **states):
@@ -46,9 +52,18 @@ def dataset(time, start_omega, moments=MOMENTS, **states):
         "moments": (("axis", "member"), np.repeat(np.array(moments)[:, None], members, axis=1)),
         "start_omega": (("axis", "member"), start_omega),
     }
-    variables |= {name: (("time", STATES[name], "member"), values) for name, values in states.items()}
-    coords = {"member": np.arange(members), "time": np.asarray(time, float), "axis": [1, 2, 3], "quat": list("wxyz")}
-    return xr.Dataset(variables, coords, {"title": "flips", "integrator": "rk4", "dt": 0.05, "seed": 7})
+    variables |= {
+        name: (("time", STATES[name], "member"), values) for name, values in states.items()
+    }
+    coords = {
+        "member": np.arange(members),
+        "time": np.asarray(time, float),
+        "axis": [1, 2, 3],
+        "quat": list("wxyz"),
+    }
+    return xr.Dataset(
+        variables, coords, {"title": "flips", "integrator": "rk4", "dt": 0.05, "seed": 7}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -90,7 +105,9 @@ def test_momentum_sphere_shows_two_discs_axes_paths_and_separatrices(free):
     figure = draw(ensemble.momentum_sphere(free))
     axes, bar = figure.axes
     assert len(axes.images) == 2
-    assert {text.get_text() for text in axes.texts} == {f"${sign}{axis}$" for sign in "+-" for axis in (1, 2, 3)}
+    assert {text.get_text() for text in axes.texts} == {
+        f"${sign}{axis}$" for sign in "+-" for axis in (1, 2, 3)
+    }
     assert set(legend(axes)) == {"separatrices", "single members"}
     assert bar.get_xlabel() == "density (isotropic: 1)"
     assert axes.get_title() == "Direction of the angular momentum in body axes, t = 0 to 45 s"
@@ -98,12 +115,21 @@ def test_momentum_sphere_shows_two_discs_axes_paths_and_separatrices(free):
 
 
 def test_separatrices_are_where_2t_i_mid_is_l2(free):
-    line = next(line for line in ensemble.momentum_sphere(free).axes[0].lines if line.get_label() == "separatrices")
+    line = next(
+        line
+        for line in ensemble.momentum_sphere(free).axes[0].lines
+        if line.get_label() == "separatrices"
+    )
     (x0, x1), (y0, y1) = line.get_data()
-    l3, l1 = x1 - x0, y1 - y0  # to the right is axis 3, up is axis 1: the middle axis looks at the reader
+    l3, l1 = (
+        x1 - x0,
+        y1 - y0,
+    )  # to the right is axis 3, up is axis 1: the middle axis looks at the reader
     for scale, zero in ((1.0, True), (1.2, False)):
         l = np.array([scale * l1, 0.7, l3])
-        assert (abs(np.sum(l**2 / MOMENTS) * MOMENTS[1] / (l @ l) - 1.0) < 1e-14) == zero  # measured 2e-16; 0.09 off the line
+        assert (
+            abs(np.sum(l**2 / MOMENTS) * MOMENTS[1] / (l @ l) - 1.0) < 1e-14
+        ) == zero  # measured 2e-16; 0.09 off the line
 
 
 def test_density_is_one_for_an_isotropic_ensemble_and_holds_all_members():
@@ -112,12 +138,18 @@ def test_density_is_one_for_an_isotropic_ensemble_and_holds_all_members():
     v /= np.linalg.norm(v, axis=1)
     both = np.stack(sphere.density(v, (1, -1), np.sqrt(2.0)))
     disc = np.isfinite(both)
-    assert disc.mean() == pytest.approx(np.pi / 4.0, abs=0.02)  # measured 0.799: a bin that the rim cuts counts whole
+    assert disc.mean() == pytest.approx(
+        np.pi / 4.0, abs=0.02
+    )  # measured 0.799: a bin that the rim cuts counts whole
     assert np.median(both[disc]) == pytest.approx(1.0, abs=3e-3)  # measured 1.0003
-    assert np.std(both[disc]) < 0.06  # measured 0.052; of 1,000,000 in 22,600 bins, nine of them together: 0.050
+    assert (
+        np.std(both[disc]) < 0.06
+    )  # measured 0.052; of 1,000,000 in 22,600 bins, nine of them together: 0.050
     lopsided = np.stack(sphere.density(np.abs(v), (1, -1), np.sqrt(2.0)))
     assert np.isnan(lopsided[1]).all()
-    assert np.nanmedian(lopsided[0]) == pytest.approx(8.0, abs=0.1)  # one octant of eight; measured 7.98
+    assert np.nanmedian(lopsided[0]) == pytest.approx(
+        8.0, abs=0.1
+    )  # one octant of eight; measured 7.98
 
 
 def test_polhodes_keep_energy_and_pass_through_the_start():
@@ -127,25 +159,37 @@ def test_polhodes_keep_energy_and_pass_through_the_start():
     for k in range(3):
         u, inverse = l[:, k] / np.linalg.norm(l[:, k]), 1.0 / moments[:, k]
         assert np.abs(np.linalg.norm(curves[..., k], axis=1) - 1.0).max() < 1e-15  # measured 1e-16
-        assert np.abs(curves[..., k] ** 2 @ inverse - u**2 @ inverse).max() < 1e-15  # measured 2e-16
+        assert (
+            np.abs(curves[..., k] ** 2 @ inverse - u**2 @ inverse).max() < 1e-15
+        )  # measured 2e-16
         assert (
             np.abs(curves[..., k] ** 2 @ inverse[[1, 0, 2]] - u**2 @ inverse[[1, 0, 2]]).max() > 0.1
         )  # measured 0.11 or more: another body
-        assert np.linalg.norm(curves[..., k] - u, axis=1).min() < 0.01  # measured 0.003 or less, with 721 points around
+        assert (
+            np.linalg.norm(curves[..., k] - u, axis=1).min() < 0.01
+        )  # measured 0.003 or less, with 721 points around
 
 
 def test_both_hemispheres_are_shown_where_a_path_goes_on_to_the_other(free):
     bare = free.drop_vars("omega")
-    bare["start_omega"][:] = np.array([0.5, 0.1, 0.1])[:, None]  # one point; its polhode goes around axis 1
+    bare["start_omega"][:] = np.array([0.5, 0.1, 0.1])[
+        :, None
+    ]  # one point; its polhode goes around axis 1
     assert len(ensemble.momentum_sphere(bare).axes[0].images) == 2
 
 
 def test_paths_of_tops_under_torque_are_their_saves(tops):
     saved = ensemble._vectors(tops, "momentum")[0][:, :, 0]
-    line = next(line for line in ensemble.momentum_sphere(tops).axes[0].lines if line.get_label() == "single members")
+    line = next(
+        line
+        for line in ensemble.momentum_sphere(tops).axes[0].lines
+        if line.get_label() == "single members"
+    )
     u = saved / np.linalg.norm(saved, axis=1, keepdims=True)
     seen = u[:, 1] > 0.0
-    assert np.allclose(line.get_xdata()[seen], (u[:, 2] * np.sqrt(2.0 / (1.0 + u[:, 1])))[seen], atol=1e-14)
+    assert np.allclose(
+        line.get_xdata()[seen], (u[:, 2] * np.sqrt(2.0 / (1.0 + u[:, 1])))[seen], atol=1e-14
+    )
 
 
 def test_middle_component_has_bands_units_and_a_few_members(free):
@@ -172,16 +216,25 @@ def test_middle_component_follows_the_middle_moment_of_each_member(free):
 
 
 def test_symmetric_tops_are_seen_along_their_symmetry_axis(free):
-    lagrange = free.assign(moments=free.moments.copy(data=np.repeat([[2.0], [2.0], [1.0]], 400, axis=1)))
+    lagrange = free.assign(
+        moments=free.moments.copy(data=np.repeat([[2.0], [2.0], [1.0]], 400, axis=1))
+    )
     texts = draw(ensemble.momentum_sphere(lagrange)).axes[0].texts
     assert texts[4].get_text() == "$+3$"
     assert texts[4].xy == (0.0, 0.0)
-    assert ensemble.middle_component(lagrange).axes[0].get_title() == "Angular velocity across the symmetry axis"
+    assert (
+        ensemble.middle_component(lagrange).axes[0].get_title()
+        == "Angular velocity across the symmetry axis"
+    )
 
 
 def test_momentum_saved_instead_of_omega_gives_the_same_pictures(free):
     other = free.assign(momentum=free.omega * free.moments).drop_vars("omega")
-    assert np.array_equal(discs(ensemble.momentum_sphere(free)), discs(ensemble.momentum_sphere(other)), equal_nan=True)
+    assert np.array_equal(
+        discs(ensemble.momentum_sphere(free)),
+        discs(ensemble.momentum_sphere(other)),
+        equal_nan=True,
+    )
     medians = [ensemble.middle_component(ds).axes[0].lines[0].get_ydata() for ds in (free, other)]
     assert np.abs(medians[0] - medians[1]).max() < 1e-15  # measured 0: moments are 1, 2, 3
     started = other.rename(start_omega="start_momentum").drop_vars("momentum")
@@ -210,8 +263,16 @@ def test_drift_histogram_says_what_is_not_conserved(tops):
 
 @pytest.mark.parametrize("value", [0.0, np.nan])
 def test_drift_histogram_without_a_drift_to_show(free, value):
-    ds = free.assign({name: ("member", np.full(400, value)) for name in ("energy_drift_max", "l2_drift_max")})
-    assert sum(patch.get_data().values.sum() for patch in draw(ensemble.drift_histogram(ds)).axes[0].patches) == 0
+    ds = free.assign(
+        {name: ("member", np.full(400, value)) for name in ("energy_drift_max", "l2_drift_max")}
+    )
+    assert (
+        sum(
+            patch.get_data().values.sum()
+            for patch in draw(ensemble.drift_histogram(ds)).axes[0].patches
+        )
+        == 0
+    )
 
 
 def test_axis_sphere_shows_the_third_column_of_a_on_one_cap(tops):
@@ -228,7 +289,9 @@ def test_axis_sphere_shows_the_third_column_of_a_on_one_cap(tops):
 def test_summary_composes_all_and_heads_them(free, tops):
     figure = draw(ensemble.summary(free))
     titles = " ".join(axes.get_title() for axes in figure.axes)
-    assert all(words in titles for words in ("Direction of the angular momentum", "middle moment", "drift"))
+    assert all(
+        words in titles for words in ("Direction of the angular momentum", "middle moment", "drift")
+    )
     assert figure.get_suptitle().startswith("flips: 400 members, rk4, dt = 0.05 s, seed 7")
     assert "Axis 3" not in titles
     assert "Axis 3" in " ".join(axes.get_title() for axes in draw(ensemble.summary(tops)).axes)
@@ -236,7 +299,9 @@ def test_summary_composes_all_and_heads_them(free, tops):
 
 def test_summary_of_first_and_last_save_shows_the_spread(ends):
     figure = draw(ensemble.summary(ends))
-    spread = next(axes for axes in figure.axes if axes.get_title() == "Spread of the angular velocity")
+    spread = next(
+        axes for axes in figure.axes if axes.get_title() == "Spread of the angular velocity"
+    )
     assert legend(spread) == ["t = 0 s", "t = 45 s"]
     assert spread.get_xlabel() == "angular velocity, body axes [rad/s]"
     assert "t = 45 s" in figure.axes[0].get_title()
@@ -246,7 +311,10 @@ def test_summary_without_states_shows_the_start_and_says_so(free):
     bare = free.drop_vars("omega")
     figure = draw(ensemble.summary(bare))
     assert figure.axes[0].get_title().endswith("at the start (nothing later was saved)")
-    assert any(axes.get_legend() and legend(axes) == ["at the start (nothing later was saved)"] for axes in figure.axes)
+    assert any(
+        axes.get_legend() and legend(axes) == ["at the start (nothing later was saved)"]
+        for axes in figure.axes
+    )
     for ds, picture, wanted in (
         (bare, ensemble.middle_component, "every="),
         (bare, ensemble.axis_sphere, 'save=("attitude",)'),
@@ -265,15 +333,22 @@ def test_a_flagged_member_is_left_out_and_counted(free):
     figure = draw(ensemble.summary(bad))
     assert figure.get_suptitle().endswith("1 flagged and left out")
     assert np.array_equal(discs(figure), discs(ensemble.summary(good)), equal_nan=True)
-    assert np.array_equal(*(ensemble.middle_component(ds).axes[0].lines[0].get_ydata() for ds in (bad, good)))
+    assert np.array_equal(
+        *(ensemble.middle_component(ds).axes[0].lines[0].get_ydata() for ds in (bad, good))
+    )
     assert "worst (▾) 1.0e-11" in legend(ensemble.drift_histogram(bad).axes[0])[0]
     bad["status"][5] = 0
-    assert not np.array_equal(discs(ensemble.summary(bad)), discs(ensemble.summary(good)), equal_nan=True)
+    assert not np.array_equal(
+        discs(ensemble.summary(bad)), discs(ensemble.summary(good)), equal_nan=True
+    )
 
 
 def test_nothing_but_flagged_members(free):
     dead = free.assign(status=("member", np.ones(400, np.int8)))
-    assert draw(ensemble.summary(dead)).texts[-1].get_text() == "nothing to draw: every member is flagged"
+    assert (
+        draw(ensemble.summary(dead)).texts[-1].get_text()
+        == "nothing to draw: every member is flagged"
+    )
     with pytest.raises(ValueError, match="400 members"):
         ensemble.momentum_sphere(dead)
 
@@ -292,11 +367,17 @@ def test_bodies_at_rest_have_no_direction():
 def test_spherical_bodies_and_bodies_that_stay_on_an_axis():
     start = np.repeat([[0.0], [0.0], [1.0]], 4, axis=1)
     for moments in ((2.0, 2.0, 2.0), (1.0, 2.0, 3.0)):
-        draw(ensemble.summary(dataset([0.0, 1.0, 2.0], start, moments, omega=np.repeat(start[None], 3, axis=0))))
+        draw(
+            ensemble.summary(
+                dataset([0.0, 1.0, 2.0], start, moments, omega=np.repeat(start[None], 3, axis=0))
+            )
+        )
 
 
 def test_what_is_read_is_bounded_and_ends_with_the_last_save():
-    huge = np.broadcast_to(np.array([0.1, 1.0, 0.2])[None, :, None], (1001, 3, 300_000))  # 7 GB, were it in memory
+    huge = np.broadcast_to(
+        np.array([0.1, 1.0, 0.2])[None, :, None], (1001, 3, 300_000)
+    )  # 7 GB, were it in memory
     sample = ensemble._sample(dataset(np.arange(1001.0), huge[0], omega=huge))
     assert sample.sizes["time"] <= ensemble.TIMES
     assert sample.sizes["member"] <= ensemble.MEMBERS
@@ -315,7 +396,10 @@ def test_a_picture_goes_into_given_axes(free):
     assert ensemble.summary(free, figure) is figure
 
 
-@pytest.mark.parametrize(("suffix", "magic"), [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml"), ("PNG", b"\x89PNG")])
+@pytest.mark.parametrize(
+    ("suffix", "magic"),
+    [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml"), ("PNG", b"\x89PNG")],
+)
 def test_save_writes_by_suffix_and_leaves_nothing_else(free, tmp_path, suffix, magic):
     path = tmp_path / f"flips.{suffix}"
     ensemble.save(ensemble.drift_histogram(free), str(path))
@@ -340,7 +424,9 @@ def test_save_refuses_other_suffixes_and_keeps_the_old_picture(free, tmp_path, m
     monkeypatch.setattr(figure, "savefig", full)
     with pytest.raises(OSError, match="No space"):
         ensemble.save(figure, old, force=True)
-    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("flips.png", b"old")]
+    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [
+        ("flips.png", b"old")
+    ]
 
 
 def test_pyplot_is_left_alone():

@@ -20,7 +20,10 @@ from rigidmc.planning.limits import Limits
 from tests.kernels import make_block, run
 from tests.reference import attitude_error
 
-TURN, STEPS = 0.1, 24  # of a step by the largest rate of motion [rad]: one panel of the exact drift, 16 iterations of midpoint
+TURN, STEPS = (
+    0.1,
+    24,
+)  # of a step by the largest rate of motion [rad]: one panel of the exact drift, 16 iterations of midpoint
 NAMES = ("rk4", "rk8", "midpoint", "strang", "chin4", "srkn11", "exact")
 SAFE = Limits(0.05, math.inf, 0.05, math.pi, 1e-9)
 
@@ -44,7 +47,11 @@ class Top(NamedTuple):
     def rate(self):
         """sqrt(2 (T + 2 V)/I) + sqrt(V/I) + damping, I the smallest moment."""
         least = min(self.moments)
-        return math.sqrt(2.0 * self.play / least) + math.sqrt(sum(map(abs, self.weight)) / least) + self.damping
+        return (
+            math.sqrt(2.0 * self.play / least)
+            + math.sqrt(sum(map(abs, self.weight)) / least)
+            + self.damping
+        )
 
     @property
     def most(self):
@@ -89,7 +96,10 @@ def moved(top, name, h=None, steps=STEPS, way=1.0):
     """(q, L) of a top after some steps of an integrator."""
     h, effects = TURN / top.rate if h is None else h, effects_of(name, top.weight, top.damping)
     block = make_block(
-        MassProperties.of(top.moments, top.weight), effects, np.array(top.attitude)[:, None], np.array(top.momentum)[:, None]
+        MassProperties.of(top.moments, top.weight),
+        effects,
+        np.array(top.attitude)[:, None],
+        np.array(top.momentum)[:, None],
     )
     run(block, form(INTEGRATORS[name], Turns(TURN, 3.0 * TURN), effects), effects, way * h, steps)
     assert not block[K.STATUS].any()
@@ -112,10 +122,16 @@ ENERGY = {
     "exact": 1e-14,
 }  # 3.4e-8, 2.6e-15, 3.2e-15, 1.4e-4, 3.2e-9, 5.5e-15, 1.3e-15
 SQUARE = {**dict.fromkeys(NAMES, 3e-14), "rk4": 1e-6}  # 2.7e-7; else 5.6e-15
-VERTICAL = {**dict.fromkeys(NAMES, 5e-14), "rk4": 1e-6, "midpoint": 2e-3}  # 2.5e-7, 3.3e-4; else 9.1e-15
+VERTICAL = {
+    **dict.fromkeys(NAMES, 5e-14),
+    "rk4": 1e-6,
+    "midpoint": 2e-3,
+}  # 2.5e-7, 3.3e-4; else 9.1e-15
 names = st.sampled_from(NAMES)
 EXAMPLES = max(300, settings().max_examples)
-many = settings(max_examples=EXAMPLES, suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much])
+many = settings(
+    max_examples=EXAMPLES, suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much]
+)
 
 
 @many
@@ -147,8 +163,12 @@ def test_turned_space(top, name, turn):
 @given(tops(damped=False), st.sampled_from([n for n in NAMES if INTEGRATORS[n].reversible]))
 def test_time_backwards(top, name):
     q, l = moved(top, name)
-    again = moved(top._replace(attitude=tuple(q), momentum=tuple(l)), name, h=TURN / top.rate, way=-1.0)
-    assert distance(top, (np.array(top.attitude), np.array(top.momentum)), again) < 5e-14  # measured 1.2e-14
+    again = moved(
+        top._replace(attitude=tuple(q), momentum=tuple(l)), name, h=TURN / top.rate, way=-1.0
+    )
+    assert (
+        distance(top, (np.array(top.attitude), np.array(top.momentum)), again) < 5e-14
+    )  # measured 1.2e-14
 
 
 @many
@@ -173,12 +193,19 @@ def test_conservation(top, name):
     q, l = moved(top, name)
     play = kinetic_energy(body, l0) + total_energy_scale(effects, body)
     energy = (
-        abs(kinetic_energy(body, l) + total_energy(effects, body, q) - kinetic_energy(body, l0) - total_energy(effects, body, q0))
+        abs(
+            kinetic_energy(body, l)
+            + total_energy(effects, body, q)
+            - kinetic_energy(body, l0)
+            - total_energy(effects, body, q0)
+        )
         / play
     )
     assert abs(q @ q - 1.0) < 3e-15  # measured 6.7e-16
     assert energy < ENERGY[name]
-    assert abs(dot(tuple(l), up(tuple(q))) - dot(tuple(l0), up(tuple(q0)))) < VERTICAL[name] * top.most
+    assert (
+        abs(dot(tuple(l), up(tuple(q))) - dot(tuple(l0), up(tuple(q0)))) < VERTICAL[name] * top.most
+    )
     if not any(top.weight):
         assert abs(dot(l, l) - dot(l0, l0)) <= SQUARE[name] * dot(l0, l0)
 
@@ -207,13 +234,25 @@ def test_never_a_nan_without_a_flag(moments, momentum, exponent, weight, h, name
     with np.errstate(all="ignore"):
         l = np.array(momentum) * 10.0**exponent
     block = make_block(
-        MassProperties.of(moments, (0.3 * weight, 0.0, weight)), effects, np.array([[1.0], [0.0], [0.0], [0.0]]), l[:, None]
+        MassProperties.of(moments, (0.3 * weight, 0.0, weight)),
+        effects,
+        np.array([[1.0], [0.0], [0.0], [0.0]]),
+        l[:, None],
     )
     before = block[: K.REST].copy()
     limits = SAFE if weight else SAFE._replace(l2=0.05)
-    run(block, form(INTEGRATORS[name], Turns(TURN, 3.0 * TURN), effects), effects, h, 64, limits=tuple(limits))
+    run(
+        block,
+        form(INTEGRATORS[name], Turns(TURN, 3.0 * TURN), effects),
+        effects,
+        h,
+        64,
+        limits=tuple(limits),
+    )
     ok = block[K.STATUS] == 0.0
-    assert np.isfinite(block[: K.REST]).all() or np.array_equal(block[: K.REST], before, equal_nan=True)
+    assert np.isfinite(block[: K.REST]).all() or np.array_equal(
+        block[: K.REST], before, equal_nan=True
+    )
     if ok.all():
         q, l1 = block[: K.MOMENTUM, 0], block[K.MOMENTUM : K.REST, 0]
         assert abs(q @ q - 1.0) < 1e-9

@@ -18,7 +18,10 @@ from tests.effects.laws import Known, moved
 from tests.random_scenes import QUICK, Kind
 from tests.reference import rotation
 
-FLOOR = {"float64": 3e-8, "float32": 3e-3}  # of scipy at 1e-11, by growth of an error over the run; of 400 steps in float32
+FLOOR = {
+    "float64": 3e-8,
+    "float32": 3e-3,
+}  # of scipy at 1e-11, by growth of an error over the run; of 400 steps in float32
 
 
 def run(scene):
@@ -33,18 +36,35 @@ def truths(scene, ds):
     for i in range(ds.sizes["member"]):
         one = ds.isel(member=i)
         moments = one.moments.values
-        mass, centre = (one[name].values if name in one else np.array(getattr(scene.body, name)) for name in ("mass", "centre"))
+        mass, centre = (
+            one[name].values if name in one else np.array(getattr(scene.body, name))
+            for name in ("mass", "centre")
+        )
         effects = []
         for label, e in labelled(scene.effects):
             values = []
             for field, value in zip(e._fields, e, strict=True):
                 own = f"{label}_{field}"
                 values += np.ravel(
-                    one[own].values if own in one else np.array(value if shape(e, field) else [value], float)
+                    one[own].values
+                    if own in one
+                    else np.array(value if shape(e, field) else [value], float)
                 ).tolist()
             effects.append((label.rstrip("_0123456789"), filled(type(e), values)))
-        momentum = one.start_momentum.values if "start_momentum" in one else moments * one.start_omega.values
-        found.append(moved(effects, Known(moments, mass * centre), one.start_attitude.values, momentum, scene.run.t_end))
+        momentum = (
+            one.start_momentum.values
+            if "start_momentum" in one
+            else moments * one.start_omega.values
+        )
+        found.append(
+            moved(
+                effects,
+                Known(moments, mass * centre),
+                one.start_attitude.values,
+                momentum,
+                scene.run.t_end,
+            )
+        )
     return found
 
 
@@ -54,7 +74,9 @@ def errors(scene, ds, true):
     for i, (a, l) in enumerate(true):
         one = ds.isel(member=i, time=-1)
         if one.status == 0:
-            off = np.linalg.norm(one.omega.values * one.moments.values - l) / max(np.linalg.norm(l), 1e-3)
+            off = np.linalg.norm(one.omega.values * one.moments.values - l) / max(
+                np.linalg.norm(l), 1e-3
+            )
             found[i] = max(off, np.linalg.norm(rotation(one.attitude.values) - a) / math.sqrt(2.0))
     return found
 
@@ -65,30 +87,48 @@ def wrong(kind, seed, members=2):
     if kind.integrator == "closed" and not random_scenes.covered(scene):
         return "", 0
     ds = run(scene)
-    stored = [(ds[name].isel(time=0), ds[f"start_{name}"]) for name in ("omega", "attitude") if f"start_{name}" in ds]
-    if any(float(np.abs(one - two).max()) > 1e-14 for one, two in stored):  # omega is L/I of L = I omega: 4e-16
+    stored = [
+        (ds[name].isel(time=0), ds[f"start_{name}"])
+        for name in ("omega", "attitude")
+        if f"start_{name}" in ds
+    ]
+    if any(
+        float(np.abs(one - two).max()) > 1e-14 for one, two in stored
+    ):  # omega is L/I of L = I omega: 4e-16
         return "the state at t = 0 is not the start that is stored", 0
     true = truths(scene, ds)
-    one, floor, order = errors(scene, ds, true), FLOOR[kind.dtype], INTEGRATORS[kind.integrator].order
+    one, floor, order = (
+        errors(scene, ds, true),
+        FLOOR[kind.dtype],
+        INTEGRATORS[kind.integrator].order,
+    )
     if np.nanmax(one, initial=0.0) < floor:
         return "", int(np.isnan(one).sum())
     two = errors(scene, run(random_scenes.finer(scene)), true)
     least = 0.0 if order == math.inf else 2.0 ** -(order - 0.8)
     bad = two > np.maximum(floor, least * one)
-    return f"errors {one} by steps that leave {two} when halved" if bad.any() else "", int(np.isnan(one).sum())
+    return f"errors {one} by steps that leave {two} when halved" if bad.any() else "", int(
+        np.isnan(one).sum()
+    )
 
 
 @pytest.mark.parametrize("kind", QUICK, ids=lambda kind: "-".join((kind.integrator, *kind.effects)))
 def test_no_difference_that_is_not_flagged(kind):
     found = {seed: wrong(kind, seed) for seed in range(10)}
     assert {seed: words for seed, (words, _) in found.items() if words} == {}
-    assert sum(flagged for _, flagged in found.values()) < 10  # of 20 members; measured 0 of five kinds
+    assert (
+        sum(flagged for _, flagged in found.values()) < 10
+    )  # of 20 members; measured 0 of five kinds
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("part", range(10))
 def test_thousands(part):
-    found = {(kind, seed): wrong(kind, seed, 1) for kind in random_scenes.kinds(10, seed=part) for seed in range(30)}
+    found = {
+        (kind, seed): wrong(kind, seed, 1)
+        for kind in random_scenes.kinds(10, seed=part)
+        for seed in range(30)
+    }
     assert {key: words for key, (words, _) in found.items() if words} == {}
     assert sum(flagged for _, flagged in found.values()) < 30  # of 300 members
 
@@ -97,10 +137,15 @@ def missed(kind, seed, tolerance):
     """What a tolerance chooses: the share of 20 members that are further off than it, and what it predicts."""
     scene = random_scenes.scene(kind, seed, 20).with_run(integrator="auto", tolerance=tolerance)
     ds = run(scene)
-    return float(np.mean(errors(scene, ds, truths(scene, ds)) > tolerance)), ds.attrs["tolerance_predicted_error"]
+    return float(np.mean(errors(scene, ds, truths(scene, ds)) > tolerance)), ds.attrs[
+        "tolerance_predicted_error"
+    ]
 
 
-TOLERANT = (Kind("closed", ("gravity", "gravity")), Kind("closed", ("viscous_damping", "viscous_damping")))
+TOLERANT = (
+    Kind("closed", ("gravity", "gravity")),
+    Kind("closed", ("viscous_damping", "viscous_damping")),
+)
 
 
 @pytest.mark.parametrize("kind", TOLERANT, ids=lambda kind: "-".join(kind.effects))
@@ -112,7 +157,9 @@ def test_what_a_tolerance_chooses(kind):
 
 @pytest.mark.slow
 def test_what_a_tolerance_chooses_for_many():
-    for i, kind in enumerate(k for k in random_scenes.kinds(60, seed=99) if not k.compensated and k.dtype == "float64"):
+    for i, kind in enumerate(
+        k for k in random_scenes.kinds(60, seed=99) if not k.compensated and k.dtype == "float64"
+    ):
         if i < 30:
             share, _ = missed(kind, i, 1e-6)
             assert share <= 0.1, kind

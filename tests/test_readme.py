@@ -11,16 +11,26 @@ from bench.__main__ import BENCHES
 from rigidmc.cli import app
 
 ROOT = Path(__file__).parents[1]
-TEXT = "\n".join(path.read_text("utf-8") for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))))
+TEXT = "\n".join(
+    path.read_text("utf-8") for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+)
 
 
 def test_every_bench_that_is_named_can_be_run():
-    named = {name for words in re.findall(r"python -m bench((?: [a-z]+)+)", TEXT) for name in words.split()}
+    named = {
+        name
+        for words in re.findall(r"python -m bench((?: [a-z]+)+)", TEXT)
+        for name in words.split()
+    }
     assert named and named <= set(BENCHES), named - set(BENCHES)
 
 
 def test_every_bench_has_a_name():
-    modules = {f"bench.{path.stem}" for path in (ROOT / "bench").glob("*.py") if "\ndef report(" in path.read_text("utf-8")}
+    modules = {
+        f"bench.{path.stem}"
+        for path in (ROOT / "bench").glob("*.py")
+        if "\ndef report(" in path.read_text("utf-8")
+    }
     assert modules == set(BENCHES.values())
 
 

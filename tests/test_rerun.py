@@ -10,8 +10,20 @@ import rigidmc as rm
 from rigidmc.cli import app
 
 BODY = rm.Body.from_moments((rm.uniform(1.0, 1.2), 1.4, 2.0), mass=1.0, centre=(0.1, 0.0, 0.3))
-SCENE = rm.Scene(BODY, (rm.Gravity(rm.normal(9.81, 0.1)),), rm.Start(omega=(rm.normal(0.0, 0.1), 1.0, 0.2), attitude="uniform"))
-SCENE = SCENE.with_run(members=200, first=1000, t_end=2.0, dt=0.01, every=0.5, save=("omega", "attitude"), integrator="rk4")
+SCENE = rm.Scene(
+    BODY,
+    (rm.Gravity(rm.normal(9.81, 0.1)),),
+    rm.Start(omega=(rm.normal(0.0, 0.1), 1.0, 0.2), attitude="uniform"),
+)
+SCENE = SCENE.with_run(
+    members=200,
+    first=1000,
+    t_end=2.0,
+    dt=0.01,
+    every=0.5,
+    save=("omega", "attitude"),
+    integrator="rk4",
+)
 
 
 @pytest.fixture(scope="module")
@@ -25,9 +37,19 @@ def test_a_member_again_with_everything_saved(file):
     with rm.open(file) as first:
         made = rm.rerun(file, 1123, every=0.02)
         assert made.sizes["time"] == 101
-        assert set(made.data_vars) >= {"omega", "momentum", "attitude", "energy", "energy_drift", "l2", "l2_drift"}
+        assert set(made.data_vars) >= {
+            "omega",
+            "momentum",
+            "attitude",
+            "energy",
+            "energy_drift",
+            "l2",
+            "l2_drift",
+        }
         assert made.attrs["rerun"] == "equal to the bit at 5 times in omega, attitude"
-        assert np.array_equal(made.omega.sel(time=first.time, member=[1123]), first.omega.sel(member=[1123]))
+        assert np.array_equal(
+            made.omega.sel(time=first.time, member=[1123]), first.omega.sel(member=[1123])
+        )
         some = rm.rerun(file, range(1100, 1164), save=("omega",))
         assert np.array_equal(some.omega, first.omega.sel(member=some.member))
 
@@ -63,7 +85,18 @@ def test_steps_of_their_own_stay_as_they_were(tmp_path):
 
 def test_from_the_command_line(file, tmp_path):
     output = str(tmp_path / "b.nc")
-    words = ["rerun", file, "--member", "1123", "--every", "0.1", "--save", "omega,energy", "-o", output]
+    words = [
+        "rerun",
+        file,
+        "--member",
+        "1123",
+        "--every",
+        "0.1",
+        "--save",
+        "omega,energy",
+        "-o",
+        output,
+    ]
     result = CliRunner().invoke(app, words)
     assert result.exit_code == 0
     assert "member 1123, 21 saves of omega, energy" in result.output
@@ -88,7 +121,10 @@ def test_work_that_was_booked_is_booked_again(integrator):
     """Without it energy_drift is another quantity, and "another processor or version" was blamed."""
     ds = rm.simulate(ROWS, integrator)
     for save in (None, ("omega", "energy_drift")):
-        assert ds.rigid.rerun(5, save=save).attrs["rerun"] == "equal to the bit at 11 times in omega, energy_drift, work"
+        assert (
+            ds.rigid.rerun(5, save=save).attrs["rerun"]
+            == "equal to the bit at 11 times in omega, energy_drift, work"
+        )
 
 
 def test_of_a_selection_only_its_own_members_have_rows():

@@ -37,7 +37,9 @@ def test_flagged_members_are_kept_in_full(full, tmp_path, keep):
         "none": {}, "full": {"omega": full.omega}, "final": {"omega_final": full.omega[-1]},
         "thinned": {"omega_thinned": full.omega[[0, 10, 20]]},
     }[keep]  # fmt: skip
-    assert {name for name in ds.data_vars if name.startswith("omega") and "flagged" not in name} == {*expected, "omega_max"}
+    assert {
+        name for name in ds.data_vars if name.startswith("omega") and "flagged" not in name
+    } == {*expected, "omega_max"}
     for name, values in expected.items():
         assert np.array_equal(ds[name].values, values.values)
     if keep != "full":
@@ -82,7 +84,9 @@ def test_digits_are_of_saves_alone(full, tmp_path):
     with rm.simulate(
         SCENE.with_run(digits=4, keep="thinned"), output=tmp_path / "two.nc"
     ) as ds:  # flagged members are kept in full
-        assert np.array_equal(ds.omega_flagged.values, full.omega.values[..., np.flatnonzero(full.status.values)])
+        assert np.array_equal(
+            ds.omega_flagged.values, full.omega.values[..., np.flatnonzero(full.status.values)]
+        )
         assert not np.array_equal(ds.omega_thinned.values, full.omega.values[::10])
         assert rm.rerun(ds, 7, save=("energy",)).attrs["rerun"].startswith("compared with nothing")
     from rigidmc.storage.writer import Writer
@@ -124,7 +128,11 @@ def test_what_cannot_be_held_is_refused(tmp_path, monkeypatch):
         rm.simulate(SCENE, output=tmp_path / "one.nc")
     assert list(tmp_path.iterdir()) == []
     told = CliRunner().invoke(app, ["run", "tennis_racket", "-o", f"{tmp_path}/one.nc"])
-    assert told.exit_code == 74 and told.stderr.count("rigidmc:") == 1 and "nothing was written" in told.stderr
+    assert (
+        told.exit_code == 74
+        and told.stderr.count("rigidmc:") == 1
+        and "nothing was written" in told.stderr
+    )
 
 
 def test_threads_beyond_the_blocks_take_no_memory(monkeypatch):
@@ -145,13 +153,22 @@ def test_free_memory_is_what_the_narrowest_group_allows(tmp_path, monkeypatch):
         ):
             if text is not None:
                 (folder / name).write_text(text)
-    assert capacity._allowed(str(tmp_path), "/a/b", "memory.max", "memory.current", ("inactive_file", "active_file")) == [2400]
-    assert capacity._allowed(str(tmp_path), "/a", "memory.max", "memory.current", ("inactive_file", "active_file")) == []
+    assert capacity._allowed(
+        str(tmp_path), "/a/b", "memory.max", "memory.current", ("inactive_file", "active_file")
+    ) == [2400]
+    assert (
+        capacity._allowed(
+            str(tmp_path), "/a", "memory.max", "memory.current", ("inactive_file", "active_file")
+        )
+        == []
+    )
     assert capacity.free_memory() is None or capacity.free_memory() > 0
     asked = []
     monkeypatch.setattr(capacity, "_allowed", lambda *given: asked.append(given) or [1])
     assert capacity.free_memory() == 1 or not asked
-    assert all(isinstance(given[4], tuple) and len(given[4]) == 2 for given in asked)  # names, not the letters of one
+    assert all(
+        isinstance(given[4], tuple) and len(given[4]) == 2 for given in asked
+    )  # names, not the letters of one
 
 
 def test_one_bad_member_of_a_million():
@@ -163,12 +180,22 @@ def test_one_bad_member_of_a_million():
         speed[bad] = fast
         scene = rm.Scene(SCENE.body, start=rm.Start(omega=(0.01, speed.copy(), 0.01)))
         run = SCENE.run.model_dump(exclude={"turn", "members", "turn_limit", "keep"})
-        ends.append(rm.simulate(scene.with_run(**run, turn_limit=1.0), members=count, t_end=0.5, keep="final"))
+        ends.append(
+            rm.simulate(
+                scene.with_run(**run, turn_limit=1.0), members=count, t_end=0.5, keep="final"
+            )
+        )
     good, one = ends
-    assert (good.status.values == 0).all() and np.array_equal(np.flatnonzero(one.status.values), [bad])
+    assert (good.status.values == 0).all() and np.array_equal(
+        np.flatnonzero(one.status.values), [bad]
+    )
     assert one.flagged_member.values.tolist() == [bad] and one.omega_flagged.shape == (6, 3, 1)
-    np.testing.assert_allclose(one.omega_flagged.values[0, :, 0], [0.01, 1e200, 0.01], 1e-15)  # 0: of the momentum that is kept
+    np.testing.assert_allclose(
+        one.omega_flagged.values[0, :, 0], [0.01, 1e200, 0.01], 1e-15
+    )  # 0: of the momentum that is kept
     others = np.arange(count) != bad
     for name in good.data_vars:
         if "member" in good[name].dims:
-            assert good[name].values[..., others].tobytes() == one[name].values[..., others].tobytes(), name
+            assert (
+                good[name].values[..., others].tobytes() == one[name].values[..., others].tobytes()
+            ), name

@@ -29,9 +29,18 @@ def test_matrix_quaternion_and_rotation_vector_are_scipys():
 
 @pytest.mark.parametrize(("convention", "scipys"), [("zxz", "ZXZ"), ("zyz", "ZYZ")])
 def test_euler_angles_are_those_of_the_chapter(convention, scipys):
-    angles = np.stack([RNG.uniform(-3, 3, 100), RNG.uniform(0.1, 3.0, 100), RNG.uniform(-3, 3, 100)], -1)
-    assert R.attitude_error(R.from_euler(angles, convention), Rotation.from_euler(scipys, angles)).max() < 3e-15  # 6.3e-16
-    assert np.abs(R.euler(R.from_euler(angles, convention), convention) - angles).max() < 1e-14  # 4.4e-16
+    angles = np.stack(
+        [RNG.uniform(-3, 3, 100), RNG.uniform(0.1, 3.0, 100), RNG.uniform(-3, 3, 100)], -1
+    )
+    assert (
+        R.attitude_error(
+            R.from_euler(angles, convention), Rotation.from_euler(scipys, angles)
+        ).max()
+        < 3e-15
+    )  # 6.3e-16
+    assert (
+        np.abs(R.euler(R.from_euler(angles, convention), convention) - angles).max() < 1e-14
+    )  # 4.4e-16
 
 
 def test_third_column_under_3_36_has_the_mathematics_sign_not_the_scans():
@@ -49,7 +58,10 @@ def test_euler_angles_give_the_attitude_back(q, convention):
 
 
 @given(
-    ANGLE, ANGLE, st.sampled_from([0.0, 1e-300, 1e-18, 1e-9, np.pi, np.pi - 1e-9, np.pi - 1e-15]), st.sampled_from(R.CONVENTIONS)
+    ANGLE,
+    ANGLE,
+    st.sampled_from([0.0, 1e-300, 1e-18, 1e-9, np.pi, np.pi - 1e-9, np.pi - 1e-15]),
+    st.sampled_from(R.CONVENTIONS),
 )
 @settings(max_examples=200, deadline=None)
 def test_near_sin_theta_0_the_angles_still_describe_the_attitude(phi, psi, theta, convention):
@@ -60,8 +72,12 @@ def test_near_sin_theta_0_the_angles_still_describe_the_attitude(phi, psi, theta
 
 
 def test_where_sin_theta_is_0_psi_is_0():
-    assert R.euler((np.cos(0.4), 0.0, 0.0, np.sin(0.4))) == pytest.approx([0.8, 0.0, 0.0], abs=1e-15)
-    assert R.euler((0.0, np.cos(0.4), np.sin(0.4), 0.0)) == pytest.approx([0.8, np.pi, 0.0], abs=1e-15)
+    assert R.euler((np.cos(0.4), 0.0, 0.0, np.sin(0.4))) == pytest.approx(
+        [0.8, 0.0, 0.0], abs=1e-15
+    )
+    assert R.euler((0.0, np.cos(0.4), np.sin(0.4), 0.0)) == pytest.approx(
+        [0.8, np.pi, 0.0], abs=1e-15
+    )
 
 
 @given(UNIT, UNIT, UNIT)
@@ -71,15 +87,22 @@ def test_group_laws(p, q, r):
     assert np.abs(a @ a.T - np.eye(3)).max() < 1e-14  # 8.9e-16
     assert np.linalg.det(a) == pytest.approx(1.0, abs=1e-14)
     assert np.abs((a @ b) @ c - a @ (b @ c)).max() < 1e-14  # 2.2e-16
-    assert R.attitude_error(R.quaternion(a @ b), Rotation.from_matrix(a) * Rotation.from_matrix(b)) < 1e-14  # 6.4e-16
+    assert (
+        R.attitude_error(R.quaternion(a @ b), Rotation.from_matrix(a) * Rotation.from_matrix(b))
+        < 1e-14
+    )  # 6.4e-16
 
 
 def test_components_in_both_frames():
     v = RNG.normal(size=(200, 3))
     space = R.to_space(Q, v)
-    assert np.abs(np.linalg.norm(space, axis=1) - np.linalg.norm(v, axis=1)).max() < 2e-15  # 1.8e-15
+    assert (
+        np.abs(np.linalg.norm(space, axis=1) - np.linalg.norm(v, axis=1)).max() < 2e-15
+    )  # 1.8e-15
     assert np.abs(R.to_body(Q, space) - v).max() < 3e-15  # 2.2e-15
-    assert np.abs(R.to_space(R.from_euler((np.pi / 2, 0, 0)), (1.0, 0, 0)) - [0, 1, 0]).max() < 1e-15  # active, body to space
+    assert (
+        np.abs(R.to_space(R.from_euler((np.pi / 2, 0, 0)), (1.0, 0, 0)) - [0, 1, 0]).max() < 1e-15
+    )  # active, body to space
 
 
 @pytest.mark.parametrize("angle", ["1e-15", "1e-12", "1e-8", "0.3", "3.1", "3.14159265358979"])
@@ -96,10 +119,14 @@ def test_attitude_error_keeps_its_digits(angle):
 def test_angular_velocity_of_a_turn_about_z():
     phi, rate = 0.8, 2.5
     a = R.matrix(R.from_euler((phi, 0.0, 0.0)))
-    da = rate * np.array([[-np.sin(phi), -np.cos(phi), 0], [np.cos(phi), -np.sin(phi), 0], [0, 0, 0]])
+    da = rate * np.array(
+        [[-np.sin(phi), -np.cos(phi), 0], [np.cos(phi), -np.sin(phi), 0], [0, 0, 0]]
+    )
     assert np.abs(R.angular_velocity(a, da) - [0, 0, rate]).max() < 1e-15  # 0.0e+00
     assert np.abs(R.angular_velocity_space(a, da) - [0, 0, rate]).max() < 1e-15  # 0.0e+00
-    assert np.abs(R.angular_velocity(a, da.T) - [0, 0, rate]).max() > 1.0  # the twin with the transposed rate is caught
+    assert (
+        np.abs(R.angular_velocity(a, da.T) - [0, 0, rate]).max() > 1.0
+    )  # the twin with the transposed rate is caught
 
 
 def test_angular_velocity_in_both_frames_is_one_vector():
@@ -115,16 +142,22 @@ def test_angular_velocity_of_a_series_converges_with_order_6_whatever_the_signs(
         t = np.linspace(0.0, 10.0, n) + 0.2 * 10.0 / n * np.sin(np.arange(n))  # uneven
         motion = free_top((1.0, 2.0, 3.0), (0.3, 2.0, 0.4), (1.0, 0, 0, 0), t)
         signs = RNG.choice([-1.0, 1.0], n)[:, None]
-        errors.append(np.abs(R.angular_velocity_of_series(t, signs * motion.attitude) - motion.omega).max())
+        errors.append(
+            np.abs(R.angular_velocity_of_series(t, signs * motion.attitude) - motion.omega).max()
+        )
         space = R.angular_velocity_of_series(t, motion.attitude, space=True)
-        assert np.abs(R.to_body(motion.attitude, space) - motion.omega).max() == pytest.approx(errors[-1], rel=1e-3)
+        assert np.abs(R.to_body(motion.attitude, space) - motion.omega).max() == pytest.approx(
+            errors[-1], rel=1e-3
+        )
     assert errors[0] / errors[1] > 2.0**5.5
     assert errors[1] / errors[2] > 2.0**5.5
 
 
 @pytest.mark.parametrize("convention", R.CONVENTIONS)
 def test_euler_rates_both_ways_and_their_energy(convention):
-    angles = np.stack([RNG.uniform(-3, 3, 50), RNG.uniform(0.3, 2.8, 50), RNG.uniform(-3, 3, 50)], -1)
+    angles = np.stack(
+        [RNG.uniform(-3, 3, 50), RNG.uniform(0.3, 2.8, 50), RNG.uniform(-3, 3, 50)], -1
+    )
     rates, h = RNG.normal(size=(50, 3)), 1e-5
     omega = R.omega_from_euler_rates(angles, rates, convention)
     before, after = (R.matrix(R.from_euler(angles + s * h * rates, convention)) for s in (-1, 1))
@@ -134,7 +167,9 @@ def test_euler_rates_both_ways_and_their_energy(convention):
     moments = np.array([1.0, 2.0, 2.5])
     energy = R.kinetic_energy_of_euler_rates(moments, angles, rates, convention)
     assert np.abs(energy - 0.5 * (moments * omega**2).sum(-1)).max() < 1e-14  # 0.0e+00
-    assert np.abs(R.omega_from_euler_rates(angles, rates * [1, -1, 1], convention) - omega).max() > 0.1
+    assert (
+        np.abs(R.omega_from_euler_rates(angles, rates * [1, -1, 1], convention) - omega).max() > 0.1
+    )
 
 
 def test_rates_where_sin_theta_is_0_are_nan_and_counted():

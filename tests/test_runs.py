@@ -31,8 +31,17 @@ from tests.torture import COMMAND, sums
 
 MEMBERS, SIZE = 1000, 40_000  # five shards of 192 members, the last of them not whole
 SCENE = rm.Scene(
-    rm.Body.from_moments((1.0, 2.0, 3.0)), start=rm.Start(omega=(rm.normal(0.0, 0.1), 1.0, rm.normal(0.0, 0.1)))
-).with_run(integrator="rk4", dt=0.05, t_end=2.0, every=1.0, members=MEMBERS, seed=4, save=("omega", "flips", "omega_max"))
+    rm.Body.from_moments((1.0, 2.0, 3.0)),
+    start=rm.Start(omega=(rm.normal(0.0, 0.1), 1.0, rm.normal(0.0, 0.1))),
+).with_run(
+    integrator="rk4",
+    dt=0.05,
+    t_end=2.0,
+    every=1.0,
+    members=MEMBERS,
+    seed=4,
+    save=("omega", "flips", "omega_max"),
+)
 HISTOGRAM = rm.Histogram("energy", 0.0, 3.0, 12)
 
 
@@ -69,7 +78,8 @@ def test_a_run_is_what_a_file_is(whole, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("threads", "block", "order"), [(1, 32, (range(6),)), (2, 96, (range(3, 6), range(3))), (5, 64, (range(1, 2), range(6)))]
+    ("threads", "block", "order"),
+    [(1, 32, (range(6),)), (2, 96, (range(3, 6), range(3))), (5, 64, (range(1, 2), range(6)))],
 )
 def test_no_byte_depends_on_threads_blocks_or_order(whole, tmp_path, threads, block, order):
     started(tmp_path / "run")
@@ -87,7 +97,9 @@ def test_another_processor_goes_on_with_the_same_bytes(whole, tmp_path):
         "NUMBA_CPU_FEATURES": "",
         "RIGIDMC_CACHE_DIR": str(tmp_path / "cache"),
     }
-    done = subprocess.run([*COMMAND, "resume", str(tmp_path / "run")], env=environment, capture_output=True, text=True)
+    done = subprocess.run(
+        [*COMMAND, "resume", str(tmp_path / "run")], env=environment, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
     assert sums(tmp_path / "run") == sums(whole)
 
@@ -99,14 +111,19 @@ def test_an_extended_run_is_one_of_that_size(whole, tmp_path):
     resume.extend(tmp_path / "run", MEMBERS)
     resume.resume(tmp_path / "run")
     assert sums(tmp_path / "run") == sums(whole)
-    assert {name: s for name, s in early.items() if name < "00000002"}.items() <= sums(whole).items()
+    assert {name: s for name, s in early.items() if name < "00000002"}.items() <= sums(
+        whole
+    ).items()
     with pytest.raises(SceneError, match="already"):
         resume.extend(tmp_path / "run", MEMBERS)
 
 
 def test_a_run_is_opened_without_reading_it(whole, tmp_path):
     ds, direct = rm.open(str(whole)), rm.simulate(SCENE)
-    assert all(name in ("time", "axis", "quat", "member") or ds[name].chunks is not None for name in ds.variables)
+    assert all(
+        name in ("time", "axis", "quat", "member") or ds[name].chunks is not None
+        for name in ds.variables
+    )
     for name in direct.data_vars:
         assert np.array_equal(ds[name].values, direct[name].values, equal_nan=True), name
     assert "equal to the bit" in ds.rigid.rerun(500).attrs["rerun"]
@@ -123,7 +140,9 @@ def test_histograms_are_summed(tmp_path):
     scene = SCENE.with_run(save=("omega", HISTOGRAM))
     directory = resume.create(scene, tmp_path / "run", SIZE)
     resume.resume(directory.path)
-    assert np.array_equal(rm.open(directory.path).histogram.values, rm.simulate(scene).histogram.values)
+    assert np.array_equal(
+        rm.open(directory.path).histogram.values, rm.simulate(scene).histogram.values
+    )
     with gather.consolidate(directory.path, tmp_path / "one.nc") as ds:
         assert np.array_equal(ds.histogram.values, rm.simulate(scene).histogram.values)
 
@@ -133,11 +152,15 @@ def test_what_is_damaged_is_found_and_computed_again(whole, tmp_path):
     started(tmp_path / "run")
     resume.resume(tmp_path / "run")
     for _ in range(40):
-        path = some.choice([*sorted((tmp_path / "run" / "shards").iterdir()), tmp_path / "run" / "run.json"])
+        path = some.choice(
+            [*sorted((tmp_path / "run" / "shards").iterdir()), tmp_path / "run" / "run.json"]
+        )
         data = path.read_bytes()
         at = some.randrange(len(data))
         path.write_bytes(
-            data[:at] if some.random() < 0.3 else data[:at] + bytes([data[at] ^ 1 << some.randrange(8)]) + data[at + 1 :]
+            data[:at]
+            if some.random() < 0.3
+            else data[:at] + bytes([data[at] ^ 1 << some.randrange(8)]) + data[at + 1 :]
         )
         if path.suffix == ".json":
             with pytest.raises(SceneError, match="damaged"):
@@ -145,7 +168,9 @@ def test_what_is_damaged_is_found_and_computed_again(whole, tmp_path):
             path.write_bytes(data)
         else:
             assert path.name in gather.verify(tmp_path / "run", spot=0)[0]
-            assert resume.repair(tmp_path / "run") == 1 and resume.resume(tmp_path / "run")[1]["ok"] in (40, 192)
+            assert resume.repair(tmp_path / "run") == 1 and resume.resume(tmp_path / "run")[1][
+                "ok"
+            ] in (40, 192)
         assert sums(tmp_path / "run") == sums(whole)
 
 
@@ -160,7 +185,11 @@ def test_a_fault_of_every_kind(tmp_path):
     """As `python tests/torture.py --faults all`."""
     told = torture.faults(1, str(tmp_path), random.Random(6))
     assert told["faults"] >= 10 and told["wrong shards seen"] == 0
-    assert told["faults"] == told["completed, sha256 equal"] == told["exit 74, one message"] + told["no harm done, exit 0"]
+    assert (
+        told["faults"]
+        == told["completed, sha256 equal"]
+        == told["exit 74, one message"] + told["no harm done, exit 0"]
+    )
 
 
 BESIDE = """
@@ -211,7 +240,12 @@ assert 20 < left <= told < 80, (left, told)  # 61 of 61
 
 def test_a_full_disk_is_told_and_lived_on_with(tmp_path):
     """netCDF-C frees what it keeps a number for where a close fails, and crashed a later run when the collector closed the file once more."""
-    done = subprocess.run([sys.executable, "-X", "faulthandler", "-c", FULL, tmp_path], capture_output=True, text=True, timeout=300)
+    done = subprocess.run(
+        [sys.executable, "-X", "faulthandler", "-c", FULL, tmp_path],
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
     assert done.returncode == 0, done.stderr[-2000:]
     assert not list(tmp_path.glob(".part-*"))
 
@@ -219,12 +253,17 @@ def test_a_full_disk_is_told_and_lived_on_with(tmp_path):
 def test_results_may_be_opened_and_dropped_beside_a_run(tmp_path):
     """The C library of netCDF is not made for threads, and crashed: without the lock of writers, and with strings in files opened twice."""
     done = subprocess.run(
-        [sys.executable, "-X", "faulthandler", "-c", BESIDE, tmp_path], capture_output=True, text=True, timeout=300
+        [sys.executable, "-X", "faulthandler", "-c", BESIDE, tmp_path],
+        capture_output=True,
+        text=True,
+        timeout=300,
     )
     assert done.returncode == 0, done.stderr[-2000:]
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGUSR1, 5), (signal.SIGTERM, 143), (signal.SIGINT, 130)])
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGUSR1, 5), (signal.SIGTERM, 143), (signal.SIGINT, 130)]
+)
 def test_a_run_that_is_asked_to_stop_says_so(tmp_path, number, code):
     words = [
         "run",
@@ -242,7 +281,9 @@ def test_a_run_that_is_asked_to_stop_says_so(tmp_path, number, code):
     ]
     # tests in the background ignore SIGINT, and so would what they start
     heard = {"preexec_fn": lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)}
-    child = subprocess.Popen([*COMMAND, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **heard)
+    child = subprocess.Popen(
+        [*COMMAND, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **heard
+    )
     while child.poll() is None and not list((tmp_path / "run").glob("shards/*.nc")):
         time.sleep(0.01)
     child.send_signal(number)
@@ -267,7 +308,14 @@ def test_what_is_not_the_same_is_refused(whole, tmp_path):
         resume.create(SCENE, tmp_path / "run")
     with pytest.raises(SceneError, match="no run directory"):
         resume.resume(tmp_path)
-    for text in ("", "[1]", "{", '{"format": 1}', json.dumps({**facts, "seed": 7}), json.dumps({**facts, "format": 9})):
+    for text in (
+        "",
+        "[1]",
+        "{",
+        '{"format": 1}',
+        json.dumps({**facts, "seed": 7}),
+        json.dumps({**facts, "format": 9}),
+    ):
         (tmp_path / "run" / "run.json").write_text(text)
         with pytest.raises(SceneError, match=r"run\.json"):
             resume.resume(tmp_path / "run")
@@ -285,7 +333,10 @@ def test_what_another_process_changed_meanwhile_is_looked_at_again(whole, tmp_pa
     early = RunDirectory(tmp_path / "run")
     resume.extend(tmp_path / "run", 2 * MEMBERS)
     resume.resume(tmp_path / "run")
-    with patch.object(resume, "RunDirectory", lambda path: early), pytest.raises(OutputExists, match="changed by another"):
+    with (
+        patch.object(resume, "RunDirectory", lambda path: early),
+        pytest.raises(OutputExists, match="changed by another"),
+    ):
         resume.repair(tmp_path / "run")  # to which the new shards are none
     assert run_directory.status(tmp_path / "run")["members_done"] == 2 * MEMBERS
 
@@ -294,7 +345,11 @@ def test_leftovers_of_those_who_write_are_left(tmp_path):
     directory = started(tmp_path / "run")
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
-    names = {os.getpid(): False, os.getppid(): True, gone.pid: False}  # this process writes nothing now
+    names = {
+        os.getpid(): False,
+        os.getppid(): True,
+        gone.pid: False,
+    }  # this process writes nothing now
     here = os.path.basename(Part(tmp_path / "x").path).rsplit("-", 2)[0]
     for process in names:
         (tmp_path / "run" / "shards" / f"{here}-{process}-7").touch()
@@ -324,7 +379,10 @@ def test_links_lead_nowhere(whole, tmp_path):
     (tmp_path / "run" / "shards").unlink()
     (tmp_path / "run" / "shards").mkdir()
     os.mkfifo(tmp_path / "run" / "shards" / "00000000-0-0000000000000000.nc")
-    assert run_directory.status(tmp_path / "run") | {"strays": 1, "done": 0} == run_directory.status(tmp_path / "run")
+    assert run_directory.status(tmp_path / "run") | {
+        "strays": 1,
+        "done": 0,
+    } == run_directory.status(tmp_path / "run")
     assert resume.repair(tmp_path / "run") == 1
 
 
@@ -365,7 +423,10 @@ def test_one_sum_for_every_way(whole, tmp_path):
         resume.resume(tmp_path / "run", **way)
         assert sums(tmp_path / "run") == sums(whole), (way, order)
         gather.consolidate(tmp_path / "run", tmp_path / "one.nc", force=True).close()
-        assert hashlib.sha256((tmp_path / "one.nc").read_bytes()).hexdigest() == expected, (way, order)
+        assert hashlib.sha256((tmp_path / "one.nc").read_bytes()).hexdigest() == expected, (
+            way,
+            order,
+        )
         shutil.rmtree(tmp_path / "run")
 
 
@@ -374,7 +435,10 @@ def test_the_parts_of_a_job_array_are_one_run(whole, tmp_path):
     for k, part in enumerate(parts):
         started(part)
         resume.resume(part, only=range(2 * k, 2 * k + 2))
-    assert resume.merge(tmp_path / "all", parts[:2])[1] == 4 and resume.merge(tmp_path / "all", parts)[1] == 2
+    assert (
+        resume.merge(tmp_path / "all", parts[:2])[1] == 4
+        and resume.merge(tmp_path / "all", parts)[1] == 2
+    )
     assert sums(tmp_path / "all") == sums(whole) and gather.verify(tmp_path / "all") == []
     started(tmp_path / "other", seed=5)
     with pytest.raises(SceneError, match="seed"):
@@ -388,9 +452,9 @@ def test_the_parts_of_a_job_array_are_one_run(whole, tmp_path):
 def test_rows_of_their_own_go_with_the_run(tmp_path):
     some = np.random.default_rng(1)
     start = rm.Start(omega=(some.normal(size=MEMBERS), 1.0, rm.normal(0.0, 0.1)))
-    scene = rm.Scene(rm.Body.from_moments((some.uniform(1.0, 1.2, MEMBERS), 2.0, 3.0)), start=start).with_run(
-        **SCENE.run.model_dump(exclude={"turn"})
-    )
+    scene = rm.Scene(
+        rm.Body.from_moments((some.uniform(1.0, 1.2, MEMBERS), 2.0, 3.0)), start=start
+    ).with_run(**SCENE.run.model_dump(exclude={"turn"}))
     directory = resume.create(scene.with_run(members=600), tmp_path / "run", SIZE)
     resume.resume(directory)
     resume.extend(directory.path, MEMBERS)
@@ -409,7 +473,10 @@ def test_rows_of_their_own_go_with_the_run(tmp_path):
 
 
 def test_what_is_killed_before_it_began_leaves_nothing(tmp_path):
-    with patch.object(resume, "rendered", side_effect=KeyboardInterrupt), pytest.raises(KeyboardInterrupt):
+    with (
+        patch.object(resume, "rendered", side_effect=KeyboardInterrupt),
+        pytest.raises(KeyboardInterrupt),
+    ):
         resume.create(SCENE, tmp_path / "run")
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "mine").mkdir()
@@ -497,8 +564,13 @@ def test_a_shard_of_another_run_is_none_of_this(whole, tmp_path):
         with pytest.raises(SceneError, match="another run"):
             use()
     made = CliRunner().invoke(app, ["resume", f"{tmp_path}/run", "--repair"])
-    assert made.exit_code == 0 and "1 damaged" in made.stdout and sums(tmp_path / "run") == sums(whole)
-    shutil.copy(min((whole / "shards").iterdir()), tmp_path / "run" / "shards" / "00000001-0-0000000000000000.nc")
+    assert (
+        made.exit_code == 0 and "1 damaged" in made.stdout and sums(tmp_path / "run") == sums(whole)
+    )
+    shutil.copy(
+        min((whole / "shards").iterdir()),
+        tmp_path / "run" / "shards" / "00000001-0-0000000000000000.nc",
+    )
     told = CliRunner().invoke(app, ["status", f"{tmp_path}/run"])
     assert told.exit_code == 3 and "none of this run" in told.stderr
 
@@ -509,8 +581,14 @@ def test_part_of_a_run_is_told_as_part(tmp_path):
     with pytest.warns(SceneWarning, match="232 of 1,000 members are there"):
         rm.open(tmp_path / "run")
     told = CliRunner().invoke(app, ["summary", f"{tmp_path}/run"])
-    assert told.exit_code == 0 and "232 of 1,000 members" in told.stdout and "232 of 1,000" in told.stderr
-    assert run_directory.status(tmp_path / "run")["rate"] == pytest.approx(232 / journal(tmp_path / "run")[-1]["seconds"])
+    assert (
+        told.exit_code == 0
+        and "232 of 1,000 members" in told.stdout
+        and "232 of 1,000" in told.stderr
+    )
+    assert run_directory.status(tmp_path / "run")["rate"] == pytest.approx(
+        232 / journal(tmp_path / "run")[-1]["seconds"]
+    )
 
 
 def journal(path):
@@ -535,15 +613,25 @@ def test_bad_arguments(whole, tmp_path):
     os.symlink(tmp_path / "empty", tmp_path / "link")
     assert resume.create(scene, tmp_path / "link").path == str(tmp_path / "empty")
     invoke = CliRunner().invoke
-    assert invoke(app, ["run", "tennis_racket", "-o", f"{tmp_path}/x/", "--shards", "90:99"]).exit_code == 3
-    assert "names a folder" in invoke(app, ["run", "tennis_racket", "--plot", f"{tmp_path}/x/"]).stderr
+    assert (
+        invoke(app, ["run", "tennis_racket", "-o", f"{tmp_path}/x/", "--shards", "90:99"]).exit_code
+        == 3
+    )
+    assert (
+        "names a folder" in invoke(app, ["run", "tennis_racket", "--plot", f"{tmp_path}/x/"]).stderr
+    )
     assert not (tmp_path / "x").exists()
 
 
 def test_what_cannot_be_is_refused_before_anything_is_changed(whole, tmp_path):
     shutil.copytree(whole, tmp_path / "run")
     before = {p: p.read_bytes() for p in (tmp_path / "run").rglob("*") if p.is_file()}
-    for members, error in ((19 * 10**8, NoRoom), (9 * 10**12, SceneError), (10**30, SceneError), (MEMBERS, SceneError)):
+    for members, error in (
+        (19 * 10**8, NoRoom),
+        (9 * 10**12, SceneError),
+        (10**30, SceneError),
+        (MEMBERS, SceneError),
+    ):
         with pytest.raises(error):
             resume.extend(tmp_path / "run", members)
     with pytest.raises(SceneError, match="0 to 5"):
@@ -565,7 +653,10 @@ def test_what_cannot_be_is_refused_before_anything_is_changed(whole, tmp_path):
     (tmp_path / "run" / "journal.jsonl").unlink()
     (tmp_path / "run" / "journal.jsonl").mkdir()
     resume.resume(tmp_path / "run")
-    assert sums(tmp_path / "run") == sums(whole) and (tmp_path / "run" / "notes.part-2.txt").read_text() == "mine"
+    assert (
+        sums(tmp_path / "run") == sums(whole)
+        and (tmp_path / "run" / "notes.part-2.txt").read_text() == "mine"
+    )
 
 
 def test_two_looks_at_a_run_do_not_mix(whole, tmp_path):
@@ -575,14 +666,19 @@ def test_two_looks_at_a_run_do_not_mix(whole, tmp_path):
     with pytest.warns(SceneWarning, match="808 of"):
         early = rm.open(tmp_path / "run")
     assert "equal to the bit" in rm.rerun(early, 500).attrs["rerun"]
-    with pytest.warns(SceneWarning, match="808 of"), pytest.raises(SceneError, match="808 of its 1,000 members, and not this one"):
+    with (
+        pytest.warns(SceneWarning, match="808 of"),
+        pytest.raises(SceneError, match="808 of its 1,000 members, and not this one"),
+    ):
         rm.rerun(tmp_path / "run", 300)
     os.rename(tmp_path / "hidden", hidden)
     late = rm.open(tmp_path / "run")
     import dask
 
     one, two = dask.compute(early.omega.data, late.omega.data)
-    assert np.array_equal(two, rm.simulate(SCENE).omega.values) and np.array_equal(one, np.delete(two, np.s_[192:384], axis=2))
+    assert np.array_equal(two, rm.simulate(SCENE).omega.values) and np.array_equal(
+        one, np.delete(two, np.s_[192:384], axis=2)
+    )
 
 
 def test_a_shard_that_cannot_be_read_is_named(whole, tmp_path):
@@ -592,7 +688,11 @@ def test_a_shard_that_cannot_be_read_is_named(whole, tmp_path):
         data = file.read()
     values = read(path, "omega_max")["omega_max"].tobytes()
     at = data.index(values[:64]) if values[:64] in data else len(data) // 2
-    for bad in (data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :], data[: len(data) // 3], b"nothing"):
+    for bad in (
+        data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :],
+        data[: len(data) // 3],
+        b"nothing",
+    ):
         with open(path, "wb") as file:
             file.write(bad)
         with pytest.raises(SceneError, match=r"00000002.*cannot be read"):
@@ -608,14 +708,21 @@ def test_flagged_members_are_told_by_whoever_ends_the_run(tmp_path):
     resume.resume(tmp_path / "run", only=range(3))
     invoke = CliRunner().invoke
     assert invoke(app, ["resume", f"{tmp_path}/run", "--shards", "3:5"]).exit_code == 5
-    assert invoke(app, ["resume", f"{tmp_path}/run"]).exit_code == 4 and invoke(app, ["status", f"{tmp_path}/run"]).exit_code == 4
+    assert (
+        invoke(app, ["resume", f"{tmp_path}/run"]).exit_code == 4
+        and invoke(app, ["status", f"{tmp_path}/run"]).exit_code == 4
+    )
     assert "none; of all: 369" in invoke(app, ["resume", f"{tmp_path}/run"]).stdout
-    assert invoke(app, ["consolidate", f"{tmp_path}/run", "-o", f"{tmp_path}/one.nc"]).exit_code == 4
+    assert (
+        invoke(app, ["consolidate", f"{tmp_path}/run", "-o", f"{tmp_path}/one.nc"]).exit_code == 4
+    )
 
 
 def test_nothing_saved_over_time_and_notes(tmp_path):
     with pytest.warns(SceneWarning, match="dt reduced"):
-        directory = resume.create(SCENE.with_run(save=("flips", "omega_max"), dt=0.06), tmp_path / "run")
+        directory = resume.create(
+            SCENE.with_run(save=("flips", "omega_max"), dt=0.06), tmp_path / "run"
+        )
     resume.resume(directory)
     assert rm.open(directory.path).omega_max.shape == (3, MEMBERS)
 
@@ -628,8 +735,16 @@ def test_code_of_ones_own_is_that_of_the_start(tmp_path):
         '[body]\nmoments = [1.0, 2.0, 3.0]\n[effects.Wind]\nmodule = "wind.py"\nsize = 0.1\n[start]\nomega = [0.0, 1.0, 0.0]\n[run]\nmembers = 100\n'
     )
     invoke = CliRunner().invoke
-    assert invoke(app, ["run", f"{tmp_path}/wind.toml", "--allow-code", "-o", f"{tmp_path}/run/"]).exit_code == 0
-    assert invoke(app, ["extend", f"{tmp_path}/run", "--members", "200", "--allow-code"]).exit_code == 0
+    assert (
+        invoke(
+            app, ["run", f"{tmp_path}/wind.toml", "--allow-code", "-o", f"{tmp_path}/run/"]
+        ).exit_code
+        == 0
+    )
+    assert (
+        invoke(app, ["extend", f"{tmp_path}/run", "--members", "200", "--allow-code"]).exit_code
+        == 0
+    )
     module.write_text(text.replace("self.size,", "2.0 * self.size,"))
     made = invoke(app, ["extend", f"{tmp_path}/run", "--members", "300", "--allow-code"])
     assert made.exit_code == 3 and "is not the file" in made.stderr
@@ -644,21 +759,46 @@ def test_commands(tmp_path):
         assert made.exception is None or isinstance(made.exception, SystemExit), made.exception
         return made
 
-    words = "run", "tennis_racket", "--members", 20000, "--save", "omega", "--shard-size", 0.5, "-o", run
+    words = (
+        "run",
+        "tennis_racket",
+        "--members",
+        20000,
+        "--save",
+        "omega",
+        "--shard-size",
+        0.5,
+        "-o",
+        run,
+    )
     assert invoke(*words, "--shards", "0:1").exit_code == 5
     assert invoke(*words).exit_code == 6
-    assert invoke(*words, "--force").exit_code == 3 and "--force" in invoke(*words, "--force").stderr
+    assert (
+        invoke(*words, "--force").exit_code == 3 and "--force" in invoke(*words, "--force").stderr
+    )
     assert "not writable" in invoke(*words[:-1], "/proc/run/").stderr
     count = int(invoke("show", *words[1:6]).stdout.split("directory")[1].split()[0])
-    assert count == math.ceil(20000 / RunDirectory(run).facts["shard"] * 0.5e6 / 2**26)  # the size of a shard is another there
+    assert count == math.ceil(
+        20000 / RunDirectory(run).facts["shard"] * 0.5e6 / 2**26
+    )  # the size of a shard is another there
     assert invoke("consolidate", run, "-o", tmp_path / "one.nc").exit_code == 3
     assert invoke("status", run).exit_code == 5 and "1 of" in invoke("status", run).stdout
     assert invoke("resume", run, "--max-wall", "1e-9s").exit_code == 5
     assert invoke("resume", run, "--max-wall", "soon").exit_code == 3
-    assert invoke("resume", run).exit_code == 0 and invoke("status", run).exit_code == 0 and invoke("verify", run).exit_code == 0
+    assert (
+        invoke("resume", run).exit_code == 0
+        and invoke("status", run).exit_code == 0
+        and invoke("verify", run).exit_code == 0
+    )
     assert invoke("consolidate", run, "-o", tmp_path / "one.nc").exit_code == 0
-    assert invoke("extend", run, "--members", 30000).exit_code == 0 and "30,000 members" in invoke("status", run).stdout
+    assert (
+        invoke("extend", run, "--members", 30000).exit_code == 0
+        and "30,000 members" in invoke("status", run).stdout
+    )
     sorted((tmp_path / "run" / "shards").iterdir())[1].write_bytes(b"nothing")
     assert invoke("verify", run).exit_code == 3
-    assert "1 damaged" in invoke("resume", run, "--repair").stdout and invoke("verify", run).exit_code == 0
+    assert (
+        "1 damaged" in invoke("resume", run, "--repair").stdout
+        and invoke("verify", run).exit_code == 0
+    )
     assert invoke("resume", tmp_path).exit_code == 3

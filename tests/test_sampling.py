@@ -32,12 +32,16 @@ def test_a_draw_depends_on_seed_name_and_member_alone():
     whole = draw(both, 5, "start.omega", 0, 1000)
     assert np.array_equal(draw(both, 5, "start.omega", 320, 64), whole[:, 320:384])
     alone = draw((rm.normal(0, 1), 3.0, 4.0), 5, "start.omega", 0, 1000)
-    assert np.array_equal(alone[0], whole[0])  # another random component changes nothing of this one
+    assert np.array_equal(
+        alone[0], whole[0]
+    )  # another random component changes nothing of this one
     assert not np.array_equal(draw(both, 6, "start.omega", 0, 1000)[0], whole[0])
     assert not np.array_equal(draw(both, 5, "body.moments", 0, 1000)[0], whole[0])
 
 
-@pytest.mark.parametrize("attitude", ["uniform", (0.3, rm.uniform(0, 1), 0.1), (rm.normal(0, 1),) * 4])
+@pytest.mark.parametrize(
+    "attitude", ["uniform", (0.3, rm.uniform(0, 1), 0.1), (rm.normal(0, 1),) * 4]
+)
 def test_attitudes_do_not_depend_on_how_they_are_asked_for(attitude):
     start = rm.Start(omega=(0, 0, 1), attitude=attitude)
     whole = start.quaternions(3, 0, 4096)
@@ -50,7 +54,9 @@ def test_uniform_attitudes():
     """Each entry of a uniform rotation has mean 0 and variance 1/3; the body axis 3 is uniform on the sphere."""
     q = rm.Start(omega=(0, 0, 1), attitude="uniform").quaternions(3, 0, COUNT)
     matrices = matrix(q.T)
-    assert np.abs(matrices.mean(0)).max() < 5 / np.sqrt(3 * COUNT)  # five standard errors; measured 1.7
+    assert np.abs(matrices.mean(0)).max() < 5 / np.sqrt(
+        3 * COUNT
+    )  # five standard errors; measured 1.7
     assert np.abs((matrices**2).mean(0) - 1 / 3).max() < 5 * np.sqrt(4 / 45 / COUNT)
     assert scipy.stats.kstest(matrices[:, 2, 2], scipy.stats.uniform(-1, 2).cdf).pvalue > 1e-3
 
@@ -62,7 +68,13 @@ def test_ways_to_give_an_attitude():
     angles = (0.3, 0.7, -1.1)
     rotation = Rotation.from_euler("ZXZ", angles)
     q = rotation.as_quat(scalar_first=True)
-    forms = (angles, tuple(q), rotation.as_matrix(), rotation, [list(row) for row in rotation.as_matrix()])
+    forms = (
+        angles,
+        tuple(q),
+        rotation.as_matrix(),
+        rotation,
+        [list(row) for row in rotation.as_matrix()],
+    )
     for form in forms:
         found = rm.Start(omega=(0, 0, 1), attitude=form).quaternions(0, 0, 32)[:, 0]
         assert min(np.abs(found - q).max(), np.abs(found + q).max()) < 3e-16
@@ -106,6 +118,10 @@ def test_bad_starts(make, rule):
 
 def test_more_than_four_random_components_are_independent():
     many = draw((rm.normal(0, 1),) * 6, 5, "effects.matrix_damping.matrix", 0, COUNT)
-    assert np.array_equal(many[:4], draw((rm.normal(0, 1),) * 4, 5, "effects.matrix_damping.matrix", 0, COUNT))
+    assert np.array_equal(
+        many[:4], draw((rm.normal(0, 1),) * 4, 5, "effects.matrix_damping.matrix", 0, COUNT)
+    )
     assert np.abs(np.corrcoef(many) - np.eye(6)).max() < 4.5 / np.sqrt(COUNT)
-    assert np.array_equal(many[:, 320:384], draw((rm.normal(0, 1),) * 6, 5, "effects.matrix_damping.matrix", 320, 64))
+    assert np.array_equal(
+        many[:, 320:384], draw((rm.normal(0, 1),) * 6, 5, "effects.matrix_damping.matrix", 320, 64)
+    )

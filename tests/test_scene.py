@@ -32,31 +32,71 @@ BAD = {  # what is replaced, by what, and what the message must say
     "unknown effect": ("effects.gravity", "effects.gravty", ["gravty", "did you mean 'gravity'"]),
     "unknown parameter": ("g = 9.81", "k = 9.81", ["[effects.gravity]", "k", "known: g"]),
     "missing parameter": ("g = 9.81", "", ["[effects.gravity]", "g", "missing"]),
-    "unknown integrator": ('"rk4"', '"rkm4"', ["[run]", "integrator", "'rkm4'", "did you mean 'rkmk4'"]),
+    "unknown integrator": (
+        '"rk4"',
+        '"rkm4"',
+        ["[run]", "integrator", "'rkm4'", "did you mean 'rkmk4'"],
+    ),
     "integrator no word": ('"rk4"', "4", ["[run]", "integrator", "string"]),
     "exact under gravity": ('"rk4"', '"exact"', ["[run]", "takes no torque", "gravity", "use rk8"]),
-    "triangle": ("[1.0, 2.0, 2.5]", "[1.0, 2.0, 9.0]", ["[body]", "moments", "triangle inequality", "9", "3"]),
+    "triangle": (
+        "[1.0, 2.0, 2.5]",
+        "[1.0, 2.0, 9.0]",
+        ["[body]", "moments", "triangle inequality", "9", "3"],
+    ),
     "negative moment": ("[1.0, 2.0, 2.5]", "[-1.0, 2.0, 2.5]", ["[body]", "moments", "positive"]),
     "two moments": ("[1.0, 2.0, 2.5]", "[1.0, 2.0]", ["[body]", "moments", "3 components"]),
     "nan moment": ("[1.0, 2.0, 2.5]", "[nan, 2.0, 2.5]", ["[body]", "moments", "finite"]),
-    "text for a number": ("9.81", '"9.81 m/s2"', ["[effects.gravity]", "g", "'9.81 m/s2'", "number"]),
-    "two shapes": ("[body]", "[body]\nbox = { mass = 1.0, size = [1, 1, 1] }", ["[body]", "exactly one"]),
+    "text for a number": (
+        "9.81",
+        '"9.81 m/s2"',
+        ["[effects.gravity]", "g", "'9.81 m/s2'", "number"],
+    ),
+    "two shapes": (
+        "[body]",
+        "[body]\nbox = { mass = 1.0, size = [1, 1, 1] }",
+        ["[body]", "exactly one"],
+    ),
     "dt zero": ("members = 100", "dt = 0.0", ["[run]", "dt", "0.0", "greater than 0"]),
     "dt negative": ("members = 100", "dt = -0.1", ["[run]", "dt", "-0.1", "greater than 0"]),
     "dt nan": ("members = 100", "dt = nan", ["[run]", "dt", "finite"]),
     "members zero": ("members = 100", "members = 0", ["[run]", "members", "greater than 0"]),
     "members fractional": ("members = 100", "members = 1.5", ["[run]", "members", "whole number"]),
-    "seed negative": ("members = 100", "seed = -1", ["[run]", "seed", "greater than or equal to 0"]),
+    "seed negative": (
+        "members = 100",
+        "seed = -1",
+        ["[run]", "seed", "greater than or equal to 0"],
+    ),
     "save unknown": ("members = 100", 'save = ["omga"]', ["[run]", "save", "did you mean 'omega'"]),
-    "every indivisible": ("members = 100", "every = 3.14159\nt_end = 10.0", ["[run]", "every", "divides"]),
+    "every indivisible": (
+        "members = 100",
+        "every = 3.14159\nt_end = 10.0",
+        ["[run]", "every", "divides"],
+    ),
     "quaternion zero": ('"uniform"', "[0, 0, 0, 0]", ["[start]", "attitude", "norm 0"]),
-    "no rotation": ('"uniform"', "[[1, 0, 0], [0, 1, 0], [0, 0.1, 1]]", ["[start]", "attitude", "differs from 1 by 0.1"]),
-    "unknown attitude": ('"uniform"', '"unifrom"', ["[start]", "attitude", "did you mean 'uniform'"]),
+    "no rotation": (
+        '"uniform"',
+        "[[1, 0, 0], [0, 1, 0], [0, 0.1, 1]]",
+        ["[start]", "attitude", "differs from 1 by 0.1"],
+    ),
+    "unknown attitude": (
+        '"uniform"',
+        '"unifrom"',
+        ["[start]", "attitude", "did you mean 'uniform'"],
+    ),
     "unknown distribution": ("normal", "norml", ["[start]", "omega", "did you mean 'normal'"]),
     "sd negative": ("0.001", "-0.001", ["[start]", "omega", "standard deviation > 0"]),
-    "bodies that cannot be": ("[1.0, 2.0, 2.5]", "[{ uniform = [0.1, 2.0] }, 1.0, 1.5]", ["[body]", "sampled bodies are none"]),
+    "bodies that cannot be": (
+        "[1.0, 2.0, 2.5]",
+        "[{ uniform = [0.1, 2.0] }, 1.0, 1.5]",
+        ["[body]", "sampled bodies are none"],
+    ),
     "no TOML": ("[start]", "[start", ["not valid TOML", "line"]),
-    "stored rows": ("[{ normal = [0.0, 0.001] }, 1.0, 0.0]", '{ stored = "start_omega" }', ["[start]", "omega", "result file"]),
+    "stored rows": (
+        "[{ normal = [0.0, 0.001] }, 1.0, 0.0]",
+        '{ stored = "start_omega" }',
+        ["[start]", "omega", "result file"],
+    ),
 }
 
 
@@ -89,9 +129,14 @@ def test_the_good_scene_is_good():
 
 
 values = st.recursive(
-    st.none().map(lambda _: "") | st.booleans() | st.integers(-3, 3) | st.floats(allow_nan=True) | st.text(max_size=5),
+    st.none().map(lambda _: "")
+    | st.booleans()
+    | st.integers(-3, 3)
+    | st.floats(allow_nan=True)
+    | st.text(max_size=5),
     lambda inner: (
-        st.lists(inner, max_size=4) | st.dictionaries(st.sampled_from(["normal", "uniform", "g", "x"]), inner, max_size=2)
+        st.lists(inner, max_size=4)
+        | st.dictionaries(st.sampled_from(["normal", "uniform", "g", "x"]), inner, max_size=2)
     ),
     max_leaves=6,
 )
@@ -144,7 +189,8 @@ def test_the_t_handle_is_what_its_file_says():
     shift = m1 * z * z + m2 * (stem / 2 - z) ** 2
     scene = rm.Scene.load("dzhanibekov")
     assert scene.body.moments == pytest.approx(
-        (bar_axis + stem_side + shift, bar_side + stem_side + shift, bar_side + stem_axis), rel=1e-14
+        (bar_axis + stem_side + shift, bar_side + stem_side + shift, bar_side + stem_axis),
+        rel=1e-14,
     )
     assert scene.body.mass == pytest.approx(m1 + m2, rel=1e-14)
 
@@ -156,7 +202,12 @@ def test_a_misspelt_name_gets_the_nearest():
 
 def test_settings_override():
     scene = rm.Scene.load(
-        "bruels_cardona", [("effects.gravity.g", "1.62"), ("body.moments", "[1, 2, 2.5]"), ("run.integrator", "rkmk4")]
+        "bruels_cardona",
+        [
+            ("effects.gravity.g", "1.62"),
+            ("body.moments", "[1, 2, 2.5]"),
+            ("run.integrator", "rkmk4"),
+        ],
     )
     assert scene.effects == (rm.Gravity(1.62),)
     assert scene.body.moments == (1.0, 2.0, 2.5)
@@ -178,8 +229,14 @@ def test_effects_have_one_order():
         (lambda b: rm.Scene(b, effects=(rm.Gravity(float("nan")),)), "finite"),
         (lambda b: rm.Scene((1, 2, 3)), "expected a Body"),
         (lambda b: rm.Scene(b, start=(0, 0, 1)), "expected a Start"),
-        (lambda b: rm.Scene(b, (rm.Gravity(np.ones(3)),), rm.Start(omega=np.ones((4, 3)))), "same number of rows"),
-        (lambda b: rm.simulate(rm.Scene(b, start=rm.Start(omega=np.ones((4, 3)))), members=5), "rows for 4 members only"),
+        (
+            lambda b: rm.Scene(b, (rm.Gravity(np.ones(3)),), rm.Start(omega=np.ones((4, 3)))),
+            "same number of rows",
+        ),
+        (
+            lambda b: rm.simulate(rm.Scene(b, start=rm.Start(omega=np.ones((4, 3)))), members=5),
+            "rows for 4 members only",
+        ),
         (lambda b: rm.simulate(rm.Scene(b), threads=0), "at least 1"),
         (lambda b: rm.simulate(rm.Scene(b), members=range(5, 5)), "range"),
         (lambda b: rm.simulate(rm.Scene(b), dt="small"), "finite number"),
@@ -209,12 +266,20 @@ def test_steps_and_saves(t_end, dt, every, expected):
     assert made <= dt * (1 + 1e-9)
     assert steps * made == pytest.approx(t_end, rel=1e-15)
     assert bool(notes) == (abs(made / dt - 1) > 1e-9)
-    assert steps_and_saves(t_end, made, every)[:3] == (steps, made, stride)  # the reduced step is a fixed point
+    assert steps_and_saves(t_end, made, every)[:3] == (
+        steps,
+        made,
+        stride,
+    )  # the reduced step is a fixed point
 
 
 def test_negative_damping_needs_a_word():
     body, start = rm.Body.from_moments((1.0, 1.5, 2.0)), rm.Start(omega=(0.1, 0.2, 0.3))
-    for effect in (rm.ViscousDamping(-0.1), rm.AxialDamping((0.1, -0.1, 0.1)), rm.DryFriction(-0.1, 0.1)):
+    for effect in (
+        rm.ViscousDamping(-0.1),
+        rm.AxialDamping((0.1, -0.1, 0.1)),
+        rm.DryFriction(-0.1, 0.1),
+    ):
         with pytest.raises(rm.SceneError, match="anti_damping = true"):
             rm.Scene(body, (effect,), start)
     run = rm.Run(anti_damping=True, dt=0.1, t_end=1.0, members=32)

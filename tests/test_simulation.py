@@ -15,8 +15,25 @@ BODY = rm.Body.from_moments((1.0, 2.0, 2.5), centre=(0.02, 0.0, 0.1))
 START = rm.Start(omega=(rm.normal(0, 0.1), rm.normal(1, 0.1), 0.2), attitude="uniform")
 HEAVY = rm.Scene(BODY, (rm.Gravity(9.81), rm.ViscousDamping(0.01)), START)
 FREE = rm.Scene(BODY, (), START)
-SETTINGS = {"dt": 0.02, "t_end": 2.0, "every": 0.5, "members": 300, "seed": 5, "save": ("omega", "attitude", "energy")}
-SAVED = ("omega", "attitude", "energy", "energy_drift_max", "l2_drift_max", "status", "start_omega", "start_attitude", "moments")
+SETTINGS = {
+    "dt": 0.02,
+    "t_end": 2.0,
+    "every": 0.5,
+    "members": 300,
+    "seed": 5,
+    "save": ("omega", "attitude", "energy"),
+}
+SAVED = (
+    "omega",
+    "attitude",
+    "energy",
+    "energy_drift_max",
+    "l2_drift_max",
+    "status",
+    "start_omega",
+    "start_attitude",
+    "moments",
+)
 
 
 def same(a, b, members=slice(None)):
@@ -79,21 +96,33 @@ def test_stored_starts_are_what_the_kernel_used():
     moments = ds.moments.values
     assert np.array_equal(ds.omega.values[0], (omega * moments) * (1 / moments))
     height = np.stack(up(tuple(ds.start_attitude.values)))
-    energy = 0.5 * (moments * omega**2).sum(0) + 9.81 * (ds.mass * (ds.centre.values * height).sum(0)).values
+    energy = (
+        0.5 * (moments * omega**2).sum(0)
+        + 9.81 * (ds.mass * (ds.centre.values * height).sum(0)).values
+    )
     assert np.allclose(ds.energy.values[0], energy, rtol=1e-14)
 
 
 @pytest.mark.parametrize("integrator", ["rk4", "exact"])
 def test_drift_is_the_largest_over_saves_and_every_32nd_step(integrator):
     """At a save each step the kernel's maximum equals numpy's to rounding of the energies themselves."""
-    settings = {**SETTINGS, "every": 0.02, "save": ("energy", "l2", "energy_drift", "l2_drift"), "integrator": integrator}
+    settings = {
+        **SETTINGS,
+        "every": 0.02,
+        "save": ("energy", "l2", "energy_drift", "l2_drift"),
+        "integrator": integrator,
+    }
     ds = rm.simulate(FREE, **settings)
     for name in ("energy", "l2"):
         drift = np.abs(ds[name] / ds[name][0] - 1).max("time").values
         assert np.abs(drift - ds[f"{name}_drift_max"].values).max() < 1e-15  # measured 1.1e-16
-        assert np.array_equal(np.abs(ds[f"{name}_drift"]).max("time").values, ds[f"{name}_drift_max"].values)
+        assert np.array_equal(
+            np.abs(ds[f"{name}_drift"]).max("time").values, ds[f"{name}_drift_max"].values
+        )
     worst = float(ds.energy_drift_max.max())
-    assert 1e-12 < worst < 2e-10 if integrator == "rk4" else worst < 8e-15  # measured 4.6e-11, 2.8e-15
+    assert (
+        1e-12 < worst < 2e-10 if integrator == "rk4" else worst < 8e-15
+    )  # measured 4.6e-11, 2.8e-15
 
 
 def test_an_attitude_that_nothing_needs_is_not_there():
@@ -110,7 +139,9 @@ def test_nothing_saved_but_the_summary():
     assert np.array_equal(ds.energy_drift_max, rm.simulate(HEAVY, **SETTINGS).energy_drift_max)
 
 
-@pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # bodies that cannot be, and quaternions of any length
+@pytest.mark.filterwarnings(
+    "ignore::rigidmc.errors.SceneWarning"
+)  # bodies that cannot be, and quaternions of any length
 def test_one_row_per_member():
     """Bodies, starts and effect parameters as arrays: each member is what it is alone, and the stored file runs again to the same bits."""
     rng = np.random.default_rng(1)
@@ -118,7 +149,9 @@ def test_one_row_per_member():
     moments = parts.sum(1, keepdims=True) - parts
     q = rng.normal(size=(100, 4))
     scene = rm.Scene(
-        rm.Body.from_moments(moments, mass=rng.uniform(1, 2, 100), centre=rng.normal(size=(100, 3))),
+        rm.Body.from_moments(
+            moments, mass=rng.uniform(1, 2, 100), centre=rng.normal(size=(100, 3))
+        ),
         (rm.Gravity(rng.uniform(1, 10, 100)),),
         rm.Start(omega=rng.normal(size=(100, 3)), attitude=q),
     )
@@ -126,11 +159,15 @@ def test_one_row_per_member():
     ds = rm.simulate(scene, members=100, **settings)
     for i in (0, 31, 99):
         alone = rm.Scene(
-            rm.Body.from_moments(tuple(moments[i]), scene.body.mass[i], tuple(c[i] for c in scene.body.centre)),
+            rm.Body.from_moments(
+                tuple(moments[i]), scene.body.mass[i], tuple(c[i] for c in scene.body.centre)
+            ),
             (rm.Gravity(scene.effects[0].g[i]),),
             rm.Start(omega=tuple(w[i] for w in scene.start.omega), attitude=tuple(q[i])),
         )
-        assert np.array_equal(rm.simulate(alone, members=1, **settings).omega[..., 0], ds.omega[..., i])
+        assert np.array_equal(
+            rm.simulate(alone, members=1, **settings).omega[..., 0], ds.omega[..., i]
+        )
     assert np.array_equal(ds.gravity_g, scene.effects[0].g)
 
 
@@ -138,19 +175,39 @@ def test_one_row_per_member():
 @pytest.mark.parametrize("attitude", ["uniform", "quaternions", "angles"])
 def test_a_result_file_is_enough_to_run_again(attitude, tmp_path):
     rng = np.random.default_rng(2)
-    given = {"uniform": "uniform", "quaternions": rng.normal(size=(50, 4)), "angles": tuple(rng.uniform(0, 3, (3, 50)))}[attitude]
+    given = {
+        "uniform": "uniform",
+        "quaternions": rng.normal(size=(50, 4)),
+        "angles": tuple(rng.uniform(0, 3, (3, 50))),
+    }[attitude]
     centre = (0.0, rm.uniform(0, 0.1), 0.1)
     start = rm.Start(momentum=(rng.normal(size=50), rm.normal(0, 1), 1.0), attitude=given)
-    scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 2.5), centre=centre), (rm.Gravity(rm.normal(9.81, 0.1)),), start)
-    first = rm.simulate(scene, members=50, seed=9, dt=0.025, t_end=1.0, save=("momentum", "attitude"), output=tmp_path / "one.nc")
+    scene = rm.Scene(
+        rm.Body.from_moments((1.0, 2.0, 2.5), centre=centre),
+        (rm.Gravity(rm.normal(9.81, 0.1)),),
+        start,
+    )
+    first = rm.simulate(
+        scene,
+        members=50,
+        seed=9,
+        dt=0.025,
+        t_end=1.0,
+        save=("momentum", "attitude"),
+        output=tmp_path / "one.nc",
+    )
     again = rm.simulate(rm.Scene.load(tmp_path / "one.nc"), output=tmp_path / "two.nc")
-    part = rm.simulate(rm.Scene.load(tmp_path / "one.nc"), members=range(33, 40), output=tmp_path / "part.nc")
+    part = rm.simulate(
+        rm.Scene.load(tmp_path / "one.nc"), members=range(33, 40), output=tmp_path / "part.nc"
+    )
     part_again = rm.simulate(rm.Scene.load(tmp_path / "part.nc"))
     assert np.array_equal(part.member, np.arange(33, 40))
     assert np.array_equal(part.momentum, first.momentum[..., 33:40])
     assert np.array_equal(part_again.momentum, part.momentum)
     for name in first.data_vars:
-        assert np.array_equal(first[name], again[name], equal_nan=first[name].dtype.kind == "f"), name
+        assert np.array_equal(first[name], again[name], equal_nan=first[name].dtype.kind == "f"), (
+            name
+        )
     assert again.attrs == first.attrs
 
 
@@ -182,12 +239,16 @@ def test_a_bad_member_among_thousands():
         warnings.simplefilter("ignore", rm.SceneWarning)
         for name, w in (("good", omega), ("bad", wild)):
             scene = rm.Scene(body, (rm.Gravity(9.81),), rm.Start(omega=w, attitude="uniform"))
-            made[name] = rm.simulate(scene, members=4096, dt=0.01, t_end=1.0, every=0.1, save=("omega", "attitude"))
+            made[name] = rm.simulate(
+                scene, members=4096, dt=0.01, t_end=1.0, every=0.1, save=("omega", "attitude")
+            )
     others = np.arange(4096) != 1234
     assert made["good"].status.values.sum() == 0
     assert list(np.flatnonzero(made["bad"].status)) == [1234]
     for name in ("omega", "attitude", "energy_drift_max", "l2_drift_max"):
-        assert np.array_equal(made["good"][name].values[..., others], made["bad"][name].values[..., others])
+        assert np.array_equal(
+            made["good"][name].values[..., others], made["bad"][name].values[..., others]
+        )
     assert np.isfinite(made["bad"].omega.values[:, :, 1234]).all()
     assert made["bad"].encoding["rigidmc"]["flagged"]["non_finite"] == 1
 
@@ -195,7 +256,9 @@ def test_a_bad_member_among_thousands():
 def test_a_sampled_body_that_cannot_be_is_flagged():
     """Beyond the pilot a distribution may still give an impossible body: it is flagged and frozen, not integrated."""
     moments = np.full((8192, 3), 1.0)
-    scene = rm.Scene(rm.Body.from_moments((rm.normal(1.0, 0.24), 1.0, 1.0)), (), rm.Start(omega=(1.0, 1.0, 1.0)))
+    scene = rm.Scene(
+        rm.Body.from_moments((rm.normal(1.0, 0.24), 1.0, 1.0)), (), rm.Start(omega=(1.0, 1.0, 1.0))
+    )
     seed = next(s for s in range(50) if _clean_pilot(scene, s))
     ds = rm.simulate(scene, members=60_000, seed=seed, dt=0.1, t_end=1.0)
     bad = ds.status.values == 2
@@ -230,7 +293,9 @@ def test_long_drifts_are_cut_and_stay_exact():
     """A splitting of a free body is its exact motion, whatever the turn in a step; and says nothing wrong about it."""
     scene = rm.Scene(BODY, (rm.Gravity(0.0),), rm.Start(omega=(100.0, 50.0, 20.0)))
     with pytest.warns(rm.SceneWarning, match="more than 3"):
-        cut = rm.simulate(scene, integrator="strang", dt=0.1, t_end=1.0, members=1, save=("omega", "attitude"))
+        cut = rm.simulate(
+            scene, integrator="strang", dt=0.1, t_end=1.0, members=1, save=("omega", "attitude")
+        )
     assert cut.attrs["parts_per_step"] > 4
     true = rm.simulate(scene, integrator="closed", t_end=1.0, members=1, save=("omega", "attitude"))
     assert np.abs(cut.omega - true.omega).max() < 1e-9
@@ -239,9 +304,15 @@ def test_long_drifts_are_cut_and_stay_exact():
 
 def test_exact_takes_any_step():
     """One step of 30 s equals 3,000 of 0.01 s: the closed form knows no step."""
-    far = rm.simulate(FREE, integrator="exact", dt=30.0, t_end=30.0, members=64, save=("omega", "attitude"))
-    near = rm.simulate(FREE, integrator="exact", dt=0.01, t_end=30.0, members=64, save=("omega", "attitude"))
-    assert np.abs(far.omega - near.omega).max() < 1e-11  # measured 3.2e-13; the round-off grows along a flipping member
+    far = rm.simulate(
+        FREE, integrator="exact", dt=30.0, t_end=30.0, members=64, save=("omega", "attitude")
+    )
+    near = rm.simulate(
+        FREE, integrator="exact", dt=0.01, t_end=30.0, members=64, save=("omega", "attitude")
+    )
+    assert (
+        np.abs(far.omega - near.omega).max() < 1e-11
+    )  # measured 3.2e-13; the round-off grows along a flipping member
     with pytest.warns(rm.SceneWarning):
         rough = rm.simulate(FREE, integrator="rk4", dt=3.0, t_end=30.0, members=64, save=("omega",))
     assert np.abs(rough.omega - near.omega).max() > 1e-2
@@ -266,10 +337,19 @@ def test_effects_of_one_shape_or_name_are_not_mixed_up():
 
     body = rm.Body.from_moments((1.0, 2.0, 2.5), centre=(0, 0, 0.1))
     ends = []
-    for effect in (rm.Gravity(9.81), Gravity(9.81), Gravity(-9.81), rm.ViscousDamping(9.81), rm.Gravity(9.81), rm.Gravity(-9.81)):
+    for effect in (
+        rm.Gravity(9.81),
+        Gravity(9.81),
+        Gravity(-9.81),
+        rm.ViscousDamping(9.81),
+        rm.Gravity(9.81),
+        rm.Gravity(-9.81),
+    ):
         ds = rm.simulate(rm.Scene(body, effect, rm.Start(omega=(1, 0, 0))), members=1, t_end=1.0)
         ends.append(float(ds.omega[-1, 0, 0]))
-    assert ends == pytest.approx([1.4769072, 1.4769072, 0.57623184, 5.49e-5, 1.4769072, 0.57623184], rel=1e-5)
+    assert ends == pytest.approx(
+        [1.4769072, 1.4769072, 0.57623184, 5.49e-5, 1.4769072, 0.57623184], rel=1e-5
+    )
     assert ends[0] == ends[4]
 
 
@@ -279,6 +359,15 @@ def test_python_in_five_lines():
         effects=(rm.Gravity(9.81), rm.ViscousDamping(0.01)),
         start=rm.Start(omega=(rm.normal(0, 1e-3), 1.0, 0.0), attitude="uniform"),
     )
-    ds = rm.simulate(scene, integrator="rk4", dt=1e-2, t_end=10.0, members=1000, seed=7, every=0.1, save=("omega", "attitude"))
+    ds = rm.simulate(
+        scene,
+        integrator="rk4",
+        dt=1e-2,
+        t_end=10.0,
+        members=1000,
+        seed=7,
+        every=0.1,
+        save=("omega", "attitude"),
+    )
     assert ds.sizes == {"member": 1000, "time": 101, "axis": 3, "quat": 4}
     assert float(ds.energy_drift_max.max()) > 0

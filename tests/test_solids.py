@@ -67,10 +67,17 @@ def test_curved_limits_are_integrated_to_rounding(semiaxes):
     def upright(x, y):
         return np.sqrt(np.maximum(1 - (x / a) ** 2 - (y / b) ** 2, 0.0))
 
-    region = ((-a, a), lambda x: (-b * disc(x), b * disc(x)), lambda x, y: (-c * upright(x, y), c * upright(x, y)))
+    region = (
+        (-a, a),
+        lambda x: (-b * disc(x), b * disc(x)),
+        lambda x, y: (-c * upright(x, y), c * upright(x, y)),
+    )
     body = Body.from_density(2.0 / (4 / 3 * np.pi * a * b * c), region)
     assert body.mass == pytest.approx(2.0, rel=1e-13)  # measured 1.1e-14
-    assert np.abs(body.tensor - Body.solid("ellipsoid", mass=2.0, semiaxes=semiaxes).tensor).max() < 1e-13  # measured 7.3e-15
+    assert (
+        np.abs(body.tensor - Body.solid("ellipsoid", mass=2.0, semiaxes=semiaxes).tensor).max()
+        < 1e-13
+    )  # measured 7.3e-15
 
 
 def test_cone_is_the_integral_over_its_limits():
@@ -79,10 +86,18 @@ def test_cone_is_the_integral_over_its_limits():
     region = (
         (0, h),
         lambda x: (-a * x / h, a * x / h),
-        lambda x, y: (-np.sqrt(np.maximum((a * x / h) ** 2 - y * y, 0)), np.sqrt(np.maximum((a * x / h) ** 2 - y * y, 0))),
+        lambda x, y: (
+            -np.sqrt(np.maximum((a * x / h) ** 2 - y * y, 0)),
+            np.sqrt(np.maximum((a * x / h) ** 2 - y * y, 0)),
+        ),
     )
-    body, cone = Body.from_density(6.0 / (np.pi * a * a * h), region), Body.solid("cone", mass=2.0, radius=a, height=h)
-    assert body.tensor == pytest.approx(np.diag(np.diag(cone.tensor)[[2, 0, 1]]), abs=1e-13)  # measured 2.9e-14
+    body, cone = (
+        Body.from_density(6.0 / (np.pi * a * a * h), region),
+        Body.solid("cone", mass=2.0, radius=a, height=h),
+    )
+    assert body.tensor == pytest.approx(
+        np.diag(np.diag(cone.tensor)[[2, 0, 1]]), abs=1e-13
+    )  # measured 2.9e-14
     assert body.centre == pytest.approx((0.75 * h, 0.0, 0.0), abs=1e-14)  # measured 2.4e-18
 
 
@@ -109,7 +124,11 @@ def test_a_density_that_varies_moves_the_centre():
         (lambda x, y, z: x * np.nan, ("box", (0, 1), (0, 1), (0, 1)), "must be finite"),
         (lambda x, y, z: float(x), ("box", (0, 1), (0, 1), (0, 1)), "arrays of one shape"),
         (0.0, ("box", (0, 1), (0, 1), (0, 1)), "must be positive"),
-        (1.0, ("box", (1, 0), (1, 0), (0, 1)), "lower limit lies above"),  # twice reversed: the volume would be right
+        (
+            1.0,
+            ("box", (1, 0), (1, 0), (0, 1)),
+            "lower limit lies above",
+        ),  # twice reversed: the volume would be right
         (1.0, ("sphere", 1.0), "expected .*cylinder"),
         (1.0, ("box", (0, 1), (0, 1)), "expected .*cylinder"),
         (1.0, ((0, 1), (0, 1)), "three pairs"),
@@ -125,14 +144,31 @@ def test_bad_densities(density, region, rule):
     [
         (lambda: Body.box(1.0, (1.0, 2.0)), r"\[body.box\] size .*3 components"),
         (lambda: Body.box(1.0, 1.0), "3 components"),
-        (lambda: Body.cylinder(1.0, [1.0, 2.0], 1.0), r"\[body.cylinder\] radius .*a finite number"),
+        (
+            lambda: Body.cylinder(1.0, [1.0, 2.0], 1.0),
+            r"\[body.cylinder\] radius .*a finite number",
+        ),
         (lambda: Body.solid("plate", mass=1.0, size=(1.0, 2.0, 3.0)), "2 components"),
-        (lambda: Body.solid("ellipsoid", mass=1.0, semiaxes=(1.0, -2.0, 3.0)), "semiaxes = -2.0: must be positive"),
+        (
+            lambda: Body.solid("ellipsoid", mass=1.0, semiaxes=(1.0, -2.0, 3.0)),
+            "semiaxes = -2.0: must be positive",
+        ),
         (lambda: Body.solid("ball", mass=rm.uniform(1, 2), radius=1.0), "plain numbers"),
         (lambda: Body.box(1.0, (1, 1, 1)).joined(3), "only bodies"),
-        (lambda: Body.box(1.0, (1, 1, 1)).joined(Body.box(1.0, (1, 1, 1)), at=(1, 2)), "at .*3 components"),
-        (lambda: Body.from_particles([1, 1], [(1, 1, 1), (2, 2, 2)]), "no mass is spread like that"),  # a slanting line
-        (lambda: Body.from_particles([1, 1, 0.3], [(1, 0.3, 0.7), (2, 0.6, 1.4), (-3, -0.9, -2.1)]), "no mass is spread"),
+        (
+            lambda: Body.box(1.0, (1, 1, 1)).joined(Body.box(1.0, (1, 1, 1)), at=(1, 2)),
+            "at .*3 components",
+        ),
+        (
+            lambda: Body.from_particles([1, 1], [(1, 1, 1), (2, 2, 2)]),
+            "no mass is spread like that",
+        ),  # a slanting line
+        (
+            lambda: Body.from_particles(
+                [1, 1, 0.3], [(1, 0.3, 0.7), (2, 0.6, 1.4), (-3, -0.9, -2.1)]
+            ),
+            "no mass is spread",
+        ),
         (lambda: inertia.principal_axes(np.full((3, 3), np.nan)), "finite components"),
         (lambda: inertia.principal_axes(np.zeros((3, 3))), r"\(0, 0, 0\)"),
     ],
@@ -155,7 +191,11 @@ def test_flawed_elements_leave_their_neighbours_to_the_bit():
     kept = np.delete(np.arange(50), [3, 7, 9])
     with pytest.warns(rm.SceneWarning, match="1 of 50") as notes:
         moments, axes = inertia.principal_axes(spoilt)
-    assert [word for note, word in zip(notes, ("finite", "symmetric", "positive"), strict=True) if word in str(note.message)]
+    assert [
+        word
+        for note, word in zip(notes, ("finite", "symmetric", "positive"), strict=True)
+        if word in str(note.message)
+    ]
     assert np.isnan(axes[[3, 7, 9]]).all()
     whole = inertia.principal_axes(good)
     assert np.array_equal(moments[kept], whole[0][kept])
@@ -189,9 +229,14 @@ def test_every_solid_is_a_shape_of_scene_files(name):
         rm.Scene.loads(text.replace(" = {", " = { mss = 1.0,", 1))
     with pytest.raises(SceneError, match=rf"\[body.{name}\]"):  # a list where a number belongs
         rm.Scene.loads(re.sub(r"(\d\.\d+|\d{4}\.0)", r"[\1]", text, count=1))
-    with pytest.raises(SceneError, match=rf"\[body.{name}\]"):  # and the other way round, or one list too many
+    with pytest.raises(
+        SceneError, match=rf"\[body.{name}\]"
+    ):  # and the other way round, or one list too many
         rm.Scene.loads(
             re.sub(
-                r"(size|semiaxes) = \[.*\]|(radius|inner) = [\d.]+", lambda m: m[0].partition("=")[0] + "= [[1.0]]", text, count=1
+                r"(size|semiaxes) = \[.*\]|(radius|inner) = [\d.]+",
+                lambda m: m[0].partition("=")[0] + "= [[1.0]]",
+                text,
+                count=1,
             )
         )

@@ -26,7 +26,12 @@ def test_arrays_and_what_cannot_be():
     made = probability(np.array([[1, 0], [5, 0]]), np.array([5, 0]))
     assert made.value.shape == (2, 2)
     assert np.isnan(made.low[0, 1])
-    for successes, trials, options in ((5, 3, {}), (-1, 3, {}), (1, 3, {"confidence": 1.0}), (1, 3, {"method": "wilsen"})):
+    for successes, trials, options in (
+        (5, 3, {}),
+        (-1, 3, {}),
+        (1, 3, {"confidence": 1.0}),
+        (1, 3, {"method": "wilsen"}),
+    ):
         with pytest.raises(rm.SceneError):
             probability(successes, trials, **options)
 
@@ -51,14 +56,19 @@ def test_means_cover():
     assert covered(mean(x), 4.3) < 0.9
     x[:, 3] = np.nan
     assert mean(x[0]).value == pytest.approx(np.nanmean(x[0]), rel=1e-15)
-    theirs = stats.t.interval(0.95, 59, *stats.norm.fit(np.arange(60.0))[:1], scale=stats.sem(np.arange(60.0)))
+    theirs = stats.t.interval(
+        0.95, 59, *stats.norm.fit(np.arange(60.0))[:1], scale=stats.sem(np.arange(60.0))
+    )
     assert mean(np.arange(60.0))[1:] == pytest.approx(theirs, rel=1e-13)
 
 
 @pytest.mark.parametrize("q", [0.1, 0.5, 0.99])
 def test_quantiles_cover(q):
     some = np.random.default_rng(3)
-    hit = [low <= stats.expon.ppf(q) <= high for _, low, high in (quantile(some.exponential(size=300), q) for _ in range(REPEATED))]
+    hit = [
+        low <= stats.expon.ppf(q) <= high
+        for _, low, high in (quantile(some.exponential(size=300), q) for _ in range(REPEATED))
+    ]
     assert 0.94 < np.mean(hit) < 0.99  # measured 0.971, 0.955, 0.988: the ranks are whole
 
 

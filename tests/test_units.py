@@ -9,9 +9,14 @@ import rigidmc as rm
 from rigidmc.planning.units import dimensions, factor, internal, scaled
 
 BODY = rm.Body.from_moments((rm.uniform(0.9, 1.1), 1.4, 2.0), mass=1.5, centre=(0.1, 0.2, 0.3))
-START = rm.Start(omega=(rm.normal(0.3, 0.1), rm.distribution("laplace", loc=0.5, scale=0.1), 0.2), attitude="uniform")
+START = rm.Start(
+    omega=(rm.normal(0.3, 0.1), rm.distribution("laplace", loc=0.5, scale=0.1), 0.2),
+    attitude="uniform",
+)
 SCENE = rm.Scene(BODY, (rm.Gravity(3.0), rm.ViscousDamping(0.05)), START)
-SCENE = SCENE.with_run(dt=0.02, t_end=2.0, every=0.5, members=64, save=("omega", "attitude", "energy", "momentum"))
+SCENE = SCENE.with_run(
+    dt=0.02, t_end=2.0, every=0.5, members=64, save=("omega", "attitude", "energy", "momentum")
+)
 UNITS = {
     "omega": (0, 0, -1),
     "energy": (1, 2, -2),
@@ -39,7 +44,9 @@ def test_powers_of_two_change_no_bit(powers):
     one, two = rm.simulate(SCENE), rm.simulate(scaled(SCENE, mass, length, time))
     assert not two.status.values.any()
     for name, (kg, m, s) in UNITS.items():
-        assert np.array_equal(one[name].values * (mass**kg * length**m * time**s), two[name].values), name
+        assert np.array_equal(
+            one[name].values * (mass**kg * length**m * time**s), two[name].values
+        ), name
     assert np.array_equal(one.time.values * time, two.time.values)
     assert two.attrs["dt"] == one.attrs["dt"] * time
 
@@ -63,7 +70,9 @@ def test_internal_units_only_where_they_are_needed():
 def test_a_molecule_in_single_precision():
     """1e-47 kg m2 is 0 in float32."""
     spun = rm.Start(momentum=(1e-34, 2e-34, -1e-34), attitude="uniform")
-    scene = rm.Scene(rm.Body.from_moments((1.0e-47, 1.9e-47, 2.9e-47)), (), spun).with_run(dt=5e-15, t_end=5e-13, members=32)
+    scene = rm.Scene(rm.Body.from_moments((1.0e-47, 1.9e-47, 2.9e-47)), (), spun).with_run(
+        dt=5e-15, t_end=5e-13, members=32
+    )
     fine, single = rm.simulate(scene), rm.simulate(scene, dtype="float32")
     assert not single.status.values.any()
     apart = np.abs(single.omega.values - fine.omega.values).max() / np.abs(fine.omega.values).max()
@@ -98,7 +107,10 @@ def test_what_cannot_be_scaled_is_refused():
 
 def test_units_beyond_float64_are_no_error():
     """Spins of 1e200 rad/s: the square of what they are in, kg2 m4 s-2, is beyond 1e308; the members are flagged."""
-    scene = rm.Scene(rm.Body.from_moments((1.0, 1.4, 2.0)), start=rm.Start(omega=(rm.normal(0.0, 1e200), 0.0, 0.0)))
+    scene = rm.Scene(
+        rm.Body.from_moments((1.0, 1.4, 2.0)),
+        start=rm.Start(omega=(rm.normal(0.0, 1e200), 0.0, 0.0)),
+    )
     with pytest.warns(rm.SceneWarning, match="omega dt"):
         ds = rm.simulate(scene, t_end=1.0, members=4, save=("l2",))
     assert (ds.status != 0).all()

@@ -31,7 +31,9 @@ def uniform(values, low, high):
 def test_a_sphere_is_exact_and_even():
     l = drawn(momentum=rm.Sphere(3.0))[0]["start_momentum"]
     assert np.abs(np.linalg.norm(l, axis=0) - 3.0).max() < 2e-15
-    assert all(uniform(x, -3.0, 3.0) for x in l) and uniform(np.arctan2(l[1], l[0]), -math.pi, math.pi)
+    assert all(uniform(x, -3.0, 3.0) for x in l) and uniform(
+        np.arctan2(l[1], l[0]), -math.pi, math.pi
+    )
 
 
 @pytest.mark.parametrize("axis", [1, 2, 3, -1, -2, -3])
@@ -46,7 +48,9 @@ def test_a_cone_is_about_its_axis(axis):
 def test_correlated_normals_have_their_covariance():
     covariance = np.array([[1.0, 0.6, -0.3], [0.6, 2.0, 0.1], [-0.3, 0.1, 0.5]])
     w = drawn(omega=rm.Correlated((1.0, -2.0, 0.0), covariance))[0]["start_omega"]
-    error = np.abs(np.cov(w) - covariance) / np.sqrt((np.outer(np.diag(covariance), np.diag(covariance)) + covariance**2) / N)
+    error = np.abs(np.cov(w) - covariance) / np.sqrt(
+        (np.outer(np.diag(covariance), np.diag(covariance)) + covariance**2) / N
+    )
     assert error.max() < 4.0  # standard errors
     whitened = np.linalg.solve(np.linalg.cholesky(covariance), w - np.array([[1.0], [-2.0], [0.0]]))
     assert all(stats.kstest(z, "norm").pvalue > 0.01 for z in whitened)
@@ -58,7 +62,9 @@ def test_a_shell_is_exact(direction):
     found, block = drawn(momentum=rm.Shell(4.0, direction), attitude="uniform", effects=effects)
     body, present = physics(effects, block)
     l = found["start_momentum"]
-    energy = 0.5 * (l * l / np.array(MOMENTS)[:, None]).sum(0) + total_energy(present, body, tuple(found["start_attitude"]))
+    energy = 0.5 * (l * l / np.array(MOMENTS)[:, None]).sum(0) + total_energy(
+        present, body, tuple(found["start_attitude"])
+    )
     assert np.abs(energy - 4.0).max() < 2e-14 and not block[23].any()
     if direction is None:  # in sqrt(I) scaled components it is even on a sphere
         v = l / np.sqrt(np.array(MOMENTS))[:, None]
@@ -75,13 +81,18 @@ def test_a_shell_of_too_little_energy_has_no_member():
 
 def test_gibbs_has_its_temperature():
     l = drawn(momentum=rm.GibbsMomentum(0.7))[0]["start_momentum"]
-    assert all(stats.kstest(x / math.sqrt(i * 0.7), "norm").pvalue > 0.01 for x, i in zip(l, MOMENTS, strict=True))
+    assert all(
+        stats.kstest(x / math.sqrt(i * 0.7), "norm").pvalue > 0.01
+        for x, i in zip(l, MOMENTS, strict=True)
+    )
     twice = (l * l / np.array(MOMENTS)[:, None]).sum(0)
     assert stats.kstest(twice / 0.7, stats.chi2(3).cdf).pvalue > 0.01
 
 
 def test_second_moments_always_make_a_body():
-    found, block = drawn(moments=rm.SecondMoments((rm.uniform(0.0, 1.0),) * 3), omega=(0.0, 1.0, 0.0))
+    found, block = drawn(
+        moments=rm.SecondMoments((rm.uniform(0.0, 1.0),) * 3), omega=(0.0, 1.0, 0.0)
+    )
     i = found["moments"]
     assert (2.0 * i.max(0) <= i.sum(0) * (1.0 + 1e-15)).all() and not block[23].any()
     assert uniform(0.5 * (i[1] + i[2] - i[0]), 0.0, 1.0)
@@ -89,14 +100,21 @@ def test_second_moments_always_make_a_body():
 
 def test_a_member_is_the_same_wherever_it_is_drawn():
     start = {"omega": rm.Cone(2, rm.normal(1.0, 0.1), rm.uniform(0.0, 0.1))}
-    all_of_them, some = drawn(**start)[0]["start_omega"], drawn(first=1000, count=64, **start)[0]["start_omega"]
+    all_of_them, some = (
+        drawn(**start)[0]["start_omega"],
+        drawn(first=1000, count=64, **start)[0]["start_omega"],
+    )
     assert np.array_equal(all_of_them[:, 1000:1064], some)
 
 
 def test_grids_are_the_middles_of_equal_parts():
     even = rm.grid(0.0, 1.0, 4, stride=3)
     assert np.array_equal(even.at(0, 14), np.repeat([0.125, 0.375, 0.625, 0.875, 0.125], 3)[:14])
-    assert np.allclose(rm.grid(1e-4, 1.0, 4, log=True).values(), [10**-3.5, 10**-2.5, 10**-1.5, 10**-0.5], rtol=1e-14)
+    assert np.allclose(
+        rm.grid(1e-4, 1.0, 4, log=True).values(),
+        [10**-3.5, 10**-2.5, 10**-1.5, 10**-0.5],
+        rtol=1e-14,
+    )
     assert np.array_equal(even.at(5, 3), even.at(0, 8)[5:])
 
 
@@ -111,16 +129,25 @@ def test_files_keep_them():
     ):
         scene = rm.Scene(body, start=rm.Start(momentum=vector))
         again = rm.Scene.loads(scene.dumps())
-        assert again.start.momentum == scene.start.momentum and again.body.moments == scene.body.moments
+        assert (
+            again.start.momentum == scene.start.momentum
+            and again.body.moments == scene.body.moments
+        )
         assert np.array_equal(stage(again, 0, 32, False)[0], stage(scene, 0, 32, False)[0])
 
 
 def test_coarse_grids_span_the_same():
     scene = rm.Scene(
-        rm.Body.from_moments((rm.grid(0.5, 1.0, 300, 16), 1.0, rm.grid(1.0, 1.4, 200, 4800))), start=rm.Start(omega=(0, 1, 0))
+        rm.Body.from_moments((rm.grid(0.5, 1.0, 300, 16), 1.0, rm.grid(1.0, 1.4, 200, 4800))),
+        start=rm.Start(omega=(0, 1, 0)),
     )
     moments, _, _ = scene.coarse().body.sample(0, 0, 4096)
-    assert moments[0].min() < 0.51 and moments[0].max() > 0.99 and moments[2].min() < 1.01 and moments[2].max() > 1.39
+    assert (
+        moments[0].min() < 0.51
+        and moments[0].max() > 0.99
+        and moments[2].min() < 1.01
+        and moments[2].max() > 1.39
+    )
     assert scene.body.moments[0] == Grid(0.5, 1.0, 300, 16)
 
 
@@ -150,9 +177,17 @@ def test_bad_vectors_are_told(text, words):
 def test_other_units_move_alike():
     from rigidmc.planning.units import scaled
 
-    for vector in (rm.Cone(2, 1.0, 0.1), rm.Correlated((0.0, 1.0, 0.0), np.eye(3)), rm.Shell(2.0), rm.GibbsMomentum(1.0)):
+    for vector in (
+        rm.Cone(2, 1.0, 0.1),
+        rm.Correlated((0.0, 1.0, 0.0), np.eye(3)),
+        rm.Shell(2.0),
+        rm.GibbsMomentum(1.0),
+    ):
         scene = rm.Scene(rm.Body.from_moments(MOMENTS), start=rm.Start(momentum=vector))
-        one, two = (stage(s, 0, 32, False)[1]["start_momentum"] for s in (scene, scaled(scene, 4.0, 1.0, 2.0)))
+        one, two = (
+            stage(s, 0, 32, False)[1]["start_momentum"]
+            for s in (scene, scaled(scene, 4.0, 1.0, 2.0))
+        )
         assert np.array_equal(2.0 * one, two)
 
 
@@ -165,14 +200,21 @@ def test_fisher_is_about_its_mean(kappa):
     mean = rm.Start(omega=(0, 0, 1), attitude=(1.0, 2.0, -1.0, 0.5)).attitude
     mean = np.array(mean) / np.linalg.norm(mean)
     q = turned(attitude=rm.Fisher(tuple(mean), kappa))
-    away = np.array([mean[0] * q[0] + mean[1:] @ q[1:], *(mean[0] * q[1:] - q[0] * mean[1:, None] - np.cross(mean[1:], q[1:].T).T)])
+    away = np.array(
+        [
+            mean[0] * q[0] + mean[1:] @ q[1:],
+            *(mean[0] * q[1:] - q[0] * mean[1:, None] - np.cross(mean[1:], q[1:].T).T),
+        ]
+    )
     angle = 2.0 * np.arctan2(np.linalg.norm(away[1:], axis=0), np.abs(away[0]))
     grid = np.linspace(0.0, math.pi, 400_001) if kappa < 100 else np.linspace(0.0, 0.02, 400_001)
     law = np.cumsum((1.0 - np.cos(grid)) * np.exp(2.0 * kappa * (np.cos(grid) - 1.0)))
     assert stats.kstest(angle, lambda x: np.interp(x, grid, law / law[-1])).pvalue > 0.01
     assert all(uniform(x, -1.0, 1.0) for x in away[1:] / np.linalg.norm(away[1:], axis=0))
     if kappa == 1e6:
-        assert np.abs((2.0 * away[1:] * np.sign(away[0])).var(axis=1) * 2.0 * kappa - 1.0).max() < 0.03
+        assert (
+            np.abs((2.0 * away[1:] * np.sign(away[0])).var(axis=1) * 2.0 * kappa - 1.0).max() < 0.03
+        )
     assert np.abs((q**2).sum(0) - 1.0).max() < 1e-15
 
 
@@ -182,7 +224,11 @@ def test_pointing_is_von_mises_and_fishers(kappa):
     w, x, y, z = turned(attitude=rm.Pointing(tuple(direction), kappa))
     axis = np.stack([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), w * w - x * x - y * y + z * z])
     less = 0.5 * ((axis - direction[:, None]) ** 2).sum(0)  # 1 - cosine
-    law = stats.uniform(0.0, 2.0) if kappa == 0.0 else stats.truncexpon(2.0 * kappa, scale=1.0 / kappa)
+    law = (
+        stats.uniform(0.0, 2.0)
+        if kappa == 0.0
+        else stats.truncexpon(2.0 * kappa, scale=1.0 / kappa)
+    )
     assert stats.kstest(less, law.cdf).pvalue > 0.01
     side = np.cross(direction, [0.0, 0.0, 1.0])
     side /= np.linalg.norm(side)
@@ -200,18 +246,26 @@ members = 3
 
 
 def test_starts_from_a_table(tmp_path):
-    (tmp_path / "s.toml").write_text(SCENE.format('{ table = "w.csv", columns = ["wx", "wy", "wz"] }'))
+    (tmp_path / "s.toml").write_text(
+        SCENE.format('{ table = "w.csv", columns = ["wx", "wy", "wz"] }')
+    )
     (tmp_path / "w.csv").write_text("wx, wy,wz\n0.1,1.0,0.0\n0.2,1.5,-1e-3\n0.3,2.0,0.5\n")
     scene = rm.Scene.load(tmp_path / "s.toml")
     found = stage(scene, 0, 3, False)[1]["start_omega"]
     assert np.array_equal(found, [[0.1, 0.2, 0.3], [1.0, 1.5, 2.0], [0.0, -1e-3, 0.5]])
     import xarray as xr
 
-    xr.Dataset({"w": (("axis", "n"), found), "speed": (("n",), found[1])}).to_netcdf(tmp_path / "w.nc", engine="netcdf4")
-    (tmp_path / "t.toml").write_text(
-        SCENE.format('[{ table = "w.nc", column = "w[1]" }, { table = "w.nc", column = "speed" }, { normal = [0.0, 1.0] }]')
+    xr.Dataset({"w": (("axis", "n"), found), "speed": (("n",), found[1])}).to_netcdf(
+        tmp_path / "w.nc", engine="netcdf4"
     )
-    assert np.array_equal(stage(rm.Scene.load(tmp_path / "t.toml"), 0, 3, False)[1]["start_omega"][:2], found[:2])
+    (tmp_path / "t.toml").write_text(
+        SCENE.format(
+            '[{ table = "w.nc", column = "w[1]" }, { table = "w.nc", column = "speed" }, { normal = [0.0, 1.0] }]'
+        )
+    )
+    assert np.array_equal(
+        stage(rm.Scene.load(tmp_path / "t.toml"), 0, 3, False)[1]["start_omega"][:2], found[:2]
+    )
 
 
 @pytest.mark.parametrize(
@@ -239,7 +293,9 @@ SMOOTH = {"omega": (rm.normal(0.3, 0.1), rm.normal(1.0, 0.1), rm.normal(0.2, 0.1
 
 
 def scene_of_points(kind, members=256, seed=3):
-    return rm.Scene(rm.Body.from_moments(MOMENTS), start=rm.Start(**SMOOTH)).with_run(points=kind, members=members, seed=seed)
+    return rm.Scene(rm.Body.from_moments(MOMENTS), start=rm.Start(**SMOOTH)).with_run(
+        points=kind, members=members, seed=seed
+    )
 
 
 def test_sobol_points_are_scipys():
@@ -249,12 +305,19 @@ def test_sobol_points_are_scipys():
 
     scene = scene_of_points("sobol")
     w = stage(scene, 0, 256, False)[1]["start_omega"]
-    true = stats.qmc.Sobol(3, rng=np.random.default_rng([3, stream_of("points.sobol") >> 1])).random(256).T + 0.5**31
+    true = (
+        stats.qmc.Sobol(3, rng=np.random.default_rng([3, stream_of("points.sobol") >> 1]))
+        .random(256)
+        .T
+        + 0.5**31
+    )
     assert (
         np.abs(w - (np.array([[0.3], [1.0], [0.2]]) + 0.1 * ndtri(true))).max() < 4e-16
     )  # measured 2.2e-16: quantiles are our own
     later = stage(scene, 96, 32, True)[1]["start_omega"]
-    assert np.array_equal(later, w[:, 96:128]) and np.array_equal(stage(scene, 32, 32, False)[1]["start_omega"], w[:, 32:64])
+    assert np.array_equal(later, w[:, 96:128]) and np.array_equal(
+        stage(scene, 32, 32, False)[1]["start_omega"], w[:, 32:64]
+    )
 
 
 def test_a_latin_hypercube_has_one_member_in_every_stratum():
@@ -272,15 +335,22 @@ def test_points_fill_better_than_chance():
     for kind in ("independent", "sobol", "latin_hypercube"):
         means = []
         for seed in range(8):
-            w = stage(scene_of_points(kind, seed=seed).with_run(strata=4096), 0, 4096, False)[1]["start_omega"]
+            w = stage(scene_of_points(kind, seed=seed).with_run(strata=4096), 0, 4096, False)[1][
+                "start_omega"
+            ]
             means.append((w[0] * w[1] + np.sin(w[2]) * w[1] ** 2).mean())
         off[kind] = np.std(means)
-    assert off["sobol"] < 0.02 * off["independent"] and off["latin_hypercube"] < 0.5 * off["independent"]  # measured 0.0064, 0.10
+    assert (
+        off["sobol"] < 0.02 * off["independent"]
+        and off["latin_hypercube"] < 0.5 * off["independent"]
+    )  # measured 0.0064, 0.10
 
 
 def test_nothing_drawn_needs_no_points():
     with pytest.raises(SceneError, match="nothing of the scene is drawn"):
-        rm.Scene(rm.Body.from_moments(MOMENTS), start=rm.Start(omega=(0, 1, 0))).with_run(points="sobol").check()
+        rm.Scene(rm.Body.from_moments(MOMENTS), start=rm.Start(omega=(0, 1, 0))).with_run(
+            points="sobol"
+        ).check()
 
 
 def test_antithetic_members_come_in_pairs():
@@ -306,19 +376,35 @@ def height(found):
 
 def test_the_canonical_ensemble_is_that_of_gravity():
     """Under gravity the height of the centre is exponential: exp(-m g h z/kT) on (-1, 1)."""
-    found, block = drawn(500_000, 100_000, momentum=rm.GibbsMomentum(1.5), attitude="ensemble", effects=(rm.Gravity(9.81),))
+    found, block = drawn(
+        500_000,
+        100_000,
+        momentum=rm.GibbsMomentum(1.5),
+        attitude="ensemble",
+        effects=(rm.Gravity(9.81),),
+    )
     kappa = WEIGHT / 1.5
     law = lambda z: np.expm1(-kappa * (z + 1.0)) / np.expm1(-2.0 * kappa)  # noqa: E731
     assert stats.kstest(height(found), law).pvalue > 0.01 and not block[23].any()
-    assert np.abs(np.linalg.norm(found["start_attitude"], axis=0) - 1.0).max() < 1e-15  # measured 2.2e-16
-    again = drawn(505_000, 128, momentum=rm.GibbsMomentum(1.5), attitude="ensemble", effects=(rm.Gravity(9.81),))[0]
+    assert (
+        np.abs(np.linalg.norm(found["start_attitude"], axis=0) - 1.0).max() < 1e-15
+    )  # measured 2.2e-16
+    again = drawn(
+        505_000,
+        128,
+        momentum=rm.GibbsMomentum(1.5),
+        attitude="ensemble",
+        effects=(rm.Gravity(9.81),),
+    )[0]
     assert np.array_equal(again["start_attitude"], found["start_attitude"][:, 5_000:5_128])
 
 
 @pytest.mark.parametrize("energy", [5.0, 0.5])
 def test_the_microcanonical_ensemble_is_that_of_gravity(energy):
     """Momenta of an energy shell leave attitudes the weight sqrt(E - V): the height is of density sqrt(E - m g h z) where that is real."""
-    found, block = drawn(momentum=rm.Shell(energy), attitude="ensemble", effects=(rm.Gravity(9.81),))
+    found, block = drawn(
+        momentum=rm.Shell(energy), attitude="ensemble", effects=(rm.Gravity(9.81),)
+    )
     top = min(1.0, energy / WEIGHT)
     left = lambda z: (energy - WEIGHT * np.minimum(z, top)) ** 1.5  # noqa: E731
     law = lambda z: (left(-1.0) - left(z)) / (left(-1.0) - left(top))  # noqa: E731
@@ -326,14 +412,21 @@ def test_the_microcanonical_ensemble_is_that_of_gravity(energy):
     body, present = physics((rm.Gravity(9.81),), block)
     l = found["start_momentum"]
     kinetic = 0.5 * (l * l / np.array(MOMENTS)[:, None]).sum(0)
-    assert np.abs(kinetic + total_energy(present, body, tuple(found["start_attitude"])) - energy).max() < 2e-14
+    assert (
+        np.abs(kinetic + total_energy(present, body, tuple(found["start_attitude"])) - energy).max()
+        < 2e-14
+    )
 
 
 @pytest.mark.parametrize(
     ("start", "run", "rule"),
     [
         (rm.Start(momentum=rm.GibbsMomentum(0.01), attitude="ensemble"), {}, "keeps"),
-        (rm.Start(momentum=rm.GibbsMomentum(1.0), attitude="ensemble"), {"points": "sobol"}, "by rejection"),
+        (
+            rm.Start(momentum=rm.GibbsMomentum(1.0), attitude="ensemble"),
+            {"points": "sobol"},
+            "by rejection",
+        ),
     ],
 )
 def test_an_ensemble_that_cannot_be_drawn_is_refused(start, run, rule):
@@ -350,8 +443,14 @@ def test_an_ensemble_that_cannot_be_drawn_is_refused(start, run, rule):
         ("momentum = { gibs = 0.1 }", "did you mean 'gibbs'"),
         ("momentum = { gibbs = -0.1 }", "0 or more"),
         ("omega = { cone = { axis = 1, size = -1.0, angle = 0.1 } }", "0 or more"),
-        ('omega = { correlated = { mean = [0, 0, 0], covariance = [[1, "a"], [2]] } }', "symmetric matrix"),
-        ("omega = [0, 0, 1]\nattitude = { fisher = { attitude = [1, 0, 0, 0], kappa = 1e300 } }", "between 0 and 1e12"),
+        (
+            'omega = { correlated = { mean = [0, 0, 0], covariance = [[1, "a"], [2]] } }',
+            "symmetric matrix",
+        ),
+        (
+            "omega = [0, 0, 1]\nattitude = { fisher = { attitude = [1, 0, 0, 0], kappa = 1e300 } }",
+            "between 0 and 1e12",
+        ),
     ],
 )
 def test_misspelt_and_impossible_vectors_are_told(start, words):
@@ -360,7 +459,11 @@ def test_misspelt_and_impossible_vectors_are_told(start, words):
 
 
 def test_a_start_that_none_has_is_refused():
-    scene = rm.Scene(rm.Body(MOMENTS, mass=1.0, centre=(0.0, 0.0, 0.3)), (rm.Gravity(9.81),), rm.Start(momentum=rm.Shell(-20.0)))
+    scene = rm.Scene(
+        rm.Body(MOMENTS, mass=1.0, centre=(0.0, 0.0, 0.3)),
+        (rm.Gravity(9.81),),
+        rm.Start(momentum=rm.Shell(-20.0)),
+    )
     with pytest.raises(SceneError, match="none of the first"):
         rm.simulate(scene, members=32, t_end=1.0)
 
@@ -381,7 +484,11 @@ class Bowl(NamedTuple):
     k: float
 
     def torque(self, q):
-        return 2.0 * self.k * (q[2] * q[3] + q[0] * q[1]), -2.0 * self.k * (q[1] * q[3] - q[0] * q[2]), 0.0
+        return (
+            2.0 * self.k * (q[2] * q[3] + q[0] * q[1]),
+            -2.0 * self.k * (q[1] * q[3] - q[0] * q[2]),
+            0.0,
+        )
 
     def energy(self, q):
         return self.k * (q[0] * q[0] - q[1] * q[1] - q[2] * q[2] + q[3] * q[3])
@@ -395,7 +502,9 @@ def test_an_ensemble_needs_to_know_the_largest_energy():
 
 def test_a_bath_takes_no_part_in_the_law_of_its_ensemble():
     both = [
-        drawn(0, 512, momentum=rm.GibbsMomentum(1.5), attitude="ensemble", effects=e)[0]["start_attitude"]
+        drawn(0, 512, momentum=rm.GibbsMomentum(1.5), attitude="ensemble", effects=e)[0][
+            "start_attitude"
+        ]
         for e in ((rm.Gravity(9.81),), (rm.Gravity(9.81), rm.Bath(1.0, 1.5)))
     ]
     assert np.array_equal(*both)

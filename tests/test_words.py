@@ -44,15 +44,27 @@ def test_times_are_read_to_the_bit(given, wanted):
     assert seconds(given, "t_end") == wanted
 
 
-@pytest.mark.parametrize("bad", ["soon", "", "1m1h", "1h30", "1 m s", "inf", "1e400", np.nan, 10**400, True, None, "-1h", 0])
+@pytest.mark.parametrize(
+    "bad",
+    ["soon", "", "1m1h", "1h30", "1 m s", "inf", "1e400", np.nan, 10**400, True, None, "-1h", 0],
+)
 def test_what_is_no_time_is_told(bad):
     with pytest.raises(rm.SceneError, match=r"t_end.*(number of seconds|greater than 0)"):
         seconds(bad, "t_end")
 
 
 def test_whole_floats_are_counts_and_others_are_refused():
-    assert [counted(v, "n") for v in (1e6, 3, np.int8(3), np.float64(1e3))] == [1_000_000, 3, 3, 1000]
-    assert [counted_text(v, "n") for v in ("1e6", "20_000", "9007199254740993")] == [1_000_000, 20_000, 9007199254740993]
+    assert [counted(v, "n") for v in (1e6, 3, np.int8(3), np.float64(1e3))] == [
+        1_000_000,
+        3,
+        3,
+        1000,
+    ]
+    assert [counted_text(v, "n") for v in ("1e6", "20_000", "9007199254740993")] == [
+        1_000_000,
+        20_000,
+        9007199254740993,
+    ]
     for bad in (1.5, True, np.True_, None, "3", 0, np.inf):
         with pytest.raises(rm.SceneError, match="expected a whole number of at least 1"):
             counted(bad, "n")
@@ -61,23 +73,54 @@ def test_whole_floats_are_counts_and_others_are_refused():
 
 
 def test_counts_and_times_are_taken_in_files_in_python_and_on_the_command_line():
-    scene = rm.Scene.loads(TEXT + 'members = 1e3\nt_end = "1h30m"\nevery = "2 min"\ndt = "250 ms"\nseed = 7.0')
-    assert (scene.run.members, scene.run.t_end, scene.run.every, scene.run.dt, scene.run.seed) == (1000, 5400.0, 120.0, 0.25, 7)
+    scene = rm.Scene.loads(
+        TEXT + 'members = 1e3\nt_end = "1h30m"\nevery = "2 min"\ndt = "250 ms"\nseed = 7.0'
+    )
+    assert (scene.run.members, scene.run.t_end, scene.run.every, scene.run.dt, scene.run.seed) == (
+        1000,
+        5400.0,
+        120.0,
+        0.25,
+        7,
+    )
     assert Run(members=2e3, t_end="1 min").members == 2000
     assert scene.with_run(members=np.float64(64.0), t_end="90 s").run.t_end == 90.0
-    assert on_map(scene, ("body.moments.1", 0.8, 1.0), ("body.moments.2", 1.8, 2.0), 8.0, 1e0).run.members == 64
-    assert rm.Scene(BODY, observables=(rm.Histogram("energy", 0.0, 1.0, bins=1e2),)).observables[0].bins == 100
+    assert (
+        on_map(
+            scene, ("body.moments.1", 0.8, 1.0), ("body.moments.2", 1.8, 2.0), 8.0, 1e0
+        ).run.members
+        == 64
+    )
+    assert (
+        rm.Scene(BODY, observables=(rm.Histogram("energy", 0.0, 1.0, bins=1e2),))
+        .observables[0]
+        .bins
+        == 100
+    )
     ds = rm.simulate(scene, members=4e0, dt="10 ms", t_end="0.1 s", every="50ms")
     assert ds.sizes["member"] == 4 and ds.time.values.tolist() == [0.0, 0.05, 0.1]
     assert (
         "good, 2,000 members x 6,000 steps"
-        in invoke("check", "dzhanibekov", "--set", "run.members=2e3", "--set", "run.t_end=1 min").stdout
+        in invoke(
+            "check", "dzhanibekov", "--set", "run.members=2e3", "--set", "run.t_end=1 min"
+        ).stdout
     )
-    assert "1,000,000 in blocks" in invoke("show", "dzhanibekov", "--members", "1e6", "--t-end", "1 min").stdout
+    assert (
+        "1,000,000 in blocks"
+        in invoke("show", "dzhanibekov", "--members", "1e6", "--t-end", "1 min").stdout
+    )
     assert "member 0" in invoke("exact", "dzhanibekov", "--at", "-1s", "--members", "1e1").stdout
-    for words in (("--members", "1.5"), ("--t-end", "soon"), ("--seed", "-1"), ("--every", "0 s"), ("--threads", "0")):
+    for words in (
+        ("--members", "1.5"),
+        ("--t-end", "soon"),
+        ("--seed", "-1"),
+        ("--every", "0 s"),
+        ("--threads", "0"),
+    ):
         made = invoke("run", "dzhanibekov", *words)
-        assert (made.exit_code == 3 and words[0] in made.stderr and "expected" in made.stderr) or "greater" in made.stderr
+        assert (
+            made.exit_code == 3 and words[0] in made.stderr and "expected" in made.stderr
+        ) or "greater" in made.stderr
     with pytest.raises(rm.SceneError, match=r"\[run\] members = 1.5: expected a whole number"):
         rm.simulate(scene, members=1.5)
 
@@ -86,17 +129,31 @@ def test_counts_and_times_are_taken_in_files_in_python_and_on_the_command_line()
 
 
 def test_a_tolerance_without_an_integrator_means_auto():
-    file, python = rm.Scene.loads(TEXT + "tolerance = 1e-6"), rm.Scene(BODY, start=SPUN, run=Run(tolerance=1e-6))
+    file, python = (
+        rm.Scene.loads(TEXT + "tolerance = 1e-6"),
+        rm.Scene(BODY, start=SPUN, run=Run(tolerance=1e-6)),
+    )
     top = rm.Scene.load("heavy_top")
-    made = [file, python, top.with_run(tolerance=1e-6), rm.Scene.load("heavy_top", [("run.tolerance", "1e-6")])]
+    made = [
+        file,
+        python,
+        top.with_run(tolerance=1e-6),
+        rm.Scene.load("heavy_top", [("run.tolerance", "1e-6")]),
+    ]
     for scene in made:
-        assert (scene.run.integrator, scene.run.dt, scene.run.tolerance) == ("auto", 0.01, 1e-6) and idle(scene.run) == {}
+        assert (scene.run.integrator, scene.run.dt, scene.run.tolerance) == (
+            "auto",
+            0.01,
+            1e-6,
+        ) and idle(scene.run) == {}
     assert top.with_run(tolerance=1e-6).with_run(integrator="rk4").run.tolerance is None
     assert rm.Scene.loads(file.dumps()).run.integrator == "auto"
 
 
 def test_a_tolerance_that_nothing_keeps_is_refused():
-    with pytest.raises(rm.SceneError, match=r'tolerance = 1e-06: integrator = "rk4" keeps no tolerance'):
+    with pytest.raises(
+        rm.SceneError, match=r'tolerance = 1e-06: integrator = "rk4" keeps no tolerance'
+    ):
         rm.Scene.loads(TEXT + 'integrator = "rk4"\ntolerance = 1e-6').check()
     assert invoke("run", "heavy_top", "--integrator", "rk4", "--tolerance", "1e-6").exit_code == 3
     for both in ("dt = 0.1\nturn = 0.1", 'turn = 0.2\ndt = "1 s"'):
@@ -122,14 +179,26 @@ def test_settings_without_effect_are_noted(settings, effects, key):
 
 
 def test_an_override_takes_with_it_what_it_leaves_without_effect():
-    scene = rm.Scene(BODY, start=SPUN, run=Run(turn=0.2, energy_limit=0.01, keep={"omega": "thinned"}, thin=5))
-    assert scene.with_run(integrator="closed").run.energy_limit is None and scene.with_run(integrator="closed").run.turn is None
-    assert scene.with_run(checks=False).run.energy_limit is None and scene.with_run(keep="full").run.thin == 10
-    assert scene.with_run(save=("energy",)).run.keep == {} and scene.with_run(dt=0.1).run.turn is None
+    scene = rm.Scene(
+        BODY, start=SPUN, run=Run(turn=0.2, energy_limit=0.01, keep={"omega": "thinned"}, thin=5)
+    )
+    assert (
+        scene.with_run(integrator="closed").run.energy_limit is None
+        and scene.with_run(integrator="closed").run.turn is None
+    )
+    assert (
+        scene.with_run(checks=False).run.energy_limit is None
+        and scene.with_run(keep="full").run.thin == 10
+    )
+    assert (
+        scene.with_run(save=("energy",)).run.keep == {} and scene.with_run(dt=0.1).run.turn is None
+    )
     assert scene.with_run(integrator="rk8").run == scene.run.model_copy(
         update={"integrator": "rk8"}
     )  # all of it still has an effect
-    assert scene.with_run(checks=False, energy_limit=0.1).run.energy_limit == 0.1  # both were asked for: a note says so
+    assert (
+        scene.with_run(checks=False, energy_limit=0.1).run.energy_limit == 0.1
+    )  # both were asked for: a note says so
 
 
 def test_sound_scenes_give_no_note(tmp_path):
@@ -140,7 +209,9 @@ def test_sound_scenes_give_no_note(tmp_path):
         case = make()
         scene = on_map(case.scene, case.x, case.y, 64, 1).with_run(**case.settings)
         assert notes(scene, prepare(scene)._replace(notes=())) == (), name
-    path = str(tmp_path / "a.nc")  # warnings are errors here: neither the run nor another member of it says anything
+    path = str(
+        tmp_path / "a.nc"
+    )  # warnings are errors here: neither the run nor another member of it says anything
     scene = rm.Scene(HEAVY, (rm.Gravity(9.81),), SPUN).with_run(members=32, t_end=0.1, every=0.05)
     rm.simulate(scene, output=path).close()
     assert rm.Scene.load(path).check().run.every == 0.05
@@ -171,7 +242,11 @@ def _scene(body=BODY, effects=(), **start):
 def test_mistakes_that_pass_are_noted(bad, good, words):
     with pytest.warns(rm.SceneWarning, match=words):
         rm.simulate(bad, members=32, t_end=0.02, dt=0.01)
-    assert not any(note for note in noted(good.with_run(dt=0.01)) if "[body]" in note or "[start]" in note or "[effects" in note)
+    assert not any(
+        note
+        for note in noted(good.with_run(dt=0.01))
+        if "[body]" in note or "[start]" in note or "[effects" in note
+    )
 
 
 def test_kelvin_are_no_joules():
@@ -185,10 +260,16 @@ def test_kelvin_are_no_joules():
 
 def test_run_show_and_check_print_the_same_notes(tmp_path):
     file = tmp_path / "a.toml"
-    file.write_text(TEXT + "members = 32\nt_end = 0.1\nevery = 3.0\nthin = 4\n[effects.gravity]\ng = -9.81\n")
+    file.write_text(
+        TEXT + "members = 32\nt_end = 0.1\nevery = 3.0\nthin = 4\n[effects.gravity]\ng = -9.81\n"
+    )
     told = [invoke(command, file) for command in ("run", "show", "check")]
     lines = [
-        sorted(line.split("note")[-1].strip(": ") for line in (t.stdout + t.stderr).splitlines() if "note" in line[:14])
+        sorted(
+            line.split("note")[-1].strip(": ")
+            for line in (t.stdout + t.stderr).splitlines()
+            if "note" in line[:14]
+        )
         for t in told
     ]
     assert len(lines[0]) == 4 and lines[0] == lines[1] == lines[2], lines
@@ -206,11 +287,16 @@ def test_run_show_and_check_print_the_same_notes(tmp_path):
 def test_files_with_other_endings_are_refused_before_the_work(words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     made = invoke(*words)
-    assert made.exit_code == 3 and "ends in ." in made.stderr and not list(tmp_path.iterdir()), made.output
+    assert made.exit_code == 3 and "ends in ." in made.stderr and not list(tmp_path.iterdir()), (
+        made.output
+    )
 
 
 def test_files_with_other_endings_are_refused_in_python(tmp_path):
-    for make in (rm.simulate, lambda scene, output: rm.simulate_until(scene, "p(flips >= 1) +- 0.1", output=output)):
+    for make in (
+        rm.simulate,
+        lambda scene, output: rm.simulate_until(scene, "p(flips >= 1) +- 0.1", output=output),
+    ):
         with pytest.raises(rm.SceneError, match=r"a name for results ends in .nc, not in '.csv'"):
             make(rm.Scene.load("dzhanibekov"), output=tmp_path / "x.csv")
 
@@ -221,7 +307,9 @@ def test_files_with_other_endings_are_refused_in_python(tmp_path):
 ])  # fmt: skip
 def test_the_accessor_is_there_on_import_in_either_order(code):
     more = "; xr.Dataset().rigid; import sys; assert not any('rigidmc' in repr(f) for f in sys.meta_path), sys.meta_path; assert 'matplotlib' not in sys.modules"
-    done = subprocess.run([sys.executable, "-W", "error", "-c", code + more], capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code + more], capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
 
 
@@ -235,9 +323,11 @@ def test_absent_files_are_told_without_numbers_of_the_system(tmp_path, monkeypat
         ("show", "dzhan.nc"),
     ):
         made = invoke(*words)
-        assert made.exit_code == 74 and "dzhan.nc: no such file" in made.stderr and "did you mean 'dzhani.nc'" in made.stderr, (
-            made.stderr
-        )
+        assert (
+            made.exit_code == 74
+            and "dzhan.nc: no such file" in made.stderr
+            and "did you mean 'dzhani.nc'" in made.stderr
+        ), made.stderr
         assert "Errno" not in made.stderr
 
 
@@ -274,19 +364,30 @@ def test_correlated_moments_have_their_covariance_and_tails_are_flagged(tmp_path
     covariance = np.array([[0.01, 0.004, 0.0], [0.004, 0.02, 0.0], [0.0, 0.0, 0.01]])
     start = "[start]\nomega = [0.0, 1.0, 0.0]\n[run]\nmembers = 4096\nt_end = 0.1\nintegrator = 'exact'\ndt = 0.05\n"
     scene = rm.Scene.loads(
-        f"[body]\nmoments = {{ correlated = {{ mean = [1.0, 2.0, 2.7], covariance = {covariance.tolist()} }} }}\n" + start
+        f"[body]\nmoments = {{ correlated = {{ mean = [1.0, 2.0, 2.7], covariance = {covariance.tolist()} }} }}\n"
+        + start
     )
     assert rm.Scene.loads(scene.dumps()).dumps() == scene.dumps()
     assert parameters(scene)[:3] == [f"body.moments.mean.{i}" for i in (1, 2, 3)]
-    with pytest.warns(rm.SceneWarning, match=r"\[body\] moments: 347 of the first 4,096 bodies cannot exist"):
+    with pytest.warns(
+        rm.SceneWarning, match=r"\[body\] moments: 347 of the first 4,096 bodies cannot exist"
+    ):
         ds = rm.simulate(scene, output=str(tmp_path / "a.nc"))
     moments = ds.moments.values
     none = (2.0 * moments.max(0) > moments.sum(0)) | (moments.min(0) <= 0.0)
-    assert none.sum() == 347 and np.array_equal(ds.status.values == 2, none) and (ds.status.values[~none] == 0).all()
-    assert np.abs(np.cov(moments) - covariance).max() < 1.5e-3  # 4 sigma of the largest: 0.02 sqrt(2/4096) = 4.4e-4
+    assert (
+        none.sum() == 347
+        and np.array_equal(ds.status.values == 2, none)
+        and (ds.status.values[~none] == 0).all()
+    )
+    assert (
+        np.abs(np.cov(moments) - covariance).max() < 1.5e-3
+    )  # 4 sigma of the largest: 0.02 sqrt(2/4096) = 4.4e-4
     told = invoke("show", tmp_path / "a.nc").stdout
     assert "correlated(mean = (1, 2, 2.7)" in told and "body.moments.mean.1" in told
-    few = rm.Scene(rm.Body.from_moments(rm.Correlated((1.0, 2.0, 4.0), covariance.tolist())), start=SPUN)
+    few = rm.Scene(
+        rm.Body.from_moments(rm.Correlated((1.0, 2.0, 4.0), covariance.tolist())), start=SPUN
+    )
     with pytest.raises(rm.SceneError, match="sampled bodies are none"):
         few.check()
 
@@ -304,7 +405,9 @@ def test_a_covariance_of_small_moments_is_looked_at_to_its_own_size():
 
 def test_a_driven_body_is_summed_up_with_the_note_that_run_gives():
     scene = rm.Scene(BODY, (rm.ViscousDamping(0.1),), SPUN).with_run(members=40, t_end=1.0)
-    ds = rm.simulate(rm.Scene(BODY, scene.effects, rm.Start(omega=(rm.normal(0.0, 0.1), 1.0, 0.0)), scene.run))
+    ds = rm.simulate(
+        rm.Scene(BODY, scene.effects, rm.Start(omega=(rm.normal(0.0, 0.1), 1.0, 0.0)), scene.run)
+    )
     line = next(line for line in ds.rigid.summary().splitlines() if "energy_drift_max" in line)
     assert line.endswith("(not conserved: viscous_damping changes the energy)")
 
@@ -329,5 +432,7 @@ def test_a_rerun_saves_at_the_nearest_whole_number_of_steps(tmp_path):
 
 def test_too_much_memory_tells_memory_from_disk():
     scene = rm.Scene.load("dzhanibekov")
-    with pytest.raises(OSError, match=r"GB of memory.*\(-o FILE\), which needs .*B of memory and .* GB of disk"):
+    with pytest.raises(
+        OSError, match=r"GB of memory.*\(-o FILE\), which needs .*B of memory and .* GB of disk"
+    ):
         rm.simulate(scene, members=2e9, every=None, save=("omega",), keep="final")

@@ -28,12 +28,26 @@ import sys
 import tempfile
 import time
 
-sys.path[:0] = [os.path.dirname(os.path.dirname(os.path.abspath(__file__)))]  # as a script it stands in tests/
+sys.path[:0] = [
+    os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+]  # as a script it stands in tests/
 
 from tests.faulty import at_call, delay, limited, places  # noqa: E402
 
 COMMAND = [sys.executable, "-c", "from rigidmc.cli import main; main()"]
-WORDS = ["run", "tennis_racket", "--members", "400000", "--every", "0.5", "--save", "omega", "--shard-size", "4", "-o"]
+WORDS = [
+    "run",
+    "tennis_racket",
+    "--members",
+    "400000",
+    "--every",
+    "0.5",
+    "--save",
+    "omega",
+    "--shard-size",
+    "4",
+    "-o",
+]
 TABLE = """
 [body]
 moments = [1.0, 2.0, { table = "rows.csv", column = "third" }]
@@ -92,7 +106,12 @@ def kills(count, folder, some, members=400_000, size=4):
         return made.exitcode
 
     with open(os.path.join(folder, "rows.csv"), "w") as file:
-        file.write("third,spin\n" + "".join(f"{some.uniform(2.2, 2.8)},{some.gauss(1.0, 0.2)}\n" for _ in range(members // 4)))
+        file.write(
+            "third,spin\n"
+            + "".join(
+                f"{some.uniform(2.2, 2.8)},{some.gauss(1.0, 0.2)}\n" for _ in range(members // 4)
+            )
+        )
     with open(os.path.join(folder, "table.toml"), "w") as file:
         file.write(TABLE)
     racket = [*WORDS[:3], str(members), *WORDS[4:-2], str(size), "-o"]
@@ -105,7 +124,14 @@ def kills(count, folder, some, members=400_000, size=4):
         assert done(*command, again + "/") == 0
         assert sums(again) == sums(whole) and len(sums(whole)) > 5
         kinds.append((command, time.monotonic() - began, sums(whole)))
-    told = {"kills": 0, "before any shard": 0, "runs": 0, "runs resumed to the end": 0, "sha256 equal": 0, "torn shards seen": 0}
+    told = {
+        "kills": 0,
+        "before any shard": 0,
+        "runs": 0,
+        "runs resumed to the end": 0,
+        "sha256 equal": 0,
+        "torn shards seen": 0,
+    }
     for i in range(4 * count + 10):  # most of them are killed more than once
         if told["kills"] == count:
             break
@@ -122,7 +148,9 @@ def kills(count, folder, some, members=400_000, size=4):
             is_run = os.path.isfile(os.path.join(path, "run.json"))
             there = sums(path) if is_run else {}
             told["before any shard"] += not there
-            told["torn shards seen"] += sum(expected.get(name) != s for name, s in there.items() if name.endswith(".nc"))
+            told["torn shards seen"] += sum(
+                expected.get(name) != s for name, s in there.items() if name.endswith(".nc")
+            )
             if is_run:
                 words = ["resume", path]
         if os.path.isfile(os.path.join(path, "run.json")):
@@ -141,13 +169,19 @@ def lost(count, folder, some, members=2_000_000):
     told = {"workers killed": 0, "runs": 0, "runs that ended well": 0, "sha256 equal": 0}
     while told["workers killed"] < count and told["runs"] < count:
         child = subprocess.Popen(
-            [*COMMAND, *words, path + "/", "--cluster", "local:2"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+            [*COMMAND, *words, path + "/", "--cluster", "local:2"],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
         )
-        while child.poll() is None and not any(name.endswith(".nc") for _, _, names in os.walk(path) for name in names):
+        while child.poll() is None and not any(
+            name.endswith(".nc") for _, _, names in os.walk(path) for name in names
+        ):
             time.sleep(0.01)
         while child.poll() is None:
             time.sleep(0.1 if told["workers killed"] == 0 else some.uniform(1.5, 3.0))
-            workers = [pid for pid in children(child.pid) if b"spawn_main" in told_of(pid, "cmdline")]
+            workers = [
+                pid for pid in children(child.pid) if b"spawn_main" in told_of(pid, "cmdline")
+            ]
             if workers and child.poll() is None and told["workers killed"] < count:
                 os.kill(some.choice(workers), signal.SIGKILL)
                 told["workers killed"] += 1
@@ -160,7 +194,11 @@ def lost(count, folder, some, members=2_000_000):
 
 def children(pid):
     """The processes that a process started."""
-    return [int(word) for task in os.listdir(f"/proc/{pid}/task") for word in told_of(pid, f"task/{task}/children").split()]
+    return [
+        int(word)
+        for task in os.listdir(f"/proc/{pid}/task")
+        for word in told_of(pid, f"task/{task}/children").split()
+    ]
 
 
 def told_of(pid, what):
@@ -221,18 +259,33 @@ def faults(most, folder, some):
     from rigidmc.cli import app
     from rigidmc.storage import run_directory
 
-    whole, path, words = os.path.join(folder, "whole"), os.path.join(folder, "run"), [*WORDS[:3], "20000", *WORDS[4:]]
+    whole, path, words = (
+        os.path.join(folder, "whole"),
+        os.path.join(folder, "run"),
+        [*WORDS[:3], "20000", *WORDS[4:]],
+    )
     words[words.index("--shard-size") + 1] = "0.5"
     half, parts = os.path.join(folder, "half"), [os.path.join(folder, f"part{i}") for i in range(2)]
     invoke = CliRunner().invoke
     assert invoke(app, [*words, whole + "/"]).exit_code == 0
     assert invoke(app, [*words[:3], "10000", *words[4:], half + "/"]).exit_code == 0
     assert [
-        invoke(app, [*words, part + "/", "--shards", given]).exit_code for part, given in zip(parts, ("0:2", "2:9"), strict=True)
+        invoke(app, [*words, part + "/", "--shards", given]).exit_code
+        for part, given in zip(parts, ("0:2", "2:9"), strict=True)
     ] == [5, 5]
     expected = sums(whole)
-    kinds = {"run": [*words, path + "/"], "extend": ["extend", path, "--members", "20000"], "merge": ["merge", path, *parts]}
-    told = {"faults": 0, "exit 74, one message": 0, "no harm done, exit 0": 0, "wrong shards seen": 0, "completed, sha256 equal": 0}
+    kinds = {
+        "run": [*words, path + "/"],
+        "extend": ["extend", path, "--members", "20000"],
+        "merge": ["merge", path, *parts],
+    }
+    told = {
+        "faults": 0,
+        "exit 74, one message": 0,
+        "no harm done, exit 0": 0,
+        "wrong shards seen": 0,
+        "completed, sha256 equal": 0,
+    }
 
     def prepared(kind):
         """What there is before a command."""
@@ -249,24 +302,37 @@ def faults(most, folder, some):
         if done.exit_code == 0:
             told["no harm done, exit 0"] += 1
         elif (
-            done.exit_code == 74 and done.stderr.count("rigidmc:") == 1 and "Traceback" not in done.output and folder in done.stderr
+            done.exit_code == 74
+            and done.stderr.count("rigidmc:") == 1
+            and "Traceback" not in done.output
+            and folder in done.stderr
         ):
             told["exit 74, one message"] += 1
         else:
-            print(f"{name}: exit {done.exit_code}: {done.output[-300:]} {done.exception!r}", file=sys.stderr)
+            print(
+                f"{name}: exit {done.exit_code}: {done.output[-300:]} {done.exception!r}",
+                file=sys.stderr,
+            )
         is_run = os.path.isfile(os.path.join(path, "run.json"))
         seen = sums(path) if is_run else {}
         known = expected | (sums(half) if kind == "extend" else {})
-        told["wrong shards seen"] += sum(known.get(n) != s for n, s in seen.items() if n.endswith(".nc"))
+        told["wrong shards seen"] += sum(
+            known.get(n) != s for n, s in seen.items() if n.endswith(".nc")
+        )
         if kind == "extend" and run_directory.status(path)["members"] == 20000:
-            told["wrong shards seen"] += any(len(sums(half)) - 1 == int(n[:8]) and n not in expected for n in seen)
+            told["wrong shards seen"] += any(
+                len(sums(half)) - 1 == int(n[:8]) and n not in expected for n in seen
+            )
             again = invoke(app, ["resume", path])
         else:
             again = invoke(app, ["resume", path] if is_run and kind == "run" else kinds[kind])
         good = again.exit_code == 0 and sums(path) == expected
         told["completed, sha256 equal"] += good
         if not good:
-            print(f"{name}: afterwards: exit {again.exit_code}: {again.output[-300:]}", file=sys.stderr)
+            print(
+                f"{name}: afterwards: exit {again.exit_code}: {again.output[-300:]}",
+                file=sys.stderr,
+            )
 
     for kind, place in itertools.product(kinds, places()):
         prepared(kind)
@@ -277,14 +343,28 @@ def faults(most, folder, some):
             tried(f"{kind}: {place[0]} {number}", kind, at_call(folder, *place[1:3], number, act))
     largest = max(os.path.getsize(os.path.join(whole, "shards", shard)) for shard in expected)
     for i in range(min(most, 40)):
-        tried(f"no file larger than {i}/40 of a shard", ("run", "extend", "merge")[i % 3], limited(i * largest // 40))
+        tried(
+            f"no file larger than {i}/40 of a shard",
+            ("run", "extend", "merge")[i % 3],
+            limited(i * largest // 40),
+        )
     return told
 
 
 def cache(count, folder, some):
     """Damage cached kernels `count` times, or give them no room; {what: how often}."""
     kernels, out = os.path.join(folder, "kernels"), os.path.join(folder, "run")
-    words = [*COMMAND, "run", "tennis_racket", "--members", "100", "--save", "none", "-o", out + "/"]
+    words = [
+        *COMMAND,
+        "run",
+        "tennis_racket",
+        "--members",
+        "100",
+        "--save",
+        "none",
+        "-o",
+        out + "/",
+    ]
     told = {
         "caches damaged": 0,
         "caches without room": 0,
@@ -296,11 +376,18 @@ def cache(count, folder, some):
 
     def made():
         shutil.rmtree(out, ignore_errors=True)
-        done = subprocess.run(words, capture_output=True, text=True, env={**os.environ, "RIGIDMC_CACHE_DIR": kernels})
+        done = subprocess.run(
+            words, capture_output=True, text=True, env={**os.environ, "RIGIDMC_CACHE_DIR": kernels}
+        )
         return done, sums(out)
 
     def files():
-        return [os.path.join(top, name) for top, _, names in os.walk(kernels) for name in names if name.endswith(".nbc")]
+        return [
+            os.path.join(top, name)
+            for top, _, names in os.walk(kernels)
+            for name in names
+            if name.endswith(".nbc")
+        ]
 
     _, expected = made()
     for i in range(count):
@@ -311,7 +398,9 @@ def cache(count, folder, some):
             data[some.randrange(len(data))] ^= 1 << some.randrange(8)
             with open(path, "wb") as file:
                 file.write(data if some.random() < 0.7 else data[: some.randrange(len(data))])
-        with limited(400_000) if full else contextlib.nullcontext():  # kernels are larger, and the result is not
+        with (
+            limited(400_000) if full else contextlib.nullcontext()
+        ):  # kernels are larger, and the result is not
             done, found = made()
         told["caches without room" if full else "caches damaged"] += 1
         told["exit 0"] += done.returncode == 0
@@ -324,12 +413,18 @@ def cache(count, folder, some):
 
 
 def main():
-    words = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    words = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     words.add_argument("--kills", type=int, default=0)
-    words.add_argument("--faults", type=lambda text: 10**6 if text == "all" else int(text), default=0)
+    words.add_argument(
+        "--faults", type=lambda text: 10**6 if text == "all" else int(text), default=0
+    )
     words.add_argument("--corrupt", type=int, default=0)
     words.add_argument("--lost", type=int, default=0)
-    words.add_argument("--outputs", type=lambda text: 10**6 if text == "all" else int(text), default=0)
+    words.add_argument(
+        "--outputs", type=lambda text: 10**6 if text == "all" else int(text), default=0
+    )
     words.add_argument("--cache", type=int, default=0)
     words.add_argument("--seed", type=int, default=1)
     given = words.parse_args()

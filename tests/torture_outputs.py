@@ -15,7 +15,19 @@ import xarray as xr
 from tests.faulty import at_call, limited, places
 
 OLD = b"precious"
-SCENE = ["tennis_racket", "--members", "300", "--t-end", "0.5", "--every", "0.1", "--save", "omega", "--threads", "1"]
+SCENE = [
+    "tennis_racket",
+    "--members",
+    "300",
+    "--t-end",
+    "0.5",
+    "--every",
+    "0.1",
+    "--save",
+    "omega",
+    "--threads",
+    "1",
+]
 PICTURE = ["--picture", "drift_histogram"]
 
 
@@ -54,7 +66,12 @@ def computed_once():
     from rigidmc.studies.stress import run as hard_cases
 
     with contextlib.ExitStack() as held:
-        for module, name in ((accuracy, "accuracy"), (hard_cases, "stress"), (catalogue, "case_map"), (again, "frames")):
+        for module, name in (
+            (accuracy, "accuracy"),
+            (hard_cases, "stress"),
+            (catalogue, "case_map"),
+            (again, "frames"),
+        ):
             real, kept = getattr(module, name), {}
 
             def once(*given, real=real, kept=kept, **named):
@@ -114,7 +131,11 @@ def faults(most, folder, some, kinds=None):
             done = CliRunner().invoke(app, words)
         told["faults"] += 1
         kept = {path.replace("out.", "out.2."): path for path in paths}  # x.2.nc of x.nc
-        one = done.stderr.count("rigidmc:") == 1 and "Traceback" not in done.output and folder in done.stderr
+        one = (
+            done.stderr.count("rigidmc:") == 1
+            and "Traceback" not in done.output
+            and folder in done.stderr
+        )
         found = contents(at)
         if done.exit_code == 0:
             told["no harm done, exit 0"] += 1
@@ -123,7 +144,10 @@ def faults(most, folder, some, kinds=None):
         elif done.exit_code == 6 and one and appears is not None:
             told["exit 6, one message, NAME.2"] += 1
         else:
-            print(f"{name}: exit {done.exit_code}: {done.output[-300:]} {done.exception!r}", file=sys.stderr)
+            print(
+                f"{name}: exit {done.exit_code}: {done.output[-300:]} {done.exception!r}",
+                file=sys.stderr,
+            )
         for path in paths:
             there = found.get(path)
             right = (
@@ -134,18 +158,27 @@ def faults(most, folder, some, kinds=None):
             told["wrong files"] += not right
             if not right:
                 print(f"{name}: {path}: {'none' if there is None else there[:40]}", file=sys.stderr)
-        told["wrong files"] += sum(not same(found[path], expected[kept[path]]) for path in found if path in kept)
+        told["wrong files"] += sum(
+            not same(found[path], expected[kept[path]]) for path in found if path in kept
+        )
         others = [path for path in found if path not in paths and path not in kept]
-        others = others if "unlink" not in name else []  # what cannot be deleted stays till the next one
+        others = (
+            others if "unlink" not in name else []
+        )  # what cannot be deleted stays till the next one
         told["left behind"] += len(others)
         done = CliRunner().invoke(app, [*words, "--force"])
         found = {path: data for path, data in contents(at).items() if path not in kept}
         right = (
-            done.exit_code == 0 and found.keys() == expected.keys() and all(same(found[path], expected[path]) for path in expected)
+            done.exit_code == 0
+            and found.keys() == expected.keys()
+            and all(same(found[path], expected[path]) for path in expected)
         )
         told["whole in the end"] += right
         if not right or others:
-            print(f"{name}: left {others}; then exit {done.exit_code}: {sorted(found)}: {done.output[-300:]}", file=sys.stderr)
+            print(
+                f"{name}: left {others}; then exit {done.exit_code}: {sorted(found)}: {done.output[-300:]}",
+                file=sys.stderr,
+            )
 
     with computed_once():
         for kind, (words, paths) in commands(folder, at).items():
@@ -162,7 +195,11 @@ def faults(most, folder, some, kinds=None):
                 empty(at)
                 with at_call(at, module, attribute) as seen:
                     CliRunner().invoke(app, words)
-                numbers = range(seen[0]) if most >= seen[0] else sorted(some.sample(range(seen[0]), min(most, seen[0])))
+                numbers = (
+                    range(seen[0])
+                    if most >= seen[0]
+                    else sorted(some.sample(range(seen[0]), min(most, seen[0])))
+                )
                 for number, act in itertools.product(numbers, acts):
                     for more, old in (([], ()), (["--force"], paths)):
                         tried(
@@ -184,7 +221,13 @@ def faults(most, folder, some, kinds=None):
                     tried(f"{kind}: {os.path.basename(path)} appears at {name} {number}", words, paths, expected, at_call(at, module, attribute, number, appears), (), path)  # fmt: skip
             largest = max(map(len, expected.values()))
             for i in range(min(most, 20)):
-                tried(f"{kind}: no file larger than {i}/20", words, paths, expected, limited(i * largest // 20))
+                tried(
+                    f"{kind}: no file larger than {i}/20",
+                    words,
+                    paths,
+                    expected,
+                    limited(i * largest // 20),
+                )
     return told
 
 
@@ -194,13 +237,19 @@ def child(words, streams=(), unbuffered=False):
     os.close(reader)
     for number, what in streams:
         if what != "closed":
-            os.dup2(gone if what == "gone" else os.open("/dev/full" if what == "full" else os.devnull, os.O_RDWR), number)
+            os.dup2(
+                gone
+                if what == "gone"
+                else os.open("/dev/full" if what == "full" else os.devnull, os.O_RDWR),
+                number,
+            )
     os.close(gone)
     closed = [number for number, what in streams if what == "closed"]
     for number in closed:
         os.close(number)
     sys.stdin, sys.stdout, sys.stderr = (  # as the interpreter makes them
-        None if number in closed else os.fdopen(number, mode, closefd=False) for number, mode in enumerate("rww")
+        None if number in closed else os.fdopen(number, mode, closefd=False)
+        for number, mode in enumerate("rww")
     )
     if unbuffered:
         for stream in (sys.stdout, sys.stderr):
@@ -251,7 +300,12 @@ def kills(count, folder, some):
         empty(at)
         began = time.monotonic()
         assert done(process(words)) == 0, kind
-        kinds[kind] = words, paths, time.monotonic() - began, {path: len(data) for path, data in contents(at).items()}
+        kinds[kind] = (
+            words,
+            paths,
+            time.monotonic() - began,
+            {path: len(data) for path, data in contents(at).items()},
+        )
     for i, kind in zip(range(count), itertools.cycle(kinds)):
         words, paths, length, sizes = kinds[kind]
         empty(at)
@@ -260,7 +314,9 @@ def kills(count, folder, some):
             one.join(some.uniform(0.02, 1.0) * length)
         else:
             watched(at, one, some.randrange(2 * len(paths) + 1))
-        if (number := (signal.SIGKILL, signal.SIGINT, signal.SIGTERM)[i // len(kinds) % 3]) == signal.SIGKILL:
+        if (
+            number := (signal.SIGKILL, signal.SIGINT, signal.SIGTERM)[i // len(kinds) % 3]
+        ) == signal.SIGKILL:
             one.kill()
             told["kills"] += one.exitcode is None
         else:
@@ -271,9 +327,13 @@ def kills(count, folder, some):
             told["signals that came twice"] += 1
         one.join()
         found = contents(at)
-        told["torn files"] += sum(path in found and not whole(path, found[path], sizes[path]) for path in paths)
+        told["torn files"] += sum(
+            path in found and not whole(path, found[path], sizes[path]) for path in paths
+        )
         left = [path for path in found if path not in paths]
-        told["left behind by kills" if number == signal.SIGKILL else "left behind by signals"] += len(left)
+        told["left behind by kills" if number == signal.SIGKILL else "left behind by signals"] += (
+            len(left)
+        )
         if left and number != signal.SIGKILL:
             print(f"{kind}: left by {number.name}: {left}", file=sys.stderr)
         assert done(process([*words, "--force"])) == 0, kind
@@ -304,7 +364,11 @@ def streams(folder, kinds=None, only=None):
     assert done(process(["run", *SCENE, "-o", bad + "/"])) == 0
     with open(os.path.join(bad, "shards", "notes"), "w") as file:
         file.write("a stray")
-    writing = {kind: words for kind, (words, _) in commands(folder, at).items() if kind not in ("study", "stress")}
+    writing = {
+        kind: words
+        for kind, (words, _) in commands(folder, at).items()
+        if kind not in ("study", "stress")
+    }
     telling = {
         "status": ["status", run], "verify": ["verify", run], "summary": ["summary", whole], "show": ["show", "nasa_brick"], "scenes": ["scenes"],
         "scene": ["scenes", "nasa_brick"], "check": ["check", "nasa_brick"], "body": ["body", "nasa_brick"], "exact": ["exact", "nasa_brick"],
@@ -326,27 +390,40 @@ def streams(folder, kinds=None, only=None):
         empty(at)
         code = done(process(words))
         expected = contents(at)
-        for name, (given, unbuffered) in ways.items() if only is None else ((name, ways[name]) for name in only):
+        for name, (given, unbuffered) in (
+            ways.items() if only is None else ((name, ways[name]) for name in only)
+        ):
             empty(at)
             got = done(process(words, given, unbuffered))
             told["commands"] += 1
             right = got == (74 if "full" in name and code in (0, 4, 5) else code)
             told["exit as to /dev/null, or 74 where full"] += right
             same = contents(at).keys() == expected.keys() and all(
-                len(data) == len(expected[path]) for path, data in contents(at).items() if path.endswith((".png", ".gif"))
+                len(data) == len(expected[path])
+                for path, data in contents(at).items()
+                if path.endswith((".png", ".gif"))
             )
             told["files as to /dev/null"] += same
             if not right or not same:
-                print(f"{kind}, {name}: exit {got}, not {code}; {sorted(contents(at))}", file=sys.stderr)
+                print(
+                    f"{kind}, {name}: exit {got}, not {code}; {sorted(contents(at))}",
+                    file=sys.stderr,
+                )
     return told
 
 
 def outputs(most, folder, some):
     """All of it; {what: how often}."""
     told = {}
-    parts = (lambda at: faults(most, at, some)), (lambda at: kills(min(most, 200), at, some)), streams
+    parts = (
+        (lambda at: faults(most, at, some)),
+        (lambda at: kills(min(most, 200), at, some)),
+        streams,
+    )
     for name, part in zip(("faults", "kills", "streams"), parts, strict=True):
         at = os.path.join(folder, name)
         os.mkdir(at)
-        told |= {f"{name}: {what}" if what != name else what: number for what, number in part(at).items()}
+        told |= {
+            f"{name}: {what}" if what != name else what: number for what, number in part(at).items()
+        }
     return told

@@ -6,14 +6,26 @@ import shutil
 import subprocess
 import tempfile
 
-FLAGS = ("-O3", "-march=native", "-ffast-math", "-mprefer-vector-width=512", "-fopenmp", "-shared", "-fPIC")
+FLAGS = (
+    "-O3",
+    "-march=native",
+    "-ffast-math",
+    "-mprefer-vector-width=512",
+    "-fopenmp",
+    "-shared",
+    "-fPIC",
+)
 _HERE = os.path.dirname(os.path.abspath(__file__))
 
 
 def compiler_version():
     """Version of gcc, or None where there is none."""
     gcc = shutil.which("gcc")
-    return subprocess.run([gcc, "-dumpfullversion"], capture_output=True, text=True).stdout.strip() if gcc else None
+    return (
+        subprocess.run([gcc, "-dumpfullversion"], capture_output=True, text=True).stdout.strip()
+        if gcc
+        else None
+    )
 
 
 def build(source, *options):
@@ -30,10 +42,19 @@ def build(source, *options):
     for name in ("rk4_free", "rk4_heavy", "rk4_free_512", "rk4_heavy_512"):
         if hasattr(library, name):
             function = getattr(library, name)
-            function.argtypes, function.restype = [ctypes.c_void_p, ctypes.c_long, ctypes.c_long, ctypes.c_double], None
+            function.argtypes, function.restype = (
+                [ctypes.c_void_p, ctypes.c_long, ctypes.c_long, ctypes.c_double],
+                None,
+            )
     if hasattr(library, "rk4_free_saves"):
         function, number = library.rk4_free_saves, ctypes.c_long
-        function.argtypes, function.restype = [ctypes.c_void_p, number, number, ctypes.c_double, number, ctypes.c_void_p], None
+        function.argtypes, function.restype = (
+            [ctypes.c_void_p, number, number, ctypes.c_double, number, ctypes.c_void_p],
+            None,
+        )
     if hasattr(library, "fma_peak"):
-        library.fma_peak.argtypes, library.fma_peak.restype = [ctypes.c_long, ctypes.c_int], ctypes.c_double
+        library.fma_peak.argtypes, library.fma_peak.restype = (
+            [ctypes.c_long, ctypes.c_int],
+            ctypes.c_double,
+        )
     return library

@@ -68,7 +68,15 @@ def rk4_free(state, inverse, a, steps, h):
     for k in prange(state.shape[0]):
         i1, i2, i3 = inverse[k]
         a1, a2, a3 = a[k]
-        x = (state[k, 0], state[k, 1], state[k, 2], state[k, 3], state[k, 4], state[k, 5], state[k, 6])
+        x = (
+            state[k, 0],
+            state[k, 1],
+            state[k, 2],
+            state[k, 3],
+            state[k, 4],
+            state[k, 5],
+            state[k, 6],
+        )
         for _ in range(steps):
             d1 = free_rates(i1, i2, i3, a1, a2, a3, *x)
             d2 = free_rates(i1, i2, i3, a1, a2, a3, *ahead(0.5 * h, x, d1))
@@ -86,7 +94,15 @@ def rk4_heavy(state, inverse, a, p, steps, h):
         i1, i2, i3 = inverse[k]
         a1, a2, a3 = a[k]
         p1, p2, p3 = p[k]
-        x = (state[k, 0], state[k, 1], state[k, 2], state[k, 3], state[k, 4], state[k, 5], state[k, 6])
+        x = (
+            state[k, 0],
+            state[k, 1],
+            state[k, 2],
+            state[k, 3],
+            state[k, 4],
+            state[k, 5],
+            state[k, 6],
+        )
         for _ in range(steps):
             d1 = heavy_rates(i1, i2, i3, a1, a2, a3, p1, p2, p3, *x)
             d2 = heavy_rates(i1, i2, i3, a1, a2, a3, p1, p2, p3, *ahead(0.5 * h, x, d1))

@@ -21,7 +21,10 @@ def main():
         code = ended.code
     out.flush()
     if out.fault is not None and code in (None, OK, FLAGGED, INCOMPLETE):  # else there is a message
-        print(f"rigidmc: standard output: {out.fault.strerror}; files that were written are complete", file=sys.stderr)
+        print(
+            f"rigidmc: standard output: {out.fault.strerror}; files that were written are complete",
+            file=sys.stderr,
+        )
         code = IO
     sys.exit(code)
 

@@ -25,10 +25,19 @@ from rigidmc.cli.common import (
 
 @app.command("body")
 def body_command(
-    source: Annotated[str, typer.Argument(metavar="FILE|NAME", help="A scene file, a shipped scene, or a mesh (.stl, .obj).")],
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="FILE|NAME", help="A scene file, a shipped scene, or a mesh (.stl, .obj)."
+        ),
+    ],
     density: Annotated[float | None, typer.Option(help="Of a mesh \\[kg/m3]; default 1.")] = None,
-    mass: Annotated[float | None, typer.Option(help="Of a mesh \\[kg], instead of the density.")] = None,
-    scale: Annotated[float, typer.Option(help="Metres per unit of a mesh file: 0.001 for millimetres.")] = 1.0,
+    mass: Annotated[
+        float | None, typer.Option(help="Of a mesh \\[kg], instead of the density.")
+    ] = None,
+    scale: Annotated[
+        float, typer.Option(help="Metres per unit of a mesh file: 0.001 for millimetres.")
+    ] = 1.0,
     machine: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
 ):
     """Say what a body is: mass, centre, tensor, principal axes, which rotations are stable and how fast the unstable one grows."""
@@ -38,7 +47,9 @@ def body_command(
 
         try:
             body, title = body_of(source, density, mass, scale)
-            print(json.dumps(facts(body), indent=1) if machine else "\n".join(describe(body, title)))
+            print(
+                json.dumps(facts(body), indent=1) if machine else "\n".join(describe(body, title))
+            )
         except SceneError as error:
             error.file = error.file or source
             raise
@@ -69,7 +80,9 @@ def exact_command(
 
                 case = closed_form(loaded, 1)
                 title = f"{loaded.title}: {case.name}, closed form of member {loaded.run.first}"
-                save_picture(closed_forms.case_summary(case, title, abs(at) or loaded.run.t_end), plot, force)
+                save_picture(
+                    closed_forms.case_summary(case, title, abs(at) or loaded.run.t_end), plot, force
+                )
             print("\n".join([*lines, *told([plot])]))
         except SceneError as error:
             error.file = error.file or scene

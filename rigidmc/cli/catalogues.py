@@ -76,4 +76,6 @@ def _numbers(text):
     try:
         return tuple(float(word) for word in text.split(","))
     except ValueError:
-        raise SceneError("", "--tolerances", text, "expected numbers between commas, e.g. 1e-4,1e-8") from None
+        raise SceneError(
+            "", "--tolerances", text, "expected numbers between commas, e.g. 1e-4,1e-8"
+        ) from None

@@ -9,7 +9,17 @@ from typing import Annotated
 
 import typer
 
-OK, USAGE, INVALID, FLAGGED, INCOMPLETE, REFUSED, IO, INTERRUPTED, TERMINATED = 0, 2, 3, 4, 5, 6, 74, 130, 143
+OK, USAGE, INVALID, FLAGGED, INCOMPLETE, REFUSED, IO, INTERRUPTED, TERMINATED = (
+    0,
+    2,
+    3,
+    4,
+    5,
+    6,
+    74,
+    130,
+    143,
+)
 
 LEFT = "what is not whole was left under no final name, and `rigidmc resume` goes on with a run directory"
 
@@ -61,24 +71,44 @@ def _told(read):
 
 
 SceneArgument = Annotated[
-    str, typer.Argument(metavar="SCENE", help="A TOML file, the name of a shipped scene, or a result file (.nc).")
+    str,
+    typer.Argument(
+        metavar="SCENE", help="A TOML file, the name of a shipped scene, or a result file (.nc)."
+    ),
 ]
-ResultArgument = Annotated[str, typer.Argument(metavar="FILE", help="A result (.nc), or a run directory.")]
+ResultArgument = Annotated[
+    str, typer.Argument(metavar="FILE", help="A result (.nc), or a run directory.")
+]
 Members = Annotated[int | None, count_option("--members", help="Members of the ensemble.")]
 Seed = Annotated[int | None, count_option("--seed", 0, help="Seed of all random draws.")]
-Integrator = Annotated[str | None, typer.Option(help="A name of `rigidmc integrators`, or auto with --tolerance.")]
+Integrator = Annotated[
+    str | None, typer.Option(help="A name of `rigidmc integrators`, or auto with --tolerance.")
+]
 Tolerance = Annotated[
     float | None,
     typer.Option(
         help="Error to keep in 99 % of the members, of momentum \\[of its size] and attitude \\[rad]: chooses integrator and step."
     ),
 ]
-Dtype = Annotated[str | None, typer.Option(help="float64 or float32: the numbers in which steps are made.")]
-Compensated = Annotated[bool | None, typer.Option("--compensated", help="Keep the remainders of all sums, for very many steps.")]
+Dtype = Annotated[
+    str | None, typer.Option(help="float64 or float32: the numbers in which steps are made.")
+]
+Compensated = Annotated[
+    bool | None,
+    typer.Option("--compensated", help="Keep the remainders of all sums, for very many steps."),
+]
 Dt = Annotated[float | None, time_option("--dt", help="Step.")]
-Turn = Annotated[float | None, typer.Option(help="In place of --dt: each member steps by so much of its own motion \\[rad].")]
-TEnd = Annotated[float | None, time_option("--t-end", help="End time. Every TIME is in seconds, or like 90s, 1h30m, 250ms.")]
-Every = Annotated[float | None, time_option("--every", help="Time between saves; without it first and last.")]
+Turn = Annotated[
+    float | None,
+    typer.Option(help="In place of --dt: each member steps by so much of its own motion \\[rad]."),
+]
+TEnd = Annotated[
+    float | None,
+    time_option("--t-end", help="End time. Every TIME is in seconds, or like 90s, 1h30m, 250ms."),
+]
+Every = Annotated[
+    float | None, time_option("--every", help="Time between saves; without it first and last.")
+]
 Save = Annotated[
     str | None,
     typer.Option(
@@ -93,20 +123,33 @@ Keep = Annotated[
 ]
 Threads = Annotated[int | None, count_option("--threads", help="Threads; default one per core.")]
 Set = Annotated[
-    list[str], typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the scene, e.g. body.moments=[1,2,3].")
+    list[str],
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Override a value of the scene, e.g. body.moments=[1,2,3].",
+    ),
 ]
 AllowCode = Annotated[
-    bool, typer.Option("--allow-code", help="Run the Python files that the scene takes effects of your own from.")
+    bool,
+    typer.Option(
+        "--allow-code", help="Run the Python files that the scene takes effects of your own from."
+    ),
 ]
 Until = Annotated[
     str | None,
     typer.Option(
-        metavar="MEASURE", help='Add members until it is known so well, e.g. "p(flips >= 1) +- 0.001", "mean(flip_wait) +- 1 %".'
+        metavar="MEASURE",
+        help='Add members until it is known so well, e.g. "p(flips >= 1) +- 0.001", "mean(flip_wait) +- 1 %".',
     ),
 ]
 Most = Annotated[int, count_option("--most", 32, help="Members at most, with --until.")]
-Output = Annotated[str | None, typer.Option("-o", "--output", metavar="FILE", help="netCDF file to write.")]
-Plot = Annotated[str | None, typer.Option(metavar="FILE", help="Picture to write (.png, .pdf, .svg).")]
+Output = Annotated[
+    str | None, typer.Option("-o", "--output", metavar="FILE", help="netCDF file to write.")
+]
+Plot = Annotated[
+    str | None, typer.Option(metavar="FILE", help="Picture to write (.png, .pdf, .svg).")
+]
 Force = Annotated[bool, typer.Option(help="Replace files that exist; folders never.")]
 
 
@@ -129,7 +172,10 @@ def reported():
         raise Terminated if number == signal.SIGTERM else AskedToStop
 
     numbers = [signal.SIGTERM, *([signal.SIGUSR1] if hasattr(signal, "SIGUSR1") else [])]
-    previous = {signal.SIGINT: signal.getsignal(signal.SIGINT), **{number: signal.signal(number, heard) for number in numbers}}
+    previous = {
+        signal.SIGINT: signal.getsignal(signal.SIGINT),
+        **{number: signal.signal(number, heard) for number in numbers},
+    }
     try:
         try:
             with noted(), announcing(True):
@@ -148,11 +194,23 @@ def reported():
     except FileNotFoundError as error:
         fail(_in_words(error), INVALID if "shipped scene" in str(error) else IO)
     except (OSError, RuntimeError) as error:
-        if isinstance(error, RuntimeError) and "HDF error" not in str(error) and "NetCDF" not in str(error):
+        if (
+            isinstance(error, RuntimeError)
+            and "HDF error" not in str(error)
+            and "NetCDF" not in str(error)
+        ):
             raise
-        fail(error if "nothing was" in str(error) else f"{_in_words(error)}; nothing that existed was changed", IO)
+        fail(
+            error
+            if "nothing was" in str(error)
+            else f"{_in_words(error)}; nothing that existed was changed",
+            IO,
+        )
     except MemoryError as error:
-        fail(f"not enough memory: {error}; write to a file with -o, save less, or run fewer members", IO)
+        fail(
+            f"not enough memory: {error}; write to a file with -o, save less, or run fewer members",
+            IO,
+        )
     except KeyboardInterrupt:
         fail(f"interrupted; {LEFT}", INTERRUPTED)
     except Terminated:
@@ -173,7 +231,11 @@ def _in_words(error):
     path = os.path.relpath(error.filename)
     path = os.fspath(error.filename) if path.startswith(os.pardir) else path
     folder, name = os.path.split(path)
-    here = os.listdir(folder or os.curdir) if isinstance(error, FileNotFoundError) and os.path.isdir(folder or os.curdir) else []
+    here = (
+        os.listdir(folder or os.curdir)
+        if isinstance(error, FileNotFoundError) and os.path.isdir(folder or os.curdir)
+        else []
+    )
     close = nearest(name, [word for word in here if _ending(word) == _ending(name)])
     hint = f" (did you mean '{os.path.join(folder, close)}'?)" if close else ""
     return f"{path}: {error.strerror[0].lower()}{error.strerror[1:]}{hint}"
@@ -218,12 +280,22 @@ def load_scene(source, settings, allow_code=False, **run):
     for setting in settings:
         key, equals, value = setting.partition("=")
         if not equals or "." not in key:
-            raise SceneError("", "--set", setting, "expected table.key=value, e.g. body.moments=[1,2,3] or effects.gravity.g=1.62")
+            raise SceneError(
+                "",
+                "--set",
+                setting,
+                "expected table.key=value, e.g. body.moments=[1,2,3] or effects.gravity.g=1.62",
+            )
         pairs.append((key.strip(), value.strip()))
     if run.get("save") is not None:
-        run["save"] = tuple(word.strip() for word in run["save"].split(",") if word.strip() not in ("", "none"))
+        run["save"] = tuple(
+            word.strip() for word in run["save"].split(",") if word.strip() not in ("", "none")
+        )
     if run.get("keep") is not None and "=" in run["keep"]:
-        run["keep"] = {name.strip(): word.strip() for name, _, word in (part.partition("=") for part in run["keep"].split(","))}
+        run["keep"] = {
+            name.strip(): word.strip()
+            for name, _, word in (part.partition("=") for part in run["keep"].split(","))
+        }
     try:
         return Scene.load(source, pairs, allow_code).with_run(**run)
     except SceneError as error:
@@ -254,7 +326,12 @@ def refuse_outputs(force, output=None, plot=None, bounds=None, animation=None, s
     """
     from rigidmc.files.outputs import refuse_existing
 
-    for kind, path in {"results": output, "pictures": plot, "tables of bounds": bounds, "animations": animation}.items():
+    for kind, path in {
+        "results": output,
+        "pictures": plot,
+        "tables of bounds": bounds,
+        "animations": animation,
+    }.items():
         if path is not None:
             refuse_existing(path, force, kind, size)
     if plot is not None or animation is not None:
@@ -282,4 +359,8 @@ def save_picture(figure, path, force):
 
 def told(paths):
     """A line for each file that was written."""
-    return [f"  wrote {path} ({os.path.getsize(path) / 1e6:,.1f} MB)" for path in paths if path is not None]
+    return [
+        f"  wrote {path} ({os.path.getsize(path) / 1e6:,.1f} MB)"
+        for path in paths
+        if path is not None
+    ]

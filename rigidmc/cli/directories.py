@@ -22,23 +22,42 @@ from rigidmc.cli.common import (
     told,
 )
 
-RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="A run directory, made by `rigidmc run SCENE -o RUN/`.")]
-Accept = Annotated[bool, typer.Option("--accept", help="Go on though versions are others, whose last bits may differ.")]
+RunArgument = Annotated[
+    str, typer.Argument(metavar="RUN", help="A run directory, made by `rigidmc run SCENE -o RUN/`.")
+]
+Accept = Annotated[
+    bool,
+    typer.Option("--accept", help="Go on though versions are others, whose last bits may differ."),
+]
 OutputOrRun = Annotated[
     str | None,
-    typer.Option("-o", "--output", metavar="FILE", help="netCDF file to write; RUN/ makes a run directory, which survives."),
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="FILE",
+        help="netCDF file to write; RUN/ makes a run directory, which survives.",
+    ),
 ]
 MaxWall = Annotated[
     float | None,
-    time_option("--max-wall", help="Begin no shard that would not be done by then, to be resumed: 3h, 1h30m, 3600s or seconds."),
+    time_option(
+        "--max-wall",
+        help="Begin no shard that would not be done by then, to be resumed: 3h, 1h30m, 3600s or seconds.",
+    ),
 ]
 ShardSize = Annotated[
     float | None,
-    typer.Option(min=0.001, help="Of a run directory: size of a shard \\[MB], 67 by default; a block of members at least."),
+    typer.Option(
+        min=0.001,
+        help="Of a run directory: size of a shard \\[MB], 67 by default; a block of members at least.",
+    ),
 ]
 Cluster = Annotated[
     str | None,
-    typer.Option(metavar="WHERE", help="Compute on dask workers: tcp://host:8786 of a scheduler, or local:N processes here."),
+    typer.Option(
+        metavar="WHERE",
+        help="Compute on dask workers: tcp://host:8786 of a scheduler, or local:N processes here.",
+    ),
 ]
 Blocks = Annotated[
     str | None,
@@ -62,8 +81,16 @@ def shards_of(text):
     if text is None:
         return None
     low, colon, high = text.partition(":")
-    if not colon or not (low + high).isascii() or not low.isdigit() or not high.isdigit() or int(low) >= int(high):
-        raise SceneError("", "--shards", text, "expected FROM:TO, such as 0:100 for the first hundred")
+    if (
+        not colon
+        or not (low + high).isascii()
+        or not low.isdigit()
+        or not high.isdigit()
+        or int(low) >= int(high)
+    ):
+        raise SceneError(
+            "", "--shards", text, "expected FROM:TO, such as 0:100 for the first hundred"
+        )
     return range(int(low), int(high))
 
 
@@ -101,8 +128,13 @@ def go_on(run, threads, accept=False, max_wall=None, shards=None, allow_code=Fal
     print(
         f"{directory.path}: {found['done']:,} of {found['shards']:,} shards, {found['members_done']:,} members; {made:,} of them made now"
     )
-    bad = ", ".join(f"{count:,} {word}" for word, count in flagged.items() if count and word != "ok")
-    print(f"  flagged of these: {bad or 'none'}" + (f"; of all: {found['flagged']:,}" if found["members_done"] > made else ""))
+    bad = ", ".join(
+        f"{count:,} {word}" for word, count in flagged.items() if count and word != "ok"
+    )
+    print(
+        f"  flagged of these: {bad or 'none'}"
+        + (f"; of all: {found['flagged']:,}" if found["members_done"] > made else "")
+    )
     if found["done"] < found["shards"]:
         print("  not done: `rigidmc resume` goes on")
     return outcome(found)
@@ -111,7 +143,10 @@ def go_on(run, threads, accept=False, max_wall=None, shards=None, allow_code=Fal
 def outcome(found):
     """The exit code of a run, by its status."""
     if found["strays"]:
-        fail(f"{found['strays']:,} files among the shards are none of this run; `rigidmc verify` names them", INVALID)
+        fail(
+            f"{found['strays']:,} files among the shards are none of this run; `rigidmc verify` names them",
+            INVALID,
+        )
     return INCOMPLETE if found["done"] < found["shards"] else FLAGGED if found["flagged"] else OK
 
 
@@ -122,7 +157,9 @@ def status(run: RunArgument):
         from rigidmc.storage import run_directory
 
         found = run_directory.status(run)
-    print(f"{run}: {found['done']:,} of {found['shards']:,} shards, {found['members_done']:,} of {found['members']:,} members")
+    print(
+        f"{run}: {found['done']:,} of {found['shards']:,} shards, {found['members_done']:,} of {found['members']:,} members"
+    )
     print(f"  flagged so far: {found['flagged']:,} members")
     print(
         f"  code generated for {found['machine']}, by {', '.join(f'{name} {number}' for name, number in found['versions'].items())}"
@@ -139,7 +176,12 @@ def status(run: RunArgument):
 def verify(
     run: RunArgument,
     spot: Annotated[
-        int, count_option("--spot", 0, help="Shards, by chance, of which some members are computed again, to the bit.")
+        int,
+        count_option(
+            "--spot",
+            0,
+            help="Shards, by chance, of which some members are computed again, to the bit.",
+        ),
     ] = 3,
     allow_code: AllowCode = False,
 ):
@@ -209,5 +251,7 @@ def merge(
 
         directory, copied = runs.merge(run, parts)
         found = run_directory.status(directory.path)
-    print(f"{directory.path}: {copied:,} shards copied; {found['done']:,} of {found['shards']:,} are there")
+    print(
+        f"{directory.path}: {copied:,} shards copied; {found['done']:,} of {found['shards']:,} are there"
+    )
     raise typer.Exit(outcome(found))

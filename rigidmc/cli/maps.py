@@ -73,27 +73,40 @@ def make_map(
                 )
 
         try:
-            changed = {"tolerance": tolerance, "integrator": integrator, "dt": dt, "turn": turn, "t_end": t_end}
+            changed = {
+                "tolerance": tolerance,
+                "integrator": integrator,
+                "dt": dt,
+                "turn": turn,
+                "t_end": t_end,
+            }
             if name in MAPS and not (x or y or of or settings):
                 found = case_map(name, resolution, members, threads, show, seed=seed, **changed)
             else:
                 from rigidmc.studies.maps.stability_map import stability_map
 
                 if name in MAPS and not (x and y and of):
-                    rule = (
-                        "a map of the package has its own x, y, measures and scene; give --resolution, --members, --dt and the like"
+                    rule = "a map of the package has its own x, y, measures and scene; give --resolution, --members, --dt and the like"
+                    raise SceneError(
+                        "", "map", name, f"{rule}, or a scene with all of --x, --y and --of"
                     )
-                    raise SceneError("", "map", name, f"{rule}, or a scene with all of --x, --y and --of")
                 if not (x or y or of or settings):
                     raise unknown("", "map", name, "map", MAPS)
                 if not (x and y and of):
-                    missing = ", ".join(key for key, value in (("--x", x), ("--y", y), ("--of", of)) if not value)
+                    missing = ", ".join(
+                        key for key, value in (("--x", x), ("--y", y), ("--of", of)) if not value
+                    )
                     raise SceneError(
-                        "", missing, None, f"is missing: a map of a scene needs it; maps of the package: {', '.join(MAPS)}"
+                        "",
+                        missing,
+                        None,
+                        f"is missing: a map of a scene needs it; maps of the package: {', '.join(MAPS)}",
                     )
                 scene = load_scene(name, settings, allow_code)
                 sides = _side(x, "--x"), _side(y, "--y")
-                found = stability_map(scene, *sides, of, resolution, members, threads, show, seed=seed, **changed)
+                found = stability_map(
+                    scene, *sides, of, resolution, members, threads, show, seed=seed, **changed
+                )
         except SceneError as error:
             error.file = error.file or name
             raise
@@ -114,9 +127,14 @@ def make_map(
 
 def _explain(case):
     """What a map of the package computes."""
-    sides = [f"{name} from {low:g} to {high:g}{' in even ratios' * bool(log)}" for name, low, high, *log in (case.x, case.y)]
+    sides = [
+        f"{name} from {low:g} to {high:g}{' in even ratios' * bool(log)}"
+        for name, low, high, *log in (case.x, case.y)
+    ]
     print(f"{'':18s} across {sides[0]}; upwards {sides[1]}")
-    print(f"{'':18s} {case.members} members to a pixel; {', '.join(f'{k} = {v}' for k, v in case.settings.items())}")
+    print(
+        f"{'':18s} {case.members} members to a pixel; {', '.join(f'{k} = {v}' for k, v in case.settings.items())}"
+    )
     print(f"\n{case.scene.dumps()}", end="")
 
 
@@ -131,7 +149,9 @@ def _side(text, key):
     except (ValueError, IndexError):
         low = high = float("nan")
     if not equals or len(parts) not in (2, 3) or parts[2:] not in ([], ["log"]) or low != low:
-        raise SceneError("", key, text, "expected KEY=LOW:HIGH or KEY=LOW:HIGH:log, e.g. body.moments.1=0.1:0.9")
+        raise SceneError(
+            "", key, text, "expected KEY=LOW:HIGH or KEY=LOW:HIGH:log, e.g. body.moments.1=0.1:0.9"
+        )
     return name.strip(), low, high, len(parts) == 3
 
 
@@ -148,7 +168,11 @@ def _close(found):
     )
     for name in found.data_vars:
         values = found[name].values
-        if name in ("good", "failed", "none") or name.endswith(("_low", "_high")) or not (values == values).any():
+        if (
+            name in ("good", "failed", "none")
+            or name.endswith(("_low", "_high"))
+            or not (values == values).any()
+        ):
             continue
         wide = found[f"{name}_high"] - found[f"{name}_low"] if f"{name}_low" in found else None
         sure = (

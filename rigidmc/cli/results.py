@@ -39,7 +39,11 @@ def rerun(
         from rigidmc.runs.rerun import rerun as again
 
         refuse_outputs(force, output, plot)
-        wanted = None if save is None else [word.strip() for word in save.split(",") if word.strip() not in ("", "none")]
+        wanted = (
+            None
+            if save is None
+            else [word.strip() for word in save.split(",") if word.strip() not in ("", "none")]
+        )
         try:
             dataset = again(file, member, every, wanted, allow_code, output=output, force=force)
         except SceneError as error:
@@ -90,14 +94,21 @@ def animate(
             check_writer(output)
         except ValueError as error:
             fail(error, INVALID)
-        dataset = frames(opened(file, allow_code), member, max(2, round(seconds * fps) - 1) * SMOOTH, allow_code)
+        dataset = frames(
+            opened(file, allow_code), member, max(2, round(seconds * fps) - 1) * SMOOTH, allow_code
+        )
         if int(dataset.status.values[0]) == 2:
             fail(f"{file}: member {member} never started: it has no such body or start", INVALID)
         made = -(-dataset.sizes["time"] // SMOOTH)
         if made < 0.9 * seconds * fps:
-            print(f"  it makes {dataset.sizes['time'] - 1} steps only, which are {made} frames", file=sys.stderr)
+            print(
+                f"  it makes {dataset.sizes['time'] - 1} steps only, which are {made} frames",
+                file=sys.stderr,
+            )
             fps = max(1, round(made / seconds))
         written(dataset, output, fps, force=force)
         end = float(dataset.time.values[-1])
-        print(f"{dataset.attrs['title']}: member {member}, {-(-dataset.sizes['time'] // SMOOTH)} frames of {end:g} s")
+        print(
+            f"{dataset.attrs['title']}: member {member}, {-(-dataset.sizes['time'] // SMOOTH)} frames of {end:g} s"
+        )
         print(*told([output]))

@@ -43,7 +43,16 @@ from rigidmc.cli.common import (
     save_picture,
     told,
 )  # fmt: skip
-from rigidmc.cli.directories import Blocks, Cluster, MaxWall, OutputOrRun, ShardSize, go_on, is_run, shards_of
+from rigidmc.cli.directories import (
+    Blocks,
+    Cluster,
+    MaxWall,
+    OutputOrRun,
+    ShardSize,
+    go_on,
+    is_run,
+    shards_of,
+)
 from rigidmc.scene import library
 
 
@@ -82,9 +91,16 @@ def run_scene(
         )
         if is_run(output):
             if plot is not None or until is not None:
-                raise SceneError("", "--output", output, "a run directory goes without --plot and --until: consolidate it first")
+                raise SceneError(
+                    "",
+                    "--output",
+                    output,
+                    "a run directory goes without --plot and --until: consolidate it first",
+                )
             if force:
-                raise SceneError("", "--force", None, f"replaces files: take the folder {output} away yourself")
+                raise SceneError(
+                    "", "--force", None, f"replaces files: take the folder {output} away yourself"
+                )
             from rigidmc.runs.cluster import checked
             from rigidmc.runs.resume import SHARD, create
 
@@ -92,21 +108,53 @@ def run_scene(
             if shard_size is not None and not shard_size < 1e6:
                 raise SceneError("", "--shard-size", shard_size, "expected megabytes, up to 1e6")
             size = SHARD if shard_size is None else 1e6 * shard_size
-            made = create(loaded, output, size, shards_of(shards), int(many) if kind == "local" else threads)
-            raise typer.Exit(go_on(made.path, threads, max_wall=max_wall, shards=shards, allow_code=allow_code, cluster=cluster))
-        for name, given in (("--max-wall", max_wall), ("--shards", shards), ("--shard-size", shard_size), ("--cluster", cluster)):
+            made = create(
+                loaded, output, size, shards_of(shards), int(many) if kind == "local" else threads
+            )
+            raise typer.Exit(
+                go_on(
+                    made.path,
+                    threads,
+                    max_wall=max_wall,
+                    shards=shards,
+                    allow_code=allow_code,
+                    cluster=cluster,
+                )
+            )
+        for name, given in (
+            ("--max-wall", max_wall),
+            ("--shards", shards),
+            ("--shard-size", shard_size),
+            ("--cluster", cluster),
+        ):
             if given is not None:
                 raise SceneError("", name, given, "is of a run directory: -o RUN/")
         refuse_outputs(force, output, plot)
         try:
             if until is None:
-                dataset, found = simulate(loaded, threads=threads, progress=True, output=output, force=force), None
+                dataset, found = (
+                    simulate(loaded, threads=threads, progress=True, output=output, force=force),
+                    None,
+                )
             else:
                 from rigidmc.studies.until import goal_reached, simulate_until
 
                 if members is not None:
-                    raise SceneError("", "--members", members, "with --until there are as many as it takes: give --most")
-                dataset, found = simulate_until(loaded, until, most, threads=threads, progress=_grown, output=output, force=force)
+                    raise SceneError(
+                        "",
+                        "--members",
+                        members,
+                        "with --until there are as many as it takes: give --most",
+                    )
+                dataset, found = simulate_until(
+                    loaded,
+                    until,
+                    most,
+                    threads=threads,
+                    progress=_grown,
+                    output=output,
+                    force=force,
+                )
         except SceneError as error:
             error.file = error.file or scene
             raise
@@ -115,15 +163,25 @@ def run_scene(
             save_picture(plots_module().summary(dataset), plot, force)
         _close(dataset, cost, time.perf_counter() - began, [p for p in (output, plot) if p])
         if found is not None:
-            print(f"  {until}: {found.value:.6g}, 95 % between {found.low:.6g} and {found.high:.6g}")
+            print(
+                f"  {until}: {found.value:.6g}, 95 % between {found.low:.6g} and {found.high:.6g}"
+            )
         flagged = dataset.sizes["member"] - cost["flagged"]["ok"]
         dataset.close()
-    raise typer.Exit(INCOMPLETE if found is not None and not goal_reached(until, found) else FLAGGED if flagged else OK)
+    raise typer.Exit(
+        INCOMPLETE
+        if found is not None and not goal_reached(until, found)
+        else FLAGGED
+        if flagged
+        else OK
+    )
 
 
 def _grown(members, found):
     """A line for each look."""
-    print(f"  {members:,} members: {found.value:.6g} +- {found.half:.2g}", file=sys.stderr, flush=True)
+    print(
+        f"  {members:,} members: {found.value:.6g} +- {found.half:.2g}", file=sys.stderr, flush=True
+    )
 
 
 def _close(dataset, cost, wall, files):
@@ -132,18 +190,33 @@ def _close(dataset, cost, wall, files):
 
     count, steps, seconds = dataset.sizes["member"], cost["steps"], cost["run_seconds"]
     own = "turn" in dataset.attrs
-    length = f"{steps:,.1f} steps of their own on average" if own else f"{steps:,} steps of {dataset.attrs['dt']:.6g} s"
-    print(f"{dataset.attrs['title']}: {count:,} members x {length} with {dataset.attrs['integrator']}")
+    length = (
+        f"{steps:,.1f} steps of their own on average"
+        if own
+        else f"{steps:,} steps of {dataset.attrs['dt']:.6g} s"
+    )
+    print(
+        f"{dataset.attrs['title']}: {count:,} members x {length} with {dataset.attrs['integrator']}"
+    )
     print(
         f"  {seconds:.2f} s, {count * steps / seconds / 1e6:.0f} M member-steps/s, {count / seconds:,.0f} members/s; "
         f"compiled in {cost['compile_seconds']:.2f} s; {wall:.2f} s in all"
     )
-    for name, word in (("energy", "energy less work" if "work" in dataset else "energy"), ("l2", "|L|^2")):
+    for name, word in (
+        ("energy", "energy less work" if "work" in dataset else "energy"),
+        ("l2", "|L|^2"),
+    ):
         drift = dataset[f"{name}_drift_max"]
         values = drift.values[np.isfinite(drift.values)]
         if values.size:
-            kept = "" if drift.attrs["conserved"] == "yes" else f"   (not conserved: {drift.attrs['conserved'][4:]})"
-            print(f"  drift of {word:6s}  median {np.median(values):.1e}   worst {values.max():.1e}{kept}")
+            kept = (
+                ""
+                if drift.attrs["conserved"] == "yes"
+                else f"   (not conserved: {drift.attrs['conserved'][4:]})"
+            )
+            print(
+                f"  drift of {word:6s}  median {np.median(values):.1e}   worst {values.max():.1e}{kept}"
+            )
     flags = ", ".join(f"{v:,} {k}" for k, v in cost["flagged"].items() if v and k != "ok")
     where = "; their `status`, `status_step` and `status_time` tell which and when" if flags else ""
     print(f"  flagged members: {flags or 'none'}{where}")
@@ -202,7 +275,11 @@ def check(scene: SceneArgument, settings: Set = [], allow_code: AllowCode = Fals
         loaded = load_scene(scene, settings, allow_code)
         try:
             loaded.check()
-            plan = prepare(loaded.with_run(integrator="rk8") if (auto := loaded.run.integrator == "auto") else loaded)
+            plan = prepare(
+                loaded.with_run(integrator="rk8")
+                if (auto := loaded.run.integrator == "auto")
+                else loaded
+            )
             told = notes(loaded, plan)
         except SceneError as error:
             error.file = error.file or scene
@@ -232,10 +309,15 @@ def scenes(name: Annotated[str | None, typer.Argument(help="A shipped scene to p
 @app.command()
 def plot(
     file: ResultArgument,
-    output: Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="Picture to write (.png, .pdf, .svg).")],
+    output: Annotated[
+        str,
+        typer.Option("-o", "--output", metavar="FILE", help="Picture to write (.png, .pdf, .svg)."),
+    ],
     picture: Annotated[
         str,
-        typer.Option(help="summary, momentum_sphere, middle_component, drift_histogram, axis_sphere; gibbs of a scene in a bath."),
+        typer.Option(
+            help="summary, momentum_sphere, middle_component, drift_histogram, axis_sphere; gibbs of a scene in a bath."
+        ),
     ] = "summary",
     force: Force = False,
     allow_code: AllowCode = False,
@@ -244,9 +326,22 @@ def plot(
     with reported():
         from rigidmc.errors import SceneError, nearest
 
-        pictures = ("summary", "momentum_sphere", "middle_component", "drift_histogram", "axis_sphere", "gibbs")
+        pictures = (
+            "summary",
+            "momentum_sphere",
+            "middle_component",
+            "drift_histogram",
+            "axis_sphere",
+            "gibbs",
+        )
         if picture not in pictures:
-            raise SceneError("", "--picture", picture, f"no such picture; known: {', '.join(pictures)}", nearest(picture, pictures))
+            raise SceneError(
+                "",
+                "--picture",
+                picture,
+                f"no such picture; known: {', '.join(pictures)}",
+                nearest(picture, pictures),
+            )
         refuse_outputs(force, plot=output)
         plots = plots_module()
         try:

@@ -13,7 +13,9 @@ class Stream:
         self._stream, self._gone = stream, False
         self.fault: OSError | None = None
         with contextlib.suppress(AttributeError):
-            stream.reconfigure(errors="backslashreplace")  # an encoding without a character, as in |L|², is no reason to fail
+            stream.reconfigure(
+                errors="backslashreplace"
+            )  # an encoding without a character, as in |L|², is no reason to fail
 
     def write(self, text):
         self._tried(self._stream.write, text)
@@ -28,7 +30,9 @@ class Stream:
                 work(*given)
             except OSError as error:
                 self._gone, self.fault = True, None if isinstance(error, BrokenPipeError) else error
-                with contextlib.suppress(OSError):  # its buffer, and what libraries print, goes nowhere
+                with contextlib.suppress(
+                    OSError
+                ):  # its buffer, and what libraries print, goes nowhere
                     os.dup2(os.open(os.devnull, os.O_WRONLY), self._stream.fileno())
 
     def __getattr__(self, name):
@@ -40,7 +44,9 @@ def guard():
     for number in range(3):
         try:
             os.fstat(number)
-        except OSError:  # otherwise the next file opened gets this number, and receives what is printed
+        except (
+            OSError
+        ):  # otherwise the next file opened gets this number, and receives what is printed
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
     sys.stdin = sys.stdin or os.fdopen(0, closefd=False)
     out = sys.stdout = Stream(sys.stdout or os.fdopen(1, "w", closefd=False))

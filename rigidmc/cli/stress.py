@@ -53,7 +53,9 @@ def stress(
             from rigidmc.studies.stress import run
 
             given = run.load_bounds(bounds) if bounds else None
-            found = run.stress(_words(group), _words(integrator), quick, given, threads, progress=True)
+            found = run.stress(
+                _words(group), _words(integrator), quick, given, threads, progress=True
+            )
             bad = run.failed(found)
 
         def draw(found):

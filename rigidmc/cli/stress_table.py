@@ -45,17 +45,26 @@ def show(study, console=None):
             last = study.group.values[i]
             sheet.add_section()
             sheet.add_row(Text(f"{last} {GROUPS[last]}", style="bold"))
-        sheet.add_row(case, *(_cell(VERDICTS[verdict[i, j]], ratio[i, j]) for j in range(len(names))))
+        sheet.add_row(
+            case, *(_cell(VERDICTS[verdict[i, j]], ratio[i, j]) for j in range(len(names)))
+        )
     console.print(sheet)
     order = np.argsort(
-        -np.nan_to_num(np.where(verdict >= VERDICTS.index("above"), 1e300, 1.0) * np.nan_to_num(ratio, nan=0.0), nan=0.0), axis=None
+        -np.nan_to_num(
+            np.where(verdict >= VERDICTS.index("above"), 1e300, 1.0)
+            * np.nan_to_num(ratio, nan=0.0),
+            nan=0.0,
+        ),
+        axis=None,
     )
     console.print(Text("the worst:", style="bold"))
     for flat in order[:WORST]:
         i, j = divmod(int(flat), len(names))
         _line(console, study, i, j, ratio[i, j])
     for i, j in np.argwhere(verdict == VERDICTS.index("crashed")):
-        console.print(f"crashed: {study.case.values[i]}, {names[j]}: {study.reason.values[i, j]}", style="red")
+        console.print(
+            f"crashed: {study.case.values[i]}, {names[j]}: {study.reason.values[i, j]}", style="red"
+        )
     for i, j in np.argwhere(verdict == VERDICTS.index("not up to it")):
         console.print(
             f"not up to it: {study.case.values[i]}, {names[j]}: error {study.error.values[i, j]:.1e}; {study.reason.values[i, j]}"
@@ -69,12 +78,16 @@ def show(study, console=None):
 
 
 def _line(console, study, i, j, ratio):
-    error, bound, measured = (float(study[name].values[i, j]) for name in ("error", "bound", "measured"))
+    error, bound, measured = (
+        float(study[name].values[i, j]) for name in ("error", "bound", "measured")
+    )
     known = "" if math.isnan(measured) else f", {measured:.1e} where it was made"
     style = _STYLES.get(VERDICTS[int(study.verdict.values[i, j])], "")
     what = f"  {ratio:6.2f}  {study.group.values[i]} {study.case.values[i]}, {study.integrator.values[j]}: error {error:.1e}, bound {bound:.1e}{known}"
     console.print(Text(what, style=style if "red" in style else ""))
-    console.print(Text(f"          {study.why.values[i]} (truth: {study.truth.values[i]})", style="dim"))
+    console.print(
+        Text(f"          {study.why.values[i]} (truth: {study.truth.values[i]})", style="dim")
+    )
 
 
 def _cell(verdict, ratio):
@@ -82,5 +95,13 @@ def _cell(verdict, ratio):
         return Text(".", style="dim")
     if verdict == "crashed":
         return Text("X", style=_STYLES[verdict])
-    words = "0" if ratio == 0.0 else "<.01" if ratio < 0.01 else f"{ratio:.2f}" if ratio < 10 else f"{ratio:.0e}"
+    words = (
+        "0"
+        if ratio == 0.0
+        else "<.01"
+        if ratio < 0.01
+        else f"{ratio:.2f}"
+        if ratio < 10
+        else f"{ratio:.0e}"
+    )
     return Text(words + ("!" if verdict == "above" else ""), style=_STYLES[verdict])

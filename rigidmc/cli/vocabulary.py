@@ -7,7 +7,10 @@ import typer
 
 from rigidmc.cli.common import app, reported
 
-Name = Annotated[str | None, typer.Argument(metavar="[NAME]", help="The one to explain; without it all are listed.")]
+Name = Annotated[
+    str | None,
+    typer.Argument(metavar="[NAME]", help="The one to explain; without it all are listed."),
+]
 
 
 def _explained(name, kinds, word, text, lines):
@@ -28,7 +31,10 @@ def _explained(name, kinds, word, text, lines):
 def effects(
     name: Name = None,
     measure: Annotated[
-        bool, typer.Option("--measure", help="Time each on this machine; compiling them takes 3 minutes at first.")
+        bool,
+        typer.Option(
+            "--measure", help="Time each on this machine; compiling them takes 3 minutes at first."
+        ),
     ] = False,
 ):
     """List the effects: law, parameters, what they ask for and keep; with --measure what each costs here. NAME: its equation, parameters and source."""
@@ -44,7 +50,9 @@ def effects(
             from rigidmc.planning.tolerance.costs import effect_prices
 
             costs = effect_prices()
-            free, turning, heavy, split = (costs.pop(word) for word in ("free", "with attitude", "with gravity", "strang"))
+            free, turning, heavy, split = (
+                costs.pop(word) for word in ("free", "with attitude", "with gravity", "strang")
+            )
             print(
                 f"a step of rk4 on one thread: {free:.2f} ns of the momentum alone, {turning:.2f} ns with attitude, "
                 f"{heavy:.2f} ns with gravity; of strang {split:.2f} ns with gravity, which is what random effects are added to"
@@ -67,14 +75,24 @@ def _of_effect(name):
     from rigidmc.scene.checks import limits
 
     kind = EFFECTS[name]
-    numbers = {field: f" = {kind._field_defaults[field]:g}" if field in kind._field_defaults else "" for field in given(kind)}
+    numbers = {
+        field: f" = {kind._field_defaults[field]:g}" if field in kind._field_defaults else ""
+        for field in given(kind)
+    }
     ranges = {field: limits(kind, field, False) for field in numbers}
     yield (
         "in a scene",
         f"[effects.{name}] with {', '.join(f'{k}{v}' for k, v in numbers.items())}; in Python rigidmc.{kind.__name__}({', '.join(numbers)})",
     )
     yield "units", ", ".join(f"{k} [{kind.units[k]}]" for k in numbers)
-    yield "ranges", ", ".join(f"{k} {low:g} to {high:g}" for k, (low, high) in ranges.items() if (low, high) != (-inf, inf))
+    yield (
+        "ranges",
+        ", ".join(
+            f"{k} {low:g} to {high:g}"
+            for k, (low, high) in ranges.items()
+            if (low, high) != (-inf, inf)
+        ),
+    )
     yield "facts", description(kind)[2]
 
 
@@ -87,12 +105,23 @@ def _of_observable(name):
         yield (
             "in a scene",
             f'save = ["{name}"], at save times; over all steps '
-            + (", ".join(word for word, (of, _) in RUNNING.items() if of == name) or "nothing of it"),
+            + (
+                ", ".join(word for word, (of, _) in RUNNING.items() if of == name)
+                or "nothing of it"
+            ),
         )
-        yield "result", f"{kind.long_name} [{kind.units}]" + (f", by {', '.join(kind.dims)}" if kind.dims else "")
+        yield (
+            "result",
+            f"{kind.long_name} [{kind.units}]"
+            + (f", by {', '.join(kind.dims)}" if kind.dims else ""),
+        )
     elif name in SUMMARIES:
         kind = SUMMARIES[name]
-        table = f" with [observables.{name}] {', '.join(_default(kind, field) for field in kind._fields)}" if kind._fields else ""
+        table = (
+            f" with [observables.{name}] {', '.join(_default(kind, field) for field in kind._fields)}"
+            if kind._fields
+            else ""
+        )
         yield "in a scene", f'save = ["{name}"]{table}'
         for variable, (units, _, dims) in kind.outputs.items():
             yield "result", f"{variable} [{units}]" + (f", by {', '.join(dims)}" if dims else "")
@@ -100,7 +129,10 @@ def _of_observable(name):
         of, kind = RUNNING[name]
         yield "in a scene", f'save = ["{name}"], over all steps of {of}'
         for variable, (units, text, dims) in outputs(name, kind(OBSERVABLES[of]())).items():
-            yield "result", f"{variable}: {text} [{units}]" + (f", by {', '.join(dims)}" if dims else "")
+            yield (
+                "result",
+                f"{variable}: {text} [{units}]" + (f", by {', '.join(dims)}" if dims else ""),
+            )
 
 
 def _of_integrator(name):
@@ -130,8 +162,18 @@ def observables(
         from rigidmc.observables.running import STATISTICS
 
         if name is not None:
-            kinds = {**OBSERVABLES, **SUMMARIES, **{word: kind for word, (_, kind) in RUNNING.items()}}
-            _explained(name, {word: kinds[word] for word in KNOWN}, "observable", lambda one: kinds[one].__doc__, _of_observable)
+            kinds = {
+                **OBSERVABLES,
+                **SUMMARIES,
+                **{word: kind for word, (_, kind) in RUNNING.items()},
+            }
+            _explained(
+                name,
+                {word: kinds[word] for word in KNOWN},
+                "observable",
+                lambda one: kinds[one].__doc__,
+                _of_observable,
+            )
             return
         costs = {}
         if measure:
@@ -143,12 +185,17 @@ def observables(
 
         def added(one):
             if one in next(iter(costs.values()), {}):
-                print(f"{'':12s} adds " + ", ".join(f"{each[one]:.2f} ns {word}" for word, each in costs.items()))
+                print(
+                    f"{'':12s} adds "
+                    + ", ".join(f"{each[one]:.2f} ns {word}" for word, each in costs.items())
+                )
 
         print("at save times (save = [...]):")
         for word, kind in OBSERVABLES.items():
             print(f"{word:12s} {kind.__doc__.splitlines()[0]} [{kind.units}]")
-        print("\nover all steps, one result per member (save = [...]; numbers in a table [observables.NAME]):")
+        print(
+            "\nover all steps, one result per member (save = [...]; numbers in a table [observables.NAME]):"
+        )
         for word, kind in SUMMARIES.items():
             print(f"{word:12s} {kind.__doc__.splitlines()[0]}")
             print(
@@ -178,7 +225,9 @@ def _default(kind, field):
 @app.command()
 def integrators(
     name: Name = None,
-    measure: Annotated[bool, typer.Option("--measure", help="Time a step of each on this machine, free and heavy.")] = False,
+    measure: Annotated[
+        bool, typer.Option("--measure", help="Time a step of each on this machine, free and heavy.")
+    ] = False,
 ):
     """List the integrators: order, torques a step, what they keep, which torques they take; with --measure what a step costs here. NAME: its source."""
     with reported():
@@ -200,7 +249,9 @@ def integrators(
                 f"{kind.evaluations} torque{'s' * (kind.evaluations != 1)} a step",
                 "reversible" if kind.reversible else "not reversible",
             ]
-            print(f"{'':10s} {order}, {', '.join(facts)}; takes {kind.accepts}; keeps {keeps} of a free body")
+            print(
+                f"{'':10s} {order}, {', '.join(facts)}; takes {kind.accepts}; keeps {keeps} of a free body"
+            )
             if word in costs:
                 made = [f"{where} {ns:.1f} ns" for where, ns in costs[word].items()]
                 print(f"{'':10s} a step on one thread: {', '.join(made)}")

@@ -29,7 +29,10 @@ def warm(
                 error.file = error.file or name
                 raise
             able = [one for one in found if not one.skipped]
-            took, new = sum(one.seconds for one in able), [one.integrator for one in able if one.compiled]
+            took, new = (
+                sum(one.seconds for one in able),
+                [one.integrator for one in able if one.compiled],
+            )
             told = f"{took:6.1f} s for {', '.join(new)}" if new else "nothing to compile"
             print(f"{name:18s} {told}", flush=True)
             for one in found:

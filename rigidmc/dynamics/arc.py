@@ -16,7 +16,10 @@ def arc(h, x, y):
 
     The next term of the series is 0.0036 (h sqrt(max(x, y)))^12: 5e-17 at 0.07, 4e-15 at 0.1.
     """
-    hx, hy = h * h * x, h * h * y  # pure numbers: x and y alone reach 1e92 for the moments of a molecule
+    hx, hy = (
+        h * h * x,
+        h * h * y,
+    )  # pure numbers: x and y alone reach 1e92 for the moments of a molecule
     u, p = hx + hy, hx * hy
     uu = u * u
     s = h * (
@@ -83,7 +86,11 @@ def increment(body, a, p, l, near=()):
 
 def squares(body, l):
     """(P, Q1, Q3) = (a1 a3 L2^2, -a2 a3 L1^2, -a1 a2 L3^2) >= 0; x = P + Q3 and y = P + Q1 are constants of motion."""
-    return body.a1 * body.a3 * l[1] * l[1], -body.a2 * body.a3 * l[0] * l[0], -body.a1 * body.a2 * l[2] * l[2]
+    return (
+        body.a1 * body.a3 * l[1] * l[1],
+        -body.a2 * body.a3 * l[0] * l[0],
+        -body.a1 * body.a2 * l[2] * l[2],
+    )
 
 
 def half_and_whole(h, x, y, halvings):

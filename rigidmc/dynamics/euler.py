@@ -39,7 +39,9 @@ def mass_properties(moments, static_moment):
         1.0 / one,
         1.0 / two,
         1.0 / three,
-        (two - three) / two / three,  # two divisions: the product I2 I3 of a nano body would underflow
+        (two - three)
+        / two
+        / three,  # two divisions: the product I2 I3 of a nano body would underflow
         (three - one) / three / one,
         (one - two) / one / two,
         static_moment[0],
@@ -76,7 +78,14 @@ class Rates(NamedTuple):
 
 def scaled(body, h):
     """The Rates of a body over h."""
-    return Rates(0.5 * h * body.i1, 0.5 * h * body.i2, 0.5 * h * body.i3, h * body.a1, h * body.a2, h * body.a3)
+    return Rates(
+        0.5 * h * body.i1,
+        0.5 * h * body.i2,
+        0.5 * h * body.i3,
+        h * body.a1,
+        h * body.a2,
+        h * body.a3,
+    )
 
 
 def twice(rates):

@@ -73,7 +73,9 @@ def _share(m, u, c, f):
     p, q1, q3 = squares(m.body, u)
     rate = m.sign * select(m.on_third, m.body.a3 * u[0], m.body.a1 * u[2]) * u[1]
     ff = f * f
-    return Share(f, c * f, rate * ff, ff * (c * (p - select(m.on_third, q1, q3)) - 2.0 * rate * rate * f))
+    return Share(
+        f, c * f, rate * ff, ff * (c * (p - select(m.on_third, q1, q3)) - 2.0 * rate * rate * f)
+    )
 
 
 def share(m, u):
@@ -143,14 +145,19 @@ def summed(m, panels, u, at, slopes=()):
     both = 1.0 / ((1.0 + c) * below)  # one division for two
     end = _share(m, u, c, below * both)
     more, last = summed(m, panels[1:], u, end, slopes)
-    return h * ((19 / 35) * end.v + (16 / 35) * (middle * ((1.0 + c) * both)) + h * h * ((1 / 420) * end.second)) + more, last
+    return h * (
+        (19 / 35) * end.v
+        + (16 / 35) * (middle * ((1.0 + c) * both))
+        + h * h * ((1 / 420) * end.second)
+    ) + more, last
 
 
 def corrected(m, panels, start, end):
     """What `summed` over any number of steps is to be corrected by; the Shares at their start and end."""
     h = m.time * panels[0]
     return h * (
-        (19 / 70) * (start.v - end.v) + h * ((1 / 35) * (start.rate - end.rate) + h * ((1 / 840) * (start.second - end.second)))
+        (19 / 70) * (start.v - end.v)
+        + h * ((1 / 35) * (start.rate - end.rate) + h * ((1 / 840) * (start.second - end.second)))
     )
 
 
@@ -185,7 +192,22 @@ def motion(body, halvings, panels, h, l):
     sign = select(select(on_third, u[2], u[0]) < 0.0, -1.0, 1.0)
     one, panel = of_a_panel(half, whole, time, p + q3, p + q1, panels)
     inverse = select(on_third, i3, i1)
-    return Motion(size, first, third, axes, twice_energy, on_third, sign, inverse, p + q3, p + q1, time, whole, one, panel), u
+    return Motion(
+        size,
+        first,
+        third,
+        axes,
+        twice_energy,
+        on_third,
+        sign,
+        inverse,
+        p + q3,
+        p + q1,
+        time,
+        whole,
+        one,
+        panel,
+    ), u
 
 
 def advance(m, halvings, u, slopes=()):
@@ -204,7 +226,10 @@ def turn_between(m, u, change, angle, start, end):
     s = s * m.sign
     size, more = 2.0 / start.f, to_axis(m.on_third, m.sign, change)
     more = m.sign * select(m.on_third, change[2], change[0]), more[1], more[2], more[3]
-    turn = multiply(conjugate(to_axis(m.on_third, m.sign, u)), (c, select(m.on_third, 0.0, s), 0.0, select(m.on_third, s, 0.0)))
+    turn = multiply(
+        conjugate(to_axis(m.on_third, m.sign, u)),
+        (c, select(m.on_third, 0.0, s), 0.0, select(m.on_third, s, 0.0)),
+    )
     turn = multiply(turn, more)
     s = size * m.sign * s
     turn = size * c + turn[0], s * u[0] + turn[1], s * u[1] + turn[2], s * u[2] + turn[3]

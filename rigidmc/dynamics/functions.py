@@ -47,15 +47,21 @@ def logarithm(x):
     word = as_word(x)
     m = as_float((word & _MANTISSA) | _EXPONENT)
     # the exponent as a number: its bits in the low end of 2^52 + ...
-    e = (as_float((word >> np.uint64(52)) | np.uint64(0x4330000000000000)) - 4503599627370496.0) - 1023.0
+    e = (
+        as_float((word >> np.uint64(52)) | np.uint64(0x4330000000000000)) - 4503599627370496.0
+    ) - 1023.0
     large = m > 1.4142135623730951
     m, e = select(large, 0.5 * m, m), select(large, e + 1.0, e)
     f = m - 1.0
     s = f / (2.0 + f)
     z = s * s
     w = z * z
-    r = w * (3.999999999940941908e-01 + w * (2.222219843214978396e-01 + w * 1.531383769920937332e-01)) + z * (
-        6.666666666666735130e-01 + w * (2.857142874366239149e-01 + w * (1.818357216161805012e-01 + w * 1.479819860511658591e-01))
+    r = w * (
+        3.999999999940941908e-01 + w * (2.222219843214978396e-01 + w * 1.531383769920937332e-01)
+    ) + z * (
+        6.666666666666735130e-01
+        + w
+        * (2.857142874366239149e-01 + w * (1.818357216161805012e-01 + w * 1.479819860511658591e-01))
     )
     half = 0.5 * f * f
     return e * _LN2_HIGH - ((half - (s * (half + r) + e * _LN2_LOW)) - f)
@@ -99,7 +105,9 @@ def exponential_of(x):
     p = 1 / 720 + r * (1 / 5040 + r * p)
     p = 1 / 24 + r * (1 / 120 + r * p)
     e = 1.0 + (r + r * r * (0.5 + r * (1 / 6 + r * p)))
-    half = rounded(0.5 * n)  # in two factors: neither 2^1024 nor 2^-1074 is a number with an exponent
+    half = rounded(
+        0.5 * n
+    )  # in two factors: neither 2^1024 nor 2^-1074 is a number with an exponent
     found = e * power_of_two(half) * power_of_two(n - half)
     return as_given(select(double(x) != double(x), double(x), found), x)
 
@@ -108,7 +116,9 @@ def logarithm_of(x):
     """ln x; -inf of 0, nan below it."""
     wide = double(x)
     small = wide < 2.2250738585072014e-308  # what is not normal has no exponent of its own
-    found = logarithm(select(small, wide * 18014398509481984.0, wide)) - select(small, 37.42994775023705, 0.0)
+    found = logarithm(select(small, wide * 18014398509481984.0, wide)) - select(
+        small, 37.42994775023705, 0.0
+    )
     found = select(wide == math.inf, wide, select(wide == 0.0, -math.inf, found))
     return as_given(select((wide < 0.0) | (wide != wide), math.nan, found), x)
 
@@ -204,4 +214,6 @@ def normal_quantile(u):
     q = u - 0.5
     r = root(-logarithm(smaller(u, 1.0 - u)))
     tail = select(r <= 5.0, _ratio(_TAIL, r - 1.6), _ratio(_FAR, r - 5.0))
-    return select(abs(q) <= 0.425, q * _ratio(_MIDDLE, 0.180625 - q * q), select(q < 0.0, -tail, tail))
+    return select(
+        abs(q) <= 0.425, q * _ratio(_MIDDLE, 0.180625 - q * q), select(q < 0.0, -tail, tail)
+    )

@@ -25,7 +25,9 @@ def method(default):
         function = getattr(type(part), name, None)
         if function is None:
             return default(part, *values)
-        return function(part, *(values[available.index(argument)] for argument in arguments(function)))
+        return function(
+            part, *(values[available.index(argument)] for argument in arguments(function))
+        )
 
     call.__name__, call.__doc__ = name, default.__doc__
     call.default, call.available = default, available
@@ -53,7 +55,9 @@ class Traced:
         self.notes.append(True)
         return 1.0
 
-    __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = __rtruediv__ = _again
+    __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = __rtruediv__ = (
+        _again
+    )
     __pow__ = __rpow__ = __neg__ = __pos__ = __abs__ = _again
     __lt__ = __le__ = __gt__ = __ge__ = __eq__ = __ne__ = _again
     __and__ = __or__ = __invert__ = __rand__ = __ror__ = _again
@@ -74,10 +78,18 @@ def depends(call, part, **values):
     notes: list[bool] = []
 
     def traced(value):
-        return tuple(map(traced, value)) if type(value) is tuple else Traced(notes) if value is None else value
+        return (
+            tuple(map(traced, value))
+            if type(value) is tuple
+            else Traced(notes)
+            if value is None
+            else value
+        )
 
     try:
         found = call(part, *(traced(values[name]) for name in call.available))
     except Exception:  # a user's own code: it may do anything with its numbers
         return True
-    return bool(notes) or any(isinstance(x, Traced) for x in (found if isinstance(found, tuple) else (found,)))
+    return bool(notes) or any(
+        isinstance(x, Traced) for x in (found if isinstance(found, tuple) else (found,))
+    )

@@ -11,12 +11,22 @@ def _annulled(a, b, c, f, g, off):
     twice = 2.0 * off
     gap = b - a
     # tan of the smaller angle that makes off 0; 0 where it is 0 already
-    size = abs(gap) + max(math.sqrt(gap * gap + twice * twice), abs(twice))  # the squares of small ones underflow
+    size = abs(gap) + max(
+        math.sqrt(gap * gap + twice * twice), abs(twice)
+    )  # the squares of small ones underflow
     t = twice / select(off == 0.0, 1.0, select(gap < 0.0, -size, size))
     cosine = 1.0 / math.sqrt(1.0 + t * t)
     sine = t * cosine
     half = math.sqrt(0.5 + 0.5 * cosine)
-    return a - t * off, b + t * off, c, cosine * f - sine * g, sine * f + cosine * g, half, -0.5 * sine / half
+    return (
+        a - t * off,
+        b + t * off,
+        c,
+        cosine * f - sine * g,
+        sine * f + cosine * g,
+        half,
+        -0.5 * sine / half,
+    )
 
 
 def _swept(state):
@@ -38,8 +48,18 @@ def _swept_3(state):
 def _ordered(swap, a, b):
     """(a, b), or (b, a) where `swap`, of tuples (moment, x, y, z)."""
     return (
-        (select(swap, b[0], a[0]), select(swap, b[1], a[1]), select(swap, b[2], a[2]), select(swap, b[3], a[3])),
-        (select(swap, a[0], b[0]), select(swap, a[1], b[1]), select(swap, a[2], b[2]), select(swap, a[3], b[3])),
+        (
+            select(swap, b[0], a[0]),
+            select(swap, b[1], a[1]),
+            select(swap, b[2], a[2]),
+            select(swap, b[3], a[3]),
+        ),
+        (
+            select(swap, a[0], b[0]),
+            select(swap, a[1], b[1]),
+            select(swap, a[2], b[2]),
+            select(swap, a[3], b[3]),
+        ),
     )
 
 

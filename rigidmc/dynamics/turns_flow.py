@@ -10,7 +10,10 @@ def symmetric_flow(body, h, l):
     turn = exp(h L/A) exp(h (1/C - 1/A) L_e e),   L turns about e by -h (1/C - 1/A) L_e          (TdC Example 3.5)
     """
     x, y, z = abs(body.a1), abs(body.a2), abs(body.a3)
-    first, third = (x < y) & (x < z), (z < y) & (z <= x)  # the axis whose coefficient vanishes becomes axis 2
+    first, third = (
+        (x < y) & (x < z),
+        (z < y) & (z <= x),
+    )  # the axis whose coefficient vanishes becomes axis 2
     one, two, three = relabel(first, third, l)
     i1, _, i3 = relabel(first, third, (body.i1, body.i2, body.i3))
     _, _, rate = relabel(first, third, (body.a1, body.a2, body.a3))  # (A - C)/(A C) = 1/C - 1/A
@@ -45,4 +48,6 @@ def split_flow(body, h, l):
     z3 = x3 - 2.0 * s2 * (c2 * (two + y2) + s2 * (three + x3))
     turn = multiply(multiply((c1, s1, 0.0, 0.0), (c3, 0.0, 0.0, s3)), (c2, s2, 0.0, 0.0))
     x, y, z = relabel(third, first, turn[1:])
-    return multiply(exponential(scale(h * i2, l)), (turn[0], x, y, z)), relabel(third, first, (y1, z2, z3))
+    return multiply(exponential(scale(h * i2, l)), (turn[0], x, y, z)), relabel(
+        third, first, (y1, z2, z3)
+    )

@@ -16,7 +16,13 @@ from typing import Any
 
 from rigidmc.dynamics.methods import names
 from rigidmc.effects.bath import Bath
-from rigidmc.effects.damping import AxialDamping, DryFriction, MatrixDamping, QuadraticDrag, ViscousDamping
+from rigidmc.effects.damping import (
+    AxialDamping,
+    DryFriction,
+    MatrixDamping,
+    QuadraticDrag,
+    ViscousDamping,
+)
 from rigidmc.effects.dissipation import EnergyDissipation
 from rigidmc.effects.field import RotatingField, UniformField
 from rigidmc.effects.gravity import Gravity
@@ -61,14 +67,20 @@ def description(kind):
     """(law, parameters with units, facts) of a class of effects, in words."""
     parameters = []
     for field in given(kind):
-        words = [kind.units[field]] * (kind.units[field] != "1") + [f"{shape(kind, field)} numbers"] * (
-            shape(kind, field) is not None
-        )
+        words = [kind.units[field]] * (kind.units[field] != "1") + [
+            f"{shape(kind, field)} numbers"
+        ] * (shape(kind, field) is not None)
         parameters.append(field + (f" [{', '.join(words)}]" if words else ""))
     used = names(kind, "torque", "energy", "kick")
-    facts = ["needs the attitude"] * ("q" in used) + ["depends on time"] * ("t" in used) + ["depends on L"] * ("l" in used)
+    facts = (
+        ["needs the attitude"] * ("q" in used)
+        + ["depends on time"] * ("t" in used)
+        + ["depends on L"] * ("l" in used)
+    )
     facts += ["is random"] * getattr(kind, "stochastic", False)
-    facts += ["has an energy"] * hasattr(kind, "energy") + ["keeps L_z"] * getattr(kind, "keeps_lz", False)
+    facts += ["has an energy"] * hasattr(kind, "energy") + ["keeps L_z"] * getattr(
+        kind, "keeps_lz", False
+    )
     return kind.__doc__.splitlines()[0], ", ".join(parameters), ", ".join(facts) or "constant"
 
 
@@ -86,4 +98,6 @@ def labelled(effects):
 def canonical(effects):
     """The effects in canonical order; those a user brings come last, as given."""
     order = list(EFFECTS.values())
-    return tuple(sorted(effects, key=lambda e: order.index(type(e)) if type(e) in order else len(order)))
+    return tuple(
+        sorted(effects, key=lambda e: order.index(type(e)) if type(e) in order else len(order))
+    )

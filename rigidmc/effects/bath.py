@@ -21,7 +21,11 @@ class Bath(NamedTuple):
 
     gamma: float
     kT: float
-    noise: tuple = (0.0, 0.0, 0.0)  # three normal deviates, which the kernel puts there anew before each step
+    noise: tuple = (
+        0.0,
+        0.0,
+        0.0,
+    )  # three normal deviates, which the kernel puts there anew before each step
 
     units = {"gamma": "s-1", "kT": "J", "noise": "1"}
     shapes = {"noise": 3}

@@ -80,7 +80,11 @@ class MatrixDamping(NamedTuple):
         x, y, z, yz, zx, xy = (m / (size + (size == 0)) for m in self.matrix)
         pairs = (x * y - xy * xy < -1e-14) | (y * z - yz * yz < -1e-14) | (z * x - zx * zx < -1e-14)
         return (
-            (x < 0) | (y < 0) | (z < 0) | pairs | (x * y * z + 2 * xy * yz * zx - x * yz * yz - y * zx * zx - z * xy * xy < -1e-14)
+            (x < 0)
+            | (y < 0)
+            | (z < 0)
+            | pairs
+            | (x * y * z + 2 * xy * yz * zx - x * yz * yz - y * zx * zx - z * xy * xy < -1e-14)
         )
 
     def torque(self, body, l):
@@ -91,7 +95,10 @@ class MatrixDamping(NamedTuple):
         m = self.matrix
         back = axpy(l, -1.0, symmetric_times(m, (x * l[0], y * l[1], z * l[2])))
         return solved(
-            (1.0 + m[0] * x, m[5] * x, m[4] * x), (m[5] * y, 1.0 + m[1] * y, m[3] * y), (m[4] * z, m[3] * z, 1.0 + m[2] * z), back
+            (1.0 + m[0] * x, m[5] * x, m[4] * x),
+            (m[5] * y, 1.0 + m[1] * y, m[3] * y),
+            (m[4] * z, m[3] * z, 1.0 + m[2] * z),
+            back,
         )
 
 
@@ -148,5 +155,8 @@ class DryFriction(NamedTuple):
 
     def kick(self, body, h, l):
         w = angular_velocity(body, l)
-        w = angular_velocity(body, faded(body, 0.5 * h * self.friction / math.sqrt(dot(w, w) + self.rest * self.rest), l))
+        w = angular_velocity(
+            body,
+            faded(body, 0.5 * h * self.friction / math.sqrt(dot(w, w) + self.rest * self.rest), l),
+        )
         return faded(body, h * self.friction / math.sqrt(dot(w, w) + self.rest * self.rest), l)

@@ -38,7 +38,9 @@ class Gravity(NamedTuple):
         )
 
     def torque_rate(self, body, q, w):
-        return cross(cross(up(q), w), (self.g * body.p1, self.g * body.p2, self.g * body.p3))  # du/dt = u x omega
+        return cross(
+            cross(up(q), w), (self.g * body.p1, self.g * body.p2, self.g * body.p3)
+        )  # du/dt = u x omega
 
     def energy(self, body, q):
         return self.g * dot((body.p1, body.p2, body.p3), up(q))

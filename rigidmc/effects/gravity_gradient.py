@@ -29,7 +29,12 @@ class GravityGradient(NamedTuple):
     anomaly: float = 0.0
 
     units = {"mu": "m3 s-2", "distance": "m", "eccentricity": "1", "anomaly": "rad"}
-    limits = {"mu": (0.0, math.inf), "distance": (1e-300, math.inf), "eccentricity": (0.0, 0.9), "anomaly": (-math.inf, math.inf)}
+    limits = {
+        "mu": (0.0, math.inf),
+        "distance": (1e-300, math.inf),
+        "eccentricity": (0.0, 0.9),
+        "anomaly": (-math.inf, math.inf),
+    }
 
     def torque(self, body, t, q):
         size, x, y = _pull(self.mu, self.distance, self.eccentricity, self.anomaly, t)
@@ -40,7 +45,11 @@ class GravityGradient(NamedTuple):
         size, x, y = _pull(self.mu, self.distance, self.eccentricity, self.anomaly, t)
         u, c = into_body(q, (x, y, 0.0)), _differences(body, size)
         d = cross(u, w)
-        return c[0] * (d[1] * u[2] + u[1] * d[2]), c[1] * (d[2] * u[0] + u[2] * d[0]), c[2] * (d[0] * u[1] + u[0] * d[1])
+        return (
+            c[0] * (d[1] * u[2] + u[1] * d[2]),
+            c[1] * (d[2] * u[0] + u[2] * d[0]),
+            c[2] * (d[0] * u[1] + u[0] * d[1]),
+        )
 
     def energy_scale(self, body):
         nearest = self.distance * (1.0 - self.eccentricity)

@@ -17,7 +17,14 @@ from rigidmc.effects import EFFECTS, protocol
 from rigidmc.effects.parameters import filled, numbers
 from rigidmc.errors import SceneError, nearest
 
-_VERBS = {"torque": 3, "kick": 3, "shake": 3, "torque_rate": 3, "energy": 1, "energy_scale": 1}  # and how many numbers each gives
+_VERBS = {
+    "torque": 3,
+    "kick": 3,
+    "shake": 3,
+    "torque_rate": 3,
+    "energy": 1,
+    "energy_scale": 1,
+}  # and how many numbers each gives
 RULE = "kernels take floats and small tuples in and out: no arrays, no lists, no calls but of math, and no loop whose length depends on numbers"
 
 
@@ -28,7 +35,12 @@ def class_of(folder, path, name, table):
     """The class of an effect in a Python file, which is run: only where the user allowed it. SceneError for a file without it."""
     file = os.path.realpath(os.path.join(folder, path))
     if not os.path.isfile(file) or not file.endswith(".py"):
-        raise SceneError(table, "module", path, "is no Python file (.py)" if os.path.isfile(file) else f"there is no file {file}")
+        raise SceneError(
+            table,
+            "module",
+            path,
+            "is no Python file (.py)" if os.path.isfile(file) else f"there is no file {file}",
+        )
     place = file, os.stat(file).st_mtime_ns  # anew where it was changed
     if place not in _modules:
         spec: Any = importlib.util.spec_from_file_location(f"own_effects_{len(_modules)}", file)
@@ -36,15 +48,32 @@ def class_of(folder, path, name, table):
         try:
             spec.loader.exec_module(module)
         except Exception as error:  # the user's own code: anything may come
-            line = next((f.lineno for f in reversed(traceback.extract_tb(error.__traceback__)) if f.filename == file), None)
+            line = next(
+                (
+                    f.lineno
+                    for f in reversed(traceback.extract_tb(error.__traceback__))
+                    if f.filename == file
+                ),
+                None,
+            )
             where = f" (line {line})" if line else ""
-            raise SceneError(table, "module", path, f"raises {type(error).__name__}{where}: {error}") from None
+            raise SceneError(
+                table, "module", path, f"raises {type(error).__name__}{where}: {error}"
+            ) from None
         _modules[place] = module
     kind = getattr(_modules[place], name, None)
     if not isinstance(kind, type) or not hasattr(kind, "_fields"):
-        made = [k for k, v in vars(_modules[place]).items() if isinstance(v, type) and hasattr(v, "_fields")]
+        made = [
+            k
+            for k, v in vars(_modules[place]).items()
+            if isinstance(v, type) and hasattr(v, "_fields")
+        ]
         raise SceneError(
-            table, "module", path, f"has no NamedTuple {name}; it has {', '.join(made) or 'none'}", nearest(name, made)
+            table,
+            "module",
+            path,
+            f"has no NamedTuple {name}; it has {', '.join(made) or 'none'}",
+            nearest(name, made),
         )
     return kind
 
@@ -66,12 +95,20 @@ def check_own(effect):
             _arguments(kind, verb)
             _loops(kind, verb)
     sample = filled(
-        kind, [float(np.ravel(value)[0]) if isinstance(value, (float, np.ndarray)) else 0.1 for _, _, value in numbers(effect)]
+        kind,
+        [
+            float(np.ravel(value)[0]) if isinstance(value, (float, np.ndarray)) else 0.1
+            for _, _, value in numbers(effect)
+        ],
     )
     some = np.random.default_rng(1)
     for _ in range(8):
         q = some.normal(size=4)
-        q, l, t = tuple((q / np.linalg.norm(q)).tolist()), tuple(some.normal(size=3).tolist()), float(some.uniform(0.0, 2.0))
+        q, l, t = (
+            tuple((q / np.linalg.norm(q)).tolist()),
+            tuple(some.normal(size=3).tolist()),
+            float(some.uniform(0.0, 2.0)),
+        )
         for verb, size in _VERBS.items():
             if hasattr(kind, verb):
                 _gives(kind, verb, size, _called(sample, verb, t, q, l))
@@ -83,7 +120,9 @@ _BODY = MassProperties.of((0.6, 0.8, 1.0), (0.05, -0.02, 0.3))
 
 
 def _complaint(kind, verb, rule, line=None):
-    file = getattr(kind, verb).__code__.co_filename  # of the method: a class of a notebook has no file
+    file = getattr(
+        kind, verb
+    ).__code__.co_filename  # of the method: a class of a notebook has no file
     source = f"{file}, line {line}: {linecache.getline(file, line).strip()}: " if line else ""
     return SceneError("effects", f"{kind.__name__}.{verb}", None, source + rule)
 
@@ -94,7 +133,10 @@ def _arguments(kind, verb):
         if name not in known:
             close = nearest(name, known)
             raise _complaint(
-                kind, verb, f"asks for '{name}'; it may name {', '.join(known)}" + (f" (did you mean '{close}'?)" if close else "")
+                kind,
+                verb,
+                f"asks for '{name}'; it may name {', '.join(known)}"
+                + (f" (did you mean '{close}'?)" if close else ""),
             )
 
 
@@ -113,7 +155,10 @@ def _loops(kind, verb):
         )
         if isinstance(node, ast.While) or not counted:
             raise _complaint(
-                kind, verb, f"a loop whose length depends on numbers; {RULE}", method.__code__.co_firstlineno + node.lineno - 1
+                kind,
+                verb,
+                f"a loop whose length depends on numbers; {RULE}",
+                method.__code__.co_firstlineno + node.lineno - 1,
             )
 
 
@@ -124,20 +169,34 @@ def _called(effect, verb, t, q, l):
         return getattr(effect, verb)(*(given[name] for name in names))
     except Exception as error:  # the user's own code: anything may come
         frames = [
-            f for f in traceback.extract_tb(error.__traceback__) if f.filename == getattr(type(effect), verb).__code__.co_filename
+            f
+            for f in traceback.extract_tb(error.__traceback__)
+            if f.filename == getattr(type(effect), verb).__code__.co_filename
         ]
         line = frames[-1].lineno if frames else None
-        raise _complaint(type(effect), verb, f"raises {type(error).__name__}: {error}", line) from None
+        raise _complaint(
+            type(effect), verb, f"raises {type(error).__name__}: {error}", line
+        ) from None
 
 
 def _gives(kind, verb, size, value):
     if isinstance(value, (np.ndarray, list)):
         raise _complaint(
-            kind, verb, f"gives {type(value).__name__}, expected {'a number' if size == 1 else 'a tuple of 3 numbers'}; {RULE}"
+            kind,
+            verb,
+            f"gives {type(value).__name__}, expected {'a number' if size == 1 else 'a tuple of 3 numbers'}; {RULE}",
         )
     parts = value if isinstance(value, tuple) else (value,)
-    if len(parts) != size or (size == 3) != isinstance(value, tuple) or not all(np.isscalar(x) and np.isreal(x) for x in parts):
-        raise _complaint(kind, verb, f"gives {value!r}, expected {'a number' if size == 1 else 'a tuple of 3 numbers'}")
+    if (
+        len(parts) != size
+        or (size == 3) != isinstance(value, tuple)
+        or not all(np.isscalar(x) and np.isreal(x) for x in parts)
+    ):
+        raise _complaint(
+            kind,
+            verb,
+            f"gives {value!r}, expected {'a number' if size == 1 else 'a tuple of 3 numbers'}",
+        )
     if not np.isfinite(np.array(parts, dtype=float)).all():
         raise _complaint(kind, verb, f"gives {value!r}, which is not finite")
 
@@ -146,8 +205,13 @@ def _gradient(effect, t, q, l, step=1e-5):
     """The torque has to be minus the change of energy as the body turns."""
     torque, slopes = np.array(_called(effect, "torque", t, q, l)), []
     for axis in np.eye(3):
-        ahead, behind = (multiply(q, exponential(tuple(sign * step * axis))) for sign in (1.0, -1.0))
-        slopes.append((_called(effect, "energy", t, ahead, l) - _called(effect, "energy", t, behind, l)) / (2.0 * step))
+        ahead, behind = (
+            multiply(q, exponential(tuple(sign * step * axis))) for sign in (1.0, -1.0)
+        )
+        slopes.append(
+            (_called(effect, "energy", t, ahead, l) - _called(effect, "energy", t, behind, l))
+            / (2.0 * step)
+        )
     size = max(np.abs(torque).max(), np.abs(slopes).max())
     if np.abs(torque + slopes).max() > 1e-6 * size:
         opposite = np.abs(torque - slopes).max() <= 1e-6 * size

@@ -19,7 +19,9 @@ def numbers(effect):
     found = []
     for field, value in zip(effect._fields, effect, strict=True):
         size = shape(effect, field)
-        found += [(field, None, value)] if size is None else [(field, i, value[i]) for i in range(size)]
+        found += (
+            [(field, None, value)] if size is None else [(field, i, value[i]) for i in range(size)]
+        )
     return found
 
 

@@ -32,16 +32,38 @@ class Potential(NamedTuple):
         u, k = up(q), self.quartic
         slope = add(self.linear, symmetric_times(self.quadratic, u))
         return cross(
-            u, add(slope, (4.0 * k[0] * u[0] * u[0] * u[0], 4.0 * k[1] * u[1] * u[1] * u[1], 4.0 * k[2] * u[2] * u[2] * u[2]))
+            u,
+            add(
+                slope,
+                (
+                    4.0 * k[0] * u[0] * u[0] * u[0],
+                    4.0 * k[1] * u[1] * u[1] * u[1],
+                    4.0 * k[2] * u[2] * u[2] * u[2],
+                ),
+            ),
         )
 
     def torque_rate(self, q, w):
         u, k = up(q), self.quartic
         du = cross(u, w)
         slope = add(self.linear, symmetric_times(self.quadratic, u))
-        slope = add(slope, (4.0 * k[0] * u[0] * u[0] * u[0], 4.0 * k[1] * u[1] * u[1] * u[1], 4.0 * k[2] * u[2] * u[2] * u[2]))
+        slope = add(
+            slope,
+            (
+                4.0 * k[0] * u[0] * u[0] * u[0],
+                4.0 * k[1] * u[1] * u[1] * u[1],
+                4.0 * k[2] * u[2] * u[2] * u[2],
+            ),
+        )
         bend = symmetric_times(self.quadratic, du)
-        bend = add(bend, (12.0 * k[0] * u[0] * u[0] * du[0], 12.0 * k[1] * u[1] * u[1] * du[1], 12.0 * k[2] * u[2] * u[2] * du[2]))
+        bend = add(
+            bend,
+            (
+                12.0 * k[0] * u[0] * u[0] * du[0],
+                12.0 * k[1] * u[1] * u[1] * du[1],
+                12.0 * k[2] * u[2] * u[2] * du[2],
+            ),
+        )
         return add(cross(du, slope), cross(u, bend))
 
     def energy(self, q):
@@ -50,7 +72,11 @@ class Potential(NamedTuple):
         return (
             dot(self.linear, u)
             + 0.5 * dot(u, symmetric_times(self.quadratic, u))
-            + (k[0] * square[0] * square[0] + k[1] * square[1] * square[1] + k[2] * square[2] * square[2])
+            + (
+                k[0] * square[0] * square[0]
+                + k[1] * square[1] * square[1]
+                + k[2] * square[2] * square[2]
+            )
         )
 
     def energy_scale(self):

@@ -82,7 +82,9 @@ def total_torque_rate(effects, body, t, q, w):
         return 0.0, 0.0, 0.0
     if len(effects) == 1:
         return torque_rate(effects[0], body, t, q, w)
-    return add(torque_rate(effects[0], body, t, q, w), total_torque_rate(effects[1:], body, t, q, w))
+    return add(
+        torque_rate(effects[0], body, t, q, w), total_torque_rate(effects[1:], body, t, q, w)
+    )
 
 
 def kicked(effects, body, t, h, q, l):
@@ -176,7 +178,9 @@ def shake_all(effects, body, h, l):
     if len(l) > 3:  # their work is what they change of the kinetic energy
         before = first_three(l)
         after = shake(effects[0], body, h, before)
-        done = dot(angular_velocity(body, scale(0.5, add(before, after))), difference(after, before))
+        done = dot(
+            angular_velocity(body, scale(0.5, add(before, after))), difference(after, before)
+        )
         made = shake_all(effects[1:], body, h, joined(after, l[4:]))
         return first_three(made) + (l[3] + done,) + made[3:]
     return shake_all(effects[1:], body, h, shake(effects[0], body, h, l))
@@ -211,7 +215,11 @@ def kick_all(effects, body, t, h, q, l):
         before = first_three(l)
         after = kick(effects[0], body, t, h, q, before)
         made = kick_all(effects[1:], body, t, h, q, joined(after, l[4:]))
-        return first_three(made) + (worked_along(effects[0], body, t, h, q, before, after, l[3]),) + made[3:]
+        return (
+            first_three(made)
+            + (worked_along(effects[0], body, t, h, q, before, after, l[3]),)
+            + made[3:]
+        )
     return kick_all(effects[1:], body, t, h, q, kick(effects[0], body, t, h, q, l))
 
 

@@ -33,7 +33,9 @@ class Rotor(NamedTuple):
         return all(isinstance(m, float) and m == 0.0 for m in self.motor)
 
     def torque(self, body, t, l):
-        return axpy(cross(axpy(self.momentum, t, self.motor), angular_velocity(body, l)), -1.0, self.motor)
+        return axpy(
+            cross(axpy(self.momentum, t, self.motor), angular_velocity(body, l)), -1.0, self.motor
+        )
 
     def kick(self, body, t, h, l):
         # with y_i = L_i sqrt(1/I_i):  dy/dt = g x y,  g_i = H_i / sqrt(I_j I_k)
@@ -41,6 +43,7 @@ class Rotor(NamedTuple):
         wheel = axpy(self.momentum, t, self.motor)
         x, y, z = axpy(l, -0.5 * h, self.motor)
         x, y, z = turned_vector(
-            (h * two * three * wheel[0], h * three * one * wheel[1], h * one * two * wheel[2]), (one * x, two * y, three * z)
+            (h * two * three * wheel[0], h * three * one * wheel[1], h * one * two * wheel[2]),
+            (one * x, two * y, three * z),
         )
         return axpy((x / select(one > 0.0, one, 1.0), y / two, z / three), -0.5 * h, self.motor)

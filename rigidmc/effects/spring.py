@@ -39,9 +39,16 @@ class Spring(NamedTuple):
         d, moves = difference(self.at, end), cross(end, w)
         square = dot(d, d) + 1e-300
         slack = self.length / math.sqrt(square)
-        pull, change = self.stiffness * (1.0 - slack), self.stiffness * slack * (-dot(d, moves)) / square
+        pull, change = (
+            self.stiffness * (1.0 - slack),
+            self.stiffness * slack * (-dot(d, moves)) / square,
+        )
         one, two = cross(self.at, moves), cross(self.at, end)
-        return pull * one[0] + change * two[0], pull * one[1] + change * two[1], pull * one[2] + change * two[2]
+        return (
+            pull * one[0] + change * two[0],
+            pull * one[1] + change * two[1],
+            pull * one[2] + change * two[2],
+        )
 
     def energy(self, q):
         d = difference(self.at, into_body(q, self.to))

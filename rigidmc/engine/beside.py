@@ -21,7 +21,9 @@ PATIENCE = 60.0  # [s] for what takes 1 to 3 s on two cores
 
 def helped(asked):
     """Names of the pieces that another process could compile: those that the disk cache keeps, where there is another core. asked : {name: what `piece` takes}"""
-    named_python = "python" in os.path.basename(sys.executable or "").lower() and not hasattr(sys, "frozen")
+    named_python = "python" in os.path.basename(sys.executable or "").lower() and not hasattr(
+        sys, "frozen"
+    )
     if not named_python or threads_available() < 2:
         return []
     return [name for name, one in asked.items() if is_kept(*one)]
@@ -44,7 +46,10 @@ def beside(asked):
 
 def _started(asked):
     """The process, None where the system does not give one."""
-    written = [[_name(function), _written(parts), dtype, lanes, arguments] for function, parts, dtype, lanes, arguments in asked]
+    written = [
+        [_name(function), _written(parts), dtype, lanes, arguments]
+        for function, parts, dtype, lanes, arguments in asked
+    ]
     path = os.pathsep.join(p or os.getcwd() for p in sys.path)
     try:
         process = subprocess.Popen(
@@ -55,7 +60,9 @@ def _started(asked):
     except OSError:
         return None
     with contextlib.suppress(OSError), cast(Any, process.stdin) as told:
-        json.dump(written, told, default=lambda record: None)  # the record that `advance` takes follows from its precision
+        json.dump(
+            written, told, default=lambda record: None
+        )  # the record that `advance` takes follows from its precision
     return process
 
 

@@ -21,7 +21,9 @@ _KEEP_SECONDS = 30 * 86400  # kernels of other versions of the sources are delet
 
 def source_stamp():
     """Hash of all the package's sources and of the compilers: any change of either makes every cached kernel stale."""
-    digest = hashlib.sha256(f"{sys.version} numba {numba.__version__} llvmlite {llvmlite.__version__}".encode())
+    digest = hashlib.sha256(
+        f"{sys.version} numba {numba.__version__} llvmlite {llvmlite.__version__}".encode()
+    )
     for folder, folders, files in os.walk(_PACKAGE):
         folders.sort()
         for name in sorted(files):
@@ -33,15 +35,21 @@ def source_stamp():
 
 def cache_folder():
     """Where compiled kernels are kept: RIGIDMC_CACHE_DIR, else the user's own cache folder."""
-    return os.environ.get("RIGIDMC_CACHE_DIR") or os.path.join(platformdirs.user_cache_dir("rigidmc", appauthor=False), "kernels")
+    return os.environ.get("RIGIDMC_CACHE_DIR") or os.path.join(
+        platformdirs.user_cache_dir("rigidmc", appauthor=False), "kernels"
+    )
 
 
 def _private(folder):
     """Make a folder that only this user can write to; raise OSError where that cannot be had."""
     os.makedirs(folder, mode=0o700, exist_ok=True)
     facts = os.stat(folder)
-    if hasattr(os, "getuid") and (facts.st_uid != os.getuid() or stat.S_IMODE(facts.st_mode) & 0o022):
-        raise PermissionError(f"{folder} is not private to this user; compiled code is not loaded from it")
+    if hasattr(os, "getuid") and (
+        facts.st_uid != os.getuid() or stat.S_IMODE(facts.st_mode) & 0o022
+    ):
+        raise PermissionError(
+            f"{folder} is not private to this user; compiled code is not loaded from it"
+        )
     probe = os.path.join(folder, f".probe-{os.getpid()}")
     with open(probe, "w"):
         pass
@@ -52,7 +60,11 @@ def _private(folder):
 def _forget_old(folder, stamp):
     for name in os.listdir(folder):
         path = os.path.join(folder, name)
-        if name != stamp and os.path.isdir(path) and time.time() - os.stat(path).st_mtime > _KEEP_SECONDS:
+        if (
+            name != stamp
+            and os.path.isdir(path)
+            and time.time() - os.stat(path).st_mtime > _KEEP_SECONDS
+        ):
             shutil.rmtree(path, ignore_errors=True)
 
 
@@ -90,7 +102,9 @@ def _kinds(folder):
         """
 
         def _name(self, key):
-            homes = [kind.__module__ for kind in _classes(key[0])]  # the text of a type leaves its module out
+            homes = [
+                kind.__module__ for kind in _classes(key[0])
+            ]  # the text of a type leaves its module out
             return hashlib.sha256(repr((key, homes)).encode()).hexdigest() + ".nbc"
 
         def _dump(self, obj):
@@ -142,7 +156,11 @@ def is_cached(kernel, signature):
     if not is_kept(kernel, signature):
         return False
     files = kernel._cache._cache_file
-    return os.path.exists(files._data_path(files._name(kernel._cache._index_key(signature, kernel.targetctx.codegen()))))
+    return os.path.exists(
+        files._data_path(
+            files._name(kernel._cache._index_key(signature, kernel.targetctx.codegen()))
+        )
+    )
 
 
 def _uncached(error):
@@ -150,7 +168,11 @@ def _uncached(error):
     folder = cache_folder()
     if folder not in _TOLD:
         _TOLD.add(folder)
-        log.warning("kernels are compiled anew in every process, as their cache %s cannot be used: %s", folder, error)
+        log.warning(
+            "kernels are compiled anew in every process, as their cache %s cannot be used: %s",
+            folder,
+            error,
+        )
 
 
 def _classes(signature):

@@ -38,7 +38,9 @@ def announced(label, missing, effects=(), theirs=()):
         yield
         return
     cold, began = _cold(), time.process_time()
-    say(f"compiling {summary(label, missing)}, first use: about {rounded(seconds(label, missing, effects, theirs))} s")
+    say(
+        f"compiling {summary(label, missing)}, first use: about {rounded(seconds(label, missing, effects, theirs))} s"
+    )
     known = seconds(label, [name for name in missing if name not in theirs], effects)
     yield
     compiled.append(label)
@@ -51,7 +53,9 @@ def seconds(label, missing, effects=(), theirs=()):
     costs = {name: _cost(name, label, effects) for name in missing}
     own = sum(cost for name, cost in costs.items() if name not in theirs)
     own = FIRST + own if _cold() else LATER * own
-    return _pace() * max(own, START + APART * sum(costs[name] for name in theirs) if theirs else 0.0)
+    return _pace() * max(
+        own, START + APART * sum(costs[name] for name in theirs) if theirs else 0.0
+    )
 
 
 def divided(label, missing, effects, fit):
@@ -68,7 +72,11 @@ def divided(label, missing, effects, fit):
             other += APART * costs[name]
         else:
             own += share * costs[name]
-    return theirs if seconds(label, missing, effects) - seconds(label, missing, effects, theirs) >= GAIN else []
+    return (
+        theirs
+        if seconds(label, missing, effects) - seconds(label, missing, effects, theirs) >= GAIN
+        else []
+    )
 
 
 def _cost(name, label, effects):
@@ -91,14 +99,21 @@ def rounded(number):
 
 def listed(label, missing):
     """What is compiled, every piece by its name."""
-    return ", ".join([f"march of {label}"] * ("march" in missing) + [name for name in missing if name != "march"])
+    return ", ".join(
+        [f"march of {label}"] * ("march" in missing) + [name for name in missing if name != "march"]
+    )
 
 
 def summary(label, missing):
     """What is compiled, in the words of a scene."""
     if label in missing:
         return label
-    words = {"seek": "events", "watch": "running observables", "meet": "neighbour", "record": "saves"}
+    words = {
+        "seek": "events",
+        "watch": "running observables",
+        "meet": "neighbour",
+        "record": "saves",
+    }
     if "seek" in missing:  # which `watch` then sees
         del words["watch"]
     found = [word for name, word in words.items() if name in missing]

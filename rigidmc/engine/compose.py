@@ -45,11 +45,25 @@ def reason(error):
         line
         for line in lines
         if not line.startswith(
-            ("During", "Failed", "There are", "- ", ">>>", "Overload", "With argument", "Rejected", "File", "def ", "<source")
+            (
+                "During",
+                "Failed",
+                "There are",
+                "- ",
+                ">>>",
+                "Overload",
+                "With argument",
+                "Rejected",
+                "File",
+                "def ",
+                "<source",
+            )
         )
     ]
     places = [line for line in lines if line.startswith("File ")]
-    return (causes[-1] if causes else lines[0])[:200] + (f" ({places[-1].rstrip(':')})" if places else "")
+    return (causes[-1] if causes else lines[0])[:200] + (
+        f" ({places[-1].rstrip(':')})" if places else ""
+    )
 
 
 def inline(function):
@@ -89,7 +103,11 @@ def compile_method(call):
 
     def resolve(typing_context, part, *values):
         function = getattr(part.instance_class, name, None)
-        at = [-1, *range(len(values))] if function is None else [-1, *(available.index(a) for a in arguments(function))]
+        at = (
+            [-1, *range(len(values))]
+            if function is None
+            else [-1, *(available.index(a) for a in arguments(function))]
+        )
         function = default if function is None else inline(function)
         typing_context.refresh()
         function = typing_context.resolve_value_type(function)
@@ -101,8 +119,13 @@ def compile_method(call):
 
         return found and (found.return_type(part, *values), generate)
 
-    words = [inspect.Parameter(word, inspect.Parameter.POSITIONAL_ONLY) for word in ("_context", "_part", *available)]
-    cast(Any, resolve).__signature__ = inspect.Signature(words)  # Numba makes a tuple of what a `*` takes
+    words = [
+        inspect.Parameter(word, inspect.Parameter.POSITIONAL_ONLY)
+        for word in ("_context", "_part", *available)
+    ]
+    cast(Any, resolve).__signature__ = inspect.Signature(
+        words
+    )  # Numba makes a tuple of what a `*` takes
     coded(call)(resolve)
 
 
@@ -141,7 +164,11 @@ def _typeof_kinds(value, context):
 
 def numbers_of(part):
     """The numbers in nested tuples, one after the other: what `given` reads."""
-    return [number for one in part for number in numbers_of(one)] if isinstance(part, tuple) else [float(part)]
+    return (
+        [number for one in part for number in numbers_of(one)]
+        if isinstance(part, tuple)
+        else [float(part)]
+    )
 
 
 def given(kinds, numbers):
@@ -194,7 +221,9 @@ def _made(part, rows, *arguments):
 
         def make(one):
             if not isinstance(one, types.BaseTuple):
-                return read((values[at[0]], builder.add(first, context.get_constant(word, next(count)))))
+                return read(
+                    (values[at[0]], builder.add(first, context.get_constant(word, next(count))))
+                )
             return context.make_tuple(builder, kind_of(one), [make(x) for x in one])
 
         return make(part)
@@ -214,7 +243,9 @@ def rows_of(part):
 
 @coded(rows_of)
 def _counted(typing_context, part):
-    return types.intp(part), lambda context, builder, sig, args: context.get_constant(types.intp, _rows_of(part))
+    return types.intp(part), lambda context, builder, sig, args: context.get_constant(
+        types.intp, _rows_of(part)
+    )
 
 
 def has_noise(effect):
@@ -238,17 +269,34 @@ def _with_noise(typing_context, effect, deviates):
     if "noise" not in effect.instance_class._fields:
         return effect(effect, deviates), lambda context, builder, sig, args: args[0]
     place = effect.instance_class._fields.index("noise")
-    return effect(effect, deviates), lambda context, builder, sig, args: builder.insert_value(args[0], args[1], place)
+    return effect(effect, deviates), lambda context, builder, sig, args: builder.insert_value(
+        args[0], args[1], place
+    )
 
 
 def inline_all(module):
     """Let compiled code call every plain function of a module."""
     for function in list(vars(module).values()):
-        if inspect.isfunction(function) and function.__module__ == module.__name__ and function not in METHODS:
+        if (
+            inspect.isfunction(function)
+            and function.__module__ == module.__name__
+            and function not in METHODS
+        ):
             inline(function)
 
 
-for _module in (so3, functions, euler, arc, free_flow, turns_flow, principal, drifts, protocol, flows):
+for _module in (
+    so3,
+    functions,
+    euler,
+    arc,
+    free_flow,
+    turns_flow,
+    principal,
+    drifts,
+    protocol,
+    flows,
+):
     inline_all(_module)
 for _kind in (
     *EFFECTS.values(),

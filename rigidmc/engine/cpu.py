@@ -41,7 +41,9 @@ def advance(kinds, numbers, frame):
             swap(frame, 0)
         now, idle = frame.first, False
         while now < frame.last:
-            begun = now // frame.slots * frame.slots if frame.own != 0 else 0  # of the round; without own steps there is one
+            begun = (
+                now // frame.slots * frame.slots if frame.own != 0 else 0
+            )  # of the round; without own steps there is one
             stop = ending(frame, now, begun)
             if frame.own != 0 and now == begun:
                 work = memory(frame.work, 1.0)
@@ -63,7 +65,12 @@ def advance(kinds, numbers, frame):
 
 def enter(frame, low):
     """Bring the rows of some members side by side."""
-    lanes, own, work, order = frame.lanes, frame.own, memory(frame.work, 1.0), memory(frame.order, frame.lanes)
+    lanes, own, work, order = (
+        frame.lanes,
+        frame.own,
+        memory(frame.work, 1.0),
+        memory(frame.order, frame.lanes),
+    )
     time = frame.first // frame.slots * frame.h if own != 0 else 0.0
     state, block = memory(frame.state, frame.real), memory(frame.block, 1.0)
     call(frame.enter, (block, frame.rows, frame.width, low, own, frame.h, time, state, work))
@@ -74,7 +81,11 @@ def enter(frame, low):
 
 def begin(frame, low):
     """The start of some members."""
-    parts, state, work = memory(frame.parts, 1.0), memory(frame.state, frame.real), memory(frame.work, 1.0)
+    parts, state, work = (
+        memory(frame.parts, 1.0),
+        memory(frame.state, frame.real),
+        memory(frame.work, 1.0),
+    )
     call(frame.begin, (parts, state, work))
     if frame.looks != 0:
         call(frame.begin_watch, (parts, state, work, frame.watched))
@@ -87,7 +98,10 @@ def begin(frame, low):
 def look(frame, rounds, slot):
     """Look at some members after `slot` steps of a round, `rounds` of which are done; whether all are stopped, or stay as they are for good."""
     lanes, work = frame.lanes, memory(frame.work, 1.0)
-    call(frame.look, (memory(frame.parts, 1.0), memory(frame.state, frame.real), work, rounds, slot * 1.0))
+    call(
+        frame.look,
+        (memory(frame.parts, 1.0), memory(frame.state, frame.real), work, rounds, slot * 1.0),
+    )
     moving = 0
     for k in range(lanes):
         if work[(KNOWN + STATUS) * lanes + k] == 0.0 and work[STOPPED * lanes + k] == 0.0:
@@ -97,7 +111,11 @@ def look(frame, rounds, slot):
 
 def swap(frame, out):
     """Bring back the neighbour of members that begin in the middle of a run, or put it to their rows."""
-    at, state, near = frame.near_at * frame.lanes, memory(frame.state, frame.real), memory(frame.near, frame.real)
+    at, state, near = (
+        frame.near_at * frame.lanes,
+        memory(frame.state, frame.real),
+        memory(frame.near, frame.real),
+    )
     for i in range((BODY_AT + frame.rows - BODY) * frame.lanes if out == 0 else 0):
         near[i] = state[i]
     for i in range(START * frame.lanes):
@@ -109,13 +127,20 @@ def swap(frame, out):
 
 def ending(frame, now, begun):
     """The step at which members are looked at next, saved, or left."""
-    stop = min(min(frame.last, begun + ((now - begun) // LOOK + 1) * LOOK), (now // frame.stride + 1) * frame.stride)
+    stop = min(
+        min(frame.last, begun + ((now - begun) // LOOK + 1) * LOOK),
+        (now // frame.stride + 1) * frame.stride,
+    )
     return min(stop, begun + frame.slots) if frame.own != 0 else stop
 
 
 def steps(frame, begun, first, last):
     """Steps from `first` to `last` of the round that began with step `begun`, watched where that is asked for."""
-    parts, state, work = memory(frame.parts, 1.0), memory(frame.state, frame.real), memory(frame.work, 1.0)
+    parts, state, work = (
+        memory(frame.parts, 1.0),
+        memory(frame.state, frame.real),
+        memory(frame.work, 1.0),
+    )
     near, now = memory(frame.near, frame.real), first
     if frame.own != 0:
         last = most_steps(frame, last)
@@ -138,7 +163,10 @@ def steps(frame, begun, first, last):
             number = (begun + stop) // OFTEN * 1.0
             call(frame.meet, (parts, state, work, near, frame.near_at, stop * 1.0, number))
         if frame.looks != 0:
-            call(frame.watch, (parts, state, work, memory(frame.trace, frame.real), frame.watched, now, stop))
+            call(
+                frame.watch,
+                (parts, state, work, memory(frame.trace, frame.real), frame.watched, now, stop),
+            )
         now = stop
 
 
@@ -146,7 +174,23 @@ def march(frame, state, work, traced, rounds, now, stop):
     """Steps of some members, from step `now` of a round to `stop`."""
     trace, streams = memory(frame.trace, frame.real), memory(frame.streams, frame.key)
     parts = memory(frame.parts, 1.0)
-    call(frame.march, (parts, frame.part_rows, state, work, trace, traced, frame.key, frame.other, streams, rounds, now, stop))
+    call(
+        frame.march,
+        (
+            parts,
+            frame.part_rows,
+            state,
+            work,
+            trace,
+            traced,
+            frame.key,
+            frame.other,
+            streams,
+            rounds,
+            now,
+            stop,
+        ),
+    )
 
 
 def most_steps(frame, last):
@@ -193,11 +237,25 @@ def save(frame, low, now):
     if frame.columns != 0 and frame.values != 0:
         lanes, out, work = frame.lanes, memory(frame.out, 1.0), memory(frame.work, 1.0)
         saved, order = memory(frame.saved, 1.0), memory(frame.order, frame.lanes)
-        slot = (frame.total + frame.stride - 1) // frame.stride if now == frame.total else now // frame.stride
+        slot = (
+            (frame.total + frame.stride - 1) // frame.stride
+            if now == frame.total
+            else now // frame.stride
+        )
         base, t = slot * frame.values * frame.columns + frame.column, now // frame.slots * frame.h
         own = frame.own != 0
         past = 0 if own else frame.past
-        call(frame.record, (work, saved if own else out, 0 if own else base + low, lanes if own else frame.columns, t, past))
+        call(
+            frame.record,
+            (
+                work,
+                saved if own else out,
+                0 if own else base + low,
+                lanes if own else frame.columns,
+                t,
+                past,
+            ),
+        )
         for i in range(frame.values if own else 0):
             for k in range(lanes):
                 out[base + i * frame.columns + order[low + k]] = saved[i * lanes + k]
@@ -212,12 +270,18 @@ def leave(frame, low):
         find(frame)
     works_at, state = BODY + frame.works_at - BODY_AT, memory(frame.state, frame.real)
     block, work = memory(frame.block, 1.0), memory(frame.work, 1.0)
-    call(frame.leave, (block, frame.rows, frame.width, low, frame.works, works_at, done, state, work))
+    call(
+        frame.leave, (block, frame.rows, frame.width, low, frame.works, works_at, done, state, work)
+    )
 
 
 def find(frame):
     """The times of the first and last of each event, by steps back from where it was seen."""
-    lanes, state, near = frame.lanes, memory(frame.state, frame.real), memory(frame.near, frame.real)
+    lanes, state, near = (
+        frame.lanes,
+        memory(frame.state, frame.real),
+        memory(frame.near, frame.real),
+    )
     parts, work, aside = memory(frame.parts, 1.0), memory(frame.work, 1.0), memory(frame.aside, 1.0)
     for i in range(KNOWN * lanes):
         aside[i] = work[i]
@@ -234,5 +298,19 @@ def find(frame):
                 march(frame, near, aside, 0, 0, 0, 1)
 
 
-for _function in (enter, begin, look, swap, ending, steps, march, most_steps, some_end, put_aside, save, leave, find):
+for _function in (
+    enter,
+    begin,
+    look,
+    swap,
+    ending,
+    steps,
+    march,
+    most_steps,
+    some_end,
+    put_aside,
+    save,
+    leave,
+    find,
+):
     inline(_function)

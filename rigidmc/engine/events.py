@@ -35,7 +35,9 @@ def record_of(rows, healthy):
 
     count = np.where(healthy, rows[COUNT], np.nan)
     never = ~(count > 0.0)
-    first, last, seen = (np.where(never, np.nan, x) for x in (rows[TIMES], rows[TIMES + 1], rows[RECORDS]))
+    first, last, seen = (
+        np.where(never, np.nan, x) for x in (rows[TIMES], rows[TIMES + 1], rows[RECORDS])
+    )
     return Record(count, first, last, rows[TAU], rows[FIRST_TAU], rows[SQUARES], seen)
 
 
@@ -62,7 +64,9 @@ def levels_of(events, body, effects, t, q, l):
     """The levels of events in a state."""
     if len(events) == 0:
         return ()
-    return (level(events[0], body, effects, t, q, l),) + levels_of(events[1:], body, effects, t, q, l)
+    return (level(events[0], body, effects, t, q, l),) + levels_of(
+        events[1:], body, effects, t, q, l
+    )
 
 
 def put_levels(levels, state, row):
@@ -90,7 +94,9 @@ def armed_again(events, moves, body, q, l, before, now):
     if len(events) == 0:
         return ()
     still = (before[0] != 0.0) & opposite(happened(before[0], now[0]))
-    first = select(moves, select(armed(events[0], body, q, l, now[0], still), now[0], 0.0), before[0])
+    first = select(
+        moves, select(armed(events[0], body, q, l, now[0], still), now[0], 0.0), before[0]
+    )
     return (first,) + armed_again(events[1:], moves, body, q, l, before[1:], now[1:])
 
 

@@ -46,7 +46,9 @@ def torques(effects, body, q, l):
 
 def evaluated(effects, body, q, l):
     """Torque and energy (4, ...) by compiled code."""
-    columns = np.broadcast_arrays(*q, *l, *body, *(value for e in effects for _, _, value in numbers(e)))
+    columns = np.broadcast_arrays(
+        *q, *l, *body, *(value for e in effects for _, _, value in numbers(e))
+    )
     rows = [column.ravel() for column in columns]
     formula = Felt((0.0,) * 4, (0.0,) * 3, _BODY, blank(effects))
     try:

@@ -16,7 +16,11 @@ from rigidmc.engine.numbers import coded
 from rigidmc.engine.pieces import is_ready, piece, run
 from rigidmc.engine.threads import threads_of
 
-PIECE, LEAST, WIDTH = 16384, 512, 8  # elements per call on a thread: at most a few milliseconds, at least 0.1; and side by side
+PIECE, LEAST, WIDTH = (
+    16384,
+    512,
+    8,
+)  # elements per call on a thread: at most a few milliseconds, at least 0.1; and side by side
 
 
 @method
@@ -25,7 +29,22 @@ def values(formula):
     return ()
 
 
-def fill(kinds, numbers, room, known, table, fields, index, columns, more, count, out, values_of, begin, end):
+def fill(
+    kinds,
+    numbers,
+    room,
+    known,
+    table,
+    fields,
+    index,
+    columns,
+    more,
+    count,
+    out,
+    values_of,
+    begin,
+    end,
+):
     """out[:, e] = values of the formula whose fields are table[index[e]] and columns[:, e], begin <= e < end.
 
     room : rows for the fields and the values;  known : the same as plain numbers;  fields, more, values_of : rows of table, columns and out
@@ -54,7 +73,9 @@ def side(rows):
 
 @coded(side)
 def _side(typing_context, rows):
-    return types.intp(rows), lambda context, builder, sig, args: context.get_constant(types.intp, rows.count)
+    return types.intp(rows), lambda context, builder, sig, args: context.get_constant(
+        types.intp, rows.count
+    )
 
 
 inline(values.default)
@@ -71,8 +92,14 @@ def evaluate(kind, width, columns, table=None, index=None, threads=None, side=WI
     columns = np.ascontiguousarray(columns, dtype=float)
     count = columns.shape[1]
     table = np.empty((1, 0)) if table is None else np.ascontiguousarray(table, dtype=float)
-    index = np.zeros(count, dtype=np.int64) if index is None else np.ascontiguousarray(index, dtype=np.int64)
-    formula = kind if isinstance(kind, tuple) else kind(*[0.0] * (table.shape[1] + columns.shape[0]))
+    index = (
+        np.zeros(count, dtype=np.int64)
+        if index is None
+        else np.ascontiguousarray(index, dtype=np.int64)
+    )
+    formula = (
+        kind if isinstance(kind, tuple) else kind(*[0.0] * (table.shape[1] + columns.shape[0]))
+    )
     out, fields = np.empty((width, count)), table.shape[1]
     asked = fill, (formula,), "float64", side, FILL
     with announced("formulas", () if is_ready(*asked) else ("formulas",)):
@@ -80,7 +107,18 @@ def evaluate(kind, width, columns, table=None, index=None, threads=None, side=WI
 
     def part(low):
         room = np.empty((fields + columns.shape[0] + width) * side)
-        given = room, room, table.ravel(), fields, index, columns.ravel(), columns.shape[0], count, out.ravel(), width
+        given = (
+            room,
+            room,
+            table.ravel(),
+            fields,
+            index,
+            columns.ravel(),
+            columns.shape[0],
+            count,
+            out.ravel(),
+            width,
+        )
         run(compiled, FILL, *given, low, min(low + size, count))
 
     threads = threads or threads_available()

@@ -101,5 +101,7 @@ def frame_type(real):
     code = np.dtype([("code", np.intp), ("numbers", np.intp)])
     kinds = {"h": np.float64, "key": np.uint64, "other": np.uint64}
     numbers = [name for kind in (Shape, Run, Noise, Saves, Room) for name in kind._fields]
-    fields = [(name, code) for name in Pieces._fields] + [(name, kinds.get(name, np.intp)) for name in numbers]
+    fields = [(name, code) for name in Pieces._fields] + [
+        (name, kinds.get(name, np.intp)) for name in numbers
+    ]
     return np.dtype([*fields, ("real", real)])

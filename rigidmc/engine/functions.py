@@ -29,7 +29,11 @@ _ONE: dict[Any, Any] = {
     math.sinh: functions.hyperbolic_sine,
     math.cosh: functions.hyperbolic_cosine,
 }
-_TWO: dict[Any, Any] = {math.atan2: arctan2, math.pow: functions.power, math.hypot: functions.hypotenuse}
+_TWO: dict[Any, Any] = {
+    math.atan2: arctan2,
+    math.pow: functions.power,
+    math.hypot: functions.hypotenuse,
+}
 _OTHERS = (
     math.gamma,
     math.lgamma,

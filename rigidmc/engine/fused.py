@@ -11,7 +11,11 @@ from llvmlite import ir
 def fuse(function):
     """Replace sums of products by fused multiply-adds, throughout one function of LLVM's code."""
     for block in function.blocks:
-        block.instructions[:] = [made for instruction in block.instructions for made in _fused(function.module, block, instruction)]
+        block.instructions[:] = [
+            made
+            for instruction in block.instructions
+            for made in _fused(function.module, block, instruction)
+        ]
 
 
 def _fused(module, block, instruction):
@@ -29,7 +33,9 @@ def _fused(module, block, instruction):
         return more[-1]
 
     one, two = _factors(product)
-    if isinstance(kind, ir.VectorType) and not isinstance(one.type, ir.VectorType):  # a product that all members share
+    if isinstance(kind, ir.VectorType) and not isinstance(
+        one.type, ir.VectorType
+    ):  # a product that all members share
         one, two = (_broadcast(block, kind, x, more) for x in (one, two))
     if instruction.opname == "fsub":  # a b - y = fma(a, b, -y);  x - a b = fma(-a, b, x)
         if product is left:
@@ -37,7 +43,11 @@ def _fused(module, block, instruction):
         else:
             one = made(kind, "fneg", [one])
     word = f"llvm.fma.{_name(kind)}"
-    fma = ir.instructions.CallInstr(block, module.declare_intrinsic(word, (), ir.FunctionType(kind, [kind] * 3)), [one, two, other])
+    fma = ir.instructions.CallInstr(
+        block,
+        module.declare_intrinsic(word, (), ir.FunctionType(kind, [kind] * 3)),
+        [one, two, other],
+    )
     fma._name = instruction._name  # the code is read as text: whoever takes the sum takes this
     return [*more, fma]
 

@@ -15,7 +15,20 @@ from rigidmc.engine.memory import four_at, put, three_at, tuple_at
 LANES = 32  # what a block's members are a multiple of: the most that are worked on at once
 
 # rows of a block
-ATTITUDE, MOMENTUM, REST, START, DRIFT, STATUS, GOOD_STEP, FAULT_STEP, GOOD, STEPS, BODY, EFFECTS = (
+(
+    ATTITUDE,
+    MOMENTUM,
+    REST,
+    START,
+    DRIFT,
+    STATUS,
+    GOOD_STEP,
+    FAULT_STEP,
+    GOOD,
+    STEPS,
+    BODY,
+    EFFECTS,
+) = (
     0,
     4,
     7,
@@ -51,8 +64,13 @@ def body_at(rows, row):
 def state_at(state, compensated, more, row):
     """(q, L), with what follows L, see `more_of`; or ((q, remainder), (L, remainder)) where those are kept."""
     if len(compensated) == 0:
-        return four_at(state, ATTITUDE), joined(three_at(state, MOMENTUM), tuple_at(more, state, row))
-    return (four_at(state, ATTITUDE), four_at(state, REST)), (three_at(state, MOMENTUM), three_at(state, REST + 4))
+        return four_at(state, ATTITUDE), joined(
+            three_at(state, MOMENTUM), tuple_at(more, state, row)
+        )
+    return (four_at(state, ATTITUDE), four_at(state, REST)), (
+        three_at(state, MOMENTUM),
+        three_at(state, REST + 4),
+    )
 
 
 def more_of(keeps, ledger):

@@ -24,7 +24,11 @@ def use_widest_vectors():
 
 def vector_bits():
     """Width of the widest vector registers that kernels of this process may use [bit]."""
-    features = (llvm.get_host_cpu_features().flatten() if config.CPU_FEATURES is None else config.CPU_FEATURES).split(",")
+    features = (
+        llvm.get_host_cpu_features().flatten()
+        if config.CPU_FEATURES is None
+        else config.CPU_FEATURES
+    ).split(",")
     if "+avx512f" in features and "+prefer-256-bit" not in features:
         return 512
     return 256 if "+avx2" in features or "+avx512f" in features else 128
@@ -40,5 +44,7 @@ def this_machine(*more):
 
     more : names of other packages that draw numbers of a scene
     """
-    versions = {name: version(name) for name in ("rigidmc", "numpy", "numba", "llvmlite", "netCDF4", *more)}
+    versions = {
+        name: version(name) for name in ("rigidmc", "numpy", "numba", "llvmlite", "netCDF4", *more)
+    }
     return versions, f"{platform.machine()} {llvm.get_host_cpu_name()}, {vector_bits()} bit"

@@ -9,7 +9,18 @@ import numpy as np
 
 from rigidmc.dynamics.so3 import first_three, whole
 from rigidmc.engine.compose import filled, given, has_noise, inline, rows_of, with_noise
-from rigidmc.engine.layout import BEGAN, BODY_AT, EFFECTS_AT, INDEX, LENGTH, body_at, more_of, more_row, put_state, state_at
+from rigidmc.engine.layout import (
+    BEGAN,
+    BODY_AT,
+    EFFECTS_AT,
+    INDEX,
+    LENGTH,
+    body_at,
+    more_of,
+    more_row,
+    put_state,
+    state_at,
+)
 from rigidmc.engine.member import carried
 from rigidmc.engine.memory import put, stream
 from rigidmc.engine.noise import normals, philox
@@ -17,7 +28,22 @@ from rigidmc.engine.numbers import as_word, in_precision, like
 from rigidmc.integrators.protocol import constants, keeps, step
 
 
-def march(kinds, numbers, parts, count, state, work, trace, traced, key, other, streams, rounds, first, last):
+def march(
+    kinds,
+    numbers,
+    parts,
+    count,
+    state,
+    work,
+    trace,
+    traced,
+    key,
+    other,
+    streams,
+    rounds,
+    first,
+    last,
+):
     """Make the steps from `first` to `last` of a round, of `count` - 1 parts each.
 
     trace, traced : where the state after each step goes, seven rows a step, unless traced is 0
@@ -27,7 +53,10 @@ def march(kinds, numbers, parts, count, state, work, trace, traced, key, other, 
     works on another's.
     """
     integrator, effects, attitude, compensated, ledger, groups = given(kinds, numbers)
-    more, row = more_of(keeps(integrator), ledger), more_row(keeps(integrator), EFFECTS_AT + rows_of(effects))
+    more, row = (
+        more_of(keeps(integrator), ledger),
+        more_row(keeps(integrator), EFFECTS_AT + rows_of(effects)),
+    )
     moving = all_moving(groups, groups, 0, compensated, more, row, state)
     fixed = all_fixed(integrator, effects, parts, moving, groups, 0, state, work)
     for s in range(first, last):
@@ -36,7 +65,12 @@ def march(kinds, numbers, parts, count, state, work, trace, traced, key, other, 
         for p in range(1, count):
             at = 4 * p
             moving = all_stepped(
-                integrator, attitude, present, s + parts[at + 3], (parts[at], parts[at + 1], parts[at + 2]), moving
+                integrator,
+                attitude,
+                present,
+                s + parts[at + 3],
+                (parts[at], parts[at + 1], parts[at + 2]),
+                moving,
             )
         if traced != 0:
             all_traced(groups, groups, 0, moving, trace, 7 * (s - first))
@@ -64,7 +98,9 @@ def all_fixed(integrator, effects, parts, moving, groups, i, state, work):
     mine, known = stream(state, groups, i), stream(work, groups, i)
     body, h = body_at(mine, BODY_AT), like(known[LENGTH], mine)
     found = constants(integrator, body, (parts[4] * h, parts[5] * h, parts[6] * h), moving[0][1])
-    one = Fixed(body, filled(effects, mine, EFFECTS_AT), known[BEGAN], known[LENGTH], h, known[INDEX], found)
+    one = Fixed(
+        body, filled(effects, mine, EFFECTS_AT), known[BEGAN], known[LENGTH], h, known[INDEX], found
+    )
     return (one,) + all_fixed(integrator, effects, parts, moving[1:], groups, i + 1, state, work)
 
 
@@ -82,7 +118,9 @@ def all_shaken(fixed, key, number, streams):
     if len(fixed) == 0:
         return ()
     body, effects, began, length, h, index, found = fixed[0]
-    one = Fixed(body, shaken(effects, key, index, number, streams, 0, h), began, length, h, index, found)
+    one = Fixed(
+        body, shaken(effects, key, index, number, streams, 0, h), began, length, h, index, found
+    )
     return (one,) + all_shaken(fixed[1:], key, number, streams)
 
 
@@ -92,7 +130,17 @@ def all_stepped(integrator, attitude, fixed, when, shares, moving):
         return ()
     one, (q, l), length, h = fixed[0], moving[0], fixed[0].length, fixed[0].h
     part = like(shares[0] * length, h), like(shares[1] * length, h), like(shares[2] * length, h)
-    moved, l = step(integrator, one.body, one.effects, like(one.began + when * length, h), h, part, q, l, one.constants)
+    moved, l = step(
+        integrator,
+        one.body,
+        one.effects,
+        like(one.began + when * length, h),
+        h,
+        part,
+        q,
+        l,
+        one.constants,
+    )
     rest = all_stepped(integrator, attitude, fixed[1:], when, shares, moving[1:])
     return ((carried(attitude, moved, q), l),) + rest
 

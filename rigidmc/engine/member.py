@@ -81,7 +81,11 @@ def leave(kinds, numbers, block, rows, members, low, works, works_at, done, stat
         elif i >= works_at + works:
             store(block, at, work[KNOWN + i])
         elif i >= works_at:
-            store(block, at, work[KNOWN + i + works] if done != 0 else like(state[BODY_AT + i - BODY], work))
+            store(
+                block,
+                at,
+                work[KNOWN + i + works] if done != 0 else like(state[BODY_AT + i - BODY], work),
+            )
     return 0
 
 
@@ -92,7 +96,10 @@ def begin(kinds, numbers, parts, state, work):
     works = KNOWN + EFFECTS + rows_of(effects)
     q, l = four_at(work, KNOWN + ATTITUDE), three_at(work, KNOWN + MOMENTUM)
     kinetic, squared = kinetic_energy(body, l), dot(l, l)
-    energy, in_play = kinetic + total_energy(present, body, q), kinetic + total_energy_scale(present, body)
+    energy, in_play = (
+        kinetic + total_energy(present, body, q),
+        kinetic + total_energy_scale(present, body),
+    )
     compared = max(abs(energy), 1e-3 * in_play)
     start = (
         energy,
@@ -106,7 +113,18 @@ def begin(kinds, numbers, parts, state, work):
     largest = math.sqrt(2.0 / (start[4] * min(min(body.i1, body.i2), body.i3)))
     scales = start[4], dot(up(q), l), 1.0 / select(largest > 0.0, largest, 1.0)
     put(scales[1:], work, KNOWN + START + 5)
-    found = fault(limits, found, start, (scales[0], scales[1], 0.0), q, l, angular_velocity(body, l), work[LENGTH], energy, squared)
+    found = fault(
+        limits,
+        found,
+        start,
+        (scales[0], scales[1], 0.0),
+        q,
+        l,
+        angular_velocity(body, l),
+        work[LENGTH],
+        energy,
+        squared,
+    )
     status = work[KNOWN + STATUS]
     status = select(status == 0.0, found, status)
     healthy = status == 0.0
@@ -115,9 +133,21 @@ def begin(kinds, numbers, parts, state, work):
     put(q + l, work, KNOWN + GOOD)
     h = work[LENGTH]
     l = joined(l, tuple_at(ledger, work, works))
-    q, l = opened(integrator, body, present, work[BEGAN] + parts[3] * h, (parts[0] * h, parts[1] * h, parts[2] * h), q, l)
+    q, l = opened(
+        integrator,
+        body,
+        present,
+        work[BEGAN] + parts[3] * h,
+        (parts[0] * h, parts[1] * h, parts[2] * h),
+        q,
+        l,
+    )
     put(in_precision(q + first_three(l), state), state, ATTITUDE)
-    put(in_precision(l[3:], state), state, more_row(keeps(integrator), EFFECTS_AT + rows_of(effects)))
+    put(
+        in_precision(l[3:], state),
+        state,
+        more_row(keeps(integrator), EFFECTS_AT + rows_of(effects)),
+    )
     return 0
 
 
@@ -131,32 +161,66 @@ def look(kinds, numbers, parts, state, work, rounds, slot):
     works = KNOWN + EFFECTS + rows_of(effects)
     h, made = work[LENGTH], min(work[EACH], slot)
     q, l = seen(state, work, compensated)
-    more, row = more_of(keeps(integrator), ledger), more_row(keeps(integrator), EFFECTS_AT + rows_of(effects))
+    more, row = (
+        more_of(keeps(integrator), ledger),
+        more_row(keeps(integrator), EFFECTS_AT + rows_of(effects)),
+    )
     l = joined(l, in_precision(tuple_at(more, state, row), work))
     t = work[BEGAN] + (made + parts[3]) * h
     q, l = closed(integrator, body, present, t, (parts[0] * h, parts[1] * h, parts[2] * h), q, l)
     done, stopped = l[3:], work[STOPPED] > 0.0
     q = carried(attitude, q, four_at(work, KNOWN + GOOD))
-    q, l = select_each(stopped, four_at(work, HELD), q), select_each(stopped, three_at(work, HELD + 4), first_three(l))
+    q, l = (
+        select_each(stopped, four_at(work, HELD), q),
+        select_each(stopped, three_at(work, HELD + 4), first_three(l)),
+    )
     energy, squared = kinetic_energy(body, l) + total_energy(present, body, q), dot(l, l)
     put(q + l + (energy, squared), work, TRUE)
     before, start = work[KNOWN + STATUS], booked(four_at(work, KNOWN + START), ledger, done)
     found = select(is_finite(q, l, energy, squared), 0.0, 1.0)
     scales = three_at(work, KNOWN + START + 4)
-    found = fault(limits, found, start, eased(scales, done), q, l, angular_velocity(body, l), h, energy, squared)
-    was, counted = before == 0.0, (before == 0.0) & (found != 1.0)  # the drift that flagged a member is told
+    found = fault(
+        limits,
+        found,
+        start,
+        eased(scales, done),
+        q,
+        l,
+        angular_velocity(body, l),
+        h,
+        energy,
+        squared,
+    )
+    was, counted = (
+        before == 0.0,
+        (before == 0.0) & (found != 1.0),
+    )  # the drift that flagged a member is told
     healthy, caught = was & (found == 0.0), was & (found > 0.0)
     drifts = abs((energy - start[0]) * start[1]), abs((squared - start[2]) * start[3])
     most = work[KNOWN + DRIFT], work[KNOWN + DRIFT + 1]
-    put(select_each(counted, (max(most[0], drifts[0]), max(most[1], drifts[1])), most), work, KNOWN + DRIFT)
+    put(
+        select_each(counted, (max(most[0], drifts[0]), max(most[1], drifts[1])), most),
+        work,
+        KNOWN + DRIFT,
+    )
     steps = rounds * work[EACH] + made
     work[KNOWN + STATUS] = select(was, found, before)
     work[KNOWN + GOOD_STEP] = select(healthy, steps, work[KNOWN + GOOD_STEP])
     work[KNOWN + FAULT_STEP] = select(caught, steps, work[KNOWN + FAULT_STEP])
-    good = select_each(healthy, q, four_at(work, KNOWN + GOOD)) + select_each(healthy, l, three_at(work, KNOWN + GOOD + 4))
+    good = select_each(healthy, q, four_at(work, KNOWN + GOOD)) + select_each(
+        healthy, l, three_at(work, KNOWN + GOOD + 4)
+    )
     put(good, work, KNOWN + GOOD)
     frozen = work[KNOWN + STATUS] > 0.0
-    keep(frozen, tuple_at(ledger, work, works + len(ledger)), done, work, works + len(ledger), state, EFFECTS_AT + rows_of(effects))
+    keep(
+        frozen,
+        tuple_at(ledger, work, works + len(ledger)),
+        done,
+        work,
+        works + len(ledger),
+        state,
+        EFFECTS_AT + rows_of(effects),
+    )
     freeze(frozen | stopped, good, state)
     return 0
 
@@ -197,16 +261,24 @@ def fault(limits, endless, start, scales, q, l, omega, h, energy, squared):
     found = select(drift2 > limits[1], 4.0, select(drift_z > limits[2], 4.0, 0.0))
     found = select(drift > limits[0], 3.0, found)
     found = select(dot(w, w) > limits[3] * limits[3], 5.0, found)
-    found = select(abs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1.0) > limits[4], 6.0, found)
+    found = select(
+        abs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1.0) > limits[4], 6.0, found
+    )
     return select(endless == 0.0, found, 1.0)
 
 
 def seen(state, work, compensated):
     """(q, L) of a state in float64, with the remainders where they are kept."""
-    q, l = in_precision(four_at(state, ATTITUDE), work), in_precision(three_at(state, MOMENTUM), work)
+    q, l = (
+        in_precision(four_at(state, ATTITUDE), work),
+        in_precision(three_at(state, MOMENTUM), work),
+    )
     if len(compensated) == 0:
         return q, l
-    rest, more = in_precision(four_at(state, REST), work), in_precision(three_at(state, REST + 4), work)
+    rest, more = (
+        in_precision(four_at(state, REST), work),
+        in_precision(three_at(state, REST + 4), work),
+    )
     return (
         (q[0] + rest[0], q[1] + rest[1], q[2] + rest[2], q[3] + rest[3]),
         (l[0] + more[0], l[1] + more[1], l[2] + more[2]),
@@ -222,7 +294,11 @@ def eased(scales, works):
 
 def freeze(frozen, good, state):
     """Put the state of a member that is frozen back to its last good one."""
-    put(select_each(frozen, in_precision(good, state), filled(good, state, ATTITUDE)), state, ATTITUDE)
+    put(
+        select_each(frozen, in_precision(good, state), filled(good, state, ATTITUDE)),
+        state,
+        ATTITUDE,
+    )
     put(select_each(frozen, (0.0,) * 7, filled(good, state, REST)), state, REST)
     return 0
 
@@ -238,8 +314,12 @@ def write_all(observables, body, effects, t, q, l, start, works, work, out, at, 
     """Write the values of observables, one after the other."""
     if len(observables) == 0:
         return at
-    at = spread(value(observables[0], body, effects, t, q, l, start, works), work, out, at, width, past)
-    return write_all(observables[1:], body, effects, t, q, l, start, works, work, out, at, width, past)
+    at = spread(
+        value(observables[0], body, effects, t, q, l, start, works), work, out, at, width, past
+    )
+    return write_all(
+        observables[1:], body, effects, t, q, l, start, works, work, out, at, width, past
+    )
 
 
 for _function in (

@@ -66,7 +66,9 @@ def _load(typing_context, rows, array, index):
     kind = Vec(array.dtype, rows.count)
 
     def generate(context, builder, sig, args):
-        return builder.load(_place(builder, array, args[1], args[2], llvm_type(kind)), align=_align(kind))
+        return builder.load(
+            _place(builder, array, args[1], args[2], llvm_type(kind)), align=_align(kind)
+        )
 
     return kind(rows, array, types.intp), generate
 
@@ -79,7 +81,9 @@ def store(array, index, value):
 @coded(store)
 def _store(typing_context, array, index, value):
     def generate(context, builder, sig, args):
-        builder.store(args[2], _place(builder, array, args[0], args[1], llvm_type(value)), align=_align(value))
+        builder.store(
+            args[2], _place(builder, array, args[0], args[1], llvm_type(value)), align=_align(value)
+        )
         return context.get_dummy_value()
 
     return types.void(array, types.intp, value), generate
@@ -93,7 +97,9 @@ def memory(array, number):
 @coded(memory)
 def _memory(typing_context, address, number):
     kind = Rows(types.unliteral(number), 0)
-    return kind(address, number), lambda context, builder, sig, args: builder.inttoptr(args[0], context.get_value_type(kind))
+    return kind(address, number), lambda context, builder, sig, args: builder.inttoptr(
+        args[0], context.get_value_type(kind)
+    )
 
 
 def stream(rows, marks, number):
@@ -117,7 +123,13 @@ def _row(builder, kind, rows, index):
     """The address of rows[index]."""
     if not kind.count:
         return _place(builder, kind, rows, index, ELEMENT[kind.dtype.name])
-    return _place(builder, kind, rows, builder.mul(index, ir.Constant(_WORD, kind.pitch)), llvm_type(kind.item))
+    return _place(
+        builder,
+        kind,
+        rows,
+        builder.mul(index, ir.Constant(_WORD, kind.pitch)),
+        llvm_type(kind.item),
+    )
 
 
 @infer_global(operator.getitem)
@@ -202,7 +214,11 @@ def _put(typing_context, values, rows, row):
     def generate(context, builder, sig, args):
         for i, kind in enumerate(values):
             at, x = builder.add(args[2], ir.Constant(_WORD, i)), builder.extract_value(args[0], i)
-            builder.store(context.cast(builder, x, kind, rows.item), _row(builder, rows, args[1], at), align=_align(rows))
+            builder.store(
+                context.cast(builder, x, kind, rows.item),
+                _row(builder, rows, args[1], at),
+                align=_align(rows),
+            )
         return builder.add(args[2], ir.Constant(_WORD, len(values)))
 
     return types.intp(values, rows, types.intp), generate
@@ -226,16 +242,26 @@ def _spread(typing_context, values, rows, array, at, pitch, past):
         places = [args[3]]
         for _ in values:
             places.append(builder.add(places[-1], args[4]))
-        each = [context.cast(builder, builder.extract_value(args[0], i), known, kind) for i, known in enumerate(values)]
+        each = [
+            context.cast(builder, builder.extract_value(args[0], i), known, kind)
+            for i, known in enumerate(values)
+        ]
 
         def write(align):
             to = (_place(builder, array, args[2], place, llvm_type(kind)) for place in places)
-            return [builder.store(x, place, align=align) for x, place in zip(each, to, strict=False)]
+            return [
+                builder.store(x, place, align=align) for x, place in zip(each, to, strict=False)
+            ]
 
-        with builder.if_else(builder.icmp_signed("!=", args[5], ir.Constant(_WORD, 0))) as (then, otherwise):
+        with builder.if_else(builder.icmp_signed("!=", args[5], ir.Constant(_WORD, 0))) as (
+            then,
+            otherwise,
+        ):
             with then:
                 for made in write(LINE):
-                    made.set_metadata("nontemporal", builder.module.add_metadata([ir.Constant(ir.IntType(32), 1)]))
+                    made.set_metadata(
+                        "nontemporal", builder.module.add_metadata([ir.Constant(ir.IntType(32), 1)])
+                    )
             with otherwise:
                 write(_align(array))
         return places[-1]

@@ -16,7 +16,11 @@ from rigidmc.engine.compose import inline
 _M0, _M1 = np.uint64(0xD2E7470EE14C6C93), np.uint64(0xCA5A826395121157)
 _W0, _W1 = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBB67AE8584CAA73B)
 _LOW, _HALF, _ONE = np.uint64(0xFFFFFFFF), np.uint64(32), np.uint64(1)
-_MANTISSA, _EXPONENT, _TWELVE = np.uint64(0x000FFFFFFFFFFFFF), np.uint64(0x3FF0000000000000), np.uint64(12)
+_MANTISSA, _EXPONENT, _TWELVE = (
+    np.uint64(0x000FFFFFFFFFFFFF),
+    np.uint64(0x3FF0000000000000),
+    np.uint64(12),
+)
 _SIGN = np.uint64(0x8000000000000000)
 
 
@@ -36,7 +40,11 @@ def rounds(left, c, key):
         return c
     high0, low0 = product(_M0, c[0])
     high1, low1 = product(_M1, c[2])
-    return rounds(left[1:], (high1 ^ c[1] ^ key[0], low1, high0 ^ c[3] ^ key[1], low0), (key[0] + _W0, key[1] + _W1))
+    return rounds(
+        left[1:],
+        (high1 ^ c[1] ^ key[0], low1, high0 ^ c[3] ^ key[1], low0),
+        (key[0] + _W0, key[1] + _W1),
+    )
 
 
 def philox(key, counter):
@@ -58,12 +66,17 @@ def direction(word):
     """(x, y) uniform on the unit circle: an angle in (0, pi/4) from the upper 52 bits of a word, an octant from its lowest 3."""
     s, c = sincos_small(0.78539816339744830962 * uniform(word))
     swapped = (word & _ONE) == _ONE
-    return signed(select(swapped, s, c), word << np.uint64(62)), signed(select(swapped, c, s), word << np.uint64(61))
+    return signed(select(swapped, s, c), word << np.uint64(62)), signed(
+        select(swapped, c, s), word << np.uint64(61)
+    )
 
 
 def normals(words):
     """Three independent normal deviates from four words, after Box and Muller."""
-    a, b = math.sqrt(-2.0 * logarithm(uniform(words[0]))), math.sqrt(-2.0 * logarithm(uniform(words[2])))
+    a, b = (
+        math.sqrt(-2.0 * logarithm(uniform(words[0]))),
+        math.sqrt(-2.0 * logarithm(uniform(words[2]))),
+    )
     x, y = direction(words[1])
     return a * x, a * y, b * direction(words[3])[0]
 

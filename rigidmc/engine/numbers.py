@@ -15,13 +15,24 @@ from numba.core.datamodel import register_default
 from numba.core.datamodel.models import PrimitiveModel
 from numba.core.imputils import lower_builtin, lower_cast
 from numba.core.typeconv import Conversion
-from numba.core.typing.templates import AbstractTemplate, infer, infer_global, make_intrinsic_template, signature
+from numba.core.typing.templates import (
+    AbstractTemplate,
+    infer,
+    infer_global,
+    make_intrinsic_template,
+    signature,
+)
 from numba.extending import intrinsic
 
 from rigidmc.dynamics.functions import as_float, as_given, as_word, double
 from rigidmc.dynamics.so3 import by_precision, opposite, root, select, select_each
 
-ELEMENT = {"float64": ir.DoubleType(), "float32": ir.FloatType(), "uint64": ir.IntType(64), "int64": ir.IntType(64)}
+ELEMENT = {
+    "float64": ir.DoubleType(),
+    "float32": ir.FloatType(),
+    "uint64": ir.IntType(64),
+    "int64": ir.IntType(64),
+}
 _PLAIN = (types.Float, types.Integer)
 
 
@@ -61,7 +72,9 @@ class Mask(types.Type):
 
 def llvm_type(kind):
     """LLVM's type of a Vec or Mask."""
-    return ir.VectorType(ELEMENT[kind.dtype.name] if isinstance(kind, Vec) else ir.IntType(1), kind.count)
+    return ir.VectorType(
+        ELEMENT[kind.dtype.name] if isinstance(kind, Vec) else ir.IntType(1), kind.count
+    )
 
 
 for _kind in (Vec, Mask):
@@ -76,7 +89,9 @@ def broadcast(builder, kind, x):
     """A vector of LLVM's type `kind` whose numbers all are x."""
     none = ir.Constant(kind, ir.Undefined)
     first = builder.insert_element(none, x, ir.Constant(ir.IntType(32), 0))
-    return builder.shuffle_vector(first, none, ir.Constant(ir.VectorType(ir.IntType(32), kind.count), [0] * kind.count))
+    return builder.shuffle_vector(
+        first, none, ir.Constant(ir.VectorType(ir.IntType(32), kind.count), [0] * kind.count)
+    )
 
 
 @lower_cast(types.Float, Vec)
@@ -87,7 +102,11 @@ def _to_vec(context, builder, fromty, toty, value):
 
 @lower_cast(types.Boolean, Mask)
 def _to_mask(context, builder, fromty, toty, value):
-    return broadcast(builder, llvm_type(toty), builder.trunc(value, ir.IntType(1)) if value.type.width > 1 else value)
+    return broadcast(
+        builder,
+        llvm_type(toty),
+        builder.trunc(value, ir.IntType(1)) if value.type.width > 1 else value,
+    )
 
 
 @lower_cast(Mask, Mask)
@@ -107,7 +126,14 @@ def _common(args, kind, plain):
         return one
     if isinstance(two, kind) and isinstance(one, plain):
         return two
-    return one if kind is Mask and isinstance(one, Mask) and isinstance(two, Mask) and one.count == two.count else None
+    return (
+        one
+        if kind is Mask
+        and isinstance(one, Mask)
+        and isinstance(two, Mask)
+        and one.count == two.count
+        else None
+    )
 
 
 def _define(operation, arity, build, result=None, kind: Any = Vec, plain=_PLAIN, only=None):
@@ -118,7 +144,13 @@ def _define(operation, arity, build, result=None, kind: Any = Vec, plain=_PLAIN,
         def generic(self, args, kws):
             if len(args) != arity:
                 return None
-            found = _common(args, kind, plain) if arity == 2 else args[0] if isinstance(args[0], kind) else None
+            found = (
+                _common(args, kind, plain)
+                if arity == 2
+                else args[0]
+                if isinstance(args[0], kind)
+                else None
+            )
             if found is None or (only is not None and not only(found)):
                 return None
             return signature(found if result is None else result(found), *[found] * arity)
@@ -139,7 +171,10 @@ def _of_llvm(name):
     def build(b, t, *values):
         word = f"llvm.{name}.v{t.count}{'f64' if t.dtype.name == 'float64' else 'f32'}"
         kind = llvm_type(t)
-        return b.call(b.module.declare_intrinsic(word, (), ir.FunctionType(kind, [kind] * len(values))), values)
+        return b.call(
+            b.module.declare_intrinsic(word, (), ir.FunctionType(kind, [kind] * len(values))),
+            values,
+        )
 
     return build
 
@@ -180,7 +215,13 @@ for _operation in (operator.truediv, operator.itruediv):
     _define(_operation, 2, _by("fdiv", ""), only=_floats)
 for _operation, _name in ((operator.and_, "and_"), (operator.or_, "or_"), (operator.xor, "xor")):
     _define(_operation, 2, _by("", _name), only=_words)
-    _define(_operation, 2, lambda b, t, x, y, name=_name: getattr(b, name)(x, y), kind=Mask, plain=(types.Boolean,))
+    _define(
+        _operation,
+        2,
+        lambda b, t, x, y, name=_name: getattr(b, name)(x, y),
+        kind=Mask,
+        plain=(types.Boolean,),
+    )
 for _operation, _name in ((operator.lshift, "shl"), (operator.rshift, "lshr")):
     _define(_operation, 2, _by("", _name), only=_words)
 for _operation, _sign in (
@@ -196,7 +237,9 @@ for _operation in (operator.eq, operator.ne):
     _define(
         _operation,
         2,
-        lambda b, t, x, y, sign="==" if _operation is operator.eq else "!=": b.icmp_unsigned(sign, x, y),
+        lambda b, t, x, y, sign="==" if _operation is operator.eq else "!=": b.icmp_unsigned(
+            sign, x, y
+        ),
         kind=Mask,
         plain=(types.Boolean,),
     )
@@ -249,7 +292,10 @@ def _first(context, builder, sig, args):
 def _select(typing_context, condition, one, other):
     if isinstance(condition, types.Boolean):
         kind = typing_context.unify_types(one, other)
-        return kind and (kind(condition, kind, kind), lambda context, builder, sig, args: builder.select(*args))
+        return kind and (
+            kind(condition, kind, kind),
+            lambda context, builder, sig, args: builder.select(*args),
+        )
     if not isinstance(condition, Mask):
         return None
     found = [t for t in (one, other) if isinstance(t, (Vec, Mask))]
@@ -262,13 +308,18 @@ def _select(typing_context, condition, one, other):
 
 @coded(select_each)
 def _select_each(typing_context, condition, one, other):
-    definitions = [_select(typing_context, condition, a, b) for a, b in zip(one, other, strict=True)]
+    definitions = [
+        _select(typing_context, condition, a, b) for a, b in zip(one, other, strict=True)
+    ]
     if None in definitions:
         return None
     kinds = types.Tuple([signature.return_type for signature, _ in definitions])
 
     def generate(context, builder, sig, args):
-        both = [context.cast(builder, value, kind, kinds) for value, kind in zip(args[1:], sig.args[1:], strict=True)]
+        both = [
+            context.cast(builder, value, kind, kinds)
+            for value, kind in zip(args[1:], sig.args[1:], strict=True)
+        ]
         each = [[builder.extract_value(x, i) for x in both] for i in range(len(kinds))]
         return context.make_tuple(builder, kinds, [builder.select(args[0], a, b) for a, b in each])
 
@@ -280,7 +331,9 @@ def _opposite_of(typing_context, condition):
     if isinstance(condition, types.Boolean):
         return condition(condition), lambda context, builder, sig, args: builder.not_(args[0])
     if isinstance(condition, Mask):
-        return condition(condition), lambda context, builder, sig, args: _opposite(builder, condition, args[0])
+        return condition(condition), lambda context, builder, sig, args: _opposite(
+            builder, condition, args[0]
+        )
     return None
 
 
@@ -297,7 +350,9 @@ def _root(typing_context, x):
 @coded(by_precision)
 def _by_precision(typing_context, x, double, single):
     place = 2 if isinstance(x, Vec) and x.dtype == types.float32 else 1
-    return types.unliteral((double, single)[place - 1])(x, double, single), lambda context, builder, sig, args: args[place]
+    return types.unliteral((double, single)[place - 1])(
+        x, double, single
+    ), lambda context, builder, sig, args: args[place]
 
 
 def any_of(mask):
@@ -321,7 +376,9 @@ def _reinterpreted(kind):
 
     def define(typing_context, x):
         found = Vec(kind, x.count) if isinstance(x, Vec) else kind
-        return found(x), lambda context, builder, sig, args: builder.bitcast(args[0], context.get_value_type(found))
+        return found(x), lambda context, builder, sig, args: builder.bitcast(
+            args[0], context.get_value_type(found)
+        )
 
     return define
 
@@ -336,7 +393,9 @@ def _brought(context, builder, x, kind, value):
         return context.cast(builder, value, x, kind)
     if x.dtype == kind.dtype:
         return value
-    return (builder.fptrunc if kind.dtype == types.float32 else builder.fpext)(value, llvm_type(kind))
+    return (builder.fptrunc if kind.dtype == types.float32 else builder.fpext)(
+        value, llvm_type(kind)
+    )
 
 
 def like(x, other):
@@ -349,7 +408,9 @@ def _like(typing_context, x, other):
     if not getattr(other, "count", 0):
         return x(x, other), _first
     kind = Vec(other.dtype, other.count)
-    return kind(x, other), lambda context, builder, sig, args: _brought(context, builder, x, kind, args[0])
+    return kind(x, other), lambda context, builder, sig, args: _brought(
+        context, builder, x, kind, args[0]
+    )
 
 
 @coded(as_given)
@@ -369,7 +430,10 @@ def _in_precision(typing_context, values, other):
     kind = Vec(other.dtype, other.count)
 
     def generate(context, builder, sig, args):
-        each = (_brought(context, builder, x, kind, builder.extract_value(args[0], i)) for i, x in enumerate(values))
+        each = (
+            _brought(context, builder, x, kind, builder.extract_value(args[0], i))
+            for i, x in enumerate(values)
+        )
         return context.make_tuple(builder, sig.return_type, list(each))
 
     return types.UniTuple(kind, len(values))(values, other), generate
@@ -386,4 +450,6 @@ def _double(typing_context, x):
 @intrinsic
 def plain(typing_context, x):
     """The number that a vector of one number has."""
-    return x.dtype(x), lambda context, builder, sig, args: builder.extract_element(args[0], ir.Constant(ir.IntType(32), 0))
+    return x.dtype(x), lambda context, builder, sig, args: builder.extract_element(
+        args[0], ir.Constant(ir.IntType(32), 0)
+    )

@@ -9,7 +9,15 @@ from rigidmc.dynamics.euler import MassProperties
 from rigidmc.effects import EFFECTS
 from rigidmc.effects.own import RULE
 from rigidmc.effects.parameters import blank
-from rigidmc.effects.protocol import energy, energy_scale, kick, shake, torque, torque_rate, total_torque
+from rigidmc.effects.protocol import (
+    energy,
+    energy_scale,
+    kick,
+    shake,
+    torque,
+    torque_rate,
+    total_torque,
+)
 from rigidmc.engine.compose import NumbaError, filled, given
 from rigidmc.engine.formulas import WIDTH
 from rigidmc.engine.memory import four_at, put, three_at
@@ -22,7 +30,10 @@ _OPERATION = re.compile(
     r"= .*?\b(?:f(add|sub|mul|div)|call [^@]*@(?:llvm\.)?(sqrt|fabs|minnum|maxnum|fma)\b\S*)\b[^<]*?(?:<(\d+) x )?double"
 )
 _CHOICE = re.compile(r"= (?:fcmp|select)\b[^<]*?(?:<(\d+) x )?double")
-DIVISION, ROOT = 10, 18  # what they take in place of a product in packed arithmetic (Zen 4, 512 bits)
+DIVISION, ROOT = (
+    10,
+    18,
+)  # what they take in place of a product in packed arithmetic (Zen 4, 512 bits)
 _BODY, _AT, _SPIN = MassProperties(*[1.0] * 9), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
@@ -49,7 +60,9 @@ class Operations(NamedTuple):
 
     def __str__(self):
         parts = [
-            f"{count} {word}{'s' * (count != 1)}" for count, word in ((self.divisions, "division"), (self.roots, "root")) if count
+            f"{count} {word}{'s' * (count != 1)}"
+            for count, word in ((self.divisions, "division"), (self.roots, "root"))
+            if count
         ]
         return f"{self.all} operations" + (f" ({', '.join(parts)})" if parts else "")
 
@@ -96,7 +109,9 @@ def step_operations(form, effects, attitude):
         return step(integrator, _STILL, effects, t, _STEP, part, q, l, once)[1]
 
     function = counted if attitude else momentum_alone
-    return _counted(function, form.integrator, blank(effects), 0.0, part, q, l).times(len(form.parts) - 1)
+    return _counted(function, form.integrator, blank(effects), 0.0, part, q, l).times(
+        len(form.parts) - 1
+    )
 
 
 _codes: dict[type, str] = {}
@@ -118,7 +133,14 @@ def _felt(kinds, numbers, at):
     (one,) = given(kinds, numbers)
     one = filled(one, at, 30)
     body, q, l, t, h = filled(_BODY, at, 8), four_at(at, 0), three_at(at, 4), at[7], at[29]
-    put(torque(one, body, t, q, l) + kick(one, body, t, h, q, l) + torque_rate(one, body, t, q, l) + shake(one, body, h, l), at, 0)
+    put(
+        torque(one, body, t, q, l)
+        + kick(one, body, t, h, q, l)
+        + torque_rate(one, body, t, q, l)
+        + shake(one, body, h, l),
+        at,
+        0,
+    )
     put((energy(one, body, q), energy_scale(one, body)), at, 0)
     return 0
 

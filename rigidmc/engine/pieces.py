@@ -22,13 +22,17 @@ from rigidmc.engine.numbers import coded
 from rigidmc.engine.pipeline import FLAGS
 
 config: Any = numba.config
-DEEPEST = (
-    5000  # Python's 1000 frames are too few: each plain function that a piece calls, and each element of a tuple, takes 30 or so
-)
+DEEPEST = 5000  # Python's 1000 frames are too few: each plain function that a piece calls, and each element of a tuple, takes 30 or so
 use_widest_vectors()
 _INT, _REAL, _PLAIN = types.int64, types.float64, Rows(types.float64, 0)
-_IN_C: dict[str, Any] = {"i": ctypes.c_int64, "k": ctypes.c_uint64, "f": ctypes.c_double}  # the rest are addresses
-_alive: dict[tuple, Any] = {}  # what is compiled, by what it is compiled for: an address is good as long as its code
+_IN_C: dict[str, Any] = {
+    "i": ctypes.c_int64,
+    "k": ctypes.c_uint64,
+    "f": ctypes.c_double,
+}  # the rest are addresses
+_alive: dict[
+    tuple, Any
+] = {}  # what is compiled, by what it is compiled for: an address is good as long as its code
 _addresses: dict[tuple, int] = {}  # where a piece is, found without asking Numba for types
 _compiling = threading.Lock()
 _dispatchers: dict[Any, Any] = {}
@@ -58,7 +62,11 @@ def signature_of(parts, dtype, lanes, arguments):
         "f": _REAL,
         "k": types.uint64,
     }
-    more = (known[letter] for letter in arguments) if isinstance(arguments, str) else [numba.from_dtype(arguments)]
+    more = (
+        (known[letter] for letter in arguments)
+        if isinstance(arguments, str)
+        else [numba.from_dtype(arguments)]
+    )
     return _INT(typeof(Kinds(*parts)), _PLAIN, *more)
 
 
@@ -82,17 +90,23 @@ def is_ready(function, parts, dtype, lanes, arguments):
     if config.DISABLE_JIT or (function, dtype, lanes, kind_of(parts), arguments) in _addresses:
         return True
     signature = signature_of(parts, dtype, lanes, arguments)
-    return (function, signature.args) in _alive or cache.is_cached(_cached_dispatcher(function), signature)
+    return (function, signature.args) in _alive or cache.is_cached(
+        _cached_dispatcher(function), signature
+    )
 
 
 def is_kept(function, parts, dtype, lanes, arguments):
     """Whether the disk cache keeps the code of a `piece`, so that another process may compile it."""
-    return not config.DISABLE_JIT and cache.is_kept(_cached_dispatcher(function), signature_of(parts, dtype, lanes, arguments))
+    return not config.DISABLE_JIT and cache.is_kept(
+        _cached_dispatcher(function), signature_of(parts, dtype, lanes, arguments)
+    )
 
 
 def kind_of(argument):
     """What tells apart whatever `typeof` tells apart of nested NamedTuples and numbers, ten times as fast: 9 us in place of 90."""
-    return (type(argument), *map(kind_of, argument)) if isinstance(argument, tuple) else type(argument)
+    return (
+        (type(argument), *map(kind_of, argument)) if isinstance(argument, tuple) else type(argument)
+    )
 
 
 def run(piece, letters, *arguments):
@@ -101,7 +115,9 @@ def run(piece, letters, *arguments):
         return piece.code(piece.kinds, piece.numbers, *arguments)
     result, error = ctypes.c_int64(), ctypes.c_void_p()
     memory = (a.ctypes.data if isinstance(a, np.ndarray) else a for a in arguments)
-    _in_python(piece.code, letters)(ctypes.byref(result), ctypes.byref(error), None, piece.numbers, *memory)
+    _in_python(piece.code, letters)(
+        ctypes.byref(result), ctypes.byref(error), None, piece.numbers, *memory
+    )
     return result.value
 
 
@@ -109,7 +125,9 @@ def run(piece, letters, *arguments):
 def _in_python(address, letters):
     """A piece as a function of Python, by Numba's own way of calling: where the result goes, where an error goes, and the arguments."""
     kinds = (_IN_C.get(letter, ctypes.c_void_p) for letter in letters)
-    return ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, *kinds)(address)
+    return ctypes.CFUNCTYPE(
+        ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, *kinds
+    )(address)
 
 
 def dispatcher_of(function):
@@ -157,11 +175,20 @@ def _call(typing_context, piece, arguments):
 
     def generate(context, builder, sig, args):
         place = builder.bitcast(args[0], ir.IntType(64).as_pointer())
-        address, numbers = (builder.load(builder.gep(place, [ir.Constant(ir.IntType(32), i)])) for i in range(2))
-        code = builder.inttoptr(address, context.call_conv.get_function_type(_INT, given).as_pointer())
+        address, numbers = (
+            builder.load(builder.gep(place, [ir.Constant(ir.IntType(32), i)])) for i in range(2)
+        )
+        code = builder.inttoptr(
+            address, context.call_conv.get_function_type(_INT, given).as_pointer()
+        )
         values = [builder.extract_value(args[1], i) for i in range(len(given) - 2)]
-        first = context.get_constant_null(_PLAIN), builder.inttoptr(numbers, context.get_value_type(_PLAIN))
-        status, result = context.call_conv.call_function(builder, code, _INT, given, [*first, *values])
+        first = (
+            context.get_constant_null(_PLAIN),
+            builder.inttoptr(numbers, context.get_value_type(_PLAIN)),
+        )
+        status, result = context.call_conv.call_function(
+            builder, code, _INT, given, [*first, *values]
+        )
         with builder.if_then(status.is_error, likely=False):
             context.call_conv.return_status_propagate(builder, status)
         return result

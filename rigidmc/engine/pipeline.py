@@ -56,7 +56,9 @@ class Flat(JITCodeLibrary):
         passes.add_always_inliner_pass()
         passes.add_global_dead_code_eliminate_pass()
         passes.run(self._final_module, builder)
-        passes, builder = self._codegen._module_pass_manager(loop_vectorize=False, slp_vectorize=False)
+        passes, builder = self._codegen._module_pass_manager(
+            loop_vectorize=False, slp_vectorize=False
+        )
         passes.run(self._final_module, builder)
 
 
@@ -75,7 +77,9 @@ class FusingLowering(NativeLowering):
         state.library, state.flags.no_compile = Inlined(context.codegen(), name), True
         super().run_pass(state)
         made = state.cr
-        entry = make_function(made.fndesc.lookup_module(), name, "inlined", 0, made.env, (state.library,))  # never called
+        entry = make_function(
+            made.fndesc.lookup_module(), name, "inlined", 0, made.env, (state.library,)
+        )  # never called
         context.insert_user_function(entry, state.cr.fndesc, [state.library])
         state.cr = made._replace(cfunc=entry)
         return True

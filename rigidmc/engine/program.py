@@ -45,13 +45,18 @@ class Program:
     ):  # fmt: skip
         if compensated and hasattr(form.integrator, "with_sums"):
             form = form._replace(
-                integrator=form.integrator.with_sums(), parts=form.parts * (np.arange(len(form.parts)) > 0)[:, None]
+                integrator=form.integrator.with_sums(),
+                parts=form.parts * (np.arange(len(form.parts)) > 0)[:, None],
             )
         self.form, self.effects, self.dtype = form, effects, np.dtype(dtype).name
         self.lanes = 1 if config.DISABLE_JIT else lanes or lanes_for(dtype)
         groups = min(self.lanes, getattr(form.integrator, "groups", 1))
         self.parts = np.ascontiguousarray(form.parts, dtype=float).ravel()
-        turned, kept, works = (0.0,) if attitude else (), (0.0,) if compensated else (), tuple(0.0 for _ in ledger)
+        turned, kept, works = (
+            (0.0,) if attitude else (),
+            (0.0,) if compensated else (),
+            tuple(0.0 for _ in ledger),
+        )
         moved = (form.integrator, effects, turned, kept, works, (0.0,) * groups)
         seen = (form.integrator, effects, turned, kept, tuple(limits), ledger)
         watched = (form.integrator, effects, events, running)
@@ -79,7 +84,17 @@ class Program:
         values = sum(len(ledger) if "effect" in o.dims else SIZES[o.dims] for o in observables)
         near_at, tries = row + watch_rows(events, running, ()), 0 if random else TRIES
         self.shape = Shape(
-            self.lanes, values, at, len(ledger), row, near_at, int(some), len(shadow), 2 * len(events), tries, int(random)
+            self.lanes,
+            values,
+            at,
+            len(ledger),
+            row,
+            near_at,
+            int(some),
+            len(shadow),
+            2 * len(events),
+            tries,
+            int(random),
         )
 
         kind = frame_type(self.dtype)
@@ -91,8 +106,13 @@ class Program:
                     for name in missing:
                         if name not in theirs:
                             piece(*self.asked[name])
-                found = {name: piece(*asked) if asked else (NOTHING, None) for name, asked in self.asked.items()}
-            self._numbers = [numbers for _, numbers in found.values()]  # of the pieces, which know only where they are
+                found = {
+                    name: piece(*asked) if asked else (NOTHING, None)
+                    for name, asked in self.asked.items()
+                }
+            self._numbers = [
+                numbers for _, numbers in found.values()
+            ]  # of the pieces, which know only where they are
             *pieces, self._advance = (one for one, _ in found.values())
             self.pieces = Pieces(*pieces)
             empty = SimpleNamespace(real=1.0) if config.DISABLE_JIT else np.zeros(1, kind)
@@ -101,7 +121,10 @@ class Program:
     @property
     def label(self):
         """What it is, in the words of a scene."""
-        words = [self.form.name or type(self.form.integrator).__name__, *(label for label, _ in labelled(self.effects))]
+        words = [
+            self.form.name or type(self.form.integrator).__name__,
+            *(label for label, _ in labelled(self.effects)),
+        ]
         return " + ".join(words) + " in float32" * (self.dtype == "float32")
 
     def missing(self):
@@ -111,7 +134,9 @@ class Program:
     def theirs(self):
         """Names of those of them that a second process is to compile."""
         missing = self.missing()
-        return divided(self.label, missing, self.effects, helped({name: self.asked[name] for name in missing}))
+        return divided(
+            self.label, missing, self.effects, helped({name: self.asked[name] for name in missing})
+        )
 
     def advance(self, block, steps, noise=None, saves=None):
         """Take a block through the steps of a Run; see `rigidmc.engine.cpu.advance`."""
@@ -123,15 +148,38 @@ class Program:
             aligned(max(1, self.shape.values) * lanes, float),
         )
         noise, saves = noise or QUIET, saves or NOWHERE
-        lines = 8 * lanes % LINE == saves.out.ctypes.data % LINE == 8 * saves.columns % LINE == 8 * saves.column % LINE == 0
-        room = Room(self.parts, self.parts.size // 4, block, rows, members, state, near, work, aside, trace, saved, int(lines))
+        lines = (
+            8 * lanes % LINE
+            == saves.out.ctypes.data % LINE
+            == 8 * saves.columns % LINE
+            == 8 * saves.column % LINE
+            == 0
+        )
+        room = Room(
+            self.parts,
+            self.parts.size // 4,
+            block,
+            rows,
+            members,
+            state,
+            near,
+            work,
+            aside,
+            trace,
+            saved,
+            int(lines),
+        )
         run(self._advance, "p", framed(self._frame, steps, noise, saves, room))
 
 
 def framed(frame, *given):
     """The record of `frame_type` with fields from NamedTuples; uncompiled something with attributes of their names."""
     if config.DISABLE_JIT:
-        flat = {name: x.ravel() if isinstance(x, np.ndarray) else x for part in given for name, x in part._asdict().items()}
+        flat = {
+            name: x.ravel() if isinstance(x, np.ndarray) else x
+            for part in given
+            for name, x in part._asdict().items()
+        }
         return SimpleNamespace(**vars(frame), **flat)
     frame = frame.copy()
     for part in given:
@@ -139,7 +187,9 @@ def framed(frame, *given):
             if isinstance(value, Piece):
                 frame[name] = value.code, value.numbers
             else:
-                frame[name] = value.__array_interface__["data"][0] if isinstance(value, np.ndarray) else value
+                frame[name] = (
+                    value.__array_interface__["data"][0] if isinstance(value, np.ndarray) else value
+                )
     return frame
 
 

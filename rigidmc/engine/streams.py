@@ -24,5 +24,9 @@ def key_of(seed):
 def uniforms(seed, name, first, count, draw=0):
     """(4, count) independent numbers, uniform in the open interval (0, 1), for members first ... first + count - 1."""
     # 52 bits and a half: with 53 the largest would round to 1, and a normal deviate would be infinite
-    raw = np.random.Philox(key=key_of(seed), counter=np.array([first, draw, stream_of(name), 0], np.uint64)).random_raw(4 * count)
-    return np.ascontiguousarray(((raw.reshape(count, 4).T >> np.uint64(12)).astype(np.float64) + 0.5) * 2.0**-52)
+    raw = np.random.Philox(
+        key=key_of(seed), counter=np.array([first, draw, stream_of(name), 0], np.uint64)
+    ).random_raw(4 * count)
+    return np.ascontiguousarray(
+        ((raw.reshape(count, 4).T >> np.uint64(12)).astype(np.float64) + 0.5) * 2.0**-52
+    )

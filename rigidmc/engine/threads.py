@@ -27,12 +27,16 @@ def run_block(job, stop=None, progress=None):
         return job
     order = EVERY if job.order is None else job.order
     saves, own = Saves(job.out, job.width, job.column, order), int(job.order is not None)
-    piece = max(1, CALL // (size * (len(job.program.form.parts) - 1)))  # a step in many parts takes as many times as long
+    piece = max(
+        1, CALL // (size * (len(job.program.form.parts) - 1))
+    )  # a step in many parts takes as many times as long
     while done < job.total:
         if stop is not None and stop.is_set():
             raise Stopped
         last = min(job.total, done + piece)
-        job.program.advance(block, Run(job.h, job.slots, job.stride, job.total, own, done, last), job.noise, saves)
+        job.program.advance(
+            block, Run(job.h, job.slots, job.stride, job.total, own, done, last), job.noise, saves
+        )
         if progress is not None:
             progress(size * (last - done) * each)
         done = last
@@ -59,7 +63,9 @@ def run_blocks(make, which, threads, finished, progress=None, poll=None):
                 pending.add(pool.submit(work, i))
             if not pending:
                 return
-            done, pending = wait(pending, timeout=0.2 if poll else None, return_when=FIRST_COMPLETED)
+            done, pending = wait(
+                pending, timeout=0.2 if poll else None, return_when=FIRST_COMPLETED
+            )
             for future in done:
                 finished(future.result())
             if poll:

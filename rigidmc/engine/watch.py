@@ -7,7 +7,15 @@ observable, SHADOW rows for the neighbour. Steps are made first, a few dozen at 
 import math
 
 from rigidmc.dynamics.functions import logarithm
-from rigidmc.dynamics.so3 import difference, difference4, dot, first_three, joined, select, select_each
+from rigidmc.dynamics.so3 import (
+    difference,
+    difference4,
+    dot,
+    first_three,
+    joined,
+    select,
+    select_each,
+)
 from rigidmc.engine.compose import filled, given, inline
 from rigidmc.engine.events import (
     EVENT,
@@ -60,7 +68,10 @@ def begin_watch(kinds, numbers, parts, state, work, row):
     """The rows of what is watched, at the start."""
     _, effects, events, running = given(kinds, numbers)
     body, present = body_at(state, BODY_AT), filled(effects, state, EFFECTS_AT)
-    q, l = in_precision(four_at(work, KNOWN + GOOD), state), in_precision(three_at(work, KNOWN + GOOD + 4), state)
+    q, l = (
+        in_precision(four_at(work, KNOWN + GOOD), state),
+        in_precision(three_at(work, KNOWN + GOOD + 4), state),
+    )
     begin_events(events, body, present, 0.0, q, l, state, row)
     begin_running(running, body, present, 0.0, q, l, state, row + EVENT * len(events))
     hold(events, state, work, row)
@@ -73,13 +84,25 @@ def watch(kinds, numbers, parts, state, work, trace, row, first, last):
     body, present = body_at(state, BODY_AT), filled(effects, state, EFFECTS_AT)
     began, length = work[BEGAN], work[LENGTH]
     h, each = like(length, state), like(work[EACH], state)
-    part = like(parts[0] * length, state), like(parts[1] * length, state), like(parts[2] * length, state)
+    part = (
+        like(parts[0] * length, state),
+        like(parts[1] * length, state),
+        like(parts[2] * length, state),
+    )
     more = tuple_at(keeps(integrator), state, REST)
     levels, kept = levels_at(events, state, row), kept_at(running, state, row + EVENT * len(events))
     for s in range(first, last):
         t, at = like(began + (s + 1.0) * length, state), 7 * (s - first)
         lead = like(began + (s + 1.0 + parts[3]) * length, state)
-        q, l = closed(integrator, body, present, lead, part, four_at(trace, at), joined(three_at(trace, at + 4), more))
+        q, l = closed(
+            integrator,
+            body,
+            present,
+            lead,
+            part,
+            four_at(trace, at),
+            joined(three_at(trace, at + 4), more),
+        )
         moves = (each > s) & (stopped(events, state, row) <= 0.0)
         kept = updated(running, moves, kept, body, present, t, q, l)
         levels = watched(events, moves, body, present, t, h, q, l, levels, state, row)
@@ -119,7 +142,9 @@ def kept_at(running, state, row):
     """What running observables keep, from their rows."""
     if len(running) == 0:
         return ()
-    return (filled(running[0][1], state, row),) + kept_at(running[1:], state, row + len(running[0][1]))
+    return (filled(running[0][1], state, row),) + kept_at(
+        running[1:], state, row + len(running[0][1])
+    )
 
 
 def updated(running, moves, kept, body, effects, t, q, l):
@@ -127,7 +152,9 @@ def updated(running, moves, kept, body, effects, t, q, l):
     if len(running) == 0:
         return ()
     new = update(running[0][0], kept[0], body, effects, t, q, l)
-    return (select_each(moves, new, kept[0]),) + updated(running[1:], moves, kept[1:], body, effects, t, q, l)
+    return (select_each(moves, new, kept[0]),) + updated(
+        running[1:], moves, kept[1:], body, effects, t, q, l
+    )
 
 
 def put_kept(kept, state, row):
@@ -163,14 +190,30 @@ def seek(kinds, numbers, parts, state, work, spare, aside, row, which, tried):
         share = like(aside[TRUE + 4], state)
         by = -share * h
         part = like(parts[0], state) * by, like(parts[1], state) * by, like(parts[2], state) * by
-        q, l = closed(integrator, body, present, t + by + parts[3] * by, part, four_at(spare, 0), momentum_at(integrator, spare))
+        q, l = closed(
+            integrator,
+            body,
+            present,
+            t + by + parts[3] * by,
+            part,
+            four_at(spare, 0),
+            momentum_at(integrator, spare),
+        )
         found = level_of(events, which // 2, body, present, t + by, q, l)
         ends = narrowed(in_precision(four_at(aside, TRUE), state), share, found)
     share = guess(ends)
     by = -share * h
     put(in_precision(ends + (share,), aside), aside, TRUE)
     part = like(parts[0], state) * by, like(parts[1], state) * by, like(parts[2], state) * by
-    q, l = opened(integrator, body, present, t + parts[3] * by, part, four_at(state, at + 3), three_at(state, at + 7))
+    q, l = opened(
+        integrator,
+        body,
+        present,
+        t + parts[3] * by,
+        part,
+        four_at(state, at + 3),
+        three_at(state, at + 7),
+    )
     put_opened(q, l, spare)
     put(in_precision((t, by), aside), aside, BEGAN)
     at_start = (before < 0.0) == (there < 0.0)
@@ -180,7 +223,11 @@ def seek(kinds, numbers, parts, state, work, spare, aside, row, which, tried):
 
 def begin_near(kinds, numbers, parts, state, work, near, row):
     """The neighbour of a state at the distance NEAR, in a direction that no body singles out."""
-    q, l, body = four_at(work, KNOWN + GOOD), three_at(work, KNOWN + GOOD + 4), body_at(work, KNOWN + BODY)
+    q, l, body = (
+        four_at(work, KNOWN + GOOD),
+        three_at(work, KNOWN + GOOD + 4),
+        body_at(work, KNOWN + BODY),
+    )
     weight = 0.5 * work[KNOWN + START + 4] * min(min(body.i1, body.i2), body.i3)
     root = NEAR / math.sqrt(weight)
     a, b, c = 0.5 * NEAR * 0.31, 0.5 * NEAR * 0.43, 0.5 * NEAR * 0.38
@@ -205,13 +252,29 @@ def meet(kinds, numbers, parts, state, work, near, row, slot, number):
     p, m = closed(integrator, body, present, t, part, *in_double(integrator, near, work))
     sums, weight = in_precision(three_at(state, row + SUMS), work), like(state[row + WEIGHT], work)
     dq, dl = difference4(p, q), difference(m, l)
-    square = 4.0 * (dq[0] * dq[0] + dq[1] * dq[1] + dq[2] * dq[2] + dq[3] * dq[3]) + weight * dot(dl, dl)
+    square = 4.0 * (dq[0] * dq[0] + dq[1] * dq[1] + dq[2] * dq[2] + dq[3] * dq[3]) + weight * dot(
+        dl, dl
+    )
     grown = 0.5 * logarithm(square * (1.0 / (NEAR * NEAR)))
     back = NEAR / math.sqrt(square)
     turned = q[0] + back * dq[0], q[1] + back * dq[1], q[2] + back * dq[2], q[3] + back * dq[3]
-    settle(kinds, numbers, parts, work, slot, turned, (l[0] + back * dl[0], l[1] + back * dl[1], l[2] + back * dl[2]), near, state)
+    settle(
+        kinds,
+        numbers,
+        parts,
+        work,
+        slot,
+        turned,
+        (l[0] + back * dl[0], l[1] + back * dl[1], l[2] + back * dl[2]),
+        near,
+        state,
+    )
     booked = sums[1] + (number - 0.5) * grown
-    put(in_precision((sums[0] + grown, booked, sums[2] + 2.0 * booked / number), state), state, row + SUMS)
+    put(
+        in_precision((sums[0] + grown, booked, sums[2] + 2.0 * booked / number), state),
+        state,
+        row + SUMS,
+    )
     return 0
 
 
@@ -223,7 +286,9 @@ def opening(parts, work, slot):
 
 def in_double(integrator, state, work):
     """(q, L) of a state in float64, with what the integrator keeps."""
-    return in_precision(four_at(state, ATTITUDE), work), in_precision(momentum_at(integrator, state), work)
+    return in_precision(four_at(state, ATTITUDE), work), in_precision(
+        momentum_at(integrator, state), work
+    )
 
 
 def momentum_at(integrator, state):
@@ -249,7 +314,15 @@ def settle(kinds, numbers, parts, work, slot, q, l, near, state):
     """Make (q, L) the state of the neighbour, as the integrator keeps it."""
     integrator, effects = given(kinds, numbers)
     t, part = opening(parts, work, slot)
-    q, l = opened(integrator, body_at(work, KNOWN + BODY), filled(effects, work, KNOWN + EFFECTS), t, part, q, l)
+    q, l = opened(
+        integrator,
+        body_at(work, KNOWN + BODY),
+        filled(effects, work, KNOWN + EFFECTS),
+        t,
+        part,
+        q,
+        l,
+    )
     put_opened(in_precision(q, state), in_precision(l, state), near)
     return 0
 

@@ -31,9 +31,7 @@ _parts: set[str] = set()  # those that this process writes
 os.register_at_fork(after_in_child=_parts.clear)
 
 _LOCKLESS = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP)
-WITHOUT_LOCKS = (
-    "With HDF5_USE_FILE_LOCKING=FALSE in the environment it works without locks; then make sure that only one process writes there"
-)
+WITHOUT_LOCKS = "With HDF5_USE_FILE_LOCKING=FALSE in the environment it works without locks; then make sure that only one process writes there"
 
 
 def check_suffix(path, kind):
@@ -41,7 +39,12 @@ def check_suffix(path, kind):
     suffix, endings = os.path.splitext(path)[1], KINDS[kind]
     if suffix.lower() not in endings:
         more = "; `rigidmc run SCENE -o RUN/` makes a run directory" if kind == "results" else ""
-        raise SceneError("", "output", os.fspath(path), f"a name for {kind} ends in {', '.join(endings)}, not in '{suffix}'{more}")
+        raise SceneError(
+            "",
+            "output",
+            os.fspath(path),
+            f"a name for {kind} ends in {', '.join(endings)}, not in '{suffix}'{more}",
+        )
 
 
 def refuse_existing(path, force, kind="results", size=100_000):
@@ -54,7 +57,9 @@ def refuse_existing(path, force, kind="results", size=100_000):
     except OSError as error:  # a name that is too long
         raise _said(error, path) from None
     if there and not force:
-        raise OutputExists(f"{path} exists; nothing was written (use --force, or force=True, to replace it)")
+        raise OutputExists(
+            f"{path} exists; nothing was written (use --force, or force=True, to replace it)"
+        )
     if os.path.isdir(path) or not os.path.basename(path):
         raise IsADirectoryError(f"{path}: names a folder, not a file; nothing was written")
     if os.path.exists(path) and not os.path.isfile(path):
@@ -70,14 +75,18 @@ def refuse_unwritable(folder, size=100_000):
     clear(folder)
     probe = Part(os.path.join(folder, "probe"))
     try:
-        with open(probe.path, "wb") as file:  # os.access may be wrong about a folder: only writing tells
+        with open(
+            probe.path, "wb"
+        ) as file:  # os.access may be wrong about a folder: only writing tells
             file.write(bytes(4096))
     except OSError as error:
         raise _said(error, folder) from None
     finally:
         probe.discard()
     if (free := shutil.disk_usage(folder).free) < size:
-        raise NoRoom(f"{folder}: {size / 1e6:.1f} MB are needed, of which {free / 1e6:.1f} MB are free")
+        raise NoRoom(
+            f"{folder}: {size / 1e6:.1f} MB are needed, of which {free / 1e6:.1f} MB are free"
+        )
 
 
 def _said(error, path):
@@ -135,12 +144,16 @@ class Part:
                 with contextlib.suppress(FileExistsError):
                     _rename_to_nothing(self.path, other)
                     break
-            raise OutputExists(f"{final} appeared meanwhile and was not overwritten: the result is {other}") from None
+            raise OutputExists(
+                f"{final} appeared meanwhile and was not overwritten: the result is {other}"
+            ) from None
 
     def discard(self):
         """Delete an unfinished file and free its space, even if a library still has it open."""
         _drop(self.path)
-        _parts.discard(self.path)  # if a signal interrupts before this, `drop_parts` deletes the part
+        _parts.discard(
+            self.path
+        )  # if a signal interrupts before this, `drop_parts` deletes the part
 
 
 def lock(file, name, kind=fcntl.LOCK_EX):
@@ -221,7 +234,9 @@ def _others(path):
     stem, suffix = os.path.splitext(name)
     for i in itertools.count(2):
         end = f".{i}{suffix}"
-        yield os.path.join(folder, os.fsdecode(os.fsencode(stem)[: max(1, 255 - len(os.fsencode(end)))]) + end)
+        yield os.path.join(
+            folder, os.fsdecode(os.fsencode(stem)[: max(1, 255 - len(os.fsencode(end)))]) + end
+        )
 
 
 def is_part(name):
@@ -235,7 +250,9 @@ def clear(folder, age=None):
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
             with contextlib.suppress(OSError):
-                if (found := _PART.fullmatch(entry.name)) and _is_left(entry, found[1], int(found[2]), age):
+                if (found := _PART.fullmatch(entry.name)) and _is_left(
+                    entry, found[1], int(found[2]), age
+                ):
                     _drop(entry.path)
 
 

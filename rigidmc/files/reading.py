@@ -16,7 +16,9 @@ TEXT = 16 * 2**20  # bytes of a text: TOML is read at 5 MB/s
 DEPTH = 100  # tables and lists within each other; scenes have 4
 _KINDS = {stat.S_ISDIR: "a folder", stat.S_ISFIFO: "a pipe", stat.S_ISSOCK: "a socket"}
 # strings and comments of TOML, in which brackets and dots have no meaning
-_STRINGS = re.compile(r'"""(?:\\.|[^\\])*?"""|\'\'\'.*?\'\'\'|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'|#[^\n]*', re.DOTALL)
+_STRINGS = re.compile(
+    r'"""(?:\\.|[^\\])*?"""|\'\'\'.*?\'\'\'|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'|#[^\n]*', re.DOTALL
+)
 
 
 def refuse_irregular(path, mode=None):
@@ -24,7 +26,9 @@ def refuse_irregular(path, mode=None):
     mode = os.stat(path).st_mode if mode is None else mode
     if not stat.S_ISREG(mode):
         kind = next((words for test, words in _KINDS.items() if test(mode)), "a device")
-        raise SceneError("", "file", None, f"is {kind}, and only a regular file is read", file=os.fspath(path))
+        raise SceneError(
+            "", "file", None, f"is {kind}, and only a regular file is read", file=os.fspath(path)
+        )
 
 
 def bytes_of(path, most=TEXT, last=False):
@@ -37,7 +41,13 @@ def bytes_of(path, most=TEXT, last=False):
             return file.read(most)
         data = file.read(most + 1)
     if len(data) > most:
-        raise SceneError("", "file", None, f"has more than the {most / 2**20:g} MB that a text may have", file=os.fspath(path))
+        raise SceneError(
+            "",
+            "file",
+            None,
+            f"has more than the {most / 2**20:g} MB that a text may have",
+            file=os.fspath(path),
+        )
     return data
 
 
@@ -57,7 +67,9 @@ def _at_once(path, flags):
 def toml(text, file=None):
     """The tables of a TOML text; SceneError for what is none, for more than DEPTH levels, and for whole numbers of more than 64 bits."""
     if not isinstance(text, str) or len(text) > TEXT:
-        raise SceneError("", "TOML", None, f"expected text of at most {TEXT / 2**20:g} MB", file=file)
+        raise SceneError(
+            "", "TOML", None, f"expected text of at most {TEXT / 2**20:g} MB", file=file
+        )
     depth, plain = 0, _STRINGS.sub("", text)
     for bracket in re.finditer(r"[\[\]{}]", plain):
         depth = depth + 1 if bracket[0] in "[{" else max(0, depth - 1)
@@ -67,7 +79,10 @@ def toml(text, file=None):
         raise SceneError("", "TOML", None, f"is nested more than {DEPTH} deep", file=file)
     try:
         data = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # ValueError: also a number of more than 4300 digits
+    except (
+        ValueError,
+        RecursionError,
+    ) as error:  # ValueError: also a number of more than 4300 digits
         raise SceneError("", "TOML", None, f"not valid TOML: {error}", file=file) from None
     try:
         _refuse_long(data)
@@ -86,7 +101,9 @@ def _refuse_long(data, table="", key=""):
         for value in data:
             _refuse_long(value, table, key)
     elif isinstance(data, int) and not -(2**63) <= data < 2**63:
-        raise SceneError(table, key, float("inf") if data > 0 else float("-inf"), "whole numbers have 64 bits")
+        raise SceneError(
+            table, key, float("inf") if data > 0 else float("-inf"), "whole numbers have 64 bits"
+        )
 
 
 def json_of(text):

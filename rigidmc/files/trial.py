@@ -30,12 +30,16 @@ def refuse_unreadable(path):
     """SceneError if a file is not netCDF, is damaged, or claims more data than it can hold. Only the helper opens it as netCDF."""
     path = os.path.abspath(path)
     refuse_irregular(path)
-    with open(path, "rb") as file:  # errors of the system, such as missing rights, are raised as they are
+    with open(
+        path, "rb"
+    ) as file:  # errors of the system, such as missing rights, are raised as they are
         with _lock:
             complaint = _told(path)
         if complaint:
             with contextlib.suppress(BlockingIOError):
-                lock(file, path, fcntl.LOCK_SH)  # without locks the library only says that something is wrong
+                lock(
+                    file, path, fcntl.LOCK_SH
+                )  # without locks the library only says that something is wrong
     if complaint:
         raise SceneError("", "file", None, complaint, file=path)
 
@@ -46,7 +50,13 @@ def _told(path):
         _end()
         words = [sys.executable, "-c", "from rigidmc.files.trial import main; main()"]
         _helpers.append(
-            subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+            subprocess.Popen(
+                words,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                text=True,
+            )
         )
         atexit.register(_end)
     helper = _helpers[0]
@@ -76,7 +86,10 @@ def main():
 
     with contextlib.suppress(OSError, ValueError), open("/proc/self/statm") as file:
         pages = int(file.read().split()[0])
-        resource.setrlimit(resource.RLIMIT_AS, (pages * os.sysconf("SC_PAGE_SIZE") + MEMORY, resource.RLIM_INFINITY))
+        resource.setrlimit(
+            resource.RLIMIT_AS,
+            (pages * os.sysconf("SC_PAGE_SIZE") + MEMORY, resource.RLIM_INFINITY),
+        )
     signal.signal(signal.SIGPROF, signal.SIG_DFL)
     for line in sys.stdin:
         signal.setitimer(signal.ITIMER_PROF, SECONDS)
@@ -103,7 +116,9 @@ def complaint(path):
                 if len(set(variable.dimensions)) < len(variable.dimensions):
                     return f"{name} has a dimension twice"
                 kind = variable.dtype
-                if kind is not str and not (isinstance(variable.datatype, np.dtype) and kind.kind in "iufS"):
+                if kind is not str and not (
+                    isinstance(variable.datatype, np.dtype) and kind.kind in "iufS"
+                ):
                     return f"{name} has a type of its own"
                 each = 16 if kind is str else kind.itemsize
                 pieces = variable.chunking()

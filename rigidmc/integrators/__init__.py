@@ -20,7 +20,16 @@ from rigidmc.integrators.lie import CF4, CK45, RKMK4
 from rigidmc.integrators.midpoint import Midpoint
 from rigidmc.integrators.rk4 import RK4
 from rigidmc.integrators.rk8 import RK8
-from rigidmc.integrators.splitting import ABA864, ABA1064, CHIN4, ROTATIONS, SRKN6, SRKN11, STRANG, SUZUKI4
+from rigidmc.integrators.splitting import (
+    ABA864,
+    ABA1064,
+    CHIN4,
+    ROTATIONS,
+    SRKN6,
+    SRKN11,
+    STRANG,
+    SUZUKI4,
+)
 
 __all__ = ["INTEGRATORS", "Form", "Turns", "accepting", "form", "keeps_remainders", "refusal"]
 
@@ -59,8 +68,14 @@ def refusal(name, effects, compensated=False, works=False):
     if why is None:
         return None
     order = INTEGRATORS[name].order
-    able = [other for other in accepting(effects, compensated, works) if not isinstance(INTEGRATORS[other], ClosedForm)]
-    able.sort(key=lambda other: (_distance(order, INTEGRATORS[other].order), -_kinship(name, other)))
+    able = [
+        other
+        for other in accepting(effects, compensated, works)
+        if not isinstance(INTEGRATORS[other], ClosedForm)
+    ]
+    able.sort(
+        key=lambda other: (_distance(order, INTEGRATORS[other].order), -_kinship(name, other))
+    )
     return f"{why}; use {' or '.join(able[:2])}" if able else why
 
 
@@ -74,7 +89,11 @@ def _kinship(name, other):
 
 def accepting(effects, compensated=False, works=False):
     """The names of the integrators that take these effects, and keep their works."""
-    return [name for name, kind in INTEGRATORS.items() if _refusal(kind, effects, compensated, works) is None]
+    return [
+        name
+        for name, kind in INTEGRATORS.items()
+        if _refusal(kind, effects, compensated, works) is None
+    ]
 
 
 def keeps_remainders(name, effects, dtype, compensated=False):
@@ -84,12 +103,20 @@ def keeps_remainders(name, effects, dtype, compensated=False):
     grows as fast as the number of steps or faster (rk4: 2e-3 after 10 s in 1.3e5 steps); with remainders it does not grow (6e-7),
     and rk4 costs 1.3 times as much.
     """
-    return compensated or (dtype == "float32" and _refusal(INTEGRATORS[name], effects, True, False) is None)
+    return compensated or (
+        dtype == "float32" and _refusal(INTEGRATORS[name], effects, True, False) is None
+    )
 
 
 def _refusal(kind, effects, compensated, works):
-    if works and (compensated or getattr(kind, "gradient", 0.0) or (not hasattr(kind, "prepared") and not hasattr(kind, "step"))):
-        return f"the work of effects is not kept {'with compensated sums' if compensated else 'by it'}"
+    if works and (
+        compensated
+        or getattr(kind, "gradient", 0.0)
+        or (not hasattr(kind, "prepared") and not hasattr(kind, "step"))
+    ):
+        return (
+            f"the work of effects is not kept {'with compensated sums' if compensated else 'by it'}"
+        )
     if compensated and not kind.compensated:
         return "it has no sums that could be compensated"
     noisy = [e for e in effects if is_random(e)]
@@ -109,10 +136,16 @@ def _refusal(kind, effects, compensated, works):
     if unsplit:
         return f"it alternates free motion with kicks, but the torque of {_names(unsplit)} depends on L and has no flow of its own (kick)"
     if moving and kind.order > 2:
-        steps = "force gradients are for" if getattr(kind, "gradient", 0.0) else "its steps backwards and its order are for"
+        steps = (
+            "force gradients are for"
+            if getattr(kind, "gradient", 0.0)
+            else "its steps backwards and its order are for"
+        )
         return f"{steps} torques of attitude and time, but {_names(moving)} depends on L"
     if moving and compensated:
-        return f"its sums cannot be compensated with {_names(moving)}, whose flow acts on L as a whole"
+        return (
+            f"its sums cannot be compensated with {_names(moving)}, whose flow acts on L as a whole"
+        )
     flat = [e for e in effects if not hasattr(e, "torque_rate")]
     if getattr(kind, "gradient", 0.0) and flat:
         return f"it needs the rate of change of torques (torque_rate), which {_names(flat)} has not"

@@ -64,8 +64,12 @@ class FreeSteps(NamedTuple):
         m, start = motion(body, self.drift.halvings, self.drift.panels, part[0], l[7:])
         u = first_three(l)
         one, two = share(m, start), share(m, u)
-        angle = (2.0 * math.pi) * (q[0] + q[1]) + 0.5 * phase(m, 0.0, corrected(m, self.drift.panels, one, two))
-        return moved(l[3:7], turn_between(m, start, difference(u, start), angle, one, two)), scale(m.size, back(m, u))
+        angle = (2.0 * math.pi) * (q[0] + q[1]) + 0.5 * phase(
+            m, 0.0, corrected(m, self.drift.panels, one, two)
+        )
+        return moved(l[3:7], turn_between(m, start, difference(u, start), angle, one, two)), scale(
+            m.size, back(m, u)
+        )
 
 
 @dataclass(frozen=True)

@@ -62,7 +62,9 @@ class Midpoint(NamedTuple):
     def step(self, body, effects, t, h, q, l):
         at, now = whole(q), whole(l)
         half = scaled(body, 0.5 * h)
-        middle, spun_up = _solved(self.eights, half, effects, body, t + 0.5 * h, 0.5 * h, at, now, at, now)
+        middle, spun_up = _solved(
+            self.eights, half, effects, body, t + 0.5 * h, 0.5 * h, at, now, at, now
+        )
         zero = (0.0, 0.0, 0.0)
         dl = push(effects, body, t + 0.5 * h, 0.5 * h, middle, spun_up, spun(half, zero, spun_up))
         return gain4(q, scale4(2.0, spin(middle, turn(half, spun_up)))), gain(l, scale(2.0, dl))

@@ -15,7 +15,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rigidmc.dynamics.euler import angular_velocity
-from rigidmc.dynamics.so3 import axpy, cross, difference, dot, first_three, gain, moved, scale, select, whole
+from rigidmc.dynamics.so3 import (
+    axpy,
+    cross,
+    difference,
+    dot,
+    first_three,
+    gain,
+    moved,
+    scale,
+    select,
+    whole,
+)
 from rigidmc.effects.protocol import (
     chosen,
     depends_on_momentum,
@@ -174,7 +185,9 @@ class Composition:
 
     def sequence(self):
         """((drifts), (kicks)) in full, one of them one longer than the other."""
-        longer, shorter = (self.drifts, self.kicks) if self.drift_first else (self.kicks, self.drifts)
+        longer, shorter = (
+            (self.drifts, self.kicks) if self.drift_first else (self.kicks, self.drifts)
+        )
         middle_is_longer = len(longer) > len(shorter)
         longer = (*longer, *longer[-2 if middle_is_longer else -1 :: -1])
         shorter = (*shorter, *shorter[-1 if middle_is_longer else -2 :: -1])
@@ -190,7 +203,11 @@ class Composition:
         """The Form for steps of `turns`."""
         drifts, kicks = self.sequence()
         if self.drift_first:
-            lead, drifts, kicks = (drifts[0], kicks[0]), [*drifts[1:-1], drifts[-1] + drifts[0]], [*kicks[1:], kicks[0]]
+            lead, drifts, kicks = (
+                (drifts[0], kicks[0]),
+                [*drifts[1:-1], drifts[-1] + drifts[0]],
+                [*kicks[1:], kicks[0]],
+            )
         else:
             lead, drifts, kicks = (0.0, kicks[0]), drifts, [*kicks[1:-1], kicks[-1] + kicks[0]]
         largest = max(abs(a) for a in drifts)
@@ -202,12 +219,18 @@ class Composition:
             rows = [(1.0 / n, 0.5 * (k == 0), 0.5 * (k == n - 1), 0.0) for k in range(n)]
             return Form(Kicks(drift), np.array([ONE[0], *rows]))
         rows = [(*lead, 0.0, lead[0])]
-        for i, (a, b, time) in enumerate(zip(drifts, kicks, accumulate(drifts, initial=lead[0]), strict=False)):
+        for i, (a, b, time) in enumerate(
+            zip(drifts, kicks, accumulate(drifts, initial=lead[0]), strict=False)
+        ):
             n = 1 if self.split else pieces(turns, a)
             rows += [(a / n, 0.0, 0.0, time + a * k / n) for k in range(1, n)]
             middle = self.gradient if 2 * (i + 1) == len(drifts) else 0.0
             rows.append((a / n, b, middle, time + a))
-        kind = ForceGradient(drift) if self.gradient else Splitting(drift, (0.0,) if self.drift_first else ())
+        kind = (
+            ForceGradient(drift)
+            if self.gradient
+            else Splitting(drift, (0.0,) if self.drift_first else ())
+        )
         return Form(kind, np.array(rows))
 
     def _noisy(self, turns, effects):

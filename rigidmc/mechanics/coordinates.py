@@ -45,7 +45,17 @@ def rate_matrix(coordinates, q):
     a = matrix(coordinates, np.asarray(q, dtype=float))
     for slope in _slopes(lambda x: matrix(coordinates, x), q, "coordinates A(q)"):
         m = np.swapaxes(a, -1, -2) @ slope
-        columns.append(0.5 * np.stack([m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]], -1))
+        columns.append(
+            0.5
+            * np.stack(
+                [
+                    m[..., 2, 1] - m[..., 1, 2],
+                    m[..., 0, 2] - m[..., 2, 0],
+                    m[..., 1, 0] - m[..., 0, 1],
+                ],
+                -1,
+            )
+        )
     return np.stack(columns, -1)
 
 
@@ -58,18 +68,26 @@ def identity_residual(m, q):
     slopes = np.stack(list(_slopes(m, q, "M(q)")), -1)  # dM_is/dq_r as [..., i, s, r]
     epsilon = np.zeros((3, 3, 3))
     epsilon[[0, 1, 2], [1, 2, 0], [2, 0, 1]], epsilon[[0, 2, 1], [2, 1, 0], [1, 0, 2]] = 1.0, -1.0
-    return slopes - np.swapaxes(slopes, -1, -2) - np.einsum("ijk,...js,...kr->...isr", epsilon, value, value)
+    return (
+        slopes
+        - np.swapaxes(slopes, -1, -2)
+        - np.einsum("ijk,...js,...kr->...isr", epsilon, value, value)
+    )
 
 
 def generalised_force(potential, coordinates, q):
     """-dV/dq_r (..., n) of a potential V(A) at coordinates q."""
-    return -np.stack(list(_slopes(lambda x: potential(matrix(coordinates, x)), q, "a potential V(A)")), -1)
+    return -np.stack(
+        list(_slopes(lambda x: potential(matrix(coordinates, x)), q, "a potential V(A)")), -1
+    )
 
 
 def torque_of_force(coordinates, q, force):
     """Body torque tau = (M^-1)^T F (..., 3) of generalised forces (..., 3), TdC (3.33), (3.34)."""
     m = rate_matrix(coordinates, q)
-    return np.linalg.solve(np.swapaxes(m, -1, -2), np.asarray(force, dtype=float)[..., None])[..., 0]
+    return np.linalg.solve(np.swapaxes(m, -1, -2), np.asarray(force, dtype=float)[..., None])[
+        ..., 0
+    ]
 
 
 def force_of_torque(coordinates, q, torque):
@@ -84,7 +102,14 @@ def torque(potential, attitude):
     """
     a = np.asarray(attitude, dtype=float)
     return -np.stack(
-        list(_slopes(lambda e: potential(a @ (np.eye(3) + hat(e))), np.zeros((*a.shape[:-2], 3)), "a potential V(A)")), -1
+        list(
+            _slopes(
+                lambda e: potential(a @ (np.eye(3) + hat(e))),
+                np.zeros((*a.shape[:-2], 3)),
+                "a potential V(A)",
+            )
+        ),
+        -1,
     )
 
 
@@ -96,7 +121,10 @@ def uniform_gravity(mass, centre, g=9.81) -> Callable:
 
 def spring(stiffness, body_point, space_point, rest_length=0.0) -> Callable:
     """V = k/2 (|A r - s| - l)^2 of a spring [N/m] from a point of the body to a point of space [m]."""
-    body_point, space_point = np.asarray(body_point, dtype=float), np.asarray(space_point, dtype=float)
+    body_point, space_point = (
+        np.asarray(body_point, dtype=float),
+        np.asarray(space_point, dtype=float),
+    )
 
     def potential(a):
         apart = a @ body_point - space_point
@@ -132,7 +160,9 @@ def equations_of_motion(coordinates, moments, potential=None):
         ) @ rate
         omega = m @ rate
         tau = 0.0 if potential is None else torque(potential, matrix(coordinates, q))
-        return np.concatenate([rate, np.linalg.solve(m, (np.cross(moments * omega, omega) + tau) / moments - turning)])
+        return np.concatenate(
+            [rate, np.linalg.solve(m, (np.cross(moments * omega, omega) + tau) / moments - turning)]
+        )
 
     return rhs
 
@@ -156,7 +186,11 @@ def _slopes(function, q, what):
             raise ValueError(f"{what} failed on complex numbers ({error}): {_FREE}") from None
         # a difference of order 2 tells a function that drops the imaginary part
         near = (np.real(function(q + 1e-5 * step)) - np.real(function(q - 1e-5 * step))) / 2e-5
-        size = np.abs(near).max(initial=0.0) + np.abs(slope).max(initial=0.0) + 1e-3 * np.abs(np.real(function(q))).max(initial=0.0)
+        size = (
+            np.abs(near).max(initial=0.0)
+            + np.abs(slope).max(initial=0.0)
+            + 1e-3 * np.abs(np.real(function(q))).max(initial=0.0)
+        )
         if np.abs(near - slope).max(initial=0.0) > 1e-4 * size:
             raise ValueError(
                 f"{what} is not differentiated by a complex step ({np.ravel(slope)[0]:.3g} for {np.ravel(near)[0]:.3g}): {_FREE}"
@@ -171,9 +205,21 @@ def _exponential_parts(v):
     x = np.sqrt(np.where(small, 1.0, square))
     s = np.where(small, square, 0.0)
     return (
-        np.where(small, 1 - s / 6 * (1 - s / 20 * (1 - s / 42 * (1 - s / 72 * (1 - s / 110)))), np.sin(x) / x),
-        np.where(small, (1 - s / 12 * (1 - s / 30 * (1 - s / 56 * (1 - s / 90)))) / 2, (1 - np.cos(x)) / x**2),
-        np.where(small, (1 - s / 20 * (1 - s / 42 * (1 - s / 72 * (1 - s / 110)))) / 6, (x - np.sin(x)) / x**3),
+        np.where(
+            small,
+            1 - s / 6 * (1 - s / 20 * (1 - s / 42 * (1 - s / 72 * (1 - s / 110)))),
+            np.sin(x) / x,
+        ),
+        np.where(
+            small,
+            (1 - s / 12 * (1 - s / 30 * (1 - s / 56 * (1 - s / 90)))) / 2,
+            (1 - np.cos(x)) / x**2,
+        ),
+        np.where(
+            small,
+            (1 - s / 20 * (1 - s / 42 * (1 - s / 72 * (1 - s / 110)))) / 6,
+            (x - np.sin(x)) / x**3,
+        ),
     )
 
 

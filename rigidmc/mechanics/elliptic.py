@@ -50,7 +50,9 @@ def second(phi, m=None, mc=None):
     """E(phi | m) = integral sqrt(1 - m sin^2 phi), DLMF 19.2.5 and 19.25.10, for any phi [rad]; broadcasts."""
     n, s, cc, dd, m, mc = _reduced(phi, m, mc)
     with np.errstate(all="ignore"):  # E(1) = 1, where RF and RD are infinite
-        part = mc * (s * elliprf(cc, dd, 1.0) + m / 3.0 * s**3 * elliprd(cc, 1.0, dd)) + m * s * np.sqrt(cc / dd)
+        part = mc * (
+            s * elliprf(cc, dd, 1.0) + m / 3.0 * s**3 * elliprd(cc, 1.0, dd)
+        ) + m * s * np.sqrt(cc / dd)
         whole = mc * (elliprf(0.0, mc, 1.0) + m / 3.0 * elliprd(0.0, 1.0, mc))
     return np.where(mc > 0.0, part, s) + _whole(n, np.where(mc > 0.0, whole, 1.0))
 
@@ -59,7 +61,10 @@ def third(n, phi, m=None, mc=None):
     """Pi(n; phi | m) = integral dphi / ((1 - n sin^2 phi) sqrt(1 - m sin^2 phi)), DLMF 19.2.7 and 19.25.14, n < 1, any phi; broadcasts."""
     turns, s, cc, dd, m, mc = _reduced(phi, m, mc)
     part = s * elliprf(cc, dd, 1.0) + n / 3.0 * s**3 * elliprj(cc, dd, 1.0, 1.0 - n * s * s)
-    return part + _whole(turns, elliprf(0.0, mc, 1.0) + n / 3.0 * elliprj(0.0, mc, 1.0, 1.0 - np.asarray(n, dtype=float)))
+    return part + _whole(
+        turns,
+        elliprf(0.0, mc, 1.0) + n / 3.0 * elliprj(0.0, mc, 1.0, 1.0 - np.asarray(n, dtype=float)),
+    )
 
 
 def _whole(n, value):

@@ -17,7 +17,16 @@ from typing import NamedTuple
 from rigidmc.dynamics.arc import squares
 from rigidmc.dynamics.euler import mass_properties
 from rigidmc.dynamics.free_flow import Axes, relabel, to_axis
-from rigidmc.dynamics.so3 import conjugate, dot, multiply, normalised, opposite, scale, select, sincos
+from rigidmc.dynamics.so3 import (
+    conjugate,
+    dot,
+    multiply,
+    normalised,
+    opposite,
+    scale,
+    select,
+    sincos,
+)
 from rigidmc.engine.compose import inline_all
 from rigidmc.mechanics.jacobi import (
     Third,
@@ -83,7 +92,11 @@ class Started(NamedTuple):
     q3: float
 
     def values(self):
-        return orbit((self.i1, self.i2, self.i3), (self.l1, self.l2, self.l3), (self.q0, self.q1, self.q2, self.q3))
+        return orbit(
+            (self.i1, self.i2, self.i3),
+            (self.l1, self.l2, self.l3),
+            (self.q0, self.q1, self.q2, self.q3),
+        )
 
 
 def orbit(moments, l, q):
@@ -107,7 +120,10 @@ def orbit(moments, l, q):
     aj, ak, a2_size = abs(select(on_third, a1, a3)), abs(select(on_third, a3, a1)), abs(a2)
     ij, ik = select(on_third, i3, i1), select(on_third, i1, i3)
     square, low = p + max(q1, q3), p + min(q1, q3)  # lambda^2 and m lambda^2, per |L|^2
-    m, mc = divided(low, square), select(square > 0.0, divided(max(q1, q3) - min(q1, q3), square), 1.0)
+    m, mc = (
+        divided(low, square),
+        select(square > 0.0, divided(max(q1, q3) - min(q1, q3), square), 1.0),
+    )
     cc, bb = uj * uj + divided(ak, a2_size) * (u2 * u2), uk * uk + divided(aj, a2_size) * (u2 * u2)
     ww = u2 * u2 + divided(a2_size, aj) * (uk * uk)
     sign = select(uj < 0.0, -1.0, 1.0)
@@ -119,7 +135,10 @@ def orbit(moments, l, q):
     # what does not move, a spin about the middle axis too, keeps its place at the amplitude pi/4, where none of its components is lost
     still = (square == 0.0) | ((mc == 0.0) & (c == 0.0))
     s, c = select(still, math.sqrt(0.5), s), select(still, math.sqrt(0.5), c)
-    b, w2 = select(still, math.sqrt(2.0) * uk, math.sqrt(bb)), select(still, math.sqrt(2.0) * u2, sign2 * math.sqrt(ww))
+    b, w2 = (
+        select(still, math.sqrt(2.0) * uk, math.sqrt(bb)),
+        select(still, math.sqrt(2.0) * u2, sign2 * math.sqrt(ww)),
+    )
     c_amplitude = select(still, uj, sign * math.sqrt(cc))
     mc, m = select(still, 1.0, mc), select(still, 0.0, m)
     quarter = quarter_period(mc)
@@ -168,7 +187,9 @@ def turned_phase(o, t):
     j = abs(uj)
     chi = arctan2(o.w * s, c) + math.pi * n
     small = arctan2(o.w * s * c * (uk * uk + u2 * u2), (1.0 + j) * (j * c * c + o.w * o.w * s * s))
-    angle = angle_past(kind, angles[0], o.swing, phi, n, v, o.mc) + select(o.direct == 1.0, chi, small)
+    angle = angle_past(kind, angles[0], o.swing, phi, n, v, o.mc) + select(
+        o.direct == 1.0, chi, small
+    )
     on_third = o.about == 3.0
     return (select(on_third, uk, uj), u2, select(on_third, uj, uk)), o.turn * angle
 
@@ -180,7 +201,10 @@ def motion(o, t):
     s, c = sincos(0.5 * (o.spin * t + (angle - o.phase)))
     sign = select(o.c < 0.0, -1.0, 1.0)
     s = sign * s
-    turn = multiply((c, select(on_third, 0.0, s), 0.0, select(on_third, s, 0.0)), normalised(to_axis(on_third, sign, u)))
+    turn = multiply(
+        (c, select(on_third, 0.0, s), 0.0, select(on_third, s, 0.0)),
+        normalised(to_axis(on_third, sign, u)),
+    )
     first, last = o.shift == 1.0, o.shift == 2.0
     one, two, three = relabel(last, first, turn[1:])
     q = multiply((o.q0, o.q1, o.q2, o.q3), (turn[0], one, two, three))

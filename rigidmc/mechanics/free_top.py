@@ -52,7 +52,11 @@ def _orbits(moments, momentum, attitude):
     shape, (moments, momentum, attitude) = aligned(
         ("moments", moments, 3), ("momentum", momentum, 3), ("attitude", quaternion(attitude), 4)
     )
-    bad = ~((moments > 0) & (moments < np.inf)).all(0) | ~np.isfinite(momentum).all(0) | ~(np.linalg.norm(attitude, axis=0) > 0)
+    bad = (
+        ~((moments > 0) & (moments < np.inf)).all(0)
+        | ~np.isfinite(momentum).all(0)
+        | ~(np.linalg.norm(attitude, axis=0) > 0)
+    )
     flag(
         bad & ~np.isnan(attitude).any(0),
         "moments must be positive, momenta finite, and a quaternion have a norm",
@@ -93,7 +97,9 @@ def free_motion(moments, momentum):
     _, (moments, l) = aligned(("moments", moments, 3), ("momentum", momentum, 3))
     axis = np.where(bad, 0, _AXES[np.nan_to_num(o.shift).astype(int), (o.about == 3.0).astype(int)])
     with np.errstate(over="ignore"):
-        forces = [(moments[i] - moments[j]) * l[i] * l[j] for i, j in ((1, 2), (2, 0), (0, 1))]  # of L x omega, but for moments
+        forces = [
+            (moments[i] - moments[j]) * l[i] * l[j] for i, j in ((1, 2), (2, 0), (0, 1))
+        ]  # of L x omega, but for moments
     permanent = ~np.any(forces, axis=0)
     symmetric = (moments == np.roll(moments, 1, 0)).any(0)
     largest = np.take_along_axis(moments, np.maximum(axis, 1)[None] - 1, 0)[0] == moments.max(0)
@@ -107,9 +113,15 @@ def free_motion(moments, momentum):
     }
     with np.errstate(all="ignore"):
         period = np.where((o.mc > 0.0) & ~permanent, 4.0 * o.quarter / o.rate, np.inf)
-        turn = np.where(np.isfinite(period), o.spin * period + o.turn * (4.0 * o.swing + 2.0 * np.pi * o.direct), np.nan)
+        turn = np.where(
+            np.isfinite(period),
+            o.spin * period + o.turn * (4.0 * o.swing + 2.0 * np.pi * o.direct),
+            np.nan,
+        )
         twice_energy = (l * l / moments).sum(0)
-        phase = np.where(np.isfinite(period), np.remainder(o.offset / (4.0 * o.quarter), 1.0), np.nan)
+        phase = np.where(
+            np.isfinite(period), np.remainder(o.offset / (4.0 * o.quarter), 1.0), np.nan
+        )
         solid = np.remainder(twice_energy / o.size * period - turn, 4.0 * np.pi)
     period[bad] = np.nan
     values = (

@@ -13,18 +13,28 @@ def broken(moments):
     """Which bodies cannot be: a moment is not positive, or exceeds the sum of the other two. moments (3, ...) -> bool (...)."""
     one, two, three = moments
     total = (one + two + three) * (1 + SLACK)
-    return ~((np.minimum(np.minimum(one, two), three) > 0) & (2 * np.maximum(np.maximum(one, two), three) <= total))
+    return ~(
+        (np.minimum(np.minimum(one, two), three) > 0)
+        & (2 * np.maximum(np.maximum(one, two), three) <= total)
+    )
 
 
 def shift(r):
     """r^2 1 - r r^T (..., 3, 3) of vectors (..., 3): the tensor of a unit mass at r."""
-    return np.einsum("...i,...i", r, r)[..., None, None] * np.eye(3) - r[..., :, None] * r[..., None, :]
+    return (
+        np.einsum("...i,...i", r, r)[..., None, None] * np.eye(3)
+        - r[..., :, None] * r[..., None, :]
+    )
 
 
 def of_particles(masses, positions):
     """I_ij = sum m (r^2 delta_ij - x_i x_j) (..., 3, 3) of masses (..., N) at positions (..., N, 3), TdC (3.15)."""
     masses, positions = np.asarray(masses, dtype=float), np.asarray(positions, dtype=float)
-    if positions.ndim < 2 or positions.shape[-1] != 3 or masses.shape[-1:] != positions.shape[-2:-1]:
+    if (
+        positions.ndim < 2
+        or positions.shape[-1] != 3
+        or masses.shape[-1:] != positions.shape[-2:-1]
+    ):
         rule = f"masses {masses.shape} need positions of shape (..., {masses.shape[-1] if masses.ndim else 1}, 3), not {positions.shape}"
         raise SceneError("", "positions", None, rule)
     return np.einsum("...n,...nij->...ij", masses, shift(positions))
@@ -41,14 +51,20 @@ def moments_of_density(density, region, points):
     node, weight = np.sin(0.5 * np.pi * node), 0.5 * np.pi * np.cos(0.5 * np.pi * node) * weight
 
     def stretched(low, high):
-        low, high = np.broadcast_arrays(np.asarray(low, dtype=float)[..., None], np.asarray(high, dtype=float)[..., None])
+        low, high = np.broadcast_arrays(
+            np.asarray(low, dtype=float)[..., None], np.asarray(high, dtype=float)[..., None]
+        )
         if not (low <= high).all():
-            raise SceneError("body", "region", None, "a lower limit lies above its upper one, or is not finite")
+            raise SceneError(
+                "body", "region", None, "a lower limit lies above its upper one, or is not finite"
+            )
         return 0.5 * (high + low) + 0.5 * (high - low) * node, 0.5 * (high - low) * weight
 
     if word == "cylinder":
         r, wr = stretched(0.0, region[1])
-        angle = 2.0 * np.pi * np.arange(2 * points) / (2 * points)  # the trapezoidal rule is Gauss's of a circle
+        angle = (
+            2.0 * np.pi * np.arange(2 * points) / (2 * points)
+        )  # the trapezoidal rule is Gauss's of a circle
         z, wz = stretched(*region[2])
         x, y = r[:, None, None] * np.cos(angle)[:, None], r[:, None, None] * np.sin(angle)[:, None]
         volume = (wr * r)[:, None, None] * np.full((angle.size, 1), np.pi / points) * wz
@@ -61,12 +77,21 @@ def moments_of_density(density, region, points):
         x, y, volume = x[:, None, None], y[..., None], wx[:, None, None] * wy[..., None] * wz
     x, y, z, volume = np.broadcast_arrays(x, y, z, volume)
     try:
-        values = np.broadcast_to(np.asarray(density(x, y, z) if callable(density) else density, dtype=float), x.shape)
+        values = np.broadcast_to(
+            np.asarray(density(x, y, z) if callable(density) else density, dtype=float), x.shape
+        )
     except (TypeError, ValueError) as error:
-        raise SceneError("body", "density", None, f"must be a number or take and give arrays of one shape: {error}") from None
+        raise SceneError(
+            "body",
+            "density",
+            None,
+            f"must be a number or take and give arrays of one shape: {error}",
+        ) from None
     good = np.isfinite(values) & (values >= 0.0)
     if not good.all():
-        raise SceneError("body", "density", float(values[~good][0]), "must be finite and not negative")
+        raise SceneError(
+            "body", "density", float(values[~good][0]), "must be finite and not negative"
+        )
     mass = (volume * values).ravel()
     place = np.stack([x, y, z]).reshape(3, -1)
     return np.concatenate([[mass.sum()], place @ mass, ((place * mass) @ place.T).ravel()])
@@ -77,17 +102,23 @@ def about_point(tensor, mass, offset):
 
     tensor (..., 3, 3) about the centre of mass;  mass (...);  offset d (..., 3) between the two points, either sign
     """
-    return np.asarray(tensor, dtype=float) + np.asarray(mass, dtype=float)[..., None, None] * shift(np.asarray(offset, dtype=float))
+    return np.asarray(tensor, dtype=float) + np.asarray(mass, dtype=float)[..., None, None] * shift(
+        np.asarray(offset, dtype=float)
+    )
 
 
 def about_centre(tensor, mass, offset):
     """Tensor about the centre of mass from that about a point at `offset` from it, TdC (3.28): about_point backwards."""
-    return np.asarray(tensor, dtype=float) - np.asarray(mass, dtype=float)[..., None, None] * shift(np.asarray(offset, dtype=float))
+    return np.asarray(tensor, dtype=float) - np.asarray(mass, dtype=float)[..., None, None] * shift(
+        np.asarray(offset, dtype=float)
+    )
 
 
 def angular_momentum(tensor, omega):
     """L = I omega (..., 3), TdC (3.25): along omega only on a principal axis."""
-    return np.einsum("...ij,...j->...i", np.asarray(tensor, dtype=float), np.asarray(omega, dtype=float))
+    return np.einsum(
+        "...ij,...j->...i", np.asarray(tensor, dtype=float), np.asarray(omega, dtype=float)
+    )
 
 
 def kinetic_energy(tensor, omega):
@@ -118,7 +149,9 @@ def principal_axes(tensor):
     """
     tensor = np.asarray(tensor, dtype=float)
     if tensor.shape[-2:] != (3, 3):
-        raise SceneError("", "tensor", None, f"has shape {tensor.shape}; its last two axes must be 3 and 3")
+        raise SceneError(
+            "", "tensor", None, f"has shape {tensor.shape}; its last two axes must be 3 and 3"
+        )
     if not tensor.size:
         return np.empty(tensor.shape[:-1]), np.empty(tensor.shape)
     flat = tensor.reshape(-1, 3, 3)
@@ -129,11 +162,16 @@ def principal_axes(tensor):
         skew = np.abs(flat - np.swapaxes(flat, 1, 2)).max((1, 2)) / np.where(size > 0.0, size, 1.0)
     bad = endless | ~(skew <= 1e-9)
     worst = np.max(skew, where=~endless, initial=0.0)
-    flag(bad & ~endless, f"an inertia tensor is symmetric; I_ij and I_ji differ by {worst:.2g} of its size")
+    flag(
+        bad & ~endless,
+        f"an inertia tensor is symmetric; I_ij and I_ji differ by {worst:.2g} of its size",
+    )
     symmetric = 0.5 * (flat + np.swapaxes(flat, 1, 2))
     six = symmetric[:, _SIX[0], _SIX[1]]
     if len(six) > 1:
-        from rigidmc.engine.formulas import evaluate  # imports the compiler, which one tensor does not need
+        from rigidmc.engine.formulas import (
+            evaluate,
+        )  # imports the compiler, which one tensor does not need
 
         values = evaluate(Principal, 12, six.T)
     else:
@@ -149,7 +187,9 @@ def principal_axes(tensor):
     )
     values[:, impossible] = np.nan
     shape = tensor.shape[:-2]
-    return values[:3].T.reshape(*shape, 3), np.moveaxis(values[3:].reshape(3, 3, -1), -1, 0).swapaxes(1, 2).reshape(*shape, 3, 3)
+    return values[:3].T.reshape(*shape, 3), np.moveaxis(
+        values[3:].reshape(3, 3, -1), -1, 0
+    ).swapaxes(1, 2).reshape(*shape, 3, 3)
 
 
 def growth_rate(moments):

@@ -19,10 +19,17 @@ def kovalevskaya(moments, c, momentum, up):
     """
     moments, c, momentum, up = (np.asarray(v, dtype=float) for v in (moments, c, momentum, up))
     _ratio(moments, (2.0, 2.0, 1.0), "a Kovalevskaya top has I1 = I2 = 2 I3")
-    _zero(c[..., 2], c, "c", "a Kovalevskaya top has its centre of mass in the plane of axes 1 and 2")
+    _zero(
+        c[..., 2], c, "c", "a Kovalevskaya top has its centre of mass in the plane of axes 1 and 2"
+    )
     omega = momentum / moments
     spin = (omega[..., 0] + 1j * omega[..., 1]) ** 2
-    return np.abs(spin - (c[..., 0] + 1j * c[..., 1]) * (up[..., 0] + 1j * up[..., 1]) / moments[..., 2]) ** 2
+    return (
+        np.abs(
+            spin - (c[..., 0] + 1j * c[..., 1]) * (up[..., 0] + 1j * up[..., 1]) / moments[..., 2]
+        )
+        ** 2
+    )
 
 
 def goryachev_chaplygin(moments, c, momentum, up):
@@ -33,7 +40,12 @@ def goryachev_chaplygin(moments, c, momentum, up):
     """
     moments, c, l, up = (np.asarray(v, dtype=float) for v in (moments, c, momentum, up))
     _ratio(moments, (4.0, 4.0, 1.0), "a Goryachev-Chaplygin top has I1 = I2 = 4 I3")
-    _zero(c[..., 2], c, "c", "a Goryachev-Chaplygin top has its centre of mass in the plane of axes 1 and 2")
+    _zero(
+        c[..., 2],
+        c,
+        "c",
+        "a Goryachev-Chaplygin top has its centre of mass in the plane of axes 1 and 2",
+    )
     _zero((l * up).sum(-1), l, "momentum", "Goryachev and Chaplygin's constant needs L_z = L.u = 0")
     return (
         l[..., 2] * (l[..., 0] ** 2 + l[..., 1] ** 2)
@@ -63,22 +75,31 @@ def grioli(moments, weight, t):
 
     moments (..., 3) ascending [kg m^2];  weight k = m g |r| [N m];  t [s]. SceneError for moments that do not ascend.
     """
-    moments, k, t = np.asarray(moments, dtype=float), np.asarray(weight, dtype=float), np.asarray(t, dtype=float)
+    moments, k, t = (
+        np.asarray(moments, dtype=float),
+        np.asarray(weight, dtype=float),
+        np.asarray(t, dtype=float),
+    )
     low, middle, high = np.moveaxis(moments, -1, 0)
     if not (np.all(low < middle) and np.all(middle < high) and np.all(k > 0)):
-        raise SceneError("", "moments", moments.tolist(), "Grioli's precession needs I1 < I2 < I3 and a weight")
+        raise SceneError(
+            "", "moments", moments.tolist(), "Grioli's precession needs I1 < I2 < I3 and a weight"
+        )
     e1, e3 = np.sqrt((middle - low) / (high - low)), np.sqrt((high - middle) / (high - low))
     j, d = low + high - middle, e1 * e3 * (low - high)
     rate = np.sqrt(k / np.hypot(j, d))
     al, be = rate**2 * j / k, -(rate**2) * d / k
     zero = np.zeros_like(e1 + t)
     e, x1, x2 = (
-        np.stack(np.broadcast_arrays(*v, zero)[:3], -1) for v in ((e1, zero, e3), (e3, zero, -e1), (zero, zero + 1.0, zero))
+        np.stack(np.broadcast_arrays(*v, zero)[:3], -1)
+        for v in ((e1, zero, e3), (e3, zero, -e1), (zero, zero + 1.0, zero))
     )
     cos, sin = np.cos(rate * t)[..., None], -np.sin(rate * t)[..., None]
     al, be = np.asarray(al)[..., None], np.asarray(be)[..., None]
     omega = np.asarray(rate)[..., None] * (cos * x1 + sin * x2 + e)
-    return Precession(e, rate, omega, (al * cos + be * sin**2) * x1 + (al - be * cos) * sin * x2 + be * cos * e)
+    return Precession(
+        e, rate, omega, (al * cos + be * sin**2) * x1 + (al - be * cos) * sin * x2 + be * cos * e
+    )
 
 
 def staude(moments, c, up):

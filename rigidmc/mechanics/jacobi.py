@@ -68,7 +68,14 @@ def carlson_first(x, y, z):
     c = -a - b
     e2, e3 = a * b - c * c, a * b * c
     series = (
-        1.0 - e2 / 10 + e3 / 14 + e2 * e2 / 24 - 3 * e2 * e3 / 44 - 5 * e2 * e2 * e2 / 208 + 3 * e3 * e3 / 104 + e2 * e2 * e3 / 16
+        1.0
+        - e2 / 10
+        + e3 / 14
+        + e2 * e2 / 24
+        - 3 * e2 * e3 / 44
+        - 5 * e2 * e2 * e2 / 208
+        + 3 * e3 * e3 / 104
+        + e2 * e2 * e3 / 16
     )
     return series / math.sqrt(middle)
 
@@ -146,7 +153,9 @@ def jacobi(u, m, mc, thirds):
     start = arc(abs(u) / 2048.0, 1.0, m)
     state = (start.s, 1.0 - start.g1, 1.0 - start.g3, _first_angles(m, thirds, start.s))
     # eleven doublings: u/2^11 <= 0.069 for u <= K(SMALLEST), where the series is good to 1e-16
-    state = _doubled_3((m, mc), thirds, _doubled_3((m, mc), thirds, _doubled_3((m, mc), thirds, state)))
+    state = _doubled_3(
+        (m, mc), thirds, _doubled_3((m, mc), thirds, _doubled_3((m, mc), thirds, state))
+    )
     s, c, d, angles = _doubled((m, mc), thirds, _doubled((m, mc), thirds, state))
     sign = select(u < 0.0, -1.0, 1.0)
     return sign * s, c, d, _signed(sign, angles)
@@ -172,7 +181,9 @@ def reduced(u, mc, quarter):
 
 def angle_past(one, angle, whole, u, n, v, mc):
     """Theta(u) from Theta(v) and Theta(K); on a soliton's tail sn^2 = 1 and Theta goes on at the rate mu/(1 + nu)."""
-    return angle + 2.0 * n * whole + select(mc > 0.0, 0.0, (u - v) * divided(one.mu, one.one_plus_nu))
+    return (
+        angle + 2.0 * n * whole + select(mc > 0.0, 0.0, (u - v) * divided(one.mu, one.one_plus_nu))
+    )
 
 
 def parity(n):

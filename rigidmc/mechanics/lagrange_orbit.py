@@ -34,7 +34,10 @@ from rigidmc.mechanics.jacobi import (
 
 TINY = 1e-280  # stands for v2 = 0 or y1 = 0, an exact passage through the vertical, where a phase jumps by pi/2 at once
 VERTICAL = 1e-60  # a tilt or a swing below it is none: its square is below the smallest 1 - m of `rigidmc.mechanics.jacobi`
-SLOW, FAST = 1e-15, 1e15  # rates [rad/s] beyond which their sixth powers leave the range of doubles: they are scaled to 1
+SLOW, FAST = (
+    1e-15,
+    1e15,
+)  # rates [rad/s] beyond which their sixth powers leave the range of doubles: they are scaled to 1
 
 
 class Orbit(NamedTuple):
@@ -94,7 +97,13 @@ class Started(NamedTuple):
     q3: float
 
     def values(self):
-        return orbit(self.a, self.c, self.k, (self.l1, self.l2, self.l3), (self.q0, self.q1, self.q2, self.q3))
+        return orbit(
+            self.a,
+            self.c,
+            self.k,
+            (self.l1, self.l2, self.l3),
+            (self.q0, self.q1, self.q2, self.q3),
+        )
 
 
 def differences(beta, f0, f1, f2):
@@ -135,7 +144,12 @@ def orbit(a, c, k, l, q):
     r = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     q = (r * q[0], r * q[1], r * q[2], r * q[3])
     upright, hanging = max(abs(q[1]), abs(q[2])) < VERTICAL, max(abs(q[0]), abs(q[3])) < VERTICAL
-    q = select(hanging, 0.0, q[0]), select(upright, 0.0, q[1]), select(upright, 0.0, q[2]), select(hanging, 0.0, q[3])
+    q = (
+        select(hanging, 0.0, q[0]),
+        select(upright, 0.0, q[1]),
+        select(upright, 0.0, q[2]),
+        select(hanging, 0.0, q[3]),
+    )
     y0, v0 = 2.0 * (q[0] * q[0] + q[3] * q[3]), 2.0 * (q[1] * q[1] + q[2] * q[2])
     u0 = 0.5 * (y0 - v0)
     g = up(q)
@@ -148,14 +162,21 @@ def orbit(a, c, k, l, q):
     w = one * one + two * two
     across, speed = one * g[0] + two * g[1], g[0] * two - g[1] * one  # a - b u and u' at t = 0
     e_minus, e_plus = across - b * v0, across + b * y0
-    s1, s2, r3 = differences(beta, speed * speed, -beta * v0 * y0 - 2.0 * u0 * w + 2.0 * across * b, 2.0 * beta * u0 - w - b * b)
+    s1, s2, r3 = differences(
+        beta,
+        speed * speed,
+        -beta * v0 * y0 - 2.0 * u0 * w + 2.0 * across * b,
+        2.0 * beta * u0 - w - b * b,
+    )
     v1 = v0 - s1
     # v2 and beta |v3| from their product and difference, whichever is larger first
     product, gap = divided(e_minus * e_minus, v1), beta * (v0 - s2) - (r3 - beta * v0)
     larger = 0.5 * (abs(gap) + math.sqrt(gap * gap + 4.0 * beta * product))
     v2 = select(gap > 0.0, divided(larger, beta), divided(product, larger))
     r3v = select(gap > 0.0, divided(product, v2), larger)
-    s2 = select(2.0 * v2 < v0, v0 - v2, s2)  # where u2 and u3 are near each other, s2 has half the digits of v2
+    s2 = select(
+        2.0 * v2 < v0, v0 - v2, s2
+    )  # where u2 and u3 are near each other, s2 has half the digits of v2
     width, y2, r3y = s2 - s1, y0 + s2, 2.0 * beta + r3v
     through = (v2 == 0.0) & (r3v > 0.0)
     v2 = select(through, TINY, v2)
@@ -173,7 +194,12 @@ def orbit(a, c, k, l, q):
     cn = select(moves, math.sqrt(divided(s2, width)), 1.0)
     m, mc = select(still, 0.0, m), select(still, 1.0, mc)
     dn = math.sqrt(cn * cn + mc * sn * sn)
-    v1, v2, y1, y2 = select(moves, v1, v0), select(moves, v2, v0), select(moves, y1, y0), select(moves, y2, y0)
+    v1, v2, y1, y2 = (
+        select(moves, v1, v0),
+        select(moves, v2, v0),
+        select(moves, y1, y0),
+        select(moves, y2, y0),
+    )
     quarter = quarter_period(mc)
     sign = select(speed < 0.0, -1.0, 1.0)
     offset = first_kind(sn, cn, mc, quarter)
@@ -185,7 +211,10 @@ def orbit(a, c, k, l, q):
         select(direct, divided(y2, y1), divided(r3y, span)),
         select(direct, divided(width * r3y, span * y1), divided(beta * y2, span)),
     )
-    minus = Third(divided(v2, v1), math.sqrt(divided(divided(width, v1) * divided(width, v1) * v2 * r3v, v1 * span)))
+    minus = Third(
+        divided(v2, v1),
+        math.sqrt(divided(divided(width, v1) * divided(width, v1) * v2 * r3v, v1 * span)),
+    )
     h_s, h_c = math.sqrt(y2 * r3y), math.sqrt(y1 * span)
     h_s, h_c = select(still, 0.0, h_s), select(still, 1.0, h_c)
     h_minus = select(still, 0.0, math.sqrt(divided(v2 * r3v, v1 * span)))
@@ -197,8 +226,14 @@ def orbit(a, c, k, l, q):
     slope_plus = select(direct, divided(h_s, h_c) * sign * offset, half_turn)
     own = 0.5 * l[2] * (1.0 / c - 1.0 / a) + select(still, 0.5 * unit * divided(e_plus, y0), 0.0)
     # a parameter that is 0 at t = 0 has the phase of its derivative half a jump later
-    alpha = select(y0 > 0.0, q[0], -(q[1] * one + q[2] * two)), select(y0 > 0.0, q[3], q[1] * two - q[2] * one)
-    gamma = select(v0 > 0.0, q[1], q[0] * one - q[3] * two), select(v0 > 0.0, q[2], q[0] * two + q[3] * one)
+    alpha = (
+        select(y0 > 0.0, q[0], -(q[1] * one + q[2] * two)),
+        select(y0 > 0.0, q[3], q[1] * two - q[2] * one),
+    )
+    gamma = (
+        select(v0 > 0.0, q[1], q[0] * one - q[3] * two),
+        select(v0 > 0.0, q[2], q[0] * two + q[3] * one),
+    )
     sigma = arctan2(alpha[1], alpha[0]) - select(y0 > 0.0, 0.0, s_plus * 0.5 * math.pi)
     delta = arctan2(gamma[1], gamma[0]) - select(v0 > 0.0, 0.0, s_minus * 0.5 * math.pi)
     sigma = sigma - s_plus * (slope_plus + select(direct, -theta_plus, theta_plus))
@@ -247,7 +282,9 @@ def motion(o, t):
     theta_minus = angle_past(minus, angles[1], o.minus_all, x, n, z, o.mc)
     v, y = o.v1 * (c * c) + o.v2 * (s * s), o.y1 * (c * c) + o.y2 * (s * s)
     jump = arctan2(o.h_s * s, o.h_c * c * d) + math.pi * n
-    sigma = o.s_plus * select(o.direct == 1.0, divided(o.h_s, o.h_c) * x - theta_plus, jump + theta_plus)
+    sigma = o.s_plus * select(
+        o.direct == 1.0, divided(o.h_s, o.h_c) * x - theta_plus, jump + theta_plus
+    )
     delta = o.s_minus * (o.h_minus * x + theta_minus)
     sine, cosine = sincos(o.sigma + (o.own * t + sigma))
     sine2, cosine2 = sincos(o.delta + (delta - o.own * t))

@@ -56,7 +56,10 @@ def _orbits(moments, weight, momentum, attitude, axis):
     if axis not in _TURNS:
         raise ValueError(f"axis = {axis!r}: the symmetry axis is 1, 2 or 3")
     shape, columns = aligned(
-        ("moments", moments, 3), ("weight", weight, 0), ("momentum", momentum, 3), ("attitude", quaternion(attitude), 4)
+        ("moments", moments, 3),
+        ("weight", weight, 0),
+        ("momentum", momentum, 3),
+        ("attitude", quaternion(attitude), 4),
     )
     moments, (weight,), momentum, attitude = columns
     moments, momentum, attitude = with_axis_third(axis, moments, momentum, attitude)
@@ -69,7 +72,9 @@ def _orbits(moments, weight, momentum, attitude, axis):
             f"{moments[1, at]:.6g}; simulate() takes any moments"
         )
         flag(unequal, rule)
-    finite = np.isfinite(weight) & np.isfinite(momentum).all(0) & (np.linalg.norm(attitude, axis=0) > 0)
+    finite = (
+        np.isfinite(weight) & np.isfinite(momentum).all(0) & (np.linalg.norm(attitude, axis=0) > 0)
+    )
     bad = unequal | ~((moments > 0) & (moments < np.inf)).all(0) | ~finite
     flag(
         bad & ~unequal & ~np.isnan(attitude).any(0),
@@ -104,7 +109,11 @@ def lagrange_top(moments, weight, momentum, attitude, t, axis=3):
         if axis != 3:
             q = np.stack(multiply(q, conjugate(_TURNS[axis])))
     momentum = np.moveaxis(np.roll(values[4:], axis - 3, 0).reshape(3, *shape), 0, -1)
-    return Motion(momentum, momentum / np.asarray(moments, dtype=float), np.moveaxis(q.reshape(4, *shape), 0, -1))
+    return Motion(
+        momentum,
+        momentum / np.asarray(moments, dtype=float),
+        np.moveaxis(q.reshape(4, *shape), 0, -1),
+    )
 
 
 def lagrange_motion(moments, weight, momentum, attitude, axis=3):
@@ -122,7 +131,11 @@ def lagrange_motion(moments, weight, momentum, attitude, axis=3):
         period = np.where(fixed | (o.mc == 0.0), np.inf, 2.0 * o.quarter / o.rate)
         lower, upper = o.e_minus + o.b * o.v1, o.e_minus + o.b * o.v2
         fast = np.abs(o.e_minus) + np.abs(o.b) * o.v1
-        plus = np.where(o.direct == 1.0, 2.0 * (o.quarter * o.h_s / o.h_c - o.plus_all), np.pi + 2.0 * o.plus_all)
+        plus = np.where(
+            o.direct == 1.0,
+            2.0 * (o.quarter * o.h_s / o.h_c - o.plus_all),
+            np.pi + 2.0 * o.plus_all,
+        )
         sigma = o.own * period + o.s_plus * plus
         delta = 2.0 * o.s_minus * (o.h_minus * o.quarter + o.minus_all) - o.own * period
         kinds = {
@@ -135,7 +148,9 @@ def lagrange_motion(moments, weight, momentum, attitude, axis=3):
             "cusps": np.abs(upper) <= SAME * fast,
             "loops": lower * upper < 0.0,
         }
-        low, high = (2.0 * np.arctan2(np.sqrt(v), np.sqrt(y)) for v, y in ((o.v1, o.y1), (o.v2, o.y2)))
+        low, high = (
+            2.0 * np.arctan2(np.sqrt(v), np.sqrt(y)) for v, y in ((o.v1, o.y1), (o.v2, o.y2))
+        )
         height = (q[0] ** 2 + q[3] ** 2 - q[1] ** 2 - q[2] ** 2) / (q**2).sum(0)
         precession = np.where(np.isfinite(period), sigma + delta, np.nan)
         spin = np.where(np.isfinite(period), sigma - delta, np.nan)
@@ -170,9 +185,13 @@ def effective_potential(moments, weight, p_phi, p_psi, theta):
     cosine, sine = np.cos(theta), np.sin(theta)
     with np.errstate(all="ignore"):
         across = np.where(
-            np.abs(sine) > 0.0, (p_phi - p_psi * cosine) ** 2 / sine**2, np.where(p_phi == p_psi * cosine, 0.0, np.inf)
+            np.abs(sine) > 0.0,
+            (p_phi - p_psi * cosine) ** 2 / sine**2,
+            np.where(p_phi == p_psi * cosine, 0.0, np.inf),
         )
-    return 0.5 * across / moments[..., 0] + 0.5 * np.square(p_psi) / moments[..., 2] + weight * cosine
+    return (
+        0.5 * across / moments[..., 0] + 0.5 * np.square(p_psi) / moments[..., 2] + weight * cosine
+    )
 
 
 def steady_precession(moments, weight, omega3, theta):
@@ -184,7 +203,9 @@ def steady_precession(moments, weight, omega3, theta):
     moments = np.asarray(moments, dtype=float)
     spin, rise = moments[..., 2] * omega3, moments[..., 0] * np.cos(theta)
     with np.errstate(all="ignore"):
-        sum_ = 0.5 * (spin + np.copysign(np.sqrt(spin**2 - 4.0 * rise * weight), spin))  # the larger root: no cancellation
+        sum_ = 0.5 * (
+            spin + np.copysign(np.sqrt(spin**2 - 4.0 * rise * weight), spin)
+        )  # the larger root: no cancellation
         return weight / sum_, sum_ / rise
 
 
@@ -194,4 +215,6 @@ def sleeping_growth(moments, weight, omega3):
     moments (..., 3) with I_1 = I_2;  weight k [N m];  omega3 [rad/s]. All broadcast.
     """
     moments = np.asarray(moments, dtype=float)
-    return np.sqrt(np.maximum(4.0 * moments[..., 0] * weight - (moments[..., 2] * omega3) ** 2, 0.0)) / (2.0 * moments[..., 0])
+    return np.sqrt(
+        np.maximum(4.0 * moments[..., 0] * weight - (moments[..., 2] * omega3) ** 2, 0.0)
+    ) / (2.0 * moments[..., 0])

@@ -21,14 +21,21 @@ def load(path, scale=1.0):
     try:
         import trimesh
     except ImportError as error:
-        raise SceneError("", "mesh", os.fspath(path), f"meshes need trimesh: pip install 'rigidmc[mesh]' ({error})") from None
+        raise SceneError(
+            "",
+            "mesh",
+            os.fspath(path),
+            f"meshes need trimesh: pip install 'rigidmc[mesh]' ({error})",
+        ) from None
     if not os.path.exists(path):
         raise FileNotFoundError(f"{path}: no such file")
     refuse_irregular(path)
     try:
         mesh: Any = trimesh.load(path, force="mesh", process=False)
     except Exception as error:  # trimesh raises whatever its readers do
-        raise SceneError("", "mesh", os.fspath(path), f"is no mesh that trimesh can read: {error}") from None
+        raise SceneError(
+            "", "mesh", os.fspath(path), f"is no mesh that trimesh can read: {error}"
+        ) from None
     return _closed(mesh, os.fspath(path), scale)
 
 
@@ -39,7 +46,9 @@ def _closed(mesh, name, scale):
     vertices = np.asarray(mesh.vertices, dtype=float) + 0.0  # -0.0 is 0.0
     faces = merged(vertices)[np.asarray(mesh.faces)]
     # a triangle with two corners in one place encloses nothing, and its edges would count as holes
-    thin = (faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0])
+    thin = (
+        (faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0])
+    )
     faces = faces[~thin]
     if not len(faces):
         raise SceneError("", "mesh", name, "has no triangles with an area")
@@ -84,11 +93,16 @@ def check(faces, name="mesh"):
     wrong = [
         (np.count_nonzero(count == 1), "edges with one triangle only: it has holes"),
         (np.count_nonzero(count > 2), "edges with more than two triangles"),
-        (np.count_nonzero((count == 2) & (direction != 0)), "edges whose triangles are wound in opposite senses"),
+        (
+            np.count_nonzero((count == 2) & (direction != 0)),
+            "edges whose triangles are wound in opposite senses",
+        ),
     ]
     found = [f"{n:,} {what}" for n, what in wrong if n]
     if found:
-        raise SceneError("", "mesh", name, f"is not watertight: {', '.join(found)}; repair it first")
+        raise SceneError(
+            "", "mesh", name, f"is not watertight: {', '.join(found)}; repair it first"
+        )
 
 
 def mass_properties(triangles, density):
@@ -103,13 +117,18 @@ def mass_properties(triangles, density):
     total = volume.sum()
     if not total > 0.0:
         raise SceneError(
-            "", "mesh", None, f"encloses the volume {total:.3g}: its triangles must be wound so that they face outward"
+            "",
+            "mesh",
+            None,
+            f"encloses the volume {total:.3g}: its triangles must be wound so that they face outward",
         )
     middle = local.sum(1)
     centre = (volume @ middle) / 4.0 / total
     second = np.einsum("n,ni,nj->ij", volume, middle, middle)
     for corner in range(3):
         second += np.einsum("n,ni,nj->ij", volume, local[:, corner], local[:, corner])
-    second = second / 20.0 + total * (np.outer(origin, centre) + np.outer(centre, origin) + np.outer(origin, origin))
+    second = second / 20.0 + total * (
+        np.outer(origin, centre) + np.outer(centre, origin) + np.outer(origin, origin)
+    )
     tensor = np.trace(second) * np.eye(3) - second
     return density * total, centre + origin, density * tensor

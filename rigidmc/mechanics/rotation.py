@@ -37,7 +37,11 @@ def rotation(attitude):
     """The scipy Rotation of attitudes, for the leading shapes that scipy takes."""
     from scipy.spatial.transform import Rotation
 
-    return attitude if hasattr(attitude, "as_quat") else Rotation.from_quat(quaternion(attitude), scalar_first=True)
+    return (
+        attitude
+        if hasattr(attitude, "as_quat")
+        else Rotation.from_quat(quaternion(attitude), scalar_first=True)
+    )
 
 
 def matrix(attitude):
@@ -62,7 +66,11 @@ def quaternion_from_matrix(matrix, table="", key="matrix"):
     bad = ~(defect < 1e-9) | mirrored
     if bad.any():
         worst = defect[bad].max() if not np.isnan(defect).any() else np.nan
-        how = f"A A^T differs from 1 by {worst:.2g}" if not (defect[bad] < 1e-9).all() else "its determinant is -1, a mirror image"
+        how = (
+            f"A A^T differs from 1 by {worst:.2g}"
+            if not (defect[bad] < 1e-9).all()
+            else "its determinant is -1, a mirror image"
+        )
         flag(bad, f"no rotation: {how}", table, key)
     q = np.full((len(flat), 4), np.nan)
     if not bad.all():
@@ -129,7 +137,9 @@ def to_body(attitude, vector):
 
 def product(p, q):
     """Hamilton products p q (..., 4): the turn q first, then p."""
-    return np.stack(multiply(np.moveaxis(np.asarray(p), -1, 0), np.moveaxis(np.asarray(q), -1, 0)), -1)
+    return np.stack(
+        multiply(np.moveaxis(np.asarray(p), -1, 0), np.moveaxis(np.asarray(q), -1, 0)), -1
+    )
 
 
 def attitude_error(p, q):
@@ -171,7 +181,12 @@ def angular_velocity_of_series(t, attitude, space=False, points=7):
     powers = (apart / scale)[:, None, :] ** np.arange(points)[
         :, None
     ]  # weights reproduce the derivative of every power up to the last
-    weights = np.linalg.solve(powers, np.broadcast_to(np.eye(points)[:, 1:2], (t.size, points, 1)))[..., 0] / scale
+    weights = (
+        np.linalg.solve(powers, np.broadcast_to(np.eye(points)[:, 1:2], (t.size, points, 1)))[
+            ..., 0
+        ]
+        / scale
+    )
     own = q[:, None]
     turns = rotation_vector(product(own * np.array([1.0, -1.0, -1.0, -1.0]), q[stencil]))
     omega = np.einsum("np,np...->n...", weights, turns)
@@ -183,19 +198,28 @@ def euler_rate_matrix(angles, convention="zxz"):
     _, theta, psi = np.moveaxis(np.asarray(angles), -1, 0)
     zero, one = 0.0 * theta, 1.0 + 0.0 * theta
     s, c, sp, cp = np.sin(theta), np.cos(theta), np.sin(psi), np.cos(psi)
-    first, second = ((s * sp, cp), (s * cp, -sp)) if _is_zxz(convention) else ((-s * cp, sp), (s * sp, cp))
-    return np.stack([np.stack([*first, zero], -1), np.stack([*second, zero], -1), np.stack([c, zero, one], -1)], -2)
+    first, second = (
+        ((s * sp, cp), (s * cp, -sp)) if _is_zxz(convention) else ((-s * cp, sp), (s * sp, cp))
+    )
+    return np.stack(
+        [np.stack([*first, zero], -1), np.stack([*second, zero], -1), np.stack([c, zero, one], -1)],
+        -2,
+    )
 
 
 def omega_from_euler_rates(angles, rates, convention="zxz"):
     """omega (..., 3) of Euler angles and their rates, TdC (3.37): omega_1 = phi' sin theta sin psi + theta' cos psi and so on."""
-    return np.einsum("...ij,...j->...i", euler_rate_matrix(angles, convention), np.asarray(rates, dtype=float))
+    return np.einsum(
+        "...ij,...j->...i", euler_rate_matrix(angles, convention), np.asarray(rates, dtype=float)
+    )
 
 
 def euler_rates(angles, omega, convention="zxz"):
     """(phi', theta', psi') (..., 3) of Euler angles and omega, TdC (3.38); nan, with a SceneWarning, where sin(theta) = 0: phi' and psi'
     are not determined there."""
-    angles, omega = np.broadcast_arrays(np.asarray(angles, dtype=float), np.asarray(omega, dtype=float))
+    angles, omega = np.broadcast_arrays(
+        np.asarray(angles, dtype=float), np.asarray(omega, dtype=float)
+    )
     one, two, three = np.moveaxis(omega, -1, 0)
     if not _is_zxz(convention):
         one, two = two, -one
@@ -209,23 +233,31 @@ def euler_rates(angles, omega, convention="zxz"):
 
 def kinetic_energy_of_euler_rates(moments, angles, rates, convention="zxz"):
     """T = 1/2 sum I_i omega_i^2 [J] in Euler angles and rates, TdC (3.39)."""
-    return 0.5 * (np.asarray(moments, dtype=float) * omega_from_euler_rates(angles, rates, convention) ** 2).sum(-1)
+    return 0.5 * (
+        np.asarray(moments, dtype=float) * omega_from_euler_rates(angles, rates, convention) ** 2
+    ).sum(-1)
 
 
 def hat(v):
     """The matrices (..., 3, 3) with hat(v) x = v x x; complex v too."""
     x, y, z = np.moveaxis(np.asarray(v), -1, 0)
     zero = 0.0 * x
-    return np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], -2)
+    return np.stack(
+        [np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], -2
+    )
 
 
 def _vee(m):
-    return 0.5 * np.stack([m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]], -1)
+    return 0.5 * np.stack(
+        [m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]], -1
+    )
 
 
 def _wrapped(angle):
     """An angle of (-2 pi, 2 pi] in (-pi, pi]."""
-    return np.where(angle > np.pi, angle - 2.0 * np.pi, np.where(angle <= -np.pi, angle + 2.0 * np.pi, angle))
+    return np.where(
+        angle > np.pi, angle - 2.0 * np.pi, np.where(angle <= -np.pi, angle + 2.0 * np.pi, angle)
+    )
 
 
 def _is_zxz(convention):

@@ -8,7 +8,11 @@ import numpy as np
 from rigidmc.errors import SceneError
 
 _ZERO = (0.0, 0.0, 0.0)
-COMPONENTS = {("box", "size"): 3, ("plate", "size"): 2, ("ellipsoid", "semiaxes"): 3}  # of the arguments that are no numbers
+COMPONENTS = {
+    ("box", "size"): 3,
+    ("plate", "size"): 2,
+    ("ellipsoid", "semiaxes"): 3,
+}  # of the arguments that are no numbers
 
 
 def _diagonal(mass, *moments):
@@ -40,7 +44,9 @@ def cylinder(mass, radius, height):
 def hollow_cylinder(mass, inner, outer, height):
     """Tube about its centre: M/12 (3 (a^2 + b^2) + h^2), M (a^2 + b^2)/2."""
     if not inner < outer:
-        raise SceneError("body.hollow_cylinder", "inner", inner, f"must be less than outer = {outer:g}")
+        raise SceneError(
+            "body.hollow_cylinder", "inner", inner, f"must be less than outer = {outer:g}"
+        )
     side = (3 * (inner**2 + outer**2) + height**2) / 12
     return _diagonal(mass, side, side, (inner**2 + outer**2) / 2)
 
@@ -48,7 +54,11 @@ def hollow_cylinder(mass, inner, outer, height):
 def cone(mass, radius, height):
     """Cone about its APEX, base up along +3, so that it spins on its tip: 3/5 M (a^2/4 + h^2), 3/10 M a^2; centre at 3 h/4."""
     side = 0.6 * (radius**2 / 4 + height**2)
-    return mass, (0.0, 0.0, 0.75 * height), np.diag([mass * side, mass * side, 0.3 * mass * radius**2])
+    return (
+        mass,
+        (0.0, 0.0, 0.75 * height),
+        np.diag([mass * side, mass * side, 0.3 * mass * radius**2]),
+    )
 
 
 def ellipsoid(mass, semiaxes):
@@ -87,9 +97,28 @@ def t_handle(density, radius, bar, stem):
     centre = 0.5 * stem * stem_mass / mass
     level = np.diag([1.0, 1.0, 0.0])  # of a unit mass at a unit distance up axis 3
     tensor = (
-        np.diag(np.diag(across)[[2, 1, 0]]) + bar_mass * centre**2 * level + along + stem_mass * (0.5 * stem - centre) ** 2 * level
+        np.diag(np.diag(across)[[2, 1, 0]])
+        + bar_mass * centre**2 * level
+        + along
+        + stem_mass * (0.5 * stem - centre) ** 2 * level
     )
     return mass, _ZERO, tensor
 
 
-SOLIDS = {f.__name__: f for f in (box, ball, shell, cylinder, hollow_cylinder, cone, ellipsoid, rod, plate, disc, ring, t_handle)}
+SOLIDS = {
+    f.__name__: f
+    for f in (
+        box,
+        ball,
+        shell,
+        cylinder,
+        hollow_cylinder,
+        cone,
+        ellipsoid,
+        rod,
+        plate,
+        disc,
+        ring,
+        t_handle,
+    )
+}

@@ -15,11 +15,23 @@ def symmetric_omega(moments, omega, t):
     """
     moments, omega = np.asarray(moments, dtype=float), np.asarray(omega, dtype=float)
     if np.any(moments[..., 0] != moments[..., 1]):
-        raise SceneError("", "moments", moments.tolist(), "Example 3.5 is a body with I1 = I2; free_top takes any")
-    angle = (moments[..., 2] - moments[..., 0]) / moments[..., 0] * omega[..., 2] * np.asarray(t, dtype=float)
+        raise SceneError(
+            "",
+            "moments",
+            moments.tolist(),
+            "Example 3.5 is a body with I1 = I2; free_top takes any",
+        )
+    angle = (
+        (moments[..., 2] - moments[..., 0])
+        / moments[..., 0]
+        * omega[..., 2]
+        * np.asarray(t, dtype=float)
+    )
     c, s = np.cos(angle), np.sin(angle)
     one, two, three = np.broadcast_arrays(
-        omega[..., 0] * c - omega[..., 1] * s, omega[..., 1] * c + omega[..., 0] * s, omega[..., 2] + 0.0 * angle
+        omega[..., 0] * c - omega[..., 1] * s,
+        omega[..., 1] * c + omega[..., 0] * s,
+        omega[..., 2] + 0.0 * angle,
     )
     return np.stack([one, two, three], -1)
 
@@ -43,7 +55,9 @@ def jacobi_omega(moments, energy, square, t):
     )
     low, middle, high = np.moveaxis(moments, -1, 0)
     if not (np.all(low < middle) and np.all(middle < high)):
-        raise SceneError("", "moments", moments.tolist(), "Example 3.6 wants I1 < I2 < I3; free_top takes any")
+        raise SceneError(
+            "", "moments", moments.tolist(), "Example 3.6 wants I1 < I2 < I3; free_top takes any"
+        )
     a, b = 2.0 * energy * high - square, square - 2.0 * energy * low
     above = square > 2.0 * energy * middle
     with np.errstate(all="ignore"):
@@ -53,4 +67,9 @@ def jacobi_omega(moments, energy, square, t):
         sn, cn, dn, _ = elliptic.jacobi(rate * t, m=np.where((a >= 0) & (b >= 0), m, np.nan))
         one, three = np.sqrt(a / low / (high - low)), np.sqrt(b / high / (high - low))
         two = np.sqrt(np.where(above, a / (high - middle), b / (middle - low)) / middle)
-    return np.stack(np.broadcast_arrays(one * np.where(above, cn, dn), two * sn, three * np.where(above, dn, cn)), -1)
+    return np.stack(
+        np.broadcast_arrays(
+            one * np.where(above, cn, dn), two * sn, three * np.where(above, dn, cn)
+        ),
+        -1,
+    )

@@ -56,7 +56,11 @@ KNOWN = (*OBSERVABLES, *SUMMARIES, *RUNNING)
 
 def rows_of(effects, *names):
     """How many numbers the named observables are for one member at one time; those over all steps have none."""
-    return sum({**SIZES, ("effect",): len(effects)}[OBSERVABLES[name].dims] for name in names if name in OBSERVABLES)
+    return sum(
+        {**SIZES, ("effect",): len(effects)}[OBSERVABLES[name].dims]
+        for name in names
+        if name in OBSERVABLES
+    )
 
 
 def saved(save):
@@ -72,7 +76,11 @@ def recorded(save, given):
 
 def summary_of(kind):
     """The word for a kind of summary in a scene file."""
-    return next(name for name, known in SUMMARIES.items() if known is (kind if isinstance(kind, type) else type(kind)))
+    return next(
+        name
+        for name, known in SUMMARIES.items()
+        if known is (kind if isinstance(kind, type) else type(kind))
+    )
 
 
 def watched(save, given):
@@ -95,7 +103,10 @@ def outputs(label, one):
         return {label: (units, f"{one.word} {one.of.long_name}, over the steps", one.of.dims)}
     end = label.removeprefix(summary_of(one))
     words = one.words() if hasattr(one, "words") else {}
-    return {name + end: (units, text.format(**words), dims) for name, (units, text, dims) in one.outputs.items()}
+    return {
+        name + end: (units, text.format(**words), dims)
+        for name, (units, text, dims) in one.outputs.items()
+    }
 
 
 def _squared(units):

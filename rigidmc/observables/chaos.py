@@ -19,7 +19,11 @@ class Megno(NamedTuple):
 
     shadow = True
     outputs = {
-        "megno": ("1", "mean exponential growth factor of nearby orbits: 2 for regular motion, lambda t/2 for chaotic", ()),
+        "megno": (
+            "1",
+            "mean exponential growth factor of nearby orbits: 2 for regular motion, lambda t/2 for chaotic",
+            (),
+        ),
         "lyapunov": ("s-1", "largest Lyapunov exponent up to the end", ()),
     }
 

@@ -24,7 +24,11 @@ class Flips(NamedTuple):
     within: float = math.pi / 3.0
     event = True
     outputs = {
-        "flips": ("1", "how often the body turned over about the {axis}, after it had come within {within:.4g} rad of it", ()),
+        "flips": (
+            "1",
+            "how often the body turned over about the {axis}, after it had come within {within:.4g} rad of it",
+            (),
+        ),
         "flip_first": ("s", "time of the first flip; nan where there is none", ()),
         "flip_last": ("s", "time of the last flip; nan where there is none", ()),
         "flip_wait": ("s", "mean time between flips; nan where there are fewer than two", ()),
@@ -37,9 +41,23 @@ class Flips(NamedTuple):
 
     def check(self):
         if isinstance(self.axis, bool) or self.axis not in (0, 1, 2, 3):
-            raise SceneError("observables.flips", "axis", self.axis, "expected 1, 2, 3, or 0 for the axis of the middle moment")
-        if isinstance(self.within, bool) or not isinstance(self.within, (int, float)) or not 0.0 < self.within <= 0.5 * math.pi:
-            raise SceneError("observables.flips", "within", self.within, "expected an angle between 0 and pi/2 [rad]")
+            raise SceneError(
+                "observables.flips",
+                "axis",
+                self.axis,
+                "expected 1, 2, 3, or 0 for the axis of the middle moment",
+            )
+        if (
+            isinstance(self.within, bool)
+            or not isinstance(self.within, (int, float))
+            or not 0.0 < self.within <= 0.5 * math.pi
+        ):
+            raise SceneError(
+                "observables.flips",
+                "within",
+                self.within,
+                "expected an angle between 0 and pi/2 [rad]",
+            )
 
     def compiled(self, moments, sure):
         """The event for bodies of these moments (3, n), which are all there are where that is sure."""
@@ -51,17 +69,26 @@ class Flips(NamedTuple):
                 rule = "no body of the scene has three different moments, so that none has a middle axis; give axis = 1, 2 or 3"
                 raise SceneError("observables.flips", "axis", self.axis, rule)
             chosen = sorted({int(i) for i in order[1]}) if sure else [0, 1, 2]
-        return Component(*((0.0,) if i in chosen else () for i in range(3)), math.cos(self.within) ** 2)
+        return Component(
+            *((0.0,) if i in chosen else () for i in range(3)), math.cos(self.within) ** 2
+        )
 
     def words(self):
-        return {"axis": f"axis {self.axis}" if self.axis else "axis of the middle moment", "within": float(self.within)}
+        return {
+            "axis": f"axis {self.axis}" if self.axis else "axis of the middle moment",
+            "within": float(self.within),
+        }
 
     def results(self, record):
         """Outputs from what an event keeps, see `rigidmc.engine.events`."""
         with np.errstate(all="ignore"):
             waits = record.count - 1.0
             mean = (record.last - record.first) / waits
-            spread = np.sqrt(np.maximum(record.squares / waits - ((record.tau - record.first_tau) / waits) ** 2, 0.0))
+            spread = np.sqrt(
+                np.maximum(
+                    record.squares / waits - ((record.tau - record.first_tau) / waits) ** 2, 0.0
+                )
+            )
         several = record.count > 1.0
         return {
             "flips": record.count,
@@ -95,8 +122,12 @@ class Component(NamedTuple):
 def component(marks, body, l):
     """The component of L about the axis that is marked, or about that of the middle moment."""
     if len(marks[0]) + len(marks[1]) + len(marks[2]) > 1:
-        second = ((body.i1 >= body.i2) & (body.i2 >= body.i3)) | ((body.i1 <= body.i2) & (body.i2 <= body.i3))
-        first = ((body.i2 >= body.i1) & (body.i1 >= body.i3)) | ((body.i2 <= body.i1) & (body.i1 <= body.i3))
+        second = ((body.i1 >= body.i2) & (body.i2 >= body.i3)) | (
+            (body.i1 <= body.i2) & (body.i2 <= body.i3)
+        )
+        first = ((body.i2 >= body.i1) & (body.i1 >= body.i3)) | (
+            (body.i2 <= body.i1) & (body.i1 <= body.i3)
+        )
         return select(second, l[1], select(first, l[0], l[2]))
     return only(marks[0], l[0], only(marks[1], l[1], l[2]))
 

@@ -27,14 +27,29 @@ class Histogram(NamedTuple):
     def check(self):
         table = "observables.histogram"
         if not isinstance(self.of, str) or not re.fullmatch(r"[a-z0-9_]+(\[[1-4]\])?", self.of):
-            raise SceneError(table, "of", self.of, 'expected the name of an observable, as in "energy" or "omega[3]"')
+            raise SceneError(
+                table,
+                "of",
+                self.of,
+                'expected the name of an observable, as in "energy" or "omega[3]"',
+            )
         for key, value in (("low", self.low), ("high", self.high)):
-            if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+            if (
+                isinstance(value, bool)
+                or not isinstance(value, (int, float))
+                or not math.isfinite(value)
+            ):
                 raise SceneError(table, key, value, "expected a finite number")
         if not self.low < self.high:
             raise SceneError(table, "high", self.high, f"expected more than low = {self.low:g}")
-        if isinstance(self.bins, bool) or not isinstance(self.bins, int) or not 1 <= self.bins <= 100_000:
-            raise SceneError(table, "bins", self.bins, "expected a whole number between 1 and 100000")
+        if (
+            isinstance(self.bins, bool)
+            or not isinstance(self.bins, int)
+            or not 1 <= self.bins <= 100_000
+        ):
+            raise SceneError(
+                table, "bins", self.bins, "expected a whole number between 1 and 100000"
+            )
 
     @property
     def name(self):

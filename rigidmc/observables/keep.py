@@ -28,18 +28,25 @@ def check_keep(keep):
         if word not in WORDS:
             raise unknown("run", key, word, "way to keep it", WORDS)
         if word == "summary" and name is not None and f"{name}_mean" not in RUNNING:
-            raise SceneError("run", key, word, "it has no summary over the steps: keep it final, thinned or full")
+            raise SceneError(
+                "run", key, word, "it has no summary over the steps: keep it final, thinned or full"
+            )
 
 
 def kept(keep, saved):
     """{name: word} of the saved observables; one that has no summary is kept to the end where all are summarised."""
     found = {name: keep if isinstance(keep, str) else keep.get(name, "full") for name in saved}
-    return {name: "final" if word == "summary" and f"{name}_mean" not in RUNNING else word for name, word in found.items()}
+    return {
+        name: "final" if word == "summary" and f"{name}_mean" not in RUNNING else word
+        for name, word in found.items()
+    }
 
 
 def summaries(kept):
     """Names of the running statistics that stand for what is summarised."""
-    return tuple(f"{name}_{word}" for name, how in kept.items() if how == "summary" for word in STATISTICS)
+    return tuple(
+        f"{name}_{word}" for name, how in kept.items() if how == "summary" for word in STATISTICS
+    )
 
 
 def thinned(count, thin):
@@ -64,7 +71,14 @@ def flagged_values(scene, first, parts, status):
     """{variable: array, flagged members last} of those members of a block, from `first` on, that are flagged; {} where all is kept anyway."""
     names = [name for name, word in scene.kept().items() if word != "full"]
     bad = np.flatnonzero(status)
-    return {"flagged_member": first + bad, **{f"{name}_flagged": parts[name][..., bad] for name in names}} if names else {}
+    return (
+        {
+            "flagged_member": first + bad,
+            **{f"{name}_flagged": parts[name][..., bad] for name in names},
+        }
+        if names
+        else {}
+    )
 
 
 def joined(pieces):

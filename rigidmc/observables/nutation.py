@@ -63,8 +63,12 @@ class Precession(NamedTuple):
     def results(self, kept):
         """Outputs from what is kept, (5, n)."""
         x, y, halves, x0, y0 = kept
-        turns = 0.5 * (halves - (y0 < 0.0) + (y < 0.0))  # half -1 is y < 0 of turn 0, half 0 the other
-        return {"precession": 2.0 * math.pi * turns + arctan2(y + 0.0, x) - arctan2(y0 + 0.0, x0)}  # of -0.0 that of 0.0
+        turns = 0.5 * (
+            halves - (y0 < 0.0) + (y < 0.0)
+        )  # half -1 is y < 0 of turn 0, half 0 the other
+        return {
+            "precession": 2.0 * math.pi * turns + arctan2(y + 0.0, x) - arctan2(y0 + 0.0, x0)
+        }  # of -0.0 that of 0.0
 
 
 def over_plane(q):

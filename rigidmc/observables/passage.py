@@ -29,15 +29,32 @@ class Passage(NamedTuple):
     event = True
     outputs = {
         "passages": ("1", "how often {axis} {way} the cone of {angle:g} rad about the {about}", ()),
-        "passage_first": ("s", "when {axis} first {way} the cone of {angle:g} rad about the {about}; nan where it does not", ()),
-        "passage_last": ("s", "when {axis} last {way} the cone of {angle:g} rad about the {about}; nan where it does not", ()),
+        "passage_first": (
+            "s",
+            "when {axis} first {way} the cone of {angle:g} rad about the {about}; nan where it does not",
+            (),
+        ),
+        "passage_last": (
+            "s",
+            "when {axis} last {way} the cone of {angle:g} rad about the {about}; nan where it does not",
+            (),
+        ),
     }
 
     def check(self):
         table = "observables.passage"
         if isinstance(self.axis, bool) or self.axis not in (1, 2, 3, -1, -2, -3):
-            raise SceneError(table, "axis", self.axis, "expected 1, 2 or 3, or -1, -2, -3 for the other end of the axis")
-        if isinstance(self.angle, bool) or not isinstance(self.angle, (int, float)) or not 0.0 < self.angle < math.pi:
+            raise SceneError(
+                table,
+                "axis",
+                self.axis,
+                "expected 1, 2 or 3, or -1, -2, -3 for the other end of the axis",
+            )
+        if (
+            isinstance(self.angle, bool)
+            or not isinstance(self.angle, (int, float))
+            or not 0.0 < self.angle < math.pi
+        ):
             raise SceneError(table, "angle", self.angle, "expected an angle between 0 and pi [rad]")
         for key, value, known in (("way", self.way, WAY), ("about", self.about, ABOUT)):
             if value not in known:
@@ -50,7 +67,12 @@ class Passage(NamedTuple):
         marks = tuple((0.0,) if abs(self.axis) == i else () for i in (1, 2, 3))
         kind = Vertical if self.about == "vertical" else AlongMomentum
         outward = -1.0 if self.way == "leaves" else 1.0
-        return kind(marks, outward * math.copysign(1.0, self.axis), outward * math.cos(self.angle), (0.0,) * self.stop)
+        return kind(
+            marks,
+            outward * math.copysign(1.0, self.axis),
+            outward * math.cos(self.angle),
+            (0.0,) * self.stop,
+        )
 
     def words(self):
         return {
@@ -62,7 +84,11 @@ class Passage(NamedTuple):
 
     def results(self, record):
         """Outputs from what an event keeps, see `rigidmc.engine.events`."""
-        return {"passages": record.count, "passage_first": record.first, "passage_last": record.last}
+        return {
+            "passages": record.count,
+            "passage_first": record.first,
+            "passage_last": record.last,
+        }
 
 
 class Vertical(NamedTuple):

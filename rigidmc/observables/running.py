@@ -135,7 +135,10 @@ class Variance(NamedTuple):
         values = seen(self.of, body, effects, t, q, l)
         shifts, sums = head(values, kept), rest(values, kept)
         return (
-            shifts + summed(head(values, sums), values, shifts) + squared(head(values, rest(values, sums)), values, shifts) + values
+            shifts
+            + summed(head(values, sums), values, shifts)
+            + squared(head(values, rest(values, sums)), values, shifts)
+            + values
         )
 
     def result(self, kept, steps):

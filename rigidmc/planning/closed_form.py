@@ -42,8 +42,12 @@ class Case(NamedTuple):
     @property
     def name(self):
         """What the members are, in words."""
-        free = "free top" + (" with viscous damping" if np.any(self.damping[self.form == 0]) else "")
-        return " and ".join([free] * bool(np.any(self.form == 0)) + ["Lagrange top"] * bool(np.any(self.form > 0)))
+        free = "free top" + (
+            " with viscous damping" if np.any(self.damping[self.form == 0]) else ""
+        )
+        return " and ".join(
+            [free] * bool(np.any(self.form == 0)) + ["Lagrange top"] * bool(np.any(self.form > 0))
+        )
 
     def parts(self):
         """[(form, members, their Case)] of the forms that there are."""
@@ -91,31 +95,45 @@ def _motion(form, case, t):
 
 def closed_form(scene, members=None, first=None):
     """The Case of `members` members of a scene from index `first` on; SceneError where no closed form covers it, with why."""
-    block, start = stage(scene, scene.run.first if first is None else first, members or scene.run.members, True)
+    block, start = stage(
+        scene, scene.run.first if first is None else first, members or scene.run.members, True
+    )
     return case_of(scene, block, start)
 
 
 def case_of(scene, block, start):
     """The Case of staged members, see `rigidmc.planning.stage.stage`; SceneError where no closed form covers one that is well."""
-    moments, momentum, attitude = start["moments"].T, block[layout.MOMENTUM : layout.REST].T, block[: layout.MOMENTUM].T
+    moments, momentum, attitude = (
+        start["moments"].T,
+        block[layout.MOMENTUM : layout.REST].T,
+        block[: layout.MOMENTUM].T,
+    )
     if unknown := sorted({name_of(e) for e in scene.effects} - {"gravity", "viscous_damping"}):
         raise _uncovered(f"the scene has {', '.join(unknown)}")
     g, rate = np.zeros(len(moments)), np.zeros(len(moments))
-    for label, effect in labelled(scene.effects):  # a scene may have several of a kind: what acts is their sum
+    for label, effect in labelled(
+        scene.effects
+    ):  # a scene may have several of a kind: what acts is their sum
         if name_of(effect) == "gravity":
             g = g + start[f"{label}_g"]
         else:
             rate = rate + start[f"{label}_rate"]
     with np.errstate(all="ignore"):
         weight = (g * start["mass"] * start["centre"]).T
-    well = (block[layout.STATUS] == 0.0) & np.isfinite(block[: layout.REST]).all(0) & np.isfinite(weight).all(1)
+    well = (
+        (block[layout.STATUS] == 0.0)
+        & np.isfinite(block[: layout.REST]).all(0)
+        & np.isfinite(weight).all(1)
+    )
     heavy = np.abs(weight) > 1e-12 * np.abs(weight).max(1, keepdims=True)
     form = np.where(well, np.where(heavy.any(1), heavy.argmax(1) + 1, 0), NONE)
     if np.any(damped := (form > 0) & (rate != 0.0)):
         raise _uncovered(f"a damped heavy top has none{_some(damped)}")
     if np.any(off := well & (heavy.sum(1) > 1)):
         centre = ", ".join(f"{x:.4g}" for x in start["centre"][:, np.argmax(off)])
-        raise _uncovered(f"its centre of mass ({centre}) m in principal axes lies on none of them{_some(off)}")
+        raise _uncovered(
+            f"its centre of mass ({centre}) m in principal axes lies on none of them{_some(off)}"
+        )
     for axis in (1, 2, 3):
         i, j = (k for k in range(3) if k != axis - 1)
         apart = np.abs(moments[:, i] - moments[:, j])
@@ -150,21 +168,41 @@ def closed_values(scene, block, start, times, dt):
         kinetic, squared = kinetic_energy(body, l[0]), dot(l[0], l[0])
         energy = kinetic + total_energy(effects, body, q[0])
         scale = np.maximum(np.abs(energy), 1e-3 * (kinetic + total_energy_scale(effects, body)))
-        first = energy, 1.0 / np.where(scale > 0.0, scale, 1.0), squared, 1.0 / np.where(squared > 0.0, squared, 1.0)
-        now = np.array([(kinetic_energy(body, b) + total_energy(effects, body, a), dot(b, b)) for a, b in zip(q, l, strict=True)])
+        first = (
+            energy,
+            1.0 / np.where(scale > 0.0, scale, 1.0),
+            squared,
+            1.0 / np.where(squared > 0.0, squared, 1.0),
+        )
+        now = np.array(
+            [
+                (kinetic_energy(body, b) + total_energy(effects, body, a), dot(b, b))
+                for a, b in zip(q, l, strict=True)
+            ]
+        )
         finite = np.isfinite(now).all(1) & np.isfinite(q).all(1) & np.isfinite(l).all(1)
-        unit = np.abs((q * q).sum(1) - 1.0) < 1e-9  # phases beyond 1e15 rad have neither digits nor a sine
+        unit = (
+            np.abs((q * q).sum(1) - 1.0) < 1e-9
+        )  # phases beyond 1e15 rad have neither digits nor a sine
         well = np.logical_and.accumulate(finite & unit & (block[layout.STATUS] == 0.0))
         drifts = np.abs(now - now[0]) * np.array(first[1::2])
     last = np.minimum(np.arange(len(times))[:, None], np.maximum(well.sum(0) - 1, 0))
     q, l = (np.take_along_axis(x, last[:, None], 0) for x in (q, l))
-    found = np.where(finite.all(0), layout.STATUSES["off_unit_quaternion"], layout.STATUSES["non_finite"])
-    block[layout.STATUS] = np.where(well[-1] | (block[layout.STATUS] > 0.0), block[layout.STATUS], found)
-    block[layout.DRIFT : layout.STATUS] = np.where(well[0], np.where(well[:, None], drifts, 0.0).max(0), np.nan)
+    found = np.where(
+        finite.all(0), layout.STATUSES["off_unit_quaternion"], layout.STATUSES["non_finite"]
+    )
+    block[layout.STATUS] = np.where(
+        well[-1] | (block[layout.STATUS] > 0.0), block[layout.STATUS], found
+    )
+    block[layout.DRIFT : layout.STATUS] = np.where(
+        well[0], np.where(well[:, None], drifts, 0.0).max(0), np.nan
+    )
     block[: layout.MOMENTUM], block[layout.MOMENTUM : layout.REST] = q[-1], l[-1]
     steps = np.rint(times / dt)
     block[layout.GOOD_STEP] = steps[last[-1]]
-    block[layout.FAULT_STEP] = np.where(well[-1], -1.0, steps[np.minimum(well.sum(0), len(times) - 1)])
+    block[layout.FAULT_STEP] = np.where(
+        well[-1], -1.0, steps[np.minimum(well.sum(0), len(times) - 1)]
+    )
     observables = [OBSERVABLES[name]() for name in scene.recorded()]
     with np.errstate(all="ignore"):
         rows = [

@@ -28,7 +28,9 @@ class Job(NamedTuple):
     program: Program | None  # None where nothing is left to do
     noise: Noise
     block: np.ndarray
-    order: np.ndarray | None  # in which the block has the members, where they have steps of their own
+    order: (
+        np.ndarray | None
+    )  # in which the block has the members, where they have steps of their own
     out: np.ndarray
     width: int
     column: int
@@ -71,7 +73,10 @@ def program_of(scene, plan, ask=False):
         if not own:
             raise
         raise SceneError(
-            "effects", ", ".join(type(e).__name__ for e in own), None, f"cannot be compiled: {reason(error)}; {RULE}"
+            "effects",
+            ", ".join(type(e).__name__ for e in own),
+            None,
+            f"cannot be compiled: {reason(error)}; {RULE}",
         ) from error
 
 
@@ -88,7 +93,21 @@ def job_of(scene, plan, program, first, count, block, start, out, width, column)
         block = np.take(block, order, axis=1)  # block[:, order] would lie the other way round
         slots = int(block[layout.STEPS].max(initial=1.0))
     steps = slots * plan.stride, slots * plan.steps, plan.steps
-    return Job(first, count, start, program, noise(scene, first), block, order, out, width, column, plan.dt, slots, *steps)
+    return Job(
+        first,
+        count,
+        start,
+        program,
+        noise(scene, first),
+        block,
+        order,
+        out,
+        width,
+        column,
+        plan.dt,
+        slots,
+        *steps,
+    )
 
 
 def closed_job(scene, plan, first, count, block, start, out, width, column):
@@ -97,4 +116,20 @@ def closed_job(scene, plan, first, count, block, start, out, width, column):
     if width:
         size = block.shape[1]
         out.reshape(saves, -1, width)[:, :, column : column + size] = values
-    return Job(first, count, start, None, QUIET, block, None, out, width, column, plan.dt, 1, plan.stride, plan.steps, plan.steps)
+    return Job(
+        first,
+        count,
+        start,
+        None,
+        QUIET,
+        block,
+        None,
+        out,
+        width,
+        column,
+        plan.dt,
+        1,
+        plan.stride,
+        plan.steps,
+        plan.steps,
+    )

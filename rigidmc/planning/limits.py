@@ -51,9 +51,15 @@ def limits(scene, carried, theta, steps, made=None, spin=0.0):
     kind, kept = INTEGRATORS[run.integrator], conservation(scene)
     rounding = float(np.finfo(run.dtype).eps) * (5e6 + 50.0 * steps)
     with np.errstate(over="ignore"):
-        error = 0.0 if kind.order == math.inf or not theta < 1.0 else steps * theta ** (kind.order + 1)
-    allowed = COARSE if theta >= 1.0 and kind.order < math.inf else min(COARSE, max(error, rounding))
-    energy = COARSE if "work" in run.save else allowed  # what drives a body may make it much faster than the pilot is at the start
+        error = (
+            0.0 if kind.order == math.inf or not theta < 1.0 else steps * theta ** (kind.order + 1)
+        )
+    allowed = (
+        COARSE if theta >= 1.0 and kind.order < math.inf else min(COARSE, max(error, rounding))
+    )
+    energy = (
+        COARSE if "work" in run.save else allowed
+    )  # what drives a body may make it much faster than the pilot is at the start
     drift = getattr(getattr(made, "integrator", None), "drift", None)
     turns = math.pi if drift is None else SPLIT if isinstance(drift, Split) else math.inf
     largest = getattr(kind, "largest_turn", turns)
@@ -67,7 +73,9 @@ def limits(scene, carried, theta, steps, made=None, spin=0.0):
     }
     bounds["lz"] = bounds["l2"]
     for name in bounds:
-        if kept[{"energy": "energy_drift"}.get(name, name)] != "yes" or (name == "lz" and not carried):
+        if kept[{"energy": "energy_drift"}.get(name, name)] != "yes" or (
+            name == "lz" and not carried
+        ):
             bounds[name] = math.inf
     largest = largest if run.turn is None else min(largest, SPUN_UP * run.turn)
     norm = 1e-9 if run.dtype == "float64" else 1e-3

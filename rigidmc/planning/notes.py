@@ -53,7 +53,9 @@ def notes(scene, plan, units=None):
         is measured.
     """
     made = () if scene.run.integrator == "auto" else plan.notes
-    told = [note if units is None else f"{note} (in units of {1.0 / units.time:.6g} s)" for note in made]
+    told = [
+        note if units is None else f"{note} (in units of {1.0 / units.time:.6g} s)" for note in made
+    ]
     seen = _seen(scene, plan)
     return (*told, *(note for look in LOOKS for note in look(seen)))
 
@@ -62,7 +64,10 @@ def _seen(scene, plan):
     coarse, seed = scene.coarse(), scene.run.seed
     effects = []
     for label, effect in labelled(coarse.effects):
-        each = [(field, value if shape(effect, field) else (value,)) for field, value in zip(effect._fields, effect, strict=True)]
+        each = [
+            (field, value if shape(effect, field) else (value,))
+            for field, value in zip(effect._fields, effect, strict=True)
+        ]
         rows = [draw(parts, seed, f"effects.{label}.{field}", 0, FEW) for field, parts in each]
         effects.append((label, filled(type(effect), np.concatenate(rows))))
     moments, mass, centre = coarse.body.sample(seed, 0, FEW)
@@ -86,9 +91,15 @@ def _idle_limits(seen):
         return
     if run.energy_limit is not None and kept["energy_drift"] != "yes":
         yield f"[run] energy_limit = {run.energy_limit:g} has no effect: {kept['energy_drift'].removeprefix('no: ')}"
-    if run.momentum_limit is not None and kept["l2"] != "yes" and (kept["lz"] != "yes" or not seen.plan.carried):
+    if (
+        run.momentum_limit is not None
+        and kept["l2"] != "yes"
+        and (kept["lz"] != "yes" or not seen.plan.carried)
+    ):
         why = (
-            kept["lz"].removeprefix("no: ") if seen.plan.carried else f"{kept['l2'].removeprefix('no: ')}, and L_z is not followed"
+            kept["lz"].removeprefix("no: ")
+            if seen.plan.carried
+            else f"{kept['l2'].removeprefix('no: ')}, and L_z is not followed"
         )
         yield f"[run] momentum_limit = {run.momentum_limit:g} has no effect: {why}"
 
@@ -96,7 +107,10 @@ def _idle_limits(seen):
 def _anti_damping(seen):
     if not seen.scene.run.anti_damping:
         return
-    if any(getattr(effect, "damps", False) or hasattr(effect, "drives") for effect in seen.scene.effects):
+    if any(
+        getattr(effect, "damps", False) or hasattr(effect, "drives")
+        for effect in seen.scene.effects
+    ):
         yield "[run] anti_damping = true: damping may be negative, which drives the body"
     else:
         yield "[run] anti_damping = true has no effect: the scene has no damping"
@@ -105,10 +119,14 @@ def _anti_damping(seen):
 def _idle_effects(seen):
     size = np.abs(seen.centre).max()
     with np.errstate(all="ignore"):  # scaled to size 1, so that no torque underflows to 0
-        body = MassProperties.of(tuple(seen.moments / seen.moments.max()), tuple(seen.centre / (size or 1.0)))
+        body = MassProperties.of(
+            tuple(seen.moments / seen.moments.max()), tuple(seen.centre / (size or 1.0))
+        )
     chance = np.random.default_rng(1)
     for label, effect in seen.effects:
-        if type(effect) not in EFFECTS.values() or any(_acts(effect, body, i, chance) for i in range(FEW)):
+        if type(effect) not in EFFECTS.values() or any(
+            _acts(effect, body, i, chance) for i in range(FEW)
+        ):
             continue
         why = "its torque is 0 at any attitude and spin"
         if type(effect) in (Gravity, MovingPivot) and not seen.centre.any():
@@ -118,7 +136,10 @@ def _idle_effects(seen):
 
 def _acts(effect, body, i, chance):
     """Whether an effect exerts a torque on member i at a random attitude, spin and time; for a bath, whether it has friction."""
-    one, mine = MassProperties(*(x[i] for x in body)), filled(type(effect), [x[i] for _, _, x in numbers(effect)])
+    one, mine = (
+        MassProperties(*(x[i] for x in body)),
+        filled(type(effect), [x[i] for _, _, x in numbers(effect)]),
+    )
     if isinstance(mine, Bath):
         return mine.gamma != 0.0
     q, l, t = chance.normal(size=4), chance.normal(size=3) / max(one[:3]), chance.uniform(0.1, 10.0)
@@ -135,7 +156,10 @@ def _orbit_inside(seen):
     for label, effect in seen.effects:
         if not isinstance(effect, GravityGradient):
             continue
-        mu, nearest = float(np.median(effect.mu)), float(np.min(effect.distance * (1.0 - effect.eccentricity)))
+        mu, nearest = (
+            float(np.median(effect.mu)),
+            float(np.min(effect.distance * (1.0 - effect.eccentricity))),
+        )
         for name, (known, radius) in CENTRES.items():
             if abs(mu / known - 1.0) < 0.02 and nearest < radius:
                 yield f"[effects.{label}] distance: {nearest:g} m from the centre is inside {name}, whose radius is {radius:g} m; distances are in m, from the centre"
@@ -152,18 +176,29 @@ def _angles(seen):
     spin = getattr(start, which)
     for field, most in (("angle", ""), ("azimuth", "2")):
         if hasattr(spin, field):
-            worst = np.abs(draw((getattr(spin, field),), seed, f"start.{which}.{field}", 0, FEW)).max()
+            worst = np.abs(
+                draw((getattr(spin, field),), seed, f"start.{which}.{field}", 0, FEW)
+            ).max()
             if worst > turn * (1.0 if most else 0.5):
                 yield f"[start] {which}.{field} = {worst:g} {rule.format(most)}".replace("  ", " ")
     for label, effect in seen.effects:
         for field, unit in getattr(effect, "units", {}).items():
-            if unit == "rad" and type(effect) in EFFECTS.values() and (worst := np.abs(getattr(effect, field)).max()) > turn:
+            if (
+                unit == "rad"
+                and type(effect) in EFFECTS.values()
+                and (worst := np.abs(getattr(effect, field)).max()) > turn
+            ):
                 yield f"[effects.{label}] {field} = {worst:g} {rule.format(2)}"
 
 
 def _quaternions(seen):
     attitude = seen.scene.start.attitude
-    if not isinstance(attitude, tuple) or hasattr(attitude, "_fields") or len(attitude) != 4 or is_open(*attitude):
+    if (
+        not isinstance(attitude, tuple)
+        or hasattr(attitude, "_fields")
+        or len(attitude) != 4
+        or is_open(*attitude)
+    ):
         return
     sizes = np.atleast_1d(np.sqrt(sum(np.square(part) for part in attitude)))
     worst = sizes[np.abs(sizes - 1.0).argmax()]
@@ -177,7 +212,9 @@ def _bodies(seen):
     With S_i = (I_j + I_k - I_i)/2 the second moments about the centre of mass are diag(S) - m c c^T. This matrix has no negative
     eigenvalue if m sum c_i^2/S_i <= 1.
     """
-    if any(isinstance(q, Grid) for q in seen.scene.body.quantities()):  # they are the blank parts of a map
+    if any(
+        isinstance(q, Grid) for q in seen.scene.body.quantities()
+    ):  # they are the blank parts of a map
         return
     moments, mass, centre = seen.scene.body.sample(seen.scene.run.seed, 0, PILOT)
     none = int(np.count_nonzero(broken(moments)))
@@ -185,7 +222,9 @@ def _bodies(seen):
         yield f"[body] moments: {none:,} of the first {PILOT:,} bodies cannot exist (I_i > I_j + I_k) and are flagged invalid_input"
     second = 0.5 * moments.sum(0) - moments
     with np.errstate(all="ignore"):
-        bad = (mass * np.where(centre == 0.0, 0.0, centre**2 / second).sum(0) > 1.0 + 1e-9) & ~broken(moments)
+        bad = (
+            mass * np.where(centre == 0.0, 0.0, centre**2 / second).sum(0) > 1.0 + 1e-9
+        ) & ~broken(moments)
     if bad.any():
         rule = "with these moments the centre of mass cannot lie that far from the fixed point"
         yield f"[body] centre: {int(bad.sum()):,} of the first {PILOT:,} bodies cannot exist: {rule}"
@@ -196,8 +235,12 @@ def _density(seen):
     their moments."""
     mass = seen.mass
     second = _about_centre(seen.moments, mass, seen.centre)
-    thick = second.min(0) > 1e-9 * second.max(0)  # plates, rods and points without thickness have no density
-    real = thick & (mass != 1.0) & (mass > SMALLEST) & (mass < LARGEST)  # a mass of 1 stands for none: only the moments are meant
+    thick = second.min(0) > 1e-9 * second.max(
+        0
+    )  # plates, rods and points without thickness have no density
+    real = (
+        thick & (mass != 1.0) & (mass > SMALLEST) & (mass < LARGEST)
+    )  # a mass of 1 stands for none: only the moments are meant
     if not real.any():
         return
     extents = np.sqrt(5.0 * second[:, real] / mass[real])
@@ -211,16 +254,24 @@ def _density(seen):
 
 def _about_centre(moments, mass, centre):
     """Eigenvalues (3, n) of the matrices of second moments about the centre of mass [kg m2], ascending."""
-    matrices = np.eye(3)[:, :, None] * (0.5 * moments.sum(0) - moments) - mass * centre[:, None] * centre
+    matrices = (
+        np.eye(3)[:, :, None] * (0.5 * moments.sum(0) - moments) - mass * centre[:, None] * centre
+    )
     return np.linalg.eigvalsh(np.moveaxis(matrices, -1, 0)).T
 
 
 def _hot(seen):
     """A kT given in K instead of J, for bodies small enough to feel heat at all."""
     momentum = seen.scene.coarse().start.momentum
-    found = [(f"effects.{label}", effect.kT) for label, effect in seen.effects if isinstance(effect, Bath)]
+    found = [
+        (f"effects.{label}", effect.kT)
+        for label, effect in seen.effects
+        if isinstance(effect, Bath)
+    ]
     if hasattr(momentum, "kT"):
-        found.append(("start", draw((momentum.kT,), seen.scene.run.seed, "start.momentum.kT", 0, FEW)))
+        found.append(
+            ("start", draw((momentum.kT,), seen.scene.run.seed, "start.momentum.kT", 0, FEW))
+        )
     for table, heat in found:
         kelvin = float(np.median(heat)) / BOLTZMANN
         if np.median(seen.mass) < 1e-9 and kelvin > COLD:

@@ -52,7 +52,9 @@ class Plan(NamedTuple):
     block: int  # members of a block
     constant: frozenset  # names of the member variables that are the same for all
     angle: float  # largest |omega| dt of the pilot [rad]
-    turn_rate: float | None  # bound on the rate of free motion, where the integrator asks for it [rad/s]
+    turn_rate: (
+        float | None
+    )  # bound on the rate of free motion, where the integrator asks for it [rad/s]
     dtype: str  # of the numbers in which steps are made
     compensated: bool  # whether sums keep their remainders
     notes: tuple  # what the user should know
@@ -82,8 +84,12 @@ def steps_and_saves(t_end, dt, every):
     if every is None or every >= t_end:
         steps = stride = max(1, math.ceil(end / step * (1 - Fraction(1, 10**9))))
     else:
-        ratio = end / Fraction(repr(every))  # p/q: steps must be a multiple of p for stride = steps q/p to be whole
-        simple = ratio.limit_denominator(1000)  # of numbers that are only written to 16 digits, as t_end/7 or 2^-30 s
+        ratio = end / Fraction(
+            repr(every)
+        )  # p/q: steps must be a multiple of p for stride = steps q/p to be whole
+        simple = ratio.limit_denominator(
+            1000
+        )  # of numbers that are only written to 16 digits, as t_end/7 or 2^-30 s
         ratio = simple if abs(simple / ratio - 1) < Fraction(1, 10**14) else ratio
         multiples = max(1, math.ceil(end / step / ratio.numerator * (1 - Fraction(1, 10**9))))
         steps = multiples * ratio.numerator
@@ -93,10 +99,17 @@ def steps_and_saves(t_end, dt, every):
             raise SceneError("run", "every", every, rule)
     if steps > MOST_STEPS:
         raise SceneError(
-            "run", "dt", dt, f"{steps:.3g} steps to t_end = {t_end:g} are more than {MOST_STEPS:.3g}, which none live to see"
+            "run",
+            "dt",
+            dt,
+            f"{steps:.3g} steps to t_end = {t_end:g} are more than {MOST_STEPS:.3g}, which none live to see",
         )
     made = t_end / steps
-    notes = () if abs(made / dt - 1) < 1e-9 else (f"dt reduced from {dt:g} to {made:.10g} s, which divides t_end and every",)
+    notes = (
+        ()
+        if abs(made / dt - 1) < 1e-9
+        else (f"dt reduced from {dt:g} to {made:.10g} s, which divides t_end and every",)
+    )
     return steps, made, stride, notes
 
 
@@ -137,20 +150,35 @@ def prepare(scene, threads=1, streaming=False, block=None):
     most = 3.0 if hasattr(INTEGRATORS[run.integrator], "drifts") else 1.0
     if angle > most and INTEGRATORS[run.integrator].order < math.inf:
         would = f"turn <= {most:g}" if own else f"dt <= {most * dt / angle:.2g} s"
-        notes += (f"omega dt reaches {angle:.3g} rad per step, more than {most:g}: expect large errors; {would} would do",)
-    notes += watched_notes(found, theta if scene.effects else angle, own, dt)  # how far torques may bring it
+        notes += (
+            f"omega dt reaches {angle:.3g} rad per step, more than {most:g}: expect large errors; {would} would do",
+        )
+    notes += watched_notes(
+        found, theta if scene.effects else angle, own, dt
+    )  # how far torques may bring it
     if own and (driving := spinning_up(scene)):
         rule = f"steps are those of the start, and {', '.join(driving)} may spin members up; one that turns by {SPUN_UP:g} times as much in a step is flagged"
         notes += (f"[run] turn = {run.turn:g}: {rule}; dt goes by no start",)
     if steps // stride > MOST_SAVES:
-        raise SceneError("run", "every", run.every, f"{steps // stride:,} saves are more than the limit of {MOST_SAVES:,}")
+        raise SceneError(
+            "run",
+            "every",
+            run.every,
+            f"{steps // stride:,} saves are more than the limit of {MOST_SAVES:,}",
+        )
     slots = np.append(np.arange(0, steps, stride), steps)
     few = thinned(len(slots), run.thin) if "thinned" in scene.kept().values() else np.empty(0, int)
     values = rows_of(scene.effects, *scene.recorded())
     if block is None:
         block = min(BLOCK, whole_lanes(math.ceil(run.members / ((1 if own else 4) * threads))))
         if streaming:
-            block = min(block, max(layout.LANES, SLAB // (8 * max(1, values) * len(slots)) // layout.LANES * layout.LANES))
+            block = min(
+                block,
+                max(
+                    layout.LANES,
+                    SLAB // (8 * max(1, values) * len(slots)) // layout.LANES * layout.LANES,
+                ),
+            )
     return Plan(
         run.first, run.members, steps, dt, stride, own, mean, slots * dt, few, made, carried, block, _constant(scene), angle, rate,
         run.dtype, keeps_remainders(run.integrator, scene.effects, run.dtype, run.compensated), notes, () if made is None else limits(scene, carried, theta, mean, made, spin),
@@ -165,7 +193,9 @@ def watched_notes(found, theta, own, dt):
     if not some or theta <= WATCHED_TURN * (1.0 + 1e-9):
         return ()
     would = f"turn <= {WATCHED_TURN:g}" if own else f"dt <= {dt * WATCHED_TURN / theta:.2g} s"
-    return (f"a member may move by {theta:.2g} rad in a step, and {', '.join(some)} see the ends of steps only; {would} would do",)
+    return (
+        f"a member may move by {theta:.2g} rad in a step, and {', '.join(some)} see the ends of steps only; {would} would do",
+    )
 
 
 def spinning_up(scene):
@@ -174,7 +204,9 @@ def spinning_up(scene):
     return [
         label
         for label, e in labelled(scene.effects)
-        if hasattr(e, "torque") and not any(hasattr(e, fact) for fact in known) and not getattr(e, "conservative", False)
+        if hasattr(e, "torque")
+        and not any(hasattr(e, fact) for fact in known)
+        and not getattr(e, "conservative", False)
     ]
 
 
@@ -191,7 +223,12 @@ def form_of(scene, dt):
         largest = getattr(kind, "largest_spin", math.inf)
         if turns.spin > largest:
             rule = f"a step may turn by {turns.spin:.3g} rad, more than the {largest:g} for which {run.integrator} can be solved; "
-            raise SceneError("run", key, getattr(run, key), rule + f"use {key} <= {unit * largest / turns.spin:.2g}")
+            raise SceneError(
+                "run",
+                key,
+                getattr(run, key),
+                rule + f"use {key} <= {unit * largest / turns.spin:.2g}",
+            )
     return form(kind, turns, scene.effects)._replace(name=run.integrator), rate, turns.spin
 
 
@@ -240,20 +277,32 @@ def _turn_rates(scene):
     l = block[layout.MOMENTUM : layout.REST]
     a, i = np.array([body.a1, body.a2, body.a3]), np.array([body.i1, body.i2, body.i3])
     with np.errstate(all="ignore"):
-        products = np.stack([a[1] * a[2] * l[0] * l[0], a[2] * a[0] * l[1] * l[1], a[0] * a[1] * l[2] * l[2]])
+        products = np.stack(
+            [a[1] * a[2] * l[0] * l[0], a[2] * a[0] * l[1] * l[1], a[0] * a[1] * l[2] * l[2]]
+        )
         rate = np.sqrt(products.max(0) - products.min(0))
         spin = np.sqrt(((i * l) ** 2).sum(0))
         scale = total_energy_scale(effects, body) + np.zeros(l.shape[1])
         # torques can bring the kinetic energy from T to T + 2 V, and |L| and omega with it
         kinetic = 0.5 * (i * l * l).sum(0) + 2.0 * scale
-        bound = np.sqrt(2.0 * kinetic / i.min(0)) * np.sqrt(np.abs(a).max(0) * np.sort(np.abs(a), axis=0)[1])
+        bound = np.sqrt(2.0 * kinetic / i.min(0)) * np.sqrt(
+            np.abs(a).max(0) * np.sort(np.abs(a), axis=0)[1]
+        )
         rate = np.where(scale > 0.0, bound, rate)
         spin = np.where(scale > 0.0, spin + np.sqrt(2.0 * scale * i.max(0)), spin)
         if scene.run.turn is not None:
             own = rates(scene.effects, block)
             rate, spin = rate / own, np.ones_like(own)  # no member is faster than its rate
-        alike = bool(np.all(np.abs(a).min(0) <= 4e-15 * i.max(0))) and _symmetric_by_construction(scene)
-    margin = 1.0 if not is_open(*scene.quantities()) else MARGIN if scene.run.turn is None else OWN_MARGIN
+        alike = bool(np.all(np.abs(a).min(0) <= 4e-15 * i.max(0))) and _symmetric_by_construction(
+            scene
+        )
+    margin = (
+        1.0
+        if not is_open(*scene.quantities())
+        else MARGIN
+        if scene.run.turn is None
+        else OWN_MARGIN
+    )
     rate, spin = (float(np.max(x, where=np.isfinite(x), initial=0.0)) for x in (rate, spin))
     return (
         margin * rate,

@@ -36,7 +36,10 @@ def stage(scene, first, count, carried, span=None, more=0):
         block, start = _staged(scene, source(scene), first, count, carried)
     else:
         part = slice(first, first + count)
-        block, start = known.block[:, part].copy(), {name: values[..., part] for name, values in known.start.items()}
+        block, start = (
+            known.block[:, part].copy(),
+            {name: values[..., part] for name, values in known.start.items()},
+        )
     if span is not None:
         block[layout.STEPS] = own_steps(rates(scene.effects, block), span, scene.run.turn)
     return (np.concatenate([block, np.zeros((more, count))]) if more else block), start
@@ -74,15 +77,21 @@ def source(scene):
         return Antithetic(run.seed)
     if scene not in _sources:
         seen = Recorder()
-        _staged(scene, seen, 0, 1, True)  # the attitude too, so that no point depends on what is saved
-        _sources[scene] = points(run.seed, run.points, tuple(seen.found), run.strata or run.first + run.members)
+        _staged(
+            scene, seen, 0, 1, True
+        )  # the attitude too, so that no point depends on what is saved
+        _sources[scene] = points(
+            run.seed, run.points, tuple(seen.found), run.strata or run.first + run.members
+        )
     return _sources[scene]
 
 
 def _staged(scene, seed, first, count, carried):
     moments, mass, centre = scene.body.sample(seed, first, count)
     effects = {
-        f"{label}_{field}": draw(value if shape(e, field) else (value,), seed, f"effects.{label}.{field}", first, count)
+        f"{label}_{field}": draw(
+            value if shape(e, field) else (value,), seed, f"effects.{label}.{field}", first, count
+        )
         for label, e in labelled(scene.effects)
         for field, value in zip(e._fields, e, strict=True)
     }
@@ -90,11 +99,17 @@ def _staged(scene, seed, first, count, carried):
     block = np.zeros((block_rows(scene), count))
     block[layout.ATTITUDE] = 1.0
     with np.errstate(all="ignore"):
-        block[layout.BODY : layout.EFFECTS] = MassProperties.of(tuple(moments), tuple(mass * centre))
+        block[layout.BODY : layout.EFFECTS] = MassProperties.of(
+            tuple(moments), tuple(mass * centre)
+        )
     if effects:
-        block[layout.EFFECTS : layout.EFFECTS + parameter_count(*scene.effects)] = np.concatenate(list(effects.values()))
+        block[layout.EFFECTS : layout.EFFECTS + parameter_count(*scene.effects)] = np.concatenate(
+            list(effects.values())
+        )
     if carried:
-        block[layout.ATTITUDE : layout.MOMENTUM] = scene.start.quaternions(seed, first, count, facts(scene, block, moments))
+        block[layout.ATTITUDE : layout.MOMENTUM] = scene.start.quaternions(
+            seed, first, count, facts(scene, block, moments)
+        )
     which, spin = scene.start.spin(seed, first, count, facts(scene, block, moments))
     start = {"moments": moments, "mass": mass, "centre": centre, f"start_{which}": spin, **drawn}
     if carried:
@@ -115,15 +130,25 @@ def facts(scene, block, moments):
     body, effects = physics(scene.effects, block)
     q = tuple(block[layout.ATTITUDE : layout.MOMENTUM])
     none = np.zeros(block.shape[1])
-    held = tuple(effect for effect in effects if hasattr(effect, "energy"))  # a bath has a scale and no potential
-    return Facts(moments, lambda q: energies(effects, body, tuple(q)) + none, total_energy_scale(held, body) + none, q)
+    held = tuple(
+        effect for effect in effects if hasattr(effect, "energy")
+    )  # a bath has a scale and no potential
+    return Facts(
+        moments,
+        lambda q: energies(effects, body, tuple(q)) + none,
+        total_energy_scale(held, body) + none,
+        q,
+    )
 
 
 def check_starts(scene):
     """Raise SceneError where no member has a start, or where the attitudes of an ensemble are too rare among uniform ones to be found."""
     which = "omega" if scene.start.momentum is None else "momentum"
     if scene.start.attitude != "ensemble":
-        if hasattr(getattr(scene.start, which), "_fields") and stage(scene, 0, PILOT, True)[0][layout.STATUS].all():
+        if (
+            hasattr(getattr(scene.start, which), "_fields")
+            and stage(scene, 0, PILOT, True)[0][layout.STATUS].all()
+        ):
             rule = f"none of the first {PILOT} members has one: its energy, temperature or size cannot be"
             raise SceneError("start", which, None, rule)
         return
@@ -158,7 +183,11 @@ def block_rows(scene):
 
 def noise(scene, first):
     """What decides the noise of random effects, of members from `first` on."""
-    streams = [stream_of(f"effects.{label}.noise") for label, effect in labelled(scene.effects) if is_random(effect)]
+    streams = [
+        stream_of(f"effects.{label}.noise")
+        for label, effect in labelled(scene.effects)
+        if is_random(effect)
+    ]
     key, other = key_of(scene.run.seed)
     return Noise(key, other, np.array(streams or [0], np.uint64), first)
 
@@ -179,9 +208,15 @@ def rates(effects, block):
     torque at the start.
     """
     body, effects = physics(effects, block)
-    q, l = tuple(block[layout.ATTITUDE : layout.MOMENTUM]), tuple(block[layout.MOMENTUM : layout.REST])
+    q, l = (
+        tuple(block[layout.ATTITUDE : layout.MOMENTUM]),
+        tuple(block[layout.MOMENTUM : layout.REST]),
+    )
     with np.errstate(all="ignore"):
-        highest, smallest = total_energy_scale(effects, body), 1.0 / np.max([body.i1, body.i2, body.i3], axis=0)
+        highest, smallest = (
+            total_energy_scale(effects, body),
+            1.0 / np.max([body.i1, body.i2, body.i3], axis=0),
+        )
         torque = torques(effects, body, q, l)
         swing = np.maximum(highest, np.sqrt(dot(torque, torque)))
         energy = kinetic_energy(body, l) + energies(effects, body, q) + highest
@@ -191,7 +226,9 @@ def rates(effects, block):
 def together(block):
     """The order of a block's members by their own steps: those that make as many go together."""
     steps = block[layout.STEPS]
-    return np.argsort(steps.astype("u2") if steps.max(initial=0.0) < 2**16 else steps, kind="stable")  # by radix, 15 times as fast
+    return np.argsort(
+        steps.astype("u2") if steps.max(initial=0.0) < 2**16 else steps, kind="stable"
+    )  # by radix, 15 times as fast
 
 
 def own_steps(rate, span, turn):

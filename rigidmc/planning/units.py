@@ -50,9 +50,17 @@ def scaled(scene, mass=1.0, length=1.0, time=1.0):
         scene.body, moments=_sized(scene.body.moments, inertia, 1.0), mass=_times(scene.body.mass, mass),
         centre=tuple(_times(x, length) for x in scene.body.centre),
     )  # fmt: skip
-    which, by = ("omega", 1.0 / time) if scene.start.momentum is None else ("momentum", inertia / time)
-    start = replace(scene.start, **{which: _sized(getattr(scene.start, which), by, inertia / time / time)})
-    run = {name: getattr(scene.run, name) * time for name in ("t_end", "every") if getattr(scene.run, name) is not None}
+    which, by = (
+        ("omega", 1.0 / time) if scene.start.momentum is None else ("momentum", inertia / time)
+    )
+    start = replace(
+        scene.start, **{which: _sized(getattr(scene.start, which), by, inertia / time / time)}
+    )
+    run = {
+        name: getattr(scene.run, name) * time
+        for name in ("t_end", "every")
+        if getattr(scene.run, name) is not None
+    }
     run |= {"dt": scene.run.dt * time} if scene.run.turn is None else {}
     if scene.run.turn_rate is not None and scene.run.turn is None:
         run["turn_rate"] = scene.run.turn_rate / time
@@ -70,7 +78,10 @@ def _scaled_effects(effects, mass, length, time):
             except (ValueError, AttributeError):
                 rule = f"the scene cannot be put in other units: {name_of(effect)} does not tell that of {name}"
                 raise SceneError(
-                    f"effects.{name_of(effect)}", name, None, rule if told is None else f"{rule}, but '{told}'"
+                    f"effects.{name_of(effect)}",
+                    name,
+                    None,
+                    rule if told is None else f"{rule}, but '{told}'",
                 ) from None
         made.append(filled(type(effect), values))
     return tuple(made)
@@ -116,7 +127,9 @@ def internal(scene):
     spin = np.nan_to_num(spin)
     inertia = _exponent(np.max(moments))
     each = [
-        _exponent(x) - (_exponent(i) if which == "momentum" else 0) for x, i in zip(spin[:, 0], moments, strict=True) if x != 0.0
+        _exponent(x) - (_exponent(i) if which == "momentum" else 0)
+        for x, i in zip(spin[:, 0], moments, strict=True)
+        if x != 0.0
     ]
     g = [
         _exponent(e.g if is_shared(e.g) else 1.0)
@@ -124,7 +137,11 @@ def internal(scene):
         if name_of(e) == "gravity" and not (is_shared(e.g) and e.g == 0.0)
     ]
     arm = np.max(np.abs(centre))
-    each += [(x + _exponent(mass) + _exponent(arm) - _exponent(np.min(moments))) // 2 for x in g if arm > 0.0]
+    each += [
+        (x + _exponent(mass) + _exponent(arm) - _exponent(np.min(moments))) // 2
+        for x in g
+        if arm > 0.0
+    ]
     rate, most = max(each, default=0), RANGE[scene.run.dtype]
     if max(abs(inertia), abs(rate)) <= most:
         return None
@@ -152,7 +169,9 @@ def _sized(values, by, energy):
 
 
 def _all_times(value, by):
-    return tuple(_all_times(x, by) for x in value) if isinstance(value, tuple) else _times(value, by)
+    return (
+        tuple(_all_times(x, by) for x in value) if isinstance(value, tuple) else _times(value, by)
+    )
 
 
 def _times(value, by):

@@ -49,7 +49,11 @@ def watch(scene):
     found = scene.watched()
     found = [(label, one) for label, one in found if not hasattr(one, "ensemble")]
     events = tuple((label, one) for label, one in found if hasattr(one, "event"))
-    running = tuple((label, one) for label, one in found if not hasattr(one, "event") and not hasattr(one, "shadow"))
+    running = tuple(
+        (label, one)
+        for label, one in found
+        if not hasattr(one, "event") and not hasattr(one, "shadow")
+    )
     shadow = tuple((label, one) for label, one in found if hasattr(one, "shadow"))
     bodies = _bodies(scene) if events else ()
     return Watch(
@@ -59,7 +63,10 @@ def watch(scene):
         events,
         running,
         shadow,
-        tuple((f"{label}_bin", one.edges(), OBSERVABLES[one.name].units) for label, one in scene.histograms()),
+        tuple(
+            (f"{label}_bin", one.edges(), OBSERVABLES[one.name].units)
+            for label, one in scene.histograms()
+        ),
     )
 
 
@@ -88,10 +95,20 @@ def needs_attitude(scene, found):
     """Whether the attitude itself, not only by the effects, goes into what is saved and watched; found : the Watch of the scene."""
     works = (0.0,) * len(scene.effects)
     return (
-        bool(found.shadow)  # the distance to the neighbour is that of attitude and momentum, whatever is saved
-        or any(depends(value, OBSERVABLES[name](), **_SAVED, works=works) for name in scene.recorded())
-        or any(depends(begin, one, **_VALUES) or depends(update, one, **_VALUES, kept=marks) for one, marks in found.running)
-        or any(depends(level, one, **_VALUES) or depends(armed, one, **_VALUES, level=0.5, armed=True) for one in found.events)
+        bool(
+            found.shadow
+        )  # the distance to the neighbour is that of attitude and momentum, whatever is saved
+        or any(
+            depends(value, OBSERVABLES[name](), **_SAVED, works=works) for name in scene.recorded()
+        )
+        or any(
+            depends(begin, one, **_VALUES) or depends(update, one, **_VALUES, kept=marks)
+            for one, marks in found.running
+        )
+        or any(
+            depends(level, one, **_VALUES) or depends(armed, one, **_VALUES, level=0.5, armed=True)
+            for one in found.events
+        )
     )
 
 
@@ -101,7 +118,11 @@ def results(scene, found, block, h, total):
     block : its rows at the end of a run;  h : step of each member [s];  total : steps of each member
     """
     healthy = block[layout.STATUS] == 0.0
-    at = layout.EFFECTS + parameter_count(*scene.effects) + 2 * ("work" in scene.run.save) * len(scene.effects)
+    at = (
+        layout.EFFECTS
+        + parameter_count(*scene.effects)
+        + 2 * ("work" in scene.run.save) * len(scene.effects)
+    )
     each: dict[str, Any] = {}
     steps = total
 
@@ -120,7 +141,9 @@ def results(scene, found, block, h, total):
         if label in RUNNING:
             kept = kept.reshape(one.kept, -1, kept.shape[1]) if one.of.dims else kept
             with np.errstate(all="ignore"):
-                add(label, one, [one.result(kept, np.maximum(steps, 1.0))])  # of none the first value is the mean
+                add(
+                    label, one, [one.result(kept, np.maximum(steps, 1.0))]
+                )  # of none the first value is the mean
         else:
             add(label, one, one.results(kept).values())
         at += len(marks)

@@ -18,7 +18,11 @@ def sizes(scene, plan, threads):
     _, each = bytes_of_a_member(scene, plan)
     block = _bytes_of_a_block(scene, plan)
     scratch = block * (min(threads, -(-plan.members // plan.block)) + 2)
-    return int(BASE + scratch + each * plan.members), int(BASE + scratch), int((each + 8) * plan.members + 20_000)
+    return (
+        int(BASE + scratch + each * plan.members),
+        int(BASE + scratch),
+        int((each + 8) * plan.members + 20_000),
+    )
 
 
 def _bytes_of_a_block(scene, plan):
@@ -36,13 +40,19 @@ def refuse_hopeless(scene, plan, threads, path=None, more=0):
     free = None if needed < LITTLE else free_memory()
     if free is not None and needed > free:
         ways = "keep less of what is saved (--keep final), save less, or run fewer members"
-        ways = f"take fewer than {threads:,} threads, {ways}" if threads > 2 * (os.cpu_count() or 1) else ways
+        ways = (
+            f"take fewer than {threads:,} threads, {ways}"
+            if threads > 2 * (os.cpu_count() or 1)
+            else ways
+        )
         ways = (
             f"write it to a file (-o FILE), which needs {in_words(lean)} of memory and {in_words(file)} of disk, or {ways}"
             if path is None and lean - BASE < free
             else ways
         )
-        raise NoRoom(f"{plan.members:,} members need {in_words(needed)} of memory, of which {in_words(free)} are free: {ways}")
+        raise NoRoom(
+            f"{plan.members:,} members need {in_words(needed)} of memory, of which {in_words(free)} are free: {ways}"
+        )
     if path is not None:
         folder = os.path.dirname(os.path.abspath(path))
         free = shutil.disk_usage(folder).free
@@ -63,7 +73,13 @@ def free_memory():
         for line in file:
             _, kinds, path = line.rstrip("\n").split(":", 2)
             if kinds == "":
-                found += _allowed("/sys/fs/cgroup", path, "memory.max", "memory.current", ("inactive_file", "active_file"))
+                found += _allowed(
+                    "/sys/fs/cgroup",
+                    path,
+                    "memory.max",
+                    "memory.current",
+                    ("inactive_file", "active_file"),
+                )
             elif "memory" in kinds.split(","):
                 found += _allowed(
                     "/sys/fs/cgroup/memory",
@@ -81,8 +97,12 @@ def _allowed(root, path, limit, used, cached):
     while True:
         folder = os.path.join(root, path.strip("/"))
         with contextlib.suppress(OSError, ValueError):
-            most, now = (int(_text(os.path.join(folder, name))) for name in (limit, used))  # "max" is no number: no limit
-            stat = dict(line.split() for line in _text(os.path.join(folder, "memory.stat")).splitlines())
+            most, now = (
+                int(_text(os.path.join(folder, name))) for name in (limit, used)
+            )  # "max" is no number: no limit
+            stat = dict(
+                line.split() for line in _text(os.path.join(folder, "memory.stat")).splitlines()
+            )
             found.append(max(0, most - now + sum(int(stat.get(name, 0)) for name in cached)))
         if not path.strip("/"):
             return found

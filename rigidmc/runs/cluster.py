@@ -48,14 +48,21 @@ SETTINGS = {  # of a cluster here
 def checked(cluster):
     """("local", N) or (protocol, address) of a cluster; SceneError for what is none."""
     kind, _, rest = cluster.partition(":")
-    if not (kind == "local" and rest.isascii() and rest.isdigit() and 0 < int(rest) <= 1024) and not (
-        kind in ("tcp", "tls", "ucx") and rest.startswith("//")
-    ):
-        raise SceneError("", "--cluster", cluster, "expected tcp://host:port of a scheduler, or local:N for N processes here")
+    if not (
+        kind == "local" and rest.isascii() and rest.isdigit() and 0 < int(rest) <= 1024
+    ) and not (kind in ("tcp", "tls", "ucx") and rest.startswith("//")):
+        raise SceneError(
+            "",
+            "--cluster",
+            cluster,
+            "expected tcp://host:port of a scheduler, or local:N for N processes here",
+        )
     return kind, rest
 
 
-def compute_on(cluster, directory, which, progress=False, stop=None, allow_code=False, accept=False):
+def compute_on(
+    cluster, directory, which, progress=False, stop=None, allow_code=False, accept=False
+):
     """Compute some shards of a run whose lock this process holds, none begun after `stop`; {status: members}.
 
     cluster : "tcp://host:8786" of a scheduler, or "local:4" for so many processes of one thread each on this machine, which need a main module
@@ -66,10 +73,19 @@ def compute_on(cluster, directory, which, progress=False, stop=None, allow_code=
         import dask
         from distributed import CancelledError, Client, KilledWorker, LocalCluster, as_completed
     except ImportError as error:
-        raise SceneError("", "--cluster", cluster, f"needs dask.distributed: pip install 'rigidmc[cluster]' ({error})") from None
+        raise SceneError(
+            "",
+            "--cluster",
+            cluster,
+            f"needs dask.distributed: pip install 'rigidmc[cluster]' ({error})",
+        ) from None
     kind, rest = checked(cluster)
-    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what goes wrong is told once, here
-    texts = tuple(content_of(directory.path, name) for name in ("run.json", "scene.toml", "columns.nc"))
+    logging.getLogger("distributed.client").setLevel(
+        logging.CRITICAL
+    )  # what goes wrong is told once, here
+    texts = tuple(
+        content_of(directory.path, name) for name in ("run.json", "scene.toml", "columns.nc")
+    )
     flagged = dict.fromkeys(STATUSES, 0)
     with dask.config.set(SETTINGS), contextlib.ExitStack() as held:
         try:
@@ -79,7 +95,11 @@ def compute_on(cluster, directory, which, progress=False, stop=None, allow_code=
                 held.callback(directory.clear)  # at the end: what workers left that were lost
                 here = held.enter_context(LocalCluster(**size, dashboard_address=None))
             client = held.enter_context(Client(here, timeout=10))
-        except (OSError, ValueError, RuntimeError) as error:  # RuntimeError of a process here that ended before it began
+        except (
+            OSError,
+            ValueError,
+            RuntimeError,
+        ) as error:  # RuntimeError of a process here that ended before it began
             raise SceneError("", "--cluster", cluster, f"does not answer: {error}") from None
         report = held.enter_context(reporter(progress, directory.members_of(which), 1))
         there = client.scatter(texts, broadcast=True, hash=True)
@@ -94,13 +114,24 @@ def compute_on(cluster, directory, which, progress=False, stop=None, allow_code=
             if late or (i := next(waiting, None)) is None:
                 return []
             key = f"rigidmc-{name}-{i}"
-            return [client.submit(shard, os.path.abspath(directory.path), there, i, allow_code, accept, key=key)]
+            return [
+                client.submit(
+                    shard, os.path.abspath(directory.path), there, i, allow_code, accept, key=key
+                )
+            ]
 
-        futures, lost = as_completed([future for _ in range(AHEAD * running) for future in submit()]), 0
+        futures, lost = (
+            as_completed([future for _ in range(AHEAD * running) for future in submit()]),
+            0,
+        )
         while not futures.is_empty():
             _wait(client, futures, report)
             future = next(futures)
-            if future.status == "error" and isinstance(future.exception(), KilledWorker) and lost < LOST:
+            if (
+                future.status == "error"
+                and isinstance(future.exception(), KilledWorker)
+                and lost < LOST
+            ):
                 lost += 1
                 future.retry()
                 futures.add(future)
@@ -109,7 +140,9 @@ def compute_on(cluster, directory, which, progress=False, stop=None, allow_code=
                 i, found, file, data = future.result()
             except (KilledWorker, CancelledError) as error:
                 why = str(error).partition("\n")[0]
-                raise OSError(f"{cluster}: the cluster was lost ({why}); `rigidmc resume` goes on") from None
+                raise OSError(
+                    f"{cluster}: the cluster was lost ({why}); `rigidmc resume` goes on"
+                ) from None
             final = os.path.join(directory.path, "shards", file)
             if data is not None:
                 write_bytes(final, data, True)

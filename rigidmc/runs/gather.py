@@ -62,9 +62,17 @@ def _unlike(scene, path, member, threads):
         with again:
             names = [name for name in again.data_vars if "member" in again[name].dims]
         made = read(file, *names)
-    wrong = [name for name in names if name not in kept or made[name].tobytes() != kept[name][..., [at]].tobytes()]
+    wrong = [
+        name
+        for name in names
+        if name not in kept or made[name].tobytes() != kept[name][..., [at]].tobytes()
+    ]
     words = "take the file away and resume, if this is the machine that it was computed on"
-    return f"{path}: member {member} is not what it is computed again: {', '.join(map(str, wrong))}; {words}" if wrong else ""
+    return (
+        f"{path}: member {member} is not what it is computed again: {', '.join(map(str, wrong))}; {words}"
+        if wrong
+        else ""
+    )
 
 
 def consolidate(path, output, force=False, allow_code=False):
@@ -73,11 +81,20 @@ def consolidate(path, output, force=False, allow_code=False):
     refuse_existing(output, force)
     *_, told, shown = planned(directory, allow_code)
     if (missing := directory.missing()).size:
-        raise SceneError("", "run", directory.path, f"{missing.size:,} of {directory.count:,} shards are missing: resume it first")
+        raise SceneError(
+            "",
+            "run",
+            directory.path,
+            f"{missing.size:,} of {directory.count:,} shards are missing: resume it first",
+        )
     refuse_hopeless(told, shown, 1, output)
     directory.refuse_strays()
     more = directory.facts["attributes"]
-    writer, sums, pieces = Writer(output, told, shown, force, more), dict[str, np.ndarray](), list[dict[str, np.ndarray]]()
+    writer, sums, pieces = (
+        Writer(output, told, shown, force, more),
+        dict[str, np.ndarray](),
+        list[dict[str, np.ndarray]](),
+    )
     shards = directory.shards()
     kept, sums_of, bad = (
         [*member_variables(told, shown.carried), *saved_variables(told)],
@@ -88,7 +105,12 @@ def consolidate(path, output, force=False, allow_code=False):
         for i in range(directory.count):
             members = directory.members(i)
             if fault := fault_of(directory, i, shards[i]):
-                raise SceneError("", "run", directory.path, f"{fault}; `rigidmc resume --repair` computes it again")
+                raise SceneError(
+                    "",
+                    "run",
+                    directory.path,
+                    f"{fault}; `rigidmc resume --repair` computes it again",
+                )
             writer.write(members.start, len(members), read(shards[i], *kept))
             for name, values in (read(shards[i], *sums_of) if sums_of else {}).items():
                 sums[name] = sums.get(name, 0) + values
@@ -122,12 +144,22 @@ def open_run(path, allow_code=False):
         raise SceneError("", "run", directory.path, "no shard is there yet: resume it first")
     if len(shards) < directory.count:
         there = sum(len(directory.members(i)) for i in shards)
-        warnings.warn(f"{directory.path}: {there:,} of {told.run.members:,} members are there", SceneWarning, stacklevel=3)
+        warnings.warn(
+            f"{directory.path}: {there:,} of {told.run.members:,} members are there",
+            SceneWarning,
+            stacklevel=3,
+        )
     done = sorted(shards)
-    mark = hashlib.sha256("\n".join(shards.values()).encode()).hexdigest()[:16]  # names tell contents: others are other arrays
+    mark = hashlib.sha256("\n".join(shards.values()).encode()).hexdigest()[
+        :16
+    ]  # names tell contents: others are other arrays
     ranges = [directory.members(i) for i in done]
     counts = {"member": [len(r) for r in ranges], "flagged": [flagged_of(shards[i]) for i in done]}
-    each = {**member_variables(told, shown.carried), **saved_variables(told), **flagged_variables(told)}
+    each = {
+        **member_variables(told, shown.carried),
+        **saved_variables(told),
+        **flagged_variables(told),
+    }
     variables = {}
     for name, (dims, dtype, attrs) in each.items():
         long = next(d for d in dims if d in counts)
@@ -136,7 +168,15 @@ def open_run(path, allow_code=False):
         if is_rounded(told, dims, dtype):
             attrs = {**attrs, "significant_digits": told.run.digits}
         graph = {
-            (label, *[j if d == long else 0 for d in dims]): (_read, shards[i], directory.mark, name, ranges[j].start, shape, dtype)
+            (label, *[j if d == long else 0 for d in dims]): (
+                _read,
+                shards[i],
+                directory.mark,
+                name,
+                ranges[j].start,
+                shape,
+                dtype,
+            )
             if counts[long][j]
             else (np.empty, shape, dtype)
             for j, i in enumerate(done)
@@ -147,16 +187,30 @@ def open_run(path, allow_code=False):
         size = [length(d, shown) for d in dims]
         label = f"{name}-{mark}"
         graph = {
-            (label, j, *[0] * len(size)): (_read_one, shards[i], directory.mark, name, ranges[j].start, size, dtype)
+            (label, j, *[0] * len(size)): (
+                _read_one,
+                shards[i],
+                directory.mark,
+                name,
+                ranges[j].start,
+                size,
+                dtype,
+            )
             for j, i in enumerate(done)
         }
         stacked = da.Array(graph, label, ((1,) * len(done), *((n,) for n in size)), np.dtype(dtype))
         variables[name] = dims, stacked.sum(0, dtype=dtype), attrs
     known = {
         **coordinates(shown),
-        "member": (("member",), np.concatenate([np.arange(r.start, r.stop) for r in ranges]), coordinates(shown)["member"][2]),
+        "member": (
+            ("member",),
+            np.concatenate([np.arange(r.start, r.stop) for r in ranges]),
+            coordinates(shown)["member"][2],
+        ),
     }
-    made = xr.Dataset(variables, known, {**attributes(told, shown), **directory.facts["attributes"]})
+    made = xr.Dataset(
+        variables, known, {**attributes(told, shown), **directory.facts["attributes"]}
+    )
     made.encoding["source"] = os.path.abspath(directory.path)
     return made
 
@@ -167,14 +221,27 @@ def _read(path, mark, name, first, shape, dtype):
         refuse_unreadable(path)
         found = read(path, "member", name, mark=mark)
     except OSError as error:  # it is gone
-        raise SceneError("", name, None, f"cannot be read: {error}; `rigidmc verify` tells more", file=path) from None
-    except SceneError as error:  # a chunk with a wrong checksum, a file that is not netCDF, a shard of another run
+        raise SceneError(
+            "", name, None, f"cannot be read: {error}; `rigidmc verify` tells more", file=path
+        ) from None
+    except (
+        SceneError
+    ) as error:  # a chunk with a wrong checksum, a file that is not netCDF, a shard of another run
         error.rule = f"cannot be read: {error.rule}; `rigidmc verify` tells more"
         raise
     values = found[name]
     # of any shape: a hostile shard may have one number for all members
-    if found["member"].ravel()[:1].tolist() != [first] or (values.shape, values.dtype) != (tuple(shape), np.dtype(dtype)):
-        raise SceneError("", name, None, "has the members of another shard; `rigidmc verify` tells more", file=path)
+    if found["member"].ravel()[:1].tolist() != [first] or (values.shape, values.dtype) != (
+        tuple(shape),
+        np.dtype(dtype),
+    ):
+        raise SceneError(
+            "",
+            name,
+            None,
+            "has the members of another shard; `rigidmc verify` tells more",
+            file=path,
+        )
     return values
 
 

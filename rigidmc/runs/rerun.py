@@ -19,7 +19,9 @@ from rigidmc.storage import encoded, open_result, scene_of
 FOUND = ("energy_drift_max", "l2_drift_max", "status", "status_step", "status_time", "steps")
 
 
-def rerun(source, member, every=None, save=None, allow_code=False, output=None, force=False, **options):
+def rerun(
+    source, member, every=None, save=None, allow_code=False, output=None, force=False, **options
+):
     """Integrate a member of a result once more: a Dataset like that of `rigidmc.simulate`, equal to it where both have saves.
 
     source : a result: a file (.nc), a run directory or a Dataset
@@ -42,22 +44,35 @@ def rerun(source, member, every=None, save=None, allow_code=False, output=None, 
             return rerun(result, member, every, save, allow_code, output, force, **options)
     scene = scene_of(source, allow_code=allow_code)
     called = source.encoding.get("source", "the result")
-    wanted = member if isinstance(member, range) else range(counted(member, "member", 0), counted(member, "member", 0) + 1)
+    wanted = (
+        member
+        if isinstance(member, range)
+        else range(counted(member, "member", 0), counted(member, "member", 0) + 1)
+    )
     run = scene.run
     known = range(run.first, run.first + run.members)
     if not wanted or wanted.step != 1 or wanted[0] not in known or wanted[-1] not in known:
-        raise SceneError("", "member", member, f"{called} has the members {known[0]} to {known[-1]}")
+        raise SceneError(
+            "", "member", member, f"{called} has the members {known[0]} to {known[-1]}"
+        )
     if not np.isin(wanted, source.member.values).all():
         rule = f"{called} has only {source.sizes['member']:,} of its {run.members:,} members, and not this one"
         raise SceneError("", "member", member, rule)
     asked = run.every if every is None else _whole_steps(run, seconds(every, "every", "run"))
     names = _everything(scene) if save is None else tuple(save)
-    booked = ("work",) * ("work" in run.save and "work" not in names)  # without it energy_drift would be another quantity
+    booked = ("work",) * (
+        "work" in run.save and "work" not in names
+    )  # without it energy_drift would be another quantity
     # of a selection only its own members have rows
-    scene = scene.with_run(every=asked, save=(*names, *booked), keep="full", first=wanted[0], members=len(wanted))
+    scene = scene.with_run(
+        every=asked, save=(*names, *booked), keep="full", first=wanted[0], members=len(wanted)
+    )
     if run.turn is not None and asked != run.every:
         raise SceneError(
-            "run", "every", every, f"members have steps of their own in each {run.every} s: another time between saves changes them"
+            "run",
+            "every",
+            every,
+            f"members have steps of their own in each {run.every} s: another time between saves changes them",
         )
     own = run.turn is not None or run.integrator == "closed"
     if not own and asked is not None and abs(prepare(scene).dt / run.dt - 1.0) > 1e-9:
@@ -88,12 +103,20 @@ def frames(source, member, count, allow_code=False):
     an animation needs them."""
     run = scene_of(source, allow_code=allow_code).run
     steps = max(1, round(run.t_end / run.dt)) if run.turn is None else 0
-    if run.turn is not None:  # members have steps of their own between saves: those are all there is
+    if (
+        run.turn is not None
+    ):  # members have steps of their own between saves: those are all there is
         return rerun(source, member, save=("attitude", "momentum"), allow_code=allow_code)
     between = max(1, steps // count)
     while steps % between:  # saves are evenly spaced to the end
         between -= 1
-    made = rerun(source, member, every=run.t_end / (steps // between), save=("attitude", "momentum"), allow_code=allow_code)
+    made = rerun(
+        source,
+        member,
+        every=run.t_end / (steps // between),
+        save=("attitude", "momentum"),
+        allow_code=allow_code,
+    )
     nearest = np.unique(np.rint(np.linspace(0, made.sizes["time"] - 1, count + 1)).astype(int))
     return made.isel(time=nearest)
 
@@ -113,21 +136,35 @@ def _compared(made, result, source):
         saves = np.empty(0) if saves is None else saves
         times = np.union1d(times, saves)
         rounded = digits is not None and saves.size and not name.endswith("_final")
-        if not np.array_equal(one, two, equal_nan=True) and not (rounded and np.allclose(one, two, 10.0**-digits, 0.0, True)):
+        if not np.array_equal(one, two, equal_nan=True) and not (
+            rounded and np.allclose(one, two, 10.0**-digits, 0.0, True)
+        ):
             apart[name] = float(np.nanmax(np.abs(one - two)))
     if apart:
         worst = ", ".join(f"{name} by {off:.1e}" for name, off in apart.items())
-        warnings.warn(f"differs from {source}: {worst}; another version rounds otherwise", SceneWarning, stacklevel=3)
+        warnings.warn(
+            f"differs from {source}: {worst}; another version rounds otherwise",
+            SceneWarning,
+            stacklevel=3,
+        )
         return f"differs: {worst}"
     if not names:
         return "compared with nothing: no save of both is the same quantity at the same time"
-    how = "to the bit" if digits is None or not times.size else f"to the {digits} digits that were kept"
+    how = (
+        "to the bit"
+        if digits is None or not times.size
+        else f"to the {digits} digits that were kept"
+    )
     return f"equal {how}{f' at {times.size:,} times' * bool(times.size)} in {', '.join(names)}"
 
 
 def _pairs(made, result, scene):
     """(name, values, values, times) of each variable that both results have; times is None for what members start from."""
-    over = {name for label, one in scene.watched() for name in outputs(label, one)} if made.sizes["time"] else set()
+    over = (
+        {name for label, one in scene.watched() for name in outputs(label, one)}
+        if made.sizes["time"]
+        else set()
+    )
     for name in made.data_vars:
         dims = made[name].dims
         if "member" not in dims:  # of the ensemble as a whole
@@ -148,7 +185,12 @@ def _pairs(made, result, scene):
                 )
         if "time" in dims and f"{name}_final" in result:
             last = made[name].isel(time=-1)
-            yield f"{name}_final", last.values, _values(result[f"{name}_final"], last.dims), made.time.values[-1:]
+            yield (
+                f"{name}_final",
+                last.values,
+                _values(result[f"{name}_final"], last.dims),
+                made.time.values[-1:],
+            )
 
 
 def _values(variable, dims):

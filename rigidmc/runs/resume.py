@@ -48,7 +48,14 @@ from rigidmc.runs.simulate import settled
 from rigidmc.scene import amounts
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.quantities import rows
-from rigidmc.storage.run_directory import FORMAT, MOST, RunDirectory, hash_of, hash_of_file, rendered
+from rigidmc.storage.run_directory import (
+    FORMAT,
+    MOST,
+    RunDirectory,
+    hash_of,
+    hash_of_file,
+    rendered,
+)
 from rigidmc.storage.schema import attributes
 from rigidmc.storage.writer import write_columns
 
@@ -66,7 +73,11 @@ def create(scene, path, size=SHARD, only=None, threads=None):
         raise SceneError("", "size", size, "expected the bytes of a shard")
     path = _place_of(path)
     if os.path.lexists(path) and not (os.path.isdir(path) and not os.listdir(path)):
-        hint = "; `rigidmc resume` goes on with it" if os.path.isfile(os.path.join(path, "run.json")) else ""
+        hint = (
+            "; `rigidmc resume` goes on with it"
+            if os.path.isfile(os.path.join(path, "run.json"))
+            else ""
+        )
         raise OutputExists(f"{path} exists; nothing was written{hint}")
     refuse_unwritable(os.path.dirname(os.path.abspath(path)))
     refuse_lockless(os.path.dirname(os.path.abspath(path)))
@@ -81,9 +92,15 @@ def create(scene, path, size=SHARD, only=None, threads=None):
     _refuse_beyond(only, count)
     _refuse_many(count)
     threads = threads or threads_available()
-    refuse_hopeless(mine, shown, threads, path, memory_of_shards(mine, shown, min(shard, run.members), threads))
+    refuse_hopeless(
+        mine, shown, threads, path, memory_of_shards(mine, shown, min(shard, run.members), threads)
+    )
     versions, machine = this_machine(*["scipy"] * bool(mine.drawn_through()))
-    sources = [file for e in mine.effects if type(e) not in EFFECTS.values() and (file := source_of(type(e))) is not None]
+    sources = [
+        file
+        for e in mine.effects
+        if type(e) not in EFFECTS.values() and (file := source_of(type(e))) is not None
+    ]
     with _made_beside(path) as folder:
         write_bytes(os.path.join(folder, "scene.toml"), attributes(mine, shown)["scene"].encode())
         facts = {
@@ -124,14 +141,23 @@ def _place_of(path):
 
 def _refuse_many(count):
     if count > MOST:
-        raise SceneError("", "--shard-size", None, f"{count:,} shards are too many, {MOST:,} is the most: make them larger")
+        raise SceneError(
+            "",
+            "--shard-size",
+            None,
+            f"{count:,} shards are too many, {MOST:,} is the most: make them larger",
+        )
 
 
 def _refuse_beyond(only, count):
     """SceneError where of a range of shards there is none."""
-    if only is not None and (not isinstance(only, range) or only.step != 1 or not only or not 0 <= only[0] < count):
+    if only is not None and (
+        not isinstance(only, range) or only.step != 1 or not only or not 0 <= only[0] < count
+    ):
         given = f"{only.start}:{only.stop}" if isinstance(only, range) else only
-        raise SceneError("", "--shards", given, f"expected a range of shards; the run has 0 to {count - 1}")
+        raise SceneError(
+            "", "--shards", given, f"expected a range of shards; the run has 0 to {count - 1}"
+        )
 
 
 def _columns(scene, count):
@@ -139,7 +165,11 @@ def _columns(scene, count):
 
     def referred(value):
         if isinstance(value, dict):
-            return [value["stored"]] if "stored" in value else [name for v in value.values() for name in referred(v)]
+            return (
+                [value["stored"]]
+                if "stored" in value
+                else [name for v in value.values() for name in referred(v)]
+            )
         return [name for v in value for name in referred(v)] if isinstance(value, list) else []
 
     names = sorted(set(referred(tomllib.loads(scene.dumps()))))
@@ -163,7 +193,10 @@ def resume(
     began = time.monotonic()
     refuse_others(directory, accept)
     _refuse_beyond(only, directory.count)
-    threads, block = (None if v is None else counted(v, name) for name, v in (("threads", threads), ("block", block)))
+    threads, block = (
+        None if v is None else counted(v, name)
+        for name, v in (("threads", threads), ("block", block))
+    )
     max_wall = None if max_wall is None else amounts.seconds(max_wall, "max_wall")
     if cluster is not None:
         checked(cluster)
@@ -172,16 +205,32 @@ def resume(
         which = which if only is None else which[(which >= only.start) & (which < only.stop)]
         left, many = directory.members_of(which), threads or threads_available()
         parts = planned(directory, allow_code, threads or 1, block)
-        if which.size and (cluster is None or cluster.startswith("local:")):  # workers elsewhere have memory of their own
+        if which.size and (
+            cluster is None or cluster.startswith("local:")
+        ):  # workers elsewhere have memory of their own
             here = many if cluster is None else int(cluster.partition(":")[2])
             *_, mine, shown = parts
             more = memory_of_shards(mine, shown, min(directory.facts["shard"], left), here)
-            refuse_hopeless(mine, shown._replace(members=left), here, os.path.join(directory.path, "shards"), more)
+            refuse_hopeless(
+                mine,
+                shown._replace(members=left),
+                here,
+                os.path.join(directory.path, "shards"),
+                more,
+            )
         started = time.monotonic()
         with announcing(progress):
-            program = program_of(*parts[:2]) if which.size else None  # for the workers of a cluster too, which find it in the cache
+            program = (
+                program_of(*parts[:2]) if which.size else None
+            )  # for the workers of a cluster too, which find it in the cache
         compiled, started = time.monotonic() - started, time.monotonic()
-        directory.note(event="begun", shards=len(which), threads=threads, cluster=cluster, compile_seconds=round(compiled, 3))
+        directory.note(
+            event="begun",
+            shards=len(which),
+            threads=threads,
+            cluster=cluster,
+            compile_seconds=round(compiled, 3),
+        )
         stop = None if max_wall is None else began + max_wall
         try:
             if cluster is not None:
@@ -189,11 +238,19 @@ def resume(
             else:
                 flagged = compute_shards(directory, parts, program, which, many, progress, stop)
         except BaseException as error:
-            directory.note(event="stopped", reason=type(error).__name__, seconds=round(time.monotonic() - started, 3))
+            directory.note(
+                event="stopped",
+                reason=type(error).__name__,
+                seconds=round(time.monotonic() - started, 3),
+            )
             raise
         seconds = round(time.monotonic() - started, 3)
         directory.note(
-            event="ended", left=len(directory.missing()), members=sum(flagged.values()), flagged=flagged, seconds=seconds
+            event="ended",
+            left=len(directory.missing()),
+            members=sum(flagged.values()),
+            flagged=flagged,
+            seconds=seconds,
         )
     return directory, flagged
 
@@ -209,26 +266,38 @@ def extend(path, members, accept=False, allow_code=False):
     if members <= facts["members"]:
         raise SceneError("run", "members", members, f"the run has {facts['members']:,} already")
     if facts["first"] + members > 2**53:
-        raise SceneError("run", "members", members, "are more than 2^53, and could not be told apart")
+        raise SceneError(
+            "run", "members", members, "are more than 2^53, and could not be told apart"
+        )
     directory.refuse_strays()
     _refuse_many(-(-members // facts["shard"]))
     scene = scene_of_run(directory, allow_code)
     if scene.run.points == "latin_hypercube":
-        raise SceneError("run", "members", members, "a Latin hypercube has as many members as strata: start a new run")
+        raise SceneError(
+            "run",
+            "members",
+            members,
+            "a Latin hypercube has as many members as strata: start a new run",
+        )
     if (most := rows(*scene.quantities())) is not None and members + facts["first"] > most:
         raise SceneError("run", "members", members, f"the scene has rows for {most:,} members")
     *_, mine, shown = planned(directory, allow_code)
     more = shown._replace(members=members - facts["members"])
     refuse_hopeless(mine, more, threads_available(), os.path.join(directory.path, "run.json"))
     with directory.locked():
-        name, last = os.path.join(directory.path, "run.json"), directory.shards().get(directory.count - 1)
+        name, last = (
+            os.path.join(directory.path, "run.json"),
+            directory.shards().get(directory.count - 1),
+        )
 
         def shorten():
             if facts["members"] % facts["shard"] and last is not None:
                 os.unlink(last)
                 make_durable(os.path.dirname(last))  # before run.json says that it is longer
 
-        write_bytes(name, rendered({**facts, "members": members}).encode(), force=True, before=shorten)
+        write_bytes(
+            name, rendered({**facts, "members": members}).encode(), force=True, before=shorten
+        )
         directory.note(event="extended", members=members)
     return RunDirectory(path)
 
@@ -274,7 +343,10 @@ def merge(path, others):
             for i, shard in other.shards().items():
                 if i in have and os.path.basename(have[i]) != os.path.basename(shard):
                     raise SceneError(
-                        "", "run", other.path, f"has another shard {i} than {path}; `rigidmc verify` tells which is right"
+                        "",
+                        "run",
+                        other.path,
+                        f"has another shard {i} than {path}; `rigidmc verify` tells which is right",
                     )
                 if i in have:
                     continue
@@ -291,6 +363,12 @@ def merge(path, others):
 def _refuse_unlike(one, other):
     """SceneError where two directories are not of the same run."""
     apart = [key for key, value in one.facts.items() if other.facts[key] != value]
-    apart += [name for name in ("scene.toml", "columns.nc") if content_of(one.path, name) != content_of(other.path, name)]
+    apart += [
+        name
+        for name in ("scene.toml", "columns.nc")
+        if content_of(one.path, name) != content_of(other.path, name)
+    ]
     if apart:
-        raise SceneError("", "run", other.path, f"is of another run than {one.path}: {', '.join(apart)} differ")
+        raise SceneError(
+            "", "run", other.path, f"is of another run than {one.path}: {', '.join(apart)} differ"
+        )

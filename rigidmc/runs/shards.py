@@ -41,7 +41,13 @@ def scene_in(folder, facts, allow_code):
     if facts["columns"]:
         file = os.path.join(folder, "columns.nc")
         if not os.path.isfile(file) or hash_of_file(file) != facts["columns"]:
-            raise SceneError("", "columns.nc", None, "is not what was written: the rows of the members are gone", file=folder)
+            raise SceneError(
+                "",
+                "columns.nc",
+                None,
+                "is not what was written: the rows of the members are gone",
+                file=folder,
+            )
         kept = read(file)
 
         stored = kept.get
@@ -52,27 +58,50 @@ def scene_of_run(directory, allow_code=False):
     """The scene of a run; SceneError where scene.toml is no longer the one that it was started with."""
     facts = directory.facts
     if allow_code and (
-        other := [name for name, known in facts["code"].items() if not os.path.isfile(name) or hash_of_file(name) != known]
+        other := [
+            name
+            for name, known in facts["code"].items()
+            if not os.path.isfile(name) or hash_of_file(name) != known
+        ]
     ):
-        raise SceneError("", "code", ", ".join(other), "is not the file that the run was started with", file=directory.path)
+        raise SceneError(
+            "",
+            "code",
+            ", ".join(other),
+            "is not the file that the run was started with",
+            file=directory.path,
+        )
     scene = scene_in(directory.path, facts, allow_code)
     if hash_of(scene) != facts["scene"]:
-        rule = "is not the scene that the run was started with; what is there was computed with that"
+        rule = (
+            "is not the scene that the run was started with; what is there was computed with that"
+        )
         raise SceneError("", "scene.toml", None, rule, file=directory.path)
     return scene.with_run(members=facts["members"], first=facts["first"])
 
 
 def planned(directory, allow_code=False, threads=1, block=None):
     """(scene, plan, units, and scene and plan in the units of the user) of a run."""
-    scene, plan, units, _ = settled(scene_of_run(directory, allow_code), threads, True, block or directory.facts["block"])
+    scene, plan, units, _ = settled(
+        scene_of_run(directory, allow_code), threads, True, block or directory.facts["block"]
+    )
     if directory.facts["shard"] % plan.block:
-        raise SceneError("run", "block", plan.block, f"has to divide the {directory.facts['shard']:,} members of a shard")
+        raise SceneError(
+            "run",
+            "block",
+            plan.block,
+            f"has to divide the {directory.facts['shard']:,} members of a shard",
+        )
     return scene, plan, units, *told(scene, plan, units)
 
 
 def memory_of_shards(scene, plan, shard, threads):
     """Bytes of the shards that are there at once: those that blocks on their way are of, one that waits and one that is written, twice."""
-    return (4 + math.ceil((threads + 2) * plan.block / shard)) * shard * sum(bytes_of_a_member(scene, plan))
+    return (
+        (4 + math.ceil((threads + 2) * plan.block / shard))
+        * shard
+        * sum(bytes_of_a_member(scene, plan))
+    )
 
 
 def fault_of(directory, i, path):
@@ -83,7 +112,11 @@ def fault_of(directory, i, path):
         found, members = read(path, "member", "status", mark=directory.mark), directory.members(i)
     except SceneError as error:
         return str(error)
-    if found["member"].shape != (len(members),) or found["status"].shape != (len(members),) or found["member"][0] != members[0]:
+    if (
+        found["member"].shape != (len(members),)
+        or found["status"].shape != (len(members),)
+        or found["member"][0] != members[0]
+    ):
         return f"{path}: is no shard {i} of this run: its members are others"
     count = np.count_nonzero(found["status"])
     if count != flagged_of(path):
@@ -95,7 +128,11 @@ def refuse_others(directory, accept):
     """SceneError where this machine is another than that of the run."""
     known = directory.facts["versions"]
     versions, _ = this_machine(*["scipy"] * ("scipy" in known))
-    other = [f"{name} {known.get(name)} there, {here} here" for name, here in versions.items() if known.get(name) != here]
+    other = [
+        f"{name} {known.get(name)} there, {here} here"
+        for name, here in versions.items()
+        if known.get(name) != here
+    ]
     if other and not accept:
         rule = f"was started with others: {'; '.join(other)}. Bits of new members may differ from those of old ones; --accept takes that"
         raise SceneError("", "run", directory.path, rule)
@@ -118,7 +155,17 @@ def compute_shards(directory, parts, program, which, threads, progress=False, st
 
     sink = Shards(directory, *shown)
     try:
-        flagged = compute(scene, plan, program, threads, sink, progress, units, blocks(), directory.members_of(which))
+        flagged = compute(
+            scene,
+            plan,
+            program,
+            threads,
+            sink,
+            progress,
+            units,
+            blocks(),
+            directory.members_of(which),
+        )
         sink.finish()
     except BaseException:
         sink.discard()
@@ -135,7 +182,9 @@ class Shards:
 
     def __init__(self, directory, scene, plan):
         self.directory, self.scene, self.plan = directory, scene, plan
-        self._queue: queue.Queue = queue.Queue(1)  # where a disk is slower than that, those that compute wait: memory does not grow
+        self._queue: queue.Queue = queue.Queue(
+            1
+        )  # where a disk is slower than that, those that compute wait: memory does not grow
         self._open: dict[int, tuple] = {}  # shard -> (what of it is there, [how many members])
         self._error: BaseException | None = None
         self.written = 0
@@ -151,7 +200,9 @@ class Shards:
         i = (job.first - facts["first"]) // facts["shard"]
         members = self.directory.members(i)
         if i not in self._open:
-            part = self.plan._replace(first=members.start, members=len(members), block=facts["block"])
+            part = self.plan._replace(
+                first=members.start, members=len(members), block=facts["block"]
+            )
             self._open[i] = Memory(self.scene, part, {}, False), [0]
         part, done = self._open[i]
         part.take(job, results)
@@ -194,10 +245,14 @@ class Shards:
         """All at once and in one order: no byte depends on which block came first, and it takes half the time."""
         values, bad = part.values(), int(np.count_nonzero(part.arrays["status"]))
         path, named = self.directory.temporary(i), lambda file: self.directory.named(i, bad, file)
-        writer = Writer(path, self.scene, part.plan, force=True, attrs={"run": self.directory.mark}, named=named)
+        writer = Writer(
+            path, self.scene, part.plan, force=True, attrs={"run": self.directory.mark}, named=named
+        )
         try:
             by_member = [name for name, v in writer.variables.items() if "member" in v.dims]
-            writer.write(part.plan.first, part.plan.members, {name: values[name] for name in by_member})
+            writer.write(
+                part.plan.first, part.plan.members, {name: values[name] for name in by_member}
+            )
             writer.write_all({name: v for name, v in values.items() if name not in by_member})
             writer.finish()
             self.written += 1

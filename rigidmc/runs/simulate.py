@@ -68,7 +68,9 @@ def simulate(
     first = None
     if isinstance(members, range):
         if members.step != 1 or members.start < 0 or not members:
-            raise SceneError("run", "members", members, "expected a range of member indices with step 1")
+            raise SceneError(
+                "run", "members", members, "expected a range of member indices with step 1"
+            )
         first, members = members.start, len(members)
     elif members is None and (count := rows(*scene.quantities())) is not None:
         members = count - scene.run.first
@@ -107,7 +109,16 @@ def simulate(
                 warnings.warn(chosen.short, SceneWarning, stacklevel=2)
             if progress is True:
                 print("\n".join(chosen.lines(plan.members, expected)), file=sys.stderr)
-            dataset = run(scene, plan, threads, progress, output, force, {**chosen.attributes(), **(attrs or {})}, units)
+            dataset = run(
+                scene,
+                plan,
+                threads,
+                progress,
+                output,
+                force,
+                {**chosen.attributes(), **(attrs or {})},
+                units,
+            )
             dataset.encoding["rigidmc"]["predicted_seconds"] = expected
             return dataset
         return run(scene, plan, threads, progress, output, force, attrs, units)
@@ -128,7 +139,11 @@ def run(scene, plan, threads, progress=False, output=None, force=False, attrs=No
     program = program_of(scene, plan)
     compiled = time.perf_counter() - began
     mine, shown = told(scene, plan, units)
-    sink = File(output, mine, shown, force, attrs or {}) if output is not None else Memory(mine, shown, attrs or {})
+    sink = (
+        File(output, mine, shown, force, attrs or {})
+        if output is not None
+        else Memory(mine, shown, attrs or {})
+    )
     began = time.perf_counter()
     try:
         flagged = compute(scene, plan, program, threads, sink, progress, units)
@@ -145,7 +160,9 @@ def run(scene, plan, threads, progress=False, output=None, force=False, attrs=No
     return dataset
 
 
-def compute(scene, plan, program, threads, sink, progress=False, units=None, blocks=None, members=None):
+def compute(
+    scene, plan, program, threads, sink, progress=False, units=None, blocks=None, members=None
+):
     """Compute the blocks of a plan, or those of some indices with so many members, and give them to a sink as they are done; {status: members}."""
     mine, shown = told(scene, plan, units)
     which = range(math.ceil(plan.members / plan.block)) if blocks is None else blocks
@@ -155,10 +172,16 @@ def compute(scene, plan, program, threads, sink, progress=False, units=None, blo
         low = i * plan.block
         count = min(plan.block, plan.members - low)
         span = plan.dt if plan.own else None
-        block, start = stage(scene, plan.first + low, whole_lanes(count), plan.carried, span, plan.watch.rows)
+        block, start = stage(
+            scene, plan.first + low, whole_lanes(count), plan.carried, span, plan.watch.rows
+        )
         if scene.run.integrator == "closed":
-            return closed_job(scene, plan, plan.first + low, count, block, start, *sink.room(low, count))
-        return job_of(scene, plan, program, plan.first + low, count, block, start, *sink.room(low, count))
+            return closed_job(
+                scene, plan, plan.first + low, count, block, start, *sink.room(low, count)
+            )
+        return job_of(
+            scene, plan, program, plan.first + low, count, block, start, *sink.room(low, count)
+        )
 
     def finished(job):
         rows = job.block if job.order is None else job.block[:, np.argsort(job.order)]
@@ -171,8 +194,17 @@ def compute(scene, plan, program, threads, sink, progress=False, units=None, blo
             "status_step": np.where(found, seen, -1.0),
             "status_time": np.where(found, seen * (plan.dt / rows[layout.STEPS]), np.nan),
         }
-        seen = watch.results(scene, plan.watch, rows, plan.dt / rows[layout.STEPS], plan.steps * rows[layout.STEPS])
-        results = {**drift, **seen, **faults, "status": status, "steps": rows[layout.STEPS] * plan.steps, **job.start}
+        seen = watch.results(
+            scene, plan.watch, rows, plan.dt / rows[layout.STEPS], plan.steps * rows[layout.STEPS]
+        )
+        results = {
+            **drift,
+            **seen,
+            **faults,
+            "status": status,
+            "steps": rows[layout.STEPS] * plan.steps,
+            **job.start,
+        }
         sink.take(job, results if units is None else _told(job, results, mine, shown, units))
 
     with reporter(progress, plan.members if members is None else members, plan.steps) as report:
@@ -183,12 +215,21 @@ def compute(scene, plan, program, threads, sink, progress=False, units=None, blo
 def _told(job, results, scene, plan, units):
     """Results in the units of the scene; the saved values are changed in place."""
     names = scene.recorded()
-    each = [units.factor(OBSERVABLES[name].units) for name in names for _ in range(rows_of(scene.effects, name))]
+    each = [
+        units.factor(OBSERVABLES[name].units)
+        for name in names
+        for _ in range(rows_of(scene.effects, name))
+    ]
     if job.width:
-        values = job.out.reshape(plan.times.size, len(each), job.width)[..., job.column : job.column + job.block.shape[1]]
+        values = job.out.reshape(plan.times.size, len(each), job.width)[
+            ..., job.column : job.column + job.block.shape[1]
+        ]
         values *= np.array(each)[:, None]
     known = member_variables(scene, plan.carried)
-    return {name: v * units.factor(known[name].attrs.get("units", "1")) if name in known else v for name, v in results.items()}
+    return {
+        name: v * units.factor(known[name].attrs.get("units", "1")) if name in known else v
+        for name, v in results.items()
+    }
 
 
 def _rehearsed(scene, plan, threads, output, chosen):
@@ -203,7 +244,11 @@ def _rehearsed(scene, plan, threads, output, chosen):
             count = REHEARSED * (1 + 2 * (i % 2))
             few = scene.with_run(members=count)
             file = os.path.join(folder, f"{i}.nc") if output else None
-            kept.append(run(few, prepare(few, threads, output is not None, plan.block), threads, False, file))
+            kept.append(
+                run(
+                    few, prepare(few, threads, output is not None, plan.block), threads, False, file
+                )
+            )
             taken[count].append(kept[-1].encoding["rigidmc"]["run_seconds"])
             if i >= 3 and time.perf_counter() - began > 0.5:
                 break
@@ -212,5 +257,7 @@ def _rehearsed(scene, plan, threads, output, chosen):
     few_seconds, more_seconds = (
         float(np.median(seconds)) for seconds in (taken[REHEARSED][1:], taken[3 * REHEARSED])
     )  # the first warms up
-    each = max(more_seconds - few_seconds, 0.2 * more_seconds) / (2 * REHEARSED)  # what a run takes once is not counted again
+    each = max(more_seconds - few_seconds, 0.2 * more_seconds) / (
+        2 * REHEARSED
+    )  # what a run takes once is not counted again
     return more_seconds + each * (plan.members - 3 * REHEARSED)

@@ -51,7 +51,9 @@ def _warmed(scene):
     began, name, before = time.perf_counter(), scene.run.integrator, len(compiled)
     scene, plan, *_ = settled(scene)
     if own := [name_of(e) for e in scene.effects if type(e) not in EFFECTS.values()]:
-        return Warmed(name, 0.0, (), f"{', '.join(own)}: effects of your own are compiled in every process")
+        return Warmed(
+            name, 0.0, (), f"{', '.join(own)}: effects of your own are compiled in every process"
+        )
     if plan.form is None:
         block, start = stage(scene, plan.first, whole_lanes(1), plan.carried, None, plan.watch.rows)
         closed_values(scene, block, start, plan.times[:2], plan.dt)

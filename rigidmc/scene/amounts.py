@@ -19,7 +19,10 @@ _UNITS: dict[str, tuple[Fraction, str]] = {  # unit: (seconds, what it is called
 }
 LARGEST = 2**63 - 1  # what TOML and netCDF hold
 _NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d{1,3})?"
-_DURATION = re.compile(r"([-+]?)\s*" + "".join(rf"(?:({_NUMBER})\s*(?:{word})\s*)?" for _, word in _UNITS.values()), re.ASCII)
+_DURATION = re.compile(
+    r"([-+]?)\s*" + "".join(rf"(?:({_NUMBER})\s*(?:{word})\s*)?" for _, word in _UNITS.values()),
+    re.ASCII,
+)
 _PLAIN = re.compile(rf"[-+]?{_NUMBER}", re.ASCII | re.IGNORECASE)
 TIME = 'expected a finite number of seconds, or a time such as "90 s", "1h30m", "2 min", "250 ms"'
 
@@ -28,7 +31,13 @@ def seconds(value, key, table="", positive=True):
     """A time [s] from a number or from text such as "90 s", "1h30m", "250 ms". SceneError else, and if `positive` for 0 or less."""
     number = math.nan
     with contextlib.suppress(OverflowError):  # whole numbers of Python may be larger than floats
-        number = _seconds_of(value) if isinstance(value, str) else float(value) if _is_number(value) else math.nan
+        number = (
+            _seconds_of(value)
+            if isinstance(value, str)
+            else float(value)
+            if _is_number(value)
+            else math.nan
+        )
     if not math.isfinite(number):
         raise SceneError(table, key, value, TIME)
     if positive and not number > 0.0:
@@ -54,9 +63,17 @@ def counted(value, key, least=1, most=None, table=""):
     low, high = -LARGEST - 1 if least is None else least, LARGEST if most is None else most
     whole = _is_number(value) and (isinstance(value, Integral) or float(value).is_integer())
     if not whole or not low <= value <= high:
-        limits = "" if least is None else f" of at least {least:,}" if most is None else f" from {low:,} to {high:,}"
+        limits = (
+            ""
+            if least is None
+            else f" of at least {least:,}"
+            if most is None
+            else f" from {low:,} to {high:,}"
+        )
         wide = whole and not -LARGEST - 1 <= value <= LARGEST
-        raise SceneError(table, key, value, f"expected a whole number{' of 64 bits' if wide else limits}")
+        raise SceneError(
+            table, key, value, f"expected a whole number{' of 64 bits' if wide else limits}"
+        )
     return int(value)
 
 
@@ -70,4 +87,6 @@ def counted_text(text, key, least=1, most=None):
 
 
 def _is_number(value):
-    return isinstance(value, Real) and not isinstance(value, bool)  # numbers of numpy count too, its truth values do not
+    return isinstance(value, Real) and not isinstance(
+        value, bool
+    )  # numbers of numpy count too, its truth values do not

@@ -21,11 +21,19 @@ class _Hints(type):
     def __getattr__(cls, name):
         words = f"type object 'Body' has no attribute '{name}'"
         if name in solids.SOLIDS:
-            sizes = ", ".join(f"{key}=..." for key in inspect.signature(solids.SOLIDS[name]).parameters)
+            sizes = ", ".join(
+                f"{key}=..." for key in inspect.signature(solids.SOLIDS[name]).parameters
+            )
             words += f"; Body.solid('{name}', {sizes}) makes one"
         elif not name.startswith("_"):
-            close = nearest(name, (*solids.SOLIDS, *(word for word in dir(cls) if not word.startswith("_"))))
-            close = f"solid('{close}', ...)" if close in solids.SOLIDS and close not in cls.__dict__ else close
+            close = nearest(
+                name, (*solids.SOLIDS, *(word for word in dir(cls) if not word.startswith("_")))
+            )
+            close = (
+                f"solid('{close}', ...)"
+                if close in solids.SOLIDS and close not in cls.__dict__
+                else close
+            )
             words += f"; did you mean Body.{close}?" if close else ""
         raise AttributeError(words)
 
@@ -52,22 +60,39 @@ class Body(metaclass=_Hints):
 
     def __post_init__(self):
         whole = hasattr(self.moments, "_fields")
-        moments = checked(self.moments, "body", "moments") if whole else vector(self.moments, "body", "moments")
+        moments = (
+            checked(self.moments, "body", "moments")
+            if whole
+            else vector(self.moments, "body", "moments")
+        )
         object.__setattr__(self, "moments", moments)
         object.__setattr__(self, "mass", quantity(self.mass, "body", "mass"))
         object.__setattr__(self, "centre", vector(self.centre, "body", "centre"))
         if self.axes != IDENTITY and not is_shared(self.centre):
-            raise SceneError("body", "centre", None, "a body given by a tensor takes plain numbers; give principal moments instead")
+            raise SceneError(
+                "body",
+                "centre",
+                None,
+                "a body given by a tensor takes plain numbers; give principal moments instead",
+            )
         fixed = [] if whole else [m for m in self.moments if not is_open(m)]
         if not all(np.min(m) > 0 for m in fixed):
             raise SceneError("body", "moments", self._given(), "principal moments must be positive")
         if not is_open(self.mass) and not np.min(self.mass) > 0:
-            raise SceneError("body", "mass", self.mass if is_shared(self.mass) else None, "the mass must be positive")
+            raise SceneError(
+                "body",
+                "mass",
+                self.mass if is_shared(self.mass) else None,
+                "the mass must be positive",
+            )
         if len(fixed) == 3:
             bad = np.flatnonzero(broken(np.broadcast_arrays(*self.moments)))
             if bad.size:
                 values = [
-                    float(np.broadcast_to(m, (bad[0] + 1,))[bad[0]]) if np.ndim(m) == 0 else float(m[bad[0]]) for m in self.moments
+                    float(np.broadcast_to(m, (bad[0] + 1,))[bad[0]])
+                    if np.ndim(m) == 0
+                    else float(m[bad[0]])
+                    for m in self.moments
                 ]
                 large, rest = max(values), sum(values) - max(values)
                 row = "" if is_shared(self.moments) else f"row {bad[0]}: "
@@ -104,14 +129,29 @@ class Body(metaclass=_Hints):
         masses, positions = np.asarray(masses, dtype=float), np.asarray(positions, dtype=float)
         if masses.ndim != 1 or positions.shape != (masses.size, 3):
             raise SceneError(
-                "body", "particles", None, f"{masses.size} masses need positions of shape ({masses.size}, 3), not {positions.shape}"
+                "body",
+                "particles",
+                None,
+                f"{masses.size} masses need positions of shape ({masses.size}, 3), not {positions.shape}",
             )
-        if not (np.isfinite(masses).all() and np.isfinite(positions).all() and (masses >= 0).all() and masses.sum() > 0):
+        if not (
+            np.isfinite(masses).all()
+            and np.isfinite(positions).all()
+            and (masses >= 0).all()
+            and masses.sum() > 0
+        ):
             raise SceneError(
-                "body", "particles", None, "masses and positions must be finite, masses not negative, and some mass positive"
+                "body",
+                "particles",
+                None,
+                "masses and positions must be finite, masses not negative, and some mass positive",
             )
         mass = float(masses.sum())
-        return cls.from_tensor(inertia.of_particles(masses, positions), mass, tuple((masses @ positions / mass).tolist()))
+        return cls.from_tensor(
+            inertia.of_particles(masses, positions),
+            mass,
+            tuple((masses @ positions / mass).tolist()),
+        )
 
     @classmethod
     def solid(cls, name, **sizes):
@@ -163,14 +203,18 @@ class Body(metaclass=_Hints):
         coarse, fine = (inertia.moments_of_density(density, region, points) for points in (24, 40))
         mass, first, second = fine[0], fine[1:4], fine[4:].reshape(3, 3)
         if not mass > 0:
-            raise SceneError("body", "density", None, f"the mass is {mass:.3g}; it must be positive")
+            raise SceneError(
+                "body", "density", None, f"the mass is {mass:.3g}; it must be positive"
+            )
         # mass and moments have their own units: first moments are measured by the geometric mean of the two
         scale = np.array([mass, *[np.sqrt(mass * np.trace(second))] * 3, *[np.trace(second)] * 9])
         error = (np.abs(fine - coarse) / scale).max()
         if not error <= tolerance:
             rule = f"the integral is not settled: two rules differ by {error:.1e} of it, more than {tolerance:g}; cut the region where the density jumps"
             raise SceneError("body", "density", None, rule)
-        return cls.from_tensor(np.trace(second) * np.eye(3) - second, float(mass), tuple((first / mass).tolist()))
+        return cls.from_tensor(
+            np.trace(second) * np.eye(3) - second, float(mass), tuple((first / mass).tolist())
+        )
 
     @classmethod
     def from_mesh(cls, path, density=None, mass=None, scale=1.0):
@@ -181,9 +225,17 @@ class Body(metaclass=_Hints):
         from rigidmc.mechanics import mesh
 
         if (density is None) == (mass is None):
-            raise SceneError("body.mesh", "density", density, "give either density or mass, one of them")
-        found, centre, tensor = mesh.mass_properties(mesh.load(path, _positive(scale, "scale", "body.mesh")), 1.0)
-        by = _positive(density, "density", "body.mesh") if mass is None else _positive(mass, "mass", "body.mesh") / found
+            raise SceneError(
+                "body.mesh", "density", density, "give either density or mass, one of them"
+            )
+        found, centre, tensor = mesh.mass_properties(
+            mesh.load(path, _positive(scale, "scale", "body.mesh")), 1.0
+        )
+        by = (
+            _positive(density, "density", "body.mesh")
+            if mass is None
+            else _positive(mass, "mass", "body.mesh") / found
+        )
         return cls.from_tensor(by * tensor, float(by * found), tuple(centre.tolist()))
 
     def pivoted_at(self, point):
@@ -191,10 +243,15 @@ class Body(metaclass=_Hints):
         point = vector(point, "body", "pivot")
         if not is_shared(self.moments, self.mass, self.centre, point):
             raise SceneError(
-                "body", "pivot", None, "only a body given by plain numbers can be moved; give moments about the new point instead"
+                "body",
+                "pivot",
+                None,
+                "only a body given by plain numbers can be moved; give moments about the new point instead",
             )
         new = np.array(self.centre) - np.array(point)
-        tensor = inertia.about_point(inertia.about_centre(self.tensor, self.mass, self.centre), self.mass, new)
+        tensor = inertia.about_point(
+            inertia.about_centre(self.tensor, self.mass, self.centre), self.mass, new
+        )
         return Body.from_tensor(tensor, self.mass, tuple(new.tolist()))
 
     def about_centre(self):
@@ -213,7 +270,9 @@ class Body(metaclass=_Hints):
     def _with(self, other, at, turned, sign):
         for body in (self, other):
             if not isinstance(body, Body) or not is_shared(body.moments, body.mass, body.centre):
-                raise SceneError("body", "join", None, "only bodies given by plain numbers can be joined")
+                raise SceneError(
+                    "body", "join", None, "only bodies given by plain numbers can be joined"
+                )
         place = vector(at, "body", "at")
         if not is_shared(place):
             raise SceneError("body", "at", None, "expected plain numbers")
@@ -223,9 +282,16 @@ class Body(metaclass=_Hints):
         tensor = self.tensor + sign * inertia.about_point(bare, other.mass, at + centre)
         mass = self.mass + sign * other.mass
         if not mass > 0:
-            raise SceneError("body", "mass", mass, "nothing remains: the part taken away is not lighter than the body")
+            raise SceneError(
+                "body",
+                "mass",
+                mass,
+                "nothing remains: the part taken away is not lighter than the body",
+            )
         middle = (self.mass * np.array(self.centre) + sign * other.mass * (at + centre)) / mass
-        inertia.principal_axes(inertia.about_centre(tensor, mass, middle))  # a remainder must be one about its own centre too
+        inertia.principal_axes(
+            inertia.about_centre(tensor, mass, middle)
+        )  # a remainder must be one about its own centre too
         return Body.from_tensor(tensor, mass, tuple(middle.tolist()))
 
     def to_principal(self, vector):
@@ -243,7 +309,9 @@ class Body(metaclass=_Hints):
 
     def principal_attitude(self, attitude):
         """Attitudes (..., 4) of the principal axes, as `Start` takes them, from those of the body's own axes."""
-        return rotation.product(rotation.quaternion(attitude), rotation.quaternion(np.array(self.axes)))
+        return rotation.product(
+            rotation.quaternion(attitude), rotation.quaternion(np.array(self.axes))
+        )
 
     def angular_momentum(self, omega):
         """L = I omega (..., 3), TdC (3.25), both in the body's own axes."""
@@ -263,7 +331,11 @@ class Body(metaclass=_Hints):
 
     def quantities(self):
         """All quantities of the body, in one flat tuple."""
-        moments = (self.moments, *numbers_of(self.moments)) if hasattr(self.moments, "_fields") else self.moments
+        moments = (
+            (self.moments, *numbers_of(self.moments))
+            if hasattr(self.moments, "_fields")
+            else self.moments
+        )
         return (*moments, self.mass, *self.centre)
 
     def sample(self, seed, first, count):
@@ -276,14 +348,21 @@ class Body(metaclass=_Hints):
         centre = draw(self.centre, seed, "body.centre", first, count)
         if self.axes != IDENTITY:
             # written out: a BLAS product may round differently with the number of members
-            centre = np.stack([sum(self.axes[j][i] * centre[j] for j in range(3)) for i in range(3)])
+            centre = np.stack(
+                [sum(self.axes[j][i] * centre[j] for j in range(3)) for i in range(3)]
+            )
         return moments, mass, centre
 
 
 def _positive(value, key, table="body"):
     value = quantity(value, table, key)
     if not is_shared(value):
-        raise SceneError(table, key, None, "shapes take plain numbers; for bodies that differ give moments instead")
+        raise SceneError(
+            table,
+            key,
+            None,
+            "shapes take plain numbers; for bodies that differ give moments instead",
+        )
     if not value > 0:
         raise SceneError(table, key, value, "must be positive")
     return value

@@ -14,23 +14,33 @@ from rigidmc.scene.idle import idle
 from rigidmc.scene.laws import Correlated
 from rigidmc.scene.quantities import Distribution, Grid, draw, rows
 
-PILOT = (
-    4096  # members whose sampled values are looked at before a run; always the same ones, so that bits do not depend on `members`
-)
+PILOT = 4096  # members whose sampled values are looked at before a run; always the same ones, so that bits do not depend on `members`
 
 
 def check(scene):
     """Raise SceneError for what cannot be run: refused torques, sampled bodies that cannot be, too few rows."""
     if scene.run.integrator == "auto" and scene.run.tolerance is None:
-        raise SceneError("run", "tolerance", None, 'is missing: integrator = "auto" chooses integrator and step for a tolerance')
+        raise SceneError(
+            "run",
+            "tolerance",
+            None,
+            'is missing: integrator = "auto" chooses integrator and step for a tolerance',
+        )
     if scene.run.tolerance is not None and "tolerance" in (why := idle(scene.run)):
         raise SceneError("run", "tolerance", scene.run.tolerance, why["tolerance"])
     works = "work" in scene.run.save
     if works and not scene.effects:
         raise SceneError("run", "save", "work", "the scene has no effects that could do work")
     if works and scene.run.dtype == "float32":
-        raise SceneError("run", "save", "work", "needs float64: sums in float32 keep their remainders, and sums of work cannot")
-    if scene.run.integrator != "auto" and (why := refusal(scene.run.integrator, scene.effects, scene.run.compensated, works)):
+        raise SceneError(
+            "run",
+            "save",
+            "work",
+            "needs float64: sums in float32 keep their remainders, and sums of work cannot",
+        )
+    if scene.run.integrator != "auto" and (
+        why := refusal(scene.run.integrator, scene.effects, scene.run.compensated, works)
+    ):
         raise SceneError("run", "integrator", scene.run.integrator, why)
     _check_watched(scene)
     _check_points(scene)
@@ -41,14 +51,23 @@ def _check_points(scene):
     """Raise SceneError for points that the members have not."""
     run = scene.run
     vectors = any(
-        hasattr(v, "_fields") for v in (scene.body.moments, scene.start.omega, scene.start.momentum, scene.start.attitude)
+        hasattr(v, "_fields")
+        for v in (scene.body.moments, scene.start.omega, scene.start.momentum, scene.start.attitude)
     )
-    drawn = vectors or scene.start.attitude == "uniform" or any(isinstance(q, Distribution) for q in scene.quantities())
+    drawn = (
+        vectors
+        or scene.start.attitude == "uniform"
+        or any(isinstance(q, Distribution) for q in scene.quantities())
+    )
     if run.points != "independent" and not drawn:
-        raise SceneError("run", "points", run.points, "nothing of the scene is drawn: all numbers are given")
+        raise SceneError(
+            "run", "points", run.points, "nothing of the scene is drawn: all numbers are given"
+        )
     if run.points == "sobol" and run.first + run.members > 2**30:
         raise SceneError("run", "members", run.first + run.members, "there are 2^30 Sobol points")
-    if run.points == "latin_hypercube" and run.first + run.members > (run.strata or run.first + run.members):
+    if run.points == "latin_hypercube" and run.first + run.members > (
+        run.strata or run.first + run.members
+    ):
         rule = f"a Latin hypercube of {run.strata:,} strata has as many members"
         raise SceneError("run", "members", run.first + run.members, rule)
 
@@ -66,18 +85,30 @@ def _check_drawn(scene):
         raise SceneError("run", "members", scene.run.first + scene.run.members, rule)
     moments, mass, _ = scene.body.sample(scene.run.seed, 0, PILOT)
     bad = np.flatnonzero(broken(moments) | ~(mass > 0))
-    most = PILOT // 2 if isinstance(scene.body.moments, Correlated) else 0  # of measured inertia they are its tails
-    if bad.size > most and not any(isinstance(q, Grid) for q in scene.body.quantities()):  # of a map they are its blank parts
+    most = (
+        PILOT // 2 if isinstance(scene.body.moments, Correlated) else 0
+    )  # of measured inertia they are its tails
+    if bad.size > most and not any(
+        isinstance(q, Grid) for q in scene.body.quantities()
+    ):  # of a map they are its blank parts
         example = ", ".join(f"{m:.4g}" for m in moments[:, bad[0]])
         rule = f"{bad.size} of the first {PILOT} sampled bodies are none (e.g. {example}): moments must be positive and obey I_i <= I_j + I_k"
         raise SceneError("body", "moments", None, rule)
     for label, effect in labelled(scene.effects):
         for name, value in zip(effect._fields, effect, strict=True):
             low, high = limits(effect, name, scene.run.anti_damping)
-            drawn = draw(value if shape(effect, name) else (value,), scene.run.seed, f"effects.{label}.{name}", 0, PILOT)
+            drawn = draw(
+                value if shape(effect, name) else (value,),
+                scene.run.seed,
+                f"effects.{label}.{name}",
+                0,
+                PILOT,
+            )
             bad = drawn[~((drawn >= low) & (drawn <= high))]
             if bad.size:
-                raise SceneError(f"effects.{label}", name, float(bad[0]), outside(effect, low, high))
+                raise SceneError(
+                    f"effects.{label}", name, float(bad[0]), outside(effect, low, high)
+                )
         if hasattr(effect, "drives") and not scene.run.anti_damping:
             drawn = [
                 draw(value, scene.run.seed, f"effects.{label}.{name}", 0, PILOT)
@@ -86,7 +117,12 @@ def _check_drawn(scene):
             driven = np.flatnonzero(type(effect)(*drawn).drives())
             if driven.size:
                 example = ", ".join(f"{x:.4g}" for x in np.concatenate(drawn)[:, driven[0]])
-                raise SceneError(f"effects.{label}", effect._fields[0], None, f"({example}) drives some spins, which {_ALLOWED}")
+                raise SceneError(
+                    f"effects.{label}",
+                    effect._fields[0],
+                    None,
+                    f"({example}) drives some spins, which {_ALLOWED}",
+                )
 
 
 def _check_watched(scene):
@@ -116,11 +152,19 @@ def _check_watched(scene):
 def check_histogram(one):
     """Raise SceneError for a histogram of nothing."""
     if one.name not in OBSERVABLES or one.name == "work":
-        raise unknown("observables.histogram", "of", one.name, "observable", [name for name in OBSERVABLES if name != "work"])
+        raise unknown(
+            "observables.histogram",
+            "of",
+            one.name,
+            "observable",
+            [name for name in OBSERVABLES if name != "work"],
+        )
     size = SIZES[OBSERVABLES[one.name].dims]
     if (size > 1) != one.of.endswith("]") or one.component >= size:
         rule = (
-            f"{one.name} has {size} components: give one, as in {one.name}[{size}]" if size > 1 else f"{one.name} has no components"
+            f"{one.name} has {size} components: give one, as in {one.name}[{size}]"
+            if size > 1
+            else f"{one.name} has no components"
         )
         raise SceneError("observables.histogram", "of", one.of, rule)
 
@@ -134,5 +178,9 @@ _ALLOWED = "needs anti_damping = true under [run]"
 
 
 def outside(effect, low, high):
-    more = f"; below 0 it drives the body, which {_ALLOWED}" if low == 0.0 and getattr(effect, "damps", False) else ""
+    more = (
+        f"; below 0 it drives the body, which {_ALLOWED}"
+        if low == 0.0 and getattr(effect, "damps", False)
+        else ""
+    )
     return f"must lie between {low:g} and {high:g}{more}"

@@ -7,8 +7,16 @@ from rigidmc.effects.protocol import is_random
 def conservation(scene):
     """{"energy": "yes" or the reason why not, "energy_drift": the same of energy less work, "l2": ..., "lz": ...} by the physics of the scene."""
     noisy = [label for label, e in labelled(scene.effects) if is_random(e)]
-    walk = f"no: under {', '.join(noisy)} the energy of a step of order 2 walks off as dt^2 sqrt(t)" if noisy else ""
-    lossy = [label for label, e in labelled(scene.effects) if not getattr(e, "conservative", hasattr(e, "energy"))]
+    walk = (
+        f"no: under {', '.join(noisy)} the energy of a step of order 2 walks off as dt^2 sqrt(t)"
+        if noisy
+        else ""
+    )
+    lossy = [
+        label
+        for label, e in labelled(scene.effects)
+        if not getattr(e, "conservative", hasattr(e, "energy"))
+    ]
     kept = "yes" if not lossy else f"no: {_change(lossy, 'the energy')}"
     torques = [label for label, e in labelled(scene.effects) if not getattr(e, "keeps_l2", False)]
     turning = [label for label, e in labelled(scene.effects) if not getattr(e, "keeps_lz", False)]
@@ -16,7 +24,10 @@ def conservation(scene):
     return {
         "energy": kept,
         "energy_drift": kept if "work" not in scene.run.save else walk or "yes",
-        **{k: "yes" if not who else f"no: {_change(who, what)}" for k, (who, what) in changed.items()},
+        **{
+            k: "yes" if not who else f"no: {_change(who, what)}"
+            for k, (who, what) in changed.items()
+        },
     }
 
 

@@ -42,7 +42,10 @@ class _File(Table):
 _SHAPES: dict[str, Any] = {  # ways to give a body in a scene file: key -> (its own keys, maker)
     "moments": None,
     "tensor": None,
-    **{name: (tuple(inspect.signature(make).parameters), partial(Body.solid, name)) for name, make in SOLIDS.items()},
+    **{
+        name: (tuple(inspect.signature(make).parameters), partial(Body.solid, name))
+        for name, make in SOLIDS.items()
+    },
     "particles": (("masses", "positions"), Body.from_particles),
 }
 
@@ -65,7 +68,13 @@ def load(source, settings=(), allow_code=False):
 
         return scene_of(source, settings, allow_code)
     text = read_source(source)
-    return loads(text, source, settings, title=os.path.basename(source).removesuffix(".toml"), allow_code=allow_code)
+    return loads(
+        text,
+        source,
+        settings,
+        title=os.path.basename(source).removesuffix(".toml"),
+        allow_code=allow_code,
+    )
 
 
 def loads(text, file="scene", settings=(), stored=None, title="scene", allow_code=False):
@@ -80,7 +89,9 @@ def loads(text, file="scene", settings=(), stored=None, title="scene", allow_cod
             _set(data, key, value)
         overridden = {key.split(".")[1] for key, _ in settings if key.startswith("run.")}
         folder = os.path.dirname(file)
-        return _from_tables(data, Columns(stored, folder), title, folder if allow_code else allow_code, overridden)
+        return _from_tables(
+            data, Columns(stored, folder), title, folder if allow_code else allow_code, overridden
+        )
     except SceneError as error:
         error.file = error.file or file
         raise
@@ -99,10 +110,14 @@ def _from_tables(data, stored, title, folder, overridden):
     file = _File(**data)
     for kind, tables in (("effects", file.effects), ("observables", file.observables)):
         if sum(len(one) if isinstance(one, list) else 1 for one in tables.values()) > MOST:
-            raise SceneError("", kind, None, f"has more than {MOST} tables, the limit for one kernel")
+            raise SceneError(
+                "", kind, None, f"has more than {MOST} tables, the limit for one kernel"
+            )
     settings = {k: tuple(v) if isinstance(v, list) else v for k, v in file.run.items()}
     if stored.of_result is not None and settings.get("integrator", "auto") != "auto":
-        settings.pop("tolerance", None)  # in results of version 0.1: the tolerance for which their integrator was chosen
+        settings.pop(
+            "tolerance", None
+        )  # in results of version 0.1: the tolerance for which their integrator was chosen
     try:
         run = Run.model_validate({k: v for k, v in settings.items() if k not in overridden})
     except ValidationError as error:
@@ -110,14 +125,24 @@ def _from_tables(data, stored, title, folder, overridden):
     run = changed(run, {k: v for k, v in settings.items() if k in overridden})
     effects = []
     for name, table in file.effects.items():
-        for one in table if isinstance(table, list) else [table]:  # [effects.spring], or [[effects.spring]] for several
+        for one in (
+            table if isinstance(table, list) else [table]
+        ):  # [effects.spring], or [[effects.spring]] for several
             kind = _kind(name, one, folder)
             own = () if name in EFFECTS else ("module",)
             only(one, (*given(kind), *own), f"effects.{name}")
             missing = [f for f in given(kind) if f not in one and f not in kind._field_defaults]
             if missing:
                 raise SceneError(f"effects.{name}", missing[0], None, "is missing")
-            effects.append(kind(**{k: parse(v, f"effects.{name}", k, stored) for k, v in one.items() if k not in own}))
+            effects.append(
+                kind(
+                    **{
+                        k: parse(v, f"effects.{name}", k, stored)
+                        for k, v in one.items()
+                        if k not in own
+                    }
+                )
+            )
     observables = []
     for name, table in file.observables.items():
         if name not in SUMMARIES:
@@ -125,13 +150,24 @@ def _from_tables(data, stored, title, folder, overridden):
         observed = SUMMARIES[name]
         for one in table if isinstance(table, list) else [table]:
             only(one, observed._fields, f"observables.{name}")
-            if missing := [f for f in observed._fields if f not in one and f not in observed._field_defaults]:
+            if missing := [
+                f for f in observed._fields if f not in one and f not in observed._field_defaults
+            ]:
                 raise SceneError(f"observables.{name}", missing[0], None, "is missing")
             observables.append(observed(**one))
     only(file.start, ("omega", "momentum", "attitude"), "start")
     start = Start(**{k: parse(v, "start", k, stored) for k, v in file.start.items()})
     body = _body(file.body, stored)
-    scene = Scene(body, tuple(effects), start, run, file.title or title, file.summary, file.source, tuple(observables))
+    scene = Scene(
+        body,
+        tuple(effects),
+        start,
+        run,
+        file.title or title,
+        file.summary,
+        file.source,
+        tuple(observables),
+    )
     return scene.with_run()
 
 
@@ -158,7 +194,9 @@ def _stand_in(name, table):
     try:
         made = namedtuple(name, words)  # type: ignore[misc]
     except ValueError as error:
-        raise SceneError("effects", name, None, f"cannot be a class with these parameters: {error}") from None
+        raise SceneError(
+            "effects", name, None, f"cannot be a class with these parameters: {error}"
+        ) from None
     kind: Any = made
     kind.shapes = {key: len(value) for key, value in table.items() if isinstance(value, list)}
     kind.torque = kind.energy = kind.stand_in = lambda self: 0.0
@@ -178,14 +216,20 @@ def dumps(scene):
     start["attitude"] = plain(attitude, angles)
     effects: dict[str, Any] = {}
     for label, effect in labelled(scene.effects):
-        own = {} if type(effect) in EFFECTS.values() or (file := source_of(type(effect))) is None else {"module": file}
+        own = (
+            {}
+            if type(effect) in EFFECTS.values() or (file := source_of(type(effect))) is None
+            else {"module": file}
+        )
         parameters = {k: plain(getattr(effect, k), f"{label}_{k}") for k in given(effect)}
         effects.setdefault(name_of(effect), []).append({**own, **parameters})
     effects = {name: tables if len(tables) > 1 else tables[0] for name, tables in effects.items()}
     observables: dict[str, Any] = {}
     for one in scene.observables:
         observables.setdefault(summary_of(one), []).append(one._asdict())
-    observables = {name: tables if len(tables) > 1 else tables[0] for name, tables in observables.items()}
+    observables = {
+        name: tables if len(tables) > 1 else tables[0] for name, tables in observables.items()
+    }
     tables = {
         "title": scene.title,
         "summary": scene.summary,
@@ -205,18 +249,26 @@ def dumps(scene):
 
 def shipped():
     """Names of the scenes that come with the package."""
-    return sorted(p.name[:-5] for p in resources.files("rigidmc.scene.library").iterdir() if p.name.endswith(".toml"))
+    return sorted(
+        p.name[:-5]
+        for p in resources.files("rigidmc.scene.library").iterdir()
+        if p.name.endswith(".toml")
+    )
 
 
 def read_source(source):
     """The TOML text of a scene file or of a shipped scene; FileNotFoundError with the nearest name where there is neither."""
     if source in shipped():
-        return resources.files("rigidmc.scene.library").joinpath(f"{source}.toml").read_text("utf-8")
+        return (
+            resources.files("rigidmc.scene.library").joinpath(f"{source}.toml").read_text("utf-8")
+        )
     if os.path.exists(source):
         return text_of(source)
     close = nearest(os.path.basename(source).removesuffix(".toml"), shipped())
     hint = f" (did you mean '{close}'?)" if close else ""
-    raise FileNotFoundError(f"{source}: no such file, and no shipped scene of that name{hint}; shipped: {', '.join(shipped())}")
+    raise FileNotFoundError(
+        f"{source}: no such file, and no shipped scene of that name{hint}; shipped: {', '.join(shipped())}"
+    )
 
 
 def _body(table, stored):
@@ -224,18 +276,27 @@ def _body(table, stored):
     only(table, (*_SHAPES, "mass", "centre", "axes", "pivot"), "body")
     given = [k for k in _SHAPES if k in table]
     if len(given) != 1:
-        raise SceneError("body", " | ".join(_SHAPES), None, f"give exactly one of these, not {len(given)}")
+        raise SceneError(
+            "body", " | ".join(_SHAPES), None, f"give exactly one of these, not {len(given)}"
+        )
     shape = given[0]
     parts = {k: parse(table[k], "body", k, stored) for k in ("mass", "centre") if k in table}
     if _SHAPES[shape] is None:
         value = parse(table[shape], "body", shape, stored) if shape == "moments" else table[shape]
-        body = Body.from_moments(value, **parts) if shape == "moments" else Body.from_tensor(numbers(value, "body", shape), **parts)
+        body = (
+            Body.from_moments(value, **parts)
+            if shape == "moments"
+            else Body.from_tensor(numbers(value, "body", shape), **parts)
+        )
     else:
         keys, make = _SHAPES[shape]
         extra = [k for k in ("mass", "centre") if k in table]
         if extra:
             raise SceneError(
-                "body", extra[0], table[extra[0]], f"a {shape} has its mass and centre inside its own table: {', '.join(keys)}"
+                "body",
+                extra[0],
+                table[extra[0]],
+                f"a {shape} has its mass and centre inside its own table: {', '.join(keys)}",
             )
         only(table[shape], keys, f"body.{shape}")
         missing = [k for k in keys if k not in table[shape]]

@@ -10,7 +10,9 @@ _LIMITS = ("energy_limit", "momentum_limit", "turn_limit")
 def idle(run):
     """{setting: why it has no effect}, without settings at their default: a stored scene lists them all."""
     fields = type(run).model_fields
-    return {key: why for key, why in _without_effect(run) if getattr(run, key) != fields[key].default}
+    return {
+        key: why for key, why in _without_effect(run) if getattr(run, key) != fields[key].default
+    }
 
 
 def _without_effect(run):
@@ -18,7 +20,10 @@ def _without_effect(run):
     auto, closed = run.integrator == "auto", run.integrator == "closed"
     words = run.keep.values() if isinstance(run.keep, dict) else (run.keep,)
     if not auto:
-        yield "tolerance", f'integrator = "{run.integrator}" keeps no tolerance: leave it out, or take "auto"'
+        yield (
+            "tolerance",
+            f'integrator = "{run.integrator}" keeps no tolerance: leave it out, or take "auto"',
+        )
         if not hasattr(INTEGRATORS.get(run.integrator), "prepared"):
             yield "turn_rate", f'integrator = "{run.integrator}" does not use it'
     if auto:
@@ -26,7 +31,9 @@ def _without_effect(run):
     if closed:  # dt gets no note: results in closed form are stored with one
         yield from ((key, "closed forms make no steps") for key in ("turn", "dtype", *_LIMITS))
     elif not run.checks:
-        yield from ((key, "with checks = false only non-finite members are flagged") for key in _LIMITS)
+        yield from (
+            (key, "with checks = false only non-finite members are flagged") for key in _LIMITS
+        )
     if run.points != "latin_hypercube":
         yield "strata", 'only points = "latin_hypercube" have strata'
     if "thinned" not in words:

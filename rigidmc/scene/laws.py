@@ -53,7 +53,12 @@ def kept(share, seed, first, count):
     """Unit quaternions (4, count) of density proportional to share(q), at most 1, by rejection: the first of a member's own uniform ones that is
     kept; nan where none of TRIES is."""
     if hasattr(seed, "words"):
-        raise SceneError("run", "points", None, "attitudes of an ensemble are drawn by rejection, which takes independent points")
+        raise SceneError(
+            "run",
+            "points",
+            None,
+            "attitudes of an ensemble are drawn by rejection, which takes independent points",
+        )
     q, left = np.full((4, count), np.nan), np.ones(count, bool)
     for i in range(TRIES):
         u, v, w, x = uniforms(seed, "start.attitude.ensemble", first, count, i)
@@ -68,7 +73,9 @@ def kept(share, seed, first, count):
 
 def directions(draws, name, first, count):
     """Unit vectors (3, n), uniform on the sphere: cosine of the polar angle and azimuth are."""
-    z, phi = draw((uniform(-1.0, 1.0), uniform(0.0, 2.0 * math.pi)), draws, f"{name}.direction", first, count)
+    z, phi = draw(
+        (uniform(-1.0, 1.0), uniform(0.0, 2.0 * math.pi)), draws, f"{name}.direction", first, count
+    )
     r, (y, x) = np.sqrt((1.0 - z) * (1.0 + z)), sincos(phi)
     return np.stack([r * x, r * y, z])
 
@@ -86,11 +93,16 @@ class Cone(NamedTuple):
     sized = {"size": 1}
 
     def sample(self, draws, name, first, count, facts):
-        size, angle, azimuth = draw((self.size, self.angle, self.azimuth), draws, f"{name}.cone", first, count)
+        size, angle, azimuth = draw(
+            (self.size, self.angle, self.azimuth), draws, f"{name}.cone", first, count
+        )
         i = abs(self.axis) - 1
         v = np.empty((3, count))
         v[i] = math.copysign(1.0, self.axis) * size * cosine(angle)
-        v[(i + 1) % 3], v[(i + 2) % 3] = size * sine(angle) * cosine(azimuth), size * sine(angle) * sine(azimuth)
+        v[(i + 1) % 3], v[(i + 2) % 3] = (
+            size * sine(angle) * cosine(azimuth),
+            size * sine(angle) * sine(azimuth),
+        )
         return v
 
 
@@ -101,7 +113,9 @@ class Sphere(NamedTuple):
     sized = {"size": 1}
 
     def sample(self, draws, name, first, count, facts):
-        return draw((self.size,), draws, f"{name}.size", first, count) * directions(draws, name, first, count)
+        return draw((self.size,), draws, f"{name}.size", first, count) * directions(
+            draws, name, first, count
+        )
 
 
 class Correlated(NamedTuple):
@@ -117,7 +131,9 @@ class Correlated(NamedTuple):
     def sample(self, draws, name, first, count, facts):
         z = draw((Distribution("normal", (0.0, 1.0)),) * 3, draws, f"{name}.normal", first, count)
         root = lower_factor(self.covariance)
-        return np.stack([self.mean[i] + sum(root[i][j] * z[j] for j in range(i + 1)) for i in range(3)])
+        return np.stack(
+            [self.mean[i] + sum(root[i][j] * z[j] for j in range(i + 1)) for i in range(3)]
+        )
 
 
 def lower_factor(c):
@@ -145,7 +161,9 @@ class Shell(NamedTuple):
         with np.errstate(all="ignore"):
             most = np.where(energy + facts.bound > 0.0, energy + facts.bound, np.nan)
         none = facts.bound == 0.0
-        return lambda q: np.where(none, 1.0, np.sqrt(np.clip((energy - facts.potential(q)) / most, 0.0, 1.0)))
+        return lambda q: np.where(
+            none, 1.0, np.sqrt(np.clip((energy - facts.potential(q)) / most, 0.0, 1.0))
+        )
 
     def sample(self, draws, name, first, count, facts):
         (energy,) = draw((self.energy,), draws, f"{name}.energy", first, count)
@@ -222,9 +240,17 @@ class Pointing(NamedTuple):
 
     def sample(self, draws, name, first, count, facts):
         whole = Distribution("uniform", (0.0, 2.0 * math.pi))
-        u, azimuth, psi = draw((Distribution("uniform", (0.0, 1.0)), whole, whole), draws, f"{name}.pointing", first, count)
+        u, azimuth, psi = draw(
+            (Distribution("uniform", (0.0, 1.0)), whole, whole),
+            draws,
+            f"{name}.pointing",
+            first,
+            count,
+        )
         k = self.kappa
-        less = -logarithm_of_one_and((1.0 - u) * expm1(-2.0 * k)) / k if k > 0.0 else 2.0 * (1.0 - u)  # 1 - cosine
+        less = (
+            -logarithm_of_one_and((1.0 - u) * expm1(-2.0 * k)) / k if k > 0.0 else 2.0 * (1.0 - u)
+        )  # 1 - cosine
         theta = 2.0 * arcsine(np.sqrt(np.clip(0.5 * less, 0.0, 1.0)))
         x, y, z = self.direction
         tip = quaternion_from_euler(arctan2(x, -y), arctan2(hypotenuse(x, y), z), 0.0)
@@ -238,7 +264,11 @@ def _turns(kappa):
 
     width = min(1.0, 1.0 / math.sqrt(2.0 * kappa + 1.0))
     s = np.linspace(0.0, 1.0, 20_001)
-    angle = np.pi * hyperbolic_sine(s * logarithm_of(1.0 / width + math.sqrt(1.0 / (width * width) + 1.0))) * width
+    angle = (
+        np.pi
+        * hyperbolic_sine(s * logarithm_of(1.0 / width + math.sqrt(1.0 / (width * width) + 1.0)))
+        * width
+    )
     density = (1.0 - cosine(angle)) * exponential_of(2.0 * kappa * (cosine(angle) - 1.0))
     total = cumulative_simpson(density, x=angle, initial=0.0)
     return total / total[-1], angle
@@ -247,7 +277,13 @@ def _turns(kappa):
 ATTITUDES: dict[str, Any] = {"fisher": Fisher, "pointing": Pointing}
 VECTORS: dict[str, dict[str, Any]] = {
     "omega": {"cone": Cone, "sphere": Sphere, "correlated": Correlated},
-    "momentum": {"cone": Cone, "sphere": Sphere, "correlated": Correlated, "shell": Shell, "gibbs": GibbsMomentum},
+    "momentum": {
+        "cone": Cone,
+        "sphere": Sphere,
+        "correlated": Correlated,
+        "shell": Shell,
+        "gibbs": GibbsMomentum,
+    },
     "moments": {"second_moments": SecondMoments, "correlated": Correlated},
     "attitude": ATTITUDES,
 }
@@ -255,14 +291,20 @@ VECTORS: dict[str, dict[str, Any]] = {
 
 def word_of(one):
     """The word for a vector in a scene file."""
-    return next(word for kinds in VECTORS.values() for word, kind in kinds.items() if type(one) is kind)
+    return next(
+        word for kinds in VECTORS.values() for word, kind in kinds.items() if type(one) is kind
+    )
 
 
 def numbers_of(one):
     """The numbers of a vector, distributions and grids among them, in one flat tuple."""
     found: list[Any] = []
     for value in one:
-        found += [x for x in np.ravel(np.array(value, object))] if isinstance(value, (tuple, list)) else [value]
+        found += (
+            [x for x in np.ravel(np.array(value, object))]
+            if isinstance(value, (tuple, list))
+            else [value]
+        )
     return tuple(x for x in found if x is not None)
 
 
@@ -270,30 +312,50 @@ def checked(one, table, key):
     """A vector with its numbers checked; SceneError."""
     kinds = VECTORS[key]
     if type(one) not in kinds.values():
-        raise SceneError(table, key, one, f"expected one of {', '.join(kinds)}, or three components")
+        raise SceneError(
+            table, key, one, f"expected one of {', '.join(kinds)}, or three components"
+        )
     where, fields = f"{table}.{key}.{word_of(one)}", dict[str, Any]()
     for name, value in one._asdict().items():
         if name == "axis":
             if isinstance(value, bool) or value not in (1, 2, 3, -1, -2, -3):
-                raise SceneError(where, name, value, "expected 1, 2 or 3, or -1, -2, -3 for the other end of the axis")
+                raise SceneError(
+                    where,
+                    name,
+                    value,
+                    "expected 1, 2 or 3, or -1, -2, -3 for the other end of the axis",
+                )
             fields[name] = int(value)
         elif name == "covariance":
             fields[name] = _covariance(value, where)
         elif name in ("mean", "direction", "values", "attitude"):
             size = 4 if name == "attitude" else 3
-            if value is not None and (isinstance(value, str) or not hasattr(value, "__len__") or len(value) != size):
+            if value is not None and (
+                isinstance(value, str) or not hasattr(value, "__len__") or len(value) != size
+            ):
                 raise SceneError(where, name, value, f"expected {size} numbers")
             fields[name] = None if value is None else tuple(_scalar(x, where, name) for x in value)
         else:
             fields[name] = _scalar(value, where, name)
     for name in ("direction", "attitude"):
-        if name in fields and fields[name] is not None and not all(isinstance(x, float) for x in fields[name]):
+        if (
+            name in fields
+            and fields[name] is not None
+            and not all(isinstance(x, float) for x in fields[name])
+        ):
             raise SceneError(where, name, None, "expected plain numbers")
         if fields.get(name) is not None and not any(fields[name]):
-            raise SceneError(where, name, list(fields[name]), "a vector of length 0 has no direction")
-    if "kappa" in fields and not (isinstance(fields["kappa"], float) and 0.0 <= fields["kappa"] <= 1e12):
+            raise SceneError(
+                where, name, list(fields[name]), "a vector of length 0 has no direction"
+            )
+    if "kappa" in fields and not (
+        isinstance(fields["kappa"], float) and 0.0 <= fields["kappa"] <= 1e12
+    ):
         raise SceneError(
-            where, "kappa", one.kappa if isinstance(one.kappa, (int, float)) else None, "expected a number between 0 and 1e12"
+            where,
+            "kappa",
+            one.kappa if isinstance(one.kappa, (int, float)) else None,
+            "expected a number between 0 and 1e12",
         )
     for name, least in (("kT", 0.0), ("size", 0.0)):
         low = _lowest(fields.get(name, least))
@@ -305,7 +367,9 @@ def checked(one, table, key):
 def _lowest(value):
     """The smallest number that a quantity takes, of distributions the 1e-9 quantile."""
     if isinstance(value, Distribution):
-        return 0.0 if value.name == "normal" else float(value.ppf(np.array([1e-9]))[0])  # a normal law is taken as meant
+        return (
+            0.0 if value.name == "normal" else float(value.ppf(np.array([1e-9]))[0])
+        )  # a normal law is taken as meant
     return value.low if hasattr(value, "low") else value
 
 
@@ -319,12 +383,28 @@ def _covariance(value, where):
     try:
         found = np.asarray(value, float)
     except (TypeError, ValueError):
-        raise SceneError(where, "covariance", value, "expected a symmetric matrix of 3x3 finite numbers") from None
-    even = found.shape == (3, 3) and np.isfinite(found).all() and np.abs(found - found.T).max() <= 1e-9 * np.abs(found).max()
+        raise SceneError(
+            where, "covariance", value, "expected a symmetric matrix of 3x3 finite numbers"
+        ) from None
+    even = (
+        found.shape == (3, 3)
+        and np.isfinite(found).all()
+        and np.abs(found - found.T).max() <= 1e-9 * np.abs(found).max()
+    )
     if not even:
-        raise SceneError(where, "covariance", np.asarray(value).tolist(), "expected a symmetric matrix of 3x3 finite numbers")
+        raise SceneError(
+            where,
+            "covariance",
+            np.asarray(value).tolist(),
+            "expected a symmetric matrix of 3x3 finite numbers",
+        )
     if np.linalg.eigvalsh(found).min() <= 0.0:
-        raise SceneError(where, "covariance", found.tolist(), "expected a positive definite matrix: no variance is 0 or below")
+        raise SceneError(
+            where,
+            "covariance",
+            found.tolist(),
+            "expected a positive definite matrix: no variance is 0 or below",
+        )
     return tuple(map(tuple, found.tolist()))
 
 
@@ -334,13 +414,19 @@ def of_table(word, table, key, parsed):
     if word not in kinds:
         return None
     where = f"{key}.{word}"
-    if not isinstance(table, dict) or (len(kinds[word]._fields) == 1 and table and not set(table) & set(kinds[word]._fields)):
+    if not isinstance(table, dict) or (
+        len(kinds[word]._fields) == 1 and table and not set(table) & set(kinds[word]._fields)
+    ):
         if len(kinds[word]._fields) > 1:
-            raise SceneError("", where, table, f"expected a table with the keys {', '.join(kinds[word]._fields)}")
+            raise SceneError(
+                "", where, table, f"expected a table with the keys {', '.join(kinds[word]._fields)}"
+            )
         table = {kinds[word]._fields[0]: table}
     for name in table:
         if name not in kinds[word]._fields:
             raise unknown(where, name, None, "key", kinds[word]._fields)
-    if missing := [f for f in kinds[word]._fields if f not in table and f not in kinds[word]._field_defaults]:
+    if missing := [
+        f for f in kinds[word]._fields if f not in table and f not in kinds[word]._field_defaults
+    ]:
         raise SceneError(where, missing[0], None, "is missing")
     return kinds[word](**{name: parsed(value) for name, value in table.items()})

@@ -11,7 +11,11 @@ _ANGLES = {"phi": 0, "theta": 1, "psi": 2}
 
 def parameters(scene):
     """Names of all numbers of a scene that may differ from member to member."""
-    found = [*_of("body.moments", scene.body.moments), "body.mass", *(f"body.centre.{i}" for i in (1, 2, 3))]
+    found = [
+        *_of("body.moments", scene.body.moments),
+        "body.mass",
+        *(f"body.centre.{i}" for i in (1, 2, 3)),
+    ]
     which = "omega" if scene.start.momentum is None else "momentum"
     found += _of(f"start.{which}", getattr(scene.start, which))
     if not isinstance(scene.start.attitude, str) and len(scene.start.attitude) == 3:
@@ -19,7 +23,11 @@ def parameters(scene):
     for label, effect in labelled(scene.effects):
         for field in given(effect):
             size = shape(effect, field)
-            found += [f"effects.{label}.{field}"] if size is None else [f"effects.{label}.{field}.{i + 1}" for i in range(size)]
+            found += (
+                [f"effects.{label}.{field}"]
+                if size is None
+                else [f"effects.{label}.{field}.{i + 1}" for i in range(size)]
+            )
     return found
 
 
@@ -31,7 +39,11 @@ def _of(name, value):
     for field, part in value._asdict().items():
         if field in ("axis", "covariance", "direction"):
             continue
-        found += [f"{name}.{field}.{i}" for i in (1, 2, 3)] if isinstance(part, tuple) else [f"{name}.{field}"]
+        found += (
+            [f"{name}.{field}.{i}" for i in (1, 2, 3)]
+            if isinstance(part, tuple)
+            else [f"{name}.{field}"]
+        )
     return found
 
 
@@ -41,10 +53,18 @@ def with_parameter(scene, name, value, key="parameter"):
         raise unknown("", key, name, "scene parameter", parameters(scene))
     table, first, *rest = name.split(".")
     if table == "body":
-        return replace(scene, body=replace(scene.body, **{first: _put(getattr(scene.body, first), rest, value)}))
+        return replace(
+            scene,
+            body=replace(scene.body, **{first: _put(getattr(scene.body, first), rest, value)}),
+        )
     if table == "start":
-        return replace(scene, start=replace(scene.start, **{first: _put(getattr(scene.start, first), rest, value)}))
-    effects = [_put(e, rest, value) if label == first else e for label, e in labelled(scene.effects)]
+        return replace(
+            scene,
+            start=replace(scene.start, **{first: _put(getattr(scene.start, first), rest, value)}),
+        )
+    effects = [
+        _put(e, rest, value) if label == first else e for label, e in labelled(scene.effects)
+    ]
     return replace(scene, effects=tuple(effects))
 
 

@@ -76,7 +76,9 @@ class Points:
             self._engine.reset()
             self._at = 0
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # that a block is no power of two: the sequence is what counts
+            warnings.simplefilter(
+                "ignore"
+            )  # that a block is no power of two: the sequence is what counts
             if first > self._at:
                 self._engine.fast_forward(first - self._at)
             points = self._engine.random(count).T + 0.5**BITS / 2.0
@@ -88,7 +90,9 @@ def _made(name, dimensions, some, **options):
     from scipy.stats import qmc
 
     kind = getattr(qmc, name)
-    key = "rng" if "rng" in inspect.signature(kind.__init__).parameters else "seed"  # scipy before 1.15
+    key = (
+        "rng" if "rng" in inspect.signature(kind.__init__).parameters else "seed"
+    )  # scipy before 1.15
     return kind(dimensions, **{key: some}, **options)
 
 

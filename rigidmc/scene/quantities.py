@@ -39,7 +39,9 @@ class Distribution:
         if not self.by_scipy:
             return Distribution(self.name, tuple(by * p for p in self.parameters))
         scales = {"loc": 0.0, "scale": 1.0} | dict(self.parameters)
-        return Distribution(self.name, tuple((k, v * by if k in ("loc", "scale") else v) for k, v in scales.items()))
+        return Distribution(
+            self.name, tuple((k, v * by if k in ("loc", "scale") else v) for k, v in scales.items())
+        )
 
     def as_table(self):
         """The distribution as it stands in a scene file."""
@@ -66,7 +68,11 @@ class Grid:
     def _values(self, index):
         """The values of these indices; all values of a grid may not fit into memory."""
         share = (index + 0.5) / self.count
-        return self.low * power(self.high / self.low, share) if self.log else self.low + (self.high - self.low) * share
+        return (
+            self.low * power(self.high / self.low, share)
+            if self.log
+            else self.low + (self.high - self.low) * share
+        )
 
     def at(self, first, count):
         """Those of members first ... first + count - 1."""
@@ -86,7 +92,9 @@ def grid(low, high, count, stride=1, log=False):
     """A Grid; SceneError for ends that are none, or counts below 1."""
     given = {"grid": [low, high, count], "stride": stride, "log": log}
     if not (_is_number(low) and _is_number(high) and low < high) or (log and not low > 0):
-        rule = "expected grid = [low, high, count] with low < high" + (", above 0 where log = true" if log else "")
+        rule = "expected grid = [low, high, count] with low < high" + (
+            ", above 0 where log = true" if log else ""
+        )
         raise SceneError("", "grid", given, rule)
     for name, value in (("count", count), ("stride", stride)):
         try:
@@ -127,34 +135,54 @@ def distribution(name, /, *values, **parameters):
     if name in ("normal", "uniform"):
         ok = len(values) == 2 and not parameters and all(_is_number(v) for v in values)
         if not ok or (values[1] <= 0 if name == "normal" else values[1] <= values[0]):
-            rule = "normal = [mean, standard deviation > 0]" if name == "normal" else "uniform = [low, high] with low < high"
+            rule = (
+                "normal = [mean, standard deviation > 0]"
+                if name == "normal"
+                else "uniform = [low, high] with low < high"
+            )
             raise SceneError("", "distribution", given, f"expected {rule}, finite numbers")
         return Distribution(name, tuple(float(v) for v in values))
     family = _scipy(name)
     if family is None:
         import scipy.stats
 
-        known = [n for n in dir(scipy.stats) if isinstance(getattr(scipy.stats, n), scipy.stats.rv_continuous)]
+        known = [
+            n
+            for n in dir(scipy.stats)
+            if isinstance(getattr(scipy.stats, n), scipy.stats.rv_continuous)
+        ]
         error = unknown("", "distribution", name, "distribution", ["normal", "uniform", *known])
-        error.rule = (
-            "no such distribution; known: normal = [mean, sd], uniform = [low, high], and the continuous ones of scipy.stats"
-        )
+        error.rule = "no such distribution; known: normal = [mean, sd], uniform = [low, high], and the continuous ones of scipy.stats"
         raise error
     allowed = [s.strip() for s in (family.shapes or "").split(",") if s.strip()] + ["loc", "scale"]
     wrong = [p for p in parameters if p not in allowed]
     if values or wrong or not all(_is_number(v) for v in parameters.values()):
-        raise SceneError("", "distribution", given, f"scipy's {name} takes a table of numbers with the keys {', '.join(allowed)}")
+        raise SceneError(
+            "",
+            "distribution",
+            given,
+            f"scipy's {name} takes a table of numbers with the keys {', '.join(allowed)}",
+        )
     missing = [s for s in allowed[:-2] if s not in parameters]
-    made = None if missing else Distribution(name, tuple((k, float(v)) for k, v in parameters.items()))
+    made = (
+        None if missing else Distribution(name, tuple((k, float(v)) for k, v in parameters.items()))
+    )
     if made is None or not np.isfinite(made.ppf(np.array([0.25, 0.75]))).all():
         raise SceneError(
-            "", "distribution", given, f"{', '.join(missing) or 'a parameter'} is missing or outside the distribution's domain"
+            "",
+            "distribution",
+            given,
+            f"{', '.join(missing) or 'a parameter'} is missing or outside the distribution's domain",
         )
     return made
 
 
 def _is_number(value):
-    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool) and math.isfinite(value)
+    return (
+        isinstance(value, (int, float, np.integer, np.floating))
+        and not isinstance(value, bool)
+        and math.isfinite(value)
+    )
 
 
 def quantity(value, table, key):
@@ -173,7 +201,10 @@ def quantity(value, table, key):
         column.flags.writeable = False
         return column
     raise SceneError(
-        table, key, value, "expected a finite number, a distribution, a grid, or a 1-D array with one entry per member"
+        table,
+        key,
+        value,
+        "expected a finite number, a distribution, a grid, or a 1-D array with one entry per member",
     )
 
 
@@ -182,7 +213,12 @@ def vector(values, table, key, size=3):
     if isinstance(values, np.ndarray) and values.ndim == 2 and values.shape[1] == size:
         values = [np.ascontiguousarray(values[:, i]) for i in range(size)]
     if isinstance(values, str) or not hasattr(values, "__len__") or len(values) != size:
-        raise SceneError(table, key, values, f"expected {size} components, or an array of shape (members, {size})")
+        raise SceneError(
+            table,
+            key,
+            values,
+            f"expected {size} components, or an array of shape (members, {size})",
+        )
     return tuple(quantity(v, table, key) for v in values)
 
 
@@ -190,14 +226,22 @@ def rows(*quantities):
     """How many rows the arrays among the quantities have; None where there are none."""
     sizes = {q.size for q in quantities if isinstance(q, np.ndarray)}
     if len(sizes) > 1:
-        raise SceneError("", "arrays", sorted(sizes), "arrays with one row per member must all have the same number of rows")
+        raise SceneError(
+            "",
+            "arrays",
+            sorted(sizes),
+            "arrays with one row per member must all have the same number of rows",
+        )
     return sizes.pop() if sizes else None
 
 
 def is_open(*values):
     """Whether the first members do not tell about the others: if any value is a distribution, a grid, a law of a whole vector, or a
     tuple with one."""
-    return any(any(map(is_open, v)) if type(v) is tuple else not isinstance(v, (float, np.ndarray)) for v in values)
+    return any(
+        any(map(is_open, v)) if type(v) is tuple else not isinstance(v, (float, np.ndarray))
+        for v in values
+    )
 
 
 def is_shared(*values):
@@ -208,7 +252,11 @@ def is_shared(*values):
 
 def numbers(seed, name, first, count, draw=0, used=(0, 1, 2, 3)):
     """(4, count) numbers in (0, 1), of which some are used: independent ones of a seed, or the points of `rigidmc.scene.points` that stand in its place."""
-    return seed.words(name, first, count, draw, used) if hasattr(seed, "words") else uniforms(seed, name, first, count, draw)
+    return (
+        seed.words(name, first, count, draw, used)
+        if hasattr(seed, "words")
+        else uniforms(seed, name, first, count, draw)
+    )
 
 
 def draw(quantities, seed, name, first, count):
@@ -222,7 +270,9 @@ def draw(quantities, seed, name, first, count):
         if isinstance(q, Distribution):
             if i // 4 not in words:
                 used = tuple(
-                    j % 4 for j in range(i, min(len(quantities), i // 4 * 4 + 4)) if isinstance(quantities[j], Distribution)
+                    j % 4
+                    for j in range(i, min(len(quantities), i // 4 * 4 + 4))
+                    if isinstance(quantities[j], Distribution)
                 )
                 words[i // 4] = numbers(seed, name, first, count, i // 4, used)
             values[i] = q.ppf(words[i // 4][i % 4])

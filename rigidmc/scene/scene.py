@@ -41,51 +41,122 @@ class Run(Table):
     integrator: str = "rk4"
     dt: Annotated[float, _TIME, Field(gt=0, description="step [s]")] = 0.01
     turn: (
-        Annotated[float, Field(gt=0, description="in place of dt: each member steps by so much of its own motion [rad]")] | None
+        Annotated[
+            float,
+            Field(
+                gt=0,
+                description="in place of dt: each member steps by so much of its own motion [rad]",
+            ),
+        ]
+        | None
     ) = None
     t_end: Annotated[float, _TIME, Field(gt=0, description="end time [s]")] = 10.0
     members: Annotated[int, _COUNT, Field(gt=0, description="members of the ensemble")] = 1000
     first: Annotated[int, _COUNT, Field(ge=0, description="index of the first member")] = 0
     seed: Annotated[int, _COUNT, Field(ge=0, description="seed of all random draws")] = 0
     points: Annotated[
-        Literal["independent", "sobol", "latin_hypercube", "antithetic"], Field(description="what members are drawn from")
+        Literal["independent", "sobol", "latin_hypercube", "antithetic"],
+        Field(description="what members are drawn from"),
     ] = "independent"
-    strata: Annotated[int, _COUNT, Field(gt=0, description="of a Latin hypercube; else as many as members")] | None = None
-    dtype: Annotated[Literal["float64", "float32"], Field(description="numbers in which steps are made")] = "float64"
-    compensated: Annotated[bool, Field(description="keep the remainders of all sums, for very many steps")] = False
+    strata: (
+        Annotated[
+            int, _COUNT, Field(gt=0, description="of a Latin hypercube; else as many as members")
+        ]
+        | None
+    ) = None
+    dtype: Annotated[
+        Literal["float64", "float32"], Field(description="numbers in which steps are made")
+    ] = "float64"
+    compensated: Annotated[
+        bool, Field(description="keep the remainders of all sums, for very many steps")
+    ] = False
     tolerance: (
         Annotated[
             float,
             Field(
-                gt=0, lt=1, description='error to keep, with integrator = "auto": of the momentum\'s size, of the attitude in rad'
+                gt=0,
+                lt=1,
+                description='error to keep, with integrator = "auto": of the momentum\'s size, of the attitude in rad',
             ),
         ]
         | None
     ) = None
     turn_rate: (
-        Annotated[float, Field(ge=0, description="bound on the rate of free motion [rad/s]; else from the first members")] | None
+        Annotated[
+            float,
+            Field(
+                ge=0,
+                description="bound on the rate of free motion [rad/s]; else from the first members",
+            ),
+        ]
+        | None
     ) = None
-    checks: Annotated[bool, Field(description="flag and freeze members beyond the limits below; non-finite ones always are")] = True
+    checks: Annotated[
+        bool,
+        Field(
+            description="flag and freeze members beyond the limits below; non-finite ones always are"
+        ),
+    ] = True
     energy_limit: (
-        Annotated[float, Field(gt=0, description="drift of energy that flags a member; else from integrator and step")] | None
+        Annotated[
+            float,
+            Field(
+                gt=0,
+                description="drift of energy that flags a member; else from integrator and step",
+            ),
+        ]
+        | None
     ) = None
     momentum_limit: (
-        Annotated[float, Field(gt=0, description="drift of |L|^2, or of L_z under gravity; else from integrator and step")] | None
+        Annotated[
+            float,
+            Field(
+                gt=0,
+                description="drift of |L|^2, or of L_z under gravity; else from integrator and step",
+            ),
+        ]
+        | None
     ) = None
     turn_limit: (
-        Annotated[float, Field(gt=0, description="|omega| dt that flags a member [rad]; else from the integrator")] | None
+        Annotated[
+            float,
+            Field(
+                gt=0, description="|omega| dt that flags a member [rad]; else from the integrator"
+            ),
+        ]
+        | None
     ) = None
-    anti_damping: Annotated[bool, Field(description="allow negative damping, which drives the body")] = False
-    every: Annotated[float, _TIME, Field(gt=0, description="time between saves [s]; without it first and last")] | None = None
+    anti_damping: Annotated[
+        bool, Field(description="allow negative damping, which drives the body")
+    ] = False
+    every: (
+        Annotated[
+            float,
+            _TIME,
+            Field(gt=0, description="time between saves [s]; without it first and last"),
+        ]
+        | None
+    ) = None
     save: tuple[str, ...] = ("omega",)
     keep: Annotated[
-        str | dict[str, str], Field(description="of what is saved, for all or by name: none, final, summary, thinned, full")
+        str | dict[str, str],
+        Field(
+            description="of what is saved, for all or by name: none, final, summary, thinned, full"
+        ),
     ] = "full"
-    thin: Annotated[int, _COUNT, Field(gt=0, description="saves of which one is kept, of what is thinned")] = 10
+    thin: Annotated[
+        int, _COUNT, Field(gt=0, description="saves of which one is kept, of what is thinned")
+    ] = 10
     compress: Annotated[bool, Field(description="without loss, in files")] = False
     digits: (
         Annotated[
-            int, _COUNT, Field(ge=1, le=15, description="kept of saves over time, in files: errors of 10^-digits/2; compressed")
+            int,
+            _COUNT,
+            Field(
+                ge=1,
+                le=15,
+                description="kept of saves over time, in files: errors of 10^-digits/2; compressed",
+            ),
         ]
         | None
     ) = None
@@ -93,7 +164,10 @@ class Run(Table):
     @model_validator(mode="before")
     @classmethod
     def _settled(cls, data):
-        data = {key: value.item() if isinstance(value, np.generic) else value for key, value in data.items()}
+        data = {
+            key: value.item() if isinstance(value, np.generic) else value
+            for key, value in data.items()
+        }
         if data.get("dt") is not None and data.get("turn") is not None:
             raise SceneError("run", "turn", data["turn"], "give dt or turn, not both")
         if data.get("tolerance") is not None and data.get("integrator") is None:
@@ -106,13 +180,23 @@ def changed(run, given):
     defaults: a tolerance replaces integrator and step, `turn` replaces dt."""
     if given.get("tolerance") is not None:
         given = {"integrator": "auto", **given}
-    kept = run.model_dump(exclude={"turn"} if "dt" in given else {"dt"} if "turn" in given or run.turn is not None else None)
+    kept = run.model_dump(
+        exclude={"turn"}
+        if "dt" in given
+        else {"dt"}
+        if "turn" in given or run.turn is not None
+        else None
+    )
     if "save" in given and isinstance(run.keep, dict):
         kept["keep"] = {name: word for name, word in run.keep.items() if name in given["save"]}
     try:
         made = Run.model_validate({**kept, **given})
         lost = idle(made).keys() - idle(run).keys() - given.keys() - STAYS
-        return Run.model_validate({k: v for k, v in {**kept, **given}.items() if k not in lost}) if lost else made
+        return (
+            Run.model_validate({k: v for k, v in {**kept, **given}.items() if k not in lost})
+            if lost
+            else made
+        )
     except ValidationError as error:
         raise complaint(error, "run", Run, given) from None
 
@@ -141,7 +225,11 @@ class Scene:
     observables: tuple = ()
 
     def __post_init__(self):
-        for value, kind, key in ((self.body, Body, "body"), (self.start, Start, "start"), (self.run, Run, "run")):
+        for value, kind, key in (
+            (self.body, Body, "body"),
+            (self.start, Start, "start"),
+            (self.run, Run, "run"),
+        ):
             if not isinstance(value, kind):
                 raise SceneError("", key, value, f"expected a {kind.__name__}")
         effects = (
@@ -149,13 +237,19 @@ class Scene:
             if isinstance(self.effects, (list, tuple)) and not hasattr(self.effects, "_fields")
             else (self.effects,)
         )
-        object.__setattr__(self, "effects", canonical(tuple(_effect(e, self.run.anti_damping) for e in effects)))
+        object.__setattr__(
+            self, "effects", canonical(tuple(_effect(e, self.run.anti_damping) for e in effects))
+        )
         object.__setattr__(self, "observables", _in_order(self.observables))
         rows(*self.quantities())
 
     def quantities(self):
         """All quantities that may differ from member to member."""
-        return self.body.quantities() + self.start.quantities() + tuple(value for e in self.effects for _, _, value in numbers(e))
+        return (
+            self.body.quantities()
+            + self.start.quantities()
+            + tuple(value for e in self.effects for _, _, value in numbers(e))
+        )
 
     def drawn_through(self):
         """Which library draws numbers of the scene whose bits may change with its version, in words; "" if it is rigidmc alone."""
@@ -166,11 +260,22 @@ class Scene:
 
     def mapped(self, change):
         """The same scene with change(quantity) in the place of each number, distribution, grid and array of body, start and effects."""
-        body = replace(self.body, **{k: _mapped(getattr(self.body, k), change) for k in ("moments", "mass", "centre")})
+        body = replace(
+            self.body,
+            **{k: _mapped(getattr(self.body, k), change) for k in ("moments", "mass", "centre")},
+        )
         which = "omega" if self.start.momentum is None else "momentum"
-        attitude = self.start.attitude if isinstance(self.start.attitude, str) else _mapped(self.start.attitude, change)
-        start = replace(self.start, attitude=attitude, **{which: _mapped(getattr(self.start, which), change)})
-        return replace(self, body=body, start=start, effects=tuple(_mapped(e, change) for e in self.effects))
+        attitude = (
+            self.start.attitude
+            if isinstance(self.start.attitude, str)
+            else _mapped(self.start.attitude, change)
+        )
+        start = replace(
+            self.start, attitude=attitude, **{which: _mapped(getattr(self.start, which), change)}
+        )
+        return replace(
+            self, body=body, start=start, effects=tuple(_mapped(e, change) for e in self.effects)
+        )
 
     def coarse(self):
         """The same scene with coarser grids, such that its first PILOT members are spread over all of them; itself where it has none."""
@@ -183,23 +288,41 @@ class Scene:
         for stride in strides:
             made[stride] = (share, each)
             each *= share
-        return self.mapped(lambda q: replace(q, count=made[q.stride][0], stride=made[q.stride][1]) if isinstance(q, Grid) else q)
+        return self.mapped(
+            lambda q: (
+                replace(q, count=made[q.stride][0], stride=made[q.stride][1])
+                if isinstance(q, Grid)
+                else q
+            )
+        )
 
     def with_run(self, **settings):
         """The same scene with other run settings, see `changed`; those that are None stay as they are."""
         given = {k: v for k, v in settings.items() if v is not None}
         more = self.observables
         if "save" in given and any(hasattr(one, "_fields") for one in given["save"]):
-            more += tuple(one for one in given["save"] if hasattr(one, "_fields") and one not in more)
-            given["save"] = tuple(dict.fromkeys(summary_of(one) if hasattr(one, "_fields") else one for one in given["save"]))
+            more += tuple(
+                one for one in given["save"] if hasattr(one, "_fields") and one not in more
+            )
+            given["save"] = tuple(
+                dict.fromkeys(
+                    summary_of(one) if hasattr(one, "_fields") else one for one in given["save"]
+                )
+            )
         run = changed(self.run, given)
         if run.integrator not in (*INTEGRATORS, "auto"):
             raise unknown("run", "integrator", run.integrator, "integrator", (*INTEGRATORS, "auto"))
         for name in run.save:
             if name not in KNOWN:
                 raise unknown("run", "save", name, "observable", KNOWN)
-            if name in SUMMARIES and SUMMARIES[name]._fields and not any(summary_of(one) == name for one in more):
-                missing = [f for f in SUMMARIES[name]._fields if f not in SUMMARIES[name]._field_defaults]
+            if (
+                name in SUMMARIES
+                and SUMMARIES[name]._fields
+                and not any(summary_of(one) == name for one in more)
+            ):
+                missing = [
+                    f for f in SUMMARIES[name]._fields if f not in SUMMARIES[name]._field_defaults
+                ]
                 if missing:
                     rule = f"needs a table [observables.{name}] with {', '.join(missing)}"
                     raise SceneError("run", "save", name, rule)
@@ -264,7 +387,11 @@ def _mapped(value, change):
 def _effect(effect: Any, driven: bool) -> Any:
     """An effect with its parameters checked."""
     fields = getattr(effect, "_fields", None)
-    if fields is None or isinstance(effect, type) or not any(hasattr(effect, verb) for verb in ("torque", "kick", "shake")):
+    if (
+        fields is None
+        or isinstance(effect, type)
+        or not any(hasattr(effect, verb) for verb in ("torque", "kick", "shake"))
+    ):
         raise SceneError(
             "effects",
             "effect",
@@ -274,7 +401,9 @@ def _effect(effect: Any, driven: bool) -> Any:
     table, made = f"effects.{name_of(effect)}", []
     for name, value in zip(fields, effect, strict=True):
         size, (low, high) = shape(effect, name), limits(effect, name, driven)
-        made.append(quantity(value, table, name) if size is None else vector(value, table, name, size))
+        made.append(
+            quantity(value, table, name) if size is None else vector(value, table, name, size)
+        )
         for part in made[-1:] if size is None else made[-1]:
             if not is_open(part) and not (low <= np.min(part) and np.max(part) <= high):
                 raise SceneError(
@@ -288,16 +417,28 @@ def _effect(effect: Any, driven: bool) -> Any:
 
 def _in_order(observables):
     """Observables over all steps with their numbers checked, in the order of SUMMARIES."""
-    return tuple(sorted(map(_observable, observables), key=lambda one: list(SUMMARIES).index(summary_of(one))))
+    return tuple(
+        sorted(
+            map(_observable, observables), key=lambda one: list(SUMMARIES).index(summary_of(one))
+        )
+    )
 
 
 def _observable(one):
     """An observable over all steps with its numbers checked."""
     if type(one) not in SUMMARIES.values():
         known = ", ".join(kind.__name__ for kind in SUMMARIES.values())
-        raise SceneError("observables", "observable", one, f"expected one of {known}, with its numbers")
-    counts = [k for k, kind in type(one).__annotations__.items() if kind is int and isinstance(getattr(one, k), Real)]
-    one = one._replace(**{k: int(v) for k in counts if not isinstance(v := getattr(one, k), bool) and v == v // 1})  # 1e2 bins too
+        raise SceneError(
+            "observables", "observable", one, f"expected one of {known}, with its numbers"
+        )
+    counts = [
+        k
+        for k, kind in type(one).__annotations__.items()
+        if kind is int and isinstance(getattr(one, k), Real)
+    ]
+    one = one._replace(
+        **{k: int(v) for k in counts if not isinstance(v := getattr(one, k), bool) and v == v // 1}
+    )  # 1e2 bins too
     if hasattr(one, "check"):
         one.check()
     if hasattr(one, "ensemble"):
@@ -312,11 +453,17 @@ def complaint(error, table, model, data):
     place = [
         str(p)
         for p in first["loc"]
-        if not (isinstance(p, str) and p not in model.model_fields and p in ("float", "constrained-float"))
+        if not (
+            isinstance(p, str)
+            and p not in model.model_fields
+            and p in ("float", "constrained-float")
+        )
     ]
     key = place[0] if place else "scene"
     if first["type"] == "extra_forbidden":
-        return unknown(table, key, None, "table or key" if not table else "key", list(model.model_fields))
+        return unknown(
+            table, key, None, "table or key" if not table else "key", list(model.model_fields)
+        )
     if first["type"] == "missing":
         return SceneError(table, key, None, "is missing")
     if isinstance(ours := first.get("ctx", {}).get("error"), SceneError):

@@ -36,10 +36,18 @@ class Start:
         which = "omega" if self.momentum is None else "momentum"
         given = getattr(self, which)
         whole = hasattr(given, "_fields")
-        object.__setattr__(self, which, checked(given, "start", which) if whole else vector(given, "start", which))
+        object.__setattr__(
+            self, which, checked(given, "start", which) if whole else vector(given, "start", which)
+        )
         whole = hasattr(self.attitude, "_fields")
-        object.__setattr__(self, "attitude", checked(self.attitude, "start", "attitude") if whole else _attitude(self.attitude))
-        if self.attitude == "ensemble" and (not hasattr(given, "share") or getattr(given, "direction", None) is not None):
+        object.__setattr__(
+            self,
+            "attitude",
+            checked(self.attitude, "start", "attitude") if whole else _attitude(self.attitude),
+        )
+        if self.attitude == "ensemble" and (
+            not hasattr(given, "share") or getattr(given, "direction", None) is not None
+        ):
             rule = "is the law of the momentum: give momentum = { gibbs = kT }, or { shell = { energy = E } } without a direction"
             raise SceneError("start", "attitude", self.attitude, rule)
 
@@ -47,7 +55,11 @@ class Start:
         """All quantities of the start, in one flat tuple."""
         spin: Any = self.omega if self.momentum is None else self.momentum
         spin = (spin, *numbers_of(spin)) if hasattr(spin, "_fields") else spin
-        attitude = (self.attitude, *numbers_of(self.attitude)) if hasattr(self.attitude, "_fields") else self.attitude
+        attitude = (
+            (self.attitude, *numbers_of(self.attitude))
+            if hasattr(self.attitude, "_fields")
+            else self.attitude
+        )
         return (*spin, *(() if isinstance(attitude, str) else attitude))
 
     def spin(self, seed, first, count, facts):
@@ -90,14 +102,28 @@ def _attitude(value):
     if shape in ((3, 3), (len(value), 3, 3)):
         q = quaternion_from_matrix(np.asarray(value, dtype=float), "start", "attitude")
         value = tuple(q.tolist()) if q.ndim == 1 else q
-    size = 3 if (shape[1] if isinstance(value, np.ndarray) and len(shape) == 2 else len(value)) == 3 else 4
+    size = (
+        3
+        if (shape[1] if isinstance(value, np.ndarray) and len(shape) == 2 else len(value)) == 3
+        else 4
+    )
     parts = vector(value, "start", "attitude", size)
     if size == 4 and rows(*parts) is not None and is_open(parts):
-        raise SceneError("start", "attitude", None, "a quaternion has distributions or arrays as components, not both")
+        raise SceneError(
+            "start",
+            "attitude",
+            None,
+            "a quaternion has distributions or arrays as components, not both",
+        )
     if size == 4 and not is_open(parts):
         square = sum(p * p for p in parts)
         if np.min(square) < 1e-200:
-            raise SceneError("start", "attitude", value if is_shared(parts) else None, "a quaternion of norm 0 is no attitude")
+            raise SceneError(
+                "start",
+                "attitude",
+                value if is_shared(parts) else None,
+                "a quaternion of norm 0 is no attitude",
+            )
     return parts
 
 

@@ -30,7 +30,9 @@ from rigidmc.files.reading import bytes_of, json_of, text_of
 FORMAT = 1
 MOST = 10**7  # shards, each a file; their names have eight digits
 _SHARD = re.compile(r"([0-9]{8})-([0-9]{1,12})-([0-9a-f]{16})\.nc")
-_OLD = 3600.0  # seconds after which a file of another computer that is not whole is one that was left
+_OLD = (
+    3600.0  # seconds after which a file of another computer that is not whole is one that was left
+)
 _JOURNAL = 2**20  # bytes read from the end of a journal; each resume adds two lines of 300 bytes
 _Count = Annotated[int, Field(ge=0, le=2**53)]
 _Some = Annotated[int, Field(ge=1, le=2**53)]
@@ -78,7 +80,9 @@ class RunDirectory:
         self.path = os.fspath(path)
         self.facts = self._read_facts()
         if os.path.islink(self._folder):
-            raise SceneError("", "shards", None, "is a link, and a run keeps to its folder", file=self.path)
+            raise SceneError(
+                "", "shards", None, "is a link, and a run keeps to its folder", file=self.path
+            )
 
     @property
     def _folder(self):
@@ -97,24 +101,48 @@ class RunDirectory:
         except ValidationError as error:
             first = error.errors()[0]
             key = str(first["loc"][0]) if first["loc"] else "run.json"
-            raise SceneError("", key, None, f"is damaged: {first['msg'][0].lower()}{first['msg'][1:]}", file=name) from None
+            raise SceneError(
+                "", key, None, f"is damaged: {first['msg'][0].lower()}{first['msg'][1:]}", file=name
+            ) from None
         except ValueError as error:
             raise SceneError("", "run.json", None, f"is damaged: {error}", file=name) from None
         if rendered(facts) != text:
-            raise SceneError("", "run.json", None, "is damaged, or was changed by hand: its checksum does not match", file=name)
+            raise SceneError(
+                "",
+                "run.json",
+                None,
+                "is damaged, or was changed by hand: its checksum does not match",
+                file=name,
+            )
         if facts["format"] != FORMAT:
-            raise SceneError("", "format", facts["format"], f"this version reads format {FORMAT}", file=name)
+            raise SceneError(
+                "", "format", facts["format"], f"this version reads format {FORMAT}", file=name
+            )
         if facts["first"] + facts["members"] > 2**53 or facts["shard"] % facts["block"]:
-            raise SceneError("", "members", None, "is damaged: a shard must be whole blocks, and members below 2^53", file=name)
+            raise SceneError(
+                "",
+                "members",
+                None,
+                "is damaged: a shard must be whole blocks, and members below 2^53",
+                file=name,
+            )
         if facts["members"] > MOST * facts["shard"]:
-            raise SceneError("", "shard", facts["shard"], f"is damaged: a run has at most {MOST:,} shards", file=name)
+            raise SceneError(
+                "",
+                "shard",
+                facts["shard"],
+                f"is damaged: a run has at most {MOST:,} shards",
+                file=name,
+            )
         return facts
 
     @property
     def mark(self):
         """What each shard carries, so that none of another run passes for one of this: the hash of its scene, rows and code."""
         facts = self.facts
-        return hashlib.sha256(json.dumps([facts["scene"], facts["columns"], sorted(facts["code"].values())]).encode()).hexdigest()
+        return hashlib.sha256(
+            json.dumps([facts["scene"], facts["columns"], sorted(facts["code"].values())]).encode()
+        ).hexdigest()
 
     @property
     def count(self):
@@ -130,7 +158,9 @@ class RunDirectory:
     def members_of(self, shards):
         """How many members some shards have, given by their numbers."""
         short = self.count * self.facts["shard"] - self.facts["members"]  # what the last one lacks
-        return len(shards) * self.facts["shard"] - short * bool(np.any(np.asarray(shards) == self.count - 1))
+        return len(shards) * self.facts["shard"] - short * bool(
+            np.any(np.asarray(shards) == self.count - 1)
+        )
 
     def listed(self):
         """({i: path} of the shards that are there, paths of files among them that none is: of other numbers, names, or a number that is there twice)."""
@@ -139,7 +169,12 @@ class RunDirectory:
         with contextlib.suppress(FileNotFoundError), os.scandir(self._folder) as entries:
             for entry in sorted(entries, key=lambda entry: entry.name):
                 found = _SHARD.fullmatch(entry.name)
-                if found and int(found[1]) < self.count and int(found[1]) not in shards and entry.is_file(follow_symlinks=False):
+                if (
+                    found
+                    and int(found[1]) < self.count
+                    and int(found[1]) not in shards
+                    and entry.is_file(follow_symlinks=False)
+                ):
                     shards[int(found[1])] = entry.path
                 elif not is_part(entry.name):
                     strays.append(entry.path)
@@ -171,10 +206,14 @@ class RunDirectory:
 
     def note(self, **facts):
         """Add a line to the journal, if that can be: nothing depends on it."""
-        line = json.dumps({"time": round(time.time(), 3), "host": platform.node(), "pid": os.getpid(), **facts})
+        line = json.dumps(
+            {"time": round(time.time(), 3), "host": platform.node(), "pid": os.getpid(), **facts}
+        )
         with (
             contextlib.suppress(OSError),
-            open(os.path.join(self.path, "journal.jsonl"), "a", encoding="utf-8", opener=_opener) as file,
+            open(
+                os.path.join(self.path, "journal.jsonl"), "a", encoding="utf-8", opener=_opener
+            ) as file,
         ):
             file.write(line + "\n")
 
@@ -182,7 +221,9 @@ class RunDirectory:
         """The last lines of the journal, without torn lines and lines of impossible values."""
         found: list[dict[str, Any]] = []
         with contextlib.suppress(OSError, SceneError):
-            for line in bytes_of(os.path.join(self.path, "journal.jsonl"), _JOURNAL, last=True).splitlines():
+            for line in bytes_of(
+                os.path.join(self.path, "journal.jsonl"), _JOURNAL, last=True
+            ).splitlines():
                 with contextlib.suppress(ValueError):  # also of pydantic
                     told = json_of(line.decode("utf-8"))
                     found.append({**told, **_Line.model_validate(told).model_dump()})
@@ -203,7 +244,9 @@ class RunDirectory:
                     f"{self.path}: is being written by {file.read(200).decode(errors='replace').strip() or 'another process'}"
                 ) from None
             if self._read_facts() != self.facts:
-                raise OutputExists(f"{self.path}: was changed by another process meanwhile; look at it again")
+                raise OutputExists(
+                    f"{self.path}: was changed by another process meanwhile; look at it again"
+                )
             with contextlib.suppress(OSError):  # whose it is helps people only
                 file.truncate(0)
                 file.write(f"process {os.getpid()} of {platform.node()}\n".encode())
@@ -259,11 +302,16 @@ def status(path):
     for i, shard in shards.items():
         with contextlib.suppress(FileNotFoundError):  # taken away meanwhile
             made.append((os.stat(shard).st_mtime, len(directory.members(i))))
-    new, seconds = sum(count for at, count in made if at > begun), max((at for at, _ in made), default=0.0) - begun
+    new, seconds = (
+        sum(count for at, count in made if at > begun),
+        max((at for at, _ in made), default=0.0) - begun,
+    )
     for line in journal:
         if line["event"] == "ended" and line["time"] >= begun:
             new, seconds = line["members"] or 0, line["seconds"] or 0.0
-    rate = new / seconds if new > 0 and seconds >= 1e-3 else None  # the journal's are rounded to that
+    rate = (
+        new / seconds if new > 0 and seconds >= 1e-3 else None
+    )  # the journal's are rounded to that
     left = directory.facts["members"] - members
     return {
         "shards": directory.count, "done": len(shards), "members": directory.facts["members"], "members_done": members,

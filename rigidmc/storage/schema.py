@@ -26,9 +26,17 @@ class Variable(NamedTuple):
 
 def coordinates(plan):
     """Coordinates of a result as {name: (dims, values, attrs)}."""
-    effects = {"effect": (("effect",), np.array(plan.labels), {"long_name": "effect of the scene"})} if plan.labels else {}
+    effects = (
+        {"effect": (("effect",), np.array(plan.labels), {"long_name": "effect of the scene"})}
+        if plan.labels
+        else {}
+    )
     about = {"units": "s", "long_name": "time of what is thinned"}
-    thinned = {"thinned_time": (("thinned_time",), plan.times[plan.thinned], about)} if plan.thinned.size else {}
+    thinned = (
+        {"thinned_time": (("thinned_time",), plan.times[plan.thinned], about)}
+        if plan.thinned.size
+        else {}
+    )
     bins = {
         name: (
             (name,),
@@ -40,11 +48,19 @@ def coordinates(plan):
     return {
         **effects,
         **bins,
-        "member": (("member",), np.arange(plan.first, plan.first + plan.members), {"long_name": "index of the member"}),
+        "member": (
+            ("member",),
+            np.arange(plan.first, plan.first + plan.members),
+            {"long_name": "index of the member"},
+        ),
         "time": (("time",), plan.times, {"units": "s", "long_name": "time"}),
         **thinned,
         "axis": (("axis",), np.array([1, 2, 3]), {"long_name": "principal axis of the body"}),
-        "quat": (("quat",), np.array(["w", "x", "y", "z"]), {"long_name": "component of the quaternion, scalar first"}),
+        "quat": (
+            ("quat",),
+            np.array(["w", "x", "y", "z"]),
+            {"long_name": "component of the quaternion, scalar first"},
+        ),
     }
 
 
@@ -57,12 +73,16 @@ def saved_variables(scene):
         if name.startswith(("energy", "l2")):
             attrs["conserved"] = kept.get(name, kept["l2"])
         if name == "work":
-            attrs["booked"] = ", ".join(booked(scene)) or "none"  # the others' work is told by energy
+            attrs["booked"] = (
+                ", ".join(booked(scene)) or "none"
+            )  # the others' work is told by energy
         word = scene.kept()[name]
         if word == "full":
             variables[name] = Variable(("time", *kind.dims, "member"), "f8", attrs)
         elif word == "thinned":
-            variables[f"{name}_thinned"] = Variable(("thinned_time", *kind.dims, "member"), "f8", attrs)
+            variables[f"{name}_thinned"] = Variable(
+                ("thinned_time", *kind.dims, "member"), "f8", attrs
+            )
         elif word == "final":
             text = {"long_name": f"{kind.long_name}, at the end"}
             variables[f"{name}_final"] = Variable((*kind.dims, "member"), "f8", {**attrs, **text})
@@ -71,7 +91,12 @@ def saved_variables(scene):
 
 def is_rounded(scene, dims, dtype):
     """Whether a variable has only so many digits in files: saves over time, never what a run could start from nor those of flagged members."""
-    return scene.run.digits is not None and dims[0] in ("time", "thinned_time") and dims[-1] == "member" and dtype == "f8"
+    return (
+        scene.run.digits is not None
+        and dims[0] in ("time", "thinned_time")
+        and dims[-1] == "member"
+        and dtype == "f8"
+    )
 
 
 def flagged_variables(scene):
@@ -79,7 +104,11 @@ def flagged_variables(scene):
     names = [name for name, word in scene.kept().items() if word != "full"]
     if not names:
         return {}
-    found = {"flagged_member": Variable(("flagged",), "i8", {"long_name": "index of a member whose status is not ok"})}
+    found = {
+        "flagged_member": Variable(
+            ("flagged",), "i8", {"long_name": "index of a member whose status is not ok"}
+        )
+    }
     for name in names:
         kind = OBSERVABLES[name]
         text = {"units": kind.units, "long_name": f"{kind.long_name}, of flagged members"}
@@ -90,8 +119,14 @@ def flagged_variables(scene):
 def bytes_of_a_member(scene, plan):
     """Bytes of a member in a result, before they are compressed: (of those that all have the same value, of the others)."""
     same = other = 0
-    for name, (dims, dtype, _) in {**member_variables(scene, plan.carried), **saved_variables(scene)}.items():
-        size = int(np.prod([1 if d == "member" else length(d, plan) for d in dims])) * np.dtype(dtype).itemsize
+    for name, (dims, dtype, _) in {
+        **member_variables(scene, plan.carried),
+        **saved_variables(scene),
+    }.items():
+        size = (
+            int(np.prod([1 if d == "member" else length(d, plan) for d in dims]))
+            * np.dtype(dtype).itemsize
+        )
         same, other = (same + size, other) if name in plan.constant else (same, other + size)
     return same, other
 
@@ -103,7 +138,9 @@ def ensemble_variables(scene):
         text = f"members by {OBSERVABLES[one.name].long_name}{f', component {one.component + 1}' if one.of.endswith(']') else ''}"
         found[label] = Variable(("time", f"{label}_bin"), "i8", {"units": "1", "long_name": text})
         for word in ("below", "above"):
-            found[f"{label}_{word}"] = Variable(("time",), "i8", {"units": "1", "long_name": f"members {word} the bins of {label}"})
+            found[f"{label}_{word}"] = Variable(
+                ("time",), "i8", {"units": "1", "long_name": f"members {word} the bins of {label}"}
+            )
     return found
 
 
@@ -118,7 +155,13 @@ def member_variables(scene, carried):
         energy = f"|E - E(0) - work of {', '.join(booked(scene)) or 'none'}|"
     variables = {
         "energy_drift_max": Variable(
-            ("member",), "f8", {"units": "1", "long_name": f"{energy} {drift}, {over}", "conserved": kept["energy_drift"]}
+            ("member",),
+            "f8",
+            {
+                "units": "1",
+                "long_name": f"{energy} {drift}, {over}",
+                "conserved": kept["energy_drift"],
+            },
         ),
         "l2_drift_max": Variable(
             ("member",),
@@ -147,22 +190,38 @@ def member_variables(scene, carried):
             },
         ),
         "status_time": Variable(
-            ("member",), "f8", {"units": "s", "long_name": "time at which a member was found not to be ok; nan for those that are"}
+            ("member",),
+            "f8",
+            {
+                "units": "s",
+                "long_name": "time at which a member was found not to be ok; nan for those that are",
+            },
         ),
         "moments": Variable(
-            ("axis", "member"), "f8", {"units": "kg m2", "long_name": "principal moments of inertia about the fixed point"}
+            ("axis", "member"),
+            "f8",
+            {"units": "kg m2", "long_name": "principal moments of inertia about the fixed point"},
         ),
     }
     if scene.run.turn is not None and scene.run.integrator != "closed":
-        variables["steps"] = Variable(("member",), "i8", {"long_name": "steps of the member, each as long as the others"})
-    if any(hasattr(e, "energy") for e in scene.effects) or not is_shared(scene.body.mass, scene.body.centre):
+        variables["steps"] = Variable(
+            ("member",), "i8", {"long_name": "steps of the member, each as long as the others"}
+        )
+    if any(hasattr(e, "energy") for e in scene.effects) or not is_shared(
+        scene.body.mass, scene.body.centre
+    ):
         variables["mass"] = Variable(("member",), "f8", {"units": "kg", "long_name": "mass"})
-        variables["centre"] = Variable(("axis", "member"), "f8", {"units": "m", "long_name": "centre of mass, principal axes"})
+        variables["centre"] = Variable(
+            ("axis", "member"), "f8", {"units": "m", "long_name": "centre of mass, principal axes"}
+        )
     for label, effect in labelled(scene.effects):
         for name, value in zip(effect._fields, effect, strict=True):
             size = shape(effect, name)
             if not is_shared(*(value if size else (value,))):
-                attrs = {"units": getattr(effect, "units", {}).get(name, "1"), "long_name": f"{name} of {label}"}
+                attrs = {
+                    "units": getattr(effect, "units", {}).get(name, "1"),
+                    "long_name": f"{name} of {label}",
+                }
                 dims = () if size is None else ("axis",) if size == 3 else ("component",)
                 variables[f"{label}_{name}"] = Variable((*dims, "member"), "f8", attrs)
     for label, one in scene.watched():
@@ -175,7 +234,9 @@ def member_variables(scene, carried):
     )
     if carried:
         kind = OBSERVABLES["attitude"]
-        variables["start_attitude"] = Variable(("quat", "member"), "f8", {"units": "1", "long_name": f"{kind.long_name}, at t = 0"})
+        variables["start_attitude"] = Variable(
+            ("quat", "member"), "f8", {"units": "1", "long_name": f"{kind.long_name}, at t = 0"}
+        )
         if len(scene.start.attitude) == 3 and not is_shared(scene.start.attitude):
             attrs = {"units": "rad", "long_name": "Euler angles z-x-z (phi, theta, psi), at t = 0"}
             variables["start_euler"] = Variable(("axis", "member"), "f8", attrs)
@@ -185,7 +246,9 @@ def member_variables(scene, carried):
 def attributes(scene, plan):
     """Global attributes; the scene's TOML and the member range are enough to run it again to the same bits."""
     # a selection of the result has the rows of its own members only: what was chosen by looking at all of them is written down
-    looked = {} if rows(*scene.quantities()) is None else {"turn_rate": plan.turn_rate, **plan.bounds()}
+    looked = (
+        {} if rows(*scene.quantities()) is None else {"turn_rate": plan.turn_rate, **plan.bounds()}
+    )
     resolved = scene.with_run(**looked, **({} if plan.own else {"dt": plan.dt}))
     steps = {"turn": scene.run.turn} if plan.own else {"dt": plan.dt, "steps": plan.steps}
     return {
@@ -209,4 +272,11 @@ def length(dim, plan):
     """Size of a dimension."""
     bins = {name: edges.size - 1 for name, edges, _ in plan.watch.bins}
     times = {"time": plan.times.size, "thinned_time": plan.thinned.size}
-    return {**bins, **times, "member": plan.members, "flagged": None, "effect": len(plan.labels), **_LENGTHS}[dim]
+    return {
+        **bins,
+        **times,
+        "member": plan.members,
+        "flagged": None,
+        "effect": len(plan.labels),
+        **_LENGTHS,
+    }[dim]

@@ -49,7 +49,11 @@ class Counts:
         made: dict[str, np.ndarray] = {}
         for label, _ in self.of:
             counts = self.found[label]
-            made |= {label: counts[:, 1:-1], f"{label}_below": counts[:, 0], f"{label}_above": counts[:, -1]}
+            made |= {
+                label: counts[:, 1:-1],
+                f"{label}_below": counts[:, 0],
+                f"{label}_above": counts[:, -1],
+            }
         return made
 
 
@@ -61,9 +65,13 @@ class Memory:
         self.scene, self.plan, self.more = scene, plan, more
         self.counts, self.flagged = Counts(scene), list[dict[str, np.ndarray]]()
         self.rows = rows_of(scene.effects, *scene.recorded())
-        self.direct = direct and scene.recorded() == scene.saved() and set(scene.kept().values()) <= {"full"}
+        self.direct = (
+            direct and scene.recorded() == scene.saved() and set(scene.kept().values()) <= {"full"}
+        )
         self.width = whole_lanes(plan.members)
-        self.out = aligned(plan.times.size * self.rows * self.width if self.direct else 0, float, np.empty)
+        self.out = aligned(
+            plan.times.size * self.rows * self.width if self.direct else 0, float, np.empty
+        )
         self.variables = member_variables(scene, plan.carried)
         kept = {} if self.direct else saved_variables(scene)
         self.arrays = {
@@ -81,16 +89,24 @@ class Memory:
         low = job.first - self.plan.first
         part = slice(low, low + job.size)
         if self.rows and (self.counts.of or not self.direct):
-            values = job.out.reshape(self.plan.times.size, self.rows, -1)[..., job.column : job.column + job.size]
+            values = job.out.reshape(self.plan.times.size, self.rows, -1)[
+                ..., job.column : job.column + job.size
+            ]
             parts = _split(self.scene, values, self.scene.recorded())
             self.counts.add(job, parts, results["status"])
-            self.flagged.append(flagged_values(self.scene, job.first, parts, results["status"][: job.size]))
-            for name, kept in {} if self.direct else kept_values(self.scene, self.plan, parts).items():
+            self.flagged.append(
+                flagged_values(self.scene, job.first, parts, results["status"][: job.size])
+            )
+            for name, kept in (
+                {} if self.direct else kept_values(self.scene, self.plan, parts).items()
+            ):
                 self.arrays[name][..., part] = kept
         for name in self.variables:
             if name not in self.arrays:  # the same for all members: one column serves
                 column = results[name][..., :1]
-                self.arrays[name] = np.broadcast_to(column.copy(), (*column.shape[:-1], self.plan.members))
+                self.arrays[name] = np.broadcast_to(
+                    column.copy(), (*column.shape[:-1], self.plan.members)
+                )
             elif name not in self.plan.constant:
                 self.arrays[name][..., part] = results[name][..., : job.size]
 
@@ -98,15 +114,25 @@ class Memory:
         """{variable: array} of the result."""
         arrays = {**self.arrays, **self.counts.variables(), **joined(self.flagged)}
         if self.direct:
-            values = self.out.reshape(self.plan.times.size, self.rows, self.width)[..., : self.plan.members]
+            values = self.out.reshape(self.plan.times.size, self.rows, self.width)[
+                ..., : self.plan.members
+            ]
             arrays |= _split(self.scene, values, self.scene.saved())
         return arrays
 
     def finish(self):
         arrays = self.values()
-        saved = {**saved_variables(self.scene), **ensemble_variables(self.scene), **flagged_variables(self.scene)}
-        variables = {name: (v.dims, arrays[name], v.attrs) for name, v in {**self.variables, **saved}.items()}
-        return xr.Dataset(variables, coordinates(self.plan), {**attributes(self.scene, self.plan), **self.more})
+        saved = {
+            **saved_variables(self.scene),
+            **ensemble_variables(self.scene),
+            **flagged_variables(self.scene),
+        }
+        variables = {
+            name: (v.dims, arrays[name], v.attrs) for name, v in {**self.variables, **saved}.items()
+        }
+        return xr.Dataset(
+            variables, coordinates(self.plan), {**attributes(self.scene, self.plan), **self.more}
+        )
 
     def discard(self):
         self.out = np.empty(0)
@@ -124,7 +150,10 @@ class File:
     def __init__(self, path, scene, plan, force, more=None):
         self.scene, self.plan, self.path = scene, plan, path
         self.counts, self.rows = Counts(scene), rows_of(scene.effects, *scene.recorded())
-        self.names, self.flagged = set(member_variables(scene, plan.carried)), list[dict[str, np.ndarray]]()
+        self.names, self.flagged = (
+            set(member_variables(scene, plan.carried)),
+            list[dict[str, np.ndarray]](),
+        )
         self.writer = Writer(path, scene, plan, force, more)
 
     def room(self, low, count):
@@ -133,9 +162,15 @@ class File:
     def take(self, job, results):
         values = {k: v for k, v in results.items() if k in self.names}
         if self.rows:
-            parts = _split(self.scene, job.out.reshape(self.plan.times.size, self.rows, job.width), self.scene.recorded())
+            parts = _split(
+                self.scene,
+                job.out.reshape(self.plan.times.size, self.rows, job.width),
+                self.scene.recorded(),
+            )
             self.counts.add(job, parts, results["status"])
-            self.flagged.append(flagged_values(self.scene, job.first, parts, results["status"][: job.size]))
+            self.flagged.append(
+                flagged_values(self.scene, job.first, parts, results["status"][: job.size])
+            )
             values |= kept_values(self.scene, self.plan, parts)
         self.writer.write(job.first, job.size, values)
 

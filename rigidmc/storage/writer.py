@@ -68,7 +68,9 @@ def _naming(path):
         yield
     except RuntimeError as error:
         free = shutil.disk_usage(os.path.dirname(os.path.abspath(path))).free
-        raise OSError(f"{path}: could not be written, with {free / 1e9:.2f} GB free there: {error}") from None
+        raise OSError(
+            f"{path}: could not be written, with {free / 1e9:.2f} GB free there: {error}"
+        ) from None
 
 
 def write(dataset, path, force=False):
@@ -91,14 +93,22 @@ class Writer:
         then has a sum, so that a flipped bit is an error to whoever reads it"""
         if named is None:
             refuse_existing(path, force)
-        refuse_lockless(os.path.dirname(os.path.abspath(path)))  # without locks the C library only says "Permission denied"
+        refuse_lockless(
+            os.path.dirname(os.path.abspath(path))
+        )  # without locks the C library only says "Permission denied"
         self.path, self._named = path, named
         self._file: Any = None
         self._part = Part(path, force)
         self._first, self._digits = plan.first, dict[str, int]()
         try:
             with _naming(self.path):
-                alone(self._begin, scene, plan, attributes(scene, plan) if attrs is None else attrs, more or {})
+                alone(
+                    self._begin,
+                    scene,
+                    plan,
+                    attributes(scene, plan) if attrs is None else attrs,
+                    more or {},
+                )
         except BaseException:
             self.discard()
             raise
@@ -111,16 +121,28 @@ class Writer:
     def _define(self, scene, plan, attrs_of_all):
         file = self._file
         file.set_fill_off()
-        variables = {**member_variables(scene, plan.carried), **saved_variables(scene), **ensemble_variables(scene)}
+        variables = {
+            **member_variables(scene, plan.carried),
+            **saved_variables(scene),
+            **ensemble_variables(scene),
+        }
         self.variables = variables = variables | flagged_variables(scene)
-        known = coordinates(plan._replace(members=0))  # which they are is written with the members: memory does not grow with them
+        known = coordinates(
+            plan._replace(members=0)
+        )  # which they are is written with the members: memory does not grow with them
         used = [*known, *(dim for v in variables.values() for dim in v.dims)]
         for dim in dict.fromkeys(used):
             file.createDimension(dim, length(dim, plan))
         for name, (dims, values, attrs) in known.items():
-            if values.dtype.kind == "U":  # as characters: netCDF 4.10.1 crashes when a file with strings is opened once more
+            if (
+                values.dtype.kind == "U"
+            ):  # as characters: netCDF 4.10.1 crashes when a file with strings is opened once more
                 letters = np.char.encode(values, "utf-8")
-                dims, attrs, size = (*dims, f"string{letters.itemsize}"), {**attrs, "_Encoding": "utf-8"}, letters.itemsize
+                dims, attrs, size = (
+                    (*dims, f"string{letters.itemsize}"),
+                    {**attrs, "_Encoding": "utf-8"},
+                    letters.itemsize,
+                )
                 if dims[-1] not in file.dimensions:
                     file.createDimension(dims[-1], size)
                 variable = file.createVariable(name, "S1", dims)
@@ -134,14 +156,23 @@ class Writer:
         for name, (dims, dtype, attrs) in variables.items():
             sizes = [length(d, plan) for d in dims]
             # one chunk holds a block of members and up to 128 times: cheap to write, and to read by member or by time
-            chunks = [min(size or 32, plan.block if d == "member" else 128) for d, size in zip(dims, sizes, strict=True)]
+            chunks = [
+                min(size or 32, plan.block if d == "member" else 128)
+                for d, size in zip(dims, sizes, strict=True)
+            ]
             small, same = scene.run.compress or scene.run.digits is not None, name in plan.constant
             # of what is the same for all, to sort bytes by their places takes longer than to compress them: 0.4 against 0.6 GB/s
-            packed: dict[str, Any] = {"compression": "zlib", "complevel": 1, "shuffle": not same} if small or same else {}
+            packed: dict[str, Any] = (
+                {"compression": "zlib", "complevel": 1, "shuffle": not same}
+                if small or same
+                else {}
+            )
             if is_rounded(scene, dims, dtype):
                 self._digits[name] = scene.run.digits
                 attrs = {**attrs, "significant_digits": scene.run.digits}
-            variable = file.createVariable(name, dtype, dims, chunksizes=chunks, fletcher32=self._named is not None, **packed)
+            variable = file.createVariable(
+                name, dtype, dims, chunksizes=chunks, fletcher32=self._named is not None, **packed
+            )
             variable.setncatts(attrs)
             variable.set_auto_maskandscale(False)  # a third of the time of a write
         file.setncatts(attrs_of_all)
@@ -204,7 +235,13 @@ def read(path, *names, mark=None):
     def values():
         with netCDF4.Dataset(path) as file:
             if mark is not None and str(getattr(file, "run", None)) != mark:
-                raise SceneError("", "shard", None, "is of another run: another scene, seed, rows or code", file=path)
+                raise SceneError(
+                    "",
+                    "shard",
+                    None,
+                    "is of another run: another scene, seed, rows or code",
+                    file=path,
+                )
             file.set_auto_mask(False)
             file.set_auto_scale(False)
             file.set_auto_chartostring(False)
@@ -213,9 +250,13 @@ def read(path, *names, mark=None):
     try:
         return alone(values)
     except (OSError, RuntimeError, IndexError) as error:
-        if isinstance(error, OSError) and (error.errno or 0) > 0:  # an error of the system; those of the library are negative
+        if (
+            isinstance(error, OSError) and (error.errno or 0) > 0
+        ):  # an error of the system; those of the library are negative
             raise
-        raise SceneError("", "file", None, f"is damaged, or is not what it should be: {error}", file=path) from None
+        raise SceneError(
+            "", "file", None, f"is damaged, or is not what it should be: {error}", file=path
+        ) from None
 
 
 def write_columns(path, columns):
@@ -242,7 +283,9 @@ def scene_of(source, settings=(), allow_code=False):
     from rigidmc.scene.file import loads
 
     if isinstance(source, str):
-        with open_result(source) as file:  # by xarray: netCDF4 1.7.5 crashes when it opens once more what xarray has open
+        with open_result(
+            source
+        ) as file:  # by xarray: netCDF4 1.7.5 crashes when it opens once more what xarray has open
             return scene_of(file, settings, allow_code)
     file = source.encoding.get("source", "result")
 
@@ -269,7 +312,13 @@ def scene_text(dataset):
     text = dataset.attrs.get("scene")
     if not isinstance(text, str):
         file = dataset.encoding.get("source")
-        raise SceneError("", "scene", None, "not a result of rigidmc: it has no attribute 'scene' with the text of one", file=file)
+        raise SceneError(
+            "",
+            "scene",
+            None,
+            "not a result of rigidmc: it has no attribute 'scene' with the text of one",
+            file=file,
+        )
     return text
 
 
@@ -290,7 +339,9 @@ def open_result(path, made=False):
         with _opening:  # undecoded: attributes of a file are not to be trusted
             dataset = xr.open_dataset(path, engine="netcdf4", decode_cf=False)
     except (ValueError, TypeError, RuntimeError, KeyError, IndexError) as error:
-        raise SceneError("", "file", None, f"is damaged, or no result of rigidmc: {error}", file=path) from None
+        raise SceneError(
+            "", "file", None, f"is damaged, or no result of rigidmc: {error}", file=path
+        ) from None
     try:
         scene_text(dataset)
         if "status" not in dataset:
@@ -301,8 +352,14 @@ def open_result(path, made=False):
         dataset.close()
         raise
     if strange:
-        names = ", ".join(strange[:5]) + (f" and {len(strange) - 5:,} more" if len(strange) > 5 else "")
-        warnings.warn(f"{path}: left out variables that no result of its scene has: {names}", SceneWarning, stacklevel=3)
+        names = ", ".join(strange[:5]) + (
+            f" and {len(strange) - 5:,} more" if len(strange) > 5 else ""
+        )
+        warnings.warn(
+            f"{path}: left out variables that no result of its scene has: {names}",
+            SceneWarning,
+            stacklevel=3,
+        )
     found.set_close(dataset.close)
     found.encoding["source"] = dataset.encoding.get("source", os.path.abspath(path))
     return found

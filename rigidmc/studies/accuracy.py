@@ -13,7 +13,14 @@ from rigidmc.integrators import INTEGRATORS, accepting, refusal
 from rigidmc.planning.tolerance.choose import check_pilot
 from rigidmc.planning.tolerance.compile_ahead import compile_ahead
 from rigidmc.planning.tolerance.ladder import Costs, candidates, ladder
-from rigidmc.planning.tolerance.pilot import QUANTITIES, ROUNDING, drift_along, growth, pilot, upper_quantile
+from rigidmc.planning.tolerance.pilot import (
+    QUANTITIES,
+    ROUNDING,
+    drift_along,
+    growth,
+    pilot,
+    upper_quantile,
+)
 from rigidmc.planning.tolerance.truth import truth
 from rigidmc.scene.amounts import counted, seconds
 from rigidmc.scene.conservation import conservation
@@ -22,7 +29,16 @@ from rigidmc.version import VERSION
 TOLERANCES = tuple(10.0**-k for k in range(3, 13))
 FINEST = 1e-13  # ladders end there: below it is rounding
 DEAREST = 40.0  # a ladder ends where it costs so many times the cheapest way seen to the same error
-LONG = ("rk4", "rk8", "midpoint", "strang", "rotations", "chin4", "srkn11", "aba1064")  # of every kind one
+LONG = (
+    "rk4",
+    "rk8",
+    "midpoint",
+    "strang",
+    "rotations",
+    "chin4",
+    "srkn11",
+    "aba1064",
+)  # of every kind one
 _WHAT = {
     "state": "larger of the errors of momentum and attitude",
     "momentum": "error of the angular momentum, of its size",
@@ -33,7 +49,9 @@ _WHAT = {
 }
 
 
-def accuracy(scene, integrators=None, tolerances=TOLERANCES, members=256, threads=None, progress=None):
+def accuracy(
+    scene, integrators=None, tolerances=TOLERANCES, members=256, threads=None, progress=None
+):
     """What accuracy costs: a Dataset with one row for each integrator, precision and step.
 
     scene : Scene;  integrators : names, default all that take the scene;  tolerances : for the table of the cheapest ways
@@ -70,7 +88,9 @@ def accuracy(scene, integrators=None, tolerances=TOLERANCES, members=256, thread
         made = ladder(costs, true, integrator, dtype, FINEST, too_dear=too_dear)
         ways += made
         if made:
-            say(f"{integrator:9s} {dtype}: {len(made):2d} steps tried, best error {min(w.upper for w in made):.1e}")
+            say(
+                f"{integrator:9s} {dtype}: {len(made):2d} steps tried, best error {min(w.upper for w in made):.1e}"
+            )
     return _dataset(scene, found, true, costs, ways, tolerances, threads or threads_available())
 
 
@@ -91,13 +111,20 @@ def _dataset(scene, found, true, costs, ways, tolerances, threads):
         "ns_per_member": np.array([costs.per_member(w) for w in ways]),
         "members_per_second": np.array([many(w, threads) for w in ways]),
     }
-    units = {"dt": "s", "turn": "rad", "ns_per_member_step": "ns", "ns_per_member": "ns", "members_per_second": "s-1"}
+    units = {
+        "dt": "s",
+        "turn": "rad",
+        "ns_per_member_step": "ns",
+        "ns_per_member": "ns",
+        "members_per_second": "s-1",
+    }
     names = {
         "dt": "step, of the members in the mean", "turn": "how far each member moves in a step of its own", "ns_per_member_step": "time of a member-step on one thread", "members_per_second": f"members to t_end on {threads} threads",
         "ns_per_member": "time of a member to t_end on one thread, start and saves included",
     }  # fmt: skip
     variables = {
-        k: ("row", v, {**({"units": units[k]} if k in units else {}), "long_name": names.get(k, k)}) for k, v in columns.items()
+        k: ("row", v, {**({"units": units[k]} if k in units else {}), "long_name": names.get(k, k)})
+        for k, v in columns.items()
     }
     takes: dict[str, Callable] = {
         "median": np.median,
@@ -109,10 +136,16 @@ def _dataset(scene, found, true, costs, ways, tolerances, threads):
         for word, take in takes.items():
             with np.errstate(invalid="ignore"):
                 values = np.array([_finite_or_inf(take, w.errors[quantity]) for w in ways])
-            about = {"units": "rad" if quantity == "attitude" else "1", "long_name": f"{_WHAT[quantity]}, {word} over members"}
+            about = {
+                "units": "rad" if quantity == "attitude" else "1",
+                "long_name": f"{_WHAT[quantity]}, {word} over members",
+            }
             variables[f"error_{quantity}_{word}"] = ("row", values, about)
     upper, cost = variables["error_state_upper"][1], columns["ns_per_member"]
-    cheapest = [min((i for i in range(len(ways)) if upper[i] <= t), key=lambda i: cost[i], default=-1) for t in tolerances]
+    cheapest = [
+        min((i for i in range(len(ways)) if upper[i] <= t), key=lambda i: cost[i], default=-1)
+        for t in tolerances
+    ]
     variables["cheapest"] = (
         "tolerance",
         np.array(cheapest),
@@ -145,13 +178,22 @@ def _horizon(t_end, factor, rate):
     """When rounding alone has grown to 1 rad: in half of the members, and in the first of a hundred [s]."""
     with np.errstate(divide="ignore"):
         left = np.log(1.0 / (ROUNDING * factor))
-        times = np.where(rate > 0.0, t_end + left / np.where(rate > 0.0, rate, 1.0), t_end / (ROUNDING * factor))
-    return {"horizon_median": float(np.median(times)), "horizon_p01": float(np.quantile(times, 0.01))}
+        times = np.where(
+            rate > 0.0, t_end + left / np.where(rate > 0.0, rate, 1.0), t_end / (ROUNDING * factor)
+        )
+    return {
+        "horizon_median": float(np.median(times)),
+        "horizon_p01": float(np.quantile(times, 0.01)),
+    }
 
 
 def table(study):
     """Lines of text: for each tolerance the cheapest way, and how much cheaper than rk4 it is."""
-    names, upper, cost = study.integrator.values, study.error_state_upper.values, study.ns_per_member.values
+    names, upper, cost = (
+        study.integrator.values,
+        study.error_state_upper.values,
+        study.ns_per_member.values,
+    )
     lines = [
         f"truth: {study.attrs['truth']}, known to {study.attrs['truth_error']:.1e}; {study.attrs['members']} member{'s' * (study.attrs['members'] > 1)} to {study.attrs['t_end']:g} s"
     ]
@@ -160,10 +202,18 @@ def table(study):
             lines.append(f"for {tolerance:.0e}: none; the best reaches {upper.min():.1e}")
             continue
         plain = [cost[i] for i in range(len(names)) if names[i] == "rk4" and upper[i] <= tolerance]
-        against = f"; {min(plain) / cost[row]:.1f}x cheaper than rk4" if plain and names[row] != "rk4" else ""
+        against = (
+            f"; {min(plain) / cost[row]:.1f}x cheaper than rk4"
+            if plain and names[row] != "rk4"
+            else ""
+        )
         against = against or ("" if names[row] == "rk4" else "; rk4 does not reach it")
         single = " in float32" if study["dtype"].values[row] == "float32" else ""
-        step = f"at dt {study.dt.values[row]:.2g}" if np.isnan(study.turn.values[row]) else f"at turn {study.turn.values[row]:.2g}"
+        step = (
+            f"at dt {study.dt.values[row]:.2g}"
+            if np.isnan(study.turn.values[row])
+            else f"at turn {study.turn.values[row]:.2g}"
+        )
         step = "at every save" if names[row] == "closed" else step
         lines.append(
             f"for {tolerance:.0e}: {names[row]}{single} {step}, {count(study.members_per_second.values[row])} members/s{against}"
@@ -178,7 +228,9 @@ def horizon_text(study):
     worst, middle = a["horizon_p01"], a["horizon_median"]
     grown = f"a disturbance along the way grows {a['growth_median']:.0e} times by {a['t_end']:g} s in the middle, {a['growth_p99']:.0e} in the worst 1 %"
     if a["chaotic_share"] > 0.005:
-        why = f"{100 * a['chaotic_share']:.0f} % of the members exponentially (chaos or a separatrix)"
+        why = (
+            f"{100 * a['chaotic_share']:.0f} % of the members exponentially (chaos or a separatrix)"
+        )
         return f"{grown}, {why}: rounding alone makes 1 % of them meaningless beyond t = {worst:.3g} s, half of them beyond {middle:.3g} s"
     return f"{grown}, nowhere exponentially: no horizon within 1e{math.floor(math.log10(max(worst, 1e-300)))} s"
 
@@ -199,7 +251,11 @@ def long_drift(scene, integrators=None, steps=1_000_000, dt=None, members=64, pr
             raise unknown("", "integrators", name, "integrator", INTEGRATORS)
         if why := refusal(name, scene.effects):
             raise SceneError("", "integrators", name, why)
-    dt, steps, members = seconds(dt or scene.run.dt, "dt"), counted(steps, "steps"), counted(members, "members")
+    dt, steps, members = (
+        seconds(dt or scene.run.dt, "dt"),
+        counted(steps, "steps"),
+        counted(members, "members"),
+    )
     at = np.unique(np.append(2 ** np.arange(4, int(math.log2(steps)) + 1), steps))
     found = pilot(scene.with_run(t_end=dt * steps, every=None), members)
     check_pilot(scene, found)
@@ -219,7 +275,10 @@ def long_drift(scene, integrators=None, steps=1_000_000, dt=None, members=64, pr
             values,
             {"units": "1", "long_name": f"largest drift so far: {_WHAT[quantity]}"},
         )
-        variables[f"{quantity}_law"] = ("integrator", np.array([law for law, _ in fits], dtype=object))
+        variables[f"{quantity}_law"] = (
+            "integrator",
+            np.array([law for law, _ in fits], dtype=object),
+        )
         variables[f"{quantity}_power"] = ("integrator", np.array([power for _, power in fits]))
     kept = conservation(scene)
     attrs: dict[str, Any] = {
@@ -229,7 +288,10 @@ def long_drift(scene, integrators=None, steps=1_000_000, dt=None, members=64, pr
         "members": found.members,
         "lz_conserved": kept["lz"] if found.carried else "no: no attitude",
     }
-    attrs |= {f"{name}_conserved": "yes" if kept[name] == "yes" else kept[name] for name in ("energy", "l2")}
+    attrs |= {
+        f"{name}_conserved": "yes" if kept[name] == "yes" else kept[name]
+        for name in ("energy", "l2")
+    }
     return xr.Dataset(variables, {"integrator": np.array(names, dtype=object), "step": at}, attrs)
 
 
@@ -250,7 +312,9 @@ def growth_law(steps, drift):
 
 def long_table(study):
     """Lines of text: drift at the end and the law of growth, for each integrator and each quantity that the scene keeps."""
-    lines = [f"drift over {study.step.values[-1]:,} steps of {study.attrs['dt']:.6g} s, worst of {study.attrs['members']} members"]
+    lines = [
+        f"drift over {study.step.values[-1]:,} steps of {study.attrs['dt']:.6g} s, worst of {study.attrs['members']} members"
+    ]
     words = {"energy": "energy", "l2": "|L|^2", "lz": "L_z"}
     for i, name in enumerate(study.integrator.values):
         parts = [
@@ -266,5 +330,9 @@ def count(number):
     """Two digits of a large number for people."""
     for size, word in ((1e6, " M"), (1e3, " k")):
         if number >= size:
-            return f"{number / size:.2g}{word}" if number < 99.5 * size else f"{number / size:.0f}{word}"
+            return (
+                f"{number / size:.2g}{word}"
+                if number < 99.5 * size
+                else f"{number / size:.0f}{word}"
+            )
     return f"{number:.2g}"

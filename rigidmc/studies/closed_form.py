@@ -15,12 +15,21 @@ def compare(scene, at, members):
     case = closed_form(scene, members)
     motion, well = case.motion(at), case.form != NONE
     if not well.any():
-        raise SceneError("", "members", None, f"none of the first {members:,} is a body with a start: no motion to compare")
-    lines = [f"{scene.title}: {case.name}, closed form at t = {at:g} s, {members:,} member{'s' * (members > 1)}"]
+        raise SceneError(
+            "",
+            "members",
+            None,
+            f"none of the first {members:,} is a body with a start: no motion to compare",
+        )
+    lines = [
+        f"{scene.title}: {case.name}, closed form at t = {at:g} s, {members:,} member{'s' * (members > 1)}"
+    ]
     found = case.what()
     kinds, counts = np.unique(np.concatenate([what.kind for _, what in found]), return_counts=True)
     order = np.argsort(-counts)
-    words = [f"{kinds[i]} ({counts[i]:,})" for i in order] + [f"none: no body or no start ({(~well).sum():,})"] * (not well.all())
+    words = [f"{kinds[i]} ({counts[i]:,})" for i in order] + [
+        f"none: no body or no start ({(~well).sum():,})"
+    ] * (not well.all())
     lines.append("motion       " + ", ".join(words))
     with np.errstate(invalid="ignore"):
         for which, what in found:
@@ -29,13 +38,18 @@ def compare(scene, at, members):
                 if good.any():
                     first, values = scene.run.first + which[np.argmax(good)], values[good]
                     spread = (
-                        f", from {values.min():.6g} to {values.max():.6g}" if np.ptp(values) > 1e-12 * np.abs(values).max() else ""
+                        f", from {values.min():.6g} to {values.max():.6g}"
+                        if np.ptp(values) > 1e-12 * np.abs(values).max()
+                        else ""
                     )
                     lines.append(f"{label:12s} {values[0]:.12g} {unit} of member {first}{spread}")
     if not at > 0:
         lines.append("integration  none: it starts at t = 0 and goes forward")
         return lines + _state(motion.omega[np.argmax(well)], motion.attitude[np.argmax(well)])
-    return lines + _beside(motion, simulate(scene.with_run(t_end=at, every=None, save=("omega", "attitude"), members=members)))
+    return lines + _beside(
+        motion,
+        simulate(scene.with_run(t_end=at, every=None, save=("omega", "attitude"), members=members)),
+    )
 
 
 def _beside(motion, result):
@@ -47,15 +61,29 @@ def _beside(motion, result):
         result.status.values,
     )
     if integrator == "closed":
-        raise SceneError("run", "integrator", integrator, "the closed form is not compared with itself; use exact, rk8 or srkn11")
+        raise SceneError(
+            "run",
+            "integrator",
+            integrator,
+            "the closed form is not compared with itself; use exact, rk8 or srkn11",
+        )
     good = status == 0
     if not good.any():
-        words = ", ".join(f"{int((status == code).sum()):,} {word}" for word, code in STATUSES.items() if (status == code).any())
+        words = ", ".join(
+            f"{int((status == code).sum()):,} {word}"
+            for word, code in STATUSES.items()
+            if (status == code).any()
+        )
         rule = f"all {members:,} members are flagged ({words}): there is no integration to compare with; perhaps dt is too long"
         raise SceneError("run", "integrator", integrator, rule)
     shown = int(np.argmax(good))
-    omega, attitude = last.omega.transpose("member", "axis").values, last.attitude.transpose("member", "quat").values
-    lines = [f"integration  {integrator}, dt = {result.attrs['dt']:.6g} s; member {int(result.member[shown])}:"]
+    omega, attitude = (
+        last.omega.transpose("member", "axis").values,
+        last.attitude.transpose("member", "quat").values,
+    )
+    lines = [
+        f"integration  {integrator}, dt = {result.attrs['dt']:.6g} s; member {int(result.member[shown])}:"
+    ]
     lines.append(f"{'':12s} {'closed form':>24s} {'integration':>24s} {'difference':>12s}")
     sign = 1.0 if motion.attitude[shown] @ attitude[shown] >= 0 else -1.0
     rows = zip(
@@ -76,7 +104,11 @@ def _beside(motion, result):
 
 def _facts(what):
     if hasattr(what, "flip_interval"):
-        return (("period", what.period, "s"), ("flips every", what.flip_interval, "s"), ("1 - m", what.mc, ""))
+        return (
+            ("period", what.period, "s"),
+            ("flips every", what.flip_interval, "s"),
+            ("1 - m", what.mc, ""),
+        )
     low, high = np.degrees(what.low), np.degrees(what.high)
     return (
         ("nutation", what.period, "s a period"),
@@ -87,4 +119,7 @@ def _facts(what):
 
 
 def _state(omega, attitude):
-    return ["omega        " + "  ".join(f"{x:.16g}" for x in omega), "attitude     " + "  ".join(f"{x:.16g}" for x in attitude)]
+    return [
+        "omega        " + "  ".join(f"{x:.16g}" for x in omega),
+        "attitude     " + "  ".join(f"{x:.16g}" for x in attitude),
+    ]

@@ -36,7 +36,12 @@ def probability(successes, trials, confidence=0.95, method="wilson"):
         raise unknown("", "method", method, "interval", METHODS)
     k, n = np.broadcast_arrays(np.asarray(successes, float), np.asarray(trials, float))
     if np.any(k < 0) or np.any(k > n):
-        raise SceneError("", "successes", float(k[(k < 0) | (k > n)].flat[0]), "expected counts between 0 and the trials")
+        raise SceneError(
+            "",
+            "successes",
+            float(k[(k < 0) | (k > n)].flat[0]),
+            "expected counts between 0 and the trials",
+        )
     _check(confidence)
     with np.errstate(all="ignore"):
         p, tail = k / n, 0.5 * (1.0 - confidence)
@@ -45,7 +50,10 @@ def probability(successes, trials, confidence=0.95, method="wilson"):
             middle, wide = p + 0.5 * z * z / n, z * np.sqrt(p * (1.0 - p) / n + 0.25 * (z / n) ** 2)
             low, high = (middle - wide) / (1.0 + z * z / n), (middle + wide) / (1.0 + z * z / n)
         else:
-            low, high = special.betaincinv(k, n - k + 1.0, tail), special.betaincinv(k + 1.0, n - k, 1.0 - tail)
+            low, high = (
+                special.betaincinv(k, n - k + 1.0, tail),
+                special.betaincinv(k + 1.0, n - k, 1.0 - tail),
+            )
         low, high = np.where(k == 0, 0.0, low), np.where(k == n, 1.0, high)
     none = n == 0
     return Interval(*(np.where(none, np.nan, x) for x in (p, low, high)))
@@ -79,7 +87,9 @@ def controlled(values, control, expected, confidence=0.95):
     spread = c.var()
     b = ((x - x.mean()) * (c - c.mean())).mean() / spread if spread > 0.0 else 0.0
     left = x - b * (c - expected)
-    return mean(left, confidence=confidence), float(x.var() / left.var()) if left.var() > 0.0 else np.inf
+    return mean(left, confidence=confidence), float(
+        x.var() / left.var()
+    ) if left.var() > 0.0 else np.inf
 
 
 def paired(values, confidence=0.95):
@@ -88,7 +98,9 @@ def paired(values, confidence=0.95):
     pairs = np.asarray(values, float)[: len(values) // 2 * 2].reshape(-1, 2)
     pairs = pairs[np.isfinite(pairs).all(1)]
     average = pairs.mean(1)
-    return mean(average, confidence=confidence), float(0.5 * pairs.var() / average.var()) if average.var() > 0.0 else np.inf
+    return mean(average, confidence=confidence), float(
+        0.5 * pairs.var() / average.var()
+    ) if average.var() > 0.0 else np.inf
 
 
 def quantile(values, q, confidence=0.95):

@@ -46,11 +46,15 @@ class Problem:
 
 
 def _spinning(moments, omega, source, **rest):
-    return Problem(moments, tuple(i * w for i, w in zip(moments, omega, strict=True)), source, **rest)
+    return Problem(
+        moments, tuple(i * w for i, w in zip(moments, omega, strict=True)), source, **rest
+    )
 
 
 _NASA = "NASA TM-2015-218675, check-case 2, tumbling brick; moments in slug ft^2. Rates from the exact solution"
-_HAIRER_VILMART = "Hairer & Vilmart, J. Phys. A 39 (2006) 13225, body; end from 34-digit Taylor series"
+_HAIRER_VILMART = (
+    "Hairer & Vilmart, J. Phys. A 39 (2006) 13225, body; end from 34-digit Taylor series"
+)
 _CARDONA = "Bruels & Cardona, J. Comput. Nonlinear Dyn. 5 (2010) 031002, heavy top; end from 34-digit Taylor series"
 _TOMS = "Celledoni & Zanna, ACM TOMS 37 (2010), Algorithm 903, test output"
 _ELLIPTIC = "flips every 2 K(m)/lambda, Jacobi's solution at 34 digits"
@@ -61,7 +65,12 @@ PROBLEMS = {
         tuple(math.radians(w) for w in (10.0, 20.0, 30.0)),
         _NASA,
         time=30.0,
-        end_attitude=(-0.88114718531042352, 0.47018252776669253, 0.0117282523248711814, 0.0486875394720837703),
+        end_attitude=(
+            -0.88114718531042352,
+            0.47018252776669253,
+            0.0117282523248711814,
+            0.0486875394720837703,
+        ),
         more={
             "rates": {  # body rates [deg/s] at times [s]
                 5.0: (-16.93948514944125, 9.631939377415166, 33.40662807944626),
@@ -80,14 +89,24 @@ PROBLEMS = {
         static_moment=(0.0, 15.0, 0.0),
         gravity=9.81,
         time=2.0,
-        end_attitude=(0.1229471350415334671, -0.4910798925500270147, 0.35043003034362096184, -0.78798688755048566932),
+        end_attitude=(
+            0.1229471350415334671,
+            -0.4910798925500270147,
+            0.35043003034362096184,
+            -0.78798688755048566932,
+        ),
         more={
             "energy": 5435.696790865546875,
             "spatial_lz": -70.3124296875,
             "omega_space": (-27.6585155258232691, -106.163804143124448, -102.462463805326103),
             "centre": (-0.15041682274564175981, -0.72416559163689565075, -0.67302226956044409605),
             # w_y(2) of the Lie-group RK4 of EXUDYN, by number of steps
-            "exudyn": {1000: -105.89196163228372, 2000: -106.16651966442134, 4000: -106.16459373617013, 8000: -106.16387282138162},
+            "exudyn": {
+                1000: -105.89196163228372,
+                2000: -106.16651966442134,
+                4000: -106.16459373617013,
+                8000: -106.16387282138162,
+            },
         },
     ),
     "toms903_step": Problem(
@@ -96,7 +115,12 @@ PROBLEMS = {
         _TOMS,
         time=0.1,
         end_momentum=(-0.7088447919224319, -0.6905148054187735, 0.1439734852739128),
-        end_attitude=(0.9991459727846651, -0.035456085277494165, -0.020857297061205097, 0.0038941294638131442),
+        end_attitude=(
+            0.9991459727846651,
+            -0.035456085277494165,
+            -0.020857297061205097,
+            0.0038941294638131442,
+        ),
     ),
     "toms903_run": Problem(
         (1.0, 1.012686988782515, 3.306237422473038),
@@ -110,7 +134,11 @@ PROBLEMS = {
         (1.8, 0.4, -0.9),
         _HAIRER_VILMART,
         time=10.0,
-        end_momentum=(1.76596250851820753572715, -0.6954641970330891194994928, 0.7795549814818710861007418),
+        end_momentum=(
+            1.76596250851820753572715,
+            -0.6954641970330891194994928,
+            0.7795549814818710861007418,
+        ),
         end_attitude=(
             -0.7360613641607939361612411,
             -0.5707869512403507332546212,
@@ -125,7 +153,11 @@ PROBLEMS = {
         static_moment=(0.0, 0.0, 1.0),
         gravity=1.0,
         time=10.0,
-        end_momentum=(1.922573381663007509018555, 0.7720232344670846457487008, -0.2011054792035473313288932),
+        end_momentum=(
+            1.922573381663007509018555,
+            0.7720232344670846457487008,
+            -0.2011054792035473313288932,
+        ),
         end_attitude=(
             0.9257399890934634917875326,
             -0.3514906679727553121760867,
@@ -149,7 +181,10 @@ PROBLEMS = {
         gravity=1.0,
         attitude=(math.cos(0.025), math.sin(0.025), 0.0, 0.0),
         time=10.0,
-        more={"energy": 1269.97500520789932, "axis": (-0.0471322314419818762, 0.0267486863587098849, 0.998530450480796716)},
+        more={
+            "energy": 1269.97500520789932,
+            "axis": (-0.0471322314419818762, 0.0267486863587098849, 0.998530450480796716),
+        },
     ),
     "exudyn_step": _spinning(
         (5.2988, 1.1775, 4.3568),
@@ -165,10 +200,18 @@ PROBLEMS = {
             "omega": (1.985608117600764, 3.990428541317109, 6.007531319827856),
         },
     ),
-    "flip_1e-2": _spinning((1.0, 2.0, 3.0), (1e-2, 1.0, 0.0), _ELLIPTIC, more={"flip": 20.754609764669243823940}),
-    "flip_1e-4": _spinning((1.0, 2.0, 3.0), (1e-4, 1.0, 0.0), _ELLIPTIC, more={"flip": 36.707819410833642463}),
-    "flip_1e-8": _spinning((1.0, 2.0, 3.0), (1e-8, 1.0, 0.0), _ELLIPTIC, more={"flip": 68.613374452474097064}),
-    "flip_fast": _spinning((0.3, 0.35, 0.4), (0.1, 15.0, 0.1), _ELLIPTIC, more={"flip": 6.167472904669551}),
+    "flip_1e-2": _spinning(
+        (1.0, 2.0, 3.0), (1e-2, 1.0, 0.0), _ELLIPTIC, more={"flip": 20.754609764669243823940}
+    ),
+    "flip_1e-4": _spinning(
+        (1.0, 2.0, 3.0), (1e-4, 1.0, 0.0), _ELLIPTIC, more={"flip": 36.707819410833642463}
+    ),
+    "flip_1e-8": _spinning(
+        (1.0, 2.0, 3.0), (1e-8, 1.0, 0.0), _ELLIPTIC, more={"flip": 68.613374452474097064}
+    ),
+    "flip_fast": _spinning(
+        (0.3, 0.35, 0.4), (0.1, 15.0, 0.1), _ELLIPTIC, more={"flip": 6.167472904669551}
+    ),
     "tennis_racket": _spinning(
         (0.00121, 0.01638, 0.01748),
         (0.01, 6.0, 0.01),

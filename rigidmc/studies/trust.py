@@ -70,11 +70,22 @@ def trust(scene, quick=False, progress=False):
         if name != "closed":
             order = INTEGRATORS[name].order
             left = 1.0 if order == math.inf else 2.0**order / (2.0**order - 1.0)
-            checks.append(Check("half the step", "accuracy", left * _distance(own, follow_(found, name, 2 * steps))))
-            checks += [Check(word, "rounding", _distance(own, states)) for word, states in _alike(found, name, steps, follow_)]
+            checks.append(
+                Check(
+                    "half the step",
+                    "accuracy",
+                    left * _distance(own, follow_(found, name, 2 * steps)),
+                )
+            )
+            checks += [
+                Check(word, "rounding", _distance(own, states))
+                for word, states in _alike(found, name, steps, follow_)
+            ]
             # with L reversed a motion goes back where no torque knows L or the time; a wheel or damping would have to be reversed too
             if not any(names(e, "torque") & {"l", "t"} for e in scene.effects):
-                checks.append(Check("there and back", "accuracy", _back(found, own, name, steps, follow_)))
+                checks.append(
+                    Check("there and back", "accuracy", _back(found, own, name, steps, follow_))
+                )
             with contextlib.suppress(SceneError):
                 checks.append(Check("closed form", "accuracy", _distance(own, _closed(found))))
         factor, rate = growth(_looked_at(scene, min(found.members, FEW)))
@@ -84,9 +95,14 @@ def trust(scene, quick=False, progress=False):
 def _looked_at(scene, members):
     """The first members at TIMES times, with the attitude: it is part of what is judged."""
     end = scene.run.t_end
-    given = scene.with_run(every=end / TIMES, save=("momentum", "attitude"), members=min(scene.run.members, members))
+    given = scene.with_run(
+        every=end / TIMES, save=("momentum", "attitude"), members=min(scene.run.members, members)
+    )
     return pilot(given, members)._replace(
-        base=TIMES, stride=1, times=end * np.arange(1, TIMES + 1) / TIMES, own=scene.run.turn is not None
+        base=TIMES,
+        stride=1,
+        times=end * np.arange(1, TIMES + 1) / TIMES,
+        own=scene.run.turn is not None,
     )
 
 
@@ -103,7 +119,11 @@ def _other(found, name, steps, follow_):
     able = accepting(found.scene.effects)
     other = "rk8" if name != "rk8" else "srkn11" if "srkn11" in able else "cf4"
     finer = {"rk8": 2, "srkn11": 4}.get(other, 8)
-    return other, follow_(found, other, TIMES * math.ceil(max(finer * first_steps(found), steps if other == "rk8" else 0) / TIMES))
+    return other, follow_(
+        found,
+        other,
+        TIMES * math.ceil(max(finer * first_steps(found), steps if other == "rk8" else 0) / TIMES),
+    )
 
 
 def _alike(found, name, steps, follow_):
@@ -119,11 +139,16 @@ def _alike(found, name, steps, follow_):
         pass
     if all(getattr(effect, "isotropic", False) for effect in effects):
         body, _ = physics(effects, block)
-        moments, static = 1.0 / np.array([body.i1, body.i2, body.i3]), np.array([body.p1, body.p2, body.p3])
+        moments, static = (
+            1.0 / np.array([body.i1, body.i2, body.i3]),
+            np.array([body.p1, body.p2, body.p3]),
+        )
         turned = block.copy()
         turned[layout.MOMENTUM : layout.REST] = np.roll(l, 1, 0)  # axis 1 becomes axis 2, and so on
         turned[: layout.MOMENTUM] = multiply(tuple(q), (0.5, -0.5, -0.5, -0.5))
-        turned[layout.BODY : layout.EFFECTS] = MassProperties.of(tuple(np.roll(moments, 1, 0)), tuple(np.roll(static, 1, 0)))
+        turned[layout.BODY : layout.EFFECTS] = MassProperties.of(
+            tuple(np.roll(moments, 1, 0)), tuple(np.roll(static, 1, 0))
+        )
         states = follow_(found._replace(block=turned), name, steps)
         back = np.stack(multiply(tuple(np.moveaxis(states.q, 1, 0)), _CYCLE), 1)
         yield "permuted axes", States(back, np.roll(states.l, -1, 1), states.status)
@@ -131,7 +156,9 @@ def _alike(found, name, steps, follow_):
         turned = block.copy()
         turned[: layout.MOMENTUM] = multiply(turn, tuple(q))
         states = follow_(found._replace(block=turned), name, steps)
-        back = np.stack(multiply((turn[0], 0.0, 0.0, -turn[3]), tuple(np.moveaxis(states.q, 1, 0))), 1)
+        back = np.stack(
+            multiply((turn[0], 0.0, 0.0, -turn[3]), tuple(np.moveaxis(states.q, 1, 0))), 1
+        )
         yield "turned space", states._replace(q=back)
 
 
@@ -144,12 +171,18 @@ def _back(found, own, name, steps, follow_):
     start = found.block[:, : found.members]
     q = np.concatenate([start[None, : layout.MOMENTUM], own.q[:-1]])[::-1]
     l = np.concatenate([start[None, layout.MOMENTUM : layout.REST], own.l[:-1]])[::-1]
-    return np.maximum.accumulate(_distance(States(again.q, -again.l, again.status), States(q, l, own.status)))
+    return np.maximum.accumulate(
+        _distance(States(again.q, -again.l, again.status), States(q, l, own.status))
+    )
 
 
 def _closed(found):
     motion = closed_form(found.scene, found.members, found.first).motion(found.times)
-    return States(np.moveaxis(motion.attitude, -1, 1), np.moveaxis(motion.momentum, -1, 1), np.zeros(found.members))
+    return States(
+        np.moveaxis(motion.attitude, -1, 1),
+        np.moveaxis(motion.momentum, -1, 1),
+        np.zeros(found.members),
+    )
 
 
 def _distance(one, two):
@@ -165,8 +198,16 @@ def _dataset(scene, plan, found, checks, status, factor, rate):
     ok = ~status if not status.all() else status
     error = np.array([c.error[:, ok].max(1) for c in checks])
     variables = {
-        "error": (("check", "time"), error, {"units": "1", "long_name": "error of the worst member"}),
-        "error_median": (("check", "time"), np.array([np.median(c.error[:, ok], axis=1) for c in checks]), {"units": "1"}),
+        "error": (
+            ("check", "time"),
+            error,
+            {"units": "1", "long_name": "error of the worst member"},
+        ),
+        "error_median": (
+            ("check", "time"),
+            np.array([np.median(c.error[:, ok], axis=1) for c in checks]),
+            {"units": "1"},
+        ),
         "tells": ("check", np.array([c.tells for c in checks], dtype=object)),
     }
     attrs = {
@@ -174,7 +215,11 @@ def _dataset(scene, plan, found, checks, status, factor, rate):
         "step": f"turn = {scene.run.turn:g} rad" if plan.own else f"dt = {plan.dt:.6g} s", "members": found.members,
         "flagged": int(status.sum()), "chaotic_share": float(np.mean(rate > 0.0)), "growth": float(np.median(factor)),
     }  # fmt: skip
-    made = xr.Dataset(variables, {"check": np.array([c.name for c in checks], dtype=object), "time": found.times}, attrs)
+    made = xr.Dataset(
+        variables,
+        {"check": np.array([c.name for c in checks], dtype=object), "time": found.times},
+        attrs,
+    )
     made.attrs |= _verdict(made)
     return made
 
@@ -183,7 +228,11 @@ def _verdict(study):
     """{verdict, digits, horizon} in words and numbers."""
     tells, t = study.tells.values, study.time.values
     accuracy = study.error.values[tells == "accuracy"].max(0)
-    rounding = study.error.values[tells == "rounding"].max(0) if (tells == "rounding").any() else np.zeros(len(t))
+    rounding = (
+        study.error.values[tells == "rounding"].max(0)
+        if (tells == "rounding").any()
+        else np.zeros(len(t))
+    )
     error = np.maximum(accuracy, rounding)
     within = np.flatnonzero(error > LEFT)
     horizon = float(t[-1]) if not within.size else float(t[within[0] - 1]) if within[0] else 0.0
@@ -194,15 +243,33 @@ def _verdict(study):
     chaos = study.attrs["chaotic_share"] > 0.0 and rounding[-1] > 1e-3 * min(error[-1], 1.0)
     why = "chaos" if chaos else "the step is too long for this: take a shorter one, or --tolerance"
     if horizon == 0.0:
-        return {"verdict": f"trust nothing: fewer than two digits are left at t = {t[0]:.4g} s; {why}", "digits": 0, "horizon": 0.0}
-    good = [(d, t[np.flatnonzero(error > 10.0**-d)[0] - 1]) for d in (9, 6, 4, 3, 2) if error[0] <= 10.0**-d]
+        return {
+            "verdict": f"trust nothing: fewer than two digits are left at t = {t[0]:.4g} s; {why}",
+            "digits": 0,
+            "horizon": 0.0,
+        }
+    good = [
+        (d, t[np.flatnonzero(error > 10.0**-d)[0] - 1])
+        for d in (9, 6, 4, 3, 2)
+        if error[0] <= 10.0**-d
+    ]
     best = next((d, at) for d, at in good if at >= 0.4 * horizon or d == 2)
     more = "" if best[0] == 2 else f", 2 digits to t = {horizon:.4g} s"
-    return {"verdict": f"trust {best[0]} digits to t = {best[1]:.4g} s{more}; beyond, {why}", "digits": 0, "horizon": horizon}
+    return {
+        "verdict": f"trust {best[0]} digits to t = {best[1]:.4g} s{more}; beyond, {why}",
+        "digits": 0,
+        "horizon": horizon,
+    }
 
 
 def _digits(error):
-    return 15 if error < 1e-15 else max(0, math.floor(-math.log10(error) + 1e-9)) if math.isfinite(error) else 0
+    return (
+        15
+        if error < 1e-15
+        else max(0, math.floor(-math.log10(error) + 1e-9))
+        if math.isfinite(error)
+        else 0
+    )
 
 
 def table(study):
@@ -214,15 +281,21 @@ def table(study):
     ]
     lines.append(f"{'':32s}" + "".join(f"{f'{t[i]:.4g} s':>22s}" for i in at))
     for i, name in enumerate(study.check.values):
-        cells = [f"{study.error.values[i, k]:.1e} ({study.error_median.values[i, k]:.1e})" for k in at]
+        cells = [
+            f"{study.error.values[i, k]:.1e} ({study.error_median.values[i, k]:.1e})" for k in at
+        ]
         lines.append(f"{name:32s}" + "".join(f"{cell:>22s}" for cell in cells))
     if a["flagged"]:
         lines.append(f"{a['flagged']} of {a['members']} members turn non-finite and are left out")
     if a["chaotic_share"] > 0.0:
-        lines.append(f"errors grow exponentially in {100 * a['chaotic_share']:.0f} % of the members")
+        lines.append(
+            f"errors grow exponentially in {100 * a['chaotic_share']:.0f} % of the members"
+        )
     return [*lines, f"verdict: {a['verdict']}"]
 
 
 def failed(study):
     """Whether members fail, or the scene's own step leaves no result where chaos is not to blame."""
-    return bool(study.attrs["flagged"]) or (study.attrs["digits"] == 0 and "chaos" not in study.attrs["verdict"])
+    return bool(study.attrs["flagged"]) or (
+        study.attrs["digits"] == 0 and "chaos" not in study.attrs["verdict"]
+    )

@@ -19,7 +19,9 @@ from rigidmc.studies.measures import Measure, measure, observing
 
 FIRST = 8192  # members of the first look
 MOST = 10_000_000
-SURE = 1.05  # members above what the spread so far asks for: it is itself known to a few per cent only
+SURE = (
+    1.05  # members above what the spread so far asks for: it is itself known to a few per cent only
+)
 _SIGN = re.compile(r"\s*(?:±|\+-|\+/-)\s*")
 RULE = 'expected a measure and half the width of its interval, as in "p(flips >= 1) +- 0.001" or "mean(flip_wait) +- 0.1"'
 
@@ -35,13 +37,31 @@ class Goal(NamedTuple):
 def goal(text, variables):
     """The Goal of a text such as "p(flips >= 1) +- 0.001" or "mean(flip_wait) +- 1 %"; SceneError for what is none."""
     parts = _SIGN.split(text.strip())
-    number = re.fullmatch(r"((?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(%?)", parts[1]) if len(parts) == 2 else None
+    number = (
+        re.fullmatch(r"((?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(%?)", parts[1])
+        if len(parts) == 2
+        else None
+    )
     if number is None or not float(number[1]) > 0.0:
         raise SceneError("run", "until", text, RULE)
-    return Goal(measure(parts[0], variables), float(number[1]) / (100.0 if number[2] else 1.0), bool(number[2]))
+    return Goal(
+        measure(parts[0], variables),
+        float(number[1]) / (100.0 if number[2] else 1.0),
+        bool(number[2]),
+    )
 
 
-def simulate_until(scene, until, most=MOST, confidence=0.95, threads=None, progress=None, output=None, force=False, **options):
+def simulate_until(
+    scene,
+    until,
+    most=MOST,
+    confidence=0.95,
+    threads=None,
+    progress=None,
+    output=None,
+    force=False,
+    **options,
+):
     """(Dataset, Interval): an ensemble that grows until the interval of a measure is as narrow as asked, or has `most` members.
 
     until : "p(flips >= 1) +- 0.001", see `rigidmc.studies.measures`;  progress : a function of (members so far, the Interval)
@@ -72,7 +92,10 @@ def simulate_until(scene, until, most=MOST, confidence=0.95, threads=None, progr
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SceneWarning)
             piece = simulate(lean, members=range(first + known, first + size), threads=threads)
-        values, good = np.append(values, wanted.measure.values(piece)), np.append(good, piece.status.values == 0)
+        values, good = (
+            np.append(values, wanted.measure.values(piece)),
+            np.append(good, piece.status.values == 0),
+        )
         found = Interval(*map(float, wanted.measure.interval(values, good, confidence)))
         if progress is not None:
             progress(size, found)
@@ -80,7 +103,12 @@ def simulate_until(scene, until, most=MOST, confidence=0.95, threads=None, progr
         if goal_reached(until, found):
             break
         if known == 0 and not np.isfinite(found.value):
-            raise SceneError("run", "until", until, f"none of the first {size:,} members has a {wanted.measure.name}")
+            raise SceneError(
+                "run",
+                "until",
+                until,
+                f"none of the first {size:,} members has a {wanted.measure.name}",
+            )
         if known == 0 and half == 0.0:
             rule = f"is 0 of the first {size:,} members: no number of them brings it to a share of 0; give the width itself"
             raise SceneError("run", "until", until, rule)
@@ -88,13 +116,22 @@ def simulate_until(scene, until, most=MOST, confidence=0.95, threads=None, progr
             rule = f"{until} is not reached: {found.value:.6g} +- {found.half:.2g} by {size:,} members, which are all that may be"
             warnings.warn(rule, SceneWarning, stacklevel=2)
             break
-        needed = FIRST * math.ceil(SURE * members_for(wanted.measure, found, size, half, confidence) / FIRST)
+        needed = FIRST * math.ceil(
+            SURE * members_for(wanted.measure, found, size, half, confidence) / FIRST
+        )
         if known == 0 and needed > most:
             rule = f"needs about {needed:,} members by the first {size:,} ({found.value:.4g} +- {found.half:.2g}), more than the limit of {most:,}"
             raise SceneError("run", "until", until, rule)
         known, size = size, min(most, max(needed, size + FIRST))
     told = {"until": until, "found": f"{found.value:.10g} in {found.low:.10g} to {found.high:.10g}"}
-    return simulate(scene, members=range(first, first + size), threads=threads, output=output, force=force, attrs=told), found
+    return simulate(
+        scene,
+        members=range(first, first + size),
+        threads=threads,
+        output=output,
+        force=force,
+        attrs=told,
+    ), found
 
 
 def goal_reached(until, found):
@@ -110,7 +147,10 @@ def members_for(measure, found, count, half, confidence):
         return 4 * count
     if measure.kind != "p":
         return count * (found.half / half) ** 2
-    low, high = count, count * max(1.0, found.half / half) ** 2 + 1.0  # near 0 and 1 the width falls as 1/n, not as its root
+    low, high = (
+        count,
+        count * max(1.0, found.half / half) ** 2 + 1.0,
+    )  # near 0 and 1 the width falls as 1/n, not as its root
     while high - low > 0.01 * low:
         middle = 0.5 * (low + high)
         narrow = probability(found.value * middle, middle, confidence).half <= half
@@ -127,5 +167,7 @@ def randomised(scene, text, members, randomisations=16, confidence=0.95, threads
     values = []
     for i in range(randomisations):
         piece = simulate(scene, seed=scene.run.seed + i, threads=threads)
-        values.append(float(asked.interval(asked.values(piece), piece.status.values == 0, confidence).value))
+        values.append(
+            float(asked.interval(asked.values(piece), piece.status.values == 0, confidence).value)
+        )
     return mean(np.array(values), confidence=confidence)

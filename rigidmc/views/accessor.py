@@ -3,7 +3,14 @@
 import numpy as np
 import xarray as xr
 
-PICTURES = ("summary", "momentum_sphere", "axis_sphere", "middle_component", "start_and_end", "drift_histogram")
+PICTURES = (
+    "summary",
+    "momentum_sphere",
+    "axis_sphere",
+    "middle_component",
+    "start_and_end",
+    "drift_histogram",
+)
 
 
 class Pictures:
@@ -43,7 +50,9 @@ class Rigid:
         """The Dataset; ValueError where time or member was selected away."""
         for dim in ("time", "member"):
             if dim not in self._dataset.dims:
-                raise ValueError(f"the dimension {dim} is gone: select with a list, as in ds.isel({dim}=[0])")
+                raise ValueError(
+                    f"the dimension {dim} is gone: select with a list, as in ds.isel({dim}=[0])"
+                )
         return self._dataset
 
     def momentum(self):
@@ -52,7 +61,9 @@ class Rigid:
         if "momentum" in ds:
             return ds.momentum
         if "omega" not in ds:
-            raise ValueError('neither momentum nor omega was saved at all times: run with save=("omega",) and keep="full"')
+            raise ValueError(
+                'neither momentum nor omega was saved at all times: run with save=("omega",) and keep="full"'
+            )
         return (
             (ds.omega * ds.moments)
             .transpose("time", "axis", "member")
@@ -64,13 +75,21 @@ class Rigid:
         from rigidmc.mechanics.rotation import euler
 
         if "attitude" not in self._dataset:
-            raise ValueError('the attitude was not saved at all times: run with save=("attitude",) and keep="full"')
+            raise ValueError(
+                'the attitude was not saved at all times: run with save=("attitude",) and keep="full"'
+            )
         q = self._dataset.attitude.transpose("time", "member", "quat")
         words = "precession", "nutation", "proper rotation"
         return xr.Dataset(
             {
-                name: (("time", "member"), values, {"units": "rad", "long_name": f"angle of {word}"})
-                for name, values, word in zip(("phi", "theta", "psi"), np.moveaxis(euler(q.values), -1, 0), words, strict=True)
+                name: (
+                    ("time", "member"),
+                    values,
+                    {"units": "rad", "long_name": f"angle of {word}"},
+                )
+                for name, values, word in zip(
+                    ("phi", "theta", "psi"), np.moveaxis(euler(q.values), -1, 0), words, strict=True
+                )
             },
             {name: q[name] for name in ("time", "member")},
         )
@@ -84,7 +103,9 @@ class Rigid:
         moments = np.broadcast_to(self._dataset.moments.transpose("member", "axis").values, l.shape)
         found = free_motion(moments, l.values).phase
         attrs = {"units": "1", "long_name": "phase of the free motion, of its period"}
-        return xr.DataArray(found, {name: l[name] for name in ("time", "member")}, ("time", "member"), attrs=attrs)
+        return xr.DataArray(
+            found, {name: l[name] for name in ("time", "member")}, ("time", "member"), attrs=attrs
+        )
 
     def energy(self):
         """Energy (time, member), saved or of what was saved, TdC (3.16), (3.33) [J]; ValueError where the attitude it needs was not."""
@@ -103,11 +124,15 @@ class Rigid:
         from rigidmc.planning.stage import physics, stage
 
         q, found = np.moveaxis(ds.attitude.transpose("time", "quat", "member").values, 1, 0), []
-        runs = np.split(np.arange(ds.sizes["member"]), np.flatnonzero(np.diff(ds.member.values) != 1) + 1)
+        runs = np.split(
+            np.arange(ds.sizes["member"]), np.flatnonzero(np.diff(ds.member.values) != 1) + 1
+        )
         for run in runs:  # of members that follow each other: what is selected may be any
             block, _ = stage(scene, int(ds.member[run[0]]), run.size, True)
             body, effects = physics(scene.effects, block)
-            found.append(np.broadcast_to(energies(effects, body, tuple(q[..., run])), (q.shape[1], run.size)))
+            found.append(
+                np.broadcast_to(energies(effects, body, tuple(q[..., run])), (q.shape[1], run.size))
+            )
         potential = xr.DataArray(np.concatenate(found, axis=1), dims=("time", "member"))
         return (kinetic + potential).rename("energy").assign_attrs(units="J", long_name="energy")
 

@@ -40,7 +40,10 @@ def faces(half):
         for end in (1.0, -1.0):
             face = np.zeros((4, 3))
             face[:, axis] = end * half[axis]
-            face[:, j], face[:, k] = half[j] * np.array([1, -1, -1, 1]), half[k] * np.array([1, 1, -1, -1])
+            face[:, j], face[:, k] = (
+                half[j] * np.array([1, -1, -1, 1]),
+                half[k] * np.array([1, 1, -1, -1]),
+            )
             corners.append(face)
             normals.append(end * np.eye(3)[axis])
     return np.array(corners), np.array(normals)
@@ -53,7 +56,9 @@ def check_writer(path):
     """SceneError if a path does not end in .gif, .mp4 or .webm; ValueError if it needs ffmpeg and ffmpeg is not installed."""
     check_suffix(path, "animations")
     if not path.endswith(".gif") and not animation.writers.is_available("ffmpeg"):
-        raise ValueError(f"{path}: {path[-4:]} is written by ffmpeg, which is not installed; .gif needs nothing more")
+        raise ValueError(
+            f"{path}: {path[-4:]} is written by ffmpeg, which is not installed; .gif needs nothing more"
+        )
 
 
 def animate(ds, path, fps=25, progress=None, force=False):
@@ -67,7 +72,11 @@ def animate(ds, path, fps=25, progress=None, force=False):
     path = str(path)
     check_writer(path)
     refuse_existing(path, force, "animations")
-    writer = animation.PillowWriter(fps=fps) if path.endswith(".gif") else animation.FFMpegWriter(fps=fps, bitrate=2400)
+    writer = (
+        animation.PillowWriter(fps=fps)
+        if path.endswith(".gif")
+        else animation.FFMpegWriter(fps=fps, bitrate=2400)
+    )
     figure, draw = scene(ds)
     shown = range(0, ds.sizes["time"], SMOOTH)
     with Part(path, force) as part, naming(path, part), _finished(path, writer):
@@ -106,7 +115,10 @@ def scene(ds):
     FigureCanvasAgg(figure)
     left: Any
     right: Any
-    left, right = figure.add_axes((0.0, 0.0, 0.5, 0.9), projection="3d"), figure.add_axes((0.5, 0.0, 0.5, 0.9), projection="3d")
+    left, right = (
+        figure.add_axes((0.0, 0.0, 0.5, 0.9), projection="3d"),
+        figure.add_axes((0.5, 0.0, 0.5, 0.9), projection="3d"),
+    )
     title = figure.suptitle("", fontsize=11, parse_math=False)
     for axes, words in ((left, "the body in space"), (right, "its angular momentum in body axes")):
         axes.set(xlim=(-1.0, 1.0), ylim=(-1.0, 1.0), zlim=(-1.0, 1.0), box_aspect=(1, 1, 1))
@@ -119,9 +131,13 @@ def scene(ds):
     left.text(0.0, 0.0, 1.3, "z", color="#555555", ha="center")
     arrow: Any = left.plot([], [], [], "-", color="#d94801", lw=2.5)[0]
     tip: Any = left.plot([], [], [], "o", color="#d94801", ms=6)[0]
-    left.text2D(0.04, 0.06, "— angular momentum L", color="#d94801", transform=left.transAxes, fontsize=9)
+    left.text2D(
+        0.04, 0.06, "— angular momentum L", color="#d94801", transform=left.transAxes, fontsize=9
+    )
     a, b = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 25), np.linspace(0.0, np.pi, 13))
-    right.plot_wireframe(np.sin(b) * np.cos(a), np.sin(b) * np.sin(a), np.cos(b), color="#cccccc", lw=0.4)
+    right.plot_wireframe(
+        np.sin(b) * np.cos(a), np.sin(b) * np.sin(a), np.cos(b), color="#cccccc", lw=0.4
+    )
     for i in range(3):
         ends = np.outer([-1.2, 1.2], np.eye(3)[i])
         right.plot(*ends.T, color="#777777", lw=0.8)
@@ -132,11 +148,15 @@ def scene(ds):
     def draw(i):
         solid.set_verts(list(corners @ turn[i].T))
         shade = 0.65 + 0.35 * np.clip(normals @ turn[i].T @ LIGHT, 0.0, 1.0)
-        solid.set_facecolor([tuple(np.array(to_rgb(c)) * s) for c, s in zip(FACES, shade, strict=True)])
+        solid.set_facecolor(
+            [tuple(np.array(to_rgb(c)) * s) for c, s in zip(FACES, shade, strict=True)]
+        )
         arrow.set_data_3d(*np.outer([0.0, 1.15], toward[i]).T)
         tip.set_data_3d(*(1.15 * toward[i])[:, None])
         path.set_data_3d(*unit[: i + 1].T)
         point.set_data_3d(*unit[i][:, None])
-        title.set_text(f"{ds.attrs.get('title', 'top')}: member {int(ds.member.values[0])}, t = {float(ds.time.values[i]):.2f} s")
+        title.set_text(
+            f"{ds.attrs.get('title', 'top')}: member {int(ds.member.values[0])}, t = {float(ds.time.values[i]):.2f} s"
+        )
 
     return figure, draw

@@ -14,11 +14,18 @@ MESHES = (".stl", ".obj", ".ply", ".off")
 def body_of(source, density=None, mass=None, scale=1.0):
     """(Body, title) of a mesh file, of a scene file or of a shipped scene. A mesh without density and mass has density 1."""
     if source.lower().endswith(MESHES):
-        return Body.from_mesh(source, 1.0 if density is None and mass is None else density, mass, scale), source
+        return Body.from_mesh(
+            source, 1.0 if density is None and mass is None else density, mass, scale
+        ), source
     from rigidmc.scene.file import load
 
     if density is not None or mass is not None or scale != 1.0:
-        raise SceneError("", "--density, --mass, --scale", None, "are for meshes; a scene has its mass in its [body]")
+        raise SceneError(
+            "",
+            "--density, --mass, --scale",
+            None,
+            "are for meshes; a scene has its mass in its [body]",
+        )
     scene = load(source)
     if not is_shared(*scene.body.quantities()):
         raise SceneError(
@@ -80,7 +87,9 @@ def describe(body, title):
         if abs(moments[a] - moments[b]) <= SAME * moments[a]:
             names[a + 1] = names[b + 1] = "equal"
     for k in range(3):
-        lines.append(f"  axis {k + 1}     {moments[k]:<18.12g}  ({_row(axes[:, k])})   {names[k + 1]}")
+        lines.append(
+            f"  axis {k + 1}     {moments[k]:<18.12g}  ({_row(axes[:, k])})   {names[k + 1]}"
+        )
     if np.linalg.norm(centre) > SAME * np.sqrt(moments.max() / f["mass"]):
         stays = inertia.survives(axes.T, centre)
         kept = ", ".join(str(k + 1) for k in range(3) if stays[k]) or "none"
@@ -99,11 +108,17 @@ def _stability(moments, f):
     if f["shape"].startswith("spherical"):
         return ["rotations    about any axis: steady, and a disturbance does not grow"]
     if f["shape"].startswith("symmetric"):
-        own = high if moments[middle - 1] - moments[low - 1] < moments[high - 1] - moments[middle - 1] else low
+        own = (
+            high
+            if moments[middle - 1] - moments[low - 1] < moments[high - 1] - moments[middle - 1]
+            else low
+        )
         return [
             f"rotations    about axis {own} stable; about any axis across it steady, but a disturbance moves on at a constant rate"
         ]
-    return [f"rotations    two moments all but equal: the growth about axis {middle}, {growth:.2g} omega, is slow"]
+    return [
+        f"rotations    two moments all but equal: the growth about axis {middle}, {growth:.2g} omega, is slow"
+    ]
 
 
 def _row(values):

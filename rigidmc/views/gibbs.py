@@ -27,10 +27,14 @@ def gibbs(ds, allow_code=False):
     if len(baths) != 1:
         raise ValueError("gibbs needs a scene with a bath, and with one")
     heat, held = baths[0].kT, [e for e in scene.effects if hasattr(e, "energy")]
-    if not is_shared(*scene.body.quantities(), heat, *(value for e in held for _, _, value in numbers(e))):
+    if not is_shared(
+        *scene.body.quantities(), heat, *(value for e in held for _, _, value in numbers(e))
+    ):
         raise ValueError("gibbs needs one body, one kT and the same energies for all members")
     if "momentum" not in ds or (held and "attitude" not in ds):
-        raise ValueError('gibbs needs momentum and attitude, which were not saved: run with save=("momentum", "attitude")')
+        raise ValueError(
+            'gibbs needs momentum and attitude, which were not saved: run with save=("momentum", "attitude")'
+        )
     good = ds.status.values == 0
     l = ds.momentum.isel(time=-1).transpose("axis", "member").values[:, good]
     moments = ds.moments.transpose("axis", "member").values[:, good]
@@ -59,10 +63,14 @@ def _momenta(axes, x):
             label=f"axis {row + 1}",
         )
     line = np.linspace(-4.5, 4.5, 400)
-    axes.plot(line, np.exp(-0.5 * line**2) / np.sqrt(2.0 * np.pi), color=INK, linewidth=0.8, label="Gibbs")
+    axes.plot(
+        line, np.exp(-0.5 * line**2) / np.sqrt(2.0 * np.pi), color=INK, linewidth=0.8, label="Gibbs"
+    )
     heat, error = (x**2).sum(0).mean() / 3.0, (x**2).sum(0).std() / np.sqrt(x.shape[1]) / 3.0
     axes.set(xlabel="$L_i/\\sqrt{I_i kT}$ [1]", ylabel="density", yscale="log", ylim=(1e-5, 1.0))
-    axes.set_title(f"angular momentum: $\\langle T\\rangle$ = {heat:.4f} ± {error:.4f} of 3/2 kT", fontsize=10)
+    axes.set_title(
+        f"angular momentum: $\\langle T\\rangle$ = {heat:.4f} ± {error:.4f} of 3/2 kT", fontsize=10
+    )
     axes.legend(fontsize=8, frameon=False)
 
 
@@ -75,9 +83,23 @@ def _energies(axes, scene, q, heat):
     free = np.ravel(energies(effects, body, tuple(some / np.linalg.norm(some, axis=0)))) / heat
     weights = np.exp(free.min() - free)
     edges = np.linspace(min(held.min(), free.min()), max(held.max(), np.quantile(free, 0.999)), 41)
-    axes.stairs(np.histogram(held, edges, density=True)[0], edges, fill=True, color=CORE, label="run")
-    axes.stairs(np.histogram(free, edges, density=True, weights=weights)[0], edges, color=INK, linewidth=1.4, label="Gibbs")
-    mean, error, theory = held.mean(), held.std() / np.sqrt(held.size), np.average(free, weights=weights)
+    axes.stairs(
+        np.histogram(held, edges, density=True)[0], edges, fill=True, color=CORE, label="run"
+    )
+    axes.stairs(
+        np.histogram(free, edges, density=True, weights=weights)[0],
+        edges,
+        color=INK,
+        linewidth=1.4,
+        label="Gibbs",
+    )
+    mean, error, theory = (
+        held.mean(),
+        held.std() / np.sqrt(held.size),
+        np.average(free, weights=weights),
+    )
     axes.set(xlabel="potential energy $V/kT$ [1]", ylabel="density")
-    axes.set_title(f"$\\langle V\\rangle$ = {mean:.4f} ± {error:.4f} kT; Gibbs {theory:.4f} kT", fontsize=10)
+    axes.set_title(
+        f"$\\langle V\\rangle$ = {mean:.4f} ± {error:.4f} kT; Gibbs {theory:.4f} kT", fontsize=10
+    )
     axes.legend(fontsize=8, frameon=False)

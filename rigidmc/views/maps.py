@@ -24,8 +24,14 @@ def stability_map(ds, shown=None, figure=None):
     case = MAPS[ds.attrs["map"]]() if ds.attrs.get("map") in MAPS else None
     name = shown or (case.shown if case else next(iter(ds.data_vars)))
     if name not in ds:
-        raise ValueError(f"{name}: the map has no such variable; it has {', '.join(map(str, ds.data_vars))}")
-    facts = "" if case else f": {ds.attrs['members']} members to a pixel, to {ds.attrs['t_end']:g} s with {ds.attrs['integrator']}"
+        raise ValueError(
+            f"{name}: the map has no such variable; it has {', '.join(map(str, ds.data_vars))}"
+        )
+    facts = (
+        ""
+        if case
+        else f": {ds.attrs['members']} members to a pixel, to {ds.attrs['t_end']:g} s with {ds.attrs['integrator']}"
+    )
     figure = figure or new_figure(fill(ds.attrs["title"] + facts, 95), (9.0, 7.2))
     axes = figure.add_subplot()
     values = ds[name].values
@@ -45,14 +51,25 @@ def stability_map(ds, shown=None, figure=None):
     ):
         if mask.values.any():
             grid = np.where(mask.values, 1.0, np.nan)
-            axes.pcolormesh(*edges, grid, cmap=ListedColormap([face]), vmin=0.0, vmax=2.0, rasterized=True)
-            over = [np.repeat(e, 2)[1:-1] for e in edges]  # each pixel by its four corners: hatched to its edge
+            axes.pcolormesh(
+                *edges, grid, cmap=ListedColormap([face]), vmin=0.0, vmax=2.0, rasterized=True
+            )
+            over = [
+                np.repeat(e, 2)[1:-1] for e in edges
+            ]  # each pixel by its four corners: hatched to its edge
             each = np.repeat(np.repeat(mask.values.astype(float), 2, axis=0), 2, axis=1)
             axes.contourf(*over, each, levels=[0.5, 1.5], colors="none", hatches=[hatch])
             handles.append(Patch(facecolor=face, edgecolor="#555555", hatch=hatch, label=words))
     if case and case.contours and min(ds.sizes["x"], ds.sizes["y"]) > 1:
         variable, levels, words = case.contours
-        lines = axes.contour(ds.x.values, ds.y.values, ds[variable].values, levels=levels, colors="black", linewidths=1.4)
+        lines = axes.contour(
+            ds.x.values,
+            ds.y.values,
+            ds[variable].values,
+            levels=levels,
+            colors="black",
+            linewidths=1.4,
+        )
         lines.set(path_effects=[withStroke(linewidth=2.6, foreground="white")])
         if len(levels) > 1:
             axes.clabel(lines, fontsize=9, fmt="%g", manual=_middles(lines, axes))
@@ -63,12 +80,22 @@ def stability_map(ds, shown=None, figure=None):
         axis.set_label_text(case.labels["xy".index(key)] if case else label(ds[key]))
     bar = figure.colorbar(image, ax=axes, pad=0.02, ticks=ticks[0] if ticks else None)
     own = case.labels[2] if case and len(case.labels) > 2 and name == case.shown else None
-    units = "" if ds[name].attrs["units"] == "1" else f" [{ds[name].attrs['units']}]".replace(" ", "\N{NO-BREAK SPACE}")
+    units = (
+        ""
+        if ds[name].attrs["units"] == "1"
+        else f" [{ds[name].attrs['units']}]".replace(" ", "\N{NO-BREAK SPACE}")
+    )
     bar.set_label(own or fill(ds[name].attrs["long_name"].split(";")[0] + units, 75))
     if ticks:
         bar.ax.set_yticklabels(ticks[1])
     if handles:
-        axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.09), ncols=len(handles), frameon=False)
+        axes.legend(
+            handles=handles,
+            loc="upper center",
+            bbox_to_anchor=(0.5, -0.09),
+            ncols=len(handles),
+            frameon=False,
+        )
     return figure
 
 
@@ -81,7 +108,11 @@ def _middles(lines, axes):
     """The middle of the longest piece of each line, as it is drawn: where numbers do not crowd at ends that meet."""
     found = []
     for pieces in lines.allsegs:
-        drawn = [(piece, np.hypot(*np.diff(axes.transData.transform(piece), axis=0).T)) for piece in pieces if len(piece) > 1]
+        drawn = [
+            (piece, np.hypot(*np.diff(axes.transData.transform(piece), axis=0).T))
+            for piece in pieces
+            if len(piece) > 1
+        ]
         if drawn:
             piece, steps = max(drawn, key=lambda one: one[1].sum())
             found.append(tuple(piece[np.searchsorted(np.cumsum(steps), 0.5 * steps.sum())]))
@@ -117,5 +148,9 @@ def _colours(name, values):
         )
     low, high = np.quantile(found, [0.005, 0.995])
     if high <= low:
-        return PALETTE, Normalize(low - 0.01 * abs(low) - 1e-300, high + 0.01 * abs(high) + 1e-300), None
+        return (
+            PALETTE,
+            Normalize(low - 0.01 * abs(low) - 1e-300, high + 0.01 * abs(high) + 1e-300),
+            None,
+        )
     return PALETTE, Normalize(low, high), None

@@ -43,20 +43,34 @@ def describe(scene, threads):
     )
     if scene.body.axes != IDENTITY:
         lines.append(
-            "             principal axes (columns) " + "; ".join(" ".join(f"{x:.4g}" for x in row) for row in scene.body.axes)
+            "             principal axes (columns) "
+            + "; ".join(" ".join(f"{x:.4g}" for x in row) for row in scene.body.axes)
         )
     which = "omega" if scene.start.momentum is None else "momentum"
     words = {"uniform": "uniform on SO(3)", "ensemble": "of the momentum's ensemble"}
-    attitude = words[scene.start.attitude] if isinstance(scene.start.attitude, str) else _words(scene.start.attitude)
-    lines.append(f"start        {which} {_words(getattr(scene.start, which))} {OBSERVABLES[which].units}; attitude {attitude}")
+    attitude = (
+        words[scene.start.attitude]
+        if isinstance(scene.start.attitude, str)
+        else _words(scene.start.attitude)
+    )
+    lines.append(
+        f"start        {which} {_words(getattr(scene.start, which))} {OBSERVABLES[which].units}; attitude {attitude}"
+    )
     if through := scene.drawn_through():
         lines.append(f"drawn        {through}")
-    compiled = [f"{label}({', '.join(f'{k} = {_words(getattr(e, k))}' for k in given(e))})" for label, e in labelled(scene.effects)]
+    compiled = [
+        f"{label}({', '.join(f'{k} = {_words(getattr(e, k))}' for k in given(e))})"
+        for label, e in labelled(scene.effects)
+    ]
     lines.append(
         f"compiled     {run.integrator}; effects: {', '.join(compiled) or 'none (free body)'}; {'with' if plan.carried else 'no'} attitude"
     )
     for effect in (e for e in scene.effects if type(e) not in EFFECTS.values()):
-        how = f"not packed: {why}" if (why := unpacked(effect)) else "packed: members side by side, as the built-in ones"
+        how = (
+            f"not packed: {why}"
+            if (why := unpacked(effect))
+            else "packed: members side by side, as the built-in ones"
+        )
         lines.append(f"own effect   {type(effect).__name__}: {torque_operations(effect)}, {how}")
     kept = conservation(scene)
     booked = ", but its work is booked" if kept["energy"] != kept["energy_drift"] else ""
@@ -65,16 +79,24 @@ def describe(scene, threads):
     if plan.limits:
         lines.append(f"flagged      {_limits(plan.limits)}")
     pieces = f" of {parts} parts each" if parts > 1 else ""
-    how = f"dt = {plan.dt:.6g} s" if not plan.own else f"its own for each member, {plan.mean_steps:,.1f} in the mean of the pilot"
+    how = (
+        f"dt = {plan.dt:.6g} s"
+        if not plan.own
+        else f"its own for each member, {plan.mean_steps:,.1f} in the mean of the pilot"
+    )
     steps = "" if plan.own else f"{plan.steps:,}"
     lines.append(
-        f"steps        {steps}{pieces}, {how}, t_end = {run.t_end:g} s, omega dt <= {plan.angle:.2g} rad".replace("  ,", "  ")
+        f"steps        {steps}{pieces}, {how}, t_end = {run.t_end:g} s, omega dt <= {plan.angle:.2g} rad".replace(
+            "  ,", "  "
+        )
     )
     kept = [f"{word} of {name}" for name, word in scene.kept().items() if word != "full"]
     less = f"; kept: {', '.join(kept)}, and all of flagged members" if kept else ""
     if plan.dtype == "float32":
         lines.append(f"float32      {single_precision(plan)}")
-    lines.append(f"saves        {plan.times.size:,} times of {', '.join(run.save) or 'nothing'}{less}")
+    lines.append(
+        f"saves        {plan.times.size:,} times of {', '.join(run.save) or 'nothing'}{less}"
+    )
     memory, lean, file = sizes(scene, plan, threads)
     free = free_memory()
     lines.append(f"members      {plan.members:,} in blocks of {plan.block:,} on {threads} threads")
@@ -82,9 +104,14 @@ def describe(scene, threads):
         f"memory       {in_words(memory)} as a Dataset in memory, {in_words(lean)} with -o FILE"
         + (f"; {in_words(free)} are free" if free is not None else "")
     )
-    lines.append(f"file         {in_words(file)}" + (" before it is compressed" if run.compress or run.digits is not None else ""))
+    lines.append(
+        f"file         {in_words(file)}"
+        + (" before it is compressed" if run.compress or run.digits is not None else "")
+    )
     shard = members_of(scene, plan)[1]
-    lines.append(f"directory    {-(-plan.members // shard):,} shards of {shard:,} members with -o RUN/")
+    lines.append(
+        f"directory    {-(-plan.members // shard):,} shards of {shard:,} members with -o RUN/"
+    )
     lines += chosen.lines(plan.members) if chosen else []
     if plan.form is None:
         return "\n".join([*lines, "cost         closed form at every save"])
@@ -121,38 +148,52 @@ def to_compile(program):
     if not missing:
         return "nothing to compile"
     known = seconds(program.label, missing, program.effects, program.theirs())
-    return (
-        f"to be compiled, on first use: {listed(program.label, missing)}: about {rounded(known)} s (done now, to measure the cost)"
-    )
+    return f"to be compiled, on first use: {listed(program.label, missing)}: about {rounded(known)} s (done now, to measure the cost)"
 
 
 def single_precision(plan):
     """What float32 costs, in words."""
     turned = plan.angle * plan.mean_steps
-    error = 6e-8 * turned  # median of 64 heavy tops by rk4: 9.6e-7, 4.0e-6, 2.0e-5 after 16, 63, 250 rad, whatever the step
+    error = (
+        6e-8 * turned
+    )  # median of 64 heavy tops by rk4: 9.6e-7, 4.0e-6, 2.0e-5 after 16, 63, 250 rad, whatever the step
     words = f"rounding a body's numbers to 6e-8 misplaces it by {error:.1e} rad in a turn of {turned:.3g} rad, whatever the step"
     if not plan.compensated:
-        error = max(error, 1.5e-8 * plan.mean_steps)  # rk4 over 10 s without remainders: 7.2e-6 in 512 steps, 1.9e-3 in 131,072
+        error = max(
+            error, 1.5e-8 * plan.mean_steps
+        )  # rk4 over 10 s without remainders: 7.2e-6 in 512 steps, 1.9e-3 in 131,072
         words += f"; sums cannot keep their remainders here: about 1.5e-8 more for each step, {1.5e-8 * plan.mean_steps:.1e} in all"
     return f"about {max(0.0, -np.log10(max(error, 6e-8))):.0f} digits at t_end in regular motion: {words}"
 
 
 def _limits(limits):
     """What flags a member, in words."""
-    words = {"energy": "energy drifts by", "l2": "|L|^2 drifts by", "lz": "L_z drifts by", "turn": "|omega| dt is"}
+    words = {
+        "energy": "energy drifts by",
+        "l2": "|L|^2 drifts by",
+        "lz": "L_z drifts by",
+        "turn": "|omega| dt is",
+    }
     units = {"turn": " rad"}
     parts = [
         f"{word} more than {getattr(limits, name):.2g}{units.get(name, '')}"
         for name, word in words.items()
         if getattr(limits, name) < np.inf
     ]
-    return f"a member, where {'its ' + ', '.join(parts) + ', or ' if parts else ''}it turns non-finite"
+    return (
+        f"a member, where {'its ' + ', '.join(parts) + ', or ' if parts else ''}it turns non-finite"
+    )
 
 
 def machine_facts():
     """Facts of this machine and installation that decide speed and bits."""
     folder = cache_folder()
-    cached = [os.path.join(top, f) for top, _, files in os.walk(folder) for f in files if f.endswith(".nbc")]
+    cached = [
+        os.path.join(top, f)
+        for top, _, files in os.walk(folder)
+        for f in files
+        if f.endswith(".nbc")
+    ]
     facts = {
         "cpu": _cpu(),
         "cores": f"{threads_available()} usable of {os.cpu_count()}",
@@ -163,7 +204,17 @@ def machine_facts():
         "python": sys.version.split()[0],
         "system": platform.platform(),
     }
-    for package in ("rigidmc", "numpy", "numba", "llvmlite", "xarray", "netCDF4", "scipy", "pydantic", "matplotlib"):
+    for package in (
+        "rigidmc",
+        "numpy",
+        "numba",
+        "llvmlite",
+        "xarray",
+        "netCDF4",
+        "scipy",
+        "pydantic",
+        "matplotlib",
+    ):
         try:
             facts[package] = version(package)
         except PackageNotFoundError:
@@ -174,7 +225,9 @@ def machine_facts():
 def _cpu():
     try:
         with open("/proc/cpuinfo") as file:
-            return next(line.split(":", 1)[1].strip() for line in file if line.startswith("model name"))
+            return next(
+                line.split(":", 1)[1].strip() for line in file if line.startswith("model name")
+            )
     except (OSError, StopIteration):
         return platform.processor() or platform.machine()
 
@@ -188,6 +241,12 @@ def _words(value):
     if isinstance(value, Grid):
         return f"grid({value.low:g} to {value.high:g}, {value.count})"
     if isinstance(value, Distribution):
-        parameters = value.parameters if value.name in ("normal", "uniform") else [f"{k} = {v:g}" for k, v in value.parameters]
-        return f"{value.name}({', '.join(p if isinstance(p, str) else f'{p:g}' for p in parameters)})"
+        parameters = (
+            value.parameters
+            if value.name in ("normal", "uniform")
+            else [f"{k} = {v:g}" for k, v in value.parameters]
+        )
+        return (
+            f"{value.name}({', '.join(p if isinstance(p, str) else f'{p:g}' for p in parameters)})"
+        )
     return f"{value:.6g}" if isinstance(value, float) else f"one of {value.size:,} rows"

@@ -54,7 +54,9 @@ def work_precision(study, figure=None):
                     label=label,
                 )
     axes.set(
-        xscale="log", yscale="log", xlabel="error of momentum [of its size] and attitude [rad], that 99 % of the members stay below"
+        xscale="log",
+        yscale="log",
+        xlabel="error of momentum [of its size] and attitude [rad], that 99 % of the members stay below",
     )
     axes.set_ylabel(f"members to t_end per second on {study.attrs['threads']} threads")
     axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: count(v)))
@@ -95,7 +97,16 @@ def _frontier(axes, error, speed, names, kinds, steps):
     if not corners:
         return
     x, y = error[corners], speed[corners]
-    axes.step(x, y, where="post", color="#d9d9d9", lw=9, solid_capstyle="round", zorder=0, label="frontier")
+    axes.step(
+        x,
+        y,
+        where="post",
+        color="#d9d9d9",
+        lw=9,
+        solid_capstyle="round",
+        zorder=0,
+        label="frontier",
+    )
     last, labelled = None, list[tuple[float, float]]()
     wide, high = (np.ptp(np.log10(v)) or 1.0 for v in (error, speed))
     for i in corners:
@@ -105,7 +116,14 @@ def _frontier(axes, error, speed, names, kinds, steps):
         if what != last and free:  # one label does not hide another
             labelled.append(here)
             text = what if names[i] == "closed" else f"{what}, {steps[i]}"
-            axes.annotate(text, (error[i], speed[i]), xytext=(3, 9), textcoords="offset points", fontsize=8, color="#222222")
+            axes.annotate(
+                text,
+                (error[i], speed[i]),
+                xytext=(3, 9),
+                textcoords="offset points",
+                fontsize=8,
+                color="#222222",
+            )
         last = what
     axes.margins(x=0.06, y=0.12)
 
@@ -118,14 +136,27 @@ def long_drift(study, figure=None):
     shown = [name for name in ("energy", "l2", "lz") if study.attrs[f"{name}_conserved"] == "yes"]
     title = f"{study.attrs['title']}: drift over {study.step.values[-1]:,} steps of {study.attrs['dt']:.3g} s, worst of {study.attrs['members']} members"
     figure = figure or new_figure(title, (4.6 * len(shown) + 1.6, 5.6))
-    words = {"energy": "energy, of the energies in play", "l2": "|L|$^2$, of its size", "lz": "L$_z$, of |L|"}
+    words = {
+        "energy": "energy, of the energies in play",
+        "l2": "|L|$^2$, of its size",
+        "lz": "L$_z$, of |L|",
+    }
     for place, name in enumerate(shown):
         axes = figure.add_subplot(1, len(shown), place + 1)
         for i, integrator in enumerate(study.integrator.values):
             color, marker, dash = _STYLES.get(integrator, ("#444444", ".", "-"))
             drift = study[f"{name}_drift"].values[i]
             label = f"{integrator}: {study[f'{name}_law'].values[i]}"
-            axes.plot(study.step.values, np.maximum(drift, 1e-17), marker=marker, ls=dash, ms=5, lw=1.2, color=color, label=label)
+            axes.plot(
+                study.step.values,
+                np.maximum(drift, 1e-17),
+                marker=marker,
+                ls=dash,
+                ms=5,
+                lw=1.2,
+                color=color,
+                label=label,
+            )
         axes.set(xscale="log", yscale="log", xlabel="steps", title=f"drift of {words[name]}")
         axes.grid(True, which="major", lw=0.3, color="#cccccc")
         axes.legend(fontsize=8, frameon=False)
@@ -141,7 +172,10 @@ def hard_cases(study, figure=None):
     study : the Dataset of `rigidmc.studies.stress.run.stress`
     """
     cases, names, groups = study.case.values, study.integrator.values, study.group.values
-    figure = figure or new_figure(f"{len(cases)} hard cases: error over bound", (4.8 + 0.62 * len(names), 1.6 + 0.175 * len(cases)))
+    figure = figure or new_figure(
+        f"{len(cases)} hard cases: error over bound",
+        (4.8 + 0.62 * len(names), 1.6 + 0.175 * len(cases)),
+    )
     axes = figure.add_subplot()
     verdict, error = study.verdict.values, study.error.values
     colors = np.ones((*verdict.shape, 3))
@@ -149,8 +183,18 @@ def hard_cases(study, figure=None):
         colors[verdict == code] = to_rgb(color)
     axes.imshow(colors, aspect="auto", interpolation="none")
     for i, j in np.argwhere(verdict > 0):
-        words = "0" if error[i, j] == 0.0 else "X" if np.isnan(error[i, j]) else f"{error[i, j]:.0e}"
-        axes.text(j, i, words, ha="center", va="center", fontsize=6.5, color="white" if verdict[i, j] >= 4 else "#333333")
+        words = (
+            "0" if error[i, j] == 0.0 else "X" if np.isnan(error[i, j]) else f"{error[i, j]:.0e}"
+        )
+        axes.text(
+            j,
+            i,
+            words,
+            ha="center",
+            va="center",
+            fontsize=6.5,
+            color="white" if verdict[i, j] >= 4 else "#333333",
+        )
     axes.set_xticks(range(len(names)), names, rotation=45, ha="left")
     axes.set_yticks(range(len(cases)), cases, fontsize=7.5)
     axes.tick_params(top=True, labeltop=True, bottom=False, labelbottom=False, length=0)
@@ -158,9 +202,17 @@ def hard_cases(study, figure=None):
     for start, stop in zip(starts, [*starts[1:], len(cases)], strict=True):
         axes.axhline(start - 0.5, color="#333333", lw=0.8)
         axes.annotate(
-            groups[start], (1.005, 0.5 * (start + stop) - 0.5), xycoords=("axes fraction", "data"), fontsize=8, va="center"
+            groups[start],
+            (1.005, 0.5 * (start + stop) - 0.5),
+            xycoords=("axes fraction", "data"),
+            fontsize=8,
+            va="center",
         )
-    shown = [(color, word) for code, (color, word) in _VERDICTS.items() if (verdict == code).any() or code in (1, 2, 4)]
+    shown = [
+        (color, word)
+        for code, (color, word) in _VERDICTS.items()
+        if (verdict == code).any() or code in (1, 2, 4)
+    ]
     handles = [Patch(facecolor=color, edgecolor="#666666", label=word) for color, word in shown]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=8, frameon=False, title="number: the error; blank: not claimed", title_fontsize=8)  # fmt: skip
     return figure
@@ -178,10 +230,23 @@ def trust(study, figure=None):
         kind = str(study.tells.values[i])
         color, marker = list(_STYLES.values())[2 * i][0], "osD^vPX*"[i % 8]
         values = np.maximum(study.error.values[i], 1e-17)
-        axes.plot(study.time.values, values, ls=dashes[kind], marker=marker, ms=4, lw=1.3, color=color, label=f"{name} ({kind})")
+        axes.plot(
+            study.time.values,
+            values,
+            ls=dashes[kind],
+            marker=marker,
+            ms=4,
+            lw=1.3,
+            color=color,
+            label=f"{name} ({kind})",
+        )
     axes.axhline(1e-2, color="#a61c00", lw=0.8)
     axes.annotate("two digits are left", (1.0, 1e-2), xycoords=("axes fraction", "data"), xytext=(-4, 3), textcoords="offset points", ha="right", fontsize=8, color="#a61c00")  # fmt: skip
-    axes.set(yscale="log", xlabel="time [s]", ylabel=f"error of the worst of {study.attrs['members']} members")
+    axes.set(
+        yscale="log",
+        xlabel="time [s]",
+        ylabel=f"error of the worst of {study.attrs['members']} members",
+    )
     axes.grid(True, which="major", lw=0.3, color="#cccccc")
     axes.legend(fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.01, 0.5))
     return figure

@@ -27,8 +27,14 @@ def summary(dataset, confidence=0.95):
     lines = [
         f"{dataset.attrs.get('title', 'result')}: {count:,}{of} members to {float(dataset.time.values[-1]):g} s with {dataset.attrs['integrator']}, {run}"
     ]
-    flags = [f"{int((status == code).sum()):,} {word}" for word, code in STATUSES.items() if code and (status == code).any()]
-    lines.append(f"  flagged: {', '.join(flags) or 'none'}" + ("; they are left out below" if flags else ""))
+    flags = [
+        f"{int((status == code).sum()):,} {word}"
+        for word, code in STATUSES.items()
+        if code and (status == code).any()
+    ]
+    lines.append(
+        f"  flagged: {', '.join(flags) or 'none'}" + ("; they are left out below" if flags else "")
+    )
     for name, variable in dataset.data_vars.items():
         if (
             {"time", "thinned_time"} & set(variable.dims)
@@ -40,11 +46,20 @@ def summary(dataset, confidence=0.95):
         parts = (
             [(str(name), variable)]
             if variable.ndim == 1
-            else [(f"{name}[{i}]", variable.isel({variable.dims[0]: i - 1})) for i in range(1, variable.shape[0] + 1)]
+            else [
+                (f"{name}[{i}]", variable.isel({variable.dims[0]: i - 1}))
+                for i in range(1, variable.shape[0] + 1)
+            ]
         )
-        lines += [line for label, part in parts if (line := _line(label, part, good, confidence if independent else None))]
+        lines += [
+            line
+            for label, part in parts
+            if (line := _line(label, part, good, confidence if independent else None))
+        ]
     if not independent:
-        lines.append(f"  its members are {points} points, whose spread tells no interval: see rigidmc.randomised")
+        lines.append(
+            f"  its members are {points} points, whose spread tells no interval: see rigidmc.randomised"
+        )
     saved = [str(name) for name, v in dataset.data_vars.items() if "time" in v.dims]
     lines.append(f"  saved at {dataset.sizes['time']:,} times: {', '.join(saved) or 'nothing'}")
     if few := [str(name) for name, v in dataset.data_vars.items() if "thinned_time" in v.dims]:
@@ -59,7 +74,11 @@ def _line(label, variable, good, confidence):
     if not seen.size:
         return f"  {label:24s} never, for none of {values.size:,}"
     if np.ptp(seen) == 0.0 and seen.size == values.size:
-        return None if label.startswith("moments") else f"  {label:24s} {seen[0]:.6g} for all {_units(variable)}".rstrip()
+        return (
+            None
+            if label.startswith("moments")
+            else f"  {label:24s} {seen[0]:.6g} for all {_units(variable)}".rstrip()
+        )
     found = intervals.mean(seen, confidence=confidence or 0.95)
     width = f" +- {found.half:.2g}" if confidence else ""
     driven = variable.attrs.get("conserved", "yes")

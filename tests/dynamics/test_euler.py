@@ -8,10 +8,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rigidmc.dynamics.euler import MassProperties, angular_velocity, free_rate, kinetic_energy, scaled, spun, turn, twice
+from rigidmc.dynamics.euler import (
+    MassProperties,
+    angular_velocity,
+    free_rate,
+    kinetic_energy,
+    scaled,
+    spun,
+    turn,
+    twice,
+)
 from rigidmc.dynamics.so3 import dot
 
-number = st.floats(-1.0, 1.0, allow_subnormal=False).filter(lambda x: x == 0.0 or abs(x) > 1e-150)  # products must not underflow
+number = st.floats(-1.0, 1.0, allow_subnormal=False).filter(
+    lambda x: x == 0.0 or abs(x) > 1e-150
+)  # products must not underflow
 vector = st.tuples(number, number, number)
 positive = st.floats(0.1, 10.0)
 moments = st.tuples(positive, positive, positive)
@@ -23,7 +34,9 @@ def test_rates_are_those_of_the_matrix_form(i, l):
     omega = np.linalg.solve(tensor, l)
     assert np.allclose(angular_velocity(body, l), omega, rtol=1e-15, atol=0)
     assert np.allclose(free_rate(body, l), np.cross(l, omega), rtol=0, atol=5e-15)
-    assert math.isclose(kinetic_energy(body, l), 0.5 * omega @ tensor @ omega, rel_tol=1e-15, abs_tol=1e-300)
+    assert math.isclose(
+        kinetic_energy(body, l), 0.5 * omega @ tensor @ omega, rel_tol=1e-15, abs_tol=1e-300
+    )
 
 
 @given(moments, vector)
@@ -45,8 +58,12 @@ def test_a_free_rate_of_the_wrong_sign_in_one_axis_would_change_both():
 def test_scaled_rates_are_a_time_times_both_equations(i, l, onto, h):
     body = MassProperties.of(i, (0.0, 0.0, 0.0))
     rates = scaled(body, h)
-    assert np.allclose(turn(rates, l), np.multiply(0.5 * h, angular_velocity(body, l)), rtol=0, atol=5e-15)
-    assert np.allclose(spun(rates, onto, l), np.add(onto, np.multiply(h, free_rate(body, l))), rtol=0, atol=5e-15)
+    assert np.allclose(
+        turn(rates, l), np.multiply(0.5 * h, angular_velocity(body, l)), rtol=0, atol=5e-15
+    )
+    assert np.allclose(
+        spun(rates, onto, l), np.add(onto, np.multiply(h, free_rate(body, l))), rtol=0, atol=5e-15
+    )
     assert twice(rates) == scaled(body, 2.0 * h)
 
 
@@ -57,11 +74,17 @@ def test_coefficients_keep_their_digits_where_moments_are_nearly_equal(size, spl
     body = MassProperties.of(moments, (0.0, 0.0, 0.0))
     with mp.workdps(40):
         one, two, three = map(mp.mpf, moments)
-        true = (two - three) / (two * three), (three - one) / (three * one), (one - two) / (one * two)
+        true = (
+            (two - three) / (two * three),
+            (three - one) / (three * one),
+            (one - two) / (one * two),
+        )
         error = max(abs(a / b - 1) for a, b in zip((body.a1, body.a2, body.a3), true, strict=True))
     assert error < 4e-16  # measured 1.0e-16
     cancelled = abs((1 / moments[1] - 1 / moments[0]) / float(true[2]) - 1)
-    assert cancelled > 1e-9 or split > 1e-9  # measured 2e-8: why the difference of moments comes first
+    assert (
+        cancelled > 1e-9 or split > 1e-9
+    )  # measured 2e-8: why the difference of moments comes first
 
 
 def test_one_body_per_member():

@@ -47,7 +47,9 @@ def errors(moments, momentum, h, **how):
     """(angle [rad], |L error|/|L|) of one step."""
     q, l = flow(moments, momentum, h, **how)
     true_q, true_l = truth(moments, momentum, h)
-    return float(attitude_error(q, true_q)), float(np.linalg.norm(l - true_l) / np.linalg.norm(true_l))
+    return float(attitude_error(q, true_q)), float(
+        np.linalg.norm(l - true_l) / np.linalg.norm(true_l)
+    )
 
 
 def half_radian(moments, momentum):
@@ -67,14 +69,25 @@ def test_a_step_is_right_to_rounding(name):
 def test_any_order_of_the_axes_and_any_octant(order):
     moments, worst = tuple((1.0, 1.3, 2.0)[i] for i in order), 0.0
     octants = list(itertools.product((1.0, -1.0), repeat=3))
-    for momentum, some in (((0.3, 0.9, 0.7), octants), ((0.9, 0.3, 0.2), octants[::3])):  # circling about one axis, about the other
+    for momentum, some in (
+        ((0.3, 0.9, 0.7), octants),
+        ((0.9, 0.3, 0.2), octants[::3]),
+    ):  # circling about one axis, about the other
         for signs in some:
             worst = max(worst, *errors(moments, tuple(signs[i] * momentum[i] for i in order), 0.4))
     assert worst < 2e-15  # measured 1.5e-16
 
 
 @pytest.mark.parametrize(
-    "moments", [(1.0, 1.0, 2.0), (1.0, 2.0, 1.0), (2.0, 1.0, 1.0), (15.0, 15.0, 0.5), (15.0, 0.5, 15.0), (0.5, 15.0, 15.0)]
+    "moments",
+    [
+        (1.0, 1.0, 2.0),
+        (1.0, 2.0, 1.0),
+        (2.0, 1.0, 1.0),
+        (15.0, 15.0, 0.5),
+        (15.0, 0.5, 15.0),
+        (0.5, 15.0, 15.0),
+    ],
 )
 def test_the_axis_of_a_symmetric_body_may_be_any(moments):
     momentum = 0.3, 0.4, -0.2
@@ -89,8 +102,15 @@ def test_the_axis_of_a_symmetric_body_may_be_any(moments):
 @pytest.mark.parametrize("split", [10.0**-k for k in range(4, 16)])
 def test_nothing_happens_at_the_symmetric_limit(split):
     worst = 0.0
-    for moments in ((1.0, 1.0 + split, 3.0), (1.0, 3.0, 3.0 + split), (1.0 + split, 3.0, 1.0), (1.0, 1.0 + split, 1.0 + 2 * split)):
-        worst = max(worst, *errors(moments, (0.3, 0.2, 0.1), 1.0), *errors(moments, (0.1, -0.02, 0.3), 1.0))
+    for moments in (
+        (1.0, 1.0 + split, 3.0),
+        (1.0, 3.0, 3.0 + split),
+        (1.0 + split, 3.0, 1.0),
+        (1.0, 1.0 + split, 1.0 + 2 * split),
+    ):
+        worst = max(
+            worst, *errors(moments, (0.3, 0.2, 0.1), 1.0), *errors(moments, (0.1, -0.02, 0.3), 1.0)
+        )
     assert worst < 2e-15  # measured 2e-16
 
 
@@ -98,13 +118,21 @@ def test_nothing_happens_at_the_symmetric_limit(split):
 def test_nothing_happens_at_the_separatrix(split):
     root3 = math.sqrt(3.0)
     worst = 0.0
-    for momentum in ((1.0 + split, 1.0, root3), (1.0 - split, 1.0, root3), (-1.0, 1.0, -root3 - split), (split, 2.0, 0.0)):
+    for momentum in (
+        (1.0 + split, 1.0, root3),
+        (1.0 - split, 1.0, root3),
+        (-1.0, 1.0, -root3 - split),
+        (split, 2.0, 0.0),
+    ):
         worst = max(worst, *errors((1.0, 2.0, 3.0), momentum, 0.5))
     assert worst < 1e-14  # measured 1.0e-15
 
 
 def test_a_symmetric_body_takes_any_step():
-    for moments, momentum in (((1.0, 1.0, 2.0), (0.3, 0.2, 0.1)), ((1.0, 2.0, 2.0), (0.3, 0.2, 0.1))):
+    for moments, momentum in (
+        ((1.0, 1.0, 2.0), (0.3, 0.2, 0.1)),
+        ((1.0, 2.0, 2.0), (0.3, 0.2, 0.1)),
+    ):
         angle, relative = errors(moments, momentum, 25.0, halvings=6, panels=1)
         assert angle < 1e-14  # measured 1.6e-15
         assert relative < 1e-14  # measured 1.8e-15
@@ -117,16 +145,25 @@ def test_too_few_halvings_are_wrong_and_change_the_size_of_l():
     good, bad = (np.array(flow(moments, momentum, h, halvings=n, panels=1)[1]) for n in (7, 0))
     assert np.abs(good - true_l).max() < 2e-14  # measured 2.0e-15
     assert np.abs(bad - true_l).max() > 0.1  # measured 0.37
-    assert abs(bad @ bad / np.dot(momentum, momentum) - 1.0) > 0.01  # measured 0.065: a run flags it
+    assert (
+        abs(bad @ bad / np.dot(momentum, momentum) - 1.0) > 0.01
+    )  # measured 0.065: a run flags it
 
 
 def test_the_phase_rule_is_of_order_8():
     moments, momentum = (0.6, 0.8, 1.0), (1.8, 0.4, -0.9)
     steps = [1.13, 0.8, 0.566, 0.4]
-    angle, relative = zip(*(errors(moments, momentum, h, halvings=5, panels=1) for h in steps), strict=True)
-    slopes = [math.log(a / b) / math.log(h / k) for a, b, h, k in zip(angle, angle[1:], steps, steps[1:], strict=False)]
+    angle, relative = zip(
+        *(errors(moments, momentum, h, halvings=5, panels=1) for h in steps), strict=True
+    )
+    slopes = [
+        math.log(a / b) / math.log(h / k)
+        for a, b, h, k in zip(angle, angle[1:], steps, steps[1:], strict=False)
+    ]
     assert max(relative) < 4e-15  # measured 4e-16: the momentum is exact at any step
-    assert abs(slopes[1] - 9.0) < 0.2  # measured 8.98: the error of one step, so one more than the order
+    assert (
+        abs(slopes[1] - 9.0) < 0.2
+    )  # measured 8.98: the error of one step, so one more than the order
     assert abs(slopes[2] - 9.0) < 0.3  # measured 9.13
 
 
@@ -152,7 +189,10 @@ def test_a_principal_axis_stays_put_to_the_bit(axis, sign, turn, halvings):
                 q, l = flow(moments, l, turn / size, q=q, halvings=halvings, panels=1)
                 assert l == momentum
             angle = 50 * turn * sign / moments[axis]
-            true = multiply(TILTED, [math.cos(angle / 2), *(math.sin(angle / 2) * (i == axis) for i in range(3))])
+            true = multiply(
+                TILTED,
+                [math.cos(angle / 2), *(math.sin(angle / 2) * (i == axis) for i in range(3))],
+            )
             assert attitude_error(q, true) < 5e-14  # measured 6e-15 after 50 rad
 
 
@@ -168,7 +208,9 @@ def test_rest_no_time_and_there_and_back():
         q, l = flow(moments, momentum, h, q=TILTED)
         q, l = flow(moments, l, -h, q=q)
         assert attitude_error(q, TILTED) < 3e-14  # measured 3e-15, a needle; 3e-16 otherwise
-        assert np.linalg.norm(np.subtract(l, momentum)) < 2e-15 * np.linalg.norm(momentum)  # measured 2e-16
+        assert np.linalg.norm(np.subtract(l, momentum)) < 2e-15 * np.linalg.norm(
+            momentum
+        )  # measured 2e-16
 
 
 @pytest.mark.parametrize("size", [1e-150, 1e-30, 1e30, 1e150])
@@ -176,7 +218,9 @@ def test_rest_no_time_and_there_and_back():
 def test_scale_does_not_matter(size, mass):
     """From molecules to planets in SI units, and any speed that a double can hold."""
     q, l = flow((1.0, 1.3, 2.0), (0.3, 0.9, 0.7), 0.4)
-    big_q, big_l = flow((mass, 1.3 * mass, 2.0 * mass), (0.3 * size, 0.9 * size, 0.7 * size), 0.4 / size * mass)
+    big_q, big_l = flow(
+        (mass, 1.3 * mass, 2.0 * mass), (0.3 * size, 0.9 * size, 0.7 * size), 0.4 / size * mass
+    )
     assert attitude_error(big_q, q) < 1e-15  # measured 7e-17
     assert np.abs(np.divide(big_l, size) - l).max() < 1e-15  # measured 1.1e-16
 
@@ -185,15 +229,24 @@ def hard_and_random():
     some = np.random.default_rng(1)
     masses = some.uniform(0.2, 1.0, (3, 48))
     moments = np.column_stack([np.array([m for m, _ in HARD.values()]).T, masses.sum(0) - masses])
-    momentum = np.column_stack([np.array([l for _, l in HARD.values()]).T, some.normal(size=(3, 48))])
-    return make_block(MassProperties.of(moments, np.zeros_like(moments)), (), np.array([TILTED]).T, momentum)
+    momentum = np.column_stack(
+        [np.array([l for _, l in HARD.values()]).T, some.normal(size=(3, 48))]
+    )
+    return make_block(
+        MassProperties.of(moments, np.zeros_like(moments)), (), np.array([TILTED]).T, momentum
+    )
 
 
 class Walking(NamedTuple):
     """The exact steps without their way back to the start's T and |L|^2: with their increments alone."""
 
     drift: Any
-    keeps, step, opened, closed = FreeSteps.keeps, FreeSteps.step, FreeSteps.opened, FreeSteps.closed
+    keeps, step, opened, closed = (
+        FreeSteps.keeps,
+        FreeSteps.step,
+        FreeSteps.opened,
+        FreeSteps.closed,
+    )
 
     def constants(self, body, part, l):
         m, _ = motion(body, self.drift.halvings, self.drift.panels, part[0], l[7:])
@@ -204,7 +257,12 @@ class Deaf(NamedTuple):
     """And with g1 and g3 of the start for ever."""
 
     drift: Any
-    keeps, step, opened, closed = FreeSteps.keeps, FreeSteps.step, FreeSteps.opened, FreeSteps.closed
+    keeps, step, opened, closed = (
+        FreeSteps.keeps,
+        FreeSteps.step,
+        FreeSteps.opened,
+        FreeSteps.closed,
+    )
 
     def constants(self, body, part, l):
         m, _ = motion(body, self.drift.halvings, self.drift.panels, part[0], l[7:])
@@ -233,7 +291,10 @@ def test_invariants_of_hard_and_random_bodies_over_ten_thousand_steps():
     block = hard_and_random()
     before = block[:7].copy()
     run(block, prepare(INTEGRATORS["exact"], 0.1), (), 0.05, 10_000)
-    space = [np.array([rotation(b[:4, m]) @ b[4:7, m] for m in range(b.shape[1])]) for b in (before, block)]
+    space = [
+        np.array([rotation(b[:4, m]) @ b[4:7, m] for m in range(b.shape[1])])
+        for b in (before, block)
+    ]
     drift = np.linalg.norm(space[1] - space[0], axis=1) / np.linalg.norm(space[0], axis=1)
     norm = np.abs((block[:4] ** 2).sum(0) - 1.0)
     assert block[K.DRIFT].max() < 5e-14  # measured 1.1e-14, of a rod
@@ -243,10 +304,20 @@ def test_invariants_of_hard_and_random_bodies_over_ten_thousand_steps():
 
 
 def test_many_steps_along_and_across_the_separatrix_stay_right():
-    names = ("generic", "separatrix", "separatrix_above", "separatrix_below", "near_middle_axis", "prolate", "needle_on_edge")
+    names = (
+        "generic",
+        "separatrix",
+        "separatrix_above",
+        "separatrix_below",
+        "near_middle_axis",
+        "prolate",
+        "needle_on_edge",
+    )
     h, steps = 0.05, 60
     moments, momentum = (np.array([HARD[n][i] for n in names]).T for i in (0, 1))
-    block = make_block(MassProperties.of(moments, np.zeros_like(moments)), (), np.array([IDENTITY]).T, momentum)
+    block = make_block(
+        MassProperties.of(moments, np.zeros_like(moments)), (), np.array([IDENTITY]).T, momentum
+    )
     run(block, prepare(INTEGRATORS["exact"], 0.1), (), h, steps)
     for m, name in enumerate(names):
         q, l = truth(*HARD[name], h * steps)
@@ -277,9 +348,15 @@ def test_the_plain_form_drifts_where_the_increments_do_not():
         l = start
         for _ in range(steps):
             l = step(l)
-        return abs(kinetic_energy(body, l) / kinetic_energy(body, start) - 1.0), abs(np.dot(l, l) / np.dot(start, start) - 1.0)
+        return abs(kinetic_energy(body, l) / kinetic_energy(body, start) - 1.0), abs(
+            np.dot(l, l) / np.dot(start, start) - 1.0
+        )
 
-    good, bad, worse = max(drift(increments, 10_000)), max(drift(plain, 5_000)), max(drift(plain, 10_000))
+    good, bad, worse = (
+        max(drift(increments, 10_000)),
+        max(drift(plain, 5_000)),
+        max(drift(plain, 10_000)),
+    )
     assert np.abs(np.subtract(plain(start), increments(start))).max() < 1e-15  # the same map
     assert good < 2e-14  # measured 3e-15
     assert worse > 3e-13  # measured 9e-13
@@ -318,7 +395,10 @@ def test_flips_come_when_they_should(name):
 def test_published_flip_intervals_are_those_of_the_elliptic_integral():
     for problem in (p for p in PROBLEMS.values() if "flip" in p.more):
         with mp.workdps(DIGITS):
-            i, w = [mp.mpf(repr(x)) for x in problem.moments], [mp.mpf(repr(x)) for x in problem.omega]
+            i, w = (
+                [mp.mpf(repr(x)) for x in problem.moments],
+                [mp.mpf(repr(x)) for x in problem.omega],
+            )
             p = (i[1] - i[2]) * (i[0] - i[1]) / (i[0] * i[2]) * w[1] ** 2
             q1, q3 = (
                 (i[2] - i[0]) * (i[1] - i[0]) / (i[1] * i[2]) * w[0] ** 2,
@@ -335,6 +415,8 @@ def test_a_short_turn_has_all_its_digits(h):
     some = np.random.default_rng(3)
     for _ in range(4):
         moments, l = some.uniform(0.6, 1.0, 3), some.normal(size=3)
-        turn, _ = free_flow(MassProperties.of(tuple(moments), (0.0, 0.0, 0.0)), (), (1.0,), h, tuple(l))
+        turn, _ = free_flow(
+            MassProperties.of(tuple(moments), (0.0, 0.0, 0.0)), (), (1.0,), h, tuple(l)
+        )
         q = np.array(taylor(moments, l, h)[0], float)
         assert np.abs(np.array(turn[1:]) - q[1:]).max() < 1e-15 * np.linalg.norm(q[1:])  # 3.2e-16

@@ -10,7 +10,9 @@ RNG = np.random.default_rng(20)
 
 
 def axes_of(tensor):
-    values = principal(tensor[0, 0], tensor[1, 1], tensor[2, 2], tensor[1, 2], tensor[2, 0], tensor[0, 1])
+    values = principal(
+        tensor[0, 0], tensor[1, 1], tensor[2, 2], tensor[1, 2], tensor[2, 0], tensor[0, 1]
+    )
     return np.array(values[:3]), np.array(values[3:]).reshape(3, 3).T
 
 
@@ -25,13 +27,17 @@ CASES = [
     for split in (0.0, 1e-15, 1e-12, 1e-6, 0.3)
     for third in (1.0, 1.0 + 1e-13, 1.9, 0.1)
 ]
-CASES += [turned(np.array([1e-6, 1.0, 1.0])) for _ in range(5)] + [turned(RNG.uniform(0.5, 1.0, 3)) for _ in range(20)]
+CASES += [turned(np.array([1e-6, 1.0, 1.0])) for _ in range(5)] + [
+    turned(RNG.uniform(0.5, 1.0, 3)) for _ in range(20)
+]
 
 
 @pytest.mark.parametrize("tensor", CASES)
 def test_reconstructs_the_tensor_with_right_handed_orthonormal_axes(tensor):
     moments, b = axes_of(tensor)
-    assert np.abs((b * moments) @ b.T - tensor).max() < 3e-15 * np.abs(tensor).max()  # 5.1e-16; 2.2e-15 of a million tensors
+    assert (
+        np.abs((b * moments) @ b.T - tensor).max() < 3e-15 * np.abs(tensor).max()
+    )  # 5.1e-16; 2.2e-15 of a million tensors
     assert np.abs(b.T @ b - np.eye(3)).max() < 3e-15  # 6.7e-16; 2.7e-15 of a million
     assert np.linalg.det(b) > 0.0
 
@@ -41,7 +47,9 @@ def test_moments_are_the_eigenvalues_in_ascending_order(tensor):
     moments, b = axes_of(tensor)
     with mp.workdps(40):
         truth = sorted(mp.eigsy(mp.matrix(tensor.tolist()), eigvals_only=True))
-        assert max(abs(float(a - t)) for a, t in zip(moments, truth, strict=True)) < 2e-15  # 1.7e-16
+        assert (
+            max(abs(float(a - t)) for a, t in zip(moments, truth, strict=True)) < 2e-15
+        )  # 1.7e-16
     for axis in b.T[:2]:
         assert axis[np.abs(axis).argmax()] > 0.0
 

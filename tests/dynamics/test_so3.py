@@ -38,31 +38,53 @@ from tests.reference import hat, rodrigues, rotation, unit
 compiled_sincos = njit(**FLAGS)(lambda x: so3.sincos(x))
 compiled_expm1 = njit(**FLAGS)(lambda x: so3.expm1(x))
 compiled_exponential = njit(**FLAGS)(lambda x, y, z: so3.exponential((x, y, z)))
-BOTH_SINCOS = pytest.mark.parametrize("function", [sincos, compiled_sincos], ids=["python", "compiled"])
-BOTH_EXPM1 = pytest.mark.parametrize("function", [expm1, compiled_expm1], ids=["python", "compiled"])
+BOTH_SINCOS = pytest.mark.parametrize(
+    "function", [sincos, compiled_sincos], ids=["python", "compiled"]
+)
+BOTH_EXPM1 = pytest.mark.parametrize(
+    "function", [expm1, compiled_expm1], ids=["python", "compiled"]
+)
 
 number = st.floats(-1.0, 1.0)
 vector = st.tuples(number, number, number)
-quaternion = st.tuples(number, number, number, number).filter(lambda q: sum(x * x for x in q) > 1e-4).map(unit)
+quaternion = (
+    st.tuples(number, number, number, number)
+    .filter(lambda q: sum(x * x for x in q) > 1e-4)
+    .map(unit)
+)
 
 
 def sincos_error(function, xs):
     with mp.workdps(40):
-        return max(max(abs(mp.sin(x) - function(x)[0]), abs(mp.cos(x) - function(x)[1])) for x in map(float, xs))
+        return max(
+            max(abs(mp.sin(x) - function(x)[0]), abs(mp.cos(x) - function(x)[1]))
+            for x in map(float, xs)
+        )
 
 
 @BOTH_SINCOS
 def test_sincos_is_right_to_rounding_up_to_a_million(function):
     some = np.random.default_rng(1)
-    xs = np.concatenate([some.uniform(-8, 8, 1500), some.uniform(-1e6, 1e6, 1500), 10.0 ** some.uniform(-300, 0, 200), [0.0, -0.0]])
+    xs = np.concatenate(
+        [
+            some.uniform(-8, 8, 1500),
+            some.uniform(-1e6, 1e6, 1500),
+            10.0 ** some.uniform(-300, 0, 200),
+            [0.0, -0.0],
+        ]
+    )
     error = sincos_error(function, xs)
     assert error < 2e-16  # measured 1.6e-16 over 120,000 angles
 
 
 @BOTH_SINCOS
 def test_sincos_at_and_beside_multiples_of_a_quarter_turn(function):
-    multiples = np.concatenate([np.arange(-40, 41), np.random.default_rng(2).integers(-600_000, 600_000, 500)]) * (math.pi / 2)
-    xs = np.concatenate([multiples, np.nextafter(multiples, np.inf), np.nextafter(multiples, -np.inf)])
+    multiples = np.concatenate(
+        [np.arange(-40, 41), np.random.default_rng(2).integers(-600_000, 600_000, 500)]
+    ) * (math.pi / 2)
+    xs = np.concatenate(
+        [multiples, np.nextafter(multiples, np.inf), np.nextafter(multiples, -np.inf)]
+    )
     error = sincos_error(function, xs)
     assert error < 1e-19  # measured 2e-20: the small one of the two is right in all its digits
 
@@ -87,7 +109,9 @@ def test_sincos_of_huge_angles_errs_like_the_rounded_angle(function):
 
 def test_sincos_is_odd_and_even_and_exact_at_zero():
     assert sincos(0.0) == (0.0, 1.0)
-    assert all(sincos(-x) == (-sincos(x)[0], sincos(x)[1]) for x in (1e-300, 1e-9, 0.3, 2.0, 5.5, 1e5))
+    assert all(
+        sincos(-x) == (-sincos(x)[0], sincos(x)[1]) for x in (1e-300, 1e-9, 0.3, 2.0, 5.5, 1e5)
+    )
 
 
 def expm1_error(function, xs):
@@ -102,17 +126,37 @@ def test_expm1_is_right_relative_to_its_size(function):
     assert expm1_error(function, -small) < 1.5e-15  # measured 7e-16
     assert expm1_error(function, some.uniform(-44, 0, 1000)) < 1.5e-15  # measured 7e-16
     assert expm1_error(function, small) < 2e-15  # measured 1.0e-15
-    assert expm1_error(function, some.uniform(0, 20, 1000)) < 2e-14  # measured 9e-15: the eight squarings magnify
+    assert (
+        expm1_error(function, some.uniform(0, 20, 1000)) < 2e-14
+    )  # measured 9e-15: the eight squarings magnify
     assert function(0.0) == 0.0
     assert abs(function(-1e300) + 1.0) < 2e-16  # measured 1.1e-16: a top damped for ever is at rest
     assert expm1_error(lambda x: math.exp(x) - 1.0, -small[small > 1e-9]) > 1e-9  # what it is for
 
 
-@pytest.mark.parametrize("function", [lambda *u: exponential(u), lambda *u: compiled_exponential(*u)], ids=["python", "compiled"])
+@pytest.mark.parametrize(
+    "function",
+    [lambda *u: exponential(u), lambda *u: compiled_exponential(*u)],
+    ids=["python", "compiled"],
+)
 def test_exponential_turns_by_its_length_about_itself(function):
     some = np.random.default_rng(6)
     worst = 0
-    for size in (0.0, 1e-310, 1e-160, 1e-100, 1e-20, 1e-8, 1e-3, 1.0, 3.0, math.pi, 2 * math.pi, 50.0, 1e3):
+    for size in (
+        0.0,
+        1e-310,
+        1e-160,
+        1e-100,
+        1e-20,
+        1e-8,
+        1e-3,
+        1.0,
+        3.0,
+        math.pi,
+        2 * math.pi,
+        50.0,
+        1e3,
+    ):
         for axis in some.normal(size=(20, 3)):
             u = tuple(float(x) for x in size * axis)
             q = function(*u)
@@ -143,7 +187,9 @@ def test_quaternion_algebra(p, q, r):
     close = {"rtol": 0, "atol": 2e-15}  # measured 7e-16
     assert np.allclose(multiply(multiply(p, q), r), multiply(p, multiply(q, r)), **close)
     assert np.allclose(multiply(q, (q[0], -q[1], -q[2], -q[3])), (1, 0, 0, 0), **close)
-    assert np.allclose(rotation(multiply(p, q)), rotation(p) @ rotation(q), **close)  # q turns first, then p
+    assert np.allclose(
+        rotation(multiply(p, q)), rotation(p) @ rotation(q), **close
+    )  # q turns first, then p
     assert math.isclose(sum(x * x for x in multiply(p, q)), 1.0, rel_tol=1e-15)
 
 
@@ -167,7 +213,9 @@ def test_up_and_not_its_mirror():
 
 @given(quaternion, quaternion, vector)
 def test_turned_adds_the_product_with_the_half_turn(q, p, w):
-    assert np.allclose(turned(q, p, w), np.add(q, multiply(p, (0.0, *w))), rtol=0, atol=2e-15)  # measured 4e-16
+    assert np.allclose(
+        turned(q, p, w), np.add(q, multiply(p, (0.0, *w))), rtol=0, atol=2e-15
+    )  # measured 4e-16
 
 
 @given(vector, vector)
@@ -178,7 +226,11 @@ def test_vectors(a, b):
     assert so3.scale(2.0, a) == so3.add(a, a)
     assert so3.difference(a, b) == tuple(np.subtract(a, b))
     assert so3.difference4((1.0, *a), (3.0, *b)) == (-2.0, *so3.difference(a, b))
-    assert so3.add4((1.0, *a), (2.0, *b)) == so3.axpy4((1.0, *a), 1.0, (2.0, *b)) == (3.0, *so3.add(a, b))
+    assert (
+        so3.add4((1.0, *a), (2.0, *b))
+        == so3.axpy4((1.0, *a), 1.0, (2.0, *b))
+        == (3.0, *so3.add(a, b))
+    )
 
 
 @given(quaternion, number)
@@ -201,7 +253,11 @@ def test_sums_with_remainders_lose_nothing():
         s, e = two_sum(a, b)
         assert s == a + b
         assert Fraction(s) + Fraction(e) == Fraction(a) + Fraction(b)
-    l, q, turn = tuple(some.normal(size=3)), normalised(tuple(some.normal(size=4))), normalised((1.0, 1e-3, -2e-3, 5e-4))
+    l, q, turn = (
+        tuple(some.normal(size=3)),
+        normalised(tuple(some.normal(size=4))),
+        normalised((1.0, 1e-3, -2e-3, 5e-4)),
+    )
     pair, quat, exact, true = (l, (0.0,) * 3), (q, (0.0,) * 4), [Fraction(x) for x in l], q
     plain, step = q, tuple(1e-9 * some.normal(size=3))
     with mp.workdps(40):
@@ -212,12 +268,18 @@ def test_sums_with_remainders_lose_nothing():
             pair, quat, true = gain(pair, step), moved(quat, turn), multiply(true, by)
             plain = moved(plain, turn)
         size = mp.sqrt(sum(x * x for x in true))
-        off = [float(abs(mp.mpf(float(a)) + mp.mpf(float(b)) - x / size)) for a, b, x in zip(*quat, true, strict=True)]
+        off = [
+            float(abs(mp.mpf(float(a)) + mp.mpf(float(b)) - x / size))
+            for a, b, x in zip(*quat, true, strict=True)
+        ]
     assert all(
-        abs(Fraction(a) + Fraction(b) - x - 300 * Fraction(d)) < 1e-25 for a, b, x, d in zip(*pair, exact, step, strict=True)
+        abs(Fraction(a) + Fraction(b) - x - 300 * Fraction(d)) < 1e-25
+        for a, b, x, d in zip(*pair, exact, step, strict=True)
     )
     assert max(abs(float(a - x / size)) for a, x in zip(plain, true, strict=True)) > 1e-15
-    assert max(off) < 4e-16  # measured 1.1e-16: each turn of 1e-3 is rounded to 1e-19; without remainders 1.3e-15
+    assert (
+        max(off) < 4e-16
+    )  # measured 1.1e-16: each turn of 1e-3 is rounded to 1e-19; without remainders 1.3e-15
 
 
 def test_a_pair_comes_back_to_the_sphere():
@@ -225,7 +287,12 @@ def test_a_pair_comes_back_to_the_sphere():
     q = normalised((0.5, -0.3, 0.7, 0.2))
     value, rest = gain4((q, (0.0,) * 4), scale4(1e-5, q))
     assert (
-        abs(sum(x * x for x in value) + 2.0 * sum(x * y for x, y in zip(value, rest, strict=True)) - 1.0) < 1e-13
+        abs(
+            sum(x * x for x in value)
+            + 2.0 * sum(x * y for x, y in zip(value, rest, strict=True))
+            - 1.0
+        )
+        < 1e-13
     )  # measured 4e-14
     off = [a - b for a, b in zip(value, q, strict=True)]
     assert max(map(abs, off)) < 1e-13
@@ -253,8 +320,13 @@ def test_remainders_of_an_attitude_are_carried_component_by_component():
         (-0.2e-18, 0.0, 0.0, 0.5e-18),
     ):
         value, left = gain4((q, rest), (0.0, 1e-19, 0.0, 0.0))
-        off = [Fraction(a) + Fraction(b) - Fraction(c) - Fraction(d) for a, b, c, d in zip(value, left, q, rest, strict=True)]
+        off = [
+            Fraction(a) + Fraction(b) - Fraction(c) - Fraction(d)
+            for a, b, c, d in zip(value, left, q, rest, strict=True)
+        ]
         off[1] -= Fraction(1e-19)
-        along = sum(x * Fraction(y) for x, y in zip(off, q, strict=True)) / sum(Fraction(y) ** 2 for y in q)
+        along = sum(x * Fraction(y) for x, y in zip(off, q, strict=True)) / sum(
+            Fraction(y) ** 2 for y in q
+        )
         assert max(abs(x - along * Fraction(y)) for x, y in zip(off, q, strict=True)) < 1e-29
         assert abs(along) < 1e-15

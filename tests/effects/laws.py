@@ -27,13 +27,20 @@ def symmetric(m):
 def pull(e, t):
     """mu/r^3 and the direction to the body on its orbit, by scipy's root of Kepler's equation."""
     mean = math.sqrt(e.mu / e.distance**3) * t + e.anomaly
-    at = brentq(lambda x: x - e.eccentricity * math.sin(x) - mean, mean - 1.0, mean + 1.0, xtol=1e-15)
-    x, y = e.distance * (math.cos(at) - e.eccentricity), e.distance * math.sqrt(1.0 - e.eccentricity**2) * math.sin(at)
+    at = brentq(
+        lambda x: x - e.eccentricity * math.sin(x) - mean, mean - 1.0, mean + 1.0, xtol=1e-15
+    )
+    x, y = (
+        e.distance * (math.cos(at) - e.eccentricity),
+        e.distance * math.sqrt(1.0 - e.eccentricity**2) * math.sin(at),
+    )
     return e.mu / math.hypot(x, y) ** 3, np.array([x, y, 0.0]) / math.hypot(x, y)
 
 
 def turn_about_z(a):
-    return np.array([[math.cos(a), -math.sin(a), 0.0], [math.sin(a), math.cos(a), 0.0], [0.0, 0.0, 1.0]])
+    return np.array(
+        [[math.cos(a), -math.sin(a), 0.0], [math.sin(a), math.cos(a), 0.0], [0.0, 0.0, 1.0]]
+    )
 
 
 def gradient_torque(e, t, a, moments):
@@ -50,9 +57,17 @@ def spring_torque(e, a):
 
 def potential_torque(e, a):
     u, h = a[2], 0.1  # by differences of the energy along u, exact up to degree 4
-    value = lambda u: np.dot(e.linear, u) + 0.5 * u @ symmetric(e.quadratic) @ u + np.dot(e.quartic, u**4)  # noqa: E731
+
+    def value(u):
+        return np.dot(e.linear, u) + 0.5 * u @ symmetric(e.quadratic) @ u + np.dot(e.quartic, u**4)
+
     slope = [
-        (8.0 * (value(u + h * x) - value(u - h * x)) - value(u + 2.0 * h * x) + value(u - 2.0 * h * x)) / (12.0 * h)
+        (
+            8.0 * (value(u + h * x) - value(u - h * x))
+            - value(u + 2.0 * h * x)
+            + value(u - 2.0 * h * x)
+        )
+        / (12.0 * h)
         for x in np.eye(3)
     ]
     return a @ np.cross(u, slope)
@@ -64,7 +79,9 @@ REFERENCE = {  # torque in space components: functions of effect, t, A, omega in
     "gravity_gradient": lambda e, t, a, w, b: gradient_torque(e, t, a, b.moments),
     "spring": lambda e, t, a, w, b: spring_torque(e, a),
     "uniform_field": lambda e, t, a, w, b: np.cross(a @ e.dipole, e.field),
-    "rotating_field": lambda e, t, a, w, b: np.cross(a @ e.dipole, turn_about_z(e.rate * t) @ e.field),
+    "rotating_field": lambda e, t, a, w, b: np.cross(
+        a @ e.dipole, turn_about_z(e.rate * t) @ e.field
+    ),
     "potential": lambda e, t, a, w, b: potential_torque(e, a),
     "moving_pivot": lambda e, t, a, w, b: np.cross(
         a @ b.static, np.multiply(e.swing, e.frequency**2 * math.cos(e.frequency * t + e.phase))
@@ -73,7 +90,9 @@ REFERENCE = {  # torque in space components: functions of effect, t, A, omega in
     "space_torque": lambda e, t, a, w, b: np.array(e.size),
     "periodic_torque": lambda e, t, a, w, b: a @ e.size * math.cos(e.frequency * t + e.phase),
     # the whole keeps its momentum: that of the wheel in space changes by what the body gets back
-    "rotor": lambda e, t, a, w, b: -np.cross(w, a @ (np.array(e.momentum) + t * np.array(e.motor))) - a @ e.motor,
+    "rotor": lambda e, t, a, w, b: (
+        -np.cross(w, a @ (np.array(e.momentum) + t * np.array(e.motor))) - a @ e.motor
+    ),
     "viscous_damping": lambda e, t, a, w, b: -e.rate * a @ np.diag(b.moments) @ a.T @ w,
     "axial_damping": lambda e, t, a, w, b: -a @ np.diag(np.multiply(e.rates, b.moments)) @ a.T @ w,
     "matrix_damping": lambda e, t, a, w, b: -a @ symmetric(e.matrix) @ a.T @ w,
@@ -101,5 +120,12 @@ def moved(effects, body, q, l, end):
         return np.concatenate([(turn @ a).ravel(), torque])
 
     a = np.array(rotation(q))
-    y = solve_ivp(rates, (0.0, end), np.concatenate([a.ravel(), a @ l]), method="DOP853", rtol=1e-11, atol=1e-12).y[:, -1]
+    y = solve_ivp(
+        rates,
+        (0.0, end),
+        np.concatenate([a.ravel(), a @ l]),
+        method="DOP853",
+        rtol=1e-11,
+        atol=1e-12,
+    ).y[:, -1]
     return y[:9].reshape(3, 3), y[:9].reshape(3, 3).T @ y[9:]

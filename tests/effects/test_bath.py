@@ -10,8 +10,12 @@ from rigidmc.dynamics.so3 import up
 
 MOMENTS, KT, WEIGHT = (1.0, 1.4, 2.0), 0.7, 1.5
 BODY = rm.Body.from_moments(MOMENTS, mass=1.0, centre=(0.0, 0.0, 0.3))
-SCENE = rm.Scene(BODY, (rm.Gravity(5.0), rm.Bath(1.0, KT)), rm.Start(omega=(0.0, 0.0, 0.0), attitude="uniform"))
-SCENE = SCENE.with_run(integrator="strang", dt=0.2, t_end=12.0, members=100_000, save=("momentum", "attitude"))
+SCENE = rm.Scene(
+    BODY, (rm.Gravity(5.0), rm.Bath(1.0, KT)), rm.Start(omega=(0.0, 0.0, 0.0), attitude="uniform")
+)
+SCENE = SCENE.with_run(
+    integrator="strang", dt=0.2, t_end=12.0, members=100_000, save=("momentum", "attitude")
+)
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +24,9 @@ def settled():
 
 
 def energy(ds):
-    return 0.5 * float(np.mean((ds.momentum.values[-1] ** 2 / np.array(MOMENTS)[:, None]).sum(0))) / KT
+    return (
+        0.5 * float(np.mean((ds.momentum.values[-1] ** 2 / np.array(MOMENTS)[:, None]).sum(0))) / KT
+    )
 
 
 def test_gibbs(settled):
@@ -39,7 +45,9 @@ def test_gibbs(settled):
 @pytest.mark.slow
 def test_the_bias_falls_as_the_square_of_the_step():
     errors = [energy(rm.simulate(SCENE, dt=dt)) / 1.5 - 1.0 for dt in (0.8, 0.4)]
-    assert errors[0] == pytest.approx(-0.078, abs=0.008)  # measured -0.080 and -0.021; with 1e6 members -0.0776 and -0.0209
+    assert errors[0] == pytest.approx(
+        -0.078, abs=0.008
+    )  # measured -0.080 and -0.021; with 1e6 members -0.0776 and -0.0209
     assert errors[0] / errors[1] == pytest.approx(3.7, abs=0.6)
 
 
@@ -49,12 +57,18 @@ def test_the_same_bits_in_any_blocks():
     part = rm.simulate(SCENE, members=range(100, 300), t_end=2.0)
     assert np.array_equal(one.momentum, other.momentum)
     assert np.array_equal(one.momentum[..., 100:300], part.momentum)
-    assert not np.array_equal(one.momentum, rm.simulate(SCENE, members=512, t_end=2.0, seed=1).momentum)
+    assert not np.array_equal(
+        one.momentum, rm.simulate(SCENE, members=512, t_end=2.0, seed=1).momentum
+    )
 
 
 def test_two_baths_are_one():
-    with pytest.raises(rm.SceneError, match=r"give one: two are a bath with gamma = gamma_1 \+ gamma_2"):
-        rm.Scene(BODY, (rm.Bath(1.0, 1.0), rm.Bath(2.0, 0.5)), SCENE.start).with_run(integrator="strang").check()
+    with pytest.raises(
+        rm.SceneError, match=r"give one: two are a bath with gamma = gamma_1 \+ gamma_2"
+    ):
+        rm.Scene(BODY, (rm.Bath(1.0, 1.0), rm.Bath(2.0, 0.5)), SCENE.start).with_run(
+            integrator="strang"
+        ).check()
 
 
 def test_the_ledger_of_a_bath_flags_no_one():
@@ -64,17 +78,24 @@ def test_the_ledger_of_a_bath_flags_no_one():
     assert float(ds.energy_drift_max.max()) > 0.05
     assert ds.energy_drift_max.attrs["conserved"].startswith("no: under bath")
     fine = rm.simulate(SCENE, members=64, t_end=2.0, dt=0.01, save=("energy", "work"))
-    assert np.abs(fine.energy - fine.energy[0] - fine.work.sel(effect="bath")).max() < 3e-4  # measured 6e-5
+    assert (
+        np.abs(fine.energy - fine.energy[0] - fine.work.sel(effect="bath")).max() < 3e-4
+    )  # measured 6e-5
 
 
 def test_who_takes_noise():
     for name in ("rk4", "srkn11", "exact", "chin4"):
-        with pytest.raises(rm.SceneError, match=r"bath is random, which splittings of order 2 take; use (strang|rotations)"):
+        with pytest.raises(
+            rm.SceneError,
+            match=r"bath is random, which splittings of order 2 take; use (strang|rotations)",
+        ):
             rm.simulate(SCENE, integrator=name)
     with pytest.raises(rm.SceneError, match="kT"):
         rm.Bath(1.0, -1.0) and rm.Scene(BODY, (rm.Bath(1.0, -1.0),))
     with pytest.raises(rm.SceneError, match="noise"):
-        rm.Scene.loads("[body]\nmoments=[1,2,3]\n[start]\nomega=[0,0,1]\n[effects.bath]\ngamma=1.0\nkT=1.0\nnoise=[1,2,3]")
+        rm.Scene.loads(
+            "[body]\nmoments=[1,2,3]\n[start]\nomega=[0,0,1]\n[effects.bath]\ngamma=1.0\nkT=1.0\nnoise=[1,2,3]"
+        )
 
 
 def test_the_picture_has_the_run_and_the_law():
@@ -83,9 +104,13 @@ def test_the_picture_has_the_run_and_the_law():
     from rigidmc.views.gibbs import gibbs
 
     some, n, x = np.random.default_rng(2), 40_000, WEIGHT / KT
-    cosine = -np.log(np.exp(-x) + some.random(n) * 2.0 * np.sinh(x)) / x  # of exp(-x cos), by inversion
+    cosine = (
+        -np.log(np.exp(-x) + some.random(n) * 2.0 * np.sinh(x)) / x
+    )  # of exp(-x cos), by inversion
     tilt, turn = 0.5 * np.arccos(cosine), 2.0 * np.pi * some.random(n)
-    q = np.stack([np.cos(tilt), np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.zeros(n)])
+    q = np.stack(
+        [np.cos(tilt), np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.zeros(n)]
+    )
     ds = rm.simulate(SCENE, members=n, t_end=0.2, dt=0.2)
     ds["momentum"][-1] = some.normal(size=(3, n)) * np.sqrt(np.array(MOMENTS) * KT)[:, None]
     ds["attitude"][-1] = q
@@ -105,6 +130,10 @@ def test_the_picture_has_the_run_and_the_law():
     bars, law = (patch.get_data().values for patch in right.patches)
     assert np.abs(bars - law).max() < 0.12 * law.max()
     with pytest.raises(ValueError, match="scene with a bath"):
-        gibbs(rm.simulate(rm.Scene(BODY, (), rm.Start(omega=(0.0, 0.0, 1.0))), integrator="closed", members=32))
+        gibbs(
+            rm.simulate(
+                rm.Scene(BODY, (), rm.Start(omega=(0.0, 0.0, 1.0))), integrator="closed", members=32
+            )
+        )
     with pytest.raises(ValueError, match="which were not saved"):
         gibbs(ds.drop_vars("attitude"))

@@ -76,7 +76,12 @@ EXAMPLES = {
 EVERY = pytest.mark.parametrize(
     "name", [name for name, kind in EFFECTS.items() if not hasattr(kind, "stochastic")]
 )  # else: test_bath.py
-SECOND_ORDER = {"matrix_damping", "quadratic_drag", "dry_friction", "energy_dissipation"}  # whose kick is a rule of order 2
+SECOND_ORDER = {
+    "matrix_damping",
+    "quadratic_drag",
+    "dry_friction",
+    "energy_dissipation",
+}  # whose kick is a rule of order 2
 CONSTANT = {"rotor": Rotor((0.5, -0.3, 0.8))}  # kicks hold t still
 
 
@@ -90,7 +95,12 @@ def reference_error(effect, name):
     for i, (q, l) in enumerate(some_states()):
         a, t = np.array(rotation(q)), 0.3 * i
         w = a @ (np.array(l) / MOMENTS)
-        worst = max(worst, np.abs(a @ torque(effect, BODY, t, q, l) - REFERENCE[name](EXAMPLES[name], t, a, w, KNOWN)).max())
+        worst = max(
+            worst,
+            np.abs(
+                a @ torque(effect, BODY, t, q, l) - REFERENCE[name](EXAMPLES[name], t, a, w, KNOWN)
+            ).max(),
+        )
     return worst
 
 
@@ -100,7 +110,9 @@ def gradient_error(effect, body=BODY, step=1e-5):
     for q, l in some_states():
         for axis in range(3):
             turn = [step * (i == axis) for i in range(3)]
-            ahead, behind = (multiply(q, exponential([sign * x for x in turn])) for sign in (1.0, -1.0))
+            ahead, behind = (
+                multiply(q, exponential([sign * x for x in turn])) for sign in (1.0, -1.0)
+            )
             slope = (energy(effect, body, ahead) - energy(effect, body, behind)) / (2.0 * step)
             worst = max(worst, abs(torque(effect, body, 0.0, q, l)[axis] + slope))
     return worst
@@ -148,7 +160,10 @@ def test_torque_is_minus_the_gradient_of_energy(name):
     if hasattr(effect, "energy"):
         assert gradient_error(effect) < 1e-9  # measured 1.6e-10: differences of 1e-5
     if getattr(effect, "damps", False):
-        assert all(dot(torque(effect, BODY, 0.0, q, l), angular_velocity(BODY, l)) < 0.0 for q, l in some_states())
+        assert all(
+            dot(torque(effect, BODY, 0.0, q, l), angular_velocity(BODY, l)) < 0.0
+            for q, l in some_states()
+        )
 
 
 @EVERY
@@ -158,7 +173,9 @@ def test_torque_rate_is_the_rate_of_the_torque_as_the_body_turns(name):
     effect, h = EXAMPLES[name], 1e-5
     for q, w in some_states():
         ahead, behind = (multiply(q, exponential([s * h * x for x in w])) for s in (1.0, -1.0))
-        slope = (np.array(torque(effect, BODY, 0.4, ahead, w)) - torque(effect, BODY, 0.4, behind, w)) / (2.0 * h)
+        slope = (
+            np.array(torque(effect, BODY, 0.4, ahead, w)) - torque(effect, BODY, 0.4, behind, w)
+        ) / (2.0 * h)
         assert np.abs(slope - torque_rate(effect, BODY, 0.4, q, w)).max() < 4e-8  # measured 4.2e-9
 
 
@@ -180,7 +197,12 @@ def test_kicks_add_up_and_go_back(name):
             continue
         twice = kick(effect, BODY, 0.0, 0.3, q, kick(effect, BODY, 0.0, 0.4, q, l))
         assert np.allclose(twice, kick(effect, BODY, 0.0, 0.7, q, l), rtol=0, atol=4e-15)
-        assert np.allclose(kick(effect, BODY, 0.0, -0.4, q, kick(effect, BODY, 0.0, 0.4, q, l)), l, rtol=0, atol=4e-15)
+        assert np.allclose(
+            kick(effect, BODY, 0.0, -0.4, q, kick(effect, BODY, 0.0, 0.4, q, l)),
+            l,
+            rtol=0,
+            atol=4e-15,
+        )
 
 
 @EVERY
@@ -200,7 +222,10 @@ def test_facts_name_the_fields(name):
     assert set(kind.units) == set(kind.limits) == set(kind._fields)
     assert all(low < high for low, high in kind.limits.values())
     assert names(kind, "torque", "energy", "kick") <= {"body", "t", "h", "q", "l"}
-    assert all(f"\n    {field} : " in kind.__doc__ or f" {field} : " in kind.__doc__ for field in kind._fields)
+    assert all(
+        f"\n    {field} : " in kind.__doc__ or f" {field} : " in kind.__doc__
+        for field in kind._fields
+    )
     assert kind.__doc__.count("[") >= sum(
         unit != "1" for unit in kind.units.values()
     )  # every parameter has its unit in the docstring
@@ -212,7 +237,11 @@ def test_parameters_go_to_rows_and_back():
     assert parameter_count(spring, Gravity(1.0)) == 9
     assert filled(Spring, [value for _, _, value in numbers(spring)]) == spring
     assert blank((spring,)) == (Spring(0.0, (0.0,) * 3, (0.0,) * 3, 0.0),)
-    assert [label for label, _ in labelled((spring, Gravity(1.0), spring))] == ["spring", "gravity", "spring_2"]
+    assert [label for label, _ in labelled((spring, Gravity(1.0), spring))] == [
+        "spring",
+        "gravity",
+        "spring_2",
+    ]
 
 
 class Backwards(NamedTuple):
@@ -242,14 +271,18 @@ class Speeding(NamedTuple):
 def test_wrong_signs_are_caught():
     assert gradient_error(Backwards(9.81)) > 1.0  # measured 6
     assert kick_error(Speeding(0.3)) > 0.1  # measured 0.7
-    assert energy(Gravity(9.81), BODY, (1.0, 0.0, 0.0, 0.0)) == pytest.approx(9.81 * 0.3)  # heavier above: more energy
+    assert energy(Gravity(9.81), BODY, (1.0, 0.0, 0.0, 0.0)) == pytest.approx(
+        9.81 * 0.3
+    )  # heavier above: more energy
 
 
 def test_gravity_is_weight_times_arm_in_space():
     for q, l in some_states():
         a = rotation(q)
         arm, weight = a @ BODY[6:], np.array([0.0, 0.0, -9.81])
-        assert np.allclose(a @ torque(Gravity(9.81), BODY, 0.0, q, l), np.cross(arm, weight), rtol=0, atol=1e-14)
+        assert np.allclose(
+            a @ torque(Gravity(9.81), BODY, 0.0, q, l), np.cross(arm, weight), rtol=0, atol=1e-14
+        )
         assert math.isclose(energy(Gravity(9.81), BODY, q), 9.81 * arm[2], abs_tol=1e-14)
 
 
@@ -257,14 +290,25 @@ def test_several_effects_act_together():
     effects = EXAMPLES["gravity"], EXAMPLES["viscous_damping"]
     q, l = some_states(1)[0]
     together = total_torque(effects, BODY, 0.0, q, l)
-    assert np.allclose(together, np.sum([torque(e, BODY, 0.0, q, l) for e in effects], axis=0), rtol=0, atol=1e-15)
+    assert np.allclose(
+        together, np.sum([torque(e, BODY, 0.0, q, l) for e in effects], axis=0), rtol=0, atol=1e-15
+    )
     assert total_torque((), BODY, 0.0, q, l) == (0.0, 0.0, 0.0)
-    assert np.allclose(push(effects, BODY, 0.0, 0.2, q, l, l), np.add(l, np.multiply(0.2, together)), rtol=0, atol=1e-15)
+    assert np.allclose(
+        push(effects, BODY, 0.0, 0.2, q, l, l),
+        np.add(l, np.multiply(0.2, together)),
+        rtol=0,
+        atol=1e-15,
+    )
     assert push((), BODY, 0.0, 0.2, q, l, l) is l
     assert total_energy(effects, BODY, q) == energy(effects[0], BODY, q)
     there = kick_all(effects, BODY, 0.0, 0.2, q, l)
-    assert np.allclose(kick_all_back(effects, BODY, 0.2, -0.2, q, there), l, rtol=0, atol=1e-15)  # one is the mirror of the other
-    assert not np.allclose(kick_all(effects, BODY, 0.2, -0.2, q, there), l, rtol=0, atol=1e-3)  # and no flow commutes with it
+    assert np.allclose(
+        kick_all_back(effects, BODY, 0.2, -0.2, q, there), l, rtol=0, atol=1e-15
+    )  # one is the mirror of the other
+    assert not np.allclose(
+        kick_all(effects, BODY, 0.2, -0.2, q, there), l, rtol=0, atol=1e-3
+    )  # and no flow commutes with it
     assert kick_all((), BODY, 0.0, 0.2, q, l) == kick_all_back((), BODY, 0.0, 0.2, q, l) == l
 
 
@@ -273,7 +317,11 @@ def test_the_order_in_which_effects_are_listed_does_not_matter():
         size: float
 
     gravity, damping, own = Gravity(9.81), ViscousDamping(0.1), Own(1.0)
-    assert canonical((own, damping, gravity)) == canonical((gravity, own, damping)) == (gravity, damping, own)
+    assert (
+        canonical((own, damping, gravity))
+        == canonical((gravity, own, damping))
+        == (gravity, damping, own)
+    )
     assert name_of(own) == "Own"
 
 
@@ -282,9 +330,16 @@ def test_a_matrix_that_drives_some_spin_is_refused():
         body, start = rm.Body.from_moments(MOMENTS), rm.Start(omega=(0.1, 0.2, 0.3))
         return rm.Scene(body, (MatrixDamping(matrix),), start, rm.Run(**settings)).check()
 
-    for matrix in ((1.0, 1.0, 1.0, 0.0, 0.0, 1.5), (-1e-6, 1.0, 1.0, 0.0, 0.0, 0.0), (1.0, 1.0, 1.0, 0.9, -0.9, 0.9)):
+    for matrix in (
+        (1.0, 1.0, 1.0, 0.0, 0.0, 1.5),
+        (-1e-6, 1.0, 1.0, 0.0, 0.0, 0.0),
+        (1.0, 1.0, 1.0, 0.9, -0.9, 0.9),
+    ):
         assert np.linalg.eigvalsh(symmetric(matrix))[0] < 0.0
-        with pytest.raises(rm.SceneError, match=r"matrix: \(.*\) drives some spins, which needs anti_damping = true"):
+        with pytest.raises(
+            rm.SceneError,
+            match=r"matrix: \(.*\) drives some spins, which needs anti_damping = true",
+        ):
             checked(matrix)
         checked(matrix, anti_damping=True)
     for matrix in ((1.0, 1.0, 1.0, 0.0, 0.0, 1.0), (0.0,) * 6, (1.0, 1.0, 1.0, 0.9, 0.9, 0.9)):
@@ -297,7 +352,11 @@ def test_a_matrix_that_drives_some_spin_is_refused():
         for rank in (1, 2, 3):  # damping about skew axes
             for _ in range(300):
                 c = sum(np.outer(v, v) for v in some.normal(size=(rank, 3))) * size
-                assert not MatrixDamping((c[0, 0], c[1, 1], c[2, 2], c[1, 2], c[2, 0], c[0, 1])).drives()
+                assert not MatrixDamping(
+                    (c[0, 0], c[1, 1], c[2, 2], c[1, 2], c[2, 0], c[0, 1])
+                ).drives()
                 c -= 1e-6 * np.trace(c) * np.eye(3)  # one of rank 3 may still damp
-                driven = MatrixDamping((c[0, 0], c[1, 1], c[2, 2], c[1, 2], c[2, 0], c[0, 1])).drives()
+                driven = MatrixDamping(
+                    (c[0, 0], c[1, 1], c[2, 2], c[1, 2], c[2, 0], c[0, 1])
+                ).drives()
                 assert driven == (np.linalg.eigvalsh(c)[0] < 0.0)

@@ -19,8 +19,15 @@ STEPS, H, MEMBERS = 5, 0.02, 4
 def test_strang_with_the_flows_of_all_effects():
     some = np.random.default_rng(9)
     effects = canonical(tuple(EXAMPLES.values()))
-    each = tuple(filled(type(e), [v * some.uniform(0.8, 1.2, MEMBERS) for _, _, v in numbers(e)]) for e in effects)
-    body, q, l = MassProperties.of(MOMENTS, STATIC), some.normal(size=(4, MEMBERS)), some.normal(size=(3, MEMBERS))
+    each = tuple(
+        filled(type(e), [v * some.uniform(0.8, 1.2, MEMBERS) for _, _, v in numbers(e)])
+        for e in effects
+    )
+    body, q, l = (
+        MassProperties.of(MOMENTS, STATIC),
+        some.normal(size=(4, MEMBERS)),
+        some.normal(size=(3, MEMBERS)),
+    )
     q /= np.linalg.norm(q, axis=0)
     block = make_block(body, each, q, l)
     made = prepare(INTEGRATORS["strang"], 0.2, effects)
@@ -37,16 +44,22 @@ def test_strang_with_the_flows_of_all_effects():
 
 def test_an_orbit_whose_cube_is_past_float32():
     body = rm.Body.from_moments((1.0, 1.1, 1.2))
-    scene = rm.Scene(body, (rm.GravityGradient(1e20, 1e13, 0.3, -2.0),), rm.Start(omega=(0.0, 0.0, 0.0)))
+    scene = rm.Scene(
+        body, (rm.GravityGradient(1e20, 1e13, 0.3, -2.0),), rm.Start(omega=(0.0, 0.0, 0.0))
+    )
     scene = scene.with_run(dt=1.5e7, t_end=3e9, members=32)
-    one, two = (rm.simulate(scene, dtype=dtype).omega.values[-1] for dtype in ("float64", "float32"))
+    one, two = (
+        rm.simulate(scene, dtype=dtype).omega.values[-1] for dtype in ("float64", "float32")
+    )
     assert np.abs(one).max() > 1e-12
     assert np.abs(one - two).max() < 1e-4 * np.abs(one).max()
 
 
 def test_vectors_of_each_members_own_go_to_a_file_and_back(tmp_path):
     matrix = (1.0, 1.0, 1.0, 0.0, rm.normal(0.0, 0.01), rm.uniform(0.1, 0.5))
-    scene = rm.Scene(rm.Body.from_moments(MOMENTS), (rm.MatrixDamping(matrix),), rm.Start(omega=(0.1, 1.0, 0.2)))
+    scene = rm.Scene(
+        rm.Body.from_moments(MOMENTS), (rm.MatrixDamping(matrix),), rm.Start(omega=(0.1, 1.0, 0.2))
+    )
     ds = rm.simulate(scene, members=100, t_end=1.0, output=str(tmp_path / "a.nc"))
     assert ds.matrix_damping_matrix.dims == ("component", "member")
     assert np.ptp(ds.matrix_damping_matrix.values[5]) > 0.3

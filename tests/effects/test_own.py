@@ -20,7 +20,9 @@ START = rm.Start(omega=(0.1, 1.0, 0.2), attitude="uniform")
 
 
 def scene(effect):
-    return rm.Scene(BODY, (effect,), START).with_run(dt=0.01, t_end=1.0, members=64, save=("momentum", "attitude"))
+    return rm.Scene(BODY, (effect,), START).with_run(
+        dt=0.01, t_end=1.0, members=64, save=("momentum", "attitude")
+    )
 
 
 class Weight(NamedTuple):
@@ -183,7 +185,10 @@ class Wall(NamedTuple):
 
 def test_whether_it_is_packed_is_told_and_why_not():
     assert unpacked(Sine(1.0)) == unpacked(Weight(9.81)) == ""
-    assert all("takes one number at a time" in unpacked(kind(1.0)) for kind in (Five, Gamma, Halving, Switch, Wall))
+    assert all(
+        "takes one number at a time" in unpacked(kind(1.0))
+        for kind in (Five, Gamma, Halving, Switch, Wall)
+    )
 
 
 FILE = """
@@ -221,7 +226,8 @@ def folder(tmp_path):
 def test_code_from_a_scene_file_runs_only_where_it_is_allowed(folder, capfd):
     path = str(folder / "scene.toml")
     with pytest.raises(
-        rm.SceneError, match=r"\[effects.Vane\] module = 'vane.py': is code, and scene files execute nothing.*--allow-code"
+        rm.SceneError,
+        match=r"\[effects.Vane\] module = 'vane.py': is code, and scene files execute nothing.*--allow-code",
     ):
         rm.Scene.load(path)
     for command in ("run", "show", "check", "stress", "accuracy"):
@@ -261,14 +267,23 @@ def test_an_own_effect_runs_as_a_built_in_one():
     assert own.energy_drift_max.attrs["conserved"] == "yes"
     for kind, integrator in ((Gamma, "rk4"), (Switch, "rk4"), (Wall, "strang")):
         with pytest.warns(
-            rm.SceneWarning, match=f"{kind.__name__}.*takes one number at a time.*members are not worked on side by side"
+            rm.SceneWarning,
+            match=f"{kind.__name__}.*takes one number at a time.*members are not worked on side by side",
         ):
             alone = rm.simulate(scene(kind(0.1)), integrator=integrator)
-        q, l = (tuple(alone[name].isel(time=0, member=0).values.tolist()) for name in ("attitude", "momentum"))
-        body, made = MassProperties.of((1.0, 1.4, 2.0), (0.1, 0.2, 0.3)), prepare(INTEGRATORS[integrator], 0.1, (kind(0.1),))
+        q, l = (
+            tuple(alone[name].isel(time=0, member=0).values.tolist())
+            for name in ("attitude", "momentum")
+        )
+        body, made = (
+            MassProperties.of((1.0, 1.4, 2.0), (0.1, 0.2, 0.3)),
+            prepare(INTEGRATORS[integrator], 0.1, (kind(0.1),)),
+        )
         for i in range(100):
             q, l = one_step(made, body, (kind(0.1),), 0.01 * i, 0.01, q, l)
-        assert np.abs(alone.momentum.isel(time=-1, member=0).values - l).max() < 1e-13  # measured 1.2e-14
+        assert (
+            np.abs(alone.momentum.isel(time=-1, member=0).values - l).max() < 1e-13
+        )  # measured 1.2e-14
 
 
 class Analysis(NamedTuple):
@@ -289,6 +304,8 @@ class Analysis(NamedTuple):
 
 def test_functions_of_the_library_in_float32():
     """They are found in float64 where their bits are taken apart, and rounded then."""
-    double, single = (rm.simulate(scene(Analysis(0.3)), dtype=dtype) for dtype in ("float64", "float32"))
+    double, single = (
+        rm.simulate(scene(Analysis(0.3)), dtype=dtype) for dtype in ("float64", "float32")
+    )
     error = np.abs(double.momentum - single.momentum).max()
     assert 1e-9 < error < 3e-7  # measured 3.4e-8, of 2.5: and it is not float64

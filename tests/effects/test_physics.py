@@ -54,7 +54,14 @@ def in_space(name, q, l, end):
         return np.concatenate([(turn @ a).ravel(), torque, [torque @ w]])
 
     a = np.array(rotation(q))
-    y = solve_ivp(rates, (0.0, end), np.concatenate([a.ravel(), a @ l, [0.0]]), method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
+    y = solve_ivp(
+        rates,
+        (0.0, end),
+        np.concatenate([a.ravel(), a @ l, [0.0]]),
+        method="DOP853",
+        rtol=1e-13,
+        atol=1e-14,
+    ).y[:, -1]
     return y[:9].reshape(3, 3), y[:9].reshape(3, 3).T @ y[9:12], y[12]
 
 
@@ -91,7 +98,9 @@ def test_friction_about_a_principal_axis():
 def test_a_torque_about_the_vertical():
     q, l = unit((0.5, -0.3, 0.7, 0.2)), (0.4, -0.3, 0.5)
     at, end = moved((SpaceTorque((0.0, 0.0, 0.3)),), q, l, 0.05, 60)
-    assert dot(tuple(end), up(tuple(at))) == pytest.approx(dot(l, up(q)) + 0.9, abs=1e-14)  # measured 1e-16
+    assert dot(tuple(end), up(tuple(at))) == pytest.approx(
+        dot(l, up(q)) + 0.9, abs=1e-14
+    )  # measured 1e-16
 
 
 def test_a_needle_in_a_field():
@@ -100,7 +109,14 @@ def test_a_needle_in_a_field():
     body = MassProperties.of((1.0, 1.0, 0.01), (0.0, 0.0, 0.0))
     period = 4.0 * ellipk(math.sin(0.5 * a) ** 2) / math.sqrt(strength)
     q = (math.cos(0.5 * a), math.sin(0.5 * a), 0.0, 0.0)
-    at, l = moved((UniformField((0.0, 0.0, 0.5), (0.0, 0.0, 3.0)),), q, (0.0, 0.0, 0.0), period / 200, 200, body)
+    at, l = moved(
+        (UniformField((0.0, 0.0, 0.5), (0.0, 0.0, 3.0)),),
+        q,
+        (0.0, 0.0, 0.0),
+        period / 200,
+        200,
+        body,
+    )
     assert attitude_error(at, q) < 1e-14  # measured 8e-16
     assert np.abs(l).max() < 1e-14  # measured 3e-16
 
@@ -108,12 +124,19 @@ def test_a_needle_in_a_field():
 def test_libration_on_a_circular_orbit():
     """In the plane with n sqrt(3 (I2 - I1)/I3): the long axis points to the centre and swings by 1e-4 rad about it."""
     moments, n, small = (0.5, 0.8, 1.0), 1.0, 1e-4
-    body, period = MassProperties.of(moments, (0.0, 0.0, 0.0)), 2.0 * math.pi / math.sqrt(3.0 * (0.8 - 0.5) / 1.0)
+    body, period = (
+        MassProperties.of(moments, (0.0, 0.0, 0.0)),
+        2.0 * math.pi / math.sqrt(3.0 * (0.8 - 0.5) / 1.0),
+    )
     q = (math.cos(0.5 * small), 0.0, 0.0, math.sin(0.5 * small))
-    at, l = moved((GravityGradient(1.0, 1.0),), q, (0.0, 0.0, n * moments[2]), period / 200, 200, body)
+    at, l = moved(
+        (GravityGradient(1.0, 1.0),), q, (0.0, 0.0, n * moments[2]), period / 200, 200, body
+    )
     turned = 2.0 * math.atan2(at[3], at[0]) - n * period
     assert abs(math.remainder(turned - small, 2.0 * math.pi)) < 1e-13  # measured 4e-15
-    assert abs(l[2] / moments[2] - n) < 5e-12  # measured 1.5e-12: the period is right to 3e-9, which is what the swing makes of it
+    assert (
+        abs(l[2] / moments[2] - n) < 5e-12
+    )  # measured 1.5e-12: the period is right to 3e-9, which is what the swing makes of it
 
 
 def unstable(wheel):
@@ -130,7 +153,13 @@ def unstable(wheel):
 
 def test_a_wheel_makes_the_middle_axis_stable():
     """(I2 w + H - I1 w)(I2 w + H - I3 w) > 0: beyond H = 1 of moments 1, 2, 3; and below -1."""
-    assert [unstable(h) for h in (-1.03, -0.97, 0.0, 0.97, 1.03)] == [False, True, True, True, False]
+    assert [unstable(h) for h in (-1.03, -0.97, 0.0, 0.97, 1.03)] == [
+        False,
+        True,
+        True,
+        True,
+        False,
+    ]
 
 
 def stands(share):
@@ -141,7 +170,16 @@ def stands(share):
     leans = []
     q = (math.cos(5e-4), math.sin(5e-4), 0.0, 0.0)
     shaken = (Gravity(g), MovingPivot((0.0, 0.0, swing), frequency))
-    moved(shaken, q, (0.0, 0.0, 0.0), 2.0 * math.pi / frequency / 12.0, 5000, body, "rk4", lambda t, q, l: leans.append(up(q)[2]))
+    moved(
+        shaken,
+        q,
+        (0.0, 0.0, 0.0),
+        2.0 * math.pi / frequency / 12.0,
+        5000,
+        body,
+        "rk4",
+        lambda t, q, l: leans.append(up(q)[2]),
+    )
     return min(leans) > 0.99
 
 

@@ -33,7 +33,15 @@ def unbooked(name, effects, h, end=2.0):
     first, worst = kinetic_energy(BODY, l) + total_energy(effects, BODY, q), 0.0
     for i in range(round(end / h)):
         q, l = one_step(made, BODY, effects, i * h, h, q, l)
-        worst = max(worst, abs(kinetic_energy(BODY, l) + total_energy(effects, BODY, q) - first - spent(ledger, l[3:])))
+        worst = max(
+            worst,
+            abs(
+                kinetic_energy(BODY, l)
+                + total_energy(effects, BODY, q)
+                - first
+                - spent(ledger, l[3:])
+            ),
+        )
     return worst
 
 
@@ -44,7 +52,12 @@ ORDERS = [
     ("strang", 2.0, 0.05, 4e-3),  # 5e-4 to 1.8e-3, 2.00
     ("suzuki4", 4.0, 0.05, 5e-7),  # 4e-8 to 2.3e-7, 3.99 to 4.01
 ]  # fmt: skip
-TAKEN = [(kind, *row) for row in ORDERS for kind in EXAMPLES if row[0] in accepting(beside(EXAMPLES[kind]))]
+TAKEN = [
+    (kind, *row)
+    for row in ORDERS
+    for kind in EXAMPLES
+    if row[0] in accepting(beside(EXAMPLES[kind]))
+]
 
 
 def test_each_effect_is_judged_by_four_integrators_or_five():
@@ -56,7 +69,9 @@ def test_the_ledger_closes_to_the_integrators_order(kind, name, order, h, bound)
     effects = beside(EXAMPLES[kind])
     coarse, fine = unbooked(name, effects, h), unbooked(name, effects, 0.5 * h)
     assert fine < bound
-    assert math.log2(coarse / fine) == pytest.approx(order, abs=0.02 if name in ("strang", "suzuki4") else 1.1)
+    assert math.log2(coarse / fine) == pytest.approx(
+        order, abs=0.02 if name in ("strang", "suzuki4") else 1.1
+    )
 
 
 def test_midpoint_closes_it_to_rounding_where_energies_are_linear_in_the_attitude():
@@ -68,8 +83,15 @@ def test_it_closes_for_any_set_of_effects():
     some = np.random.default_rng(3)
     for _ in range(40):
         kinds = some.choice(list(EXAMPLES), some.integers(2, 7), replace=False)
-        effects = tuple(filled(type(EXAMPLES[k]), [v * some.uniform(0.5, 2.0) for _, _, v in numbers(EXAMPLES[k])]) for k in kinds)
-        assert unbooked("rk8", effects, 0.01, 0.1) < 1e-12, kinds  # measured 8e-15 (400 sets: 8e-14)
+        effects = tuple(
+            filled(
+                type(EXAMPLES[k]), [v * some.uniform(0.5, 2.0) for _, _, v in numbers(EXAMPLES[k])]
+            )
+            for k in kinds
+        )
+        assert unbooked("rk8", effects, 0.01, 0.1) < 1e-12, (
+            kinds
+        )  # measured 8e-15 (400 sets: 8e-14)
 
 
 class Weighty(NamedTuple):
@@ -105,14 +127,20 @@ class Creeping(NamedTuple):
 ])  # fmt: skip
 def test_a_wrong_law_shows(name, effects, others):
     """A torque that is not that of its energy, beside a damping that hides it from E; a flow that is not that of its torque."""
-    assert unbooked(name, effects, 0.025) > 300.0 * unbooked(name, others, 0.025)  # measured 5e12 and 1.9e4
+    assert unbooked(name, effects, 0.025) > 300.0 * unbooked(
+        name, others, 0.025
+    )  # measured 5e12 and 1.9e4
 
 
 BODIES = rm.Body.from_moments(MOMENTS, mass=1.0, centre=STATIC)
 SCENE = rm.Scene(
-    BODIES, (G, ViscousDamping(0.3), BodyTorque((0.1, -0.2, 0.3))), rm.Start(omega=(0.4, 1.0, 0.3), attitude="uniform")
+    BODIES,
+    (G, ViscousDamping(0.3), BodyTorque((0.1, -0.2, 0.3))),
+    rm.Start(omega=(0.4, 1.0, 0.3), attitude="uniform"),
 )
-SCENE = SCENE.with_run(t_end=2.0, every=0.5, dt=0.01, members=100, save=("energy", "energy_drift", "work"))
+SCENE = SCENE.with_run(
+    t_end=2.0, every=0.5, dt=0.01, members=100, save=("energy", "energy_drift", "work")
+)
 
 
 @pytest.mark.parametrize(("options", "bound"), [
@@ -135,7 +163,9 @@ def test_a_run_that_saves_work_books_it(options, bound, tmp_path):
 
 
 def test_without_work_the_rest_is_the_same():
-    ds, without = (rm.simulate(SCENE, integrator="rk4", save=save) for save in (SCENE.run.save, ("energy",)))
+    ds, without = (
+        rm.simulate(SCENE, integrator="rk4", save=save) for save in (SCENE.run.save, ("energy",))
+    )
     assert without.energy_drift_max.attrs["conserved"].startswith("no")
     assert (
         np.abs(without.energy - ds.energy).max() < 1e-13
@@ -147,13 +177,20 @@ def test_works_in_own_steps_other_units_and_for_frozen_members():
         own = rm.simulate(SCENE, turn=0.02, integrator="rk4")
     assert float(own.energy_drift_max.max()) < 1e-10  # measured 1.6e-11
     small = rm.Scene(
-        rm.Body.from_moments([1e-30 * x for x in MOMENTS], mass=1e-30, centre=STATIC), (G, ViscousDamping(0.3)), SCENE.start
+        rm.Body.from_moments([1e-30 * x for x in MOMENTS], mass=1e-30, centre=STATIC),
+        (G, ViscousDamping(0.3)),
+        SCENE.start,
     )
-    ds, tiny = (rm.simulate(s.with_run(**SCENE.run.model_dump())) for s in (rm.Scene(BODIES, small.effects, SCENE.start), small))
+    ds, tiny = (
+        rm.simulate(s.with_run(**SCENE.run.model_dump()))
+        for s in (rm.Scene(BODIES, small.effects, SCENE.start), small)
+    )
     assert np.allclose(tiny.work * 1e30, ds.work, rtol=1e-9, atol=1e-12)
     omega = np.array([[0.4, 1.0, 0.3], [1e200, 0.0, 0.0], [0.4, 1.0, 0.3]]).T
     start = rm.Start(omega=tuple(omega), attitude=(1.0, 0.0, 0.0, 0.0))
-    sick = rm.simulate(rm.Scene(BODIES, SCENE.effects, start).with_run(**{**SCENE.run.model_dump(), "members": 3}))
+    sick = rm.simulate(
+        rm.Scene(BODIES, SCENE.effects, start).with_run(**{**SCENE.run.model_dump(), "members": 3})
+    )
     assert list(sick.status.values) == [0, 1, 0]
     assert not sick.work[..., 1].values.any()
     assert np.array_equal(sick.work[..., 0], sick.work[..., 2])
@@ -167,6 +204,8 @@ def test_who_keeps_no_works():
     ):  # whose sums keep remainders, and must not for what is saved beside them
         rm.simulate(SCENE, dtype="float32")
     with pytest.raises(rm.SceneError, match="work of effects is not kept by it; use"):
-        rm.simulate(rm.Scene(BODIES, (G,), SCENE.start).with_run(save=("work",), integrator="chin4"))
+        rm.simulate(
+            rm.Scene(BODIES, (G,), SCENE.start).with_run(save=("work",), integrator="chin4")
+        )
     with pytest.raises(rm.SceneError, match="no effects that could do work"):
         rm.simulate(rm.Scene(BODIES, (), SCENE.start).with_run(save=("work",)))

@@ -22,7 +22,9 @@ EVERY = ["enter", "leave", "begin", "march", "look", "record", "advance"]
 
 def asked(scene="heavy_top", **settings):
     scene = rm.Scene.load(scene).with_run(**settings)
-    return {name: one for name, one in program_of(scene, prepare(scene), ask=True).asked.items() if one}
+    return {
+        name: one for name, one in program_of(scene, prepare(scene), ask=True).asked.items() if one
+    }
 
 
 def test_what_the_other_process_is_told_is_what_was_asked():
@@ -60,7 +62,9 @@ print([is_ready(*one) for one in (*some, asked["march"])])
 @pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
 def test_another_process_fills_the_cache(tmp_path):
     environment = {**os.environ, "RIGIDMC_CACHE_DIR": str(tmp_path / "cache")}
-    found = subprocess.run([sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, check=True).stdout
+    found = subprocess.run(
+        [sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, check=True
+    ).stdout
     assert found.splitlines() == ["[False, False]", "[True, True, False]"]
 
 

@@ -8,7 +8,9 @@ from bench.bits import elsewhere, sums
 from rigidmc.dynamics import functions
 from rigidmc.scene.laws import lower_factor
 
-pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # steps that hide what is watched
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::rigidmc.errors.SceneWarning"
+)  # steps that hide what is watched
 
 
 def test_widths_change_no_bit():
@@ -23,12 +25,16 @@ def test_neither_does_another_processor_with_other_libraries():
 def test_the_comparison_sees_one_bit(monkeypatch):
     here = sums((0,), ("exact",))
     quantile = functions.normal_quantile
-    monkeypatch.setattr("rigidmc.scene.quantities.normal_quantile", lambda u: np.nextafter(quantile(u), 9.0))
+    monkeypatch.setattr(
+        "rigidmc.scene.quantities.normal_quantile", lambda u: np.nextafter(quantile(u), 9.0)
+    )
     assert sums((0,), ("exact",)) != here
 
 
 def test_quantiles_of_normal_deviates():
-    u = np.concatenate([np.random.default_rng(1).uniform(size=5000), 10.0 ** -np.linspace(0.1, 300.0, 5000)])
+    u = np.concatenate(
+        [np.random.default_rng(1).uniform(size=5000), 10.0 ** -np.linspace(0.1, 300.0, 5000)]
+    )
     assert np.abs(functions.normal_quantile(u) / ndtri(u) - 1.0).max() < 2e-15  # measured 8.9e-16
     assert functions.normal_quantile(np.array([0.5]))[0] == 0.0
 
@@ -43,7 +49,9 @@ def test_functions_of_arrays_are_those_of_numbers():
         functions.hyperbolic_sine,
     ):
         assert function(x).tolist() == [function(float(one)) for one in x]
-    assert np.abs(functions.logarithm_of_one_and(1e-3 * x) - np.log1p(1e-3 * x)).max() < 1e-18  # measured 4e-19
+    assert (
+        np.abs(functions.logarithm_of_one_and(1e-3 * x) - np.log1p(1e-3 * x)).max() < 1e-18
+    )  # measured 4e-19
 
 
 def test_a_cholesky_factor_is_one():

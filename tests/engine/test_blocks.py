@@ -42,7 +42,9 @@ def test_bits_do_not_depend_on_how_the_work_is_cut(monkeypatch):
     """Not even the largest drifts, though they are looked for now and then only."""
     whole, saves, steps = ran(96, 1)
     assert steps == MEMBERS * TOTAL
-    monkeypatch.setattr(blocks, "CALL", 7 * 96)  # calls of 7 steps of the whole, of 21 of a third of it
+    monkeypatch.setattr(
+        blocks, "CALL", 7 * 96
+    )  # calls of 7 steps of the whole, of 21 of a third of it
     for size, threads in ((96, 1), (32, 1), (32, 2)):
         block, out, steps = ran(size, threads)
         assert steps == MEMBERS * TOTAL

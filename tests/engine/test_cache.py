@@ -24,7 +24,9 @@ from rigidmc.engine.cache import cached
 from rigidmc.integrators import RK4
 from rigidmc.integrators.protocol import step
 
-pytestmark = pytest.mark.skipif(not hasattr(os, "getuid"), reason="folder permissions are those of POSIX")
+pytestmark = pytest.mark.skipif(
+    not hasattr(os, "getuid"), reason="folder permissions are those of POSIX"
+)
 
 RUN = """
 import json, logging, os, sys
@@ -63,7 +65,11 @@ print(json.dumps({"state": block[:K.REST, 0].tolist(), "hits": hits, "misses": m
 @pytest.fixture
 def place(tmp_path):
     """A folder with a copy of the package and nothing else."""
-    shutil.copytree(Path(rigidmc.__file__).parent, tmp_path / "rigidmc", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(
+        Path(rigidmc.__file__).parent,
+        tmp_path / "rigidmc",
+        ignore=shutil.ignore_patterns("__pycache__"),
+    )
     return tmp_path
 
 
@@ -71,9 +77,17 @@ def ran(place, effect="damping", cache=None, sign=1):
     """(what a process with that effect printed, its log)."""
     cache = cache or place / "cache"
     environment = {k: v for k, v in os.environ.items() if not k.startswith("NUMBA")}
-    environment |= {"RIGIDMC_CACHE_DIR": str(cache), "PYTHONPATH": str(place), "PYTHONDONTWRITEBYTECODE": "1"}
+    environment |= {
+        "RIGIDMC_CACHE_DIR": str(cache),
+        "PYTHONPATH": str(place),
+        "PYTHONDONTWRITEBYTECODE": "1",
+    }
     done = subprocess.run(
-        [sys.executable, "-c", RUN.replace("SIGN", str(sign)), effect], cwd=place, env=environment, capture_output=True, text=True
+        [sys.executable, "-c", RUN.replace("SIGN", str(sign)), effect],
+        cwd=place,
+        env=environment,
+        capture_output=True,
+        text=True,
     )
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
@@ -105,7 +119,9 @@ def test_a_changed_source_changes_the_kernel(place):
     assert (changed["hits"], changed["misses"]) == (0, PIECES)
     assert changed["state"] != first["state"]
 
-    source.write_text(text)  # back again, and the old kernel is still there; but what is very old is forgotten
+    source.write_text(
+        text
+    )  # back again, and the old kernel is still there; but what is very old is forgotten
     forgotten, kept = place / "cache" / ("0" * 32), place / "cache" / ("1" * 32)
     for folder in (forgotten, kept):
         folder.mkdir()
@@ -160,7 +176,9 @@ def test_a_user_effect_works_and_is_never_taken_from_the_cache(place):
     assert log == ""
     other, _ = ran(place, "own", sign=-1)
     assert (first["hits"], other["hits"]) == (0, 3)
-    assert len(kernels_in(place / "cache")) == 3  # what knows no effect: enter, leave, and the loop over members
+    assert (
+        len(kernels_in(place / "cache")) == 3
+    )  # what knows no effect: enter, leave, and the loop over members
     assert first["state"] != other["state"]
 
     class Own(NamedTuple):
@@ -171,7 +189,17 @@ def test_a_user_effect_works_and_is_never_taken_from_the_cache(place):
 
     q, l = (0.6, 0.0, 0.8, 0.0), (1.0, 2.0, 3.0)
     for i in range(4):
-        l = step(RK4(), MassProperties.of((1.0, 1.2, 1.5), (0.1, 0.2, 0.3)), (Own(0.5),), 0.01 * i, 0.01, (), q, l, ())[1]
+        l = step(
+            RK4(),
+            MassProperties.of((1.0, 1.2, 1.5), (0.1, 0.2, 0.3)),
+            (Own(0.5),),
+            0.01 * i,
+            0.01,
+            (),
+            q,
+            l,
+            (),
+        )[1]
     assert max(abs(a - b) for a, b in zip(l, first["state"][4:], strict=True)) < 4e-15  # measured 0
 
 
@@ -190,7 +218,11 @@ def test_of_a_kernel_with_any_flipped_bit_nothing_is_loaded(kept, caplog):
     """Without the sum behind it 269 of 300 such files were loaded, and a run of them crashed once in seven."""
     made, key, file = kept
     data, some = file.read_bytes(), random.Random(5)
-    bad = [data[:cut] for cut in (0, 1, 31, 32, 33, len(data) // 2, len(data) - 1)] + [data + b"x", b"\0" * len(data), data[32:]]
+    bad = [data[:cut] for cut in (0, 1, 31, 32, 33, len(data) // 2, len(data) - 1)] + [
+        data + b"x",
+        b"\0" * len(data),
+        data[32:],
+    ]
     for _ in range(300):
         torn = bytearray(data)
         torn[some.randrange(len(data))] ^= 1 << some.randrange(8)
@@ -199,7 +231,10 @@ def test_of_a_kernel_with_any_flipped_bit_nothing_is_loaded(kept, caplog):
         file.write_bytes(torn)
         assert made._cache._cache_file.load(key) is None and not file.exists()
     again = cached(numba.njit(made.py_func))
-    assert again(1.5) == 3.0 and file.read_bytes()[-32:] == hashlib.sha256(file.read_bytes()[:-32]).digest()
+    assert (
+        again(1.5) == 3.0
+        and file.read_bytes()[-32:] == hashlib.sha256(file.read_bytes()[:-32]).digest()
+    )
     assert made._cache._cache_file.load(key) is not None and not caplog.records
 
 
@@ -217,7 +252,9 @@ def test_a_cache_that_fails_costs_one_line(kept, caplog, monkeypatch, code, what
 
     monkeypatch.setattr("builtins.open", failing)
     for factor in (3.0, 5.0):
-        other = cached(numba.njit(made.py_func if what == "read" else lambda x, factor=factor: factor * x))
+        other = cached(
+            numba.njit(made.py_func if what == "read" else lambda x, factor=factor: factor * x)
+        )
         assert other(1.0) in (2.0, factor)
     assert len(failed) == 2 and len(caplog.records) == 1
     assert str(file.parent.parent) in caplog.text and os.strerror(code) in caplog.text

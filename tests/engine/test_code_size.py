@@ -38,17 +38,26 @@ def instructions(function, *kinds):
     dispatcher = dispatcher_of(function)
     dispatcher.compile(signature_of(*kinds))
     (made,) = dispatcher.overloads.values()
-    return sum(line.startswith("  ") and line[2] != " " for line in made.library.get_llvm_str().splitlines())
+    return sum(
+        line.startswith("  ") and line[2] != " "
+        for line in made.library.get_llvm_str().splitlines()
+    )
 
 
-@pytest.mark.parametrize("case", BOUNDS, ids=lambda case: f"{case[0]}-{'heavy' if case[1] else 'free'}-{case[2]}")
+@pytest.mark.parametrize(
+    "case", BOUNDS, ids=lambda case: f"{case[0]}-{'heavy' if case[1] else 'free'}-{case[2]}"
+)
 def test_a_piece_has_no_more_code_than_it_had(case):
     pieces, bounds = asked(*case), BOUNDS[case]
     found = {name: instructions(*pieces[name]) for name in bounds}
-    assert {name: count for name, count in found.items() if not 0 < count <= bounds[name]} == {}, found
+    assert {name: count for name, count in found.items() if not 0 < count <= bounds[name]} == {}, (
+        found
+    )
 
 
 def test_more_physics_is_more_code():
     """What is counted sees what is compiled: else no bound could fail."""
-    free, heavy = (instructions(*asked("rk4", heavy, "omega,attitude")["march"]) for heavy in (False, True))
+    free, heavy = (
+        instructions(*asked("rk4", heavy, "omega,attitude")["march"]) for heavy in (False, True)
+    )
     assert heavy > BOUNDS["rk4", False, "omega,attitude"]["march"] > free

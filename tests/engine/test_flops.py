@@ -29,7 +29,9 @@ def counted(name, effects=(), attitude=True):
 
 def test_operations_of_a_step():
     assert counted("rk4") == 188  # and so many in the assembly
-    assert counted("rk4", (Gravity(1.0),)) == 308  # 293: fifteen products are the same from step to step
+    assert (
+        counted("rk4", (Gravity(1.0),)) == 308
+    )  # 293: fifteen products are the same from step to step
     assert counted("rk4", attitude=False) == 63
     assert abs(counted("exact") - 123) <= 8  # 135: here signs and sides are known
     assert abs(counted("strang") - 449) <= 8

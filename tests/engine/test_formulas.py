@@ -38,15 +38,23 @@ def test_values_are_the_plain_functions_for_any_count_and_threads(count):
 
 def test_an_elements_bits_do_not_depend_on_its_neighbours():
     columns = np.random.default_rng(1).uniform(0.5, 1.0, (6, 100))
-    assert (evaluate(Principal, 12, columns)[:, 37:80] == evaluate(Principal, 12, columns[:, 37:80])).all()
+    assert (
+        evaluate(Principal, 12, columns)[:, 37:80] == evaluate(Principal, 12, columns[:, 37:80])
+    ).all()
 
 
 def test_fields_come_from_a_table_by_index():
-    table, index, last = np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([1, 0, 1]), np.array([[0.5, 0.25, 0.125]])
+    table, index, last = (
+        np.array([[1.0, 2.0], [3.0, 4.0]]),
+        np.array([1, 0, 1]),
+        np.array([[0.5, 0.25, 0.125]]),
+    )
     assert evaluate(Product, 2, last, table, index)[0].tolist() == [12.5, 2.25, 12.125]
 
 
-@pytest.mark.skipif(platform.machine().lower() not in ("x86_64", "amd64"), reason="reads x86-64 assembly")
+@pytest.mark.skipif(
+    platform.machine().lower() not in ("x86_64", "amd64"), reason="reads x86-64 assembly"
+)
 def test_closed_forms_are_packed_arithmetic(tmp_path):
     program = """if True:
         import json, re
@@ -62,7 +70,10 @@ def test_closed_forms_are_packed_arithmetic(tmp_path):
     """
     # a process of its own: the code of a kernel that came from the disk cache cannot be read
     done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, env={**_environment(), "RIGIDMC_CACHE_DIR": str(tmp_path)}
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        env={**_environment(), "RIGIDMC_CACHE_DIR": str(tmp_path)},
     )
     assert done.returncode == 0, done.stderr
     for packed, scalar, multiplied, one_by_one in json.loads(done.stdout):

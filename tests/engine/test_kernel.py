@@ -31,7 +31,9 @@ def tops(members=MEMBERS, effects=EFFECTS):
     masses = some.uniform(0.2, 1.0, (3, members))
     attitude = some.normal(size=(4, members))
     body = MassProperties.of(masses.sum(0) - masses, some.normal(size=(3, members)) * 0.1)
-    return make_block(body, effects, attitude / np.linalg.norm(attitude, axis=0), some.normal(size=(3, members)))
+    return make_block(
+        body, effects, attitude / np.linalg.norm(attitude, axis=0), some.normal(size=(3, members))
+    )
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +62,10 @@ def in_blocks(size, threads):
 
     def work(i):
         moves.advance(
-            parts[i], frame.Run(H, 1, STRIDE, TOTAL, 0, 0, TOTAL), None, frame.Saves(out, MEMBERS, i * size, np.arange(size))
+            parts[i],
+            frame.Run(H, 1, STRIDE, TOTAL, 0, 0, TOTAL),
+            None,
+            frame.Saves(out, MEMBERS, i * size, np.arange(size)),
         )
 
     with ThreadPoolExecutor(threads) as pool:
@@ -119,9 +124,17 @@ def energy_of(block, q, l):
     """Kinetic and potential energy with NumPy, and how large the potential can be."""
     body = MassProperties(*block[K.BODY : K.EFFECTS])
     arm = np.array([body.p1, body.p2, body.p3])
-    up = 2 * (q[1] * q[3] - q[0] * q[2]), 2 * (q[2] * q[3] + q[0] * q[1]), q[0] ** 2 - q[1] ** 2 - q[2] ** 2 + q[3] ** 2
+    up = (
+        2 * (q[1] * q[3] - q[0] * q[2]),
+        2 * (q[2] * q[3] + q[0] * q[1]),
+        q[0] ** 2 - q[1] ** 2 - q[2] ** 2 + q[3] ** 2,
+    )
     kinetic = 0.5 * (body.i1 * l[0] ** 2 + body.i2 * l[1] ** 2 + body.i3 * l[2] ** 2)
-    return kinetic, 9.81 * (arm[0] * up[0] + arm[1] * up[1] + arm[2] * up[2]), 9.81 * np.abs(arm).sum(0)
+    return (
+        kinetic,
+        9.81 * (arm[0] * up[0] + arm[1] * up[1] + arm[2] * up[2]),
+        9.81 * np.abs(arm).sum(0),
+    )
 
 
 def test_drift_rows_are_the_largest_drifts_of_all_looks():
@@ -133,7 +146,9 @@ def test_drift_rows_are_the_largest_drifts_of_all_looks():
     kinetic, potential, bound = energy_of(block, block[:4], block[4:7])
     scale = np.maximum(np.abs(kinetic + potential), 1e-3 * (kinetic + bound))
     assert abs(kinetic[0] + potential[0]) < 1e-12 < 1e-4 < scale[0]
-    block[K.EFFECTS + 1, MEMBERS // 2 :] = 0.0  # half of them without damping: their drift, from large steps, comes and goes
+    block[K.EFFECTS + 1, MEMBERS // 2 :] = (
+        0.0  # half of them without damping: their drift, from large steps, comes and goes
+    )
     out = run(block, RK4, EFFECTS, 10 * H, TOTAL, EVERYTHING, 1)
     q, l = (out[:, rows_of(name)].transpose(1, 0, 2) for name in ("attitude", "momentum"))
     energies, squares = np.add(*energy_of(block, q, l)[:2]), (l**2).sum(0)
@@ -147,7 +162,12 @@ def test_drift_rows_are_the_largest_drifts_of_all_looks():
     assert np.abs(out[:, rows_of("l2_drift")[0]] - drift2).max() < 3e-13  # measured 3e-14
     assert np.abs(out[:, rows_of("energy")[0]] - energies).max() < 2e-14  # measured 2e-15
     assert np.abs(out[:, rows_of("l2")[0]] - squares).max() < 4e-14  # measured 4e-15
-    assert np.abs(out[:, rows_of("omega")] - block[K.BODY : K.BODY + 3] * out[:, rows_of("momentum")]).max() < 1e-15  # measured 0
+    assert (
+        np.abs(
+            out[:, rows_of("omega")] - block[K.BODY : K.BODY + 3] * out[:, rows_of("momentum")]
+        ).max()
+        < 1e-15
+    )  # measured 0
 
 
 def test_a_top_that_starts_at_rest_drifts_absolutely():
@@ -178,7 +198,9 @@ def test_sick_members_are_flagged_and_frozen_and_harm_nobody():
     nan, inf, growing, invalid = 1000, 31, 77, 2047
     sick[K.MOMENTUM + 1, nan] = np.nan
     sick[K.ATTITUDE, inf] = np.inf
-    sick[K.BODY : K.EFFECTS, growing] = [1.0] * 3 + [0.0] * 6  # a free sphere under negative damping
+    sick[K.BODY : K.EFFECTS, growing] = [1.0] * 3 + [
+        0.0
+    ] * 6  # a free sphere under negative damping
     sick[K.EFFECTS + 1, growing] = -50.0
     sick[K.MOMENTUM : K.REST, growing] *= 1e-30  # which takes 150 steps to turn it too fast
     sick[K.STATUS, invalid] = K.STATUSES["invalid_input"]
@@ -188,7 +210,9 @@ def test_sick_members_are_flagged_and_frozen_and_harm_nobody():
     others = np.setdiff1d(np.arange(members), [nan, inf, growing, invalid])
     assert same(np.ascontiguousarray(sick[:, others]), np.ascontiguousarray(healthy[:, others]))
     assert not sick[K.STATUS, others].any()
-    assert sick[K.STATUS, [nan, inf, growing, invalid]].tolist() == [K.STATUSES[s] for s in ["non_finite"] * 3 + ["invalid_input"]]
+    assert sick[K.STATUS, [nan, inf, growing, invalid]].tolist() == [
+        K.STATUSES[s] for s in ["non_finite"] * 3 + ["invalid_input"]
+    ]
     for m in (nan, inf, invalid):
         assert same(sick[:7, m], before[:7, m])  # as they came
         assert sick[K.GOOD_STEP, m] == 0
@@ -202,7 +226,9 @@ def test_sick_members_are_flagged_and_frozen_and_harm_nobody():
     assert np.isfinite(sick[: K.STATUS, growing]).all()
     slot = last // 50 + 1
     assert np.isfinite(out[:, :, growing]).all()
-    assert (out[slot:, 3:6, growing] == sick[K.MOMENTUM : K.REST, growing]).all()  # saved frozen ever after
+    assert (
+        out[slot:, 3:6, growing] == sick[K.MOMENTUM : K.REST, growing]
+    ).all()  # saved frozen ever after
 
 
 @pytest.mark.parametrize("name", ["rk4", "rk8", "exact", "rotations"])
@@ -233,7 +259,13 @@ def physics():
     for name, kind in INTEGRATORS.items():
         if name == "closed":  # makes no steps
             continue
-        effects = EFFECTS if name in accepting(EFFECTS) else EFFECTS[:1] if name in accepting(EFFECTS[:1]) else ()
+        effects = (
+            EFFECTS
+            if name in accepting(EFFECTS)
+            else EFFECTS[:1]
+            if name in accepting(EFFECTS[:1])
+            else ()
+        )
         block = block_of(bodies, effects)
         saved = EVERYTHING if name == "rk4" else ()
         out = run(block, form(kind, Turns(0.2, 0.2), effects), effects, 1e-3, 20, saved, 7)
@@ -253,7 +285,9 @@ def test_plain_python_runs_the_same_physics(tmp_path):
     assert set(plain) == set(compiled)
     for name, block in compiled.items():
         if name == "saves":
-            error = np.abs(plain[name] - block) / np.maximum(np.abs(block).max(axis=(0, 2), keepdims=True), 1.0)
+            error = np.abs(plain[name] - block) / np.maximum(
+                np.abs(block).max(axis=(0, 2), keepdims=True), 1.0
+            )
             assert error.max() < 4e-15  # measured 4e-16
             continue
         for rows in (slice(K.ATTITUDE, K.MOMENTUM), slice(K.MOMENTUM, K.START)):

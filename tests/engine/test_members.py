@@ -15,28 +15,46 @@ Q /= np.linalg.norm(Q, axis=0)
 
 
 def one(effects, i):
-    return tuple(filled(type(e), [float(np.broadcast_to(v, 50)[i]) for _, _, v in numbers(e)]) for e in effects)
+    return tuple(
+        filled(type(e), [float(np.broadcast_to(v, 50)[i]) for _, _, v in numbers(e)])
+        for e in effects
+    )
 
 
 def worst(effects, torque, energy):
     body, off = MassProperties.of(MOMENTS, STATIC), 0.0
     for i in range(50):
         mine = one(effects, i)
-        off = max(off, np.abs(np.subtract(total_torque(mine, body, 0.0, tuple(Q[:, i]), tuple(L[:, i])), torque[:, i])).max())
+        off = max(
+            off,
+            np.abs(
+                np.subtract(
+                    total_torque(mine, body, 0.0, tuple(Q[:, i]), tuple(L[:, i])), torque[:, i]
+                )
+            ).max(),
+        )
         off = max(off, abs(total_energy(mine, body, tuple(Q[:, i])) - energy[i]))
     return off
 
 
 def test_all_effects_at_once_compiled():
     effects, body = canonical(tuple(EXAMPLES.values())), MassProperties.of(MOMENTS, STATIC)
-    effects = tuple(filled(type(e), [v * some.uniform(0.8, 1.2, 50) for _, _, v in numbers(e)]) for e in effects)
-    found = forces.torques(effects, body, tuple(Q), tuple(L)), forces.energies(effects, body, tuple(Q))
+    effects = tuple(
+        filled(type(e), [v * some.uniform(0.8, 1.2, 50) for _, _, v in numbers(e)]) for e in effects
+    )
+    found = (
+        forces.torques(effects, body, tuple(Q), tuple(L)),
+        forces.energies(effects, body, tuple(Q)),
+    )
     assert worst(effects, *found) < 2e-14  # measured 1.8e-15
     assert np.array_equal(forces.evaluated(effects, body, tuple(Q), tuple(L))[3], found[1])
 
 
 def test_by_arrays_where_they_pass():
     effects, body = (Gravity(2.0), ViscousDamping(0.1)), MassProperties.of(MOMENTS, STATIC)
-    found = forces.torques(effects, body, tuple(Q), tuple(L)), forces.energies(effects, body, tuple(Q))
+    found = (
+        forces.torques(effects, body, tuple(Q), tuple(L)),
+        forces.energies(effects, body, tuple(Q)),
+    )
     assert worst(effects, *found) == 0.0
     assert forces.energies(effects, body, tuple(Q.reshape(4, 5, 10))).shape == (5, 10)

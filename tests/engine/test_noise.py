@@ -40,7 +40,13 @@ class Member(NamedTuple):
 
     def values(self):
         four = philox((KEY[0], KEY[1]), (as_word(self.number), STEP, STREAM, ONE))
-        return (as_float(four[0]), as_float(four[1]), as_float(four[2]), as_float(four[3]), *normals(four))
+        return (
+            as_float(four[0]),
+            as_float(four[1]),
+            as_float(four[2]),
+            as_float(four[3]),
+            *normals(four),
+        )
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +58,12 @@ def made():
 
 def test_words_are_those_of_numpy(made):
     count = made[1].shape[1]
-    theirs = np.random.Philox(key=KEY, counter=np.array([0, STEP, STREAM, 1], np.uint64)).random_raw(4 * count).reshape(-1, 4).T
+    theirs = (
+        np.random.Philox(key=KEY, counter=np.array([0, STEP, STREAM, 1], np.uint64))
+        .random_raw(4 * count)
+        .reshape(-1, 4)
+        .T
+    )
     assert np.array_equal(made[1], theirs)
     assert [list(words(m)) for m in (0, 1, 999)] == [list(theirs[:, m]) for m in (0, 1, 999)]
 
@@ -72,7 +83,11 @@ def test_bits_come_and_go():
 def test_logarithm_is_right_relative_to_its_size():
     some = np.random.default_rng(2)
     xs = np.concatenate(
-        [2.0 ** -some.uniform(0, 53, 2000), 1.0 - 2.0 ** -some.uniform(1, 53, 500), [2.0**-53, 1.0 - 2.0**-53, 0.5]]
+        [
+            2.0 ** -some.uniform(0, 53, 2000),
+            1.0 - 2.0 ** -some.uniform(1, 53, 500),
+            [2.0**-53, 1.0 - 2.0**-53, 0.5],
+        ]
     )
     with mp.workdps(40):
         worst = max(abs((logarithm(x) - mp.log(x)) / mp.log(x)) for x in map(float, xs))
@@ -104,7 +119,9 @@ def test_normals_follow_their_law(made):
         expected = 6.0 * n * stats.norm.sf(sigma)
         assert abs(np.count_nonzero(np.abs(out) > sigma) - expected) < 3.5 * math.sqrt(expected)
     assert np.abs(np.corrcoef(out) - np.eye(3)).max() < 4.0 / math.sqrt(n)
-    assert np.abs(np.mean(out[:, 1:] * out[:, :-1], axis=1)).max() < 4.0 / math.sqrt(n)  # of neighbours
+    assert np.abs(np.mean(out[:, 1:] * out[:, :-1], axis=1)).max() < 4.0 / math.sqrt(
+        n
+    )  # of neighbours
 
 
 def test_the_smallest_number_is_8_sigma():

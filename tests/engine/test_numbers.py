@@ -23,7 +23,15 @@ class Sums(NamedTuple):
 
     def values(self):
         a, b, c, d = self.a, self.b, self.c, self.d
-        return a * b + c * d, a * b - c * d, c - a * b, (a + b) * (c - d) - a, -a * b + c, a * 3.0 - d, TENTH * 3.0 + a
+        return (
+            a * b + c * d,
+            a * b - c * d,
+            c - a * b,
+            (a + b) * (c - d) - a,
+            -a * b + c,
+            a * 3.0 - d,
+            TENTH * 3.0 + a,
+        )
 
 
 class Choices(NamedTuple):
@@ -35,7 +43,15 @@ class Choices(NamedTuple):
     def values(self):
         a, b = self.a, self.b
         both, one = (a > 0.0) & (b > 0.0), (a > 0.0) | (b > 0.0)
-        return max(a, b), min(a, b), abs(a), math.copysign(a, b), chosen(both, a, b), chosen(one, 1.0, 0.0), chosen(a != a, 1.0, b)
+        return (
+            max(a, b),
+            min(a, b),
+            abs(a),
+            math.copysign(a, b),
+            chosen(both, a, b),
+            chosen(one, 1.0, 0.0),
+            chosen(a != a, 1.0, b),
+        )
 
 
 class Others(NamedTuple):
@@ -97,16 +113,23 @@ def test_of_two_products_the_left_one_is_fused():
             fused(a + b, c - d, -a),
             fused(-a, b, c),
             fused(a, 3.0, -d),
-            fused(TENTH, 3.0, a),  # a product that all share, and is no number: 0.3 and a little more
+            fused(
+                TENTH, 3.0, a
+            ),  # a product that all share, and is no number: 0.3 and a little more
         )
         assert found[:, e].tolist() == list(wanted)
-    assert (found[0] != columns[0] * columns[1] + columns[2] * columns[3]).any()  # what is not fused has other bits
+    assert (
+        found[0] != columns[0] * columns[1] + columns[2] * columns[3]
+    ).any()  # what is not fused has other bits
 
 
 @pytest.mark.parametrize("side", [1, 2, 4, 8, 16])
 def test_the_width_changes_no_bit(side):
     columns = some.normal(size=(4, 37))
-    assert evaluate(Sums, 7, columns, side=side).tobytes() == evaluate(Sums, 7, columns, side=8).tobytes()
+    assert (
+        evaluate(Sums, 7, columns, side=side).tobytes()
+        == evaluate(Sums, 7, columns, side=8).tobytes()
+    )
     assert (
         evaluate(Functions, 18, np.abs(columns[:2]), side=side).tobytes()
         == evaluate(Functions, 18, np.abs(columns[:2]), side=8).tobytes()
@@ -115,14 +138,24 @@ def test_the_width_changes_no_bit(side):
 
 def test_choices_are_those_of_python():
     columns = np.concatenate(
-        [some.normal(size=(2, 50)), [[0.0, -0.0, np.nan, np.nan, 1.0], [-0.0, 0.0, 1.0, -1.0, np.nan]]], axis=1
+        [
+            some.normal(size=(2, 50)),
+            [[0.0, -0.0, np.nan, np.nan, 1.0], [-0.0, 0.0, 1.0, -1.0, np.nan]],
+        ],
+        axis=1,
     )
     plain = np.array([Choices(*map(float, column)).values() for column in columns.T]).T
     assert evaluate(Choices, 7, columns).tobytes() == plain.tobytes()
 
 
 def test_so_is_what_else_numbers_and_masks_can_do():
-    columns = np.concatenate([some.normal(0.0, 2.0, (2, 50)), [[1.5, -1.5, 2.0, 0.5, 1.0], [1.5, 1.5, -2.0, np.inf, 0.5]]], axis=1)
+    columns = np.concatenate(
+        [
+            some.normal(0.0, 2.0, (2, 50)),
+            [[1.5, -1.5, 2.0, 0.5, 1.0], [1.5, 1.5, -2.0, np.inf, 0.5]],
+        ],
+        axis=1,
+    )
     plain = np.array([Others(*map(float, column)).values() for column in columns.T]).T
     assert evaluate(Others, 20, columns).tobytes() == plain.astype(float).tobytes()
     found = evaluate(Others, 20, np.array([[np.nan, 1.0], [1.0, np.nan]]))
@@ -146,7 +179,13 @@ def test_functions_of_analysis():
             for i, f in enumerate(true):
                 exact = f(one, two)
                 worst[i] = max(
-                    worst[i], abs(float((mp.mpf(float(found[i, e])) - exact) / (exact if i > 2 else max(abs(exact), 1))))
+                    worst[i],
+                    abs(
+                        float(
+                            (mp.mpf(float(found[i, e])) - exact)
+                            / (exact if i > 2 else max(abs(exact), 1))
+                        )
+                    ),
                 )
     assert worst[[0, 1, 2, 3, 4, 5, 6, 8]].max() < 6e-16, worst  # measured 2.9e-16
     assert worst[[9, 10, 11, 12, 14, 15, 16, 17]].max() < 2e-15, worst  # measured 8.8e-16, of sinh
@@ -155,7 +194,12 @@ def test_functions_of_analysis():
 
 
 def test_functions_at_the_ends_of_their_range():
-    ends = np.array([[np.nan, np.inf, -np.inf, 0.0, -745.0, 709.7, 711.0], [np.nan, np.inf, -1.0, 0.0, 5e-324, 1.0, 1e-310]])
+    ends = np.array(
+        [
+            [np.nan, np.inf, -np.inf, 0.0, -745.0, 709.7, 711.0],
+            [np.nan, np.inf, -1.0, 0.0, 5e-324, 1.0, 1e-310],
+        ]
+    )
     found = evaluate(Functions, 18, ends)
     with np.errstate(all="ignore"):
         assert np.allclose(found[6], np.exp(ends[0]), rtol=1e-15, atol=0.0, equal_nan=True)

@@ -14,8 +14,15 @@ def test_numbers_are_philox_at_counter_member_plus_one():
     for member in (0, 1, 999_999, 2**40):
         for draw in (0, 3):
             counter = np.array([member, draw, stream_of("omega"), 0], np.uint64)
-            raw = np.random.Generator(np.random.Philox(key=key, counter=counter)).bit_generator.random_raw(4)
-            assert np.abs(uniforms(7, "omega", member, 1, draw)[:, 0] - [int(r) / 2**64 for r in raw]).max() < 2.0**-51
+            raw = np.random.Generator(
+                np.random.Philox(key=key, counter=counter)
+            ).bit_generator.random_raw(4)
+            assert (
+                np.abs(
+                    uniforms(7, "omega", member, 1, draw)[:, 0] - [int(r) / 2**64 for r in raw]
+                ).max()
+                < 2.0**-51
+            )
 
 
 def test_the_first_number_has_not_changed_since_the_first_release():
@@ -23,11 +30,17 @@ def test_the_first_number_has_not_changed_since_the_first_release():
     assert np.abs(uniforms(7, "omega", 0, 1)[:, 0] - first).max() < 2.0**-51
 
 
-@given(st.integers(0, 2**32), st.integers(0, 10**9), st.lists(st.integers(1, 40), min_size=1, max_size=5))
+@given(
+    st.integers(0, 2**32),
+    st.integers(0, 10**9),
+    st.lists(st.integers(1, 40), min_size=1, max_size=5),
+)
 def test_partition_does_not_matter(seed, first, sizes):
     whole = uniforms(seed, "x", first, sum(sizes))
     starts = first + np.cumsum([0, *sizes[:-1]])
-    parts = [uniforms(seed, "x", int(start), size) for start, size in zip(starts, sizes, strict=True)]
+    parts = [
+        uniforms(seed, "x", int(start), size) for start, size in zip(starts, sizes, strict=True)
+    ]
     assert np.concatenate(parts, axis=1).tobytes() == whole.tobytes()
 
 
@@ -49,7 +62,9 @@ def test_numbers_are_uniform_and_independent():
     assert (u > 0.0).all() and (u < 1.0).all()
     for row in u:
         assert stats.kstest(row, "uniform").pvalue > 0.05  # measured 0.33 to 0.93
-    assert stats.kstest(u.ravel() ** 1.01, "uniform").pvalue < 1e-5  # measured 7e-8: what is not uniform is found out
+    assert (
+        stats.kstest(u.ravel() ** 1.01, "uniform").pvalue < 1e-5
+    )  # measured 7e-8: what is not uniform is found out
     assert np.abs(np.corrcoef(u) - np.eye(4)).max() < 0.01  # measured 0.004
     assert abs(np.corrcoef(u[0, 1:], u[0, :-1])[0, 1]) < 0.01  # measured 0.0016
 

@@ -20,7 +20,9 @@ from rigidmc.integrators import INTEGRATORS, Turns, form, rk4
 from rigidmc.integrators.rk4 import RK4, ScaledRK4
 from tests.assembly import ARITHMETIC, LIBM, STORE, Case, blocks_of, case, counted
 
-pytestmark = pytest.mark.skipif(platform.machine().lower() not in ("x86_64", "amd64"), reason="reads x86-64 assembly")
+pytestmark = pytest.mark.skipif(
+    platform.machine().lower() not in ("x86_64", "amd64"), reason="reads x86-64 assembly"
+)
 
 
 class Gamma(NamedTuple):
@@ -38,7 +40,11 @@ def weight(g, body, q):
 def spun_up(change, share, h, body, torque):
     """change + share h dw/dt by a torque."""
     x, y, z = rk4.quarters(body, h)
-    return change[0] + (share * h * x) * torque[0], change[1] + (share * h * y) * torque[1], change[2] + (share * h * z) * torque[2]
+    return (
+        change[0] + (share * h * x) * torque[0],
+        change[1] + (share * h * y) * torque[1],
+        change[2] + (share * h * z) * torque[2],
+    )
 
 
 for _function in (weight, spun_up):
@@ -48,7 +54,12 @@ for _function in (weight, spun_up):
 def without_effects(instead=r"\5"):
     """The step of RK4 as one writes it for free bodies alone: its source with every `pushed(..., t, h, share, q, w, x)` replaced by x, or by a torque."""
     source = textwrap.dedent(inspect.getsource(ScaledRK4.step))
-    free, count = re.subn(r"pushed\(effects, body, ([^,]+), h, ([^,]+), ([^,]+), ([^,]+), (.*)\)$", instead, source, flags=re.M)
+    free, count = re.subn(
+        r"pushed\(effects, body, ([^,]+), h, ([^,]+), ([^,]+), ([^,]+), (.*)\)$",
+        instead,
+        source,
+        flags=re.M,
+    )
     assert count == 4
     space = {**vars(rk4), "weight": weight, "spun_up": spun_up}
     exec(free, space)
@@ -180,7 +191,9 @@ def test_a_step_costs_no_more_than_it_should(code):
     assert flops["rkmk4 gravity damping"] < 695  # measured 654
     # series in place of two roots and three divisions are more operations and less time: counted in times of a product
     slots = {name: found["slots"] for name, found in code.items()}
-    assert slots["strang gravity damping"] < 575  # measured 554: each side of the drift has its own times
+    assert (
+        slots["strang gravity damping"] < 575
+    )  # measured 554: each side of the drift has its own times
     assert slots["strang gravity"] < 465  # measured 450.5
     # a free body's steps have almost everything in common: 429 by a whole drift each
     assert slots["exact"] < 121  # measured 115.5

@@ -18,7 +18,9 @@ def free(moments, momentum, t, attitude=(1, 0, 0, 0)):
         i = [mp.mpf(x) for x in moments]
         l = [mp.mpf(x) for x in momentum]
         square, twice_energy = mp.fdot(l, l), mp.fsum(x * x / m for x, m in zip(l, i, strict=True))
-        if square < twice_energy * i[1]:  # mirror: exchanging axes 1 and 3 and turning axis 2 round keeps the frame right-handed
+        if (
+            square < twice_energy * i[1]
+        ):  # mirror: exchanging axes 1 and 3 and turning axis 2 round keeps the frame right-handed
             swap = [l[2], -l[1], l[0]]
             q, end = _free([i[2], i[1], i[0]], swap, mp.mpf(t))
             q = [q[0], q[3], -q[2], q[1]]
@@ -48,7 +50,11 @@ def _free(i, l, t):
         s, c, d = (mp.ellipfun(k, u, m=m) for k in ("sn", "cn", "dn"))
         turns = mp.nint(u / (2 * period))
         am = turns * mp.pi + mp.atan2(s * (-1) ** int(turns), c * (-1) ** int(turns))
-        return [mp.sqrt(low) * c, sign2 * mp.sqrt(across) * s, mp.sign(l[2]) * mp.sqrt(high) * d], am
+        return [
+            mp.sqrt(low) * c,
+            sign2 * mp.sqrt(across) * s,
+            mp.sign(l[2]) * mp.sqrt(high) * d,
+        ], am
 
     (begin, am0), (end, am1) = state(start), state(u)
     # psi' = (2T + |L| |L3|/I3)/(|L| + |L3|) integrates to |L| t/I1 - (...) Pi - atan: with c = sqrt(high)/|L|, 1 - u3^2 = b^2 + c^2 m sn^2
@@ -62,7 +68,13 @@ def _free(i, l, t):
         elementary = (
             mp.sqrt(c2)
             / mp.sqrt(b2 * w2)
-            * (turns * mp.pi + mp.atan2(mp.sqrt(w2) * mp.sin(am - turns * mp.pi), mp.sqrt(b2) * mp.cos(am - turns * mp.pi)))
+            * (
+                turns * mp.pi
+                + mp.atan2(
+                    mp.sqrt(w2) * mp.sin(am - turns * mp.pi),
+                    mp.sqrt(b2) * mp.cos(am - turns * mp.pi),
+                )
+            )
         )
         return elementary - mp.ellippi(n, am, m) / b2 + mp.ellipf(am, m)
 
@@ -87,14 +99,20 @@ def lagrange(one, three, k, momentum, attitude, t):
         q, l = [mp.mpf(x) for x in attitude], [mp.mpf(x) for x in momentum]
         norm = mp.sqrt(mp.fdot(q, q))
         q = [x / norm for x in q]
-        g = [2 * (q[1] * q[3] - q[0] * q[2]), 2 * (q[2] * q[3] + q[0] * q[1]), q[0] ** 2 - q[1] ** 2 - q[2] ** 2 + q[3] ** 2]
+        g = [
+            2 * (q[1] * q[3] - q[0] * q[2]),
+            2 * (q[2] * q[3] + q[0] * q[1]),
+            q[0] ** 2 - q[1] ** 2 - q[2] ** 2 + q[3] ** 2,
+        ]
         a, b, u0 = mp.fdot(l, g) / one, l[2] / one, g[2]
         be = 2 * k / one
         al = (l[0] ** 2 + l[1] ** 2) / one**2 + be * u0
         slope = (g[0] * l[1] - g[1] * l[0]) / one
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # of the order of the coefficients
-            found = mp.polyroots([be, -(al + b * b), 2 * a * b - be, al - a * a], maxsteps=500, extraprec=400)
+            found = mp.polyroots(
+                [be, -(al + b * b), 2 * a * b - be, al - a * a], maxsteps=500, extraprec=400
+            )
         roots = sorted(mp.re(x) for x in found)
         u1, u2, u3 = roots
         m, p = (u2 - u1) / (u3 - u1), mp.sqrt(be * (u3 - u1)) / 2
@@ -145,7 +163,11 @@ def symmetric(moments, momentum, t, attitude=(1, 0, 0, 0)):
         one, three, t = mp.mpf(moments[0]), mp.mpf(moments[2]), mp.mpf(t)
         l = [mp.mpf(x) for x in momentum]
         angle = (1 / three - 1 / one) * l[2] * t
-        end = [l[0] * mp.cos(angle) + l[1] * mp.sin(angle), l[1] * mp.cos(angle) - l[0] * mp.sin(angle), l[2]]
+        end = [
+            l[0] * mp.cos(angle) + l[1] * mp.sin(angle),
+            l[1] * mp.cos(angle) - l[0] * mp.sin(angle),
+            l[2],
+        ]
         size = mp.sqrt(mp.fdot(l, l))
         half = size * t / one / 2
         about = [mp.cos(half), *(mp.sin(half) * x / size for x in l)]

@@ -21,7 +21,9 @@ def test_sn_cn_dn_at_every_modulus(mc):
     u = RNG.uniform(-4.0, 4.0, 40) * elliptic.complete_first(mc=mc)
     found = elliptic.jacobi(u, mc=mc)
     for name in ("sn", "cn", "dn"):
-        assert np.abs(getattr(found, name) - truth(name, u, mc)).max() < (1e-14 if mc > 1e-13 else 3e-14)
+        assert np.abs(getattr(found, name) - truth(name, u, mc)).max() < (
+            1e-14 if mc > 1e-13 else 3e-14
+        )
     assert np.abs(np.sin(found.am) - found.sn).max() < 1e-13  # 5.6e-16
     assert (np.diff(found.am[np.argsort(u)]) >= 0.0).all()
 
@@ -45,18 +47,30 @@ def test_integrals_beyond_a_quarter_period_too(mc):
         m = 1 - mp.mpf(mc)
         f, e, pi = (
             [float(g(mp.mpf(x))) for x in phi]
-            for g in (lambda x: mp.ellipf(x, m), lambda x: mp.ellipe(x, m), lambda x: mp.ellippi(-0.3, x, m))
+            for g in (
+                lambda x: mp.ellipf(x, m),
+                lambda x: mp.ellipe(x, m),
+                lambda x: mp.ellippi(-0.3, x, m),
+            )
         )
         whole = float(mp.ellipk(m))
-    assert np.abs(elliptic.first(phi, mc=mc) / np.where(phi == 0, 1, f) - (phi != 0)).max() < 1e-13  # 4.4e-16
+    assert (
+        np.abs(elliptic.first(phi, mc=mc) / np.where(phi == 0, 1, f) - (phi != 0)).max() < 1e-13
+    )  # 4.4e-16
     assert np.abs(elliptic.second(phi, mc=mc) - e).max() < 1e-14  # 1.8e-15
-    assert np.abs(elliptic.third(-0.3, phi, mc=mc) / np.where(phi == 0, 1, pi) - (phi != 0)).max() < 1e-13  # 4.4e-16
+    assert (
+        np.abs(elliptic.third(-0.3, phi, mc=mc) / np.where(phi == 0, 1, pi) - (phi != 0)).max()
+        < 1e-13
+    )  # 4.4e-16
     assert elliptic.complete_first(mc=mc) == pytest.approx(whole, rel=1e-15)
 
 
 def test_what_is_no_modulus_is_nan_and_its_neighbours_stay():
     found = elliptic.jacobi(np.array([0.3, 0.4, np.inf, 0.5]), m=np.array([0.2, 1.5, 0.3, 0.4]))
     assert np.isnan(found.sn).tolist() == [False, True, True, False]
-    assert found.sn[[0, 3]].tolist() == elliptic.jacobi(np.array([0.3, 0.5]), m=np.array([0.2, 0.4])).sn.tolist()
+    assert (
+        found.sn[[0, 3]].tolist()
+        == elliptic.jacobi(np.array([0.3, 0.5]), m=np.array([0.2, 0.4])).sn.tolist()
+    )
     with pytest.raises(ValueError, match="one of them"):
         elliptic.jacobi(0.3)

@@ -41,7 +41,9 @@ def test_moments_in_any_order(moments):
 def test_far_times_against_the_classical_forms():
     for _ in range(8):
         moments, l = np.sort(RNG.uniform(0.5, 1.0, 3)), RNG.normal(size=3)
-        momentum, attitude = off(free_top(moments, l, START, 5000.0), oracles.free(moments, l, 5000.0))
+        momentum, attitude = off(
+            free_top(moments, l, START, 5000.0), oracles.free(moments, l, 5000.0)
+        )
         assert momentum < 5e-12  # 3.6e-13
         assert attitude < 2e-11  # 1.4e-12
 
@@ -49,7 +51,9 @@ def test_far_times_against_the_classical_forms():
 def test_oracles_agree_with_taylor_series():
     moments, l = (0.6, 0.8, 1.0), (1.8, 0.4, -0.9)
     for l in ((1.8, 0.4, -0.9), (0.3, 0.4, 0.9)):
-        assert max(off(free_top(moments, l, START, 3.0), oracles.free(moments, l, 3.0))) < 1e-14  # 6.4e-16
+        assert (
+            max(off(free_top(moments, l, START, 3.0), oracles.free(moments, l, 3.0))) < 1e-14
+        )  # 6.4e-16
         q, end = oracles.free(moments, l, 3.0)
         p, other = reference.taylor(moments, l, 3.0)
         assert max(abs(float(a - b)) for a, b in zip(end, other, strict=True)) < 1e-30  # 7.3e-41
@@ -63,8 +67,15 @@ def test_invariants_and_the_broken_twin():
         before, after = (l**2 / weight).sum(-1), (motion.momentum**2 / weight).sum(-1)
         assert np.abs(after / before - 1.0).max() < 2e-15  # 1.0e-15
     space = np.einsum("...ij,...j->...i", matrix(motion.attitude), motion.momentum)
-    assert (np.abs(space - l).max((1, 2)) / np.linalg.norm(l, axis=-1)[:, 0]).max() < 3e-15  # 7.1e-16
-    assert np.abs(((motion.momentum * 1.001) ** 2 / moments).sum(-1) / (l**2 / moments).sum(-1) - 1.0).min() > 1e-3
+    assert (
+        np.abs(space - l).max((1, 2)) / np.linalg.norm(l, axis=-1)[:, 0]
+    ).max() < 3e-15  # 7.1e-16
+    assert (
+        np.abs(
+            ((motion.momentum * 1.001) ** 2 / moments).sum(-1) / (l**2 / moments).sum(-1) - 1.0
+        ).min()
+        > 1e-3
+    )
 
 
 def test_time_is_a_group():
@@ -84,7 +95,9 @@ def test_time_is_a_group():
 @pytest.mark.parametrize("name", [n for n, p in PROBLEMS.items() if "flip" in p.more])
 def test_flip_intervals(name):
     problem = PROBLEMS[name]
-    assert free_motion(problem.moments, problem.momentum).flip_interval == pytest.approx(problem.more["flip"], rel=2e-15)
+    assert free_motion(problem.moments, problem.momentum).flip_interval == pytest.approx(
+        problem.more["flip"], rel=2e-15
+    )
 
 
 @pytest.mark.parametrize("name", ["hairer_free", "toms903_run", "hairer_lubich_wanner"])
@@ -95,7 +108,11 @@ def test_published_ends(name):
 
 
 def test_a_period_turns_the_attitude_by_turn_and_the_momentum_sweeps_montgomerys_angle():
-    for moments, l in (((0.6, 0.8, 1.0), (1.8, 0.4, -0.9)), ((1.0, 2.0, 3.0), (0.2, 0.3, 1.0)), ((2.0, 1.0, 2.5), (0.9, 0.2, 0.3))):
+    for moments, l in (
+        ((0.6, 0.8, 1.0), (1.8, 0.4, -0.9)),
+        ((1.0, 2.0, 3.0), (0.2, 0.3, 1.0)),
+        ((2.0, 1.0, 2.5), (0.9, 0.2, 0.3)),
+    ):
         what = free_motion(moments, l)
         end, u = free_top(moments, l, START, what.period), np.array(l) / np.linalg.norm(l)
         assert np.abs(end.momentum - l).max() < 1e-14  # 2.2e-16
@@ -103,11 +120,17 @@ def test_a_period_turns_the_attitude_by_turn_and_the_momentum_sweeps_montgomerys
         assert np.remainder(angle - what.turn + 1.0, 2 * np.pi) == pytest.approx(1.0, abs=1e-13)
         path = free_top(moments, l, START, np.linspace(0.0, 1.0, 4001) * what.period).momentum
         a, b = (path / np.linalg.norm(l))[:-1], (path / np.linalg.norm(l))[1:]
-        pole = np.eye(3)[what.axis - 1] * np.sign(l[what.axis - 1])  # spherical triangles from a fixed pole, with their sign
+        pole = np.eye(3)[what.axis - 1] * np.sign(
+            l[what.axis - 1]
+        )  # spherical triangles from a fixed pole, with their sign
         triple = (pole * np.cross(a, b)).sum(-1)
         swept = 2.0 * np.arctan2(triple, 1.0 + (a * b).sum(-1) + a @ pole + b @ pole).sum()
-        assert np.remainder(what.solid_angle - swept + 1.0, 4 * np.pi) == pytest.approx(1.0, abs=1e-5)
-        assert abs(np.remainder(what.solid_angle + swept + 1.0, 4 * np.pi) - 1.0) > 0.1  # the twin that sweeps the other way
+        assert np.remainder(what.solid_angle - swept + 1.0, 4 * np.pi) == pytest.approx(
+            1.0, abs=1e-5
+        )
+        assert (
+            abs(np.remainder(what.solid_angle + swept + 1.0, 4 * np.pi) - 1.0) > 0.1
+        )  # the twin that sweeps the other way
 
 
 def test_kinds_of_motion():
@@ -131,7 +154,9 @@ def test_spins_about_principal_axes_stay_put(axis, t):
     motion = free_top((1.0, 2.0, 3.0), l, START, t)
     assert np.abs(motion.momentum - l).max() < 1e-15  # 2.2e-16
     half = 0.5 * l[axis] / (axis + 1.0) * t
-    assert attitude_error(motion.attitude, [np.cos(half), *(np.sin(half) * np.eye(3)[axis])]) < 1e-11  # 1.7e-16
+    assert (
+        attitude_error(motion.attitude, [np.cos(half), *(np.sin(half) * np.eye(3)[axis])]) < 1e-11
+    )  # 1.7e-16
 
 
 def test_one_bad_element_is_nan_and_counted_and_its_neighbours_stay_to_the_bit():
@@ -159,6 +184,8 @@ def test_what_cannot_be_is_refused_in_a_sentence():
 
 def test_shapes_broadcast_and_scipys_rotations_are_taken():
     q = Rotation.random(5, rng=RNG)
-    motion = free_top(np.array([1.0, 2.0, 2.5]), RNG.normal(size=(5, 3)), q, np.linspace(0, 1, 4)[:, None])
+    motion = free_top(
+        np.array([1.0, 2.0, 2.5]), RNG.normal(size=(5, 3)), q, np.linspace(0, 1, 4)[:, None]
+    )
     assert motion.attitude.shape == (4, 5, 4)
     assert attitude_error(motion.attitude[0], q).max() < 2e-15  # 8.8e-16

@@ -6,7 +6,13 @@ import pytest
 from rigidmc import SceneError, SceneWarning, lagrange_motion, lagrange_top
 from rigidmc.mechanics import integrable_tops
 from rigidmc.mechanics.lagrange_top import effective_potential, sleeping_growth, steady_precession
-from rigidmc.mechanics.rotation import attitude_error, euler, from_euler, matrix, omega_from_euler_rates
+from rigidmc.mechanics.rotation import (
+    attitude_error,
+    euler,
+    from_euler,
+    matrix,
+    omega_from_euler_rates,
+)
 from rigidmc.studies.problems import PROBLEMS
 from tests import reference
 from tests.exact import oracles
@@ -22,7 +28,9 @@ def leaning(theta):
 def off(motion, truth):
     """(momentum error, attitude error [rad])."""
     q, l = (np.array([float(x) for x in v]) for v in truth)
-    return np.abs(motion.momentum - l).max() / max(np.linalg.norm(l), 1.0), attitude_error(motion.attitude, q)
+    return np.abs(motion.momentum - l).max() / max(np.linalg.norm(l), 1.0), attitude_error(
+        motion.attitude, q
+    )
 
 
 STARTS = {  # theta, momentum
@@ -45,7 +53,9 @@ STARTS = {  # theta, momentum
 def test_starts_anywhere(name, t):
     theta, l = STARTS[name]
     q = (0.0, 1.0, 0.0, 0.0) if name == "hanging" else leaning(theta)
-    momentum, attitude = off(lagrange_top(I, K, l, q, t), reference.taylor(I, l, t, q, weight=(0, 0, K)))
+    momentum, attitude = off(
+        lagrange_top(I, K, l, q, t), reference.taylor(I, l, t, q, weight=(0, 0, K))
+    )
     assert momentum < 2e-15  # 1.5e-15
     assert attitude < 2e-14  # 1.4e-14
 
@@ -56,7 +66,8 @@ def test_random_tops_and_weights_below():
             l, q = RNG.normal(size=3), RNG.normal(size=4)
             q /= np.linalg.norm(q)
             momentum, attitude = off(
-                lagrange_top(I, weight, l, q, 4.1), reference.taylor(I, l, 4.1, tuple(q), weight=(0, 0, weight))
+                lagrange_top(I, weight, l, q, 4.1),
+                reference.taylor(I, l, 4.1, tuple(q), weight=(0, 0, weight)),
             )
             assert momentum < 4e-15  # 1.8e-15
             assert attitude < 1e-14  # 3.0e-15
@@ -65,7 +76,9 @@ def test_random_tops_and_weights_below():
 def test_far_times_against_the_classical_forms():
     for _ in range(6):
         l, q = RNG.normal(size=3), RNG.normal(size=4)
-        momentum, attitude = off(lagrange_top(I, K, l, q, 3000.0), oracles.lagrange(1.0, 0.7, K, l, q, 3000.0))
+        momentum, attitude = off(
+            lagrange_top(I, K, l, q, 3000.0), oracles.lagrange(1.0, 0.7, K, l, q, 3000.0)
+        )
         assert momentum < 1e-11  # 1.2e-12
         assert attitude < 1e-11  # 2.7e-12
 
@@ -73,7 +86,9 @@ def test_far_times_against_the_classical_forms():
 @pytest.mark.parametrize(("name", "axis"), [("cardona_top", 2), ("simo_wong_top", 3)])
 def test_published_tops(name, axis):
     p = PROBLEMS[name]
-    end = lagrange_top(p.moments, p.gravity * p.static_moment[axis - 1], p.momentum, p.attitude, p.time, axis=axis)
+    end = lagrange_top(
+        p.moments, p.gravity * p.static_moment[axis - 1], p.momentum, p.attitude, p.time, axis=axis
+    )
     if p.end_attitude:
         assert attitude_error(end.attitude, p.end_attitude) < 5e-14  # 1.7e-14
     else:
@@ -98,11 +113,16 @@ def test_sleeping_top_stays_and_its_stability():
         assert (matrix(end.attitude)[:, 2, 2] == 1.0).all()
         assert np.abs(end.momentum[:, :2]).max() == 0.0
         half = 0.5 * spin / 0.7 * 1e3
-        assert attitude_error(end.attitude[1], (np.cos(half), 0, 0, np.sin(half))) < 1e-11  # 1.8e-12
+        assert (
+            attitude_error(end.attitude[1], (np.cos(half), 0, 0, np.sin(half))) < 1e-11
+        )  # 1.8e-12
         assert lagrange_motion(I, K, (0.0, 0.0, spin), (1.0, 0, 0, 0)).kind == "sleeping"
     growth = sleeping_growth(I, K, 0.6 / 0.7)
     assert sleeping_growth(I, K, 6.0 / 0.7) == 0.0
-    tilt = [np.hypot(*(lagrange_top(I, K, (1e-10, 0, 0.6), (1, 0, 0, 0), t).attitude[1:3])) for t in (8.0, 9.0)]
+    tilt = [
+        np.hypot(*(lagrange_top(I, K, (1e-10, 0, 0.6), (1, 0, 0, 0), t).attitude[1:3]))
+        for t in (8.0, 9.0)
+    ]
     assert np.log(tilt[1] / tilt[0]) == pytest.approx(growth, rel=1e-6)
 
 
@@ -117,22 +137,27 @@ def test_kinds_of_motion_and_their_angles():
     }
     slow, fast = steady_precession(I, K, 4.0, 0.9)
     for kind, case in cases.items():
-        theta, l = case or (0.9, I * omega_from_euler_rates((0, 0.9, 0), (slow, 0.0, 4.0 - slow * np.cos(0.9))))
+        theta, l = case or (
+            0.9,
+            I * omega_from_euler_rates((0, 0.9, 0), (slow, 0.0, 4.0 - slow * np.cos(0.9))),
+        )
         q = (0.0, 1.0, 0.0, 0.0) if kind == "at rest" else leaning(theta)
         what = lagrange_motion(I, K, l, q)
         assert what.kind == kind
         if np.isfinite(what.period):
             path = lagrange_top(I, K, l, q, np.linspace(0.0, 1.0, 2001) * what.period)
             tilt = euler(path.attitude)[:, 1]
-            rough = 1e-3 if kind == "pendulum" else 1e-5  # a pendulum swings through theta = pi, a corner of theta
+            rough = (
+                1e-3 if kind == "pendulum" else 1e-5
+            )  # a pendulum swings through theta = pi, a corner of theta
             assert abs(tilt.max() - what.low) < rough
             assert abs(tilt.min() - what.high) < rough
             angles = euler(path.attitude[[0, -1]])
             for column, advance in ((0, what.precession), (2, what.spin)):
                 if kind != "pendulum":
-                    assert np.remainder(angles[1, column] - angles[0, column] - advance + 1.0, 2 * np.pi) == pytest.approx(
-                        1.0, abs=1e-12
-                    )
+                    assert np.remainder(
+                        angles[1, column] - angles[0, column] - advance + 1.0, 2 * np.pi
+                    ) == pytest.approx(1.0, abs=1e-12)
             for turning in (what.low, what.high):
                 if kind != "pendulum":
                     u = effective_potential(I, K, what.p_phi, what.p_psi, turning)
@@ -164,7 +189,10 @@ def test_constants_of_kovalevskaya_and_of_goryachev_and_chaplygin():
         ((2.0, 2.0, 1.0), integrable_tops.kovalevskaya, l),
         ((4.0, 4.0, 1.0), integrable_tops.goryachev_chaplygin, l - (l @ up) * up),
     ):
-        p, end = (np.array([float(x) for x in v]) for v in reference.taylor(moments, tuple(start), 5.0, tuple(q), weight=c))
+        p, end = (
+            np.array([float(x) for x in v])
+            for v in reference.taylor(moments, tuple(start), 5.0, tuple(q), weight=c)
+        )
         value = function(moments, c, start, up)
         assert function(moments, c, end, matrix(p)[2]) == pytest.approx(value, rel=4e-15)
         assert function(moments, np.multiply(c, -1.0), end, matrix(p)[2]) != pytest.approx(
@@ -184,7 +212,9 @@ def test_griolis_precession_and_staudes_rotation():
     q = (np.cos(angle / 2), *(np.sin(angle / 2) * axis / np.linalg.norm(axis)))
     p, l = (
         np.array([float(x) for x in v])
-        for v in reference.taylor(moments, tuple(moments * start.omega), 3.0, q, weight=tuple(k * start.centre))
+        for v in reference.taylor(
+            moments, tuple(moments * start.omega), 3.0, q, weight=tuple(k * start.centre)
+        )
     )
     assert np.abs(l / moments - end.omega).max() < 2e-15  # 1.1e-16
     assert np.abs(matrix(p)[2] - end.up).max() < 2e-15  # 3.3e-16

@@ -26,7 +26,9 @@ DAMPING = 0.1
 EVERY = pytest.mark.parametrize(
     "name", [n for n in INTEGRATORS if n != "closed"]
 )  # which makes no steps: tests/test_closed_form.py
-HEAVY_ONES = pytest.mark.parametrize("name", [n for n in accepting((Gravity(1.0),)) if n != "closed"])
+HEAVY_ONES = pytest.mark.parametrize(
+    "name", [n for n in accepting((Gravity(1.0),)) if n != "closed"]
+)
 
 
 def end_error(name, problem, steps, effects=None, end=None):
@@ -69,7 +71,10 @@ def ensemble():
     moments, attitude = second.sum(0) - second, some.normal(size=(4, 32))
     momentum = some.normal(size=(3, 32)) * moments
     body = MassProperties.of(moments, some.normal(0.0, 0.3, (3, 32)))
-    block, effects = make_block(body, (Gravity(1.0),), attitude / np.linalg.norm(attitude, axis=0), momentum), (Gravity(1.0),)
+    block, effects = (
+        make_block(body, (Gravity(1.0),), attitude / np.linalg.norm(attitude, axis=0), momentum),
+        (Gravity(1.0),),
+    )
     rate = max(turn_rate_of(i, l) for i, l in zip(moments.T, momentum.T, strict=True))
     found = Ensemble(block, effects, 2.0 * rate, np.zeros((7, 32)))
     ends = [after(found, "rk8", 400), after(found, "srkn11", 500)]
@@ -145,8 +150,20 @@ def blown_end(effect, seconds=2.0):
 
     def rates(t, y):
         w = angular_velocity(body, y[4:])
-        spin = np.array([[0, -w[0], -w[1], -w[2]], [w[0], 0, w[2], -w[1]], [w[1], -w[2], 0, w[0]], [w[2], w[1], -w[0], 0]])
-        return np.concatenate([0.5 * spin @ y[:4], np.cross(y[4:], w) + total_torque((effect,), body, t, y[:4], y[4:])])
+        spin = np.array(
+            [
+                [0, -w[0], -w[1], -w[2]],
+                [w[0], 0, w[2], -w[1]],
+                [w[1], -w[2], 0, w[0]],
+                [w[2], w[1], -w[0], 0],
+            ]
+        )
+        return np.concatenate(
+            [
+                0.5 * spin @ y[:4],
+                np.cross(y[4:], w) + total_torque((effect,), body, t, y[:4], y[4:]),
+            ]
+        )
 
     start = np.array([1.0, 0.0, 0.0, 0.0, *FREE.momentum])
     return solve_ivp(rates, (0.0, seconds), start, method="DOP853", rtol=3e-14, atol=1e-15).y[:, -1]
@@ -167,7 +184,9 @@ def test_order_with_a_torque_that_depends_on_time(name, compensated, effect):
             q, l = (q, (0.0,) * 4), (l, (0.0,) * 3)
         for i in range(steps):
             q, l = one_step(made, FREE.body, (effect,), i * h, h, q, l)
-        errors.append(max(attitude_error(whole(q), true[:4]), np.abs(np.array(whole(l)) - true[4:]).max()))
+        errors.append(
+            max(attitude_error(whole(q), true[:4]), np.abs(np.array(whole(l)) - true[4:]).max())
+        )
     order = orders(errors)[0]
     # aba is of order 8 and 10 as long as torques are small
     assert abs(order - INTEGRATORS[name].order) < 0.4 or (name.startswith("aba") and order > 4.0)
@@ -256,7 +275,9 @@ def heavy_errors(name, h, seconds, saves):
     """Largest |E - E0| in each of `saves` equal spans, and of L_z over all, of the heavy body."""
     made = prepare(INTEGRATORS[name], turn(HEAVY, h), HEAVY.effects)
     block = block_of([HEAVY])
-    rows = run(block, made, HEAVY.effects, h, round(seconds / h), (Energy(), Attitude(), Momentum()), 4)[:, :, 0]
+    rows = run(
+        block, made, HEAVY.effects, h, round(seconds / h), (Energy(), Attitude(), Momentum()), 4
+    )[:, :, 0]
     energy = np.abs(rows[:, 0] - HEAVY.more["energy"])
     up = np.array([rotation(q)[2] for q in rows[:, 1:5]])
     lz = np.sum(up * rows[:, 5:], axis=1)
@@ -283,7 +304,10 @@ def naive_error(name, problem, h, steps, damping=0.0, **twin):
     effects = (*problem.effects, ViscousDamping(damping)) if damping else None
     q, l = march(INTEGRATORS[name], [problem], h, steps, effects)
     a, momentum = NAIVE[name](problem, h, steps, damping, **twin)
-    return max(np.abs(rotation(q[:, 0]) - a).max(), np.abs(l[:, 0] - momentum).max() / np.linalg.norm(momentum))
+    return max(
+        np.abs(rotation(q[:, 0]) - a).max(),
+        np.abs(l[:, 0] - momentum).max() / np.linalg.norm(momentum),
+    )
 
 
 @pytest.mark.parametrize("name", NAIVE)
@@ -327,7 +351,13 @@ def test_every_integrator_has_its_facts():
         assert isinstance(kind.compensated, bool)
         assert set(kind.conserves) <= {"|q|", "|L|^2", "T", "L in space"}
         assert kind.accepts.startswith(
-            ("any torque", "torques with an exact flow", "torques of attitude and time", "no torque", "free tops")
+            (
+                "any torque",
+                "torques with an exact flow",
+                "torques of attitude and time",
+                "no torque",
+                "free tops",
+            )
         )
         assert "Source:" in description(name)
 
@@ -346,6 +376,16 @@ class Clock(NamedTuple):
 def test_rk8_asks_for_torques_at_the_times_of_its_stages():
     """c_i is the sum of a_ij."""
     TIMES.clear()
-    one_step(prepare(INTEGRATORS["rk8"], 0.1, (Clock(),)), FREE.body, (Clock(),), 0.0, 1.0, (1.0, 0.0, 0.0, 0.0), FREE.momentum)
+    one_step(
+        prepare(INTEGRATORS["rk8"], 0.1, (Clock(),)),
+        FREE.body,
+        (Clock(),),
+        0.0,
+        1.0,
+        (1.0, 0.0, 0.0, 0.0),
+        FREE.momentum,
+    )
     stages = [sum(getattr(rk8, f"_A{i}")) for i in range(2, 13)]
-    assert np.abs(np.subtract(TIMES, [0.0, *stages])).max() < 2e-14  # measured 6e-15, the rounding of the table
+    assert (
+        np.abs(np.subtract(TIMES, [0.0, *stages])).max() < 2e-14
+    )  # measured 6e-15, the rounding of the table

@@ -23,7 +23,9 @@ def error(name, steps, **options):
     kind = INTEGRATORS[name]
     made = prepare(kind, turn(HEAVY, HEAVY.time / 50), HEAVY.effects)
     q, l = march(kind, [HEAVY], HEAVY.time / steps, steps, made=made, **options)
-    return max(np.abs(l[:, 0] - TRUE[1]).max() / np.linalg.norm(TRUE[1]), attitude_error(q[:, 0], TRUE[0]))
+    return max(
+        np.abs(l[:, 0] - TRUE[1]).max() / np.linalg.norm(TRUE[1]), attitude_error(q[:, 0], TRUE[0])
+    )
 
 
 @pytest.mark.parametrize("name", ["rk4", "rk8", "strang", "srkn11"])
@@ -37,7 +39,9 @@ def test_float32_is_as_good_as_its_digits(name):
 
 def test_compensated_float32_errs_by_its_body_alone():
     for steps in (2000, 8000, 32000):
-        assert error("rk4", steps, dtype=np.float32, compensated=True) < 1.5e-6  # 5.1e-7, 6.2e-7, 6.4e-7
+        assert (
+            error("rk4", steps, dtype=np.float32, compensated=True) < 1.5e-6
+        )  # 5.1e-7, 6.2e-7, 6.4e-7
     assert error("rk4", 32000, dtype=np.float32) > 1e-4  # 4.9e-4
 
 
@@ -70,7 +74,9 @@ def test_rounding_grows_with_the_root_of_the_steps_at_most():
         for steps in (20_000, 320_000):
             moved = block.copy()
             run(moved, made, (), 1e-3, steps, compensated=compensated)
-            drift.append(np.sqrt(np.mean(((moved[K.MOMENTUM : K.REST] ** 2).sum(0) / size - 1.0) ** 2)))
+            drift.append(
+                np.sqrt(np.mean(((moved[K.MOMENTUM : K.REST] ** 2).sum(0) / size - 1.0) ** 2))
+            )
         drifts[compensated] = drift
     assert drifts[True][1] < 3e-16
     assert drifts[False][1] > 3.0 * drifts[True][1]
@@ -78,9 +84,20 @@ def test_rounding_grows_with_the_root_of_the_steps_at_most():
 
 
 def test_starts_saves_and_drifts_are_float64_whatever_the_steps_are():
-    scene = rm.Scene(rm.Body.from_moments((1.0, 1.4, 2.0)), (), rm.Start(omega=(rm.normal(0.0, 1.0), 1.0, 0.2)))
-    ds = rm.simulate(scene, dtype="float32", t_end=1.0, every=0.5, members=64, save=("omega", "energy", "energy_drift"))
-    double = rm.simulate(scene, t_end=1.0, every=0.5, members=64, save=("omega", "energy", "energy_drift"))
+    scene = rm.Scene(
+        rm.Body.from_moments((1.0, 1.4, 2.0)), (), rm.Start(omega=(rm.normal(0.0, 1.0), 1.0, 0.2))
+    )
+    ds = rm.simulate(
+        scene,
+        dtype="float32",
+        t_end=1.0,
+        every=0.5,
+        members=64,
+        save=("omega", "energy", "energy_drift"),
+    )
+    double = rm.simulate(
+        scene, t_end=1.0, every=0.5, members=64, save=("omega", "energy", "energy_drift")
+    )
     assert np.array_equal(ds.omega[0], double.omega[0])  # the start itself, not rounded to float32
     assert ds.energy.dtype == np.float64
     assert 1e-9 < float(ds.energy_drift_max.max()) < 1e-5
@@ -91,17 +108,25 @@ def test_starts_saves_and_drifts_are_float64_whatever_the_steps_are():
 def driven():
     """64 heavy tops with a thrust in the body, and their state after 10 s."""
     some = np.random.default_rng(0)
-    moments = tuple(some.uniform(low, high, 64) for low, high in ((0.8, 1.0), (0.9, 1.2), (1.0, 1.5)))
+    moments = tuple(
+        some.uniform(low, high, 64) for low, high in ((0.8, 1.0), (0.9, 1.2), (1.0, 1.5))
+    )
     body = rm.Body.from_moments(moments, mass=1.0, centre=tuple(some.normal(0.0, 0.2, (3, 64))))
     start = rm.Start(omega=tuple(some.normal(size=(3, 64))), attitude="uniform")
-    scene = rm.Scene(body, (rm.Gravity(1.0), rm.BodyTorque((0.05, -0.03, 0.04))), start).with_run(members=64, t_end=10.0)
+    scene = rm.Scene(body, (rm.Gravity(1.0), rm.BodyTorque((0.05, -0.03, 0.04))), start).with_run(
+        members=64, t_end=10.0
+    )
     return scene, end(scene, "rk8", 4000)
 
 
 def end(scene, name, steps, **options):
     """(momentum (n, 3), attitude (n, 4)) at the end."""
-    last = rm.simulate(scene, integrator=name, dt=scene.run.t_end / steps, save=("momentum", "attitude"), **options).isel(time=-1)
-    return last.momentum.transpose("member", "axis").values, last.attitude.transpose("member", "quat").values
+    last = rm.simulate(
+        scene, integrator=name, dt=scene.run.t_end / steps, save=("momentum", "attitude"), **options
+    ).isel(time=-1)
+    return last.momentum.transpose("member", "axis").values, last.attitude.transpose(
+        "member", "quat"
+    ).values
 
 
 def single_error(name, steps):

@@ -20,7 +20,12 @@ SOME = ("rk4", "strang", "srkn11")
 
 
 @pytest.mark.parametrize(
-    "name", [n if n in SOME else pytest.param(n, marks=pytest.mark.slow) for n in accepting(GRAVITY) if n != "closed"]
+    "name",
+    [
+        n if n in SOME else pytest.param(n, marks=pytest.mark.slow)
+        for n in accepting(GRAVITY)
+        if n != "closed"
+    ],
 )
 def test_saves_change_no_bit(name):
     often = rm.simulate(SCENE, integrator=name, every=0.02)

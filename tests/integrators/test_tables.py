@@ -39,7 +39,12 @@ def fast_end():
 
 def ends(name, problem, steps, symmetric=False):
     """(q, L) after `steps` steps, q on the side of the true one."""
-    made = prepare(INTEGRATORS[name], turn(problem, problem.time / min(steps, 50)), problem.effects, symmetric=symmetric)
+    made = prepare(
+        INTEGRATORS[name],
+        turn(problem, problem.time / min(steps, 50)),
+        problem.effects,
+        symmetric=symmetric,
+    )
     q, l = march(INTEGRATORS[name], [problem], problem.time / steps, steps, made=made)
     return q[:, 0], l[:, 0]
 
@@ -51,13 +56,19 @@ def test_a_moderate_top(name):
         q, l = ends(name, top, steps)
         q *= np.sign(q @ top.end_attitude)
         error = max(np.abs(q - top.end_attitude).max(), np.abs(l - top.end_momentum).max())
-        assert error == pytest.approx(published, rel=0.2)  # within 4 %, but for the last of srkn6: 15 %, rounding
+        assert error == pytest.approx(
+            published, rel=0.2
+        )  # within 4 %, but for the last of srkn6: 15 %, rounding
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n == "srkn11" else n for n in FAST])
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.slow) if n == "srkn11" else n for n in FAST]
+)
 def test_a_fast_top(name):
     top = PROBLEMS["cardona_top"]
     for steps, published in FAST[name]:
         q, _ = ends(name, top, steps, symmetric=True)
         q *= np.sign(q @ fast_end()[0])
-        assert np.abs(q - fast_end()[0]).max() == pytest.approx(published, rel=0.25)  # of one digit: 0.79 to 1.24
+        assert np.abs(q - fast_end()[0]).max() == pytest.approx(
+            published, rel=0.25
+        )  # of one digit: 0.79 to 1.24

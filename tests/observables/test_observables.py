@@ -40,4 +40,6 @@ def test_value_and_facts(name):
     found = value(kind(), BODY, (Gravity(9.81),), 0.0, Q, L, START, (1.5,))
     assert len(found) == {**SIZES, ("effect",): 1}[kind.dims]
     assert np.allclose(found, TRUE[name], rtol=1e-15, atol=1e-15)
-    assert all(isinstance(fact, str) and fact for fact in (kind.units, kind.long_name, kind.__doc__))
+    assert all(
+        isinstance(fact, str) and fact for fact in (kind.units, kind.long_name, kind.__doc__)
+    )

@@ -28,14 +28,22 @@ def bodies(n, seed=1):
     moments = np.array([a[0] + a[1], a[0] + a[2], a[1] + a[2]])
     l = some.normal(size=(3, n)) + np.array([[0.0], [1.0], [0.0]])
     order = some.permuted(np.tile(np.arange(3), (n, 1)), axis=1).T
-    return np.take_along_axis(moments, order, 0).T, np.take_along_axis(l / np.linalg.norm(l, axis=0) * moments[1], order, 0).T
+    return np.take_along_axis(moments, order, 0).T, np.take_along_axis(
+        l / np.linalg.norm(l, axis=0) * moments[1], order, 0
+    ).T
 
 
 def widest(moments, l):
     """The largest square of the direction cosine of L about the middle axis: where its component about the axis of the polhode's other end is 0."""
     one, two, three = np.sort(moments, axis=1).T
     square, twice = (l**2).sum(1), (l**2 / moments).sum(1)
-    return np.minimum((twice * three - square) * two / (three - two), (square - twice * one) * two / (two - one)) / square
+    return (
+        np.minimum(
+            (twice * three - square) * two / (three - two),
+            (square - twice * one) * two / (two - one),
+        )
+        / square
+    )
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +54,11 @@ def flipping():
     clear = np.abs(widest(moments, momentum) / 0.25 - 1.0) > 0.05
     moments, momentum = moments[clear][:10_000].copy(), momentum[clear][:10_000].copy()
     scene = rm.Scene(rm.Body.from_moments(moments), start=rm.Start(momentum=momentum))
-    return moments, momentum, rm.simulate(scene, integrator="exact", dt=0.1, t_end=100.0, save=("flips",), threads=2)
+    return (
+        moments,
+        momentum,
+        rm.simulate(scene, integrator="exact", dt=0.1, t_end=100.0, save=("flips",), threads=2),
+    )
 
 
 def test_no_flip_is_missed_and_none_invented(flipping):
@@ -59,7 +71,10 @@ def test_no_flip_is_missed_and_none_invented(flipping):
     middle = np.argsort(moments, axis=1)[:, 1]
     start = np.take_along_axis(l, middle[:, None], 1)[:, 0] ** 2 / (l**2).sum(1)
     early = turns & (start > 0.25)  # the others come within the angle before they flip
-    assert np.isfinite(first[turns & (interval < 50.0)]).all() and ((first <= interval) | (interval > 100.0))[early].all()
+    assert (
+        np.isfinite(first[turns & (interval < 50.0)]).all()
+        and ((first <= interval) | (interval > 100.0))[early].all()
+    )
     expected = np.floor((100.0 - first) / interval) + 1.0
     assert (flips[turns] == np.where(np.isnan(first), 0.0, expected)[turns]).all()
 
@@ -74,15 +89,28 @@ def test_flips_happen_when_the_closed_form_says(flipping):
         )  # measured 2e-13 at the first, 7e-12 at the last
     several = ds.flips.values > 1
     interval = free_motion(moments, l).flip_interval[several]
-    assert np.abs(ds.flip_wait.values[several] / interval - 1.0).max() < 1e-10  # measured 5e-13; asked 1e-8 s
+    assert (
+        np.abs(ds.flip_wait.values[several] / interval - 1.0).max() < 1e-10
+    )  # measured 5e-13; asked 1e-8 s
     assert (np.isnan(ds.flip_wait.values) == ~several).all()
-    assert ds.flip_wait_deviation.values[several].max() < 0.002  # measured 2.6e-4: of straight lines in steps of 0.2 s
+    assert (
+        ds.flip_wait_deviation.values[several].max() < 0.002
+    )  # measured 2.6e-4: of straight lines in steps of 0.2 s
 
 
 def test_no_bit_depends_on_blocks_or_on_what_else_is_watched(flipping):
     moments, l, ds = flipping
     scene = rm.Scene(rm.Body.from_moments(moments), start=rm.Start(momentum=l))
-    one = rm.simulate(scene, integrator="exact", dt=0.1, t_end=100.0, save=("flips",), threads=1, block=32, members=range(200))
+    one = rm.simulate(
+        scene,
+        integrator="exact",
+        dt=0.1,
+        t_end=100.0,
+        save=("flips",),
+        threads=1,
+        block=32,
+        members=range(200),
+    )
     for name in ("flips", "flip_first", "flip_last", "flip_wait", "flip_wait_deviation"):
         assert one[name].values.tobytes() == ds[name].values[:200].tobytes()
 
@@ -96,13 +124,22 @@ def lagrange():
     some = np.random.default_rng(2)
     q = some.normal(size=(300, 4))
     body = rm.Body.from_moments((1.0, 1.0, 1.5), mass=1.0, centre=(0.0, 0.0, 0.3))
-    start = rm.Start(omega=some.normal(size=(300, 3)) * 2.0, attitude=q / np.linalg.norm(q, axis=1)[:, None])
+    start = rm.Start(
+        omega=some.normal(size=(300, 3)) * 2.0, attitude=q / np.linalg.norm(q, axis=1)[:, None]
+    )
     scene = rm.Scene(body, GRAVITY, start)
     case = closed_form(scene.with_run(members=300))
 
     def cosine(t):
         each = [
-            case._replace(**{k: getattr(case, k)[i : i + 1] for k in case._fields if np.ndim(getattr(case, k))}) for i in range(300)
+            case._replace(
+                **{
+                    k: getattr(case, k)[i : i + 1]
+                    for k in case._fields
+                    if np.ndim(getattr(case, k))
+                }
+            )
+            for i in range(300)
         ]
         return np.array([up(one.motion(t[i]).attitude[0])[2] for i, one in enumerate(each)])
 
@@ -111,7 +148,10 @@ def lagrange():
 
 @pytest.mark.parametrize(
     ("integrator", "step", "bound"),
-    [("rk8", {"dt": 0.02}, 1e-13), pytest.param("srkn11", {"turn": 0.1}, 1e-12, marks=pytest.mark.slow)],  # measured 3e-15, 4e-14
+    [
+        ("rk8", {"dt": 0.02}, 1e-13),
+        pytest.param("srkn11", {"turn": 0.1}, 1e-12, marks=pytest.mark.slow),
+    ],  # measured 3e-15, 4e-14
 )
 def test_first_passage_is_as_exact_as_the_integrator(lagrange, integrator, step, bound):
     scene, case, cosine = lagrange
@@ -120,7 +160,9 @@ def test_first_passage_is_as_exact_as_the_integrator(lagrange, integrator, step,
     first = ds.passage_first.values
     passed = np.isfinite(first)
     later = passed & (first > 0.0)
-    assert (np.abs(cosine(np.where(passed, first, 0.0)) - math.cos(1.2))[later] < bound).all() and later.sum() > 80
+    assert (
+        np.abs(cosine(np.where(passed, first, 0.0)) - math.cos(1.2))[later] < bound
+    ).all() and later.sum() > 80
     start = up(tuple(case.attitude.T))[2]
     assert ((first == 0.0) == (start <= math.cos(1.2))).all()
     t = np.linspace(0.0, 10.0, 501)
@@ -135,26 +177,45 @@ def test_first_passage_is_as_exact_as_the_integrator(lagrange, integrator, step,
             np.abs(ds.nutation_min.values - theta.min(0)).max() < 1e-9
             and np.abs(ds.nutation_max.values - theta.max(0)).max() < 1e-9
         )
-        assert np.abs(ds.precession.values - (phi[-1] - phi[0])).max() < 1e-9 and np.abs(ds.precession.values).max() > 30.0
+        assert (
+            np.abs(ds.precession.values - (phi[-1] - phi[0])).max() < 1e-9
+            and np.abs(ds.precession.values).max() > 30.0
+        )
     else:  # those that pass stay at the end of that step
         ends = np.arccos(np.clip(up(tuple(ds.attitude.values[-1]))[2], -1.0, 1.0))
-        assert (ends[later] >= 1.2).all() and (ends[later] < 1.4).all() and ds.passages.values.max() == 1.0
+        assert (
+            (ends[later] >= 1.2).all()
+            and (ends[later] < 1.4).all()
+            and ds.passages.values.max() == 1.0
+        )
         assert np.abs(ds.nutation_max.values[passed] - ends[passed])[later[passed]].max() < 1e-12
-        assert np.array_equal(ds.attitude.values[-1][:, first == 0.0], ds.attitude.values[0][:, first == 0.0])
+        assert np.array_equal(
+            ds.attitude.values[-1][:, first == 0.0], ds.attitude.values[0][:, first == 0.0]
+        )
         assert not ds.status.values.any()
 
 
 def test_statistics_are_those_of_the_trajectory():
-    scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)), start=rm.Start(omega=(rm.normal(0, 0.3), 1.0, rm.normal(0, 0.3))))
+    scene = rm.Scene(
+        rm.Body.from_moments((1.0, 2.0, 3.0)),
+        start=rm.Start(omega=(rm.normal(0, 0.3), 1.0, rm.normal(0, 0.3))),
+    )
     of = ("omega_min", "omega_max", "omega_mean", "omega_variance", "energy_variance")
     ds = rm.simulate(scene, members=64, dt=0.05, t_end=10.0, every=0.05, save=("omega", *of))
     w = ds.omega.values
-    assert np.array_equal(ds.omega_min.values, w.min(0)) and np.array_equal(ds.omega_max.values, w.max(0))
+    assert np.array_equal(ds.omega_min.values, w.min(0)) and np.array_equal(
+        ds.omega_max.values, w.max(0)
+    )
     mean = np.trapezoid(w, axis=0) / 200.0
     assert np.abs(ds.omega_mean.values - mean).max() < 1e-14  # measured 8e-16
-    assert np.abs(ds.omega_variance.values - (np.trapezoid(w * w, axis=0) / 200.0 - mean**2)).max() < 3e-14  # measured 3e-15
+    assert (
+        np.abs(ds.omega_variance.values - (np.trapezoid(w * w, axis=0) / 200.0 - mean**2)).max()
+        < 3e-14
+    )  # measured 3e-15
     assert ds.energy_variance.attrs["units"] == "J2" and ds.omega_mean.dims == ("axis", "member")
-    assert ds.omega_variance.attrs["units"] == "rad2 s-2" and ds.energy_variance.values.max() < 1e-12
+    assert (
+        ds.omega_variance.attrs["units"] == "rad2 s-2" and ds.energy_variance.values.max() < 1e-12
+    )
 
 
 HEAVY = rm.Body.from_moments((1.0, 2.0, 2.8), mass=1.0, centre=(0.5, 0.5, 0.5))
@@ -170,19 +231,33 @@ def growth(l, q, t_end):
     def rate(t, y):
         l, q, dl, dq = y[:3], y[3:7], y[7:10], y[10:]
         g = np.array(up(q))
-        a = np.array(up(q + dq)) - np.array(up(dq)) - g  # twice the bilinear form of up: its derivative along dq
+        a = (
+            np.array(up(q + dq)) - np.array(up(dq)) - g
+        )  # twice the bilinear form of up: its derivative along dq
         torque, change = -np.cross(centre, g), -np.cross(centre, a)
         w, dw = l / moments, dl / moments
         return np.concatenate(
-            [np.cross(l, w) + torque, times(q, w), np.cross(dl, w) + np.cross(l, dw) + change, times(dq, w) + times(q, dw)]
+            [
+                np.cross(l, w) + torque,
+                times(q, w),
+                np.cross(dl, w) + np.cross(l, dw) + change,
+                times(dq, w) + times(q, dw),
+            ]
         )
 
-    weight = 0.5 / (0.5 * (l * l / moments).sum() + 1.5) / 2.8  # of L, by the energies in play: at most m g (|c1| + |c2| + |c3|)
+    weight = (
+        0.5 / (0.5 * (l * l / moments).sum() + 1.5) / 2.8
+    )  # of L, by the energies in play: at most m g (|c1| + |c2| + |c3|)
     v = 0.5 * np.array(
-        [-q[1] * 0.31 - q[2] * 0.43 - q[3] * 0.38, *(q[0] * np.array([0.31, 0.43, 0.38]) + np.cross(q[1:], [0.31, 0.43, 0.38]))]
+        [
+            -q[1] * 0.31 - q[2] * 0.43 - q[3] * 0.38,
+            *(q[0] * np.array([0.31, 0.43, 0.38]) + np.cross(q[1:], [0.31, 0.43, 0.38])),
+        ]
     )
     dl = np.array([0.54, 0.47, 0.25]) / math.sqrt(weight)
-    end = solve_ivp(rate, (0.0, t_end), np.concatenate([l, q, dl, v]), method="DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
+    end = solve_ivp(
+        rate, (0.0, t_end), np.concatenate([l, q, dl, v]), method="DOP853", rtol=1e-12, atol=1e-12
+    ).y[:, -1]
     return math.log(math.sqrt(4.0 * end[10:] @ end[10:] + weight * end[7:10] @ end[7:10]))
 
 
@@ -190,12 +265,17 @@ def growth(l, q, t_end):
 def test_the_neighbour_grows_as_variational_equations_say():
     some = np.random.default_rng(3)
     q = some.normal(size=(6, 4))
-    start = rm.Start(omega=some.normal(size=(6, 3)), attitude=q / np.linalg.norm(q, axis=1)[:, None])
+    start = rm.Start(
+        omega=some.normal(size=(6, 3)), attitude=q / np.linalg.norm(q, axis=1)[:, None]
+    )
     scene = rm.Scene(HEAVY, (rm.Gravity(1.0),), start)
     ds = rm.simulate(scene, integrator="rk8", dt=0.05, t_end=60.0, save=("megno",))
     for i in range(6):
         l = ds.start_omega.values[:, i] * np.array([1.0, 2.0, 2.8])
-        assert abs(60.0 * ds.lyapunov.values[i] - growth(l, ds.start_attitude.values[:, i], 60.0)) < 1e-4
+        assert (
+            abs(60.0 * ds.lyapunov.values[i] - growth(l, ds.start_attitude.values[:, i], 60.0))
+            < 1e-4
+        )
 
 
 @pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # a body that cannot be
@@ -207,9 +287,15 @@ def test_megno_tells_regular_from_chaotic():
         ("heavy", (1.0, 2.0, 2.8), (0.5, 0.5, 0.5)),
     )
     for _, moments, centre in kinds:
-        start = rm.Start(omega=(rm.normal(0, 1), rm.normal(0, 1), rm.normal(0, 1)), attitude="uniform")
-        scene = rm.Scene(rm.Body.from_moments(moments, mass=1.0, centre=centre), (rm.Gravity(1.0),), start)
-        cases.append(rm.simulate(scene, integrator="rk8", dt=0.05, t_end=2000.0, members=n, save=("megno",)))
+        start = rm.Start(
+            omega=(rm.normal(0, 1), rm.normal(0, 1), rm.normal(0, 1)), attitude="uniform"
+        )
+        scene = rm.Scene(
+            rm.Body.from_moments(moments, mass=1.0, centre=centre), (rm.Gravity(1.0),), start
+        )
+        cases.append(
+            rm.simulate(scene, integrator="rk8", dt=0.05, t_end=2000.0, members=n, save=("megno",))
+        )
     for ds in cases[:2]:  # measured: 1.80 to 2.05
         assert np.abs(ds.megno.values - 2.0).max() < 0.3 and ds.lyapunov.values.max() < 0.006
     chaotic = cases[2].lyapunov.values > 0.02
@@ -230,7 +316,11 @@ def test_a_flagged_member_has_no_summary():
         every=0.05,
         save=("omega", "omega_min", "omega_max", "omega_mean", "omega_variance", "energy_variance"),
     )
-    assert ds.status.values[1] > 0 and np.isnan(ds.omega_max.values[:, 1]).all() and np.isfinite(ds.omega_max.values[:, 0]).all()
+    assert (
+        ds.status.values[1] > 0
+        and np.isnan(ds.omega_max.values[:, 1]).all()
+        and np.isfinite(ds.omega_max.values[:, 0]).all()
+    )
     assert np.array_equal(ds.omega_mean.values[:, 0], ds.omega_mean.values[:, 2])
 
 
@@ -279,10 +369,15 @@ def scene_with(*observables, **run):
         (lambda: scene_with("megno", dtype="float32"), "float64"),
         (lambda: scene_with("megno", compensated=True), "compensated"),
         (lambda: scene_with("megno", rm.Passage(3, 0.5, stop=True)), "stops"),
-        (lambda: scene_with(rm.Passage(3, 0.5, stop=True), rm.Passage(1, 0.5, stop=True)), "one event"),
+        (
+            lambda: scene_with(rm.Passage(3, 0.5, stop=True), rm.Passage(1, 0.5, stop=True)),
+            "one event",
+        ),
         (lambda: scene_with("omega_max", integrator="closed"), "closed"),
         (
-            lambda: rm.Scene(rm.Body.from_moments((1, 1, 2)), start=rm.Start(omega=(0, 1, 0))).with_run(save=("flips",)),
+            lambda: rm.Scene(
+                rm.Body.from_moments((1, 1, 2)), start=rm.Start(omega=(0, 1, 0))
+            ).with_run(save=("flips",)),
             "middle axis",
         ),
     ],
@@ -293,7 +388,9 @@ def test_what_cannot_be_watched_is_refused(scene, words):
 
 
 def test_observables_stay_in_scene_files():
-    scene = scene_with("omega", rm.Passage(-3, 0.5, "reaches", "momentum", True), rm.Passage(1, 1.0))
+    scene = scene_with(
+        "omega", rm.Passage(-3, 0.5, "reaches", "momentum", True), rm.Passage(1, 1.0)
+    )
     again = rm.Scene.loads(scene.dumps())
     assert again.observables == scene.observables and again.run == scene.run
     names = [name for label, one in again.watched() for name in outputs(label, one)]
@@ -319,14 +416,25 @@ def test_histograms_are_streamed_and_those_of_the_members(tmp_path):
     of = rm.Histogram("omega[2]", -1.0, 0.95, 20), rm.Histogram("energy", 0.9, 1.1, 7)
     alone = rm.simulate(tumbling(), save=("momentum", *of), block=1024)
     both = rm.simulate(tumbling(), save=("omega", "energy", *of), output=str(tmp_path / "h.nc"))
-    assert "omega" not in alone and alone.sizes["histogram_bin"] == 20 and alone.sizes["histogram_2_bin"] == 7
+    assert (
+        "omega" not in alone
+        and alone.sizes["histogram_bin"] == 20
+        and alone.sizes["histogram_2_bin"] == 7
+    )
     for i in range(5):
         values = both.omega.values[i, 1]
-        assert np.array_equal(alone.histogram.values[i], np.histogram(values[values < 0.95], 20, (-1.0, 0.95))[0])
-        assert (
-            alone.histogram_above.values[i] == (values >= 0.95).sum() and alone.histogram_below.values[i] == (values < -1.0).sum()
+        assert np.array_equal(
+            alone.histogram.values[i], np.histogram(values[values < 0.95], 20, (-1.0, 0.95))[0]
         )
-    assert all(np.array_equal(alone[name].values, both[name].values) for name in alone.data_vars if name.startswith("histogram"))
+        assert (
+            alone.histogram_above.values[i] == (values >= 0.95).sum()
+            and alone.histogram_below.values[i] == (values < -1.0).sum()
+        )
+    assert all(
+        np.array_equal(alone[name].values, both[name].values)
+        for name in alone.data_vars
+        if name.startswith("histogram")
+    )
     again = rm.simulate(rm.Scene.load(str(tmp_path / "h.nc")))
     assert np.array_equal(again.histogram_2.values, both.histogram_2.values)
     both.close()
@@ -351,13 +459,23 @@ def test_bad_histograms_are_told(histogram, words):
 def test_an_event_that_stops_a_member_ends_the_others_too():
     """Its own flip comes after the stop: none is counted, whatever the times of saves and the members beside it."""
     moments, omega = (1.0, 2.0, 3.0), np.array([[0.02, 1.0, 0.01], [0.0, 1.0, 1e-9]])
-    events = (rm.Passage(2, 1.0, "leaves", "momentum", stop=True), rm.Flips(), rm.Passage(-2, 1.0, "reaches", "momentum"))
+    events = (
+        rm.Passage(2, 1.0, "leaves", "momentum", stop=True),
+        rm.Flips(),
+        rm.Passage(-2, 1.0, "reaches", "momentum"),
+    )
     for start, every in ((omega, None), (omega, 10.0), (omega, 0.1), (omega[:1], None)):
-        scene = rm.Scene(rm.Body.from_moments(moments), start=rm.Start(omega=start), observables=events)
-        ds = rm.simulate(scene, integrator="rk8", dt=0.1, t_end=100.0, every=every, save=("flips", "passage"))
+        scene = rm.Scene(
+            rm.Body.from_moments(moments), start=rm.Start(omega=start), observables=events
+        )
+        ds = rm.simulate(
+            scene, integrator="rk8", dt=0.1, t_end=100.0, every=every, save=("flips", "passage")
+        )
         assert ds.flips.values[0] == ds.passages_2.values[0] == 0.0 and ds.passages.values[0] == 1.0
         assert abs(ds.passage_first.values[0] - 11.6098) < 1e-4  # by DOP853
-        rest = rm.simulate(scene, integrator="rk8", dt=0.1, t_end=100.0, every=every, save=("flips",)).flips.values[1:]
+        rest = rm.simulate(
+            scene, integrator="rk8", dt=0.1, t_end=100.0, every=every, save=("flips",)
+        ).flips.values[1:]
         assert (ds.flips.values[1:] <= rest).all()
 
 
@@ -369,12 +487,22 @@ def test_a_member_that_is_stopped_in_time_is_well():
         observables=(rm.Passage(2, 0.9, "reaches", "momentum", stop=True),),
     )  # fmt: skip
     for every in (None, 0.02):
-        ds = rm.simulate(scene, dt=0.02, t_end=2.0, every=every, members=1, save=("passage", "omega_mean"))
+        ds = rm.simulate(
+            scene, dt=0.02, t_end=2.0, every=every, members=1, save=("passage", "omega_mean")
+        )
         assert ds.status.values[0] == 0 and abs(ds.passage_first.values[0] - 1.5328e-4) < 1e-7
     # one that is there at the start stops there: what it has been is what it is
     there = rm.Passage(2, 3.0, "reaches", "momentum", stop=True)
-    made = rm.simulate(replace(scene, observables=(there,)), dt=0.02, t_end=2.0, members=1, save=("passage", "omega_mean"))
-    assert made.passage_first.values[0] == 0.0 and np.array_equal(made.omega_mean.values[:, 0], [0.3, 0.01, 0.1])
+    made = rm.simulate(
+        replace(scene, observables=(there,)),
+        dt=0.02,
+        t_end=2.0,
+        members=1,
+        save=("passage", "omega_mean"),
+    )
+    assert made.passage_first.values[0] == 0.0 and np.array_equal(
+        made.omega_mean.values[:, 0], [0.3, 0.01, 0.1]
+    )
 
 
 def test_statistics_of_members_with_steps_of_their_own():
@@ -387,9 +515,16 @@ def test_statistics_of_members_with_steps_of_their_own():
     rate = 0.5 * omega[:, 2]  # of a symmetric body: omega_1 = 0.3 cos(rate t)
     w = 0.3 * np.cos(rate[:, None] * t)
     mean = np.trapezoid(w, t) / 10.0
-    assert np.abs(own.omega_mean.values[0] - mean).max() < 1e-6  # measured 3e-7, of the trapezoidal rule
-    assert np.abs(own.omega_variance.values[0] - (np.trapezoid(w * w, t) / 10.0 - mean**2)).max() < 1e-6  # measured 1e-7
-    small = rm.simulate(scene, integrator="rk8", turn=0.02, t_end=10.0, save=save, block=32, threads=1)
+    assert (
+        np.abs(own.omega_mean.values[0] - mean).max() < 1e-6
+    )  # measured 3e-7, of the trapezoidal rule
+    assert (
+        np.abs(own.omega_variance.values[0] - (np.trapezoid(w * w, t) / 10.0 - mean**2)).max()
+        < 1e-6
+    )  # measured 1e-7
+    small = rm.simulate(
+        scene, integrator="rk8", turn=0.02, t_end=10.0, save=save, block=32, threads=1
+    )
     assert all(own[name].values.tobytes() == small[name].values.tobytes() for name in save)
     with pytest.raises(SceneError, match="same steps"):
         rm.simulate(scene, integrator="rk8", turn=0.02, t_end=1.0, save=("megno",))
@@ -412,7 +547,12 @@ def test_precession_from_the_half_line_where_turns_are_counted():
     for spin, expected in ((80.0, 1.249386), (-80.0, -1.249386)):  # DOP853, unwrapped
         scene = rm.Scene(body, GRAVITY, rm.Start(omega=(0.0, 0.0, spin), attitude=half))
         ds = rm.simulate(
-            scene, integrator="rk8", dt=1e-3, t_end=1.0, members=1, save=("nutation", "precession", rm.Passage(3, 1.2))
+            scene,
+            integrator="rk8",
+            dt=1e-3,
+            t_end=1.0,
+            members=1,
+            save=("nutation", "precession", rm.Passage(3, 1.2)),
         )
         assert abs(ds.precession.values[0] - expected) < 1e-6
 
@@ -423,9 +563,16 @@ def test_nutation_near_the_vertical_keeps_its_digits():
     for lean in (1e-3, 1e-8):
         scene = rm.Scene(body, GRAVITY, rm.Start(omega=(0.0, 0.0, 50.0), attitude=(0.0, lean, 0.0)))
         ds = rm.simulate(
-            scene, integrator="rk8", dt=0.02, t_end=1.0, members=1, save=("nutation", "precession", rm.Passage(3, 1.2))
+            scene,
+            integrator="rk8",
+            dt=0.02,
+            t_end=1.0,
+            members=1,
+            save=("nutation", "precession", rm.Passage(3, 1.2)),
         )
-        assert abs(ds.nutation_min.values[0] / lean - 1.0) < 1e-6  # the largest is what its spin allows
+        assert (
+            abs(ds.nutation_min.values[0] / lean - 1.0) < 1e-6
+        )  # the largest is what its spin allows
 
 
 WATCHED = rm.Scene(
@@ -439,7 +586,9 @@ WATCHED = rm.Scene(
 def test_steps_that_hide_what_is_watched_are_noted(save):
     with pytest.warns(rm.SceneWarning, match=f"{save} see the ends of steps only"):
         rm.simulate(WATCHED, "rk8", turn=0.9, t_end=1.0, members=32, save=(save,))
-    rm.simulate(WATCHED, "rk8", turn=0.3, t_end=1.0, members=32, save=(save,))  # no warning, which would be an error
+    rm.simulate(
+        WATCHED, "rk8", turn=0.3, t_end=1.0, members=32, save=(save,)
+    )  # no warning, which would be an error
     rm.simulate(WATCHED, "rk8", turn=1.0, t_end=1.0, members=32, save=("omega",))
 
 
@@ -449,5 +598,8 @@ def test_a_tolerance_chooses_no_step_that_hides_what_is_watched():
     ds = rm.simulate(WATCHED, tolerance=1e-4, t_end=10.0, members=64, save=("attitude", "nutation"))
     plan, watched = (prepare(rm.Scene.loads(one.attrs["scene"])) for one in (alone, ds))
     rate = staging.rates(WATCHED.effects, stage(WATCHED, 0, 512, True)[0]).max()
-    turns = [one.dt * rate if "turn" not in made.attrs else made.attrs["turn"] for one, made in ((plan, alone), (watched, ds))]
+    turns = [
+        one.dt * rate if "turn" not in made.attrs else made.attrs["turn"]
+        for one, made in ((plan, alone), (watched, ds))
+    ]
     assert turns[1] <= 0.3 * (1 + 1e-9) < turns[0]  # measured 0.298 and 0.54

@@ -10,7 +10,9 @@ from rigidmc.studies import accuracy
 from rigidmc.views import studies
 
 START = rm.Start(omega=(rm.normal(0.5, 0.1), 1.0, rm.normal(0.0, 0.3)), attitude="uniform")
-LAGRANGE = rm.Scene(rm.Body.from_moments((1.0, 1.0, 0.5), centre=(0.0, 0.0, 0.2)), (rm.Gravity(3.0),), START)
+LAGRANGE = rm.Scene(
+    rm.Body.from_moments((1.0, 1.0, 0.5), centre=(0.0, 0.0, 0.2)), (rm.Gravity(3.0),), START
+)
 LAGRANGE = LAGRANGE.with_run(t_end=3.0, every=0.5, save=("omega", "attitude"))
 CHOSEN = ("rk4", "rk8", "chin4", "closed")
 ORDERS = {"rk4": 4, "rk8": 8, "chin4": 4}
@@ -40,15 +42,23 @@ def test_every_integrator_has_its_ladder(study):
 
 def test_errors_are_ordered_and_of_what_they_say(study):
     for quantity in ("state", "momentum", "attitude", "energy", "l2", "lz"):
-        median, p99, upper, worst = (study[f"error_{quantity}_{word}"].values for word in ("median", "p99", "upper", "worst"))
-        known = ~np.isnan(median)  # a closed form keeps energy to rounding that nobody has measured here
+        median, p99, upper, worst = (
+            study[f"error_{quantity}_{word}"].values for word in ("median", "p99", "upper", "worst")
+        )
+        known = ~np.isnan(
+            median
+        )  # a closed form keeps energy to rounding that nobody has measured here
         assert known.all() or set(study.integrator.values[~known]) == {"closed"}
         assert (median <= p99)[known].all()
         assert (p99 <= worst)[known].all()
         assert (upper <= worst)[known].all()
-    assert np.array_equal(study.error_state_worst, np.maximum(study.error_momentum_worst, study.error_attitude_worst))
+    assert np.array_equal(
+        study.error_state_worst, np.maximum(study.error_momentum_worst, study.error_attitude_worst)
+    )
     found = pilot(LAGRANGE, 64)
-    apart = errors(found, follow(found, "rk4", int(rows(study, "rk4").steps[2])), truth(found).states)["state"]
+    apart = errors(
+        found, follow(found, "rk4", int(rows(study, "rk4").steps[2])), truth(found).states
+    )["state"]
     assert rows(study, "rk4").error_state_median.values[2] == np.median(apart)
     assert (rows(study, "chin4").error_lz_worst.values < 1e-12).all()  # a kick by gravity keeps L_z
 
@@ -64,7 +74,9 @@ def test_the_cheapest_is_the_cheapest(study):
 
 def test_the_table_says_it(study):
     lines = accuracy.table(study)
-    assert lines[0].startswith("truth: closed form of the Lagrange top, which rk8 confirms, known to ")
+    assert lines[0].startswith(
+        "truth: closed form of the Lagrange top, which rk8 confirms, known to "
+    )
     assert lines[1].startswith("for 1e-03: ")
     assert lines[2].startswith("for 1e-05: ")
     assert "members/s" in lines[2]
@@ -80,12 +92,18 @@ def test_predictions_of_error_hold_for_others(study):
         found = rows(study, name)
         near = int(np.argmin(np.abs(found.steps.values - steps)))
         apart = errors(others, follow(others, name, int(found.steps[near])), true.states)["state"]
-        assert 0.5 < np.quantile(apart, 0.99) / found.error_state_p99.values[near] < 2.0  # 0.69, 0.96, 1.21
+        assert (
+            0.5 < np.quantile(apart, 0.99) / found.error_state_p99.values[near] < 2.0
+        )  # 0.69, 0.96, 1.21
 
 
 @pytest.mark.slow
 def test_members_of_different_speed_step_on_their_own():
-    wide = rm.Scene(LAGRANGE.body, LAGRANGE.effects, rm.Start(omega=(rm.normal(0.0, 2.0), 0.1, 0.1), attitude="uniform"))
+    wide = rm.Scene(
+        LAGRANGE.body,
+        LAGRANGE.effects,
+        rm.Start(omega=(rm.normal(0.0, 2.0), 0.1, 0.1), attitude="uniform"),
+    )
     found = rm.accuracy(wide.with_run(t_end=3.0), ("rk4",), (1e-3, 1e-6), members=64)
     assert np.isfinite(found.turn.values).all()
     assert " at turn " in accuracy.table(found)[2]
@@ -96,7 +114,9 @@ def test_members_of_different_speed_step_on_their_own():
 def test_what_cannot_be_studied():
     with pytest.raises(rm.SceneError, match="no such integrator; known: rk4, rk8"):
         rm.accuracy(LAGRANGE, ("rk5",))
-    damped = rm.Scene(LAGRANGE.body, (rm.Gravity(3.0), rm.ViscousDamping(0.1)), START).with_run(t_end=1.0)
+    damped = rm.Scene(LAGRANGE.body, (rm.Gravity(3.0), rm.ViscousDamping(0.1)), START).with_run(
+        t_end=1.0
+    )
     with pytest.raises(rm.SceneError, match=r"chin4.*viscous_damping"):
         rm.accuracy(damped, ("chin4",))
 
@@ -105,11 +125,18 @@ def test_growth_laws():
     steps = 2 ** np.arange(4, 21)
     some = np.random.default_rng(0)
     wobble = np.exp(0.1 * some.normal(size=steps.size))
-    for law, power in (("bounded", 0.0), ("sqrt", 0.5), ("linear", 1.0), ("faster than linear", 2.0)):
+    for law, power in (
+        ("bounded", 0.0),
+        ("sqrt", 0.5),
+        ("linear", 1.0),
+        ("faster than linear", 2.0),
+    ):
         found, fitted = accuracy.growth_law(steps, 1e-12 * steps**power * wobble)
         assert found == law
         assert fitted == pytest.approx(power, abs=0.1)
-    assert accuracy.growth_law(steps, 1e-16 * steps**0.2)[0] == "bounded"  # rounding that does not matter
+    assert (
+        accuracy.growth_law(steps, 1e-16 * steps**0.2)[0] == "bounded"
+    )  # rounding that does not matter
     assert accuracy.growth_law(steps, np.append(np.ones(16), np.inf))[0] == "failed"
 
 
@@ -117,7 +144,9 @@ def test_horizons():
     regular = accuracy._horizon(10.0, np.full(100, 1e3), np.zeros(100))
     assert regular["horizon_median"] == pytest.approx(10.0 / (accuracy.ROUNDING * 1e3))
     chaotic = accuracy._horizon(10.0, np.full(100, 1e3), np.full(100, 0.7))
-    assert chaotic["horizon_p01"] == pytest.approx(10.0 + np.log(1.0 / (accuracy.ROUNDING * 1e3)) / 0.7)
+    assert chaotic["horizon_p01"] == pytest.approx(
+        10.0 + np.log(1.0 / (accuracy.ROUNDING * 1e3)) / 0.7
+    )
 
 
 @pytest.fixture(scope="module")
@@ -140,7 +169,9 @@ def test_drift_over_many_steps(drifts):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["strang", "rotations", "chin4", "suzuki4", "srkn6", "srkn11", "aba864", "aba1064"])
+@pytest.mark.parametrize(
+    "name", ["strang", "rotations", "chin4", "suzuki4", "srkn6", "srkn11", "aba864", "aba1064"]
+)
 def test_the_energy_of_splittings_is_bounded_over_ten_million_steps(name):
     found = accuracy.long_drift(rm.Scene.load("heavy_top"), (name,), 10_000_000, members=8)
     energy = found.energy_drift.values[0]

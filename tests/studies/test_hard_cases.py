@@ -8,7 +8,16 @@ import pytest
 import rigidmc as rm
 from rigidmc.integrators import INTEGRATORS
 from rigidmc.studies.stress import run as H
-from rigidmc.studies.stress.case import Case, against_closed, conserved, constant, direction, flips, tops, walk
+from rigidmc.studies.stress.case import (
+    Case,
+    against_closed,
+    conserved,
+    constant,
+    direction,
+    flips,
+    tops,
+    walk,
+)
 from rigidmc.studies.stress.catalogue import GROUPS, catalogue, some_tops
 from rigidmc.views import studies
 
@@ -50,14 +59,18 @@ def test_errors_are_seen():
         from rigidmc.studies.stress.case import closed_states, distance, run, worst
 
         ds = run(scene, integrator, 10.0)
-        return worst(ds, distance(ds.attitude.values, ds.momentum.values, *closed_states(wrong, ds)).max(0))
+        return worst(
+            ds, distance(ds.attitude.values, ds.momentum.values, *closed_states(wrong, ds)).max(0)
+        )
 
     assert against_closed(scene, 10.0)("exact", 1.0) < 1e-13
     assert against_wrong("exact", 1.0) > 1e-4
     assert constant(scene, 10.0, conserved)("exact", 1.0) < 1e-14
     assert constant(scene, 10.0, direction)("exact", 1.0) > 0.1  # L does move
     assert flips((1.0, 2.0, 3.0), (1e-4, 2.0, 0.0), 1)("exact", 1.0) < 1e-13
-    assert flips((1.0, 2.0, 3.0), (1e-4, 2.0, 1e-4), 1)("exact", 1.0) > 1e-3  # does not start where L3 = 0
+    assert (
+        flips((1.0, 2.0, 3.0), (1e-4, 2.0, 1e-4), 1)("exact", 1.0) > 1e-3
+    )  # does not start where L3 = 0
 
 
 def test_a_study_tells_what_is_above_its_bound(tmp_path):
@@ -69,7 +82,9 @@ def test_a_study_tells_what_is_above_its_bound(tmp_path):
     error = float(first.error.sel(case="needle", integrator="exact"))
     second = H.stress(["H5"], names, bounds={("needle", "exact"): 0.1 * error}, threads=1)
     above = np.argwhere(second.verdict.values == H.VERDICTS.index("above"))
-    assert [(str(second.case.values[i]), str(second.integrator.values[j])) for i, j in above] == [("needle", "exact")]
+    assert [(str(second.case.values[i]), str(second.integrator.values[j])) for i, j in above] == [
+        ("needle", "exact")
+    ]
     assert H.failed(second)
     H.save_bounds(first, tmp_path / "b.csv")
     kept = H.load_bounds(tmp_path / "b.csv")
@@ -87,10 +102,14 @@ def test_a_case_that_raises_or_dies_is_red_and_stops_no_other(monkeypatch):
     error, _, reason = H.carried_out(case, "rk4")
     assert math.isnan(error)
     assert "broken on purpose" in reason
-    found = H._dataset([case, CASES[0]], [(error, 0.1, reason), (0.0, 0.1, "")], ["rk4"], H.shipped_bounds(), {})
+    found = H._dataset(
+        [case, CASES[0]], [(error, 0.1, reason), (0.0, 0.1, "")], ["rk4"], H.shipped_bounds(), {}
+    )
     assert [H.VERDICTS[v] for v in found.verdict.values[:, 0]] == ["crashed", "good"]
     assert H.failed(found)
-    monkeypatch.setattr(H, "_helper", lambda: H.subprocess.Popen(["false"], stdin=-1, stdout=-1, text=True))
+    monkeypatch.setattr(
+        H, "_helper", lambda: H.subprocess.Popen(["false"], stdin=-1, stdout=-1, text=True)
+    )
     died = H.stress(["H15"], ["rk4"], threads=1)
     assert (died.verdict.values == H.VERDICTS.index("crashed")).all()
     assert "ended with code 1" in died.reason.values[0, 0]

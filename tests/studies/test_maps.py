@@ -17,7 +17,9 @@ from rigidmc.studies.until import simulate_until
 from rigidmc.views.maps import stability_map
 
 SIDE, EACH = 12, 4
-pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # of steps of 1.2 rad, which rk8 takes
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::rigidmc.errors.SceneWarning"
+)  # of steps of 1.2 rad, which rk8 takes
 
 
 @pytest.fixture(scope="module")
@@ -31,17 +33,25 @@ def test_a_pixel_is_a_run_of_its_members(flips):
         low = (i * SIDE + j) * EACH
         one = rm.simulate(scene, members=range(low, low + EACH))
         good = one.status.values == 0
-        assert flips.good.values[i, j] == good.sum() and flips.none.values[i, j] == (one.status.values == 2).sum()
+        assert (
+            flips.good.values[i, j] == good.sum()
+            and flips.none.values[i, j] == (one.status.values == 2).sum()
+        )
         if good.any():
             found = one.flips.values[good].mean(), one.flip_wait.values[good].mean()
-            assert (flips["mean(flips)"].values[i, j], flips["mean(flip_wait)"].values[i, j]) == pytest.approx(found, rel=1e-15)
+            assert (
+                flips["mean(flips)"].values[i, j],
+                flips["mean(flip_wait)"].values[i, j],
+            ) == pytest.approx(found, rel=1e-15)
         assert np.array_equal(one.moments.values[0], np.full(EACH, flips.x.values[j]))
 
 
 def test_bodies_that_cannot_be_are_blank(flips):
     one, three = np.meshgrid(flips.x.values, flips.y.values)
     exists = three <= 1.0 + one
-    assert np.array_equal(flips.none.values == 0, exists) and np.array_equal(np.isfinite(flips["mean(flips)"].values), exists)
+    assert np.array_equal(flips.none.values == 0, exists) and np.array_equal(
+        np.isfinite(flips["mean(flips)"].values), exists
+    )
     assert not flips.failed.values.any() and set(flips.none.values.ravel()) == {0, EACH}
 
 
@@ -49,7 +59,9 @@ def test_flips_come_at_the_pace_of_the_closed_form(flips):
     scene = rm.Scene.loads(flips.attrs["scene"])
     ds = rm.simulate(scene)
     good = ds.status.values == 0
-    interval = free_motion(ds.moments.values.T[good], (ds.start_omega * ds.moments).values.T[good]).flip_interval
+    interval = free_motion(
+        ds.moments.values.T[good], (ds.start_omega * ds.moments).values.T[good]
+    ).flip_interval
     error = np.abs(ds.flip_wait.values[good] / interval - 1.0)
     assert np.nanmedian(error) < 1e-6  # measured 1.3e-8, in steps of 1.2 s
     assert np.median(ds.flips.values[good]) >= 18.0
@@ -61,7 +73,9 @@ def test_intervals_hold_the_mean_of_many(flips):
     low = (i * SIDE + j) * EACH
     members = rm.simulate(scene, members=range(low, low + EACH)).flips.values
     half = flips["mean(flips)_high"].values[i, j] - flips["mean(flips)"].values[i, j]
-    assert half == pytest.approx(3.182 * members.std(ddof=1) / 2.0, rel=1e-3)  # Student's t, 3 degrees of freedom
+    assert half == pytest.approx(
+        3.182 * members.std(ddof=1) / 2.0, rel=1e-3
+    )  # Student's t, 3 degrees of freedom
 
 
 def test_the_sleeping_top_falls_within_a_pixel_of_theory():
@@ -77,7 +91,11 @@ def test_the_sleeping_top_falls_within_a_pixel_of_theory():
 def test_the_picture_has_axes_units_and_a_legend(flips, tmp_path):
     figure = stability_map(flips)
     axes, bar = figure.axes
-    assert axes.get_xlabel() == "I$_1$/I$_2$" and axes.get_ylabel() == "I$_3$/I$_2$" and "s-1" in bar.get_ylabel()
+    assert (
+        axes.get_xlabel() == "I$_1$/I$_2$"
+        and axes.get_ylabel() == "I$_3$/I$_2$"
+        and "s-1" in bar.get_ylabel()
+    )
     words = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
     assert "no such body or start" in words and any("theory" in w for w in words)
     figure.savefig(tmp_path / "map.png", dpi=60)
@@ -85,13 +103,21 @@ def test_the_picture_has_axes_units_and_a_legend(flips, tmp_path):
     bare = flips.assign_attrs(map="none").drop_vars(["rate", "theory"])
     axes, bar = stability_map(bare).axes
     assert axes.get_xlabel() == "body.moments.1 [kg m2]" and "mean(flips)" in bar.get_ylabel()
-    failed = bare.assign(failed=bare.failed.copy(data=np.where(bare.none.values == 0, EACH, 0)), good=bare.good * 0)
-    assert "members failed" in [text.get_text() for text in stability_map(failed).axes[0].get_legend().get_texts()]
+    failed = bare.assign(
+        failed=bare.failed.copy(data=np.where(bare.none.values == 0, EACH, 0)), good=bare.good * 0
+    )
+    assert "members failed" in [
+        text.get_text() for text in stability_map(failed).axes[0].get_legend().get_texts()
+    ]
 
 
 def test_failed_members_are_never_stable():
     """Too long a step flags every member: the map says so and has no number for them."""
-    scene = rm.Scene(rm.Body.from_moments((0.5, 1.0, 1.4)), start=rm.Start(omega=(0.01, 1.0, 0.01)), observables=(Flips(2),))
+    scene = rm.Scene(
+        rm.Body.from_moments((0.5, 1.0, 1.4)),
+        start=rm.Start(omega=(0.01, 1.0, 0.01)),
+        observables=(Flips(2),),
+    )
     ds = rm.stability_map(
         scene,
         ("start.omega.2", 30.0, 40.0),
@@ -103,19 +129,32 @@ def test_failed_members_are_never_stable():
         dt=1.2,
         t_end=840.0,
     )
-    assert (ds.failed.values == 4).all() and np.isnan(ds["p(flips>=1)"].values).all() and not ds.good.values.any()
+    assert (
+        (ds.failed.values == 4).all()
+        and np.isnan(ds["p(flips>=1)"].values).all()
+        and not ds.good.values.any()
+    )
 
 
 def free(**run):
     return rm.Scene(
-        rm.Body.from_moments((0.5, 1.0, 1.4)), start=rm.Start(omega=rm.Cone(2, 1.0, rm.uniform(0.0, 0.3))), observables=(Flips(2),)
+        rm.Body.from_moments((0.5, 1.0, 1.4)),
+        start=rm.Start(omega=rm.Cone(2, 1.0, rm.uniform(0.0, 0.3))),
+        observables=(Flips(2),),
     ).with_run(integrator="rk8", dt=1.2, t_end=12.0, save=(), **run)
 
 
 def test_members_are_added_until_it_is_known_and_no_bit_differs():
     looks = []
-    ds, found = simulate_until(free(), "p(flips >= 1) +- 0.004", progress=lambda n, _: looks.append(n))
-    assert found.half <= 0.004 and looks[0] == 8192 and 2 <= len(looks) <= 4 and ds.sizes["member"] == looks[-1]
+    ds, found = simulate_until(
+        free(), "p(flips >= 1) +- 0.004", progress=lambda n, _: looks.append(n)
+    )
+    assert (
+        found.half <= 0.004
+        and looks[0] == 8192
+        and 2 <= len(looks) <= 4
+        and ds.sizes["member"] == looks[-1]
+    )
     assert simulate_until(free(), "p(flips >= 1) +- 0.05")[0].sizes["member"] == 8192
     at_once = rm.simulate(free(), members=looks[-1])
     assert all(ds[name].values.tobytes() == at_once[name].values.tobytes() for name in ds.data_vars)
@@ -143,12 +182,23 @@ def test_a_goal_that_is_not_reached_is_told():
     with pytest.warns(rm.SceneWarning, match="not reached"):
         ds, found = simulate_until(free(), "p(flips >= 1) +- 0.001", most=8192)
     assert ds.sizes["member"] == 8192 and found.half > 0.001
-    words = ["run", "tennis_racket", "--save", "flips", "--until", "p(flips >= 3) +- 0.001", "--most", "5000"]
+    words = [
+        "run",
+        "tennis_racket",
+        "--save",
+        "flips",
+        "--until",
+        "p(flips >= 3) +- 0.001",
+        "--most",
+        "5000",
+    ]
     made = CliRunner().invoke(app, words)
     assert made.exit_code == 5 and "not reached" in made.stderr
     made = CliRunner().invoke(app, [*words, "--members", "100"])
     assert made.exit_code == 3 and "--most" in made.stderr
-    made = CliRunner().invoke(app, ["run", "tennis_racket", "--t-end", "0.1", "--until", "mean(flip_wait) +- 1 %"])
+    made = CliRunner().invoke(
+        app, ["run", "tennis_racket", "--t-end", "0.1", "--until", "mean(flip_wait) +- 1 %"]
+    )
     assert made.exit_code == 3 and "none of the first" in made.stderr
 
 
@@ -166,11 +216,23 @@ def test_names_of_parameters():
         with_parameter(scene, "effects.gravity.h", 1.0)
 
 
-VARIABLES = {"flips": ("member",), "omega_max": ("axis", "member"), "omega": ("time", "axis", "member")}
+VARIABLES = {
+    "flips": ("member",),
+    "omega_max": ("axis", "member"),
+    "omega": ("time", "axis", "member"),
+}
 
 
 @pytest.mark.parametrize(
-    "text", ["flips", "mean(flips)", "p(flips>=1)", "p( omega_max[2] < -1.5e-3 )", "median(flips)", "quantile(flips, 0.9)"]
+    "text",
+    [
+        "flips",
+        "mean(flips)",
+        "p(flips>=1)",
+        "p( omega_max[2] < -1.5e-3 )",
+        "median(flips)",
+        "quantile(flips, 0.9)",
+    ],
 )
 def test_measures(text):
     assert measure(text, VARIABLES).name in ("flips", "omega_max")
@@ -178,7 +240,16 @@ def test_measures(text):
 
 @pytest.mark.parametrize(
     "text",
-    ["omega", "omega_max", "flips[1]", "p(flips)", "__import__('os')", "mean(flips, 2)", "quantile(flips, 2)", "p(flips => 1)"],
+    [
+        "omega",
+        "omega_max",
+        "flips[1]",
+        "p(flips)",
+        "__import__('os')",
+        "mean(flips, 2)",
+        "quantile(flips, 2)",
+        "p(flips => 1)",
+    ],
 )
 def test_what_is_no_measure_is_told(text):
     with pytest.raises(SceneError):
@@ -190,17 +261,81 @@ def test_what_is_no_measure_is_told(text):
     [
         (["nosuch"], "no such map"),
         (["dzhanibekov", "--x", "body.moments.1=0:1"], "--y"),
-        (["dzhanibekov", "--x", "body.moments.1=0", "--y", "body.moments.3=1:2", "--of", "flips"], "KEY=LOW:HIGH"),
-        (["dzhanibekov", "--x", "body.moments.1=1:0", "--y", "body.moments.3=1:2", "--of", "flips"], "low < high"),
-        (["dzhanibekov", "--x", "body.momnts.1=0:1", "--y", "body.moments.3=1:2", "--of", "flips"], "body.moments.1"),
-        (["dzhanibekov", "--x", "body.moments.3=0:1", "--y", "body.moments.3=1:2", "--of", "flips"], "already"),
+        (
+            [
+                "dzhanibekov",
+                "--x",
+                "body.moments.1=0",
+                "--y",
+                "body.moments.3=1:2",
+                "--of",
+                "flips",
+            ],
+            "KEY=LOW:HIGH",
+        ),
+        (
+            [
+                "dzhanibekov",
+                "--x",
+                "body.moments.1=1:0",
+                "--y",
+                "body.moments.3=1:2",
+                "--of",
+                "flips",
+            ],
+            "low < high",
+        ),
+        (
+            [
+                "dzhanibekov",
+                "--x",
+                "body.momnts.1=0:1",
+                "--y",
+                "body.moments.3=1:2",
+                "--of",
+                "flips",
+            ],
+            "body.moments.1",
+        ),
+        (
+            [
+                "dzhanibekov",
+                "--x",
+                "body.moments.3=0:1",
+                "--y",
+                "body.moments.3=1:2",
+                "--of",
+                "flips",
+            ],
+            "already",
+        ),
         (["growth", "--set", "body.mass=2"], "a map of the package has its own"),
         (
-            ["dzhanibekov", "--x", "body.moments.3=1:2", "--y", "body.moments.1=0.001:0.01", "--of", "flips", "--resolution", "2"],
+            [
+                "dzhanibekov",
+                "--x",
+                "body.moments.3=1:2",
+                "--y",
+                "body.moments.1=0.001:0.01",
+                "--of",
+                "flips",
+                "--resolution",
+                "2",
+            ],
             "no pixel has a body",
         ),
         (
-            ["dzhanibekov", "--x", "body.moments.1=1:2", "--y", "body.moments.3=1:2", "--of", "flips", "--set", "run.points=sobol"],
+            [
+                "dzhanibekov",
+                "--x",
+                "body.moments.1=1:2",
+                "--y",
+                "body.moments.3=1:2",
+                "--of",
+                "flips",
+                "--set",
+                "run.points=sobol",
+            ],
             "independent",
         ),
         (["intermediate_axis", "--resolution", "0"], "at least 1"),
@@ -219,7 +354,10 @@ def test_where_nothing_else_is_drawn_a_pixel_is_one_member():
     ds = rm.stability_map(scene, *axes, "flips", resolution=1, dt=0.1, t_end=20.0)
     assert ds.attrs["members"] == 1 and stability_map(ds).axes
     assert (
-        rm.stability_map(free(), *((f"body.moments.{i}", 1.0, 1.1) for i in (1, 3)), "flips", 1, t_end=1.0).attrs["members"] == 16
+        rm.stability_map(
+            free(), *((f"body.moments.{i}", 1.0, 1.1) for i in (1, 3)), "flips", 1, t_end=1.0
+        ).attrs["members"]
+        == 16
     )
     for x in (("start.omega.1", 0.0), "start.omega.1=0:1"):
         with pytest.raises(SceneError, match="expected"):
@@ -230,20 +368,51 @@ def test_a_map_is_no_result(tmp_path):
     file = str(tmp_path / "m.nc")
     assert (
         CliRunner()
-        .invoke(app, ["map", "intermediate_axis", "--resolution", "1", "--plot", str(tmp_path / "m.png"), "-o", file])
+        .invoke(
+            app,
+            [
+                "map",
+                "intermediate_axis",
+                "--resolution",
+                "1",
+                "--plot",
+                str(tmp_path / "m.png"),
+                "-o",
+                file,
+            ],
+        )
         .exit_code
         == 0
     )
-    for command in (["summary", file], ["rerun", file, "--member", "1"], ["plot", file, "-o", str(tmp_path / "p.png")]):
+    for command in (
+        ["summary", file],
+        ["rerun", file, "--member", "1"],
+        ["plot", file, "-o", str(tmp_path / "p.png")],
+    ):
         made = CliRunner().invoke(app, command)
         assert made.exit_code == 3 and "a map" in made.stderr, made.output
 
 
 def test_the_command_maps(tmp_path):
     file, plot = tmp_path / "m.nc", tmp_path / "m.png"
-    arguments = ["map", "intermediate_axis", "--resolution", "6", "--members", "2", "-o", str(file), "--plot", str(plot)]
+    arguments = [
+        "map",
+        "intermediate_axis",
+        "--resolution",
+        "6",
+        "--members",
+        "2",
+        "-o",
+        str(file),
+        "--plot",
+        str(plot),
+    ]
     result = CliRunner().invoke(app, arguments)
-    assert result.exit_code == 0 and "36" not in result.stderr and "pixels without body or start: 15" in result.stdout
+    assert (
+        result.exit_code == 0
+        and "36" not in result.stderr
+        and "pixels without body or start: 15" in result.stdout
+    )
     assert file.exists() and plot.exists()
     assert CliRunner().invoke(app, arguments).exit_code == 6
     assert all(name in CliRunner().invoke(app, ["map", "list"]).stdout for name in MAPS)

@@ -8,7 +8,9 @@ from rigidmc.studies import trust
 from rigidmc.views import studies
 
 START = rm.Start(omega=(rm.normal(0.5, 0.1), 1.0, rm.normal(0.0, 0.3)), attitude="uniform")
-LAGRANGE = rm.Scene(rm.Body.from_moments((1.0, 1.0, 0.5), centre=(0.0, 0.0, 0.2)), (rm.Gravity(3.0),), START)
+LAGRANGE = rm.Scene(
+    rm.Body.from_moments((1.0, 1.0, 0.5), centre=(0.0, 0.0, 0.2)), (rm.Gravity(3.0),), START
+)
 LAGRANGE = LAGRANGE.with_run(t_end=5.0, dt=0.02, members=100, integrator="rk4")
 
 
@@ -28,9 +30,13 @@ def test_a_good_scene_is_trusted_as_far_as_it_is_true(good):
         "there and back",
         "closed form",
     }
-    assert error["half the step"] == pytest.approx(error["closed form"], rel=0.05)  # 5.652e-9 and 5.652e-9
+    assert error["half the step"] == pytest.approx(
+        error["closed form"], rel=0.05
+    )  # 5.652e-9 and 5.652e-9
     assert error["another integrator (rk8)"] == pytest.approx(error["closed form"], rel=0.01)
-    for name, tells, values in zip(good.check.values, good.tells.values, good.error.values, strict=True):
+    for name, tells, values in zip(
+        good.check.values, good.tells.values, good.error.values, strict=True
+    ):
         assert tells == "accuracy" or (values < 1e-13).all(), name  # measured 9e-15 to 1.8e-14
         assert (np.diff(values) >= 0).all()
     assert good.attrs["digits"] == int(-np.log10(error["closed form"]))
@@ -51,7 +57,10 @@ def test_chaos_is_told_from_a_long_step():
     body = rm.Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.25, 0.15))
     start = rm.Start(omega=(rm.normal(0.0, 0.3), rm.normal(0.0, 0.3), 0.3), attitude="uniform")
     found = trust.trust(
-        rm.Scene(body, (rm.Gravity(10.0),), start).with_run(t_end=200.0, dt=0.02, members=64, integrator="rk8"), quick=True
+        rm.Scene(body, (rm.Gravity(10.0),), start).with_run(
+            t_end=200.0, dt=0.02, members=64, integrator="rk8"
+        ),
+        quick=True,
     )
     assert found.attrs["chaotic_share"] > 0.1
     assert found.attrs["horizon"] < 200.0

@@ -16,7 +16,18 @@ from rigidmc.planning.tolerance.truth import AGREED, check_agreement, integrated
 
 PILOT = 512  # members: then the 99 % of a distribution are below the second largest error with 96 % certainty
 # Those that have been the cheapest for some scene and tolerance; the others are for comparison (`rigidmc accuracy`), and each costs 3 s to compile.
-CONTENDERS = ("closed", "exact", "rk4", "rk8", "strang", "chin4", "srkn6", "srkn11", "aba864", "aba1064")
+CONTENDERS = (
+    "closed",
+    "exact",
+    "rk4",
+    "rk8",
+    "strang",
+    "chin4",
+    "srkn6",
+    "srkn11",
+    "aba864",
+    "aba1064",
+)
 SINGLE_REACHES = 3e-7  # five roundings of float32: not tried below
 SAFETY = 0.8  # of the tolerance, that a pilot must keep
 
@@ -54,9 +65,13 @@ class Chosen(NamedTuple):
     def lines(self, count, seconds=None):
         """What was picked and why, and how long `count` members will take, by a rehearsal where there was one."""
         way, other = self.way, self.runner_up
-        lines = [f"for a tolerance of {self.tolerance:g}: {way.with_precision()} {way.step}, the cheapest of those that reach it"]
+        lines = [
+            f"for a tolerance of {self.tolerance:g}: {way.with_precision()} {way.step}, the cheapest of those that reach it"
+        ]
         if other is not None:
-            lines.append(f"  next best {other[0].with_precision()} {other[0].step}, {other[1]:.2g} times the cost")
+            lines.append(
+                f"  next best {other[0].with_precision()} {other[0].step}, {other[1]:.2g} times the cost"
+            )
         lines.append(
             f"  error of 99 % of the members below {self.predicted:.1e}; on a second pilot of {self.members} members {100 * self.checked:.1f} % keep the tolerance"
         )
@@ -78,7 +93,9 @@ class Chosen(NamedTuple):
             "tolerance_truth": self.truth,
             "tolerance_chosen": f"{way.with_precision()} {way.step}: the cheapest that reaches it",
         }
-        return found | ({"tolerance_runner_up": f"{other[0].with_precision()} {other[0].step}"} if other else {})
+        return found | (
+            {"tolerance_runner_up": f"{other[0].with_precision()} {other[0].step}"} if other else {}
+        )
 
 
 def choose(scene, tolerance, integrators=None, members=PILOT, threads=None):
@@ -88,7 +105,10 @@ def choose(scene, tolerance, integrators=None, members=PILOT, threads=None):
     """
     if not (isinstance(tolerance, float) and 0.0 < tolerance < 1.0):
         raise SceneError(
-            "run", "tolerance", tolerance, "expected an error between 0 and 1: of the momentum's size, and of the attitude in rad"
+            "run",
+            "tolerance",
+            tolerance,
+            "expected an error between 0 and 1: of the momentum's size, and of the attitude in rad",
         )
     check_quiet(scene)
     first = pilot(scene, members)
@@ -96,15 +116,31 @@ def choose(scene, tolerance, integrators=None, members=PILOT, threads=None):
     true, costs = truth(first), Costs(first)
     known = upper_quantile(true.error)
     if known > tolerance:
-        raise _unreachable(scene, tolerance, first, known, f"the truth itself is known to {known:.1e} only ({true.source})")
+        raise _unreachable(
+            scene,
+            tolerance,
+            first,
+            known,
+            f"the truth itself is known to {known:.1e} only ({true.source})",
+        )
     found: list[Way] = []
     nearest = math.inf
-    tried = candidates(scene, true, integrators or CONTENDERS, "float64" if tolerance < SINGLE_REACHES else None)
+    tried = candidates(
+        scene, true, integrators or CONTENDERS, "float64" if tolerance < SINGLE_REACHES else None
+    )
     compile_ahead(first, tried)
     for integrator, dtype in tried:
         dearest = min((costs.per_member(w) for w in found), default=math.inf)
         limit = tolerance if integrator == "closed" else SAFETY * tolerance
-        ways = ladder(costs, true, integrator, dtype, limit, 2.0, too_dear=lambda w, most=2.0 * dearest: costs.per_member(w) > most)
+        ways = ladder(
+            costs,
+            true,
+            integrator,
+            dtype,
+            limit,
+            2.0,
+            too_dear=lambda w, most=2.0 * dearest: costs.per_member(w) > most,
+        )
         nearest = min([nearest, *(w.upper for w in ways)])
         if ways and ways[-1].upper <= limit:
             found.append(_refined(costs, true, ways, limit))
@@ -118,21 +154,31 @@ def choose(scene, tolerance, integrators=None, members=PILOT, threads=None):
     for way in found:
         closed = way.integrator == "closed"
         if closed not in truths:  # a choice is checked by another method than its own
-            truths[closed] = integrated(second, max(AGREED, 1e-2 * tolerance)) if closed else truth(second)
+            truths[closed] = (
+                integrated(second, max(AGREED, 1e-2 * tolerance)) if closed else truth(second)
+            )
         other = truths[closed]
         for _ in range(4):
-            check = measured(Costs(second), other, way.integrator, way.dtype, faster * way.steps).errors["state"]
+            check = measured(
+                Costs(second), other, way.integrator, way.dtype, faster * way.steps
+            ).errors["state"]
             if closed:
                 check_agreement(check, other.error, true, other.source)
-                check = np.maximum(check - other.error, 0.0)  # the integration's own error does not count against the closed form
+                check = np.maximum(
+                    check - other.error, 0.0
+                )  # the integration's own error does not count against the closed form
             share = float(np.mean(check <= tolerance))
             if share >= 0.99:
                 others = [w for w in found if w.integrator != way.integrator]
                 cost, speed = costs.per_member(way), costs.members_per_second(way, threads)
                 runner_up = (others[0], costs.per_member(others[0]) / cost) if others else None
                 known = max(way.upper, upper_quantile(check))
-                source = f"{true.source}; the second pilot by {other.source}" if closed else true.source
-                made = Chosen(way, known, share, source, runner_up, speed, tolerance, second.members)
+                source = (
+                    f"{true.source}; the second pilot by {other.source}" if closed else true.source
+                )
+                made = Chosen(
+                    way, known, share, source, runner_up, speed, tolerance, second.members
+                )
                 if known <= tolerance:
                     return made
                 spare = spare or made

@@ -34,7 +34,12 @@ def _compile(found, integrator, dtype):
         return
     for finer in (1, 8):
         try:
-            follow(found._replace(block=found.block[:, :32]), integrator, finer * first_steps(found), dtype)
+            follow(
+                found._replace(block=found.block[:, :32]),
+                integrator,
+                finer * first_steps(found),
+                dtype,
+            )
             return
         except SceneError:  # the step is too long for it
             continue
@@ -48,8 +53,18 @@ def _helper(found, candidates):
     except (SceneError, ValueError):  # rows of arrays, effects of the user's own
         return None
     told = json.dumps({"scene": text, "own": found.own, "candidates": candidates})
-    words = [sys.executable, "-c", "from rigidmc.planning.tolerance.compile_ahead import main; main()"]
-    made = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True)
+    words = [
+        sys.executable,
+        "-c",
+        "from rigidmc.planning.tolerance.compile_ahead import main; main()",
+    ]
+    made = subprocess.Popen(
+        words,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
     assert made.stdin is not None
     made.stdin.write(told)
     made.stdin.close()

@@ -34,7 +34,12 @@ def cost_per_step(scene, plan, members=256, seconds=0.05):
         if plan.own:
             block[layout.STEPS] = steps
         began = time.perf_counter()
-        program.advance(block, Run(plan.dt, steps if plan.own else 1, steps, steps, int(plan.own), 0, steps), random, order)
+        program.advance(
+            block,
+            Run(plan.dt, steps if plan.own else 1, steps, steps, int(plan.own), 0, steps),
+            random,
+            order,
+        )
         took = time.perf_counter() - began
         best = min(best, took / (members * steps))
         steps = int(min(1e6, max(16, steps * seconds / 4 / max(took, 1e-9))))
@@ -49,7 +54,9 @@ def some_of(scene, plan, kept):
     effects = tuple(scene.effects[i] for i in kept)
     made = plan.form.integrator
     if hasattr(made, "pushes"):  # marks of each effect
-        made = made._replace(pushes=tuple(made.pushes[i] for i in kept), flows=tuple(made.flows[i] for i in kept))
+        made = made._replace(
+            pushes=tuple(made.pushes[i] for i in kept), flows=tuple(made.flows[i] for i in kept)
+        )
     bare = replace(scene, effects=effects, observables=()).with_run(save=())
     return bare, plan._replace(form=plan.form._replace(integrator=made), labels=(), watch=Watch())
 
@@ -67,10 +74,17 @@ def prices(scene, plan):
         return step_operations(made.form, part.effects, plan.carried)
 
     free, none, whole = cost_per_step(*some_of(scene, plan, ())), operations(()), operations(every)
-    added = {label: whole.less(operations(every[:i] + every[i + 1 :])) for i, (label, _) in enumerate(labelled(scene.effects))}
+    added = {
+        label: whole.less(operations(every[:i] + every[i + 1 :]))
+        for i, (label, _) in enumerate(labelled(scene.effects))
+    }
     random, noise = tuple(i for i in every if is_random(scene.effects[i])), 0.0
     if random:  # numbers from whole ones, which no count of operations tells
-        noise = max(0.0, cost_per_step(*some_of(scene, plan, random)) - free * operations(random).slots / none.slots)
+        noise = max(
+            0.0,
+            cost_per_step(*some_of(scene, plan, random))
+            - free * operations(random).slots / none.slots,
+        )
     return free, none, added, noise, free * whole.slots / none.slots + noise
 
 
@@ -79,7 +93,10 @@ def observable_prices(scene, watched, rounds=5):
 
     watched : {label: what is named in `save`}
     """
-    scenes = {label: scene.with_run(save=("attitude", *some)) for label, some in {"": (), **watched}.items()}
+    scenes = {
+        label: scene.with_run(save=("attitude", *some))
+        for label, some in {"": (), **watched}.items()
+    }
     plans = {label: prepare(one) for label, one in scenes.items()}
     taken: dict[str, list[float]] = {label: [] for label in scenes}
     for _ in range(rounds):
@@ -111,16 +128,26 @@ def effect_prices():
     start = Start(omega=(0.5, 0.7, 0.5), attitude=(1.0, 0.0, 0.0, 0.0))
 
     def cost(effects, save="omega", integrator="rk4"):
-        scene = Scene(body, effects, start).with_run(integrator=integrator, dt=0.1, t_end=1.0, save=(save,), checks=False)
+        scene = Scene(body, effects, start).with_run(
+            integrator=integrator, dt=0.1, t_end=1.0, save=(save,), checks=False
+        )
         return cost_per_step(scene, prepare(scene))
 
     gravity = EFFECTS["gravity"](1.0)
-    made = {"free": cost(()), "with attitude": cost((), "attitude"), "with gravity": cost((gravity,))}
+    made = {
+        "free": cost(()),
+        "with attitude": cost((), "attitude"),
+        "with gravity": cost((gravity,)),
+    }
     made["strang"] = cost((gravity,), integrator="strang")
     for name, kind in EFFECTS.items():
         by, base = ("strang", "strang") if is_random(kind) else ("rk4", "with gravity")
         effect = filled(kind, itertools.repeat(0.1))
         if is_random(kind):
             effect = kind(*effect[: len(kind._fields) - len(kind.hidden)])
-        made[name] = torque_operations(effect), cost((effect,), integrator=by), cost((gravity, effect), integrator=by) - made[base]
+        made[name] = (
+            torque_operations(effect),
+            cost((effect,), integrator=by),
+            cost((gravity, effect), integrator=by) - made[base],
+        )
     return made

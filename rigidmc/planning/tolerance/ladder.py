@@ -18,7 +18,16 @@ from rigidmc.observables import OBSERVABLES, SIZES
 from rigidmc.planning.closed_form import closed_values
 from rigidmc.planning.plan import BLOCK, WATCHED_TURN, form_of
 from rigidmc.planning.stage import stage
-from rigidmc.planning.tolerance.pilot import MOST_STEPS, OBSERVED, QUANTITIES, errors, first_steps, follow, pilot, upper_quantile
+from rigidmc.planning.tolerance.pilot import (
+    MOST_STEPS,
+    OBSERVED,
+    QUANTITIES,
+    errors,
+    first_steps,
+    follow,
+    pilot,
+    upper_quantile,
+)
 from rigidmc.planning.tolerance.truth import closed_states
 from rigidmc.planning.watch import watch
 from rigidmc.scene.body import Body
@@ -79,7 +88,10 @@ class Costs:
         made, *_ = form_of(scene, scene.run.t_end / steps)
         key = type(made.integrator), made.integrator, len(made.parts), dtype
         kept = keeps_remainders(integrator, scene.effects, dtype)
-        return self._once(key, lambda: self._stepped(made, scene.run.t_end / steps, dtype, OBSERVED, compensated=kept))
+        return self._once(
+            key,
+            lambda: self._stepped(made, scene.run.t_end / steps, dtype, OBSERVED, compensated=kept),
+        )
 
     def start(self):
         """Per member, to draw its start."""
@@ -101,7 +113,9 @@ class Costs:
             made, *_ = form_of(scene, 1.0)
             observables = tuple(OBSERVABLES[name]() for name in scene.saved() if name != "work")
             h = 1e-6 * scene.run.t_end
-            plain, saving = (self._stepped(made, h, "float64", observables, stride=stride) for stride in (32, 1))
+            plain, saving = (
+                self._stepped(made, h, "float64", observables, stride=stride) for stride in (32, 1)
+            )
             return max(0.0, saving - plain)
 
         return self._once("save", record)
@@ -123,11 +137,24 @@ class Costs:
         return 1e9 * min(taken) / (count * saves)
 
     def _stepped(self, made, h, dtype, observables, stride=None, compensated=False):
-        program = Program(made, blank(self.pilot.scene.effects), observables, self.pilot.carried, compensated, dtype)
+        program = Program(
+            made,
+            blank(self.pilot.scene.effects),
+            observables,
+            self.pilot.carried,
+            compensated,
+            dtype,
+        )
         own = int(self.pilot.own and stride is None)
         few, steps = self.pilot.block, 32
-        block, order = np.ascontiguousarray(np.tile(few, -(-512 // few.shape[1]))[:, :512]), np.arange(512)
-        width, values = block.shape[1] if observables else 0, sum(SIZES[o.dims] for o in observables)
+        block, order = (
+            np.ascontiguousarray(np.tile(few, -(-512 // few.shape[1]))[:, :512]),
+            np.arange(512),
+        )
+        width, values = (
+            block.shape[1] if observables else 0,
+            sum(SIZES[o.dims] for o in observables),
+        )
         best, spent = math.inf, -1.0
         while spent < 0.03:
             out = np.empty((steps + 1) * values * width)
@@ -135,7 +162,11 @@ class Costs:
             if own:
                 given[layout.STEPS], span, slots = steps, h * steps, steps
             began = time.perf_counter()
-            program.advance(given, Run(span, slots, stride or steps, steps, own, 0, steps), saves=Saves(out, width, 0, order))
+            program.advance(
+                given,
+                Run(span, slots, stride or steps, steps, own, 0, steps),
+                saves=Saves(out, width, 0, order),
+            )
             took = time.perf_counter() - began
             if spent >= 0.0:  # the first may have compiled
                 best = min(best, took / (steps * block.shape[1]))
@@ -169,9 +200,18 @@ def candidates(scene, true, integrators=None, dtype=None):
                 raise unknown("", "integrators", name, "integrator", INTEGRATORS)
         able = [name for name in integrators if name in able]
     if not scene.effects:
-        able = [name for name in able if not hasattr(INTEGRATORS[name], "drifts") or name == "rotations"]
-    able.sort(key=lambda name: name != "closed")  # what needs no compiling first: it bounds what others may cost
-    both = [(name, real) for real in ("float64", "float32") for name in able if real == "float64" or name in SINGLE]
+        able = [
+            name for name in able if not hasattr(INTEGRATORS[name], "drifts") or name == "rotations"
+        ]
+    able.sort(
+        key=lambda name: name != "closed"
+    )  # what needs no compiling first: it bounds what others may cost
+    both = [
+        (name, real)
+        for real in ("float64", "float32")
+        for name in able
+        if real == "float64" or name in SINGLE
+    ]
     return [c for c in both if dtype in (None, c[1])]
 
 
@@ -182,7 +222,10 @@ def measured(costs, true, integrator, dtype, steps):
         apart = errors(found, closed_states(found), true.states)
         if true.source.startswith("closed"):  # it is its own truth: its error is that of rounding
             unseen = np.full(found.members, np.nan)
-            apart = {name: true.error if name in ("state", "momentum", "attitude") else unseen for name in QUANTITIES}
+            apart = {
+                name: true.error if name in ("state", "momentum", "attitude") else unseen
+                for name in QUANTITIES
+            }
         ns, saves = costs.step(integrator, 1, dtype), costs.saves
         return Way(integrator, dtype, saves, saves, found.scene.run.t_end / saves, None, apart, ns)
     try:
@@ -191,10 +234,21 @@ def measured(costs, true, integrator, dtype, steps):
         return None
     mean, turn = found.mean_steps(steps), found.turn(steps) if found.own else None
     apart = errors(found, states, true.states)
-    return Way(integrator, dtype, steps, mean, found.scene.run.t_end / mean, turn, apart, costs.step(integrator, steps, dtype))
+    return Way(
+        integrator,
+        dtype,
+        steps,
+        mean,
+        found.scene.run.t_end / mean,
+        turn,
+        apart,
+        costs.step(integrator, steps, dtype),
+    )
 
 
-def ladder(costs, true, integrator, dtype, finest=0.0, ratio=2.0**0.5, most=MOST_STEPS, too_dear=None):
+def ladder(
+    costs, true, integrator, dtype, finest=0.0, ratio=2.0**0.5, most=MOST_STEPS, too_dear=None
+):
     """Ways of one integrator from long steps to short ones, until the error falls below `finest` or falls no more, or too_dear(way).
 
     If steps are watched, none turns by more than WATCHED_TURN: the error at the end does not tell how short steps must be for
@@ -204,8 +258,12 @@ def ladder(costs, true, integrator, dtype, finest=0.0, ratio=2.0**0.5, most=MOST
     multiple = max(1.0, first_steps(found) / found.base / 24.0)
     if integrator == "closed":
         return [measured(costs, true, integrator, dtype, 1)]
-    if INTEGRATORS[integrator].order == math.inf:  # one step between checks, or pieces of each member's own
-        whole, *_ = form_of(found.stepped(found.base)[0].with_run(integrator=integrator), found.scene.run.t_end)
+    if (
+        INTEGRATORS[integrator].order == math.inf
+    ):  # one step between checks, or pieces of each member's own
+        whole, *_ = form_of(
+            found.stepped(found.base)[0].with_run(integrator=integrator), found.scene.run.t_end
+        )
         multiple = math.ceil(found.turn(found.base)) if found.own and len(whole.parts) > 2 else 1.0
     if watch(found.scene).each_step:
         multiple = max(multiple, math.ceil(found.turn(found.base) / WATCHED_TURN))
@@ -216,7 +274,11 @@ def ladder(costs, true, integrator, dtype, finest=0.0, ratio=2.0**0.5, most=MOST
             ways.append(way)
             idle = 0 if way.upper < 0.8 * best else idle + 1
             best = min(best, way.upper)
-            if best <= finest or idle >= (4 if best < 1e-2 else 5.5 / math.log(ratio)) or (too_dear and too_dear(way)):
+            if (
+                best <= finest
+                or idle >= (4 if best < 1e-2 else 5.5 / math.log(ratio))
+                or (too_dear and too_dear(way))
+            ):
                 break
             if INTEGRATORS[integrator].order == math.inf and idle >= 1:
                 break

@@ -28,7 +28,9 @@ ROUNDING = 1.1e-16
 QUANTITIES = ("state", "momentum", "attitude", "energy", "l2", "lz")
 OBSERVED = (OBSERVABLES["attitude"](), OBSERVABLES["momentum"]())
 MOST_STEPS = 1_000_000
-SPREAD = 1.25  # of the fastest member's rate over the mean, from which members have steps of their own
+SPREAD = (
+    1.25  # of the fastest member's rate over the mean, from which members have steps of their own
+)
 
 
 class Pilot(NamedTuple):
@@ -60,12 +62,18 @@ class Pilot(NamedTuple):
         if not self.own:
             return self.scene.with_run(dt=self.scene.run.t_end / steps), self.block
         scene, block = self.scene.with_run(turn=self.turn(steps)), self.block.copy()
-        block[layout.STEPS] = own_steps(rates(scene.effects, block), scene.run.t_end / self.base, scene.run.turn)
+        block[layout.STEPS] = own_steps(
+            rates(scene.effects, block), scene.run.t_end / self.base, scene.run.turn
+        )
         return scene, block
 
     def mean_steps(self, steps):
         """Of all members, in `steps` steps of the fastest."""
-        return self.base * float(np.mean(self.stepped(steps)[1][layout.STEPS, : self.members])) if self.own else steps
+        return (
+            self.base * float(np.mean(self.stepped(steps)[1][layout.STEPS, : self.members]))
+            if self.own
+            else steps
+        )
 
 
 class States(NamedTuple):
@@ -90,7 +98,9 @@ def pilot(scene, members, first=None):
         first = min(first, available - members)
     carried = carries_attitude(scene)
     block, _ = stage(scene, first, members, carried)
-    block = np.ascontiguousarray(np.pad(block, ((0, 0), (0, whole_lanes(members) - members)), mode="edge"))
+    block = np.ascontiguousarray(
+        np.pad(block, ((0, 0), (0, whole_lanes(members) - members)), mode="edge")
+    )
     base, _, stride = rounds(run.t_end, run.every)
     stride *= max(1, math.ceil(base / stride / CHECKPOINTS))
     times = run.t_end * np.minimum(np.arange(stride, base + stride, stride), base) / base
@@ -109,18 +119,46 @@ def follow(pilot, integrator, steps, dtype="float64", compensated=False, nudge=0
     scene = scene.with_run(integrator=integrator)
     if not pilot.own:
         h = scene.run.t_end / steps
-        return _saved(pilot, scene, block, h, 1, steps, steps // pilot.base * pilot.stride, dtype, compensated, nudge, seed)
+        return _saved(
+            pilot,
+            scene,
+            block,
+            h,
+            1,
+            steps,
+            steps // pilot.base * pilot.stride,
+            dtype,
+            compensated,
+            nudge,
+            seed,
+        )
     slots = int(block[layout.STEPS].max())
     h, total, stride = scene.run.t_end / pilot.base, slots * pilot.base, slots * pilot.stride
     return _saved(pilot, scene, block, h, slots, total, stride, dtype, compensated, nudge, seed)
 
 
-def _saved(pilot, scene, block, h, slots, steps, stride, dtype="float64", compensated=False, nudge=0.0, seed=0):
+def _saved(
+    pilot,
+    scene,
+    block,
+    h,
+    slots,
+    steps,
+    stride,
+    dtype="float64",
+    compensated=False,
+    nudge=0.0,
+    seed=0,
+):
     """The States after every `stride` of `steps` slots, and at the end."""
     made, *_ = form_of(scene, h)
     compensated = keeps_remainders(scene.run.integrator, scene.effects, dtype, compensated)
     program = Program(made, blank(scene.effects), OBSERVED, pilot.carried, compensated, dtype)
-    width, saves, some = block.shape[1], (steps + stride - 1) // stride + 1, np.random.default_rng(seed)
+    width, saves, some = (
+        block.shape[1],
+        (steps + stride - 1) // stride + 1,
+        np.random.default_rng(seed),
+    )
     share = layout.LANES * max(1, math.ceil(width / layout.LANES / threads_available()))
     parts = [block[:, low : low + share].copy() for low in range(0, width, share)]
     out, own = np.empty(saves * 7 * width), int(scene.run.turn is not None)
@@ -134,10 +172,16 @@ def _saved(pilot, scene, block, h, slots, steps, stride, dtype="float64", compen
             for block in parts if nudge else ():
                 push(block, nudge, pilot.carried, some)
             last = min(first + stride, steps) if nudge else steps
-            for _ in pool.map(advance, range(len(parts)), [first] * len(parts), [last] * len(parts)):
+            for _ in pool.map(
+                advance, range(len(parts)), [first] * len(parts), [last] * len(parts)
+            ):
                 pass
     found = out.reshape(saves, 7, width)[1:, :, : pilot.members]
-    return States(found[:, :4], found[:, 4:], np.concatenate([block[layout.STATUS] for block in parts])[: pilot.members])
+    return States(
+        found[:, :4],
+        found[:, 4:],
+        np.concatenate([block[layout.STATUS] for block in parts])[: pilot.members],
+    )
 
 
 def drift_along(pilot, integrator, steps, at, dt, looks=4096):
@@ -151,23 +195,51 @@ def drift_along(pilot, integrator, steps, at, dt, looks=4096):
         for rows in (slice(layout.ATTITUDE, layout.MOMENTUM), slice(layout.MOMENTUM, layout.REST))
     )
     first, size, largest = _kept(body, effects, q0, l0), np.sqrt(dot(l0, l0)), dict[str, dict]()
-    scales = {"energy": kinetic_energy(body, l0) + total_energy_scale(effects, body), "l2": size**2, "lz": size}
+    scales = {
+        "energy": kinetic_energy(body, l0) + total_energy_scale(effects, body),
+        "l2": size**2,
+        "lz": size,
+    }
     for total in dict.fromkeys((min(steps, looks), steps)):
         stride = max(1, total // looks)
-        states = _saved(pilot, pilot.scene.with_run(integrator=integrator, dt=dt), pilot.block, dt, 1, total, stride)
+        states = _saved(
+            pilot,
+            pilot.scene.with_run(integrator=integrator, dt=dt),
+            pilot.block,
+            dt,
+            1,
+            total,
+            stride,
+        )
         after = np.append(np.arange(stride, total, stride), total)
-        for name, values in _kept(body, effects, np.moveaxis(states.q, 1, 0), np.moveaxis(states.l, 1, 0)).items():
+        for name, values in _kept(
+            body, effects, np.moveaxis(states.q, 1, 0), np.moveaxis(states.l, 1, 0)
+        ).items():
             with np.errstate(all="ignore"):
-                drift = np.abs(values - first[name]) / np.where(scales[name] > 0.0, scales[name], 1.0)
-            worst = np.maximum.accumulate(np.nan_to_num(np.where(states.status == 0, drift, np.inf), nan=np.inf).max(1))
-            seen = {n: worst[np.searchsorted(after, n, "right") - 1] for n in at if after[0] <= n <= total}
-            largest.setdefault(name, {}).update({n: max(x, largest.get(name, {}).get(n, 0.0)) for n, x in seen.items()})
+                drift = np.abs(values - first[name]) / np.where(
+                    scales[name] > 0.0, scales[name], 1.0
+                )
+            worst = np.maximum.accumulate(
+                np.nan_to_num(np.where(states.status == 0, drift, np.inf), nan=np.inf).max(1)
+            )
+            seen = {
+                n: worst[np.searchsorted(after, n, "right") - 1]
+                for n in at
+                if after[0] <= n <= total
+            }
+            largest.setdefault(name, {}).update(
+                {n: max(x, largest.get(name, {}).get(n, 0.0)) for n, x in seen.items()}
+            )
     return {name: np.maximum.accumulate([found[n] for n in at]) for name, found in largest.items()}
 
 
 def _kept(body, effects, q, l):
     """{quantity: values} of what a top may keep."""
-    return {"energy": kinetic_energy(body, l) + energies(effects, body, q), "l2": dot(l, l), "lz": dot(l, up(q))}
+    return {
+        "energy": kinetic_energy(body, l) + energies(effects, body, q),
+        "l2": dot(l, l),
+        "lz": dot(l, up(q)),
+    }
 
 
 def push(block, size, carried, some):
@@ -193,7 +265,12 @@ def errors(pilot, states, true):
             momentum = np.sqrt(((l - true_l) ** 2).sum(0)) / size
             turned = attitude_error(q.T, true_q.T) if pilot.carried else np.zeros(pilot.members)
             kinetic = kinetic_energy(body, true_l)
-            energy = np.abs(kinetic_energy(body, l) - kinetic + energies(effects, body, q) - energies(effects, body, true_q))
+            energy = np.abs(
+                kinetic_energy(body, l)
+                - kinetic
+                + energies(effects, body, q)
+                - energies(effects, body, true_q)
+            )
             scale = kinetic + total_energy_scale(effects, body)
             found["momentum"].append(momentum)
             found["attitude"].append(turned)
@@ -202,7 +279,10 @@ def errors(pilot, states, true):
             found["l2"].append(np.abs(dot(l, l) - dot(true_l, true_l)) / size**2)
             lz = dot(l, up(q)) - dot(true_l, up(true_q))
             found["lz"].append(np.abs(lz) / size if pilot.carried else np.zeros(pilot.members))
-    return {name: np.where(states.status == 0, np.max(np.nan_to_num(x, nan=np.inf), axis=0), np.inf) for name, x in found.items()}
+    return {
+        name: np.where(states.status == 0, np.max(np.nan_to_num(x, nan=np.inf), axis=0), np.inf)
+        for name, x in found.items()
+    }
 
 
 def growth(pilot):
@@ -214,7 +294,11 @@ def growth(pilot):
     """
     size, end = 1e-11, pilot.scene.run.t_end
     long = pilot._replace(
-        own=False, scene=pilot.scene.with_run(t_end=4.0 * end, every=0.5 * end), base=8, stride=1, times=0.5 * end * np.arange(1, 9)
+        own=False,
+        scene=pilot.scene.with_run(t_end=4.0 * end, every=0.5 * end),
+        base=8,
+        stride=1,
+        times=0.5 * end * np.arange(1, 9),
     )
     name, steps = "rk8" if pilot.scene.effects else "exact", first_steps(long)
     base = follow(long, name, steps)
@@ -223,23 +307,40 @@ def growth(pilot):
         moved = follow(long, name, steps, nudge=size, seed=seed)
         for i in range(8):
             squares[i] += (
-                errors(long, *(States(s.q[i : i + 1], s.l[i : i + 1], s.status) for s in (moved, base)))["state"] ** 2 / 4.0
+                errors(
+                    long, *(States(s.q[i : i + 1], s.l[i : i + 1], s.status) for s in (moved, base))
+                )["state"]
+                ** 2
+                / 4.0
             )
     apart = np.sqrt(squares)
     rate = np.zeros(pilot.members)
-    for i in (1, 2, 3, 4):  # the longest doubling of time before the disturbance is as large as the motion
+    for i in (
+        1,
+        2,
+        3,
+        4,
+    ):  # the longest doubling of time before the disturbance is as large as the motion
         ratio = apart[2 * i - 1] / np.maximum(apart[i - 1], size)
         seen = apart[2 * i - 1] < 0.1
-        rate = np.where(seen, np.where(ratio > 32.0, np.log(np.maximum(ratio, 1.0)) / (0.5 * end * i), 0.0), rate)
+        rate = np.where(
+            seen,
+            np.where(ratio > 32.0, np.log(np.maximum(ratio, 1.0)) / (0.5 * end * i), 0.0),
+            rate,
+        )
     # as large as the motion before the first look: no power of time makes 1e10 of a disturbance
-    rate = np.where((rate == 0.0) & (apart[1] >= 0.1), np.log(np.maximum(apart[1] / size, 1.0)) / end, rate)
+    rate = np.where(
+        (rate == 0.0) & (apart[1] >= 0.1), np.log(np.maximum(apart[1] / size, 1.0)) / end, rate
+    )
     return np.maximum(apart[1] / size, 1.0), rate
 
 
 def first_steps(pilot):
     """Steps that turn by a quarter of a radian at the start's spin, at least 40; a multiple of the base."""
     block = pilot.block
-    omega = np.sqrt(((block[layout.BODY : layout.BODY + 3] * block[layout.MOMENTUM : layout.REST]) ** 2).sum(0))
+    omega = np.sqrt(
+        ((block[layout.BODY : layout.BODY + 3] * block[layout.MOMENTUM : layout.REST]) ** 2).sum(0)
+    )
     rate = float(np.max(omega, where=np.isfinite(omega), initial=0.0))
     return pilot.base * max(1, math.ceil(max(pilot.scene.run.t_end * rate / 0.25, 40) / pilot.base))
 

@@ -8,7 +8,15 @@ from rigidmc.engine import layout
 from rigidmc.errors import SceneError
 from rigidmc.integrators import accepting
 from rigidmc.planning.closed_form import closed_form
-from rigidmc.planning.tolerance.pilot import MOST_STEPS, ROUNDING, States, errors, first_steps, follow, push
+from rigidmc.planning.tolerance.pilot import (
+    MOST_STEPS,
+    ROUNDING,
+    States,
+    errors,
+    first_steps,
+    follow,
+    push,
+)
 
 AGREED = 1e-12  # two methods that agree to this are taken for the truth
 
@@ -34,7 +42,9 @@ def truth(pilot):
 
 def integrated(pilot, agreed=AGREED):
     """The Truth of a pilot by rk8 and another method in more and more steps, until they agree to `agreed` or come no nearer."""
-    kept = agreed < 10.0 * AGREED  # otherwise rounding does not matter, and kernels without remainders are compiled anyway
+    kept = (
+        agreed < 10.0 * AGREED
+    )  # otherwise rounding does not matter, and kernels without remainders are compiled anyway
     able = accepting(pilot.scene.effects, compensated=kept)
     other = next(name for name in ("exact", "srkn11", "cf4") if name in able)
     steps, last = first_steps(pilot), None
@@ -45,7 +55,11 @@ def integrated(pilot, agreed=AGREED):
         ]
         apart = errors(pilot, ends[0], ends[1])["state"]
         worst = float(np.max(apart))
-        if worst < agreed or (last is not None and worst > 0.25 * last[0]) or steps > MOST_STEPS / 32:
+        if (
+            worst < agreed
+            or (last is not None and worst > 0.25 * last[0])
+            or steps > MOST_STEPS / 32
+        ):
             break
         last, steps = (worst, apart, ends, steps), 2 * steps
     if last is not None and last[0] < worst:
@@ -59,16 +73,29 @@ def integrated(pilot, agreed=AGREED):
             f"{bad} of {pilot.members} members end non-finite with rk8 and {other} at {steps:,} steps: no truth to compare with",
         )
     sums = " (sums compensated)" if kept else ""
-    return Truth(ends[0], f"rk8 in {'up to ' if pilot.own else ''}{steps:,} steps, which {other} confirms{sums}", apart)
+    return Truth(
+        ends[0],
+        f"rk8 in {'up to ' if pilot.own else ''}{steps:,} steps, which {other} confirms{sums}",
+        apart,
+    )
 
 
 def _closed_truth(pilot, case):
     found = _motion(pilot, case)
-    size, block = 1e-10, pilot.block[:, : pilot.members].copy()  # its error is taken from the effect of rounding the start
+    size, block = (
+        1e-10,
+        pilot.block[:, : pilot.members].copy(),
+    )  # its error is taken from the effect of rounding the start
     push(block, size, pilot.carried, np.random.default_rng(0))
     attitude = block[: layout.MOMENTUM].T if pilot.carried else case.attitude
-    moved = _motion(pilot, case._replace(momentum=block[layout.MOMENTUM : layout.REST].T, attitude=attitude))
-    return Truth(found, f"closed form of the {case.name}", ROUNDING / size * errors(pilot, moved, found)["state"])
+    moved = _motion(
+        pilot, case._replace(momentum=block[layout.MOMENTUM : layout.REST].T, attitude=attitude)
+    )
+    return Truth(
+        found,
+        f"closed form of the {case.name}",
+        ROUNDING / size * errors(pilot, moved, found)["state"],
+    )
 
 
 def _confirmed(pilot, true):
@@ -76,7 +103,10 @@ def _confirmed(pilot, true):
     steps = 2 * first_steps(pilot)
     coarse, fine = follow(pilot, "rk8", steps), follow(pilot, "rk8", 2 * steps)
     check_agreement(
-        errors(pilot, fine, true.states)["state"], errors(pilot, coarse, fine)["state"], true, f"rk8 in {2 * steps:,} steps"
+        errors(pilot, fine, true.states)["state"],
+        errors(pilot, coarse, fine)["state"],
+        true,
+        f"rk8 in {2 * steps:,} steps",
     )
     return true._replace(source=f"{true.source}, which rk8 confirms")
 
@@ -108,4 +138,8 @@ def closed_states(pilot):
 
 def _motion(pilot, case):
     motion = case.motion(pilot.times)
-    return States(np.moveaxis(motion.attitude, -1, 1), np.moveaxis(motion.momentum, -1, 1), np.zeros(pilot.members))
+    return States(
+        np.moveaxis(motion.attitude, -1, 1),
+        np.moveaxis(motion.momentum, -1, 1),
+        np.zeros(pilot.members),
+    )

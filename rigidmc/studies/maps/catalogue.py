@@ -47,8 +47,13 @@ def growth_rate(ds):
     """sqrt((I2 - I1)(I3 - I2)/(I1 I3)) omega of the pixels of a map of I1 and I3, I2 = 1 kg m2, omega = 1 rad/s; nan where there is no body."""
     one, three = np.meshgrid(ds.x.values, ds.y.values)
     with np.errstate(all="ignore"):
-        rate = np.where(ds.none.values == 0, np.sqrt((1.0 - one) * (three - 1.0) / (one * three)), np.nan)
-    return rate, {"units": "s-1", "long_name": "growth rate of a disturbance, sqrt((I2 - I1)(I3 - I2)/(I1 I3)) omega"}
+        rate = np.where(
+            ds.none.values == 0, np.sqrt((1.0 - one) * (three - 1.0) / (one * three)), np.nan
+        )
+    return rate, {
+        "units": "s-1",
+        "long_name": "growth rate of a disturbance, sqrt((I2 - I1)(I3 - I2)/(I1 I3)) omega",
+    }
 
 
 RATES = (0.1, 0.2, 0.3, 0.5, 0.7, 0.9)
@@ -57,11 +62,22 @@ RATIOS = "I$_1$/I$_2$", "I$_3$/I$_2$"
 
 
 def intermediate_axis():
-    scene = Scene(Body.from_moments((0.5, 1.0, 1.5)), (), Start(omega=Cone(2, 1.0, TILT)), observables=(Flips(2),))
+    scene = Scene(
+        Body.from_moments((0.5, 1.0, 1.5)),
+        (),
+        Start(omega=Cone(2, 1.0, TILT)),
+        observables=(Flips(2),),
+    )
 
     def derived(ds):
-        words = {"units": "s-1", "long_name": "flips a second of a body spun at 1 rad/s, 0.01 rad from its middle axis"}
-        return {"rate": (ds["mean(flips)"].values / ds.attrs["t_end"], words), "theory": growth_rate(ds)}
+        words = {
+            "units": "s-1",
+            "long_name": "flips a second of a body spun at 1 rad/s, 0.01 rad from its middle axis",
+        }
+        return {
+            "rate": (ds["mean(flips)"].values / ds.attrs["t_end"], words),
+            "theory": growth_rate(ds),
+        }
 
     return MapCase(
         "The intermediate axis: how often a body flips that is spun about it", scene, *SHAPES, ("mean(flips)", "mean(flip_wait)"), 16,
@@ -78,10 +94,18 @@ def growth():
 
     def derived(ds):
         theory, words = growth_rate(ds)
-        rate = math.log(TO / FROM) / (ds["mean(passage_first_2)"].values - ds["mean(passage_first)"].values)
+        rate = math.log(TO / FROM) / (
+            ds["mean(passage_first_2)"].values - ds["mean(passage_first)"].values
+        )
         off = np.abs(rate / theory - 1.0)
         return {
-            "growth": (rate, {"units": "s-1", "long_name": "growth rate of a disturbance of the middle axis, measured"}),
+            "growth": (
+                rate,
+                {
+                    "units": "s-1",
+                    "long_name": "growth rate of a disturbance of the middle axis, measured",
+                },
+            ),
             "theory": (theory, words),
             "error": (off, {"units": "1", "long_name": "relative error of the growth rate"}),
         }
@@ -95,12 +119,18 @@ def growth():
 
 def disturbance():
     scene = Scene(
-        Body.from_moments((1.0, 2.0, 3.0)), (), Start(omega=Cone(2, 1.0, 1e-3, 0.0)), observables=(Flips(2, 0.5 * math.pi),)
+        Body.from_moments((1.0, 2.0, 3.0)),
+        (),
+        Start(omega=Cone(2, 1.0, 1e-3, 0.0)),
+        observables=(Flips(2, 0.5 * math.pi),),
     )
 
     def derived(ds):
         azimuth, angle = np.meshgrid(ds.x.values, ds.y.values)
-        w = np.stack([np.sin(angle) * np.sin(azimuth), np.cos(angle), np.sin(angle) * np.cos(azimuth)], axis=-1)
+        w = np.stack(
+            [np.sin(angle) * np.sin(azimuth), np.cos(angle), np.sin(angle) * np.cos(azimuth)],
+            axis=-1,
+        )
         interval = free_motion((1.0, 2.0, 3.0), w * [1.0, 2.0, 3.0]).flip_interval
         wait = ds["mean(flip_wait)"].values
         return {
@@ -128,12 +158,17 @@ def damped_axis():
 
     def derived(ds):
         azimuth, angle = np.meshgrid(ds.x.values, ds.y.values)
-        l = np.stack([np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth), np.cos(angle)])
+        l = np.stack(
+            [np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth), np.cos(angle)]
+        )
         up, down = ds["p(passages>=1)"].values, ds["p(passages_2>=1)"].values
         return {
             "end": (
                 np.where(ds.good.values > 0, up - down, np.nan),
-                {"units": "1", "long_name": "the end of axis 3 that is reached: 1 or -1, 0 where none is"},
+                {
+                    "units": "1",
+                    "long_name": "the end of axis 3 that is reached: 1 or -1, 0 where none is",
+                },
             ),
             "theory": (
                 (l * l / [[[1.0]], [[2.0]], [[3.0]]]).sum(0) * 2.0,
@@ -153,7 +188,10 @@ def sleeping_top():
     body = Body.from_moments(
         (1.0, 1.0, 0.5), mass=0.5, centre=(0.0, 0.0, 0.5)
     )  # m h^2 <= 0.75 kg m2: there is such a body for all h
-    start = Start(omega=(0.0, 0.0, 2.0), attitude=(uniform(0.0, 2.0 * math.pi), 1e-4, uniform(0.0, 2.0 * math.pi)))
+    start = Start(
+        omega=(0.0, 0.0, 2.0),
+        attitude=(uniform(0.0, 2.0 * math.pi), 1e-4, uniform(0.0, 2.0 * math.pi)),
+    )
     scene = Scene(body, (Gravity(2.0),), start, observables=(Passage(3, 0.1),))
 
     def derived(ds):
@@ -191,24 +229,37 @@ def heavy_chaos(moments=(2.0, 2.2, 1.0), centre=(1.0, 0.0, 0.0)):
 
 def kovalevskaya():
     """The same plane for Kovalevskaya's top, which is integrable: A = B = 2 C, the centre in the plane of A and B."""
-    return heavy_chaos((2.0, 2.0, 1.0), (1.0, 0.0, 0.0))._replace(title="Kovalevskaya's top, A = B = 2 C: regular everywhere")
+    return heavy_chaos((2.0, 2.0, 1.0), (1.0, 0.0, 0.0))._replace(
+        title="Kovalevskaya's top, A = B = 2 C: regular everywhere"
+    )
 
 
 def kapitza():
     body = Body.from_moments((1.0, 1.0, 0.5), mass=2.0, centre=(0.0, 0.0, 0.5))
     start = Start(omega=(0.0, 0.0, 0.0), attitude=(0.0, normal(0.0, 1e-5), 0.0))
-    scene = Scene(body, (Gravity(1.0), MovingPivot((0.0, 0.0, 0.1), 20.0)), start, observables=(Passage(3, 0.1),))
+    scene = Scene(
+        body,
+        (Gravity(1.0), MovingPivot((0.0, 0.0, 0.1), 20.0)),
+        start,
+        observables=(Passage(3, 0.1),),
+    )
 
     def derived(ds):
         from scipy.special import mathieu_a, mathieu_b
 
         swing, frequency = np.meshgrid(ds.x.values, ds.y.values)
-        a, q = -4.0 / frequency**2, 2.0 * swing  # x'' + (a - 2 q cos 2 tau) x = 0 of a lean x, l = 1 m, g = 1 m/s2
+        a, q = (
+            -4.0 / frequency**2,
+            2.0 * swing,
+        )  # x'' + (a - 2 q cos 2 tau) x = 0 of a lean x, l = 1 m, g = 1 m/s2
         inside = np.minimum(a - mathieu_a(0, q), mathieu_b(1, q) - a)
         return {
             "theory": (
                 inside,
-                {"units": "1", "long_name": "distance to the bounds a0(q), b1(q) of Mathieu's equation: above 0 it stands"},
+                {
+                    "units": "1",
+                    "long_name": "distance to the bounds a0(q), b1(q) of Mathieu's equation: above 0 it stands",
+                },
             )
         }
 
@@ -238,9 +289,13 @@ def case_map(name, resolution=256, members=None, threads=None, progress=None, **
         raise unknown("", "map", name, "map", MAPS)
     case = MAPS[name]()
     asked = {key: value for key, value in settings.items() if value is not None}
-    kept = {key: value for key, value in case.settings.items() if not (key == "dt" and "turn" in asked)}
+    kept = {
+        key: value for key, value in case.settings.items() if not (key == "dt" and "turn" in asked)
+    }
     members = case.members if members is None else members
-    ds = stability_map(case.scene, case.x, case.y, case.of, resolution, members, threads, progress, **kept | asked)
+    ds = stability_map(
+        case.scene, case.x, case.y, case.of, resolution, members, threads, progress, **kept | asked
+    )
     for key, (values, attrs) in case.derived(ds).items():
         ds[key] = (("y", "x"), values, attrs)
     ds.attrs |= {"title": case.title, "map": name, "theory": case.source}

@@ -34,11 +34,17 @@ def on_map(scene, x, y, resolution, members):
     for key, side in (("x", x), ("y", y)):
         if isinstance(side, str) or len(side) not in (3, 4) or not isinstance(side[0], str):
             raise SceneError(
-                "", key, side, 'expected (parameter, low, high) or (parameter, low, high, True), as ("body.moments.1", 0.1, 0.9)'
+                "",
+                key,
+                side,
+                'expected (parameter, low, high) or (parameter, low, high, True), as ("body.moments.1", 0.1, 0.9)',
             )
     if x[0] == y[0]:
         raise SceneError("", "y", y[0], "is the parameter of x already")
-    for key, (name, low, high, *log), side, stride in (("x", x, sides[0], members), ("y", y, sides[1], members * sides[0])):
+    for key, (name, low, high, *log), side, stride in (
+        ("x", x, sides[0], members),
+        ("y", y, sides[1], members * sides[0]),
+    ):
         try:
             between = grid(low, high, side, stride, bool(log and log[0]))
         except SceneError as error:
@@ -52,7 +58,18 @@ def on_map(scene, x, y, resolution, members):
     return scene.with_run(members=members * sides[0] * sides[1], first=0)
 
 
-def stability_map(scene, x, y, of, resolution=256, members=None, threads=None, progress=None, confidence=0.95, **settings):
+def stability_map(
+    scene,
+    x,
+    y,
+    of,
+    resolution=256,
+    members=None,
+    threads=None,
+    progress=None,
+    confidence=0.95,
+    **settings,
+):
     """A map as a Dataset with the coordinates y and x.
 
     of : what the members of a pixel are asked, or several such: "p(flips >= 1)", "mean(megno)", see `rigidmc.studies.measures`
@@ -71,22 +88,31 @@ def stability_map(scene, x, y, of, resolution=256, members=None, threads=None, p
     if members is None:
         members = REPLICAS if _drawn(on_map(scene, x, y, 1, 1)) else 1
     sides, members = _sides(resolution), counted(members, "members")
-    made = on_map(scene, x, y, resolution, members).with_run(save=settings.pop("save", ()), **settings)
+    made = on_map(scene, x, y, resolution, members).with_run(
+        save=settings.pop("save", ()), **settings
+    )
     if made.run.points != "independent":
         raise SceneError(
-            "run", "points", made.run.points, "the members of a pixel are independent ones: their spread tells its interval"
+            "run",
+            "points",
+            made.run.points,
+            "the members of a pixel are independent ones: their spread tells its interval",
         )
     made = observing(made, of)
     given = made
     if made.run.integrator == "auto":
         run = resolved(made.coarse(), threads)[0].run
         made = made.with_run(
-            integrator=run.integrator, dtype=run.dtype, **({"dt": run.dt} if run.turn is None else {"turn": run.turn})
+            integrator=run.integrator,
+            dtype=run.dtype,
+            **({"dt": run.dt} if run.turn is None else {"turn": run.turn}),
         )
     variables = {name: v.dims for name, v in member_variables(made, False).items()}
     asked = [measure(text, variables) for text in of]
     plan, pixels, each = prepare(made, threads or 1), sides[0] * sides[1], max(1, CHUNK // members)
-    for note in notes(given, plan._replace(notes=())):  # without the plan's notes on large steps: maps take them on purpose
+    for note in notes(
+        given, plan._replace(notes=())
+    ):  # without the plan's notes on large steps: maps take them on purpose
         warnings.warn(note, SceneWarning, stacklevel=2)
     parts = {one.text: np.full((3, pixels), np.nan) for one in asked}
     counts, began = np.zeros((3, pixels), "i4"), time.perf_counter()
@@ -99,13 +125,27 @@ def stability_map(scene, x, y, of, resolution=256, members=None, threads=None, p
         none, good = status == STATUSES["invalid_input"], status == 0
         counts[:, low:high] = good.sum(1), (~good & ~none).sum(1), none.sum(1)
         for one in asked:
-            parts[one.text][:, low:high] = one.interval(one.values(dataset).reshape(-1, members), good, confidence)
+            parts[one.text][:, low:high] = one.interval(
+                one.values(dataset).reshape(-1, members), good, confidence
+            )
         if progress is not None:
             progress(high, pixels)
     if not (counts[0] + counts[1]).any():
         rule = f"between {x[1]:g} and {x[2]:g}, and {y[1]:g} and {y[2]:g} of {y[0]} no pixel has a body and a start: moments must obey I_i <= I_j + I_k"
         raise SceneError("", "x", x[0], rule)
-    return _dataset(made, plan, asked, parts, counts, x, y, sides, members, confidence, time.perf_counter() - began)
+    return _dataset(
+        made,
+        plan,
+        asked,
+        parts,
+        counts,
+        x,
+        y,
+        sides,
+        members,
+        confidence,
+        time.perf_counter() - began,
+    )
 
 
 def _sides(resolution):
@@ -120,7 +160,9 @@ def _sides(resolution):
 def _drawn(scene):
     """Whether members differ by more than the parameters of a map."""
     every = scene.quantities()
-    return any(hasattr(q, "_fields") or isinstance(q, Distribution) for q in every) or isinstance(scene.start.attitude, str)
+    return any(hasattr(q, "_fields") or isinstance(q, Distribution) for q in every) or isinstance(
+        scene.start.attitude, str
+    )
 
 
 def _dataset(scene, plan, asked, parts, counts, x, y, sides, members, confidence, seconds):
@@ -132,15 +174,31 @@ def _dataset(scene, plan, asked, parts, counts, x, y, sides, members, confidence
         name = one.text.replace(" ", "")
         text = f"{one.text}: {attrs.get('long_name', '')}"
         for suffix, values in zip(("", "_low", "_high"), parts[one.text], strict=True):
-            end = "" if not suffix else f", {suffix[1:]} end of its interval of {100 * confidence:g} %"
-            variables[name + suffix] = (("y", "x"), values.reshape(shape), {"units": units, "long_name": text + end})
-    words = ("good members", "members that failed", "members for which there is no such body or start")
+            end = (
+                ""
+                if not suffix
+                else f", {suffix[1:]} end of its interval of {100 * confidence:g} %"
+            )
+            variables[name + suffix] = (
+                ("y", "x"),
+                values.reshape(shape),
+                {"units": units, "long_name": text + end},
+            )
+    words = (
+        "good members",
+        "members that failed",
+        "members for which there is no such body or start",
+    )
     for name, values, text in zip(("good", "failed", "none"), counts, words, strict=True):
         variables[name] = (("y", "x"), values.reshape(shape), {"units": "1", "long_name": text})
     coordinates = {}
     for key, (name, low, high, *log), side in (("x", x, sides[0]), ("y", y, sides[1])):
         values = grid(low, high, side, 1, bool(log and log[0])).values()
-        coordinates[key] = ((key,), values, {"long_name": name, "units": units_of(scene, name), "log": int(bool(log and log[0]))})
+        coordinates[key] = (
+            (key,),
+            values,
+            {"long_name": name, "units": units_of(scene, name), "log": int(bool(log and log[0]))},
+        )
     attrs = {
         "title": scene.title,
         "source": f"rigidmc {VERSION}",
@@ -172,4 +230,9 @@ def units_of(scene, name):
         "mass": "kg",
         "centre": "m",
     }
-    return named.get(last, {"moments": "kg m2", "centre": "m", "omega": "rad s-1", "momentum": "kg m2 s-1"}.get(first, "1"))
+    return named.get(
+        last,
+        {"moments": "kg m2", "centre": "m", "omega": "rad s-1", "momentum": "kg m2 s-1"}.get(
+            first, "1"
+        ),
+    )

@@ -26,7 +26,13 @@ from rigidmc.scene.quantities import is_shared, rows
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
 
-TURNS = {2: 0.01, 4: 0.05, 6: 0.12, 8: 0.25, math.inf: 0.12}  # of the fastest member in a step [rad], by order
+TURNS = {
+    2: 0.01,
+    4: 0.05,
+    6: 0.12,
+    8: 0.25,
+    math.inf: 0.12,
+}  # of the fastest member in a step [rad], by order
 
 
 def turn_of(order):
@@ -65,7 +71,9 @@ class Case:
         return self.asked(integrator) if callable(self.asked) else self.asked
 
 
-def tops(moments, momentum, attitude=(1.0, 0.0, 0.0, 0.0), weight=(0.0, 0.0, 0.0), damping=0.0, g=1.0):
+def tops(
+    moments, momentum, attitude=(1.0, 0.0, 0.0, 0.0), weight=(0.0, 0.0, 0.0), damping=0.0, g=1.0
+):
     """A Scene of tops: each argument a tuple of numbers, or an array with one row for each member; weight = m g r [N m]."""
     columns = [np.asarray(x, dtype=float) for x in (moments, momentum, attitude, weight)]
     several = max(len(c) if c.ndim == 2 else 0 for c in columns)
@@ -74,7 +82,11 @@ def tops(moments, momentum, attitude=(1.0, 0.0, 0.0, 0.0), weight=(0.0, 0.0, 0.0
     given: list[Any] = [c if several else tuple(c.tolist()) for c in columns]
     effects: tuple = (Gravity(g),) if np.any(columns[3]) else ()
     effects += (ViscousDamping(damping),) if damping else ()
-    return Scene(Body.from_moments(given[0], centre=given[3]), effects, Start(momentum=given[1], attitude=given[2]))
+    return Scene(
+        Body.from_moments(given[0], centre=given[3]),
+        effects,
+        Start(momentum=given[1], attitude=given[2]),
+    )
 
 
 def run(scene, integrator, t_end, saves=8, turn=None, steps=None, **settings):
@@ -82,7 +94,11 @@ def run(scene, integrator, t_end, saves=8, turn=None, steps=None, **settings):
     alike, units = is_shared(*scene.quantities()), internal(scene)
     inner = scene if units is None else scaled(scene, units.mass, 1.0, units.time)
     rate = (1.0 if units is None else units.time) * float(
-        np.max(rates(inner.effects, stage(inner, 0, 1 if alike else rows(*scene.quantities()), True)[0]))
+        np.max(
+            rates(
+                inner.effects, stage(inner, 0, 1 if alike else rows(*scene.quantities()), True)[0]
+            )
+        )
     )
     turn = turn_of(INTEGRATORS[integrator].order) if turn is None else turn
     dt = t_end / steps if steps else turn / rate if rate > 0.0 else t_end / 100.0
@@ -96,7 +112,9 @@ def run(scene, integrator, t_end, saves=8, turn=None, steps=None, **settings):
 
 def worst(ds, values):
     """The largest of a value for each member; inf where one is flagged or nan."""
-    return float(np.max(np.where(ds.status.values == 0, np.nan_to_num(values, nan=math.inf), math.inf)))
+    return float(
+        np.max(np.where(ds.status.values == 0, np.nan_to_num(values, nan=math.inf), math.inf))
+    )
 
 
 def distance(q, l, true_q, true_l):
@@ -110,8 +128,12 @@ def distance(q, l, true_q, true_l):
 def closed_states(scene, ds):
     """The closed form of a Dataset at its times."""
     units = internal(scene) or Internal(1.0, 1.0)
-    motion = closed_form(scaled(scene, units.mass, 1.0, units.time), ds.sizes["member"], 0).motion(ds.time.values * units.time)
-    return np.moveaxis(motion.attitude, -1, 1), np.moveaxis(motion.momentum, -1, 1) * units.factor("kg m2 s-1")
+    motion = closed_form(scaled(scene, units.mass, 1.0, units.time), ds.sizes["member"], 0).motion(
+        ds.time.values * units.time
+    )
+    return np.moveaxis(motion.attitude, -1, 1), np.moveaxis(motion.momentum, -1, 1) * units.factor(
+        "kg m2 s-1"
+    )
 
 
 def against_closed(scene, t_end, saves=8, **options):
@@ -120,7 +142,9 @@ def against_closed(scene, t_end, saves=8, **options):
     def error(integrator, share):
         ds = run(scene, integrator, t_end, saves, **options)
         if integrator == "closed":
-            best = next(name for name in ("exact", "srkn11", "rk8") if name in accepting(scene.effects))
+            best = next(
+                name for name in ("exact", "srkn11", "rk8") if name in accepting(scene.effects)
+            )
             other = run(scene, best, t_end, saves, **options)
             true = other.attitude.values, other.momentum.values
         else:
@@ -159,7 +183,12 @@ def flagged_or_close(scene, t_end, **options):
 
 def against_end(problem, turn=None):
     """Error at the published end of a problem."""
-    scene = tops(problem.moments, problem.momentum, problem.attitude, tuple(problem.gravity * p for p in problem.static_moment))
+    scene = tops(
+        problem.moments,
+        problem.momentum,
+        problem.attitude,
+        tuple(problem.gravity * p for p in problem.static_moment),
+    )
 
     def error(integrator, share):
         ds = run(scene, integrator, problem.time, 1, turn)
@@ -176,15 +205,22 @@ def constant(scene, t_end, quantities, saves=8, steps=None, **options):
 
     def error(integrator, share):
         n = max(saves, round(steps * share / saves) * saves) if steps else None
-        ds = run(scene, integrator, t_end * (n / steps if steps else 1.0), saves, steps=n, **options)
+        ds = run(
+            scene, integrator, t_end * (n / steps if steps else 1.0), saves, steps=n, **options
+        )
         body, effects = physics(scene.effects, stage(scene, 0, ds.sizes["member"], True)[0])
         found = np.zeros(ds.sizes["member"])
         for values, scale in quantities(
-            body, effects, np.moveaxis(ds.attitude.values, 1, 0), np.moveaxis(ds.momentum.values, 1, 0)
+            body,
+            effects,
+            np.moveaxis(ds.attitude.values, 1, 0),
+            np.moveaxis(ds.momentum.values, 1, 0),
         ):
             values = np.reshape(values, (-1, *np.shape(values)[-2:]))
             change = np.abs(values - values[:, :1]).max((0, 1))
-            found = np.maximum(found, np.nan_to_num(change / np.where(scale > 0.0, scale, 1.0), nan=math.inf))
+            found = np.maximum(
+                found, np.nan_to_num(change / np.where(scale > 0.0, scale, 1.0), nan=math.inf)
+            )
         return worst(ds, found)
 
     return error
@@ -207,7 +243,10 @@ def energy_alone(body, effects, q, l):
 
 def direction(body, effects, q, l):
     """The momentum in the body, and the vertical in it where there is gravity: what a permanent rotation keeps."""
-    return [(np.array(l), np.sqrt(dot(l[:, 0], l[:, 0]))), *([(np.array(up(q)), np.ones(l.shape[-1]))] if effects else [])]
+    return [
+        (np.array(l), np.sqrt(dot(l[:, 0], l[:, 0]))),
+        *([(np.array(up(q)), np.ones(l.shape[-1]))] if effects else []),
+    ]
 
 
 def flips(moments, momentum, count, first=False):
@@ -217,7 +256,10 @@ def flips(moments, momentum, count, first=False):
     """
     kind = free_motion(moments, momentum)
     interval, rate = float(kind.flip_interval), float(kind.rate)
-    scene, saves = tops(moments, momentum), math.ceil(count * float(kind.flip_interval) * float(kind.rate) / 0.01)
+    scene, saves = (
+        tops(moments, momentum),
+        math.ceil(count * float(kind.flip_interval) * float(kind.rate) / 0.01),
+    )
 
     def error(integrator, share):
         ds = run(scene, integrator, count * interval, saves)
@@ -226,7 +268,9 @@ def flips(moments, momentum, count, first=False):
         at = np.flatnonzero((two[:-1] > 0.0) != (two[1:] > 0.0))
         if len(at) < count or ds.status.values[0]:
             return math.inf
-        found = [_root(t[i], t[i + 1], two[i], two[i + 1], slope[i], slope[i + 1]) for i in at[:count]]
+        found = [
+            _root(t[i], t[i + 1], two[i], two[i + 1], slope[i], slope[i + 1]) for i in at[:count]
+        ]
         true = interval * (np.arange(count) + 0.5)
         return float(np.max(np.abs(np.array(found) - true) / true))
 
@@ -237,7 +281,9 @@ def flips(moments, momentum, count, first=False):
 def _root(a, b, f, g, df, dg):
     """The zero between a and b of the cubic with values f, g and slopes df, dg there."""
     h = b - a
-    cubic = np.polynomial.Polynomial([f, h * df, 3 * (g - f) - h * (2 * df + dg), 2 * (f - g) + h * (df + dg)])
+    cubic = np.polynomial.Polynomial(
+        [f, h * df, 3 * (g - f) - h * (2 * df + dg), 2 * (f - g) + h * (df + dg)]
+    )
     x = f / (f - g)
     for _ in range(6):
         x -= cubic(x) / cubic.deriv()(x)
@@ -253,7 +299,12 @@ def there_and_back(scene, t_end, **options):
         back = Scene(scene.body, scene.effects, Start(momentum=tuple(-l), attitude=tuple(q)))
         again = run(back, integrator, t_end, 1, **options)
         start = ds.attitude.values[:1], ds.momentum.values[:1]
-        return max(worst(ds, 0.0), worst(again, distance(again.attitude.values[-1:], -again.momentum.values[-1:], *start)[0]))
+        return max(
+            worst(ds, 0.0),
+            worst(
+                again, distance(again.attitude.values[-1:], -again.momentum.values[-1:], *start)[0]
+            ),
+        )
 
     return error
 
@@ -265,7 +316,11 @@ def same_bits(scene, t_end, **options):
     def error(integrator, share):
         one = run(scene, integrator, t_end, 4, **options)
         others = [run(scene, integrator, t_end, 4, block=block, **options) for block in (32, 96)]
-        count = sum(int(np.count_nonzero(one[name].values != other[name].values)) for other in others for name in names)
+        count = sum(
+            int(np.count_nonzero(one[name].values != other[name].values))
+            for other in others
+            for name in names
+        )
         return float(count) if not one.status.values.any() else math.inf
 
     return error
@@ -275,12 +330,18 @@ def scaled_alike(scene, other, t_end, time, mass_length, power_of_two, **options
     """How far two scenes are apart that differ by units alone: times by `time`, momenta by `mass_length`."""
 
     def error(integrator, share):
-        one, two = run(scene, integrator, t_end, 4, **options), run(other, integrator, t_end * time, 4, **options)
+        one, two = (
+            run(scene, integrator, t_end, 4, **options),
+            run(other, integrator, t_end * time, 4, **options),
+        )
         q, l = two.attitude.values, two.momentum.values / mass_length
         if power_of_two:
             same = np.array_equal(q, one.attitude.values) and np.array_equal(l, one.momentum.values)
             return 0.0 if same and worst(two, 0.0) == 0.0 else 1.0
-        return max(worst(one, 0.0), worst(two, distance(q, l, one.attitude.values, one.momentum.values).max(0)))
+        return max(
+            worst(one, 0.0),
+            worst(two, distance(q, l, one.attitude.values, one.momentum.values).max(0)),
+        )
 
     return error
 
@@ -304,7 +365,9 @@ def walk(scene, dt_turn, steps):
     def error(integrator, share):
         saves = 64
         n = saves * round(steps * share / saves)
-        rate = float(np.max(rates(scene.effects, stage(scene, 0, rows(*scene.quantities()), True)[0])))
+        rate = float(
+            np.max(rates(scene.effects, stage(scene, 0, rows(*scene.quantities()), True)[0]))
+        )
         ds = run(scene, integrator, n * dt_turn / rate, saves, steps=n)
         body, effects = physics(scene.effects, stage(scene, 0, ds.sizes["member"], True)[0])
         q, l = np.moveaxis(ds.attitude.values, 1, 0), np.moveaxis(ds.momentum.values, 1, 0)

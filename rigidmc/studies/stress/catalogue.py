@@ -84,7 +84,10 @@ def principal_axes():
     }  # fmt: skip
     for word, moments in bodies.items():
         spins = np.array([sign * axis for axis in np.eye(3) for sign in (1.0, -1.0)])
-        scene, steps = tops(np.tile(moments, (6, 1)), spins), 1_000_000 if word == "generic" else 100_000
+        scene, steps = (
+            tops(np.tile(moments, (6, 1)), spins),
+            1_000_000 if word == "generic" else 100_000,
+        )
         end = steps * 0.05 / (1.0 / min(moments))
         yield Case(
             "H1", f"axis spins of a {word} body", f"spin about each axis, both ways, also the unstable one, for {steps:,} steps: any rounding across it would grow",
@@ -142,7 +145,10 @@ def symmetric_limits():
             against_closed(tops(moments, (0.3, 0.2, 0.1)), 50.0), None,
         )  # fmt: skip
     for split in (1e-4, 1e-8, 1e-12, 1e-15):
-        for word, moments in (("I1 = I2", (1.0, 1.0 + split, 2.0)), ("I2 = I3", (1.0, 2.0, 2.0 * (1.0 + split)))):
+        for word, moments in (
+            ("I1 = I2", (1.0, 1.0 + split, 2.0)),
+            ("I2 = I3", (1.0, 2.0, 2.0 * (1.0 + split))),
+        ):
             yield Case(
                 "H4", f"{word} to {split:g}", "between the two regimes: neither may jump where the other begins", "closed form",
                 against_closed(tops(moments, (0.3, 0.2, 0.1)), 50.0), None,
@@ -163,7 +169,12 @@ def constant_over_members(scene, t_end):
     def error(integrator, share):
         ds = run(scene, integrator, t_end, 4)
         q, l = ds.attitude.values, ds.momentum.values
-        return worst(ds, distance(q, l, np.repeat(q[..., :1], q.shape[-1], -1), np.repeat(l[..., :1], l.shape[-1], -1)).max(0))
+        return worst(
+            ds,
+            distance(
+                q, l, np.repeat(q[..., :1], q.shape[-1], -1), np.repeat(l[..., :1], l.shape[-1], -1)
+            ).max(0),
+        )
 
     return error
 
@@ -183,7 +194,8 @@ def plates_and_needles():
 def fast_spin():
     """H6."""
     too_long = {
-        name: "1 rad is too long a step for it: one digit is left after 32 turns" for name in ("rk4", "rkmk4", "cf4", "rotations")
+        name: "1 rad is too long a step for it: one digit is left after 32 turns"
+        for name in ("rk4", "rkmk4", "cf4", "rotations")
     }
     too_long["midpoint"] = "of order 2: 0.1 rad is too long a step for it over 32 turns"
     for angle in (0.1, 1.0, 3.0):
@@ -201,7 +213,8 @@ def heavy_tops():
     moments, weight, rate = (a, a, c), (0.0, 0.0, k), math.sqrt(k / a)
     critical = 2.0 * math.sqrt(a * k)
     turning = np.array(moments) * omega_from_euler_rates(
-        (0.0, math.pi / 3, 0.0), (2 * rate / math.sqrt(3), 0.0, (3 * a - c) * rate / (c * math.sqrt(3)))
+        (0.0, math.pi / 3, 0.0),
+        (2 * rate / math.sqrt(3), 0.0, (3 * a - c) * rate / (c * math.sqrt(3))),
     )
     starts = {
         "inverted, at rest": (UPRIGHT, (0.0, 0.0, 0.0), "an unstable equilibrium: any rounding falls"),
@@ -239,18 +252,29 @@ def scale():
     for word, (i, l, why) in real.items():
         yield Case("H8", word, why, "closed form", against_closed(tops(i, l), 100.0 * float(np.min(i) / np.linalg.norm(l))), None, quick=word == "a molecule")  # fmt: skip
     i, l, _ = real["a molecule"]
-    single = against_closed(tops(i, l), 100.0 * float(np.min(i) / np.linalg.norm(l)), turn=0.05, dtype="float32")
+    single = against_closed(
+        tops(i, l), 100.0 * float(np.min(i) / np.linalg.norm(l)), turn=0.05, dtype="float32"
+    )
     yield Case("H8", "a molecule in float32", "moments of 1e-47 are 0 in single precision", "closed form", single, None, claims=lambda name: name in ("rk4", "exact", "strang", "rotations"))  # fmt: skip
     signs = np.array([(a, 1.0, b) for a in (1.0, -1.0) for b in (1.0, -1.0)])
     yield Case("H8", "1e-165 off the middle axis", "squares of what decides about which axis L circles are 0; taken anew at each end of a step, its side turned the body over", "a plain turn", against_turn(tops((0.3, 1.0, 1.3), signs * (1e-165, 1.0, 1e-175)), 20.0, 1.0), None, quick=True)  # fmt: skip
     yield Case("H8", "at rest", "L = 0: nothing may be divided by it", "L = 0 stays to the bit", constant(tops(moments, (0.0, 0.0, 0.0)), 10.0, direction), 0.0)  # fmt: skip
-    none = Scene(Body.from_moments(tuple(moments), centre=(0.1, 0.2, 0.3)), (Gravity(0.0),), Start(momentum=tuple(momentum)))
+    none = Scene(
+        Body.from_moments(tuple(moments), centre=(0.1, 0.2, 0.3)),
+        (Gravity(0.0),),
+        Start(momentum=tuple(momentum)),
+    )
     yield Case("H8", "g = 0", "gravity is compiled, and must change nothing", "closed form", against_closed(none, 10.0), None, GRAVITY)  # fmt: skip
     heavy = tops(tuple(moments), tuple(momentum), leaning(1.0), (0.1, 0.2, 0.3))
     reversible = lambda name: INTEGRATORS[name].reversible and steps_made(name)  # noqa: E731
     yield Case("H8", "there and back", "the same steps with h < 0", "its own start", there_and_back(tops(tuple(moments), tuple(momentum)), 20.0), 1e-13, claims=reversible, quick=True)  # fmt: skip
     yield Case("H8", "there and back, heavy", "the same steps with h < 0", "its own start", there_and_back(heavy, 20.0), 1e-12, GRAVITY, reversible)  # fmt: skip
-    swinging = tops((0.3, 1.0, 1.3), (0.0, 0.0, 0.0), (0.0, -math.sqrt(0.5), 1e-311, math.sqrt(0.5)), (0.0, 0.0, 1.0))
+    swinging = tops(
+        (0.3, 1.0, 1.3),
+        (0.0, 0.0, 0.0),
+        (0.0, -math.sqrt(0.5), 1e-311, math.sqrt(0.5)),
+        (0.0, 0.0, 1.0),
+    )
     yield Case("H8", "a pendulum 1e-311 off its plane", "parts of the attitude that are denormal numbers", "its own start", there_and_back(swinging, 20.0), None, GRAVITY, reversible)  # fmt: skip
     for power, word in ((True, "powers of 2"), (False, "powers of 10")):
         mass, length, time = (2.0**-90, 2.0**-30, 2.0**-20) if power else (1e-27, 1e-9, 1e-6)
@@ -281,7 +305,10 @@ def steady_heavy_tops():
 
     def kovalevskaya_constant(body, effects, q, l):
         u, p, s = up(q), l[0] * body.i1, l[1] * body.i2
-        real, imaginary = p * p - s * s - body.p1 * body.i3 * u[0], 2 * p * s - body.p1 * body.i3 * u[1]
+        real, imaginary = (
+            p * p - s * s - body.p1 * body.i3 * u[0],
+            2 * p * s - body.p1 * body.i3 * u[1],
+        )
         value = real * real + imaginary * imaginary
         return [*conserved(body, effects, q, l), (value, np.abs(value[0]))]
 
@@ -321,9 +348,9 @@ def grioli():
     def motion(t):
         p = -nu * t
         omega = nu * (np.cos(p) * x1[:, None] + np.sin(p) * x2[:, None] + e[:, None])
-        up = (alpha * np.cos(p) + beta * np.sin(p) ** 2) * x1[:, None] + (alpha * np.sin(p) - beta * np.sin(p) * np.cos(p)) * x2[
-            :, None
-        ]
+        up = (alpha * np.cos(p) + beta * np.sin(p) ** 2) * x1[:, None] + (
+            alpha * np.sin(p) - beta * np.sin(p) * np.cos(p)
+        ) * x2[:, None]
         return np.array((a, b, c))[:, None] * omega, up + beta * np.cos(p) * e[:, None]
 
     l, u = (x[:, 0] for x in motion(np.zeros(1)))
@@ -335,7 +362,9 @@ def grioli():
     def error(integrator, share):
         ds = run(scene, integrator, 20.0)
         true_l, true_u = motion(ds.time.values)
-        off = np.linalg.norm(ds.momentum.values[..., 0].T - true_l, axis=0) / np.linalg.norm(true_l, axis=0)
+        off = np.linalg.norm(ds.momentum.values[..., 0].T - true_l, axis=0) / np.linalg.norm(
+            true_l, axis=0
+        )
         lean = np.linalg.norm(matrix(ds.attitude.values[..., 0])[:, 2].T - true_u, axis=0)
         return worst(ds, np.array([np.maximum(off, lean).max()]))
 
@@ -347,7 +376,12 @@ def chaos():
     moments, momentum = some_tops(64, 2)
     some = np.random.default_rng(3)
     q = some.normal(size=(64, 4))
-    heavy = tops(moments, momentum, q / np.linalg.norm(q, axis=1, keepdims=True), some.normal(0.0, 0.3, (64, 3)))
+    heavy = tops(
+        moments,
+        momentum,
+        q / np.linalg.norm(q, axis=1, keepdims=True),
+        some.normal(0.0, 0.3, (64, 3)),
+    )
     yield Case("H11", "same bits in any blocks, heavy", "errors grow exponentially: one bit would be seen", "itself", same_bits(heavy, 20.0), 0.0, GRAVITY, steps_made, quick=True)  # fmt: skip
     yield Case("H11", "same bits in any blocks, by the separatrix", "errors grow exponentially: one bit would be seen", "itself", same_bits(tops(np.tile((1.0, 2.0, 3.0), (64, 1)), np.array([(1e-9, 2.0, 1e-9 * i) for i in range(64)])), 40.0), 0.0, claims=steps_made)  # fmt: skip
     yield Case("H11", "energy and L_z of 64 chaotic tops", "positions are lost, invariants must not be", "invariants", constant(heavy, 100.0, conserved), None, GRAVITY, steps_made)  # fmt: skip
@@ -355,7 +389,10 @@ def chaos():
 
 def refusals():
     """H12."""
-    body, start = Body.from_moments((1.0, 1.4, 2.0), centre=(0.0, 0.0, 1.0)), Start(momentum=(1.0, 0.0, 0.0))
+    body, start = (
+        Body.from_moments((1.0, 1.4, 2.0), centre=(0.0, 0.0, 1.0)),
+        Start(momentum=(1.0, 0.0, 0.0)),
+    )
 
     def scene(*effects):
         return Scene(body, effects, start).with_run(members=1, t_end=1.0)
@@ -395,8 +432,12 @@ def attitude_errors():
     def error(integrator, share):
         q, angles = np.array((0.1, -0.5, 0.7, 0.5)), 10.0 ** -np.arange(1.0, 16.0)
         q /= np.linalg.norm(q)
-        turned = np.array([multiply(tuple(q), (math.cos(0.5 * a), 0.0, math.sin(0.5 * a), 0.0)) for a in angles])
-        return float(np.abs(attitude_error(np.concatenate([turned, -turned]), q) - np.tile(angles, 2)).max())
+        turned = np.array(
+            [multiply(tuple(q), (math.cos(0.5 * a), 0.0, math.sin(0.5 * a), 0.0)) for a in angles]
+        )
+        return float(
+            np.abs(attitude_error(np.concatenate([turned, -turned]), q) - np.tile(angles, 2)).max()
+        )
 
     yield Case("H13", "angles of 0.1 to 1e-15 rad", "2 arccos |p.q| says 0 for all below 1e-8; q and -q are one attitude", "the angle turned by", error, 1e-15, claims=lambda name: name == "exact", quick=True)  # fmt: skip
 
@@ -411,5 +452,19 @@ def damped():
 
 def catalogue():
     """All cases, in order."""
-    made = (principal_axes, dzhanibekov, separatrix, symmetric_limits, plates_and_needles, fast_spin, heavy_tops, scale, many_steps)
-    return [case for make in (*made, steady_heavy_tops, chaos, refusals, attitude_errors, damped, published) for case in make()]
+    made = (
+        principal_axes,
+        dzhanibekov,
+        separatrix,
+        symmetric_limits,
+        plates_and_needles,
+        fast_spin,
+        heavy_tops,
+        scale,
+        many_steps,
+    )
+    return [
+        case
+        for make in (*made, steady_heavy_tops, chaos, refusals, attitude_errors, damped, published)
+        for case in make()
+    ]

@@ -52,11 +52,17 @@ def stress(groups=None, integrators=None, quick=False, bounds=None, threads=None
     cases, known = catalogue(), shipped_bounds()
     for key, bound in (bounds or {}).items():
         known[key] = (_positive(key, bound), known.get(key, (0.0, math.nan))[1])
-    wanted = [i for i, case in enumerate(cases) if case.group in chosen and (case.quick or not quick)]
+    wanted = [
+        i for i, case in enumerate(cases) if case.group in chosen and (case.quick or not quick)
+    ]
     tasks = {name: [i for i in wanted if name in cases[i].integrators()] for name in names}
     found = _carried_out(tasks, SHORT if quick else 1.0, threads or threads_available(), progress)
     return _dataset(
-        [cases[i] for i in wanted], [found.get((i, name)) for i in wanted for name in names], names, known, bounds or {}
+        [cases[i] for i in wanted],
+        [found.get((i, name)) for i in wanted for name in names],
+        names,
+        known,
+        bounds or {},
     )
 
 
@@ -69,7 +75,11 @@ def bound_of(case, integrator, known, given=()):
     if asked is not None:
         return asked, measured
     order = INTEGRATORS[integrator].order
-    alike = [pair for (name, other), pair in known.items() if name == case.name and INTEGRATORS[other].order == order]
+    alike = [
+        pair
+        for (name, other), pair in known.items()
+        if name == case.name and INTEGRATORS[other].order == order
+    ]
     return max(alike, default=(math.inf, math.nan))
 
 
@@ -77,7 +87,10 @@ def shipped_bounds():
     """{(case, integrator): (bound, measured)} of `bounds.csv`."""
     return {
         k: v[:2]
-        for k, v in _read(resources.files("rigidmc.studies").joinpath("bounds.csv").read_text("utf-8"), "bounds.csv").items()
+        for k, v in _read(
+            resources.files("rigidmc.studies").joinpath("bounds.csv").read_text("utf-8"),
+            "bounds.csv",
+        ).items()
     }
 
 
@@ -120,7 +133,10 @@ def _read(text, file):
         raise SceneError("", "bounds", None, f"is no table: {error}", file=file) from None
     for number, row in enumerate(rows, 2):
         try:
-            found[row["case"], row["integrator"]] = float(row["bound"]), float(row.get("measured") or math.nan)
+            found[row["case"], row["integrator"]] = (
+                float(row["bound"]),
+                float(row.get("measured") or math.nan),
+            )
         except (KeyError, TypeError, ValueError):
             raise SceneError(
                 f"line {number}",
@@ -134,13 +150,18 @@ def _read(text, file):
 
 def _positive(key, bound):
     if not (bound >= 0.0 and math.isfinite(bound)):
-        raise SceneError(f"{key[0]}, {key[1]}", "bound", bound, "a bound must be finite and not negative")
+        raise SceneError(
+            f"{key[0]}, {key[1]}", "bound", bound, "a bound must be finite and not negative"
+        )
     return bound
 
 
 def _carried_out(tasks, share, processes, progress):
     """{(case, integrator): (error, seconds, reason)}; integrators are shared out among processes, so that no kernel is compiled twice."""
-    left, found = sorted(tasks, key=lambda name: -INTEGRATORS[name].evaluations * (len(tasks[name]) > 0)), {}
+    left, found = (
+        sorted(tasks, key=lambda name: -INTEGRATORS[name].evaluations * (len(tasks[name]) > 0)),
+        {},
+    )
     lock = threading.Lock()
 
     def work(report):
@@ -157,16 +178,26 @@ def _carried_out(tasks, share, processes, progress):
                     helper.stdin.write(json.dumps([i, name, share]) + "\n")
                     helper.stdin.flush()
                     found[i, name] = tuple(json.loads(helper.stdout.readline()))
-                except (ValueError, OSError):  # it died: the case is red, and the others go on in a new process
+                except (
+                    ValueError,
+                    OSError,
+                ):  # it died: the case is red, and the others go on in a new process
                     helper.kill()
                     code, helper = _ended(helper), None
-                    found[i, name] = (math.nan, time.perf_counter() - began, f"the process ended with code {code}")
+                    found[i, name] = (
+                        math.nan,
+                        time.perf_counter() - began,
+                        f"the process ended with code {code}",
+                    )
                 report.step(1)
         if helper:
             _ended(helper)
 
     with reporter(progress, sum(map(len, tasks.values())), 1) as report:
-        workers = [threading.Thread(target=work, args=(report,), daemon=True) for _ in range(min(processes, len(tasks)))]
+        workers = [
+            threading.Thread(target=work, args=(report,), daemon=True)
+            for _ in range(min(processes, len(tasks)))
+        ]
         for worker in workers:
             worker.start()
         for worker in workers:
@@ -178,7 +209,9 @@ def _carried_out(tasks, share, processes, progress):
 
 def _helper():
     words = [sys.executable, "-c", "from rigidmc.studies.stress.run import main; main()"]
-    return subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    return subprocess.Popen(
+        words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
 
 
 def _ended(helper):
@@ -203,7 +236,11 @@ def carried_out(case, integrator, share=1.0):
     try:
         error = float(case.error(integrator, share))
     except Exception as raised:  # a case that fails is red, and stops no other
-        uncovered = integrator == "closed" and isinstance(raised, SceneError) and "closed form" in str(raised)
+        uncovered = (
+            integrator == "closed"
+            and isinstance(raised, SceneError)
+            and "closed form" in str(raised)
+        )
         error, reason = math.nan, "" if uncovered else f"{type(raised).__name__}: {raised}"
     return error, time.perf_counter() - began, reason
 
@@ -230,12 +267,26 @@ def _dataset(cases, found, names, known, given):
         name: (("case", "integrator"), values, {"units": "1", "long_name": kinds[name]})
         for name, values in (("error", error), ("bound", bound), ("measured", measured))
     }
-    flags = {"flag_values": np.arange(len(VERDICTS), dtype="i1"), "flag_meanings": " ".join(v.replace(" ", "_") for v in VERDICTS)}
-    about = {name: ("case", np.array([getattr(case, name) for case in cases], dtype=object)) for name in ("group", "why", "truth")}
-    variables |= {"seconds": (("case", "integrator"), seconds, {"units": "s"}), "verdict": (("case", "integrator"), verdict, flags)}
+    flags = {
+        "flag_values": np.arange(len(VERDICTS), dtype="i1"),
+        "flag_meanings": " ".join(v.replace(" ", "_") for v in VERDICTS),
+    }
+    about = {
+        name: ("case", np.array([getattr(case, name) for case in cases], dtype=object))
+        for name in ("group", "why", "truth")
+    }
+    variables |= {
+        "seconds": (("case", "integrator"), seconds, {"units": "s"}),
+        "verdict": (("case", "integrator"), verdict, flags),
+    }
     variables |= {"reason": (("case", "integrator"), reason), **about}
-    coordinates = {"case": np.array([case.name for case in cases], dtype=object), "integrator": np.array(names, dtype=object)}
-    return xr.Dataset(variables, coordinates, {"title": "hard cases", "source": f"rigidmc {VERSION}"})
+    coordinates = {
+        "case": np.array([case.name for case in cases], dtype=object),
+        "integrator": np.array(names, dtype=object),
+    }
+    return xr.Dataset(
+        variables, coordinates, {"title": "hard cases", "source": f"rigidmc {VERSION}"}
+    )
 
 
 def _verdict(case, name, error, bound):
@@ -243,7 +294,9 @@ def _verdict(case, name, error, bound):
         return VERDICTS.index("crashed")
     if name in case.weak and error <= bound:
         return VERDICTS.index("not up to it")
-    return VERDICTS.index("good" if error <= AMBER * bound or error == 0.0 else "close" if error <= bound else "above")
+    return VERDICTS.index(
+        "good" if error <= AMBER * bound or error == 0.0 else "close" if error <= bound else "above"
+    )
 
 
 def failed(study):
