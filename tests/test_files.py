@@ -313,16 +313,21 @@ main()
 
 
 def test_a_signal_leaves_no_lock_behind():
-    """What the main thread was interrupted in goes on, and the next call of the C library waits for its end."""
+    """An interrupted call of the C library goes on, and the next call waits for its end."""
     done = []
+    # a shell starts background jobs with SIGINT ignored, and then there is no KeyboardInterrupt
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def slowly():
         time.sleep(0.3)
         done.append("first")
 
-    with pytest.raises(KeyboardInterrupt):
-        threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()
-        alone(slowly)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()
+            alone(slowly)
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert done == []
     alone(done.append, "second")
     assert done == ["first", "second"]
