@@ -39,7 +39,7 @@ _HOMES = {
     "Scene": "scene.scene",
     "SceneError": "errors",
     "SceneWarning": "errors",
-    "Run": "scene.scene",
+    "Run": "scene.settings",
     "Start": "scene.start",
     "grid": "scene.quantities",
     **dict.fromkeys(_VECTORS, "scene.laws"),
@@ -88,7 +88,8 @@ if TYPE_CHECKING:
         Sphere,
     )
     from rigidmc.scene.quantities import distribution, grid, normal, uniform
-    from rigidmc.scene.scene import Run, Scene
+    from rigidmc.scene.scene import Scene
+    from rigidmc.scene.settings import Run
     from rigidmc.scene.start import Start
     from rigidmc.studies.accuracy import accuracy
     from rigidmc.studies.maps.stability_map import stability_map

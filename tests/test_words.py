@@ -15,7 +15,7 @@ from rigidmc.scene.amounts import counted, counted_text, seconds
 from rigidmc.scene.file import shipped
 from rigidmc.scene.idle import idle
 from rigidmc.scene.parameters import parameters
-from rigidmc.scene.scene import Run
+from rigidmc.scene.settings import Run
 from rigidmc.studies.maps.catalogue import MAPS
 from rigidmc.studies.maps.stability_map import on_map
 

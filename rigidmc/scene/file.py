@@ -19,7 +19,8 @@ from rigidmc.files.reading import text_of, toml
 from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.observables import SUMMARIES, summary_of
 from rigidmc.scene.body import IDENTITY, Body
-from rigidmc.scene.scene import Run, Scene, Table, changed, complaint
+from rigidmc.scene.scene import Scene
+from rigidmc.scene.settings import Run, Table, changed, complaint
 from rigidmc.scene.start import Start
 from rigidmc.scene.values import Columns, numbers, only, parse, plain
 

@@ -3,10 +3,9 @@
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from numbers import Real
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from rigidmc.effects import EFFECTS, canonical, name_of
 from rigidmc.effects.parameters import numbers, shape
@@ -14,191 +13,11 @@ from rigidmc.errors import SceneError, unknown
 from rigidmc.integrators import INTEGRATORS
 from rigidmc.observables import KNOWN, SUMMARIES, recorded, saved, summary_of, watched
 from rigidmc.observables.keep import check_keep, kept, summaries
-from rigidmc.scene.amounts import counted, seconds
 from rigidmc.scene.body import Body
 from rigidmc.scene.checks import PILOT, check, check_histogram, limits, outside
-from rigidmc.scene.idle import STAYS, idle
 from rigidmc.scene.quantities import Grid, is_open, quantity, rows, vector
+from rigidmc.scene.settings import Run, changed
 from rigidmc.scene.start import Start
-
-
-class Table(BaseModel):
-    """A table of a scene file: no unknown keys, no conversions, finite numbers."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
-
-
-_TIME = BeforeValidator(lambda value, info: seconds(value, info.field_name, "run", positive=False))
-_COUNT = BeforeValidator(lambda value, info: counted(value, info.field_name, None, table="run"))
-
-
-class Run(Table):
-    """How a scene is run; every setting can be overridden by `simulate` and on the command line.
-
-    Times are seconds or text such as "1h30m" and "250 ms", counts whole numbers, also as 1e6. A tolerance without an integrator means "auto".
-    """
-
-    integrator: str = "rk4"
-    dt: Annotated[float, _TIME, Field(gt=0, description="step [s]")] = 0.01
-    turn: (
-        Annotated[
-            float,
-            Field(
-                gt=0,
-                description="in place of dt: each member steps by so much of its own motion [rad]",
-            ),
-        ]
-        | None
-    ) = None
-    t_end: Annotated[float, _TIME, Field(gt=0, description="end time [s]")] = 10.0
-    members: Annotated[int, _COUNT, Field(gt=0, description="members of the ensemble")] = 1000
-    first: Annotated[int, _COUNT, Field(ge=0, description="index of the first member")] = 0
-    seed: Annotated[int, _COUNT, Field(ge=0, description="seed of all random draws")] = 0
-    points: Annotated[
-        Literal["independent", "sobol", "latin_hypercube", "antithetic"],
-        Field(description="what members are drawn from"),
-    ] = "independent"
-    strata: (
-        Annotated[
-            int, _COUNT, Field(gt=0, description="of a Latin hypercube; else as many as members")
-        ]
-        | None
-    ) = None
-    dtype: Annotated[
-        Literal["float64", "float32"], Field(description="numbers in which steps are made")
-    ] = "float64"
-    compensated: Annotated[
-        bool, Field(description="keep the remainders of all sums, for very many steps")
-    ] = False
-    tolerance: (
-        Annotated[
-            float,
-            Field(
-                gt=0,
-                lt=1,
-                description='error to keep, with integrator = "auto": of the momentum\'s size, of the attitude in rad',
-            ),
-        ]
-        | None
-    ) = None
-    turn_rate: (
-        Annotated[
-            float,
-            Field(
-                ge=0,
-                description="bound on the rate of free motion [rad/s]; else from the first members",
-            ),
-        ]
-        | None
-    ) = None
-    checks: Annotated[
-        bool,
-        Field(
-            description="flag and freeze members beyond the limits below; non-finite ones always are"
-        ),
-    ] = True
-    energy_limit: (
-        Annotated[
-            float,
-            Field(
-                gt=0,
-                description="drift of energy that flags a member; else from integrator and step",
-            ),
-        ]
-        | None
-    ) = None
-    momentum_limit: (
-        Annotated[
-            float,
-            Field(
-                gt=0,
-                description="drift of |L|^2, or of L_z under gravity; else from integrator and step",
-            ),
-        ]
-        | None
-    ) = None
-    turn_limit: (
-        Annotated[
-            float,
-            Field(
-                gt=0, description="|omega| dt that flags a member [rad]; else from the integrator"
-            ),
-        ]
-        | None
-    ) = None
-    anti_damping: Annotated[
-        bool, Field(description="allow negative damping, which drives the body")
-    ] = False
-    every: (
-        Annotated[
-            float,
-            _TIME,
-            Field(gt=0, description="time between saves [s]; without it first and last"),
-        ]
-        | None
-    ) = None
-    save: tuple[str, ...] = ("omega",)
-    keep: Annotated[
-        str | dict[str, str],
-        Field(
-            description="of what is saved, for all or by name: none, final, summary, thinned, full"
-        ),
-    ] = "full"
-    thin: Annotated[
-        int, _COUNT, Field(gt=0, description="saves of which one is kept, of what is thinned")
-    ] = 10
-    compress: Annotated[bool, Field(description="without loss, in files")] = False
-    digits: (
-        Annotated[
-            int,
-            _COUNT,
-            Field(
-                ge=1,
-                le=15,
-                description="kept of saves over time, in files: errors of 10^-digits/2; compressed",
-            ),
-        ]
-        | None
-    ) = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _settled(cls, data):
-        data = {
-            key: value.item() if isinstance(value, np.generic) else value
-            for key, value in data.items()
-        }
-        if data.get("dt") is not None and data.get("turn") is not None:
-            raise SceneError("run", "turn", data["turn"], "give dt or turn, not both")
-        if data.get("tolerance") is not None and data.get("integrator") is None:
-            data["integrator"] = "auto"
-        return data
-
-
-def changed(run, given):
-    """A Run with the settings `given` in place of its own; SceneError. Settings that lose their effect by this return to their
-    defaults: a tolerance replaces integrator and step, `turn` replaces dt."""
-    if given.get("tolerance") is not None:
-        given = {"integrator": "auto", **given}
-    kept = run.model_dump(
-        exclude={"turn"}
-        if "dt" in given
-        else {"dt"}
-        if "turn" in given or run.turn is not None
-        else None
-    )
-    if "save" in given and isinstance(run.keep, dict):
-        kept["keep"] = {name: word for name, word in run.keep.items() if name in given["save"]}
-    try:
-        made = Run.model_validate({**kept, **given})
-        lost = idle(made).keys() - idle(run).keys() - given.keys() - STAYS
-        return (
-            Run.model_validate({k: v for k, v in {**kept, **given}.items() if k not in lost})
-            if lost
-            else made
-        )
-    except ValidationError as error:
-        raise complaint(error, "run", Run, given) from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -444,28 +263,3 @@ def _observable(one):
     if hasattr(one, "ensemble"):
         check_histogram(one)
     return one
-
-
-def complaint(error, table, model, data):
-    """The first complaint of pydantic as a SceneError."""
-    # a misspelt key comes before the right one that it leaves missing
-    first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
-    place = [
-        str(p)
-        for p in first["loc"]
-        if not (
-            isinstance(p, str)
-            and p not in model.model_fields
-            and p in ("float", "constrained-float")
-        )
-    ]
-    key = place[0] if place else "scene"
-    if first["type"] == "extra_forbidden":
-        return unknown(
-            table, key, None, "table or key" if not table else "key", list(model.model_fields)
-        )
-    if first["type"] == "missing":
-        return SceneError(table, key, None, "is missing")
-    if isinstance(ours := first.get("ctx", {}).get("error"), SceneError):
-        return ours
-    return SceneError(table, key, data.get(key), first["msg"][0].lower() + first["msg"][1:])

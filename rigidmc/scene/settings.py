@@ -1,0 +1,227 @@
+"""The settings of a run, defined once: the table [run] of a scene file, the keywords of `simulate`
+and the options of the command line all follow from the fields of `Run`."""
+
+import functools
+import inspect
+import textwrap
+from collections.abc import Callable, Mapping
+from types import NoneType
+from typing import Annotated, Any, Literal, ParamSpec, TypeVar, get_args, get_type_hints
+
+import numpy as np
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    model_validator,
+)
+
+from rigidmc.errors import SceneError, unknown
+from rigidmc.scene.amounts import counted, seconds
+from rigidmc.scene.idle import STAYS, idle
+
+
+def _time(value: Any, info: ValidationInfo) -> float:
+    return seconds(value, info.field_name, "run", positive=False)
+
+
+def _count(value: Any, info: ValidationInfo) -> int:
+    return counted(value, info.field_name, None, table="run")
+
+
+Time = Annotated[float, BeforeValidator(_time), Field(gt=0)]
+Count = Annotated[int, BeforeValidator(_count), Field(gt=0)]
+Index = Annotated[int, BeforeValidator(_count), Field(ge=0)]
+Digits = Annotated[int, BeforeValidator(_count), Field(ge=1, le=15)]
+Positive = Annotated[float, Field(gt=0)]
+Share = Annotated[float, Field(gt=0, lt=1)]
+Points = Literal["independent", "sobol", "latin_hypercube", "antithetic"]
+Precision = Literal["float64", "float32"]
+
+
+def _is(default: Any, description: str) -> Any:
+    """A field with its default and its description, a noun phrase without a full stop."""
+    return Field(default, description=description)
+
+
+class Table(BaseModel):
+    """A table of a scene file: no unknown keys, no conversions, finite numbers."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+class Run(Table):
+    """The settings of a run. A scene has them as its table [run], and each can be overridden: by a
+    keyword of `simulate`, or by an option of the command line, such as `--t-end 1h` for t_end.
+
+    Times are seconds or text such as "1h30m" and "250 ms". Counts are whole numbers, also written
+    as 1e6. A tolerance without an integrator means integrator = "auto".
+    """
+
+    integrator: str = _is("rk4", "a name of `rigidmc integrators`, or auto with a tolerance")
+    dt: Time = _is(0.01, "time step [s]; reduced if it divides neither t_end nor every")
+    turn: Positive | None = _is(
+        None, "instead of dt: each member steps by this angle of its own motion [rad]"
+    )
+    t_end: Time = _is(10.0, "end time [s], or like 90s, 1h30m, 250ms, as all times")
+    members: Count = _is(1000, "number of members of the ensemble")
+    first: Index = _is(0, "index of the first member")
+    seed: Index = _is(0, "seed of all random draws")
+    points: Points = _is("independent", "points from which the members are drawn")
+    strata: Count | None = _is(
+        None, "number of strata of a Latin hypercube; by default one for each member"
+    )
+    dtype: Precision = _is("float64", "precision of the steps, float64 or float32")
+    compensated: bool = _is(False, "keep the remainders of all sums, for very many steps")
+    tolerance: Share | None = _is(
+        None,
+        "error to keep in 99 % of the members, relative in the momentum, in rad in the attitude;"
+        " chooses integrator and step",
+    )
+    turn_rate: Annotated[float, Field(ge=0)] | None = _is(
+        None, "upper bound on the rate of free motion [rad/s]; by default from the first members"
+    )
+    checks: bool = _is(
+        True, "flag and freeze members beyond the limits; non-finite ones always are"
+    )
+    energy_limit: Positive | None = _is(
+        None, "energy drift that flags a member; by default from integrator and step"
+    )
+    momentum_limit: Positive | None = _is(
+        None,
+        "drift of |L|^2, or of L_z under gravity, that flags a member; by default from integrator"
+        " and step",
+    )
+    turn_limit: Positive | None = _is(
+        None, "|omega| dt that flags a member [rad]; by default from the integrator"
+    )
+    anti_damping: bool = _is(False, "allow negative damping, which drives the body")
+    every: Time | None = _is(
+        None, "time between saves [s]; by default the first and the last state are saved"
+    )
+    save: tuple[str, ...] = _is(
+        ("omega",), "what to save and to watch, of `rigidmc observables`, e.g. omega,energy,flips"
+    )
+    keep: str | dict[str, str] = _is(
+        "full",
+        "how much of what is saved, for all or by name: full, thinned, summary, final or none;"
+        " of flagged members all is kept",
+    )
+    thin: Count = _is(10, "with keep = thinned: one save is kept of so many")
+    compress: bool = _is(False, "compress files, without loss")
+    digits: Digits | None = _is(
+        None,
+        "digits to keep of saves over time, in files: errors of 10^-digits/2; compressed too",
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _settled(cls, data: dict[str, Any]) -> dict[str, Any]:
+        data = {
+            key: value.item() if isinstance(value, np.generic) else value
+            for key, value in data.items()
+        }
+        if data.get("dt") is not None and data.get("turn") is not None:
+            raise SceneError("run", "turn", data["turn"], "give dt or turn, not both")
+        if data.get("tolerance") is not None and data.get("integrator") is None:
+            data["integrator"] = "auto"
+        return data
+
+
+def types() -> dict[str, Any]:
+    """{setting: its type}, such as Time, Count, bool; without the None of an optional setting."""
+    hints = get_type_hints(Run, include_extras=True)
+    return {name: _without_none(hints[name]) for name in Run.model_fields}
+
+
+def _without_none(hint: Any) -> Any:
+    """The first alternative of an optional type; any other type unchanged."""
+    return get_args(hint)[0] if NoneType in get_args(hint) else hint
+
+
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
+
+
+def takes_settings(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """Decorate a function with `**settings`: its signature and its docstring list the settings of
+    `Run`, and an unknown keyword is a TypeError that names the nearest setting.
+
+    In the docstring a line `{settings}` is replaced by the list. Settings that the function takes
+    by name are not listed again.
+    """
+    signature = inspect.signature(function)
+    named = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
+    words = [name for name in Run.model_fields if name not in signature.parameters]
+    known = [*words, *(p.name for p in named)]
+
+    @functools.wraps(function)
+    def checked(*arguments: Arguments.args, **keywords: Arguments.kwargs) -> Result:
+        for word in keywords:
+            if word not in known:
+                raise TypeError(_no_such(function.__name__, word, known))
+        return function(*arguments, **keywords)
+
+    more = [inspect.Parameter(word, inspect.Parameter.KEYWORD_ONLY, default=None) for word in words]
+    checked.__signature__ = signature.replace(parameters=[*named, *more])  # type: ignore[attr-defined]  # a documented hook of inspect
+    lines = [
+        textwrap.fill(
+            f"{word} : {Run.model_fields[word].description}",
+            width=96,
+            initial_indent="    ",
+            subsequent_indent=" " * 8,
+        )
+        for word in words
+    ]
+    checked.__doc__ = (function.__doc__ or "").replace("    {settings}", "\n".join(lines))
+    return checked
+
+
+def _no_such(function: str, word: str, known: list[str]) -> str:
+    """The message about a keyword that no function knows."""
+    from rigidmc.errors import nearest
+
+    close = nearest(word, known)
+    hint = f"; did you mean '{close}'?" if close else ""
+    return f"{function}() got an unexpected keyword argument '{word}'{hint}"
+
+
+def changed(run: Run, given: Mapping[str, Any]) -> Run:
+    """A Run with the settings `given` in place of its own; SceneError.
+
+    A tolerance replaces integrator and step, and `turn` replaces dt. Settings that lose their
+    effect by the change return to their defaults.
+    """
+    if given.get("tolerance") is not None:
+        given = {"integrator": "auto", **given}
+    replaced = {"turn"} if "dt" in given else {"dt"} if "turn" in given or run.turn else set()
+    kept = run.model_dump(exclude=replaced)
+    if "save" in given and isinstance(run.keep, dict):
+        kept["keep"] = {name: word for name, word in run.keep.items() if name in given["save"]}
+    settings = {**kept, **given}
+    try:
+        new = Run.model_validate(settings)
+        lost = idle(new).keys() - idle(run).keys() - given.keys() - STAYS
+        return Run.model_validate({k: v for k, v in settings.items() if k not in lost})
+    except ValidationError as error:
+        raise complaint(error, "run", Run, given) from None
+
+
+def complaint(
+    error: ValidationError, table: str, model: type[BaseModel], data: Mapping[str, Any]
+) -> SceneError:
+    """The first complaint of pydantic as a SceneError about a key of a table."""
+    # a misspelt key comes before the right one that it leaves missing
+    first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
+    key = str(first["loc"][0]) if first["loc"] else "scene"
+    if first["type"] == "extra_forbidden":
+        what = "key" if table else "table or key"
+        return unknown(table, key, None, what, list(model.model_fields))
+    if first["type"] == "missing":
+        return SceneError(table, key, None, "is missing")
+    if isinstance(ours := first.get("ctx", {}).get("error"), SceneError):
+        return ours
+    return SceneError(table, key, data.get(key), first["msg"][0].lower() + first["msg"][1:])
