@@ -17,7 +17,7 @@ from rigidmc.mechanics import elliptic
 from rigidmc.mechanics.free_top import free_motion, free_top
 from rigidmc.mechanics.lagrange_top import lagrange_motion, lagrange_top
 from rigidmc.mechanics.rotation import attitude_error
-from tests.exact import oracles
+from tests.mechanics import oracles
 
 NUDGE = 1e-13
 BODIES = 10_000

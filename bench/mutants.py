@@ -45,7 +45,7 @@ COMPILED_TESTS = (
     "tests/engine/test_kernel.py",
     "tests/engine/test_noise.py",
     "tests/observables/test_watching.py",
-    "tests/test_own_steps.py",
+    "tests/planning/test_member_steps.py",
 )
 LEFT_OUT = "not ten_thousand_steps and not test_bath and not test_own and not frozen_members and not (test_integrators and not (depends_on_time or no_potential or stages))"  # compiled, long, or with numbers of which NumPy warns
 JUDGES = (  # the quickest first: 40 s for all, uncompiled

@@ -25,7 +25,7 @@ FREE, HEAVY = PROBLEMS["hairer_free"], PROBLEMS["hairer_heavy"]
 DAMPING = 0.1
 EVERY = pytest.mark.parametrize(
     "name", [n for n in INTEGRATORS if n != "closed"]
-)  # which makes no steps: tests/test_closed_form.py
+)  # which makes no steps: tests/planning/test_closed_form.py
 HEAVY_ONES = pytest.mark.parametrize(
     "name", [n for n in accepting((Gravity(1.0),)) if n != "closed"]
 )

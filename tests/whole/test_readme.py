@@ -10,7 +10,7 @@ from typer.main import get_command
 from bench.__main__ import BENCHES
 from rigidmc.cli import app
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 TEXT = "\n".join(
     path.read_text("utf-8") for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 )

@@ -1,7 +1,7 @@
 """A member's numbers depend on scene, seed and index: not on what else is saved.
 
 What is compiled, and whether the attitude is followed at all, depends on what is saved: each of the quick tests compares what carries little with what
-carries all; every observable alone beside all together is  pytest -m slow tests/test_alone.py  (12 minutes).
+carries all; every observable alone beside all together is  pytest -m slow tests/whole/test_alone.py  (12 minutes).
 """
 
 from typing import NamedTuple

@@ -1,6 +1,6 @@
 """What holds for every body, start, step and effect: other axes, another space, other units, time backwards, and never a nan without a flag.
 
-300 examples of each; 10,000 with  HYPOTHESIS_PROFILE=nightly pytest tests/test_properties.py
+300 examples of each; 10,000 with  HYPOTHESIS_PROFILE=nightly pytest tests/whole/test_properties.py
 """
 
 import math

@@ -1,6 +1,6 @@
 """Whatever a file says, a command ends with one message and 3 or 74, or has a result: no traceback, no hang, no gigabyte.
 
-200 files; 10,000 in half an hour with  pytest -n 0 -m slow tests/test_hostile.py -s  which prints how they ended.
+200 files; 10,000 in half an hour with  pytest -n 0 -m slow tests/whole/test_hostile.py -s  which prints how they ended.
 """
 
 import collections
@@ -265,5 +265,5 @@ def test_hostile_files_are_one_message(good):
 
 @pytest.mark.slow
 def test_ten_thousand_hostile_files_are_one_message_each(good):
-    """pytest -n 0 -m slow tests/test_hostile.py -s"""
+    """pytest -n 0 -m slow tests/whole/test_hostile.py -s"""
     many(good, 10_000)

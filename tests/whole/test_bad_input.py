@@ -1,6 +1,6 @@
 """Whatever a scene file, a run or a result holds: one message and its exit code, never a traceback; and nothing of it is ever executed.
 
-300 scenes, 100 files of either kind; a hundred times as many with  HYPOTHESIS_PROFILE=nightly pytest tests/test_bad_input.py
+300 scenes, 100 files of either kind; a hundred times as many with  HYPOTHESIS_PROFILE=nightly pytest tests/whole/test_bad_input.py
 """
 
 import ast
@@ -19,7 +19,7 @@ from rigidmc.cli import app
 from rigidmc.engine.cache import cache_folder
 from rigidmc.runs import resume
 from rigidmc.scene.file import read_source, shipped
-from tests.test_runs import SCENE
+from tests.runs.test_resume import SCENE
 
 PACKAGE = pathlib.Path(rigidmc.__file__).parent
 NEVER = {

@@ -10,7 +10,7 @@ from rigidmc import SceneError, SceneWarning, free_motion, free_top
 from rigidmc.mechanics.rotation import attitude_error, matrix, rotation_vector
 from rigidmc.studies.problems import HARD, PROBLEMS
 from tests import reference
-from tests.exact import oracles
+from tests.mechanics import oracles
 
 RNG = np.random.default_rng(42)
 START = (1.0, 0.0, 0.0, 0.0)

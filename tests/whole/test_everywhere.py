@@ -1,6 +1,6 @@
 """One result wherever it is made: in memory, in a file, in a run directory, consolidated, on a cluster, by any threads and blocks, for random scenes.
 
-10 scenes of as many kinds; 300 of 30 kinds, and two processes of a cluster, with  pytest -m slow tests/test_everywhere.py  (12 minutes).
+10 scenes of as many kinds; 300 of 30 kinds, and two processes of a cluster, with  pytest -m slow tests/whole/test_everywhere.py  (12 minutes).
 """
 
 import warnings

@@ -1,6 +1,6 @@
 """Random scenes against the laws in space integrated by scipy, from the inputs that the result tells: no difference that is not flagged, beyond the order.
 
-100 scenes of 10 kinds; 3,000 of 100 kinds, and what a tolerance chooses for 30 more, with  pytest -m slow tests/test_random_scenes.py  (25 minutes).
+100 scenes of 10 kinds; 3,000 of 100 kinds, and what a tolerance chooses for 30 more, with  pytest -m slow tests/whole/test_random_scenes.py  (25 minutes).
 """
 
 import math

@@ -15,7 +15,7 @@ from rigidmc.mechanics.rotation import (
 )
 from rigidmc.studies.problems import PROBLEMS
 from tests import reference
-from tests.exact import oracles
+from tests.mechanics import oracles
 
 RNG = np.random.default_rng(43)
 I, K = np.array([1.0, 1.0, 0.7]), 1.3

@@ -9,7 +9,7 @@ from rigidmc.cli import app
 from rigidmc.errors import NoRoom, SceneError
 from rigidmc.runs import capacity, gather, resume
 from rigidmc.storage.writer import read
-from tests.test_runs import SCENE as OTHER
+from tests.runs.test_resume import SCENE as OTHER
 
 SCENE = OTHER.with_run(every=0.1, turn_limit=0.051, save=("omega", "flips", "omega_max"))
 KEEPS = ("none", "final", "thinned", "full")
