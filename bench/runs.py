@@ -11,10 +11,10 @@ import time
 from bench import harness, startup
 from bench.memory import peak
 from rigidmc.planning.job import program_of
+from rigidmc.runs.blocks import compute
 from rigidmc.runs.capacity import free_memory
 from rigidmc.runs.resume import create
 from rigidmc.runs.shards import compute_shards, planned
-from rigidmc.runs.simulate import compute
 from rigidmc.scene.file import load
 from rigidmc.storage.sinks import buffer
 

@@ -4,8 +4,11 @@ import logging
 import sys
 import threading
 import time
+from collections.abc import Callable
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
+
+Progress = bool | Callable[[int, int], object] | None  # a bar, a function of (done, total), nothing
 
 log = logging.getLogger("rigidmc")
 _LINE_SECONDS = 10.0  # between plain lines

@@ -1,15 +1,27 @@
-"""The command line: rigidmc run, show, warm, check, scenes, rerun, summary, animate, resume, status, verify, consolidate, extend, body, exact, accuracy, stress, map, plot, effects, integrators, doctor. Nothing heavy is
-imported before it is needed."""
+"""The command line: a file per group of commands, listed below. Nothing heavy is imported before a
+command needs it."""
 
 import sys
 from typing import Any
 
-from rigidmc.cli import body, catalogues, directories, maps, results, run, stress, vocabulary, warm  # noqa: F401
+from rigidmc.cli import (  # noqa: F401
+    accuracy,
+    body,
+    directories,
+    doctor,
+    maps,
+    results,
+    run,
+    scenes,
+    stress,
+    vocabulary,
+    warm,
+)
 from rigidmc.cli.common import FLAGGED, INCOMPLETE, INTERRUPTED, IO, OK, app
 from rigidmc.cli.streams import guard
 
 
-def main():
+def main() -> None:
     """Entry point of the `rigidmc` command."""
     out = guard()
     code: Any = OK
@@ -20,11 +32,10 @@ def main():
     except SystemExit as ended:
         code = ended.code
     out.flush()
-    if out.fault is not None and code in (None, OK, FLAGGED, INCOMPLETE):  # else there is a message
-        print(
-            f"rigidmc: standard output: {out.fault.strerror}; files that were written are complete",
-            file=sys.stderr,
-        )
+    # a command that failed has told why already
+    if out.fault is not None and code in (None, OK, FLAGGED, INCOMPLETE):
+        rule = "files that were written are complete"
+        print(f"rigidmc: standard output: {out.fault.strerror}; {rule}", file=sys.stderr)
         code = IO
     sys.exit(code)
 

@@ -1,259 +1,154 @@
-"""What all commands share: options, exit codes, and errors in words."""
+"""What all commands share: the app, exit codes, errors in words, and outputs."""
 
 import os
 import signal
 import sys
 import warnings
-from contextlib import contextmanager
-from typing import Annotated
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from types import FrameType, ModuleType
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
 
-OK, USAGE, INVALID, FLAGGED, INCOMPLETE, REFUSED, IO, INTERRUPTED, TERMINATED = (
-    0,
-    2,
-    3,
-    4,
-    5,
-    6,
-    74,
-    130,
-    143,
-)
+from rigidmc.errors import NoRoom, OutputExists, SceneError, SceneWarning, nearest
 
-LEFT = "what is not whole was left under no final name, and `rigidmc resume` goes on with a run directory"
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+    from rigidmc.scene.scene import Scene
+
+OK, USAGE, INVALID, FLAGGED, INCOMPLETE, REFUSED = 0, 2, 3, 4, 5, 6
+IO, INTERRUPTED, TERMINATED = 74, 130, 143
+
+LEFT = "no incomplete file bears a final name, and `rigidmc resume` goes on with a run directory"
 
 app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
-    help="Monte Carlo ensembles of rigid bodies with a fixed point: millions of free or heavy tops in parallel.",
-    epilog="Exit codes: 0 done, 2 usage, 3 invalid scene, 4 some members flagged, 5 incomplete, 6 refused to overwrite, "
-    "74 input or output failed, 130 / 143 stopped by a signal.",
+    help="Monte Carlo ensembles of rigid bodies with a fixed point: millions of tops in parallel.",
+    epilog="Exit codes: 0 done, 2 usage, 3 invalid scene, 4 some members flagged, 5 incomplete,"
+    " 6 refused to overwrite, 74 input or output failed, 130 / 143 stopped by a signal.",
 )
 
 
-def count_option(key, least=1, most=None, **option):
-    """An option that takes a whole number, also as 1e6."""
-
-    def read(text):
-        from rigidmc.scene.amounts import counted_text
-
-        return counted_text(text, key, least, most)
-
-    return typer.Option(key, parser=_told(read), metavar="N", **option)
-
-
-def time_option(key, positive=True, **option):
-    """An option that takes a time: seconds, or 90s, 1h30m, 250ms."""
-
-    def read(text):
-        from rigidmc.scene.amounts import seconds
-
-        return seconds(text, key, positive=positive)
-
-    return typer.Option(key, parser=_told(read), metavar="TIME", **option)
-
-
-def _told(read):
-    """A parser of an option: it calls `read`, and a SceneError ends the command with its message and exit code."""
-
-    def parser(text):
-        from rigidmc.errors import SceneError
-
-        try:
-            return read(text)
-        except SceneError as error:
-            return fail(error, INVALID)
-
-    return parser
-
-
-SceneArgument = Annotated[
-    str,
-    typer.Argument(
-        metavar="SCENE", help="A TOML file, the name of a shipped scene, or a result file (.nc)."
-    ),
-]
-ResultArgument = Annotated[
-    str, typer.Argument(metavar="FILE", help="A result (.nc), or a run directory.")
-]
-Members = Annotated[int | None, count_option("--members", help="Members of the ensemble.")]
-Seed = Annotated[int | None, count_option("--seed", 0, help="Seed of all random draws.")]
-Integrator = Annotated[
-    str | None, typer.Option(help="A name of `rigidmc integrators`, or auto with --tolerance.")
-]
-Tolerance = Annotated[
-    float | None,
-    typer.Option(
-        help="Error to keep in 99 % of the members, of momentum \\[of its size] and attitude \\[rad]: chooses integrator and step."
-    ),
-]
-Dtype = Annotated[
-    str | None, typer.Option(help="float64 or float32: the numbers in which steps are made.")
-]
-Compensated = Annotated[
-    bool | None,
-    typer.Option("--compensated", help="Keep the remainders of all sums, for very many steps."),
-]
-Dt = Annotated[float | None, time_option("--dt", help="Step.")]
-Turn = Annotated[
-    float | None,
-    typer.Option(help="In place of --dt: each member steps by so much of its own motion \\[rad]."),
-]
-TEnd = Annotated[
-    float | None,
-    time_option("--t-end", help="End time. Every TIME is in seconds, or like 90s, 1h30m, 250ms."),
-]
-Every = Annotated[
-    float | None, time_option("--every", help="Time between saves; without it first and last.")
-]
-Save = Annotated[
-    str | None,
-    typer.Option(
-        help="What to save and to watch, of `rigidmc observables`, e.g. omega,attitude,energy or flips,omega_max; none for the summary only."
-    ),
-]
-Keep = Annotated[
-    str | None,
-    typer.Option(
-        help="How much of what is saved: full, thinned, summary, final or none, or of each: omega=final,energy=summary. Of flagged members, all."
-    ),
-]
-Threads = Annotated[int | None, count_option("--threads", help="Threads; default one per core.")]
-Set = Annotated[
-    list[str],
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="Override a value of the scene, e.g. body.moments=[1,2,3].",
-    ),
-]
-AllowCode = Annotated[
-    bool,
-    typer.Option(
-        "--allow-code", help="Run the Python files that the scene takes effects of your own from."
-    ),
-]
-Until = Annotated[
-    str | None,
-    typer.Option(
-        metavar="MEASURE",
-        help='Add members until it is known so well, e.g. "p(flips >= 1) +- 0.001", "mean(flip_wait) +- 1 %".',
-    ),
-]
-Most = Annotated[int, count_option("--most", 32, help="Members at most, with --until.")]
-Output = Annotated[
-    str | None, typer.Option("-o", "--output", metavar="FILE", help="netCDF file to write.")
-]
-Plot = Annotated[
-    str | None, typer.Option(metavar="FILE", help="Picture to write (.png, .pdf, .svg).")
-]
-Force = Annotated[bool, typer.Option(help="Replace files that exist; folders never.")]
-
-
 class Terminated(BaseException):
-    """SIGTERM, as an exception, so that a run ends the way it does on Ctrl-C."""
+    """SIGTERM as an exception, so that a run ends the way it ends on Ctrl-C."""
 
 
 class AskedToStop(BaseException):
-    """SIGUSR1, which batch systems send before they kill."""
+    """SIGUSR1 as an exception; batch systems send it before they kill."""
 
 
 @contextmanager
-def reported():
-    """Turn what can go wrong into one message and an exit code; never a traceback for a user's mistake. What is compiled is said before it begins."""
-    from rigidmc.errors import NoRoom, OutputExists, SceneError
-    from rigidmc.files.outputs import drop_parts
+def reported() -> Iterator[None]:
+    """Turn what can go wrong into one message and an exit code, never a traceback for a user's
+    mistake. Announce compilation before it begins."""
     from rigidmc.progress import announcing
 
-    def heard(number, _):
+    with _signals() as numbers:
+        try:
+            with noted(), announcing(True), _no_parts_left(numbers):
+                yield
+        except SceneError as error:
+            fail(error, INVALID)
+        except OutputExists as error:
+            fail(error, REFUSED)
+        except NoRoom as error:
+            fail(f"{error}; nothing was written", IO)
+        except FileNotFoundError as error:
+            fail(_in_words(error), INVALID if "shipped scene" in str(error) else IO)
+        except (OSError, RuntimeError) as error:
+            if isinstance(error, RuntimeError) and not _of_netcdf(error):
+                raise
+            unharmed = "nothing was" in str(error)
+            fail(error if unharmed else f"{_in_words(error)}; nothing that existed was changed", IO)
+        except MemoryError as error:
+            ways = "write to a file with -o, save less, or run fewer members"
+            fail(f"not enough memory: {error}; {ways}", IO)
+        except KeyboardInterrupt:
+            fail(f"interrupted; {LEFT}", INTERRUPTED)
+        except Terminated:
+            fail(f"terminated; {LEFT}", TERMINATED)
+        except AskedToStop:
+            fail(f"asked to stop; {LEFT}", INCOMPLETE)
+
+
+def _of_netcdf(error: RuntimeError) -> bool:
+    """Whether the C library of netCDF raised an error."""
+    return "HDF error" in str(error) or "NetCDF" in str(error)
+
+
+@contextmanager
+def _signals() -> Iterator[list[int]]:
+    """Raise Terminated and AskedToStop for their signals; yield the numbers of all that stop a
+    command, SIGINT included."""
+
+    def heard(number: int, _: FrameType | None) -> None:
         raise Terminated if number == signal.SIGTERM else AskedToStop
 
-    numbers = [signal.SIGTERM, *([signal.SIGUSR1] if hasattr(signal, "SIGUSR1") else [])]
-    previous = {
-        signal.SIGINT: signal.getsignal(signal.SIGINT),
-        **{number: signal.signal(number, heard) for number in numbers},
-    }
+    numbers = [signal.SIGTERM]
+    if hasattr(signal, "SIGUSR1"):  # Windows has none
+        numbers.append(signal.SIGUSR1)
+    previous = {signal.SIGINT: signal.getsignal(signal.SIGINT)}
+    previous |= {number: signal.signal(number, heard) for number in numbers}
     try:
-        try:
-            with noted(), announcing(True):
-                yield
-        except (KeyboardInterrupt, Terminated, AskedToStop):
-            for number in previous:  # the clean-up is short: no second signal may interrupt it
-                signal.signal(number, signal.SIG_IGN)
-            drop_parts()
-            raise
-    except SceneError as error:
-        fail(error, INVALID)
-    except OutputExists as error:
-        fail(error, REFUSED)
-    except NoRoom as error:
-        fail(f"{error}; nothing was written", IO)
-    except FileNotFoundError as error:
-        fail(_in_words(error), INVALID if "shipped scene" in str(error) else IO)
-    except (OSError, RuntimeError) as error:
-        if (
-            isinstance(error, RuntimeError)
-            and "HDF error" not in str(error)
-            and "NetCDF" not in str(error)
-        ):
-            raise
-        fail(
-            error
-            if "nothing was" in str(error)
-            else f"{_in_words(error)}; nothing that existed was changed",
-            IO,
-        )
-    except MemoryError as error:
-        fail(
-            f"not enough memory: {error}; write to a file with -o, save less, or run fewer members",
-            IO,
-        )
-    except KeyboardInterrupt:
-        fail(f"interrupted; {LEFT}", INTERRUPTED)
-    except Terminated:
-        fail(f"terminated; {LEFT}", TERMINATED)
-    except AskedToStop:
-        fail(f"asked to stop; {LEFT}", INCOMPLETE)
+        yield list(previous)
     finally:
         for number, handler in previous.items():
             signal.signal(number, signal.SIG_DFL if handler is None else handler)
 
 
-def _in_words(error):
-    """An error of the system without its number: the file, and what is wrong with it."""
-    if getattr(error, "strerror", None) is None or error.filename is None:
-        return str(error)
-    from rigidmc.errors import nearest
+@contextmanager
+def _no_parts_left(numbers: list[int]) -> Iterator[None]:
+    """Delete incomplete files when a signal stops the command."""
+    from rigidmc.files.outputs import drop_parts
 
+    try:
+        yield
+    except (KeyboardInterrupt, Terminated, AskedToStop):
+        for number in numbers:  # the clean-up is short: no second signal may interrupt it
+            signal.signal(number, signal.SIG_IGN)
+        drop_parts()
+        raise
+
+
+@contextmanager
+def about(file: str) -> Iterator[None]:
+    """Name the file in each SceneError that names none."""
+    try:
+        yield
+    except SceneError as error:
+        error.file = error.file or file
+        raise
+
+
+def _in_words(error: Exception) -> str:
+    """An error of the system without its number: the file, and what is wrong with it."""
+    if not isinstance(error, OSError) or error.strerror is None or error.filename is None:
+        return str(error)
     path = os.path.relpath(error.filename)
     path = os.fspath(error.filename) if path.startswith(os.pardir) else path
     folder, name = os.path.split(path)
-    here = (
-        os.listdir(folder or os.curdir)
-        if isinstance(error, FileNotFoundError) and os.path.isdir(folder or os.curdir)
-        else []
-    )
-    close = nearest(name, [word for word in here if _ending(word) == _ending(name)])
+    close = None
+    if isinstance(error, FileNotFoundError) and os.path.isdir(folder or os.curdir):
+        ending = os.path.splitext(name)[1]
+        names = os.listdir(folder or os.curdir)
+        close = nearest(name, [word for word in names if os.path.splitext(word)[1] == ending])
     hint = f" (did you mean '{os.path.join(folder, close)}'?)" if close else ""
     return f"{path}: {error.strerror[0].lower()}{error.strerror[1:]}{hint}"
 
 
-def _ending(name):
-    return os.path.splitext(name)[1]
-
-
 @contextmanager
-def noted():
-    """Show warnings about scenes as notes, each once. Warnings of libraries, about overflow or strange files, are hidden: rigidmc
-    itself flags or refuses what follows from them."""
-    from rigidmc.errors import SceneWarning
+def noted() -> Iterator[None]:
+    """Show each warning about a scene once, as a note. Warnings of libraries about overflow or
+    strange files are hidden: rigidmc itself flags or refuses what follows from them."""
+    seen = set[str]()
 
-    seen = set()
-
-    def show(message, *_, **__):
+    def show(message: Warning | str, *_: Any, **__: Any) -> None:
         if str(message) not in seen:
             seen.add(str(message))
             print(f"rigidmc: note: {message}", file=sys.stderr)
@@ -266,51 +161,41 @@ def noted():
         yield
 
 
-def fail(message, code):
+def fail(message: object, code: int) -> NoReturn:
+    """Print a message and end the command with an exit code."""
     print(f"rigidmc: {message}", file=sys.stderr)
     raise typer.Exit(code)
 
 
-def load_scene(source, settings, allow_code=False, **run):
-    """A scene with the options of the command line in it."""
-    from rigidmc.errors import SceneError
+def load_scene(
+    source: str,
+    settings: Sequence[str] = (),
+    allow_code: bool = False,
+    run: Mapping[str, Any] | None = None,
+) -> "Scene":
+    """A scene with the --set options and the run settings of the command line."""
     from rigidmc.scene.scene import Scene
 
     pairs = []
     for setting in settings:
         key, equals, value = setting.partition("=")
         if not equals or "." not in key:
-            raise SceneError(
-                "",
-                "--set",
-                setting,
-                "expected table.key=value, e.g. body.moments=[1,2,3] or effects.gravity.g=1.62",
-            )
+            rule = "expected table.key=value, e.g. body.moments=[1,2,3] or effects.gravity.g=1.62"
+            raise SceneError("", "--set", setting, rule)
         pairs.append((key.strip(), value.strip()))
-    if run.get("save") is not None:
-        run["save"] = tuple(
-            word.strip() for word in run["save"].split(",") if word.strip() not in ("", "none")
-        )
-    if run.get("keep") is not None and "=" in run["keep"]:
-        run["keep"] = {
-            name.strip(): word.strip()
-            for name, _, word in (part.partition("=") for part in run["keep"].split(","))
-        }
-    try:
-        return Scene.load(source, pairs, allow_code).with_run(**run)
-    except SceneError as error:
-        error.file = error.file or source
-        raise
+    with about(source):
+        return Scene.load(source, pairs, allow_code).with_run(**run or {})
 
 
-def opened(path, allow_code=False):
+def opened(path: str, allow_code: bool = False) -> AbstractContextManager["xr.Dataset"]:
     """A result as a Dataset: a file or a run directory."""
     import rigidmc
 
     return rigidmc.open(path, allow_code)
 
 
-def plots_module():
+def plots_module() -> ModuleType:
+    """The module that draws ensembles; exit code 74 without matplotlib."""
     try:
         from rigidmc.views import ensemble
     except ImportError as error:
@@ -318,28 +203,43 @@ def plots_module():
     return ensemble
 
 
-def refuse_outputs(force, output=None, plot=None, bounds=None, animation=None, size=100_000):
-    """Refuse, before any work, outputs that could not be written after it: files that exist, that cannot be made, or whose ending
-    is not one of their kind. No two kinds share an ending, so no two outputs share a name. Pictures and animations need matplotlib.
+def refuse_outputs(
+    force: bool,
+    output: str | None = None,
+    plot: str | None = None,
+    bounds: str | None = None,
+    animation: str | None = None,
+    size: int = 100_000,
+) -> None:
+    """Refuse, before any work, outputs that could not be written after it: files that exist, files
+    that cannot be created, and names whose ending belongs to another kind of file. No two kinds
+    share an ending, so no two outputs share a name. Pictures and animations need matplotlib.
 
     size : bytes of the largest output, if known
     """
     from rigidmc.files.outputs import refuse_existing
 
-    for kind, path in {
+    kinds = {
         "results": output,
         "pictures": plot,
         "tables of bounds": bounds,
         "animations": animation,
-    }.items():
+    }
+    for kind, path in kinds.items():
         if path is not None:
             refuse_existing(path, force, kind, size)
     if plot is not None or animation is not None:
         plots_module()
 
 
-def keep(dataset, output, plot, force, draw):
-    """Write a study, and the picture that draw(dataset) makes of it. Returns a line for each file, see `told`."""
+def keep(
+    dataset: "xr.Dataset",
+    output: str | None,
+    plot: str | None,
+    force: bool,
+    draw: Callable[["xr.Dataset"], "Figure"],
+) -> list[str]:
+    """Write a study, and the picture draw(dataset); return a line for each file, see `written`."""
     from rigidmc.files.outputs import write_bytes
     from rigidmc.storage import encoded
 
@@ -347,17 +247,18 @@ def keep(dataset, output, plot, force, draw):
         write_bytes(output, encoded(dataset), force)
     if plot is not None:
         save_picture(draw(dataset), plot, force)
-    return told([output, plot])
+    return written([output, plot])
 
 
-def save_picture(figure, path, force):
-    """Write a picture to a path that was checked before the work. If a file is there now, the picture gets another name."""
+def save_picture(figure: "Figure", path: str, force: bool) -> None:
+    """Write a picture to a path that was checked before the work. If a file has appeared there
+    since, the picture gets another name."""
     from rigidmc.files.outputs import write_bytes
 
     write_bytes(path, plots_module().drawn(figure, path), force)
 
 
-def told(paths):
+def written(paths: Iterable[str | None]) -> list[str]:
     """A line for each file that was written."""
     return [
         f"  wrote {path} ({os.path.getsize(path) / 1e6:,.1f} MB)"

@@ -1,147 +1,187 @@
 """rigidmc map."""
 
 import sys
-from typing import Annotated
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from rigidmc.cli.common import (
     FLAGGED,
     OK,
-    AllowCode,
-    Dt,
-    Force,
-    Integrator,
-    Output,
-    Plot,
-    Seed,
-    Set,
-    TEnd,
-    Threads,
-    Tolerance,
-    Turn,
+    about,
     app,
-    count_option,
     keep,
     load_scene,
     refuse_outputs,
     reported,
 )
+from rigidmc.cli.options import (
+    AllowCode,
+    Force,
+    Output,
+    Plot,
+    Set,
+    Threads,
+    count_option,
+    takes_settings,
+)
+from rigidmc.errors import SceneError, unknown
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+Name = Annotated[
+    str,
+    typer.Argument(
+        metavar="NAME|SCENE",
+        help="A map of the package (rigidmc map list), a TOML file, or a shipped scene.",
+    ),
+]
+Listed = Annotated[
+    str | None,
+    typer.Argument(metavar="[NAME]", help="With `rigidmc map list`: the map to explain."),
+]
+Across = Annotated[
+    str | None,
+    typer.Option(
+        metavar="KEY=LOW:HIGH",
+        help="Scene parameter across, e.g. body.moments.1=0:1; with :log in even ratios.",
+    ),
+]
+Upwards = Annotated[
+    str | None, typer.Option(metavar="KEY=LOW:HIGH", help="Scene parameter upwards.")
+]
+Measures = Annotated[
+    list[str],
+    typer.Option(
+        metavar="MEASURE",
+        help='What a pixel shows: "p(flips >= 1)", "mean(megno)", "quantile(flip_wait, 0.9)";'
+        " may be repeated.",
+    ),
+]
+Resolution = Annotated[int, count_option("--resolution", help="Pixels along each side.")]
+Members = Annotated[
+    int | None,
+    count_option(
+        "--members",
+        help="Members of a pixel; by default the map's own, or 16, or 1 if only x and y differ.",
+    ),
+]
+SETTINGS = ("integrator", "dt", "turn", "t_end", "tolerance", "seed", "dtype", "compensated")
 
 
 @app.command("map")
+@takes_settings(*SETTINGS)
 def make_map(
-    name: Annotated[str, typer.Argument(metavar="NAME|SCENE", help="A map of the package (rigidmc map list), a TOML file, or a shipped scene.")],
-    which: Annotated[str | None, typer.Argument(metavar="[NAME]", help="With `rigidmc map list`: the map to explain.")] = None,
-    x: Annotated[str | None, typer.Option(metavar="KEY=LOW:HIGH", help="Scene parameter across, e.g. body.moments.1=0:1; :log for even ratios.")] = None,
-    y: Annotated[str | None, typer.Option(metavar="KEY=LOW:HIGH", help="Scene parameter upwards.")] = None,
-    of: Annotated[list[str], typer.Option(metavar="MEASURE", help='What a pixel is asked: "p(flips >= 1)", "mean(megno)", "quantile(flip_wait, 0.9)"; may be repeated.')] = [],  # noqa: B006
-    resolution: Annotated[int, count_option("--resolution", help="Pixels a side.")] = 256,
-    members: Annotated[int | None, count_option("--members", help="Members to a pixel; default 16, or the map's own, or 1 where nothing else is drawn.")] = None,
-    integrator: Integrator = None, dt: Dt = None, turn: Turn = None, t_end: TEnd = None, tolerance: Tolerance = None,
-    seed: Seed = None, threads: Threads = None, settings: Set = [], allow_code: AllowCode = False,  # noqa: B006
-    output: Output = None, plot: Plot = None, force: Force = False,
-):  # fmt: skip
-    """Map two parameters of a scene against what its members do, with replicas and a confidence interval for every pixel."""
-    with reported():
-        from rigidmc.errors import SceneError, unknown
-        from rigidmc.studies.maps.catalogue import MAPS, case_map
-
+    name: Name,
+    run: dict[str, Any],
+    listed: Listed = None,
+    x: Across = None,
+    y: Upwards = None,
+    of: Measures = [],  # noqa: B006
+    resolution: Resolution = 256,
+    members: Members = None,
+    settings: Set = [],  # noqa: B006
+    allow_code: AllowCode = False,
+    threads: Threads = None,
+    output: Output = None,
+    plot: Plot = None,
+    force: Force = False,
+) -> None:
+    """Map two parameters of a scene against what its members do, with replicas and a confidence
+    interval for every pixel."""
+    with reported(), about(name):
         if name == "list":
-            if which is not None and which not in MAPS:
-                raise unknown("", "map", which, "map", MAPS)
-            for word, case in MAPS.items() if which is None else [(which, MAPS[which])]:
-                made = case()
-                print(f"{word:18s} {made.title}")
-                print(f"{'':18s} {made.x[0]} and {made.y[0]}: {', '.join(made.of)}")
-                if made.source:
-                    print(f"{'':18s} theory: {made.source}")
-                if which is not None:
-                    _explain(made)
+            _list(listed)
             return
-        if which is not None:
-            raise SceneError("", "NAME", which, "goes with `rigidmc map list NAME`")
+        if listed is not None:
+            raise SceneError("", "NAME", listed, "goes with `rigidmc map list NAME`")
         refuse_outputs(force, output, plot, size=8 * max(resolution, 1) ** 2 * (4 + 3 * len(of)))
+        if _of_package(name, x, y, of, settings):
+            from rigidmc.studies.maps.catalogue import case_map
 
-        def show(done, total):
-            if sys.stderr.isatty():
-                print(
-                    f"\r{100 * done / total:3.0f} % of {total:,} pixels",
-                    end="" if done < total else "\n",
-                    file=sys.stderr,
-                    flush=True,
-                )
+            dataset = case_map(name, resolution, members, threads, _show, **run)
+        else:
+            from rigidmc.studies.maps.stability_map import stability_map
 
-        try:
-            changed = {
-                "tolerance": tolerance,
-                "integrator": integrator,
-                "dt": dt,
-                "turn": turn,
-                "t_end": t_end,
-            }
-            if name in MAPS and not (x or y or of or settings):
-                found = case_map(name, resolution, members, threads, show, seed=seed, **changed)
-            else:
-                from rigidmc.studies.maps.stability_map import stability_map
+            scene = load_scene(name, settings, allow_code)
+            sides = _side(x or "", "--x"), _side(y or "", "--y")
+            dataset = stability_map(scene, *sides, of, resolution, members, threads, _show, **run)
 
-                if name in MAPS and not (x and y and of):
-                    rule = "a map of the package has its own x, y, measures and scene; give --resolution, --members, --dt and the like"
-                    raise SceneError(
-                        "", "map", name, f"{rule}, or a scene with all of --x, --y and --of"
-                    )
-                if not (x or y or of or settings):
-                    raise unknown("", "map", name, "map", MAPS)
-                if not (x and y and of):
-                    missing = ", ".join(
-                        key for key, value in (("--x", x), ("--y", y), ("--of", of)) if not value
-                    )
-                    raise SceneError(
-                        "",
-                        missing,
-                        None,
-                        f"is missing: a map of a scene needs it; maps of the package: {', '.join(MAPS)}",
-                    )
-                scene = load_scene(name, settings, allow_code)
-                sides = _side(x, "--x"), _side(y, "--y")
-                found = stability_map(
-                    scene, *sides, of, resolution, members, threads, show, seed=seed, **changed
-                )
-        except SceneError as error:
-            error.file = error.file or name
-            raise
-
-        def draw(found):
+        def draw(dataset: "xr.Dataset") -> "Figure":
             from rigidmc.views import maps
 
-            return maps.stability_map(found)
+            return maps.stability_map(dataset)
 
         lines = list[str]()
         try:
-            lines = keep(found, output, plot, force, draw)
-        finally:  # what was found is told also where it could not be written
-            _close(found)
+            lines = keep(dataset, output, plot, force, draw)
+        finally:  # the summary is printed also if a file cannot be written
+            _summarise(dataset)
             print("\n".join(lines), end="\n" * bool(lines))
-    raise typer.Exit(FLAGGED if int(found.failed.sum()) else OK)
+    raise typer.Exit(FLAGGED if int(dataset.failed.sum()) else OK)
 
 
-def _explain(case):
-    """What a map of the package computes."""
-    sides = [
-        f"{name} from {low:g} to {high:g}{' in even ratios' * bool(log)}"
-        for name, low, high, *log in (case.x, case.y)
-    ]
-    print(f"{'':18s} across {sides[0]}; upwards {sides[1]}")
-    print(
-        f"{'':18s} {case.members} members to a pixel; {', '.join(f'{k} = {v}' for k, v in case.settings.items())}"
-    )
-    print(f"\n{case.scene.dumps()}", end="")
+def _of_package(
+    name: str, x: str | None, y: str | None, of: Sequence[str], settings: Sequence[str]
+) -> bool:
+    """Whether a map of the package is asked for; SceneError if neither it nor a map of a scene is
+    described completely."""
+    from rigidmc.studies.maps.catalogue import MAPS
+
+    plain = not (x or y or of or settings)
+    if name in MAPS and plain:
+        return True
+    if plain:
+        raise unknown("", "map", name, "map", MAPS)
+    missing = [key for key, value in (("--x", x), ("--y", y), ("--of", of)) if not value]
+    if missing and name in MAPS:
+        rule = (
+            "a map of the package has its own x, y, measures and scene; give --resolution,"
+            " --members, --dt and the like, or a scene with all of --x, --y and --of"
+        )
+        raise SceneError("", "map", name, rule)
+    if missing:
+        rule = f"is missing: a map of a scene needs it; maps of the package: {', '.join(MAPS)}"
+        raise SceneError("", ", ".join(missing), None, rule)
+    return False
 
 
-def _side(text, key):
-    """(parameter, low, high, whether in even ratios) of KEY=LOW:HIGH[:log]."""
-    from rigidmc.errors import SceneError
+def _show(done: int, total: int) -> None:
+    """Show how many pixels are done, on a terminal."""
+    if sys.stderr.isatty():
+        end = "" if done < total else "\n"
+        line = f"\r{100 * done / total:3.0f} % of {total:,} pixels"
+        print(line, end=end, file=sys.stderr, flush=True)
 
+
+def _list(name: str | None) -> None:
+    """List the maps of the package, or explain one of them."""
+    from rigidmc.studies.maps.catalogue import MAPS
+
+    if name is not None and name not in MAPS:
+        raise unknown("", "map", name, "map", MAPS)
+    for word in MAPS if name is None else (name,):
+        case = MAPS[word]()
+        print(f"{word:18s} {case.title}")
+        print(f"{'':18s} {case.x[0]} and {case.y[0]}: {', '.join(case.of)}")
+        if case.source:
+            print(f"{'':18s} theory: {case.source}")
+        if name is not None:
+            across, upwards = (
+                f"{key} from {low:g} to {high:g}{' in even ratios' * bool(log)}"
+                for key, low, high, *log in (case.x, case.y)
+            )
+            settings = ", ".join(f"{key} = {value}" for key, value in case.settings.items())
+            print(f"{'':18s} across {across}; upwards {upwards}")
+            print(f"{'':18s} {case.members} members of each pixel; {settings}")
+            print(f"\n{case.scene.dumps()}", end="")
+
+
+def _side(text: str, key: str) -> tuple[str, float, float, bool]:
+    """(parameter, low, high, whether in even ratios) of KEY=LOW:HIGH[:log]; SceneError."""
     name, equals, ends = text.partition("=")
     parts = ends.split(":")
     try:
@@ -149,38 +189,41 @@ def _side(text, key):
     except (ValueError, IndexError):
         low = high = float("nan")
     if not equals or len(parts) not in (2, 3) or parts[2:] not in ([], ["log"]) or low != low:
-        raise SceneError(
-            "", key, text, "expected KEY=LOW:HIGH or KEY=LOW:HIGH:log, e.g. body.moments.1=0.1:0.9"
-        )
+        rule = "expected KEY=LOW:HIGH or KEY=LOW:HIGH:log, e.g. body.moments.1=0.1:0.9"
+        raise SceneError("", key, text, rule)
     return name.strip(), low, high, len(parts) == 3
 
 
-def _close(found):
-    """The closing summary."""
+def _summarise(dataset: "xr.Dataset") -> None:
+    """Print what the map cost, the range of each measure, and how well it is known."""
+    pixels, none = dataset.good.size, int(((dataset.good == 0) & (dataset.failed == 0)).sum())
+    failed, count = int(dataset.failed.sum()), dataset.attrs["members"]
+    seconds = dataset.attrs["seconds"]
+    print(f"{dataset.attrs['title']}")
+    print(
+        f"  {dataset.sizes['x']} x {dataset.sizes['y']} pixels of {count} members with"
+        f" {dataset.attrs['integrator']}: {seconds:.1f} s,"
+        f" {pixels * count / seconds:,.0f} members/s"
+    )
+    for name, values in dataset.data_vars.items():
+        counts = name in ("good", "failed", "none") or str(name).endswith(("_low", "_high"))
+        if not counts and bool(values.notnull().any()):
+            print(
+                f"  {name:28s} {float(values.min()):.4g} to {float(values.max()):.4g},"
+                f" median {float(values.median()):.4g}{_interval(dataset, str(name), count)}"
+            )
+    print(f"  pixels without body or start: {none:,}; members that failed: {failed:,}")
+
+
+def _interval(dataset: "xr.Dataset", name: str, count: int) -> str:
+    """In words, half the width of the confidence interval in the median pixel."""
     import numpy as np
 
-    pixels, none = found.good.size, int(((found.good == 0) & (found.failed == 0)).sum())
-    failed, count = int(found.failed.sum()), found.attrs["members"]
-    print(f"{found.attrs['title']}")
-    print(
-        f"  {found.sizes['x']} x {found.sizes['y']} pixels of {count} members with {found.attrs['integrator']}: "
-        f"{found.attrs['seconds']:.1f} s, {pixels * count / found.attrs['seconds']:,.0f} members/s"
-    )
-    for name in found.data_vars:
-        values = found[name].values
-        if (
-            name in ("good", "failed", "none")
-            or name.endswith(("_low", "_high"))
-            or not (values == values).any()
-        ):
-            continue
-        wide = found[f"{name}_high"] - found[f"{name}_low"] if f"{name}_low" in found else None
-        sure = (
-            f", intervals of {100 * found.attrs['confidence']:g} % +-{float(wide.where(np.isfinite(wide)).median()) / 2:.2g} in the median"
-            if wide is not None and count > 1 and np.isfinite(wide).any()
-            else ", too few members for intervals" * (count > 1 and wide is not None)
-        )
-        print(
-            f"  {name:28s} {float(found[name].min()):.4g} to {float(found[name].max()):.4g}, median {float(found[name].median()):.4g}{sure}"
-        )
-    print(f"  pixels without body or start: {none:,}; members that failed: {failed:,}")
+    if f"{name}_low" not in dataset or count == 1:
+        return ""
+    width = dataset[f"{name}_high"] - dataset[f"{name}_low"]
+    known = np.isfinite(width)
+    if not known.any():
+        return ", too few members for intervals"
+    half = float(width.where(known).median()) / 2
+    return f", intervals of {100 * dataset.attrs['confidence']:g} % +-{half:.2g} in the median"

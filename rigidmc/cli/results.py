@@ -1,68 +1,71 @@
-"""rigidmc rerun, summary, animate."""
+"""rigidmc rerun, summary, plot, animate: look at a result."""
 
 import sys
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from rigidmc.cli.common import (
     INVALID,
-    AllowCode,
-    Every,
-    Force,
-    Output,
-    Plot,
-    ResultArgument,
-    Save,
+    about,
     app,
-    count_option,
     fail,
     opened,
     plots_module,
     refuse_outputs,
     reported,
     save_picture,
-    time_option,
-    told,
+    written,
 )
+from rigidmc.cli.options import (
+    AllowCode,
+    Force,
+    Output,
+    Plot,
+    ResultArgument,
+    count_option,
+    takes_settings,
+    time_option,
+)
+from rigidmc.errors import SceneError, nearest
+
+Member = Annotated[int, count_option("--member", 0, help="Index of the member.")]
 
 
 @app.command()
+@takes_settings("every", "save")
 def rerun(
     file: ResultArgument,
-    member: Annotated[int, count_option("--member", 0, help="Index of the member.")],
-    every: Every = None, save: Save = None, output: Output = None, plot: Plot = None, force: Force = False, allow_code: AllowCode = False,
-):  # fmt: skip
-    """Integrate one member of a result again, to the same bits, with more saved: all observables unless --save says which."""
-    with reported():
-        from rigidmc.errors import SceneError
-        from rigidmc.runs.rerun import rerun as again
+    member: Member,
+    run: dict[str, Any],
+    output: Output = None,
+    plot: Plot = None,
+    force: Force = False,
+    allow_code: AllowCode = False,
+) -> None:
+    """Integrate one member of a result again, to the same bits, and save more: all observables
+    unless --save names them."""
+    with reported(), about(file):
+        from rigidmc.runs.rerun import rerun as integrate_again
 
         refuse_outputs(force, output, plot)
-        wanted = (
-            None
-            if save is None
-            else [word.strip() for word in save.split(",") if word.strip() not in ("", "none")]
+        dataset = integrate_again(
+            file, member, **run, allow_code=allow_code, output=output, force=force
         )
-        try:
-            dataset = again(file, member, every, wanted, allow_code, output=output, force=force)
-        except SceneError as error:
-            error.file = error.file or file
-            raise
         if plot is not None:
             save_picture(plots_module().summary(dataset), plot, force)
+        names = ", ".join(v for v in dataset.data_vars if "time" in dataset[v].dims)
         times = dataset.sizes["time"]
-        print(
-            f"{dataset.attrs['title']}: member {member}, {times:,} saves of {', '.join(v for v in dataset.data_vars if 'time' in dataset[v].dims)}"
-        )
+        print(f"{dataset.attrs['title']}: member {member}, {times:,} saves of {names}")
         print(f"  {dataset.attrs['rerun']}")
-        print("\n".join(told([output, plot])), end="\n" * bool(output or plot))
+        print("\n".join(written([output, plot])), end="\n" * bool(output or plot))
         dataset.close()
 
 
 @app.command()
-def summary(file: ResultArgument):
-    """Say what is in a result: flagged members, and of each number that members have its mean with the interval, median and range."""
+def summary(file: ResultArgument) -> None:
+    """Say what is in a result: flagged members, and of each number that members have its mean with
+    a confidence interval, its median and its range."""
     with reported():
         from rigidmc.views.summary import summary as lines
 
@@ -73,42 +76,87 @@ def summary(file: ResultArgument):
             fail(error, INVALID)
 
 
+PICTURES = (
+    "summary",
+    "momentum_sphere",
+    "middle_component",
+    "drift_histogram",
+    "axis_sphere",
+    "gibbs",
+)
+
+
+@app.command()
+def plot(
+    file: ResultArgument,
+    output: Annotated[
+        str,
+        typer.Option("-o", "--output", metavar="FILE", help="Picture to write (.png, .pdf, .svg)."),
+    ],
+    picture: Annotated[
+        str, typer.Option(help=f"{', '.join(PICTURES[:-1])}; gibbs for a scene with a bath.")
+    ] = "summary",
+    force: Force = False,
+    allow_code: AllowCode = False,
+) -> None:
+    """Draw a picture of a result."""
+    with reported():
+        if picture not in PICTURES:
+            rule = f"no such picture; known: {', '.join(PICTURES)}"
+            raise SceneError("", "--picture", picture, rule, nearest(picture, PICTURES))
+        refuse_outputs(force, plot=output)
+        plots = plots_module()
+        try:
+            with opened(file, allow_code) as dataset:
+                if picture == "gibbs":
+                    from rigidmc.views.gibbs import gibbs
+
+                    save_picture(gibbs(dataset, allow_code), output, force)
+                else:
+                    save_picture(getattr(plots, picture)(dataset), output, force)
+        except ValueError as error:
+            fail(error, INVALID)
+        print(*written([output]))
+
+
 @app.command()
 def animate(
     file: ResultArgument,
-    member: Annotated[int, count_option("--member", 0, help="Index of the member.")],
-    output: Annotated[str, typer.Option("-o", "--output", metavar="FILE", help="Animation to write (.gif, .mp4, .webm).")],
+    member: Member,
+    output: Annotated[
+        str,
+        typer.Option(
+            "-o", "--output", metavar="FILE", help="Animation to write (.gif, .mp4, .webm)."
+        ),
+    ],
     seconds: Annotated[float, time_option("--seconds", help="Length of the animation.")] = 10.0,
-    fps: Annotated[int, count_option("--fps", 1, 60, help="Frames a second.")] = 25,
-    force: Force = False, allow_code: AllowCode = False,
-):  # fmt: skip
-    """Animate one member of a result: it is integrated again, and drawn turning beside its momentum sphere."""
+    fps: Annotated[int, count_option("--fps", 1, 60, help="Frames per second.")] = 25,
+    force: Force = False,
+    allow_code: AllowCode = False,
+) -> None:
+    """Animate one member of a result: integrate it again, and draw it turning beside its momentum
+    sphere."""
     with reported():
         from rigidmc.runs.rerun import frames
 
         refuse_outputs(force, animation=output)
         from rigidmc.views.animation import SMOOTH, check_writer
-        from rigidmc.views.animation import animate as written
+        from rigidmc.views.animation import animate as draw
 
         try:
             check_writer(output)
         except ValueError as error:
             fail(error, INVALID)
-        dataset = frames(
-            opened(file, allow_code), member, max(2, round(seconds * fps) - 1) * SMOOTH, allow_code
-        )
+        steps = max(2, round(seconds * fps) - 1) * SMOOTH
+        dataset = frames(opened(file, allow_code), member, steps, allow_code)
         if int(dataset.status.values[0]) == 2:
             fail(f"{file}: member {member} never started: it has no such body or start", INVALID)
-        made = -(-dataset.sizes["time"] // SMOOTH)
-        if made < 0.9 * seconds * fps:
-            print(
-                f"  it makes {dataset.sizes['time'] - 1} steps only, which are {made} frames",
-                file=sys.stderr,
-            )
-            fps = max(1, round(made / seconds))
-        written(dataset, output, fps, force=force)
+        count = -(-dataset.sizes["time"] // SMOOTH)
+        if count < 0.9 * seconds * fps:
+            line = f"  the member makes only {dataset.sizes['time'] - 1} steps: {count} frames"
+            print(line, file=sys.stderr)
+            fps = max(1, round(count / seconds))
+        draw(dataset, output, fps, force=force)
         end = float(dataset.time.values[-1])
-        print(
-            f"{dataset.attrs['title']}: member {member}, {-(-dataset.sizes['time'] // SMOOTH)} frames of {end:g} s"
-        )
-        print(*told([output]))
+        print(f"{dataset.attrs['title']}: member {member}, {count} frames of {end:g} s")
+        print(*written([output]))

@@ -1,370 +1,213 @@
-"""rigidmc run, show, check, scenes, plot, doctor."""
+"""rigidmc run: the main job."""
 
-import json
+import os
 import sys
 import time
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from rigidmc.cli.common import (
     FLAGGED,
     INCOMPLETE,
-    INVALID,
     OK,
-    AllowCode,
-    Compensated,
-    Dt,
-    Dtype,
-    Every,
-    Force,
-    Integrator,
-    Keep,
-    Members,
-    Most,
-    Plot,
-    ResultArgument,
-    Save,
-    SceneArgument,
-    Seed,
-    Set,
-    TEnd,
-    Threads,
-    Tolerance,
-    Turn,
-    Until,
+    about,
     app,
-    fail,
     load_scene,
-    opened,
     plots_module,
     refuse_outputs,
     reported,
     save_picture,
-    told,
-)  # fmt: skip
-from rigidmc.cli.directories import (
-    Blocks,
+    written,
+)
+from rigidmc.cli.directories import continued, shards_of
+from rigidmc.cli.options import (
+    AllowCode,
     Cluster,
+    Force,
     MaxWall,
     OutputOrRun,
+    Plot,
+    SceneArgument,
+    Set,
+    Shards,
     ShardSize,
-    go_on,
-    is_run,
-    shards_of,
+    Threads,
+    count_option,
+    takes_settings,
 )
-from rigidmc.scene import library
+from rigidmc.errors import SceneError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from rigidmc.scene.scene import Scene
+    from rigidmc.studies.intervals import Interval
+
+Until = Annotated[
+    str | None,
+    typer.Option(
+        metavar="MEASURE",
+        help="Add members until a measure is known well enough, e.g."
+        ' "p(flips >= 1) +- 0.001", "mean(flip_wait) +- 1 %".',
+    ),
+]
+Most = Annotated[int, count_option("--most", 32, help="With --until: most members to run.")]
+OF_DIRECTORIES = ("max_wall", "shards", "shard_size", "cluster")
 
 
 @app.command("run")
+@takes_settings()
 def run_scene(
     scene: SceneArgument,
-    members: Members = None, seed: Seed = None, integrator: Integrator = None, dt: Dt = None, turn: Turn = None,
-    t_end: TEnd = None,
-    every: Every = None, save: Save = None, keep: Keep = None, threads: Threads = None, tolerance: Tolerance = None,
-    dtype: Dtype = None, compensated: Compensated = None, settings: Set = [], allow_code: AllowCode = False,  # noqa: B006
-    until: Until = None, most: Most = 10_000_000, output: OutputOrRun = None, plot: Plot = None, force: Force = False,
-    max_wall: MaxWall = None, shards: Blocks = None, shard_size: ShardSize = None, cluster: Cluster = None,
-):  # fmt: skip
+    run: dict[str, Any],
+    settings: Set = [],  # noqa: B006
+    allow_code: AllowCode = False,
+    threads: Threads = None,
+    output: OutputOrRun = None,
+    plot: Plot = None,
+    force: Force = False,
+    until: Until = None,
+    most: Most = 10_000_000,
+    max_wall: MaxWall = None,
+    shards: Shards = None,
+    shard_size: ShardSize = None,
+    cluster: Cluster = None,
+) -> None:
     """Run a scene: integrate its ensemble, write the result and a picture, and say what it cost."""
     began = time.perf_counter()
-    with reported():
-        from rigidmc.errors import SceneError
-        from rigidmc.runs.simulate import simulate
-
-        loaded = load_scene(
-            scene,
-            settings,
-            allow_code,
-            members=members,
-            seed=seed,
-            integrator=integrator,
-            dt=dt,
-            turn=turn,
-            t_end=t_end,
-            every=every,
-            save=save,
-            keep=keep,
-            tolerance=tolerance,
-            dtype=dtype,
-            compensated=compensated,
+    with reported(), about(scene):
+        loaded = load_scene(scene, settings, allow_code, run)
+        options: dict[str, Any] = dict(
+            zip(OF_DIRECTORIES, (max_wall, shards, shard_size, cluster), strict=True)
         )
-        if is_run(output):
-            if plot is not None or until is not None:
-                raise SceneError(
-                    "",
-                    "--output",
-                    output,
-                    "a run directory goes without --plot and --until: consolidate it first",
-                )
-            if force:
-                raise SceneError(
-                    "", "--force", None, f"replaces files: take the folder {output} away yourself"
-                )
-            from rigidmc.runs.cluster import checked
-            from rigidmc.runs.resume import SHARD, create
-
-            kind, many = ("", "") if cluster is None else checked(cluster)
-            if shard_size is not None and not shard_size < 1e6:
-                raise SceneError("", "--shard-size", shard_size, "expected megabytes, up to 1e6")
-            size = SHARD if shard_size is None else 1e6 * shard_size
-            made = create(
-                loaded, output, size, shards_of(shards), int(many) if kind == "local" else threads
-            )
-            raise typer.Exit(
-                go_on(
-                    made.path,
-                    threads,
-                    max_wall=max_wall,
-                    shards=shards,
-                    allow_code=allow_code,
-                    cluster=cluster,
-                )
-            )
-        for name, given in (
-            ("--max-wall", max_wall),
-            ("--shards", shards),
-            ("--shard-size", shard_size),
-            ("--cluster", cluster),
-        ):
-            if given is not None:
-                raise SceneError("", name, given, "is of a run directory: -o RUN/")
+        if output is not None and (output.endswith(os.sep) or os.path.isdir(output)):
+            _refuse_with_directory(output, plot, until, force)
+            code = _in_directory(loaded, output, threads, allow_code, **options)
+            raise typer.Exit(code)
+        for name, value in options.items():
+            if value is not None:
+                key = f"--{name.replace('_', '-')}"
+                raise SceneError("", key, value, "needs a run directory: -o RUN/")
         refuse_outputs(force, output, plot)
-        try:
-            if until is None:
-                dataset, found = (
-                    simulate(loaded, threads=threads, progress=True, output=output, force=force),
-                    None,
-                )
-            else:
-                from rigidmc.studies.until import goal_reached, simulate_until
+        if until is None:
+            from rigidmc.runs.simulate import simulate
 
-                if members is not None:
-                    raise SceneError(
-                        "",
-                        "--members",
-                        members,
-                        "with --until there are as many as it takes: give --most",
-                    )
-                dataset, found = simulate_until(
-                    loaded,
-                    until,
-                    most,
-                    threads=threads,
-                    progress=_grown,
-                    output=output,
-                    force=force,
-                )
-        except SceneError as error:
-            error.file = error.file or scene
-            raise
-        cost = dataset.encoding["rigidmc"]
+            dataset = simulate(loaded, threads=threads, progress=True, output=output, force=force)
+            code = OK
+        else:
+            if "members" in run:
+                rule = "does not go with --until, which adds as many as it takes: give --most"
+                raise SceneError("", "--members", run["members"], rule)
+            dataset, code = _until(loaded, until, most, threads, output, force)
         if plot is not None:
             save_picture(plots_module().summary(dataset), plot, force)
-        _close(dataset, cost, time.perf_counter() - began, [p for p in (output, plot) if p])
-        if found is not None:
-            print(
-                f"  {until}: {found.value:.6g}, 95 % between {found.low:.6g} and {found.high:.6g}"
-            )
-        flagged = dataset.sizes["member"] - cost["flagged"]["ok"]
+        _summarise(dataset, time.perf_counter() - began, [p for p in (output, plot) if p])
+        flagged = dataset.sizes["member"] - dataset.encoding["rigidmc"]["flagged"]["ok"]
         dataset.close()
-    raise typer.Exit(
-        INCOMPLETE
-        if found is not None and not goal_reached(until, found)
-        else FLAGGED
-        if flagged
-        else OK
+    raise typer.Exit(code or (FLAGGED if flagged else OK))
+
+
+def _refuse_with_directory(output: str, plot: str | None, until: str | None, force: bool) -> None:
+    """SceneError for options that a run directory does not take."""
+    if plot is not None or until is not None:
+        rule = "a run directory takes neither --plot nor --until: consolidate it first"
+        raise SceneError("", "--output", output, rule)
+    if force:
+        rule = f"replaces files, not folders: remove {output} yourself"
+        raise SceneError("", "--force", None, rule)
+
+
+def _in_directory(
+    scene: "Scene",
+    output: str,
+    threads: int | None,
+    allow_code: bool,
+    max_wall: float | None,
+    shards: str | None,
+    shard_size: float | None,
+    cluster: str | None,
+) -> int:
+    """Run a scene in a new run directory; the exit code."""
+    from rigidmc.runs.cluster import checked
+    from rigidmc.runs.resume import SHARD, create
+
+    kind, count = ("", "") if cluster is None else checked(cluster)
+    if shard_size is not None and not shard_size < 1e6:
+        raise SceneError("", "--shard-size", shard_size, "expected megabytes, at most 1e6")
+    size = SHARD if shard_size is None else 1e6 * shard_size
+    workers = int(count) if kind == "local" else threads
+    directory = create(scene, output, size, shards_of(shards), workers)
+    return continued(
+        directory.path,
+        threads,
+        max_wall=max_wall,
+        shards=shards,
+        allow_code=allow_code,
+        cluster=cluster,
     )
 
 
-def _grown(members, found):
-    """A line for each look."""
-    print(
-        f"  {members:,} members: {found.value:.6g} +- {found.half:.2g}", file=sys.stderr, flush=True
+def _until(
+    scene: "Scene", until: str, most: int, threads: int | None, output: str | None, force: bool
+) -> tuple["xr.Dataset", int]:
+    """Add members until a measure is known well enough; the result and the exit code."""
+    from rigidmc.studies.until import goal_reached, simulate_until
+
+    def show(members: int, interval: "Interval") -> None:
+        line = f"  {members:,} members: {interval.value:.6g} +- {interval.half:.2g}"
+        print(line, file=sys.stderr, flush=True)
+
+    dataset, interval = simulate_until(
+        scene, until, most, threads=threads, progress=show, output=output, force=force
     )
+    dataset.encoding["rigidmc"]["until"] = (
+        f"  {until}: {interval.value:.6g}, 95 % between {interval.low:.6g} and {interval.high:.6g}"
+    )
+    return dataset, OK if goal_reached(until, interval) else INCOMPLETE
 
 
-def _close(dataset, cost, wall, files):
-    """The closing summary."""
-    import numpy as np
-
+def _summarise(dataset: "xr.Dataset", wall: float, files: list[str]) -> None:
+    """Print what was run, what it cost, how well energy and |L|^2 are kept, and who is flagged."""
+    cost = dataset.encoding["rigidmc"]
     count, steps, seconds = dataset.sizes["member"], cost["steps"], cost["run_seconds"]
-    own = "turn" in dataset.attrs
-    length = (
-        f"{steps:,.1f} steps of their own on average"
-        if own
+    each = (
+        f"{steps:,.1f} steps, which differ from member to member, on average"
+        if "turn" in dataset.attrs
         else f"{steps:,} steps of {dataset.attrs['dt']:.6g} s"
     )
     print(
-        f"{dataset.attrs['title']}: {count:,} members x {length} with {dataset.attrs['integrator']}"
+        f"{dataset.attrs['title']}: {count:,} members x {each} with {dataset.attrs['integrator']}"
     )
     print(
-        f"  {seconds:.2f} s, {count * steps / seconds / 1e6:.0f} M member-steps/s, {count / seconds:,.0f} members/s; "
-        f"compiled in {cost['compile_seconds']:.2f} s; {wall:.2f} s in all"
+        f"  {seconds:.2f} s, {count * steps / seconds / 1e6:.0f} M member-steps/s,"
+        f" {count / seconds:,.0f} members/s; compiled in {cost['compile_seconds']:.2f} s;"
+        f" {wall:.2f} s in all"
     )
     for name, word in (
         ("energy", "energy less work" if "work" in dataset else "energy"),
         ("l2", "|L|^2"),
     ):
-        drift = dataset[f"{name}_drift_max"]
-        values = drift.values[np.isfinite(drift.values)]
-        if values.size:
-            kept = (
-                ""
-                if drift.attrs["conserved"] == "yes"
-                else f"   (not conserved: {drift.attrs['conserved'][4:]})"
-            )
-            print(
-                f"  drift of {word:6s}  median {np.median(values):.1e}   worst {values.max():.1e}{kept}"
-            )
+        _print_drift(dataset[f"{name}_drift_max"], word)
     flags = ", ".join(f"{v:,} {k}" for k, v in cost["flagged"].items() if v and k != "ok")
-    where = "; their `status`, `status_step` and `status_time` tell which and when" if flags else ""
+    where = "; see `status`, `status_step` and `status_time` for which and when" if flags else ""
     print(f"  flagged members: {flags or 'none'}{where}")
     if not files:
         print("  nothing was written: -o FILE keeps the result, --plot FILE draws it")
-    for line in told(files):
+    for line in written(files):
         print(line)
+    if "until" in cost:
+        print(cost["until"])
 
 
-@app.command()
-def show(
-    scene: SceneArgument,
-    members: Members = None, seed: Seed = None, integrator: Integrator = None, dt: Dt = None, turn: Turn = None,
-    t_end: TEnd = None,
-    every: Every = None, save: Save = None, keep: Keep = None, threads: Threads = None, tolerance: Tolerance = None,
-    dtype: Dtype = None, compensated: Compensated = None, settings: Set = [], allow_code: AllowCode = False,  # noqa: B006
-):  # fmt: skip
-    """Say what a scene is, which effects are compiled, and what a run of it would take, without running it."""
-    with reported():
-        from rigidmc.engine.machine import threads_available
-        from rigidmc.views.scene import describe
+def _print_drift(drift: "xr.DataArray", word: str) -> None:
+    """Print the median and the worst drift of a quantity."""
+    import numpy as np
 
-        loaded = load_scene(
-            scene,
-            settings,
-            allow_code,
-            members=members,
-            seed=seed,
-            integrator=integrator,
-            dt=dt,
-            turn=turn,
-            t_end=t_end,
-            every=every,
-            save=save,
-            keep=keep,
-            tolerance=tolerance,
-            dtype=dtype,
-            compensated=compensated,
+    values = drift.values[np.isfinite(drift.values)]
+    if values.size:
+        conserved = drift.attrs["conserved"]
+        note = "" if conserved == "yes" else f"   (not conserved: {conserved[4:]})"
+        print(
+            f"  drift of {word:6s}  median {np.median(values):.1e}   worst {values.max():.1e}{note}"
         )
-        try:
-            print(describe(loaded, threads or threads_available()))
-        except ValueError as error:
-            if hasattr(error, "file"):
-                error.file = error.file or scene
-            raise
-
-
-@app.command()
-def check(scene: SceneArgument, settings: Set = [], allow_code: AllowCode = False):  # noqa: B006
-    """Check a scene file: exit code 0 where it can be run, 3 and one message where it cannot."""
-    with reported():
-        from rigidmc.errors import SceneError
-        from rigidmc.planning.notes import notes
-        from rigidmc.planning.plan import prepare
-
-        loaded = load_scene(scene, settings, allow_code)
-        try:
-            loaded.check()
-            plan = prepare(
-                loaded.with_run(integrator="rk8")
-                if (auto := loaded.run.integrator == "auto")
-                else loaded
-            )
-            told = notes(loaded, plan)
-        except SceneError as error:
-            error.file = error.file or scene
-            raise
-        for note in told:
-            print(f"note: {note}")
-        how = (
-            f"as many steps as keep {loaded.run.tolerance:g}"
-            if auto
-            else f"{plan.mean_steps:,.0f} steps with {loaded.run.integrator}"
-        )
-        print(f"{scene}: good, {loaded.run.members:,} members x {how}")
-
-
-@app.command(help=library.__doc__.replace("[", r"\[").replace("\n\n", "\n\n\b\n"))
-def scenes(name: Annotated[str | None, typer.Argument(help="A shipped scene to print.")] = None):
-    with reported():
-        from rigidmc.scene.file import load, read_source, shipped
-
-        if name is not None:
-            print(read_source(name), end="")
-            return
-        for word in shipped():
-            print(f"{word:18s} {load(word).summary}")
-
-
-@app.command()
-def plot(
-    file: ResultArgument,
-    output: Annotated[
-        str,
-        typer.Option("-o", "--output", metavar="FILE", help="Picture to write (.png, .pdf, .svg)."),
-    ],
-    picture: Annotated[
-        str,
-        typer.Option(
-            help="summary, momentum_sphere, middle_component, drift_histogram, axis_sphere; gibbs of a scene in a bath."
-        ),
-    ] = "summary",
-    force: Force = False,
-    allow_code: AllowCode = False,
-):
-    """Draw a picture of a result."""
-    with reported():
-        from rigidmc.errors import SceneError, nearest
-
-        pictures = (
-            "summary",
-            "momentum_sphere",
-            "middle_component",
-            "drift_histogram",
-            "axis_sphere",
-            "gibbs",
-        )
-        if picture not in pictures:
-            raise SceneError(
-                "",
-                "--picture",
-                picture,
-                f"no such picture; known: {', '.join(pictures)}",
-                nearest(picture, pictures),
-            )
-        refuse_outputs(force, plot=output)
-        plots = plots_module()
-        try:
-            with opened(file, allow_code) as dataset:
-                if picture == "gibbs":
-                    from rigidmc.views.gibbs import gibbs
-
-                    save_picture(gibbs(dataset, allow_code), output, force)
-                else:
-                    save_picture(getattr(plots, picture)(dataset), output, force)
-        except ValueError as error:
-            fail(error, INVALID)
-        print(*told([output]))
-
-
-@app.command()
-def doctor(machine: Annotated[bool, typer.Option("--json", help="As JSON.")] = False):
-    """Say what this machine offers: cores, vector width, threads, kernel cache, versions."""
-    from rigidmc.views.scene import machine_facts
-
-    facts = machine_facts()
-    if machine:
-        print(json.dumps(facts, indent=1))
-        return
-    for key, value in facts.items():
-        print(f"{key:16s} {value}")

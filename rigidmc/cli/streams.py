@@ -1,54 +1,55 @@
-"""Standard streams that may be closed, without a reader, or on a full disk. Files do not depend on them, nor do exit codes, except
-the one that reports a failed write."""
+"""Standard streams that may be closed, without a reader, or on a full disk. Files and exit codes do
+not depend on them, except the exit code that reports a failed write."""
 
 import contextlib
 import os
 import sys
+from collections.abc import Callable
+from typing import Any, TextIO, cast
 
 
 class Stream:
-    """A standard stream that never fails. fault : the OSError that ended its output; None if only its reader has gone."""
+    """A standard stream that never fails.
 
-    def __init__(self, stream):
+    fault : the OSError that ended its output; None if only its reader has gone
+    """
+
+    def __init__(self, stream: TextIO) -> None:
         self._stream, self._gone = stream, False
         self.fault: OSError | None = None
         with contextlib.suppress(AttributeError):
-            stream.reconfigure(
-                errors="backslashreplace"
-            )  # an encoding without a character, as in |L|², is no reason to fail
+            # an encoding that lacks a character, such as that of |L|², is no reason to fail
+            stream.reconfigure(errors="backslashreplace")  # type: ignore[attr-defined]  # or suppressed
 
-    def write(self, text):
+    def write(self, text: str) -> int:
         self._tried(self._stream.write, text)
         return len(text)
 
-    def flush(self):
+    def flush(self) -> None:
         self._tried(self._stream.flush)
 
-    def _tried(self, work, *given):
+    def _tried(self, work: Callable[..., object], *given: str) -> None:
         if not self._gone:
             try:
                 work(*given)
             except OSError as error:
                 self._gone, self.fault = True, None if isinstance(error, BrokenPipeError) else error
-                with contextlib.suppress(
-                    OSError
-                ):  # its buffer, and what libraries print, goes nowhere
+                with contextlib.suppress(OSError):  # its buffer and what libraries print is dropped
                     os.dup2(os.open(os.devnull, os.O_WRONLY), self._stream.fileno())
 
-    def __getattr__(self, name):
+    def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
 
 
-def guard():
-    """Give this process standard streams that never fail; returns the one of its output."""
+def guard() -> Stream:
+    """Give this process standard streams that never fail; return its standard output."""
     for number in range(3):
         try:
             os.fstat(number)
-        except (
-            OSError
-        ):  # otherwise the next file opened gets this number, and receives what is printed
+        except OSError:  # a closed one: the next file opened would receive what is printed
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
     sys.stdin = sys.stdin or os.fdopen(0, closefd=False)
-    out = sys.stdout = Stream(sys.stdout or os.fdopen(1, "w", closefd=False))
-    sys.stderr = Stream(sys.stderr or os.fdopen(2, "w", closefd=False))
+    out = Stream(sys.stdout or os.fdopen(1, "w", closefd=False))
+    error = Stream(sys.stderr or os.fdopen(2, "w", closefd=False))
+    sys.stdout, sys.stderr = cast(TextIO, out), cast(TextIO, error)
     return out

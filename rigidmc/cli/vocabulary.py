@@ -1,62 +1,63 @@
-"""rigidmc effects, observables, integrators: all of a kind in a list, or one of them explained."""
+"""rigidmc effects, observables, integrators: list all of a kind, or explain one."""
 
+from collections.abc import Callable, Iterable, Iterator
+from inspect import cleandoc
 from math import inf
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from rigidmc.cli.common import app, reported
+from rigidmc.errors import unknown
 
 Name = Annotated[
     str | None,
     typer.Argument(metavar="[NAME]", help="The one to explain; without it all are listed."),
 ]
+Facts = Iterator[tuple[str, str]]
 
 
-def _explained(name, kinds, word, text, lines):
-    """Explain the kind of this name: print its docstring, which has its equation and source, then lines of facts."""
-    from inspect import cleandoc
+def _measure(what: str) -> Any:
+    """The option --measure."""
+    return Annotated[bool, typer.Option("--measure", help=f"Time {what} on this machine.")]
 
-    from rigidmc.errors import unknown
 
+def _explain(
+    name: str, kinds: Iterable[str], kind: str, text: str | None, facts: Callable[[str], Facts]
+) -> None:
+    """Print the docstring of a kind, which has its equation and source, then its facts."""
     if name not in kinds:
-        raise unknown("", word, name, word, kinds)
-    print(f"{name}: {cleandoc(text(name))}\n")
-    for label, fact in lines(name):
+        raise unknown("", kind, name, kind, kinds)
+    print(f"{name}: {cleandoc(text or '')}\n")
+    for label, fact in facts(name):
         if fact:
             print(f"{label:12s} {fact}")
+
+
+def _first_line(kind: Any) -> str:
+    """The summary of a docstring."""
+    return str(kind.__doc__).splitlines()[0]
+
+
+def _by(dims: Iterable[str]) -> str:
+    """In words, the dimensions of a result."""
+    return f", by {', '.join(dims)}" if dims else ""
 
 
 @app.command()
 def effects(
     name: Name = None,
-    measure: Annotated[
-        bool,
-        typer.Option(
-            "--measure", help="Time each on this machine; compiling them takes 3 minutes at first."
-        ),
-    ] = False,
-):
-    """List the effects: law, parameters, what they ask for and keep; with --measure what each costs here. NAME: its equation, parameters and source."""
+    measure: _measure("each effect (compiling takes 3 minutes at first)") = False,  # type: ignore[valid-type]  # an Annotated made by a function
+) -> None:
+    """List the effects: law, parameters, what each needs and conserves; with --measure what each
+    costs here. NAME: its equation, parameters and source."""
     with reported():
         from rigidmc.effects import EFFECTS, description
 
         if name is not None:
-            _explained(name, EFFECTS, "effect", lambda one: EFFECTS[one].__doc__, _of_effect)
+            _explain(name, EFFECTS, "effect", getattr(EFFECTS.get(name), "__doc__", ""), _of_effect)
             return
-
-        costs = {}
-        if measure:
-            from rigidmc.planning.tolerance.costs import effect_prices
-
-            costs = effect_prices()
-            free, turning, heavy, split = (
-                costs.pop(word) for word in ("free", "with attitude", "with gravity", "strang")
-            )
-            print(
-                f"a step of rk4 on one thread: {free:.2f} ns of the momentum alone, {turning:.2f} ns with attitude, "
-                f"{heavy:.2f} ns with gravity; of strang {split:.2f} ns with gravity, which is what random effects are added to"
-            )
+        costs = _effect_costs() if measure else {}
         for word, kind in EFFECTS.items():
             law, parameters, facts = description(kind)
             print(f"{word:18s} {law}")
@@ -64,194 +65,180 @@ def effects(
             if word in costs:
                 operations, alone, added = costs[word]
                 print(
-                    f"{'':18s} {operations} a torque; a step with it alone {alone:.2f} ns; it adds {added:.2f} ns to one with gravity"
+                    f"{'':18s} {operations} a torque; a step with it alone {alone:.2f} ns; it adds"
+                    f" {added:.2f} ns to a step with gravity"
                 )
 
 
-def _of_effect(name):
+def _effect_costs() -> dict[str, Any]:
+    """{effect: its measured cost}; print the cost of steps without it."""
+    from rigidmc.planning.tolerance.costs import effect_prices
+
+    costs = effect_prices()
+    words = ("free", "with attitude", "with gravity", "strang")
+    free, turning, heavy, split = (costs.pop(word) for word in words)
+    print(
+        f"a step of rk4 on one thread: {free:.2f} ns of the momentum alone, {turning:.2f} ns with"
+        f" attitude, {heavy:.2f} ns with gravity; of strang {split:.2f} ns with gravity, to which"
+        " random effects are added"
+    )
+    return costs
+
+
+def _of_effect(name: str) -> Facts:
     """(label, fact) of an effect."""
     from rigidmc.effects import EFFECTS, description
     from rigidmc.effects.parameters import given
     from rigidmc.scene.checks import limits
 
     kind = EFFECTS[name]
-    numbers = {
-        field: f" = {kind._field_defaults[field]:g}" if field in kind._field_defaults else ""
-        for field in given(kind)
+    defaults = kind._field_defaults
+    fields = {
+        field: f" = {defaults[field]:g}" if field in defaults else "" for field in given(kind)
     }
-    ranges = {field: limits(kind, field, False) for field in numbers}
-    yield (
-        "in a scene",
-        f"[effects.{name}] with {', '.join(f'{k}{v}' for k, v in numbers.items())}; in Python rigidmc.{kind.__name__}({', '.join(numbers)})",
-    )
-    yield "units", ", ".join(f"{k} [{kind.units[k]}]" for k in numbers)
+    table = ", ".join(f"{field}{default}" for field, default in fields.items())
+    in_python = f"rigidmc.{kind.__name__}({', '.join(fields)})"
+    yield "in a scene", f"[effects.{name}] with {table}; in Python {in_python}"
+    yield "units", ", ".join(f"{field} [{kind.units[field]}]" for field in fields)
+    ranges = ((field, *limits(kind, field, False)) for field in fields)
     yield (
         "ranges",
         ", ".join(
-            f"{k} {low:g} to {high:g}"
-            for k, (low, high) in ranges.items()
+            f"{field} {low:g} to {high:g}"
+            for field, low, high in ranges
             if (low, high) != (-inf, inf)
         ),
     )
     yield "facts", description(kind)[2]
 
 
-def _of_observable(name):
-    """(label, fact) of an observable."""
-    from rigidmc.observables import OBSERVABLES, RUNNING, SUMMARIES, outputs
-
-    if name in OBSERVABLES:
-        kind = OBSERVABLES[name]
-        yield (
-            "in a scene",
-            f'save = ["{name}"], at save times; over all steps '
-            + (
-                ", ".join(word for word, (of, _) in RUNNING.items() if of == name)
-                or "nothing of it"
-            ),
-        )
-        yield (
-            "result",
-            f"{kind.long_name} [{kind.units}]"
-            + (f", by {', '.join(kind.dims)}" if kind.dims else ""),
-        )
-    elif name in SUMMARIES:
-        kind = SUMMARIES[name]
-        table = (
-            f" with [observables.{name}] {', '.join(_default(kind, field) for field in kind._fields)}"
-            if kind._fields
-            else ""
-        )
-        yield "in a scene", f'save = ["{name}"]{table}'
-        for variable, (units, _, dims) in kind.outputs.items():
-            yield "result", f"{variable} [{units}]" + (f", by {', '.join(dims)}" if dims else "")
-    else:
-        of, kind = RUNNING[name]
-        yield "in a scene", f'save = ["{name}"], over all steps of {of}'
-        for variable, (units, text, dims) in outputs(name, kind(OBSERVABLES[of]())).items():
-            yield (
-                "result",
-                f"{variable}: {text} [{units}]" + (f", by {', '.join(dims)}" if dims else ""),
-            )
-
-
-def _of_integrator(name):
-    """(label, fact) of an integrator."""
-    from rigidmc.integrators import INTEGRATORS
-
-    kind = INTEGRATORS[name]
-    order = "exact" if kind.order == float("inf") else f"order {kind.order}"
-    yield "in a scene", f'[run] integrator = "{name}"'
-    yield (
-        "facts",
-        f"{order}, {kind.evaluations} torque{'s' * (kind.evaluations != 1)} a step, {'' if kind.reversible else 'not '}reversible",
-    )
-    yield "takes", kind.accepts
-    yield "keeps", f"{', '.join(kind.conserves) or 'nothing'} of a free body"
-
-
 @app.command()
 def observables(
     name: Name = None,
-    measure: Annotated[bool, typer.Option("--measure", help="Time each on this machine; compiling them takes 4 minutes at first.")] = False,
-):  # fmt: skip
-    """List what can be saved and watched: what it is, its numbers, its results; with --measure what each watched one adds to a step here.
-    NAME: all of it."""
+    measure: _measure("each observable (compiling takes 4 minutes at first)") = False,  # type: ignore[valid-type]
+) -> None:
+    """List what can be saved and watched: its parameters and results; with --measure what each
+    watched one adds to a step here. NAME: all about it."""
     with reported():
         from rigidmc.observables import KNOWN, OBSERVABLES, RUNNING, SUMMARIES
         from rigidmc.observables.running import STATISTICS
 
         if name is not None:
-            kinds = {
-                **OBSERVABLES,
-                **SUMMARIES,
-                **{word: kind for word, (_, kind) in RUNNING.items()},
-            }
-            _explained(
-                name,
-                {word: kinds[word] for word in KNOWN},
-                "observable",
-                lambda one: kinds[one].__doc__,
-                _of_observable,
-            )
+            running = {word: kind for word, (_, kind) in RUNNING.items()}
+            kinds = {**OBSERVABLES, **SUMMARIES, **running}
+            text = getattr(kinds.get(name), "__doc__", "")
+            _explain(name, KNOWN, "observable", text, _of_observable)
             return
-        costs = {}
-        if measure:
-            from rigidmc.planning.tolerance.costs import watched_prices
+        costs = _watching_costs() if measure else {}
 
-            costs = watched_prices()
-            bare = ", ".join(f"{word} {each['']:.2f} ns" for word, each in costs.items())
-            print(f"a step of rk4 with attitude on one thread: {bare}")
-
-        def added(one):
-            if one in next(iter(costs.values()), {}):
-                print(
-                    f"{'':12s} adds "
-                    + ", ".join(f"{each[one]:.2f} ns {word}" for word, each in costs.items())
-                )
+        def print_added(word: str) -> None:
+            if word in next(iter(costs.values()), {}):
+                added = ", ".join(f"{each[word]:.2f} ns {where}" for where, each in costs.items())
+                print(f"{'':12s} adds {added}")
 
         print("at save times (save = [...]):")
         for word, kind in OBSERVABLES.items():
-            print(f"{word:12s} {kind.__doc__.splitlines()[0]} [{kind.units}]")
-        print(
-            "\nover all steps, one result per member (save = [...]; numbers in a table [observables.NAME]):"
-        )
+            print(f"{word:12s} {_first_line(kind)} [{kind.units}]")
+        print("\nover all steps, one result per member (save = [...]; parameters in a table")
+        print("[observables.NAME]):")
         for word, kind in SUMMARIES.items():
-            print(f"{word:12s} {kind.__doc__.splitlines()[0]}")
-            print(
-                f"{'':12s} numbers: {', '.join(_default(kind, f) for f in kind._fields) or 'none'}; results: {', '.join(kind.outputs) or 'counts'}"
-            )
-            added(word)
+            parameters = ", ".join(_default(kind, f) for f in kind._fields) or "none"
+            results = ", ".join(kind.outputs) or "counts"
+            print(f"{word:12s} {_first_line(kind)}")
+            print(f"{'':12s} parameters: {parameters}; results: {results}")
+            print_added(word)
         able = [word for word in OBSERVABLES if f"{word}_mean" in RUNNING]
         print(f"\nand of {', '.join(able)}, over all steps:")
         for word, kind in STATISTICS.items():
-            print(f"NAME_{word:7s} {kind.__doc__.splitlines()[0]}")
+            print(f"NAME_{word:7s} {_first_line(kind)}")
             for one in able:
-                added(f"{one}_{word}")
+                print_added(f"{one}_{word}")
 
 
-def _default(kind, field):
-    """A number of an observable, with its default."""
-    defaults = kind._field_defaults
-    return (
-        f"{field} = {defaults[field]:.4g}"
-        if isinstance(defaults.get(field), float)
-        else f"{field} = {defaults[field]}"
-        if field in defaults
-        else field
-    )
+def _watching_costs() -> dict[str, dict[str, float]]:
+    """{scene: {observable: what it adds to a step [ns]}}; print the cost of bare steps."""
+    from rigidmc.planning.tolerance.costs import watched_prices
+
+    costs = watched_prices()
+    bare = ", ".join(f"{where} {each['']:.2f} ns" for where, each in costs.items())
+    print(f"a step of rk4 with attitude on one thread: {bare}")
+    return costs
+
+
+def _of_observable(name: str) -> Facts:
+    """(label, fact) of an observable."""
+    from rigidmc.observables import OBSERVABLES, RUNNING, SUMMARIES, outputs
+
+    if name in OBSERVABLES:
+        kind = OBSERVABLES[name]
+        over = ", ".join(word for word, (of, _) in RUNNING.items() if of == name) or "nothing of it"
+        yield "in a scene", f'save = ["{name}"], at save times; over all steps {over}'
+        yield "result", f"{kind.long_name} [{kind.units}]{_by(kind.dims)}"
+    elif name in SUMMARIES:
+        kind = SUMMARIES[name]
+        fields = ", ".join(_default(kind, field) for field in kind._fields)
+        table = f" with [observables.{name}] {fields}" if fields else ""
+        yield "in a scene", f'save = ["{name}"]{table}'
+        for variable, (units, _, dims) in kind.outputs.items():
+            yield "result", f"{variable} [{units}]{_by(dims)}"
+    else:
+        of, kind = RUNNING[name]
+        yield "in a scene", f'save = ["{name}"], over all steps of {of}'
+        for variable, (units, text, dims) in outputs(name, kind(OBSERVABLES[of]())).items():
+            yield "result", f"{variable}: {text} [{units}]{_by(dims)}"
+
+
+def _default(kind: Any, field: str) -> str:
+    """A parameter of an observable, with its default if it has one."""
+    if field not in kind._field_defaults:
+        return field
+    default = kind._field_defaults[field]
+    return f"{field} = {default:.4g}" if isinstance(default, float) else f"{field} = {default}"
 
 
 @app.command()
 def integrators(
     name: Name = None,
-    measure: Annotated[
-        bool, typer.Option("--measure", help="Time a step of each on this machine, free and heavy.")
-    ] = False,
-):
-    """List the integrators: order, torques a step, what they keep, which torques they take; with --measure what a step costs here. NAME: its source."""
+    measure: _measure("a step of each integrator, free and heavy,") = False,  # type: ignore[valid-type]
+) -> None:
+    """List the integrators: order, torques a step, what they conserve, which torques they take;
+    with --measure what a step costs here. NAME: its source."""
     with reported():
         from rigidmc.integrators import INTEGRATORS, description
 
         if name is not None:
-            _explained(name, INTEGRATORS, "integrator", description, _of_integrator)
+            text = description(name) if name in INTEGRATORS else ""
+            _explain(name, INTEGRATORS, "integrator", text, _of_integrator)
             return
-        costs = {}
+        costs: dict[str, dict[str, float]] = {}
         if measure:
             from rigidmc.planning.tolerance.ladder import step_costs
 
             costs = step_costs()
         for word, kind in INTEGRATORS.items():
-            order = "exact" if kind.order == float("inf") else f"order {kind.order}"
             keeps = ", ".join(kind.conserves) or "nothing"
             print(f"{word:10s} {description(word).splitlines()[0]}")
-            facts = [
-                f"{kind.evaluations} torque{'s' * (kind.evaluations != 1)} a step",
-                "reversible" if kind.reversible else "not reversible",
-            ]
             print(
-                f"{'':10s} {order}, {', '.join(facts)}; takes {kind.accepts}; keeps {keeps} of a free body"
+                f"{'':10s} {_order(kind)}; takes {kind.accepts}; conserves {keeps} of a free body"
             )
             if word in costs:
-                made = [f"{where} {ns:.1f} ns" for where, ns in costs[word].items()]
-                print(f"{'':10s} a step on one thread: {', '.join(made)}")
+                times = ", ".join(f"{where} {ns:.1f} ns" for where, ns in costs[word].items())
+                print(f"{'':10s} a step on one thread: {times}")
+
+
+def _order(kind: Any) -> str:
+    """In words, order, torques a step and reversibility of an integrator."""
+    order = "exact" if kind.order == inf else f"order {kind.order}"
+    torques = f"{kind.evaluations} torque{'s' * (kind.evaluations != 1)} a step"
+    return f"{order}, {torques}, {'' if kind.reversible else 'not '}reversible"
+
+
+def _of_integrator(name: str) -> Facts:
+    """(label, fact) of an integrator."""
+    from rigidmc.integrators import INTEGRATORS
+
+    kind = INTEGRATORS[name]
+    yield "in a scene", f'[run] integrator = "{name}"'
+    yield "facts", _order(kind)
+    yield "takes", kind.accepts
+    yield "conserves", f"{', '.join(kind.conserves) or 'nothing'} of a free body"

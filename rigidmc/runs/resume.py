@@ -28,6 +28,7 @@ from rigidmc.files.outputs import (
 from rigidmc.planning.job import program_of
 from rigidmc.planning.notes import notes
 from rigidmc.planning.plan import BLOCK
+from rigidmc.planning.settle import settled
 from rigidmc.planning.stage import stage
 from rigidmc.planning.units import told
 from rigidmc.progress import announcing
@@ -44,7 +45,6 @@ from rigidmc.runs.shards import (
     scene_in,
     scene_of_run,
 )
-from rigidmc.runs.simulate import settled
 from rigidmc.scene import amounts
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.quantities import rows

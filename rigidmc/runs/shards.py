@@ -16,8 +16,9 @@ from rigidmc.errors import SceneError
 from rigidmc.files.reading import text_of
 from rigidmc.observables import rows_of
 from rigidmc.planning.plan import BLOCK, SLAB
+from rigidmc.planning.settle import settled
 from rigidmc.planning.units import told
-from rigidmc.runs.simulate import compute, settled
+from rigidmc.runs.blocks import compute
 from rigidmc.scene.file import loads
 from rigidmc.storage.run_directory import damaged, flagged_of, hash_of, hash_of_file
 from rigidmc.storage.schema import bytes_of_a_member

@@ -10,9 +10,9 @@ from rigidmc.errors import SceneError
 from rigidmc.integrators import INTEGRATORS
 from rigidmc.planning.closed_form import closed_values
 from rigidmc.planning.job import program_of
+from rigidmc.planning.settle import settled
 from rigidmc.planning.stage import stage
 from rigidmc.progress import announcing
-from rigidmc.runs.simulate import settled
 
 
 class Warmed(NamedTuple):

@@ -119,15 +119,12 @@ class Scene:
         """The same scene with other run settings, see `changed`; those that are None stay as they are."""
         given = {k: v for k, v in settings.items() if v is not None}
         more = self.observables
-        if "save" in given and any(hasattr(one, "_fields") for one in given["save"]):
-            more += tuple(
-                one for one in given["save"] if hasattr(one, "_fields") and one not in more
-            )
-            given["save"] = tuple(
-                dict.fromkeys(
-                    summary_of(one) if hasattr(one, "_fields") else one for one in given["save"]
-                )
-            )
+        if "save" in given:
+            save = (given["save"],) if isinstance(given["save"], str) else tuple(given["save"])
+            built = tuple(one for one in save if hasattr(one, "_fields"))
+            more += tuple(one for one in built if one not in more)
+            words = (summary_of(one) if one in built else one for one in save)
+            given["save"] = tuple(dict.fromkeys(words))
         run = changed(self.run, given)
         if run.integrator not in (*INTEGRATORS, "auto"):
             raise unknown("run", "integrator", run.integrator, "integrator", (*INTEGRATORS, "auto"))

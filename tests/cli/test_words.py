@@ -100,7 +100,7 @@ def test_counts_and_times_are_taken_in_files_in_python_and_on_the_command_line()
     ds = rm.simulate(scene, members=4e0, dt="10 ms", t_end="0.1 s", every="50ms")
     assert ds.sizes["member"] == 4 and ds.time.values.tolist() == [0.0, 0.05, 0.1]
     assert (
-        "good, 2,000 members x 6,000 steps"
+        "valid, 2,000 members x 6,000 steps"
         in invoke(
             "check", "dzhanibekov", "--set", "run.members=2e3", "--set", "run.t_end=1 min"
         ).stdout

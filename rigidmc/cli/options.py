@@ -1,0 +1,200 @@
+"""Options and arguments that commands share; those of the run settings follow from `Run`."""
+
+import functools
+import inspect
+from collections.abc import Callable, Collection
+from typing import Annotated, Any
+
+import typer
+
+from rigidmc.cli.common import INVALID, fail
+from rigidmc.errors import SceneError
+from rigidmc.scene.amounts import counted_text, seconds
+from rigidmc.scene.settings import Count, Digits, Index, Run, Time, types
+
+
+def _checked(read: Callable[[str], Any]) -> Callable[[str], Any]:
+    """A parser of an option's text; a SceneError ends the command with its message."""
+
+    def parser(text: str) -> Any:
+        try:
+            return read(text)
+        except SceneError as error:
+            return fail(error, INVALID)
+
+    return parser
+
+
+def count_option(key: str, least: int = 1, most: int | None = None, **option: Any) -> Any:
+    """An option that takes a whole number, also as 1e6."""
+
+    def read(text: str) -> int:
+        return counted_text(text, key, least, most)
+
+    return typer.Option(key, parser=_checked(read), metavar="N", **option)
+
+
+def time_option(key: str, positive: bool = True, **option: Any) -> Any:
+    """An option that takes a time: seconds, or 90s, 1h30m, 250ms."""
+
+    def read(text: str) -> float:
+        return seconds(text, key, positive=positive)
+
+    return typer.Option(key, parser=_checked(read), metavar="TIME", **option)
+
+
+def words_of(text: str) -> tuple[str, ...]:
+    """The words of a list such as "omega,energy"; "none" and "" are the empty list."""
+    return tuple(word.strip() for word in text.split(",") if word.strip() not in ("", "none"))
+
+
+def _keep_of(text: str) -> str | dict[str, str]:
+    """The setting `keep` of "final", or of "omega=final,energy=summary"."""
+    if "=" not in text:
+        return text
+    pairs = (part.partition("=") for part in text.split(","))
+    return {name.strip(): word.strip() for name, _, word in pairs}
+
+
+_TEXTS: dict[str, Callable[[str], Any]] = {"save": words_of, "keep": _keep_of}
+
+
+def setting(name: str) -> Any:
+    """The annotated type of the option for a run setting: key, parser and help text follow from the
+    field of `Run`."""
+    kind, key = types()[name], f"--{name.replace('_', '-')}"
+    description = Run.model_fields[name].description or ""
+    text: dict[str, Any] = {
+        "help": f"{description[0].upper()}{description[1:]}.".replace("[", "\\["),
+        "rich_help_panel": "Settings of the run, in place of the scene's",
+    }
+    if name in _TEXTS:
+        return Annotated[Any, typer.Option(key, parser=_TEXTS[name], metavar="WORDS", **text)]
+    if kind is bool:
+        return Annotated[bool | None, typer.Option(f"{key}/--no-{key[2:]}", **text)]
+    if kind == Time:
+        return Annotated[Any, time_option(key, **text)]
+    if kind in (Count, Index, Digits):
+        return Annotated[Any, count_option(key, 0 if kind == Index else 1, **text)]
+    number = getattr(kind, "__origin__", kind) is float
+    return Annotated[(float if number else str) | None, typer.Option(key, **text)]
+
+
+Command = Callable[..., None]
+
+
+def takes_settings(*names: str, but: Collection[str] = ()) -> Callable[[Command], Command]:
+    """Decorate a command that has a parameter `run`: give it an option for each run setting of
+    `names` (all by default, except those of `but`). `run` is the dict of the given settings."""
+    chosen = [name for name in names or Run.model_fields if name not in but]
+
+    def decorate(command: Command) -> Command:
+        signature = inspect.signature(command)
+        kind = inspect.Parameter.KEYWORD_ONLY
+        others = [p.replace(kind=kind) for p in signature.parameters.values() if p.name != "run"]
+        options = [
+            inspect.Parameter(name, kind, default=None, annotation=setting(name)) for name in chosen
+        ]
+
+        @functools.wraps(command)
+        def gathered(**given: Any) -> None:
+            run = {name: given.pop(name) for name in chosen}
+            command(run={k: v for k, v in run.items() if v is not None}, **given)
+
+        gathered.__signature__ = signature.replace(parameters=[*others, *options])  # type: ignore[attr-defined]  # a documented hook of inspect
+        gathered.__annotations__ = {p.name: p.annotation for p in (*others, *options)}
+        return gathered
+
+    return decorate
+
+
+SceneArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENE", help="A TOML file, the name of a shipped scene, or a result file (.nc)."
+    ),
+]
+ResultArgument = Annotated[
+    str, typer.Argument(metavar="FILE", help="A result (.nc), or a run directory.")
+]
+RunArgument = Annotated[
+    str, typer.Argument(metavar="RUN", help="A run directory, made by `rigidmc run SCENE -o RUN/`.")
+]
+Threads = Annotated[
+    int | None, count_option("--threads", help="Number of threads; by default one for each core.")
+]
+Set = Annotated[
+    list[str],
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Override a value of the scene, e.g. body.moments=[1,2,3].",
+    ),
+]
+AllowCode = Annotated[
+    bool,
+    typer.Option("--allow-code", help="Run the Python files that contain the scene's own effects."),
+]
+Output = Annotated[
+    str | None, typer.Option("-o", "--output", metavar="FILE", help="netCDF file to write.")
+]
+OutputOrRun = Annotated[
+    str | None,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="FILE",
+        help="netCDF file to write; with RUN/, a run directory, which survives a kill.",
+    ),
+]
+Plot = Annotated[
+    str | None, typer.Option(metavar="FILE", help="Picture to write (.png, .pdf, .svg).")
+]
+Force = Annotated[bool, typer.Option(help="Replace files that exist; folders never.")]
+Until = Annotated[
+    str | None,
+    typer.Option(
+        metavar="MEASURE",
+        help="Add members until a measure is known well enough, e.g."
+        ' "p(flips >= 1) +- 0.001", "mean(flip_wait) +- 1 %".',
+    ),
+]
+Most = Annotated[int, count_option("--most", 32, help="With --until: the most members to add.")]
+Accept = Annotated[
+    bool,
+    typer.Option(
+        "--accept", help="Go on although library versions differ, which may change last bits."
+    ),
+]
+MaxWall = Annotated[
+    float | None,
+    time_option(
+        "--max-wall",
+        help="Start no shard that would end later than this; `rigidmc resume` goes on."
+        " 3h, 1h30m, 3600s or seconds.",
+    ),
+]
+ShardSize = Annotated[
+    float | None,
+    typer.Option(
+        min=0.001,
+        help="Size of a shard of a run directory \\[MB], by default 67;"
+        " at least one block of members.",
+    ),
+]
+Cluster = Annotated[
+    str | None,
+    typer.Option(
+        metavar="WHERE",
+        help="Compute on dask workers: tcp://host:8786 of a scheduler, or local:N processes here.",
+    ),
+]
+Shards = Annotated[
+    str | None,
+    typer.Option(
+        "--shards",
+        metavar="FROM:TO",
+        help="Only these shards, as in a job array: 0:100 are the first hundred. `rigidmc show`"
+        " tells how many there are.",
+    ),
+]

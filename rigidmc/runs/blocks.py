@@ -1,0 +1,168 @@
+"""Blocks of members: staged, advanced by the engine on threads, and handed to a sink."""
+
+import math
+import time
+from collections.abc import Iterable, Mapping
+from typing import Any, Protocol
+
+import numpy as np
+import xarray as xr
+
+from rigidmc.engine import layout
+from rigidmc.engine.layout import whole_lanes
+from rigidmc.engine.program import Program
+from rigidmc.engine.threads import run_blocks
+from rigidmc.observables import OBSERVABLES, rows_of
+from rigidmc.planning import watch
+from rigidmc.planning.job import Job, closed_job, job_of, program_of
+from rigidmc.planning.plan import Plan
+from rigidmc.planning.stage import stage
+from rigidmc.planning.units import Internal, told
+from rigidmc.progress import Progress, reporter
+from rigidmc.scene.scene import Scene
+from rigidmc.storage.schema import member_variables
+from rigidmc.storage.sinks import File, Memory
+
+
+class Sink(Protocol):
+    """Where the results of blocks go: memory, a file, or the shards of a run directory."""
+
+    def room(self, low: int, count: int) -> tuple[np.ndarray, int, int]:
+        """Memory for what members low ... low + count - 1 save: the array, its width, the first
+        column."""
+
+    def take(self, job: Job, results: dict[str, np.ndarray]) -> None:
+        """Take a finished block and the results of its members."""
+
+    def finish(self) -> Any:
+        """Complete the result and return it."""
+
+    def discard(self) -> None:
+        """Drop an incomplete result."""
+
+
+def run(
+    scene: Scene,
+    plan: Plan,
+    threads: int,
+    progress: Progress = False,
+    output: str | None = None,
+    force: bool = False,
+    attrs: Mapping[str, Any] | None = None,
+    units: Internal | None = None,
+) -> xr.Dataset:
+    """Run the plan of a scene and return its result; see `simulate`.
+
+    units : how the scene was rescaled; the result is in the units of the original scene
+
+    `dataset.encoding["rigidmc"]` holds the cost of the run and the number of flagged members.
+    """
+    began = time.perf_counter()
+    program = program_of(scene, plan)
+    compiled = time.perf_counter() - began
+    original, shown = told(scene, plan, units)
+    sink: Sink = Memory(original, shown, dict(attrs or {}))
+    if output is not None:
+        sink = File(output, original, shown, force, dict(attrs or {}))
+    began = time.perf_counter()
+    try:
+        flagged = compute(scene, plan, program, threads, sink, progress, units)
+        dataset = sink.finish()
+    except BaseException:
+        sink.discard()
+        raise
+    dataset.encoding["rigidmc"] = {
+        "compile_seconds": compiled,
+        "run_seconds": time.perf_counter() - began,
+        "flagged": flagged,
+        "steps": plan.mean_steps,
+    }
+    return dataset
+
+
+def compute(
+    scene: Scene,
+    plan: Plan,
+    program: Program | None,
+    threads: int,
+    sink: Sink,
+    progress: Progress = False,
+    units: Internal | None = None,
+    blocks: Iterable[int] | None = None,
+    members: int | None = None,
+) -> dict[str, int]:
+    """Compute all blocks of a plan, or only those in `blocks`, and hand each to the sink when it is
+    done; {status: number of members}.
+
+    members : number of members in `blocks`, for the progress bar
+    """
+    original, shown = told(scene, plan, units)
+    flagged = dict.fromkeys(layout.STATUSES, 0)
+
+    def make(i: int) -> Job:
+        low = i * plan.block
+        count = min(plan.block, plan.members - low)
+        span = plan.dt if plan.own else None
+        lanes = whole_lanes(count)
+        block, start = stage(scene, plan.first + low, lanes, plan.carried, span, plan.watch.rows)
+        place = (plan.first + low, count, block, start, *sink.room(low, count))
+        if scene.run.integrator == "closed":
+            return closed_job(scene, plan, *place)
+        return job_of(scene, plan, program, *place)
+
+    def finished(job: Job) -> None:
+        results = _results(job, scene, plan)
+        for status, count in zip(
+            layout.STATUSES,
+            np.bincount(results["status"], minlength=len(layout.STATUSES)),
+            strict=True,
+        ):
+            flagged[status] += int(count)
+        if units is not None:
+            results = _in_original_units(job, results, original, shown, units)
+        sink.take(job, results)
+
+    which = range(math.ceil(plan.members / plan.block)) if blocks is None else blocks
+    with reporter(progress, plan.members if members is None else members, plan.steps) as report:
+        run_blocks(make, which, threads, finished, report.step, report.poll)
+    return flagged
+
+
+def _results(job: Job, scene: Scene, plan: Plan) -> dict[str, np.ndarray]:
+    """{variable: values} of the finished members of a block, except what was saved over time."""
+    rows = job.block if job.order is None else job.block[:, np.argsort(job.order)]
+    status = rows[layout.STATUS, : job.size].astype("i1")
+    flagged, fault = rows[layout.STATUS] > 0.0, rows[layout.FAULT_STEP]
+    steps = rows[layout.STEPS]
+    return {
+        "energy_drift_max": rows[layout.DRIFT],
+        "l2_drift_max": rows[layout.DRIFT + 1],
+        **watch.results(scene, plan.watch, rows, plan.dt / steps, plan.steps * steps),
+        "status_step": np.where(flagged, fault, -1.0),
+        "status_time": np.where(flagged, fault * (plan.dt / steps), np.nan),
+        "status": status,
+        "steps": steps * plan.steps,
+        **job.start,
+    }
+
+
+def _in_original_units(
+    job: Job, results: dict[str, np.ndarray], scene: Scene, plan: Plan, units: Internal
+) -> dict[str, np.ndarray]:
+    """Results in the units of the original scene; values saved over time are changed in place."""
+    names = scene.recorded()
+    factors = [
+        units.factor(OBSERVABLES[name].units)
+        for name in names
+        for _ in range(rows_of(scene.effects, name))
+    ]
+    if job.width:
+        saves = job.out.reshape(plan.times.size, len(factors), job.width)
+        saves[..., job.column : job.column + job.block.shape[1]] *= np.array(factors)[:, None]
+    known = member_variables(scene, plan.carried)
+    return {
+        name: values * units.factor(known[name].attrs.get("units", "1"))
+        if name in known
+        else values
+        for name, values in results.items()
+    }
