@@ -18,6 +18,7 @@ from rigidmc.scene.body import broken
 from rigidmc.scene.checks import PILOT
 from rigidmc.scene.conservation import conservation
 from rigidmc.scene.idle import idle
+from rigidmc.scene.laws import GibbsMomentum
 from rigidmc.scene.quantities import Grid, draw, is_open
 
 FEW = 64  # members whose effects and angles are looked at
@@ -168,7 +169,7 @@ def _orbit_inside(seen):
 def _angles(seen):
     start, seed, turn = seen.scene.coarse().start, seen.scene.run.seed, 2.0 * math.pi * (1.0 + 1e-9)
     rule = "is more than {} pi: angles are in rad, 30 degrees are 0.5236"
-    if isinstance(start.attitude, tuple) and len(start.attitude) == 3:
+    if start.by_euler_angles:
         worst = np.abs(draw(start.attitude, seed, "start.attitude", 0, FEW)).max()
         if worst > turn:
             yield f"[start] attitude: an Euler angle of {worst:g} {rule.format(2)}"
@@ -193,12 +194,7 @@ def _angles(seen):
 
 def _quaternions(seen):
     attitude = seen.scene.start.attitude
-    if (
-        not isinstance(attitude, tuple)
-        or hasattr(attitude, "_fields")
-        or len(attitude) != 4
-        or is_open(*attitude)
-    ):
+    if not isinstance(attitude, tuple) or len(attitude) != 4 or is_open(*attitude):
         return
     sizes = np.atleast_1d(np.sqrt(sum(np.square(part) for part in attitude)))
     worst = sizes[np.abs(sizes - 1.0).argmax()]
@@ -263,12 +259,12 @@ def _about_centre(moments, mass, centre):
 def _hot(seen):
     """A kT given in K instead of J, for bodies small enough to feel heat at all."""
     momentum = seen.scene.coarse().start.momentum
-    found = [
+    found: list[tuple[str, Any]] = [
         (f"effects.{label}", effect.kT)
         for label, effect in seen.effects
         if isinstance(effect, Bath)
     ]
-    if hasattr(momentum, "kT"):
+    if isinstance(momentum, GibbsMomentum):
         found.append(
             ("start", draw((momentum.kT,), seen.scene.run.seed, "start.momentum.kT", 0, FEW))
         )

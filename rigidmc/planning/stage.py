@@ -17,7 +17,8 @@ from rigidmc.engine.streams import key_of, stream_of, uniforms
 from rigidmc.errors import SceneError
 from rigidmc.scene.body import broken
 from rigidmc.scene.checks import PILOT
-from rigidmc.scene.laws import Facts, turns
+from rigidmc.scene.laws.directions import uniform_attitudes
+from rigidmc.scene.laws.protocol import Facts, Law
 from rigidmc.scene.points import Antithetic, Recorder, points
 from rigidmc.scene.quantities import draw
 
@@ -114,7 +115,7 @@ def _staged(scene, seed, first, count, carried):
     start = {"moments": moments, "mass": mass, "centre": centre, f"start_{which}": spin, **drawn}
     if carried:
         start["start_attitude"] = block[layout.ATTITUDE : layout.MOMENTUM].copy()
-        if len(scene.start.attitude) == 3:
+        if scene.start.by_euler_angles:
             start["start_euler"] = draw(scene.start.attitude, seed, "start.attitude", first, count)
     block[layout.MOMENTUM : layout.REST] = spin * moments if which == "omega" else spin
     bad = (
@@ -146,7 +147,7 @@ def check_starts(scene):
     which = "omega" if scene.start.momentum is None else "momentum"
     if scene.start.attitude != "ensemble":
         if (
-            hasattr(getattr(scene.start, which), "_fields")
+            isinstance(getattr(scene.start, which), Law)
             and stage(scene, 0, PILOT, True)[0][layout.STATUS].all()
         ):
             rule = f"none of the first {PILOT} members has one: its energy, temperature or size cannot be"
@@ -156,7 +157,7 @@ def check_starts(scene):
     known = facts(scene, block, start["moments"])
     share = scene.start.momentum.share(scene.run.seed, 0, PILOT, known)
     u, v, w, _ = uniforms(scene.run.seed, "start.attitude.ensemble", 0, PILOT, 0)
-    tried = turns(u, v, w)
+    tried = uniform_attitudes(u, v, w)
     if (np.abs(known.potential(tried)) > known.bound * (1.0 + 1e-9)).any():
         rule = "needs the largest potential energy that an attitude may have: an effect of your own tells it by energy_scale(self, body) [J]"
         raise SceneError("start", "attitude", "ensemble", rule)

@@ -11,6 +11,7 @@ from rigidmc.effects import name_of
 from rigidmc.effects.parameters import filled, numbers
 from rigidmc.errors import SceneError
 from rigidmc.planning.stage import source, stage
+from rigidmc.scene.laws.protocol import Law
 from rigidmc.scene.quantities import Distribution, Grid, is_shared
 
 # exponents of kilogram, metre and second; amperes stay as they are
@@ -120,7 +121,7 @@ def internal(scene):
         return None
     moments, mass, centre = (x[..., 0] for x in scene.body.sample(scene.run.seed, 0, 1))
     which = "omega" if scene.start.momentum is None else "momentum"
-    if hasattr(getattr(scene.start, which), "_fields"):  # a law, which may depend on the energy
+    if isinstance(getattr(scene.start, which), Law):  # a law, which may depend on the energy
         spin = stage(scene, 0, 1, True)[1][f"start_{which}"]
     else:
         _, spin = scene.start.spin(source(scene), 0, 1, None)
@@ -159,13 +160,13 @@ def _power(exponent):
 
 def _sized(values, by, energy):
     """Three quantities, or a vector of `rigidmc.scene.laws`, with its sizes times `by` and its energies times `energy`."""
-    if not hasattr(values, "_fields"):
+    if not isinstance(values, Law):
         return tuple(_times(x, by) for x in values)
     made = {}
     for name, power in values.sized.items():
         factor, value = energy if power == "energy" else by**power, getattr(values, name)
         made[name] = _all_times(value, factor)
-    return values._replace(**made)
+    return replace(values, **made)
 
 
 def _all_times(value, by):

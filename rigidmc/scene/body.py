@@ -9,7 +9,8 @@ import numpy as np
 from rigidmc.errors import SceneError, nearest, unknown
 from rigidmc.mechanics import inertia, rotation, solids
 from rigidmc.mechanics.inertia import broken
-from rigidmc.scene.laws import checked, numbers_of
+from rigidmc.scene.laws import checked
+from rigidmc.scene.laws.protocol import Law, numbers_of
 from rigidmc.scene.quantities import draw, is_open, is_shared, quantity, vector
 
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -59,7 +60,7 @@ class Body(metaclass=_Hints):
     axes: tuple = IDENTITY
 
     def __post_init__(self):
-        whole = hasattr(self.moments, "_fields")
+        whole = isinstance(self.moments, Law)
         moments = (
             checked(self.moments, "body", "moments")
             if whole
@@ -333,14 +334,14 @@ class Body(metaclass=_Hints):
         """All quantities of the body, in one flat tuple."""
         moments = (
             (self.moments, *numbers_of(self.moments))
-            if hasattr(self.moments, "_fields")
+            if isinstance(self.moments, Law)
             else self.moments
         )
         return (*moments, self.mass, *self.centre)
 
     def sample(self, seed, first, count):
         """(moments (3, count), mass (count), centre of mass in principal axes (3, count)) of some members."""
-        if hasattr(self.moments, "_fields"):
+        if isinstance(self.moments, Law):
             moments = self.moments.sample(seed, "body.moments", first, count, None)
         else:
             moments = draw(self.moments, seed, "body.moments", first, count)

@@ -12,6 +12,7 @@ from rigidmc.observables import OBSERVABLES, SIZES
 from rigidmc.scene.body import broken
 from rigidmc.scene.idle import idle
 from rigidmc.scene.laws import Correlated
+from rigidmc.scene.laws.protocol import Law
 from rigidmc.scene.quantities import Distribution, Grid, draw, rows
 
 PILOT = 4096  # members whose sampled values are looked at before a run; always the same ones, so that bits do not depend on `members`
@@ -51,7 +52,7 @@ def _check_points(scene):
     """Raise SceneError for points that the members have not."""
     run = scene.run
     vectors = any(
-        hasattr(v, "_fields")
+        isinstance(v, Law)
         for v in (scene.body.moments, scene.start.omega, scene.start.momentum, scene.start.attitude)
     )
     drawn = (
@@ -110,13 +111,13 @@ def _check_drawn(scene):
                     f"effects.{label}", name, float(bad[0]), outside(effect, low, high)
                 )
         if hasattr(effect, "drives") and not scene.run.anti_damping:
-            drawn = [
+            columns = [
                 draw(value, scene.run.seed, f"effects.{label}.{name}", 0, PILOT)
                 for name, value in zip(effect._fields, effect, strict=True)
             ]
-            driven = np.flatnonzero(type(effect)(*drawn).drives())
+            driven = np.flatnonzero(type(effect)(*columns).drives())
             if driven.size:
-                example = ", ".join(f"{x:.4g}" for x in np.concatenate(drawn)[:, driven[0]])
+                example = ", ".join(f"{x:.4g}" for x in np.concatenate(columns)[:, driven[0]])
                 raise SceneError(
                     f"effects.{label}",
                     effect._fields[0],

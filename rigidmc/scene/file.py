@@ -212,7 +212,7 @@ def dumps(scene):
         body["axes"] = [list(row) for row in scene.body.axes]
     which = "omega" if scene.start.momentum is None else "momentum"
     attitude = scene.start.attitude
-    angles = "start_euler" if len(attitude) == 3 else "start_attitude"
+    angles = "start_euler" if scene.start.by_euler_angles else "start_attitude"
     start = {which: plain(getattr(scene.start, which), f"start_{which}")}
     start["attitude"] = plain(attitude, angles)
     effects: dict[str, Any] = {}

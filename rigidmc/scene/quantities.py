@@ -1,58 +1,79 @@
-"""How members differ: numbers, distributions, grids or one row per member, drawn as a function of (seed, name, member) alone."""
+"""How members differ: numbers, distributions, grids or one row per member, each a function of
+(seed, name, member) alone."""
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any, Protocol, TypeGuard
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rigidmc.dynamics.functions import normal_quantile, power
 from rigidmc.engine.streams import uniforms
 from rigidmc.errors import SceneError, unknown
 from rigidmc.scene.amounts import counted
 
+Array = NDArray[np.float64]
+
+
+class PointSet(Protocol):
+    """Points that stand in place of independent random numbers, see `rigidmc.scene.points`."""
+
+    def words(self, name: str, first: int, count: int, draw: int, used: Sequence[int]) -> Array: ...
+
+
+Source = int | PointSet  # what numbers are drawn from: a seed, or points
+
 
 @dataclass(frozen=True)
 class Distribution:
-    """A probability distribution of one number; `name` is "normal", "uniform" or any continuous one of scipy.stats.
+    """A probability distribution of one number.
 
-    Numbers are drawn by inverting the distribution function, so that any point set in (0, 1) can drive it.
+    name : "normal", "uniform", or a continuous distribution of scipy.stats
+    parameters : (mean, standard deviation), (low, high), or pairs (keyword, value) for scipy
+
+    Numbers are drawn by inverting the distribution function, so that any point set in (0, 1) can
+    drive it.
     """
 
     name: str
-    parameters: tuple
+    parameters: tuple[Any, ...]
 
     @property
-    def by_scipy(self):
-        """Whether its quantiles are computed by scipy, of which another version may round them otherwise."""
+    def by_scipy(self) -> bool:
+        """Whether scipy computes the quantiles; another version of scipy may round differently."""
         return self.name not in ("normal", "uniform")
 
-    def ppf(self, u):
+    def ppf(self, u: Array) -> Array:
         """Quantiles of u, an array in (0, 1)."""
-        if self.name == "normal":
-            return self.parameters[0] + self.parameters[1] * normal_quantile(u)
-        if self.name == "uniform":
-            return self.parameters[0] + (self.parameters[1] - self.parameters[0]) * u
-        return _scipy(self.name)(**dict(self.parameters)).ppf(u)
+        if self.by_scipy:
+            quantiles: Array = _scipy(self.name)(**dict(self.parameters)).ppf(u)
+            return quantiles
+        a, b = self.parameters
+        return a + b * normal_quantile(u) if self.name == "normal" else a + (b - a) * u
 
-    def times(self, by):
-        """The distribution of the number multiplied by a positive one."""
+    def times(self, by: float) -> "Distribution":
+        """The distribution of the number times a positive factor."""
         if not self.by_scipy:
             return Distribution(self.name, tuple(by * p for p in self.parameters))
-        scales = {"loc": 0.0, "scale": 1.0} | dict(self.parameters)
-        return Distribution(
-            self.name, tuple((k, v * by if k in ("loc", "scale") else v) for k, v in scales.items())
-        )
+        parameters = {"loc": 0.0, "scale": 1.0} | dict(self.parameters)
+        parameters["loc"] *= by
+        parameters["scale"] *= by
+        return Distribution(self.name, tuple(parameters.items()))
 
-    def as_table(self):
-        """The distribution as it stands in a scene file."""
+    def as_table(self) -> dict[str, Any]:
+        """The distribution as it is written in a scene file."""
         return {self.name: dict(self.parameters) if self.by_scipy else list(self.parameters)}
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Evenly spaced numbers, the middles of `count` equal parts of (low, high), with `log` of equal ratios; member i has number i // stride % count.
+    """Evenly spaced numbers: the centres of `count` equal parts of (low, high), or with `log` of
+    parts of equal ratio. Member i has number i // stride % count.
 
-    Two of them, one of stride r and one of stride r n, make a map of n columns with r members to a pixel.
+    Two grids, one of stride r and one of stride r n, make a map of n columns with r members of each
+    pixel.
     """
 
     low: float
@@ -61,40 +82,37 @@ class Grid:
     stride: int = 1
     log: bool = False
 
-    def values(self):
-        """All of them."""
+    def values(self) -> Array:
+        """All numbers of the grid."""
         return self._values(np.arange(self.count))
 
-    def _values(self, index):
-        """The values of these indices; all values of a grid may not fit into memory."""
-        share = (index + 0.5) / self.count
-        return (
-            self.low * power(self.high / self.low, share)
-            if self.log
-            else self.low + (self.high - self.low) * share
-        )
-
-    def at(self, first, count):
-        """Those of members first ... first + count - 1."""
+    def at(self, first: int, count: int) -> Array:
+        """The numbers of members first ... first + count - 1."""
         return self._values(np.arange(first, first + count) // self.stride % self.count)
 
-    def times(self, by):
-        """The grid of the number multiplied by a positive one."""
+    def _values(self, index: NDArray[np.int64]) -> Array:
+        """The numbers with these indices; all numbers of a grid may not fit into memory."""
+        share = (index + 0.5) / self.count
+        if self.log:
+            return self.low * power(self.high / self.low, share)
+        return self.low + (self.high - self.low) * share
+
+    def times(self, by: float) -> "Grid":
+        """The grid of the number times a positive factor."""
         return replace(self, low=by * self.low, high=by * self.high)
 
-    def as_table(self):
-        """The grid as it stands in a scene file."""
+    def as_table(self) -> dict[str, Any]:
+        """The grid as it is written in a scene file."""
         more = {"stride": self.stride} | ({"log": True} if self.log else {})
         return {"grid": [self.low, self.high, self.count], **more}
 
 
-def grid(low, high, count, stride=1, log=False):
-    """A Grid; SceneError for ends that are none, or counts below 1."""
+def grid(low: float, high: float, count: int, stride: int = 1, log: bool = False) -> Grid:
+    """A Grid; SceneError unless low < high (both above 0 with `log`), and counts are at least 1."""
     given = {"grid": [low, high, count], "stride": stride, "log": log}
     if not (_is_number(low) and _is_number(high) and low < high) or (log and not low > 0):
-        rule = "expected grid = [low, high, count] with low < high" + (
-            ", above 0 where log = true" if log else ""
-        )
+        above = ", above 0 if log = true" if log else ""
+        rule = f"expected grid = [low, high, count] with low < high{above}"
         raise SceneError("", "grid", given, rule)
     for name, value in (("count", count), ("stride", stride)):
         try:
@@ -104,89 +122,86 @@ def grid(low, high, count, stride=1, log=False):
     return Grid(float(low), float(high), int(count), int(stride), bool(log))
 
 
-def _scipy(name):
+def _scipy(name: str) -> Any:
+    """A continuous distribution of scipy.stats; None if it has none of that name."""
     import scipy.stats
 
-    found = getattr(scipy.stats, name, None)
-    return found if isinstance(found, scipy.stats.rv_continuous) else None
+    family = getattr(scipy.stats, name, None)
+    return family if isinstance(family, scipy.stats.rv_continuous) else None
 
 
-def is_distribution(name):
+def is_distribution(name: str) -> bool:
     """Whether there is a distribution of that name."""
     return name in ("normal", "uniform") or _scipy(name) is not None
 
 
-def normal(mean, standard_deviation):
+def normal(mean: float, standard_deviation: float) -> Distribution:
     """Normal distribution N(mean, standard_deviation^2)."""
     return distribution("normal", mean, standard_deviation)
 
 
-def uniform(low, high):
+def uniform(low: float, high: float) -> Distribution:
     """Uniform distribution on (low, high)."""
     return distribution("uniform", low, high)
 
 
-def distribution(name, /, *values, **parameters):
-    """A distribution by name: normal(mean, sd), uniform(low, high), or scipy.stats' with keyword parameters.
+def distribution(name: str, /, *values: float, **parameters: float) -> Distribution:
+    """A distribution by name: normal(mean, sd), uniform(low, high), or a continuous one of
+    scipy.stats with keyword parameters.
 
-    Raises SceneError for an unknown name or parameters outside its domain.
+    Raises SceneError for an unknown name, or parameters outside the domain of the distribution.
     """
     given = {name: list(values) or parameters}
-    if name in ("normal", "uniform"):
-        ok = len(values) == 2 and not parameters and all(_is_number(v) for v in values)
-        if not ok or (values[1] <= 0 if name == "normal" else values[1] <= values[0]):
-            rule = (
-                "normal = [mean, standard deviation > 0]"
-                if name == "normal"
-                else "uniform = [low, high] with low < high"
-            )
-            raise SceneError("", "distribution", given, f"expected {rule}, finite numbers")
-        return Distribution(name, tuple(float(v) for v in values))
+    if name not in ("normal", "uniform"):
+        return _scipy_distribution(name, given, parameters if not values else None)
+    allowed = len(values) == 2 and not parameters and all(_is_number(v) for v in values)
+    if name == "normal" and not (allowed and values[1] > 0):
+        rule = "expected normal = [mean, standard deviation > 0], finite numbers"
+        raise SceneError("", "distribution", given, rule)
+    if name == "uniform" and not (allowed and values[1] > values[0]):
+        rule = "expected uniform = [low, high] with low < high, finite numbers"
+        raise SceneError("", "distribution", given, rule)
+    return Distribution(name, tuple(float(v) for v in values))
+
+
+def _scipy_distribution(
+    name: str, given: dict[str, Any], parameters: Mapping[str, float] | None
+) -> Distribution:
+    """A distribution of scipy.stats; SceneError."""
     family = _scipy(name)
     if family is None:
         import scipy.stats
 
-        known = [
-            n
-            for n in dir(scipy.stats)
-            if isinstance(getattr(scipy.stats, n), scipy.stats.rv_continuous)
-        ]
+        known = [word for word in dir(scipy.stats) if _scipy(word) is not None]
         error = unknown("", "distribution", name, "distribution", ["normal", "uniform", *known])
-        error.rule = "no such distribution; known: normal = [mean, sd], uniform = [low, high], and the continuous ones of scipy.stats"
+        error.rule = (
+            "no such distribution; known: normal = [mean, sd], uniform = [low, high], and the"
+            " continuous ones of scipy.stats"
+        )
         raise error
-    allowed = [s.strip() for s in (family.shapes or "").split(",") if s.strip()] + ["loc", "scale"]
-    wrong = [p for p in parameters if p not in allowed]
-    if values or wrong or not all(_is_number(v) for v in parameters.values()):
-        raise SceneError(
-            "",
-            "distribution",
-            given,
-            f"scipy's {name} takes a table of numbers with the keys {', '.join(allowed)}",
-        )
-    missing = [s for s in allowed[:-2] if s not in parameters]
-    made = (
-        None if missing else Distribution(name, tuple((k, float(v)) for k, v in parameters.items()))
-    )
-    if made is None or not np.isfinite(made.ppf(np.array([0.25, 0.75]))).all():
-        raise SceneError(
-            "",
-            "distribution",
-            given,
-            f"{', '.join(missing) or 'a parameter'} is missing or outside the distribution's domain",
-        )
-    return made
+    shapes = [word.strip() for word in (family.shapes or "").split(",") if word.strip()]
+    allowed = [*shapes, "loc", "scale"]
+    numbers = parameters is not None and all(_is_number(v) for v in parameters.values())
+    if parameters is None or not numbers or not parameters.keys() <= set(allowed):
+        rule = f"scipy's {name} takes a table of numbers with the keys {', '.join(allowed)}"
+        raise SceneError("", "distribution", given, rule)
+    missing = [word for word in shapes if word not in parameters]
+    law = Distribution(name, tuple((key, float(value)) for key, value in parameters.items()))
+    if missing or not np.isfinite(law.ppf(np.array([0.25, 0.75]))).all():
+        what = ", ".join(missing) or "a parameter"
+        rule = f"{what} is missing or outside the domain of the distribution"
+        raise SceneError("", "distribution", given, rule)
+    return law
 
 
-def _is_number(value):
-    return (
-        isinstance(value, (int, float, np.integer, np.floating))
-        and not isinstance(value, bool)
-        and math.isfinite(value)
-    )
+def _is_number(value: Any) -> bool:
+    known = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+    return known and math.isfinite(value)
 
 
-def quantity(value, table, key):
-    """A number, a Distribution, a Grid, or a 1-D array with one entry per member; SceneError for anything else."""
+def quantity(value: Any, table: str, key: str) -> Any:
+    """A number, a Distribution, a Grid, or a 1-D array with one entry per member; SceneError for
+    anything else."""
     if isinstance(value, (Distribution, Grid)):
         return value
     if _is_number(value):
@@ -200,81 +215,80 @@ def quantity(value, table, key):
         column = np.array(value, dtype=float)
         column.flags.writeable = False
         return column
-    raise SceneError(
-        table,
-        key,
-        value,
-        "expected a finite number, a distribution, a grid, or a 1-D array with one entry per member",
+    rule = (
+        "expected a finite number, a distribution, a grid, or a 1-D array with one entry per member"
     )
+    raise SceneError(table, key, value, rule)
 
 
-def vector(values, table, key, size=3):
-    """A tuple of `size` quantities from a sequence of them or an array (members, size)."""
+def vector(values: Any, table: str, key: str, size: int = 3) -> tuple[Any, ...]:
+    """A tuple of `size` quantities, from a sequence of them or an array (members, size)."""
     if isinstance(values, np.ndarray) and values.ndim == 2 and values.shape[1] == size:
         values = [np.ascontiguousarray(values[:, i]) for i in range(size)]
     if isinstance(values, str) or not hasattr(values, "__len__") or len(values) != size:
-        raise SceneError(
-            table,
-            key,
-            values,
-            f"expected {size} components, or an array of shape (members, {size})",
-        )
+        rule = f"expected {size} components, or an array of shape (members, {size})"
+        raise SceneError(table, key, values, rule)
     return tuple(quantity(v, table, key) for v in values)
 
 
-def rows(*quantities):
-    """How many rows the arrays among the quantities have; None where there are none."""
+def rows(*quantities: Any) -> int | None:
+    """The number of rows of the arrays among the quantities; None if there are no arrays."""
     sizes = {q.size for q in quantities if isinstance(q, np.ndarray)}
     if len(sizes) > 1:
-        raise SceneError(
-            "",
-            "arrays",
-            sorted(sizes),
-            "arrays with one row per member must all have the same number of rows",
-        )
+        rule = "arrays with one row per member must all have the same number of rows"
+        raise SceneError("", "arrays", sorted(sizes), rule)
     return sizes.pop() if sizes else None
 
 
-def is_open(*values):
-    """Whether the first members do not tell about the others: if any value is a distribution, a grid, a law of a whole vector, or a
-    tuple with one."""
+def is_open(*values: Any) -> bool:
+    """Whether the first members do not determine the range of all: whether a value is a
+    distribution, a grid, a law of a whole vector, or a tuple with one of these."""
     return any(
         any(map(is_open, v)) if type(v) is tuple else not isinstance(v, (float, np.ndarray))
         for v in values
     )
 
 
-def is_shared(*values):
-    """Whether all values are plain numbers or tuples of them, the same for every member. A law of a whole vector never is, even one
-    of plain numbers."""
+def is_shared(*values: Any) -> bool:
+    """Whether all members have the same values: plain numbers, or tuples of plain numbers. A law of
+    a whole vector is never shared, even if its parameters are plain numbers."""
     return all(all(map(is_shared, v)) if type(v) is tuple else isinstance(v, float) for v in values)
 
 
-def numbers(seed, name, first, count, draw=0, used=(0, 1, 2, 3)):
-    """(4, count) numbers in (0, 1), of which some are used: independent ones of a seed, or the points of `rigidmc.scene.points` that stand in its place."""
-    return (
-        seed.words(name, first, count, draw, used)
-        if hasattr(seed, "words")
-        else uniforms(seed, name, first, count, draw)
-    )
+def is_seed(source: Source) -> TypeGuard[int]:
+    """Whether numbers are drawn from a seed, independently for each member."""
+    return isinstance(source, (int, np.integer))
 
 
-def draw(quantities, seed, name, first, count):
-    """(len(quantities), count) values for members first ... first + count - 1; word i % 4 of draw i // 4 of the stream `name` serves component i.
+def numbers(
+    source: Source,
+    name: str,
+    first: int,
+    count: int,
+    draw: int = 0,
+    used: Sequence[int] = (0, 1, 2, 3),
+) -> Array:
+    """(4, count) numbers in (0, 1) for members first ... first + count - 1, of which the rows
+    `used` matter."""
+    if is_seed(source):
+        return uniforms(source, name, first, count, draw)
+    return source.words(name, first, count, draw, used)  # type: ignore[union-attr]  # TypeGuard does not narrow the other branch
 
-    Members past the end of an array get its last row: they only fill up lanes.
+
+def draw(quantities: Sequence[Any], source: Source, name: str, first: int, count: int) -> Array:
+    """(len(quantities), count) values for members first ... first + count - 1. Component i takes
+    word i % 4 of draw i // 4 of the random stream `name`.
+
+    Members beyond the end of an array get its last row: they only fill up vectors.
     """
     values = np.empty((len(quantities), count))
-    words: dict[int, np.ndarray] = {}
+    words: dict[int, Array] = {}
     for i, q in enumerate(quantities):
         if isinstance(q, Distribution):
             if i // 4 not in words:
-                used = tuple(
-                    j % 4
-                    for j in range(i, min(len(quantities), i // 4 * 4 + 4))
-                    if isinstance(quantities[j], Distribution)
-                )
-                words[i // 4] = numbers(seed, name, first, count, i // 4, used)
+                group = range(i, min(len(quantities), i // 4 * 4 + 4))
+                used = tuple(j % 4 for j in group if isinstance(quantities[j], Distribution))
+                words[i // 4] = numbers(source, name, first, count, i // 4, used)
             values[i] = q.ppf(words[i // 4][i % 4])
         elif isinstance(q, Grid):
             values[i] = q.at(first, count)

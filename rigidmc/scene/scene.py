@@ -15,7 +15,8 @@ from rigidmc.observables import KNOWN, SUMMARIES, recorded, saved, summary_of, w
 from rigidmc.observables.keep import check_keep, kept, summaries
 from rigidmc.scene.body import Body
 from rigidmc.scene.checks import PILOT, check, check_histogram, limits, outside
-from rigidmc.scene.quantities import Grid, is_open, quantity, rows, vector
+from rigidmc.scene.laws.protocol import Law
+from rigidmc.scene.quantities import Distribution, Grid, is_open, quantity, rows, vector
 from rigidmc.scene.settings import Run, changed
 from rigidmc.scene.start import Start
 
@@ -72,7 +73,7 @@ class Scene:
 
     def drawn_through(self):
         """Which library draws numbers of the scene whose bits may change with its version, in words; "" if it is rigidmc alone."""
-        laws = any(getattr(q, "by_scipy", False) for q in self.quantities())
+        laws = any(isinstance(q, (Distribution, Law)) and q.by_scipy for q in self.quantities())
         if not laws and self.run.points not in ("sobol", "latin_hypercube"):
             return ""
         return f"through scipy {version('scipy')}: the bits are those of this version"
@@ -197,6 +198,8 @@ def _mapped(value, change):
     if isinstance(value, tuple):
         made = [_mapped(x, change) for x in value]
         return type(value)(*made) if hasattr(value, "_fields") else tuple(made)
+    if isinstance(value, Law):
+        return replace(value, **{k: _mapped(v, change) for k, v in value.as_dict().items()})
     return change(value)
 
 

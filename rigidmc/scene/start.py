@@ -1,133 +1,160 @@
-"""How tops start: angular velocity or momentum, and attitude."""
+"""How members start: angular velocity or angular momentum, and attitude."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rigidmc.errors import SceneError, unknown
 from rigidmc.mechanics.rotation import quaternion_from_euler, quaternion_from_matrix
-from rigidmc.scene.laws import checked, kept, numbers_of, turns
-from rigidmc.scene.quantities import draw, is_open, is_shared, numbers, rows, vector
+from rigidmc.scene.laws import checked
+from rigidmc.scene.laws.directions import uniform_attitudes
+from rigidmc.scene.laws.ensembles import attitudes_of_ensemble
+from rigidmc.scene.laws.protocol import Ensemble, Facts, Law, numbers_of
+from rigidmc.scene.quantities import Source, draw, is_open, is_shared, numbers, rows, vector
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """How the tops start: each component a number, a distribution, or an array with one row per member.
+    """How members start. Each component is a number, a distribution, a grid, or an array with one
+    row per member.
 
-    omega : angular velocity in the body's principal axes [rad/s], or
-    momentum : angular momentum in the body's principal axes [kg m^2/s]; either also as a whole, see `rigidmc.scene.laws`
-    attitude : quaternion (w, x, y, z), normalised here; 3x3 matrix; Euler angles z-x-z (phi, theta, psi) [rad], TdC (3.36);
-        a scipy Rotation; "uniform" on SO(3); Fisher, Pointing of `rigidmc.scene.laws`; or "ensemble", by the law of the momentum: with
-        GibbsMomentum exp(-V/kT), with Shell sqrt(E - V), which together are the canonical and the microcanonical ensemble.
-        Default: body axes along space axes.
+    omega : angular velocity in the principal axes of the body [rad/s], or
+    momentum : angular momentum in the principal axes of the body [kg m^2/s]; either may also be a
+        law of a whole vector, see `rigidmc.scene.laws`
+    attitude : a quaternion (w, x, y, z), normalised here; a 3x3 matrix; Euler angles z-x-z
+        (phi, theta, psi) [rad], TdC (3.36); a scipy Rotation; "uniform" on SO(3); Fisher or
+        Pointing of `rigidmc.scene.laws`; or "ensemble", which follows the law of the momentum: with
+        GibbsMomentum exp(-V/kT), the canonical ensemble, with Shell sqrt(E - V), the microcanonical
+        one. By default the body axes lie along the space axes.
 
-    Raises SceneError for a wrong shape, a non-finite number, a quaternion of norm 0, a matrix that is no rotation, or both or
-    neither of omega and momentum.
+    Raises SceneError for a wrong shape, a non-finite number, a quaternion of norm 0, a matrix that
+    is no rotation, and for both or neither of omega and momentum.
     """
 
-    omega: tuple | None = None
-    momentum: tuple | None = None
-    attitude: Any = field(default=(1.0, 0.0, 0.0, 0.0))
+    omega: Any = None
+    momentum: Any = None
+    attitude: Any = (1.0, 0.0, 0.0, 0.0)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if (self.omega is None) == (self.momentum is None):
             raise SceneError("start", "omega", None, "give either omega or momentum, one of them")
-        which = "omega" if self.momentum is None else "momentum"
-        given = getattr(self, which)
-        whole = hasattr(given, "_fields")
-        object.__setattr__(
-            self, which, checked(given, "start", which) if whole else vector(given, "start", which)
+        given = self._given
+        whole = isinstance(given, Law)
+        put = checked(given, "start", self.which) if whole else vector(given, "start", self.which)
+        object.__setattr__(self, self.which, put)
+        whole = isinstance(self.attitude, Law)
+        attitude = (
+            checked(self.attitude, "start", "attitude") if whole else _attitude(self.attitude)
         )
-        whole = hasattr(self.attitude, "_fields")
-        object.__setattr__(
-            self,
-            "attitude",
-            checked(self.attitude, "start", "attitude") if whole else _attitude(self.attitude),
-        )
-        if self.attitude == "ensemble" and (
-            not hasattr(given, "share") or getattr(given, "direction", None) is not None
+        object.__setattr__(self, "attitude", attitude)
+        if self.attitude == "ensemble" and not (
+            isinstance(given, Ensemble) and given.direction is None
         ):
-            rule = "is the law of the momentum: give momentum = { gibbs = kT }, or { shell = { energy = E } } without a direction"
+            rule = (
+                "follows the law of the momentum: give momentum = { gibbs = kT }, or"
+                " { shell = { energy = E } } without a direction"
+            )
             raise SceneError("start", "attitude", self.attitude, rule)
 
-    def quantities(self):
+    @property
+    def which(self) -> str:
+        """ "omega" or "momentum", the one that is given."""
+        return "omega" if self.momentum is None else "momentum"
+
+    @property
+    def by_euler_angles(self) -> bool:
+        """Whether the attitude is given by Euler angles."""
+        return isinstance(self.attitude, tuple) and len(self.attitude) == 3
+
+    @property
+    def _given(self) -> Any:
+        return getattr(self, self.which)
+
+    def quantities(self) -> tuple[Any, ...]:
         """All quantities of the start, in one flat tuple."""
-        spin: Any = self.omega if self.momentum is None else self.momentum
-        spin = (spin, *numbers_of(spin)) if hasattr(spin, "_fields") else spin
-        attitude = (
-            (self.attitude, *numbers_of(self.attitude))
-            if hasattr(self.attitude, "_fields")
-            else self.attitude
+        attitude = () if isinstance(self.attitude, str) else self.attitude
+        return tuple(
+            part
+            for value in (self._given, attitude)
+            for part in ((value, *numbers_of(value)) if isinstance(value, Law) else value)
         )
-        return (*spin, *(() if isinstance(attitude, str) else attitude))
 
-    def spin(self, seed, first, count, facts):
-        """("omega" or "momentum", its values (3, count)); facts : `rigidmc.scene.laws.Facts` of the members."""
-        which = "omega" if self.momentum is None else "momentum"
-        given = getattr(self, which)
-        if hasattr(given, "_fields"):
-            return which, given.sample(seed, f"start.{which}", first, count, facts)
-        return which, draw(given, seed, f"start.{which}", first, count)
+    def spin(
+        self, source: Source, first: int, count: int, facts: Facts | None
+    ) -> tuple[str, Array]:
+        """("omega" or "momentum", its values (3, count)) of members first ... first + count - 1.
 
-    def quaternions(self, seed, first, count, facts=None):
-        """Unit quaternions (4, count); facts : as of `spin`."""
+        facts : Facts of the members, which only laws of ensembles need
+        """
+        name, given = f"start.{self.which}", self._given
+        if isinstance(given, Law):
+            return self.which, given.sample(source, name, first, count, facts)
+        return self.which, draw(given, source, name, first, count)
+
+    def quaternions(
+        self, source: Source, first: int, count: int, facts: Facts | None = None
+    ) -> Array:
+        """Unit quaternions (4, count); facts as in `spin`."""
+        name = "start.attitude"
         if self.attitude == "ensemble":
-            law: Any = self.momentum
-            return kept(law.share(seed, first, count, facts), seed, first, count)
+            share = self.momentum.share(source, first, count, facts)
+            return attitudes_of_ensemble(share, source, first, count)
         if self.attitude == "uniform":
-            return turns(*numbers(seed, "start.attitude", first, count, used=(0, 1, 2))[:3])
-        if hasattr(self.attitude, "_fields"):
-            return self.attitude.sample(seed, "start.attitude", first, count, None)
-        values = draw(self.attitude, seed, "start.attitude", first, count)
+            return uniform_attitudes(*numbers(source, name, first, count, used=(0, 1, 2))[:3])
+        if isinstance(self.attitude, Law):
+            return self.attitude.sample(source, name, first, count, None)
+        values = draw(self.attitude, source, name, first, count)
         if len(values) == 3:
             return quaternion_from_euler(*values)
         square = values[0] ** 2 + values[1] ** 2 + values[2] ** 2 + values[3] ** 2
-        # one that is normalised stays to the bit, so that stored starts run again to the same bits
-        return np.where(np.abs(square - 1.0) < 1e-15, values, values / np.sqrt(square))
+        # a normalised quaternion stays as it is to the bit, so that stored starts run again alike
+        unit: Array = np.where(np.abs(square - 1.0) < 1e-15, values, values / np.sqrt(square))
+        return unit
 
 
-def _attitude(value):
+def _attitude(value: Any) -> Any:
+    """An attitude that is no law, with its numbers checked."""
     if isinstance(value, str):
         if value not in ("uniform", "ensemble"):
             raise unknown("start", "attitude", value, "attitude", ["uniform", "ensemble"])
         return value
-    if hasattr(value, "as_quat"):
+    if hasattr(value, "as_quat"):  # scipy's Rotation
         value = np.asarray(value.as_quat(scalar_first=True))
         value = value if value.ndim == 2 else tuple(value.tolist())
     if not hasattr(value, "__len__") or isinstance(value, dict):
-        rule = 'expected "uniform", "ensemble", a quaternion (w, x, y, z), Euler angles (phi, theta, psi), or a 3x3 matrix'
+        rule = (
+            'expected "uniform", "ensemble", a quaternion (w, x, y, z), Euler angles (phi, theta,'
+            " psi), or a 3x3 matrix"
+        )
         raise SceneError("start", "attitude", value, rule)
     shape = _shape(value)
     if shape in ((3, 3), (len(value), 3, 3)):
         q = quaternion_from_matrix(np.asarray(value, dtype=float), "start", "attitude")
         value = tuple(q.tolist()) if q.ndim == 1 else q
-    size = (
-        3
-        if (shape[1] if isinstance(value, np.ndarray) and len(shape) == 2 else len(value)) == 3
-        else 4
-    )
+    by_member = isinstance(value, np.ndarray) and len(shape) == 2
+    size = 3 if (shape[1] if by_member else len(value)) == 3 else 4
     parts = vector(value, "start", "attitude", size)
-    if size == 4 and rows(*parts) is not None and is_open(parts):
-        raise SceneError(
-            "start",
-            "attitude",
-            None,
-            "a quaternion has distributions or arrays as components, not both",
-        )
-    if size == 4 and not is_open(parts):
-        square = sum(p * p for p in parts)
-        if np.min(square) < 1e-200:
-            raise SceneError(
-                "start",
-                "attitude",
-                value if is_shared(parts) else None,
-                "a quaternion of norm 0 is no attitude",
-            )
+    if size == 4:
+        _check_quaternion(parts, value)
     return parts
 
 
-def _shape(value):
+def _check_quaternion(parts: tuple[Any, ...], value: Any) -> None:
+    """SceneError for a quaternion of norm 0, or one that mixes arrays and distributions."""
+    if is_open(parts):
+        if rows(*parts) is not None:
+            rule = "a quaternion has distributions or arrays as components, not both"
+            raise SceneError("start", "attitude", None, rule)
+    elif np.min(sum(p * p for p in parts)) < 1e-200:
+        shown = value if is_shared(parts) else None
+        raise SceneError("start", "attitude", shown, "a quaternion of norm 0 is no attitude")
+
+
+def _shape(value: Any) -> tuple[int, ...]:
     try:
         return np.shape(value)
     except ValueError:

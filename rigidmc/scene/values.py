@@ -1,27 +1,31 @@
-"""Values of scene files as quantities, and back: numbers, lists, distributions, grids, and columns of tables."""
+"""Values of scene files as quantities, and back: numbers, lists, distributions, grids, laws, and
+columns of tables."""
 
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from rigidmc.errors import SceneError, nearest, unknown
 from rigidmc.scene.columns import column
-from rigidmc.scene.laws import VECTORS, of_table, word_of
+from rigidmc.scene.laws import LAWS, law_of_table, laws_of
+from rigidmc.scene.laws.protocol import Law
 from rigidmc.scene.quantities import Distribution, Grid, distribution, grid, is_distribution
 
 
 class Columns(NamedTuple):
-    """Sources of the columns that a file refers to.
+    """Where the columns come from to which a file refers.
 
-    of_result : a function that gives the rows of a name in a result, or None;  folder : that of tables
+    of_result : a function that gives the rows of a name in a result; None if there is no result
+    folder : folder of the tables
     """
 
-    of_result: Any
+    of_result: Callable[[str], np.ndarray | None] | None
     folder: str
 
 
-def numbers(value, table, key):
-    """Numbers, or lists of numbers, as they stand."""
+def numbers(value: Any, table: str, key: str) -> Any:
+    """A number or lists of numbers, unchanged; SceneError for anything else."""
     try:
         array = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
@@ -31,8 +35,8 @@ def numbers(value, table, key):
     return value
 
 
-def only(table, allowed, name):
-    """SceneError for what is no table, or one with another key than those allowed."""
+def only(table: Any, allowed: Iterable[str], name: str) -> None:
+    """SceneError for a value that is no table, or a table with a key that is not allowed."""
     if not isinstance(table, dict):
         raise SceneError("", name, table, f"expected a table with the keys {', '.join(allowed)}")
     for key in table:
@@ -40,8 +44,12 @@ def only(table, allowed, name):
             raise unknown(name, key, None, "key", allowed)
 
 
-def parse(value, table, key, stored):
-    """Numbers, lists, {distribution = parameters} and {stored = name, axis = i} of a scene file as quantities."""
+def parse(value: Any, table: str, key: str, stored: Columns) -> Any:
+    """A value of a scene file as a quantity.
+
+    Numbers, lists, { distribution = parameters }, { grid = [low, high, count] }, { law = table },
+    { table = file, columns = names } and { stored = name, axis = i }
+    """
     if isinstance(value, list):
         return [parse(v, table, key, stored) for v in value]
     if not isinstance(value, dict):
@@ -49,79 +57,68 @@ def parse(value, table, key, stored):
     if "stored" in value:
         return _rows_of(value, table, key, stored.of_result)
     if "table" in value:
-        one = "column" in value
-        only(value, ("table", "column" if one else "columns"), f"{table}.{key}")
-        names = [value["column"]] if one else value.get("columns")
-        if not isinstance(names, list) or not all(
-            isinstance(name, str) for name in (*names, value["table"])
-        ):
-            raise SceneError(
-                table,
-                key,
-                value,
-                'expected { table = "file.csv", columns = ["w1", "w2", "w3"] }, or column = "w1"',
-            )
-        found = [column(stored.folder, value["table"], name, table, key) for name in names]
-        if not one and len(found) not in (3, 4):
-            raise SceneError(
-                table,
-                key,
-                value,
-                f"{len(found)} columns: a vector has 3 components, a quaternion 4",
-            )
-        return found[0] if one else found
+        return _columns_of(value, table, key, stored.folder)
     if "grid" in value:
         only(value, ("grid", "stride", "log"), f"{table}.{key}")
         if not isinstance(value["grid"], list) or len(value["grid"]) != 3:
             raise SceneError(table, key, value, "expected grid = [low, high, count]")
-        return _named(
-            table,
-            key,
-            value,
-            grid,
-            *value["grid"],
-            **{k: v for k, v in value.items() if k != "grid"},
-        )
+        more = {k: v for k, v in value.items() if k != "grid"}
+        return _named(table, key, value, grid, *value["grid"], **more)
     if len(value) != 1:
-        raise SceneError(
-            table,
-            key,
-            value,
-            "expected a number or one distribution, e.g. { normal = [0.0, 0.001] }",
-        )
+        rule = "expected a number or one distribution, e.g. { normal = [0.0, 0.001] }"
+        raise SceneError(table, key, value, rule)
     ((name, parameters),) = value.items()
-    whole = of_table(name, parameters, key, lambda part: parse(part, table, key, stored))
-    if whole is not None:
-        return whole
-    if key in VECTORS and not is_distribution(name):
-        elsewhere = [other for other, kinds in VECTORS.items() if name in kinds]
-        rule = (
-            f"'{name}' is of {' and '.join(elsewhere)}"
-            if elsewhere
-            else f"no vector or distribution '{name}'"
-        )
-        rule += f"; vectors of {key}: {', '.join(VECTORS[key])}; distributions: normal, uniform and the continuous ones of scipy.stats"
-        raise SceneError(
-            table, key, value, rule, nearest(name, [*VECTORS[key], "normal", "uniform"])
-        )
+    law = law_of_table(name, parameters, key, lambda part: parse(part, table, key, stored))
+    if law is not None:
+        return law
+    if laws_of(key) and not is_distribution(name):
+        raise _no_such_law(name, value, table, key)
     if isinstance(parameters, dict):
         return _named(table, key, value, distribution, name, **parameters)
-    return _named(
-        table,
-        key,
-        value,
-        distribution,
-        name,
-        *(parameters if isinstance(parameters, list) else [parameters]),
+    several = parameters if isinstance(parameters, list) else [parameters]
+    return _named(table, key, value, distribution, name, *several)
+
+
+def _no_such_law(name: str, value: Any, table: str, key: str) -> SceneError:
+    """The error about a word that names neither a law of this key nor a distribution."""
+    known = laws_of(key)
+    elsewhere = next((kind.of for kind in LAWS if kind.word == name), None)
+    rule = f"no law or distribution '{name}'"
+    if elsewhere is not None:
+        rule = f"'{name}' is a law of {' and '.join(elsewhere)}"
+    rule += (
+        f"; laws of {key}: {', '.join(known)}; distributions: normal, uniform and the continuous"
+        " ones of scipy.stats"
     )
+    return SceneError(table, key, value, rule, nearest(name, [*known, "normal", "uniform"]))
 
 
-def _rows_of(value, table, key, of_result):
-    """The rows that { stored = name, axis = i } of a result refers to; SceneError where there are no such rows."""
+def _columns_of(value: dict[str, Any], table: str, key: str, folder: str) -> Any:
+    """The column or columns of a file that a value refers to; SceneError."""
+    single = "column" in value
+    only(value, ("table", "column" if single else "columns"), f"{table}.{key}")
+    names = [value["column"]] if single else value.get("columns")
+    words = isinstance(names, list) and all(isinstance(x, str) for x in (*names, value["table"]))
+    if not isinstance(names, list) or not words:
+        rule = 'expected { table = "file.csv", columns = ["w1", "w2", "w3"] }, or column = "w1"'
+        raise SceneError(table, key, value, rule)
+    columns = [column(folder, value["table"], name, table, key) for name in names]
+    if not single and len(columns) not in (3, 4):
+        rule = f"{len(columns)} columns: a vector has 3 components, a quaternion 4"
+        raise SceneError(table, key, value, rule)
+    return columns[0] if single else columns
+
+
+def _rows_of(
+    value: dict[str, Any],
+    table: str,
+    key: str,
+    of_result: Callable[[str], np.ndarray | None] | None,
+) -> np.ndarray:
+    """The rows of a result to which { stored = name, axis = i } refers; SceneError."""
     if of_result is None:
-        raise SceneError(
-            table, key, value, "refers to the rows of a result file; load that file instead"
-        )
+        rule = "refers to the rows of a result file; load that file instead"
+        raise SceneError(table, key, value, rule)
     only(value, ("stored", "axis"), f"{table}.{key}")
     name, axis = value["stored"], value.get("axis")
     rows = of_result(name) if isinstance(name, str) else None
@@ -131,23 +128,37 @@ def _rows_of(value, table, key, of_result):
         return rows
     if type(axis) is not int or not 1 <= axis <= len(rows):
         raise SceneError(table, key, value, f"expected an axis between 1 and {len(rows)}")
-    return rows[axis - 1]
+    column: np.ndarray = rows[axis - 1]
+    return column
 
 
-def _named(table, key, value, make, /, *arguments, **words):
-    """make(...), its error told of a key of a table."""
+Quantity = TypeVar("Quantity")
+
+
+def _named(
+    table: str,
+    key: str,
+    value: Any,
+    make: Callable[..., Quantity],
+    /,
+    *arguments: Any,
+    **words: Any,
+) -> Quantity:
+    """make(...), with an error that names the key of the table."""
     try:
         return make(*arguments, **words)
     except SceneError as error:
         raise SceneError(table, key, value, error.rule, error.nearest) from None
 
 
-def plain(value, name, axis=None):
-    """A quantity or a tuple of them as it stands in TOML."""
-    if hasattr(value, "_fields"):
-        return {
-            word_of(value): {k: plain(v, name) for k, v in value._asdict().items() if v is not None}
-        }
+def plain(value: Any, name: str, axis: int | None = None) -> Any:
+    """A quantity, a law, or a tuple of quantities as it is written in a scene file.
+
+    name, axis : of the rows in a result, to which an array becomes a reference
+    """
+    if isinstance(value, Law):
+        fields = value.as_dict().items()
+        return {value.word: {k: plain(v, name) for k, v in fields if v is not None}}
     if isinstance(value, tuple):
         return [plain(v, name, i + 1) for i, v in enumerate(value)]
     if isinstance(value, (Distribution, Grid)):

@@ -237,7 +237,7 @@ def member_variables(scene, carried):
         variables["start_attitude"] = Variable(
             ("quat", "member"), "f8", {"units": "1", "long_name": f"{kind.long_name}, at t = 0"}
         )
-        if len(scene.start.attitude) == 3 and not is_shared(scene.start.attitude):
+        if scene.start.by_euler_angles and not is_shared(scene.start.attitude):
             attrs = {"units": "rad", "long_name": "Euler angles z-x-z (phi, theta, psi), at t = 0"}
             variables["start_euler"] = Variable(("axis", "member"), "f8", attrs)
     return variables

@@ -24,7 +24,7 @@ from rigidmc.runs.capacity import free_memory, in_words, sizes
 from rigidmc.runs.shards import members_of
 from rigidmc.scene.body import IDENTITY
 from rigidmc.scene.conservation import conservation
-from rigidmc.scene.laws import word_of
+from rigidmc.scene.laws.protocol import Law
 from rigidmc.scene.parameters import parameters
 from rigidmc.scene.quantities import Distribution, Grid
 
@@ -234,8 +234,8 @@ def _cpu():
 
 def _words(value):
     """A quantity or a tuple of them for people."""
-    if hasattr(value, "_fields"):
-        return f"{word_of(value)}({', '.join(f'{k} = {v}' if isinstance(v, int) else f'{k} = {_words(v)}' for k, v in value._asdict().items() if v is not None)})"
+    if isinstance(value, Law):
+        return f"{value.word}({', '.join(f'{k} = {v}' if isinstance(v, int) else f'{k} = {_words(v)}' for k, v in value.as_dict().items() if v is not None)})"
     if isinstance(value, tuple):
         return "(" + ", ".join(_words(v) for v in value) + ")"
     if isinstance(value, Grid):

@@ -439,7 +439,7 @@ def test_an_ensemble_that_cannot_be_drawn_is_refused(start, run, rule):
     ("start", "words"),
     [
         ("omega = { spere = 2.0 }", "did you mean 'sphere'"),
-        ("omega = { shell = { energy = 1.0 } }", "'shell' is of momentum"),
+        ("omega = { shell = { energy = 1.0 } }", "'shell' is a law of momentum"),
         ("momentum = { gibs = 0.1 }", "did you mean 'gibbs'"),
         ("momentum = { gibbs = -0.1 }", "0 or more"),
         ("omega = { cone = { axis = 1, size = -1.0, angle = 0.1 } }", "0 or more"),

@@ -14,6 +14,7 @@ from rigidmc.planning.plan import prepare
 from rigidmc.planning.tolerance.choose import resolved
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.amounts import counted
+from rigidmc.scene.laws.protocol import Law
 from rigidmc.scene.parameters import with_parameter
 from rigidmc.scene.quantities import Distribution, grid
 from rigidmc.storage.schema import member_variables
@@ -160,7 +161,7 @@ def _sides(resolution):
 def _drawn(scene):
     """Whether members differ by more than the parameters of a map."""
     every = scene.quantities()
-    return any(hasattr(q, "_fields") or isinstance(q, Distribution) for q in every) or isinstance(
+    return any(isinstance(q, (Distribution, Law)) for q in every) or isinstance(
         scene.start.attitude, str
     )
 

@@ -1,0 +1,61 @@
+"""Vectors drawn as a whole. A new law is one file with a subclass of `protocol.Law`, and
+one line below."""
+
+from collections.abc import Callable
+from typing import Any
+
+from rigidmc.errors import SceneError, unknown
+from rigidmc.scene.laws.attitudes import Fisher, Pointing
+from rigidmc.scene.laws.bodies import SecondMoments
+from rigidmc.scene.laws.ensembles import GibbsMomentum, Shell
+from rigidmc.scene.laws.protocol import Law
+from rigidmc.scene.laws.vectors import Cone, Correlated, Sphere
+
+LAWS: list[type[Law]] = [
+    Cone,
+    Sphere,
+    SecondMoments,
+    Correlated,
+    Shell,
+    GibbsMomentum,
+    Fisher,
+    Pointing,
+]
+
+
+def laws_of(key: str) -> dict[str, type[Law]]:
+    """{word: law} of the laws that a key of a scene takes, such as "omega"."""
+    return {kind.word: kind for kind in LAWS if key in kind.of}
+
+
+def checked(law: Law, table: str, key: str) -> Law:
+    """A law with its parameters checked; SceneError."""
+    kinds = laws_of(key)
+    if type(law) not in kinds.values():
+        rule = f"expected one of {', '.join(kinds)}, or three components"
+        raise SceneError(table, key, law, rule)
+    return law.checked(f"{table}.{key}.{law.word}")
+
+
+def law_of_table(word: str, table: Any, key: str, parse: Callable[[Any], Any]) -> Law | None:
+    """The law of a table in a scene file; None if the word names no law of this key.
+
+    parse : function that turns a value of the file into a quantity
+    """
+    kind = laws_of(key).get(word)
+    if kind is None:
+        return None
+    where, fields = f"{key}.{word}", kind.names()
+    whole = not isinstance(table, dict) or (table and not set(table) & set(fields))
+    if whole and len(fields) == 1:  # { sphere = 2.0 } instead of { sphere = { size = 2.0 } }
+        table = {fields[0]: table}
+    if not isinstance(table, dict):
+        rule = f"expected a table with the keys {', '.join(fields)}"
+        raise SceneError("", where, table, rule)
+    for name in table:
+        if name not in fields:
+            raise unknown(where, name, None, "key", fields)
+    for name in kind.required():
+        if name not in table:
+            raise SceneError(where, name, None, "is missing")
+    return kind(**{name: parse(value) for name, value in table.items()})
