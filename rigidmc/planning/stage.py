@@ -82,7 +82,7 @@ def source(scene):
             scene, seen, 0, 1, True
         )  # the attitude too, so that no point depends on what is saved
         _sources[scene] = points(
-            run.seed, run.points, tuple(seen.found), run.strata or run.first + run.members
+            run.seed, run.points, tuple(seen.dimensions), run.strata or run.first + run.members
         )
     return _sources[scene]
 

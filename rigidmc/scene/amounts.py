@@ -1,14 +1,16 @@
-"""Counts and times as people give them, on the command line, in scene files and in Python: 1e6 members, "1h30m"."""
+"""Counts and times as people write them, on the command line, in scene files and in Python: 1e6
+members, "1h30m"."""
 
 import contextlib
 import math
 import re
 from fractions import Fraction
 from numbers import Integral, Real
+from typing import Any, TypeGuard
 
 from rigidmc.errors import SceneError
 
-_UNITS: dict[str, tuple[Fraction, str]] = {  # unit: (seconds, what it is called)
+_UNITS: dict[str, tuple[Fraction, str]] = {  # unit: (seconds, pattern of its names)
     "d": (Fraction(86400), "d|days?"),
     "h": (Fraction(3600), "h|hours?"),
     "min": (Fraction(60), "m|min|minutes?"),
@@ -17,7 +19,7 @@ _UNITS: dict[str, tuple[Fraction, str]] = {  # unit: (seconds, what it is called
     "us": (Fraction(1, 10**6), "us|µs"),
     "ns": (Fraction(1, 10**9), "ns"),
 }
-LARGEST = 2**63 - 1  # what TOML and netCDF hold
+LARGEST = 2**63 - 1  # in TOML and netCDF
 _NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d{1,3})?"
 _DURATION = re.compile(
     r"([-+]?)\s*" + "".join(rf"(?:({_NUMBER})\s*(?:{word})\s*)?" for _, word in _UNITS.values()),
@@ -27,58 +29,59 @@ _PLAIN = re.compile(rf"[-+]?{_NUMBER}", re.ASCII | re.IGNORECASE)
 TIME = 'expected a finite number of seconds, or a time such as "90 s", "1h30m", "2 min", "250 ms"'
 
 
-def seconds(value, key, table="", positive=True):
-    """A time [s] from a number or from text such as "90 s", "1h30m", "250 ms". SceneError else, and if `positive` for 0 or less."""
+def seconds(value: Any, key: str | None, table: str = "", positive: bool = True) -> float:
+    """A time [s] from a number, or from text such as "90 s", "1h30m", "250 ms"; SceneError for
+    anything else, and with `positive` for 0 or less."""
     number = math.nan
     with contextlib.suppress(OverflowError):  # whole numbers of Python may be larger than floats
-        number = (
-            _seconds_of(value)
-            if isinstance(value, str)
-            else float(value)
-            if _is_number(value)
-            else math.nan
-        )
+        if isinstance(value, str):
+            number = _seconds_of(value)
+        elif _is_number(value):
+            number = float(value)
     if not math.isfinite(number):
-        raise SceneError(table, key, value, TIME)
+        raise SceneError(table, key or "", value, TIME)
     if positive and not number > 0.0:
-        raise SceneError(table, key, value, "has to be greater than 0")
+        raise SceneError(table, key or "", value, "has to be greater than 0")
     return number
 
 
-def _seconds_of(text):
-    """Seconds of a text, rounded only once, so that 3 ms is 0.003 to the bit; nan if the text is no time."""
+def _seconds_of(text: str) -> float:
+    """Seconds of a text, rounded only once, so that 3 ms is 0.003 to the bit; nan if the text is no
+    time."""
     text = text.strip()
     if _PLAIN.fullmatch(text):
         return float(text)
-    found = _DURATION.fullmatch(text)
-    if found is None or not any(found.groups()[1:]):
+    match = _DURATION.fullmatch(text)
+    if match is None or not any(match.groups()[1:]):
         return math.nan
-    parts = zip(found.groups()[1:], (size for size, _ in _UNITS.values()), strict=True)
-    whole = sum(Fraction(number) * size for number, size in parts if number)
-    return float(-whole if found[1] == "-" else whole)
+    parts = zip(match.groups()[1:], (size for size, _ in _UNITS.values()), strict=True)
+    total = sum(Fraction(number) * size for number, size in parts if number)
+    return float(-total if match[1] == "-" else total)
 
 
-def counted(value, key, least=1, most=None, table=""):
-    """A whole number, also one that is written as a float, as 1e6 is; SceneError where it is none, or outside its range (of 64 bits at most)."""
-    low, high = -LARGEST - 1 if least is None else least, LARGEST if most is None else most
-    whole = _is_number(value) and (isinstance(value, Integral) or float(value).is_integer())
-    if not whole or not low <= value <= high:
-        limits = (
-            ""
-            if least is None
-            else f" of at least {least:,}"
-            if most is None
-            else f" from {low:,} to {high:,}"
-        )
-        wide = whole and not -LARGEST - 1 <= value <= LARGEST
-        raise SceneError(
-            table, key, value, f"expected a whole number{' of 64 bits' if wide else limits}"
-        )
-    return int(value)
+def counted(
+    value: Any,
+    key: str | None,
+    least: int | None = 1,
+    most: int | None = None,
+    table: str = "",
+) -> int:
+    """A whole number, also written as a float such as 1e6; SceneError for anything else, and for a
+    number outside least ... most (by default 64 bits)."""
+    low = -LARGEST - 1 if least is None else least
+    high = LARGEST if most is None else most
+    if _is_number(value) and (isinstance(value, Integral) or float(value).is_integer()):
+        if low <= value <= high:
+            return int(value)
+        if not -LARGEST - 1 <= value <= LARGEST:
+            raise SceneError(table, key or "", value, "expected a whole number of 64 bits")
+    limits = f" from {low:,} to {high:,}" if most is not None else f" of at least {low:,}"
+    limits = "" if least is None else limits
+    raise SceneError(table, key or "", value, f"expected a whole number{limits}")
 
 
-def counted_text(text, key, least=1, most=None):
-    """A whole number as it stands on the command line; SceneError."""
+def counted_text(text: str, key: str, least: int = 1, most: int | None = None) -> int:
+    """A whole number from the text of the command line; SceneError."""
     plain = text.strip().replace("_", "") if isinstance(text, str) else ""
     if not _PLAIN.fullmatch(plain):
         return counted(text, key, least, most)
@@ -86,7 +89,6 @@ def counted_text(text, key, least=1, most=None):
     return counted(int(exact) if exact.denominator == 1 else float(plain), key, least, most)
 
 
-def _is_number(value):
-    return isinstance(value, Real) and not isinstance(
-        value, bool
-    )  # numbers of numpy count too, its truth values do not
+def _is_number(value: Any) -> TypeGuard[float]:
+    """Whether a value is a real number; numbers of numpy are, truth values are not."""
+    return isinstance(value, Real) and not isinstance(value, bool)

@@ -1,102 +1,125 @@
-"""Points that fill a cube more evenly than independent ones: scrambled Sobol sequences and Latin hypercubes of scipy.stats.qmc, antithetic pairs.
+"""Points that fill a cube more evenly than independent ones: scrambled Sobol sequences and Latin
+hypercubes of scipy.stats.qmc, and antithetic pairs.
 
-They stand in the place of the seed where members are drawn: every number that a member draws is one dimension, in the order in which they are drawn.
-Member i has point i, so that its numbers are a function of (seed, scene, i) alone; of a Latin hypercube also of how many strata it has.
+They stand in place of the seed where members are drawn. Each number that a member draws is one
+dimension, in the order in which the numbers are drawn. Member i has point i, so that its numbers are
+a function of (seed, scene, i) alone; in a Latin hypercube also of the number of strata.
 """
 
 import inspect
 import threading
 import warnings
+from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rigidmc.engine.streams import stream_of, uniforms
 
-BITS = 30  # of a Sobol point, which makes 2^30 of them (scipy 1.17 cannot skip ahead with more than 32); half a step more, and none is 0
+Array = NDArray[np.float64]
+Dimension = tuple[str, int, int]  # name of the random stream, draw, word
+
+# bits of a Sobol point, hence 2^30 points (scipy 1.17 cannot skip ahead with more than 32 bits);
+# half a step is added, so that no number is 0
+BITS = 30
 
 
 class Recorder:
-    """Notes which numbers are drawn, instead of drawing them."""
+    """Notes which numbers are drawn instead of drawing them."""
 
-    def __init__(self):
-        self.found: list[tuple[str, int, int]] = []
+    def __init__(self) -> None:
+        self.dimensions: list[Dimension] = []
 
-    def words(self, name, first, count, draw, used):
-        self.found += [(name, draw, i) for i in used if (name, draw, i) not in self.found]
+    def words(self, name: str, first: int, count: int, draw: int, used: Sequence[int]) -> Array:
+        drawn = [(name, draw, i) for i in used]
+        self.dimensions += [one for one in drawn if one not in self.dimensions]
         return np.full((4, count), 0.5)
 
 
 class Antithetic:
-    """Pairs of members: the second has 1 - u where the first has u, both of the seed's independent numbers of the pair."""
+    """Pairs of members: if the first draws u, the second has 1 - u. The u of pairs are independent
+    numbers of a seed."""
 
-    def __init__(self, seed):
+    def __init__(self, seed: int) -> None:
         self.seed = seed
 
-    def words(self, name, first, count, draw, used):
+    def words(self, name: str, first: int, count: int, draw: int, used: Sequence[int]) -> Array:
         pairs = uniforms(self.seed, name, first // 2, (first + count + 1) // 2 - first // 2, draw)
         both = np.stack([pairs, 1.0 - pairs], axis=-1).reshape(4, -1)
         return np.ascontiguousarray(both[:, first % 2 : first % 2 + count])
 
 
 class Points:
-    """The points of an ensemble. dimensions : (name, draw, word) of each, as a Recorder has them;  strata : of a Latin hypercube"""
+    """The points of an ensemble.
 
-    def __init__(self, seed, kind, dimensions, strata=None):
+    kind : "sobol" or "latin_hypercube"
+    dimensions : what each dimension is for, as a Recorder noted it
+    strata : number of strata of a Latin hypercube
+    """
+
+    def __init__(
+        self, seed: int, kind: str, dimensions: Sequence[Dimension], strata: int | None = None
+    ) -> None:
         self.place = {dimension: i for i, dimension in enumerate(dimensions)}
-        self._lock, self._at, self._last = threading.Lock(), 0, dict[tuple[int, int], np.ndarray]()
-        some = np.random.default_rng([seed, stream_of(f"points.{kind}") >> 1])
-        self._all = None
+        self._lock, self._at = threading.Lock(), 0
+        self._recent: dict[tuple[int, int], Array] = {}
+        rng = np.random.default_rng([seed, stream_of(f"points.{kind}") >> 1])
+        self._all: Array | None = None
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             if kind == "sobol":
-                self._engine = _made("Sobol", len(dimensions), some, scramble=True, bits=BITS)
+                self._engine = _engine("Sobol", len(dimensions), rng, scramble=True, bits=BITS)
             else:
-                self._all = _made("LatinHypercube", len(dimensions), some).random(strata).T
+                self._all = _engine("LatinHypercube", len(dimensions), rng).random(strata).T
 
-    def words(self, name, first, count, draw, used):
-        """(4, count) numbers in (0, 1), of which those are filled that are used."""
-        points, found = self._points(first, count), np.full((4, count), 0.5)
+    def words(self, name: str, first: int, count: int, draw: int, used: Sequence[int]) -> Array:
+        """(4, count) numbers in (0, 1); the rows `used` are filled, the others are 0.5."""
+        points, words = self._points(first, count), np.full((4, count), 0.5)
         for i in used:
-            found[i] = points[self.place[name, draw, i]]
-        return found
+            words[i] = points[self.place[name, draw, i]]
+        return words
 
-    def _points(self, first, count):
+    def _points(self, first: int, count: int) -> Array:
+        """The points of some members; those of the last few blocks are kept."""
         with self._lock:
-            if (first, count) not in self._last:
-                while len(self._last) > 8:
-                    self._last.pop(next(iter(self._last)))
-                self._last[first, count] = self._made(first, count)
-            return self._last[first, count]
+            if (first, count) not in self._recent:
+                while len(self._recent) > 8:
+                    self._recent.pop(next(iter(self._recent)))
+                self._recent[first, count] = self._computed(first, count)
+            return self._recent[first, count]
 
-    def _made(self, first, count):
+    def _computed(self, first: int, count: int) -> Array:
         if self._all is not None:
-            return self._all[:, np.minimum(np.arange(first, first + count), self._all.shape[1] - 1)]
+            last = self._all.shape[1] - 1
+            return self._all[:, np.minimum(np.arange(first, first + count), last)]
         if first < self._at:  # sequences only run forward
             self._engine.reset()
             self._at = 0
         with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore"
-            )  # that a block is no power of two: the sequence is what counts
+            # that a block is no power of two does not matter: the whole sequence counts
+            warnings.simplefilter("ignore")
             if first > self._at:
                 self._engine.fast_forward(first - self._at)
-            points = self._engine.random(count).T + 0.5**BITS / 2.0
+            points: Array = self._engine.random(count).T + 0.5**BITS / 2.0
         self._at = first + count
         return points
 
 
-def _made(name, dimensions, some, **options):
+def _engine(name: str, dimensions: int, rng: np.random.Generator, **options: Any) -> Any:
+    """An engine of scipy.stats.qmc."""
     from scipy.stats import qmc
 
     kind = getattr(qmc, name)
-    key = (
-        "rng" if "rng" in inspect.signature(kind.__init__).parameters else "seed"
-    )  # scipy before 1.15
-    return kind(dimensions, **{key: some}, **options)
+    # the argument is called `seed` before scipy 1.15
+    key = "rng" if "rng" in inspect.signature(kind.__init__).parameters else "seed"
+    return kind(dimensions, **{key: rng}, **options)
 
 
 @lru_cache(maxsize=8)
-def points(seed, kind, dimensions, strata=None):
-    """The Points of these, made once."""
+def points(
+    seed: int, kind: str, dimensions: tuple[Dimension, ...], strata: int | None = None
+) -> Points:
+    """The Points with these properties, computed once."""
     return Points(seed, kind, dimensions, strata)
