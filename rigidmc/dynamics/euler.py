@@ -5,7 +5,7 @@ dL/dt = L x omega + tau,   dq/dt = 1/2 q (0, omega),   omega_i = L_i / I_i      
 
 from typing import NamedTuple
 
-from rigidmc.dynamics.so3 import first_three
+from rigidmc.dynamics.vectors import first_three
 
 
 class MassProperties(NamedTuple):
