@@ -178,9 +178,7 @@ def motion(body, halvings, panels, h, l):
         moves, scale(1.0 / select(moves, size, 1.0), l), (0.0, 0.0, 1.0)
     )  # at rest any unit vector will do: nothing turns
     twice_energy = dot(u, angular_velocity(body, u))
-    # axis 2 is the middle one unless a1 a3 < 0; of a body symmetric about axis 2 either other axis will do
-    elsewhere, one_fits = body.a1 * body.a3 < 0.0, body.a2 * body.a3 >= 0.0
-    first, third = elsewhere & one_fits, elsewhere & opposite(one_fits)
+    first, third = middle_axis(body)
     u = relabel(first, third, u)
     i1, _, i3 = relabel(first, third, (body.i1, body.i2, body.i3))
     axes = Axes(i1, i3, *relabel(first, third, (body.a1, body.a2, body.a3)))
@@ -262,6 +260,15 @@ def free_flow(body, halvings, panels, h, l):
     integral, end = summed(m, panels, u, start)
     angle = 0.5 * phase(m, m.time, integral + corrected(m, panels, start, end))
     return turn_between(m, u, change, angle, start, end), scale(m.size, back(m, change))
+
+
+def middle_axis(body):
+    """(first, third): whether axis 1 or axis 3 has the middle moment; if neither, axis 2 has it.
+
+    That is the case unless a1 a3 < 0. For a body symmetric about axis 2 either other axis will do.
+    """
+    elsewhere, one_fits = body.a1 * body.a3 < 0.0, body.a2 * body.a3 >= 0.0
+    return elsewhere & one_fits, elsewhere & opposite(one_fits)
 
 
 def relabel(first, third, v):

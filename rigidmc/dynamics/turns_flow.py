@@ -1,7 +1,9 @@
 """The free motion of a body by turns about axes: exact for bodies with two equal moments, nearly for others."""
 
-from rigidmc.dynamics.free_flow import relabel
-from rigidmc.dynamics.so3 import exponential, multiply, opposite, scale, sincos
+from rigidmc.dynamics.elementary import sincos
+from rigidmc.dynamics.free_flow import middle_axis, relabel
+from rigidmc.dynamics.quaternions import exponential, multiply
+from rigidmc.dynamics.vectors import scale
 
 
 def symmetric_flow(body, h, l):
@@ -31,8 +33,7 @@ def split_flow(body, h, l):
     T = |L|^2/2I2 + 1/2 (1/I1 - 1/I2) L1^2 + 1/2 (1/I3 - 1/I2) L3^2 with the middle moment on axis 2. The first term turns the body
     about L and commutes with the others, which are turns about the axes 1 and 3: half a turn about 1, a turn about 3, half about 1.
     """
-    elsewhere, one_fits = body.a1 * body.a3 < 0.0, body.a2 * body.a3 >= 0.0
-    first, third = elsewhere & one_fits, elsewhere & opposite(one_fits)
+    first, third = middle_axis(body)
     one, two, three = relabel(first, third, l)
     _, i2, _ = relabel(first, third, (body.i1, body.i2, body.i3))
     a1, _, a3 = relabel(first, third, (body.a1, body.a2, body.a3))

@@ -115,7 +115,7 @@ def free_motion(moments, momentum):
         period = np.where((o.mc > 0.0) & ~permanent, 4.0 * o.quarter / o.rate, np.inf)
         turn = np.where(
             np.isfinite(period),
-            o.spin * period + o.turn * (4.0 * o.swing + 2.0 * np.pi * o.direct),
+            o.spin * period + o.sense * (4.0 * o.swing + 2.0 * np.pi * o.direct),
             np.nan,
         )
         twice_energy = (l * l / moments).sum(0)
