@@ -1,15 +1,18 @@
 """The free motion as formulas: the constants of an orbit, then momentum and attitude at any time.
 
-In units of |L| the momentum is u = (B cn, W sn, C dn) of phi = lambda (t - t0) along the axes k, 2, j.
-Axis 2 is that of the middle moment; j is the axis (of the largest or the smallest moment) about which u
-circles; k is the third. The attitude is a rotation that takes u back to axis j, followed by the angle
+In units of |L| the momentum is u = (B cn, W sn, C dn) of phi = lambda (t - t0) along the axes k, 2,
+j. Axis 2 is that of the middle moment; j is the axis (of the largest or the smallest moment) about
+which u circles; k is the third. The attitude is a rotation that takes u back to axis j, followed by
+the angle
 
-    psi = spin t -+ (Theta + chi)                    (Fasso 2003; Celledoni, Fasso, Saefstroem & Zanna 2008)
+    psi = spin t -+ (Theta + chi)                    (Fasso 2003; Celledoni, Fasso, Saefstroem &
+    Zanna 2008)
 
 Theta is an integral of the third kind with characteristic r = a_k/a_j, chi = arctan(w tan am phi),
-w^2 = |a_2|/a_j, spin = |L|/I_k. If r^2 > m, small differences replace both: Theta has the characteristic
-m/r = B^2/C^2, spin = |L|/I_j, and chi is the difference of two arctangents, written as one. So no term
-exceeds the sum, and spheres, symmetric bodies, needles and separatrices need no case of their own.
+w^2 = |a_2|/a_j, spin = |L|/I_k. If r^2 > m, small differences replace both: Theta has the
+characteristic m/r = B^2/C^2, spin = |L|/I_j, and chi is the difference of two arctangents, written
+as one. So no term exceeds the sum, and spheres, symmetric bodies, needles and separatrices need no
+case of their own.
 """
 
 import math
@@ -109,7 +112,8 @@ def size_and_direction(l):
 class Curve(NamedTuple):
     """The curve of the unit momentum u, and where u is on it at t = 0.
 
-    on_third : whether the axis j is 3, else it is 1;  sign : of u_j;  still : whether u stays where it is
+    on_third : whether the axis j is 3, else it is 1;  sign : of u_j;  still : whether u stays where
+        it is
     rate : lambda/|L|;  m, mc : modulus and 1 - m;  sine, cosine : of the amplitude am phi at t = 0
     b, w2, c : signed amplitudes B, W, C;  direct, nu, w : form and constants of Theta and chi
     """

@@ -136,8 +136,8 @@ def lagrange_motion(moments, weight, momentum, attitude, axis=3):
             2.0 * (o.quarter * o.h_s / o.h_c - o.plus_all),
             np.pi + 2.0 * o.plus_all,
         )
-        sigma = o.own * period + o.s_plus * plus
-        delta = 2.0 * o.s_minus * (o.h_minus * o.quarter + o.minus_all) - o.own * period
+        sigma = o.drift * period + o.s_plus * plus
+        delta = 2.0 * o.s_minus * (o.h_minus * o.quarter + o.minus_all) - o.drift * period
         kinds = {
             "invalid": bad,
             "at rest": fixed & (l1**2 + l2**2 + l3**2 == 0.0),
