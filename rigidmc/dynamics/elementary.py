@@ -54,7 +54,7 @@ def sincos(x):
 
 
 def expm1(x):
-    """exp(x) - 1, relative error <= 7e-16 for -44 < x < 0 (below, it is -1 to rounding), 9e-15 at 20.
+    """exp(x) - 1, relative error <= 7e-16 for -44 < x < 0, 9e-15 at 20; -1 below -44.
 
     Series of degree 9 at x/256, then e <- e (2 + e) eight times. The next term of the series is
     3e-22 of x at |x| = 1 and 3e-14 at 44, where exp(x) is below rounding if x < 0.

@@ -107,7 +107,7 @@ def normalised(q):
 
 
 def touch_up(q):
-    """q (3 - |q|^2)/2: one Newton step to |q| = 1, exact to rounding if |q|^2 is within 1e-8 of 1."""
+    """q (3 - |q|^2)/2: a Newton step to |q| = 1, exact to rounding if |q|^2 is within 1e-8 of 1."""
     r = 1.5 - 0.5 * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return r * q[0], r * q[1], r * q[2], r * q[3]
 

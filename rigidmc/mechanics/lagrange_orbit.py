@@ -41,9 +41,9 @@ class Orbit(NamedTuple):
     m, mc, quarter, offset : modulus, 1 - m, K(m), p t + d at t = 0
     v1, v2, y1, y2 : 1 - u and 1 + u at the lower and upper turning point;  width : u2 - u1
     b, e_minus, e_plus : b, a - b, a + b [rad/s]
-    sigma, delta : half of each phase at t = 0, less what the formulas give there
-    drift : (L_3/C - b)/2 [rad/s], constant rate in sigma and -delta; if u stays 1, plus the rate of
-        sigma
+    sigma, delta : sigma/2 and delta/2 at t = 0, less the values of the formulas there
+    drift : (L_3/C - b)/2 [rad/s], constant rate of sigma/2 and -delta/2; if u stays 1, plus the rest
+        of the rate of sigma/2
     direct : 1 if sigma is h u - Theta, else 0;  s_plus, s_minus : signs of a + b and a - b
     h_s, h_c : h of sigma as a ratio;  h_minus : h of delta
     plus_nu, plus_mu, minus_nu, minus_mu : the Thirds (1 + nu, mu) of sigma and delta
@@ -185,22 +185,22 @@ def phase_rates(o, p, e):
 
 
 def start_phases(o, q, s_plus, s_minus):
-    """Half of sigma and of delta at t = 0: the phases of w + i z and of x + i y.
+    """(sigma/2, delta/2) at t = 0: the phases of w + i z and of x + i y.
 
     A parameter that is 0 at t = 0 has the phase of its derivative, half a jump later.
     """
-    up, down = o.y > 0.0, o.v > 0.0
+    not_hanging, not_upright = o.y > 0.0, o.v > 0.0
     alpha = (
-        select(up, q[0], -(q[1] * o.one + q[2] * o.two)),
-        select(up, q[3], q[1] * o.two - q[2] * o.one),
+        select(not_hanging, q[0], -(q[1] * o.one + q[2] * o.two)),
+        select(not_hanging, q[3], q[1] * o.two - q[2] * o.one),
     )
     gamma = (
-        select(down, q[1], q[0] * o.one - q[3] * o.two),
-        select(down, q[2], q[0] * o.two + q[3] * o.one),
+        select(not_upright, q[1], q[0] * o.one - q[3] * o.two),
+        select(not_upright, q[2], q[0] * o.two + q[3] * o.one),
     )
     return (
-        arctan2(alpha[1], alpha[0]) - select(up, 0.0, s_plus * 0.5 * math.pi),
-        arctan2(gamma[1], gamma[0]) - select(down, 0.0, s_minus * 0.5 * math.pi),
+        arctan2(alpha[1], alpha[0]) - select(not_hanging, 0.0, s_plus * 0.5 * math.pi),
+        arctan2(gamma[1], gamma[0]) - select(not_upright, 0.0, s_minus * 0.5 * math.pi),
     )
 
 
