@@ -42,7 +42,8 @@ class Orbit(NamedTuple):
     v1, v2, y1, y2 : 1 - u and 1 + u at the lower and upper turning point;  width : u2 - u1
     b, e_minus, e_plus : b, a - b, a + b [rad/s]
     sigma, delta : sigma/2 and delta/2 at t = 0, less the values of the formulas there
-    drift : (L_3/C - b)/2 [rad/s], constant rate of sigma/2 and -delta/2; if u stays 1, plus the rest
+    drift : (L_3/C - b)/2 [rad/s], constant rate of sigma/2 and -delta/2; if u stays 1, plus the
+        rest
         of the rate of sigma/2
     direct : 1 if sigma is h u - Theta, else 0;  s_plus, s_minus : signs of a + b and a - b
     h_s, h_c : h of sigma as a ratio;  h_minus : h of delta
