@@ -1,4 +1,5 @@
-"""Physics as plain functions of floats and small tuples: no allocation, no raise, no data-dependent loop.
+"""The mechanics of one rigid body, as plain functions of floats and small tuples.
 
-They run as they stand in Python and, inlined by `rigidmc.engine.compose`, in the lanes of a kernel.
+They allocate nothing, raise nothing and contain no loop whose length depends on the data. They run
+as they are in Python, and `rigidmc.engine.compose` inlines them into the kernels.
 """

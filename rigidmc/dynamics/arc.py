@@ -1,10 +1,17 @@
-"""How far a free body goes in a time: Jacobi's elliptic functions by their series and addition theorem, without branches, inverse functions or a modulus."""
+"""How far a free body goes in a time: Jacobi's elliptic functions without branches or a modulus.
+
+By their series for short times and by their addition theorem for longer ones; no inverse function
+is needed.
+"""
 
 from typing import NamedTuple
 
 
 class Arc(NamedTuple):
-    """How far the flow goes in time h: S = sn-like, g1 = 1 - f1, g3 = 1 - f3, with S' = f1 f3, f1' = -x S f3, f3' = -y S f1."""
+    """How far the flow goes in a time h: S, g1 = 1 - f1 and g3 = 1 - f3, where S is like sn.
+
+    S' = f1 f3,   f1' = -x S f3,   f3' = -y S f1
+    """
 
     s: float
     g1: float
@@ -16,42 +23,35 @@ def arc(h, x, y):
 
     The next term of the series is 0.0036 (h sqrt(max(x, y)))^12: 5e-17 at 0.07, 4e-15 at 0.1.
     """
-    hx, hy = (
-        h * h * x,
-        h * h * y,
-    )  # pure numbers: x and y alone reach 1e92 for the moments of a molecule
+    # pure numbers: x and y alone reach 1e92 for the moments of a molecule
+    hx, hy = h * h * x, h * h * y
     u, p = hx + hy, hx * hy
     uu = u * u
-    s = h * (
-        1.0
-        - (
-            u * (1 / 6)
-            - (
-                (uu + 12.0 * p) * (1 / 120)
-                - (
-                    u * (uu + 132.0 * p) * (1 / 5040)
-                    - (
-                        (uu * uu + 1224.0 * uu * p + 3024.0 * p * p) * (1 / 362880)
-                        - (u * (uu * uu + 11064.0 * uu * p + 71280.0 * p * p) * (1 / 39916800))
-                    )
-                )
-            )
-        )
-    )
+    t = u * (uu * uu + 11064.0 * uu * p + 71280.0 * p * p) * (1 / 39916800)
+    t = (uu * uu + 1224.0 * uu * p + 3024.0 * p * p) * (1 / 362880) - t
+    t = u * (uu + 132.0 * p) * (1 / 5040) - t
+    t = (uu + 12.0 * p) * (1 / 120) - t
+    s = h * (1.0 - (u * (1 / 6) - t))
     ss = s * s
     return Arc(s, _less_than_root(x * ss), _less_than_root(y * ss))
 
 
 def _less_than_root(z):
-    """1 - sqrt(1 - z) by its series, for |z| < 0.016: the next term is 0.02 z^8 of it. A root takes as long as 18 to 30 products."""
+    """1 - sqrt(1 - z) for |z| < 0.016, by its series: the next term is 0.02 z^8 of it.
+
+    A root takes as long as 18 to 30 products.
+    """
     p = 21 / 512 + z * (33 / 1024 + z * (429 / 16384))
     p = 1 / 8 + z * (5 / 64 + z * (7 / 128 + z * p))
     return 0.5 * z * (1.0 + z * (1 / 4 + z * p))
 
 
 def _over(u, near):
-    """1/(1 - u); near : () for any u, (0.0,) for |u| < 0.1, by a series to u^3 and two Newton steps, exact to rounding: a division takes as long as
-    10 to 20 products."""
+    """1/(1 - u) to rounding; near : () for any u, (0.0,) for |u| < 0.1.
+
+    For small u by a series to u^3 and two Newton steps: a division takes as long as 10 to 20
+    products.
+    """
     if len(near) == 0:
         return 1.0 / (1.0 - u)
     d, r = 1.0 - u, 1.0 + u * (1.0 + u * (1.0 + u))
@@ -60,7 +60,10 @@ def _over(u, near):
 
 
 def doubled(a, x, y, near=()):
-    """The Arc of twice the time; 1 - f' from the factored form, so that no digit cancels. near : (0.0,) for short times, see `_over`."""
+    """The Arc of twice the time; near : (0.0,) for short times, see `_over`.
+
+    g = 1 - f of the doubled time comes from a factored form, so no digit cancels.
+    """
     ss = a.s * a.s
     f1, f3 = 1.0 - a.g1, 1.0 - a.g3
     r = _over((x * ss) * (y * ss), near)
@@ -68,11 +71,13 @@ def doubled(a, x, y, near=()):
 
 
 def increment(body, a, p, l, near=()):
-    """L(t + h) - L(t) of a free body; conserves T and |L|^2 to rounding for any S within the range of `near`, with errors that do not add up.
+    """L(t + h) - L(t) of a free body for the Arc of h; p : P of `squares`.
 
-    near : (0.0,) where h is that of an arc without doublings, or of one panel, see `_over`
+    near : (0.0,) if h is the time of an Arc without doublings, or of one panel; see `_over`
 
-    The plain form L1' = (f1 L1 + f3 S a1 L2 L3)/D drifts linearly (1e-12 after 1e4 steps); this one walks (5e-15).
+    T and |L|^2 are conserved to rounding for any S in the range of `near`, and the errors do not
+    add up: the plain form L1' = (f1 L1 + f3 S a1 L2 L3)/D drifts linearly (1e-12 after 1e4 steps),
+    this one walks (5e-15).
     """
     f1, f3 = 1.0 - a.g1, 1.0 - a.g3
     u = p * (a.s * a.s)
@@ -85,7 +90,10 @@ def increment(body, a, p, l, near=()):
 
 
 def squares(body, l):
-    """(P, Q1, Q3) = (a1 a3 L2^2, -a2 a3 L1^2, -a1 a2 L3^2) >= 0; x = P + Q3 and y = P + Q1 are constants of motion."""
+    """(P, Q1, Q3) = (a1 a3 L2^2, -a2 a3 L1^2, -a1 a2 L3^2).
+
+    All are >= 0 if axis 2 has the middle moment. x = P + Q3 and y = P + Q1 are constants of motion.
+    """
     return (
         body.a1 * body.a3 * l[1] * l[1],
         -body.a2 * body.a3 * l[0] * l[0],
@@ -103,14 +111,17 @@ def half_and_whole(h, x, y, halvings):
 
 
 def near_of(halvings):
-    """(0.0,) where there are none, else ()."""
+    """`near` of an Arc with these halvings: (0.0,) if there are none, else ()."""
     if len(halvings) == 0:
         return (0.0,)
     return ()
 
 
 def of_a_panel(half, whole, h, x, y, panels):
-    """(Arc of half a panel, Arc of a panel) of a time h that is cut into panels; half, whole : the Arcs of h/2 and h."""
+    """(Arc of half a panel, Arc of a panel) of a time h cut into panels.
+
+    half, whole : the Arcs of h/2 and h
+    """
     if len(panels) == 1:
         return half, whole
     return half_and_whole(panels[0] * h, x, y, ())

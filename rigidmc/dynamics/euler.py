@@ -1,18 +1,20 @@
-"""Euler's equations of a rigid body with a fixed point, in body angular momentum L and attitude q.
+"""Euler's equations of a rigid body with a fixed point, for body angular momentum L and attitude q.
 
-dL/dt = L x omega + tau,   dq/dt = 1/2 q (0, omega),   omega_i = L_i / I_i          (TdC (3.35), (3.7))
+dL/dt = L x omega + tau,   dq/dt = 1/2 q (0, omega),   omega_i = L_i / I_i          (TdC (3.35),
+(3.7))
 """
 
 from typing import NamedTuple
 
-from rigidmc.dynamics.so3 import first_three
+from rigidmc.dynamics.vectors import first_three
 
 
 class MassProperties(NamedTuple):
-    """What a kernel knows of a body, in its principal axes.
+    """The constants of a body in its principal axes.
 
     i1, i2, i3 : reciprocal principal moments 1/I [1/(kg m^2)]
-    a1, a2, a3 : (I2 - I3)/(I2 I3) and cyclic [1/(kg m^2)], from the difference of moments: 1/I3 - 1/I2 would cancel
+    a1, a2, a3 : (I2 - I3)/(I2 I3) and cyclic [1/(kg m^2)], from differences of moments, because
+        1/I3 - 1/I2 would cancel
     p1, p2, p3 : mass times centre of mass, the static moment [kg m]
     """
 
@@ -28,20 +30,22 @@ class MassProperties(NamedTuple):
 
     @staticmethod
     def of(moments, static_moment):
-        """From principal moments (I1, I2, I3) and static moment, numbers or arrays with one entry per member."""
+        """From principal moments (I1, I2, I3) and static moment.
+
+        Numbers, or arrays with one entry per ensemble member.
+        """
         return mass_properties(moments, static_moment)
 
 
 def mass_properties(moments, static_moment):
-    """The MassProperties of principal moments (I1, I2, I3) and static moment."""
+    """The MassProperties of principal moments (I1, I2, I3) and a static moment."""
     one, two, three = moments
+    # two divisions each: the product I2 I3 of a nano body would underflow
     return MassProperties(
         1.0 / one,
         1.0 / two,
         1.0 / three,
-        (two - three)
-        / two
-        / three,  # two divisions: the product I2 I3 of a nano body would underflow
+        (two - three) / two / three,
         (three - one) / three / one,
         (one - two) / one / two,
         static_moment[0],
@@ -66,7 +70,10 @@ def free_rate(body, l):
 
 
 class Rates(NamedTuple):
-    """A body's coefficients over a time h: h/(2 I_i) for the attitude, h a_i for the momentum."""
+    """A body's coefficients over a time h.
+
+    w1, w2, w3 : h/(2 I_i), for the attitude;  a1, a2, a3 : h a_i, for the momentum
+    """
 
     w1: float
     w2: float
@@ -95,12 +102,15 @@ def twice(rates):
 
 
 def turn(rates, l):
-    """h omega / 2, the half turn in a time h."""
+    """h omega/2, half the rotation vector of a time h."""
     return rates.w1 * l[0], rates.w2 * l[1], rates.w3 * l[2]
 
 
 def spun(rates, onto, l):
-    """onto + h L x omega, the free change of the momentum at l; what follows `onto` stays."""
+    """onto + h L x omega: `onto` plus the free change of the momentum at l.
+
+    Numbers that follow the three components of `onto` stay as they are.
+    """
     if len(onto) > 3:
         return spun(rates, first_three(onto), l) + onto[3:]
     return (

@@ -1,29 +1,25 @@
-"""The exact motion of a free rigid body over a step, without branches, inverse functions or a modulus.
+"""The exact motion of a free rigid body over a step, without branches or inverse functions.
 
-Momentum by the addition theorem of Jacobi's elliptic functions, attitude by one phase (Celledoni, Fasso, Saefstroem & Zanna,
-SIAM J. Sci. Comput. 30 (2008) 2084). One formula serves spheres, symmetric bodies, separatrix and near-degenerate bodies.
-The formulas want the middle moment on axis 2; `free_flow` relabels the axes cyclically, by selects, where it is not.
+No modulus of elliptic functions is formed. The momentum follows from the addition theorem of
+Jacobi's elliptic functions, the attitude from one phase (Celledoni, Fasso, Saefstroem & Zanna, SIAM
+J. Sci. Comput. 30 (2008) 2084). One formula serves spheres, symmetric bodies, separatrices and
+near-degenerate bodies. The formulas want the middle moment on axis 2; for other bodies `free_flow`
+relabels the axes cyclically, by selects.
 """
 
 import math
 from typing import Any, NamedTuple
 
 from rigidmc.dynamics.arc import Arc, half_and_whole, increment, near_of, of_a_panel, squares
+from rigidmc.dynamics.elementary import sincos
 from rigidmc.dynamics.euler import angular_velocity
-from rigidmc.dynamics.so3 import (
-    add,
-    by_precision,
-    conjugate,
-    dot,
-    multiply,
-    opposite,
-    scale,
-    select,
-    select_each,
-    sincos,
-)
+from rigidmc.dynamics.quaternions import conjugate, multiply
+from rigidmc.dynamics.scalars import by_precision, opposite, select, select_each
+from rigidmc.dynamics.vectors import add, dot, scale
 
-_REST = 1e-306  # |L|^2 at which a body stands still: below 2e-308 its digits go, and with them the unit vector L/|L|
+# |L|^2 below which a body is at rest: squares under 2e-308 lose digits, and the unit vector L/|L|
+# with them
+_REST = 1e-306
 
 
 class Axes(NamedTuple):
@@ -37,11 +33,15 @@ class Axes(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """What stays the same in the free motion of a body, in units of |L|: its momentum is a unit vector u, and its middle axis is axis 2.
+    """The constants of a free motion in units of |L|.
 
-    size : |L|;  first, third : whether axis 1 or 3 of the body became axis 2;  twice_energy : 2T/|L|^2
-    on_third, sign : about which axis L circles, 3 or 1, and on which side;  inverse : 1/I of that axis
-    x, y : P + Q3 and P + Q1, see `squares`;  time : |L| h;  whole : the Arc of h;  half, panel : the Arcs of half a panel of it, and of a panel
+    The momentum is a unit vector u, and axis 2 has the middle moment.
+
+    size : |L|;  first, third : whether axis 1 or 3 of the body became axis 2;  twice_energy :
+        2T/|L|^2
+    on_third, sign : the axis e_j about which L circles, 3 or 1, and the sign of L_j
+    inverse : 1/I_j;  x, y : P + Q3 and P + Q1, see `squares`;  time : |L| h
+    whole : the Arc of h;  half, panel : the Arcs of half a panel and of a panel of h
     """
 
     size: float
@@ -61,7 +61,7 @@ class Motion(NamedTuple):
 
 
 class Share(NamedTuple):
-    """f = 1/(1 + c) and v = c/(1 + c) with its derivatives v', v'' along a free motion, c = |u_j|, j = 3 or 1."""
+    """f = 1/(1 + c), v = c/(1 + c) and v', v'' along a free motion; c = |u_j|, j = 3 or 1."""
 
     f: float
     v: float
@@ -70,12 +70,12 @@ class Share(NamedTuple):
 
 
 def _share(m, u, c, f):
+    """The Share of a unit momentum, given c and f."""
     p, q1, q3 = squares(m.body, u)
     rate = m.sign * select(m.on_third, m.body.a3 * u[0], m.body.a1 * u[2]) * u[1]
     ff = f * f
-    return Share(
-        f, c * f, rate * ff, ff * (c * (p - select(m.on_third, q1, q3)) - 2.0 * rate * rate * f)
-    )
+    second = ff * (c * (p - select(m.on_third, q1, q3)) - 2.0 * rate * rate * f)
+    return Share(f, c * f, rate * ff, second)
 
 
 def share(m, u):
@@ -85,22 +85,24 @@ def share(m, u):
 
 
 def slopes(a):
-    """How g1 and g3 of an Arc change with x and y."""
+    """(dg1/dx, dg3/dy) of an Arc."""
     half = 0.5 * a.s * a.s
     return half / (1.0 - a.g1), half / (1.0 - a.g3)
 
 
 def strayed(m, u):
-    """How far rounding has taken x and y of a unit momentum from those of the start."""
+    """(x, y) of a unit momentum less those of the start: the accumulated rounding errors."""
     p, q1, q3 = squares(m.body, u)
     return (p + q3) - m.x, (p + q1) - m.y
 
 
 def followed(m, a, slopes, u):
-    """The Arc for a unit momentum that has strayed; slopes : those of the Arc, () where x and y are those of u.
+    """The Arc for a unit momentum that has strayed from x and y of the start.
 
-    With g1 and g3 of the start an increment keeps T and |L|^2 for the start's x and y alone, and along a separatrix what rounding takes grows as the
-    motion does: by 1e-6 in 10,000 steps.
+    slopes : those of the Arc, or () if x and y are those of u
+
+    With g1 and g3 of the start an increment conserves T and |L|^2 only for x and y of the start.
+    Along a separatrix rounding errors grow as the motion does: by 1e-6 in 10,000 steps.
     """
     if len(slopes) == 0:
         return a
@@ -109,16 +111,17 @@ def followed(m, a, slopes, u):
 
 
 def shares_back(m):
-    """1/4x and 1/4y, see `returned`; 0 where x or y is."""
+    """(1/4x, 1/4y) for `returned`; 0 if x or y is 0."""
     x, y = m.x > 0.0, m.y > 0.0
     return select(x, 0.25 / select(x, m.x, 1.0), 0.0), select(y, 0.25 / select(y, m.y, 1.0), 0.0)
 
 
 def returned(m, back, u, end):
-    """The end of a step from a unit momentum u that has strayed, half of the way back: its axes times 1 - dy/4y, both, and 1 - dx/4x.
+    """The end of a step from a unit momentum u that has strayed, moved half of the way back.
 
-    So T and |L|^2 do not walk: 8e-16 off after 1e5 steps of 60 hard and random bodies, where 1.1e-13 would be. Of a body with two equal moments x or y
-    is 0 and tells nothing of |L|.
+    Axes 1 and 2 of `end` are multiplied by 1 - dy/4y, axes 2 and 3 by 1 - dx/4x. So T and |L|^2 do
+    not walk: the error is 8e-16 after 1e5 steps of 60 hard and random bodies, and 1.1e-13 without
+    this. For a body with two equal moments x or y is 0, and |L| cannot be told from it.
     """
     dx, dy = strayed(m, u)
     x, y = back[0] * dx, back[1] * dy
@@ -126,11 +129,16 @@ def returned(m, back, u, end):
 
 
 def summed(m, panels, u, at, slopes=()):
-    """(integral of v over the panels of a step from u on, but for `corrected`; the Share at its end); at : the Share at u.
+    """(integral of v over the panels of a step from u, the Share at its end).
 
-    A panel's integral by the rule that is exact for polynomials of degree 7: v, v', v'' at both ends, where they come free with the
-    flow, and v alone in the middle; its error is 5e-9 h^9 v^(8). Of many panels, and many steps, the ends count twice and v' cancels: here each
-    panel counts its end twice, and its start not at all.
+    The integral lacks the terms that `corrected` adds.
+
+    at : the Share at u;  slopes : see `followed`
+
+    The rule of a panel is exact for polynomials of degree 7: v, v', v'' at both ends, where they
+    come free with the flow, and v in the middle; its error is 5e-9 h^9 v^(8). Over many panels and
+    steps each inner end counts twice and its v' cancels; so every panel here counts its end twice
+    and its start not at all.
     """
     if len(panels) == 0:
         return 0.0, at
@@ -145,15 +153,15 @@ def summed(m, panels, u, at, slopes=()):
     both = 1.0 / ((1.0 + c) * below)  # one division for two
     end = _share(m, u, c, below * both)
     more, last = summed(m, panels[1:], u, end, slopes)
-    return h * (
-        (19 / 35) * end.v
-        + (16 / 35) * (middle * ((1.0 + c) * both))
-        + h * h * ((1 / 420) * end.second)
-    ) + more, last
+    inner = (19 / 35) * end.v + (16 / 35) * (middle * ((1.0 + c) * both))
+    return h * (inner + h * h * ((1 / 420) * end.second)) + more, last
 
 
 def corrected(m, panels, start, end):
-    """What `summed` over any number of steps is to be corrected by; the Shares at their start and end."""
+    """The end terms of the integral that `summed` takes over any number of steps.
+
+    start, end : the Shares at the start of the first step and the end of the last one
+    """
     h = m.time * panels[0]
     return h * (
         (19 / 70) * (start.v - end.v)
@@ -162,9 +170,10 @@ def corrected(m, panels, start, end):
 
 
 def phase(m, time, integral):
-    """The angle about the axis e_j in a time, with the integral of v over it.
+    """The angle about the axis e_j in a time, from the integral of v over it.
 
-    psi' = 2T (1 - v) + v/I_j: written so that nothing cancels for needles, where 1/I_j exceeds 2T by orders of magnitude
+    psi' = 2T (1 - v) + v/I_j: nothing cancels for needles, whose 1/I_j exceeds 2T by orders of
+    magnitude
     """
     return m.twice_energy * (time - integral) + m.inverse * integral
 
@@ -174,13 +183,10 @@ def motion(body, halvings, panels, h, l):
     square = dot(l, l)
     moves = square > by_precision(square, _REST, 1e-36)
     size = select(moves, math.sqrt(square), 0.0)
-    u = select_each(
-        moves, scale(1.0 / select(moves, size, 1.0), l), (0.0, 0.0, 1.0)
-    )  # at rest any unit vector will do: nothing turns
+    # at rest any unit vector will do: nothing rotates
+    u = select_each(moves, scale(1.0 / select(moves, size, 1.0), l), (0.0, 0.0, 1.0))
     twice_energy = dot(u, angular_velocity(body, u))
-    # axis 2 is the middle one unless a1 a3 < 0; of a body symmetric about axis 2 either other axis will do
-    elsewhere, one_fits = body.a1 * body.a3 < 0.0, body.a2 * body.a3 >= 0.0
-    first, third = elsewhere & one_fits, elsewhere & opposite(one_fits)
+    first, third = middle_axis(body)
     u = relabel(first, third, u)
     i1, _, i3 = relabel(first, third, (body.i1, body.i2, body.i3))
     axes = Axes(i1, i3, *relabel(first, third, (body.a1, body.a2, body.a3)))
@@ -188,7 +194,8 @@ def motion(body, halvings, panels, h, l):
     p, q1, q3 = squares(axes, u)
     half, whole = half_and_whole(time, p + q3, p + q1, halvings)
     on_third = q3 >= q1
-    # the side on which L circles stays; where u_j is 0 to rounding its sign may change, and taken anew it would turn the body over
+    # the sign is a constant of the motion; computed anew it could change where u_j is 0 to
+    # rounding, and would turn the body over
     sign = select(select(on_third, u[2], u[0]) < 0.0, -1.0, 1.0)
     one, panel = of_a_panel(half, whole, time, p + q3, p + q1, panels)
     inverse = select(on_third, i3, i1)
@@ -211,16 +218,19 @@ def motion(body, halvings, panels, h, l):
 
 
 def advance(m, halvings, u, slopes=()):
-    """What a step adds to the unit momentum u; slopes : see `followed`."""
+    """The change of the unit momentum u in a step; slopes : see `followed`."""
     p = m.body.a1 * m.body.a3 * u[1] * u[1]
     return increment(m.body, followed(m, m.whole, slopes, u), p, u, near_of(halvings))
 
 
 def turn_between(m, u, change, angle, start, end):
-    """P(u)^-1 exp(angle e_j) P(u + change), the turn of a body between two momenta; their Shares, and the angle is half of the phase.
+    """P(u)^-1 exp(angle e_j) P(u + change), the rotation of a body between two momenta.
 
-    As |P(u)|^2 R about u, plus what the change adds, the small turn of a short step has all its digits. The product of the three is off by
-    1e-16, alike in every step, so that the error grows with the number of steps.
+    angle : half of the phase;  start, end : the Shares of the two momenta
+
+    Written as |P(u)|^2 times a rotation about u plus a small term for the change, it keeps all
+    digits of the small rotation of a short step. The product of the three has an error of 1e-16
+    that is the same in every step, so it would grow in proportion to the number of steps.
     """
     s, c = sincos(angle)
     s = s * m.sign
@@ -239,23 +249,27 @@ def turn_between(m, u, change, angle, start, end):
 
 
 def back(m, v):
-    """A vector on the axes of the body."""
+    """The components of a vector on the axes of the body, from those of the Motion."""
     return relabel(m.third, m.first, v)
 
 
 def free_flow(body, halvings, panels, h, l):
     """(turn, change of L) of a free body in the time h: its attitude goes from q to q turn.
 
-        psi = integral of (2T + |L| |L_j| / I_j) / (|L| + |L_j|) dt,   turn = P(L0)* exp(psi e_j / 2) P(L1)
+        psi = integral of (2T + |L| |L_j| / I_j) / (|L| + |L_j|) dt,
+        turn = P(L0)* exp(psi e_j / 2) P(L1)
 
-    where P(L) turns L to the body axis e_j, the one (1 or 3) about which L circles. |L|, T and the space momentum are kept to
-    rounding at any h; the phase is exact for symmetric bodies and of order 8 in h otherwise.
+    P(L) rotates L to the body axis e_j, that (1 or 3) about which L circles. |L|, T and the space
+    momentum are conserved to rounding at any h; the phase is exact for symmetric bodies, else of
+    order 8 in h.
 
-    The momentum advances by h at once, however many panels there are: its bits do not depend on whether the attitude is computed.
+    The momentum advances by h at once, however many panels there are: its bits do not depend on
+    whether the attitude is computed.
 
-    halvings : a tuple whose LENGTH says how often the series' argument is halved
-    panels : n times 1/n: for the phase h is cut into n panels. The tuple holds 1/n because 1/len() would be a float64 in float32
-        kernels too
+    halvings : a tuple whose LENGTH says how often the argument of the series is halved
+    panels : n times 1/n, to cut h into n panels for the phase. The tuple holds 1/n, because 1/len()
+        would
+        be a float64 also in float32 kernels
     """
     m, u = motion(body, halvings, panels, h, l)
     change, start = advance(m, halvings, u), share(m, u)
@@ -264,8 +278,20 @@ def free_flow(body, halvings, panels, h, l):
     return turn_between(m, u, change, angle, start, end), scale(m.size, back(m, change))
 
 
+def middle_axis(body):
+    """(first, third): whether axis 1 or axis 3 has the middle moment; if neither, axis 2 has it.
+
+    That is the case unless a1 a3 < 0. For a body symmetric about axis 2 either other axis will do.
+    """
+    elsewhere, one_fits = body.a1 * body.a3 < 0.0, body.a2 * body.a3 >= 0.0
+    return elsewhere & one_fits, elsewhere & opposite(one_fits)
+
+
 def relabel(first, third, v):
-    """v with its axes shifted so that axis 1 (if `first`) or axis 3 (if `third`) becomes axis 2; swap the two to go back."""
+    """v with its axes shifted cyclically: axis 1 (if `first`) or 3 (if `third`) becomes axis 2.
+
+    Swap `first` and `third` to go back.
+    """
     return (
         select(first, v[2], select(third, v[1], v[0])),
         select(first, v[0], select(third, v[2], v[1])),
@@ -274,7 +300,10 @@ def relabel(first, third, v):
 
 
 def to_axis(on_third, sign, u):
-    """Quaternion of norm sqrt(2 (1 + c)) that turns the unit vector u to sign e_j, j = 3 or 1, c = sign u_j."""
+    """Quaternion of norm sqrt(2 (1 + c)) that rotates the unit vector u to sign e_j.
+
+    j = 3 if on_third, else 1;  c = sign u_j
+    """
     return (
         1.0 + sign * select(on_third, u[2], u[0]),
         select(on_third, sign * u[1], 0.0),

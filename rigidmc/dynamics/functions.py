@@ -1,9 +1,15 @@
-"""Functions of analysis in straight code: +, -, *, /, roots and bits are the same on every machine, functions of libraries are not, to the last digit.
+"""Functions of analysis in straight code, with the same bits on every machine.
 
-They take numbers, arrays, and what compiled code has for numbers. Errors in units of 1e-16, relative where not said otherwise: sin, cos 1.8 of 1, for
-|x| < 1e6; exp 1.3; log 1.4; atan, asin, acos 3; sinh, cosh 9; tanh 7; normal quantiles 9. Powers are those of whole numbers, by products; any other is
-exp(y log x), which is off by |y log x| times as much.
-Source of the logarithm: fdlibm's e_log; of the quantiles: Wichura, Appl. Stat. 37 (1988) 477, AS 241, PPND16.
++, -, *, /, roots and bit operations are the same everywhere; library functions differ in the last
+digit.
+
+Arguments are numbers or arrays, in compiled code also vectors of numbers. Errors in units of 1e-16,
+relative unless said otherwise: sin, cos 1.8 (absolute) for |x| < 1e6; exp 1.3; log 1.4; atan, asin,
+acos 3; sinh, cosh 9; tanh 7; normal quantiles 9. Integer powers are products. Other powers are
+exp(y log x), with an error larger by the factor |y log x|.
+
+Sources: the logarithm is fdlibm's e_log; the quantiles are AS 241, PPND16 (Wichura, Appl. Stat. 37
+(1988) 477).
 """
 
 import math
@@ -11,7 +17,8 @@ import struct
 
 import numpy as np
 
-from rigidmc.dynamics.so3 import arctan2, expm1, larger, root, rounded, select, sincos, smaller
+from rigidmc.dynamics.elementary import arctan2, expm1, sincos
+from rigidmc.dynamics.scalars import larger, root, rounded, select, smaller
 
 _LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
 _MANTISSA, _EXPONENT = np.uint64(0x000FFFFFFFFFFFFF), np.uint64(0x3FF0000000000000)
@@ -19,14 +26,14 @@ _SHIFT = np.uint64(52)
 
 
 def as_float(word):
-    """The number whose bits are those of a word."""
+    """The float with the bits of a word."""
     if isinstance(word, np.ndarray):
         return word.view(np.float64)
     return struct.unpack("<d", struct.pack("<Q", int(word)))[0]
 
 
 def as_word(number):
-    """The bits of a number as a word."""
+    """The bits of a float as a word."""
     if isinstance(number, np.ndarray):
         return np.ascontiguousarray(number, np.float64).view(np.uint64)
     return np.uint64(struct.unpack("<Q", struct.pack("<d", number))[0])
@@ -37,32 +44,30 @@ def double(x):
     return x
 
 
-def as_given(found, x):
-    """What was found in float64 in the precision of x."""
-    return found
+def as_given(result, x):
+    """A float64 result in the precision of x."""
+    return result
 
 
 def logarithm(x):
-    """ln x of a positive number that is neither infinite nor smaller than 2.2e-308."""
+    """ln x for 2.2e-308 <= x < inf."""
     word = as_word(x)
     m = as_float((word & _MANTISSA) | _EXPONENT)
-    # the exponent as a number: its bits in the low end of 2^52 + ...
-    e = (
-        as_float((word >> np.uint64(52)) | np.uint64(0x4330000000000000)) - 4503599627370496.0
-    ) - 1023.0
+    # the bits of the exponent as the low bits of the float 2^52 + exponent
+    e = as_float((word >> np.uint64(52)) | np.uint64(0x4330000000000000)) - 4503599627370496.0
+    e = e - 1023.0
     large = m > 1.4142135623730951
     m, e = select(large, 0.5 * m, m), select(large, e + 1.0, e)
     f = m - 1.0
     s = f / (2.0 + f)
     z = s * s
     w = z * z
-    r = w * (
-        3.999999999940941908e-01 + w * (2.222219843214978396e-01 + w * 1.531383769920937332e-01)
-    ) + z * (
-        6.666666666666735130e-01
-        + w
-        * (2.857142874366239149e-01 + w * (1.818357216161805012e-01 + w * 1.479819860511658591e-01))
-    )
+    even = 2.222219843214978396e-01 + w * 1.531383769920937332e-01
+    even = 3.999999999940941908e-01 + w * even
+    odd = 1.818357216161805012e-01 + w * 1.479819860511658591e-01
+    odd = 2.857142874366239149e-01 + w * odd
+    odd = 6.666666666666735130e-01 + w * odd
+    r = w * even + z * odd
     half = 0.5 * f * f
     return e * _LN2_HIGH - ((half - (s * (half + r) + e * _LN2_LOW)) - f)
 
@@ -89,7 +94,10 @@ def arctangent(x):
 
 
 def power_of_two(n):
-    """2^n of a whole number -1022 <= n <= 1023, which goes to the place of the exponent from the low end of 2^52 + ..."""
+    """2^n for an integer -1022 <= n <= 1023.
+
+    The low bits of the float 2^52 + 1023 + n are shifted to the place of the exponent.
+    """
     return as_float(as_word(n + (4503599627370496.0 + 1023.0)) << _SHIFT)
 
 
@@ -105,26 +113,28 @@ def exponential_of(x):
     p = 1 / 720 + r * (1 / 5040 + r * p)
     p = 1 / 24 + r * (1 / 120 + r * p)
     e = 1.0 + (r + r * r * (0.5 + r * (1 / 6 + r * p)))
-    half = rounded(
-        0.5 * n
-    )  # in two factors: neither 2^1024 nor 2^-1074 is a number with an exponent
-    found = e * power_of_two(half) * power_of_two(n - half)
-    return as_given(select(double(x) != double(x), double(x), found), x)
+    # 2^n in two factors, because 2^1024 and 2^-1074 are no normal numbers
+    half = rounded(0.5 * n)
+    result = e * power_of_two(half) * power_of_two(n - half)
+    return as_given(select(double(x) != double(x), double(x), result), x)
 
 
 def logarithm_of(x):
-    """ln x; -inf of 0, nan below it."""
+    """ln x; -inf at 0, nan below."""
     wide = double(x)
-    small = wide < 2.2250738585072014e-308  # what is not normal has no exponent of its own
-    found = logarithm(select(small, wide * 18014398509481984.0, wide)) - select(
-        small, 37.42994775023705, 0.0
-    )
-    found = select(wide == math.inf, wide, select(wide == 0.0, -math.inf, found))
-    return as_given(select((wide < 0.0) | (wide != wide), math.nan, found), x)
+    small = wide < 2.2250738585072014e-308  # subnormal: x 2^54 has an exponent that can be read
+    result = logarithm(select(small, wide * 18014398509481984.0, wide))
+    result = result - select(small, 37.42994775023705, 0.0)
+    result = select(wide == math.inf, wide, select(wide == 0.0, -math.inf, result))
+    return as_given(select((wide < 0.0) | (wide != wide), math.nan, result), x)
 
 
 def logarithm_of_one_and(x):
-    """ln(1 + x), x > -1: what 1 + x loses of x is lost of its logarithm alike."""
+    """ln(1 + x), x > -1.
+
+    ln(y)/(y - 1) for the rounded y = 1 + x, times x: rounding changes numerator and denominator
+    alike.
+    """
     y = 1.0 + x
     return select(y == 1.0, x, x * (logarithm_of(y) / select(y == 1.0, 1.0, y - 1.0)))
 
@@ -138,8 +148,8 @@ def hyperbolic_tangent(x):
 def hyperbolic_sine(x):
     """sinh x."""
     e, less = exponential_of(abs(x)), expm1(smaller(abs(x), 1.0))
-    found = select(abs(x) < 1.0, less + less / (1.0 + less), e - 1.0 / e)
-    return select(x < 0.0, -0.5 * found, 0.5 * found)
+    twice = select(abs(x) < 1.0, less + less / (1.0 + less), e - 1.0 / e)
+    return select(x < 0.0, -0.5 * twice, 0.5 * twice)
 
 
 def hyperbolic_cosine(x):
@@ -159,50 +169,58 @@ def arccosine(x):
 
 
 def power(x, y):
-    """x^y of x > 0; 0 of x = 0 and y > 0, nan of x < 0."""
+    """x^y for x > 0; 0 for x = 0 and y > 0, nan for x < 0."""
     return select(x == 0.0, select(y > 0.0, 0.0 * x, math.inf), exponential_of(y * logarithm_of(x)))
 
 
 def hypotenuse(x, y):
-    """sqrt(x^2 + y^2), without leaving the range of numbers on the way."""
+    """sqrt(x^2 + y^2) without overflow or underflow."""
     large = larger(abs(x), abs(y))
     small = smaller(abs(x), abs(y)) / select(large == 0.0, 1.0, large)
     return large * root(1.0 + small * small)
 
 
 def whole_power(x, n):
-    """x^n of a whole number n, by products."""
-    made, base, left = 1.0 + 0.0 * x, x, abs(n)
+    """x^n for an integer n, by products."""
+    result, base, left = 1.0 + 0.0 * x, x, abs(n)
     while left > 0:
         if left % 2 == 1:
-            made = made * base
+            result = result * base
         base = base * base
         left = left // 2
-    return made if n >= 0 else 1.0 / made
+    return result if n >= 0 else 1.0 / result
 
 
-# numerator and denominator of a normal quantile: near the middle, in sqrt(-ln u) up to 5, and beyond
+# coefficients of numerator and denominator of a normal quantile: near the middle, and in sqrt(-ln
+# u) up to 5 and beyond
 _MIDDLE = (
-    (2.5090809287301226727e+3, 3.3430575583588128105e+4, 6.7265770927008700853e+4, 4.5921953931549871457e+4, 1.3731693765509461125e+4,
-     1.9715909503065514427e+3, 1.3314166789178437745e+2, 3.3871328727963666080e0),
-    (5.2264952788528545610e+3, 2.8729085735721942674e+4, 3.9307895800092710610e+4, 2.1213794301586595867e+4, 5.3941960214247511077e+3,
-     6.8718700749205790830e+2, 4.2313330701600911252e+1, 1.0),
+    (2.5090809287301226727e+3, 3.3430575583588128105e+4, 6.7265770927008700853e+4,
+     4.5921953931549871457e+4, 1.3731693765509461125e+4, 1.9715909503065514427e+3,
+     1.3314166789178437745e+2, 3.3871328727963666080e0),
+    (5.2264952788528545610e+3, 2.8729085735721942674e+4, 3.9307895800092710610e+4,
+     2.1213794301586595867e+4, 5.3941960214247511077e+3, 6.8718700749205790830e+2,
+     4.2313330701600911252e+1, 1.0),
 )  # fmt: skip
 _TAIL = (
-    (7.74545014278341407640e-4, 2.27238449892691845833e-2, 2.41780725177450611770e-1, 1.27045825245236838258e0, 3.64784832476320460504e0,
-     5.76949722146069140550e0, 4.63033784615654529590e0, 1.42343711074968357734e0),
-    (1.05075007164441684324e-9, 5.47593808499534494600e-4, 1.51986665636164571966e-2, 1.48103976427480074590e-1, 6.89767334985100004550e-1,
-     1.67638483018380384940e0, 2.05319162663775882187e0, 1.0),
+    (7.74545014278341407640e-4, 2.27238449892691845833e-2, 2.41780725177450611770e-1,
+     1.27045825245236838258e0, 3.64784832476320460504e0, 5.76949722146069140550e0,
+     4.63033784615654529590e0, 1.42343711074968357734e0),
+    (1.05075007164441684324e-9, 5.47593808499534494600e-4, 1.51986665636164571966e-2,
+     1.48103976427480074590e-1, 6.89767334985100004550e-1, 1.67638483018380384940e0,
+     2.05319162663775882187e0, 1.0),
 )  # fmt: skip
 _FAR = (
-    (2.01033439929228813265e-7, 2.71155556874348757815e-5, 1.24266094738807843860e-3, 2.65321895265761230930e-2, 2.96560571828504891230e-1,
-     1.78482653991729133580e0, 5.46378491116411436990e0, 6.65790464350110377720e0),
-    (2.04426310338993978564e-15, 1.42151175831644588870e-7, 1.84631831751005468180e-5, 7.86869131145613259100e-4, 1.48753612908506148525e-2,
-     1.36929880922735805310e-1, 5.99832206555887937690e-1, 1.0),
+    (2.01033439929228813265e-7, 2.71155556874348757815e-5, 1.24266094738807843860e-3,
+     2.65321895265761230930e-2, 2.96560571828504891230e-1, 1.78482653991729133580e0,
+     5.46378491116411436990e0, 6.65790464350110377720e0),
+    (2.04426310338993978564e-15, 1.42151175831644588870e-7, 1.84631831751005468180e-5,
+     7.86869131145613259100e-4, 1.48753612908506148525e-2, 1.36929880922735805310e-1,
+     5.99832206555887937690e-1, 1.0),
 )  # fmt: skip
 
 
 def _ratio(coefficients, x):
+    """Numerator over denominator, by Horner's rule, highest power first."""
     above, below = 0.0, 0.0
     for a, b in zip(*coefficients, strict=True):
         above, below = above * x + a, below * x + b
@@ -210,7 +228,7 @@ def _ratio(coefficients, x):
 
 
 def normal_quantile(u):
-    """The number that a standard normal deviate is below with probability u, 0 < u < 1."""
+    """The number x with probability u that a standard normal deviate is below x, 0 < u < 1."""
     q = u - 0.5
     r = root(-logarithm(smaller(u, 1.0 - u)))
     tail = select(r <= 5.0, _ratio(_TAIL, r - 1.6), _ratio(_FAR, r - 5.0))

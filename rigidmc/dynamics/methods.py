@@ -1,27 +1,45 @@
-"""Methods that take what they need by name: the one calling convention of effects, integrators and observables.
+"""Methods that take by name what they need: the convention of effects, integrators, observables.
 
-A class says what it depends on by the arguments its method names: `torque(self, body, q)` depends on body and attitude,
-`torque(self, l)` on the angular momentum alone. Nothing is declared twice, so nothing can be declared wrongly.
+A class says what it depends on by the arguments of its methods: `torque(self, body, q)` depends on
+body and attitude, `torque(self, l)` on the angular momentum alone. Nothing is declared twice, so
+nothing can be declared wrongly.
 """
 
 import inspect
+from collections.abc import Callable
+from typing import Any, Protocol, cast
 
-METHODS = []  # every generic function made by `method`, for rigidmc.engine.compose to compile
+
+class Method(Protocol):
+    """A generic function made by `method`.
+
+    default : the function of a class without such a method;  available : names of the arguments
+        after `part`
+    """
+
+    __name__: str
+    default: Callable[..., Any]
+    available: tuple[str, ...]
+
+    def __call__(self, part: Any, /, *values: Any) -> Any: ...
 
 
-def arguments(function):
+METHODS: list[Method] = []  # every one, for `rigidmc.engine.compose` to compile
+
+
+def arguments(function: Callable[..., Any]) -> tuple[str, ...]:
     """Names of a method's arguments after self."""
     return tuple(inspect.signature(function).parameters)[1:]
 
 
-def method(default):
-    """A generic function f(part, a, b, ...) that calls `part.f` with those of a, b, ... that it names.
+def method(default: Callable[..., Any]) -> Method:
+    """A generic function f(part, a, b, ...) that calls `part.f` with the arguments that it names.
 
-    A class without such a method gets the body of `default`.
+    For a part whose class has no such method the body of `default` runs.
     """
     name, available = default.__name__, arguments(default)
 
-    def call(part, *values):
+    def call(part: Any, *values: Any) -> Any:
         function = getattr(type(part), name, None)
         if function is None:
             return default(part, *values)
@@ -30,66 +48,65 @@ def method(default):
         )
 
     call.__name__, call.__doc__ = name, default.__doc__
-    call.default, call.available = default, available
-    METHODS.append(call)
-    return call
+    generic = cast(Method, call)
+    generic.default, generic.available = default, available
+    METHODS.append(generic)
+    return generic
 
 
-def names(part, *methods):
-    """All the argument names that the given methods of a class or its instance use; methods it lacks use none."""
+def names(part: Any, *methods: str) -> set[str]:
+    """All argument names of the given methods of a class or instance; a missing method has none."""
     kind = part if isinstance(part, type) else type(part)
     return {a for m in methods if hasattr(kind, m) for a in arguments(getattr(kind, m))}
 
 
 class Traced:
-    """A stand-in for a number, which shows whether code uses it: what is computed from it is Traced again, and `notes` gets an
-    entry as soon as code branches on it or gives it to a library."""
+    """A stand-in for a number that shows whether code uses its value.
 
-    def __init__(self, notes):
+    Arithmetic on it gives a Traced again. `notes` gets an entry as soon as code branches on it or
+    passes it to a library.
+    """
+
+    def __init__(self, notes: list[bool]) -> None:
         self.notes = notes
 
-    def _again(self, *_):
+    def _computed(self, *_: object) -> "Traced":
         return self
 
-    def _told(self, *_):
+    def _used(self, *_: object) -> float:
         self.notes.append(True)
         return 1.0
 
-    __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = __rtruediv__ = (
-        _again
-    )
-    __pow__ = __rpow__ = __neg__ = __pos__ = __abs__ = _again
-    __lt__ = __le__ = __gt__ = __ge__ = __eq__ = __ne__ = _again
-    __and__ = __or__ = __invert__ = __rand__ = __ror__ = _again
-    __float__ = _told
-    __hash__ = None  # type: ignore[assignment]
+    __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = _computed
+    __truediv__ = __rtruediv__ = __pow__ = __rpow__ = __neg__ = __pos__ = __abs__ = _computed
+    __lt__ = __le__ = __gt__ = __ge__ = _computed
+    __eq__ = __ne__ = _computed  # type: ignore[assignment]  # comparisons give a Traced, not a bool
+    __and__ = __or__ = __invert__ = __rand__ = __ror__ = _computed
+    __float__ = _used
+    __hash__ = None  # type: ignore[assignment]  # not hashable, as it equals nothing
 
-    def __bool__(self):
-        return bool(self._told())
+    def __bool__(self) -> bool:
+        return bool(self._used())
 
 
-def depends(call, part, **values):
-    """Whether the result of call(part, ...), with a `call` made by `method`, depends on a value that is None.
+def depends(call: Method, part: Any, **values: Any) -> bool:
+    """Whether the result of call(part, ...) depends on a value that is None.
 
-    values : all that `call` offers, by name; a Traced stands in for each None, and an attitude is four of them
+    call : made by `method`;  values : all its arguments, by name; a Traced stands in for each None,
+        also inside tuples
 
     Code that fails with a Traced is taken to depend on it.
     """
     notes: list[bool] = []
 
-    def traced(value):
-        return (
-            tuple(map(traced, value))
-            if type(value) is tuple
-            else Traced(notes)
-            if value is None
-            else value
-        )
+    def traced(value: Any) -> Any:
+        if type(value) is tuple:
+            return tuple(map(traced, value))
+        return Traced(notes) if value is None else value
 
     try:
-        found = call(part, *(traced(values[name]) for name in call.available))
-    except Exception:  # a user's own code: it may do anything with its numbers
+        result = call(part, *(traced(values[name]) for name in call.available))
+    except Exception:  # a user's code may do anything with its numbers
         return True
-    return bool(notes) or any(
-        isinstance(x, Traced) for x in (found if isinstance(found, tuple) else (found,))
-    )
+    numbers = result if isinstance(result, tuple) else (result,)
+    return bool(notes) or any(isinstance(x, Traced) for x in numbers)

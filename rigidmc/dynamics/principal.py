@@ -1,19 +1,27 @@
-"""Principal axes of a symmetric 3x3 tensor, without branches: Jacobi's rotations, gathered in a unit quaternion."""
+"""Principal axes of a symmetric 3x3 tensor, without branches.
+
+Jacobi's rotations are accumulated in a unit quaternion.
+"""
 
 import math
 from typing import NamedTuple
 
-from rigidmc.dynamics.so3 import cross, multiply, normalised, select, touch_up
+from rigidmc.dynamics.quaternions import multiply, normalised, touch_up
+from rigidmc.dynamics.scalars import select, select_each
+from rigidmc.dynamics.vectors import cross
 
 
 def _annulled(a, b, c, f, g, off):
-    """One rotation in the plane (1, 2) of the tensor [[a, off, f], [off, b, g], [f, g, c]]: (a, b, c, f, g, cos/2, sin/2) after it."""
+    """One rotation in the plane (1, 2) that makes `off` 0.
+
+    The tensor is [[a, off, f], [off, b, g], [f, g, c]]. Returns (a, b, c, f, g, cos, sin): the new
+    elements, and cosine and sine of half the angle.
+    """
     twice = 2.0 * off
     gap = b - a
-    # tan of the smaller angle that makes off 0; 0 where it is 0 already
-    size = abs(gap) + max(
-        math.sqrt(gap * gap + twice * twice), abs(twice)
-    )  # the squares of small ones underflow
+    # t = tan of the smaller of the two angles that make `off` 0; 0 if `off` is 0 already
+    # (the squares of small numbers underflow, hence `max`)
+    size = abs(gap) + max(math.sqrt(gap * gap + twice * twice), abs(twice))
     t = twice / select(off == 0.0, 1.0, select(gap < 0.0, -size, size))
     cosine = 1.0 / math.sqrt(1.0 + t * t)
     sine = t * cosine
@@ -30,7 +38,7 @@ def _annulled(a, b, c, f, g, off):
 
 
 def _swept(state):
-    """One rotation in each of the three planes. state: (xx, yy, zz, yz, zx, xy, quaternion)."""
+    """One rotation in each of the three planes; state : (xx, yy, zz, yz, zx, xy, quaternion)."""
     xx, yy, zz, yz, zx, xy, q = state
     xx, yy, zz, zx, yz, c, s = _annulled(xx, yy, zz, zx, yz, xy)
     q = multiply(q, (c, 0.0, 0.0, s))
@@ -46,25 +54,15 @@ def _swept_3(state):
 
 
 def _ordered(swap, a, b):
-    """(a, b), or (b, a) where `swap`, of tuples (moment, x, y, z)."""
-    return (
-        (
-            select(swap, b[0], a[0]),
-            select(swap, b[1], a[1]),
-            select(swap, b[2], a[2]),
-            select(swap, b[3], a[3]),
-        ),
-        (
-            select(swap, a[0], b[0]),
-            select(swap, a[1], b[1]),
-            select(swap, a[2], b[2]),
-            select(swap, a[3], b[3]),
-        ),
-    )
+    """(a, b), or (b, a) if `swap`, of tuples (moment, x, y, z)."""
+    return select_each(swap, b, a), select_each(swap, a, b)
 
 
 def _pointed(v):
-    """v or -v, so that its largest component is positive; of equal ones the first counts."""
+    """The x, y, z of a tuple (moment, x, y, z), with the sign that makes the largest positive.
+
+    If several are largest, the first counts.
+    """
     x, y, z = abs(v[1]), abs(v[2]), abs(v[3])
     largest = select((x >= y) & (x >= z), v[1], select(y >= z, v[2], v[3]))
     sign = select(largest < 0.0, -1.0, 1.0)
@@ -72,10 +70,14 @@ def _pointed(v):
 
 
 def principal(xx, yy, zz, yz, zx, xy):
-    """(moments, first, second, third axis): 12 numbers; ascending, right-handed, the first two axes pointed.
+    """(moments, first, second, third axis): 12 numbers.
 
-    A tensor whose off-diagonal elements are below 4e-15 of its largest (the rounding of sums) keeps its own axes in their order. Six sweeps: after four the
-    off-diagonal elements of a 3x3 tensor are below rounding; their cube counts.
+    The moments ascend, the axes are right-handed, and the largest component of each of the first
+    two axes is positive. A tensor whose off-diagonal elements are below 4e-15 of its largest (the
+    rounding of sums) keeps its axes and their order.
+
+    Six sweeps: after four the off-diagonal elements of a 3x3 tensor are below rounding, and each
+    sweep cubes them.
     """
     size = max(max(abs(xx), abs(yy)), abs(zz))
     diagonal = max(max(abs(yz), abs(zx)), abs(xy)) <= 4e-15 * size
@@ -89,24 +91,13 @@ def principal(xx, yy, zz, yz, zx, xy):
     one, two = _ordered(one[0] > two[0], one, two)
     e, f = _pointed(one), _pointed(two)
     g = cross(e, f)
-    return (
-        select(diagonal, xx, one[0]),
-        select(diagonal, yy, two[0]),
-        select(diagonal, zz, three[0]),
-        select(diagonal, 1.0, e[0]),
-        select(diagonal, 0.0, e[1]),
-        select(diagonal, 0.0, e[2]),
-        select(diagonal, 0.0, f[0]),
-        select(diagonal, 1.0, f[1]),
-        select(diagonal, 0.0, f[2]),
-        select(diagonal, 0.0, g[0]),
-        select(diagonal, 0.0, g[1]),
-        select(diagonal, 1.0, g[2]),
-    )
+    unit_axes = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    moments = one[0], two[0], three[0]
+    return select_each(diagonal, (xx, yy, zz) + unit_axes, moments + e + f + g)
 
 
 class Principal(NamedTuple):
-    """The formula: `principal` of the six elements of a tensor."""
+    """`principal` of the six elements of a tensor, as a formula of `rigidmc.engine.formulas`."""
 
     xx: float
     yy: float

@@ -1,19 +1,21 @@
-"""The free motion of a body by turns about axes: exact for bodies with two equal moments, nearly for others."""
+"""The free motion of a body by rotations: exact for two equal moments, else of order 2."""
 
-from rigidmc.dynamics.free_flow import relabel
-from rigidmc.dynamics.so3 import exponential, multiply, opposite, scale, sincos
+from rigidmc.dynamics.elementary import sincos
+from rigidmc.dynamics.free_flow import middle_axis, relabel
+from rigidmc.dynamics.quaternions import exponential, multiply
+from rigidmc.dynamics.vectors import scale
 
 
 def symmetric_flow(body, h, l):
-    """(turn, change of L) in the time h of a free body with two equal moments A, A and C about any axis e; any h, two turns.
+    """(turn, change of L) in the time h of a free body with moments A, A and C, C about an axis e.
 
-    turn = exp(h L/A) exp(h (1/C - 1/A) L_e e),   L turns about e by -h (1/C - 1/A) L_e          (TdC Example 3.5)
+        turn = exp(h L/A) exp(h (1/C - 1/A) L_e e)                          (TdC Example 3.5)
+
+    L rotates about e by the angle -h (1/C - 1/A) L_e. Exact for any h.
     """
     x, y, z = abs(body.a1), abs(body.a2), abs(body.a3)
-    first, third = (
-        (x < y) & (x < z),
-        (z < y) & (z <= x),
-    )  # the axis whose coefficient vanishes becomes axis 2
+    # the axis whose coefficient vanishes becomes axis 2
+    first, third = (x < y) & (x < z), (z < y) & (z <= x)
     one, two, three = relabel(first, third, l)
     i1, _, i3 = relabel(first, third, (body.i1, body.i2, body.i3))
     _, _, rate = relabel(first, third, (body.a1, body.a2, body.a3))  # (A - C)/(A C) = 1/C - 1/A
@@ -26,17 +28,21 @@ def symmetric_flow(body, h, l):
 
 
 def split_flow(body, h, l):
-    """(turn, change of L) in the time h of a free body, split: order 2, symmetric, exact for bodies with two equal moments.
+    """(turn, change of L) in the time h of a free body, by a symmetric splitting of order 2.
 
-    T = |L|^2/2I2 + 1/2 (1/I1 - 1/I2) L1^2 + 1/2 (1/I3 - 1/I2) L3^2 with the middle moment on axis 2. The first term turns the body
-    about L and commutes with the others, which are turns about the axes 1 and 3: half a turn about 1, a turn about 3, half about 1.
+    Exact for bodies with two equal moments.
+
+        T = |L|^2/2I2 + 1/2 (1/I1 - 1/I2) L1^2 + 1/2 (1/I3 - 1/I2) L3^2,   middle moment on axis 2
+
+    The first term rotates the body about L and commutes with the others, which are rotations about
+    the axes 1 and 3. They are composed symmetrically: h/2 about 1, h about 3, h/2 about 1.
     """
-    elsewhere, one_fits = body.a1 * body.a3 < 0.0, body.a2 * body.a3 >= 0.0
-    first, third = elsewhere & one_fits, elsewhere & opposite(one_fits)
+    first, third = middle_axis(body)
     one, two, three = relabel(first, third, l)
     _, i2, _ = relabel(first, third, (body.i1, body.i2, body.i3))
     a1, _, a3 = relabel(first, third, (body.a1, body.a2, body.a3))
-    # a3 = 1/I2 - 1/I1, a1 = 1/I3 - 1/I2; a turn about 1 by w takes (L2, L3) to (c L2 + s L3, c L3 - s L2)
+    # a3 = 1/I2 - 1/I1, a1 = 1/I3 - 1/I2; a rotation about 1 takes (L2, L3) to
+    # (c L2 + s L3, c L3 - s L2), c and s of its angle
     s1, c1 = sincos(-0.25 * h * a3 * one)
     x2 = 2.0 * s1 * (c1 * three - s1 * two)
     x3 = -2.0 * s1 * (c1 * two + s1 * three)
@@ -48,6 +54,5 @@ def split_flow(body, h, l):
     z3 = x3 - 2.0 * s2 * (c2 * (two + y2) + s2 * (three + x3))
     turn = multiply(multiply((c1, s1, 0.0, 0.0), (c3, 0.0, 0.0, s3)), (c2, s2, 0.0, 0.0))
     x, y, z = relabel(third, first, turn[1:])
-    return multiply(exponential(scale(h * i2, l)), (turn[0], x, y, z)), relabel(
-        third, first, (y1, z2, z3)
-    )
+    turn = multiply(exponential(scale(h * i2, l)), (turn[0], x, y, z))
+    return turn, relabel(third, first, (y1, z2, z3))

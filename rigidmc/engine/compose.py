@@ -21,7 +21,20 @@ from numba.extending import overload, typeof_impl
 
 import rigidmc.integrators.protocol
 import rigidmc.observables.protocol  # noqa: F401  (imported so that METHODS is complete)
-from rigidmc.dynamics import arc, euler, free_flow, functions, principal, so3, turns_flow
+from rigidmc.dynamics import (
+    arc,
+    compensated,
+    elementary,
+    euler,
+    free_flow,
+    functions,
+    principal,
+    quaternions,
+    scalars,
+    so3,
+    turns_flow,
+    vectors,
+)
 from rigidmc.dynamics.methods import METHODS, arguments
 from rigidmc.effects import EFFECTS, flows, protocol
 from rigidmc.engine.memory import get_row
@@ -286,7 +299,11 @@ def inline_all(module):
 
 
 for _module in (
-    so3,
+    scalars,
+    elementary,
+    vectors,
+    quaternions,
+    compensated,
     functions,
     euler,
     arc,

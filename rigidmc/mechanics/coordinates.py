@@ -1,8 +1,9 @@
 """Generalised coordinates of a rigid body with a fixed point, TdC (3.29)-(3.34), and the torques of potentials.
 
-Coordinates are a word, "zxz", "zyz" or "rotation_vector", or a function A(q) -> (..., 3, 3) of q (..., n) that takes complex numbers.
-Potentials are functions V(A) [J] of matrices (..., 3, 3) that take complex numbers. Both are differentiated by a complex step of
-1e-30: exact to rounding, with no difference taken. So they use np.sin, np.sqrt, @, ... but not abs, norm, conj, or comparisons.
+Coordinates are a word, "zxz", "zyz" or "rotation_vector", or a function A(q) -> (..., 3, 3) of q
+(..., n) that takes complex numbers. Potentials are functions V(A) [J] of matrices (..., 3, 3) that
+take complex numbers. Both are differentiated by a complex step of 1e-30: exact to rounding, with no
+difference taken. So they use np.sin, np.sqrt, @, ... but not abs, norm, conj, or comparisons.
 """
 
 from collections.abc import Callable
@@ -144,7 +145,8 @@ def total(*potentials) -> Callable:
 def equations_of_motion(coordinates, moments, potential=None):
     """rhs(t, y) for scipy's solve_ivp, y = (q, q'), of a body with principal moments (3,) in three coordinates:
 
-        q'' = M^-1 (I^-1 (L x omega + tau) - M' q'),   omega = M q',   L = I omega          (TdC (3.29), (3.35))
+        q'' = M^-1 (I^-1 (L x omega + tau) - M' q'),   omega = M q',   L = I omega          (TdC
+        (3.29), (3.35))
 
     Singular where det M = 0: sin(theta) = 0 of Euler angles, |q| = 2 pi of rotation vectors.
     """

@@ -1,37 +1,35 @@
-"""The free motion as formulas: constants of an orbit, then momentum and attitude at any time, for every body and every start.
+"""The free motion as formulas: the constants of an orbit, then momentum and attitude at any time.
 
-In units of |L| the momentum is u = (B cn, W sn, C dn) of phi = lambda (t - t0) along the axes k, 2, j: 2 is the axis of the middle
-moment, j (of the largest or the smallest) the one about which u circles, k the third. The attitude turns u back to axis j, then by
+In units of |L| the momentum is u = (B cn, W sn, C dn) of phi = lambda (t - t0) along the axes k, 2,
+j. Axis 2 is that of the middle moment; j is the axis (of the largest or the smallest moment) about
+which u circles; k is the third. The attitude is a rotation that takes u back to axis j, followed by
+the angle
 
-    psi = spin t -+ (Theta + chi)                                 (Fasso 2003; Celledoni, Fasso, Saefstroem & Zanna 2008)
+    psi = spin t -+ (Theta + chi)                    (Fasso 2003; Celledoni, Fasso, Saefstroem &
+    Zanna 2008)
 
-Theta is an integral of the third kind with characteristic r = a_k/a_j, chi = arctan(w tan am phi), w^2 = |a_2|/a_j, spin = |L|/I_k. Where
-r^2 > m, both become small differences; there Theta has the characteristic m/r = B^2/C^2, spin = |L|/I_j, and chi is the difference
-of two arctangents, written as one. So no term exceeds the sum, and spheres, symmetric bodies, needles and separatrices need no case.
+Theta is an integral of the third kind with characteristic r = a_k/a_j, chi = arctan(w tan am phi),
+w^2 = |a_2|/a_j, spin = |L|/I_k. If r^2 > m, small differences replace both: Theta has the
+characteristic m/r = B^2/C^2, spin = |L|/I_j, and chi is the difference of two arctangents, written
+as one. So no term exceeds the sum, and spheres, symmetric bodies, needles and separatrices need no
+case of their own.
 """
 
 import math
 import sys
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from rigidmc.dynamics.arc import squares
+from rigidmc.dynamics.elementary import arctan2, sincos
 from rigidmc.dynamics.euler import mass_properties
-from rigidmc.dynamics.free_flow import Axes, relabel, to_axis
-from rigidmc.dynamics.so3 import (
-    conjugate,
-    dot,
-    multiply,
-    normalised,
-    opposite,
-    scale,
-    select,
-    sincos,
-)
+from rigidmc.dynamics.free_flow import Axes, middle_axis, relabel, to_axis
+from rigidmc.dynamics.quaternions import conjugate, multiply, normalised
+from rigidmc.dynamics.scalars import select
+from rigidmc.dynamics.vectors import dot, scale
 from rigidmc.engine.compose import inline_all
 from rigidmc.mechanics.jacobi import (
     Third,
     angle_past,
-    arctan2,
     complete,
     divided,
     first_kind,
@@ -44,12 +42,15 @@ from rigidmc.mechanics.jacobi import (
 
 
 class Orbit(NamedTuple):
-    """What is constant along a free motion, and so computed once for all times.
+    """The constants of a free motion, computed once for all times.
 
-    size : |L| [kg m^2/s];  rate : lambda [rad/s];  m, mc, quarter : modulus, 1 - m, K(m);  offset : phi at t = 0
-    b, w2, c : signed amplitudes B, W, C of u;  about : 3 or 1, the axis j;  shift : how the axes were relabelled (0, 1, 2)
-    direct : 1 where r^2 <= m;  w;  one_plus_nu, mu : the Third;  turn : the sign -+;  spin [rad/s];  swing : Theta(K)
-    phase : turn (Theta + chi) at t = 0, 0 until `Phase` is put there;  q0 ... q3 : attitude at t = 0, turned back so that u lies on axis j
+    size : |L| [kg m^2/s];  rate : lambda [rad/s]
+    m, mc, quarter : modulus, 1 - m, K(m);  offset : phi at t = 0
+    b, w2, c : signed amplitudes B, W, C of u;  about : 3 or 1, the axis j
+    shift : how the axes were relabelled (0, 1, 2);  direct : 1 if r^2 <= m, else 0;  w : see above
+    one_plus_nu, mu : the Third of Theta;  sense : the sign -+;  spin [rad/s];  swing : Theta(K)
+    phase : sense (Theta + chi) at t = 0, 0 until the caller puts the value of `Phase` there
+    q0 ... q3 : the attitude at t = 0, rotated back so that u lies on axis j
     """
 
     size: float
@@ -67,7 +68,7 @@ class Orbit(NamedTuple):
     w: float
     one_plus_nu: float
     mu: float
-    turn: float
+    sense: float
     spin: float
     swing: float
     phase: float
@@ -99,86 +100,126 @@ class Started(NamedTuple):
         )
 
 
-def orbit(moments, l, q):
-    """The constants of a free motion, in the order of Orbit."""
+def size_and_direction(l):
+    """(|L|, L/|L|); at rest any direction will do."""
     big = max(max(abs(l[0]), abs(l[1])), abs(l[2]))
     l = scale(divided(1.0, big), l)  # squares of |L| < 1e-154 would underflow
     norm = math.sqrt(dot(l, l))
     one, two, three = scale(divided(1.0, norm), l)
-    u = one, two, select(big > 0.0, three, 1.0)  # at rest any direction will do
-    size = big * norm
-    body = mass_properties(moments, (0.0, 0.0, 0.0))
-    # axis 2 is the middle one unless a1 a3 < 0; of a body symmetric about axis 2 either other axis will do
-    elsewhere, one_fits = body.a1 * body.a3 < 0.0, body.a2 * body.a3 >= 0.0
-    first, last = elsewhere & one_fits, elsewhere & opposite(one_fits)
-    u = relabel(first, last, u)
-    i1, i2, i3 = relabel(first, last, (body.i1, body.i2, body.i3))
-    a1, a2, a3 = relabel(first, last, (body.a1, body.a2, body.a3))
-    p, q1, q3 = squares(Axes(i1, i3, a1, a2, a3), u)
+    return big * norm, (one, two, select(big > 0.0, three, 1.0))
+
+
+class Curve(NamedTuple):
+    """The curve of the unit momentum u, and where u is on it at t = 0.
+
+    on_third : whether the axis j is 3, else it is 1;  sign : of u_j;  still : whether u stays where
+        it is
+    rate : lambda/|L|;  m, mc : modulus and 1 - m;  sine, cosine : of the amplitude am phi at t = 0
+    b, w2, c : signed amplitudes B, W, C;  direct, nu, w : form and constants of Theta and chi
+    """
+
+    on_third: Any
+    sign: float
+    still: Any
+    rate: float
+    m: float
+    mc: float
+    sine: float
+    cosine: float
+    b: float
+    w2: float
+    c: float
+    direct: Any
+    nu: float
+    w: float
+
+
+def curve(axes, u):
+    """The Curve of a unit momentum, the middle moment on axis 2."""
+    p, q1, q3 = squares(axes, u)
     on_third = q3 >= q1
     uj, uk, u2 = select(on_third, u[2], u[0]), select(on_third, u[0], u[2]), u[1]
-    aj, ak, a2_size = abs(select(on_third, a1, a3)), abs(select(on_third, a3, a1)), abs(a2)
-    ij, ik = select(on_third, i3, i1), select(on_third, i1, i3)
+    aj, ak = abs(select(on_third, axes.a1, axes.a3)), abs(select(on_third, axes.a3, axes.a1))
+    a2 = abs(axes.a2)
     square, low = p + max(q1, q3), p + min(q1, q3)  # lambda^2 and m lambda^2, per |L|^2
-    m, mc = (
-        divided(low, square),
-        select(square > 0.0, divided(max(q1, q3) - min(q1, q3), square), 1.0),
-    )
-    cc, bb = uj * uj + divided(ak, a2_size) * (u2 * u2), uk * uk + divided(aj, a2_size) * (u2 * u2)
-    ww = u2 * u2 + divided(a2_size, aj) * (uk * uk)
+    m = divided(low, square)
+    mc = select(square > 0.0, divided(max(q1, q3) - min(q1, q3), square), 1.0)
+    bb = uk * uk + divided(aj, a2) * (u2 * u2)
+    ww = u2 * u2 + divided(a2, aj) * (uk * uk)
+    cc = uj * uj + divided(ak, a2) * (u2 * u2)
     sign = select(uj < 0.0, -1.0, 1.0)
-    sign2 = select(a2 < 0.0, -sign, sign)
-    # amplitude at t = 0: sin and cos in proportion to u2/W and uk/B
-    s, c = sign2 * math.sqrt(aj) * u2, math.sqrt(a2_size) * uk
+    sign2 = select(axes.a2 < 0.0, -sign, sign)
+    # sine and cosine of the amplitude at t = 0 are proportional to u2/W and uk/B
+    s, c = sign2 * math.sqrt(aj) * u2, math.sqrt(a2) * uk
     hypotenuse = math.sqrt(s * s + c * c)
     s, c = divided(s, hypotenuse), select(hypotenuse > 0.0, divided(c, hypotenuse), 1.0)
-    # what does not move, a spin about the middle axis too, keeps its place at the amplitude pi/4, where none of its components is lost
+    # a u that does not move, also a spin about the middle axis, is put at the amplitude pi/4, where
+    # none of its components is lost
     still = (square == 0.0) | ((mc == 0.0) & (c == 0.0))
-    s, c = select(still, math.sqrt(0.5), s), select(still, math.sqrt(0.5), c)
-    b, w2 = (
+    m = select(still, 0.0, m)
+    direct = ak * ak <= m * (aj * aj)
+    return Curve(
+        on_third,
+        sign,
+        still,
+        math.sqrt(square),
+        m,
+        select(still, 1.0, mc),
+        select(still, math.sqrt(0.5), s),
+        select(still, math.sqrt(0.5), c),
         select(still, math.sqrt(2.0) * uk, math.sqrt(bb)),
         select(still, math.sqrt(2.0) * u2, sign2 * math.sqrt(ww)),
+        select(still, uj, sign * math.sqrt(cc)),
+        direct,
+        select(direct, divided(ak, aj), divided(bb, cc)),
+        math.sqrt(divided(a2, aj)),
     )
-    c_amplitude = select(still, uj, sign * math.sqrt(cc))
-    mc, m = select(still, 1.0, mc), select(still, 0.0, m)
-    quarter = quarter_period(mc)
-    direct = ak * ak <= m * (aj * aj)
-    nu = select(direct, divided(ak, aj), divided(bb, cc))
-    kind = third(nu, 1.0 + nu, m + nu)
-    turn = select(direct == (ij < ik), -1.0, 1.0)
-    swing = complete(quarter, m, mc, (kind,))[0]
-    back = normalised(conjugate(to_axis(on_third, sign, u)))
+
+
+def orbit(moments, l, q):
+    """The Orbit of principal moments, body momentum and attitude at t = 0."""
+    size, u = size_and_direction(l)
+    body = mass_properties(moments, (0.0, 0.0, 0.0))
+    first, last = middle_axis(body)
+    u = relabel(first, last, u)
+    i1, i2, i3 = relabel(first, last, (body.i1, body.i2, body.i3))
+    o = curve(Axes(i1, i3, *relabel(first, last, (body.a1, body.a2, body.a3))), u)
+    ij, ik = select(o.on_third, i3, i1), select(o.on_third, i1, i3)
+    quarter = quarter_period(o.mc)
+    kind = third(o.nu, 1.0 + o.nu, o.m + o.nu)
+    twice_energy = dot(u, (i1 * u[0], i2 * u[1], i3 * u[2]))
+    back = normalised(conjugate(to_axis(o.on_third, o.sign, u)))
     one, two, three = relabel(last, first, back[1:])
     q = multiply(normalised(q), (back[0], one, two, three))
-    return (
-        size,
-        select(still, 0.0, size * math.sqrt(square)),
-        m,
-        mc,
-        quarter,
-        first_kind(s, c, mc, quarter),
-        b,
-        w2,
-        c_amplitude,
-        select(on_third, 3.0, 1.0),
-        select(first, 1.0, select(last, 2.0, 0.0)),
-        select(direct, 1.0, 0.0),
-        math.sqrt(divided(a2_size, aj)),
-        kind.one_plus_nu,
-        kind.mu,
-        turn,
-        size * select(still, dot(u, (i1 * u[0], i2 * u[1], i3 * u[2])), select(direct, ik, ij)),
-        swing,
-        0.0,
-        q[0],
-        q[1],
-        q[2],
-        q[3],
+    return Orbit(
+        size=size,
+        rate=select(o.still, 0.0, size * o.rate),
+        m=o.m,
+        mc=o.mc,
+        quarter=quarter,
+        offset=first_kind(o.sine, o.cosine, o.mc, quarter),
+        b=o.b,
+        w2=o.w2,
+        c=o.c,
+        about=select(o.on_third, 3.0, 1.0),
+        shift=select(first, 1.0, select(last, 2.0, 0.0)),
+        direct=select(o.direct, 1.0, 0.0),
+        w=o.w,
+        one_plus_nu=kind.one_plus_nu,
+        mu=kind.mu,
+        sense=select(o.direct == (ij < ik), -1.0, 1.0),
+        spin=size * select(o.still, twice_energy, select(o.direct, ik, ij)),
+        swing=complete(quarter, o.m, o.mc, (kind,))[0],
+        phase=0.0,
+        q0=q[0],
+        q1=q[1],
+        q2=q[2],
+        q3=q[3],
     )
 
 
-def turned_phase(o, t):
-    """(u in relabelled axes, turn (Theta + chi)) at time t."""
+def direction_and_phase(o, t):
+    """(u in relabelled axes, sense (Theta + chi)) at time t."""
     kind, phi = Third(o.one_plus_nu, o.mu), o.offset + o.rate * t
     n, v = reduced(phi, o.mc, o.quarter)
     s, c, d, angles = jacobi(v, o.m, o.mc, (kind,))
@@ -187,16 +228,15 @@ def turned_phase(o, t):
     j = abs(uj)
     chi = arctan2(o.w * s, c) + math.pi * n
     small = arctan2(o.w * s * c * (uk * uk + u2 * u2), (1.0 + j) * (j * c * c + o.w * o.w * s * s))
-    angle = angle_past(kind, angles[0], o.swing, phi, n, v, o.mc) + select(
-        o.direct == 1.0, chi, small
-    )
+    theta = angle_past(kind, angles[0], o.swing, phi, n, v, o.mc)
+    angle = theta + select(o.direct == 1.0, chi, small)
     on_third = o.about == 3.0
-    return (select(on_third, uk, uj), u2, select(on_third, uj, uk)), o.turn * angle
+    return (select(on_third, uk, uj), u2, select(on_third, uj, uk)), o.sense * angle
 
 
 def motion(o, t):
     """(attitude, momentum) at time t."""
-    u, angle = turned_phase(o, t)
+    u, angle = direction_and_phase(o, t)
     on_third = o.about == 3.0
     s, c = sincos(0.5 * (o.spin * t + (angle - o.phase)))
     sign = select(o.c < 0.0, -1.0, 1.0)
@@ -212,10 +252,10 @@ def motion(o, t):
 
 
 class Phase(NamedTuple("Phase", Orbit.__annotations__.items())):  # type: ignore[misc]
-    """turn (Theta + chi) of an Orbit at t = 0."""
+    """sense (Theta + chi) of an Orbit at t = 0."""
 
     def values(self):
-        return (turned_phase(self, 0.0)[1],)
+        return (direction_and_phase(self, 0.0)[1],)
 
 
 class Reached(NamedTuple("Reached", [*Orbit.__annotations__.items(), ("t", float)])):  # type: ignore[misc]

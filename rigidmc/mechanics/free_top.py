@@ -22,16 +22,20 @@ class Motion(NamedTuple):
 class Kind(NamedTuple):
     """What a free motion is; arrays of the leading shape of the arguments of `free_motion`.
 
-    kind : "invalid", "rest", "permanent rotation", "symmetric precession", "separatrix", "about the largest moment" or "about the smallest"
+    kind : "invalid", "rest", "permanent rotation", "symmetric precession", "separatrix", "about the
+        largest moment" or "about the smallest"
     axis : 1, 2 or 3 (0: invalid), the principal axis about which the momentum circles
     m, mc : modulus (parameter m = k^2) and 1 - m, from sums: no digit of mc cancels
     rate : lambda [rad/s], the argument of sn, cn, dn is lambda t
     period : 4 K(m)/lambda [s], of momentum and omega; inf on a separatrix and where nothing moves
-    flip_interval : 2 K(m)/lambda [s], between sign changes of the middle component; nan for symmetric bodies
+    flip_interval : 2 K(m)/lambda [s], between sign changes of the middle component; nan for
+        symmetric bodies
     turn : the angle about the momentum by which a period turns the attitude [rad], not reduced
-    solid_angle : swept by the momentum in the body in a period, oriented, modulo 4 pi: turn = 2 T period/|L| - solid_angle
+    solid_angle : swept by the momentum in the body in a period, oriented, modulo 4 pi: turn = 2 T
+        period/|L| - solid_angle
         (Montgomery, Am. J. Phys. 59 (1991) 394)
-    phase : where on its curve the momentum is, lambda (t - t0)/(4 K) modulo 1: the component of the middle moment is 0 at 0 and 1/2; nan
+    phase : where on its curve the momentum is, lambda (t - t0)/(4 K) modulo 1: the component of the
+        middle moment is 0 at 0 and 1/2; nan
         where nothing moves
     """
 
@@ -71,13 +75,15 @@ def _orbits(moments, momentum, attitude):
 def free_top(moments, momentum, attitude, t):
     """The exact motion of free rigid bodies: Motion(momentum, omega, attitude) at any time, TdC (3.35) and Example 3.6.
 
-    moments : principal moments (..., 3) [kg m^2], in any order; any positive ones, also those that no body has (published problems do)
+    moments : principal moments (..., 3) [kg m^2], in any order; any positive ones, also those that
+        no body has (published problems do)
     momentum : angular momentum in principal axes (..., 3) at t = 0 [kg m^2/s]
     attitude : quaternions (..., 4) or a scipy Rotation, body to space, at t = 0
     t : times (...) [s]: sparse, huge, negative
 
-    Leading shapes broadcast: moments (B, 1, 3) and t (T,) give (B, T). A body or start that cannot be is nan in the result, with a
-    SceneWarning that counts them; SceneError where all are, or where shapes do not broadcast.
+    Leading shapes broadcast: moments (B, 1, 3) and t (T,) give (B, T). A body or start that cannot
+    be is nan in the result, with a SceneWarning that counts them; SceneError where all are, or
+    where shapes do not broadcast.
     """
     table, bodies, _ = _orbits(moments, momentum, attitude)
     t = np.asarray(t, dtype=float)
@@ -115,7 +121,7 @@ def free_motion(moments, momentum):
         period = np.where((o.mc > 0.0) & ~permanent, 4.0 * o.quarter / o.rate, np.inf)
         turn = np.where(
             np.isfinite(period),
-            o.spin * period + o.turn * (4.0 * o.swing + 2.0 * np.pi * o.direct),
+            o.spin * period + o.sense * (4.0 * o.swing + 2.0 * np.pi * o.direct),
             np.nan,
         )
         twice_energy = (l * l / moments).sum(0)

@@ -1,7 +1,8 @@
 """Jacobi's elliptic functions and integrals that keep their accuracy as the modulus goes to 1: mc = 1 - m is carried, never formed.
 
-sn, cn, dn rise from the series at u/2^11 by the addition theorem, in forms without a subtraction that cancels; the integral of the
-third kind rises with them, one arctangent a level (Carlson's duplication read backwards, with no root: DLMF 19.26.18).
+sn, cn, dn rise from the series at u/2^11 by the addition theorem, in forms without a subtraction
+that cancels; the integral of the third kind rises with them, one arctangent a level (Carlson's
+duplication read backwards, with no root: DLMF 19.26.18).
 """
 
 import math
@@ -83,7 +84,8 @@ def carlson_first(x, y, z):
 def first_kind(s, c, mc, quarter):
     """F(phi | m) for sin phi, cos phi, -pi <= phi <= pi, and K(m)."""
     ss, cc = s * s, c * c
-    # an amplitude of exactly pi/2 in a soliton is K itself: the floor keeps the ratio of the arguments above SMALLEST
+    # an amplitude of exactly pi/2 in a soliton is K itself: the floor keeps the ratio of the
+    # arguments above SMALLEST
     f = abs(s) * carlson_first(max(cc, 0.01 * SMALLEST), cc + max(mc, SMALLEST) * ss, 1.0)
     f = select(c < 0.0, 2.0 * quarter - f, f)
     return select(s < 0.0, -f, f)
@@ -102,8 +104,9 @@ def _raised(thirds, angles, s, c, d):
 def _doubled(modulus, thirds, state):
     """(sn, cn, dn, angles) at 2u from those at u, 0 <= 2u <= K.
 
-    sn 2u = 2 s c d/D, cn 2u = (c^2 d^2 - mc s^2)/D = 1 - 2 s^2 d^2/D, dn 2u = (c^2 d^2 + mc s^2)/D, D = c^2 + s^2 d^2: as long as
-    cn is near 1 it comes from 1 - cn, which is small to many digits; later from the product, which does not cancel for 2u <= K.
+    sn 2u = 2 s c d/D, cn 2u = (c^2 d^2 - mc s^2)/D = 1 - 2 s^2 d^2/D, dn 2u = (c^2 d^2 + mc s^2)/D,
+    D = c^2 + s^2 d^2: as long as cn is near 1 it comes from 1 - cn, which is small to many digits;
+    later from the product, which does not cancel for 2u <= K.
     """
     m, mc = modulus
     s, c, d, angles = state

@@ -1,27 +1,27 @@
-"""The motion of the heavy symmetric top as formulas: constants of an orbit, then momentum and attitude at any time.
+"""The motion of the heavy symmetric top as formulas: the constants of an orbit, then its motion.
 
-With u = cos theta, v = 1 - u and y = 1 + u, a = L_z/A and b = L_3/A, w = omega_1^2 + omega_2^2, beta = 2 k/A, k = m g l,
+With u = cos theta, v = 1 - u and y = 1 + u, a = L_z/A and b = L_3/A, w = omega_1^2 + omega_2^2,
+beta = 2 k/A, k = m g l,
 
-    u'^2 = beta (u - u1)(u - u2)(u - u3),   u1 <= u2 <= 1 <= u3,   u = u1 + (u2 - u1) sn^2(p t + d),   p^2 = beta (u3 - u1)/4
+    u'^2 = beta (u - u1)(u - u2)(u - u3),   u1 <= u2 <= 1 <= u3, u = u1 + (u2 - u1) sn^2(p t + d),
+    p^2 = beta (u3 - u1)/4                     (TdC (3.40)-(3.42))
 
-(TdC (3.40)-(3.42)). The attitude is carried as its Cayley-Klein parameters w + i z = sqrt(y/2) e^(i sigma/2) and
-x + i y = sqrt(v/2) e^(i delta/2), sigma = phi + psi, delta = phi - psi: each phase is one integral of the third kind whose coefficient
-is exactly +-1, so that an upright or hanging passage is a half turn of one phase and nothing diverges.
-
-Roots near each other and distances from +-1 come from products: (a - b)^2 = beta v1 v2 |v3|, (a + b)^2 = beta y1 y2 y3,
-u'^2(0) = -beta s1 s2 s3 with s_i = u_i - u(0).
+The attitude is carried as its Cayley-Klein parameters w + i z = sqrt(y/2) e^(i sigma/2) and x + i y
+= sqrt(v/2) e^(i delta/2), sigma = phi + psi, delta = phi - psi. Each phase is one integral of the
+third kind whose coefficient is exactly +-1, so a passage through the upright or the hanging
+position is a jump of one phase by half a revolution, and nothing diverges.
 """
 
 import math
 import sys
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from rigidmc.dynamics.so3 import opposite, select, sincos, up
+from rigidmc.dynamics.elementary import arctan2, sincos
+from rigidmc.dynamics.scalars import opposite, select
 from rigidmc.engine.compose import inline_all
 from rigidmc.mechanics.jacobi import (
     Third,
     angle_past,
-    arctan2,
     complete,
     divided,
     first_kind,
@@ -31,23 +31,24 @@ from rigidmc.mechanics.jacobi import (
     reduced,
     third,
 )
-
-TINY = 1e-280  # stands for v2 = 0 or y1 = 0, an exact passage through the vertical, where a phase jumps by pi/2 at once
-VERTICAL = 1e-60  # a tilt or a swing below it is none: its square is below the smallest 1 - m of `rigidmc.mechanics.jacobi`
-SLOW, FAST = (
-    1e-15,
-    1e15,
-)  # rates [rad/s] beyond which their sixth powers leave the range of doubles: they are scaled to 1
+from rigidmc.mechanics.lagrange_limits import limits, plumb, start_of
 
 
 class Orbit(NamedTuple):
-    """What is constant along a motion, and so computed once for all times.
+    """The constants of a motion, computed once for all times.
 
-    inertia : A [kg m^2];  spin : L_3 [kg m^2/s];  rate : p [rad/s];  m, mc, quarter, offset : modulus, 1 - m, K(m), p t + d at t = 0
-    v1, v2, y1, y2, width : 1 - u and 1 + u at the lower and upper turning angle, u2 - u1;  b, e_minus, e_plus : b, a - b, a + b [rad/s]
-    sigma, delta : phases of the two parameters at t = 0, less what the formulas give there;  own : (L_3/C - b)/2 [rad/s], and what else sigma has where u stays 1
-    direct : 1 where sigma is h u - Theta;  s_plus, s_minus : signs of a + b and a - b;  h_s, h_c : h as a ratio;  h_minus
-    plus_nu, plus_mu, plus_all, minus_nu, minus_mu, minus_all : the Thirds (1 + nu, mu) of the two phases and their Theta(K)
+    inertia : A [kg m^2];  spin : L_3 [kg m^2/s];  rate : p [rad/s]
+    m, mc, quarter, offset : modulus, 1 - m, K(m), p t + d at t = 0
+    v1, v2, y1, y2 : 1 - u and 1 + u at the lower and upper turning point;  width : u2 - u1
+    b, e_minus, e_plus : b, a - b, a + b [rad/s]
+    sigma, delta : sigma/2 and delta/2 at t = 0, less the values of the formulas there
+    drift : (L_3/C - b)/2 [rad/s], constant rate of sigma/2 and -delta/2; if u stays 1, plus the
+        rest
+        of the rate of sigma/2
+    direct : 1 if sigma is h u - Theta, else 0;  s_plus, s_minus : signs of a + b and a - b
+    h_s, h_c : h of sigma as a ratio;  h_minus : h of delta
+    plus_nu, plus_mu, minus_nu, minus_mu : the Thirds (1 + nu, mu) of sigma and delta
+    plus_all, minus_all : their Theta(K)
     """
 
     inertia: float
@@ -67,7 +68,7 @@ class Orbit(NamedTuple):
     e_plus: float
     sigma: float
     delta: float
-    own: float
+    drift: float
     direct: float
     s_plus: float
     s_minus: float
@@ -106,169 +107,153 @@ class Started(NamedTuple):
         )
 
 
-def differences(beta, f0, f1, f2):
-    """(s1, s2, beta s3) of f0 + f1 s + f2 s^2 + beta s^3, which has three real roots s1 <= 0 <= s2 <= s3 and f0 >= 0.
+class Amplitude(NamedTuple):
+    """Modulus m and mc = 1 - m, and sn, cn, dn at t = 0 but for the sign of sn.
 
-    The root that stands alone by trigonometry and one Newton step, for S = beta s so that beta = 0 is no special case; the other two
-    from their sum and product, in which a double root at 0 stays exact.
+    still : whether p is 0 or never felt, so that u stays as it is;  v1, v2, y1, y2 : as in Limits,
+        those of the
+    start if u stays as it is
     """
-    third_f2 = f2 * (1 / 3)
-    p3 = max(third_f2 * third_f2 - (1 / 3) * beta * f1, 0.0)  # -P/3 of X^3 + P X + Q, X = S + f2/3
-    half_q = third_f2 * third_f2 * third_f2 - 0.5 * third_f2 * beta * f1 + 0.5 * beta * beta * f0
-    angle = (1 / 3) * arctan2(math.sqrt(max(p3 * p3 * p3 - half_q * half_q, 0.0)), -half_q)
-    last = half_q <= 0.0  # the largest root stands alone, else the smallest
-    sine, cosine = sincos(angle)
-    x = 2.0 * math.sqrt(p3) * select(last, cosine, -0.5 * cosine - math.sqrt(0.75) * sine)
-    big = x - third_f2
-    slope = (3.0 * big + 2.0 * f2) * big + beta * f1
-    big = big - divided(((big + f2) * big + beta * f1) * big + beta * beta * f0, slope)
-    # last: big = beta s3, the pair is s1 and s2; else big = beta s1, the pair is beta s2 and beta s3, and a start at u1 has big = 0
-    product = -divided(select(last, f0, beta * beta * f0), big)
-    total = divided(select(last, f1 - beta * product, beta * f1 - product), big)
-    small = opposite(last) & (2.0 * abs(big) < abs(f2 + big))
-    total = select(small, -f2 - big, total)
-    product = select(small, beta * f1 - big * total, product)
-    # from u'^2(0) to all its digits, where the Newton step leaves 1e-16 of the others: 0 for a start at u1
-    big = select(small, -divided(beta * beta * f0, product), big)
-    root = math.sqrt(max(total * total - 4.0 * product, 0.0))
-    far = 0.5 * (total + select(total < 0.0, -root, root))
-    near = divided(product, far)
-    low, high = min(far, near), max(far, near)
-    s1 = select(last, low, divided(big, beta))
-    s2 = select(last, high, divided(low, beta))
-    return min(s1, 0.0), max(s2, 0.0), max(select(last, big, high), 0.0)
+
+    m: float
+    mc: float
+    sn: float
+    cn: float
+    dn: float
+    still: Any
+    v1: float
+    v2: float
+    y1: float
+    y2: float
+
+
+def amplitude(o, p):
+    """The Amplitude of a Start and its Limits."""
+    m = divided(o.beta * p.width, p.span)
+    mc = select(p.span > 0.0, divided(o.beta * p.v2 + p.v3, p.span), 1.0)
+    still = (p.span == 0.0) | ((mc == 0.0) & (p.s2 == 0.0))
+    moves = (p.width > 0.0) & opposite(still)
+    sn = select(moves, math.sqrt(divided(-p.s1, p.width)), 0.0)
+    cn = select(moves, math.sqrt(divided(p.s2, p.width)), 1.0)
+    m, mc = select(still, 0.0, m), select(still, 1.0, mc)
+    return Amplitude(
+        m,
+        mc,
+        sn,
+        cn,
+        math.sqrt(cn * cn + mc * sn * sn),
+        still,
+        select(moves, p.v1, o.v),
+        select(moves, p.v2, o.v),
+        select(moves, p.y1, o.y),
+        select(moves, p.y2, o.y),
+    )
+
+
+class Rates(NamedTuple):
+    """The two phases as functions of the argument x = p t + d of sn.
+
+    direct, h_s, h_c, h_minus : see Orbit;  plus, minus : the Thirds of sigma and delta
+    """
+
+    direct: Any
+    h_s: float
+    h_c: float
+    h_minus: float
+    plus: Third
+    minus: Third
+
+
+def phase_rates(o, p, e):
+    """The Rates of a Start, its Limits and its Amplitude."""
+    # nu of sigma is width/y1, or its partner beta y1/span if that is smaller
+    direct = p.width * p.width * p.span <= o.beta * p.width * e.y1 * e.y1
+    plus = third(
+        select(direct, divided(p.width, e.y1), divided(o.beta * e.y1, p.span)),
+        select(direct, divided(e.y2, e.y1), divided(p.y3, p.span)),
+        select(direct, divided(p.width * p.y3, p.span * e.y1), divided(o.beta * e.y2, p.span)),
+    )
+    tilt = divided(p.width, e.v1)
+    minus = Third(divided(e.v2, e.v1), math.sqrt(divided(tilt * tilt * e.v2 * p.v3, e.v1 * p.span)))
+    return Rates(
+        direct,
+        select(e.still, 0.0, math.sqrt(e.y2 * p.y3)),
+        select(e.still, 1.0, math.sqrt(e.y1 * p.span)),
+        select(e.still, 0.0, math.sqrt(divided(e.v2 * p.v3, e.v1 * p.span))),
+        plus,
+        minus,
+    )
+
+
+def start_phases(o, q, s_plus, s_minus):
+    """(sigma/2, delta/2) at t = 0: the phases of w + i z and of x + i y.
+
+    A parameter that is 0 at t = 0 has the phase of its derivative, half a jump later.
+    """
+    not_hanging, not_upright = o.y > 0.0, o.v > 0.0
+    alpha = (
+        select(not_hanging, q[0], -(q[1] * o.one + q[2] * o.two)),
+        select(not_hanging, q[3], q[1] * o.two - q[2] * o.one),
+    )
+    gamma = (
+        select(not_upright, q[1], q[0] * o.one - q[3] * o.two),
+        select(not_upright, q[2], q[0] * o.two + q[3] * o.one),
+    )
+    return (
+        arctan2(alpha[1], alpha[0]) - select(not_hanging, 0.0, s_plus * 0.5 * math.pi),
+        arctan2(gamma[1], gamma[0]) - select(not_upright, 0.0, s_minus * 0.5 * math.pi),
+    )
 
 
 def orbit(a, c, k, l, q):
-    """The constants of a motion, in the order of Orbit."""
-    r = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    q = (r * q[0], r * q[1], r * q[2], r * q[3])
-    upright, hanging = max(abs(q[1]), abs(q[2])) < VERTICAL, max(abs(q[0]), abs(q[3])) < VERTICAL
-    q = (
-        select(hanging, 0.0, q[0]),
-        select(upright, 0.0, q[1]),
-        select(upright, 0.0, q[2]),
-        select(hanging, 0.0, q[3]),
-    )
-    y0, v0 = 2.0 * (q[0] * q[0] + q[3] * q[3]), 2.0 * (q[1] * q[1] + q[2] * q[2])
-    u0 = 0.5 * (y0 - v0)
-    g = up(q)
-    one, two, b, beta = l[0] / a, l[1] / a, l[2] / a, 2.0 * k / a
-    swing, other = max(abs(one), abs(two)), max(abs(b), math.sqrt(beta))
-    size = max(swing, other)
-    unit = select(((size > FAST) | (size < SLOW)) & (size > 0.0), size, 1.0)
-    moving = select(swing < VERTICAL * other, 0.0, 1.0 / unit)
-    one, two, b, beta = moving * one, moving * two, b / unit, beta / unit / unit
-    w = one * one + two * two
-    across, speed = one * g[0] + two * g[1], g[0] * two - g[1] * one  # a - b u and u' at t = 0
-    e_minus, e_plus = across - b * v0, across + b * y0
-    s1, s2, r3 = differences(
-        beta,
-        speed * speed,
-        -beta * v0 * y0 - 2.0 * u0 * w + 2.0 * across * b,
-        2.0 * beta * u0 - w - b * b,
-    )
-    v1 = v0 - s1
-    # v2 and beta |v3| from their product and difference, whichever is larger first
-    product, gap = divided(e_minus * e_minus, v1), beta * (v0 - s2) - (r3 - beta * v0)
-    larger = 0.5 * (abs(gap) + math.sqrt(gap * gap + 4.0 * beta * product))
-    v2 = select(gap > 0.0, divided(larger, beta), divided(product, larger))
-    r3v = select(gap > 0.0, divided(product, v2), larger)
-    s2 = select(
-        2.0 * v2 < v0, v0 - v2, s2
-    )  # where u2 and u3 are near each other, s2 has half the digits of v2
-    width, y2, r3y = s2 - s1, y0 + s2, 2.0 * beta + r3v
-    through = (v2 == 0.0) & (r3v > 0.0)
-    v2 = select(through, TINY, v2)
-    e_minus = select(through, math.sqrt(v1 * TINY * r3v), e_minus)
-    y1 = divided(e_plus * e_plus, y2 * r3y)
-    through = (y1 == 0.0) & (y2 * r3y > 0.0)
-    y1 = select(through, TINY, y1)
-    e_plus = select(through, math.sqrt(TINY * y2 * r3y), e_plus)
-    span = beta * v1 + r3v  # beta (u3 - u1) = 4 p^2
-    m, mc = divided(beta * width, span), select(span > 0.0, divided(beta * v2 + r3v, span), 1.0)
-    # amplitude at t = 0
-    still = (span == 0.0) | ((mc == 0.0) & (s2 == 0.0))
-    moves = (width > 0.0) & opposite(still)
-    sn = select(moves, math.sqrt(divided(-s1, width)), 0.0)
-    cn = select(moves, math.sqrt(divided(s2, width)), 1.0)
-    m, mc = select(still, 0.0, m), select(still, 1.0, mc)
-    dn = math.sqrt(cn * cn + mc * sn * sn)
-    v1, v2, y1, y2 = (
-        select(moves, v1, v0),
-        select(moves, v2, v0),
-        select(moves, y1, y0),
-        select(moves, y2, y0),
-    )
-    quarter = quarter_period(mc)
-    sign = select(speed < 0.0, -1.0, 1.0)
-    offset = first_kind(sn, cn, mc, quarter)
-    # the two phases; nu of sigma is width/y1, or its partner beta y1/span where that is smaller
-    s_plus, s_minus = select(e_plus < 0.0, -1.0, 1.0), select(e_minus < 0.0, -1.0, 1.0)
-    direct = width * width * span <= beta * width * y1 * y1
-    plus = third(
-        select(direct, divided(width, y1), divided(beta * y1, span)),
-        select(direct, divided(y2, y1), divided(r3y, span)),
-        select(direct, divided(width * r3y, span * y1), divided(beta * y2, span)),
-    )
-    minus = Third(
-        divided(v2, v1),
-        math.sqrt(divided(divided(width, v1) * divided(width, v1) * v2 * r3v, v1 * span)),
-    )
-    h_s, h_c = math.sqrt(y2 * r3y), math.sqrt(y1 * span)
-    h_s, h_c = select(still, 0.0, h_s), select(still, 1.0, h_c)
-    h_minus = select(still, 0.0, math.sqrt(divided(v2 * r3v, v1 * span)))
-    rate = select(still, 0.0, 0.5 * unit * math.sqrt(span))
-    plus_all, minus_all = complete(quarter, m, mc, (plus, minus))
-    at_start = jacobi_at(offset, m, mc, (plus, minus), sn, cn, dn)
-    half_turn = select(direct, 0.0, arctan2(h_s * sign * sn, h_c * cn * dn))
-    theta_plus, theta_minus = sign * at_start[0], sign * at_start[1]
-    slope_plus = select(direct, divided(h_s, h_c) * sign * offset, half_turn)
-    own = 0.5 * l[2] * (1.0 / c - 1.0 / a) + select(still, 0.5 * unit * divided(e_plus, y0), 0.0)
-    # a parameter that is 0 at t = 0 has the phase of its derivative half a jump later
-    alpha = (
-        select(y0 > 0.0, q[0], -(q[1] * one + q[2] * two)),
-        select(y0 > 0.0, q[3], q[1] * two - q[2] * one),
-    )
-    gamma = (
-        select(v0 > 0.0, q[1], q[0] * one - q[3] * two),
-        select(v0 > 0.0, q[2], q[0] * two + q[3] * one),
-    )
-    sigma = arctan2(alpha[1], alpha[0]) - select(y0 > 0.0, 0.0, s_plus * 0.5 * math.pi)
-    delta = arctan2(gamma[1], gamma[0]) - select(v0 > 0.0, 0.0, s_minus * 0.5 * math.pi)
-    sigma = sigma - s_plus * (slope_plus + select(direct, -theta_plus, theta_plus))
-    delta = delta - s_minus * (h_minus * sign * offset + theta_minus)
-    return (
-        a,
-        l[2],
-        rate,
-        m,
-        mc,
-        quarter,
-        sign * offset,
-        v1,
-        v2,
-        y1,
-        y2,
-        width,
-        unit * b,
-        unit * e_minus,
-        unit * e_plus,
-        sigma,
-        delta,
-        own,
-        select(direct, 1.0, 0.0),
-        s_plus,
-        s_minus,
-        h_s,
-        h_c,
-        h_minus,
-        plus.one_plus_nu,
-        plus.mu,
-        plus_all,
-        minus.one_plus_nu,
-        minus.mu,
-        minus_all,
+    """The Orbit of A, C, k = m g l, body momentum and attitude at t = 0."""
+    q = plumb(q)
+    o = start_of(a, k, l, q)
+    p = limits(o)
+    e = amplitude(o, p)
+    f = phase_rates(o, p, e)
+    quarter = quarter_period(e.mc)
+    sign = select(o.speed < 0.0, -1.0, 1.0)
+    offset = first_kind(e.sn, e.cn, e.mc, quarter)
+    s_plus, s_minus = select(p.e_plus < 0.0, -1.0, 1.0), select(p.e_minus < 0.0, -1.0, 1.0)
+    plus_all, minus_all = complete(quarter, e.m, e.mc, (f.plus, f.minus))
+    angles = jacobi_at(offset, e.m, e.mc, (f.plus, f.minus), e.sn, e.cn, e.dn)
+    theta_plus, theta_minus = sign * angles[0], sign * angles[1]
+    jump = select(f.direct, 0.0, arctan2(f.h_s * sign * e.sn, f.h_c * e.cn * e.dn))
+    slope = select(f.direct, divided(f.h_s, f.h_c) * sign * offset, jump)
+    sigma, delta = start_phases(o, q, s_plus, s_minus)
+    stays = select(e.still, 0.5 * o.unit * divided(p.e_plus, o.y), 0.0)
+    return Orbit(
+        inertia=a,
+        spin=l[2],
+        rate=select(e.still, 0.0, 0.5 * o.unit * math.sqrt(p.span)),
+        m=e.m,
+        mc=e.mc,
+        quarter=quarter,
+        offset=sign * offset,
+        v1=e.v1,
+        v2=e.v2,
+        y1=e.y1,
+        y2=e.y2,
+        width=p.width,
+        b=o.unit * o.b,
+        e_minus=o.unit * p.e_minus,
+        e_plus=o.unit * p.e_plus,
+        sigma=sigma - s_plus * (slope + select(f.direct, -theta_plus, theta_plus)),
+        delta=delta - s_minus * (f.h_minus * sign * offset + theta_minus),
+        drift=0.5 * l[2] * (1.0 / c - 1.0 / a) + stays,
+        direct=select(f.direct, 1.0, 0.0),
+        s_plus=s_plus,
+        s_minus=s_minus,
+        h_s=f.h_s,
+        h_c=f.h_c,
+        h_minus=f.h_minus,
+        plus_nu=f.plus.one_plus_nu,
+        plus_mu=f.plus.mu,
+        plus_all=plus_all,
+        minus_nu=f.minus.one_plus_nu,
+        minus_mu=f.minus.mu,
+        minus_all=minus_all,
     )
 
 
@@ -286,8 +271,8 @@ def motion(o, t):
         o.direct == 1.0, divided(o.h_s, o.h_c) * x - theta_plus, jump + theta_plus
     )
     delta = o.s_minus * (o.h_minus * x + theta_minus)
-    sine, cosine = sincos(o.sigma + (o.own * t + sigma))
-    sine2, cosine2 = sincos(o.delta + (delta - o.own * t))
+    sine, cosine = sincos(o.sigma + (o.drift * t + sigma))
+    sine2, cosine2 = sincos(o.delta + (delta - o.drift * t))
     rv, ry = math.sqrt(v), math.sqrt(y)
     half = math.sqrt(0.5)
     q = (half * ry * cosine, half * rv * cosine2, half * rv * sine2, half * ry * sine)

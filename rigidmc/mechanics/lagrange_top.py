@@ -23,8 +23,10 @@ _TURNS = {
 class Nutation(NamedTuple):
     """What the motion of a Lagrange top is; arrays of the leading shape of the arguments of `lagrange_motion`.
 
-    kind : "at rest", "sleeping", "steady precession", "homoclinic", "pendulum", "cusps", "loops" or "monotone precession" ("invalid": bad input)
-    p_phi, p_psi : the constants a = L_z and b = L_3 [kg m^2/s] of TdC (3.40), (3.41);  energy : E [J], the potential being k cos theta
+    kind : "at rest", "sleeping", "steady precession", "homoclinic", "pendulum", "cusps", "loops" or
+        "monotone precession" ("invalid": bad input)
+    p_phi, p_psi : the constants a = L_z and b = L_3 [kg m^2/s] of TdC (3.40), (3.41);  energy : E
+        [J], the potential being k cos theta
     low, high : the largest and smallest theta [rad], between which the axis nutates
     m, mc : modulus (parameter) and 1 - m;  rate : p [rad/s], the argument of sn is p t + d
     period : of the nutation, 2 K(m)/p [s]; inf where the axis does not return
@@ -90,14 +92,18 @@ def _orbits(moments, weight, momentum, attitude, axis):
 def lagrange_top(moments, weight, momentum, attitude, t, axis=3):
     """The exact motion of heavy symmetric tops: Motion(momentum, omega, attitude) at any time, TdC Example 3.7.
 
-    moments : principal moments (..., 3) about the fixed point [kg m^2], the two across the symmetry axis equal
-    weight : k = m g l (...) [N m], l the distance of the centre of mass from the fixed point along +axis; negative: on the other side
+    moments : principal moments (..., 3) about the fixed point [kg m^2], the two across the symmetry
+        axis equal
+    weight : k = m g l (...) [N m], l the distance of the centre of mass from the fixed point along
+        +axis; negative: on the other side
     momentum : angular momentum in principal axes (..., 3) at t = 0 [kg m^2/s]
-    attitude : quaternions (..., 4) or a scipy Rotation, body to space, at t = 0; upright and hanging starts too
+    attitude : quaternions (..., 4) or a scipy Rotation, body to space, at t = 0; upright and
+        hanging starts too
     t : times (...) [s];  axis : the symmetry axis, 1, 2 or 3
 
-    Leading shapes broadcast as in `free_top`. What cannot be is nan in the result, with a SceneWarning that counts; SceneError where
-    all are bad, e.g. unequal moments, or where shapes do not broadcast.
+    Leading shapes broadcast as in `free_top`. What cannot be is nan in the result, with a
+    SceneWarning that counts; SceneError where all are bad, e.g. unequal moments, or where shapes do
+    not broadcast.
     """
     table, _, tops, _, below = _orbits(moments, weight, momentum, attitude, axis)
     shape, index, times = spread(tops, np.asarray(t, dtype=float))
@@ -119,7 +125,8 @@ def lagrange_top(moments, weight, momentum, attitude, t, axis=3):
 def lagrange_motion(moments, weight, momentum, attitude, axis=3):
     """Constants, turning angles and kind of motion of heavy symmetric tops: see Nutation. Arguments and errors as `lagrange_top`.
 
-    Loops, cusps and waves are told apart by the sign of phi' = (a - b u)/(1 - u^2) at the turning angles.
+    Loops, cusps and waves are told apart by the sign of phi' = (a - b u)/(1 - u^2) at the turning
+    angles.
     """
     table, columns, shape, bad, below = _orbits(moments, weight, momentum, attitude, axis)
     o: Any = Orbit(*table.T)
@@ -136,8 +143,8 @@ def lagrange_motion(moments, weight, momentum, attitude, axis=3):
             2.0 * (o.quarter * o.h_s / o.h_c - o.plus_all),
             np.pi + 2.0 * o.plus_all,
         )
-        sigma = o.own * period + o.s_plus * plus
-        delta = 2.0 * o.s_minus * (o.h_minus * o.quarter + o.minus_all) - o.own * period
+        sigma = o.drift * period + o.s_plus * plus
+        delta = 2.0 * o.s_minus * (o.h_minus * o.quarter + o.minus_all) - o.drift * period
         kinds = {
             "invalid": bad,
             "at rest": fixed & (l1**2 + l2**2 + l3**2 == 0.0),
@@ -178,8 +185,8 @@ def effective_potential(moments, weight, p_phi, p_psi, theta):
 
         U = (p_phi - p_psi cos theta)^2/(2 I_1 sin^2 theta) + p_psi^2/(2 I_3) + k cos theta
 
-    moments (..., 3) with I_1 = I_2 [kg m^2];  weight k [N m];  p_phi = L_z, p_psi = L_3 [kg m^2/s];  theta [rad]. At theta = 0 and pi
-    the limit where it is finite, else inf. All broadcast.
+    moments (..., 3) with I_1 = I_2 [kg m^2];  weight k [N m];  p_phi = L_z, p_psi = L_3 [kg m^2/s];
+    theta [rad]. At theta = 0 and pi the limit where it is finite, else inf. All broadcast.
     """
     moments = np.asarray(moments, dtype=float)
     cosine, sine = np.cos(theta), np.sin(theta)
@@ -197,8 +204,9 @@ def effective_potential(moments, weight, p_phi, p_psi, theta):
 def steady_precession(moments, weight, omega3, theta):
     """The two rates phi' [rad/s] (slow, fast) of a precession without nutation: I_1 phi'^2 cos theta - I_3 omega_3 phi' + k = 0.
 
-    moments (..., 3) with I_1 = I_2;  weight k [N m];  omega3 [rad/s];  theta [rad]. nan where (I_3 omega_3)^2 < 4 I_1 k cos theta: there is
-    none; the fast one is inf where cos theta = 0. All broadcast.
+    moments (..., 3) with I_1 = I_2;  weight k [N m];  omega3 [rad/s];  theta [rad]. nan where (I_3
+    omega_3)^2 < 4 I_1 k cos theta: there is none; the fast one is inf where cos theta = 0. All
+    broadcast.
     """
     moments = np.asarray(moments, dtype=float)
     spin, rise = moments[..., 2] * omega3, moments[..., 0] * np.cos(theta)

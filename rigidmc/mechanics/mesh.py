@@ -1,9 +1,13 @@
-"""Bodies of uniform density from closed triangle meshes (STL, OBJ, PLY, ...), read by trimesh (extra `mesh`)."""
+"""Bodies of uniform density from closed triangle meshes (STL, OBJ, PLY, ...).
+
+The files are read by trimesh (extra `mesh`).
+"""
 
 import os
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.errors import SceneError
 from rigidmc.files.reading import refuse_irregular
@@ -11,61 +15,73 @@ from rigidmc.files.reading import refuse_irregular
 _MIX = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio, odd
 
 
-def load(path, scale=1.0):
-    """The triangles (n, 3, 3) [m] of a mesh file or a trimesh.Trimesh; SceneError for one that is not closed, with what is wrong.
+@runtime_checkable
+class Mesh(Protocol):
+    """The part of a trimesh.Trimesh that is used.
 
-    scale : metres per unit of the file; most STL are in millimetres, 0.001
+    vertices (n, 3);  faces (m, 3) : indices into the vertices
     """
-    if hasattr(path, "faces") and hasattr(path, "vertices"):
+
+    vertices: Any
+    faces: Any
+
+
+def load(path: "str | os.PathLike[str] | Mesh", scale: float = 1.0) -> NDArray[np.float64]:
+    """The triangles (n, 3, 3) [m] of a mesh file or a trimesh.Trimesh.
+
+    scale : metres per unit of the file; 0.001 for millimetres, the unit of most STL files
+
+    SceneError for a mesh that is not closed, and says what is wrong; FileNotFoundError.
+    """
+    if isinstance(path, Mesh):
         return _closed(path, "Trimesh", scale)
+    name = os.fspath(path)
     try:
         import trimesh
     except ImportError as error:
-        raise SceneError(
-            "",
-            "mesh",
-            os.fspath(path),
-            f"meshes need trimesh: pip install 'rigidmc[mesh]' ({error})",
-        ) from None
+        rule = f"meshes need trimesh: pip install 'rigidmc[mesh]' ({error})"
+        raise SceneError("", "mesh", name, rule) from None
     if not os.path.exists(path):
         raise FileNotFoundError(f"{path}: no such file")
     refuse_irregular(path)
     try:
-        mesh: Any = trimesh.load(path, force="mesh", process=False)
-    except Exception as error:  # trimesh raises whatever its readers do
-        raise SceneError(
-            "", "mesh", os.fspath(path), f"is no mesh that trimesh can read: {error}"
-        ) from None
-    return _closed(mesh, os.fspath(path), scale)
+        mesh: Any = trimesh.load(name, force="mesh", process=False)
+    except Exception as error:  # the readers of trimesh raise all kinds of exceptions
+        rule = f"is no mesh that trimesh can read: {error}"
+        raise SceneError("", "mesh", name, rule) from None
+    return _closed(mesh, name, scale)
 
 
-def _closed(mesh, name, scale):
-    """The triangles (n, 3, 3) of a mesh with `vertices` and `faces`, checked."""
+def _closed(mesh: Mesh, name: str, scale: float) -> NDArray[np.float64]:
+    """The triangles (n, 3, 3) of a mesh, checked."""
     if not len(mesh.faces):
         raise SceneError("", "mesh", name, "has no triangles")
-    vertices = np.asarray(mesh.vertices, dtype=float) + 0.0  # -0.0 is 0.0
+    vertices = np.asarray(mesh.vertices, dtype=float) + 0.0  # turns -0.0 into 0.0
     faces = merged(vertices)[np.asarray(mesh.faces)]
-    # a triangle with two corners in one place encloses nothing, and its edges would count as holes
-    thin = (
-        (faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0])
-    )
+    # a triangle with two equal corners encloses nothing, and its edges would count as holes
+    one, two, three = faces.T
+    thin = (one == two) | (two == three) | (three == one)
     faces = faces[~thin]
     if not len(faces):
         raise SceneError("", "mesh", name, "has no triangles with an area")
     check(faces, name)
-    return scale * vertices[faces]
+    triangles: NDArray[np.float64] = scale * vertices[faces]
+    return triangles
 
 
-def merged(vertices):
-    """Index (n,) of the first vertex with the same coordinates, for each of vertices (n, 3): an STL repeats them for every triangle.
+def merged(vertices: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Index (n,) of the first vertex with the same coordinates, for each of vertices (n, 3).
 
-    To the bit: trimesh merges what is closer than 1e-8, whatever the unit, and makes holes in small parts given in metres.
+    An STL file repeats a vertex for each of its triangles. Only bitwise equal vertices are merged:
+    trimesh merges what is closer than 1e-8, whatever the unit, and so makes holes in small parts
+    given in metres.
     """
-    # sorted by a hash, as sorting by coordinates takes three times as long; places that share a hash could only stay unmerged
+    # sorted by a hash, because sorting by coordinates takes three times as long; different vertices
+    # with the same hash could at worst keep equal ones apart
     key = np.zeros(len(vertices), dtype=np.uint64)
     for bits in np.ascontiguousarray(vertices).view(np.uint64).T:
         key ^= bits
-        key ^= key >> np.uint64(32)  # the digits of round numbers are all in the upper half
+        key ^= key >> np.uint64(32)  # all digits of round numbers are in the upper half
         key *= _MIX
         key ^= key >> np.uint64(29)
     order = np.argsort(key, kind="stable")
@@ -77,9 +93,11 @@ def merged(vertices):
     return index
 
 
-def check(faces, name="mesh"):
-    """SceneError for faces (n, 3) that do not close a volume: every edge must belong to two triangles that run along it in opposite
-    directions."""
+def check(faces: ArrayLike, name: str = "mesh") -> None:
+    """SceneError for faces (n, 3) that do not close a volume.
+
+    Every edge must belong to two triangles that traverse it in opposite directions.
+    """
     faces = np.asarray(faces, dtype=np.int64)
     start, end = faces[:, [0, 1, 2]].ravel(), faces[:, [1, 2, 0]].ravel()
     size = faces.max() + 1
@@ -90,45 +108,43 @@ def check(faces, name="mesh"):
     first = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
     count = np.diff(np.append(first, key.size))
     direction = np.add.reduceat(sign, first)
+    twisted = np.count_nonzero((count == 2) & (direction != 0))
     wrong = [
         (np.count_nonzero(count == 1), "edges with one triangle only: it has holes"),
         (np.count_nonzero(count > 2), "edges with more than two triangles"),
-        (
-            np.count_nonzero((count == 2) & (direction != 0)),
-            "edges whose triangles are wound in opposite senses",
-        ),
+        (twisted, "edges whose triangles are wound in opposite senses"),
     ]
-    found = [f"{n:,} {what}" for n, what in wrong if n]
-    if found:
-        raise SceneError(
-            "", "mesh", name, f"is not watertight: {', '.join(found)}; repair it first"
-        )
+    faults = [f"{n:,} {what}" for n, what in wrong if n]
+    if faults:
+        rule = f"is not watertight: {', '.join(faults)}; repair it first"
+        raise SceneError("", "mesh", name, rule)
 
 
-def mass_properties(triangles, density):
-    """(mass [kg], centre of mass (3,) [m], tensor (3, 3) about the origin) of the volume that triangles (n, 3, 3) enclose, TdC (3.17).
+def mass_properties(
+    triangles: NDArray[np.float64], density: float
+) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
+    """(mass [kg], centre of mass (3,) [m], tensor (3, 3) about the origin), TdC (3.17).
 
-    By the signed tetrahedra from the first vertex to the triangles: of one with edges a, b, c from there, V = a.(b x c)/6, first moment
-    V (a + b + c)/4 and second V ((a+b+c)(a+b+c)^T + a a^T + b b^T + c c^T)/20. SceneError for a volume that is not positive.
+    triangles (n, 3, 3) [m] that enclose the volume;  density [kg/m^3]
+
+    By the signed tetrahedra from the first vertex to the triangles. A tetrahedron with edges a, b,
+    c from there has the volume V = a.(b x c)/6, the first moment V (a + b + c)/4 and the second
+    moment V ((a+b+c)(a+b+c)^T + a a^T + b b^T + c c^T)/20. SceneError if the volume is not
+    positive.
     """
     origin = triangles[0, 0]
-    local = triangles - origin  # near the mesh: a part far from the origin would lose its digits
+    local = triangles - origin  # a mesh far from the origin would lose digits
     volume = np.einsum("ni,ni->n", local[:, 0], np.cross(local[:, 1], local[:, 2])) / 6.0
     total = volume.sum()
     if not total > 0.0:
-        raise SceneError(
-            "",
-            "mesh",
-            None,
-            f"encloses the volume {total:.3g}: its triangles must be wound so that they face outward",
-        )
+        rule = f"encloses the volume {total:.3g}: its triangles must be wound to face outward"
+        raise SceneError("", "mesh", None, rule)
     middle = local.sum(1)
     centre = (volume @ middle) / 4.0 / total
     second = np.einsum("n,ni,nj->ij", volume, middle, middle)
     for corner in range(3):
         second += np.einsum("n,ni,nj->ij", volume, local[:, corner], local[:, corner])
-    second = second / 20.0 + total * (
-        np.outer(origin, centre) + np.outer(centre, origin) + np.outer(origin, origin)
-    )
+    shift = np.outer(origin, centre) + np.outer(centre, origin) + np.outer(origin, origin)
+    second = second / 20.0 + total * shift
     tensor = np.trace(second) * np.eye(3) - second
     return density * total, centre + origin, density * tensor

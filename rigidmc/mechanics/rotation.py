@@ -1,9 +1,10 @@
 """Rotations for users: attitudes as quaternions, matrices, Euler angles and rotation vectors, and the rates that go with them.
 
-Conventions: A maps body to space components, x = A x', its columns are the body axes in space, TdC (3.1)-(3.5). Quaternions (w, x, y, z)
-are the same rotation, scalar first; q and -q are one attitude. omega has body components unless a name ends in _space: dA/dt = A
-hat(omega). Arrays have components last and any leading shape. Whatever takes an `attitude` takes quaternions (..., 4), matrices
-(..., 3, 3) or a scipy Rotation.
+Conventions: A maps body to space components, x = A x', its columns are the body axes in space, TdC
+(3.1)-(3.5). Quaternions (w, x, y, z) are the same rotation, scalar first; q and -q are one
+attitude. omega has body components unless a name ends in _space: dA/dt = A hat(omega). Arrays have
+components last and any leading shape. Whatever takes an `attitude` takes quaternions (..., 4),
+matrices (..., 3, 3) or a scipy Rotation.
 """
 
 import numpy as np
@@ -17,7 +18,8 @@ _EYE = np.eye(3)
 
 def quaternion(attitude):
     """Unit quaternions (..., 4) of an attitude. SceneError for a wrong shape, a norm of 0, a matrix that is no rotation and how far it
-    is from one; where some elements of many are bad they are nan, and a SceneWarning counts them."""
+    is from one; where some elements of many are bad they are nan, and a SceneWarning counts them.
+    """
     if hasattr(attitude, "as_quat"):
         return np.asarray(attitude.as_quat(scalar_first=True))
     array = np.asarray(attitude, dtype=float)
@@ -96,8 +98,9 @@ def from_euler(angles, convention="zxz"):
 def euler(attitude, convention="zxz"):
     """Euler angles (phi, theta, psi) (..., 3) [rad] of an attitude, 0 <= theta <= pi, the others in (-pi, pi].
 
-    They give the attitude back to rounding everywhere. Where sin(theta) = 0 only phi + psi (theta = 0) or phi - psi (theta = pi) is
-    determined: there psi is 0; near it psi is as good as the attitude allows.
+    They give the attitude back to rounding everywhere. Where sin(theta) = 0 only phi + psi (theta =
+    0) or phi - psi (theta = pi) is determined: there psi is 0; near it psi is as good as the
+    attitude allows.
     """
     w, x, y, z = np.moveaxis(quaternion(attitude), -1, 0)
     if not _is_zxz(convention):
@@ -165,9 +168,10 @@ def angular_velocity_space(matrix, rate):
 def angular_velocity_of_series(t, attitude, space=False, points=7):
     """omega (n, ..., 3) [rad/s] at the times t (n,) of sampled attitudes (n, ...), body components unless `space`.
 
-    At each time the neighbours are taken as rotation vectors from it, of which omega is the derivative there; that of the polynomial
-    through `points` of them has order points - 1, also at the ends and for uneven times. Neighbours within half the stencil must be
-    less than half a turn apart. SceneError for fewer than 2 samples, or times that do not ascend.
+    At each time the neighbours are taken as rotation vectors from it, of which omega is the
+    derivative there; that of the polynomial through `points` of them has order points - 1, also at
+    the ends and for uneven times. Neighbours within half the stencil must be less than half a turn
+    apart. SceneError for fewer than 2 samples, or times that do not ascend.
     """
     t, q = np.asarray(t, dtype=float), quaternion(attitude)
     if t.ndim != 1 or t.size < 2 or q.shape[0] != t.size or not np.all(np.diff(t) > 0):

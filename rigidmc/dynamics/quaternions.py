@@ -1,0 +1,138 @@
+"""Quaternions, and the rotations that unit quaternions stand for.
+
+Conventions as in `rigidmc.dynamics.so3`.
+"""
+
+import math
+
+from rigidmc.dynamics.elementary import sincos
+from rigidmc.dynamics.scalars import select
+from rigidmc.dynamics.vectors import cross, dot
+
+
+def add4(a, b):
+    """a + b of quaternions."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]
+
+
+def difference4(a, b):
+    """a - b of quaternions."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]
+
+
+def scale4(s, a):
+    """s*a of a number and a quaternion."""
+    return s * a[0], s * a[1], s * a[2], s * a[3]
+
+
+def axpy4(a, s, b):
+    """a + s*b of quaternions."""
+    return a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2], a[3] + s * b[3]
+
+
+def multiply(p, q):
+    """Hamilton product p q."""
+    return (
+        p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3],
+        p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2],
+        p[0] * q[2] + p[2] * q[0] + p[3] * q[1] - p[1] * q[3],
+        p[0] * q[3] + p[3] * q[0] + p[1] * q[2] - p[2] * q[1],
+    )
+
+
+def conjugate(q):
+    """The inverse of a unit quaternion."""
+    return q[0], -q[1], -q[2], -q[3]
+
+
+def exponential(u):
+    """exp(u/2) as a unit quaternion: the rotation by |u| about u.
+
+    Accurate to rounding for |u| < 1e6, 0 included.
+    """
+    angle = math.sqrt(dot(u, u))
+    s, c = sincos(0.5 * angle)
+    r = select(angle > 0.0, s / select(angle > 0.0, angle, 1.0), 0.5)
+    return c, r * u[0], r * u[1], r * u[2]
+
+
+def spin(p, w):
+    """p (0, w): the change of attitude over a time h if w = h omega/2."""
+    return (
+        -p[1] * w[0] - p[2] * w[1] - p[3] * w[2],
+        p[0] * w[0] + p[2] * w[2] - p[3] * w[1],
+        p[0] * w[1] + p[3] * w[0] - p[1] * w[2],
+        p[0] * w[2] + p[1] * w[1] - p[2] * w[0],
+    )
+
+
+def turned(q, p, w):
+    """q + p (0, w) by fused multiply-adds.
+
+    With w = h omega/2 this is q + h dq/dt, with the rate of the attitude p: dq/dt = 1/2 p (0,
+    omega).
+    """
+    return (
+        q[0] - p[1] * w[0] - p[2] * w[1] - p[3] * w[2],
+        q[1] + p[0] * w[0] + p[2] * w[2] - p[3] * w[1],
+        q[2] + p[0] * w[1] + p[3] * w[0] - p[1] * w[2],
+        q[3] + p[0] * w[2] + p[1] * w[1] - p[2] * w[0],
+    )
+
+
+def up(q):
+    """The space z axis in body components: the third row of A.
+
+    (2 (xz - wy), 2 (yz + wx), w^2 - x^2 - y^2 + z^2)
+    """
+    return (
+        2.0 * (q[1] * q[3] - q[0] * q[2]),
+        2.0 * (q[2] * q[3] + q[0] * q[1]),
+        q[0] * q[0] - q[1] * q[1] - q[2] * q[2] + q[3] * q[3],
+    )
+
+
+def into_body(q, v):
+    """The body components A^T v of a vector v in space components."""
+    r, w = (q[1], q[2], q[3]), 2.0 * q[0]
+    s = cross(r, v)
+    t = cross(r, s)
+    return v[0] - w * s[0] + 2.0 * t[0], v[1] - w * s[1] + 2.0 * t[1], v[2] - w * s[2] + 2.0 * t[2]
+
+
+def normalised(q):
+    """q/|q|."""
+    r = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return r * q[0], r * q[1], r * q[2], r * q[3]
+
+
+def touch_up(q):
+    """q (3 - |q|^2)/2: a Newton step to |q| = 1, exact to rounding if |q|^2 is within 1e-8 of 1."""
+    r = 1.5 - 0.5 * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return r * q[0], r * q[1], r * q[2], r * q[3]
+
+
+def renewed(q):
+    """q/|q| by two Newton steps, without root or division.
+
+    Exact to rounding if |q| is within 1e-4 of 1; the error is 4e-6 at 1e-3.
+    """
+    n = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
+    r = 1.5 - 0.5 * n
+    r = r * (1.5 - 0.5 * (n * r) * r)
+    return r * q[0], r * q[1], r * q[2], r * q[3]
+
+
+def third_of(q):
+    """1/|q| for a quaternion of norm about 3, by two Newton steps, without root or division.
+
+    Exact to rounding if | |q|/3 - 1 | < 1e-4.
+    """
+    s = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
+    r = 1.5 - (1.0 / 18.0) * s
+    return r * (0.5 - ((1.0 / 54.0) * s) * (r * r))
+
+
+def third(q):
+    """q/|q| for a quaternion of norm about 3; see `third_of`."""
+    return scale4(third_of(q), q)
