@@ -1,1 +1,4 @@
-"""Benchmarks of rigidmc: `python -m bench [names]`, rows in bench/results/*.json, README's tables from `python -m bench.readme`."""
+"""Benchmarks of rigidmc, run by `python -m bench [names]`.
+
+The rows go to bench/results/*.json; `python -m bench.readme` draws README's tables from them.
+"""

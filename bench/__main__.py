@@ -1,4 +1,4 @@
-"""python -m bench [names...] [--output DIR] [--quick]: run benches, print their tables, write their rows."""
+"""python -m bench [names...] [--output DIR] [--quick]: run benches, print tables, write rows."""
 
 import argparse
 import importlib
@@ -6,7 +6,8 @@ import os
 import tempfile
 import time
 
-# name -> module with run(quick) -> rows and report(rows); imported only when asked for, after the environment below is set
+# name -> module with run(quick) -> rows and report(rows); imported on demand, after the environment
+# below is set
 BENCHES = {
     "throughput": "bench.throughput",
     "startup": "bench.startup",
@@ -45,12 +46,12 @@ def main():
     options = parser.parse_args()
     if unknown := [name for name in options.names if name not in BENCHES]:
         parser.error(f"no bench {', '.join(unknown)}; there are {', '.join(BENCHES)}")
-    # sleeping, not spinning: the idle OpenMP threads of one candidate would take the cores of the next
+    # sleep, do not spin: idle OpenMP threads of one candidate would take the cores of the next
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     os.environ.setdefault("OMP_NUM_THREADS", str(_cores()))
     os.environ.setdefault("NUMBA_NUM_THREADS", str(_cores()))
     with tempfile.TemporaryDirectory(prefix="rigidmc-bench-") as cache:
-        os.environ["RIGIDMC_CACHE_DIR"] = cache  # empty: what is called a first call compiles
+        os.environ["RIGIDMC_CACHE_DIR"] = cache  # empty, so that a first call compiles
         from bench import harness
 
         print(harness.card_text(harness.machine_card()))

@@ -1,4 +1,7 @@
-"""What accuracy costs: `rigidmc.accuracy` on random free and heavy tops, and whether a step costs what its arithmetic says."""
+"""What accuracy costs: `rigidmc.accuracy` on random free and heavy tops.
+
+Also whether the time of a step follows from its arithmetic.
+"""
 
 import math
 
@@ -38,7 +41,8 @@ def run(quick):
                 "error": study.attrs["truth_error"],
             }
         )
-        names = ("integrator", "dtype", "dt", "steps", "turn", "error_state_median", "error_state_upper", "error_state_worst",
+        names = ("integrator", "dtype", "dt", "steps", "turn", "error_state_median",
+            "error_state_upper", "error_state_worst",
                  "ns_per_member_step", "members_per_second")  # fmt: skip
         found = [
             {name: _plain(study[name].values[i]) for name in names}
@@ -50,7 +54,7 @@ def run(quick):
 
 
 def scene(effects):
-    """Random tops that are all different, to 10 s."""
+    """Random tops, all different, with t_end = 10 s."""
     some = tops.random_tops(4 * MEMBERS)
     body = rigidmc.Body.from_moments(some.moments.T, mass=1.0, centre=some.static.T)
     start = rigidmc.Start(omega=some.omega.T, attitude=some.attitude.T)
@@ -60,13 +64,14 @@ def scene(effects):
 
 
 def choices(body, found):
-    """Rows saying which integrator and step reach an error with the most members per second, the best of each integrator."""
+    """Rows that name the fastest integrator and step for an error, and the best step of each
+    integrator.
+    """
     rows = []
     for limit in TARGETS:
         good = [r for r in found if r["error_state_upper"] <= limit]
-        each = {
-            r["integrator"]: r for r in sorted(good, key=lambda r: r["members_per_second"])
-        }  # the last one is the fastest
+        # the last is the fastest
+        each = {r["integrator"]: r for r in sorted(good, key=lambda r: r["members_per_second"])}
         best = sorted(each.values(), key=lambda r: -r["members_per_second"])
         rows += [
             {"kind": "choice", "body": body, "limit": limit, "best": i == 0, **r}
@@ -76,9 +81,11 @@ def choices(body, found):
 
 
 def arithmetic():
-    """Rows of what a step costs against rk4, and what its packed instructions say that it should.
+    """Rows with the cost of a step relative to rk4, measured and predicted from its packed
+    instructions.
 
-    By slots: every vector instruction but moves is one, a division of eight numbers ten and their root eighteen. By flops: as they are.
+    By slots: every vector instruction except moves counts one, a division of eight numbers ten, a
+    square root of eight numbers eighteen. By flops: as they are.
     """
     from tests.assembly import counted
     from tests.engine.test_vectorisation import CASES
@@ -120,13 +127,13 @@ def arithmetic():
 
 
 def _plain(value):
-    """A value as JSON has it."""
+    """A value as JSON stores it."""
     value = value.item() if isinstance(value, np.generic) else value
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def report(rows):
-    """Print what was measured."""
+    """Print the results."""
     for r in rows:
         if r["kind"] == "truth":
             print(f"{r['body']}: truth {r['truth']}, known to {r['error']:.1e}")
@@ -166,7 +173,7 @@ def report(rows):
 
 
 def step_text(row):
-    """The step of a row in words."""
+    """The step of a row, in words."""
     if row["integrator"] == "closed":
         return "at once"
     single = ", float32" if row["dtype"] == "float32" else ""

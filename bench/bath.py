@@ -1,4 +1,7 @@
-"""A bath against the law of Gibbs with a million members: moments of L, the energy and the Langevin mean, and how the bias of the step falls."""
+"""A bath against Gibbs' law with a million members: moments of L, energy, Langevin mean.
+
+Also how the bias of the step falls with the step.
+"""
 
 import math
 
@@ -9,17 +12,18 @@ from rigidmc import Bath, Body, Gravity, Scene, Start, simulate
 from rigidmc.dynamics.so3 import up
 
 MOMENTS, KT, WEIGHT = (1.0, 1.4, 2.0), 0.7, 1.5
+# of order h^2: at 0.05 the bias of <L^2> is a quarter of its standard error
 STEPS = (
     0.8,
     0.4,
     0.2,
     0.1,
     0.05,
-)  # of order h^2: at 0.05 the bias of <L^2> is a quarter of its standard error
+)
 
 
 def scene():
-    """A heavy body in a bath that forgets at the rate 1, from rest and any attitude to t = 12."""
+    """A heavy body in a bath with damping rate 1, from rest and any attitude to t = 12."""
     body = Body.from_moments(MOMENTS, mass=1.0, centre=(0.0, 0.0, 0.3))
     made = Scene(
         body,
@@ -30,7 +34,7 @@ def scene():
 
 
 def moments(dt, members):
-    """[(what, theory, mean, standard error)] of the last state."""
+    """[(quantity, theory, mean, standard error)] of the last state."""
     ds = simulate(scene(), dt=dt, members=members)
     l = ds.momentum.values[-1] / np.sqrt(np.array(MOMENTS) * KT)[:, None]
     u = up(tuple(ds.attitude.values[-1]))[2]
@@ -85,7 +89,7 @@ def run(quick):
 
 
 def sigmas(row):
-    """How far a mean is from theory, in standard errors."""
+    """The distance of a mean from theory, in standard errors."""
     return abs(row["mean"] - row["theory"]) / row["error"]
 
 

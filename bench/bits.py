@@ -1,4 +1,4 @@
-"""The same bits everywhere: sha256 of results over how many members are worked on side by side, and over processors."""
+"""The same bits everywhere: sha256 of results over vector widths and over processors."""
 
 import hashlib
 import json
@@ -19,14 +19,17 @@ PROCESSORS = {
     "nehalem (no fused multiply-add)": {"NUMBA_CPU_NAME": "nehalem", "NUMBA_CPU_FEATURES": ""},
     "haswell, plain libraries": {
         "NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": "",
-        "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-AVX,-FMA,-FMA4,-AVX512F", "NPY_DISABLE_CPU_FEATURES": "all",
+        "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-AVX,-FMA,-FMA4,-AVX512F",
+        "NPY_DISABLE_CPU_FEATURES": "all",
     },
 }  # fmt: skip
-QUICK = ("rk4", "exact", "strang")  # integrators of a quick look; strang takes the bath
+QUICK = ("rk4", "exact", "strang")  # integrators of a quick run; strang takes the bath
 
 
 def cases(integrators=None):
-    """[(scene by name, Scene, options of its run)]: free, heavy, driven and in a bath, by every integrator that takes it."""
+    """[(name, Scene, options of its run)]: free, heavy, driven and in a bath, by every integrator
+    that takes the scene.
+    """
     import rigidmc as rm
     from rigidmc.integrators import accepting
 
@@ -36,14 +39,17 @@ def cases(integrators=None):
         centre=(0.1, 0.2, rm.normal(0.3, 0.05)),
     )
     scenes = {
-        "free": ((), rm.Start(momentum=rm.Sphere(rm.uniform(1.0, 2.0)), attitude="uniform"), (rm.Flips(2), "omega_max")),
+        "free": ((), rm.Start(momentum=rm.Sphere(rm.uniform(1.0, 2.0)), attitude="uniform"),
+        (rm.Flips(2), "omega_max")),
         "heavy": (
             (rm.Gravity(9.81),),
-            rm.Start(omega=rm.Cone(3, rm.uniform(4.0, 6.0), rm.normal(0.1, 0.02)), attitude=(rm.uniform(0.0, 6.0), rm.normal(0.5, 0.1), 0.0)),
+            rm.Start(omega=rm.Cone(3, rm.uniform(4.0, 6.0), rm.normal(0.1, 0.02)),
+            attitude=(rm.uniform(0.0, 6.0), rm.normal(0.5, 0.1), 0.0)),
             (rm.Passage(3, 0.6, "leaves"), "nutation", "energy_mean"),
         ),
         "driven": (
-            (rm.Gravity(2.0), rm.ViscousDamping(0.1), rm.SpaceTorque((0.0, 0.2, 0.1)), rm.RotatingField((0.1, 0.0, 0.2), (0.3, 0.0, 0.1), 1.5)),
+            (rm.Gravity(2.0), rm.ViscousDamping(0.1), rm.SpaceTorque((0.0, 0.2, 0.1)),
+            rm.RotatingField((0.1, 0.0, 0.2), (0.3, 0.0, 0.1), 1.5)),
             rm.Start(omega=(rm.normal(0.0, 1.0), 0.5, 1.0), attitude="uniform"),
             ("omega_max",),
         ),
@@ -64,9 +70,10 @@ def cases(integrators=None):
         )
         for name in accepting(effects):
             if name != "closed" and (integrators is None or name in integrators):
+                # which solves for less than 0.5 rad
                 found.append(
                     (word, scene, {"integrator": name, "dt": 0.02 if name == "midpoint" else 0.05})
-                )  # which solves for less than 0.5 rad
+                )
         if effects and word != "in a bath":
             found.append((word, scene, {"integrator": "rk4", "turn": 0.1}))
         if word == "heavy":
@@ -86,14 +93,17 @@ def cases(integrators=None):
 
 
 def sums(widths, integrators=None):
-    """{case: [sha256 of its result by each width]}."""
+    """{case: [sha256 of its result for each width]}."""
     import rigidmc as rm
     from rigidmc.engine import program
 
     own, made = program.lanes_for, {}
     try:
         for word, scene, options in cases(integrators):
-            label = f"{word}, {', '.join(str(v) for v in options.values() if isinstance(v, (str, float)))}"
+            label = (
+                f"{word}, "
+                f"{', '.join(str(v) for v in options.values() if isinstance(v, (str, float)))}"
+            )
             label += (
                 " steps of their own"
                 if "turn" in options
@@ -115,7 +125,9 @@ def sums(widths, integrators=None):
 
 
 def elsewhere(processor, widths, integrators=None):
-    """`sums` of a process whose code is made for another processor; kernels of its own cache."""
+    """`sums` in a process whose code is generated for another processor, with a cache of its
+    own.
+    """
     environment = {**os.environ, **PROCESSORS[processor]}
     if environment.get("NPY_DISABLE_CPU_FEATURES") == "all":
         from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__
@@ -123,7 +135,10 @@ def elsewhere(processor, widths, integrators=None):
         environment["NPY_DISABLE_CPU_FEATURES"] = " ".join(
             name for name in __cpu_dispatch__ if __cpu_features__.get(name)
         )
-    code = "import json, sys, warnings; warnings.simplefilter('ignore'); from bench.bits import sums; print(json.dumps(sums(*json.load(sys.stdin))))"
+    code = (
+        "import json, sys, warnings; warnings.simplefilter('ignore'); from bench.bits "
+        "import sums; print(json.dumps(sums(*json.load(sys.stdin))))"
+    )
     with tempfile.TemporaryDirectory(prefix="rigidmc-bench-") as cache:
         done = subprocess.run(
             [sys.executable, "-c", code],
@@ -142,7 +157,7 @@ def run(quick):
     some = QUICK if quick else None
     found = {"this processor": elsewhere("this processor", WIDTHS, some)}
     for processor in list(PROCESSORS)[1:]:
-        found[processor] = elsewhere(processor, (0,), some)  # the width that suits it
+        found[processor] = elsewhere(processor, (0,), some)  # the width that suits the processor
     rows = [
         {"kind": "bits", "processor": word, "case": case, "sums": each}
         for word, all_of_it in found.items()
@@ -161,7 +176,7 @@ def run(quick):
 
 
 def report(rows):
-    """Print what was found."""
+    """Print the results."""
     table = {}
     for row in rows:
         if row["kind"] == "bits":

@@ -1,4 +1,6 @@
-"""The candidates of the throughput bench: the same tops through kernels, C, naive Numba and simulate()."""
+"""The candidates of the throughput bench: the same tops by kernels, C, naive Numba and
+simulate().
+"""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -18,23 +20,28 @@ GRAVITY = (Gravity(tops.GRAVITY),)
 
 
 class Candidate(NamedTuple):
-    """run(prepare()) is timed without prepare(); read(of what run returned) gives (attitude or None, momentum) at the end."""
+    """run(prepare()) is timed without prepare(); read(result of run) returns (attitude or None,
+    momentum).
+    """
 
     prepare: Callable
     run: Callable
     read: Callable | None
-    same_as: str = ""  # the candidate that it must agree with
+    same_as: str = ""  # the candidate with which it must agree
     work: float = MEMBERS * STEPS  # member-steps, or floating-point operations of the peak
 
 
 def warmed():
-    """Pages for 100 saves: hypervisors take free ones back after 2 s, and touching 480 MB then costs 1 s, a moment later 0.04 s. The page faults
-    of a run itself stay in its time."""
+    """Pages for 100 saves.
+
+    Hypervisors reclaim free pages after 2 s; touching 480 MB then costs 1 s, a moment later 0.04 s.
+    The page faults of the run itself stay in its time.
+    """
     np.empty(MEMBERS * (EACH + 1) * 9).fill(0.0)
 
 
 def kernels(ensemble):
-    """rigidmc's kernel with blocks on threads, as simulate() runs it."""
+    """The kernel of rigidmc, with blocks on threads, as simulate() runs it."""
     all_cores = tops.pool(threads_available())
 
     def candidate(name, effects, attitude=True, pool=all_cores, same_as="kernel rk4 free"):
@@ -61,7 +68,7 @@ def kernels(ensemble):
 
 
 def compiled(ensemble, notes):
-    """C and the FMA peak; without gcc none, without 512-bit vectors fewer, and a note."""
+    """C and the FMA peak; none without gcc, fewer (with a note) without 512-bit vectors."""
     try:
         plain, aim, peak = (baselines.build(name) for name in ("tops.c", "tops512.c", "peak.c"))
     except OSError as error:
@@ -77,9 +84,8 @@ def compiled(ensemble, notes):
         return Candidate(lambda: tops.columns(ensemble), run, read, same_as, MEMBERS * steps)
 
     def saving(rows):
-        out = np.empty(
-            (EACH + 1, 9, MEMBERS)
-        )  # memory that nobody has touched, as that of a result
+        # untouched memory, as for a new result
+        out = np.empty((EACH + 1, 9, MEMBERS))
         plain.rk4_free_saves(rows.ctypes.data, MEMBERS, STEPS, H, STEPS // EACH, out.ctypes.data)
         return out
 
@@ -143,7 +149,9 @@ def numba(ensemble):
 
 
 def simulate(ensemble, notes):
-    """The whole call, scene to Dataset; the attitude is asked for so that it is carried, as in the kernels above."""
+    """The whole call, scene to Dataset; it saves the attitude, which is then integrated as in the
+    kernels above.
+    """
     if not hasattr(rigidmc, "simulate"):
         notes["simulate"] = "left out: rigidmc.simulate does not exist yet"
         return {}

@@ -1,4 +1,7 @@
-"""What the status checks cost: the same tops with all limits and with none, interleaved; and that no bit of a good member changes."""
+"""What the status checks cost: the same tops with all limits and with none, interleaved.
+
+Also that the checks change no bit of a good member.
+"""
 
 import math
 
@@ -24,7 +27,10 @@ CASES = (
 
 
 def shifted(pool, seed=0):
-    """A function that moves the kernel's workspace to another address: where it lies against the stack is worth 8 % of rk8 either way."""
+    """A function that moves the kernel's workspace to another address.
+
+    The position of the workspace relative to the stack changes the time of rk8 by 8 % either way.
+    """
     some, kept = np.random.default_rng(seed), []
 
     def hold(sizes):  # in the threads of the pool, which have heaps of their own

@@ -1,4 +1,7 @@
-"""What an effect costs: the time that it adds to a step against its operations; and that one which a scene has not adds nothing."""
+"""What an effect costs: the time that it adds to a step, against its operations.
+
+Also that an effect which a scene does not have adds nothing.
+"""
 
 import hashlib
 import itertools
@@ -38,12 +41,14 @@ ASKED = 1.2
 
 
 def some(kind):
-    """An effect with all its numbers 0.1."""
+    """An effect with all numbers 0.1."""
     return filled(kind, itertools.repeat(0.1))
 
 
 def added(quick):
-    """Rows of what each effect adds to a step of a free body by rk4, with attitude: all interleaved."""
+    """Rows with the time that each effect adds to a step of a free body by rk4, with attitude; all
+    interleaved.
+    """
     ensemble, pool = tops.random_tops(MEMBERS), tops.pool(threads_available())
     made = form(INTEGRATORS["rk4"], Turns(0.1), ())
 
@@ -65,14 +70,18 @@ def added(quick):
         issued = counted(case("rk4", (effect,)))["slots"] - base
         more_ns = [share * (a - b) for a, b in zip(cpu[name], cpu["none"], strict=True)]
         rows.append(
-            {"kind": "added", "what": name, "ns": harness.median(more_ns), "torque": torque_operations(effect), "step": more,
-             "slots": more.slots, "issued": issued, "base_ns": each, "base_slots": bare.slots, "base_issued": base}
+            {"kind": "added", "what": name, "ns": harness.median(more_ns),
+            "torque": torque_operations(effect), "step": more,
+             "slots": more.slots, "issued": issued, "base_ns": each, "base_slots": bare.slots,
+             "base_issued": base}
         )  # fmt: skip
     return rows
 
 
 def told(name):
-    """What a process knows of a kernel with gravity alone: a digest of its instructions, and of its result, with all effects known or just one."""
+    """The kernel with gravity alone, from a process that knows all effects or only one: digests of
+    its instructions and of its result.
+    """
     script = f"""
 import rigidmc.effects as e
 for word in [word for word in e.EFFECTS if {name!r} not in ("", word)]:
@@ -181,7 +190,9 @@ def run(quick):
 
 
 def noise_rows(rounds):
-    """What a bath makes of a step of strang with gravity, for a general body at two turns a step and for one with two equal moments."""
+    """The time that a bath adds to a step of strang with gravity, for a general body at two step
+    angles and for a body with two equal moments.
+    """
     rows, start = [], Start(omega=(0.5, 0.7, 0.5), attitude=(1.0, 0.0, 0.0, 0.0))
     for what, moments, dt in (
         ("0.1 rad a step", (1.0, 1.4, 2.0), 0.1),
@@ -202,19 +213,25 @@ def noise_rows(rounds):
 
 
 def against(row, what):
-    """The time that an effect adds, in times of what its operations would take at the pace of the step without it."""
+    """The time that an effect adds, relative to the time of its operations at the pace of the step
+    without it.
+    """
     return row["ns"] / (row["base_ns"] * row[what] / row["base_" + what])
 
 
 def report(rows):
     """Print the tables."""
     cells = [
-        (r["what"], f"{r['ns']:.2f}", f"{r['torque']}", f"{r['slots']:.0f}", f"{against(r, 'slots'):.2f}", f"{r['issued']:.0f}", f"{against(r, 'issued'):.2f}")
+        (r["what"], f"{r['ns']:.2f}", f"{r['torque']}", f"{r['slots']:.0f}",
+        f"{against(r, 'slots'):.2f}", f"{r['issued']:.0f}", f"{against(r, 'issued'):.2f}")
         for r in rows
         if r["kind"] == "added"
     ]  # fmt: skip
     base = next(r for r in rows if r["kind"] == "added")
-    title = f"added to a step of rk4 with attitude ({base['base_ns']:.2f} ns of CPU time, {base['base_slots']} operations, {base['base_issued']:.0f} instructions)"
+    title = (
+        f"added to a step of rk4 with attitude ({base['base_ns']:.2f} ns of CPU time, "
+        f"{base['base_slots']} operations, {base['base_issued']:.0f} instructions)"
+    )
     columns = [
         "effect",
         "ns added",

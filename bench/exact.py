@@ -1,7 +1,8 @@
-"""How exact the closed forms are, against 50-digit mpmath, and how many of them a second.
+"""How exact the closed forms are, against 50-digit mpmath, and how fast.
 
-Errors of momentum (relative to its size) and attitude [rad] are divided by 1 + conditioning: the change of the result for a relative
-change of each input, time included, of 1e-13, over 1e-13. That much any double-precision answer may be off by 1e-16 each.
+Errors of momentum (relative to its size) and attitude [rad] are divided by 1 + conditioning. The
+conditioning is the change of the result for a relative change of each input, time included, of
+1e-13, divided by 1e-13. Any double-precision answer may be off by that times 1e-16.
 """
 
 import time
@@ -23,7 +24,8 @@ NUDGE = 1e-13
 BODIES = 10_000
 TOPS = 2_000
 FREE = (
-    "generic", "I1 near I2", "I2 near I3", "near sphere", "needle", "flat", "near separatrix, above", "near separatrix, below",
+    "generic", "I1 near I2", "I2 near I3", "near sphere", "needle", "flat",
+    "near separatrix, above", "near separatrix, below",
     "near axis 1", "near axis 2", "near axis 3", "symmetric", "sphere",
 )  # fmt: skip
 HEAVY = (
@@ -92,7 +94,7 @@ def tops(kind, count, rng):
         theta = np.pi - small
     if kind == "cusp":
         l[:, :2] = 0.0
-    if kind == "near homoclinic":  # a slow top let go next to the vertical
+    if kind == "near homoclinic":  # a slow top released next to the vertical
         l[:, 2], theta = l[:, 2] * 0.3, small
         l[:, :2] = 0.0
     if kind == "near sleeping":
@@ -129,14 +131,14 @@ def true_top(job):
 
 
 def apart(a, b):
-    """Momentum relative to its size, attitude [rad]."""
+    """Errors of momentum, relative to its size, and attitude [rad]."""
     return np.linalg.norm(a.momentum - b[1], axis=-1) / np.linalg.norm(
         b[1], axis=-1
     ), attitude_error(a.attitude, b[0])
 
 
 def conditioning(function, arguments):
-    """Sums over all numbers that go in of |change of the result|/NUDGE, for momentum and attitude."""
+    """Sums over all inputs of |change of the result|/NUDGE, for momentum and attitude."""
     base = function(*arguments)
     total = [0.0, 0.0]
     for k, argument in enumerate(arguments):
@@ -150,7 +152,9 @@ def conditioning(function, arguments):
 
 
 def true_conditioning(job):
-    """The same for one free body from the 50-digit oracle with a nudge of 1e-25: where a nudge of 1e-13 is no small one."""
+    """The same for one free body by the 50-digit oracle with a nudge of 1e-25, for inputs for which
+    a nudge of 1e-13 is not small.
+    """
     _, moments, l, t = job
     base, total = oracles.free(moments, l, t), [0.0, 0.0]
     numbers = [*moments, *l, t]
@@ -172,7 +176,10 @@ def true_conditioning(job):
 
 
 def accuracy(name, kind, function, arguments, truth, invariants, pool=None):
-    """A row: worst errors of a class. pool : where conditionings beyond 1e10 are computed again by the oracle."""
+    """A row: the worst errors of a class.
+
+    pool : recomputes conditionings beyond 1e10 by the oracle
+    """
     motion = function(*arguments)
     momentum, attitude = apart(motion, truth)
     by_momentum, by_attitude = conditioning(function, arguments)
@@ -190,7 +197,8 @@ def accuracy(name, kind, function, arguments, truth, invariants, pool=None):
     return {
         "kind": "class", "form": name, "class": kind[0], "times": kind[1], "count": len(momentum),
         "momentum": float(momentum.max()), "attitude": float(attitude.max()),
-        "momentum_conditioned": float((momentum / (1 + by_momentum)).max()), "attitude_conditioned": float((attitude / (1 + by_attitude)).max()),
+        "momentum_conditioned": float((momentum / (1 + by_momentum)).max()),
+        "attitude_conditioned": float((attitude / (1 + by_attitude)).max()),
         "invariants": float(invariants(motion)),
     }  # fmt: skip
 
@@ -266,7 +274,7 @@ def heavy_rows(count, pool):
                 )
                 return np.abs((energy - what.energy) / (np.abs(what.energy) + weight)).max()
 
-            # L_1 = L_2 of moments move together: a nudge of one alone would be no Lagrange top
+            # I1 = I2 move together: a nudge of one alone would leave no Lagrange top
             def function(one, three, weight, l, q, t):
                 return lagrange_top(np.stack([one, one, three], -1), weight, l, q, t)
 
@@ -284,7 +292,7 @@ def heavy_rows(count, pool):
 
 
 def elliptic_rows(count):
-    """Worst errors of sn, cn, dn over 0 < u < 4 K, for each 1 - m; and scipy's."""
+    """Worst errors of sn, cn, dn over 0 < u < 4 K, for each 1 - m; and those of scipy."""
     from scipy.special import ellipj
 
     rng, rows = np.random.default_rng(3), []
@@ -308,7 +316,7 @@ def elliptic_rows(count):
 
 
 def speed_rows(rounds):
-    """Evaluations a second, bodies x times, and what the first call costs."""
+    """Evaluations per second, bodies times times, and the cost of the first call."""
     rng = np.random.default_rng(4)
     n, times = 4096, np.linspace(0.0, 1000.0, 1000)
     one = rng.uniform(0.5, 1.0, (n, 1))
@@ -429,6 +437,7 @@ def report(rows):
     for row in rows:
         if row["kind"] == "first call":
             print(
-                f"first call of {row['form']}, compiling into an empty cache: {row['seconds']:.1f} s"
+                f"first call of {row['form']}, compiling into an empty cache: "
+                f"{row['seconds']:.1f} s"
             )
     harness.report_targets(rows)

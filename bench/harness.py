@@ -1,4 +1,4 @@
-"""What all benches share: the machine card, interleaved timing, JSON rows, tables."""
+"""Shared by all benches: the machine card, interleaved timing, JSON rows, tables."""
 
 import datetime
 import json
@@ -19,8 +19,8 @@ from rigidmc.engine.machine import threads_available, use_widest_vectors, vector
 
 
 def machine_card():
-    """What the figures depend on, as a dict."""
-    use_widest_vectors()  # as a kernel would before its first compilation
+    """The machine, as a dict: what the figures depend on."""
+    use_widest_vectors()  # as a kernel does before its first compilation
     return {
         "cpu": _cpu(),
         "cores": threads_available(),
@@ -45,7 +45,10 @@ def _cpu():
                 if ":" in line
             )
         facts = {key.strip(): value.strip() for key, value in facts.items()}
-        return f"{facts['model name']} (family {facts.get('cpu family', '?')}, model {facts.get('model', '?')})"
+        return (
+            f"{facts['model name']} (family {facts.get('cpu family', '?')}, model "
+            f"{facts.get('model', '?')})"
+        )
     except (OSError, KeyError):
         return platform.processor() or platform.machine()
 
@@ -56,13 +59,14 @@ def card_text(card):
 
 
 def interleaved(candidates, rounds, cpu=None):
-    """{name: seconds of each round}: every round runs all candidates, each round starting one further on.
+    """{name: seconds of each round}: every round runs all candidates and starts one further on.
 
-    candidates : {name: function} or {name: (prepare, function)}; what prepare() returns goes to the function and is not timed.
+    candidates : {name: function} or {name: (prepare, function)}
     cpu : a dict that receives {name: CPU seconds of each round}, all threads together
 
-    Each runs once untimed before the first round, so that nothing is compiled in a round. Neighbours on a shared machine come and
-    go within seconds: ratios within a round are what to trust, and CPU seconds where a neighbour takes a core for good.
+    The result of prepare() goes to the function and is not timed. Each candidate runs once untimed
+    before the first round, so that no round compiles. The load of a shared machine changes within
+    seconds: trust ratios within a round, and CPU seconds if a neighbour occupies a core for good.
     """
     names = list(candidates)
     seconds: dict[str, list[float]] = {name: [] for name in names}
@@ -92,24 +96,27 @@ def ratio(numerator, denominator):
 
 
 def median(values):
-    """Median of a list, nan of an empty one."""
+    """The median of a list, nan if it is empty."""
     return statistics.median(values) if values else float("nan")
 
 
 def target(what, asked, measured, unit="", at_most=False, aim=False, note=""):
-    """A row of the closing table: what was asked and what was measured. aim: hoped for, not asked."""
+    """A row of the closing table: the target and the measurement. aim: hoped for, not required."""
     met = None if measured is None else bool(measured <= asked if at_most else measured >= asked)
     row = {"kind": "target", "what": what, "asked": asked, "measured": measured, "unit": unit}
     return {**row, "met": met, "at_most": at_most, "aim": aim, "note": note}
 
 
 def asked_text(row):
-    """What a target row asks, for people."""
-    return f"{'at most' if row['at_most'] else 'aim' if row['aim'] else 'at least'} {row['asked']:g} {row['unit']}".strip()
+    """The target of a row, for people."""
+    return (
+        f"{'at most' if row['at_most'] else 'aim' if row['aim'] else 'at least'} "
+        f"{row['asked']:g} {row['unit']}"
+    ).strip()
 
 
 def measured_text(row):
-    """What a target row measured, for people."""
+    """The measurement of a row, for people."""
     return (
         "not measured"
         if row["measured"] is None
@@ -118,7 +125,7 @@ def measured_text(row):
 
 
 def met_text(row):
-    """Whether a target row is met, for people."""
+    """Whether a target is met, for people."""
     return {True: "yes", False: "not yet" if row["aim"] else "NO", None: "-"}[row["met"]]
 
 
@@ -133,7 +140,7 @@ def report_targets(rows):
 
 
 def table(title, columns, lines):
-    """Print a table; wide terminals or not, no cell is cut."""
+    """Print a table; no cell is cut, however narrow the terminal."""
     sheet = Table(*columns, title=title, title_justify="left")
     for i, column in enumerate(sheet.columns):
         column.justify = "left" if i == 0 or i == len(columns) - 1 else "right"
@@ -143,7 +150,7 @@ def table(title, columns, lines):
 
 
 def write(folder, name, rows):
-    """Write {"machine": card, "rows": rows} to folder/name.json; returns its path."""
+    """Write {"machine": card, "rows": rows} to folder/name.json; return its path."""
     os.makedirs(folder, exist_ok=True)
     path = os.path.join(folder, f"{name}.json")
     with open(path + ".tmp", "w") as file:

@@ -1,5 +1,9 @@
-"""Maps and large studies: time, memory and agreement with theory of every map, ten million tops with flip statistics, prices of what is watched,
-low-discrepancy points, coverage of intervals. Each map runs as a user would run it, from the shell and with nothing compiled."""
+"""Maps and large studies: time, memory and agreement with theory of every map.
+
+Also ten million tops with flip statistics, prices of watched quantities, low-discrepancy points,
+and coverage of intervals. Each map runs as a user would run it, from the shell and with nothing
+compiled.
+"""
 
 import json
 import os
@@ -24,7 +28,8 @@ ASKED = {"intermediate_axis": 30.0, "heavy_chaos": 180.0}
 MILLIONS = """
 import sys
 import rigidmc as rm
-scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)), start=rm.Start(omega=rm.Cone(2, 1.0, rm.uniform(1e-3, 0.1))))
+start = rm.Start(omega=rm.Cone(2, 1.0, rm.uniform(1e-3, 0.1)))
+scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)), start=start)
 scene = scene.with_run(integrator="rk8", dt=0.6, save=("flips",))
 rm.simulate(scene, members=int(sys.argv[1]), t_end=float(sys.argv[2]), output=sys.argv[3]).close()
 """
@@ -52,7 +57,7 @@ def shell(name, side, folder):
 
 
 def agreement(name, ds):
-    """What of a map theory tells, in words and a number: (words, number) or None."""
+    """What theory predicts for a map: (words, number) or None."""
     if name in ("intermediate_axis", "growth"):
         if name == "growth":
             off = ds.error.values[np.isfinite(ds.error.values)]
@@ -83,9 +88,16 @@ def agreement(name, ds):
 
 
 def prices(processes):
-    """[(what, scene word, ns, ns of the bare step)] of rk4 steps on one thread: medians over processes, each of interleaved rounds. Where the stack
-    of a process lies makes 10 % of what a kernel takes: spilled registers 4,096 bytes from a row of the workspace wait for it."""
-    script = "import json; from rigidmc.planning.tolerance.costs import watched_prices; print(json.dumps(watched_prices(rounds=3)))"
+    """[(what, scene word, ns, ns of the bare step)] of rk4 steps on one thread.
+
+    Medians over processes, each of interleaved rounds. The position of the stack of a process
+    changes the time of a kernel by 10 %: registers spilled 4,096 bytes from a row of the workspace
+    wait for it.
+    """
+    script = (
+        "import json; from rigidmc.planning.tolerance.costs import watched_prices; "
+        "print(json.dumps(watched_prices(rounds=3)))"
+    )
     found = [
         json.loads(
             subprocess.run(
@@ -105,7 +117,9 @@ def prices(processes):
 
 
 def fill(members):
-    """{points: rms error} of the mean of a smooth result over 8 seeds, against 2^20 Sobol points."""
+    """{points: rms error} of the mean of a smooth result over 8 seeds, against 2^20 Sobol
+    points.
+    """
     start = rm.Start(omega=(rm.normal(0.3, 0.1), rm.normal(1.0, 0.1), rm.normal(0.2, 0.1)))
     scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)), start=start).with_run(
         dt=0.1, t_end=5.0, save=("omega_mean",)
@@ -126,7 +140,10 @@ def fill(members):
 
 
 def coverage(studies):
-    """{interval: share of small studies whose interval of 95 % holds the truth}: members flip or not with the share of many, and how long they wait."""
+    """{interval: share of small studies whose 95 % interval contains the truth}.
+
+    Of the share of members that flip, and of their waiting time.
+    """
     start = rm.Start(omega=rm.Cone(2, 1.0, rm.uniform(0.0, 0.3)))
     scene = rm.Scene(rm.Body.from_moments((0.5, 1.0, 1.4)), start=start).with_run(
         integrator="rk8", dt=0.6, t_end=12.0, save=("flips",)

@@ -1,4 +1,6 @@
-"""Peak memory of a large ensemble, through simulate() and from the shell, and that it does not grow with the number of steps."""
+"""Peak memory of a large ensemble, by simulate() and from the shell; it does not grow with
+steps.
+"""
 
 import json
 import os
@@ -10,17 +12,18 @@ from bench import harness, startup
 
 MEMBERS = 2_000_000
 ASKED = 1.5  # GB
-GROWTH = 1.02  # of ten times the steps: allocators and page tables wobble by a per cent
+GROWTH = 1.02  # for ten times the steps: allocators and page tables vary by one per cent
 
-# A process between this one and the one that is measured: on Linux a child's ru_maxrss is at least what its parent held when it
-# was started, which is 10 MB here and could be 1 GB there.
+# A process between this one and the measured one: on Linux a child's ru_maxrss is at least
+# what its parent held when it started the child: 10 MB here, up to 1 GB otherwise.
 WATCH = """
 import json, os, subprocess, sys
 child = subprocess.Popen(sys.argv[1:], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
 words = child.stderr.read()
 _, status, usage = os.wait4(child.pid, 0)
 code = os.waitstatus_to_exitcode(status)
-print(json.dumps({"code": code, "words": words[-2000:].decode(errors="replace"), "kilobytes": usage.ru_maxrss}))
+words = words[-2000:].decode(errors="replace")
+print(json.dumps({"code": code, "words": words, "kilobytes": usage.ru_maxrss}))
 """
 
 # free tops with attitude, final state only
@@ -30,14 +33,16 @@ import rigidmc as rm
 members, t_end = int(sys.argv[1]), float(sys.argv[2])
 spin = rm.Start(omega=(rm.normal(0, 0.01), rm.normal(0, 0.01), 6.28), attitude="uniform")
 scene = rm.Scene(rm.Body.from_moments((1.15e-5, 3.97e-5, 2.92e-5)), start=spin)
-run = dict(integrator="rk4", dt=0.01, t_end=t_end, members=members, seed=1, save=("omega", "attitude"))
-data = rm.simulate(scene, **run)
+run = dict(integrator="rk4", dt=0.01, t_end=t_end, members=members, seed=1)
+data = rm.simulate(scene, **run, save=("omega", "attitude"))
 assert int((data.status != 0).sum()) == 0
 """
 
 
 def peak(command, folder):
-    """Peak resident memory of a command [GB]; RuntimeError with its last words if it fails."""
+    """Peak resident memory of a command [GB]; RuntimeError with the end of its output if it
+    fails.
+    """
     path = os.pathsep.join(filter(None, [os.getcwd(), os.environ.get("PYTHONPATH")]))
     watch = [sys.executable, "-I", "-S", "-c", WATCH, *command]
     done = subprocess.run(

@@ -1,8 +1,10 @@
-"""Others on the same work, each as a good user of it would write it: 4096 different heavy tops, and free ones, to t = 10.
+"""Other programs at the same work: 4096 different heavy tops, and free ones, to t = 10.
 
-Every candidate is tuned to a worst error over all tops, in omega and in attitude: its step or its tolerance is the longest, or loosest, that
-keeps it. It is checked against the truth before it is timed, compiled before, and timed interleaved with all others. Install the others
-with the extra `peers`; what is not installed is left out with a note.
+Each is written as a good user of it would write it. Every candidate is tuned to a worst error over
+all tops, in omega and in attitude: it uses the longest step, or the loosest tolerance, within that
+error. It is checked against the truth and compiled before it is timed, and timed interleaved with
+all others. The extra `peers` installs the others; a program that is not installed is left out with
+a note.
 """
 
 import contextlib
@@ -21,12 +23,11 @@ from rigidmc.engine.machine import threads_available
 from rigidmc.planning.plan import form_of
 
 T_END, MEMBERS = 10.0, 4096
-OWN_BLOCK = (
-    MEMBERS // threads_available()
-)  # as `simulate` cuts them where members have steps of their own
-STEPS_UNIT = 32.0  # steps are tuned as turns of 32 rad over whole numbers
+# as `simulate` cuts them if members have steps of their own
+OWN_BLOCK = MEMBERS // threads_available()
+STEPS_UNIT = 32.0  # steps are tuned as turns of 32 rad divided by whole numbers
 LIMITS = (1e-4, 1e-7, 1e-10)
-OURS = {  # what is tried for each kind of top, cheapest first where that is known
+OURS = {  # the candidates for each kind of top, cheapest first if known
     "heavy": (
         ("rk8", "float32"),
         ("rk8", "float64"),
@@ -41,7 +42,11 @@ GRAVITY = (Gravity(1.0),)
 
 
 class Entry(NamedTuple):
-    """A tuned candidate: run(prepare()) is timed; read(of what it returned) gives (attitude (4, n), momentum (3, n)); setting says how."""
+    """A tuned candidate.
+
+    run(prepare()) is timed; read(its result) returns (attitude (4, n), momentum (3, n)); setting
+    says how it was tuned.
+    """
 
     prepare: Callable
     run: Callable
@@ -50,7 +55,9 @@ class Entry(NamedTuple):
 
 
 def ensemble(kind):
-    """Second moments uniform in (0.2, 1), I = sums of two; omega normal; attitude uniform; weight times arm normal in each axis."""
+    """Second moments uniform in (0.2, 1), I = sums of two; omega normal; attitude uniform; weight
+    times arm normal in each axis.
+    """
     made = tops.random_tops(MEMBERS, seed=11)
     return made._replace(
         static=np.random.default_rng(12).normal(size=(3, MEMBERS)) * (kind == "heavy")
@@ -99,17 +106,20 @@ def run(quick):
             )
         for (name, limit), taken in seconds.items():
             middle = harness.median(taken)
-            rows.append({"kind": "time", "body": kind, "limit": limit, "name": name, "setting": field[name, limit].setting, "seconds": middle,
-                         "best": min(taken), "cpu_seconds": harness.median(cpu[name, limit]), "rounds": taken})  # fmt: skip
+            rows.append({"kind": "time", "body": kind, "limit": limit, "name": name,
+                "setting": field[name, limit].setting, "seconds": middle,
+                         "best": min(taken), "cpu_seconds": harness.median(cpu[name, limit]),
+                         "rounds": taken})  # fmt: skip
         rows += targets(kind, seconds)
     return rows
 
 
 def warm(entry):
-    """Prepare a candidate when all is quiet, and run it for a tenth of a second before.
+    """Prepare a candidate when the machine is quiet, and run it for a tenth of a second first.
 
-    BLAS threads of the candidate before spin on a core for up to 0.1 s, and two threads that wake together share a core for their first
-    10 ms, unless one of them was running: without this, 12 ms of ours are 24 and 20 ms of heyoka 26.
+    BLAS threads of the previous candidate spin on a core for up to 0.1 s, and two threads that wake
+    together share a core for their first 10 ms, unless one of them was running. Without this, 12 ms
+    of ours become 24 and 20 ms of heyoka become 26.
     """
 
     def prepare():
@@ -123,7 +133,9 @@ def warm(entry):
 
 
 def worst(many, end, true):
-    """Largest error over all tops of omega [of its size] and attitude [rad]; inf where one is not finite."""
+    """Largest error over all tops of omega (relative) and attitude [rad]; inf if one is not
+    finite.
+    """
     with np.errstate(over="ignore", invalid="ignore"):  # too long a step
         errors = np.maximum(
             tops.omega_error(many, end[1], true[1]), tops.attitude_error(end[0], true[0])
@@ -132,7 +144,9 @@ def worst(many, end, true):
 
 
 def truth(many, kind):
-    """((attitude, momentum), row): rk8 in 4,000 steps, confirmed by srkn11 in 2,000, or the exact motion."""
+    """((attitude, momentum), row): rk8 in 4,000 steps, confirmed by srkn11 in 2,000, or the exact
+    motion.
+    """
     pool = tops.pool(threads_available())
     ways = (("exact", 1), ("rk8", 4000)) if kind == "free" else (("rk8", 4000), ("srkn11", 2000))
     ends = []
@@ -153,7 +167,9 @@ def truth(many, kind):
 
 
 def _form(many, name, kind, dt, turn=None):
-    """What is compiled for steps of dt, or of `turn` in times of at most dt, as a scene with these tops has it."""
+    """What is compiled for steps of dt, or of `turn` in at most dt, as in a scene with these
+    tops.
+    """
     body = rigidmc.Body.from_moments(many.moments.T, mass=1.0, centre=many.static.T)
     start = rigidmc.Start(omega=many.omega.T, attitude=many.attitude.T)
     scene = rigidmc.Scene(body, GRAVITY if kind == "heavy" else (), start)
@@ -161,7 +177,7 @@ def _form(many, name, kind, dt, turn=None):
 
 
 def longest(error_of, limit, first=8, most=200_000):
-    """The fewest steps that keep the limit, to 3 %; None where none do."""
+    """The fewest steps within the limit, to 3 %; None if no number of steps is."""
     steps = first
     while error_of(steps) > limit:
         steps *= 2
@@ -233,7 +249,7 @@ def rigidmc_closed(many, kind, limit, true):
 
 
 def rigidmc_stepping(many, kind, limit, true):
-    """The exact motion in 100 steps, each of them a save."""
+    """The exact motion in 100 steps, each saved."""
     if kind != "free":
         return None
     pool, made = tops.pool(threads_available()), _form(many, "exact", kind, T_END / 100)
@@ -275,7 +291,9 @@ def c_rk4(many, kind, limit, true):
 
 
 def heyoka(many, kind, limit, true, saves=False):
-    """heyoka: adaptive Taylor series in batches of the vector width, ensembles on two threads of Python that it leaves free."""
+    """heyoka: adaptive Taylor series in batches of the vector width, on two Python threads that it
+    does not block.
+    """
     import heyoka as hy
 
     q, l = hy.make_vars("q0", "q1", "q2", "q3"), hy.make_vars("l1", "l2", "l3")
@@ -385,8 +403,10 @@ def diffrax(many, kind, limit, true):
                 q[0] ** 2 - q[1] ** 2 - q[2] ** 2 + q[3] ** 2,
             ]
         )
-        dq = 0.5 * jnp.array([-q[1] * w[0] - q[2] * w[1] - q[3] * w[2], q[0] * w[0] + q[2] * w[2] - q[3] * w[1],
-                              q[0] * w[1] + q[3] * w[0] - q[1] * w[2], q[0] * w[2] + q[1] * w[1] - q[2] * w[0]])  # fmt: skip
+        dq = 0.5 * jnp.array([-q[1] * w[0] - q[2] * w[1] - q[3] * w[2],
+            q[0] * w[0] + q[2] * w[2] - q[3] * w[1],
+                              q[0] * w[1] + q[3] * w[0] - q[1] * w[2],
+                              q[0] * w[2] + q[1] * w[1] - q[2] * w[0]])  # fmt: skip
         dl = p[3:6] * jnp.array([l[1] * l[2], l[2] * l[0], l[0] * l[1]]) - jnp.cross(p[6:], up)
         return jnp.concatenate([dq, dl])
 
@@ -475,13 +495,14 @@ def scipy_dop853(many, kind, limit, true):
 
 
 PEERS: dict[str, Any] = {
-    "rigidmc": rigidmc_steps, "rigidmc, closed form": rigidmc_closed, "rigidmc, 100 saves": rigidmc_stepping, "C rk4, 512-bit intrinsics": c_rk4, "heyoka": heyoka,
+    "rigidmc": rigidmc_steps, "rigidmc, closed form": rigidmc_closed,
+    "rigidmc, 100 saves": rigidmc_stepping, "C rk4, 512-bit intrinsics": c_rk4, "heyoka": heyoka,
     "heyoka, 100 saves": heyoka_saving, "diffrax": diffrax, "scipy": scipy_dop853,
 }  # fmt: skip
 
 
 def targets(kind, seconds):
-    """Rows of asked against measured: medians over rounds of ratios within a round."""
+    """Rows of targets and measurements: medians over rounds of ratios within a round."""
 
     def row(what, asked, limit, name, other):
         ratio = (
@@ -536,7 +557,8 @@ def report(rows):
             print(f"{r['name']}: {r['note']}")
         if r["kind"] == "truth":
             print(
-                f"{r['body']}: truth {r['source']}, which differs from {r['against']} by {r['error']:.1e} at worst"
+                f"{r['body']}: truth {r['source']}, which differs from {r['against']} by "
+                f"{r['error']:.1e} at worst"
             )
     errors = {(r["body"], r["limit"], r["name"]): r["error"] for r in rows if r["kind"] == "check"}
     lines = [

@@ -1,9 +1,10 @@
-"""python -m bench.readme: redraw README's tables between their markers from bench/results/*.json."""
+"""python -m bench.readme: redraw the tables of README.md from bench/results/*.json."""
 
 import json
 import os
 import re
 import sys
+import textwrap
 from statistics import median
 
 from bench.accuracy import step_text
@@ -19,18 +20,15 @@ def main():
     for name, draw in DRAWN.items():
         rows = os.path.join(RESULTS, f"{name}.json")
         if not os.path.exists(rows):
-            print(
-                f"{name}: no bench/results/{name}.json; run python -m bench {name}", file=sys.stderr
-            )
+            message = f"{name}: no bench/results/{name}.json; run python -m bench {name}"
+            print(message, file=sys.stderr)
             continue
         with open(rows) as file:
             result = json.load(file)
         text, count = replaced(text, name, draw(result["rows"], result["machine"]))
         if not count:
-            print(
-                f"{name}: README.md has no <!-- bench:{name} --> ... <!-- /bench:{name} -->",
-                file=sys.stderr,
-            )
+            message = f"{name}: README.md has no <!-- bench:{name} --> ... <!-- /bench:{name} -->"
+            print(message, file=sys.stderr)
     if text != before:
         with open(path + ".tmp", "w") as file:
             file.write(text)
@@ -39,7 +37,7 @@ def main():
 
 
 def replaced(text, name, content):
-    """(text with what stands between the markers of `name` replaced, how many times)."""
+    """(text with new content between the markers of `name`, number of such places)."""
     pattern = rf"(<!-- bench:{name} -->\n).*?(<!-- /bench:{name} -->)"
     return re.subn(
         pattern, lambda found: found[1] + content + "\n" + found[2], text, flags=re.DOTALL
@@ -47,13 +45,18 @@ def replaced(text, name, content):
 
 
 def table(columns, lines):
-    """A markdown table; numbers to the right."""
+    """A markdown table with right-aligned numbers."""
     rule = ["---" if i == 0 else "---:" for i in range(len(columns))]
     return "\n".join("| " + " | ".join(map(str, line)) + " |" for line in [columns, rule, *lines])
 
 
+def with_note(drawn, note):
+    """A table with a note below it."""
+    return f"{drawn}\n\n{textwrap.fill(note, 100, break_long_words=False, break_on_hyphens=False)}"
+
+
 def accuracy(rows, machine):
-    """What an accuracy costs: for each error the best integrator and the others that reach it."""
+    """What accuracy costs: the best integrator for each error, and others that reach it."""
     lines = []
     for row in rows:
         if row["kind"] == "choice" and row["best"]:
@@ -82,12 +85,15 @@ def accuracy(rows, machine):
         "members per second",
         "others",
     )
-    words = "Error of 99 % of random tops, of the momentum's size and in rad in attitude; rad: each in steps of its own, by so much of its motion"
-    return f"{table(columns, lines)}\n\n{words}; {_machine(machine)}."
+    words = (
+        "Error that 99 % of random tops stay below, of momentum (relative) and attitude (rad). "
+        "A step in rad: each top steps by that much of its own motion"
+    )
+    return with_note(table(columns, lines), f"{words}; {_machine(machine)}.")
 
 
 def peers(rows, machine):
-    """Seconds of every candidate at each worst error; how ours does it."""
+    """Seconds of every candidate at each worst error; the settings of rigidmc."""
     times = {(r["body"], r["limit"], r["name"]): r for r in rows if r["kind"] == "time"}
     names = list(dict.fromkeys(name for _, _, name in times))
     plain = [
@@ -111,11 +117,15 @@ def peers(rows, machine):
     )
     closed = times.get(("free", 1e-9, "rigidmc, closed form"))
     more = f" Free tops by the closed form: {closed['seconds']:.4f} s." if closed else ""
-    return f"{table(('tops, worst error', *plain), lines)}\n\nSeconds for 4,096 different tops to t = 10 s, omega and attitude of the worst of them; ours: {ours}.{more} {_machine(machine)}."
+    words = (
+        "Seconds for 4,096 different tops to t = 10 s; the error is that of omega and attitude "
+        f"of the worst top. Settings of rigidmc: {ours}.{more}"
+    )
+    return with_note(table(("tops, worst error", *plain), lines), f"{words} {_machine(machine)}.")
 
 
 def throughput(rows, machine):
-    """Member-steps per second, free and heavy side by side, and times the C baseline."""
+    """Member-steps per second of free and heavy tops, also relative to plain C."""
     rates = {r["name"]: r for r in rows if r["kind"] == "rate"}
 
     def cell(name, baseline):
@@ -151,12 +161,15 @@ def throughput(rows, machine):
     lines = [
         (what, cell(free, base[0]), cell(heavy, base[1])) for what, (free, heavy) in pairs.items()
     ]
-    words = "Million member-steps per second from CPU seconds, float64, 65,536 different tops, all cores; in brackets against plain C"
-    return f"{table(('', 'free', 'with gravity'), lines)}\n\n{words}; {_machine(machine)}."
+    words = (
+        "Million member-steps per second from CPU seconds, float64, 65,536 different tops, "
+        "all cores; in brackets relative to plain C"
+    )
+    return with_note(table(("", "free", "with gravity"), lines), f"{words}; {_machine(machine)}.")
 
 
 def runs(rows, machine):
-    """Memory and time of runs to a directory."""
+    """Memory and time of runs into a directory."""
     lines = [
         (
             f"{r['members']:,}",
@@ -170,18 +183,25 @@ def runs(rows, machine):
     share, ratio = (
         next(v for k, v in found.items() if word in k) for word in ("writing adds", "cluster here")
     )
-    words = f"Free tops with attitude over 1,200 steps, final state to a run directory; writing adds {100 * share:.0f} % to the time of this short run"
+    words = (
+        "Free tops with attitude over 1,200 steps, final state written to a run directory; "
+        f"writing adds {100 * share:.0f} % to the time of this short run"
+    )
     taken = [r for r in rows if r["kind"] == "cluster"]
     whole, seconds = (
         median([r["threads"] / r["cluster"] for r in taken]),
         median([r["threads"] for r in taken]),
     )
-    words += f"; two processes of a cluster here do {ratio:.2f} of the work of two threads, {whole:.2f} in a run of {seconds:.0f} s with its start"
-    return f"{table(('members', 'GB of memory', 'seconds', 'GB written'), lines)}\n\n{words}; {_machine(machine)}."
+    words += (
+        f"; two processes of a local cluster do {ratio:.2f} of the work of two threads, "
+        f"{whole:.2f} in a run of {seconds:.0f} s, start included"
+    )
+    columns = "members", "GB of memory", "seconds", "GB written"
+    return with_note(table(columns, lines), f"{words}; {_machine(machine)}.")
 
 
 def maps(rows, machine):
-    """What maps and large studies take."""
+    """Time and memory of maps and large studies."""
     lines = [
         (
             f"`rigidmc map {r['name']} --resolution {r['side']}`",
@@ -204,7 +224,9 @@ def maps(rows, machine):
         for r in rows
         if r["kind"] == "millions"
     ]
-    return f"{table(('', 'members', 's', 'GB', ''), lines)}\n\nFrom the shell, compiling and picture included; {_machine(machine)}."
+    words = "From the shell, compiling and picture included"
+    drawn = table(("", "members", "s", "GB", ""), lines)
+    return with_note(drawn, f"{words}; {_machine(machine)}.")
 
 
 def _machine(machine):
@@ -212,7 +234,7 @@ def _machine(machine):
 
 
 def _count(number):
-    """Two digits of a large number for people."""
+    """A number with two digits, for people."""
     for size, word in ((1e6, " M"), (1e3, " k")):
         if number >= size:
             return (

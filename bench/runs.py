@@ -1,5 +1,7 @@
-"""Run directories: memory against members, what writing costs, opening and status of a thousand shards, a cluster of two processes here against
-two threads."""
+"""Run directories: memory against members, cost of writing, opening and status of 1000 shards.
+
+Also a cluster of two local processes against two threads.
+"""
 
 import json
 import os
@@ -36,7 +38,7 @@ print(opened - began, time.perf_counter() - opened)
 
 
 class Nothing:
-    """A sink that keeps nothing: what is left is computing."""
+    """A sink that stores nothing, so that only computing is left."""
 
     def __init__(self, scene, plan):
         self.scene, self.plan = scene, plan
@@ -79,7 +81,7 @@ def share(folder, members, rounds):
 
 
 def thousand(folder, shards):
-    """Seconds of rm.open and of status, of a run of so many shards."""
+    """Seconds of rm.open and of status, for a run of so many shards."""
     path = os.path.join(folder, "many")
     words = [
         "run",
@@ -115,9 +117,11 @@ def thousand(folder, shards):
 
 
 def cluster(folder, members, t_end, rounds, size):
-    """Rows of seconds of the same run with two threads and on two processes, start-up of the cluster included, and of what a shard takes without it.
+    """Rows of seconds of the same run on two threads and in two processes.
 
-    size : of a shard [MB], so small that there are many for each worker, and none waits long for the last
+    The second includes the start of the cluster. Also the time of a shard without that start.
+
+    size : of a shard [MB], so small that each worker gets many, and none waits long for the last
     """
     words = [
         "run",
@@ -158,13 +162,15 @@ def cluster(folder, members, t_end, rounds, size):
     return rows
 
 
-# in a process whose workers are others: its CPU seconds are those of scheduler, client and locks
+# in a process whose workers are elsewhere: its CPU seconds are those of scheduler, client and locks
 SCHEDULE = """
 import resource, sys
 from rigidmc.runs import resume
 from rigidmc.scene.file import load
 if __name__ == "__main__":
-    directory = resume.create(load("dzhanibekov").with_run(members=4096 * int(sys.argv[2]), t_end=0.1, every=0.1), sys.argv[1], 0.5e6)
+    members = 4096 * int(sys.argv[2])
+    scene = load("dzhanibekov").with_run(members=members, t_end=0.1, every=0.1)
+    directory = resume.create(scene, sys.argv[1], 0.5e6)
     usage = []
     for which in (range(2), range(2, directory.count)):
         resume.resume(directory.path, cluster="local:2", only=which)
@@ -175,7 +181,7 @@ if __name__ == "__main__":
 
 
 def scheduler(folder, shards):
-    """A row of what a task costs the process that hands it out."""
+    """A row with the cost of a task in the process that hands it out."""
     path = os.path.join(folder, "schedule.py")
     with open(path, "w") as file:
         file.write(SCHEDULE)
@@ -285,6 +291,8 @@ def report(rows):
         if row["kind"] == "peak":
             speed = row["members"] / row["seconds"]
             print(
-                f"  {row['members']:12,d} members  {row['gigabytes']:.3f} GB  {row['seconds']:6.1f} s  {speed:9,.0f} members/s  {row['bytes'] / 1e9:.2f} GB written"
+                f"  {row['members']:12,d} members  {row['gigabytes']:.3f} GB  "
+                f"{row['seconds']:6.1f} s  {speed:9,.0f} members/s  "
+                f"{row['bytes'] / 1e9:.2f} GB written"
             )
     harness.report_targets(rows)

@@ -1,4 +1,7 @@
-"""Every effect but noise, which rk4 does not take, every pair of them and 50 random sets: do they compile, how long does it take on top of the body alone, is all of it packed?"""
+"""Every effect, every pair and 50 random sets: do they compile, how fast, and packed?
+
+The time is that on top of the body alone. Noise is left out, because rk4 does not take it.
+"""
 
 import itertools
 import json
@@ -25,7 +28,7 @@ def sets(quick):
 
 
 def judge(which):
-    """Print, as a line of JSON each, how the sets do: in a process of its own."""
+    """In a process of its own: print one line of JSON for each set."""
     from bench.effects import some
     from tests.assembly import case, counted
 
@@ -34,7 +37,7 @@ def judge(which):
         found = counted(case("rk4", tuple(some(EFFECTS[name]) for name in effects)))
         return time.perf_counter() - began, found
 
-    one(())  # what is compiled once in a process
+    one(())  # compiled once in each process
     alone = min(one(())[0] for _ in range(2))
     for effects in which:
         seconds, found = one(effects)

@@ -1,4 +1,7 @@
-"""Seconds of wall clock until something runs: from the shell, and of the first `simulate()` with each capability in a fresh process with an empty disk cache."""
+"""Wall-clock seconds until something runs, from the shell and by the first `simulate()`.
+
+Each first `simulate()` uses another capability, in a fresh process with an empty disk cache.
+"""
 
 import itertools
 import json
@@ -14,7 +17,7 @@ README = (
     "run dzhanibekov --members 100000 -o dzhanibekov.nc --plot dzhanibekov.png"  # its first command
 )
 RUN = "run dzhanibekov --members 1000 -o"
-COMMANDS = {  # name: (words, whether the cache is empty, seconds asked)
+COMMANDS = {  # name: (words, whether the cache is empty, target in seconds)
     "--help": ("--help", False, 0.5),
     "first run ever of 1,000 tops": (f"{RUN} first.nc --force", True, 12.0),
     "second run": (f"{RUN} second.nc --force", False, 2.5),
@@ -22,7 +25,8 @@ COMMANDS = {  # name: (words, whether the cache is empty, seconds asked)
     "accuracy heavy_top": ("accuracy heavy_top", True, 35.0),
 }
 HEAVY, WATCHED = ("gravity",), ("omega", "attitude")
-CALLS = {  # name: ([(integrator, effects, save) of each call], of which the last is timed; seconds asked)
+# name: ([(integrator, effects, save) of each call], of which the last is timed; target in seconds)
+CALLS = {
     "rk4 free": ([("rk4", (), WATCHED)], 3.0),
     "rk4 gravity": ([("rk4", HEAVY, WATCHED)], 3.0),
     **{name: ([(name, HEAVY, WATCHED)], 5.0) for name in ("rk8", "strang", "srkn11", "midpoint")},
@@ -42,7 +46,9 @@ CALLS = {  # name: ([(integrator, effects, save) of each call], of which the las
 
 
 def command():
-    """The words that start rigidmc: the script beside this Python, or its entry point where it is not installed."""
+    """The words that start rigidmc: the script beside this Python, or the entry point if rigidmc is
+    not installed.
+    """
     script = os.path.join(os.path.dirname(sys.executable), "rigidmc")
     return (
         [script]
@@ -52,8 +58,11 @@ def command():
 
 
 def ran(words, folder, cache):
-    """(wall seconds, output) of one process in a folder, with kernels cached in `cache`; RuntimeError with its last words if it fails."""
-    # the package is found from here even where it is not installed, the folder of the run being another one
+    """(wall seconds, output) of one process in a folder, with kernels cached in `cache`.
+
+    RuntimeError with the end of its output if it fails.
+    """
+    # finds the package even if it is not installed, because the run has another folder
     path = os.pathsep.join(filter(None, [os.getcwd(), os.environ.get("PYTHONPATH")]))
     environment = {**os.environ, "RIGIDMC_CACHE_DIR": cache, "PYTHONPATH": path}
     began = time.perf_counter()
@@ -61,13 +70,16 @@ def ran(words, folder, cache):
     took = time.perf_counter() - began
     if done.returncode != 0:
         raise RuntimeError(
-            f"{' '.join(words)} ended with {done.returncode}: {(done.stderr or done.stdout)[-2000:]}"
+            f"{' '.join(words)} ended with {done.returncode}: "
+            f"{(done.stderr or done.stdout)[-2000:]}"
         )
     return took, done.stdout
 
 
 def call(name):
-    """In a process of its own: print the seconds of the last of some calls of `simulate`, the median of the later half of many."""
+    """In a process of its own: print the seconds of the last of some calls of `simulate`, the
+    median of the later half if there are many.
+    """
     import rigidmc as rm
     from rigidmc.effects import EFFECTS
     from rigidmc.effects.parameters import filled, given

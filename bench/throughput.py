@@ -1,4 +1,7 @@
-"""Member-steps per second of kernels and of simulate(), against C, naive Numba and the FMA peak, interleaved in one run."""
+"""Member-steps per second of kernels and simulate(), against C, naive Numba and the FMA peak.
+
+All are interleaved in one run.
+"""
 
 import statistics
 import time
@@ -9,11 +12,13 @@ from bench import candidates, harness, tops
 from rigidmc.engine.machine import threads_available
 
 FLOPS = 217  # of a free rk4 step with attitude, counted on the textbook form
-# largest and median relative error of omega against the candidate that it must agree with
+# largest and median relative error of omega against the candidate with which it must agree
+# measured 1.5e-11 and 1.0e-14, in heavy tops, where rounding grows a thousandfold in 10 s; free
+# 4e-13
 SAME = (
     1e-10,
     1e-13,
-)  # measured 1.5e-11 and 1.0e-14, in heavy tops, where rounding grows a thousandfold in 10 s; free 4e-13
+)
 OTHER_METHOD = {
     "kernel exact": (1e-5, 1e-8),
     "kernel exact, momentum only": (1e-5, 1e-8),
@@ -47,7 +52,9 @@ def run(quick):
 
 
 def check(name, q, l, other_q, other_l, ensemble):
-    """Row of errors against the candidate that must give the same answer; AssertionError where it does not."""
+    """A row of errors against the candidate with the same answer; AssertionError if they
+    disagree.
+    """
     error = tops.omega_error(ensemble, l, other_l)
     turn = float(tops.attitude_error(q, other_q).max()) if q is not None else None
     worst, middle = float(error.max()), float(np.median(error))
@@ -68,7 +75,10 @@ def check(name, q, l, other_q, other_l, ensemble):
 
 
 def rate(name, work, seconds, cpu, first):
-    """Row of what a candidate reached; undisturbed: had every core been its own, from CPU seconds."""
+    """A row with the rate of a candidate.
+
+    undisturbed: the rate with every core to itself, from CPU seconds.
+    """
     scale, unit = (1e-9, "GFLOP/s") if name.startswith("peak") else (1e-6, "M member-steps/s")
     middle, best = statistics.median(seconds), min(seconds)
     threads = 1 if name.endswith("one thread") else threads_available()
@@ -90,7 +100,9 @@ def rate(name, work, seconds, cpu, first):
 
 
 def targets(seconds, cpu, field, cores):
-    """Rows of asked against measured: medians over rounds of ratios within a round, of wall seconds and of CPU seconds."""
+    """Rows of targets and measurements: medians over rounds of ratios within a round, of wall and
+    CPU seconds.
+    """
 
     def row(what, asked, unit, name, other, factor=1.0, aim=False):
         if name not in seconds or other not in seconds:
@@ -209,6 +221,9 @@ def report(rows):
         for r in rows
         if r["kind"] == "rate"
     ]
-    what = f"{candidates.MEMBERS:,} different tops, {candidates.STEPS:,} steps, {threads_available()} threads"
+    what = (
+        f"{candidates.MEMBERS:,} different tops, {candidates.STEPS:,} steps, "
+        f"{threads_available()} threads"
+    )
     harness.table(what, ("", "median", "best", "in CPU seconds", "", "first call, more"), lines)
     harness.report_targets(rows)

@@ -1,4 +1,7 @@
-"""Whether `--tolerance` keeps what it says in every shipped scene, and whether its predictions of time and error hold."""
+"""Whether `--tolerance` keeps its promise in every shipped scene, and its predictions hold.
+
+The predictions are of time and error.
+"""
 
 import math
 import os
@@ -17,11 +20,12 @@ from rigidmc.studies.accuracy import accuracy
 
 TOLERANCES = (1e-4, 1e-7, 1e-10)
 SAVED = ("final state", "all in memory", "all in a file")
+# members that no pilot has seen; members of a run whose time is predicted
 FIRST, JUDGED, MANY = (
     20_000,
     1000,
     100_000,
-)  # members that no pilot has seen; of a run whose time is predicted
+)
 
 
 def run(quick):
@@ -44,7 +48,10 @@ def run(quick):
         )
         for saved in SAVED
     }
-    memory = "a virtual machine gets memory from its host as it is first touched, 2 s/GB here or nothing: not to be foreseen"
+    memory = (
+        "a virtual machine gets memory from its host as it is first touched, 2 s/GB here "
+        "or nothing: not to be foreseen"
+    )
     notes = {"all in memory": memory}
     factors = [max(r["ratio"], 1.0 / r["ratio"]) for r in rows if r["kind"] == "error"]
     return [
@@ -74,13 +81,13 @@ def run(quick):
 
 
 def others(scene, count):
-    """Members that no pilot has seen, and the truth of them."""
+    """Members that no pilot has seen, and their truth."""
     found = pilot(scene, count, first=FIRST)
     return found, truth(found)
 
 
 def kept(name, tolerance):
-    """Share of a shipped scene's other members that keep a tolerance at all times that are compared."""
+    """The share of a shipped scene's other members that keep a tolerance at all compared times."""
     scene = rigidmc.Scene.load(name)
     alike = scene.run.members == 1
     row = {"kind": "kept", "scene": name, "tolerance": tolerance}
@@ -112,7 +119,9 @@ def kept(name, tolerance):
 
 
 def predicted(name, tolerance, saved):
-    """Seconds of a run of 100,000 members, the middle one of three, and the prediction that was shown before the first."""
+    """Seconds of a run of 100,000 members, the median of three, and the prediction before the
+    first.
+    """
     scene = rigidmc.Scene.load(name)
     scene = scene.with_run(every=scene.run.t_end) if saved == "final state" else scene
     seconds, said, chosen = [], math.nan, ""
@@ -141,7 +150,9 @@ def predicted(name, tolerance, saved):
 
 
 def study_errors(name):
-    """The error of 99 % of other members against the study's, at the cheapest way to two accuracies."""
+    """The error of 99 % of other members, against that of the study, at the cheapest choice for two
+    accuracies.
+    """
     from rigidmc.planning.tolerance.pilot import follow
 
     scene, rows = rigidmc.Scene.load(name), []
@@ -157,9 +168,12 @@ def study_errors(name):
         apart = errors(
             found, follow(found, integrator, steps if found.own else int(steps), dtype), true.states
         )["state"]
-        rows.append({"kind": "error", "scene": name, "integrator": integrator, "dtype": dtype, "steps": float(steps),
-                     "study": float(study.error_state_p99.values[row]), "others": float(np.quantile(apart, 0.99)),
-                     "ratio": float(np.quantile(apart, 0.99) / study.error_state_p99.values[row])})  # fmt: skip
+        rows.append({"kind": "error", "scene": name, "integrator": integrator, "dtype": dtype,
+            "steps": float(steps),
+                     "study": float(study.error_state_p99.values[row]),
+                     "others": float(np.quantile(apart, 0.99)),
+                     "ratio": float(np.quantile(apart,
+                     0.99) / study.error_state_p99.values[row])})  # fmt: skip
     return rows
 
 

@@ -1,4 +1,4 @@
-"""The problem that benches share: tops that are all different, and how to run them through each candidate."""
+"""The problem that benches share: tops that are all different, and how each candidate runs them."""
 
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
@@ -19,7 +19,7 @@ BLOCK = 4096  # members of a block, as in rigidmc.planning.plan
 
 
 class Tops(NamedTuple):
-    """Different bodies in different states, one column for each member, in SI units."""
+    """Different bodies in different states, one column per member, in SI units."""
 
     moments: np.ndarray  # (3, n)
     static: np.ndarray  # (3, n) mass times centre of mass
@@ -36,7 +36,9 @@ class Tops(NamedTuple):
 
 
 def random_tops(members, seed=7):
-    """Second moments uniform in (0.2, 1), I = sums of two, so that no body is impossible; omega and attitude of any direction."""
+    """Second moments uniform in (0.2, 1), I = sums of two, so that no body is impossible; omega and
+    attitude in any direction.
+    """
     random = np.random.default_rng(seed)
     second = random.uniform(0.2, 1.0, (3, members))
     attitude = random.normal(size=(4, members))
@@ -49,7 +51,7 @@ def random_tops(members, seed=7):
 
 
 def blocks(tops, effects, size=BLOCK):
-    """The blocks of rows that a Program works on, at their start."""
+    """The blocks of rows on which a Program works, at their start."""
     n = tops.omega.shape[1]
     rows = np.zeros((layout.EFFECTS + parameter_count(*effects), n))
     rows[layout.ATTITUDE : layout.MOMENTUM] = tops.attitude
@@ -74,7 +76,9 @@ def advance(parts, made, effects, attitude, h, steps, pool, dtype="float64", lim
 
 
 def advance_own(parts, made, effects, turn, t_end, pool, dtype="float64"):
-    """Move blocks to t_end, each member in steps of its own: found, sorted and made as `simulate` does."""
+    """Move blocks to t_end, each member in steps of its own, planned and sorted as in
+    `simulate`.
+    """
     program = Program(made, blank(effects), dtype=dtype)
 
     def move(block):
@@ -114,12 +118,16 @@ def state(parts):
 
 
 def columns(tops):
-    """The rows of bench/baselines/tops.c: q, l, reciprocal moments, (I2 - I3)/(I2 I3), weight times centre of mass."""
+    """The rows of bench/baselines/tops.c: q, l, reciprocal moments, (I2 - I3)/(I2 I3), weight times
+    centre of mass.
+    """
     return np.concatenate([tops.attitude, tops.momentum, tops.body[:6], GRAVITY * tops.static])
 
 
 class Pool:
-    """Threads of which the caller is one: two that are woken together may share a core for their first 10 ms, as OpenMP's never do."""
+    """Threads that include the caller: two that wake together may share a core for their first 10
+    ms, which OpenMP's never do.
+    """
 
     def __init__(self, threads):
         self.others = ThreadPoolExecutor(threads - 1) if threads > 1 else None
@@ -128,10 +136,11 @@ class Pool:
     def map(self, function, items):
         """The results of a function of each item, in order."""
         items = list(items)
+        # next() of a range iterator is atomic
         results, left = (
             [None] * len(items),
             iter(range(len(items))),
-        )  # next() of a range iterator is atomic
+        )
 
         def work():
             for i in left:
@@ -160,6 +169,8 @@ def omega_error(tops, momentum, reference):
 
 
 def attitude_error(q, p):
-    """Angle of the turn between attitudes [rad]: 4 asin(d/2), d the distance of q from p or -p, whichever is nearer."""
+    """The angle between attitudes [rad]: 4 asin(d/2), where d is the distance of q from p or -p,
+    whichever is nearer.
+    """
     distance = np.sqrt(np.minimum(((q - p) ** 2).sum(0), ((q + p) ** 2).sum(0)))
     return 4.0 * np.arcsin(np.minimum(0.5 * distance, 1.0))

@@ -3,8 +3,13 @@
 import contextlib
 import os
 import resource
+import sys
 import time
 import unittest.mock
+
+import pytest
+
+LINUX = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="needs /proc")
 
 
 def places():

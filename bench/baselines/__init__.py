@@ -1,4 +1,4 @@
-"""The baselines in C: built on the spot with gcc, called through ctypes."""
+"""The baselines in C: built at run time with gcc, called through ctypes."""
 
 import ctypes
 import os
@@ -19,7 +19,7 @@ _HERE = os.path.dirname(os.path.abspath(__file__))
 
 
 def compiler_version():
-    """Version of gcc, or None where there is none."""
+    """The version of gcc, or None without gcc."""
     gcc = shutil.which("gcc")
     return (
         subprocess.run([gcc, "-dumpfullversion"], capture_output=True, text=True).stdout.strip()
@@ -29,7 +29,9 @@ def compiler_version():
 
 
 def build(source, *options):
-    """Compile bench/baselines/SOURCE to a temporary folder and load it; OSError says why where that fails."""
+    """Compile bench/baselines/SOURCE in a temporary folder and load it; OSError with the reason if
+    it fails.
+    """
     if shutil.which("gcc") is None:
         raise OSError("no gcc on this machine: the C baselines are left out")
     with tempfile.TemporaryDirectory() as folder:
@@ -38,7 +40,7 @@ def build(source, *options):
         made = subprocess.run(command, capture_output=True, text=True)
         if made.returncode != 0:
             raise OSError(f"{' '.join(command)}: {made.stderr.strip()}")
-        library = ctypes.CDLL(target)  # stays mapped after the file is gone
+        library = ctypes.CDLL(target)  # stays mapped after the file is deleted
     for name in ("rk4_free", "rk4_heavy", "rk4_free_512", "rk4_heavy_512"):
         if hasattr(library, name):
             function = getattr(library, name)

@@ -1,7 +1,8 @@
-"""The Numba baseline: prange over tops, the state in local variables, the time loop inside, as a good user writes it.
+"""The Numba baseline as a good user writes it: prange over tops, the time loop inside.
 
-M member-steps/s free | heavy where bench/baselines/tops.c has 411 | 297: 61 | 45; without forceinline LLVM leaves calls in the
-heavy one: 61 | 24. It does not vectorise over tops: prange's loop body holds the time loop.
+Million member-steps/s, free | heavy: 61 | 45, where bench/baselines/tops.c reaches 411 | 297.
+Without forceinline LLVM leaves calls in the heavy one: 61 | 24. Numba does not vectorise over tops,
+because the body of prange contains the time loop.
 """
 
 import math
@@ -26,7 +27,7 @@ def free_rates(i1, i2, i3, a1, a2, a3, q0, q1, q2, q3, l1, l2, l3):
 
 @njit(fastmath=True, forceinline=True)
 def torque(p1, p2, p3, q0, q1, q2, q3):
-    """Gravity on a static moment p (times g)."""
+    """Torque of gravity on a static moment p (times g)."""
     u1, u2 = 2.0 * (q1 * q3 - q0 * q2), 2.0 * (q2 * q3 + q0 * q1)
     u3 = q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3
     return u2 * p3 - u3 * p2, u3 * p1 - u1 * p3, u1 * p2 - u2 * p1
@@ -42,7 +43,7 @@ def heavy_rates(i1, i2, i3, a1, a2, a3, p1, p2, p3, q0, q1, q2, q3, l1, l2, l3):
 
 @njit(fastmath=True, forceinline=True)
 def ahead(c, x, d):
-    """x + c d of two states."""
+    """x + c d, for a state x and rates d."""
     return (
         x[0] + c * d[0],
         x[1] + c * d[1],
@@ -64,7 +65,9 @@ def summed(h, x, a, b, c, d):
 
 @njit(parallel=True, fastmath=True)
 def rk4_free(state, inverse, a, steps, h):
-    """Move state (n, 7) of free tops by rk4 steps h; inverse moments and a = (I2 - I3)/(I2 I3) as (n, 3)."""
+    """Move the states (n, 7) of free tops by rk4 steps h; inverse moments and a = (I2 - I3)/(I2 I3)
+    are (n, 3).
+    """
     for k in prange(state.shape[0]):
         i1, i2, i3 = inverse[k]
         a1, a2, a3 = a[k]
@@ -89,7 +92,7 @@ def rk4_free(state, inverse, a, steps, h):
 
 @njit(parallel=True, fastmath=True)
 def rk4_heavy(state, inverse, a, p, steps, h):
-    """The same under gravity; p = g times static moment as (n, 3)."""
+    """The same under gravity; p = g times static moment, (n, 3)."""
     for k in prange(state.shape[0]):
         i1, i2, i3 = inverse[k]
         a1, a2, a3 = a[k]

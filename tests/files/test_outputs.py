@@ -28,8 +28,10 @@ from rigidmc.studies import accuracy, trust
 from rigidmc.studies.stress import run as hard_cases
 from rigidmc.views import animation, studies
 from tests import torture_outputs
-from tests.faulty import limited
+from tests.faulty import LINUX, limited
 from tests.torture import COMMAND
+
+pytestmark = LINUX
 
 SCENE = rm.Scene(
     rm.Body.from_moments((1.0, 2.0, 3.0)), start=rm.Start(omega=(0.1, 1.0, rm.normal(0.0, 0.1)))

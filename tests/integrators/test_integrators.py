@@ -3,22 +3,18 @@
 import math
 from dataclasses import replace
 from functools import cache
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
-from rigidmc.dynamics.euler import MassProperties, angular_velocity, kinetic_energy
-from rigidmc.dynamics.so3 import cross, scale, up, whole
+from rigidmc.dynamics.euler import MassProperties, kinetic_energy
 from rigidmc.effects import Gravity, ViscousDamping
-from rigidmc.effects.protocol import total_torque
 from rigidmc.engine import layout as K
-from rigidmc.integrators import INTEGRATORS, accepting, description, rk8
+from rigidmc.integrators import INTEGRATORS, accepting
 from rigidmc.observables import Attitude, Energy, Momentum
 from rigidmc.studies.problems import PROBLEMS
-from tests.kernels import block_of, make_block, march, one_step, prepare, run, turn, turn_rate_of
+from tests.kernels import block_of, make_block, march, prepare, run, turn, turn_rate_of
 from tests.reference import NAIVE, attitude_error, naive_rk4, rotation, true_end
 
 FREE, HEAVY = PROBLEMS["hairer_free"], PROBLEMS["hairer_heavy"]
@@ -38,10 +34,6 @@ def end_error(name, problem, steps, effects=None, end=None):
     made = prepare(kind, turn(problem, problem.time / 50), effects)
     at, momentum = march(kind, [problem], problem.time / steps, steps, effects, made)
     return max(np.abs(momentum[:, 0] - l).max() / np.linalg.norm(l), attitude_error(at[:, 0], q))
-
-
-def orders(errors):
-    return [math.log2(a / b) for a, b in pairwise(errors)]
 
 
 @EVERY
@@ -118,106 +110,6 @@ def test_order_with_damping(name):
     few, many = {8: (45, 181)}.get(order, (400, 800))
     coarse, fine = (end_error(name, HEAVY, n, DAMPED, damped_end()) for n in (few, many))
     assert abs(math.log(coarse / fine, many / few) - order) < 0.15
-
-
-class Wind(NamedTuple):
-    """A torque that depends on time."""
-
-    size: float
-
-    def torque(self, t):
-        return self.size * math.cos(3.0 * t), 0.0, self.size * t
-
-    def torque_rate(self, w):
-        return 0.0, 0.0, 0.0
-
-
-class Fading(NamedTuple):
-    """Damping whose rate depends on time."""
-
-    rate: float
-
-    def torque(self, t, l):
-        return scale(-self.rate * (1.0 + math.sin(3.0 * t)), l)
-
-    def kick(self, t, h, l):
-        return scale(math.exp(-h * self.rate * (1.0 + math.sin(3.0 * t))), l)
-
-
-@cache
-def blown_end(effect, seconds=2.0):
-    body = FREE.body
-
-    def rates(t, y):
-        w = angular_velocity(body, y[4:])
-        spin = np.array(
-            [
-                [0, -w[0], -w[1], -w[2]],
-                [w[0], 0, w[2], -w[1]],
-                [w[1], -w[2], 0, w[0]],
-                [w[2], w[1], -w[0], 0],
-            ]
-        )
-        return np.concatenate(
-            [
-                0.5 * spin @ y[:4],
-                np.cross(y[4:], w) + total_torque((effect,), body, t, y[:4], y[4:]),
-            ]
-        )
-
-    start = np.array([1.0, 0.0, 0.0, 0.0, *FREE.momentum])
-    return solve_ivp(rates, (0.0, seconds), start, method="DOP853", rtol=3e-14, atol=1e-15).y[:, -1]
-
-
-@pytest.mark.parametrize(("name", "compensated", "effect"), [
-    (name, compensated, effect)
-    for effect in (Wind(0.7), Fading(0.3)) for compensated in (False, True) for name in accepting((effect,), compensated) if name != "closed"
-])  # fmt: skip
-def test_order_with_a_torque_that_depends_on_time(name, compensated, effect):
-    """In plain Python: what runs compiled runs uncompiled too. The torque of each part is that of its own time."""
-    true, errors = blown_end(effect), []
-    for steps in {4: (40, 80), 2: (40, 80), 6: (8, 16), 8: (6, 12)}[INTEGRATORS[name].order]:
-        h = 2.0 / steps
-        made = prepare(INTEGRATORS[name], 2.0 * turn(FREE, 2.0 / steps), (effect,))
-        q, l = (1.0, 0.0, 0.0, 0.0), FREE.momentum
-        if compensated:
-            q, l = (q, (0.0,) * 4), (l, (0.0,) * 3)
-        for i in range(steps):
-            q, l = one_step(made, FREE.body, (effect,), i * h, h, q, l)
-        errors.append(
-            max(attitude_error(whole(q), true[:4]), np.abs(np.array(whole(l)) - true[4:]).max())
-        )
-    order = orders(errors)[0]
-    # aba is of order 8 and 10 as long as torques are small
-    assert abs(order - INTEGRATORS[name].order) < 0.4 or (name.startswith("aba") and order > 4.0)
-
-
-class Leaning(NamedTuple):
-    """A torque of attitude alone that comes from no potential: the force gradient of chin4 is a commutator, not a gradient."""
-
-    size: float
-
-    def torque(self, q):
-        u = up(q)
-        return self.size * u[1], self.size * u[2], -self.size * u[0]
-
-    def torque_rate(self, q, w):
-        u = cross(up(q), w)
-        return self.size * u[1], self.size * u[2], -self.size * u[0]
-
-
-def test_chin4_is_of_order_4_where_there_is_no_potential():
-    effects, ends = (Leaning(0.9),), []
-    for name, steps in (("rk8", 200), ("chin4", 20), ("chin4", 40)):
-        h = 2.0 / steps
-        made = prepare(INTEGRATORS[name], turn(FREE, h), effects)
-        q, l = (1.0, 0.0, 0.0, 0.0), FREE.momentum
-        for i in range(steps):
-            q, l = one_step(made, FREE.body, effects, i * h, h, q, l)
-        ends.append((q, l))
-    (q, l), *others = ends
-    errors = [max(attitude_error(a, q), np.abs(np.subtract(b, l)).max()) for a, b in others]
-    assert abs(orders(errors)[0] - 4.0) < 0.15
 
 
 @EVERY
@@ -341,51 +233,3 @@ def test_a_damped_free_top_is_a_free_top_at_another_time():
     assert errors["rkmk4"] < 5e-9  # measured 1e-9
     assert errors["strang"] < 2e-6  # measured 4e-7
     assert attitude_error(end[0], true_end(FREE, time)[0]) > 0.1  # at its own time it is elsewhere
-
-
-def test_every_integrator_has_its_facts():
-    for name, kind in INTEGRATORS.items():
-        assert kind.order > 0
-        assert kind.evaluations >= (name != "closed")
-        assert isinstance(kind.reversible, bool)
-        assert isinstance(kind.compensated, bool)
-        assert set(kind.conserves) <= {"|q|", "|L|^2", "T", "L in space"}
-        assert kind.accepts.startswith(
-            (
-                "any torque",
-                "torques with an exact flow",
-                "torques of attitude and time",
-                "no torque",
-                "free tops",
-            )
-        )
-        assert "Source:" in description(name)
-
-
-TIMES: list[float] = []
-
-
-class Clock(NamedTuple):
-    """A torque of nothing that writes down when it was asked for."""
-
-    def torque(self, t):
-        TIMES.append(t)
-        return 0.0, 0.0, 0.0
-
-
-def test_rk8_asks_for_torques_at_the_times_of_its_stages():
-    """c_i is the sum of a_ij."""
-    TIMES.clear()
-    one_step(
-        prepare(INTEGRATORS["rk8"], 0.1, (Clock(),)),
-        FREE.body,
-        (Clock(),),
-        0.0,
-        1.0,
-        (1.0, 0.0, 0.0, 0.0),
-        FREE.momentum,
-    )
-    stages = [sum(getattr(rk8, f"_A{i}")) for i in range(2, 13)]
-    assert (
-        np.abs(np.subtract(TIMES, [0.0, *stages])).max() < 2e-14
-    )  # measured 6e-15, the rounding of the table

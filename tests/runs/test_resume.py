@@ -27,6 +27,7 @@ from rigidmc.storage import run_directory
 from rigidmc.storage.run_directory import RunDirectory, rendered
 from rigidmc.storage.writer import read
 from tests import torture
+from tests.faulty import LINUX
 from tests.torture import COMMAND, sums
 
 MEMBERS, SIZE = 1000, 40_000  # five shards of 192 members, the last of them not whole
@@ -174,6 +175,7 @@ def test_what_is_damaged_is_found_and_computed_again(whole, tmp_path):
         assert sums(tmp_path / "run") == sums(whole)
 
 
+@LINUX
 def test_some_kills(tmp_path):
     """As `python tests/torture.py --kills 200`."""
     told = torture.kills(40, str(tmp_path), random.Random(5), 100_000, 1)
@@ -181,6 +183,7 @@ def test_some_kills(tmp_path):
     assert told["sha256 equal"] == told["runs resumed to the end"] == told["runs"] >= 1
 
 
+@LINUX
 def test_a_fault_of_every_kind(tmp_path):
     """As `python tests/torture.py --faults all`."""
     told = torture.faults(1, str(tmp_path), random.Random(6))
@@ -396,6 +399,7 @@ def test_a_run_whose_reader_has_gone_goes_on(tmp_path):
     assert made.returncode == 0 and run_directory.status(tmp_path / "run")["members_done"] == 20000
 
 
+@LINUX
 def test_a_cluster_makes_the_same_bytes(whole, tmp_path):
     """Two processes here, one of them killed; and a worker that does not see the run directory."""
     told = torture.lost(1, str(tmp_path), random.Random(8), 400_000)

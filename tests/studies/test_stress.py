@@ -1,6 +1,7 @@
 """The catalogue of hard cases: what it holds, that errors are seen, and what happens to words and bounds that are wrong."""
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -21,15 +22,19 @@ from rigidmc.studies.stress.case import (
 from rigidmc.studies.stress.catalogue import GROUPS, catalogue, some_tops
 from rigidmc.views import studies
 
-CASES = catalogue()
+
+@cache
+def cases():
+    """The catalogue, made at the first use: it compiles closed forms."""
+    return catalogue()
 
 
 def test_the_catalogue_is_what_it_says():
-    assert len(CASES) >= 60
-    assert len({case.name for case in CASES}) == len(CASES)
-    assert {case.group for case in CASES} == set(GROUPS)
+    assert len(cases()) >= 60
+    assert len({case.name for case in cases()}) == len(cases())
+    assert {case.group for case in cases()} == set(GROUPS)
     known = H.shipped_bounds()
-    for case in CASES:
+    for case in cases():
         assert case.why
         assert case.truth
         for name in case.integrators():
@@ -37,13 +42,13 @@ def test_the_catalogue_is_what_it_says():
             uncovered = name == "closed" and math.isnan(measured)
             assert math.isfinite(bound) or uncovered, (case.name, name)
             assert uncovered or measured <= bound, (case.name, name)
-    assert set(known) <= {(case.name, name) for case in CASES for name in case.integrators()}
+    assert set(known) <= {(case.name, name) for case in cases() for name in case.integrators()}
 
 
 @pytest.mark.parametrize("name", ["rk4", "exact", "closed"])
 def test_quick_cases_are_within_their_bounds(name):
     known = H.shipped_bounds()
-    for case in CASES:
+    for case in cases():
         if case.quick and name in case.integrators():
             error, _, reason = H.carried_out(case, name, H.SHORT)
             if math.isnan(error) and name == "closed" and not reason:
@@ -78,7 +83,7 @@ def test_a_study_tells_what_is_above_its_bound(tmp_path):
     names = ["exact", "closed"]
     first = H.stress(["H5"], names, threads=1)
     assert not H.failed(first)
-    assert first.sizes["case"] == sum(case.group == "H5" for case in CASES)
+    assert first.sizes["case"] == sum(case.group == "H5" for case in cases())
     error = float(first.error.sel(case="needle", integrator="exact"))
     second = H.stress(["H5"], names, bounds={("needle", "exact"): 0.1 * error}, threads=1)
     above = np.argwhere(second.verdict.values == H.VERDICTS.index("above"))
@@ -103,7 +108,7 @@ def test_a_case_that_raises_or_dies_is_red_and_stops_no_other(monkeypatch):
     assert math.isnan(error)
     assert "broken on purpose" in reason
     found = H._dataset(
-        [case, CASES[0]], [(error, 0.1, reason), (0.0, 0.1, "")], ["rk4"], H.shipped_bounds(), {}
+        [case, cases()[0]], [(error, 0.1, reason), (0.0, 0.1, "")], ["rk4"], H.shipped_bounds(), {}
     )
     assert [H.VERDICTS[v] for v in found.verdict.values[:, 0]] == ["crashed", "good"]
     assert H.failed(found)
@@ -145,7 +150,7 @@ def test_wrong_bounds_are_refused(text, word, tmp_path):
 
 def test_every_integrator_has_hard_cases():
     for name in INTEGRATORS:
-        assert sum(name in case.integrators() for case in CASES) >= 20
+        assert sum(name in case.integrators() for case in cases()) >= 20
 
 
 @pytest.mark.slow

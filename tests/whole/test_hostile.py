@@ -27,6 +27,9 @@ from rigidmc.studies import accuracy, trust
 from rigidmc.studies.stress import run
 from rigidmc.views import scene as estimate
 from tests import hostile
+from tests.faulty import LINUX
+
+pytestmark = LINUX
 
 SECONDS, BYTES = (
     2.0,
