@@ -35,10 +35,15 @@ def method(default):
     return call
 
 
+def implements(part, name):
+    """Whether a class, or the class of an instance, has a method or property of this name."""
+    return hasattr(part if isinstance(part, type) else type(part), name)
+
+
 def names(part, *methods):
     """All the argument names that the given methods of a class or its instance use; methods it lacks use none."""
     kind = part if isinstance(part, type) else type(part)
-    return {a for m in methods if hasattr(kind, m) for a in arguments(getattr(kind, m))}
+    return {a for m in methods if implements(kind, m) for a in arguments(getattr(kind, m))}
 
 
 class Traced:

@@ -87,7 +87,7 @@ def joined(a, more):
     return a + more
 
 
-# What follows a momentum is the work that effects have done (`rigidmc.effects.protocol`): the sums below keep it, what is missing is 0.
+# What follows a momentum is the work that effects have done (`rigidmc.effects.ledger`): the sums below keep it, what is missing is 0.
 
 
 def rest_scaled(s, a):

@@ -31,6 +31,7 @@ class Bath(NamedTuple):
     shapes = {"noise": 3}
     hidden = ("noise",)
     limits = {"gamma": (0.0, math.inf), "kT": (0.0, math.inf), "noise": (0.0, 0.0)}
+    example = (1.0, 0.7)
     stochastic = True
     isotropic = True
 

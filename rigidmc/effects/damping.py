@@ -24,6 +24,7 @@ class ViscousDamping(NamedTuple):
     isotropic = True
     damps = True
     limits = {"rate": (-math.inf, math.inf)}
+    example = (0.3,)
 
     def torque(self, l):
         return scale(-self.rate, l)
@@ -46,6 +47,7 @@ class AxialDamping(NamedTuple):
     shapes = {"rates": 3}
     damps = True
     limits = {"rates": (-math.inf, math.inf)}
+    example = ((0.3, 0.1, 0.6),)
 
     def torque(self, l):
         return -self.rates[0] * l[0], -self.rates[1] * l[1], -self.rates[2] * l[2]
@@ -73,6 +75,8 @@ class MatrixDamping(NamedTuple):
     units = {"matrix": "kg m2 s-1"}
     shapes = {"matrix": 6}
     limits = {"matrix": (-math.inf, math.inf)}
+    example = ((0.5, 0.4, 0.6, 0.1, -0.05, 0.15),)
+    kick_order = 2
 
     def drives(self):
         """Whether some spin is driven: where a principal minor of C, in units of its trace, is negative beyond rounding."""
@@ -118,6 +122,8 @@ class QuadraticDrag(NamedTuple):
     isotropic = True
     damps = True
     limits = {"drag": (-math.inf, math.inf)}
+    example = (0.3,)
+    kick_order = 2
 
     def torque(self, body, l):
         w = angular_velocity(body, l)
@@ -148,6 +154,8 @@ class DryFriction(NamedTuple):
     isotropic = True
     damps = True
     limits = {"friction": (-math.inf, math.inf), "rest": (1e-300, math.inf)}
+    example = (0.4, 0.1)
+    kick_order = 2
 
     def torque(self, body, l):
         w = angular_velocity(body, l)

@@ -27,6 +27,8 @@ class EnergyDissipation(NamedTuple):
     isotropic = True
     damps = True
     limits = {"loss": (-math.inf, math.inf)}
+    example = (0.05,)
+    kick_order = 2
 
     def torque(self, body, l):
         square = dot(l, l)

@@ -25,6 +25,7 @@ class UniformField(NamedTuple):
     units = {"dipole": "A m2", "field": "T"}
     shapes = {"dipole": 3, "field": 3}
     limits = {"dipole": _ANY, "field": _ANY}
+    example = ((0.3, -0.1, 0.5), (1.0, 2.0, -0.5))
 
     def torque(self, q):
         return cross(self.dipole, into_body(q, self.field))
@@ -56,6 +57,7 @@ class RotatingField(NamedTuple):
     units = {"dipole": "A m2", "field": "T", "rate": "rad s-1"}
     shapes = {"dipole": 3, "field": 3}
     limits = {"dipole": _ANY, "field": _ANY, "rate": _ANY}
+    example = ((0.3, -0.1, 0.5), (1.0, 2.0, -0.5), 1.7)
 
     def torque(self, t, q):
         s, c = sincos(self.rate * t)

@@ -22,6 +22,7 @@ class Gravity(NamedTuple):
     keeps_lz = True
     isotropic = True
     limits = {"g": (-math.inf, math.inf)}
+    example = (9.81,)
 
     def torque(self, body, q):
         return cross(up(q), (self.g * body.p1, self.g * body.p2, self.g * body.p3))

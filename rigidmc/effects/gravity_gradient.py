@@ -35,6 +35,7 @@ class GravityGradient(NamedTuple):
         "eccentricity": (0.0, 0.9),
         "anomaly": (-math.inf, math.inf),
     }
+    example = (2.0, 1.3, 0.4, 0.5)
 
     def torque(self, body, t, q):
         size, x, y = _pull(self.mu, self.distance, self.eccentricity, self.anomaly, t)

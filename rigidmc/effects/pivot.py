@@ -28,6 +28,7 @@ class MovingPivot(NamedTuple):
     units = {"swing": "m", "frequency": "rad s-1", "phase": "rad"}
     shapes = {"swing": 3}
     limits = {"swing": _ANY, "frequency": _ANY, "phase": _ANY}
+    example = ((0.1, -0.05, 0.2), 3.0, 0.4)
 
     def torque(self, body, t, q):
         push = self.frequency * self.frequency * sincos(self.frequency * t + self.phase)[1]

@@ -26,6 +26,7 @@ class Potential(NamedTuple):
     units = {"linear": "J", "quadratic": "J", "quartic": "J"}
     shapes = {"linear": 3, "quadratic": 6, "quartic": 3}
     limits = {"linear": _ANY, "quadratic": _ANY, "quartic": _ANY}
+    example = ((0.3, -0.1, 0.5), (0.2, 0.5, -0.3, 0.1, 0.25, -0.15), (0.1, 0.3, -0.2))
     keeps_lz = True
 
     def torque(self, q):

@@ -27,6 +27,8 @@ class Rotor(NamedTuple):
     units = {"momentum": "kg m2 s-1", "motor": "N m"}
     shapes = {"momentum": 3, "motor": 3}
     limits = {"momentum": (-math.inf, math.inf), "motor": (-math.inf, math.inf)}
+    example = ((0.5, -0.3, 0.8), (0.05, 0.02, -0.04))
+    kick_order = 2  # exact without a motor
 
     @property
     def conservative(self):

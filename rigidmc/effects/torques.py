@@ -19,6 +19,7 @@ class BodyTorque(NamedTuple):
     units = {"size": "N m"}
     shapes = {"size": 3}
     limits = {"size": _ANY}
+    example = ((0.1, -0.2, 0.3),)
 
     def torque(self):
         return self.size
@@ -42,6 +43,7 @@ class SpaceTorque(NamedTuple):
     units = {"size": "N m"}
     shapes = {"size": 3}
     limits = {"size": _ANY}
+    example = ((0.1, -0.2, 0.3),)
 
     def torque(self, q):
         return into_body(q, self.size)
@@ -67,6 +69,7 @@ class PeriodicTorque(NamedTuple):
     units = {"size": "N m", "frequency": "rad s-1", "phase": "rad"}
     shapes = {"size": 3}
     limits = {"size": _ANY, "frequency": _ANY, "phase": _ANY}
+    example = ((0.1, -0.2, 0.3), 2.0, 0.7)
 
     def torque(self, t):
         return scale(sincos(self.frequency * t + self.phase)[1], self.size)

@@ -23,7 +23,7 @@ import rigidmc.integrators.protocol
 import rigidmc.observables.protocol  # noqa: F401  (imported so that METHODS is complete)
 from rigidmc.dynamics import arc, euler, free_flow, functions, principal, so3, turns_flow
 from rigidmc.dynamics.methods import METHODS, arguments
-from rigidmc.effects import EFFECTS, flows, protocol
+from rigidmc.effects import EFFECTS, flows, ledger, protocol, sums
 from rigidmc.engine.memory import get_row
 from rigidmc.engine.numbers import coded, known_by
 from rigidmc.engine.pipeline import INLINE
@@ -295,6 +295,8 @@ for _module in (
     principal,
     drifts,
     protocol,
+    sums,
+    ledger,
     flows,
 ):
     inline_all(_module)

@@ -28,12 +28,12 @@ NOWHERE = Saves(np.empty(0), 0, 0, np.empty(0, np.int64))
 class Program:
     """What moves the members of a scene, compiled; with `ask` nothing is compiled, and it tells what is `missing`.
 
-    form : a Form, see `rigidmc.integrators.forms`;  effects : blank ones
+    form : a Form, see `rigidmc.integrators.form`;  effects : blank ones
     attitude : whether it is moved, and paid for;  compensated : whether sums keep their remainders;  dtype : of the numbers in which steps are made
     limits : () where only non-finite members are flagged; else what else flags them, inf where a scene has no such law: drift of energy
         (of the energies in play), of |L|^2 (of its size) and of L_z (of the largest |L| that the energies allow), |omega| h [rad],
         and ||q|^2 - 1|
-    ledger : () where no works are kept; else for each effect () if its energy tells its work, (0.0,) if not. See `rigidmc.effects.protocol`
+    ledger : () where no works are kept; else for each effect () if its energy tells its work, (0.0,) if not. See `rigidmc.effects.ledger`
     lanes : how many are worked on side by side, by default what suits this processor
     events, running, shadow : what is watched, see `rigidmc.engine.watch`: events; (running observable, as many 0.0 as it keeps
         floats) each; (0.0,) for a neighbour, else ()

@@ -14,7 +14,7 @@ from typing import Any
 from rigidmc.effects import name_of
 from rigidmc.effects.protocol import depends_on_momentum, is_random
 from rigidmc.integrators.closed_form import ClosedForm
-from rigidmc.integrators.forms import Form, Turns, form
+from rigidmc.integrators.form import Form, Turns, form
 from rigidmc.integrators.free_motion import FreeMotion
 from rigidmc.integrators.lie import CF4, CK45, RKMK4
 from rigidmc.integrators.midpoint import Midpoint

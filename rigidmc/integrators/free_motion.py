@@ -21,7 +21,7 @@ from rigidmc.dynamics.free_flow import (
 )
 from rigidmc.dynamics.so3 import add, difference, first_three, moved, rounded, scale, two_sum
 from rigidmc.integrators.drifts import Exact, Symmetric, exact_drift, pieces
-from rigidmc.integrators.forms import Form
+from rigidmc.integrators.form import Form
 from rigidmc.integrators.splitting import Splitting
 
 

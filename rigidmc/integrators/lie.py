@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from rigidmc.dynamics.euler import angular_velocity, free_rate
 from rigidmc.dynamics.so3 import add, axpy, cross, exponential, gain, moved, multiply, scale, whole
-from rigidmc.effects.protocol import push
+from rigidmc.effects.sums import push
 
 
 def _rotation_rate(u, w):

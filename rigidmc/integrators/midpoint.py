@@ -7,8 +7,8 @@ import numpy as np
 
 from rigidmc.dynamics.euler import scaled, spun, turn
 from rigidmc.dynamics.so3 import gain, gain4, scale, scale4, spin, turned, whole
-from rigidmc.effects.protocol import push
-from rigidmc.integrators.forms import ONE, Form
+from rigidmc.effects.sums import push
+from rigidmc.integrators.form import ONE, Form
 
 
 def _better(half, effects, body, t, h, q, l, at, now):

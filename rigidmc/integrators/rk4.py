@@ -23,8 +23,9 @@ from rigidmc.dynamics.so3 import (
     turned,
     whole,
 )
-from rigidmc.effects.protocol import impelled, push, worked
-from rigidmc.integrators.forms import Form
+from rigidmc.effects.ledger import worked
+from rigidmc.effects.sums import impelled, push
+from rigidmc.integrators.form import Form
 from rigidmc.integrators.rk8 import changes, combined
 
 _START = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)

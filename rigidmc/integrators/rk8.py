@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from rigidmc.dynamics.euler import scaled, spun, turn
 from rigidmc.dynamics.so3 import axpy, axpy4, gain, gain4, spin, whole
-from rigidmc.effects.protocol import push
+from rigidmc.effects.sums import push
 
 # Coefficients of the 12-stage method of DOP853; rows that are not written out have zeros in the columns that are missing.
 _A2 = (0.05260015195876773,)

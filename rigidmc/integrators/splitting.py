@@ -27,19 +27,17 @@ from rigidmc.dynamics.so3 import (
     select,
     whole,
 )
-from rigidmc.effects.protocol import (
-    chosen,
-    depends_on_momentum,
-    is_random,
+from rigidmc.effects.protocol import chosen, depends_on_momentum, is_random
+from rigidmc.effects.sums import (
     kick_all,
     kick_all_back,
     kicked,
     shake_all,
     total_torque,
     total_torque_rate,
-)  # fmt: skip
+)
 from rigidmc.integrators.drifts import Split, exact_drift, flow, pieces
-from rigidmc.integrators.forms import ONE, Form
+from rigidmc.integrators.form import ONE, Form
 
 
 def drifted(drift, body, h, q, l):

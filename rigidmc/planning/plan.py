@@ -6,9 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rigidmc.dynamics.methods import names
+from rigidmc.dynamics.methods import implements, names
 from rigidmc.effects import labelled
-from rigidmc.effects.protocol import total_energy_scale
+from rigidmc.effects.protocol import facts, is_conservative
+from rigidmc.effects.sums import total_energy_scale
 from rigidmc.engine import layout
 from rigidmc.engine.layout import whole_lanes
 from rigidmc.errors import SceneError
@@ -200,13 +201,13 @@ def watched_notes(found, theta, own, dt):
 
 def spinning_up(scene):
     """Labels of the effects that may bring a body more energy than its start tells: torques with neither an energy nor a bound on one, that do not brake."""
-    known = ("energy", "energy_scale", "damps", "drives")
     return [
         label
         for label, e in labelled(scene.effects)
-        if hasattr(e, "torque")
-        and not any(hasattr(e, fact) for fact in known)
-        and not getattr(e, "conservative", False)
+        if implements(e, "torque")
+        and not any(implements(e, verb) for verb in ("energy", "energy_scale", "drives"))
+        and not facts(e).damps
+        and not is_conservative(e)
     ]
 
 

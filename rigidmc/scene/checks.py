@@ -2,10 +2,11 @@
 
 import numpy as np
 
+from rigidmc.dynamics.methods import implements
 from rigidmc.effects import labelled
 from rigidmc.effects.own import check_own
 from rigidmc.effects.parameters import shape
-from rigidmc.effects.protocol import is_random
+from rigidmc.effects.protocol import facts, is_random
 from rigidmc.errors import SceneError, unknown
 from rigidmc.integrators import refusal
 from rigidmc.observables import OBSERVABLES, SIZES
@@ -109,7 +110,7 @@ def _check_drawn(scene):
                 raise SceneError(
                     f"effects.{label}", name, float(bad[0]), outside(effect, low, high)
                 )
-        if hasattr(effect, "drives") and not scene.run.anti_damping:
+        if implements(effect, "drives") and not scene.run.anti_damping:
             drawn = [
                 draw(value, scene.run.seed, f"effects.{label}.{name}", 0, PILOT)
                 for name, value in zip(effect._fields, effect, strict=True)
@@ -170,8 +171,8 @@ def check_histogram(one):
 
 
 def limits(effect, name, driven):
-    low, high = getattr(effect, "limits", {}).get(name, (-np.inf, np.inf))
-    return (0.0 if low == -np.inf and getattr(effect, "damps", False) and not driven else low), high
+    low, high = facts(effect).limits.get(name, (-np.inf, np.inf))
+    return (0.0 if low == -np.inf and facts(effect).damps and not driven else low), high
 
 
 _ALLOWED = "needs anti_damping = true under [run]"
@@ -180,7 +181,7 @@ _ALLOWED = "needs anti_damping = true under [run]"
 def outside(effect, low, high):
     more = (
         f"; below 0 it drives the body, which {_ALLOWED}"
-        if low == 0.0 and getattr(effect, "damps", False)
+        if low == 0.0 and facts(effect).damps
         else ""
     )
     return f"must lie between {low:g} and {high:g}{more}"

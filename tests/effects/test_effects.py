@@ -37,18 +37,8 @@ from rigidmc.effects import (
     name_of,
 )  # fmt: skip
 from rigidmc.effects.parameters import blank, filled, numbers, parameter_count
-from rigidmc.effects.protocol import (
-    energy,
-    energy_scale,
-    kick,
-    kick_all,
-    kick_all_back,
-    push,
-    torque,
-    torque_rate,
-    total_energy,
-    total_torque,
-)  # fmt: skip
+from rigidmc.effects.protocol import energy, energy_scale, kick, torque, torque_rate
+from rigidmc.effects.sums import kick_all, kick_all_back, push, total_energy, total_torque
 from tests.effects.laws import REFERENCE, Known, symmetric
 from tests.reference import rotation, unit
 

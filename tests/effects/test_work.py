@@ -9,8 +9,9 @@ import pytest
 import rigidmc as rm
 from rigidmc.dynamics.euler import MassProperties, kinetic_energy
 from rigidmc.effects import BodyTorque, Gravity, QuadraticDrag, ViscousDamping
+from rigidmc.effects.ledger import spent
 from rigidmc.effects.parameters import filled, numbers
-from rigidmc.effects.protocol import spent, total_energy
+from rigidmc.effects.sums import total_energy
 from rigidmc.integrators import INTEGRATORS, accepting
 from tests.effects.test_effects import EXAMPLES, MOMENTS, STATIC
 from tests.kernels import one_step, prepare

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from rigidmc.dynamics.euler import MassProperties, angular_velocity, kinetic_energy
 from rigidmc.dynamics.so3 import cross, scale, up, whole
 from rigidmc.effects import Gravity, ViscousDamping
-from rigidmc.effects.protocol import total_torque
+from rigidmc.effects.sums import total_torque
 from rigidmc.engine import layout as K
 from rigidmc.integrators import INTEGRATORS, accepting, description, rk8
 from rigidmc.observables import Attitude, Energy, Momentum

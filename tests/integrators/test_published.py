@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rigidmc.dynamics.euler import kinetic_energy
-from rigidmc.effects.protocol import total_energy
+from rigidmc.effects.sums import total_energy
 from rigidmc.engine import layout as K
 from rigidmc.integrators import INTEGRATORS
 from rigidmc.studies.problems import PROBLEMS
