@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from rigidmc.dynamics.methods import implements
 from rigidmc.effects import labelled
 from rigidmc.engine import member, watch
 from rigidmc.engine.beside import beside, helped
@@ -18,6 +19,7 @@ from rigidmc.engine.march import march
 from rigidmc.engine.memory import LINE, aligned
 from rigidmc.engine.pieces import NOTHING, Piece, config, is_ready, piece, run
 from rigidmc.engine.watch import watch_rows
+from rigidmc.integrators.protocol import group_count
 from rigidmc.observables import SIZES
 
 MARCH = "piswsikkuiii"  # the arguments of `march`, see `piece`
@@ -43,14 +45,14 @@ class Program:
         self, form, effects, observables=(), attitude=True, compensated=False, dtype="float64", limits=(), ledger=(), events=(), running=(), shadow=(),
         lanes=None, ask=False,
     ):  # fmt: skip
-        if compensated and hasattr(form.integrator, "with_sums"):
+        if compensated and implements(form.integrator, "with_sums"):
             form = form._replace(
                 integrator=form.integrator.with_sums(),
                 parts=form.parts * (np.arange(len(form.parts)) > 0)[:, None],
             )
         self.form, self.effects, self.dtype = form, effects, np.dtype(dtype).name
         self.lanes = 1 if config.DISABLE_JIT else lanes or lanes_for(dtype)
-        groups = min(self.lanes, getattr(form.integrator, "groups", 1))
+        groups = min(self.lanes, group_count(form.integrator))
         self.parts = np.ascontiguousarray(form.parts, dtype=float).ravel()
         turned, kept, works = (
             (0.0,) if attitude else (),

@@ -17,3 +17,6 @@ class ClosedForm:
     compensated = False
     conserves = ("|q|", "|L|^2", "T", "L in space")
     accepts = "free tops, Lagrange tops"
+
+
+INTEGRATORS = {"closed": ClosedForm()}

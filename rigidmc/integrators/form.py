@@ -1,14 +1,20 @@
-"""From an integrator to what is compiled: one type for a whole family, and a table of the parts of its step."""
+"""From an integrator to what is compiled: one type for a family, and a table of the parts of a step."""
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+
+from rigidmc.dynamics.methods import implements
 
 
 class Turns(NamedTuple):
-    """How far the members of a scene turn in one step at most [rad].
+    """By how much a step turns the fastest member of a scene [rad].
 
-    free : lambda dt, by which free motion turns L in the body;  spin : |omega| dt;  symmetric : all bodies have two equal moments
+    free : lambda dt, the angle by which free motion turns L in the body
+    spin : |omega| dt
+    symmetric : whether all bodies have two equal moments
     """
 
     free: float = 0.0
@@ -17,24 +23,24 @@ class Turns(NamedTuple):
 
 
 class Form(NamedTuple):
-    """An integrator as a kernel wants it.
+    """An integrator as the engine takes it.
 
     integrator : the NamedTuple whose type is compiled
-    parts : (1 + n, 4) rows of (drift, kick, gradient, time of the torque) in units of the step: row 0 opens the state, the others are
-        one step
+    parts : (1 + n, 4) rows of (drift, kick, gradient, time of the torque) in units of the step; row 0
+        opens the state, the n others are one step
     name : by which a scene asks for it
     """
 
     integrator: Any
-    parts: np.ndarray
+    parts: NDArray[np.float64]
     name: str = ""
 
 
 ONE = ((0.0, 0.0, 0.0, 0.0), (1.0, 1.0, 0.0, 0.0))  # a step in one part
 
 
-def form(kind, turns=None, effects=()):
+def form(kind: Any, turns: Turns | None = None, effects: Sequence[Any] = ()) -> Form:
     """The Form of an integrator of INTEGRATORS for steps that turn by `turns`."""
-    if hasattr(kind, "prepared"):
+    if implements(kind, "prepared"):
         return kind.prepared(turns or Turns(), effects)
-    return kind.form() if hasattr(kind, "form") else Form(kind, np.array(ONE))
+    return kind.form() if implements(kind, "form") else Form(kind, np.array(ONE))

@@ -94,3 +94,6 @@ class FreeMotion:
         return Form(
             own, np.array([(1.0 / n, 0.0, 0.0, 0.0)] * (n + 1))
         )  # the first, which opens a state, tells how long the others are
+
+
+INTEGRATORS = {"exact": FreeMotion()}

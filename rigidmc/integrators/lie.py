@@ -144,3 +144,6 @@ class CK45(NamedTuple):
             -1275806237668.0 / 842570457699.0, 2277821191437.0 / 14882151754819.0, u, v, turn, at, now, dl
         )  # fmt: skip
         return moved(q, turn), gain(l, dl)
+
+
+INTEGRATORS = {"rkmk4": RKMK4(), "cf4": CF4(), "ck45": CK45()}

@@ -68,3 +68,6 @@ class Midpoint(NamedTuple):
         zero = (0.0, 0.0, 0.0)
         dl = push(effects, body, t + 0.5 * h, 0.5 * h, middle, spun_up, spun(half, zero, spun_up))
         return gain4(q, scale4(2.0, spin(middle, turn(half, spun_up)))), gain(l, scale(2.0, dl))
+
+
+INTEGRATORS = {"midpoint": Midpoint()}

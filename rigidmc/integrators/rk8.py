@@ -95,7 +95,9 @@ class RK8(NamedTuple):
     conserves = ()
     accepts = "any torque"
     compensated = True
-    groups = 2  # see `rigidmc.integrators.rk4`
+
+    def group_count(self):
+        return 2
 
     def step(self, body, effects, t, h, q, l):
         state, momentum = q, l
@@ -128,3 +130,6 @@ class RK8(NamedTuple):
             ((0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), _B, (k1, k6, k7, k8, k9, k10, k11, k12)
         )
         return gain4(state, dq), gain(momentum, dl)
+
+
+INTEGRATORS = {"rk8": RK8()}

@@ -148,7 +148,7 @@ def prepare(scene, threads=1, streaming=False, block=None):
     made, rate, spin = (None, None, 0.0) if run.integrator == "closed" else form_of(scene, dt)
     mean = steps * _mean_own_steps(scene, carried, dt) if own else steps
     # a splitting turns exactly, however fast: it only sees the torque less often
-    most = 3.0 if hasattr(INTEGRATORS[run.integrator], "drifts") else 1.0
+    most = 3.0 if INTEGRATORS[run.integrator].splitting else 1.0
     if angle > most and INTEGRATORS[run.integrator].order < math.inf:
         would = f"turn <= {most:g}" if own else f"dt <= {most * dt / angle:.2g} s"
         notes += (
@@ -216,12 +216,12 @@ def form_of(scene, dt):
     asks for that, with `turn` of the members' own rate; and the turn |omega| dt for which it is then prepared)."""
     run = scene.run
     kind, rate, turns = INTEGRATORS[run.integrator], None, Turns()
-    if hasattr(kind, "prepared"):
+    if implements(kind, "prepared"):
         found, spin, symmetric = _turn_rates(scene)
         rate = found if run.turn_rate is None else run.turn_rate
         unit, key = (dt, "dt") if run.turn is None else (run.turn, "turn")
         turns = Turns(rate * unit, spin * unit, symmetric)
-        largest = getattr(kind, "largest_spin", math.inf)
+        largest = kind.largest_spin
         if turns.spin > largest:
             rule = f"a step may turn by {turns.spin:.3g} rad, more than the {largest:g} for which {run.integrator} can be solved; "
             raise SceneError(

@@ -1,5 +1,6 @@
 """Settings of a run that have no effect beside its other settings."""
 
+from rigidmc.dynamics.methods import implements
 from rigidmc.integrators import INTEGRATORS
 
 # turn_rate stays in a run even if an override leaves it without effect, because `auto` tries integrators that use it.
@@ -24,7 +25,7 @@ def _without_effect(run):
             "tolerance",
             f'integrator = "{run.integrator}" keeps no tolerance: leave it out, or take "auto"',
         )
-        if not hasattr(INTEGRATORS.get(run.integrator), "prepared"):
+        if not implements(INTEGRATORS.get(run.integrator), "prepared"):
             yield "turn_rate", f'integrator = "{run.integrator}" does not use it'
     if auto:
         yield from ((key, 'integrator = "auto" chooses it') for key in ("dt", "turn", "dtype"))
