@@ -35,7 +35,7 @@ def method(default):
     return call
 
 
-def implements(part, name):
+def implements(part: object, name: str) -> bool:
     """Whether a class, or the class of an instance, has a method or property of this name."""
     return hasattr(part if isinstance(part, type) else type(part), name)
 

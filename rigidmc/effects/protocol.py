@@ -1,4 +1,4 @@
-"""What an effect is: its methods, with what happens if one is missing, and its facts, with their defaults."""
+"""What an effect is: its methods and its facts, with a default for each that is missing."""
 
 from collections.abc import Iterator
 from functools import cache
@@ -15,22 +15,22 @@ class Effect(Protocol):
         torque(self, [body, t, q, l])       torque on the body, principal axes [N m]
         kick(self, [body, t, h, q, l])      L after its flow over h; splittings need it if the
                                             torque depends on L
-        torque_rate(self, [body, t, q, w])  rate of change of the torque while the body turns with w;
-                                            chin4 needs it
-        shake(self, [body, h, l])           L after friction and noise over h; the field `noise` then
+        torque_rate(self, [body, t, q, w])  rate of change of the torque while the body turns with
+                                            w; chin4 needs it
+        shake(self, [body, h, l])           L after friction and noise over h; the field `noise`
                                             holds three normal deviates, new ones for each step
         energy(self, [body, q])             potential energy [J]
         energy_scale(self, [body])          a bound on |potential energy| [J], or the energy that a
                                             torque without a potential may bring
-        impel(self, [body, t, q, l, by, onto])  onto + by * torque by components, if that is cheaper
+        impel(self, [body, t, q, l, by, onto])  onto + by * torque, if it can be had more cheaply
 
     body, q, l : MassProperties, attitude, angular momentum in the principal axes [kg m^2/s]
     t, h, w : time [s], time step [s], angular velocity in the principal axes [rad/s]
 
     A method names the arguments that it depends on and no others (`rigidmc.dynamics.methods`).
-    Facts are class attributes, see `Facts`. Two more depend on the parameters, so they are computed:
-    `conservative`, a property, says whether the energy of the body is conserved (default: whether
-    there is an `energy`); `drives(self)` says whether the parameters drive the body rather than damp it.
+    Facts are class attributes, see `Facts`. Two more depend on the parameters: the property
+    `conservative` says whether the energy of the body is conserved (default: whether there is an
+    `energy`), and `drives(self)` says whether a damping drives the body instead.
     """
 
     _fields: ClassVar[tuple[str, ...]]
@@ -42,7 +42,7 @@ class Effect(Protocol):
 
 
 class Facts(NamedTuple):
-    """What a class of effects states as class attributes; here are the defaults of those it leaves out.
+    """What a class of effects states as class attributes, with the defaults.
 
     units : of each parameter, "1" if it has none
     shapes : length of each parameter that is a vector
@@ -53,7 +53,7 @@ class Facts(NamedTuple):
     damps : whether it drives the body if its parameters are negative
     keeps_l2 : whether it conserves |L|
     keeps_lz : whether it conserves L_z
-    isotropic : whether it singles out no axis of the body and no direction in space but the vertical
+    isotropic : whether it singles out no axis of the body, and no direction but the vertical
     kick_order : order of the rule that `kick` is, inf if `kick` is the exact flow
     """
 
@@ -93,14 +93,14 @@ def is_random(effect: Effect | type[Effect]) -> bool:
 
 
 def is_conservative(effect: Effect) -> bool:
-    """Whether the energy of the body, its potential energy included, is conserved under an effect."""
+    """Whether kinetic plus potential energy are conserved under an effect."""
     if implements(effect, "conservative"):
         return bool(effect.conservative)  # type: ignore[attr-defined]  # a property that is optional
     return implements(effect, "energy")
 
 
 def depends_on_momentum(effect: Effect | type[Effect]) -> bool:
-    """Whether the torque depends on L or has a flow of its own: then a kick is not L + h torque(q, t)."""
+    """Whether the torque depends on L, or has its own `kick`: a kick is not L + h torque(q, t)."""
     return "l" in names(effect, "torque") or implements(effect, "kick")
 
 
@@ -124,7 +124,7 @@ def energy_scale(effect, body):
 
 @method
 def kick(effect, body, t, h, q, l):
-    """L after the flow of an effect over h; this default is exact if the torque depends on q alone."""
+    """L after the flow of an effect over h; exact by default if the torque depends on q alone."""
     return axpy(l, h, torque(effect, body, t, q, l))
 
 

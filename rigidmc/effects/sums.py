@@ -1,21 +1,13 @@
 """What all effects of a scene do together; the empty tuple of effects costs nothing.
 
-The functions unroll over the tuple by recursion, so the compiler sees only the effects that are there.
+The functions recurse over the tuple, so that only the effects of a scene are compiled.
 l : (x, y, z), or with the works of the effects behind them (`rigidmc.effects.ledger`)
 """
 
 from rigidmc.dynamics.euler import angular_velocity
 from rigidmc.dynamics.so3 import add, difference, dot, first_three, gain, joined, scale, whole
 from rigidmc.effects.ledger import worked, worked_along
-from rigidmc.effects.protocol import (
-    energy,
-    energy_scale,
-    impel,
-    kick,
-    shake,
-    torque,
-    torque_rate,
-)  # fmt: skip
+from rigidmc.effects.protocol import energy, energy_scale, impel, kick, shake, torque, torque_rate
 
 
 def total_torque(effects, body, t, q, l):
@@ -71,7 +63,10 @@ def push(effects, body, t, h, q, l, change):
 
 
 def kicked(effects, body, t, h, q, l):
-    """L after a kick over h by torques of attitude and time; q, l may be pairs (value, remainder)."""
+    """L after a kick over h by torques of attitude and time.
+
+    q, l : values, or pairs (value, remainder)
+    """
     if len(effects) == 0:
         return l
     if len(l) > 3:  # the works by their exact flow too, which is linear in L

@@ -1,4 +1,4 @@
-"""Torques that are given: constant in the body or in space, or periodic."""
+"""Prescribed torques: constant in the body, constant in space, or periodic."""
 
 import math
 from typing import NamedTuple
@@ -9,7 +9,7 @@ _ANY = (-math.inf, math.inf)
 
 
 class BodyTorque(NamedTuple):
-    """A torque that is constant in the body, as of a thruster.
+    """A torque that is constant in the body, for example of a thruster.
 
     size : torque in the principal axes [N m]
     """
@@ -33,7 +33,7 @@ class SpaceTorque(NamedTuple):
 
         tau = A^T size
 
-    About the vertical L_z(t) = L_z(0) + size_z t, whatever the body.
+    For any body L_z(t) = L_z(0) + size_z t.
 
     size : torque in space [N m]
     """
@@ -53,11 +53,11 @@ class SpaceTorque(NamedTuple):
 
 
 class PeriodicTorque(NamedTuple):
-    """A torque that is fixed in the body and swings in time.
+    """A torque along a fixed direction of the body that oscillates in time.
 
         tau = size cos(frequency t + phase)
 
-    size : largest torque, principal axes [N m]
+    size : amplitude of the torque, principal axes [N m]
     frequency : angular frequency [rad/s]
     phase : at t = 0 [rad]
     """

@@ -41,7 +41,7 @@ def refusal(
     compensated : whether sums are to keep their remainders
     works : whether the works of the effects are to be kept
 
-    Whether `closed` has a closed form depends on the moments too: see `rigidmc.planning.closed_form`.
+    Whether `closed` covers a body depends on its moments too, see `rigidmc.planning.closed_form`.
     """
     why = _refusal(INTEGRATORS[name], effects, compensated, works)
     if why is None:
@@ -78,9 +78,10 @@ def keeps_remainders(
 ) -> bool:
     """Whether sums keep their remainders: if asked for, and in float32 whenever the integrator can.
 
-    A short step changes a state by few units in the last place, and many steps in a row round alike.
-    Without remainders a float32 error grows at least as fast as the number of steps (rk4: 2e-3 after
-    10 s in 1.3e5 steps); with them it does not grow (6e-7), and rk4 takes 1.3 times as long.
+    A short step changes a state by few units in the last place, and many steps in a row round
+    alike. Without remainders an error in float32 grows at least as fast as the number of steps
+    (rk4: 2e-3 after 10 s in 1.3e5 steps). With them it does not grow (6e-7), and rk4 takes 1.3
+    times as long.
     """
     return compensated or (
         dtype == "float32" and _refusal(INTEGRATORS[name], effects, True, False) is None

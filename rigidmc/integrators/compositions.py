@@ -2,7 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 from itertools import accumulate
+from operator import add
 from typing import Any
 
 import numpy as np
@@ -110,19 +112,13 @@ class Composition:
 
 
 def _with_rest(total: float, *given: float) -> tuple[float, ...]:
-    """Coefficients, with the last one by which they add up to `total`."""
-    added = given[0]
-    for value in given[1:]:
-        added = added + value
-    return (*given, total - added)
+    """Coefficients, with a last one by which they add up to `total`."""
+    return (*given, total - reduce(add, given))  # from Python 3.12 on, `sum` rounds differently
 
 
 def _with_middle(*given: float) -> tuple[float, ...]:
     """The first half of a palindrome that adds up to 1, with its middle coefficient."""
-    added = given[0]
-    for value in given[1:]:
-        added = added + value
-    return (*given, 1.0 - 2.0 * added)
+    return (*given, 1.0 - 2.0 * reduce(add, given))
 
 
 _THIRD = 1.0 / (4.0 - 4.0 ** (1.0 / 3.0))
@@ -138,13 +134,14 @@ INTEGRATORS = {
         drifts=(1.0,),
     ),
     "rotations": Composition(
-        """As strang, with the free motion split into four turns: order 2, cheap, for moderate accuracy.
+        """As strang, with the free motion split into four rotations: order 2, cheap.
 
-        One turn about L takes the middle moment out, which makes the splitting exact for bodies with
-        two equal moments; the plain splitting into turns about three axes is not. The error of the
-        energy stays bounded over long times, but even of a free body the energy is not conserved.
-        Source: McLachlan, Phys. Rev. Lett. 71 (1993) 3043; Reich, Physica D 76 (1994) 375; Fasso, J.
-        Comput. Phys. 189 (2003) 527.""",
+        For moderate accuracy over long times. One rotation about L takes the middle moment out,
+        which makes the splitting exact for bodies with two equal moments; the plain splitting into
+        rotations about three axes is not. The error of the energy stays bounded, but even of a free
+        body the energy is not conserved.
+        Source: McLachlan, Phys. Rev. Lett. 71 (1993) 3043; Reich, Physica D 76 (1994) 375; Fasso,
+        J. Comput. Phys. 189 (2003) 527.""",
         order=2,
         kicks=(0.5,),
         drifts=(1.0,),
@@ -199,7 +196,7 @@ INTEGRATORS = {
         ),
     ),
     "aba864": Composition(
-        """For small torques (fast tops): errors of e h^8, e^2 h^6 and e^3 h^4 for torques of size e.
+        """For small torques e (fast tops): errors of e h^8, e^2 h^6 and e^3 h^4.
 
         7 drifts and torques a step.
         Source: Blanes, Casas, Farres, Laskar, Makazaga & Murua, Appl. Numer. Math. 68 (2013) 58,
@@ -220,7 +217,7 @@ INTEGRATORS = {
         ),
     ),
     "aba1064": Composition(
-        """For small torques (fast tops): errors of e h^10, e^2 h^6 and e^3 h^4 for torques of size e.
+        """For small torques e (fast tops): errors of e h^10, e^2 h^6 and e^3 h^4.
 
         8 drifts and torques a step.
         Source: Blanes, Casas, Farres, Laskar, Makazaga & Murua, Appl. Numer. Math. 68 (2013) 58,

@@ -1,4 +1,4 @@
-"""From an integrator to what is compiled: one type for a family, and a table of the parts of a step."""
+"""From an integrator to its compiled form: one type for a family, and the parts of a step."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -26,8 +26,8 @@ class Form(NamedTuple):
     """An integrator as the engine takes it.
 
     integrator : the NamedTuple whose type is compiled
-    parts : (1 + n, 4) rows of (drift, kick, gradient, time of the torque) in units of the step; row 0
-        opens the state, the n others are one step
+    parts : (1 + n, 4) rows of (drift, kick, gradient, time of the torque) in units of the step;
+        row 0 opens the state, the n others are one step
     name : by which a scene asks for it
     """
 

@@ -32,7 +32,7 @@ class Integrator(Protocol):
         form(self) -> Form
         prepared(self, turns, effects) -> Form    if it depends on the angle of a step, a `Turns`
 
-    A program whose sums cannot keep remainders has `with_sums(self)`, which gives one whose sums can.
+    A program whose sums keep no remainders has `with_sums(self)`, which gives one whose sums do.
     """
 
     order: float
@@ -59,14 +59,15 @@ def completed(integrator: Any) -> Integrator:
     for name, value in _DEFAULTS.items():
         if not hasattr(integrator, name):
             setattr(type(integrator), name, value)
-    return integrator
+    complete: Integrator = integrator
+    return complete
 
 
 @method
 def group_count(integrator):
     """In how many groups the members of a vector make their steps, one group after the other.
 
-    A stage waits for the stage before; with 2 groups the processor works on the other one meanwhile.
+    A stage waits for the stage before; with 2 groups the processor works on the other meanwhile.
     """
     return 1
 
@@ -79,7 +80,7 @@ def keeps(integrator):
 
 @method
 def constants(integrator, body, part, l):
-    """What is the same in all steps of a member, computed once; l ends with what `keeps` asks for."""
+    """What is the same in all steps of a member; l ends with what `keeps` asks for."""
     return ()
 
 

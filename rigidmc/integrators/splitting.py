@@ -1,11 +1,13 @@
 """Splittings: free motion ("drift") alternates with kicks L += h torque, which keep the attitude.
 
-A kick depends on attitude and time alone and the kinetic energy is quadratic in L, so that Runge-Kutta-Nystroem coefficients and
-force gradients are allowed. All compositions are palindromes: symmetric and, with the exact drift, symplectic to rounding; energy
-errors stay bounded for ever, and L_z is kept under gravity. The last kick (or drift) of a step is one with the first of the next:
-between steps the state is kept just after that first one, and looked at by a step back.
+A kick depends on attitude and time alone and the kinetic energy is quadratic in L, so Runge-Kutta-
+Nystroem coefficients and force gradients are allowed. All compositions are palindromes: symmetric
+and, with the exact drift, symplectic to rounding. The error of the energy stays bounded, and under
+gravity L_z is conserved. The last kick (or drift) of a step and the first of the next are one:
+between steps the state is kept just after it, and a step back shows it.
 
-The free motion is kept in units of the step by `parts`; all compositions share one compiled kernel for each kind of drift.
+The rows of `Form.parts` give the drifts and kicks in units of the step, so that all compositions
+(`rigidmc.integrators.compositions`) share one compiled program for each type of drift.
 """
 
 from typing import Any, NamedTuple
@@ -42,8 +44,11 @@ def drifted(drift, body, h, q, l):
 
 
 def levelled(l, change):
-    """Of a pair (value, remainder) a change without its part along L, 0 but for rounding: the constants of motion are rounded alike at
-    every step, which lengthens L by up to 3e-19 of it each time; what the state's own rounding hides for 1e5 steps is all that is left here.
+    """The change of L; if l is a pair (value, remainder), without its part along L.
+
+    That part is 0 but for rounding: the constants of motion are rounded alike at every step, so
+    |L| would grow by up to 3e-19 of its size each step. Without remainders the rounding of the
+    state hides that for 1e5 steps.
     """
     if len(l) > 2:
         return change
@@ -53,7 +58,10 @@ def levelled(l, change):
 
 
 class Splitting(NamedTuple):
-    """A part: drift, then kick. leads: () where steps begin with a kick, (0.0,) where with a drift."""
+    """A part: drift, then kick.
+
+    leads : (0.0,) if a step begins with a drift, () if with a kick
+    """
 
     drift: Any
     leads: tuple = ()
@@ -75,7 +83,7 @@ class Splitting(NamedTuple):
 
 
 class Kicks(NamedTuple):
-    """A part: kicks at the start of the step, drift, kicks at its end in mirror image, for torques with their own flow of L (damping)."""
+    """A part: kicks, drift, kicks in mirror image. For torques with a flow of L, as damping has."""
 
     drift: Any
 
@@ -86,7 +94,7 @@ class Kicks(NamedTuple):
 
 
 def drifted_often(often, drift, body, h, q, l):
-    """(q, L) after as many drifts over h as a tuple is long."""
+    """(q, L) after one drift over h for each element of `often`."""
     if len(often) == 0:
         return q, l
     q, l = drifted(drift, body, h, q, l)
@@ -94,10 +102,11 @@ def drifted_often(often, drift, body, h, q, l):
 
 
 class Langevin(NamedTuple):
-    """BAOAB: drifts over half a step, flows of L and noise over all of it, drifts, then a kick by the torques of attitude and time.
+    """BAOAB: drifts over half a step, flows of L and noise over the step, drifts, a kick.
 
-    often : as long as half a step has drifts
-    pushes, flows : for each effect (0.0,) where it is a torque of attitude and time, or has a flow of L of its own; else ()
+    often : one element for each drift of half a step
+    pushes : for each effect (0.0,) if its torque depends on attitude and time alone, else ()
+    flows : for each effect (0.0,) if it has its own flow of L, else ()
     """
 
     drift: Any
@@ -122,9 +131,10 @@ class Langevin(NamedTuple):
 
 
 class ForceGradient(NamedTuple):
-    """A part: drift, then a kick by torque + gradient (D torque - torque x eta), eta = I^-1 torque and D the rate along eta.
+    """A part: drift, then a kick by torque + gradient (D torque - torque x eta).
 
-    That is the commutator [kick, [kick, drift]], for any torque that depends on attitude and time.
+    eta = I^-1 torque, and D is the rate of change along eta: that is the commutator
+    [kick, [kick, drift]], for any torque of attitude and time.
     """
 
     drift: Any

@@ -4,7 +4,7 @@ import numpy as np
 
 from rigidmc.dynamics.methods import implements
 from rigidmc.effects import labelled
-from rigidmc.effects.own import check_own
+from rigidmc.effects.own_checks import check_own
 from rigidmc.effects.parameters import shape
 from rigidmc.effects.protocol import facts, is_random
 from rigidmc.errors import SceneError, unknown
