@@ -10,6 +10,7 @@ from rigidmc.engine.operations import DIVISION, ROOT, unpacked
 from rigidmc.engine.pieces import dispatcher_of, signature_of
 from rigidmc.engine.program import MARCH, lanes_for
 from rigidmc.integrators import INTEGRATORS, Turns, form
+from rigidmc.integrators.protocol import group_count
 
 ARITHMETIC = re.compile(r"v?(mul|add|sub|div|sqrt|fn?m(?:add|sub)\d+)([ps])([ds])\s")
 STORE = re.compile(r"v?mov[au]p[ds]\s+%[xyz]mm\d+, -?\w*\((?!%rsp)")
@@ -80,7 +81,7 @@ def case(name, effects=(), attitude=(0.0,), compensated=(), dtype="float64", wor
 
 def assembly_of(case, lanes):
     """The assembly of freshly compiled steps; those from the disk cache have none to read."""
-    groups = (0.0,) * min(lanes, getattr(case.made.integrator, "groups", 1))
+    groups = (0.0,) * min(lanes, group_count(case.made.integrator))
     parts = case.made.integrator, case.effects, case.attitude, case.compensated, case.works, groups
     compiled = dispatcher_of(march)
     compiled.compile(signature_of(parts, case.dtype, lanes, MARCH))

@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 
 from rigidmc.dynamics.euler import MassProperties
+from rigidmc.dynamics.methods import implements
 from rigidmc.effects.parameters import blank, numbers, parameter_count
 from rigidmc.engine import frame
 from rigidmc.engine import layout as K
@@ -121,7 +122,7 @@ def prepare(kind, turn, effects=(), symmetric=False):
 
 def one_step(made, body, effects, t, h, q, l):
     """One step in plain Python, opened before and closed after."""
-    if len(q) == 2 and hasattr(made.integrator, "with_sums"):
+    if len(q) == 2 and implements(made.integrator, "with_sums"):
         made = made._replace(
             integrator=made.integrator.with_sums(), parts=np.vstack([np.zeros(4), made.parts[1:]])
         )

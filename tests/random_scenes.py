@@ -9,10 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import rigidmc as rm
+from rigidmc.dynamics.methods import implements
 from rigidmc.effects import EFFECTS, name_of
 from rigidmc.effects.parameters import filled, given, numbers
-from rigidmc.effects.protocol import is_random
+from rigidmc.effects.protocol import facts
 from rigidmc.integrators import INTEGRATORS, accepting
+from tests.effects.laws import REFERENCE
 from tests.effects.test_effects import EXAMPLES
 
 END = 2.0
@@ -24,14 +26,8 @@ STEPS = {
     8: 40,
     math.inf: 8,
 }  # of a step of at most 0.1 rad, by order; few bodies turn by more than 10 rad
-DAMPING = (
-    "viscous_damping",
-    "axial_damping",
-    "quadratic_drag",
-    "dry_friction",
-    "energy_dissipation",
-)
-CONSERVING = ("gravity", "spring", "uniform_field", "potential")
+DAMPING = tuple(name for name, kind in EFFECTS.items() if facts(kind).damps)
+CONSERVING = tuple(name for name, kind in EFFECTS.items() if implements(kind, "energy"))
 
 
 class Kind(NamedTuple):
@@ -68,7 +64,7 @@ QUICK = (
 def kinds(count, seed=0):
     """Kinds of any integrator with none to three effects that it takes, the same one twice among them."""
     some, found = np.random.default_rng(seed), []
-    every = [name for name, kind in EFFECTS.items() if not is_random(kind)]
+    every = [name for name in EFFECTS if name in REFERENCE]
     while len(found) < count:
         names = tuple(sorted(some.choice(every, some.integers(0, 4)), key=list(EFFECTS).index))
         if names and some.random() < 0.3:
@@ -191,7 +187,7 @@ def _start(some, effects, rows):
     )[some.integers(5)]
     if rows is not None:
         return rm.Start(omega=some.normal(size=(rows, 3)) * 1.5, attitude=attitude)
-    choice, bounded = some.integers(7), all(hasattr(e, "energy") for e in effects)
+    choice, bounded = some.integers(7), all(implements(e, "energy") for e in effects)
     size = float(some.uniform(0.5, 2.0))
     if choice == 0:
         return rm.Start(

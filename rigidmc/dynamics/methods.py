@@ -54,10 +54,15 @@ def method(default: Callable[..., Any]) -> Method:
     return generic
 
 
+def implements(part: object, name: str) -> bool:
+    """Whether a class, or the class of an instance, has a method or property of this name."""
+    return hasattr(part if isinstance(part, type) else type(part), name)
+
+
 def names(part: Any, *methods: str) -> set[str]:
     """All argument names of the given methods of a class or instance; a missing method has none."""
     kind = part if isinstance(part, type) else type(part)
-    return {a for m in methods if hasattr(kind, m) for a in arguments(getattr(kind, m))}
+    return {a for m in methods if implements(kind, m) for a in arguments(getattr(kind, m))}
 
 
 class Traced:

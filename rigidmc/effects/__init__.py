@@ -1,102 +1,85 @@
-"""What acts on a body. An effect is a NamedTuple whose fields are its parameters; a new one is one file and one line below.
+"""What acts on a body: gravity, springs, damping, ...
 
-    torque(self, [body, t, q, l])          body-frame torque [N m]
-    energy(self, [body, q])                its potential energy [J], if it has one
-    kick(self, [body, t, h, q, l])         L after its exact flow over h; needed by splittings where the torque depends on L
-    torque_rate(self, [body, t, q, w])     rate of change of the torque while the body turns with w; needed by chin4
-    shake(self, [body, h, l])              L after a time h of friction and noise, of random effects: `noise` holds three normal deviates
-
-Facts: units, limits, shapes (of parameters), damps (whether negative parameters drive the body), stochastic, keeps_l2, keeps_lz (whether L_z is conserved under it),
-isotropic (whether it singles out no axis of the body and no direction but the vertical).
-
-Each names just the arguments that it depends on (see `rigidmc.dynamics.methods`).
+A new effect is one file in this folder and one line below. `rigidmc.effects.protocol` says what an
+effect may have; docs/contributing.md has an example.
 """
 
+# One line for each effect, in canonical order: whatever order a scene lists them in, effects act in
+# this one. An effect's word in scene files is the name of its class in snake_case.
+# isort: off
+from rigidmc.effects.gravity import Gravity as Gravity
+from rigidmc.effects.gravity_gradient import GravityGradient as GravityGradient
+from rigidmc.effects.spring import Spring as Spring
+from rigidmc.effects.field import UniformField as UniformField
+from rigidmc.effects.field import RotatingField as RotatingField
+from rigidmc.effects.potential import Potential as Potential
+from rigidmc.effects.pivot import MovingPivot as MovingPivot
+from rigidmc.effects.torques import BodyTorque as BodyTorque
+from rigidmc.effects.torques import SpaceTorque as SpaceTorque
+from rigidmc.effects.torques import PeriodicTorque as PeriodicTorque
+from rigidmc.effects.rotor import Rotor as Rotor
+from rigidmc.effects.damping import ViscousDamping as ViscousDamping
+from rigidmc.effects.damping import AxialDamping as AxialDamping
+from rigidmc.effects.damping import MatrixDamping as MatrixDamping
+from rigidmc.effects.damping import QuadraticDrag as QuadraticDrag
+from rigidmc.effects.damping import DryFriction as DryFriction
+from rigidmc.effects.dissipation import EnergyDissipation as EnergyDissipation
+from rigidmc.effects.bath import Bath as Bath
+# isort: on
+
+import re
+from collections.abc import Iterable
 from typing import Any
 
-from rigidmc.dynamics.methods import names
-from rigidmc.effects.bath import Bath
-from rigidmc.effects.damping import (
-    AxialDamping,
-    DryFriction,
-    MatrixDamping,
-    QuadraticDrag,
-    ViscousDamping,
-)
-from rigidmc.effects.dissipation import EnergyDissipation
-from rigidmc.effects.field import RotatingField, UniformField
-from rigidmc.effects.gravity import Gravity
-from rigidmc.effects.gravity_gradient import GravityGradient
+from rigidmc.dynamics.methods import implements, names
 from rigidmc.effects.parameters import given, shape
-from rigidmc.effects.pivot import MovingPivot
-from rigidmc.effects.potential import Potential
-from rigidmc.effects.rotor import Rotor
-from rigidmc.effects.spring import Spring
-from rigidmc.effects.torques import BodyTorque, PeriodicTorque, SpaceTorque
+from rigidmc.effects.protocol import Effect, facts
 
-# In canonical order: whatever order a scene lists its effects in, they are applied in this one.
-EFFECTS: dict[str, Any] = {
-    "gravity": Gravity,
-    "gravity_gradient": GravityGradient,
-    "spring": Spring,
-    "uniform_field": UniformField,
-    "rotating_field": RotatingField,
-    "potential": Potential,
-    "moving_pivot": MovingPivot,
-    "body_torque": BodyTorque,
-    "space_torque": SpaceTorque,
-    "periodic_torque": PeriodicTorque,
-    "rotor": Rotor,
-    "viscous_damping": ViscousDamping,
-    "axial_damping": AxialDamping,
-    "matrix_damping": MatrixDamping,
-    "quadratic_drag": QuadraticDrag,
-    "dry_friction": DryFriction,
-    "energy_dissipation": EnergyDissipation,
-    "bath": Bath,
+_KINDS = [kind for kind in globals().values() if hasattr(kind, "_fields")]  # the lines above
+EFFECTS: dict[str, Any] = {  # word: class
+    re.sub(r"(?<=[a-z])(?=[A-Z])", "_", kind.__name__).lower(): kind for kind in _KINDS
 }
 
 
-def name_of(effect):
-    """The word for an effect in a scene file."""
+def name_of(effect: Effect | type[Effect]) -> str:
+    """The word for an effect or its class in a scene file; of a user's class its name."""
     kind = effect if isinstance(effect, type) else type(effect)
     return next((name for name, known in EFFECTS.items() if known is kind), kind.__name__)
 
 
-def description(kind):
+def description(kind: type[Effect]) -> tuple[str, str, str]:
     """(law, parameters with units, facts) of a class of effects, in words."""
     parameters = []
     for field in given(kind):
-        words = [kind.units[field]] * (kind.units[field] != "1") + [
-            f"{shape(kind, field)} numbers"
-        ] * (shape(kind, field) is not None)
+        unit, size = facts(kind).units[field], shape(kind, field)
+        words = [unit] * (unit != "1") + [f"{size} numbers"] * (size is not None)
         parameters.append(field + (f" [{', '.join(words)}]" if words else ""))
     used = names(kind, "torque", "energy", "kick")
-    facts = (
-        ["needs the attitude"] * ("q" in used)
-        + ["depends on time"] * ("t" in used)
-        + ["depends on L"] * ("l" in used)
-    )
-    facts += ["is random"] * getattr(kind, "stochastic", False)
-    facts += ["has an energy"] * hasattr(kind, "energy") + ["keeps L_z"] * getattr(
-        kind, "keeps_lz", False
-    )
-    return kind.__doc__.splitlines()[0], ", ".join(parameters), ", ".join(facts) or "constant"
+    said = {
+        "needs the attitude": "q" in used,
+        "depends on time": "t" in used,
+        "depends on L": "l" in used,
+        "is random": facts(kind).stochastic,
+        "has an energy": implements(kind, "energy"),
+        "keeps L_z": facts(kind).keeps_lz,
+    }
+    law = (kind.__doc__ or "").splitlines()[0]
+    return law, ", ".join(parameters), ", ".join(k for k, v in said.items() if v) or "constant"
 
 
-def labelled(effects):
-    """[(label, effect)]: the word of its kind, with a number from the second of a kind on."""
-    seen: dict[str, int] = {}
-    found = []
+def labelled(effects: Iterable[Any]) -> list[tuple[str, Any]]:
+    """[(label, effect)]: the word of the effect, numbered from the second of a class on."""
+    count: dict[str, int] = {}
+    labels = []
     for effect in effects:
         name = name_of(effect)
-        seen[name] = seen.get(name, 0) + 1
-        found.append((name if seen[name] == 1 else f"{name}_{seen[name]}", effect))
-    return found
+        count[name] = count.get(name, 0) + 1
+        labels.append((name if count[name] == 1 else f"{name}_{count[name]}", effect))
+    return labels
 
 
-def canonical(effects):
-    """The effects in canonical order; those a user brings come last, as given."""
+def canonical(effects: Iterable[Any]) -> tuple[Any, ...]:
+    """The effects in canonical order; those of a user's own come last, as given."""
     order = list(EFFECTS.values())
     return tuple(
         sorted(effects, key=lambda e: order.index(type(e)) if type(e) in order else len(order))

@@ -7,37 +7,36 @@ from rigidmc.dynamics.so3 import expm1
 
 
 class Bath(NamedTuple):
-    """Friction and thermal noise of a bath of temperature T, which bring the law exp(-(T + V)/kT) of Gibbs.
+    """Friction and noise of a bath of temperature T, which lead to Gibbs's law exp(-(T + V)/kT).
 
         dL = -gamma L dt + sqrt(2 gamma kT I) dW
 
-    Splittings of order 2 take it between two halves of the free motion (BAOAB), exactly over each step:
-    L_i <- exp(-gamma h) L_i + sqrt(I_i kT (1 - exp(-2 gamma h))) n_i with normal n_i; averages are off by order h^2.
-    Source: Leimkuhler & Matthews, Appl. Math. Res. Express 2013, 34; Davidchack, Ouldridge & Tretyakov, J. Chem. Phys. 142 (2015) 144114.
+    Splittings of order 2 put it between two halves of the free motion (BAOAB). Its flow is exact:
+    L_i <- exp(-gamma h) L_i + sqrt(I_i kT (1 - exp(-2 gamma h))) n_i with normal deviates n_i.
+    Averages have an error of order h^2.
+    Source: Leimkuhler & Matthews, Appl. Math. Res. Express 2013, 34; Davidchack, Ouldridge &
+    Tretyakov, J. Chem. Phys. 142 (2015) 144114.
 
-    gamma : rate at which the momentum forgets [1/s]
+    gamma : rate at which the momentum is forgotten [1/s]
     kT : Boltzmann's constant times temperature [J]
     """
 
     gamma: float
     kT: float
-    noise: tuple = (
-        0.0,
-        0.0,
-        0.0,
-    )  # three normal deviates, which the kernel puts there anew before each step
+    noise: tuple = (0.0, 0.0, 0.0)  # normal deviates; the engine draws new ones for each step
 
     units = {"gamma": "s-1", "kT": "J", "noise": "1"}
     shapes = {"noise": 3}
     hidden = ("noise",)
     limits = {"gamma": (0.0, math.inf), "kT": (0.0, math.inf), "noise": (0.0, 0.0)}
+    example = (1.0, 0.7)
     stochastic = True
     isotropic = True
 
     def energy_scale(self, body):
-        return (
-            4.0 * self.kT
-        )  # drifts are prepared for spins of 4 standard deviations, and right to 5e-12 at 8, where a member is flagged
+        # The spin of 4 standard deviations. Drifts prepared for it have errors of 5e-12 at
+        # 8 of them, where a member is flagged.
+        return 4.0 * self.kT
 
     def shake(self, body, h, l):
         less = expm1(-self.gamma * h)

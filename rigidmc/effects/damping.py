@@ -1,4 +1,4 @@
-"""Damping: isotropic, for each axis, by a matrix, quadratic, and dry friction."""
+"""Damping: isotropic, of each axis, by a matrix, quadratic, and dry friction."""
 
 import math
 from typing import NamedTuple
@@ -13,7 +13,7 @@ class ViscousDamping(NamedTuple):
 
         tau = -rate L,   alone: L(t) = exp(-rate t) L(0)
 
-    A free body damped so runs through its undamped motion at the time (1 - exp(-rate t))/rate.
+    A damped free body runs through its undamped motion, whose time is (1 - exp(-rate t))/rate.
 
     rate : damping rate [1/s]
     """
@@ -24,6 +24,7 @@ class ViscousDamping(NamedTuple):
     isotropic = True
     damps = True
     limits = {"rate": (-math.inf, math.inf)}
+    example = (0.3,)
 
     def torque(self, l):
         return scale(-self.rate, l)
@@ -33,7 +34,7 @@ class ViscousDamping(NamedTuple):
 
 
 class AxialDamping(NamedTuple):
-    """Viscous damping, another for each principal axis: what a body feels in a viscous fluid.
+    """Viscous damping with a rate for each principal axis, as in a viscous fluid.
 
         tau_i = -rate_i L_i,   alone: L_i(t) = exp(-rate_i t) L_i(0)
 
@@ -46,6 +47,7 @@ class AxialDamping(NamedTuple):
     shapes = {"rates": 3}
     damps = True
     limits = {"rates": (-math.inf, math.inf)}
+    example = ((0.3, 0.1, 0.6),)
 
     def torque(self, l):
         return -self.rates[0] * l[0], -self.rates[1] * l[1], -self.rates[2] * l[2]
@@ -59,11 +61,11 @@ class AxialDamping(NamedTuple):
 
 
 class MatrixDamping(NamedTuple):
-    """Viscous damping by a full matrix, whose axes are not those of the body.
+    """Viscous damping by a full matrix, whose axes need not be the principal axes.
 
         tau = -C omega
 
-    In splittings its flow is the trapezoidal rule, of order 2.
+    Its kick is the trapezoidal rule, of order 2.
 
     matrix : xx, yy, zz, yz, zx, xy of the symmetric C, in the principal axes [N m s]
     """
@@ -73,19 +75,19 @@ class MatrixDamping(NamedTuple):
     units = {"matrix": "kg m2 s-1"}
     shapes = {"matrix": 6}
     limits = {"matrix": (-math.inf, math.inf)}
+    example = ((0.5, 0.4, 0.6, 0.1, -0.05, 0.15),)
+    kick_order = 2
 
     def drives(self):
-        """Whether some spin is driven: where a principal minor of C, in units of its trace, is negative beyond rounding."""
+        """Whether some spin is driven: a principal minor of C is negative beyond rounding.
+
+        C in units of its trace; arrays of matrices pass through.
+        """
         size = abs(self.matrix[0]) + abs(self.matrix[1]) + abs(self.matrix[2])
         x, y, z, yz, zx, xy = (m / (size + (size == 0)) for m in self.matrix)
         pairs = (x * y - xy * xy < -1e-14) | (y * z - yz * yz < -1e-14) | (z * x - zx * zx < -1e-14)
-        return (
-            (x < 0)
-            | (y < 0)
-            | (z < 0)
-            | pairs
-            | (x * y * z + 2 * xy * yz * zx - x * yz * yz - y * zx * zx - z * xy * xy < -1e-14)
-        )
+        whole = x * y * z + 2 * xy * yz * zx - x * yz * yz - y * zx * zx - z * xy * xy
+        return (x < 0) | (y < 0) | (z < 0) | pairs | (whole < -1e-14)
 
     def torque(self, body, l):
         return scale(-1.0, symmetric_times(self.matrix, angular_velocity(body, l)))
@@ -105,9 +107,10 @@ class MatrixDamping(NamedTuple):
 class QuadraticDrag(NamedTuple):
     """Drag that grows with the square of the spin, as in air.
 
-        tau = -drag |omega| omega,   alone, about a principal axis: omega(t) = omega(0)/(1 + drag omega(0) t/I)
+        tau = -drag |omega| omega
 
-    In splittings its flow is a rule of order 2.
+    Alone, about a principal axis, omega(t) = omega(0)/(1 + drag omega(0) t/I).
+    Its kick is a rule of order 2.
 
     drag : coefficient [N m s^2]
     """
@@ -118,6 +121,8 @@ class QuadraticDrag(NamedTuple):
     isotropic = True
     damps = True
     limits = {"drag": (-math.inf, math.inf)}
+    example = (0.3,)
+    kick_order = 2
 
     def torque(self, body, l):
         w = angular_velocity(body, l)
@@ -134,11 +139,12 @@ class DryFriction(NamedTuple):
 
         tau = -friction omega / sqrt(|omega|^2 + rest^2)
 
-    Against the spin and of constant size while |omega| is well above `rest`, viscous with friction/rest below it: a body creeps to rest where
-    dry friction would hold it, at most at `rest` under a torque of 0.7 of the friction. In splittings its flow is a rule of order 2.
+    Of constant size while |omega| is well above `rest`; below it viscous, with friction/rest. Dry
+    friction would hold a body against a small torque; here the body creeps, at most at `rest` under
+    a torque of 0.7 of the friction. Its kick is a rule of order 2.
 
     friction : torque of the sliding pivot [N m]
-    rest : spin below which it is smoothed [rad/s]
+    rest : spin below which the friction is smoothed [rad/s]
     """
 
     friction: float
@@ -148,6 +154,8 @@ class DryFriction(NamedTuple):
     isotropic = True
     damps = True
     limits = {"friction": (-math.inf, math.inf), "rest": (1e-300, math.inf)}
+    example = (0.4, 0.1)
+    kick_order = 2
 
     def torque(self, body, l):
         w = angular_velocity(body, l)
@@ -155,8 +163,6 @@ class DryFriction(NamedTuple):
 
     def kick(self, body, h, l):
         w = angular_velocity(body, l)
-        w = angular_velocity(
-            body,
-            faded(body, 0.5 * h * self.friction / math.sqrt(dot(w, w) + self.rest * self.rest), l),
-        )
+        half = 0.5 * h * self.friction / math.sqrt(dot(w, w) + self.rest * self.rest)
+        w = angular_velocity(body, faded(body, half, l))
         return faded(body, h * self.friction / math.sqrt(dot(w, w) + self.rest * self.rest), l)

@@ -9,15 +9,16 @@ from rigidmc.effects.flows import turned_vector
 
 
 class EnergyDissipation(NamedTuple):
-    """Internal dissipation: energy falls, |L| stays, and the spin ends about the axis of the largest moment.
+    """Internal dissipation: the energy falls, |L| stays, the spin ends about the major axis.
 
         tau = loss L x (L x omega)/|L|,   dE/dt = -loss |L x omega|^2/|L|
 
-    The double bracket of Bloch, Krishnaprasad, Marsden & Ratiu, Commun. Math. Phys. 175 (1996) 1, section 4. It leaves the size of L alone; its
-    direction in space wanders by about `loss` rad in each turn, where that of a body with parts that move inside stays.
-    In splittings its flow is a rule of order 2 that turns L and keeps |L| to rounding.
+    The direction of L in space wanders by about `loss` rad in each turn; that of a real body with
+    moving parts inside stays. Its kick is a rule of order 2 that rotates L: |L| stays to rounding.
+    Source: the double bracket of Bloch, Krishnaprasad, Marsden & Ratiu, Commun. Math. Phys. 175
+    (1996) 1, section 4.
 
-    loss : share of the free rate of L by which it drifts to the major axis
+    loss : speed at which L drifts to the major axis, as a share of its free rate
     """
 
     loss: float
@@ -27,6 +28,8 @@ class EnergyDissipation(NamedTuple):
     isotropic = True
     damps = True
     limits = {"loss": (-math.inf, math.inf)}
+    example = (0.05,)
+    kick_order = 2
 
     def torque(self, body, l):
         square = dot(l, l)

@@ -13,7 +13,8 @@ class UniformField(NamedTuple):
 
         tau = dipole x A^T field,   E = -dipole . A^T field
 
-    A needle swings about the field with omega^2 = |dipole| |field|/I. An electric dipole is given in C m, its field in V/m.
+    A needle swings about the field with omega^2 = |dipole| |field|/I. For an electric dipole give
+    C m and V/m.
 
     dipole : moment in the principal axes [A m^2]
     field : in space [T]
@@ -25,6 +26,7 @@ class UniformField(NamedTuple):
     units = {"dipole": "A m2", "field": "T"}
     shapes = {"dipole": 3, "field": 3}
     limits = {"dipole": _ANY, "field": _ANY}
+    example = ((0.3, -0.1, 0.5), (1.0, 2.0, -0.5))
 
     def torque(self, q):
         return cross(self.dipole, into_body(q, self.field))
@@ -40,7 +42,7 @@ class UniformField(NamedTuple):
 
 
 class RotatingField(NamedTuple):
-    """A dipole of the body in a field that turns about the vertical, as in a synchronous motor.
+    """A dipole of the body in a field that rotates about the vertical, as in a synchronous motor.
 
         tau = dipole x A^T R_z(rate t) field
 
@@ -56,6 +58,7 @@ class RotatingField(NamedTuple):
     units = {"dipole": "A m2", "field": "T", "rate": "rad s-1"}
     shapes = {"dipole": 3, "field": 3}
     limits = {"dipole": _ANY, "field": _ANY, "rate": _ANY}
+    example = ((0.3, -0.1, 0.5), (1.0, 2.0, -0.5), 1.7)
 
     def torque(self, t, q):
         s, c = sincos(self.rate * t)
@@ -72,5 +75,5 @@ class RotatingField(NamedTuple):
 
 
 def _sizes(a, b):
-    """A bound on |a . A b|: (a.a b.b)^(1/2), by multiplication and the power 1/2, which arrays and numbers have."""
+    """A bound on |a . A b|: (a.a b.b)^(1/2), by operations that numbers and arrays have."""
     return root(dot(a, a) * dot(b, b))

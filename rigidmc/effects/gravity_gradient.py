@@ -1,4 +1,4 @@
-"""The torque of a central body on one that goes round it."""
+"""The torque of a central body on a body in orbit about it."""
 
 import math
 from typing import NamedTuple
@@ -9,17 +9,19 @@ _TURN = 6.283185307179586
 
 
 class GravityGradient(NamedTuple):
-    """Gravity gradient on a circular or Keplerian orbit, in the plane z = 0 of space, about the body's centre of mass.
+    """Gravity gradient on a Kepler orbit in the plane z = 0, about the body's centre of mass.
 
         tau = 3 mu/r^3 u x I u,   u = A^T r/r
 
-    r = distance (1 - eccentricity cos E), E - eccentricity sin E = sqrt(mu/distance^3) t + anomaly; the pericentre lies along x.
-    A body whose long axis points to the centre librates in the plane with n sqrt(3 (I2 - I1)/I3) on a circular orbit.
-    Source: Hughes, Spacecraft Attitude Dynamics (1986), 8.1; Goldreich & Peale, Astron. J. 71 (1966) 425.
+    r = distance (1 - eccentricity cos E), E - eccentricity sin E = sqrt(mu/distance^3) t + anomaly;
+    the pericentre lies along x. On a circular orbit of rate n a body whose long axis points to the
+    centre librates in the plane with n sqrt(3 (I2 - I1)/I3).
+    Source: Hughes, Spacecraft Attitude Dynamics (1986), 8.1; Goldreich & Peale, Astron. J. 71
+    (1966) 425.
 
     mu : G M of the central body [m^3/s^2]
     distance : semi-major axis [m]
-    eccentricity : of the orbit, to 0.9
+    eccentricity : of the orbit, up to 0.9
     anomaly : mean anomaly at t = 0 [rad]
     """
 
@@ -35,6 +37,7 @@ class GravityGradient(NamedTuple):
         "eccentricity": (0.0, 0.9),
         "anomaly": (-math.inf, math.inf),
     }
+    example = (2.0, 1.3, 0.4, 0.5)
 
     def torque(self, body, t, q):
         size, x, y = _pull(self.mu, self.distance, self.eccentricity, self.anomaly, t)
@@ -58,15 +61,19 @@ class GravityGradient(NamedTuple):
 
 
 def _differences(body, size):
-    """size (I3 - I2), cyclic, from the reciprocal moments and the coefficients of Euler's equations, where nothing cancels."""
+    """size (I3 - I2), cyclic, by the coefficients of Euler's equations, so that nothing cancels."""
     d = -size * (1.0 / (body.i1 * body.i2 * body.i3))
     return d * body.i1 * body.a1, d * body.i2 * body.a2, d * body.i3 * body.a3
 
 
 def _pull(mu, distance, e, anomaly, t):
-    """(3 mu/r^3, cosine, sine of the true anomaly): Kepler's equation E - e sin E = M by two steps of order 5 from
-    E = M + e sin M / sqrt(1 - 2 e cos M + e^2), whose first leaves at most 1e-4 and whose second 6e-16 up to e = 0.9 (4e-13 at 0.95)."""
-    square = mu / distance / distance / distance  # the cube of 1e13 m is past float32
+    """(3 mu/r^3, cosine, sine of the true anomaly).
+
+    Kepler's equation E - e sin E = M by two steps of order 5, which begin at
+    E = M + e sin M / sqrt(1 - 2 e cos M + e^2). The error is at most 1e-4 after the first step and
+    6e-16 after the second up to e = 0.9 (4e-13 at 0.95).
+    """
+    square = mu / distance / distance / distance  # the cube of 1e13 m overflows in float32
     m = math.sqrt(square) * t + anomaly
     m = m - _TURN * rounded(m * (1.0 / _TURN))
     s, c = sincos(m)
@@ -75,14 +82,17 @@ def _pull(mu, distance, e, anomaly, t):
     at = at + _nearer(at - m, e * s, e * c)
     s, c = sincos(at)
     d = _nearer(at - m, e * s, e * c)
-    sine, versine = d - d * d * d * (1.0 / 6.0), 0.5 * d * d  # of the second step, by series
+    sine, versine = d - d * d * d * (1.0 / 6.0), 0.5 * d * d  # of the second step d, by series
     s, c = s + (c * sine - s * versine), c - (s * sine + c * versine)
     near = 1.0 / (1.0 - e * c)
     return 3.0 * square * (near * near * near), (c - e) * near, math.sqrt(1.0 - e * e) * (s * near)
 
 
 def _nearer(ahead, s, c):
-    """What is to be added to E = M + ahead for E - e sin E = M, with s = e sin E and c = e cos E: the reversed series of order 5, one division."""
+    """The correction of E = M + ahead towards E - e sin E = M; s = e sin E, c = e cos E.
+
+    The reversed series of order 5, with one division.
+    """
     r = 1.0 / (1.0 - c)
     x, a, b, g = (ahead - s) * r, 0.5 * s * r, (1.0 / 6.0) * c * r, (-1.0 / 24.0) * s * r
     return -x * (1.0 + x * (a + x * (2.0 * a * a - b + x * (a * (5.0 * a * a - 5.0 * b) + g))))

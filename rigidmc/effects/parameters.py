@@ -1,22 +1,28 @@
-"""The parameters of effects: numbers and vectors of numbers, in the order of the fields.
+"""The parameters of effects as rows of numbers, in the order of the fields.
 
-A class tells in `shapes` how many numbers a field has that is a vector; in a block each number is a row.
+A parameter is a number, or a vector if the class states its length in `shapes`. In a block each
+number is a row.
 """
 
+from collections.abc import Iterable
+from typing import Any
 
-def shape(kind, field):
-    """How many numbers a field of an effect is, None for a plain number."""
-    return getattr(kind, "shapes", {}).get(field)
-
-
-def given(kind):
-    """The fields of an effect that a user gives; what is hidden the kernel fills in."""
-    return tuple(field for field in kind._fields if field not in getattr(kind, "hidden", ()))
+from rigidmc.effects.protocol import Effect, facts
 
 
-def numbers(effect):
-    """[(field, component, value)] of all numbers of an effect; component is None for a plain one, else 0, 1, ..."""
-    found = []
+def shape(kind: Effect | type[Effect], field: str) -> int | None:
+    """The length of a parameter, None if it is a plain number."""
+    return facts(kind).shapes.get(field)
+
+
+def given(kind: Effect | type[Effect]) -> tuple[str, ...]:
+    """The parameters that a user gives; the engine fills in the hidden ones."""
+    return tuple(field for field in kind._fields if field not in facts(kind).hidden)
+
+
+def numbers(effect: Effect) -> list[tuple[str, int | None, Any]]:
+    """[(field, component, value)] of all numbers of an effect; component is None for plain ones."""
+    found: list[tuple[str, int | None, Any]] = []
     for field, value in zip(effect._fields, effect, strict=True):
         size = shape(effect, field)
         found += (
@@ -25,13 +31,13 @@ def numbers(effect):
     return found
 
 
-def parameter_count(*effects):
-    """How many numbers some effects have."""
+def parameter_count(*effects: Effect) -> int:
+    """How many numbers some effects have together."""
     return sum(shape(e, field) or 1 for e in effects for field in e._fields)
 
 
-def filled(kind, values):
-    """An effect of a class from its numbers in a row: plain ones, arrays, whatever stands for them."""
+def filled(kind: type[Effect], values: Iterable[Any]) -> Any:
+    """An effect of a class from its numbers in a row; each may be an array or any stand-in."""
     left = iter(values)
     fields = []
     for field in kind._fields:
@@ -40,6 +46,6 @@ def filled(kind, values):
     return kind(*fields)
 
 
-def blank(effects):
-    """The same effects with all numbers 0: what a kernel compiles, whose numbers are rows of a block."""
+def blank(effects: Iterable[Effect]) -> tuple[Any, ...]:
+    """The effects with all numbers 0: the types that a kernel is compiled for."""
     return tuple(filled(type(e), [0.0] * parameter_count(e)) for e in effects)

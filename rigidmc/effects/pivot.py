@@ -1,4 +1,4 @@
-"""A pivot that is shaken."""
+"""A shaken pivot."""
 
 import math
 from typing import NamedTuple
@@ -9,12 +9,14 @@ _ANY = (-math.inf, math.inf)
 
 
 class MovingPivot(NamedTuple):
-    """A fixed point that is shaken: at swing cos(frequency t + phase) in space; the body is followed in its frame.
+    """A shaken fixed point, at swing cos(frequency t + phase) in space; the body is seen from it.
 
         tau = frequency^2 cos(frequency t + phase) m r x A^T swing
 
-    Shaken upwards fast enough a pendulum stands on its head: (swing frequency)^2 > 2 g l for a point mass at l.
-    Source: Kapitza, Usp. Fiz. Nauk 44 (1951) 7; Landau & Lifshitz, Mechanics, section 30, problem 1.
+    A pendulum stands on its head if it is shaken vertically and fast enough: (swing frequency)^2 >
+    2 g l for a point mass at the distance l.
+    Source: Kapitza, Usp. Fiz. Nauk 44 (1951) 7; Landau & Lifshitz, Mechanics, section 30,
+    problem 1.
 
     swing : amplitude in space [m]
     frequency : angular frequency [rad/s]
@@ -28,6 +30,7 @@ class MovingPivot(NamedTuple):
     units = {"swing": "m", "frequency": "rad s-1", "phase": "rad"}
     shapes = {"swing": 3}
     limits = {"swing": _ANY, "frequency": _ANY, "phase": _ANY}
+    example = ((0.1, -0.05, 0.2), 3.0, 0.4)
 
     def torque(self, body, t, q):
         push = self.frequency * self.frequency * sincos(self.frequency * t + self.phase)[1]

@@ -1,4 +1,4 @@
-"""A potential of the vertical in the body."""
+"""A potential that depends on the vertical in the body."""
 
 import math
 from typing import NamedTuple
@@ -14,9 +14,12 @@ class Potential(NamedTuple):
 
         E = linear . u + 1/2 u . Q u + quartic . (u_1^4, u_2^4, u_3^4),   tau = u x dE/du
 
-    The linear part is gravity (linear = g m r); 1/2 u . Q u is that of Clebsch and Brun, a quadratic field, and of an induced dipole.
+    The linear part is gravity (linear = g m r). 1/2 u . Q u is the potential of Clebsch and Brun: a
+    quadratic field, or an induced dipole.
 
-    linear : [J];  quadratic : xx, yy, zz, yz, zx, xy of the symmetric Q, principal axes [J];  quartic : [J]
+    linear : coefficients of u in the principal axes [J]
+    quadratic : xx, yy, zz, yz, zx, xy of the symmetric Q, principal axes [J]
+    quartic : coefficients of u_1^4, u_2^4, u_3^4 [J]
     """
 
     linear: tuple
@@ -26,6 +29,7 @@ class Potential(NamedTuple):
     units = {"linear": "J", "quadratic": "J", "quartic": "J"}
     shapes = {"linear": 3, "quadratic": 6, "quartic": 3}
     limits = {"linear": _ANY, "quadratic": _ANY, "quartic": _ANY}
+    example = ((0.3, -0.1, 0.5), (0.2, 0.5, -0.3, 0.1, 0.25, -0.15), (0.1, 0.3, -0.2))
     keeps_lz = True
 
     def torque(self, q):

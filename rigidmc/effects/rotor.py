@@ -9,13 +9,15 @@ from rigidmc.effects.flows import turned_vector
 
 
 class Rotor(NamedTuple):
-    """A flywheel that spins within the body: the gyrostat of Zhukovskii and Volterra.
+    """A flywheel that spins in the body: the gyrostat of Zhukovskii and Volterra.
 
         tau = H x omega - motor,   H = momentum + motor t
 
-    L stays that of the body alone, L = I omega, with the flywheel locked in I; L + H is the whole. With motor = 0 the energy of the body is kept.
-    Its flow is a turn in the coordinates L_i/sqrt(I_i), exact for constant H.
-    Source: Wittenburg, Dynamics of Systems of Rigid Bodies (1977), 4.6; Hughes, Spacecraft Attitude Dynamics (1986), 6.
+    L = I omega is the momentum of the body with the flywheel locked, L + H that of the whole. With
+    motor = 0 the energy of the body is conserved. The kick is a rotation in the coordinates
+    L_i/sqrt(I_i), which is exact for constant H, between two halves of the motor's kick.
+    Source: Wittenburg, Dynamics of Systems of Rigid Bodies (1977), 4.6; Hughes, Spacecraft Attitude
+    Dynamics (1986), 6.
 
     momentum : of the flywheel relative to the body, principal axes [kg m^2/s]
     motor : torque of the motor on the flywheel, principal axes [N m]
@@ -27,6 +29,8 @@ class Rotor(NamedTuple):
     units = {"momentum": "kg m2 s-1", "motor": "N m"}
     shapes = {"momentum": 3, "motor": 3}
     limits = {"momentum": (-math.inf, math.inf), "motor": (-math.inf, math.inf)}
+    example = ((0.5, -0.3, 0.8), (0.05, 0.02, -0.04))
+    kick_order = 2  # exact without a motor
 
     @property
     def conservative(self):

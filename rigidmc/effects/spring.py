@@ -11,12 +11,13 @@ _ANY = (-math.inf, math.inf)
 class Spring(NamedTuple):
     """A linear spring from a point of the body to a point of space.
 
-        E = 1/2 stiffness (d - length)^2,   d = |at - A^T to|,   tau = stiffness (1 - length/d) at x A^T to
+        E = 1/2 stiffness (d - length)^2,   d = |at - A^T to|
+        tau = stiffness (1 - length/d) at x A^T to
 
     stiffness : of the spring [N/m]
-    at : where it is fastened to the body, principal axes [m]
-    to : where it is fastened in space, from the fixed point [m]
-    length : at which it is slack [m]
+    at : the point of the body to which it is fastened, principal axes [m]
+    to : the point of space to which it is fastened, from the fixed point [m]
+    length : length of the relaxed spring [m]
     """
 
     stiffness: float
@@ -27,6 +28,7 @@ class Spring(NamedTuple):
     units = {"stiffness": "N m-1", "at": "m", "to": "m", "length": "m"}
     shapes = {"at": 3, "to": 3}
     limits = {"stiffness": (0.0, math.inf), "at": _ANY, "to": _ANY, "length": (0.0, math.inf)}
+    example = (3.0, (0.4, -0.2, 0.3), (0.5, 0.6, -1.0), 0.2)
 
     def torque(self, q):
         end = into_body(q, self.to)

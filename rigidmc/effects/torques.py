@@ -1,4 +1,4 @@
-"""Torques that are given: constant in the body or in space, or periodic."""
+"""Prescribed torques: constant in the body, constant in space, or periodic."""
 
 import math
 from typing import NamedTuple
@@ -9,7 +9,7 @@ _ANY = (-math.inf, math.inf)
 
 
 class BodyTorque(NamedTuple):
-    """A torque that is constant in the body, as of a thruster.
+    """A torque that is constant in the body, for example of a thruster.
 
     size : torque in the principal axes [N m]
     """
@@ -19,6 +19,7 @@ class BodyTorque(NamedTuple):
     units = {"size": "N m"}
     shapes = {"size": 3}
     limits = {"size": _ANY}
+    example = ((0.1, -0.2, 0.3),)
 
     def torque(self):
         return self.size
@@ -32,7 +33,7 @@ class SpaceTorque(NamedTuple):
 
         tau = A^T size
 
-    About the vertical L_z(t) = L_z(0) + size_z t, whatever the body.
+    For any body L_z(t) = L_z(0) + size_z t.
 
     size : torque in space [N m]
     """
@@ -42,6 +43,7 @@ class SpaceTorque(NamedTuple):
     units = {"size": "N m"}
     shapes = {"size": 3}
     limits = {"size": _ANY}
+    example = ((0.1, -0.2, 0.3),)
 
     def torque(self, q):
         return into_body(q, self.size)
@@ -51,11 +53,11 @@ class SpaceTorque(NamedTuple):
 
 
 class PeriodicTorque(NamedTuple):
-    """A torque that is fixed in the body and swings in time.
+    """A torque along a fixed direction of the body that oscillates in time.
 
         tau = size cos(frequency t + phase)
 
-    size : largest torque, principal axes [N m]
+    size : amplitude of the torque, principal axes [N m]
     frequency : angular frequency [rad/s]
     phase : at t = 0 [rad]
     """
@@ -67,6 +69,7 @@ class PeriodicTorque(NamedTuple):
     units = {"size": "N m", "frequency": "rad s-1", "phase": "rad"}
     shapes = {"size": 3}
     limits = {"size": _ANY, "frequency": _ANY, "phase": _ANY}
+    example = ((0.1, -0.2, 0.3), 2.0, 0.7)
 
     def torque(self, t):
         return scale(sincos(self.frequency * t + self.phase)[1], self.size)

@@ -19,30 +19,12 @@ from numba.core.errors import NumbaError  # noqa: F401  (for those who call)
 from numba.core.typing.templates import AbstractTemplate
 from numba.extending import overload, typeof_impl
 
-import rigidmc.integrators.protocol
-import rigidmc.observables.protocol  # noqa: F401  (imported so that METHODS is complete)
-from rigidmc.dynamics import (
-    arc,
-    compensated,
-    elementary,
-    euler,
-    free_flow,
-    functions,
-    principal,
-    quaternions,
-    scalars,
-    so3,
-    turns_flow,
-    vectors,
-)
+from rigidmc import dynamics, effects, integrators, observables
+from rigidmc.dynamics import functions, so3
 from rigidmc.dynamics.methods import METHODS, arguments
-from rigidmc.effects import EFFECTS, flows, protocol
 from rigidmc.engine.memory import get_row
 from rigidmc.engine.numbers import coded, known_by
 from rigidmc.engine.pipeline import INLINE
-from rigidmc.integrators import INTEGRATORS, drifts
-from rigidmc.observables import OBSERVABLES, SUMMARIES
-from rigidmc.observables.running import STATISTICS
 
 # these have code of their own, here and in `rigidmc.engine.numbers`
 _known = {
@@ -298,30 +280,10 @@ def inline_all(module):
             inline(function)
 
 
-for _module in (
-    scalars,
-    elementary,
-    vectors,
-    quaternions,
-    compensated,
-    functions,
-    euler,
-    arc,
-    free_flow,
-    turns_flow,
-    principal,
-    drifts,
-    protocol,
-    flows,
-):
-    inline_all(_module)
-for _kind in (
-    *EFFECTS.values(),
-    *OBSERVABLES.values(),
-    *SUMMARIES.values(),
-    *map(type, INTEGRATORS.values()),
-    *STATISTICS.values(),
-):
-    inline_all(sys.modules[_kind.__module__])
+# All physics can be called: importing these rooms loads every effect, integrator and observable.
+_PHYSICS = tuple(f"{room.__name__}." for room in (dynamics, effects, integrators, observables))
+for _name, _module in list(sys.modules.items()):
+    if _name.startswith(_PHYSICS):
+        inline_all(_module)
 for _call in METHODS:
     compile_method(_call)

@@ -6,7 +6,7 @@ import numpy as np
 
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.effects.parameters import blank, numbers
-from rigidmc.effects.protocol import total_energy, total_torque
+from rigidmc.effects.sums import total_energy, total_torque
 from rigidmc.engine.compose import NumbaError
 from rigidmc.engine.formulas import evaluate
 from rigidmc.engine.operations import refuse_misdeeds

@@ -4,14 +4,15 @@ Written for one number and compiled for vectors of them (`rigidmc.engine.numbers
 floats. Each function here is a piece that is compiled by itself and called by `rigidmc.engine.cpu`: another observable compiles `record` alone.
 
 kinds, numbers : what the piece is compiled for, and its numbers, see `rigidmc.engine.compose.Kinds`
-parts : those of a Form, see `rigidmc.integrators.forms`, flat;  state, work : rows, see `rigidmc.engine.layout`
+parts : those of a Form, see `rigidmc.integrators.form`, flat;  state, work : rows, see `rigidmc.engine.layout`
 """
 
 import math
 
 from rigidmc.dynamics.euler import angular_velocity, kinetic_energy
 from rigidmc.dynamics.so3 import dot, first_three, joined, scale, select, select_each, up
-from rigidmc.effects.protocol import booked, gross, total_energy, total_energy_scale
+from rigidmc.effects.ledger import booked, gross
+from rigidmc.effects.sums import total_energy, total_energy_scale
 from rigidmc.engine.compose import filled, given, inline, rows_of
 from rigidmc.engine.layout import (
     ATTITUDE,

@@ -9,15 +9,8 @@ from rigidmc.dynamics.euler import MassProperties
 from rigidmc.effects import EFFECTS
 from rigidmc.effects.own import RULE
 from rigidmc.effects.parameters import blank
-from rigidmc.effects.protocol import (
-    energy,
-    energy_scale,
-    kick,
-    shake,
-    torque,
-    torque_rate,
-    total_torque,
-)
+from rigidmc.effects.protocol import energy, energy_scale, kick, shake, torque, torque_rate
+from rigidmc.effects.sums import total_torque
 from rigidmc.engine.compose import NumbaError, filled, given
 from rigidmc.engine.formulas import WIDTH
 from rigidmc.engine.memory import four_at, put, three_at

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from rigidmc.dynamics.methods import implements
 from rigidmc.effects import labelled
 from rigidmc.engine import member, watch
 from rigidmc.engine.beside import beside, helped
@@ -18,6 +19,7 @@ from rigidmc.engine.march import march
 from rigidmc.engine.memory import LINE, aligned
 from rigidmc.engine.pieces import NOTHING, Piece, config, is_ready, piece, run
 from rigidmc.engine.watch import watch_rows
+from rigidmc.integrators.protocol import group_count
 from rigidmc.observables import SIZES
 
 MARCH = "piswsikkuiii"  # the arguments of `march`, see `piece`
@@ -28,12 +30,12 @@ NOWHERE = Saves(np.empty(0), 0, 0, np.empty(0, np.int64))
 class Program:
     """What moves the members of a scene, compiled; with `ask` nothing is compiled, and it tells what is `missing`.
 
-    form : a Form, see `rigidmc.integrators.forms`;  effects : blank ones
+    form : a Form, see `rigidmc.integrators.form`;  effects : blank ones
     attitude : whether it is moved, and paid for;  compensated : whether sums keep their remainders;  dtype : of the numbers in which steps are made
     limits : () where only non-finite members are flagged; else what else flags them, inf where a scene has no such law: drift of energy
         (of the energies in play), of |L|^2 (of its size) and of L_z (of the largest |L| that the energies allow), |omega| h [rad],
         and ||q|^2 - 1|
-    ledger : () where no works are kept; else for each effect () if its energy tells its work, (0.0,) if not. See `rigidmc.effects.protocol`
+    ledger : () where no works are kept; else for each effect () if its energy tells its work, (0.0,) if not. See `rigidmc.effects.ledger`
     lanes : how many are worked on side by side, by default what suits this processor
     events, running, shadow : what is watched, see `rigidmc.engine.watch`: events; (running observable, as many 0.0 as it keeps
         floats) each; (0.0,) for a neighbour, else ()
@@ -43,14 +45,14 @@ class Program:
         self, form, effects, observables=(), attitude=True, compensated=False, dtype="float64", limits=(), ledger=(), events=(), running=(), shadow=(),
         lanes=None, ask=False,
     ):  # fmt: skip
-        if compensated and hasattr(form.integrator, "with_sums"):
+        if compensated and implements(form.integrator, "with_sums"):
             form = form._replace(
                 integrator=form.integrator.with_sums(),
                 parts=form.parts * (np.arange(len(form.parts)) > 0)[:, None],
             )
         self.form, self.effects, self.dtype = form, effects, np.dtype(dtype).name
         self.lanes = 1 if config.DISABLE_JIT else lanes or lanes_for(dtype)
-        groups = min(self.lanes, getattr(form.integrator, "groups", 1))
+        groups = min(self.lanes, group_count(form.integrator))
         self.parts = np.ascontiguousarray(form.parts, dtype=float).ravel()
         turned, kept, works = (
             (0.0,) if attitude else (),

@@ -1,8 +1,9 @@
-"""The motion of a free body, whose steps have almost everything in common."""
+"""The motion of a free body, whose equal steps have almost all computations in common."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,16 +22,19 @@ from rigidmc.dynamics.free_flow import (
 )
 from rigidmc.dynamics.so3 import add, difference, first_three, moved, rounded, scale, two_sum
 from rigidmc.integrators.drifts import Exact, Symmetric, exact_drift, pieces
-from rigidmc.integrators.forms import Form
+from rigidmc.integrators.form import Form, Turns
 from rigidmc.integrators.splitting import Splitting
 
 
 class FreeSteps(NamedTuple):
-    """The exact free motion in equal steps. Between them the start stays, and how far the body has come since: the unit momentum, and the phase in turns with its remainder.
+    """The exact free motion in equal steps.
 
-    The turn from the start, and with it the attitude, is made where somebody looks. A step is an increment of the momentum and one of the phase: a
-    third of the operations of `rigidmc.dynamics.free_flow.free_flow`. No rounding of attitude, energy or |L| adds up; what is left is that of
-    the constants, 5e-18 rad a step (256 tops, 1e6 steps of 0.03 s: 5e-12 rad).
+    The state between steps is the start and the progress since then: the unit momentum, and the
+    phase in periods with its remainder. The attitude is computed only when it is saved or checked.
+    A step adds an increment to the momentum and one to the phase: a third of the operations of
+    `rigidmc.dynamics.free_flow.free_flow`. Rounding of attitude, energy and |L| does not add up;
+    the error left is that of the constants, 5e-18 rad a step (256 tops, 1e6 steps of 0.03 s:
+    5e-12 rad).
     """
 
     drift: Exact
@@ -76,9 +80,11 @@ class FreeSteps(NamedTuple):
 class FreeMotion:
     """The closed-form motion of a free body: any step, no error but rounding. Refuses torques.
 
-    Energy and |L|^2 stay as they are to the last digit however many the steps; with two equal moments, or remainders kept, their rounding walks.
-    Long steps are cut into pieces that turn by at most 1 rad; bodies with two equal moments need no cut.
-    Source: Celledoni, Fasso, Saefstroem & Zanna, SIAM J. Sci. Comput. 30 (2008) 2084; see `rigidmc.dynamics.free_flow`.
+    Energy and |L|^2 stay constant to the last digit for any number of steps; with two equal
+    moments, or if sums keep remainders, their rounding errors make a random walk. Long steps are
+    cut into pieces that turn by at most 1 rad; bodies with two equal moments need no cut.
+    Source: Celledoni, Fasso, Saefstroem & Zanna, SIAM J. Sci. Comput. 30 (2008) 2084; see
+    `rigidmc.dynamics.free_flow`.
     """
 
     order = float("inf")
@@ -88,9 +94,12 @@ class FreeMotion:
     conserves = ("|q|", "|L|^2", "T", "L in space")
     accepts = "no torque"
 
-    def prepared(self, turns, effects):
+    def prepared(self, turns: Turns, effects: Sequence[Any]) -> Form:
+        """The Form for steps that turn by `turns`."""
         n, drift = pieces(turns, 1.0), exact_drift(turns, 1.0)
-        own = Splitting(drift) if isinstance(drift, Symmetric) else FreeSteps(drift)
-        return Form(
-            own, np.array([(1.0 / n, 0.0, 0.0, 0.0)] * (n + 1))
-        )  # the first, which opens a state, tells how long the others are
+        steps = Splitting(drift) if isinstance(drift, Symmetric) else FreeSteps(drift)
+        # row 0, which opens a state, has the length of the others
+        return Form(steps, np.array([(1.0 / n, 0.0, 0.0, 0.0)] * (n + 1)))
+
+
+INTEGRATORS = {"exact": FreeMotion()}

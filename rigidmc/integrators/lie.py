@@ -1,23 +1,28 @@
-"""Lie-group Runge-Kutta methods: the attitude moves by exponentials and stays on SO(3) by construction."""
+"""Lie-group Runge-Kutta methods: the attitude moves by exponentials, so it stays on SO(3)."""
 
 from typing import NamedTuple
 
 from rigidmc.dynamics.euler import angular_velocity, free_rate
 from rigidmc.dynamics.so3 import add, axpy, cross, exponential, gain, moved, multiply, scale, whole
-from rigidmc.effects.protocol import push
+from rigidmc.effects.sums import push
 
 
 def _rotation_rate(u, w):
-    """du/dt of the rotation vector u in q = q0 exp(u): w + u x w/2 + u x (u x w)/12, enough for order 4."""
+    """du/dt of the rotation vector u in q = q0 exp(u), truncated for order 4.
+
+    w + u x w/2 + u x (u x w)/12
+    """
     uw = cross(u, w)
     return axpy(axpy(w, 0.5, uw), 1.0 / 12.0, cross(u, uw))
 
 
 class RKMK4(NamedTuple):
-    """Runge-Kutta-Munthe-Kaas of order 4: classical Runge-Kutta on the rotation vector of the step and on L.
+    """Runge-Kutta-Munthe-Kaas of order 4: classical Runge-Kutta on rotation vector and L.
 
-    For any torque. About half the error of rk4 at the same step, at about twice its price; energy and |L|^2 drift as h^4 t.
-    Source: Munthe-Kaas, Appl. Numer. Math. 29 (1999) 115; truncated dexp^-1 as in Hairer, Lubich & Wanner 2006, IV.8.
+    For any torque. About half the error of rk4 at the same step, at about twice the cost; energy
+    and |L|^2 drift as h^4 t.
+    Source: Munthe-Kaas, Appl. Numer. Math. 29 (1999) 115; truncated dexp^-1 as in Hairer, Lubich &
+    Wanner 2006, IV.8.
     """
 
     order = 4
@@ -53,10 +58,11 @@ def _force(body, effects, t, q, l):
 
 
 class CF4(NamedTuple):
-    """Commutator-free Lie-group method of order 4: five exponentials and no commutator; L by classical Runge-Kutta.
+    """Commutator-free Lie-group method of order 4: five exponentials; L by classical Runge-Kutta.
 
-    For any torque. Like rkmk4 at a like price; energy and |L|^2 drift as h^4 t.
-    Source: Celledoni, Marthinsen & Owren, Future Gener. Comput. Syst. 19 (2003) 341, the method with stage 4 from stage 2.
+    For any torque. Error and cost are like those of rkmk4; energy and |L|^2 drift as h^4 t.
+    Source: Celledoni, Marthinsen & Owren, Future Gener. Comput. Syst. 19 (2003) 341, the method
+    with stage 4 from stage 2.
     """
 
     order = 4
@@ -98,10 +104,11 @@ def _low_storage(body, effects, t, h, a, b, u, v, turn, q, l, dl):
 
 
 class CK45(NamedTuple):
-    """Commutator-free Lie-group method of order 4 in low storage: one exponential a stage, two registers.
+    """Commutator-free Lie-group method of order 4 in low storage: one exponential a stage.
 
-    For any torque. A third of rkmk4's error at the same step; energy and |L|^2 drift as h^4 t.
-    Source: Carpenter & Kennedy, NASA TM-109112 (1994), RK4(3)5[2N]; on groups Bazavov, arXiv 2007.04225.
+    For any torque. A third of the error of rkmk4 at the same step; energy and |L|^2 drift as h^4 t.
+    Source: Carpenter & Kennedy, NASA TM-109112 (1994), RK4(3)5[2N]; on groups Bazavov, arXiv
+    2007.04225.
     """
 
     order = 4
@@ -117,30 +124,18 @@ class CK45(NamedTuple):
         b = 1432997174477.0 / 9575080441755.0
         u, v = scale(h, angular_velocity(body, now)), scale(h, _force(body, effects, t, at, now))
         turn, dl = exponential(scale(b, u)), scale(b, v)
-        u, v, turn, dl = _low_storage(
-            body,
-            effects,
-            t + b * h,
-            h,
-            -567301805773.0 / 1357537059087.0,
-            5161836677717.0 / 13612068292357.0,
-            u,
-            v,
-            turn,
-            at,
-            now,
-            dl,
-        )
-        u, v, turn, dl = _low_storage(
-            body, effects, t + 2526269341429.0 / 6820363962896.0 * h, h,
-            -2404267990393.0 / 2016746695238.0, 1720146321549.0 / 2090206949498.0, u, v, turn, at, now, dl
-        )  # fmt: skip
-        u, v, turn, dl = _low_storage(
-            body, effects, t + 2006345519317.0 / 3224310063776.0 * h, h,
-            -3550918686646.0 / 2091501179385.0, 3134564353537.0 / 4481467310338.0, u, v, turn, at, now, dl
-        )  # fmt: skip
-        u, v, turn, dl = _low_storage(
-            body, effects, t + 2802321613138.0 / 2924317926251.0 * h, h,
-            -1275806237668.0 / 842570457699.0, 2277821191437.0 / 14882151754819.0, u, v, turn, at, now, dl
-        )  # fmt: skip
+        c, a, b = b, -567301805773.0 / 1357537059087.0, 5161836677717.0 / 13612068292357.0
+        u, v, turn, dl = _low_storage(body, effects, t + c * h, h, a, b, u, v, turn, at, now, dl)
+        c = 2526269341429.0 / 6820363962896.0
+        a, b = -2404267990393.0 / 2016746695238.0, 1720146321549.0 / 2090206949498.0
+        u, v, turn, dl = _low_storage(body, effects, t + c * h, h, a, b, u, v, turn, at, now, dl)
+        c = 2006345519317.0 / 3224310063776.0
+        a, b = -3550918686646.0 / 2091501179385.0, 3134564353537.0 / 4481467310338.0
+        u, v, turn, dl = _low_storage(body, effects, t + c * h, h, a, b, u, v, turn, at, now, dl)
+        c = 2802321613138.0 / 2924317926251.0
+        a, b = -1275806237668.0 / 842570457699.0, 2277821191437.0 / 14882151754819.0
+        u, v, turn, dl = _low_storage(body, effects, t + c * h, h, a, b, u, v, turn, at, now, dl)
         return moved(q, turn), gain(l, dl)
+
+
+INTEGRATORS = {"rkmk4": RKMK4(), "cf4": CF4(), "ck45": CK45()}

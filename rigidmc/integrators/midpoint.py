@@ -1,18 +1,19 @@
 """The implicit midpoint rule."""
 
 import math
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from rigidmc.dynamics.euler import scaled, spun, turn
 from rigidmc.dynamics.so3 import gain, gain4, scale, scale4, spin, turned, whole
-from rigidmc.effects.protocol import push
-from rigidmc.integrators.forms import ONE, Form
+from rigidmc.effects.sums import push
+from rigidmc.integrators.form import ONE, Form, Turns
 
 
 def _better(half, effects, body, t, h, q, l, at, now):
-    """One fixed-point iteration of the middle (at, now) of a step from (q, L)."""
+    """One fixed-point iteration for the middle (at, now) of a step from (q, L)."""
     now = push(effects, body, t, h, at, now, spun(half, l, now))
     return turned(q, at, turn(half, now)), now
 
@@ -26,7 +27,7 @@ def _four(half, effects, body, t, h, q, l, at, now):
 
 
 def _solved(eights, half, effects, body, t, h, q, l, at, now):
-    """The middle of a step by iterations, eight for each element of a tuple."""
+    """The middle of a step by iterations, eight for each element of `eights`."""
     if len(eights) == 0:
         return at, now
     at, now = _four(half, effects, body, t, h, q, l, at, now)
@@ -35,10 +36,11 @@ def _solved(eights, half, effects, body, t, h, q, l, at, now):
 
 
 class Midpoint(NamedTuple):
-    """Implicit midpoint rule on quaternion and L: order 2, keeps all quadratic invariants, with gravity the energy too.
+    """Implicit midpoint rule on quaternion and L: order 2, conserves all quadratic invariants.
 
-    For any torque; the only one here with exact energy of a heavy top. Not symplectic in these variables, L_z is not kept. The number of
-    iterations is fixed for a run, enough to solve the stage to rounding; 8 for 0.01 rad a step, 32 for 0.5 rad, the most.
+    For any torque; the only integrator that conserves the energy of a heavy top exactly. It is not
+    symplectic in these variables and does not conserve L_z. The number of iterations is fixed for a
+    run and solves the stage to rounding: 8 for 0.01 rad a step, 32 for 0.5 rad, the largest step.
     Source: Hairer, Lubich & Wanner, Geometric Numerical Integration (2006), IV.2.1.
     """
 
@@ -50,14 +52,17 @@ class Midpoint(NamedTuple):
     conserves = ("|q|", "|L|^2", "T")
     accepts = "any torque"
     compensated = True
-    largest_spin = 0.5  # [rad] in a step: 32 iterations; 64 compile for 20 s
-    least_spin = 0.0135  # up to which 8 iterations will do
+    largest_spin = 0.5  # [rad] in a step, for 32 iterations; 64 would compile for 20 s
+    least_spin = 0.0135  # [rad] in a step, up to which 8 iterations are enough
 
-    def prepared(self, turns, effects):
-        # each iteration brings |omega| h/2 of the error, 1e-17 is wanted; 8, 16 or 32 of them, so that kernels are few
+    def prepared(self, turns: Turns, effects: Sequence[Any]) -> Form:
+        """The Form for steps that turn by `turns`."""
+        # Each iteration multiplies the error by |omega| h/2; it is to end at 1e-17. Of 8, 16 or 32
+        # iterations, so that few kernels are compiled.
         rate = max(0.55 * turns.spin, 1e-3)
         count = math.log(1e-17) / math.log(min(rate, 0.66)) / 8.0
-        return Form(Midpoint((1.0,) * 2 ** max(0, math.ceil(math.log2(count)))), np.array(ONE))
+        doublings = max(0, math.ceil(math.log2(count)))
+        return Form(Midpoint((1.0,) * 2**doublings), np.array(ONE))
 
     def step(self, body, effects, t, h, q, l):
         at, now = whole(q), whole(l)
@@ -68,3 +73,6 @@ class Midpoint(NamedTuple):
         zero = (0.0, 0.0, 0.0)
         dl = push(effects, body, t + 0.5 * h, 0.5 * h, middle, spun_up, spun(half, zero, spun_up))
         return gain4(q, scale4(2.0, spin(middle, turn(half, spun_up)))), gain(l, scale(2.0, dl))
+
+
+INTEGRATORS = {"midpoint": Midpoint()}

@@ -1,33 +1,106 @@
-"""What a kernel asks of an integrator."""
+"""What an integrator is: its facts, with their defaults, and what the engine asks of its steps."""
+
+from math import inf
+from typing import Any, Protocol
 
 from rigidmc.dynamics.methods import method
 
 
+class Integrator(Protocol):
+    """What a scene names as its integrator: facts, and how to get the program of a step.
+
+    Facts that each states:
+
+    order : of the error in the step, inf if there is none but rounding
+    evaluations : of the torque in a step
+    reversible : whether steps of -h undo steps of h
+    conserves : what is conserved of a free body, of "|q|", "|L|^2", "T" and "L in space"
+    accepts : which torques, in words
+    compensated : whether its sums can keep their remainders
+
+    Facts with a default, here:
+
+    splitting : whether it alternates free motion with kicks
+    gradient : coefficient of the force gradient, of h^2
+    largest_turn : angle by which a step may turn a body [rad]; None: by less than pi
+    least_spin, largest_spin : angles per step [rad] between which `prepared` follows the spin
+    text : docstring of one integrator, if its class makes several
+
+    The program of a step is a NamedTuple with the methods below (`step`, ...). It is the integrator
+    itself, or comes in a Form from one of these:
+
+        form(self) -> Form
+        prepared(self, turns, effects) -> Form    if it depends on the angle of a step, a `Turns`
+
+    A program whose sums keep no remainders has `with_sums(self)`, which gives one whose sums do.
+    """
+
+    order: float
+    evaluations: int
+    reversible: bool
+    conserves: tuple[str, ...]
+    accepts: str
+    compensated: bool
+    splitting: bool = False
+    gradient: float = 0.0
+    largest_turn: float | None = None
+    least_spin: float = 0.0
+    largest_spin: float = inf
+    text: str = ""
+
+
+_DEFAULTS = {
+    name: vars(Integrator)[name] for name in Integrator.__annotations__ if name in vars(Integrator)
+}
+
+
+def completed(integrator: Any) -> Integrator:
+    """An integrator whose class has the default of each fact that it leaves out."""
+    for name, value in _DEFAULTS.items():
+        if not hasattr(integrator, name):
+            setattr(type(integrator), name, value)
+    complete: Integrator = integrator
+    return complete
+
+
+@method
+def group_count(integrator):
+    """In how many groups the members of a vector make their steps, one group after the other.
+
+    A stage waits for the stage before; with 2 groups the processor works on the other meanwhile.
+    """
+    return 1
+
+
 @method
 def keeps(integrator):
-    """What an integrator keeps in the state after L, without remainders of sums: as many 0.0, seven or none."""
+    """What the state keeps behind L, apart from remainders of sums: seven times 0.0, or ()."""
     return ()
 
 
 @method
 def constants(integrator, body, part, l):
-    """What is the same in all steps of a member, l with what the integrator keeps: made once before many of them."""
+    """What is the same in all steps of a member; l ends with what `keeps` asks for."""
     return ()
 
 
 @method
 def step(integrator, body, effects, t, h, part, q, l, constants):
-    """(q, L) after one part of a step h; t is the time of the part's torque, part = (drift, kick, gradient) its times [s, s, s^2]."""
+    """(q, L) after one part of a step h.
+
+    t : time of the torque of this part [s]
+    part : (drift, kick, gradient), the times of the part [s, s, s^2]
+    """
     return q, l
 
 
 @method
 def opened(integrator, body, effects, t, part, q, l):
-    """The state (q, L) as it is kept between steps, where that is another: `part` further on."""
+    """(q, L) in the form in which it is kept between steps: for splittings `part` further on."""
     return q, l
 
 
 @method
 def closed(integrator, body, effects, t, part, q, l):
-    """(q, L) from the state kept between steps; undoes `opened`."""
+    """(q, L) from the form in which it is kept between steps; undoes `opened`."""
     return q, l

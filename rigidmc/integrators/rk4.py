@@ -23,15 +23,19 @@ from rigidmc.dynamics.so3 import (
     turned,
     whole,
 )
-from rigidmc.effects.protocol import impelled, push, worked
-from rigidmc.integrators.forms import Form
+from rigidmc.effects.ledger import worked
+from rigidmc.effects.sums import impelled, push
+from rigidmc.integrators.form import Form
 from rigidmc.integrators.rk8 import changes, combined
 
 _START = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 
 
 def compensated_step(body, effects, t, h, state, momentum):
-    """The same by the changes at the stages alone: a stage that was rounded to the digits of q tells the change to 1e-16 of q only."""
+    """A step by the changes at the stages alone.
+
+    The stages themselves are rounded to the last digit of q: their changes would err by 1e-16 of q.
+    """
     start, rates = (whole(state), whole(momentum)), scaled(body, h)
     k1 = changes(rates, effects, body, t, h, start[0], start[1])
     y = combined(start, (0.5,), (k1,))
@@ -45,10 +49,10 @@ def compensated_step(body, effects, t, h, state, momentum):
 
 
 class RK4(NamedTuple):
-    """Classical Runge-Kutta of order 4 on quaternion and body angular momentum, the quaternion normalised after each step.
+    """Classical Runge-Kutta of order 4 on quaternion and L; the quaternion is normalised.
 
-    For any torque; the cheapest step for moderate accuracy over short times. Energy and |L|^2 drift as h^4 t.
-    Steps that turn by more than 3 rad leave the sphere and end as non-finite, flagged members.
+    For any torque; the cheapest step for moderate accuracy over short times. Energy and |L|^2 drift
+    as h^4 t. Members that turn by more than 3 rad in a step become non-finite and are flagged.
     Source: Kutta 1901; Hairer, Norsett & Wanner, Solving ODEs I, table II.1.2.
     """
 
@@ -58,17 +62,21 @@ class RK4(NamedTuple):
     conserves = ()
     accepts = "any torque"
     compensated = True
-    groups = 2  # of members whose steps are made one after the other: a stage waits for the one before, and the next group's need not
-    largest_turn = 2.0  # [rad] in a step: off by 0.03 rad after a turn (median of 100 bodies; 0.17 at worst), by 0.4 and 3 at 4 rad
+    # [rad] in a step: error of 0.03 rad after a revolution (median of 100 bodies; largest 0.17); at
+    # 4 rad in a step 0.4 and 3
+    largest_turn = 2.0
+
+    def group_count(self):
+        return 2
 
     def form(self):
         """The Form of steps without remainders."""
         return Form(ScaledRK4(), np.array([(1.0, 0.0, 0.0, 0.0), (1.0, 1.0, 0.0, 0.0)]))
 
     def step(self, body, effects, t, h, q, l):
-        # Rates are scaled by h/2 once, stages x, y, z are made in fused multiply-adds, and the stages themselves are summed:
-        # 3 q(t + h) = x + 2 y + z - q + (rate at z).
-        if len(q) == 2:  # pairs with the remainders of all sums
+        # Rates are scaled by h/2 once, the stages x, y, z take fused multiply-adds, and the stages
+        # themselves are summed: 3 q(t + h) = x + 2 y + z - q + (rate at z).
+        if len(q) == 2:  # pairs (value, remainder)
             return compensated_step(body, effects, t, h, q, l)
         half = scaled(body, 0.5 * h)
         x = turned(q, q, turn(half, l))
@@ -78,7 +86,7 @@ class RK4(NamedTuple):
         wy = turn(half, ly)
         z = turned(q, y, add(wy, wy))
         lz = push(effects, body, t + 0.5 * h, h, y, ly, spun(twice(half), l, ly))
-        # l is summed by small differences: what it keeps is looked at to the last digit
+        # l is summed by small differences, so that what it conserves is right to the last digit
         dl = axpy(add(difference(lx, l), difference(lz, l)), 2.0, difference(ly, l))
         dl = push(effects, body, t + h, 0.5 * h, z, lz, spun(half, dl, lz))
         l = axpy(l, 1.0 / 3.0, dl)
@@ -86,13 +94,16 @@ class RK4(NamedTuple):
 
 
 class ScaledRK4(NamedTuple):
-    """RK4 as it is compiled: between steps of h it keeps w = h omega/4 in place of L, which no stage has to scale, and of a free body 3 q.
+    """RK4 as it is compiled: it keeps w = h omega/4 instead of L, and 3 q of a free body.
 
-    A stage is q + x (0, w) in 12 multiply-adds, and 3 q(t + h) = x + 2 y + z - q + z (0, w). 91 products and multiply-adds a step of a free body, where
-    stages by q and L take 108; the norm of a free body's q is found beside the stages, from what the step begins with: the step is linear in q.
+    A stage is q + x (0, w) in 12 multiply-adds, and 3 q(t + h) = x + 2 y + z - q + z (0, w). A
+    step of a free body takes 91 products and multiply-adds; by q and L it would take 108. The norm
+    of a free body's q is computed beside the stages, from the start of the step: the step is linear
+    in q.
     """
 
-    groups = 2
+    def group_count(self):
+        return 2
 
     def with_sums(self):
         """The integrator of steps with remainders."""
@@ -115,7 +126,7 @@ class ScaledRK4(NamedTuple):
         double = add(wy, wy)
         z = turned(q, y, double)
         wz = pushed(effects, body, t + 0.5 * h, h, 1.0, y, wy, advanced_by_two(k, l, wy, double))
-        # w is summed by small differences: what it keeps is looked at to the last digit
+        # w is summed by small differences, so that what it conserves is right to the last digit
         dw = axpy(add(difference(wx, l), difference(wz, l)), 2.0, difference(wy, l))
         dw = pushed(effects, body, t + h, h, 0.5, z, wz, advanced(k, dw, wz))
         new = turned(axpy4(add4(difference4(x, q), z), 2.0, y), z, wz)
@@ -124,7 +135,7 @@ class ScaledRK4(NamedTuple):
 
 
 def done(works, effects, body, t, h, attitudes, rates):
-    """The works of the effects after a step, of which the stages are known; of a run that books none nothing."""
+    """The works of the effects after a step with these stages; () if no works are kept."""
     if len(works) == 0:
         return ()
     one = worked_at(works, effects, body, t, h, h * (1.0 / 6.0), attitudes[0], rates[0])
@@ -134,7 +145,7 @@ def done(works, effects, body, t, h, attitudes, rates):
 
 
 def worked_at(works, effects, body, t, h, share, q, w):
-    """Works and what is done in the time `share` at the rate of a stage."""
+    """The works, increased by the power at a stage times `share` [s]."""
     l = momentum(body, h, w)
     return worked(effects, body, t, share, q, l, angular_velocity(body, l), works)
 
@@ -146,13 +157,19 @@ def momentum(body, h, w):
 
 
 def quarters(body, h):
-    """h/4 times the reciprocal moments; of a step back of no length, as one to an event may be, that of next to none, or w would tell nothing."""
+    """h/4 times the reciprocal moments.
+
+    A step back to an event may have length 0, where w would lose L: then for a tiny step.
+    """
     h = select(h == 0.0, by_precision(h, 1e-30, 1e-20), h)
     return 0.25 * h * body.i1, 0.25 * h * body.i2, 0.25 * h * body.i3
 
 
 def couplings(body):
-    """k with h/2 dw_i/dt = k_i w_j w_k of a free body: 2 (I_j - I_k)/I_i, in an order in which no product leaves the range of numbers."""
+    """k with h/2 dw_i/dt = k_i w_j w_k of a free body: 2 (I_j - I_k)/I_i.
+
+    The order of the factors prevents overflow and underflow.
+    """
     one, two, three = 1.0 / body.i1, 1.0 / body.i2, 1.0 / body.i3
     return (
         2.0 * (body.a1 * two) * (three * body.i1),
@@ -184,39 +201,36 @@ def pushed(effects, body, t, h, share, q, w, change):
     if len(effects) == 0:
         return change
     x, y, z = quarters(body, h)
-    return impelled(
-        effects,
-        body,
-        t,
-        q,
-        momentum(body, h, w),
-        (share * h * x, share * h * y, share * h * z),
-        change,
-    )
+    by = (share * h * x, share * h * y, share * h * z)
+    return impelled(effects, body, t, q, momentum(body, h, w), by, change)
 
 
 def tripled(effects, q):
-    """3 q of a free body, q of another: torques want a unit quaternion."""
+    """3 q of a free body, else q: torques need a unit quaternion."""
     if len(effects) == 0:
         return scale4(3.0, q)
     return q
 
 
 def normal(effects, q):
-    """The unit quaternion of what `tripled` gave."""
+    """The unit quaternion; undoes `tripled`."""
     if len(effects) == 0:
         return third(q)
     return q
 
 
 def renormed(effects, q, new):
-    """The state after a step from q, which has the norm 3 of a free body, else 1, to three times as long.
+    """`new`, the attitude after a step from q, with the norm that q has: 3 of a free body, else 1.
 
-    Of a free body by one Newton step: what a step does to the norm, 5e-6 of it at 0.5 rad and 9e-3 at 2 rad, stays until the next and does not add up; the
-    direction of q, which is all that counts, knows nothing of it.
+    Of a free body by one Newton step: the error of a step in the norm (5e-6 of it at 0.5 rad, 9e-3
+    at 2 rad) stays until the next step and does not add up. The direction of q does not depend on
+    the norm.
     """
     if len(effects) == 0:
         return scale4(
             0.5 - (1.0 / 54.0) * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]), new
         )
     return third(new)
+
+
+INTEGRATORS = {"rk4": RK4()}

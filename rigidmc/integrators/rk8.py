@@ -4,9 +4,10 @@ from typing import NamedTuple
 
 from rigidmc.dynamics.euler import scaled, spun, turn
 from rigidmc.dynamics.so3 import axpy, axpy4, gain, gain4, spin, whole
-from rigidmc.effects.protocol import push
+from rigidmc.effects.sums import push
 
-# Coefficients of the 12-stage method of DOP853; rows that are not written out have zeros in the columns that are missing.
+# Coefficients of the 12-stage method of DOP853, without the columns that are zero; `step` says
+# which stages a row belongs to.
 _A2 = (0.05260015195876773,)
 _A3 = (0.0197250569845379, 0.0591751709536137)
 _A4 = (0.02958758547680685, 0.08876275643042054)
@@ -76,17 +77,19 @@ def changes(rates, effects, body, t, h, q, l):
 
 
 def combined(y, a, k):
-    """(q, L) plus coefficients times rates."""
+    """(q, L) plus the changes k, each times its coefficient a."""
     if len(k) == 0:
         return y
     return combined((axpy4(y[0], a[0], k[0][0]), axpy(y[1], a[0], k[0][1])), a[1:], k[1:])
 
 
 class RK8(NamedTuple):
-    """Runge-Kutta of order 8 with 12 stages and fixed step, on quaternion and L; the quaternion normalised after each step.
+    """Runge-Kutta of order 8 with 12 stages, on quaternion and L; the quaternion is normalised.
 
-    For any torque: the cheapest from 1e-4 down wherever tops are neither fast nor followed for long. Energy and |L|^2 drift as h^8 t.
-    Source: Dormand & Prince, in Hairer, Norsett & Wanner, Solving ODEs I (1993), II.5, the method of order 8 of DOP853.
+    For any torque. The cheapest integrator for errors of 1e-4 and less, unless tops are fast or
+    integrated for long. Energy and |L|^2 drift as h^8 t.
+    Source: Dormand & Prince, in Hairer, Norsett & Wanner, Solving ODEs I (1993), II.5, the method
+    of order 8 of DOP853.
     """
 
     order = 8
@@ -95,7 +98,9 @@ class RK8(NamedTuple):
     conserves = ()
     accepts = "any torque"
     compensated = True
-    groups = 2  # see `rigidmc.integrators.rk4`
+
+    def group_count(self):
+        return 2
 
     def step(self, body, effects, t, h, q, l):
         state, momentum = q, l
@@ -128,3 +133,6 @@ class RK8(NamedTuple):
             ((0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), _B, (k1, k6, k7, k8, k9, k10, k11, k12)
         )
         return gain4(state, dq), gain(momentum, dl)
+
+
+INTEGRATORS = {"rk8": RK8()}

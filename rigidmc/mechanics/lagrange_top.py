@@ -84,9 +84,9 @@ def _orbits(moments, weight, momentum, attitude, axis):
     )
     below = weight < 0.0  # the same motion upside down: a turn by pi about the space axis x
     attitude = np.where(below, np.stack(multiply((0.0, 1.0, 0.0, 0.0), attitude)), attitude)
-    columns = np.concatenate([moments[[0, 2]], np.abs(weight)[None], momentum, attitude])
-    columns[:, bad] = np.nan
-    return evaluate(Started, len(Orbit._fields), columns).T.copy(), columns, shape, bad, below
+    starts = np.concatenate([moments[[0, 2]], np.abs(weight)[None], momentum, attitude])
+    starts[:, bad] = np.nan
+    return evaluate(Started, len(Orbit._fields), starts).T.copy(), starts, shape, bad, below
 
 
 def lagrange_top(moments, weight, momentum, attitude, t, axis=3):

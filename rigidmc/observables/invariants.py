@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from rigidmc.dynamics.euler import kinetic_energy
 from rigidmc.dynamics.so3 import dot
-from rigidmc.effects.protocol import total_energy
+from rigidmc.effects.sums import total_energy
 
 
 class Energy(NamedTuple):

@@ -7,7 +7,7 @@ import numpy as np
 from rigidmc.dynamics.euler import kinetic_energy
 from rigidmc.dynamics.so3 import dot
 from rigidmc.effects import labelled, name_of
-from rigidmc.effects.protocol import total_energy, total_energy_scale
+from rigidmc.effects.sums import total_energy, total_energy_scale
 from rigidmc.engine import layout
 from rigidmc.errors import SceneError
 from rigidmc.mechanics.free_top import Motion, free_motion, free_top

@@ -62,10 +62,10 @@ def limits(scene, carried, theta, steps, made=None, spin=0.0):
     )  # what drives a body may make it much faster than the pilot is at the start
     drift = getattr(getattr(made, "integrator", None), "drift", None)
     turns = math.pi if drift is None else SPLIT if isinstance(drift, Split) else math.inf
-    largest = getattr(kind, "largest_turn", turns)
+    largest = kind.largest_turn or turns
     if isinstance(drift, Exact):
         largest = PLANNED * max(spin, PANEL_TURN)
-    if hasattr(kind, "least_spin"):
+    if kind.least_spin:
         largest = PLANNED * max(spin, kind.least_spin)
     bounds = {
         "energy": energy if run.energy_limit is None else run.energy_limit,

@@ -7,13 +7,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rigidmc.dynamics.euler import MassProperties
+from rigidmc.dynamics.methods import implements
 from rigidmc.effects import EFFECTS, labelled
 from rigidmc.effects.bath import Bath
 from rigidmc.effects.gravity import Gravity
 from rigidmc.effects.gravity_gradient import GravityGradient
 from rigidmc.effects.parameters import filled, numbers, shape
 from rigidmc.effects.pivot import MovingPivot
-from rigidmc.effects.protocol import torque
+from rigidmc.effects.protocol import facts, torque
 from rigidmc.scene.body import broken
 from rigidmc.scene.checks import PILOT
 from rigidmc.scene.conservation import conservation
@@ -108,10 +109,7 @@ def _idle_limits(seen):
 def _anti_damping(seen):
     if not seen.scene.run.anti_damping:
         return
-    if any(
-        getattr(effect, "damps", False) or hasattr(effect, "drives")
-        for effect in seen.scene.effects
-    ):
+    if any(facts(effect).damps or implements(effect, "drives") for effect in seen.scene.effects):
         yield "[run] anti_damping = true: damping may be negative, which drives the body"
     else:
         yield "[run] anti_damping = true has no effect: the scene has no damping"
@@ -183,7 +181,7 @@ def _angles(seen):
             if worst > turn * (1.0 if most else 0.5):
                 yield f"[start] {which}.{field} = {worst:g} {rule.format(most)}".replace("  ", " ")
     for label, effect in seen.effects:
-        for field, unit in getattr(effect, "units", {}).items():
+        for field, unit in facts(effect).units.items():
             if (
                 unit == "rad"
                 and type(effect) in EFFECTS.values()

@@ -6,9 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rigidmc.dynamics.methods import names
+from rigidmc.dynamics.methods import implements, names
 from rigidmc.effects import labelled
-from rigidmc.effects.protocol import total_energy_scale
+from rigidmc.effects.protocol import facts, is_conservative
+from rigidmc.effects.sums import total_energy_scale
 from rigidmc.engine import layout
 from rigidmc.engine.layout import whole_lanes
 from rigidmc.errors import SceneError
@@ -147,7 +148,7 @@ def prepare(scene, threads=1, streaming=False, block=None):
     made, rate, spin = (None, None, 0.0) if run.integrator == "closed" else form_of(scene, dt)
     mean = steps * _mean_own_steps(scene, carried, dt) if own else steps
     # a splitting turns exactly, however fast: it only sees the torque less often
-    most = 3.0 if hasattr(INTEGRATORS[run.integrator], "drifts") else 1.0
+    most = 3.0 if INTEGRATORS[run.integrator].splitting else 1.0
     if angle > most and INTEGRATORS[run.integrator].order < math.inf:
         would = f"turn <= {most:g}" if own else f"dt <= {most * dt / angle:.2g} s"
         notes += (
@@ -200,13 +201,13 @@ def watched_notes(found, theta, own, dt):
 
 def spinning_up(scene):
     """Labels of the effects that may bring a body more energy than its start tells: torques with neither an energy nor a bound on one, that do not brake."""
-    known = ("energy", "energy_scale", "damps", "drives")
     return [
         label
         for label, e in labelled(scene.effects)
-        if hasattr(e, "torque")
-        and not any(hasattr(e, fact) for fact in known)
-        and not getattr(e, "conservative", False)
+        if implements(e, "torque")
+        and not any(implements(e, verb) for verb in ("energy", "energy_scale", "drives"))
+        and not facts(e).damps
+        and not is_conservative(e)
     ]
 
 
@@ -215,12 +216,12 @@ def form_of(scene, dt):
     asks for that, with `turn` of the members' own rate; and the turn |omega| dt for which it is then prepared)."""
     run = scene.run
     kind, rate, turns = INTEGRATORS[run.integrator], None, Turns()
-    if hasattr(kind, "prepared"):
+    if implements(kind, "prepared"):
         found, spin, symmetric = _turn_rates(scene)
         rate = found if run.turn_rate is None else run.turn_rate
         unit, key = (dt, "dt") if run.turn is None else (run.turn, "turn")
         turns = Turns(rate * unit, spin * unit, symmetric)
-        largest = getattr(kind, "largest_spin", math.inf)
+        largest = kind.largest_spin
         if turns.spin > largest:
             rule = f"a step may turn by {turns.spin:.3g} rad, more than the {largest:g} for which {run.integrator} can be solved; "
             raise SceneError(

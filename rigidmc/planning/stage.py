@@ -6,10 +6,12 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from rigidmc.dynamics.euler import MassProperties, kinetic_energy
+from rigidmc.dynamics.methods import implements
 from rigidmc.dynamics.so3 import dot
 from rigidmc.effects import labelled
 from rigidmc.effects.parameters import filled, parameter_count, shape
-from rigidmc.effects.protocol import is_random, total_energy_scale
+from rigidmc.effects.protocol import is_random
+from rigidmc.effects.sums import total_energy_scale
 from rigidmc.engine import layout
 from rigidmc.engine.forces import energies, torques
 from rigidmc.engine.frame import Noise
@@ -132,7 +134,7 @@ def facts(scene, block, moments):
     q = tuple(block[layout.ATTITUDE : layout.MOMENTUM])
     none = np.zeros(block.shape[1])
     held = tuple(
-        effect for effect in effects if hasattr(effect, "energy")
+        effect for effect in effects if implements(effect, "energy")
     )  # a bath has a scale and no potential
     return Facts(
         moments,
@@ -174,7 +176,7 @@ def ledger(scene):
     """For each effect () where its energy tells its work, else (0.0,); () where no works are saved. See `rigidmc.engine.program.Program`."""
     if "work" not in scene.run.save:
         return ()
-    return tuple(() if hasattr(effect, "energy") else (0.0,) for effect in scene.effects)
+    return tuple(() if implements(effect, "energy") else (0.0,) for effect in scene.effects)
 
 
 def block_rows(scene):

@@ -9,6 +9,7 @@ import numpy as np
 
 from rigidmc.effects import name_of
 from rigidmc.effects.parameters import filled, numbers
+from rigidmc.effects.protocol import facts
 from rigidmc.errors import SceneError
 from rigidmc.planning.stage import source, stage
 from rigidmc.scene.laws.protocol import Law
@@ -73,7 +74,7 @@ def _scaled_effects(effects, mass, length, time):
     for effect in effects:
         values = []
         for name, _, value in numbers(effect):
-            told = getattr(effect, "units", {}).get(name)
+            told = facts(effect).units.get(name)
             try:
                 values.append(_times(value, factor(told, mass, length, time)))
             except (ValueError, AttributeError):

@@ -2,10 +2,11 @@
 
 import numpy as np
 
+from rigidmc.dynamics.methods import implements
 from rigidmc.effects import labelled
-from rigidmc.effects.own import check_own
+from rigidmc.effects.own_checks import check_own
 from rigidmc.effects.parameters import shape
-from rigidmc.effects.protocol import is_random
+from rigidmc.effects.protocol import facts, is_random
 from rigidmc.errors import SceneError, unknown
 from rigidmc.integrators import refusal
 from rigidmc.observables import OBSERVABLES, SIZES
@@ -39,10 +40,10 @@ def check(scene):
             "work",
             "needs float64: sums in float32 keep their remainders, and sums of work cannot",
         )
-    if scene.run.integrator != "auto" and (
-        why := refusal(scene.run.integrator, scene.effects, scene.run.compensated, works)
-    ):
-        raise SceneError("run", "integrator", scene.run.integrator, why)
+    if scene.run.integrator != "auto":
+        refused = refusal(scene.run.integrator, scene.effects, scene.run.compensated, works)
+        if refused:
+            raise SceneError("run", "integrator", scene.run.integrator, refused)
     _check_watched(scene)
     _check_points(scene)
     _check_drawn(scene.coarse())
@@ -110,7 +111,7 @@ def _check_drawn(scene):
                 raise SceneError(
                     f"effects.{label}", name, float(bad[0]), outside(effect, low, high)
                 )
-        if hasattr(effect, "drives") and not scene.run.anti_damping:
+        if implements(effect, "drives") and not scene.run.anti_damping:
             columns = [
                 draw(value, scene.run.seed, f"effects.{label}.{name}", 0, PILOT)
                 for name, value in zip(effect._fields, effect, strict=True)
@@ -171,8 +172,8 @@ def check_histogram(one):
 
 
 def limits(effect, name, driven):
-    low, high = getattr(effect, "limits", {}).get(name, (-np.inf, np.inf))
-    return (0.0 if low == -np.inf and getattr(effect, "damps", False) and not driven else low), high
+    low, high = facts(effect).limits.get(name, (-np.inf, np.inf))
+    return (0.0 if low == -np.inf and facts(effect).damps and not driven else low), high
 
 
 _ALLOWED = "needs anti_damping = true under [run]"
@@ -181,7 +182,7 @@ _ALLOWED = "needs anti_damping = true under [run]"
 def outside(effect, low, high):
     more = (
         f"; below 0 it drives the body, which {_ALLOWED}"
-        if low == 0.0 and getattr(effect, "damps", False)
+        if low == 0.0 and facts(effect).damps
         else ""
     )
     return f"must lie between {low:g} and {high:g}{more}"

@@ -1,7 +1,8 @@
 """What a scene conserves by its physics, and of which effects the work is booked."""
 
+from rigidmc.dynamics.methods import implements
 from rigidmc.effects import labelled
-from rigidmc.effects.protocol import is_random
+from rigidmc.effects.protocol import facts, is_conservative, is_random
 
 
 def conservation(scene):
@@ -12,14 +13,10 @@ def conservation(scene):
         if noisy
         else ""
     )
-    lossy = [
-        label
-        for label, e in labelled(scene.effects)
-        if not getattr(e, "conservative", hasattr(e, "energy"))
-    ]
+    lossy = [label for label, e in labelled(scene.effects) if not is_conservative(e)]
     kept = "yes" if not lossy else f"no: {_change(lossy, 'the energy')}"
-    torques = [label for label, e in labelled(scene.effects) if not getattr(e, "keeps_l2", False)]
-    turning = [label for label, e in labelled(scene.effects) if not getattr(e, "keeps_lz", False)]
+    torques = [label for label, e in labelled(scene.effects) if not facts(e).keeps_l2]
+    turning = [label for label, e in labelled(scene.effects) if not facts(e).keeps_lz]
     changed = {"l2": (torques, "the angular momentum"), "lz": (turning, "L_z")}
     return {
         "energy": kept,
@@ -38,7 +35,7 @@ def booked_labels(scene):
 
 def booked(scene):
     """The labels of the effects whose work is no part of `energy`."""
-    return [label for label, e in labelled(scene.effects) if not hasattr(e, "energy")]
+    return [label for label, e in labelled(scene.effects) if not implements(e, "energy")]
 
 
 def _change(who, what):

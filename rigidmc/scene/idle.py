@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from rigidmc.dynamics.methods import implements
 from rigidmc.integrators import INTEGRATORS
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ def _without_effect(run: Run) -> Iterator[tuple[str, str]]:
     if not auto:
         rule = f'integrator = "{run.integrator}" keeps no tolerance: leave it out, or take "auto"'
         yield "tolerance", rule
-        if not hasattr(INTEGRATORS.get(run.integrator), "prepared"):
+        if not implements(INTEGRATORS.get(run.integrator), "prepared"):
             yield "turn_rate", f'integrator = "{run.integrator}" does not use it'
     if auto:
         yield from ((key, 'integrator = "auto" chooses it') for key in ("dt", "turn", "dtype"))

@@ -9,6 +9,7 @@ import numpy as np
 
 from rigidmc.effects import EFFECTS, canonical, name_of
 from rigidmc.effects.parameters import numbers, shape
+from rigidmc.effects.protocol import is_effect
 from rigidmc.errors import SceneError, unknown
 from rigidmc.integrators import INTEGRATORS
 from rigidmc.observables import KNOWN, SUMMARIES, recorded, saved, summary_of, watched
@@ -205,12 +206,7 @@ def _mapped(value, change):
 
 def _effect(effect: Any, driven: bool) -> Any:
     """An effect with its parameters checked."""
-    fields = getattr(effect, "_fields", None)
-    if (
-        fields is None
-        or isinstance(effect, type)
-        or not any(hasattr(effect, verb) for verb in ("torque", "kick", "shake"))
-    ):
+    if not is_effect(effect):
         raise SceneError(
             "effects",
             "effect",
@@ -218,7 +214,7 @@ def _effect(effect: Any, driven: bool) -> Any:
             f"expected an effect with its parameters, one of {', '.join(k.__name__ for k in EFFECTS.values())}",
         )
     table, made = f"effects.{name_of(effect)}", []
-    for name, value in zip(fields, effect, strict=True):
+    for name, value in zip(effect._fields, effect, strict=True):
         size, (low, high) = shape(effect, name), limits(effect, name, driven)
         made.append(
             quantity(value, table, name) if size is None else vector(value, table, name, size)

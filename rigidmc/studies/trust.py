@@ -10,6 +10,7 @@ import xarray as xr
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.dynamics.methods import names
 from rigidmc.dynamics.so3 import multiply
+from rigidmc.effects.protocol import facts
 from rigidmc.engine import layout
 from rigidmc.errors import SceneError
 from rigidmc.integrators import INTEGRATORS, accepting
@@ -137,7 +138,7 @@ def _alike(found, name, steps, follow_):
         yield "other units", states._replace(l=states.l * (time / (mass * length**2)))
     except SceneError:
         pass
-    if all(getattr(effect, "isotropic", False) for effect in effects):
+    if all(facts(effect).isotropic for effect in effects):
         body, _ = physics(effects, block)
         moments, static = (
             1.0 / np.array([body.i1, body.i2, body.i3]),

@@ -3,6 +3,8 @@
 import numpy as np
 import xarray as xr
 
+from rigidmc.dynamics.methods import implements
+
 PICTURES = (
     "summary",
     "momentum_sphere",
@@ -115,7 +117,7 @@ class Rigid:
         l = self.momentum()
         kinetic = 0.5 * (l**2 / ds.moments).sum("axis")
         scene = self.scene()
-        held = [e for e in scene.effects if hasattr(e, "energy")]
+        held = [e for e in scene.effects if implements(e, "energy")]
         if not held:
             return kinetic.rename("energy").assign_attrs(units="J", long_name="energy")
         if "attitude" not in ds:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from rigidmc.dynamics.methods import implements
 from rigidmc.effects.parameters import numbers
 from rigidmc.effects.protocol import is_random
 from rigidmc.engine.forces import energies
@@ -26,7 +27,7 @@ def gibbs(ds, allow_code=False):
     baths = [e for e in scene.effects if is_random(e)]
     if len(baths) != 1:
         raise ValueError("gibbs needs a scene with a bath, and with one")
-    heat, held = baths[0].kT, [e for e in scene.effects if hasattr(e, "energy")]
+    heat, held = baths[0].kT, [e for e in scene.effects if implements(e, "energy")]
     if not is_shared(
         *scene.body.quantities(), heat, *(value for e in held for _, _, value in numbers(e))
     ):

@@ -1,6 +1,6 @@
 """The laws of all effects once more, in space and with NumPy: torques that owe nothing to the package.
 
-REFERENCE[name](effect, t, A, omega in space, Known(moments, static moment)) is a torque in space; a new effect needs one.
+REFERENCE[name](effect, t, A, omega in space, Known(moments, static moment)) is a torque in space.
 """
 
 import math

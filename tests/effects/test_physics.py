@@ -65,7 +65,7 @@ def in_space(name, q, l, end):
     return y[:9].reshape(3, 3), y[:9].reshape(3, 3).T @ y[9:12], y[12]
 
 
-@pytest.mark.parametrize("name", EXAMPLES)
+@pytest.mark.parametrize("name", REFERENCE)
 def test_motion_against_the_law_in_space(name):
     q, l = unit((0.5, -0.3, 0.7, 0.2)), (0.4, -0.3, 0.5)
     at, momentum = moved((EXAMPLES[name],), q, (*l, 0.0), 0.02, 100)

@@ -5,7 +5,7 @@ import numpy as np
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.effects import Gravity, ViscousDamping, canonical
 from rigidmc.effects.parameters import filled, numbers
-from rigidmc.effects.protocol import total_energy, total_torque
+from rigidmc.effects.sums import total_energy, total_torque
 from rigidmc.engine import forces
 from tests.effects.test_effects import EXAMPLES, MOMENTS, STATIC
 

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from rigidmc.dynamics.euler import angular_velocity
 from rigidmc.dynamics.so3 import cross, scale, up, whole
-from rigidmc.effects.protocol import total_torque
+from rigidmc.effects.sums import total_torque
 from rigidmc.integrators import INTEGRATORS, accepting, description, rk8
 from rigidmc.studies.problems import PROBLEMS
 from tests.kernels import one_step, prepare, turn

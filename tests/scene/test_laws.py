@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 import rigidmc as rm
-from rigidmc.effects.protocol import total_energy
+from rigidmc.effects.sums import total_energy
 from rigidmc.errors import SceneError
 from rigidmc.planning.stage import physics, stage
 from rigidmc.scene.quantities import Grid

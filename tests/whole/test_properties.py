@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from rigidmc.dynamics.euler import MassProperties, kinetic_energy
 from rigidmc.dynamics.so3 import dot, multiply, up
 from rigidmc.effects import Gravity, ViscousDamping
-from rigidmc.effects.protocol import total_energy, total_energy_scale
+from rigidmc.effects.sums import total_energy, total_energy_scale
 from rigidmc.engine import layout as K
 from rigidmc.integrators import INTEGRATORS, Turns, accepting, form
 from rigidmc.planning.limits import Limits

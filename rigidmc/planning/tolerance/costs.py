@@ -13,6 +13,7 @@ from rigidmc.engine import layout
 from rigidmc.engine.frame import Run
 from rigidmc.engine.operations import step_operations, torque_operations
 from rigidmc.engine.program import NOWHERE
+from rigidmc.integrators.splitting import Langevin
 from rigidmc.observables import Flips, Passage
 from rigidmc.planning.job import program_of
 from rigidmc.planning.plan import prepare
@@ -53,7 +54,7 @@ def some_of(scene, plan, kept):
     """The scene with those of its effects whose index is in `kept`, and its Plan: the form of the step stays."""
     effects = tuple(scene.effects[i] for i in kept)
     made = plan.form.integrator
-    if hasattr(made, "pushes"):  # marks of each effect
+    if isinstance(made, Langevin):  # marks of each effect
         made = made._replace(
             pushes=tuple(made.pushes[i] for i in kept), flows=tuple(made.flows[i] for i in kept)
         )

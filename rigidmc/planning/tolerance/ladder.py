@@ -200,9 +200,7 @@ def candidates(scene, true, integrators=None, dtype=None):
                 raise unknown("", "integrators", name, "integrator", INTEGRATORS)
         able = [name for name in integrators if name in able]
     if not scene.effects:
-        able = [
-            name for name in able if not hasattr(INTEGRATORS[name], "drifts") or name == "rotations"
-        ]
+        able = [name for name in able if not INTEGRATORS[name].splitting or name == "rotations"]
     able.sort(
         key=lambda name: name != "closed"
     )  # what needs no compiling first: it bounds what others may cost

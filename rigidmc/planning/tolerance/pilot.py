@@ -9,7 +9,7 @@ import numpy as np
 from rigidmc.dynamics.euler import kinetic_energy
 from rigidmc.dynamics.so3 import dot, up
 from rigidmc.effects.parameters import blank
-from rigidmc.effects.protocol import total_energy_scale
+from rigidmc.effects.sums import total_energy_scale
 from rigidmc.engine import layout
 from rigidmc.engine.forces import energies
 from rigidmc.engine.frame import Run, Saves

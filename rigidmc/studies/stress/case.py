@@ -11,7 +11,7 @@ import numpy as np
 from rigidmc.dynamics.euler import kinetic_energy
 from rigidmc.dynamics.so3 import dot, up
 from rigidmc.effects import Gravity, ViscousDamping
-from rigidmc.effects.protocol import total_energy_scale
+from rigidmc.effects.sums import total_energy_scale
 from rigidmc.engine.forces import energies
 from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.integrators import INTEGRATORS, accepting

@@ -397,7 +397,7 @@ def refusals():
     def scene(*effects):
         return Scene(body, effects, start).with_run(members=1, t_end=1.0)
 
-    damped = lambda name: INTEGRATORS[name].order > 2 and hasattr(INTEGRATORS[name], "drifts")  # noqa: E731
+    damped = lambda name: INTEGRATORS[name].order > 2 and INTEGRATORS[name].splitting  # noqa: E731
     calls = {
         "backward steps and damping": (lambda name: simulate(scene(Gravity(1.0), ViscousDamping(0.1)), integrator=name), "depends on L", damped),
         "a torque on free motion": (lambda name: simulate(scene(Gravity(1.0)), integrator=name), "takes no torque", lambda name: name == "exact"),

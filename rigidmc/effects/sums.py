@@ -1,0 +1,118 @@
+"""What all effects of a scene do together; the empty tuple of effects costs nothing.
+
+The functions recurse over the tuple, so that only the effects of a scene are compiled.
+l : (x, y, z), or with the works of the effects behind them (`rigidmc.effects.ledger`)
+"""
+
+from rigidmc.dynamics.euler import angular_velocity
+from rigidmc.dynamics.so3 import add, difference, dot, first_three, gain, joined, scale, whole
+from rigidmc.effects.ledger import worked, worked_along
+from rigidmc.effects.protocol import energy, energy_scale, impel, kick, shake, torque, torque_rate
+
+
+def total_torque(effects, body, t, q, l):
+    """Sum of the torques [N m]."""
+    if len(effects) == 0:
+        return 0.0, 0.0, 0.0
+    if len(effects) == 1:
+        return torque(effects[0], body, t, q, l)
+    return add(torque(effects[0], body, t, q, l), total_torque(effects[1:], body, t, q, l))
+
+
+def total_torque_rate(effects, body, t, q, w):
+    """Sum of the rates of change of the torques."""
+    if len(effects) == 0:
+        return 0.0, 0.0, 0.0
+    if len(effects) == 1:
+        return torque_rate(effects[0], body, t, q, w)
+    return add(
+        torque_rate(effects[0], body, t, q, w), total_torque_rate(effects[1:], body, t, q, w)
+    )
+
+
+def total_energy(effects, body, q):
+    """Sum of the potential energies [J]."""
+    if len(effects) == 0:
+        return 0.0
+    return energy(effects[0], body, q) + total_energy(effects[1:], body, q)
+
+
+def total_energy_scale(effects, body):
+    """Sum of the bounds on the potential energies [J]."""
+    if len(effects) == 0:
+        return 0.0
+    return energy_scale(effects[0], body) + total_energy_scale(effects[1:], body)
+
+
+def impelled(effects, body, t, q, l, by, onto):
+    """onto + by * (sum of the torques), component by component."""
+    if len(effects) == 0:
+        return onto
+    return impelled(effects[1:], body, t, q, l, by, impel(effects[0], body, t, q, l, by, onto))
+
+
+def push(effects, body, t, h, q, l, change):
+    """change + h * (sum of the torques at t, q, L)."""
+    if len(effects) == 0:
+        return change
+    if len(l) > 3:
+        at = first_three(l)
+        pushed = impelled(effects, body, t, q, at, (h, h, h), first_three(change))
+        return pushed + worked(effects, body, t, h, q, at, angular_velocity(body, at), change[3:])
+    return impelled(effects, body, t, q, l, (h, h, h), change)
+
+
+def kicked(effects, body, t, h, q, l):
+    """L after a kick over h by torques of attitude and time.
+
+    q, l : values, or pairs (value, remainder)
+    """
+    if len(effects) == 0:
+        return l
+    if len(l) > 3:  # the works by their exact flow too, which is linear in L
+        before = first_three(l)
+        after = impelled(effects, body, t, whole(q), before, (h, h, h), before)
+        w = angular_velocity(body, scale(0.5, add(before, after)))
+        return after + worked(effects, body, t, h, q, before, w, l[3:])
+    if len(l) == 2:
+        return gain(l, scale(h, total_torque(effects, body, t, whole(q), l[0])))
+    return impelled(effects, body, t, whole(q), l, (h, h, h), l)
+
+
+def kick_all(effects, body, t, h, q, l):
+    """L after the flows of the effects over h, one after the other, first to last."""
+    if len(effects) == 0:
+        return l
+    if len(l) > 3:
+        before = first_three(l)
+        after = kick(effects[0], body, t, h, q, before)
+        rest = kick_all(effects[1:], body, t, h, q, joined(after, l[4:]))
+        work = worked_along(effects[0], body, t, h, q, before, after, l[3])
+        return first_three(rest) + (work,) + rest[3:]
+    return kick_all(effects[1:], body, t, h, q, kick(effects[0], body, t, h, q, l))
+
+
+def kick_all_back(effects, body, t, h, q, l):
+    """The mirror image of `kick_all`, last to first, which makes a composition symmetric."""
+    if len(effects) == 0:
+        return l
+    if len(l) > 3:
+        rest = kick_all_back(effects[1:], body, t, h, q, joined(first_three(l), l[4:]))
+        before = first_three(rest)
+        after = kick(effects[0], body, t, h, q, before)
+        return after + (worked_along(effects[0], body, t, h, q, before, after, l[3]),) + rest[3:]
+    return kick(effects[0], body, t, h, q, kick_all_back(effects[1:], body, t, h, q, l))
+
+
+def shake_all(effects, body, h, l):
+    """L after the friction and noise of all effects over h."""
+    if len(effects) == 0:
+        return l
+    if len(l) > 3:  # the work of one is its change of the kinetic energy
+        before = first_three(l)
+        after = shake(effects[0], body, h, before)
+        middle = scale(0.5, add(before, after))
+        done = dot(angular_velocity(body, middle), difference(after, before))
+        rest = shake_all(effects[1:], body, h, joined(after, l[4:]))
+        return first_three(rest) + (l[3] + done,) + rest[3:]
+    return shake_all(effects[1:], body, h, shake(effects[0], body, h, l))
