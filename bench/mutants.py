@@ -24,15 +24,24 @@ FOLDERS = ("dynamics", "effects", "integrators", "observables")
 ENGINE = (
     "member.py",
     "march.py",
-    "watch.py",
+    "running.py",
+    "neighbour.py",
     "events.py",
     "cpu.py",
     "noise.py",
 )  # runs uncompiled too
-COMPILED = ("numbers.py", "memory.py", "compose.py", "functions.py", "fused.py")
+COMPILED = (
+    "numbers.py",
+    "intrinsics.py",
+    "kinds.py",
+    "memory.py",
+    "compose.py",
+    "functions.py",
+    "fused.py",
+)
 NO_PHYSICS = {  # what is compiled, and for whom: facts, tables and words
     "prepared", "sequence", "conserves", "accepts", "evaluations", "description", "refusal", "accepting", "form", "method", "names",
-    "exact_drift", "pieces", "canonical", "name_of", "rows_of", "arguments", "depends_on_momentum", "reason", "__init__",
+    "exact_drift", "pieces", "canonical", "name_of", "rows_of", "row_count", "arguments", "depends_on_momentum", "reason", "__init__",
 }  # fmt: skip
 TESTS = (
     "tests/dynamics",

@@ -9,10 +9,11 @@ from numba.core import types
 
 from rigidmc.dynamics.methods import method
 from rigidmc.engine.compile_time import announced
-from rigidmc.engine.compose import compile_method, filled, given, inline
+from rigidmc.engine.compose import compile_method, inline
+from rigidmc.engine.intrinsics import coded
+from rigidmc.engine.kinds import filled, parts_of
 from rigidmc.engine.machine import threads_available
 from rigidmc.engine.memory import put
-from rigidmc.engine.numbers import coded
 from rigidmc.engine.pieces import is_ready, piece, run
 from rigidmc.engine.threads import threads_of
 
@@ -49,7 +50,7 @@ def fill(
 
     room : rows for the fields and the values;  known : the same as plain numbers;  fields, more, values_of : rows of table, columns and out
     """
-    (formula,) = given(kinds, numbers)
+    (formula,) = parts_of(kinds, numbers)
     width = side(room)
     for low in range(begin, end, width):
         for k in range(width):

@@ -12,7 +12,8 @@ from numba.extending import overload
 from rigidmc.dynamics import functions
 from rigidmc.dynamics.so3 import arctan2, expm1
 from rigidmc.engine.compose import inline, inline_all
-from rigidmc.engine.numbers import Vec, like, plain
+from rigidmc.engine.intrinsics import like, plain
+from rigidmc.engine.numbers import Vec
 from rigidmc.engine.pipeline import INLINE
 
 _ONE: dict[Any, Any] = {

@@ -13,7 +13,8 @@ from numba.core.datamodel.models import OpaqueModel
 from numba.core.imputils import lower_builtin
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 
-from rigidmc.engine.numbers import ELEMENT, Vec, coded, llvm_type
+from rigidmc.engine.intrinsics import coded
+from rigidmc.engine.numbers import ELEMENT, Vec, llvm_type
 from rigidmc.engine.pipeline import LINE
 
 _WORD = ir.IntType(64)

@@ -6,12 +6,13 @@ Source: Salmon, Moraes, Dror & Shaw, SC11 (2011); Box & Muller, Ann. Math. Stat.
 """
 
 import math
+import sys
 
 import numpy as np
 
 from rigidmc.dynamics.functions import as_float, as_word, logarithm
 from rigidmc.dynamics.so3 import select, sincos_small
-from rigidmc.engine.compose import inline
+from rigidmc.engine.compose import inline_all
 
 _M0, _M1 = np.uint64(0xD2E7470EE14C6C93), np.uint64(0xCA5A826395121157)
 _W0, _W1 = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBB67AE8584CAA73B)
@@ -81,5 +82,4 @@ def normals(words):
     return a * x, a * y, b * direction(words[3])[0]
 
 
-for _function in (product, rounds, philox, uniform, signed, direction, normals):
-    inline(_function)
+inline_all(sys.modules[__name__])

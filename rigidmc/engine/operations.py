@@ -18,8 +18,9 @@ from rigidmc.effects.protocol import (
     torque_rate,
     total_torque,
 )
-from rigidmc.engine.compose import NumbaError, filled, given
+from rigidmc.engine.compose import NumbaError
 from rigidmc.engine.formulas import WIDTH
+from rigidmc.engine.kinds import filled, parts_of
 from rigidmc.engine.memory import four_at, put, three_at
 from rigidmc.engine.pieces import dispatcher_of, signature_of
 from rigidmc.engine.pipeline import FLAGS
@@ -130,7 +131,7 @@ def _torque(effect, body, t, q, l):
 
 
 def _felt(kinds, numbers, at):
-    (one,) = given(kinds, numbers)
+    (one,) = parts_of(kinds, numbers)
     one = filled(one, at, 30)
     body, q, l, t, h = filled(_BODY, at, 8), four_at(at, 0), three_at(at, 4), at[7], at[29]
     put(

@@ -13,12 +13,13 @@ from llvmlite import ir
 from numba import njit, typeof
 from numba.core import types
 
+import rigidmc.engine.compose
 import rigidmc.engine.functions  # noqa: F401  (what effects of a user's own may call)
 from rigidmc.engine import cache
-from rigidmc.engine.compose import Kinds, numbers_of
+from rigidmc.engine.intrinsics import coded
+from rigidmc.engine.kinds import Kinds, numbers_of
 from rigidmc.engine.machine import use_widest_vectors
 from rigidmc.engine.memory import Rows
-from rigidmc.engine.numbers import coded
 from rigidmc.engine.pipeline import FLAGS
 
 config: Any = numba.config
@@ -36,6 +37,9 @@ _alive: dict[
 _addresses: dict[tuple, int] = {}  # where a piece is, found without asking Numba for types
 _compiling = threading.Lock()
 _dispatchers: dict[Any, Any] = {}
+
+
+Asked = tuple[Any, Any, str, int, Any]  # the arguments of `piece`
 
 
 class Piece(NamedTuple):
