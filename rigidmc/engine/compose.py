@@ -15,7 +15,7 @@ from typing import Any, cast
 
 from numba import njit
 from numba.core import types
-from numba.core.errors import NumbaError  # noqa: F401  (for callers of `reason`)
+from numba.core.errors import NumbaError as NumbaError  # for callers of `reason`
 from numba.core.typing.templates import AbstractTemplate
 
 import rigidmc.effects.protocol
@@ -54,7 +54,7 @@ def inline(function: Function) -> Function:
         _inlined.add(function)
         compiled: dict[tuple[Any, ...], Any] = {}  # by the types of the arguments
 
-        class Template(AbstractTemplate):  # type: ignore[misc]  # numba has no types
+        class Template(AbstractTemplate):
             key = function
 
             def generic(self, args: Any, kws: Any) -> Any:

@@ -48,10 +48,10 @@ def advance(kinds, numbers, frame):
             swap(frame, 0)
         now, idle = frame.first, False
         while now < frame.last:
-            # `begun` is the first step of the round; without own steps there is one round
-            begun = now // frame.slots * frame.slots if frame.own != 0 else 0
+            # `begun` is the first step of the round; without member steps there is one round
+            begun = now // frame.slots * frame.slots if frame.member_steps != 0 else 0
             stop = ending(frame, now, begun)
-            if frame.own != 0 and now == begun:
+            if frame.member_steps != 0 and now == begun:
                 work = memory(frame.work, 1.0)
                 for k in range(frame.lanes):
                     work[BEGAN * frame.lanes + k] = begun // frame.slots * frame.h
@@ -60,8 +60,9 @@ def advance(kinds, numbers, frame):
             now, slot = stop, stop - begun
             saved = now == frame.total or now % frame.stride == 0
             # no look where only a call ends: no result depends on calls
-            if saved or (slot % LOOK == 0 and (frame.own == 0 or slot < frame.slots)):
-                idle = look(frame, begun // frame.slots * 1.0 if frame.own != 0 else 0.0, slot)
+            if saved or (slot % LOOK == 0 and (frame.member_steps == 0 or slot < frame.slots)):
+                rounds = begun // frame.slots * 1.0 if frame.member_steps != 0 else 0.0
+                idle = look(frame, rounds, slot)
             if saved:
                 save(frame, low, now)
         leave(frame, low)
@@ -70,13 +71,14 @@ def advance(kinds, numbers, frame):
 
 def enter(frame, low):
     """Bring the rows of the members from `low` on side by side."""
-    lanes, own, work = frame.lanes, frame.own, memory(frame.work, 1.0)
+    lanes, member_steps, work = frame.lanes, frame.member_steps, memory(frame.work, 1.0)
     order = memory(frame.order, frame.lanes)
-    time = frame.first // frame.slots * frame.h if own != 0 else 0.0
+    time = frame.first // frame.slots * frame.h if member_steps != 0 else 0.0
     state, block = memory(frame.state, frame.real), memory(frame.block, 1.0)
-    call(frame.enter, (block, frame.rows, frame.width, low, own, frame.h, time, state, work))
+    rows, width, h = frame.rows, frame.width, frame.h
+    call(frame.enter, (block, rows, width, low, member_steps, h, time, state, work))
     for k in range(lanes if frame.noisy != 0 else 0):
-        place = order[low + k] if own != 0 else low + k
+        place = order[low + k] if member_steps != 0 else low + k
         work[INDEX * lanes + k] = as_float(np.uint64(frame.member + place + 1))
 
 
@@ -97,7 +99,7 @@ def ending(frame, now, begun):
     """The next step at which members are looked at, saved, or left."""
     looked = begun + ((now - begun) // LOOK + 1) * LOOK
     stop = min(min(frame.last, looked), (now // frame.stride + 1) * frame.stride)
-    return min(stop, begun + frame.slots) if frame.own != 0 else stop
+    return min(stop, begun + frame.slots) if frame.member_steps != 0 else stop
 
 
 def look(frame, rounds, slot):
@@ -133,7 +135,7 @@ def steps(frame, begun, first, last):
     parts, work = memory(frame.parts, 1.0), memory(frame.work, 1.0)
     state, near = memory(frame.state, frame.real), memory(frame.near, frame.real)
     now, trace = first, memory(frame.trace, frame.real)
-    if frame.own != 0:
+    if frame.member_steps != 0:
         last = most_steps(frame, last)
     while now < last:
         stop = last
@@ -141,12 +143,12 @@ def steps(frame, begun, first, last):
             stop = min(last, (begun + now) // OFTEN * OFTEN + OFTEN - begun)
         if frame.looks != 0:
             stop = min(stop, (now // TRACE + 1) * TRACE)
-        if frame.own != 0:
+        if frame.member_steps != 0:
             stop = first_end(frame, now, stop)
-        rounds = begun // frame.slots if frame.own != 0 else 0
+        rounds = begun // frame.slots if frame.member_steps != 0 else 0
         for other in range(1 + frame.shadow):
             moving = near if other != 0 else state
-            idle = frame.own != 0 and put_aside(frame, moving, now, 1)
+            idle = frame.member_steps != 0 and put_aside(frame, moving, now, 1)
             march(frame, moving, work, frame.looks if other == 0 else 0, rounds, now, stop)
             if idle:
                 put_aside(frame, moving, now, 0)
@@ -191,18 +193,18 @@ def put_aside(frame, state, now, out):
 
     True if there are any.  out : 0 to bring them back
     """
-    lanes, found, place = frame.lanes, False, 7 * TRACE * frame.lanes
+    lanes, any_done, place = frame.lanes, False, 7 * TRACE * frame.lanes
     trace, work = memory(frame.trace, frame.real), memory(frame.work, 1.0)
     for k in range(lanes):
         if work[EACH * lanes + k] <= float(now):
-            found = True
+            any_done = True
             for i in range(START + frame.works):
                 at = (i if i < START else frame.works_at + i - START) * lanes + k
                 if out != 0:
                     trace[place + i * lanes + k] = state[at]
                 else:
                     state[at] = trace[place + i * lanes + k]
-    return found
+    return any_done
 
 
 def save(frame, low, now):
@@ -216,10 +218,10 @@ def save(frame, low, now):
         last = (frame.total + frame.stride - 1) // frame.stride
         slot = last if now == frame.total else now // frame.stride
         base = slot * frame.values * frame.columns + frame.column
-        t, own = now // frame.slots * frame.h, frame.own != 0
-        to, at, pitch = (saved, 0, lanes) if own else (out, base + low, frame.columns)
-        call(frame.record, (work, to, at, pitch, t, 0 if own else frame.past))
-        for i in range(frame.values if own else 0):
+        t, aside = now // frame.slots * frame.h, frame.member_steps != 0
+        to, at, pitch = (saved, 0, lanes) if aside else (out, base + low, frame.columns)
+        call(frame.record, (work, to, at, pitch, t, 0 if aside else frame.past))
+        for i in range(frame.values if aside else 0):
             for k in range(lanes):
                 out[base + i * frame.columns + order[low + k]] = saved[i * lanes + k]
 

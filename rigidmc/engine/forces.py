@@ -65,4 +65,4 @@ def evaluated(effects: Any, body: Any, q: Vector, l: Vector) -> NDArray[np.float
     except NumbaError:  # a user's code that takes one member at a time
         refuse_misdeeds(effects)
         values = evaluate(formula, 4, rows, threads=1, side=1)
-    return values.reshape(4, *columns[0].shape)
+    return np.reshape(values, (4, *columns[0].shape))

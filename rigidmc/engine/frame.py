@@ -62,23 +62,23 @@ class Shape(NamedTuple):
 class Run(NamedTuple):
     """From step `first` to step `last`, of `total`, and when to save.
 
-    h : the step [s], with own steps the length of a round [s]
+    h : the step [s], with member steps the length of a round [s]
     slots : steps of a round; members with steps of their own make some number of them each
     stride : steps between saves; step `total` is always saved
-    own : 1 if members have steps of their own, else 0
+    member_steps : 1 if members have steps of their own, else 0
     """
 
     h: float
     slots: int
     stride: int
     total: int
-    own: int
+    member_steps: int
     first: int
     last: int
 
 
 class Noise(NamedTuple):
-    """Whose noise: two words of the seed, the stream of each random effect, and the first member."""
+    """Whose noise: two words of the seed, the stream of each random effect, the first member."""
 
     key: Any
     other: Any

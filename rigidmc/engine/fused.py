@@ -1,10 +1,10 @@
 """Which product is fused with a sum: settled here, so that no bit depends on a compiler's choice.
 
 A compiler that may fuse a*b + c*d chooses the product by what stands around it: by other saves,
-another width, another machine. Here one rule holds for all: in a sum or difference, the left operand
-becomes part of a fused multiply-add (`llvm.fma`) if it is a product made in the same function, else
-the right operand if it is one. Nothing else is fused. Everything else in a step is +, -, *, / and
-square roots, which IEEE 754 fixes.
+another width, another machine. Here one rule holds for all: in a sum or difference, the left
+operand becomes part of a fused multiply-add (`llvm.fma`) if it is a product made in the same
+function, else the right operand if it is one. Nothing else is fused. Everything else in a step is
++, -, *, / and square roots, which IEEE 754 fixes.
 """
 
 from typing import Any
@@ -25,7 +25,7 @@ def fuse(function: ir.Function) -> None:
 def _fused(module: Any, block: Any, instruction: Any) -> list[Any]:
     """The instructions that replace one.
 
-    A sum with a product is replaced by the fused multiply-add and what it needs, all else by itself.
+    They are the fused multiply-add and what it needs for a sum with a product, else itself.
     """
     if instruction.opname not in ("fadd", "fsub"):
         return [instruction]
@@ -57,7 +57,7 @@ def _fused(module: Any, block: Any, instruction: Any) -> list[Any]:
 
 
 def _factors(value: Any) -> Any:
-    """The two factors of a product made in this function, or of one that is broadcast; else None."""
+    """The two factors of a product made in this function, broadcast or not; else None."""
     word = getattr(value, "opname", None)  # arguments and constants have none
     if word == "fmul":
         return value.operands

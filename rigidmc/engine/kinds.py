@@ -1,4 +1,4 @@
-"""Nested NamedTuples as arguments of compiled code: their types are compiled, their numbers are not.
+"""Nested NamedTuples as arguments of compiled code: their types are compiled, not their numbers.
 
 A Kinds has the types; the numbers come from flat memory (`parts_of`) or from rows (`filled`). A
 piece of code for one scene is thus called in the same way as that for any other.
@@ -10,8 +10,8 @@ from typing import Any
 
 from numba import typeof
 from numba.core import types
-from numba.core.datamodel import register_default
 from numba.core.datamodel.models import OpaqueModel
+from numba.core.datamodel.registry import register_default
 from numba.extending import typeof_impl
 
 from rigidmc.engine.intrinsics import coded
@@ -28,7 +28,7 @@ class Kinds:
         self.parts = parts
 
 
-class KindsType(types.Type):  # type: ignore[misc]  # numba has no types
+class KindsType(types.Type):
     """The type of Kinds."""
 
     def __init__(self, parts: Any) -> None:

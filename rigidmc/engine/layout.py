@@ -1,9 +1,9 @@
 """How numbers lie: the rows of a block, of a member's state, and of what is known of a member.
 
 The one file with places of numbers. A block is an array (rows, members), members a multiple of
-LANES. Some members at a time have their rows copied, side by side, to two flat workspaces: `state`,
-in the precision of the run, for steps, and `work`, in float64, for looks. To a member's program they
-are rows of one number each.
+LANES. Some members at a time have their rows copied, side by side, to two flat workspaces:
+`state`, in the precision of the run, for steps, and `work`, in float64, for looks. To a member's
+program they are rows of one number each.
 """
 
 import math
@@ -30,7 +30,8 @@ def _offsets(counts: Iterable[int]) -> tuple[int, ...]:
 # Rows of a block. After them come the parameters of the effects, their works, and what is watched:
 # see `Places`.
 (
-    ATTITUDE, MOMENTUM, REST, START, DRIFT, STATUS, GOOD_STEP, FAULT_STEP, GOOD, STEPS, BODY, EFFECTS,
+    ATTITUDE, MOMENTUM, REST, START, DRIFT, STATUS, GOOD_STEP, FAULT_STEP, GOOD, STEPS, BODY,
+    EFFECTS,
 ) = _offsets((
     4,  # attitude, a quaternion
     3,  # momentum
@@ -131,11 +132,10 @@ def body_at(rows, row):
 
 
 def state_at(state, compensated, more, row):
-    """(q, L), L followed by `more_of`; or ((q, remainder), (L, remainder)) if sums keep remainders."""
+    """(q, L), L followed by `more_of`; ((q, remainder), (L, remainder)) if sums keep remainders."""
     if len(compensated) == 0:
-        return four_at(state, ATTITUDE), joined(
-            three_at(state, MOMENTUM), tuple_at(more, state, row)
-        )
+        l = joined(three_at(state, MOMENTUM), tuple_at(more, state, row))
+        return four_at(state, ATTITUDE), l
     return (four_at(state, ATTITUDE), four_at(state, REST)), (
         three_at(state, MOMENTUM),
         three_at(state, REST + 4),
@@ -157,9 +157,9 @@ def put_state(q, l, state, compensated, row):
 
 
 def more_of(keeps, ledger):
-    """What follows L in a state without remainders, as marks: what the integrator keeps, else works.
+    """Marks of what follows L in a state without remainders, from `more_row` on.
 
-    It begins at `more_row`.
+    It is what the integrator keeps, else the works.
     """
     if len(keeps) == 0:
         return ledger

@@ -2,8 +2,8 @@
 
 Between looks it makes steps (`rigidmc.engine.march`). Written for one number and compiled for
 vectors of them (`rigidmc.engine.numbers`), so that several members live it side by side; uncompiled
-it runs on floats. The functions enter, leave, begin, look and record are pieces: each is compiled by
-itself and called by `rigidmc.engine.cpu`, so that another observable compiles `record` alone.
+it runs on floats. The functions enter, leave, begin, look and record are pieces: each is compiled
+by itself and called by `rigidmc.engine.cpu`, so that another observable compiles `record` alone.
 
 kinds, numbers : what the piece is compiled for, and its numbers, see `rigidmc.engine.kinds`
 parts : those of a Form, see `rigidmc.integrators.forms`, flat
@@ -52,10 +52,10 @@ from rigidmc.observables.protocol import value
 ALWAYS = 1e300  # steps of a round, of members without a number of their own
 
 
-def enter(kinds, numbers, block, rows, members, low, own, h, round_time, state, work):
+def enter(kinds, numbers, block, rows, members, low, member_steps, h, round_time, state, work):
     """Bring the rows of the members from `low` on side by side, from a block (rows, members).
 
-    own : whether members have steps of their own, which then divide a round of length h
+    member_steps : whether members have steps of their own, which then divide a round of length h
     round_time : when the round began
     """
     for i in range(rows):
@@ -65,9 +65,9 @@ def enter(kinds, numbers, block, rows, members, low, own, h, round_time, state, 
             state[i] = like(x, state)
         if i >= BODY:
             state[BODY_AT + i - BODY] = like(x, state)
-    each = load(work, block, STEPS * members + low) if own != 0 else like(ALWAYS, work)
+    each = load(work, block, STEPS * members + low) if member_steps != 0 else like(ALWAYS, work)
     work[EACH] = each
-    work[LENGTH] = h / each if own != 0 else like(h, work)
+    work[LENGTH] = h / each if member_steps != 0 else like(h, work)
     work[BEGAN] = like(round_time, work)
     work[STOPPED] = like(0.0, work)
     return 0
@@ -118,9 +118,9 @@ def begin(kinds, numbers, parts, state, work):
 
     endless = select(is_finite(q, l, energy, squared), 0.0, 1.0)
     at_start, omega = (scales[0], scales[1], 0.0), angular_velocity(body, l)
-    found = fault(limits, endless, start, at_start, q, l, omega, h, energy, squared)
+    flaw = fault(limits, endless, start, at_start, q, l, omega, h, energy, squared)
     status = work[KNOWN + STATUS]
-    status = select(status == 0.0, found, status)
+    status = select(status == 0.0, flaw, status)
     healthy = status == 0.0
     drift = select(healthy, 0.0, math.nan)
     put((drift, drift, status, 0.0, select(healthy, -1.0, 0.0)), work, KNOWN + DRIFT)
@@ -146,12 +146,12 @@ def look(kinds, numbers, parts, state, work, rounds, slot):
     body, present = body_at(work, KNOWN + BODY), filled(effects, work, KNOWN + EFFECTS)
     works_at = EFFECTS_AT + row_count(effects)
     good_works = KNOWN + EFFECTS + row_count(effects) + len(ledger)
-    h, made = work[LENGTH], min(work[EACH], slot)
+    h, done = work[LENGTH], min(work[EACH], slot)
     q, l = seen(state, work, compensated)
     more = more_of(keeps(integrator), ledger)
     row = more_row(keeps(integrator), works_at)
     l = joined(l, in_precision(tuple_at(more, state, row), work))
-    t = work[BEGAN] + (made + parts[3]) * h
+    t = work[BEGAN] + (done + parts[3]) * h
     q, l = closed(integrator, body, present, t, (parts[0] * h, parts[1] * h, parts[2] * h), q, l)
     works, stopped = l[3:], work[STOPPED] > 0.0
     q = carried(attitude, q, four_at(work, KNOWN + GOOD))
@@ -164,9 +164,9 @@ def look(kinds, numbers, parts, state, work, rounds, slot):
     scales = eased(three_at(work, KNOWN + START + 4), works)
     endless = select(is_finite(q, l, energy, squared), 0.0, 1.0)
     omega = angular_velocity(body, l)
-    found = fault(limits, endless, start, scales, q, l, omega, h, energy, squared)
-    steps = rounds * work[EACH] + made
-    good = judged(found, start, energy, squared, steps, q, l, work)
+    flaw = fault(limits, endless, start, scales, q, l, omega, h, energy, squared)
+    steps = rounds * work[EACH] + done
+    good = judged(flaw, start, energy, squared, steps, q, l, work)
     frozen = work[KNOWN + STATUS] > 0.0
     last_works = tuple_at(ledger, work, good_works)
     keep(frozen, last_works, works, work, good_works, state, works_at)
@@ -175,9 +175,9 @@ def look(kinds, numbers, parts, state, work, rounds, slot):
 
 
 def record(kinds, numbers, work, out, at, width, t, past):
-    """Write the values of all observables of the last good state, `width` numbers apart from out[at].
+    """Write the values of all observables of the last good state to `out`, from `at` on.
 
-    past : whether past the cache, see `rigidmc.engine.memory.spread`
+    width : from one value to the next;  past : see `rigidmc.engine.memory.spread`
     """
     observables, effects, ledger = parts_of(kinds, numbers)
     body, present = body_at(work, KNOWN + BODY), filled(effects, work, KNOWN + EFFECTS)
@@ -210,26 +210,26 @@ def fault(limits, endless, start, scales, q, l, omega, h, energy, squared):
     w = scale(h, omega)
     drift, drift2 = abs((energy - start[0]) * scales[0]), abs((squared - start[2]) * start[3])
     drift_z = abs((dot(up(q), l) - scales[1]) * scales[2])
-    found = select(drift2 > limits[1], 4.0, select(drift_z > limits[2], 4.0, 0.0))
-    found = select(drift > limits[0], 3.0, found)
-    found = select(dot(w, w) > limits[3] * limits[3], 5.0, found)
-    found = select(
-        abs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1.0) > limits[4], 6.0, found
+    status = select(drift2 > limits[1], 4.0, select(drift_z > limits[2], 4.0, 0.0))
+    status = select(drift > limits[0], 3.0, status)
+    status = select(dot(w, w) > limits[3] * limits[3], 5.0, status)
+    status = select(
+        abs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1.0) > limits[4], 6.0, status
     )
-    return select(endless == 0.0, found, 1.0)
+    return select(endless == 0.0, status, 1.0)
 
 
-def judged(found, start, energy, squared, steps, q, l, work):
-    """The last good state of a member after a look that found this fault; drifts are noted too."""
+def judged(flaw, start, energy, squared, steps, q, l, work):
+    """The last good state of a member after a look that found this flaw; drifts are noted too."""
     before = work[KNOWN + STATUS]
     well = before == 0.0
-    counted = well & (found != 1.0)  # the drift that flags a member is part of its largest drift
-    healthy, caught = well & (found == 0.0), well & (found > 0.0)
+    counted = well & (flaw != 1.0)  # the drift that flags a member is part of its largest drift
+    healthy, caught = well & (flaw == 0.0), well & (flaw > 0.0)
     drifts = abs((energy - start[0]) * start[1]), abs((squared - start[2]) * start[3])
     most = work[KNOWN + DRIFT], work[KNOWN + DRIFT + 1]
     new = max(most[0], drifts[0]), max(most[1], drifts[1])
     put(select_each(counted, new, most), work, KNOWN + DRIFT)
-    work[KNOWN + STATUS] = select(well, found, before)
+    work[KNOWN + STATUS] = select(well, flaw, before)
     work[KNOWN + GOOD_STEP] = select(healthy, steps, work[KNOWN + GOOD_STEP])
     work[KNOWN + FAULT_STEP] = select(caught, steps, work[KNOWN + FAULT_STEP])
     attitude = select_each(healthy, q, four_at(work, KNOWN + GOOD))

@@ -84,8 +84,8 @@ def meet(kinds, numbers, parts, state, work, near, row, slot, number):
 
 def opening(parts, work, slot):
     """(time of the torque, times) of the part that opens a state after `slot` steps of a round."""
-    h, made = work[LENGTH], min(work[EACH], slot)
-    return work[BEGAN] + (made + parts[3]) * h, (parts[0] * h, parts[1] * h, parts[2] * h)
+    h, done = work[LENGTH], min(work[EACH], slot)
+    return work[BEGAN] + (done + parts[3]) * h, (parts[0] * h, parts[1] * h, parts[2] * h)
 
 
 def in_double(integrator, state, work):

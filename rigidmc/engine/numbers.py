@@ -15,10 +15,10 @@ from typing import Any
 
 from llvmlite import ir
 from numba.core import types
-from numba.core.datamodel import register_default
 from numba.core.datamodel.models import PrimitiveModel
+from numba.core.datamodel.registry import register_default
 from numba.core.imputils import lower_builtin, lower_cast
-from numba.core.typeconv import Conversion
+from numba.core.typeconv.castgraph import Conversion
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 
 ELEMENT = {
@@ -31,7 +31,7 @@ _PLAIN = (types.Float, types.Integer)
 _INDEX = ir.IntType(32)
 
 
-class Vec(types.Type):  # type: ignore[misc]  # numba has no types
+class Vec(types.Type):
     """`count` numbers of one dtype side by side."""
 
     def __init__(self, dtype: Any, count: int) -> None:
@@ -48,7 +48,7 @@ class Vec(types.Type):  # type: ignore[misc]  # numba has no types
         return Conversion.safe if isinstance(other, _PLAIN) else None
 
 
-class Mask(types.Type):  # type: ignore[misc]  # numba has no types
+class Mask(types.Type):
     """`count` truth values, from comparisons of numbers of one dtype."""
 
     def __init__(self, dtype: Any, count: int) -> None:
@@ -74,7 +74,7 @@ def llvm_type(kind: "Vec | Mask") -> ir.VectorType:
 for _kind in (Vec, Mask):
 
     @register_default(_kind)
-    class _Model(PrimitiveModel):  # type: ignore[misc]  # numba has no types
+    class _Model(PrimitiveModel):
         def __init__(self, manager: Any, kind: Any) -> None:
             super().__init__(manager, kind, llvm_type(kind))
 
@@ -139,16 +139,16 @@ def _define(
     """
 
     @infer_global(operation)
-    class Template(AbstractTemplate):  # type: ignore[misc]  # numba has no types
+    class Template(AbstractTemplate):
         def generic(self, args: Any, kws: Any) -> Any:
             if len(args) != arity:
                 return None
-            found = args[0] if isinstance(args[0], kind) else None
+            operand = args[0] if isinstance(args[0], kind) else None
             if arity == 2:
-                found = _common(args, kind, plain)
-            if found is None or (only is not None and not only(found)):
+                operand = _common(args, kind, plain)
+            if operand is None or (only is not None and not only(operand)):
                 return None
-            return signature(found if result is None else result(found), *[found] * arity)
+            return signature(operand if result is None else result(operand), *[operand] * arity)
 
     @lower_builtin(operation, *[kind] * arity)
     def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:

@@ -36,14 +36,14 @@ def run_block(
             progress(size * job.rounds)
         return job
     order = EVERY if job.order is None else job.order
-    saves, own = Saves(job.out, job.width, job.column, order), int(job.order is not None)
+    saves, member_steps = Saves(job.out, job.width, job.column, order), int(job.order is not None)
     # a step in many parts takes as many times as long
     steps = max(1, CALL // (size * (len(job.program.form.parts) - 1)))
     while done < job.total:
         if stop is not None and stop.is_set():
             raise Stopped
         last = min(job.total, done + steps)
-        part = Run(job.h, job.slots, job.stride, job.total, own, done, last)
+        part = Run(job.h, job.slots, job.stride, job.total, member_steps, done, last)
         job.program.advance(block, part, job.noise, saves)
         if progress is not None:
             progress(size * (last - done) * rounds_a_step)

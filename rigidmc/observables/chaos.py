@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rigidmc.observables.protocol import neighbour
+from rigidmc.observables.protocol import Array, neighbour
 
 OFTEN = 8  # steps between two looks at the neighbour, which is then brought back to NEAR
 # Distance of the neighbour, relative to the size of the motion: the terms of second order are 1e-8,
@@ -37,7 +37,7 @@ class Megno(NamedTuple):
         "lyapunov": ("s-1", "largest Lyapunov exponent up to the end", ()),
     }
 
-    def results(self, kept, looks, h):
+    def results(self, kept: Array, looks: int, h: Array) -> dict[str, Array]:
         """The outputs from three sums over the looks: ln of growth, the same times its time, Y."""
         with np.errstate(all="ignore"):
             return {"megno": kept[2] / looks, "lyapunov": kept[0] / (looks * OFTEN * h)}
