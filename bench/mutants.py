@@ -23,14 +23,27 @@ from concurrent.futures import ThreadPoolExecutor
 HERE = os.path.dirname(os.path.abspath(__file__))
 ROOT = os.path.dirname(HERE)
 FOLDERS = ("dynamics", "effects", "integrators", "observables")
-# runs uncompiled too
-ENGINE = ("member.py", "march.py", "watch.py", "events.py", "cpu.py", "noise.py")
-COMPILED = ("numbers.py", "memory.py", "compose.py", "functions.py", "fused.py")
+ENGINE = (
+    "member.py",
+    "march.py",
+    "running.py",
+    "neighbour.py",
+    "events.py",
+    "cpu.py",
+    "noise.py",
+)  # runs uncompiled too
+COMPILED = (
+    "numbers.py",
+    "intrinsics.py",
+    "kinds.py",
+    "memory.py",
+    "compose.py",
+    "functions.py",
+    "fused.py",
+)
 NO_PHYSICS = {  # what is compiled, and for whom: facts, tables and words
-    "prepared", "sequence", "conserves", "accepts", "evaluations", "description", "refusal",
-    "accepting", "form", "method", "names",
-    "exact_drift", "pieces", "canonical", "name_of", "rows_of", "arguments", "depends_on_momentum",
-    "reason", "__init__",
+    "prepared", "sequence", "conserves", "accepts", "evaluations", "description", "refusal", "accepting", "form", "method", "names",
+    "exact_drift", "pieces", "canonical", "name_of", "rows_of", "row_count", "arguments", "depends_on_momentum", "reason", "__init__",
 }  # fmt: skip
 # uncompiled
 TESTS = (

@@ -12,9 +12,9 @@ from rigidmc.engine import layout as K
 from rigidmc.engine import program as programs
 from rigidmc.integrators import Turns, form
 from rigidmc.integrators.protocol import closed, constants, opened, step
+from rigidmc.observables.protocol import size
 
 NOTHING = np.empty(0)
-SIZES = {(): 1, ("axis",): 3, ("quat",): 4, ("effect",): 0}  # of works nothing where none are kept
 
 
 def make_block(body, effects, attitude, momentum, more=0):
@@ -77,14 +77,14 @@ def run(
     """Change the block in place, `steps` steps further on; the saves as an array (slot, value row, member).
 
     made : a Form;  cuts : steps at which the run is split into several calls
-    watch : events, running observables and neighbour; the block then has `more` rows, see `rigidmc.engine.watch.watch_rows`
+    watch : events, running observables and neighbour; the block then has `more` rows, see `rigidmc.engine.layout.watch_rows`
     slots_each : of a round of length h, of which members make the first block[STEPS]; `steps` and `stride` are then slots
     lanes : members side by side
     """
     stride = stride or max(steps, 1)
-    size = sum(SIZES[o.dims] for o in observables)
+    rows = sum(size(o.dims) for o in observables)  # of works nothing where none are kept
     width = block.shape[1] if observables else 0
-    out = np.full(slots(steps, stride) * size * width, -1.0) if observables else NOTHING
+    out = np.full(slots(steps, stride) * rows * width, -1.0) if observables else NOTHING
     saves = frame.Saves(out, width, 0, np.arange(block.shape[1]))
     moves = program(made, effects, observables, attitude, compensated, dtype, limits, watch, lanes)
     for first, last in pairwise([0, *cuts, steps]):
@@ -96,7 +96,7 @@ def run(
             noise,
             saves,
         )
-    return out.reshape(-1, size, width) if observables else None
+    return out.reshape(-1, rows, width) if observables else None
 
 
 def march(kind, problems, h, steps, effects=None, made=None, **options):

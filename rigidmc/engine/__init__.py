@@ -1,1 +1,1 @@
-"""From types to machine code, and from machine code to a million members."""
+"""From types to machine code, and from machine code to millions of members."""

@@ -1,7 +1,8 @@
-"""Pieces compiled in a second process, while this one compiles others of the same program: the first use of a program takes little more than half as long.
+"""Pieces compiled in a second process, while this one compiles others of the same program.
 
-The other process puts code into the disk cache, where this one finds it. It is told what to compile by the names of functions and NamedTuples of the
-package, and where it fails, or is slow, this process compiles everything itself.
+The first use of a program then takes little more than half as long. The other process puts code
+into the disk cache, where this one finds it. It is told what to compile by the names of functions
+and NamedTuples of the package. If it fails, or is slow, this process compiles everything itself.
 """
 
 import contextlib
@@ -10,28 +11,34 @@ import json
 import os
 import subprocess
 import sys
-from typing import Any, cast
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
 from rigidmc.engine.frame import frame_type
 from rigidmc.engine.machine import threads_available
-from rigidmc.engine.pieces import is_kept, piece
+from rigidmc.engine.pieces import Asked, is_kept, piece
 
 PATIENCE = 60.0  # [s] for what takes 1 to 3 s on two cores
 
 
-def helped(asked):
-    """Names of the pieces that another process could compile: those that the disk cache keeps, where there is another core. asked : {name: what `piece` takes}"""
-    named_python = "python" in os.path.basename(sys.executable or "").lower() and not hasattr(
-        sys, "frozen"
-    )
-    if not named_python or threads_available() < 2:
+def helped(asked: Mapping[str, Asked]) -> list[str]:
+    """Names of the pieces that another process could compile.
+
+    These are the pieces that the disk cache keeps, if there is another core and a Python to start.
+    asked : {name: what `piece` takes}
+    """
+    name = os.path.basename(sys.executable or "").lower()
+    if "python" not in name or hasattr(sys, "frozen") or threads_available() < 2:
         return []
     return [name for name, one in asked.items() if is_kept(*one)]
 
 
 @contextlib.contextmanager
-def beside(asked):
-    """Have some pieces compiled by another process within this; at its end it has compiled them, or given up. asked : list of what `piece` takes"""
+def beside(asked: Sequence[Asked]) -> Iterator[None]:
+    """Have pieces compiled by another process while the body runs.
+
+    At the end the other process has compiled them or is given up.  asked : what `piece` takes
+    """
     process = _started(asked) if asked else None
     try:
         yield
@@ -44,8 +51,8 @@ def beside(asked):
             process.wait()
 
 
-def _started(asked):
-    """The process, None where the system does not give one."""
+def _started(asked: Sequence[Asked]) -> subprocess.Popen[str] | None:
+    """The process, None if the system cannot start one."""
     written = [
         [_name(function), _written(parts), dtype, lanes, arguments]
         for function, parts, dtype, lanes, arguments in asked
@@ -53,44 +60,48 @@ def _started(asked):
     path = os.pathsep.join(p or os.getcwd() for p in sys.path)
     try:
         process = subprocess.Popen(
-            [sys.executable, "-P", "-c", f"from {__name__} import main; main()"], env={**os.environ, "PYTHONPATH": path},
-            stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True,
-            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+            [sys.executable, "-P", "-c", f"from {__name__} import main; main()"],
+            env={**os.environ, "PYTHONPATH": path}, stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True,
+            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),  # Windows alone has it
         )  # fmt: skip
     except OSError:
         return None
-    with contextlib.suppress(OSError), cast(Any, process.stdin) as told:
-        json.dump(
-            written, told, default=lambda record: None
-        )  # the record that `advance` takes follows from its precision
+    assert process.stdin is not None
+    with contextlib.suppress(OSError), process.stdin as pipe:
+        # the record that `advance` takes follows from its precision: None stands for it
+        json.dump(written, pipe, default=lambda record: None)
     return process
 
 
-def main():
+def main() -> None:
     """Compile what is written on the standard input."""
     for function, parts, dtype, lanes, arguments in json.load(sys.stdin):
         piece(_named(function), _read(parts), dtype, lanes, arguments or frame_type(dtype))
 
 
-def _name(thing):
+def _name(thing: Callable[..., Any]) -> str:
+    """The name of a function or class, as `_named` reads it."""
     return f"{thing.__module__}:{thing.__qualname__}"
 
 
-def _named(name):
+def _named(name: str) -> Any:
+    """The function or class of a name; ImportError if it is not of this package."""
     module, _, word = name.partition(":")
     if not module.startswith("rigidmc."):
         raise ImportError(f"{name} is not of this package")
     return getattr(importlib.import_module(module), word)
 
 
-def _written(part):
-    """Nested NamedTuples, tuples and numbers as JSON can have them."""
+def _written(part: Any) -> Any:
+    """Nested NamedTuples, tuples and numbers as JSON takes them."""
     if not isinstance(part, tuple):
         return part
     return [_name(type(part)) if hasattr(part, "_fields") else "", *map(_written, part)]
 
 
-def _read(part):
+def _read(part: Any) -> Any:
+    """What `_written` wrote."""
     if not isinstance(part, list):
         return part
     kind, *parts = part

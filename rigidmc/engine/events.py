@@ -1,48 +1,57 @@
-"""Events: whether one happened in a step, and when to the order of the integrator.
+"""Events: whether one happened in a step, and when, to the order of the integrator.
 
-An event is EVENT rows of a state. Of one that happened in a step the state at the step's end is kept, and at the end of the run (`find`) steps
-are made back from there, of the length at which its level is 0: as exact as the integrator.
+An event is EVENT rows of a state. When it happens, the state at the end of that step is noted. At
+the end of the run (`find` of `rigidmc.engine.cpu`) single steps are made back from there, by regula
+falsi for the length at which the level is 0: the time is as exact as the integrator.
 """
 
-from typing import Any, NamedTuple
+import sys
+
+import numpy as np
 
 from rigidmc.dynamics.so3 import opposite, select, select_each
-from rigidmc.engine.compose import filled, inline
+from rigidmc.engine.compose import inline_all
+from rigidmc.engine.intrinsics import in_precision, like
+from rigidmc.engine.kinds import filled, parts_of
+from rigidmc.engine.layout import (
+    BEGAN,
+    BODY_AT,
+    COUNT,
+    EFFECTS_AT,
+    EVENT,
+    FIRST_TAU,
+    LENGTH,
+    LEVEL,
+    RECORD,
+    RECORDS,
+    SQUARES,
+    TAU,
+    TIMES,
+    TRUE,
+    body_at,
+    momentum_at,
+    put_opened,
+)  # fmt: skip
 from rigidmc.engine.memory import four_at, put, three_at
-from rigidmc.observables.protocol import armed, level, past
+from rigidmc.integrators.protocol import closed, opened
+from rigidmc.observables.protocol import Record, armed, level, past, stops
 
-# Rows of an event: its level after the last step, 0 where it cannot happen next; how often it happened; when by linear interpolation, last and first;
-# the squares of the times between; when exactly, first and last; and of first and last the time of the step's end, the levels before and there, and the state.
-LEVEL, COUNT, TAU, FIRST_TAU, SQUARES, TIMES, RECORDS, RECORD, EVENT = 0, 1, 2, 3, 4, 5, 7, 10, 27
-TRIES = 8  # steps back: by regula falsi after Illinois, of order 3 in three steps; what is left after five is 1e-15 of a step
-
-
-class Record(NamedTuple):
-    """What is known of an event of each member: how often; times of first and last [s]; sums of `rigidmc.observables`; end of the step of the first."""
-
-    count: Any
-    first: Any
-    last: Any
-    tau: Any
-    first_tau: Any
-    squares: Any
-    seen: Any
+# Steps back: regula falsi after Illinois has order 3 in three steps, and after five steps the error
+# is 1e-15 of a step.
+TRIES = 8
 
 
 def record_of(rows, healthy):
-    """The Record of an event from its rows of a block; nan where members are not healthy."""
-    import numpy as np
-
+    """The Record of an event from its rows of a block; nan for members that are not healthy."""
     count = np.where(healthy, rows[COUNT], np.nan)
     never = ~(count > 0.0)
-    first, last, seen = (
-        np.where(never, np.nan, x) for x in (rows[TIMES], rows[TIMES + 1], rows[RECORDS])
-    )
+    times = rows[TIMES], rows[TIMES + 1], rows[RECORDS]
+    first, last, seen = (np.where(never, np.nan, x) for x in times)
     return Record(count, first, last, rows[TAU], rows[FIRST_TAU], rows[SQUARES], seen)
 
 
 def begin_events(events, body, effects, t, q, l, state, row):
-    """The rows of events at the start; what an event leads to may be so already."""
+    """Set the rows of events at the start, where an event may count as happened."""
     if len(events) == 0:
         return 0
     now = level(events[0], body, effects, t, q, l)
@@ -60,21 +69,20 @@ def levels_at(events, state, row):
     return (state[row + LEVEL],) + levels_at(events[1:], state, row + EVENT)
 
 
-def levels_of(events, body, effects, t, q, l):
-    """The levels of events in a state."""
-    if len(events) == 0:
-        return ()
-    return (level(events[0], body, effects, t, q, l),) + levels_of(
-        events[1:], body, effects, t, q, l
-    )
-
-
 def put_levels(levels, state, row):
     """Write what `levels_at` reads."""
     if len(levels) == 0:
         return 0
     state[row + LEVEL] = levels[0]
     return put_levels(levels[1:], state, row + EVENT)
+
+
+def levels_of(events, body, effects, t, q, l):
+    """The levels of events in a state."""
+    if len(events) == 0:
+        return ()
+    first = level(events[0], body, effects, t, q, l)
+    return (first,) + levels_of(events[1:], body, effects, t, q, l)
 
 
 def happened(before, now):
@@ -90,30 +98,32 @@ def any_happened(before, now):
 
 
 def armed_again(events, moves, body, q, l, before, now):
-    """The levels from which events may happen in the next step, 0 where they cannot; those of a member that made no step stay."""
+    """The levels from which events may happen in the next step, 0 if they cannot.
+
+    For members that made no step they are those before.
+    """
     if len(events) == 0:
         return ()
     still = (before[0] != 0.0) & opposite(happened(before[0], now[0]))
-    first = select(
-        moves, select(armed(events[0], body, q, l, now[0], still), now[0], 0.0), before[0]
-    )
-    return (first,) + armed_again(events[1:], moves, body, q, l, before[1:], now[1:])
+    new = select(armed(events[0], body, q, l, now[0], still), now[0], 0.0)
+    rest = armed_again(events[1:], moves, body, q, l, before[1:], now[1:])
+    return (select(moves, new, before[0]),) + rest
 
 
 def stopped(events, state, row):
-    """1 where an event has stopped the member, else 0."""
+    """1 if an event has stopped the member, else 0."""
     if len(events) == 0:
         return 0.0
-    if len(events[0].stop) == 0:
+    if len(stops(events[0])) == 0:
         return stopped(events[1:], state, row + EVENT)
     return select(state[row + COUNT] > 0.0, 1.0, stopped(events[1:], state, row + EVENT))
 
 
 def held(events, state, row, q, l):
-    """(q, L), or where an event has stopped the member the state at the end of that step."""
+    """(q, L), or if an event has stopped the member the state at the end of that step."""
     if len(events) == 0:
         return q, l
-    if len(events[0].stop) == 0:
+    if len(stops(events[0])) == 0:
         return held(events[1:], state, row + EVENT, q, l)
     here, at = state[row + COUNT] > 0.0, row + RECORDS + 3
     q, l = select_each(here, four_at(state, at), q), select_each(here, three_at(state, at + 4), l)
@@ -121,7 +131,10 @@ def held(events, state, row, q, l):
 
 
 def note(events, moves, t, h, q, l, before, now, state, row):
-    """Write down the events of a step that ended at t in (q, L), of members that move: not of one that is stopped, which moves on until the next look."""
+    """Write down the events of a step that ended at t in (q, L), of members that move.
+
+    A stopped member makes steps until the next look: it does not move, and nothing is written.
+    """
     if len(events) == 0:
         return 0
     count, last = state[row + COUNT], state[row + TAU]
@@ -140,8 +153,41 @@ def note(events, moves, t, h, q, l, before, now, state, row):
 
 
 def write(condition, values, state, row):
-    """Write a tuple to rows where the condition holds."""
+    """Write a tuple to rows if the condition holds."""
     return put(select_each(condition, values, filled(values, state, row)), state, row)
+
+
+def seek(kinds, numbers, parts, state, work, spare, aside, row, which, tried):
+    """One try for the exact time of an event: prepare a step back to where its level should be 0.
+
+    which : 2 i for the first, 2 i + 1 for the last of event i;  tried : steps back made so far
+    spare, aside : a state, and what is known of it, for the step back. In the rows TRUE of `aside`
+        are the ends between which the level is 0, and the length of the step
+    """
+    integrator, effects, events = parts_of(kinds, numbers)
+    at = row + which // 2 * EVENT + RECORDS + which % 2 * RECORD
+    body, present = body_at(state, BODY_AT), filled(effects, state, EFFECTS_AT)
+    t, before, there, h = state[at], state[at + 1], state[at + 2], like(work[LENGTH], state)
+    ends = 0.0 * h, there, h / h, before
+    if tried > 0:
+        share = like(aside[TRUE + 4], state)
+        by = -share * h
+        part = like(parts[0], state) * by, like(parts[1], state) * by, like(parts[2], state) * by
+        l = momentum_at(integrator, spare)
+        q, l = closed(integrator, body, present, t + by + parts[3] * by, part, four_at(spare, 0), l)
+        here = level_of(events, which // 2, body, present, t + by, q, l)
+        ends = narrowed(in_precision(four_at(aside, TRUE), state), share, here)
+    share = guess(ends)
+    by = -share * h
+    put(in_precision(ends + (share,), aside), aside, TRUE)
+    part = like(parts[0], state) * by, like(parts[1], state) * by, like(parts[2], state) * by
+    q, l = four_at(state, at + 3), three_at(state, at + 7)
+    q, l = opened(integrator, body, present, t + parts[3] * by, part, q, l)
+    put_opened(q, l, spare)
+    put(in_precision((t, by), aside), aside, BEGAN)
+    at_start = (before < 0.0) == (there < 0.0)
+    state[row + which // 2 * EVENT + TIMES + which % 2] = select(at_start, t, t + by)
+    return 0
 
 
 def level_of(events, which, body, effects, t, q, l):
@@ -154,21 +200,24 @@ def level_of(events, which, body, effects, t, q, l):
 
 
 def guess(ends):
-    """Where a level is 0 between two steps back, of which ends = (share, level, share, level): by a straight line, within the step."""
+    """Where the level is 0 by a straight line between two steps back, and within the step.
+
+    ends = (share of the step, level there, share, level there)
+    """
     low, below, high, above = ends
     apart = above - below
     share = low - (high - low) * (below / select(apart == 0.0, 1.0, apart))
     return select(apart == 0.0, low, min(max(share, min(low, high)), max(low, high)))
 
 
-def narrowed(ends, share, found):
-    """The next two steps back after Illinois: the level of an end that stays is halved."""
+def narrowed(ends, share, here):
+    """The next ends after Illinois, one of them `share` with the level `here`.
+
+    An end that stays has its level halved.
+    """
     low, below, high, above = ends
-    turned = found * above < 0.0  # between here and the end that was found last
-    return select(turned, high, low), select(turned, above, 0.5 * below), share, found
+    between = here * above < 0.0  # the level is 0 between `share` and the newer end
+    return select(between, high, low), select(between, above, 0.5 * below), share, here
 
 
-for _function in (
-    begin_events, levels_at, levels_of, put_levels, happened, any_happened, armed_again, stopped, held, note, write, level_of, guess, narrowed,
-):  # fmt: skip
-    inline(_function)
+inline_all(sys.modules[__name__])

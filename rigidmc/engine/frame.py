@@ -1,14 +1,26 @@
-"""What the loop over members is called with, by name: the pieces of a program, the shape of its members, the steps to make, whose noise it is, where saves go."""
+"""What the loop over members is called with, by name.
 
-from typing import NamedTuple
+The pieces of a program, the shape of its members, the steps to make, whose noise it is, where saves
+go, and the memory to work in. Compiled code takes all of them as one record.
+"""
+
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
 from rigidmc.engine.pieces import Piece
 
+Array = NDArray[Any]
+
 
 class Pieces(NamedTuple):
-    """The compiled pieces of a program, see `rigidmc.engine.member` and `rigidmc.engine.watch`; NOTHING where a scene has no use for one."""
+    """The compiled pieces of a program, NOTHING for those that a scene does not use.
+
+    enter, leave, begin, look, record : see `rigidmc.engine.member`;  march : `rigidmc.engine.march`
+    begin_watch, watch : `rigidmc.engine.running`;  seek : `rigidmc.engine.events`
+    begin_near, meet : `rigidmc.engine.neighbour`
+    """
 
     enter: Piece
     leave: Piece
@@ -24,11 +36,14 @@ class Pieces(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """How the members of a program lie in memory, and what they have.
+    """What the members of a program have, and in which rows of their state.
 
-    lanes : how many are worked on side by side;  values : numbers of a save;  works : effects whose work is kept, whose rows begin at `works_at` of a state
-    watched, near_at : the rows of a state from which on things are watched, and of the neighbour;  looks, shadow, records : whether steps are watched, there is
-        a neighbour, and how many records of events there are;  tries : steps back to find an event;  noisy : whether effects are random
+    lanes : how many members are worked on side by side;  values : numbers of a save
+    works_at, works : the first row of the works, and how many works are kept
+    watched, near_at : the first row of what is watched, and of the neighbour
+    looks, shadow : whether steps are watched, and whether there is a neighbour
+    records : of events, two each;  tries : steps back to find the time of an event
+    noisy : whether effects are random
     """
 
     lanes: int
@@ -45,63 +60,77 @@ class Shape(NamedTuple):
 
 
 class Run(NamedTuple):
-    """From which step to which, of how many, and when to save: in rounds of `slots` steps of which a member makes its own, where `own` is 1.
+    """From step `first` to step `last`, of `total`, and when to save.
 
-    h : the step, with own steps the length of a round;  stride : steps between saves; step `total` is always saved
+    h : the step [s], with member steps the length of a round [s]
+    slots : steps of a round; members with steps of their own make some number of them each
+    stride : steps between saves; step `total` is always saved
+    member_steps : 1 if members have steps of their own, else 0
     """
 
     h: float
     slots: int
     stride: int
     total: int
-    own: int
+    member_steps: int
     first: int
     last: int
 
 
 class Noise(NamedTuple):
-    """Two words of the seed, the stream of each random effect, and the index of the block's first member."""
+    """Whose noise: two words of the seed, the stream of each random effect, the first member."""
 
-    key: int
-    other: int
-    streams: np.ndarray
+    key: Any
+    other: Any
+    streams: Array
     member: int
 
 
 class Saves(NamedTuple):
-    """Where saves go: value row r of save slot s of member m to out[(s*R + r)*columns + column + m], R = value rows in all; the members of a block
-    that are not in their order are at column + order[m]."""
+    """Where saves go: out[(s*R + r)*columns + column + m], R = value rows in all.
 
-    out: np.ndarray
+    s, r, m : save, value row and member. If the members of a block are not in their order, the last
+        term is order[m]
+    """
+
+    out: Array
     columns: int
     column: int
-    order: np.ndarray
+    order: Array
 
 
 class Room(NamedTuple):
-    """Where everything is in memory: the parts of a step and how many there are, a block and its size, two states, what is known of members and room for
-    that of others, the states after TRACE steps and one more, and a save; and whether saves may go past the cache."""
+    """Where everything is in memory.
 
-    parts: np.ndarray
+    parts, part_rows : the parts of a step, and how many rows they are
+    block, rows, width : the block, its rows and its members
+    state, near : two states;  work, aside : what is known of members, and room for a second one
+    trace : the states after TRACE steps, and one more;  saved : a save
+    past : whether saves may go past the cache
+    """
+
+    parts: Array
     part_rows: int
-    block: np.ndarray
+    block: Array
     rows: int
     width: int
-    state: np.ndarray
-    near: np.ndarray
-    work: np.ndarray
-    aside: np.ndarray
-    trace: np.ndarray
-    saved: np.ndarray
+    state: Array
+    near: Array
+    work: Array
+    aside: Array
+    trace: Array
+    saved: Array
     past: int
 
 
-def frame_type(real):
-    """The record that compiled code takes for all of these, arrays by their addresses; its field `real` is a number of the precision of the run."""
+def frame_type(real: DTypeLike) -> np.dtype[Any]:
+    """The record of all of these that compiled code takes, arrays by their addresses.
+
+    Its field `real` is a number of the precision of the run.
+    """
     code = np.dtype([("code", np.intp), ("numbers", np.intp)])
-    kinds = {"h": np.float64, "key": np.uint64, "other": np.uint64}
+    kinds: dict[str, Any] = {"h": np.float64, "key": np.uint64, "other": np.uint64}
     numbers = [name for kind in (Shape, Run, Noise, Saves, Room) for name in kind._fields]
-    fields = [(name, code) for name in Pieces._fields] + [
-        (name, kinds.get(name, np.intp)) for name in numbers
-    ]
-    return np.dtype([*fields, ("real", real)])
+    pieces = [(name, code) for name in Pieces._fields]
+    plain = [(name, kinds.get(name, np.intp)) for name in numbers]
+    return np.dtype([*pieces, *plain, ("real", real)])

@@ -1,60 +1,64 @@
-"""Which product is fused with a sum: settled here, so that a member's bits depend on no compiler's choice.
+"""Which product is fused with a sum: settled here, so that no bit depends on a compiler's choice.
 
-A compiler that may fuse a*b + c*d chooses the product by what stands around it: by other saves, another width, another machine. Here the rule is one for
-all: of a sum or difference, the left operand that is a product made in the same function becomes a fused multiply-add (`llvm.fma`), else the right one; nothing else is fused.
-Everything else in a step is +, -, *, / and square roots, which IEEE 754 fixes.
+A compiler that may fuse a*b + c*d chooses the product by what stands around it: by other saves,
+another width, another machine. Here one rule holds for all: in a sum or difference, the left
+operand becomes part of a fused multiply-add (`llvm.fma`) if it is a product made in the same
+function, else the right operand if it is one. Nothing else is fused. Everything else in a step is
++, -, *, / and square roots, which IEEE 754 fixes.
 """
+
+from typing import Any
 
 from llvmlite import ir
 
 
-def fuse(function):
+def fuse(function: ir.Function) -> None:
     """Replace sums of products by fused multiply-adds, throughout one function of LLVM's code."""
     for block in function.blocks:
         block.instructions[:] = [
-            made
+            new
             for instruction in block.instructions
-            for made in _fused(function.module, block, instruction)
+            for new in _fused(function.module, block, instruction)
         ]
 
 
-def _fused(module, block, instruction):
-    """The instructions in the place of one: itself, or of a sum that has a product the fused multiply-add, with what it needs."""
+def _fused(module: Any, block: Any, instruction: Any) -> list[Any]:
+    """The instructions that replace one.
+
+    They are the fused multiply-add and what it needs for a sum with a product, else itself.
+    """
     if instruction.opname not in ("fadd", "fsub"):
         return [instruction]
     left, right = instruction.operands
     product, other = (left, right) if _factors(left) else (right, left)
-    if not _factors(product):
+    factors = _factors(product)
+    if not factors:
         return [instruction]
-    kind, more = instruction.type, []
+    kind, more = instruction.type, list[Any]()
 
-    def made(*words):
-        more.append(ir.instructions.Instruction(block, *words))
+    def negated(value: Any) -> Any:
+        more.append(ir.instructions.Instruction(block, kind, "fneg", [value]))
         return more[-1]
 
-    one, two = _factors(product)
-    if isinstance(kind, ir.VectorType) and not isinstance(
-        one.type, ir.VectorType
-    ):  # a product that all members share
+    one, two = factors
+    vector = isinstance(kind, ir.VectorType)
+    if vector and not isinstance(one.type, ir.VectorType):  # a product that all members share
         one, two = (_broadcast(block, kind, x, more) for x in (one, two))
     if instruction.opname == "fsub":  # a b - y = fma(a, b, -y);  x - a b = fma(-a, b, x)
         if product is left:
-            other = made(kind, "fneg", [other])
+            other = negated(other)
         else:
-            one = made(kind, "fneg", [one])
-    word = f"llvm.fma.{_name(kind)}"
-    fma = ir.instructions.CallInstr(
-        block,
-        module.declare_intrinsic(word, (), ir.FunctionType(kind, [kind] * 3)),
-        [one, two, other],
-    )
-    fma._name = instruction._name  # the code is read as text: whoever takes the sum takes this
+            one = negated(one)
+    signature = ir.FunctionType(kind, [kind] * 3)
+    name = module.declare_intrinsic(f"llvm.fma.{_name(kind)}", (), signature)
+    fma = ir.instructions.CallInstr(block, name, [one, two, other])
+    fma._name = instruction._name  # code is linked as text: users of the sum now use this
     return [*more, fma]
 
 
-def _factors(value):
-    """Of a product made in this function, or of a vector that is such a product broadcast, its two factors; else None."""
-    word = getattr(value, "opname", None)
+def _factors(value: Any) -> Any:
+    """The two factors of a product made in this function, broadcast or not; else None."""
+    word = getattr(value, "opname", None)  # arguments and constants have none
     if word == "fmul":
         return value.operands
     if word == "shufflevector" and getattr(value.operands[0], "opname", None) == "insertelement":
@@ -62,8 +66,8 @@ def _factors(value):
     return None
 
 
-def _broadcast(block, kind, x, more):
-    """The instructions, added to `more`, that make a vector whose numbers all are x."""
+def _broadcast(block: Any, kind: Any, x: Any, more: list[Any]) -> Any:
+    """A vector whose numbers are all x; the instructions for it are added to `more`."""
     none = ir.Constant(kind, ir.Undefined)
     first = ir.instructions.InsertElement(block, none, x, ir.Constant(ir.IntType(32), 0))
     places = ir.Constant(ir.VectorType(ir.IntType(32), kind.count), [0] * kind.count)
@@ -72,7 +76,7 @@ def _broadcast(block, kind, x, more):
     return every
 
 
-def _name(kind):
+def _name(kind: Any) -> str:
     """What LLVM calls a type of numbers in the names of its functions."""
     if isinstance(kind, ir.VectorType):
         return f"v{kind.count}{_name(kind.element)}"

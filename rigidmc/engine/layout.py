@@ -1,57 +1,127 @@
-"""How numbers lie: the rows of a block, of a member's state and of what is known of it; the one file with places of numbers.
+"""How numbers lie: the rows of a block, of a member's state, and of what is known of a member.
 
-A block is an array (rows, members), members a multiple of LANES: attitude and momentum, what the start was, the drifts, the last good state, the body,
-the parameters of the effects, their works, and what is watched. Some members at a time have their rows copied, side by side, to two flat workspaces:
-`state`, in the precision of the run, for steps, and `work`, in float64, for looks. To a member's program they are rows of one number each.
+The one file with places of numbers. A block is an array (rows, members), members a multiple of
+LANES. Some members at a time have their rows copied, side by side, to two flat workspaces:
+`state`, in the precision of the run, for steps, and `work`, in float64, for looks. To a member's
+program they are rows of one number each.
 """
 
 import math
+import sys
+from collections.abc import Iterable, Sequence
+from itertools import accumulate
+from typing import Any, NamedTuple
 
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.dynamics.so3 import first_three, joined
-from rigidmc.engine.compose import filled, inline
+from rigidmc.engine.compose import inline_all
+from rigidmc.engine.kinds import filled
 from rigidmc.engine.memory import four_at, put, three_at, tuple_at
+from rigidmc.integrators.protocol import keeps
 
-LANES = 32  # what a block's members are a multiple of: the most that are worked on at once
+LANES = 32  # members of a block are a multiple of this: the most that are worked on side by side
 
-# rows of a block
+
+def _offsets(counts: Iterable[int]) -> tuple[int, ...]:
+    """The first rows of parts that take so many rows each, and the row after the last part."""
+    return tuple(accumulate(counts, initial=0))
+
+
+# Rows of a block. After them come the parameters of the effects, their works, and what is watched:
+# see `Places`.
 (
-    ATTITUDE,
-    MOMENTUM,
-    REST,
-    START,
-    DRIFT,
-    STATUS,
-    GOOD_STEP,
-    FAULT_STEP,
-    GOOD,
-    STEPS,
-    BODY,
+    ATTITUDE, MOMENTUM, REST, START, DRIFT, STATUS, GOOD_STEP, FAULT_STEP, GOOD, STEPS, BODY,
     EFFECTS,
-) = (
-    0,
-    4,
-    7,
-    14,
-    21,
-    23,
-    24,
-    25,
-    26,
-    33,
-    34,
-    43,
-)
-# the STATUS row: the first thing that went wrong; what is not ok on entry stays frozen from the start
+) = _offsets((
+    4,  # attitude, a quaternion
+    3,  # momentum
+    7,  # remainders of the sums of both, or what the integrator keeps instead
+    7,  # of the start: energy, 1/its scale, |L|^2, 1/|L|^2, 1/energies in play, L_z, 1/largest |L|
+    2,  # largest drifts of energy and of |L|^2 so far
+    1,  # status, see STATUSES
+    1,  # step of the last good state
+    1,  # step at which the member was found not to be ok
+    7,  # the last good state: attitude and momentum
+    1,  # steps of the member in a round, see `rigidmc.engine.frame.Run`
+    9,  # the body, a MassProperties
+))  # fmt: skip
+# The first thing that went wrong. A member that is not ok on entry stays frozen from the start.
 STATUSES = {
-    "ok": 0, "non_finite": 1, "invalid_input": 2, "energy_drift": 3, "momentum_drift": 4, "step_too_large": 5, "off_unit_quaternion": 6,
+    "ok": 0, "non_finite": 1, "invalid_input": 2, "energy_drift": 3, "momentum_drift": 4,
+    "step_too_large": 5, "off_unit_quaternion": 6,
 }  # fmt: skip
-# rows of a state: those of a block up to START, then those from BODY on
+
+# Rows of a state: those of a block up to START, then those from BODY on.
 BODY_AT, EFFECTS_AT = START, START + EFFECTS - BODY
-# Rows of what is known of a member: its true state, and energy and |L|^2 there; whether an event has stopped it, and the state at which; how many
-# steps of a round are its own; when the round began, and the length of its steps; the bits of its index. Then those of a block.
-TRUE, ENERGY, STOPPED, HELD, EACH, BEGAN, LENGTH, INDEX, KNOWN = 0, 7, 9, 10, 17, 18, 19, 20, 21
-# After the rows of the effects, where works are kept: one row for that of each effect, and one for what it was at the last good state.
+
+# Rows of `work`: what is known of a member; from KNOWN on, the rows of its block.
+TRUE, ENERGY, STOPPED, HELD, EACH, BEGAN, LENGTH, INDEX, KNOWN = _offsets((
+    7,  # the true state at the last look
+    2,  # energy and |L|^2 there
+    1,  # whether an event has stopped the member
+    7,  # the state at which an event has stopped it
+    1,  # its own steps in a round
+    1,  # when the round began
+    1,  # the length of its steps
+    1,  # the bits of its index
+))  # fmt: skip
+
+# Rows of an event.
+LEVEL, COUNT, TAU, FIRST_TAU, SQUARES, TIMES, RECORDS, EVENT = _offsets((
+    1,  # the level after the last step, 0 if the event cannot happen next
+    1,  # how often it has happened
+    1,  # when it last happened, by linear interpolation
+    1,  # when it first happened, by linear interpolation
+    1,  # sum of the squares of the times between
+    2,  # when it first and last happened, exactly
+    20,  # of first and last: time of the step's end, levels before and there, the state there
+))  # fmt: skip
+RECORD = (EVENT - RECORDS) // 2
+
+# Rows of the neighbour.
+NEAR_STATE, SUMS, WEIGHT, SHADOW = _offsets((
+    14,  # its state and the remainders of its sums
+    3,  # sums of ln growth, of the same by number of looks, and of Y
+    1,  # 1/|L|^2 of the motion
+))  # fmt: skip
+
+
+class Places(NamedTuple):
+    """First rows, in a block, of what a scene adds to the rows above; `end` is their number."""
+
+    effects: int  # parameters of the effects
+    works: int  # work of each effect
+    good_works: int  # the same at the last good state
+    events: int  # EVENT rows for each event
+    running: int  # the marks of each running observable
+    neighbour: int  # SHADOW rows
+    end: int
+
+    def in_state(self, row: int) -> int:
+        """The row of a state that is a row of a block from BODY on."""
+        return row - BODY + BODY_AT
+
+
+def places(
+    parameters: int,
+    works: int = 0,
+    events: int = 0,
+    marks: Sequence[int] = (),
+    shadow: bool = False,
+) -> Places:
+    """The Places of effects with so many parameters, of which so many works are kept.
+
+    events : how many;  marks : of each running observable;  shadow : whether there is a neighbour
+    """
+    counts = parameters, works, works, EVENT * events, sum(marks), SHADOW * shadow
+    return Places(*(EFFECTS + offset for offset in _offsets(counts)))
+
+
+def watch_rows(events: Sequence[Any], running: Sequence[Any], shadow: Sequence[Any]) -> int:
+    """How many rows of a block are watched; events, running, shadow : as `Program` takes them."""
+    watched = places(0, 0, len(events), [len(marks) for _, marks in running], len(shadow) > 0)
+    return watched.end - watched.events
+
 
 _BODY = MassProperties(*[0.0] * 9)
 
@@ -62,29 +132,14 @@ def body_at(rows, row):
 
 
 def state_at(state, compensated, more, row):
-    """(q, L), with what follows L, see `more_of`; or ((q, remainder), (L, remainder)) where those are kept."""
+    """(q, L), L followed by `more_of`; ((q, remainder), (L, remainder)) if sums keep remainders."""
     if len(compensated) == 0:
-        return four_at(state, ATTITUDE), joined(
-            three_at(state, MOMENTUM), tuple_at(more, state, row)
-        )
+        l = joined(three_at(state, MOMENTUM), tuple_at(more, state, row))
+        return four_at(state, ATTITUDE), l
     return (four_at(state, ATTITUDE), four_at(state, REST)), (
         three_at(state, MOMENTUM),
         three_at(state, REST + 4),
     )
-
-
-def more_of(keeps, ledger):
-    """What follows L in a state without remainders: what the integrator keeps, else the works of the effects; `more_row` is where it lies."""
-    if len(keeps) == 0:
-        return ledger
-    return keeps
-
-
-def more_row(keeps, works):
-    """See `more_of`; works : the first row of the works."""
-    if len(keeps) == 0:
-        return works
-    return REST
 
 
 def put_state(q, l, state, compensated, row):
@@ -101,10 +156,45 @@ def put_state(q, l, state, compensated, row):
     return 0
 
 
-def whole_lanes(count):
+def more_of(keeps, ledger):
+    """Marks of what follows L in a state without remainders, from `more_row` on.
+
+    It is what the integrator keeps, else the works.
+    """
+    if len(keeps) == 0:
+        return ledger
+    return keeps
+
+
+def more_row(keeps, works):
+    """The row of a state at which `more_of` begins; works : the first row of the works."""
+    if len(keeps) == 0:
+        return works
+    return REST
+
+
+def momentum_at(integrator, state):
+    """L of a state, followed by what the integrator keeps."""
+    return joined(three_at(state, MOMENTUM), tuple_at(keeps(integrator), state, REST))
+
+
+def put_opened(q, l, state):
+    """Write a state that an integrator has opened; the remainders of sums are 0."""
+    put(q + first_three(l), state, ATTITUDE)
+    put(rest_of(0.0 * l[0], l[3:]), state, REST)
+    return 0
+
+
+def rest_of(zero, keeps):
+    """The seven numbers after q and L: what the integrator keeps, or no remainders."""
+    if len(keeps) == 0:
+        return zero, zero, zero, zero, zero, zero, zero
+    return keeps
+
+
+def whole_lanes(count: int) -> int:
     """A number of members rounded up to whole lanes."""
     return LANES * math.ceil(count / LANES)
 
 
-for _function in (body_at, more_of, more_row, state_at, put_state):
-    inline(_function)
+inline_all(sys.modules[__name__])

@@ -1,4 +1,4 @@
-"""This machine: its widest vectors, its cores, and what of it goes into a result."""
+"""This machine: its widest vectors, its cores, and what a result says of it."""
 
 import os
 import platform
@@ -11,10 +11,11 @@ import numba
 config: Any = numba.config
 
 
-def use_widest_vectors():
-    """Let LLVM use 512-bit vectors where the CPU has them: x1.3 to x1.5 on CPUs that it tunes for 256 bit.
+def use_widest_vectors() -> None:
+    """Let LLVM use 512-bit vectors if the CPU has them: x1.3 to x1.5 if LLVM tunes it for 256 bit.
 
-    Works only before the first compilation of the process; a user's NUMBA_CPU_FEATURES or NUMBA_CPU_NAME wins.
+    Works only before the first compilation of the process; a user's NUMBA_CPU_FEATURES or
+    NUMBA_CPU_NAME wins.
     """
     if config.CPU_FEATURES is None and config.CPU_NAME is None:
         features = llvm.get_host_cpu_features()
@@ -22,29 +23,26 @@ def use_widest_vectors():
             config.CPU_FEATURES = features.flatten() + ",-prefer-256-bit"
 
 
-def vector_bits():
+def vector_bits() -> int:
     """Width of the widest vector registers that kernels of this process may use [bit]."""
-    features = (
-        llvm.get_host_cpu_features().flatten()
-        if config.CPU_FEATURES is None
-        else config.CPU_FEATURES
-    ).split(",")
+    text = config.CPU_FEATURES
+    features = (llvm.get_host_cpu_features().flatten() if text is None else text).split(",")
     if "+avx512f" in features and "+prefer-256-bit" not in features:
         return 512
     return 256 if "+avx2" in features or "+avx512f" in features else 128
 
 
-def threads_available():
+def threads_available() -> int:
     """Cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def this_machine(*more):
-    """(versions of what computes and writes, on which the last bits of results may depend; the type of processor that code is made for, on which none does).
+def this_machine(*more: str) -> tuple[dict[str, str], str]:
+    """(versions of what computes and writes, the processor that code is compiled for).
 
+    The last bits of results may depend on the versions, and on no processor.
     more : names of other packages that draw numbers of a scene
     """
-    versions = {
-        name: version(name) for name in ("rigidmc", "numpy", "numba", "llvmlite", "netCDF4", *more)
-    }
-    return versions, f"{platform.machine()} {llvm.get_host_cpu_name()}, {vector_bits()} bit"
+    names = ("rigidmc", "numpy", "numba", "llvmlite", "netCDF4", *more)
+    processor = f"{platform.machine()} {llvm.get_host_cpu_name()}, {vector_bits()} bit"
+    return {name: version(name) for name in names}, processor

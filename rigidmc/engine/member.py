@@ -1,19 +1,25 @@
-"""The life of one member: it enters, it begins, it is looked at while it makes steps (`rigidmc.engine.march`), it is recorded, and it leaves.
+"""The life of one member: it enters, begins, is looked at, is recorded, and leaves.
 
-Written for one number and compiled for vectors of them (`rigidmc.engine.numbers`), so that several members live it side by side; uncompiled it runs on
-floats. Each function here is a piece that is compiled by itself and called by `rigidmc.engine.cpu`: another observable compiles `record` alone.
+Between looks it makes steps (`rigidmc.engine.march`). Written for one number and compiled for
+vectors of them (`rigidmc.engine.numbers`), so that several members live it side by side; uncompiled
+it runs on floats. The functions enter, leave, begin, look and record are pieces: each is compiled
+by itself and called by `rigidmc.engine.cpu`, so that another observable compiles `record` alone.
 
-kinds, numbers : what the piece is compiled for, and its numbers, see `rigidmc.engine.compose.Kinds`
-parts : those of a Form, see `rigidmc.integrators.form`, flat;  state, work : rows, see `rigidmc.engine.layout`
+kinds, numbers : what the piece is compiled for, and its numbers, see `rigidmc.engine.kinds`
+parts : those of a Form, see `rigidmc.integrators.form`, flat
+state, work : rows, see `rigidmc.engine.layout`
 """
 
 import math
+import sys
 
 from rigidmc.dynamics.euler import angular_velocity, kinetic_energy
 from rigidmc.dynamics.so3 import dot, first_three, joined, scale, select, select_each, up
 from rigidmc.effects.ledger import booked, gross
 from rigidmc.effects.sums import total_energy, total_energy_scale
-from rigidmc.engine.compose import filled, given, inline, rows_of
+from rigidmc.engine.compose import inline_all
+from rigidmc.engine.intrinsics import in_precision, like
+from rigidmc.engine.kinds import filled, parts_of, row_count
 from rigidmc.engine.layout import (
     ATTITUDE,
     BEGAN,
@@ -41,17 +47,17 @@ from rigidmc.engine.layout import (
     more_row,
 )  # fmt: skip
 from rigidmc.engine.memory import four_at, load, put, spread, store, three_at, tuple_at
-from rigidmc.engine.numbers import in_precision, like
 from rigidmc.integrators.protocol import closed, keeps, opened
 from rigidmc.observables.protocol import value
 
-ALWAYS = 1e300  # steps of a round, where members have no number of their own
+ALWAYS = 1e300  # steps of a round, of members without a number of their own
 
 
-def enter(kinds, numbers, block, rows, members, low, own, h, round_time, state, work):
-    """Bring the rows of the members from `low` on side by side, of a block of so many rows and members.
+def enter(kinds, numbers, block, rows, members, low, member_steps, h, round_time, state, work):
+    """Bring the rows of the members from `low` on side by side, from a block (rows, members).
 
-    own, h, round_time : whether members have steps of their own, which then divide a round of h; when the round began
+    member_steps : whether members have steps of their own, which then divide a round of length h
+    round_time : when the round began
     """
     for i in range(rows):
         x = load(work, block, i * members + low)
@@ -60,16 +66,19 @@ def enter(kinds, numbers, block, rows, members, low, own, h, round_time, state, 
             state[i] = like(x, state)
         if i >= BODY:
             state[BODY_AT + i - BODY] = like(x, state)
-    each = load(work, block, STEPS * members + low) if own != 0 else like(ALWAYS, work)
+    each = load(work, block, STEPS * members + low) if member_steps != 0 else like(ALWAYS, work)
     work[EACH] = each
-    work[LENGTH] = h / each if own != 0 else like(h, work)
+    work[LENGTH] = h / each if member_steps != 0 else like(h, work)
     work[BEGAN] = like(round_time, work)
     work[STOPPED] = like(0.0, work)
     return 0
 
 
 def leave(kinds, numbers, block, rows, members, low, works, works_at, done, state, work):
-    """Put the rows of the members from `low` on back; where the run is done, with the last good state. works : so many, whose rows begin at works_at."""
+    """Put the rows of the members from `low` on back; if the run is done, with the last good state.
+
+    works : how many, in the rows from `works_at` of the block on, followed by the last good ones
+    """
     for i in range(rows):
         at = i * members + low
         if i < START:
@@ -82,25 +91,19 @@ def leave(kinds, numbers, block, rows, members, low, works, works_at, done, stat
         elif i >= works_at + works:
             store(block, at, work[KNOWN + i])
         elif i >= works_at:
-            store(
-                block,
-                at,
-                work[KNOWN + i + works] if done != 0 else like(state[BODY_AT + i - BODY], work),
-            )
+            x = work[KNOWN + i + works] if done != 0 else like(state[BODY_AT + i - BODY], work)
+            store(block, at, x)
     return 0
 
 
 def begin(kinds, numbers, parts, state, work):
-    """Note energy and momentum of the start, judge it, and bring the state to how the integrator keeps it between steps."""
-    integrator, effects, _, _, limits, ledger = given(kinds, numbers)
+    """Note energy and momentum of the start, judge it, and open the state for the integrator."""
+    integrator, effects, _, _, limits, ledger = parts_of(kinds, numbers)
     body, present = body_at(work, KNOWN + BODY), filled(effects, work, KNOWN + EFFECTS)
-    works = KNOWN + EFFECTS + rows_of(effects)
-    q, l = four_at(work, KNOWN + ATTITUDE), three_at(work, KNOWN + MOMENTUM)
+    q, l, h = four_at(work, KNOWN + ATTITUDE), three_at(work, KNOWN + MOMENTUM), work[LENGTH]
     kinetic, squared = kinetic_energy(body, l), dot(l, l)
-    energy, in_play = (
-        kinetic + total_energy(present, body, q),
-        kinetic + total_energy_scale(present, body),
-    )
+    energy = kinetic + total_energy(present, body, q)
+    in_play = kinetic + total_energy_scale(present, body)
     compared = max(abs(energy), 1e-3 * in_play)
     start = (
         energy,
@@ -110,127 +113,76 @@ def begin(kinds, numbers, parts, state, work):
         1.0 / select(in_play > 0.0, in_play, 1.0),
     )
     put(start, work, KNOWN + START)
-    found = select(is_finite(q, l, energy, squared), 0.0, 1.0)
     largest = math.sqrt(2.0 / (start[4] * min(min(body.i1, body.i2), body.i3)))
     scales = start[4], dot(up(q), l), 1.0 / select(largest > 0.0, largest, 1.0)
     put(scales[1:], work, KNOWN + START + 5)
-    found = fault(
-        limits,
-        found,
-        start,
-        (scales[0], scales[1], 0.0),
-        q,
-        l,
-        angular_velocity(body, l),
-        work[LENGTH],
-        energy,
-        squared,
-    )
+
+    endless = select(is_finite(q, l, energy, squared), 0.0, 1.0)
+    at_start, omega = (scales[0], scales[1], 0.0), angular_velocity(body, l)
+    flaw = fault(limits, endless, start, at_start, q, l, omega, h, energy, squared)
     status = work[KNOWN + STATUS]
-    status = select(status == 0.0, found, status)
+    status = select(status == 0.0, flaw, status)
     healthy = status == 0.0
     drift = select(healthy, 0.0, math.nan)
     put((drift, drift, status, 0.0, select(healthy, -1.0, 0.0)), work, KNOWN + DRIFT)
     put(q + l, work, KNOWN + GOOD)
-    h = work[LENGTH]
-    l = joined(l, tuple_at(ledger, work, works))
-    q, l = opened(
-        integrator,
-        body,
-        present,
-        work[BEGAN] + parts[3] * h,
-        (parts[0] * h, parts[1] * h, parts[2] * h),
-        q,
-        l,
-    )
+
+    l = joined(l, tuple_at(ledger, work, KNOWN + EFFECTS + row_count(effects)))
+    part = parts[0] * h, parts[1] * h, parts[2] * h
+    q, l = opened(integrator, body, present, work[BEGAN] + parts[3] * h, part, q, l)
     put(in_precision(q + first_three(l), state), state, ATTITUDE)
-    put(
-        in_precision(l[3:], state),
-        state,
-        more_row(keeps(integrator), EFFECTS_AT + rows_of(effects)),
-    )
+    row = more_row(keeps(integrator), EFFECTS_AT + row_count(effects))
+    put(in_precision(l[3:], state), state, row)
     return 0
 
 
 def look(kinds, numbers, parts, state, work, rounds, slot):
-    """Look at the state after `slot` steps of a round, `rounds` of which are done: its drifts, and whether it is well; one that is not stays as it last was.
+    """Look at the state after `slot` steps of a round, `rounds` of which are done.
 
-    Energy counts the work of effects without an energy as its own, where that is booked.
+    Its drifts and its health are noted. A member that is not well goes back to its last good state
+    and stays there. If works are kept, the drift of the energy is what exceeds the work of effects
+    without an energy.
     """
-    integrator, effects, attitude, compensated, limits, ledger = given(kinds, numbers)
+    integrator, effects, attitude, compensated, limits, ledger = parts_of(kinds, numbers)
     body, present = body_at(work, KNOWN + BODY), filled(effects, work, KNOWN + EFFECTS)
-    works = KNOWN + EFFECTS + rows_of(effects)
-    h, made = work[LENGTH], min(work[EACH], slot)
+    works_at = EFFECTS_AT + row_count(effects)
+    good_works = KNOWN + EFFECTS + row_count(effects) + len(ledger)
+    h, done = work[LENGTH], min(work[EACH], slot)
     q, l = seen(state, work, compensated)
-    more, row = (
-        more_of(keeps(integrator), ledger),
-        more_row(keeps(integrator), EFFECTS_AT + rows_of(effects)),
-    )
+    more = more_of(keeps(integrator), ledger)
+    row = more_row(keeps(integrator), works_at)
     l = joined(l, in_precision(tuple_at(more, state, row), work))
-    t = work[BEGAN] + (made + parts[3]) * h
+    t = work[BEGAN] + (done + parts[3]) * h
     q, l = closed(integrator, body, present, t, (parts[0] * h, parts[1] * h, parts[2] * h), q, l)
-    done, stopped = l[3:], work[STOPPED] > 0.0
+    works, stopped = l[3:], work[STOPPED] > 0.0
     q = carried(attitude, q, four_at(work, KNOWN + GOOD))
-    q, l = (
-        select_each(stopped, four_at(work, HELD), q),
-        select_each(stopped, three_at(work, HELD + 4), first_three(l)),
-    )
+    q = select_each(stopped, four_at(work, HELD), q)
+    l = select_each(stopped, three_at(work, HELD + 4), first_three(l))
     energy, squared = kinetic_energy(body, l) + total_energy(present, body, q), dot(l, l)
     put(q + l + (energy, squared), work, TRUE)
-    before, start = work[KNOWN + STATUS], booked(four_at(work, KNOWN + START), ledger, done)
-    found = select(is_finite(q, l, energy, squared), 0.0, 1.0)
-    scales = three_at(work, KNOWN + START + 4)
-    found = fault(
-        limits,
-        found,
-        start,
-        eased(scales, done),
-        q,
-        l,
-        angular_velocity(body, l),
-        h,
-        energy,
-        squared,
-    )
-    was, counted = (
-        before == 0.0,
-        (before == 0.0) & (found != 1.0),
-    )  # the drift that flagged a member is told
-    healthy, caught = was & (found == 0.0), was & (found > 0.0)
-    drifts = abs((energy - start[0]) * start[1]), abs((squared - start[2]) * start[3])
-    most = work[KNOWN + DRIFT], work[KNOWN + DRIFT + 1]
-    put(
-        select_each(counted, (max(most[0], drifts[0]), max(most[1], drifts[1])), most),
-        work,
-        KNOWN + DRIFT,
-    )
-    steps = rounds * work[EACH] + made
-    work[KNOWN + STATUS] = select(was, found, before)
-    work[KNOWN + GOOD_STEP] = select(healthy, steps, work[KNOWN + GOOD_STEP])
-    work[KNOWN + FAULT_STEP] = select(caught, steps, work[KNOWN + FAULT_STEP])
-    good = select_each(healthy, q, four_at(work, KNOWN + GOOD)) + select_each(
-        healthy, l, three_at(work, KNOWN + GOOD + 4)
-    )
-    put(good, work, KNOWN + GOOD)
+
+    start = booked(four_at(work, KNOWN + START), ledger, works)
+    scales = eased(three_at(work, KNOWN + START + 4), works)
+    endless = select(is_finite(q, l, energy, squared), 0.0, 1.0)
+    omega = angular_velocity(body, l)
+    flaw = fault(limits, endless, start, scales, q, l, omega, h, energy, squared)
+    steps = rounds * work[EACH] + done
+    good = judged(flaw, start, energy, squared, steps, q, l, work)
     frozen = work[KNOWN + STATUS] > 0.0
-    keep(
-        frozen,
-        tuple_at(ledger, work, works + len(ledger)),
-        done,
-        work,
-        works + len(ledger),
-        state,
-        EFFECTS_AT + rows_of(effects),
-    )
+    last_works = tuple_at(ledger, work, good_works)
+    keep(frozen, last_works, works, work, good_works, state, works_at)
     freeze(frozen | stopped, good, state)
     return 0
 
 
 def record(kinds, numbers, work, out, at, width, t, past):
-    """Write the values of all observables of the last good state, each `width` numbers after the other from out[at] on; past : see `spread`."""
-    observables, effects, ledger = given(kinds, numbers)
+    """Write the values of all observables of the last good state to `out`, from `at` on.
+
+    width : from one value to the next;  past : see `rigidmc.engine.memory.spread`
+    """
+    observables, effects, ledger = parts_of(kinds, numbers)
     body, present = body_at(work, KNOWN + BODY), filled(effects, work, KNOWN + EFFECTS)
-    works = tuple_at(ledger, work, KNOWN + EFFECTS + rows_of(effects) + len(ledger))
+    works = tuple_at(ledger, work, KNOWN + EFFECTS + row_count(effects) + len(ledger))
     q, l = four_at(work, KNOWN + GOOD), three_at(work, KNOWN + GOOD + 4)
     start = booked(four_at(work, KNOWN + START), ledger, works)
     write_all(observables, body, present, t, q, l, start, works, work, out, at, width, past)
@@ -238,48 +190,63 @@ def record(kinds, numbers, work, out, at, width, t, past):
 
 
 def carried(attitude, moved, q):
-    """The attitude after a step, where it is moved at all."""
+    """The attitude after a step, if it is followed at all."""
     if len(attitude) == 0:
         return q
     return moved
 
 
 def is_finite(q, l, energy, squared):
-    """Whether no number of a state is infinite or none: 0 times any of those is not 0."""
+    """Whether all numbers of a state are finite: 0 times infinity or nan is not 0."""
     return 0.0 * (energy + squared + q[0] + q[1] + q[2] + q[3]) == 0.0
 
 
 def fault(limits, endless, start, scales, q, l, omega, h, energy, squared):
-    """The status of a member: 1 where it is not finite, else the first of the limits that it exceeds, or 0.
+    """The status of a member: 1 if it is not finite, else the first limit that it exceeds, or 0.
 
-    scales = (1/energies in play, L_z(0), 1/largest |L|)
+    endless : 1 if it is not finite;  scales = (1/energies in play, L_z(0), 1/largest |L|)
     """
     if len(limits) == 0:
         return endless
     w = scale(h, omega)
     drift, drift2 = abs((energy - start[0]) * scales[0]), abs((squared - start[2]) * start[3])
     drift_z = abs((dot(up(q), l) - scales[1]) * scales[2])
-    found = select(drift2 > limits[1], 4.0, select(drift_z > limits[2], 4.0, 0.0))
-    found = select(drift > limits[0], 3.0, found)
-    found = select(dot(w, w) > limits[3] * limits[3], 5.0, found)
-    found = select(
-        abs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1.0) > limits[4], 6.0, found
+    status = select(drift2 > limits[1], 4.0, select(drift_z > limits[2], 4.0, 0.0))
+    status = select(drift > limits[0], 3.0, status)
+    status = select(dot(w, w) > limits[3] * limits[3], 5.0, status)
+    status = select(
+        abs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1.0) > limits[4], 6.0, status
     )
-    return select(endless == 0.0, found, 1.0)
+    return select(endless == 0.0, status, 1.0)
+
+
+def judged(flaw, start, energy, squared, steps, q, l, work):
+    """The last good state of a member after a look that found this flaw; drifts are noted too."""
+    before = work[KNOWN + STATUS]
+    well = before == 0.0
+    counted = well & (flaw != 1.0)  # the drift that flags a member is part of its largest drift
+    healthy, caught = well & (flaw == 0.0), well & (flaw > 0.0)
+    drifts = abs((energy - start[0]) * start[1]), abs((squared - start[2]) * start[3])
+    most = work[KNOWN + DRIFT], work[KNOWN + DRIFT + 1]
+    new = max(most[0], drifts[0]), max(most[1], drifts[1])
+    put(select_each(counted, new, most), work, KNOWN + DRIFT)
+    work[KNOWN + STATUS] = select(well, flaw, before)
+    work[KNOWN + GOOD_STEP] = select(healthy, steps, work[KNOWN + GOOD_STEP])
+    work[KNOWN + FAULT_STEP] = select(caught, steps, work[KNOWN + FAULT_STEP])
+    attitude = select_each(healthy, q, four_at(work, KNOWN + GOOD))
+    good = attitude + select_each(healthy, l, three_at(work, KNOWN + GOOD + 4))
+    put(good, work, KNOWN + GOOD)
+    return good
 
 
 def seen(state, work, compensated):
-    """(q, L) of a state in float64, with the remainders where they are kept."""
-    q, l = (
-        in_precision(four_at(state, ATTITUDE), work),
-        in_precision(three_at(state, MOMENTUM), work),
-    )
+    """(q, L) of a state in float64, with the remainders of sums if they are kept."""
+    q = in_precision(four_at(state, ATTITUDE), work)
+    l = in_precision(three_at(state, MOMENTUM), work)
     if len(compensated) == 0:
         return q, l
-    rest, more = (
-        in_precision(four_at(state, REST), work),
-        in_precision(three_at(state, REST + 4), work),
-    )
+    rest = in_precision(four_at(state, REST), work)
+    more = in_precision(three_at(state, REST + 4), work)
     return (
         (q[0] + rest[0], q[1] + rest[1], q[2] + rest[2], q[3] + rest[3]),
         (l[0] + more[0], l[1] + more[1], l[2] + more[2]),
@@ -287,50 +254,36 @@ def seen(state, work, compensated):
 
 
 def eased(scales, works):
-    """The scales of `fault` after works, of which all are energies in play."""
+    """The scales of `fault` after works, which are all energies in play."""
     if len(works) == 0:
         return scales
     return scales[0] / (1.0 + scales[0] * gross(works)), scales[1], scales[2]
 
 
 def freeze(frozen, good, state):
-    """Put the state of a member that is frozen back to its last good one."""
-    put(
-        select_each(frozen, in_precision(good, state), filled(good, state, ATTITUDE)),
-        state,
-        ATTITUDE,
-    )
+    """Put the state of a frozen member back to its last good one, without remainders of sums."""
+    back = select_each(frozen, in_precision(good, state), filled(good, state, ATTITUDE))
+    put(back, state, ATTITUDE)
     put(select_each(frozen, (0.0,) * 7, filled(good, state, REST)), state, REST)
     return 0
 
 
-def keep(frozen, good, done, work, row, state, at):
-    """Note works as the last good ones, or where a member is frozen put them back."""
-    put(select_each(frozen, good, done), work, row)
+def keep(frozen, good, works, work, row, state, at):
+    """Note works as the last good ones, or put these back if a member is frozen."""
+    put(select_each(frozen, good, works), work, row)
     put(select_each(frozen, in_precision(good, state), filled(good, state, at)), state, at)
     return 0
 
 
 def write_all(observables, body, effects, t, q, l, start, works, work, out, at, width, past):
-    """Write the values of observables, one after the other."""
+    """Write the values of observables, one after the other; the place after them."""
     if len(observables) == 0:
         return at
-    at = spread(
-        value(observables[0], body, effects, t, q, l, start, works), work, out, at, width, past
-    )
+    values = value(observables[0], body, effects, t, q, l, start, works)
+    at = spread(values, work, out, at, width, past)
     return write_all(
         observables[1:], body, effects, t, q, l, start, works, work, out, at, width, past
     )
 
 
-for _function in (
-    carried,
-    is_finite,
-    fault,
-    seen,
-    eased,
-    freeze,
-    keep,
-    write_all,
-):
-    inline(_function)
+inline_all(sys.modules[__name__])

@@ -1,44 +1,50 @@
-"""Memory as numbers of the compiler: rows of vectors, and what lies in them.
-
-In Python, and uncompiled, rows are arrays.
-"""
+"""Memory as a type of the compiler: rows of vectors. In Python, and uncompiled, rows are arrays."""
 
 import operator
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from llvmlite import ir
 from numba.core import types
-from numba.core.datamodel import register_default
 from numba.core.datamodel.models import OpaqueModel
+from numba.core.datamodel.registry import register_default
 from numba.core.imputils import lower_builtin
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numpy.typing import DTypeLike, NDArray
 
-from rigidmc.engine.numbers import ELEMENT, Vec, coded, llvm_type
+from rigidmc.engine.intrinsics import coded
+from rigidmc.engine.numbers import ELEMENT, Vec, llvm_type
 from rigidmc.engine.pipeline import LINE
 
 _WORD = ir.IntType(64)
 
 
-def aligned(count, dtype, make=np.zeros):
-    """An array on a cache line: half of all are 32 bytes off it, where every vector of 512 bits takes two accesses (rk4 with gravity: 5.1 ns a
-    step in place of 4.6)."""
+def aligned(
+    count: int, dtype: DTypeLike, make: Callable[..., NDArray[Any]] = np.zeros
+) -> NDArray[Any]:
+    """An array that begins on a cache line.
+
+    Half of all arrays are 32 bytes off it, and every vector of 512 bits then takes two accesses:
+    rk4 with gravity takes 5.1 ns a step instead of 4.6.
+    """
     whole = make(count + LINE // 4, dtype)
     off = (-whole.ctypes.data % LINE) // whole.itemsize
     return whole[off : off + count]
 
 
 class Rows(types.Type):
-    """Memory as vectors one after the other: rows[i] is a Vec; of count 0, as plain numbers. In Python an array.
+    """Memory as vectors one after the other: rows[i] is a Vec, or a plain number if count is 0.
 
-    pitch : numbers from one row to the next, of rows that are part of longer ones
+    pitch : numbers from one row to the next, if rows are parts of longer rows
     """
 
-    def __init__(self, dtype, count, pitch=None):
+    def __init__(self, dtype: Any, count: int, pitch: int | None = None) -> None:
         self.dtype, self.count, self.pitch = dtype, count, pitch or count
         super().__init__(name=f"rows of {dtype}x{count}" + (f" in {pitch}" if pitch else ""))
 
     @property
-    def item(self):
+    def item(self) -> Any:
         """The type of rows[i]."""
         return Vec(self.dtype, self.count) if self.count else self.dtype
 
@@ -46,18 +52,19 @@ class Rows(types.Type):
 register_default(Rows)(OpaqueModel)
 
 
-def _place(builder, kind, array, index, item):
-    """The address of array[index], the array plain memory, as that of LLVM's type `item`."""
+def _place(builder: Any, kind: Any, array: Any, index: Any, item: Any) -> Any:
+    """The address of array[index] of plain memory, as an address of LLVM's type `item`."""
     numbers = builder.bitcast(array, ELEMENT[kind.dtype.name].as_pointer())
     return builder.bitcast(builder.gep(numbers, [index]), item.as_pointer())
 
 
-def _align(kind):
+def _align(kind: Any) -> int:
+    """Bytes that an address of numbers of this kind is a multiple of."""
     return 4 if kind.dtype == types.float32 else 8
 
 
 def load(rows, array, index):
-    """array[index], array[index + 1], ... of a flat array, for as many members as a row has."""
+    """array[index], array[index + 1], ... of a flat array, as many as a row has."""
     return array[index]
 
 
@@ -90,7 +97,10 @@ def _store(typing_context, array, index, value):
 
 
 def memory(array, number):
-    """An array, in compiled code its address, as plain numbers of the kind of `number`: nobody counts who uses them, which costs more than to use them."""
+    """An array, in compiled code its address, as plain numbers of the kind of `number`.
+
+    There is no counting of references, which would cost more than the use of the numbers.
+    """
     return array
 
 
@@ -103,7 +113,7 @@ def _memory(typing_context, address, number):
 
 
 def stream(rows, marks, number):
-    """Of rows the part that is the stream of a number, of as many as there are marks."""
+    """Part `number` of rows that are divided into as many parts as there are marks."""
     return rows
 
 
@@ -119,17 +129,12 @@ def _stream(typing_context, rows, marks, number):
     return kind(rows, marks, types.intp), generate
 
 
-def _row(builder, kind, rows, index):
+def _row(builder: Any, kind: Any, rows: Any, index: Any) -> Any:
     """The address of rows[index]."""
     if not kind.count:
         return _place(builder, kind, rows, index, ELEMENT[kind.dtype.name])
-    return _place(
-        builder,
-        kind,
-        rows,
-        builder.mul(index, ir.Constant(_WORD, kind.pitch)),
-        llvm_type(kind.item),
-    )
+    first = builder.mul(index, ir.Constant(_WORD, kind.pitch))
+    return _place(builder, kind, rows, first, llvm_type(kind.item))
 
 
 @infer_global(operator.getitem)
@@ -141,7 +146,7 @@ class _GetRow(AbstractTemplate):
 
 
 @lower_builtin(operator.getitem, Rows, types.Integer)
-def get_row(context, builder, sig, args):
+def get_row(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     """LLVM's code of rows[index]."""
     return builder.load(_row(builder, sig.args[0], *args), align=_align(sig.args[0]))
 
@@ -175,8 +180,11 @@ def tuple_at(marks, rows, row):
     return tuple(rows[row + i] for i in range(len(marks)))
 
 
-def _following(count, *arguments):
-    """(signature, code) of a function that reads so many rows; arguments: types, the last two of rows and of the first row."""
+def _following(count: int, *arguments: Any) -> tuple[Any, Callable[..., Any]]:
+    """(signature, code) of a function that reads `count` rows from row `arguments[-1]` on.
+
+    arguments : types; the last but one is that of the rows
+    """
     rows = arguments[-2]
 
     def generate(context, builder, sig, args):
@@ -203,7 +211,7 @@ def _tuple_at(typing_context, marks, rows, row):
 
 
 def put(values, rows, row):
-    """Write a tuple to rows; the row after them."""
+    """Write a tuple to rows, and return the row after them."""
     for i, value in enumerate(values):
         rows[row + i] = value
     return row + len(values)
@@ -225,9 +233,11 @@ def _put(typing_context, values, rows, row):
 
 
 def spread(values, rows, array, at, pitch, past):
-    """Write a tuple, as rows have it, to a flat array: to at, at + pitch, ...; the place after them. past : whether past the cache, to whole cache lines.
+    """Write a tuple to a flat array, at `at`, at + pitch, ..., and return the place after them.
 
-    Rows of a result lie 2^15 bytes and more apart, which the cache takes for one place: a save of nine values takes 42 ns a member through it, 7 ns past it.
+    past : whether past the cache, which takes whole cache lines. Rows of a result lie 2^15 bytes
+        and more apart, which is one place for the cache: a save of nine values takes 42 ns a
+        member through it and 7 ns past it
     """
     for i, value in enumerate(values):
         store(array, at + i * pitch, value)
@@ -248,20 +258,16 @@ def _spread(typing_context, values, rows, array, at, pitch, past):
         ]
 
         def write(align):
-            to = (_place(builder, array, args[2], place, llvm_type(kind)) for place in places)
-            return [
-                builder.store(x, place, align=align) for x, place in zip(each, to, strict=False)
-            ]
+            vector = llvm_type(kind)
+            to = (_place(builder, array, args[2], place, vector) for place in places[:-1])
+            return [builder.store(x, p, align=align) for x, p in zip(each, to, strict=True)]
 
-        with builder.if_else(builder.icmp_signed("!=", args[5], ir.Constant(_WORD, 0))) as (
-            then,
-            otherwise,
-        ):
+        one = builder.module.add_metadata([ir.Constant(ir.IntType(32), 1)])
+        skips_cache = builder.icmp_signed("!=", args[5], ir.Constant(_WORD, 0))
+        with builder.if_else(skips_cache) as (then, otherwise):
             with then:
-                for made in write(LINE):
-                    made.set_metadata(
-                        "nontemporal", builder.module.add_metadata([ir.Constant(ir.IntType(32), 1)])
-                    )
+                for written in write(LINE):
+                    written.set_metadata("nontemporal", one)
             with otherwise:
                 write(_align(array))
         return places[-1]

@@ -1,32 +1,33 @@
-"""Normal deviates in lanes: Philox4x64-10 as numpy has it, and the transform of Box and Muller, without branch or libm call.
+"""Normal deviates without branch or library call, so that they run on vectors.
 
-A member's noise in a step is a function of (seed, stream, member, step) and of nothing else. The counter is [member + 1, step, stream, 1]: the
-last word keeps it apart from the draws of `rigidmc.engine.streams`, where it is 0.
-Source: Salmon, Moraes, Dror & Shaw, SC11 (2011); Box & Muller, Ann. Math. Stat. 29 (1958) 610; the logarithm is that of `rigidmc.dynamics.functions`.
+Philox4x64-10 as numpy has it, and the transform of Box and Muller. A member's noise in a step is a
+function of (seed, stream, member, step) and of nothing else. The counter is [member + 1, step,
+stream, 1]: the last word keeps it apart from the draws of `rigidmc.engine.streams`, where it is 0.
+Source: Salmon, Moraes, Dror & Shaw, SC11 (2011); Box & Muller, Ann. Math. Stat. 29 (1958) 610.
 """
 
 import math
+import sys
 
 import numpy as np
 
 from rigidmc.dynamics.functions import as_float, as_word, logarithm
 from rigidmc.dynamics.so3 import select, sincos_small
-from rigidmc.engine.compose import inline
+from rigidmc.engine.compose import inline_all
 
 _M0, _M1 = np.uint64(0xD2E7470EE14C6C93), np.uint64(0xCA5A826395121157)
 _W0, _W1 = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBB67AE8584CAA73B)
 _LOW, _HALF, _ONE = np.uint64(0xFFFFFFFF), np.uint64(32), np.uint64(1)
-_MANTISSA, _EXPONENT, _TWELVE = (
-    np.uint64(0x000FFFFFFFFFFFFF),
-    np.uint64(0x3FF0000000000000),
-    np.uint64(12),
-)
+_EXPONENT, _TWELVE = np.uint64(0x3FF0000000000000), np.uint64(12)
 _SIGN = np.uint64(0x8000000000000000)
 
 
 def product(a, b):
-    """(high, low) words of a b, by products of half words, which vectors have; the low one as a b would be found out to be a scalar product
-    of 128 bits, by 3 ns a member slower."""
+    """(high, low) words of a b, by products of half words, which vectors have.
+
+    With the low word written as a b, LLVM recognises a scalar product of 128 bits: 3 ns a member
+    slower.
+    """
     a0, a1, b0, b1 = a & _LOW, a >> _HALF, b & _LOW, b >> _HALF
     low = a0 * b0
     one = a1 * b0 + (low >> _HALF)  # no sum exceeds 64 bits
@@ -63,23 +64,22 @@ def signed(x, word):
 
 
 def direction(word):
-    """(x, y) uniform on the unit circle: an angle in (0, pi/4) from the upper 52 bits of a word, an octant from its lowest 3."""
+    """(x, y) uniform on the unit circle, from one word.
+
+    The upper 52 bits are an angle in (0, pi/4), the lowest 3 an octant.
+    """
     s, c = sincos_small(0.78539816339744830962 * uniform(word))
     swapped = (word & _ONE) == _ONE
-    return signed(select(swapped, s, c), word << np.uint64(62)), signed(
-        select(swapped, c, s), word << np.uint64(61)
-    )
+    x = signed(select(swapped, s, c), word << np.uint64(62))
+    return x, signed(select(swapped, c, s), word << np.uint64(61))
 
 
 def normals(words):
     """Three independent normal deviates from four words, after Box and Muller."""
-    a, b = (
-        math.sqrt(-2.0 * logarithm(uniform(words[0]))),
-        math.sqrt(-2.0 * logarithm(uniform(words[2]))),
-    )
+    a = math.sqrt(-2.0 * logarithm(uniform(words[0])))
+    b = math.sqrt(-2.0 * logarithm(uniform(words[2])))
     x, y = direction(words[1])
     return a * x, a * y, b * direction(words[3])[0]
 
 
-for _function in (product, rounds, philox, uniform, signed, direction, normals):
-    inline(_function)
+inline_all(sys.modules[__name__])

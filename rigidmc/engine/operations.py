@@ -1,6 +1,7 @@
-"""What physics costs before it is run: floating-point operations, counted in the code that LLVM makes of it."""
+"""What physics costs before it is run: floating-point operations, counted in LLVM's code."""
 
 import re
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 from numba import njit, typeof
@@ -11,8 +12,9 @@ from rigidmc.effects.own import RULE
 from rigidmc.effects.parameters import blank
 from rigidmc.effects.protocol import energy, energy_scale, kick, shake, torque, torque_rate
 from rigidmc.effects.sums import total_torque
-from rigidmc.engine.compose import NumbaError, filled, given
+from rigidmc.engine.compose import NumbaError
 from rigidmc.engine.formulas import WIDTH
+from rigidmc.engine.kinds import filled, parts_of
 from rigidmc.engine.memory import four_at, put, three_at
 from rigidmc.engine.pieces import dispatcher_of, signature_of
 from rigidmc.engine.pipeline import FLAGS
@@ -20,18 +22,19 @@ from rigidmc.errors import SceneError
 from rigidmc.integrators.protocol import constants, opened, step
 
 _OPERATION = re.compile(
-    r"= .*?\b(?:f(add|sub|mul|div)|call [^@]*@(?:llvm\.)?(sqrt|fabs|minnum|maxnum|fma)\b\S*)\b[^<]*?(?:<(\d+) x )?double"
+    r"= .*?\b(?:f(add|sub|mul|div)|call [^@]*@(?:llvm\.)?(sqrt|fabs|minnum|maxnum|fma)\b\S*)\b"
+    r"[^<]*?(?:<(\d+) x )?double"
 )
 _CHOICE = re.compile(r"= (?:fcmp|select)\b[^<]*?(?:<(\d+) x )?double")
-DIVISION, ROOT = (
-    10,
-    18,
-)  # what they take in place of a product in packed arithmetic (Zen 4, 512 bits)
+DIVISION, ROOT = 10, 18  # in times of a product, in packed arithmetic (Zen 4, 512 bits)
 _BODY, _AT, _SPIN = MassProperties(*[1.0] * 9), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
 class Operations(NamedTuple):
-    """Floating-point operations, and how many of them are divisions and square roots; beside them comparisons and selections."""
+    """Floating-point operations, and how many of them are divisions and square roots.
+
+    choices : comparisons and selections, which are not among them
+    """
 
     all: int
     divisions: int
@@ -39,19 +42,19 @@ class Operations(NamedTuple):
     choices: int
 
     @property
-    def slots(self):
-        """In times of a product."""
+    def slots(self) -> int:
+        """The time of all of them, in times of a product."""
         return self.all + self.choices + (DIVISION - 1) * self.divisions + (ROOT - 1) * self.roots
 
-    def less(self, other):
+    def less(self, other: "Operations") -> "Operations":
         """What is left without others."""
         return Operations(*(a - b for a, b in zip(self, other, strict=True)))
 
-    def times(self, count):
-        """As often as `count` says."""
+    def times(self, count: int) -> "Operations":
+        """All of them `count` times."""
         return Operations(*(count * a for a in self))
 
-    def __str__(self):
+    def __str__(self) -> str:
         parts = [
             f"{count} {word}{'s' * (count != 1)}"
             for count, word in ((self.divisions, "division"), (self.roots, "root"))
@@ -60,70 +63,73 @@ class Operations(NamedTuple):
         return f"{self.all} operations" + (f" ({', '.join(parts)})" if parts else "")
 
 
-def torque_operations(effect):
+def torque_operations(effect: Any) -> Operations:
     """Operations of one evaluation of an effect's torque."""
     return _counted(_torque, *blank((effect,)), _BODY, 0.0, _AT, _SPIN)
 
 
-def misdeeds(effect):
-    """What keeps the torque of a user's own effect from a kernel, in words: memory that it takes; or ""."""
+def misdeeds(effect: Any) -> str:
+    """Why the torque of a user's effect cannot go into a kernel: "takes memory", or ""."""
     return "takes memory" if "NRT_" in _torque_code(effect) else ""
 
 
-def refuse_misdeeds(effects):
-    """Raise SceneError for an effect of a user's own that takes memory."""
+def refuse_misdeeds(effects: Iterable[Any]) -> None:
+    """Raise SceneError for a user's effect that takes memory."""
     for effect in effects:
         if type(effect) not in EFFECTS.values() and (wrong := misdeeds(effect)):
             raise SceneError("effects", f"{type(effect).__name__}.torque", None, f"{wrong}; {RULE}")
 
 
-def unpacked(effect):
-    """Why members cannot be worked on side by side with a user's own effect, any of its methods, in words; "" where they can."""
+def unpacked(effect: Any) -> str:
+    """Why members cannot be worked on side by side with a user's effect, or ""."""
     if type(effect) not in _side_by_side:
         try:
-            dispatcher_of(_felt).compile(signature_of(blank((effect,)), "float64", WIDTH, "s"))
+            dispatcher_of(_all_methods).compile(
+                signature_of(blank((effect,)), "float64", WIDTH, "s")
+            )
             _side_by_side[type(effect)] = ""
         except NumbaError:
             _side_by_side[type(effect)] = "branches, or calls what takes one number at a time"
     return _side_by_side[type(effect)]
 
 
-def step_operations(form, effects, attitude):
-    """Operations of one step of a Form with some effects: of its parts together."""
+def step_operations(form: Any, effects: Any, attitude: bool) -> Operations:
+    """Operations of one step of a Form with these effects, all its parts together."""
     part, q = (0.0, 0.0, 0.0), _AT if attitude else (1.0, 0.0, 0.0, 0.0)
     first = tuple(_STEP * x for x in form.parts[1, :3].tolist())
     q, l = opened(form.integrator, _STILL, blank(effects), 0.0, first, q, _SPIN)
     once = constants(form.integrator, _STILL, first, l)
 
-    def counted(integrator, effects, t, part, q, l):
+    def whole_state(integrator, effects, t, part, q, l):
         return step(integrator, _STILL, effects, t, _STEP, part, q, l, once)
 
     def momentum_alone(integrator, effects, t, part, q, l):
         return step(integrator, _STILL, effects, t, _STEP, part, q, l, once)[1]
 
-    function = counted if attitude else momentum_alone
-    return _counted(function, form.integrator, blank(effects), 0.0, part, q, l).times(
-        len(form.parts) - 1
-    )
+    function = whole_state if attitude else momentum_alone
+    one_part = _counted(function, form.integrator, blank(effects), 0.0, part, q, l)
+    return one_part.times(len(form.parts) - 1)
 
 
 _codes: dict[type, str] = {}
 _side_by_side: dict[type, str] = {}
 
 
-def _torque_code(effect):
-    """LLVM's code of an effect's torque, made once for each class."""
+def _torque_code(effect: Any) -> str:
+    """LLVM's code of an effect's torque, compiled once for each class."""
     if type(effect) not in _codes:
         _codes[type(effect)] = _code(_torque, *blank((effect,)), _BODY, 0.0, _AT, _SPIN)
     return _codes[type(effect)]
 
 
 def _torque(effect, body, t, q, l):
+    """What is compiled to count the operations of an effect."""
     return total_torque((effect,), body, t, q, l)
 
 
-def _felt(kinds, numbers, at):
-    (one,) = given(kinds, numbers)
+def _all_methods(kinds, numbers, at):
+    """What is compiled to see whether all methods of an effect run on vectors."""
+    (one,) = parts_of(kinds, numbers)
     one = filled(one, at, 30)
     body, q, l, t, h = filled(_BODY, at, 8), four_at(at, 0), three_at(at, 4), at[7], at[29]
     put(
@@ -138,22 +144,25 @@ def _felt(kinds, numbers, at):
     return 0
 
 
-# body and step stay the same from step to step: constants, so that what is made of them alone counts as little as it does before a loop
+# Body and step stay the same from step to step. They are constants here, so that what is computed
+# from them alone does not count, as it takes no time before a loop.
 _STILL, _STEP = MassProperties.of((0.61, 0.83, 1.07), (0.053, -0.022, 0.31)), 0.013
 
 
-def _counted(function, *arguments):
+def _counted(function: Callable[..., Any], *arguments: Any) -> Operations:
+    """The operations of a function, compiled for the types of these arguments."""
     code = _code(function, *arguments).splitlines()
-    found = [m for line in code if (m := _OPERATION.search(line))]
-    counts = [(m[1] or m[2], (2 if m[2] == "fma" else 1) * int(m[3] or 1)) for m in found]
+    matches = [m for line in code if (m := _OPERATION.search(line))]
+    counts = [(m[1] or m[2], (2 if m[2] == "fma" else 1) * int(m[3] or 1)) for m in matches]
     choices = sum(int(m[1] or 1) for line in code if (m := _CHOICE.search(line)))
     divisions, roots = (sum(n for kind, n in counts if kind == word) for word in ("div", "sqrt"))
     return Operations(sum(n for _, n in counts), divisions, roots, choices)
 
 
-def _code(function, *arguments):
+def _code(function: Callable[..., Any], *arguments: Any) -> str:
+    """LLVM's code of a function, compiled for the types of these arguments."""
     flags: Any = FLAGS
     compiled = njit(**flags)(function)
     compiled.compile(tuple(map(typeof, arguments)))
     (code,) = compiled.inspect_llvm().values()
-    return code
+    return str(code)

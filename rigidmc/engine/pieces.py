@@ -1,10 +1,14 @@
-"""Pieces of compiled code, each compiled by itself, and called by its address: another observable or event compiles its piece and no other."""
+"""Pieces of compiled code, each compiled by itself and called by its address.
+
+Another observable or event thus compiles one piece and no other.
+"""
 
 import ctypes
 import functools
 import gc
 import sys
 import threading
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numba
@@ -12,44 +16,50 @@ import numpy as np
 from llvmlite import ir
 from numba import njit, typeof
 from numba.core import types
+from numpy.typing import NDArray
 
-import rigidmc.engine.functions  # noqa: F401  (what effects of a user's own may call)
+import rigidmc.engine.compose
+import rigidmc.engine.functions  # noqa: F401  (what a user's effects may call)
 from rigidmc.engine import cache
-from rigidmc.engine.compose import Kinds, numbers_of
+from rigidmc.engine.intrinsics import coded
+from rigidmc.engine.kinds import Kinds, numbers_of
 from rigidmc.engine.machine import use_widest_vectors
 from rigidmc.engine.memory import Rows
-from rigidmc.engine.numbers import coded
 from rigidmc.engine.pipeline import FLAGS
 
 config: Any = numba.config
-DEEPEST = 5000  # Python's 1000 frames are too few: each plain function that a piece calls, and each element of a tuple, takes 30 or so
+Function = Callable[..., Any]
+# Python's 1000 frames are too few: each plain function that a piece calls, and each element of a
+# tuple, takes about 30.
+DEEPEST = 5000
 use_widest_vectors()
 _INT, _REAL, _PLAIN = types.int64, types.float64, Rows(types.float64, 0)
-_IN_C: dict[str, Any] = {
-    "i": ctypes.c_int64,
-    "k": ctypes.c_uint64,
-    "f": ctypes.c_double,
-}  # the rest are addresses
-_alive: dict[
-    tuple, Any
-] = {}  # what is compiled, by what it is compiled for: an address is good as long as its code
-_addresses: dict[tuple, int] = {}  # where a piece is, found without asking Numba for types
+# Letters as of `piece`; the rest are addresses.
+_IN_C: dict[str, Any] = {"i": ctypes.c_int64, "k": ctypes.c_uint64, "f": ctypes.c_double}
+_by_types: dict[tuple[Any, ...], int] = {}  # addresses of pieces, by what they are compiled for
+_addresses: dict[tuple[Any, ...], int] = {}  # the same, found without asking Numba for types
 _compiling = threading.Lock()
 _dispatchers: dict[Any, Any] = {}
 
 
+Asked = tuple[Any, Any, str, int, Any]  # the arguments of `piece`
+
+
 class Piece(NamedTuple):
-    """A piece: where its code and its numbers are; uncompiled the function, what it is for, and an array."""
+    """A piece: the addresses of its code and of its numbers.
+
+    Uncompiled it is the function, its Kinds, and the array of its numbers.
+    """
 
     code: Any
     kinds: Any
     numbers: Any
 
 
-NOTHING = Piece(0, 0, 0)
+NOTHING = Piece(0, 0, 0)  # for a piece that a scene does not use
 
 
-def signature_of(parts, dtype, lanes, arguments):
+def signature_of(parts: Any, dtype: str, lanes: int, arguments: Any) -> Any:
     """The types of a piece for NamedTuples `parts`, see `piece`."""
     real = types.float64 if dtype == "float64" else types.float32
     known = {
@@ -62,19 +72,20 @@ def signature_of(parts, dtype, lanes, arguments):
         "f": _REAL,
         "k": types.uint64,
     }
-    more = (
-        (known[letter] for letter in arguments)
-        if isinstance(arguments, str)
-        else [numba.from_dtype(arguments)]
-    )
-    return _INT(typeof(Kinds(*parts)), _PLAIN, *more)
+    if isinstance(arguments, str):
+        return _INT(typeof(Kinds(*parts)), _PLAIN, *(known[letter] for letter in arguments))
+    return _INT(typeof(Kinds(*parts)), _PLAIN, numba.from_dtype(arguments))
 
 
-def piece(function, parts, dtype, lanes, arguments):
-    """(the Piece of a function(kinds, numbers, *arguments) for NamedTuples `parts`, an array that has to live as long as it is called).
+def piece(
+    function: Function, parts: Any, dtype: str, lanes: int, arguments: Any
+) -> tuple[Piece, NDArray[np.float64]]:
+    """(the Piece of function(kinds, numbers, *arguments) for NamedTuples `parts`, its numbers).
 
-    arguments : the types of the other arguments in letters: s for rows in the precision of the run, w for rows in float64, p for plain numbers in memory,
-        n and u for integers and words in memory, i for an integer, k for a word, f for a number; or the dtype of the one other, a record
+    The array of the numbers has to live as long as the piece is called.
+    arguments : the types of the other arguments in letters: s for rows in the precision of the run,
+        w for rows in float64, p for plain numbers in memory, n and u for integers and words in
+        memory, i for an integer, k for a word, f for a number; or the dtype of one record
     """
     numbers = np.array(numbers_of(parts) or [0.0])
     if config.DISABLE_JIT:
@@ -85,32 +96,37 @@ def piece(function, parts, dtype, lanes, arguments):
     return Piece(_addresses[key], 0, numbers.ctypes.data), numbers
 
 
-def is_ready(function, parts, dtype, lanes, arguments):
-    """Whether nothing has to be compiled for a `piece`: its code is in memory or in the disk cache."""
+def is_ready(function: Function, parts: Any, dtype: str, lanes: int, arguments: Any) -> bool:
+    """Whether the code of a `piece` is in memory or in the disk cache."""
     if config.DISABLE_JIT or (function, dtype, lanes, kind_of(parts), arguments) in _addresses:
         return True
     signature = signature_of(parts, dtype, lanes, arguments)
-    return (function, signature.args) in _alive or cache.is_cached(
-        _cached_dispatcher(function), signature
-    )
+    compiled = (function, signature.args) in _by_types
+    return compiled or cache.is_cached(_cached_dispatcher(function), signature)
 
 
-def is_kept(function, parts, dtype, lanes, arguments):
-    """Whether the disk cache keeps the code of a `piece`, so that another process may compile it."""
+def is_kept(function: Function, parts: Any, dtype: str, lanes: int, arguments: Any) -> bool:
+    """Whether the disk cache keeps the code of a `piece`: another process may compile it then."""
     return not config.DISABLE_JIT and cache.is_kept(
         _cached_dispatcher(function), signature_of(parts, dtype, lanes, arguments)
     )
 
 
-def kind_of(argument):
-    """What tells apart whatever `typeof` tells apart of nested NamedTuples and numbers, ten times as fast: 9 us in place of 90."""
-    return (
-        (type(argument), *map(kind_of, argument)) if isinstance(argument, tuple) else type(argument)
-    )
+def kind_of(argument: Any) -> Any:
+    """A key that differs for nested NamedTuples and numbers whenever Numba's `typeof` differs.
+
+    It takes 9 us where `typeof` takes 90.
+    """
+    if isinstance(argument, tuple):
+        return (type(argument), *map(kind_of, argument))
+    return type(argument)
 
 
-def run(piece, letters, *arguments):
-    """Call a piece from Python, outside its global lock, with memory as arrays; letters: as of `piece`, any but i, k and f for memory."""
+def run(piece: Piece, letters: str, *arguments: Any) -> Any:
+    """Call a piece from Python, outside its global lock, with memory as arrays.
+
+    letters : as of `piece`; any but i, k and f stand for memory
+    """
     if config.DISABLE_JIT:
         return piece.code(piece.kinds, piece.numbers, *arguments)
     result, error = ctypes.c_int64(), ctypes.c_void_p()
@@ -122,46 +138,53 @@ def run(piece, letters, *arguments):
 
 
 @functools.cache
-def _in_python(address, letters):
-    """A piece as a function of Python, by Numba's own way of calling: where the result goes, where an error goes, and the arguments."""
+def _in_python(address: int, letters: str) -> Any:
+    """A piece as a function of Python.
+
+    By Numba's way of calling it takes an address for the result, one for an error, one that is not
+    used, and the arguments.
+    """
     kinds = (_IN_C.get(letter, ctypes.c_void_p) for letter in letters)
     return ctypes.CFUNCTYPE(
         ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, *kinds
     )(address)
 
 
-def dispatcher_of(function):
+def dispatcher_of(function: Function) -> Any:
     """Numba's dispatcher of a piece's function, without a cache."""
     options: Any = {**FLAGS, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     return njit(**options)(function)
 
 
-def _cached_dispatcher(function):
+def _cached_dispatcher(function: Function) -> Any:
+    """Numba's dispatcher of a piece's function, with the disk cache."""
     if function not in _dispatchers:
         _dispatchers[function] = cache.cached(dispatcher_of(function))
     return _dispatchers[function]
 
 
-def _address(function, signature):
+def _address(function: Function, signature: Any) -> int:
+    """The address of a piece's code, which lives as long as the dispatcher in `_dispatchers`."""
     key = function, signature.args
     with _compiling:
-        if key not in _alive:
-            _alive[key] = _compiled(_cached_dispatcher(function), signature)
-    return _alive[key]
+        if key not in _by_types:
+            _by_types[key] = _compiled(_cached_dispatcher(function), signature)
+    return _by_types[key]
 
 
-def _compiled(dispatcher, signature):
+def _compiled(dispatcher: Any, signature: Any) -> int:
+    """Compile a piece, or load it from the disk cache; the address of its code."""
     deepest, collects = sys.getrecursionlimit(), gc.isenabled()
     sys.setrecursionlimit(max(deepest, DEEPEST))
-    gc.disable()  # a sixth of the time, for 70 MB
+    gc.disable()  # saves a sixth of the time, for 70 MB
     try:
         dispatcher.compile(signature)
     finally:
         sys.setrecursionlimit(deepest)
         if collects:
             gc.enable()
-    made = dispatcher.overloads[signature.args]
-    return made.library.get_pointer_to_function(made.fndesc.llvm_func_name)
+    result = dispatcher.overloads[signature.args]
+    return int(result.library.get_pointer_to_function(result.fndesc.llvm_func_name))
 
 
 def call(piece, arguments):

@@ -1,4 +1,7 @@
-"""How everything is compiled: what has no life of its own is inlined into what has, which is then optimised, once."""
+"""How everything is compiled: functions are inlined into the piece that calls them, and the piece
+is optimised once."""
+
+from typing import Any
 
 from numba._dynfunc import make_function
 from numba.core import compiler
@@ -9,49 +12,54 @@ from numba.core.typed_passes import NativeLowering
 
 from rigidmc.engine.fused import fuse
 
-LINE = 64  # bytes of a cache line, and of the widest vectors: one that lies across two lines takes two accesses
+LINE = (
+    64  # bytes of a cache line and of the widest vectors: across two lines they take two accesses
+)
 
 
 class FusingLower(Lower):
     """Numba's own lowering of a function, then `fuse`."""
 
-    def lower_normal_function(self, fndesc):
+    def lower_normal_function(self, fndesc: Any) -> None:
         super().lower_normal_function(fndesc)
         for function in self.module.functions:
             fuse(function)
             if function.blocks:
-                function.attributes.add("nounwind")  # alone, the next one would not be written
+                function.attributes.add("nounwind")  # without it the next is not written
                 function.attributes.alignstack = LINE
 
 
 class Inlined(JITCodeLibrary):
-    """Code that has no life of its own: it is inlined wherever it is called, and before that neither linked, optimised nor made into machine code."""
+    """Code that is inlined wherever it is called.
 
-    def _optimize_functions(self, ll_module):
+    By itself it is neither linked, nor optimised, nor made into machine code.
+    """
+
+    def _optimize_functions(self, ll_module: Any) -> None:
         ll_module.data_layout = self._codegen._data_layout
 
-    def finalize(self):
+    def finalize(self) -> None:
         for function in self.get_defined_functions():
             function.linkage = "linkonce_odr"
         self._finalized = True
 
-    def _get_module_for_linking(self):
+    def _get_module_for_linking(self) -> Any:
         return self._final_module
 
 
 class Flat(JITCodeLibrary):
-    """Code whose calls, and the calls in those, are all inlined first, and which is then optimised once."""
+    """A piece: all calls, and the calls in those, are inlined first; then it is optimised once."""
 
-    def finalize(self):
-        found, left = dict.fromkeys(self._linking_libraries), list(self._linking_libraries)
+    def finalize(self) -> None:
+        libraries, left = dict.fromkeys(self._linking_libraries), list(self._linking_libraries)
         while left:
-            new = [library for library in left.pop()._linking_libraries if library not in found]
-            found.update(dict.fromkeys(new))
+            new = [library for library in left.pop()._linking_libraries if library not in libraries]
+            libraries.update(dict.fromkeys(new))
             left += new
-        self._linking_libraries = list(found)
+        self._linking_libraries = list(libraries)
         super().finalize()
 
-    def _optimize_final_module(self):
+    def _optimize_final_module(self) -> None:
         passes, builder = self._codegen._module_pass_manager(opt=0)
         passes.add_always_inliner_pass()
         passes.add_global_dead_code_eliminate_pass()
@@ -68,39 +76,43 @@ class FusingLowering(NativeLowering):
 
     _name = "rigidmc_fusing_lowering"
 
-    def run_pass(self, state):
+    def run_pass(self, state: Any) -> bool:
         context, name = state.targetctx, state.func_id.func_qualname
         if not state.flags.forceinline:
             state.library = Flat(context.codegen(), name)
             state.library.enable_object_caching()
-            return super().run_pass(state)
+            return bool(super().run_pass(state))
         state.library, state.flags.no_compile = Inlined(context.codegen(), name), True
         super().run_pass(state)
-        made = state.cr
-        entry = make_function(
-            made.fndesc.lookup_module(), name, "inlined", 0, made.env, (state.library,)
-        )  # never called
-        context.insert_user_function(entry, state.cr.fndesc, [state.library])
-        state.cr = made._replace(cfunc=entry)
+        result = state.cr
+        module = result.fndesc.lookup_module()
+        # Numba wants an entry point; it is never called
+        entry = make_function(module, name, "inlined", 0, result.env, (state.library,))
+        context.insert_user_function(entry, result.fndesc, [state.library])
+        state.cr = result._replace(cfunc=entry)
         return True
 
     @property
-    def lowering_class(self):
+    def lowering_class(self) -> type:
         return FusingLower
 
 
-# Passes for closures, `with`, arrays, exceptions and Numba's other ways to inline, none of which the package's own functions have
-# use for: an eighth of the time.
+# Passes for closures, `with`, arrays, exceptions and Numba's other ways to inline. The package's
+# functions use none of them: an eighth of the time.
 NEEDLESS = {
-    "WithLifting", "InlineClosureLikes", "RewriteDynamicRaises", "MakeFunctionToJitFunction", "InlineInlinables", "FindLiterallyCalls", "LiteralUnroll",
-    "LiteralPropagationSubPipelinePass", "InlineOverloads", "NopythonRewrites",
+    "WithLifting", "InlineClosureLikes", "RewriteDynamicRaises", "MakeFunctionToJitFunction",
+    "InlineInlinables", "FindLiterallyCalls", "LiteralUnroll", "LiteralPropagationSubPipelinePass",
+    "InlineOverloads", "NopythonRewrites",
 }  # fmt: skip
 
 
 class Pipeline(compiler.CompilerBase):
-    """Numba's own pipeline with `FusingLowering` in the place of its lowering, and for the package's own functions no more than they need."""
+    """Numba's own pipeline with `FusingLowering` in the place of its lowering.
 
-    def define_pipelines(self):
+    For functions of the package it leaves out what they do not need.
+    """
+
+    def define_pipelines(self) -> list[Any]:
         passes = compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
         needless = NEEDLESS if self.state.func_id.func.__module__.startswith("rigidmc.") else ()
         passes.passes = [
@@ -112,7 +124,8 @@ class Pipeline(compiler.CompilerBase):
         return [passes]
 
 
-# No flag of fast arithmetic: "nnan" or "ninf" would delete the check for non-finite members, "contract" would let bits depend on what is compiled beside
-# them, "nsz" would let the sign of a zero. Without debugging information a product stays in its register, where the rule finds it.
+# No flag of fast arithmetic: "nnan" or "ninf" would delete the check for non-finite members,
+# "contract" would let bits depend on what is compiled beside them, "nsz" would let the sign of a
+# zero. Without debugging information a product stays in its register, where `fuse` finds it.
 FLAGS = {"error_model": "numpy", "debug": False, "pipeline_class": Pipeline}
 INLINE = {**FLAGS, "forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}

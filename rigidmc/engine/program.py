@@ -1,26 +1,29 @@
 """What moves the members of a scene: its pieces, compiled, and the memory that they work in."""
 
+from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
 from rigidmc.dynamics.methods import implements
 from rigidmc.effects import labelled
-from rigidmc.engine import member, watch
+from rigidmc.engine import events as event
+from rigidmc.engine import member, neighbour
+from rigidmc.engine import running as watching
 from rigidmc.engine.beside import beside, helped
 from rigidmc.engine.compile_time import announced, divided
-from rigidmc.engine.compose import rows_of
 from rigidmc.engine.cpu import TRACE, advance
-from rigidmc.engine.events import TRIES
-from rigidmc.engine.frame import Noise, Pieces, Room, Saves, Shape, frame_type
-from rigidmc.engine.layout import BODY, BODY_AT, EFFECTS_AT, KNOWN, LANES, START
+from rigidmc.engine.frame import Noise, Pieces, Room, Run, Saves, Shape, frame_type
+from rigidmc.engine.kinds import row_count
+from rigidmc.engine.layout import BODY, BODY_AT, KNOWN, LANES, START, places
 from rigidmc.engine.machine import vector_bits
 from rigidmc.engine.march import march
 from rigidmc.engine.memory import LINE, aligned
-from rigidmc.engine.pieces import NOTHING, Piece, config, is_ready, piece, run
-from rigidmc.engine.watch import watch_rows
+from rigidmc.engine.pieces import NOTHING, Asked, Piece, config, is_ready, piece, run
 from rigidmc.integrators.protocol import group_count
-from rigidmc.observables import SIZES
+from rigidmc.observables.protocol import size
 
 MARCH = "piswsikkuiii"  # the arguments of `march`, see `piece`
 QUIET = Noise(np.uint64(0), np.uint64(0), np.zeros(1, np.uint64), 0)
@@ -28,23 +31,29 @@ NOWHERE = Saves(np.empty(0), 0, 0, np.empty(0, np.int64))
 
 
 class Program:
-    """What moves the members of a scene, compiled; with `ask` nothing is compiled, and it tells what is `missing`.
+    """What moves the members of a scene, compiled.
 
     form : a Form, see `rigidmc.integrators.form`;  effects : blank ones
-    attitude : whether it is moved, and paid for;  compensated : whether sums keep their remainders;  dtype : of the numbers in which steps are made
-    limits : () where only non-finite members are flagged; else what else flags them, inf where a scene has no such law: drift of energy
-        (of the energies in play), of |L|^2 (of its size) and of L_z (of the largest |L| that the energies allow), |omega| h [rad],
-        and ||q|^2 - 1|
-    ledger : () where no works are kept; else for each effect () if its energy tells its work, (0.0,) if not. See `rigidmc.effects.ledger`
-    lanes : how many are worked on side by side, by default what suits this processor
-    events, running, shadow : what is watched, see `rigidmc.engine.watch`: events; (running observable, as many 0.0 as it keeps
-        floats) each; (0.0,) for a neighbour, else ()
+    attitude : whether it is followed;  compensated : whether sums keep their remainders
+    dtype : of the numbers in which steps are made
+    limits : () if only non-finite members are flagged; else the largest drift of energy (of the
+        energies in play), of |L|^2 (of its size) and of L_z (of the largest |L| that the energies
+        allow), |omega| h [rad], and ||q|^2 - 1|; inf if a scene has no such law
+    ledger : () if no works are kept; else for each effect () if its energy tells its work, (0.0,)
+        if not, see `rigidmc.effects.protocol`
+    events, running, shadow : what is watched: compiled events; (running observable, as many 0.0 as
+        it has marks) each; (0.0,) for a neighbour, else ()
+    lanes : how many members are worked on side by side, by default what suits this processor
+    ask : compile nothing; `missing` then tells what would be compiled
     """
 
     def __init__(
-        self, form, effects, observables=(), attitude=True, compensated=False, dtype="float64", limits=(), ledger=(), events=(), running=(), shadow=(),
-        lanes=None, ask=False,
-    ):  # fmt: skip
+        self, form: Any, effects: Sequence[Any], observables: Sequence[Any] = (),
+        attitude: bool = True, compensated: bool = False, dtype: DTypeLike = "float64",
+        limits: Sequence[float] = (), ledger: Sequence[Any] = (), events: Sequence[Any] = (),
+        running: Sequence[Any] = (), shadow: Sequence[float] = (), lanes: int | None = None,
+        ask: bool = False,
+    ) -> None:  # fmt: skip
         if compensated and implements(form.integrator, "with_sums"):
             form = form._replace(
                 integrator=form.integrator.with_sums(),
@@ -52,149 +61,149 @@ class Program:
             )
         self.form, self.effects, self.dtype = form, effects, np.dtype(dtype).name
         self.lanes = 1 if config.DISABLE_JIT else lanes or lanes_for(dtype)
-        groups = min(self.lanes, group_count(form.integrator))
         self.parts = np.ascontiguousarray(form.parts, dtype=float).ravel()
-        turned, kept, works = (
-            (0.0,) if attitude else (),
-            (0.0,) if compensated else (),
-            tuple(0.0 for _ in ledger),
-        )
-        moved = (form.integrator, effects, turned, kept, works, (0.0,) * groups)
-        seen = (form.integrator, effects, turned, kept, tuple(limits), ledger)
-        watched = (form.integrator, effects, events, running)
 
-        def made(wanted, function, parts, arguments):
+        rows = places(row_count(effects), len(ledger), len(events), [len(m) for _, m in running])
+        random = any("noise" in effect._fields for effect in effects)
+        self.shape = Shape(
+            lanes=self.lanes,
+            values=sum(size(o.dims, len(ledger)) for o in observables),
+            works_at=rows.in_state(rows.works),
+            works=len(ledger),
+            watched=rows.in_state(rows.events),
+            near_at=rows.in_state(rows.neighbour),
+            looks=int(bool(events or running)),
+            shadow=len(shadow),
+            records=2 * len(events),
+            tries=0 if random else event.TRIES,
+            noisy=int(random),
+        )
+        marks = (0.0,) * bool(attitude), (0.0,) * bool(compensated)
+        self.asked = self._asked(marks, observables, tuple(limits), ledger, events, running, shadow)
+        if not ask:
+            self._compile()
+
+    def _asked(
+        self, marks: tuple[Any, Any], observables: Any, limits: Any, ledger: Any, events: Any,
+        running: Any, shadow: Any,
+    ) -> dict[str, Asked | None]:  # fmt: skip
+        """{name: what `piece` takes} of all pieces, None for those without a use.
+
+        marks : (0.0,) or () for attitude and for remainders
+        """
+        integrator, effects = self.form.integrator, self.effects
+        groups = min(self.lanes, group_count(integrator))
+        moved = (integrator, effects, *marks, (0.0,) * len(ledger), (0.0,) * groups)
+        looked = (integrator, effects, *marks, limits, ledger)
+        watched = (integrator, effects, events, running)
+
+        def asked(wanted: Any, function: Any, parts: Any, arguments: str) -> Any:
             return (function, parts, self.dtype, self.lanes, arguments) if wanted else None
 
-        some = bool(events or running)
+        some = events or running
         pieces = Pieces(
-            made(True, member.enter, (), "piiiiffsw"),
-            made(True, member.leave, (), "piiiiiisw"),
-            made(True, member.begin, seen, "psw"),
-            made(True, march, moved, MARCH),
-            made(True, member.look, seen, "pswff"),
-            made(bool(observables), member.record, (observables, effects, ledger), "wpiifi"),
-            made(some, watch.begin_watch, watched, "pswi"),
-            made(some, watch.watch, watched, "pswsiii"),
-            made(bool(events), watch.seek, (form.integrator, effects, events), "pswswiii"),
-            made(bool(shadow), watch.begin_near, (form.integrator, effects), "pswsi"),
-            made(bool(shadow), watch.meet, (form.integrator, effects), "pswsiff"),
+            enter=asked(True, member.enter, (), "piiiiffsw"),
+            leave=asked(True, member.leave, (), "piiiiiisw"),
+            begin=asked(True, member.begin, looked, "psw"),
+            march=asked(True, march, moved, MARCH),
+            look=asked(True, member.look, looked, "pswff"),
+            record=asked(observables, member.record, (observables, effects, ledger), "wpiifi"),
+            begin_watch=asked(some, watching.begin_watch, watched, "pswi"),
+            watch=asked(some, watching.watch, watched, "pswsiii"),
+            seek=asked(events, event.seek, (integrator, effects, events), "pswswiii"),
+            begin_near=asked(shadow, neighbour.begin_near, (integrator, effects), "pswsi"),
+            meet=asked(shadow, neighbour.meet, (integrator, effects), "pswsiff"),
         )
-        at = EFFECTS_AT + rows_of(effects)
-        row = at + 2 * len(ledger)
-        random = any("noise" in effect._fields for effect in effects)
-        values = sum(len(ledger) if "effect" in o.dims else SIZES[o.dims] for o in observables)
-        near_at, tries = row + watch_rows(events, running, ()), 0 if random else TRIES
-        self.shape = Shape(
-            self.lanes,
-            values,
-            at,
-            len(ledger),
-            row,
-            near_at,
-            int(some),
-            len(shadow),
-            2 * len(events),
-            tries,
-            int(random),
-        )
+        return {**pieces._asdict(), "advance": (advance, (), self.dtype, 0, frame_type(self.dtype))}
 
+    def _compile(self) -> None:
+        """Compile the pieces that are missing, some of them in a second process."""
+        missing, theirs = self.missing(), self.theirs()
+        with announced(self.label, missing, self.effects, theirs):
+            with beside([asked for name in theirs if (asked := self.asked[name])]):
+                for name in missing:
+                    if name not in theirs and (asked := self.asked[name]):
+                        piece(*asked)
+            pieces = {
+                name: piece(*asked) if asked else (NOTHING, None)
+                for name, asked in self.asked.items()
+            }
+        # a piece knows only where its numbers are: they have to live as long as the program
+        self._numbers = [numbers for _, numbers in pieces.values()]
+        *others, self._advance = (one for one, _ in pieces.values())
         kind = frame_type(self.dtype)
-        self.asked = {**pieces._asdict(), "advance": (advance, (), self.dtype, 0, kind)}
-        if not ask:
-            missing, theirs = self.missing(), self.theirs()
-            with announced(self.label, missing, self.effects, theirs):
-                with beside([self.asked[name] for name in theirs]):
-                    for name in missing:
-                        if name not in theirs:
-                            piece(*self.asked[name])
-                found = {
-                    name: piece(*asked) if asked else (NOTHING, None)
-                    for name, asked in self.asked.items()
-                }
-            self._numbers = [
-                numbers for _, numbers in found.values()
-            ]  # of the pieces, which know only where they are
-            *pieces, self._advance = (one for one, _ in found.values())
-            self.pieces = Pieces(*pieces)
-            empty = SimpleNamespace(real=1.0) if config.DISABLE_JIT else np.zeros(1, kind)
-            self._frame = framed(empty, self.pieces, self.shape)
+        empty = SimpleNamespace(real=1.0) if config.DISABLE_JIT else np.zeros(1, kind)
+        self._frame = framed(empty, Pieces(*others), self.shape)
 
     @property
-    def label(self):
+    def label(self) -> str:
         """What it is, in the words of a scene."""
-        words = [
-            self.form.name or type(self.form.integrator).__name__,
-            *(label for label, _ in labelled(self.effects)),
-        ]
+        integrator = self.form.name or type(self.form.integrator).__name__
+        words = [integrator, *(label for label, _ in labelled(self.effects))]
         return " + ".join(words) + " in float32" * (self.dtype == "float32")
 
-    def missing(self):
-        """Names of the pieces that are neither in memory nor in the disk cache, `advance` for the loop that calls them."""
+    def missing(self) -> list[str]:
+        """Names of the pieces that are neither in memory nor in the disk cache.
+
+        "advance" is the loop that calls the others.
+        """
         return [name for name, asked in self.asked.items() if asked and not is_ready(*asked)]
 
-    def theirs(self):
-        """Names of those of them that a second process is to compile."""
+    def theirs(self) -> list[str]:
+        """Names of the missing pieces that a second process is to compile."""
         missing = self.missing()
-        return divided(
-            self.label, missing, self.effects, helped({name: self.asked[name] for name in missing})
-        )
+        able = helped({name: asked for name in missing if (asked := self.asked[name])})
+        return divided(self.label, missing, self.effects, able)
 
-    def advance(self, block, steps, noise=None, saves=None):
+    def advance(
+        self, block: NDArray[np.float64], steps: Run, noise: Noise | None = None,
+        saves: Saves | None = None,
+    ) -> None:  # fmt: skip
         """Take a block through the steps of a Run; see `rigidmc.engine.cpu.advance`."""
         lanes, (rows, members) = self.lanes, block.shape
-        state, near = (aligned((BODY_AT + rows - BODY) * lanes, self.dtype) for _ in range(2))
-        work, aside = aligned((KNOWN + rows) * lanes, float), aligned(KNOWN * lanes, float)
-        trace, saved = (
-            aligned((7 * TRACE + START + self.shape.works) * lanes, self.dtype),
-            aligned(max(1, self.shape.values) * lanes, float),
-        )
         noise, saves = noise or QUIET, saves or NOWHERE
-        lines = (
-            8 * lanes % LINE
-            == saves.out.ctypes.data % LINE
-            == 8 * saves.columns % LINE
-            == 8 * saves.column % LINE
-            == 0
-        )
+        state_rows = BODY_AT + rows - BODY
+        places_of_saves = 8 * lanes, saves.out.ctypes.data, 8 * saves.columns, 8 * saves.column
         room = Room(
-            self.parts,
-            self.parts.size // 4,
-            block,
-            rows,
-            members,
-            state,
-            near,
-            work,
-            aside,
-            trace,
-            saved,
-            int(lines),
+            parts=self.parts,
+            part_rows=self.parts.size // 4,
+            block=block,
+            rows=rows,
+            width=members,
+            state=aligned(state_rows * lanes, self.dtype),
+            near=aligned(state_rows * lanes, self.dtype),
+            work=aligned((KNOWN + rows) * lanes, float),
+            aside=aligned(KNOWN * lanes, float),
+            trace=aligned((7 * TRACE + START + self.shape.works) * lanes, self.dtype),
+            saved=aligned(max(1, self.shape.values) * lanes, float),
+            past=int(all(place % LINE == 0 for place in places_of_saves)),
         )
         run(self._advance, "p", framed(self._frame, steps, noise, saves, room))
 
 
-def framed(frame, *given):
-    """The record of `frame_type` with fields from NamedTuples; uncompiled something with attributes of their names."""
+def framed(frame: Any, *given: NamedTuple) -> Any:
+    """The record of `frame_type` with fields from NamedTuples.
+
+    Uncompiled it is something with attributes of their names.
+    """
+    fields: Mapping[str, Any] = {k: v for part in given for k, v in part._asdict().items()}
     if config.DISABLE_JIT:
-        flat = {
-            name: x.ravel() if isinstance(x, np.ndarray) else x
-            for part in given
-            for name, x in part._asdict().items()
-        }
+        flat = {k: v.ravel() if isinstance(v, np.ndarray) else v for k, v in fields.items()}
         return SimpleNamespace(**vars(frame), **flat)
     frame = frame.copy()
-    for part in given:
-        for name, value in zip(part._fields, part, strict=True):
-            if isinstance(value, Piece):
-                frame[name] = value.code, value.numbers
-            else:
-                frame[name] = (
-                    value.__array_interface__["data"][0] if isinstance(value, np.ndarray) else value
-                )
+    for name, value in fields.items():
+        if isinstance(value, Piece):
+            frame[name] = value.code, value.numbers
+        elif isinstance(value, np.ndarray):
+            frame[name] = value.__array_interface__["data"][0]
+        else:
+            frame[name] = value
     return frame
 
 
-def lanes_for(dtype):
-    """How many members are worked on side by side: two registers of each number, so that what waits for one works on the other. No result depends on it."""
+def lanes_for(dtype: DTypeLike) -> int:
+    """How many members are worked on side by side; no result depends on it.
+
+    They fill two registers for each number: while one waits for a result, the other is worked on.
+    """
     return min(LANES, 2 * vector_bits() // (8 * np.dtype(dtype).itemsize))

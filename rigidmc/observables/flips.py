@@ -1,94 +1,91 @@
-"""Flips: how often, when first, and after what waits a body turns over about its middle axis."""
+"""Flips: how often a body turns over about its middle axis, when, and how long it waits between."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from rigidmc.dynamics.so3 import dot, select
 from rigidmc.errors import SceneError
+from rigidmc.observables.protocol import Array, Record, event
+
+TABLE = "observables.flips"
+_OUTPUTS = {
+    "flips": (
+        "1",
+        "how often the body turned over about the {axis}, "
+        "after it had come within {within:.4g} rad of it",
+        (),
+    ),
+    "flip_first": ("s", "time of the first flip; nan where there is none", ()),
+    "flip_last": ("s", "time of the last flip; nan where there is none", ()),
+    "flip_wait": ("s", "mean time between flips; nan where there are fewer than two", ()),
+    "flip_wait_deviation": (
+        "s",
+        "standard deviation of the times between flips, each by a straight line within its step; "
+        "nan where there are fewer than two",
+        (),
+    ),
+}
 
 
+@event
 class Flips(NamedTuple):
-    """How often a body turns over about a principal axis: by default that of the middle moment, the theorem's own.
+    """How often a body turns over about a principal axis, by default that of the middle moment.
 
-    A flip is a change of sign of the angular momentum about the axis after it has come within an angle of it, either end: free tops that start there
-    flip every 2 K(m)/lambda (flip_interval of `rigidmc exact`), TdC (3.35) in closed form; those that wobble about another axis never do.
+    A flip is a change of sign of the angular momentum about the axis after L has come within an
+    angle of either end of the axis. A free top that starts there flips every 2 K(m)/lambda
+    (flip_interval of `rigidmc exact`), TdC (3.35) in closed form; a free top that wobbles about
+    another axis never flips.
 
-    The component is checked at the end of each step: a change that comes and goes within a step is missed.
+    The component is checked at the end of each step: a change that comes and goes within a step is
+    missed.
 
-    axis : 1, 2 or 3; 0 for that of the middle moment of each body;  within : that angle [rad]
+    axis : 1, 2 or 3; 0 for the axis of the middle moment of each body;  within : that angle [rad]
     """
 
     axis: int = 0
     within: float = math.pi / 3.0
-    event = True
-    outputs = {
-        "flips": (
-            "1",
-            "how often the body turned over about the {axis}, after it had come within {within:.4g} rad of it",
-            (),
-        ),
-        "flip_first": ("s", "time of the first flip; nan where there is none", ()),
-        "flip_last": ("s", "time of the last flip; nan where there is none", ()),
-        "flip_wait": ("s", "mean time between flips; nan where there are fewer than two", ()),
-        "flip_wait_deviation": (
-            "s",
-            "standard deviation of the times between flips, each by a straight line within its step; nan where there are fewer than two",
-            (),
-        ),
-    }
+    outputs = _OUTPUTS
 
-    def check(self):
+    def check(self) -> None:
+        """Raise SceneError for an axis or an angle that is not allowed."""
         if isinstance(self.axis, bool) or self.axis not in (0, 1, 2, 3):
-            raise SceneError(
-                "observables.flips",
-                "axis",
-                self.axis,
-                "expected 1, 2, 3, or 0 for the axis of the middle moment",
-            )
-        if (
-            isinstance(self.within, bool)
-            or not isinstance(self.within, (int, float))
-            or not 0.0 < self.within <= 0.5 * math.pi
-        ):
-            raise SceneError(
-                "observables.flips",
-                "within",
-                self.within,
-                "expected an angle between 0 and pi/2 [rad]",
-            )
+            rule = "expected 1, 2, 3, or 0 for the axis of the middle moment"
+            raise SceneError(TABLE, "axis", self.axis, rule)
+        real = isinstance(self.within, (int, float)) and not isinstance(self.within, bool)
+        if not real or not 0.0 < self.within <= 0.5 * math.pi:
+            rule = "expected an angle between 0 and pi/2 [rad]"
+            raise SceneError(TABLE, "within", self.within, rule)
 
-    def compiled(self, moments, sure):
-        """The event for bodies of these moments (3, n), which are all there are where that is sure."""
-        chosen = [self.axis - 1]
+    def compiled(self, moments: Array, complete: bool) -> "Component":
+        """The event for bodies of these moments (3, n); complete : whether these are all bodies."""
+        axes = [self.axis - 1]
         if self.axis == 0:
             order = np.argsort(moments, axis=0, kind="stable")
             low, middle, high = np.take_along_axis(moments, order, axis=0)
             if not np.any((middle - low > 1e-12 * high) & (high - middle > 1e-12 * high)):
-                rule = "no body of the scene has three different moments, so that none has a middle axis; give axis = 1, 2 or 3"
-                raise SceneError("observables.flips", "axis", self.axis, rule)
-            chosen = sorted({int(i) for i in order[1]}) if sure else [0, 1, 2]
-        return Component(
-            *((0.0,) if i in chosen else () for i in range(3)), math.cos(self.within) ** 2
-        )
+                rule = (
+                    "no body of the scene has three different moments, so that none has a middle "
+                    "axis; give axis = 1, 2 or 3"
+                )
+                raise SceneError(TABLE, "axis", self.axis, rule)
+            axes = sorted({int(i) for i in order[1]}) if complete else [0, 1, 2]
+        one, two, three = (((0.0,) if i in axes else ()) for i in range(3))
+        return Component(one, two, three, math.cos(self.within) ** 2)
 
-    def words(self):
-        return {
-            "axis": f"axis {self.axis}" if self.axis else "axis of the middle moment",
-            "within": float(self.within),
-        }
+    def words(self) -> dict[str, Any]:
+        """The axis and the angle."""
+        axis = f"axis {self.axis}" if self.axis else "axis of the middle moment"
+        return {"axis": axis, "within": float(self.within)}
 
-    def results(self, record):
-        """Outputs from what an event keeps, see `rigidmc.engine.events`."""
+    def results(self, record: Record) -> dict[str, Array]:
+        """The outputs."""
         with np.errstate(all="ignore"):
             waits = record.count - 1.0
             mean = (record.last - record.first) / waits
-            spread = np.sqrt(
-                np.maximum(
-                    record.squares / waits - ((record.tau - record.first_tau) / waits) ** 2, 0.0
-                )
-            )
+            mean_tau = (record.tau - record.first_tau) / waits
+            spread = np.sqrt(np.maximum(record.squares / waits - mean_tau**2, 0.0))
         several = record.count > 1.0
         return {
             "flips": record.count,
@@ -100,14 +97,17 @@ class Flips(NamedTuple):
 
 
 class Component(NamedTuple):
-    """A component of L, as an event. one, two, three : (0.0,) for axes that may be the one, else (); where several may be, it is the
-    middle one.  square : of the cosine of the angle within which it arms"""
+    """A component of L, as an event.
 
-    one: tuple
-    two: tuple
-    three: tuple
+    one, two, three : (0.0,) if the axis of some body is this one, else (); if several are marked,
+        the axis of the middle moment counts
+    square : squared cosine of the angle within which the event arms
+    """
+
+    one: tuple[float, ...]
+    two: tuple[float, ...]
+    three: tuple[float, ...]
     square: float
-    stop: tuple = ()
 
     def level(self, body, l):
         return component((self.one, self.two, self.three), body, l)
@@ -120,7 +120,7 @@ class Component(NamedTuple):
 
 
 def component(marks, body, l):
-    """The component of L about the axis that is marked, or about that of the middle moment."""
+    """The component of L about the one marked axis, or about the axis of the middle moment."""
     if len(marks[0]) + len(marks[1]) + len(marks[2]) > 1:
         second = ((body.i1 >= body.i2) & (body.i2 >= body.i3)) | (
             (body.i1 <= body.i2) & (body.i2 <= body.i3)
@@ -133,7 +133,7 @@ def component(marks, body, l):
 
 
 def only(mark, this, other):
-    """This where there is a mark, else the other."""
+    """`this` if there is a mark, else `other`."""
     if len(mark) == 0:
         return other
     return this

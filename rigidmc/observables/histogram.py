@@ -5,68 +5,61 @@ import re
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rigidmc.errors import SceneError
+from rigidmc.observables.protocol import Array, ensemble
+
+TABLE = "observables.histogram"
 
 
+@ensemble
 class Histogram(NamedTuple):
-    """Counts of the members by an observable at every save time, of `bins` equal parts of low to high; what lies outside is counted at the ends.
+    """Counts of the members by an observable at every save time, in equal bins from low to high.
 
-    of : the name of an observable, with its component where it has several, e.g. "energy" or "omega[3]"
+    of : the name of an observable, with its component if it has several: "energy", "omega[3]"
 
-    Flagged members are left out. The observable itself is stored only where `save` names it.
+    Values beyond the bins are counted below and above them. Flagged members are left out. The
+    observable itself is stored only if `save` names it.
     """
 
     of: str
     low: float
     high: float
     bins: int = 100
-    ensemble = True
-    outputs = {}
 
-    def check(self):
-        table = "observables.histogram"
+    def check(self) -> None:
+        """Raise SceneError for a text or a number that is not allowed."""
         if not isinstance(self.of, str) or not re.fullmatch(r"[a-z0-9_]+(\[[1-4]\])?", self.of):
-            raise SceneError(
-                table,
-                "of",
-                self.of,
-                'expected the name of an observable, as in "energy" or "omega[3]"',
-            )
-        for key, value in (("low", self.low), ("high", self.high)):
-            if (
-                isinstance(value, bool)
-                or not isinstance(value, (int, float))
-                or not math.isfinite(value)
-            ):
-                raise SceneError(table, key, value, "expected a finite number")
+            rule = 'expected the name of an observable, as in "energy" or "omega[3]"'
+            raise SceneError(TABLE, "of", self.of, rule)
+        for key, end in (("low", self.low), ("high", self.high)):
+            real = isinstance(end, (int, float)) and not isinstance(end, bool)
+            if not real or not math.isfinite(end):
+                raise SceneError(TABLE, key, end, "expected a finite number")
         if not self.low < self.high:
-            raise SceneError(table, "high", self.high, f"expected more than low = {self.low:g}")
-        if (
-            isinstance(self.bins, bool)
-            or not isinstance(self.bins, int)
-            or not 1 <= self.bins <= 100_000
-        ):
-            raise SceneError(
-                table, "bins", self.bins, "expected a whole number between 1 and 100000"
-            )
+            raise SceneError(TABLE, "high", self.high, f"expected more than low = {self.low:g}")
+        whole = isinstance(self.bins, int) and not isinstance(self.bins, bool)
+        if not whole or not 1 <= self.bins <= 100_000:
+            rule = "expected a whole number between 1 and 100000"
+            raise SceneError(TABLE, "bins", self.bins, rule)
 
     @property
-    def name(self):
+    def name(self) -> str:
         """The observable's name."""
         return self.of.split("[")[0]
 
     @property
-    def component(self):
+    def component(self) -> int:
         """Its component, from 0."""
         return int(self.of[-2]) - 1 if self.of.endswith("]") else 0
 
-    def edges(self):
+    def edges(self) -> Array:
         """The ends of the bins (bins + 1)."""
         return np.linspace(self.low, self.high, self.bins + 1)
 
-    def counts(self, values):
-        """Counts (times, bins + 2) of values (times, members), those below and above first and last."""
+    def counts(self, values: Array) -> NDArray[np.intp]:
+        """Counts (times, bins + 2) of values (times, members): below, in each bin, above."""
         share = np.floor((values - self.low) * (self.bins / (self.high - self.low)))
         place = np.clip(np.nan_to_num(share, nan=-1.0), -1, self.bins).astype(np.intp) + 1
         return np.stack([np.bincount(row, minlength=self.bins + 2) for row in place])

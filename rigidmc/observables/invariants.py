@@ -1,43 +1,49 @@
-"""What a free top keeps: energy and |L|^2, and how far they have drifted."""
+"""What a free top conserves: energy and |L|^2, and how far they have drifted."""
 
 from typing import NamedTuple
 
 from rigidmc.dynamics.euler import kinetic_energy
 from rigidmc.dynamics.so3 import dot
 from rigidmc.effects.sums import total_energy
+from rigidmc.observables.protocol import observable
 
 
+@observable
 class Energy(NamedTuple):
     """E = 1/2 L . I^-1 L + potential energy of the effects, TdC (3.16), (3.33)."""
 
-    units, long_name, dims = "J", "energy", ()
+    units, long_name, dims, conserved = "J", "energy", (), "energy"
 
     def value(self, body, effects, q, l):
         return (kinetic_energy(body, l) + total_energy(effects, body, q),)
 
 
+@observable
 class L2(NamedTuple):
     """|L|^2."""
 
-    units, long_name, dims = "kg2 m4 s-2", "squared angular momentum", ()
+    units, long_name, dims, conserved = "kg2 m4 s-2", "squared angular momentum", (), "l2"
 
     def value(self, l):
         return (dot(l, l),)
 
 
+@observable
 class EnergyDrift(NamedTuple):
-    """(E - E(0))/|E(0)|; where |E(0)| is under 1e-3 of the energies in play, relative to that."""
+    """(E - E(0))/|E(0)|; if |E(0)| is under 1e-3 of the energies in play, relative to that."""
 
-    units, long_name, dims = "1", "relative drift of energy, less work where it is booked", ()
+    units, long_name = "1", "relative drift of energy, less work where it is booked"
+    dims, conserved = (), "energy_drift"
 
     def value(self, body, effects, q, l, start):
         return ((kinetic_energy(body, l) + total_energy(effects, body, q) - start[0]) * start[1],)
 
 
+@observable
 class L2Drift(NamedTuple):
     """(|L|^2 - |L(0)|^2)/|L(0)|^2; the absolute change for a top that starts at rest."""
 
-    units, long_name, dims = "1", "relative drift of |L|^2", ()
+    units, long_name, dims, conserved = "1", "relative drift of |L|^2", (), "l2"
 
     def value(self, l, start):
         return ((dot(l, l) - start[2]) * start[3],)

@@ -1,26 +1,33 @@
-"""How much is kept of what is saved: the larger the ensemble, the less one wants of each member.
+"""How much of what is saved is kept: the larger the ensemble, the less one wants of each member.
 
 full       omega(time, axis, member), every save
-thinned    omega_thinned(thinned_time, ...), one save of `thin`, and the last
-summary    omega_min, omega_max, omega_mean, omega_variance over all steps, see `rigidmc.observables.running`
+thinned    omega_thinned(thinned_time, ...), every `thin`-th save, and the last
+summary    omega_min, omega_max, omega_mean, omega_variance, see `rigidmc.observables.running`
 final      omega_final(axis, member), the last save
 none       nothing
 
-Whatever is kept of the others, of members that are flagged every save is: omega_flagged(time, axis, flagged), and flagged_member tells whose.
+Of flagged members every save is kept, whatever is kept of the others: omega_flagged(time, axis,
+flagged), and flagged_member has their indices.
 """
 
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from rigidmc.errors import SceneError, unknown
 from rigidmc.observables import OBSERVABLES, RUNNING
 from rigidmc.observables.running import STATISTICS
 
 WORDS = ("none", "final", "summary", "thinned", "full")
+Keep = str | Mapping[str, str]  # one word for all observables, or {name: word}
+Values = dict[str, NDArray[Any]]
 
 
-def check_keep(keep):
-    """SceneError for a setting `keep` that cannot be."""
-    named = keep if isinstance(keep, dict) else {None: keep}
+def check_keep(keep: Keep) -> None:
+    """Raise SceneError if the setting `keep` names an unknown observable or an unknown word."""
+    named = {None: keep} if isinstance(keep, str) else keep
     for name, word in named.items():
         key = "keep" if name is None else f"keep.{name}"
         if name is not None and name not in OBSERVABLES:
@@ -28,61 +35,70 @@ def check_keep(keep):
         if word not in WORDS:
             raise unknown("run", key, word, "way to keep it", WORDS)
         if word == "summary" and name is not None and f"{name}_mean" not in RUNNING:
-            raise SceneError(
-                "run", key, word, "it has no summary over the steps: keep it final, thinned or full"
-            )
+            rule = "it has no summary over the steps: keep it final, thinned or full"
+            raise SceneError("run", key, word, rule)
 
 
-def kept(keep, saved):
-    """{name: word} of the saved observables; one that has no summary is kept to the end where all are summarised."""
-    found = {name: keep if isinstance(keep, str) else keep.get(name, "full") for name in saved}
+def kept(keep: Keep, saved: Iterable[str]) -> dict[str, str]:
+    """{name: word} of the saved observables.
+
+    If all are summarised, an observable that has no summary keeps its last save.
+    """
+    words = {name: keep if isinstance(keep, str) else keep.get(name, "full") for name in saved}
     return {
         name: "final" if word == "summary" and f"{name}_mean" not in RUNNING else word
-        for name, word in found.items()
+        for name, word in words.items()
     }
 
 
-def summaries(kept):
-    """Names of the running statistics that stand for what is summarised."""
+def summaries(kept: Mapping[str, str]) -> tuple[str, ...]:
+    """Names of the running statistics of the observables that are summarised."""
     return tuple(
-        f"{name}_{word}" for name, how in kept.items() if how == "summary" for word in STATISTICS
+        f"{name}_{statistic}"
+        for name, word in kept.items()
+        if word == "summary"
+        for statistic in STATISTICS
     )
 
 
-def thinned(count, thin):
-    """Indices of the saves that are kept of what is thinned."""
+def thinned(count: int, thin: int) -> NDArray[np.intp]:
+    """Indices of the saves that a thinned observable keeps, of `count` saves."""
     return np.unique(np.append(np.arange(0, count, thin), count - 1))
 
 
-def kept_values(scene, plan, parts):
-    """{variable: array, members last} of saved values by name, all their times first."""
-    made = {}
+def kept_values(scene: Any, plan: Any, saves: Mapping[str, NDArray[Any]]) -> Values:
+    """{variable: array, members last} of the saved values that are kept.
+
+    saves : {name: values at all save times}
+    """
+    values = {}
     for name, word in scene.kept().items():
         if word == "full":
-            made[name] = parts[name]
+            values[name] = saves[name]
         elif word == "thinned":
-            made[f"{name}_thinned"] = parts[name][plan.thinned]
+            values[f"{name}_thinned"] = saves[name][plan.thinned]
         elif word == "final":
-            made[f"{name}_final"] = parts[name][-1]
-    return made
+            values[f"{name}_final"] = saves[name][-1]
+    return values
 
 
-def flagged_values(scene, first, parts, status):
-    """{variable: array, flagged members last} of those members of a block, from `first` on, that are flagged; {} where all is kept anyway."""
+def flagged_values(
+    scene: Any, first: int, saves: Mapping[str, NDArray[Any]], status: NDArray[Any]
+) -> Values:
+    """{variable: array, flagged members last} of the flagged members of a block.
+
+    {} if every save is kept anyway.  first : index of the block's first member;  status : of each
+    """
     names = [name for name, word in scene.kept().items() if word != "full"]
-    bad = np.flatnonzero(status)
-    return (
-        {
-            "flagged_member": first + bad,
-            **{f"{name}_flagged": parts[name][..., bad] for name in names},
-        }
-        if names
-        else {}
-    )
+    if not names:
+        return {}
+    flagged = np.flatnonzero(status)
+    values = {f"{name}_flagged": saves[name][..., flagged] for name in names}
+    return {"flagged_member": first + flagged, **values}
 
 
-def joined(pieces):
-    """{variable: array} of pieces of flagged values, members in order."""
+def joined(pieces: Sequence[Values]) -> Values:
+    """One {variable: array} from those of several blocks, members in order."""
     pieces = [piece for piece in pieces if piece]
     if not pieces:
         return {}

@@ -7,15 +7,18 @@ import numpy as np
 
 from rigidmc.dynamics.functions import arcsine
 from rigidmc.dynamics.so3 import arctan2, select
+from rigidmc.observables.protocol import Array, running
 
 
+@running
 class Nutation(NamedTuple):
-    """The smallest and largest angle theta between axis 3 of the body and the vertical, at the start and after every step, TdC (3.36).
+    """The smallest and largest angle theta between axis 3 of the body and the vertical.
 
-    An extreme between two steps is missed. The worst error among 50 heavy tops to t = 25 is 0.32 rad with steps of 1.6 rad, 0.06
+    They are those at the start and after every step, TdC (3.36). An extreme between two steps is
+    missed: the worst error among 50 heavy tops to t = 25 is 0.32 rad with steps of 1.6 rad, 0.06
     rad with steps of 0.3 rad, 0.02 rad with steps of 0.15 rad.
 
-    What is kept: sin^2(theta/2), which has all its digits near 0, where its cosine has half of them.
+    The numbers are sin^2(theta/2): near 0 it has all its digits, where a cosine has half of them.
     """
 
     marks = 2
@@ -32,20 +35,22 @@ class Nutation(NamedTuple):
         square = q[1] * q[1] + q[2] * q[2]
         return select(square < kept[0], square, kept[0]), select(square > kept[1], square, kept[1])
 
-    def results(self, kept):
-        """Outputs from what is kept, (2, n)."""
+    def results(self, kept: Array, steps: Array) -> dict[str, Array]:
+        """The outputs from the numbers (2, n)."""
         low, high = 2.0 * arcsine(np.sqrt(np.clip(kept, 0.0, 1.0)))
         return {"nutation_min": low, "nutation_max": high}
 
 
+@running
 class Precession(NamedTuple):
-    """The angle phi by which axis 3 of the body has turned about the vertical, turns counted, TdC (3.36).
+    """The angle phi by which axis 3 of the body has turned about the vertical, TdC (3.36).
 
-    Between two steps the axis is taken to go the shorter way round. If a step turns it by half a turn or more about the vertical,
-    as it may when the axis passes near the vertical, whole turns are lost (for 12 of 50 heavy tops with steps of 1.6 rad).
+    Whole turns are counted. Between two steps the axis is taken to go the shorter way round. If it
+    turns by half a turn or more about the vertical in one step, as it may when it passes near the
+    vertical, whole turns are lost (for 12 of 50 heavy tops with steps of 1.6 rad).
 
-    What is kept: the axis over the horizontal plane, how often it changed between its halves y >= 0 and y < 0, counted by its sense, and where it
-    was at the start.
+    The numbers are the horizontal components (x, y) of the axis, how often it has crossed y = 0,
+    with the sign of its sense, and (x, y) at the start.
     """
 
     marks = 5
@@ -60,15 +65,13 @@ class Precession(NamedTuple):
         way = select(kept[0] * y - kept[1] * x > 0.0, 1.0, -1.0)
         return x, y, kept[2] + select((kept[1] < 0.0) != (y < 0.0), way, 0.0), kept[3], kept[4]
 
-    def results(self, kept):
-        """Outputs from what is kept, (5, n)."""
+    def results(self, kept: Array, steps: Array) -> dict[str, Array]:
+        """The outputs from the numbers (5, n)."""
         x, y, halves, x0, y0 = kept
-        turns = 0.5 * (
-            halves - (y0 < 0.0) + (y < 0.0)
-        )  # half -1 is y < 0 of turn 0, half 0 the other
-        return {
-            "precession": 2.0 * math.pi * turns + arctan2(y + 0.0, x) - arctan2(y0 + 0.0, x0)
-        }  # of -0.0 that of 0.0
+        # half -1 is y < 0 of turn 0, half 0 is y >= 0 of it
+        turns = 0.5 * (halves - (y0 < 0.0) + (y < 0.0))
+        # y + 0.0 turns -0.0 into 0.0, whose arctangent is the wanted one
+        return {"precession": 2.0 * math.pi * turns + arctan2(y + 0.0, x) - arctan2(y0 + 0.0, x0)}
 
 
 def over_plane(q):

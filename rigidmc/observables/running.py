@@ -1,7 +1,7 @@
-"""Running statistics over the steps of a member: smallest, largest, mean and variance of any observable of its state.
+"""Running statistics over the steps of a member: minimum, maximum, mean, variance.
 
-They use the start and the end of each step: an extreme in between is missed by up to x'' h^2/8, and a mean has the error of the
-trapezoidal rule, of order h^2.
+They see the start and the end of each step: an extreme within a step is missed by up to x'' h^2/8,
+and a mean has the error of the trapezoidal rule, of order h^2.
 """
 
 from typing import Any, NamedTuple
@@ -9,14 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rigidmc.dynamics.so3 import select
-from rigidmc.observables.protocol import value
+from rigidmc.observables.protocol import Array, running, size, value
 
-NOTHING = (0.0, 0.0, 0.0, 0.0)
+_NO_START = (0.0, 0.0, 0.0, 0.0)
 
 
 def seen(of, body, effects, t, q, l):
     """The values of an observable that asks for neither start nor works."""
-    return value(of, body, effects, t, q, l, NOTHING, ())
+    return value(of, body, effects, t, q, l, _NO_START, ())
 
 
 def smaller(a, b):
@@ -34,14 +34,14 @@ def larger(a, b):
 
 
 def summed(sums, values, shifts):
-    """Sums of numbers less their shifts."""
+    """Sums to which values less their shifts are added."""
     if len(sums) == 0:
         return ()
     return (sums[0] + (values[0] - shifts[0]),) + summed(sums[1:], values[1:], shifts[1:])
 
 
 def squared(sums, values, shifts):
-    """Sums of squares of numbers less their shifts."""
+    """Sums to which the squares of values less their shifts are added."""
     if len(sums) == 0:
         return ()
     off = values[0] - shifts[0]
@@ -49,31 +49,42 @@ def squared(sums, values, shifts):
 
 
 def zeros(values):
-    """As many zeros."""
+    """As many zeros as values."""
     if len(values) == 0:
         return ()
     return (0.0 * values[0],) + zeros(values[1:])
 
 
 def head(like, a):
-    """The first len(like) of a tuple."""
+    """The first len(like) numbers of a tuple."""
     if len(like) == 0:
         return ()
     return (a[0],) + head(like[1:], a[1:])
 
 
 def rest(like, a):
-    """A tuple without its first len(like)."""
+    """A tuple without its first len(like) numbers."""
     if len(like) == 0:
         return a
     return rest(like[1:], a[1:])
 
 
+def by_rows(of: Any, rows: int, kept: Array) -> Array:
+    """The rows (rows * values, n) of a block as (rows, values, n), or as they are of a number."""
+    return kept.reshape(rows, -1, kept.shape[1]) if of.dims else kept
+
+
+@running
 class Minimum(NamedTuple):
     """The smallest of the values at the start and after every step."""
 
     of: Any
-    word, kept = "smallest", 1
+    word, squares = "smallest", False
+
+    @property
+    def marks(self) -> int:
+        """The smallest values."""
+        return size(self.of.dims)
 
     def begin(self, body, effects, t, q, l):
         return seen(self.of, body, effects, t, q, l)
@@ -81,15 +92,22 @@ class Minimum(NamedTuple):
     def update(self, kept, body, effects, t, q, l):
         return smaller(kept, seen(self.of, body, effects, t, q, l))
 
-    def result(self, kept, steps):
-        return kept[0]
+    def results(self, kept: Array, steps: Array) -> dict[str, Array]:
+        """The smallest values."""
+        return {"min": by_rows(self.of, 1, kept)[0]}
 
 
+@running
 class Maximum(NamedTuple):
     """The largest of the values at the start and after every step."""
 
     of: Any
-    word, kept = "largest", 1
+    word, squares = "largest", False
+
+    @property
+    def marks(self) -> int:
+        """The largest values."""
+        return size(self.of.dims)
 
     def begin(self, body, effects, t, q, l):
         return seen(self.of, body, effects, t, q, l)
@@ -97,15 +115,25 @@ class Maximum(NamedTuple):
     def update(self, kept, body, effects, t, q, l):
         return larger(kept, seen(self.of, body, effects, t, q, l))
 
-    def result(self, kept, steps):
-        return kept[0]
+    def results(self, kept: Array, steps: Array) -> dict[str, Array]:
+        """The largest values."""
+        return {"max": by_rows(self.of, 1, kept)[0]}
 
 
+@running
 class Mean(NamedTuple):
-    """The mean over time by the trapezoidal rule on the steps; what is kept: first value, sum of differences from it, last value."""
+    """The mean over time by the trapezoidal rule on the steps.
+
+    The numbers are the first value, the sum of differences from it, and the last value.
+    """
 
     of: Any
-    word, kept = "mean over time of", 3
+    word, squares = "mean over time of", False
+
+    @property
+    def marks(self) -> int:
+        """Three numbers of each value."""
+        return 3 * size(self.of.dims)
 
     def begin(self, body, effects, t, q, l):
         values = seen(self.of, body, effects, t, q, l)
@@ -116,16 +144,28 @@ class Mean(NamedTuple):
         shifts = head(values, kept)
         return shifts + summed(head(values, rest(values, kept)), values, shifts) + values
 
-    def result(self, kept, steps):
-        first, total, last = kept
-        return first + (total - 0.5 * (last - first)) / steps
+    def results(self, kept: Array, steps: Array) -> dict[str, Array]:
+        """The mean; without steps it is the first value."""
+        first, total, last = by_rows(self.of, 3, kept)
+        with np.errstate(all="ignore"):
+            return {"mean": first + (total - 0.5 * (last - first)) / np.maximum(steps, 1.0)}
 
 
+@running
 class Variance(NamedTuple):
-    """The variance over time by the trapezoidal rule on the steps; what is kept: first value, sums of differences and squares, last value."""
+    """The variance over time by the trapezoidal rule on the steps.
+
+    The numbers are the first value, the sums of differences from it and of their squares, and the
+    last value.
+    """
 
     of: Any
-    word, kept = "variance over time of", 4
+    word, squares = "variance over time of", True
+
+    @property
+    def marks(self) -> int:
+        """Four numbers of each value."""
+        return 4 * size(self.of.dims)
 
     def begin(self, body, effects, t, q, l):
         values = seen(self.of, body, effects, t, q, l)
@@ -141,11 +181,15 @@ class Variance(NamedTuple):
             + values
         )
 
-    def result(self, kept, steps):
-        first, total, squares, last = kept
-        end = last - first
-        mean = (total - 0.5 * end) / steps
-        return np.maximum((squares - 0.5 * end * end) / steps - mean * mean, 0.0)
+    def results(self, kept: Array, steps: Array) -> dict[str, Array]:
+        """The variance; without steps it is 0."""
+        first, total, squares, last = by_rows(self.of, 4, kept)
+        with np.errstate(all="ignore"):
+            steps = np.maximum(steps, 1.0)
+            end = last - first
+            mean = (total - 0.5 * end) / steps
+            variance = np.maximum((squares - 0.5 * end * end) / steps - mean * mean, 0.0)
+        return {"variance": variance}
 
 
 STATISTICS: dict[str, Any] = {"min": Minimum, "max": Maximum, "mean": Mean, "variance": Variance}

@@ -3,8 +3,10 @@
 from typing import NamedTuple
 
 from rigidmc.dynamics.euler import angular_velocity
+from rigidmc.observables.protocol import observable
 
 
+@observable
 class Omega(NamedTuple):
     """Angular velocity in the body's principal axes, omega_i = L_i/I_i."""
 
@@ -14,6 +16,7 @@ class Omega(NamedTuple):
         return angular_velocity(body, l)
 
 
+@observable
 class Momentum(NamedTuple):
     """Angular momentum in the body's principal axes."""
 
@@ -23,8 +26,9 @@ class Momentum(NamedTuple):
         return l
 
 
+@observable
 class Attitude(NamedTuple):
-    """Unit quaternion (w, x, y, z) that turns body to space components; q and -q are one attitude."""
+    """Unit quaternion (w, x, y, z), from body to space components; q and -q are one attitude."""
 
     units, long_name, dims = "1", "attitude quaternion, body to space", ("quat",)
 

@@ -8,11 +8,21 @@ from rigidmc.dynamics.euler import MassProperties
 from rigidmc.dynamics.methods import depends
 from rigidmc.effects.parameters import parameter_count
 from rigidmc.engine import layout
-from rigidmc.engine.events import EVENT, record_of
-from rigidmc.engine.watch import SHADOW, SUMS, watch_rows
-from rigidmc.observables import OBSERVABLES, RUNNING, SIZES, outputs
+from rigidmc.engine.events import record_of
+from rigidmc.engine.layout import EVENT, SHADOW, SUMS, watch_rows
+from rigidmc.observables import OBSERVABLES, outputs
 from rigidmc.observables.chaos import OFTEN
-from rigidmc.observables.protocol import armed, begin, level, update, value
+from rigidmc.observables.protocol import (
+    Ensemble,
+    Event,
+    Neighbour,
+    Running,
+    armed,
+    begin,
+    level,
+    update,
+    value,
+)
 from rigidmc.scene.checks import PILOT
 from rigidmc.scene.quantities import is_open, rows
 
@@ -47,18 +57,14 @@ class Watch(NamedTuple):
 def watch(scene):
     """The Watch of a scene; SceneError for an event that it cannot have."""
     found = scene.watched()
-    found = [(label, one) for label, one in found if not hasattr(one, "ensemble")]
-    events = tuple((label, one) for label, one in found if hasattr(one, "event"))
-    running = tuple(
-        (label, one)
-        for label, one in found
-        if not hasattr(one, "event") and not hasattr(one, "shadow")
-    )
-    shadow = tuple((label, one) for label, one in found if hasattr(one, "shadow"))
+    found = [(label, one) for label, one in found if not isinstance(one, Ensemble)]
+    events = tuple((label, one) for label, one in found if isinstance(one, Event))
+    running = tuple((label, one) for label, one in found if isinstance(one, Running))
+    shadow = tuple((label, one) for label, one in found if isinstance(one, Neighbour))
     bodies = _bodies(scene) if events else ()
     return Watch(
         tuple(one.compiled(*bodies) for _, one in events),
-        tuple((one, (0.0,) * _size(label, one)) for label, one in running),
+        tuple((one, (0.0,) * one.marks) for label, one in running),
         (0.0,) * len(shadow[:1]),
         events,
         running,
@@ -75,10 +81,6 @@ def _bodies(scene):
     sure = not is_open(scene.body.moments)
     count = (rows(*scene.body.moments) or 1) if sure else PILOT
     return scene.coarse().body.sample(scene.run.seed, 0, count)[0], sure
-
-
-def _size(label, one):
-    return one.kept * SIZES[one.of.dims] if label in RUNNING else one.marks
 
 
 _VALUES = {
@@ -130,22 +132,14 @@ def results(scene, found, block, h, total):
         for name, x in zip(outputs(label, one), values, strict=True):
             each[name] = np.where(healthy, x, np.nan)
 
-    for (label, one), event in zip(found.of_events, found.events, strict=True):
+    for label, one in found.of_events:
         record = record_of(block[at : at + EVENT], healthy)
         add(label, one, one.results(record).values())
-        if event.stop:
+        if one.stop:
             steps = np.where(np.isfinite(record.seen), np.rint(record.seen / h), steps)
         at += EVENT
     for (label, one), (_, marks) in zip(found.of_running, found.running, strict=True):
-        kept = block[at : at + len(marks)]
-        if label in RUNNING:
-            kept = kept.reshape(one.kept, -1, kept.shape[1]) if one.of.dims else kept
-            with np.errstate(all="ignore"):
-                add(
-                    label, one, [one.result(kept, np.maximum(steps, 1.0))]
-                )  # of none the first value is the mean
-        else:
-            add(label, one, one.results(kept).values())
+        add(label, one, one.results(block[at : at + len(marks)], steps).values())
         at += len(marks)
     for label, one in found.of_shadow:
         add(label, one, one.results(block[at + SUMS : at + SHADOW], total // OFTEN, h).values())

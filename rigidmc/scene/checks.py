@@ -9,7 +9,8 @@ from rigidmc.effects.parameters import shape
 from rigidmc.effects.protocol import facts, is_random
 from rigidmc.errors import SceneError, unknown
 from rigidmc.integrators import refusal
-from rigidmc.observables import OBSERVABLES, SIZES
+from rigidmc.observables import OBSERVABLES
+from rigidmc.observables.protocol import Ensemble, Neighbour, size
 from rigidmc.scene.body import broken
 from rigidmc.scene.idle import idle
 from rigidmc.scene.laws import Correlated
@@ -130,15 +131,15 @@ def _check_drawn(scene):
 def _check_watched(scene):
     """Raise SceneError where observables over all steps cannot be had."""
     every = [one for _, one in scene.watched()]
-    stops = [one for one in every if getattr(one, "stop", False)]
+    stops = [one for one in every if one.stop]
     rule = ""
-    if any(not hasattr(one, "ensemble") for one in every) and scene.run.integrator == "closed":
+    if any(not isinstance(one, Ensemble) for one in every) and scene.run.integrator == "closed":
         rule = "closed forms make no steps that could be watched: use exact"
     elif len(stops) > 1:
         rule = "one event at most can stop a member"
     elif stops and "work" in scene.run.save:
         rule = "the work of a member that an event stops is not kept: save it without stop, or stop without it"
-    elif any(hasattr(one, "shadow") for one in every):
+    elif any(isinstance(one, Neighbour) for one in every):
         if scene.run.dtype == "float32":
             rule = "megno needs float64: a neighbour at 1e-8 is none in float32"
         elif scene.run.compensated:
@@ -161,11 +162,11 @@ def check_histogram(one):
             "observable",
             [name for name in OBSERVABLES if name != "work"],
         )
-    size = SIZES[OBSERVABLES[one.name].dims]
-    if (size > 1) != one.of.endswith("]") or one.component >= size:
+    count = size(OBSERVABLES[one.name].dims)
+    if (count > 1) != one.of.endswith("]") or one.component >= count:
         rule = (
-            f"{one.name} has {size} components: give one, as in {one.name}[{size}]"
-            if size > 1
+            f"{one.name} has {count} components: give one, as in {one.name}[{count}]"
+            if count > 1
             else f"{one.name} has no components"
         )
         raise SceneError("observables.histogram", "of", one.of, rule)

@@ -14,6 +14,7 @@ from rigidmc.errors import SceneError, unknown
 from rigidmc.integrators import INTEGRATORS
 from rigidmc.observables import KNOWN, SUMMARIES, recorded, saved, summary_of, watched
 from rigidmc.observables.keep import check_keep, kept, summaries
+from rigidmc.observables.protocol import Ensemble
 from rigidmc.scene.body import Body
 from rigidmc.scene.checks import PILOT, check, check_histogram, limits, outside
 from rigidmc.scene.laws.protocol import Law
@@ -161,7 +162,7 @@ class Scene:
 
     def histograms(self):
         """[(label, Histogram)] of the scene."""
-        return [(label, one) for label, one in self.watched() if hasattr(one, "ensemble")]
+        return [(label, one) for label, one in self.watched() if isinstance(one, Ensemble)]
 
     def watched(self):
         """[(label, observable)] of those over all steps."""
@@ -254,8 +255,7 @@ def _observable(one):
     one = one._replace(
         **{k: int(v) for k in counts if not isinstance(v := getattr(one, k), bool) and v == v // 1}
     )  # 1e2 bins too
-    if hasattr(one, "check"):
-        one.check()
-    if hasattr(one, "ensemble"):
+    one.check()
+    if isinstance(one, Ensemble):
         check_histogram(one)
     return one

@@ -9,11 +9,10 @@ from rigidmc.effects.parameters import shape
 from rigidmc.engine.cpu import LOOK
 from rigidmc.engine.layout import STATUSES
 from rigidmc.observables import OBSERVABLES, outputs
+from rigidmc.observables.protocol import DIMENSIONS
 from rigidmc.scene.conservation import booked, conservation
 from rigidmc.scene.quantities import is_shared, rows
 from rigidmc.version import VERSION
-
-_LENGTHS = {"axis": 3, "quat": 4, "component": 6}
 
 
 class Variable(NamedTuple):
@@ -55,12 +54,10 @@ def coordinates(plan):
         ),
         "time": (("time",), plan.times, {"units": "s", "long_name": "time"}),
         **thinned,
-        "axis": (("axis",), np.array([1, 2, 3]), {"long_name": "principal axis of the body"}),
-        "quat": (
-            ("quat",),
-            np.array(["w", "x", "y", "z"]),
-            {"long_name": "component of the quaternion, scalar first"},
-        ),
+        **{
+            name: ((name,), np.array(labels), {"long_name": text})
+            for name, (labels, text) in DIMENSIONS.items()
+        },
     }
 
 
@@ -70,8 +67,8 @@ def saved_variables(scene):
     for name in scene.saved():
         kind = OBSERVABLES[name]
         attrs = {"units": kind.units, "long_name": kind.long_name}
-        if name.startswith(("energy", "l2")):
-            attrs["conserved"] = kept.get(name, kept["l2"])
+        if kind.conserved:
+            attrs["conserved"] = kept[kind.conserved]
         if name == "work":
             attrs["booked"] = (
                 ", ".join(booked(scene)) or "none"
@@ -222,7 +219,9 @@ def member_variables(scene, carried):
                     "units": getattr(effect, "units", {}).get(name, "1"),
                     "long_name": f"{name} of {label}",
                 }
-                dims = () if size is None else ("axis",) if size == 3 else ("component",)
+                dims: tuple[str, ...] = (
+                    () if size is None else ("axis",) if size == 3 else ("component",)
+                )
                 variables[f"{label}_{name}"] = Variable((*dims, "member"), "f8", attrs)
     for label, one in scene.watched():
         for name, (units, text, dims) in outputs(label, one).items():
@@ -278,5 +277,6 @@ def length(dim, plan):
         "member": plan.members,
         "flagged": None,
         "effect": len(plan.labels),
-        **_LENGTHS,
+        "component": 6,
+        **{name: len(labels) for name, (labels, _) in DIMENSIONS.items()},
     }[dim]

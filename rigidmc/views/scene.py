@@ -15,6 +15,7 @@ from rigidmc.engine.machine import this_machine, threads_available, vector_bits
 from rigidmc.engine.operations import torque_operations, unpacked
 from rigidmc.engine.program import lanes_for
 from rigidmc.observables import OBSERVABLES
+from rigidmc.observables.protocol import Ensemble
 from rigidmc.planning.job import program_of
 from rigidmc.planning.notes import notes
 from rigidmc.planning.plan import prepare
@@ -124,7 +125,7 @@ def describe(scene, threads):
     quiet = cost
     if plan.watch.rows or "work" in run.save:
         quiet = cost_per_step(*some_of(scene, plan, range(len(scene.effects))))
-    watched = [label for label, one in scene.watched() if not hasattr(one, "ensemble")]
+    watched = [label for label, one in scene.watched() if not isinstance(one, Ensemble)]
     if watched:
         more = " and the ledger of work" * ("work" in run.save)
         lines.append(f"watched      {', '.join(watched)}{more}: {cost - quiet:.2f} ns of it")

@@ -15,12 +15,13 @@ from rigidmc.engine import frame
 from rigidmc.engine import layout as K
 from rigidmc.integrators import INTEGRATORS, Turns, accepting, form
 from rigidmc.observables import OBSERVABLES
+from rigidmc.observables.protocol import size
 from rigidmc.studies.problems import PROBLEMS
-from tests.kernels import SIZES, block_of, make_block, program, run, slots
+from tests.kernels import block_of, make_block, program, run, slots
 
 EFFECTS = Gravity(9.81), ViscousDamping(0.1)
 EVERYTHING = tuple(kind() for kind in OBSERVABLES.values())
-ROWS = sum(SIZES[o.dims] for o in EVERYTHING)
+ROWS = sum(size(o.dims) for o in EVERYTHING)
 H, TOTAL, STRIDE, MEMBERS = 0.01, 47, 10, 96  # the last save is off the stride
 RK4 = form(INTEGRATORS["rk4"])
 
@@ -48,7 +49,7 @@ def same(a, b):
 
 
 def rows_of(name):
-    names = [n for n, kind in OBSERVABLES.items() for _ in range(SIZES[kind.dims])]
+    names = [n for n, kind in OBSERVABLES.items() for _ in range(size(kind.dims))]
     return [i for i, n in enumerate(names) if n == name]
 
 

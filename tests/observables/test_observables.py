@@ -1,4 +1,4 @@
-"""One loop over OBSERVABLES: shape, facts, and values against NumPy."""
+"""One loop over all observables: shape, facts, outputs, and values against NumPy."""
 
 import math
 
@@ -7,9 +7,19 @@ import pytest
 
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.effects import Gravity
-from rigidmc.observables import OBSERVABLES
-from rigidmc.observables.protocol import value
-from tests.kernels import SIZES
+from rigidmc.observables import OBSERVABLES, RUNNING, SUMMARIES, outputs
+from rigidmc.observables.protocol import (
+    Ensemble,
+    Event,
+    Neighbour,
+    Observable,
+    Record,
+    Running,
+    begin,
+    size,
+    update,
+    value,
+)
 from tests.reference import rotation
 
 MOMENTS, STATIC = np.array([0.6, 0.8, 1.0]), np.array([0.1, -0.2, 0.3])
@@ -28,6 +38,10 @@ TRUE = {
     "l2_drift": (np.dot(L, L) - 5.0) / 5.0,
     "work": 1.5,
 }
+NUMBERS = {  # of summaries that need some
+    "passage": {"axis": 3, "angle": 0.5},
+    "histogram": {"of": "energy", "low": 0.0, "high": 1.0},
+}
 
 
 def test_every_observable_has_a_truth_here():
@@ -38,8 +52,41 @@ def test_every_observable_has_a_truth_here():
 def test_value_and_facts(name):
     kind = OBSERVABLES[name]
     found = value(kind(), BODY, (Gravity(9.81),), 0.0, Q, L, START, (1.5,))
-    assert len(found) == {**SIZES, ("effect",): 1}[kind.dims]
+    assert len(found) == size(kind.dims, 1)
     assert np.allclose(found, TRUE[name], rtol=1e-15, atol=1e-15)
+    assert isinstance(kind(), Observable)
     assert all(
         isinstance(fact, str) and fact for fact in (kind.units, kind.long_name, kind.__doc__)
     )
+
+
+def over_steps():
+    """{label: observable} of everything over all steps."""
+    summaries = {name: kind(**NUMBERS.get(name, {})) for name, kind in SUMMARIES.items()}
+    return summaries | {name: kind(OBSERVABLES[of]()) for name, (of, kind) in RUNNING.items()}
+
+
+@pytest.mark.parametrize("label", over_steps())
+def test_outputs_over_all_steps(label):
+    one = over_steps()[label]
+    one.check()
+    kinds = [kind for kind in (Event, Running, Neighbour, Ensemble) if isinstance(one, kind)]
+    assert len(kinds) == 1
+    facts, some = outputs(label, one), np.ones(2)
+    assert all(units and text and "{" not in text for units, text, _ in facts.values())
+    if kinds == [Event]:
+        found = one.results(Record(*[some] * 7))
+    elif kinds == [Running]:
+        kept = begin(one, BODY, (), 0.0, Q, L)
+        assert len(kept) == len(update(one, kept, BODY, (), 0.1, Q, L)) == one.marks
+        found = one.results(np.array([kept, kept]).T, some)
+    elif kinds == [Neighbour]:
+        found = one.results(np.ones((3, 2)), 4, some)
+    else:
+        found = {}
+        assert one.counts(np.ones((5, 2))).shape == (5, one.edges().size + 1)
+    assert len(found) == len(facts)
+    for values, (_, _, dims) in zip(found.values(), facts.values(), strict=True):
+        assert values.shape == (*[size((dim,)) for dim in dims], 2)
+    if label in SUMMARIES:
+        assert list(found) == list(one.outputs)

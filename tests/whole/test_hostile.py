@@ -112,7 +112,7 @@ def bounded():
     address, compute = pieces._address, simulate.compute
 
     def known(function, signature):
-        if (function, signature.args) not in pieces._alive:
+        if (function, signature.args) not in pieces._by_types:
             raise Passed
         return address(function, signature)
 

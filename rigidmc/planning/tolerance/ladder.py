@@ -14,7 +14,8 @@ from rigidmc.engine.machine import threads_available
 from rigidmc.engine.program import Program
 from rigidmc.errors import SceneError, unknown
 from rigidmc.integrators import INTEGRATORS, accepting, keeps_remainders
-from rigidmc.observables import OBSERVABLES, SIZES
+from rigidmc.observables import OBSERVABLES
+from rigidmc.observables.protocol import size
 from rigidmc.planning.closed_form import closed_values
 from rigidmc.planning.plan import BLOCK, WATCHED_TURN, form_of
 from rigidmc.planning.stage import stage
@@ -153,7 +154,7 @@ class Costs:
         )
         width, values = (
             block.shape[1] if observables else 0,
-            sum(SIZES[o.dims] for o in observables),
+            sum(size(o.dims) for o in observables),
         )
         best, spent = math.inf, -1.0
         while spent < 0.03:

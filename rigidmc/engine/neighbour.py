@@ -1,0 +1,107 @@
+"""A neighbour of each member, which makes the same steps: how fast it moves away.
+
+Every OFTEN steps the growth of its distance is noted and it is brought back to the distance NEAR.
+Its rows are those up to SHADOW of `rigidmc.engine.layout`, from `row` of the member's state on;
+while steps are made its state is in `near`. Pieces as those of `rigidmc.engine.member`.
+"""
+
+import math
+import sys
+
+from rigidmc.dynamics.functions import logarithm
+from rigidmc.dynamics.so3 import difference, difference4, dot
+from rigidmc.engine.compose import inline_all
+from rigidmc.engine.intrinsics import in_precision, like
+from rigidmc.engine.kinds import filled, parts_of
+from rigidmc.engine.layout import (
+    ATTITUDE,
+    BEGAN,
+    BODY,
+    EACH,
+    EFFECTS,
+    GOOD,
+    KNOWN,
+    LENGTH,
+    START,
+    SUMS,
+    WEIGHT,
+    body_at,
+    momentum_at,
+    put_opened,
+)  # fmt: skip
+from rigidmc.engine.memory import four_at, put, three_at
+from rigidmc.integrators.protocol import closed, opened
+from rigidmc.observables.chaos import NEAR
+
+
+def begin_near(kinds, numbers, parts, state, work, near, row):
+    """Put the neighbour at the distance NEAR, in a direction that is special for no body."""
+    q, l = four_at(work, KNOWN + GOOD), three_at(work, KNOWN + GOOD + 4)
+    body = body_at(work, KNOWN + BODY)
+    weight = 0.5 * work[KNOWN + START + 4] * min(min(body.i1, body.i2), body.i3)
+    root = NEAR / math.sqrt(weight)
+    a, b, c = 0.5 * NEAR * 0.31, 0.5 * NEAR * 0.43, 0.5 * NEAR * 0.38
+    turned = (
+        q[0] - q[1] * a - q[2] * b - q[3] * c,
+        q[1] + q[0] * a + q[2] * c - q[3] * b,
+        q[2] + q[0] * b + q[3] * a - q[1] * c,
+        q[3] + q[0] * c + q[1] * b - q[2] * a,
+    )
+    moved, zero = (l[0] + 0.54 * root, l[1] + 0.47 * root, l[2] + 0.25 * root), 0.0 * weight
+    settle(kinds, numbers, parts, work, 0.0, turned, moved, near, state)
+    put(in_precision((zero, zero, zero, weight), state), state, row + SUMS)
+    return 0
+
+
+def meet(kinds, numbers, parts, state, work, near, row, slot, number):
+    """Note how far the neighbour has moved away since look `number` - 1, and bring it back.
+
+    slot : steps of the round so far
+    """
+    integrator, effects = parts_of(kinds, numbers)
+    body, present = body_at(work, KNOWN + BODY), filled(effects, work, KNOWN + EFFECTS)
+    t, part = opening(parts, work, slot)
+    q, l = closed(integrator, body, present, t, part, *in_double(integrator, state, work))
+    p, m = closed(integrator, body, present, t, part, *in_double(integrator, near, work))
+    sums, weight = in_precision(three_at(state, row + SUMS), work), like(state[row + WEIGHT], work)
+    dq, dl = difference4(p, q), difference(m, l)
+    # fmt: off
+    square = (
+        4.0 * (dq[0] * dq[0] + dq[1] * dq[1] + dq[2] * dq[2] + dq[3] * dq[3])
+        + weight * dot(dl, dl)
+    )
+    # fmt: on
+    grown = 0.5 * logarithm(square * (1.0 / (NEAR * NEAR)))
+    back = NEAR / math.sqrt(square)
+    turned = q[0] + back * dq[0], q[1] + back * dq[1], q[2] + back * dq[2], q[3] + back * dq[3]
+    moved = l[0] + back * dl[0], l[1] + back * dl[1], l[2] + back * dl[2]
+    settle(kinds, numbers, parts, work, slot, turned, moved, near, state)
+    by_time = sums[1] + (number - 0.5) * grown
+    new = sums[0] + grown, by_time, sums[2] + 2.0 * by_time / number
+    put(in_precision(new, state), state, row + SUMS)
+    return 0
+
+
+def opening(parts, work, slot):
+    """(time of the torque, times) of the part that opens a state after `slot` steps of a round."""
+    h, done = work[LENGTH], min(work[EACH], slot)
+    return work[BEGAN] + (done + parts[3]) * h, (parts[0] * h, parts[1] * h, parts[2] * h)
+
+
+def in_double(integrator, state, work):
+    """(q, L) of a state in float64, with what the integrator keeps."""
+    q = in_precision(four_at(state, ATTITUDE), work)
+    return q, in_precision(momentum_at(integrator, state), work)
+
+
+def settle(kinds, numbers, parts, work, slot, q, l, near, state):
+    """Make (q, L) the state of the neighbour, as the integrator keeps it."""
+    integrator, effects = parts_of(kinds, numbers)
+    body, present = body_at(work, KNOWN + BODY), filled(effects, work, KNOWN + EFFECTS)
+    t, part = opening(parts, work, slot)
+    q, l = opened(integrator, body, present, t, part, q, l)
+    put_opened(in_precision(q, state), in_precision(l, state), near)
+    return 0
+
+
+inline_all(sys.modules[__name__])

@@ -1,0 +1,136 @@
+"""What is watched at every step and not saved: events, and running observables.
+
+Both are rows of a state from `row` on: EVENT rows for each event, see `rigidmc.engine.events`, then
+as many rows for each running observable as it has marks. Steps are made first, a few dozen at a
+time, and watched afterwards: no step depends on what is watched. Pieces as those of
+`rigidmc.engine.member`.
+"""
+
+import sys
+
+from rigidmc.dynamics.so3 import joined, select_each
+from rigidmc.engine.compose import inline_all
+from rigidmc.engine.events import (
+    any_happened,
+    armed_again,
+    begin_events,
+    held,
+    levels_at,
+    levels_of,
+    note,
+    put_levels,
+    stopped,
+)  # fmt: skip
+from rigidmc.engine.intrinsics import any_of, in_precision, like
+from rigidmc.engine.kinds import filled, parts_of
+from rigidmc.engine.layout import (
+    ATTITUDE,
+    BEGAN,
+    BODY_AT,
+    EACH,
+    EFFECTS_AT,
+    EVENT,
+    GOOD,
+    HELD,
+    KNOWN,
+    LENGTH,
+    MOMENTUM,
+    REST,
+    STOPPED,
+    body_at,
+)  # fmt: skip
+from rigidmc.engine.memory import four_at, put, three_at, tuple_at
+from rigidmc.integrators.protocol import closed, keeps
+from rigidmc.observables.protocol import begin, update
+
+
+def begin_watch(kinds, numbers, parts, state, work, row):
+    """Set the rows of what is watched at the start."""
+    _, effects, events, running = parts_of(kinds, numbers)
+    body, present = body_at(state, BODY_AT), filled(effects, state, EFFECTS_AT)
+    q = in_precision(four_at(work, KNOWN + GOOD), state)
+    l = in_precision(three_at(work, KNOWN + GOOD + 4), state)
+    begin_events(events, body, present, 0.0, q, l, state, row)
+    begin_running(running, body, present, 0.0, q, l, state, row + EVENT * len(events))
+    hold(events, state, work, row)
+    return 0
+
+
+def watch(kinds, numbers, parts, state, work, trace, row, first, last):
+    """Watch the steps from `first` to `last` of a round, whose states are in `trace`."""
+    integrator, effects, events, running = parts_of(kinds, numbers)
+    body, present = body_at(state, BODY_AT), filled(effects, state, EFFECTS_AT)
+    began, length = work[BEGAN], work[LENGTH]
+    h, each = like(length, state), like(work[EACH], state)
+    part = (
+        like(parts[0] * length, state),
+        like(parts[1] * length, state),
+        like(parts[2] * length, state),
+    )
+    more = tuple_at(keeps(integrator), state, REST)
+    levels, kept = levels_at(events, state, row), kept_at(running, state, row + EVENT * len(events))
+    for s in range(first, last):
+        t, at = like(began + (s + 1.0) * length, state), 7 * (s - first)
+        lead = like(began + (s + 1.0 + parts[3]) * length, state)
+        l = joined(three_at(trace, at + 4), more)
+        q, l = closed(integrator, body, present, lead, part, four_at(trace, at), l)
+        moves = (each > s) & (stopped(events, state, row) <= 0.0)
+        kept = updated(running, moves, kept, body, present, t, q, l)
+        levels = watched(events, moves, body, present, t, h, q, l, levels, state, row)
+    put_levels(levels, state, row)
+    put_kept(kept, state, row + EVENT * len(events))
+    hold(events, state, work, row)
+    return 0
+
+
+def watched(events, moves, body, effects, t, h, q, l, before, state, row):
+    """The levels of events after a step that ended at t; events of that step are written down."""
+    if len(events) == 0:
+        return ()
+    now = levels_of(events, body, effects, t, q, l)
+    if any_of(any_happened(before, now)):
+        note(events, moves, t, h, q, l, before, now, state, row)
+    return armed_again(events, moves, body, q, l, before, now)
+
+
+def hold(events, state, work, row):
+    """Tell the looks which members an event has stopped, and where."""
+    q, l = held(events, state, row, four_at(state, ATTITUDE), three_at(state, MOMENTUM))
+    work[STOPPED] = like(stopped(events, state, row), work)
+    put(in_precision(q + l, work), work, HELD)
+    return 0
+
+
+def begin_running(running, body, effects, t, q, l, state, row):
+    """Set the rows of running observables at the start."""
+    if len(running) == 0:
+        return 0
+    put(begin(running[0][0], body, effects, t, q, l), state, row)
+    return begin_running(running[1:], body, effects, t, q, l, state, row + len(running[0][1]))
+
+
+def kept_at(running, state, row):
+    """The numbers of running observables, from their rows."""
+    if len(running) == 0:
+        return ()
+    first = filled(running[0][1], state, row)
+    return (first,) + kept_at(running[1:], state, row + len(running[0][1]))
+
+
+def updated(running, moves, kept, body, effects, t, q, l):
+    """The numbers of running observables after a step, changed for members that move."""
+    if len(running) == 0:
+        return ()
+    new = update(running[0][0], kept[0], body, effects, t, q, l)
+    rest = updated(running[1:], moves, kept[1:], body, effects, t, q, l)
+    return (select_each(moves, new, kept[0]),) + rest
+
+
+def put_kept(kept, state, row):
+    """Write what `kept_at` reads."""
+    if len(kept) == 0:
+        return row
+    return put_kept(kept[1:], state, put(kept[0], state, row))
+
+
+inline_all(sys.modules[__name__])
