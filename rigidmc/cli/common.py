@@ -353,8 +353,9 @@ def keep(dataset, output, plot, force, draw):
 def save_picture(figure, path, force):
     """Write a picture to a path that was checked before the work. If a file is there now, the picture gets another name."""
     from rigidmc.files.outputs import write_bytes
+    from rigidmc.views.figure import drawn
 
-    write_bytes(path, plots_module().drawn(figure, path), force)
+    write_bytes(path, drawn(figure, path), force)
 
 
 def told(paths):

@@ -360,7 +360,7 @@ def plot(
 @app.command()
 def doctor(machine: Annotated[bool, typer.Option("--json", help="As JSON.")] = False):
     """Say what this machine offers: cores, vector width, threads, kernel cache, versions."""
-    from rigidmc.views.scene import machine_facts
+    from rigidmc.views.machine import machine_facts
 
     facts = machine_facts()
     if machine:

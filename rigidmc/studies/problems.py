@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass, field
 
 from rigidmc.dynamics.euler import MassProperties
-from rigidmc.effects import Gravity
+from rigidmc.effects.gravity import Gravity
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,8 @@ from rigidmc.mechanics.lagrange_top import (
     with_axis_third,
 )
 from rigidmc.planning.closed_form import NONE
-from rigidmc.views.ensemble import HALO, INK, MEDIAN, PATH, new_figure
+from rigidmc.views.figure import GREY, HALO, INK, LIGHT, MEDIAN, PATH, new_figure
 
-GREY, LIGHT = "#777777", "#c8c8c8"
 VIEW = np.array(
     [0.80, 0.45, 0.40]
 )  # from where a sphere is seen; along its third axis it would look flat
