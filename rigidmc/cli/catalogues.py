@@ -39,6 +39,7 @@ def accuracy(
     with reported():
         from rigidmc.errors import SceneError
         from rigidmc.studies import accuracy as study
+        from rigidmc.studies import drift
 
         loaded = load_scene(scene, settings, allow_code)
         refuse_outputs(force, output, plot)
@@ -49,8 +50,8 @@ def accuracy(
 
         try:
             if long:
-                found = study.long_drift(loaded, names, steps, dt, min(members, 64), progress=say)
-                lines = study.long_table(found)
+                found = drift.long_drift(loaded, names, steps, dt, min(members, 64), progress=say)
+                lines = drift.long_table(found)
             else:
                 wanted = _numbers(tolerances) if tolerances else study.TOLERANCES
                 found = study.accuracy(loaded, names, wanted, members, threads, progress=say)

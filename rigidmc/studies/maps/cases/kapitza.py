@@ -26,7 +26,7 @@ def kapitza() -> MapCase:
         x=("effects.moving_pivot.swing.3", 0.0, 0.6),
         y=("effects.moving_pivot.frequency", 3.0, 30.0),
         of=("p(passages >= 1)", "mean(passage_first)"),
-        members=4,
+        members=1,
         derived=_derived,
         shown="p(passages>=1)",
         contours=("theory", (0.0,), "bounds of Mathieu's equation"),
