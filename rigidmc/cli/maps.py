@@ -1,7 +1,7 @@
 """rigidmc map."""
 
 import sys
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -73,7 +73,7 @@ def make_map(
                 )
 
         try:
-            changed = {
+            changed: dict[str, Any] = {
                 "tolerance": tolerance,
                 "integrator": integrator,
                 "dt": dt,

@@ -170,7 +170,7 @@ def run_scene(
         dataset.close()
     raise typer.Exit(
         INCOMPLETE
-        if found is not None and not goal_reached(until, found)
+        if until is not None and found is not None and not goal_reached(until, found)
         else FLAGGED
         if flagged
         else OK

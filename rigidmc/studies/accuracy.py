@@ -14,8 +14,15 @@ from rigidmc.integrators import INTEGRATORS, refusal
 from rigidmc.planning.tolerance.choose import check_pilot
 from rigidmc.planning.tolerance.compile_ahead import compile_ahead
 from rigidmc.planning.tolerance.ladder import Costs, Way, candidates, ladder
-from rigidmc.planning.tolerance.pilot import QUANTITIES, ROUNDING, growth, pilot, upper_quantile
-from rigidmc.planning.tolerance.truth import truth
+from rigidmc.planning.tolerance.pilot import (
+    QUANTITIES,
+    ROUNDING,
+    Pilot,
+    growth,
+    pilot,
+    upper_quantile,
+)
+from rigidmc.planning.tolerance.truth import Truth, truth
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.scene import Scene
 from rigidmc.version import VERSION
@@ -70,6 +77,30 @@ def accuracy(
     say = progress or (lambda line: None)
     true, costs = truth(first), Costs(first)
     say(f"truth: {true.source}, known to {upper_quantile(true.error):.1e}")
+    ways = _ways(scene, first, true, costs, integrators, say)
+    study = _dataset(ways, costs, tolerances, threads or threads_available())
+    return study.assign_attrs(
+        title=scene.title,
+        source=f"rigidmc {VERSION}",
+        scene=scene.dumps(),
+        t_end=scene.run.t_end,
+        members=first.members,
+        threads=threads or threads_available(),
+        truth=true.source,
+        truth_error=upper_quantile(true.error),
+        **_horizon(scene.run.t_end, *growth(first)),
+    )
+
+
+def _ways(
+    scene: Scene,
+    first: Pilot,
+    true: Truth,
+    costs: Costs,
+    integrators: Sequence[str] | None,
+    say: Callable[[str], object],
+) -> list[Way]:
+    """A ladder of steps for each integrator and precision that takes the scene."""
     ways: list[Way] = []
 
     def too_dear(way: Way) -> bool:
@@ -85,26 +116,17 @@ def accuracy(
         if rungs:
             best = min(way.upper for way in rungs)
             say(f"{integrator:9s} {dtype}: {len(rungs):2d} steps tried, best error {best:.1e}")
-    threads = threads or threads_available()
+    return ways
+
+
+def _dataset(
+    ways: list[Way], costs: Costs, tolerances: Sequence[float], threads: int
+) -> xr.Dataset:
+    """The Dataset of a study without its attributes."""
     variables = _costs(ways, costs, threads) | _errors(ways)
     upper, cost = variables["error_state_upper"][1], variables["ns_per_member"][1]
     variables["cheapest"] = _cheapest(upper, cost, tolerances)
-    factor, rate = growth(first)
-    attrs: dict[str, Any] = {
-        "title": scene.title,
-        "source": f"rigidmc {VERSION}",
-        "scene": scene.dumps(),
-        "t_end": scene.run.t_end,
-        "members": first.members,
-        "threads": threads,
-        "truth": true.source,
-        "truth_error": upper_quantile(true.error),
-        "growth_median": float(np.median(factor)),
-        "growth_p99": float(np.quantile(factor, 0.99)),
-        "chaotic_share": float(np.mean(rate > 0.0)),
-        **_horizon(scene.run.t_end, factor, rate),
-    }
-    return xr.Dataset(variables, {"tolerance": ("tolerance", np.array(tolerances))}, attrs)
+    return xr.Dataset(variables, {"tolerance": ("tolerance", np.array(tolerances))})
 
 
 def _costs(ways: list[Way], costs: Costs, threads: int) -> dict[str, Any]:
@@ -182,15 +204,19 @@ def _cheapest(
 def _horizon(
     t_end: float, factor: NDArray[np.float64], rate: NDArray[np.float64]
 ) -> dict[str, float]:
-    """When rounding alone has grown to 1 rad: in half of the members, and in the first 1 % [s].
+    """Growth of a disturbance, and when rounding alone has grown to 1 rad [s].
 
-    factor : growth of a disturbance by t_end;  rate : its exponential rate [1/s], 0 if regular
+    That is in half of the members (median), and in the first 1 % of them (p01).
+    factor : growth by t_end;  rate : its exponential rate [1/s], 0 if regular
     """
     with np.errstate(divide="ignore"):
         left = np.log(1.0 / (ROUNDING * factor))
         chaotic = t_end + left / np.where(rate > 0.0, rate, 1.0)
         times = np.where(rate > 0.0, chaotic, t_end / (ROUNDING * factor))
     return {
+        "growth_median": float(np.median(factor)),
+        "growth_p99": float(np.quantile(factor, 0.99)),
+        "chaotic_share": float(np.mean(rate > 0.0)),
         "horizon_median": float(np.median(times)),
         "horizon_p01": float(np.quantile(times, 0.01)),
     }

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
+from rigidmc.integrators import INTEGRATORS
 from rigidmc.planning.tolerance.pilot import errors, follow, pilot
 from rigidmc.planning.tolerance.truth import truth
 from rigidmc.studies import accuracy, drift
@@ -177,6 +178,12 @@ def test_the_energy_of_splittings_is_bounded_over_ten_million_steps(name):
     energy = found.energy_drift.values[0]
     early = energy[np.searchsorted(found.step.values, 2**17)]
     assert energy[-1] < 1.5 * early + 1e-16 * 1e7  # what each rounding can add
+
+
+def test_every_integrator_has_its_own_style():
+    assert list(studies.STYLES) == list(INTEGRATORS)
+    assert len(set(studies.STYLES.values())) == len(INTEGRATORS)
+    assert len({style[1] for style in studies.STYLES.values()}) == len(INTEGRATORS)  # also in grey
 
 
 def test_pictures(study, drifts, tmp_path):
