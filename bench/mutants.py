@@ -355,6 +355,7 @@ def judge():
     layout.LANES = 1
     from rigidmc.studies.stress import run
     from rigidmc.studies.stress.catalogue import catalogue
+    from rigidmc.studies.stress.processes import carried_out
 
     known = run.shipped_bounds()
     cases = sorted(
@@ -363,7 +364,7 @@ def judge():
     )
     for case in cases:
         for name in case.integrators():
-            error, _, reason = run.carried_out(case, name, 1e-4)
+            error, _, reason = carried_out(case, name, 1e-4)
             bound = run.bound_of(case, name, known)[0]
             # plain Python has no fused multiply-adds: it rounds differently, at most 0.54 of the
             # shipped bounds here

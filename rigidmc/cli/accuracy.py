@@ -62,6 +62,7 @@ def accuracy(
     truth, and the cheapest integrator and step for each accuracy."""
     with reported():
         from rigidmc.studies import accuracy as study
+        from rigidmc.studies import drift
 
         loaded = load_scene(scene, settings, allow_code)
         refuse_outputs(force, output, plot)
@@ -77,8 +78,8 @@ def accuracy(
 
         with about(scene):
             if long:
-                dataset = study.long_drift(loaded, names, steps, dt, min(members, 64), progress=say)
-                lines = study.long_table(dataset)
+                dataset = drift.long_drift(loaded, names, steps, dt, min(members, 64), progress=say)
+                lines = drift.long_table(dataset)
             else:
                 wanted = _numbers(tolerances) if tolerances else study.TOLERANCES
                 dataset = study.accuracy(loaded, names, wanted, members, threads, progress=say)

@@ -254,8 +254,9 @@ def save_picture(figure: "Figure", path: str, force: bool) -> None:
     """Write a picture to a path that was checked before the work. If a file has appeared there
     since, the picture gets another name."""
     from rigidmc.files.outputs import write_bytes
+    from rigidmc.views.figure import drawn
 
-    write_bytes(path, plots_module().drawn(figure, path), force)
+    write_bytes(path, drawn(figure, path), force)
 
 
 def written(paths: Iterable[str | None]) -> list[str]:

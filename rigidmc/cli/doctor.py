@@ -13,7 +13,7 @@ def doctor(
     machine: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Say what this machine offers: cores, vector width, threads, kernel cache, versions."""
-    from rigidmc.views.scene import machine_facts
+    from rigidmc.views.machine import machine_facts
 
     facts = machine_facts()
     if machine:

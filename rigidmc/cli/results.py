@@ -27,7 +27,9 @@ from rigidmc.cli.options import (
     takes_settings,
     time_option,
 )
-from rigidmc.errors import SceneError, nearest
+from rigidmc.errors import unknown
+from rigidmc.views.pictures import PICTURES
+from rigidmc.views.pictures import picture as picture_named
 
 Member = Annotated[int, count_option("--member", 0, help="Index of the member.")]
 
@@ -76,16 +78,6 @@ def summary(file: ResultArgument) -> None:
             fail(error, INVALID)
 
 
-PICTURES = (
-    "summary",
-    "momentum_sphere",
-    "middle_component",
-    "drift_histogram",
-    "axis_sphere",
-    "gibbs",
-)
-
-
 @app.command()
 def plot(
     file: ResultArgument,
@@ -94,18 +86,16 @@ def plot(
         typer.Option("-o", "--output", metavar="FILE", help="Picture to write (.png, .pdf, .svg)."),
     ],
     picture: Annotated[
-        str, typer.Option(help=f"{', '.join(PICTURES[:-1])}; gibbs for a scene with a bath.")
+        str, typer.Option(help=f"{', '.join(PICTURES)}; gibbs for a scene with a bath.")
     ] = "summary",
     force: Force = False,
     allow_code: AllowCode = False,
 ) -> None:
     """Draw a picture of a result."""
     with reported():
-        if picture not in PICTURES:
-            rule = f"no such picture; known: {', '.join(PICTURES)}"
-            raise SceneError("", "--picture", picture, rule, nearest(picture, PICTURES))
+        if picture not in (*PICTURES, "gibbs"):
+            raise unknown("", "--picture", picture, "picture", (*PICTURES, "gibbs"))
         refuse_outputs(force, plot=output)
-        plots = plots_module()
         try:
             with opened(file, allow_code) as dataset:
                 if picture == "gibbs":
@@ -113,7 +103,7 @@ def plot(
 
                     save_picture(gibbs(dataset, allow_code), output, force)
                 else:
-                    save_picture(getattr(plots, picture)(dataset), output, force)
+                    save_picture(picture_named(picture)(dataset), output, force)
         except ValueError as error:
             fail(error, INVALID)
         print(*written([output]))

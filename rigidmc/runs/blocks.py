@@ -1,6 +1,7 @@
 """Blocks of members: staged, advanced by the engine on threads, and handed to a sink."""
 
 import math
+import os
 import time
 from collections.abc import Iterable, Mapping
 from typing import Any, Protocol
@@ -46,7 +47,7 @@ def run(
     plan: Plan,
     threads: int,
     progress: Progress = False,
-    output: str | None = None,
+    output: str | os.PathLike[str] | None = None,
     force: bool = False,
     attrs: Mapping[str, Any] | None = None,
     units: Internal | None = None,

@@ -18,7 +18,7 @@ ENOUGH = 0.5  # seconds after which no further round begins, from the fourth on
 
 
 def predicted_seconds(
-    scene: Scene, plan: Plan, threads: int, output: str | None, chosen: Chosen
+    scene: Scene, plan: Plan, threads: int, output: str | os.PathLike[str] | None, chosen: Chosen
 ) -> float:
     """How long a plan will take [s].
 
@@ -36,7 +36,7 @@ def predicted_seconds(
 
 
 def _rehearsed(
-    scene: Scene, plan: Plan, threads: int, output: str | None
+    scene: Scene, plan: Plan, threads: int, output: str | os.PathLike[str] | None
 ) -> dict[int, list[float]]:
     """{members: [seconds of each run]} for the two sizes of rehearsal."""
     began, datasets = time.perf_counter(), []

@@ -1,6 +1,7 @@
 """The main job on one screen: a scene becomes a plan, blocks of members run through the engine,
 and a Dataset or a file comes out."""
 
+import os
 import sys
 import warnings
 from collections.abc import Mapping
@@ -31,7 +32,7 @@ def simulate(
     members: int | range | None = None,
     threads: int | None = None,
     progress: Progress = False,
-    output: str | None = None,
+    output: str | os.PathLike[str] | None = None,
     force: bool = False,
     block: int | None = None,
     attrs: Mapping[str, Any] | None = None,

@@ -1,90 +1,112 @@
 """The closed form of a scene beside its integration."""
 
+from collections.abc import Iterator
+
 import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
 
 from rigidmc.engine.layout import STATUSES
 from rigidmc.errors import SceneError
+from rigidmc.mechanics.free_top import Kind, Motion
+from rigidmc.mechanics.lagrange_top import Nutation
 from rigidmc.mechanics.rotation import attitude_error
 from rigidmc.planning.closed_form import NONE, closed_form
 from rigidmc.runs.simulate import simulate
+from rigidmc.scene.scene import Scene
+
+Motions = list[tuple[NDArray[np.int_], Kind | Nutation]]  # [(members, their motion)]
 
 
-def compare(scene, at, members):
-    """Lines of text: the closed form of a scene at a time, its integration, and how far they are apart over the first members."""
+def compare(scene: Scene, at: float, members: int) -> list[str]:
+    """Lines of text: closed form and integration of a scene at a time [s], and their distance.
+
+    members : how many of the first members are compared
+    """
     members = min(members, scene.run.members)
     case = closed_form(scene, members)
-    motion, well = case.motion(at), case.form != NONE
-    if not well.any():
-        raise SceneError(
-            "",
-            "members",
-            None,
-            f"none of the first {members:,} is a body with a start: no motion to compare",
-        )
+    motion, good = case.motion(at), case.form != NONE
+    if not good.any():
+        rule = f"none of the first {members:,} is a body with a start: no motion to compare"
+        raise SceneError("", "members", None, rule)
+    motions, plural = case.what(), "s" * (members > 1)
     lines = [
-        f"{scene.title}: {case.name}, closed form at t = {at:g} s, {members:,} member{'s' * (members > 1)}"
+        f"{scene.title}: {case.name}, closed form at t = {at:g} s, {members:,} member{plural}",
+        _kinds(motions, good),
+        *_facts(motions, scene.run.first),
     ]
-    found = case.what()
-    kinds, counts = np.unique(np.concatenate([what.kind for _, what in found]), return_counts=True)
-    order = np.argsort(-counts)
-    words = [f"{kinds[i]} ({counts[i]:,})" for i in order] + [
-        f"none: no body or no start ({(~well).sum():,})"
-    ] * (not well.all())
-    lines.append("motion       " + ", ".join(words))
-    with np.errstate(invalid="ignore"):
-        for which, what in found:
-            for label, values, unit in _facts(what):
-                good = np.isfinite(values)
-                if good.any():
-                    first, values = scene.run.first + which[np.argmax(good)], values[good]
-                    spread = (
-                        f", from {values.min():.6g} to {values.max():.6g}"
-                        if np.ptp(values) > 1e-12 * np.abs(values).max()
-                        else ""
-                    )
-                    lines.append(f"{label:12s} {values[0]:.12g} {unit} of member {first}{spread}")
     if not at > 0:
+        shown = np.argmax(good)
         lines.append("integration  none: it starts at t = 0 and goes forward")
-        return lines + _state(motion.omega[np.argmax(well)], motion.attitude[np.argmax(well)])
-    return lines + _beside(
-        motion,
-        simulate(scene.with_run(t_end=at, every=None, save=("omega", "attitude"), members=members)),
-    )
+        return lines + _state(motion.omega[shown], motion.attitude[shown])
+    run = scene.with_run(t_end=at, every=None, save=("omega", "attitude"), members=members)
+    return lines + _beside(motion, simulate(run))
 
 
-def _beside(motion, result):
-    """Lines of text: a Motion at the end of a result, and the result."""
-    members, integrator, last, status = (
-        result.sizes["member"],
-        result.attrs["integrator"],
-        result.isel(time=-1),
-        result.status.values,
-    )
+def _kinds(motions: Motions, good: NDArray[np.bool_]) -> str:
+    """A line on the kinds of motion, the most frequent first."""
+    names = np.concatenate([motion.kind for _, motion in motions])
+    kinds, counts = np.unique(names, return_counts=True)
+    words = [f"{kinds[i]} ({counts[i]:,})" for i in np.argsort(-counts)]
+    if not good.all():
+        words.append(f"none: no body or no start ({(~good).sum():,})")
+    return f"motion       {', '.join(words)}"
+
+
+def _facts(motions: Motions, first: int) -> list[str]:
+    """Lines on periods and angles: of the first member that has them, and their range."""
+    lines = []
+    for members, motion in motions:
+        with np.errstate(invalid="ignore"):
+            numbers = list(_numbers(motion))
+        for label, values, unit in numbers:
+            good = np.isfinite(values)
+            if not good.any():
+                continue
+            member, values = first + members[np.argmax(good)], values[good]
+            spread = ""
+            if np.ptp(values) > 1e-12 * np.abs(values).max():
+                spread = f", from {values.min():.6g} to {values.max():.6g}"
+            lines.append(f"{label:12s} {values[0]:.12g} {unit} of member {member}{spread}")
+    return lines
+
+
+def _numbers(motion: Kind | Nutation) -> Iterator[tuple[str, NDArray[np.float64], str]]:
+    """(label, values, unit) of a free motion or of a nutation."""
+    if isinstance(motion, Kind):
+        yield "period", motion.period, "s"
+        yield "flips every", motion.flip_interval, "s"
+        yield "1 - m", motion.mc, ""
+    else:
+        yield "nutation", motion.period, "s a period"
+        yield "precession", np.degrees(motion.precession), "deg a period"
+        yield "theta from", np.degrees(motion.high), "deg"
+        yield "theta to", np.degrees(motion.low), "deg"
+
+
+def _beside(motion: Motion, result: xr.Dataset) -> list[str]:
+    """Lines of text: a Motion beside the last state of a result."""
+    members, integrator = result.sizes["member"], result.attrs["integrator"]
+    last, status = result.isel(time=-1), result.status.values
     if integrator == "closed":
-        raise SceneError(
-            "run",
-            "integrator",
-            integrator,
-            "the closed form is not compared with itself; use exact, rk8 or srkn11",
-        )
+        rule = "the closed form is not compared with itself; use exact, rk8 or srkn11"
+        raise SceneError("run", "integrator", integrator, rule)
     good = status == 0
     if not good.any():
-        words = ", ".join(
-            f"{int((status == code).sum()):,} {word}"
-            for word, code in STATUSES.items()
-            if (status == code).any()
+        counts = {word: int((status == code).sum()) for word, code in STATUSES.items()}
+        words = ", ".join(f"{count:,} {word}" for word, count in counts.items() if count)
+        rule = f"all {members:,} members are flagged ({words}): there is no integration"
+        raise SceneError(
+            "run", "integrator", integrator, f"{rule} to compare with; perhaps dt is too long"
         )
-        rule = f"all {members:,} members are flagged ({words}): there is no integration to compare with; perhaps dt is too long"
-        raise SceneError("run", "integrator", integrator, rule)
     shown = int(np.argmax(good))
-    omega, attitude = (
-        last.omega.transpose("member", "axis").values,
-        last.attitude.transpose("member", "quat").values,
-    )
+    omega = last.omega.transpose("member", "axis").values
+    attitude = last.attitude.transpose("member", "quat").values
+    step, member = f"dt = {result.attrs['dt']:.6g} s", int(result.member[shown])
     lines = [
-        f"integration  {integrator}, dt = {result.attrs['dt']:.6g} s; member {int(result.member[shown])}:"
+        f"integration  {integrator}, {step}; member {member}:",
+        f"{'':12s} {'closed form':>24s} {'integration':>24s} {'difference':>12s}",
     ]
-    lines.append(f"{'':12s} {'closed form':>24s} {'integration':>24s} {'difference':>12s}")
     sign = 1.0 if motion.attitude[shown] @ attitude[shown] >= 0 else -1.0
     rows = zip(
         ("omega_1", "omega_2", "omega_3", "q_w", "q_x", "q_y", "q_z"),
@@ -94,31 +116,15 @@ def _beside(motion, result):
     )
     lines += [f"{word:12s} {a:24.16g} {b:24.16g} {b - a:12.2e}" for word, a, b in rows]
     apart = np.linalg.norm(omega - motion.omega, axis=-1)[good]
-    turned = attitude_error(attitude[good], motion.attitude[good])
-    for word, values, unit in (("omega", apart, "rad/s"), ("attitude", turned, "rad")):
-        lines.append(
-            f"{word:12s} apart by {np.median(values):.2e} {unit} (median), {values.max():.2e} {unit} (worst) over {good.sum():,} member{'s' * bool(good.sum() > 1)}"
-        )
+    angle = attitude_error(attitude[good], motion.attitude[good])
+    over = f"over {good.sum():,} member{'s' * bool(good.sum() > 1)}"
+    for word, off, unit in (("omega", apart, "rad/s"), ("attitude", angle, "rad")):
+        median, worst = f"{np.median(off):.2e} {unit}", f"{off.max():.2e} {unit}"
+        lines.append(f"{word:12s} apart by {median} (median), {worst} (worst) {over}")
     return lines
 
 
-def _facts(what):
-    if hasattr(what, "flip_interval"):
-        return (
-            ("period", what.period, "s"),
-            ("flips every", what.flip_interval, "s"),
-            ("1 - m", what.mc, ""),
-        )
-    low, high = np.degrees(what.low), np.degrees(what.high)
-    return (
-        ("nutation", what.period, "s a period"),
-        ("precession", np.degrees(what.precession), "deg a period"),
-        ("theta from", high, "deg"),
-        ("theta to", low, "deg"),
-    )
-
-
-def _state(omega, attitude):
+def _state(omega: NDArray[np.float64], attitude: NDArray[np.float64]) -> list[str]:
     return [
         "omega        " + "  ".join(f"{x:.16g}" for x in omega),
         "attitude     " + "  ".join(f"{x:.16g}" for x in attitude),

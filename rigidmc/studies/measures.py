@@ -1,13 +1,17 @@
-"""What an ensemble is asked: "p(flips >= 1)", "mean(flip_wait)", "quantile(megno, 0.9)", or the name of a result, which is its mean."""
+"""What an ensemble is asked: "p(flips >= 1)", "mean(flip_wait)", "quantile(megno, 0.9)"."""
 
 import operator
 import re
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
 
 from rigidmc.errors import SceneError, nearest
 from rigidmc.observables import RUNNING, SUMMARIES, summary_of
+from rigidmc.scene.scene import Scene
 from rigidmc.studies import intervals
 
 _VARIABLE = r"(?P<name>[A-Za-z_][A-Za-z0-9_]*)(\[(?P<axis>[123])\])?"
@@ -19,18 +23,24 @@ _FORMS = {
     "median": re.compile(rf"median\(\s*{_VARIABLE}\s*\)"),
     "": re.compile(_VARIABLE),
 }
-_RELATIONS: dict[str, Any] = {
+_RELATIONS: dict[str, Callable[[Any, float], Any]] = {
     ">=": operator.ge,
     "<=": operator.le,
     ">": operator.gt,
     "<": operator.lt,
     "==": operator.eq,
 }
-RULE = "expected p(NAME >= NUMBER), mean(NAME), median(NAME), quantile(NAME, SHARE) or NAME, of a result with one number per member"
+RULE = (
+    "expected p(NAME >= NUMBER), mean(NAME), median(NAME), quantile(NAME, SHARE) or NAME,"
+    " of a result with one number per member"
+)
 
 
 class Measure(NamedTuple):
-    """A question to the members: kind is "p", "mean" or "quantile"; name[axis] the result that it is about."""
+    """A question to the members about the result name[axis].
+
+    kind : "p" (with relation and number), "mean", or "quantile" (with number)
+    """
 
     text: str
     kind: str
@@ -39,80 +49,85 @@ class Measure(NamedTuple):
     relation: str = ""
     number: float = 0.0
 
-    def values(self, dataset):
-        """The numbers of the members (n,); for p 1 where the relation holds and 0 where not, of what is nan too: it never happened."""
-        found = dataset[self.name]
-        values = (found.sel(axis=self.axis) if self.axis else found).values
-        return (
-            _RELATIONS[self.relation](values, self.number).astype(float)
-            if self.kind == "p"
-            else values
-        )
+    def values(self, dataset: xr.Dataset) -> NDArray[np.float64]:
+        """The numbers of the members (n,).
 
-    def interval(self, values, good, confidence=0.95):
-        """The Interval of (..., n) values of which the good ones count; where there is none it is nan."""
+        For p 1 if the relation holds, else 0; also 0 for nan, an event that did not happen.
+        """
+        result = dataset[self.name]
+        values = (result.sel(axis=self.axis) if self.axis else result).values
+        if self.kind != "p":
+            return values
+        holds: NDArray[np.float64] = _RELATIONS[self.relation](values, self.number).astype(float)
+        return holds
+
+    def interval(
+        self, values: NDArray[np.float64], good: NDArray[np.bool_], confidence: float = 0.95
+    ) -> intervals.Interval:
+        """The Interval of the good ones of values (..., n); nan if there is none."""
         if self.kind == "p":
-            return intervals.probability(
-                np.where(good, values, 0.0).sum(-1), good.sum(-1), confidence
-            )
-        kept = np.where(good, values, np.nan)
+            successes = np.where(good, values, 0.0).sum(-1)
+            return intervals.probability(successes, good.sum(-1), confidence)
+        values = np.where(good, values, np.nan)
         if self.kind == "mean":
-            return intervals.mean(kept, confidence=confidence)
-        return intervals.quantiles(kept, self.number, confidence)
+            return intervals.mean(values, confidence=confidence)
+        return intervals.quantiles(values, self.number, confidence)
 
 
-def observing(scene, texts):
-    """The scene with the observables over all steps in its `save` that measures name and that need no numbers."""
-    able = {name: name for name in RUNNING}
+def observing(scene: Scene, texts: Iterable[str]) -> Scene:
+    """The scene that also saves the observables over all steps that measures name.
+
+    Only observables without obligatory parameters are added.
+    """
+    observable = {name: name for name in RUNNING}
     for name, kind in SUMMARIES.items():
         if len(kind._field_defaults) == len(kind._fields):
-            able |= dict.fromkeys(kind.outputs, name)
-    named = [
-        able[word] for text in texts for word in re.findall(r"[A-Za-z_]\w*", text) if word in able
-    ]
-    have = {summary_of(one) for one in scene.observables}
-    more = [
-        name for name in dict.fromkeys(named) if name not in have and name not in scene.run.save
-    ]
-    return scene.with_run(save=(*scene.run.save, *more)) if more else scene
+            observable |= dict.fromkeys(kind.outputs, name)
+    words = [word for text in texts for word in re.findall(r"[A-Za-z_]\w*", text)]
+    present = {summary_of(one) for one in scene.observables} | set(scene.run.save)
+    named = dict.fromkeys(observable[word] for word in words if word in observable)
+    missing = [name for name in named if name not in present]
+    if not missing:
+        return scene
+    more: Scene = scene.with_run(save=(*scene.run.save, *missing))
+    return more
 
 
-def measure(text, variables):
-    """The Measure that a text asks for; `variables` {name: dims} are those of a result. SceneError for what is none."""
-    kind, found = next(
-        ((kind, m) for kind, form in _FORMS.items() if (m := form.fullmatch(text.strip()))),
-        ("", None),
-    )
-    if found is None:
+def measure(text: str, variables: Mapping[str, tuple[str, ...]]) -> Measure:
+    """The Measure that a text asks for; SceneError if it asks for none.
+
+    variables : {name: dims} of a result
+    """
+    matches = ((kind, form.fullmatch(text.strip())) for kind, form in _FORMS.items())
+    kind, match = next(((kind, m) for kind, m in matches if m), ("", None))
+    if match is None:
         raise SceneError("", "measure", text, RULE)
-    parts = found.groupdict()
+    parts = match.groupdict()
     name, axis = parts["name"], parts["axis"]
-    able = {
-        name: dims for name, dims in variables.items() if dims in (("member",), ("axis", "member"))
-    }
-    if name not in able:
-        known = [n for n in able if not n.startswith(("start_", "status"))]
-        known += [
-            n
-            for kind in SUMMARIES.values()
-            if not kind._fields or kind._field_defaults
-            for n in kind.outputs
-            if n not in known
-        ]
-        known += [n for n in RUNNING if n not in known]
-        rule = f"no result of that name with one number per member; known: {', '.join(known)}; passages of a scene with [observables.passage]"
-        raise SceneError("", "measure", text, rule, nearest(name, known))
-    if (able[name] == ("axis", "member")) != bool(axis):
-        raise SceneError(
-            "",
-            "measure",
-            text,
-            f"{name} has {'three components: give one, as in ' + name + '[3]' if not axis else 'no components'}",
-        )
+    dims = _dims(text, name, variables)
+    if (dims == ("axis", "member")) != bool(axis):
+        rule = f"three components: give one, as in {name}[3]" if not axis else "no components"
+        raise SceneError("", "measure", text, f"{name} has {rule}")
     number = float(parts.get("number") or (0.5 if kind == "median" else 0.0))
     if kind == "quantile" and not 0.0 < number < 1.0:
         raise SceneError("", "measure", text, "a quantile has a share between 0 and 1")
     kind = {"median": "quantile", "": "mean"}.get(kind, kind)
-    return Measure(
-        text.strip(), kind, name, int(axis) if axis else None, parts.get("relation") or "", number
+    relation = parts.get("relation") or ""
+    return Measure(text.strip(), kind, name, int(axis) if axis else None, relation, number)
+
+
+def _dims(text: str, name: str, variables: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
+    """The dimensions of a result with one number, or three components, per member; SceneError."""
+    shapes = (("member",), ("axis", "member"))
+    able = {name: dims for name, dims in variables.items() if dims in shapes}
+    if name in able:
+        return able[name]
+    known = [n for n in able if not n.startswith(("start_", "status"))]
+    free = [k for k in SUMMARIES.values() if not k._fields or k._field_defaults]
+    known += [n for kind in free for n in kind.outputs]
+    known = list(dict.fromkeys([*known, *RUNNING]))
+    rule = (
+        f"no result of that name with one number per member; known: {', '.join(known)};"
+        " passages of a scene with [observables.passage]"
     )
+    raise SceneError("", "measure", text, rule, nearest(name, known))

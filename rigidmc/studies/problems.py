@@ -1,68 +1,77 @@
-"""Named bodies and starts, and what is known of their motion, each number with its source: for the hard cases, tests and bench.
+"""Named bodies and starts with what is known of their motion, each number with its source.
 
-Units are SI unless a case says otherwise; the motion of a free body does not depend on the unit of its moments.
+They serve the hard cases, the tests and the benchmarks. Units are SI unless an entry says
+otherwise; the motion of a free body does not depend on the unit of its moments.
 """
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 from rigidmc.dynamics.euler import MassProperties
-from rigidmc.effects import Gravity
+from rigidmc.effects.gravity import Gravity
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
 class Problem:
     """A body with a fixed point, its start, and its published end.
 
-    moments, static_moment : principal moments [kg m^2] and mass times centre of mass [kg m]
-    gravity : g [m/s^2]; 0 for a free body
-    momentum, attitude : start, body components and quaternion (w, x, y, z)
-    time : of the end [s];  end_momentum, end_attitude : state there, where published
+    moments, static_moment : principal moments [kg m^2], mass times centre of mass [kg m]
+    gravity : g [m/s^2], 0 for a free body
+    momentum, attitude : at the start, body components and quaternion (w, x, y, z)
+    time : of the end [s];  end_momentum, end_attitude : the state there, None if not published
     more : anything else that the source gives
     """
 
-    moments: tuple
-    momentum: tuple
+    moments: Vector
+    momentum: Vector
     source: str
-    static_moment: tuple = (0.0, 0.0, 0.0)
+    static_moment: Vector = (0.0, 0.0, 0.0)
     gravity: float = 0.0
-    attitude: tuple = (1.0, 0.0, 0.0, 0.0)
+    attitude: Quaternion = (1.0, 0.0, 0.0, 0.0)
     time: float = 0.0
-    end_momentum: tuple | None = None
-    end_attitude: tuple | None = None
-    more: dict = field(default_factory=dict)
+    end_momentum: Vector | None = None
+    end_attitude: Quaternion | None = None
+    more: dict[str, Any] = field(default_factory=dict)
 
     @property
-    def body(self):
-        return MassProperties.of(tuple(map(float, self.moments)), self.static_moment)
+    def body(self) -> MassProperties:
+        moments = tuple(map(float, self.moments))
+        body: MassProperties = MassProperties.of(moments, self.static_moment)
+        return body
 
     @property
-    def effects(self):
+    def effects(self) -> tuple[Gravity, ...]:
         return (Gravity(self.gravity),) if self.gravity else ()
 
     @property
-    def omega(self):
+    def omega(self) -> tuple[float, ...]:
         return tuple(l / i for l, i in zip(self.momentum, self.moments, strict=True))
 
 
-def _spinning(moments, omega, source, **rest):
-    return Problem(
-        moments, tuple(i * w for i, w in zip(moments, omega, strict=True)), source, **rest
-    )
+def _spinning(moments: Vector, omega: Vector, source: str, **rest: Any) -> Problem:
+    """A Problem given by its angular velocity."""
+    l1, l2, l3 = (i * w for i, w in zip(moments, omega, strict=True))
+    return Problem(moments, (l1, l2, l3), source, **rest)
 
 
-_NASA = "NASA TM-2015-218675, check-case 2, tumbling brick; moments in slug ft^2. Rates from the exact solution"
-_HAIRER_VILMART = (
-    "Hairer & Vilmart, J. Phys. A 39 (2006) 13225, body; end from 34-digit Taylor series"
+_TAYLOR = "end from 34-digit Taylor series"
+_NASA = (
+    "NASA TM-2015-218675, check-case 2, tumbling brick; moments in slug ft^2."
+    " Rates from the exact solution"
 )
-_CARDONA = "Bruels & Cardona, J. Comput. Nonlinear Dyn. 5 (2010) 031002, heavy top; end from 34-digit Taylor series"
+_HAIRER_VILMART = f"Hairer & Vilmart, J. Phys. A 39 (2006) 13225, body; {_TAYLOR}"
+_CARDONA = f"Bruels & Cardona, J. Comput. Nonlinear Dyn. 5 (2010) 031002, heavy top; {_TAYLOR}"
 _TOMS = "Celledoni & Zanna, ACM TOMS 37 (2010), Algorithm 903, test output"
 _ELLIPTIC = "flips every 2 K(m)/lambda, Jacobi's solution at 34 digits"
 
-PROBLEMS = {
+PROBLEMS: dict[str, Problem] = {
     "nasa_brick": _spinning(
         (0.001894220, 0.006211019, 0.007194665),
-        tuple(math.radians(w) for w in (10.0, 20.0, 30.0)),
+        (math.radians(10.0), math.radians(20.0), math.radians(30.0)),
         _NASA,
         time=30.0,
         end_attitude=(
@@ -169,14 +178,14 @@ PROBLEMS = {
     "hairer_lubich_wanner": Problem(
         (2.0, 1.0, 2.0 / 3.0),
         (math.cos(1.1), 0.0, math.sin(1.1)),
-        "Hairer, Lubich & Wanner, Geometric Numerical Integration (2006), VII.5; end from 34-digit Taylor series",
+        f"Hairer, Lubich & Wanner, Geometric Numerical Integration (2006), VII.5; {_TAYLOR}",
         time=10.0,
         end_momentum=(0.407066136588040811, 0.283007426812844076, 0.868449167661561644),
     ),
     "simo_wong_top": _spinning(
         (5.0, 5.0, 1.0),
         (0.0, 0.0, 50.0),
-        "Simo & Wong, Int. J. Numer. Methods Eng. 31 (1991) 19, fast top; end from 34-digit Taylor series",
+        f"Simo & Wong, Int. J. Numer. Methods Eng. 31 (1991) 19, fast top; {_TAYLOR}",
         static_moment=(0.0, 0.0, 20.0),
         gravity=1.0,
         attitude=(math.cos(0.025), math.sin(0.025), 0.0, 0.0),
@@ -220,8 +229,9 @@ PROBLEMS = {
     ),
 }
 
-# Free bodies that are hard for somebody: name -> (moments, momentum). Whatever they are, a step of h must be right to rounding.
-HARD = {
+# {name: (moments, momentum)} of free bodies at the limits of some formula: a step of any length
+# must be right to rounding.
+HARD: dict[str, tuple[Vector, Vector]] = {
     "generic": ((1.0, 1.3, 2.0), (0.3, 0.9, 0.7)),
     "separatrix": ((1.0, 2.0, 3.0), (1.0, 1.0, math.sqrt(3.0))),
     "separatrix_below": ((1.0, 2.0, 3.0), (1.0 - 1e-9, 1.0, math.sqrt(3.0))),

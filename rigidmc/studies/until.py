@@ -1,11 +1,15 @@
-"""An ensemble that grows until a number is known as well as asked."""
+"""An ensemble that grows until a number is known as accurately as asked."""
 
 import math
 import re
 import warnings
-from typing import NamedTuple
+from collections.abc import Callable
+from os import PathLike
+from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
 
 from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.files.outputs import refuse_existing
@@ -13,64 +17,70 @@ from rigidmc.observables import OBSERVABLES
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.quantities import rows
+from rigidmc.scene.scene import Scene
 from rigidmc.storage.schema import member_variables
 from rigidmc.studies.intervals import Interval, mean, probability
 from rigidmc.studies.measures import Measure, measure, observing
 
-FIRST = 8192  # members of the first look
+FIRST = 8192  # members of the first round
 MOST = 10_000_000
-SURE = (
-    1.05  # members above what the spread so far asks for: it is itself known to a few per cent only
-)
+SURE = 1.05  # more members than the spread asks for, which is known to a few per cent only
 _SIGN = re.compile(r"\s*(?:±|\+-|\+/-)\s*")
-RULE = 'expected a measure and half the width of its interval, as in "p(flips >= 1) +- 0.001" or "mean(flip_wait) +- 0.1"'
+_WIDTH = re.compile(r"((?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(%?)")
+RULE = (
+    "expected a measure and half the width of its interval,"
+    ' as in "p(flips >= 1) +- 0.001" or "mean(flip_wait) +- 1 %"'
+)
 
 
 class Goal(NamedTuple):
-    """A measure that is to be known to +- `half` (of itself where `relative`)."""
+    """A measure that is to be known to +- `half`, or to that share of itself if `relative`."""
 
     measure: Measure
     half: float
     relative: bool
 
+    def half_at(self, value: float) -> float:
+        """Half the width that is asked for, if the measure has a value."""
+        return self.half * abs(value) if self.relative else self.half
 
-def goal(text, variables):
-    """The Goal of a text such as "p(flips >= 1) +- 0.001" or "mean(flip_wait) +- 1 %"; SceneError for what is none."""
+
+def goal(text: str, variables: dict[str, tuple[str, ...]]) -> Goal:
+    """The Goal of a text such as "p(flips >= 1) +- 0.001" or "mean(flip_wait) +- 1 %".
+
+    variables : {name: dims} of a result;  raises SceneError if the text is no goal
+    """
     parts = _SIGN.split(text.strip())
-    number = (
-        re.fullmatch(r"((?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(%?)", parts[1])
-        if len(parts) == 2
-        else None
-    )
-    if number is None or not float(number[1]) > 0.0:
+    width = _WIDTH.fullmatch(parts[1]) if len(parts) == 2 else None
+    if width is None or not float(width[1]) > 0.0:
         raise SceneError("run", "until", text, RULE)
-    return Goal(
-        measure(parts[0], variables),
-        float(number[1]) / (100.0 if number[2] else 1.0),
-        bool(number[2]),
-    )
+    half = float(width[1]) / (100.0 if width[2] else 1.0)
+    return Goal(measure(parts[0], variables), half, bool(width[2]))
 
 
 def simulate_until(
-    scene,
-    until,
-    most=MOST,
-    confidence=0.95,
-    threads=None,
-    progress=None,
-    output=None,
-    force=False,
-    **options,
-):
-    """(Dataset, Interval): an ensemble that grows until the interval of a measure is as narrow as asked, or has `most` members.
+    scene: Scene,
+    until: str,
+    most: int = MOST,
+    confidence: float = 0.95,
+    threads: int | None = None,
+    progress: Callable[[int, Interval], object] | None = None,
+    output: str | PathLike[str] | None = None,
+    force: bool = False,
+    **options: Any,
+) -> tuple[xr.Dataset, Interval]:
+    """(Dataset, Interval): an ensemble that grows until the interval of a measure is narrow enough.
 
-    until : "p(flips >= 1) +- 0.001", see `rigidmc.studies.measures`;  progress : a function of (members so far, the Interval)
+    until : such as "p(flips >= 1) +- 0.001", see `rigidmc.studies.measures`
+    most : members at most;  progress : a function of (members so far, the Interval)
     output, force, options : as of `rigidmc.simulate`
 
-    It grows without the saves of a scene, in memory of some 100 bytes a member; where there are saves, or an output, the members are then run once
-    more with them. They are those of a run of that size, to the bit: the first so many of the scene. How many is known to a few per cent from the
-    spread of those before, so that few looks are taken.
-    A SceneWarning says where it is not reached. Raises SceneError where what is asked needs more than `most` members by the first.
+    The ensemble grows without the saves of the scene, at some 100 bytes of memory a member. The
+    final ensemble is then run once with saves and output; it is the first members of the scene, to
+    the bit. The number of members that is still needed follows from the spread of those so far, to
+    a few per cent, so there are few rounds.
+    A SceneWarning says if the goal is not reached. Raises SceneError if by the first round the goal
+    needs more than `most` members.
     """
     if options.get("members") is not None:
         rule = "there are as many members as it takes, `most` at most: give that"
@@ -80,94 +90,128 @@ def simulate_until(
         refuse_existing(output, force)
     scene = observing(scene.with_run(**options), [_SIGN.split(until)[0]])
     if scene.run.points != "independent":
-        rule = f"an interval of {scene.run.points} points is not told by their spread: see rigidmc.randomised; use independent ones"
-        raise SceneError("run", "points", scene.run.points, rule)
-    lean = scene.with_run(save=tuple(name for name in scene.run.save if name not in OBSERVABLES))
+        rule = f"the spread of {scene.run.points} points gives no interval: see rigidmc.randomised"
+        raise SceneError("run", "points", scene.run.points, f"{rule}; use independent ones")
+    lean = _without_saves(scene)
     if (count := rows(*scene.quantities())) is not None:
         most = min(most, count - scene.run.first)
     wanted = goal(until, {name: v.dims for name, v in member_variables(lean, False).items()})
+    size, interval = _grown(lean, until, wanted, most, confidence, threads, progress)
+    if not goal_reached(until, interval):
+        reached = f"{interval.value:.6g} +- {interval.half:.2g} by {size:,} members"
+        rule = f"{until} is not reached: {reached}, which are all that may be"
+        warnings.warn(rule, SceneWarning, stacklevel=2)
+    ends = f"{interval.low:.10g} to {interval.high:.10g}"
+    result = simulate(
+        scene,
+        members=range(scene.run.first, scene.run.first + size),
+        threads=threads,
+        output=output,
+        force=force,
+        attrs={"until": until, "found": f"{interval.value:.10g} in {ends}"},
+    )
+    return result, interval
+
+
+def _without_saves(scene: Scene) -> Scene:
+    """The scene that keeps final numbers of its members only."""
+    save = tuple(name for name in scene.run.save if name not in OBSERVABLES)
+    lean: Scene = scene.with_run(save=save)
+    return lean
+
+
+def _grown(
+    scene: Scene,
+    until: str,
+    wanted: Goal,
+    most: int,
+    confidence: float,
+    threads: int | None,
+    progress: Callable[[int, Interval], object] | None,
+) -> tuple[int, Interval]:
+    """(members, Interval) when the goal is reached, or at `most` members."""
     values, good = np.empty(0), np.empty(0, bool)
     known, size, first = 0, min(FIRST, most), scene.run.first
     while True:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SceneWarning)
-            piece = simulate(lean, members=range(first + known, first + size), threads=threads)
-        values, good = (
-            np.append(values, wanted.measure.values(piece)),
-            np.append(good, piece.status.values == 0),
-        )
-        found = Interval(*map(float, wanted.measure.interval(values, good, confidence)))
+            part = simulate(scene, members=range(first + known, first + size), threads=threads)
+        values = np.append(values, wanted.measure.values(part))
+        good = np.append(good, part.status.values == 0)
+        interval = Interval(*map(float, wanted.measure.interval(values, good, confidence)))
         if progress is not None:
-            progress(size, found)
-        half = wanted.half * abs(found.value) if wanted.relative else wanted.half
-        if goal_reached(until, found):
-            break
-        if known == 0 and not np.isfinite(found.value):
-            raise SceneError(
-                "run",
-                "until",
-                until,
-                f"none of the first {size:,} members has a {wanted.measure.name}",
-            )
-        if known == 0 and half == 0.0:
-            rule = f"is 0 of the first {size:,} members: no number of them brings it to a share of 0; give the width itself"
-            raise SceneError("run", "until", until, rule)
+            progress(size, interval)
+        if goal_reached(until, interval):
+            return size, interval
+        if known == 0:
+            _check_first(until, wanted, interval, size)
         if size >= most:
-            rule = f"{until} is not reached: {found.value:.6g} +- {found.half:.2g} by {size:,} members, which are all that may be"
-            warnings.warn(rule, SceneWarning, stacklevel=2)
-            break
-        needed = FIRST * math.ceil(
-            SURE * members_for(wanted.measure, found, size, half, confidence) / FIRST
+            return size, interval
+        needed = members_for(
+            wanted.measure, interval, size, wanted.half_at(interval.value), confidence
         )
+        needed = FIRST * math.ceil(SURE * needed / FIRST)
         if known == 0 and needed > most:
-            rule = f"needs about {needed:,} members by the first {size:,} ({found.value:.4g} +- {found.half:.2g}), more than the limit of {most:,}"
+            by = f"by the first {size:,} ({interval.value:.4g} +- {interval.half:.2g})"
+            rule = f"needs about {needed:,} members {by}, more than the limit of {most:,}"
             raise SceneError("run", "until", until, rule)
         known, size = size, min(most, max(needed, size + FIRST))
-    told = {"until": until, "found": f"{found.value:.10g} in {found.low:.10g} to {found.high:.10g}"}
-    return simulate(
-        scene,
-        members=range(first, first + size),
-        threads=threads,
-        output=output,
-        force=force,
-        attrs=told,
-    ), found
 
 
-def goal_reached(until, found):
+def _check_first(until: str, wanted: Goal, interval: Interval, size: int) -> None:
+    """SceneError if the first round shows that no number of members reaches the goal."""
+    if not np.isfinite(interval.value):
+        rule = f"none of the first {size:,} members has a {wanted.measure.name}"
+        raise SceneError("run", "until", until, rule)
+    if wanted.half_at(interval.value) == 0.0:
+        rule = f"is 0 for the first {size:,} members: no number of them brings it to a share of 0"
+        raise SceneError("run", "until", until, f"{rule}; give the width itself")
+
+
+def goal_reached(until: str, interval: Interval) -> bool:
     """Whether an Interval is as narrow as a text asks."""
-    number = _SIGN.split(until.strip())[1].strip()
-    half = abs(found.value) * float(number[:-1]) / 100.0 if number.endswith("%") else float(number)
-    return bool(found.half <= half)
+    width = _SIGN.split(until.strip())[1].strip()
+    if width.endswith("%"):
+        return bool(interval.half <= abs(interval.value) * float(width[:-1]) / 100.0)
+    return bool(interval.half <= float(width))
 
 
-def members_for(measure, found, count, half, confidence):
-    """How many members bring an interval to +- half, by what `count` of them gave."""
-    if not (half > 0.0 and math.isfinite(found.half)):
+def members_for(
+    measure: Measure, interval: Interval, count: int, half: float, confidence: float
+) -> float:
+    """How many members bring an interval to +- `half`, by the interval of `count` of them."""
+    if not (half > 0.0 and math.isfinite(interval.half)):
         return 4 * count
     if measure.kind != "p":
-        return count * (found.half / half) ** 2
-    low, high = (
-        count,
-        count * max(1.0, found.half / half) ** 2 + 1.0,
-    )  # near 0 and 1 the width falls as 1/n, not as its root
+        return count * float((interval.half / half) ** 2)
+    # near 0 and 1 the width falls as 1/n, not as its root
+    low, high = float(count), count * max(1.0, interval.half / half) ** 2 + 1.0
     while high - low > 0.01 * low:
         middle = 0.5 * (low + high)
-        narrow = probability(found.value * middle, middle, confidence).half <= half
+        narrow = probability(interval.value * middle, middle, confidence).half <= half
         low, high = (low, middle) if narrow else (middle, high)
-    return high
+    return float(high)
 
 
-def randomised(scene, text, members, randomisations=16, confidence=0.95, threads=None, **options):
-    """The Interval of the mean of a measure over independent randomisations of its points: what Sobol points and Latin hypercubes need, whose members are
-    not independent. Each has `members` members, and a seed of its own from that of the scene on; Student's t over their values."""
-    scene = observing(scene.with_run(members=members, **options), [text])
-    scene = scene.with_run(save=tuple(name for name in scene.run.save if name not in OBSERVABLES))
+def randomised(
+    scene: Scene,
+    text: str,
+    members: int,
+    randomisations: int = 16,
+    confidence: float = 0.95,
+    threads: int | None = None,
+    **options: Any,
+) -> Interval:
+    """The Interval of the mean of a measure over independent randomisations of its points.
+
+    For Sobol points and Latin hypercubes, whose members are not independent. Each randomisation
+    has `members` members and the next seed from the scene's on; Student's t over their values.
+    """
+    scene = _without_saves(observing(scene.with_run(members=members, **options), [text]))
     asked = measure(text, {name: v.dims for name, v in member_variables(scene, False).items()})
-    values = []
+    values: list[float] = []
     for i in range(randomisations):
-        piece = simulate(scene, seed=scene.run.seed + i, threads=threads)
-        values.append(
-            float(asked.interval(asked.values(piece), piece.status.values == 0, confidence).value)
-        )
+        part = simulate(scene, seed=scene.run.seed + i, threads=threads)
+        good: NDArray[np.bool_] = part.status.values == 0
+        values.append(float(asked.interval(asked.values(part), good, confidence).value))
     return mean(np.array(values), confidence=confidence)

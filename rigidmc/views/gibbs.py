@@ -1,6 +1,10 @@
-"""A picture of a scene in a bath against the law of Gibbs."""
+"""A picture of a scene in a heat bath against the Gibbs distribution."""
 
 import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from rigidmc.dynamics.methods import implements
 from rigidmc.effects.parameters import numbers
@@ -8,99 +12,87 @@ from rigidmc.effects.protocol import is_random
 from rigidmc.engine.forces import energies
 from rigidmc.planning.stage import physics, stage
 from rigidmc.scene.quantities import is_shared
+from rigidmc.scene.scene import Scene
 from rigidmc.storage import scene_of
-from rigidmc.views.ensemble import CORE, INK, PATH, new_figure
+from rigidmc.views.figure import CORE, INK, PATH, new_figure
 
-THEORY = 200_000  # attitudes, uniform on SO(3), which the law of Gibbs weighs
+THEORY = 200_000  # attitudes, uniform on SO(3), that sample the Gibbs distribution by weights
 
 
-def gibbs(ds, allow_code=False):
-    """The last state of a scene in a bath against exp(-(T + V)/kT): momenta about the three axes, and the potential energy.
+def gibbs(ds: xr.Dataset, allow_code: bool = False) -> Figure:
+    """The last state of a scene in a bath against exp(-(T + V)/kT).
 
-    The momenta are normal with <L_i^2> = I_i kT. The energies V of the law are those of 200,000 uniform attitudes with the weights exp(-V/kT).
-    Averages in the titles have their standard errors; those of the run are off by order dt^2 beside.
+    Momenta about the three axes are normal with <L_i^2> = I_i kT. The theoretical potential
+    energies V are those of 200,000 uniform attitudes with weights exp(-V/kT). Averages in the
+    titles have their standard errors; a run is off by another term of order dt^2.
 
-    ds : with momentum, and attitude where effects have an energy; ValueError for scenes without a bath or with two, and for those whose body, kT
-        or energies differ from member to member
+    ds : with momentum, and with attitude if effects have an energy
+    Raises ValueError for scenes without a bath or with two, and for scenes whose body, kT or
+    energies differ between members.
     """
     scene = scene_of(ds, allow_code=allow_code)
-    baths = [e for e in scene.effects if is_random(e)]
+    baths = [effect for effect in scene.effects if is_random(effect)]
     if len(baths) != 1:
-        raise ValueError("gibbs needs a scene with a bath, and with one")
-    heat, held = baths[0].kT, [e for e in scene.effects if implements(e, "energy")]
-    if not is_shared(
-        *scene.body.quantities(), heat, *(value for e in held for _, _, value in numbers(e))
-    ):
+        raise ValueError("gibbs needs a scene with exactly one bath")
+    kT, potentials = baths[0].kT, [e for e in scene.effects if implements(e, "energy")]
+    parameters = (value for effect in potentials for _, _, value in numbers(effect))
+    if not is_shared(*scene.body.quantities(), kT, *parameters):
         raise ValueError("gibbs needs one body, one kT and the same energies for all members")
-    if "momentum" not in ds or (held and "attitude" not in ds):
+    if "momentum" not in ds or (potentials and "attitude" not in ds):
         raise ValueError(
-            'gibbs needs momentum and attitude, which were not saved: run with save=("momentum", "attitude")'
+            "gibbs needs momentum and attitude, which were not saved:"
+            ' run with save=("momentum", "attitude")'
         )
     good = ds.status.values == 0
     l = ds.momentum.isel(time=-1).transpose("axis", "member").values[:, good]
     moments = ds.moments.transpose("axis", "member").values[:, good]
-    figure = new_figure(
-        f"{scene.title}: {good.sum():,} members at t = {float(ds.time[-1]):.6g} s against the law of Gibbs",
-        (11.0 if held else 6.0, 4.6),
-    )
-    places = figure.subplots(1, 2 if held else 1, squeeze=False)[0]
-    _momenta(places[0], l / np.sqrt(moments * heat))
-    if held:
+    what = f"{good.sum():,} members at t = {float(ds.time[-1]):.6g} s"
+    title = f"{scene.title}: {what} against the Gibbs distribution"
+    figure = new_figure(title, (11.0 if potentials else 6.0, 4.6))
+    places = figure.subplots(1, 2 if potentials else 1, squeeze=False)[0]
+    _momenta(places[0], l / np.sqrt(moments * kT))
+    if potentials:
         q = ds.attitude.isel(time=-1).transpose("quat", "member").values[:, good]
-        _energies(places[1], scene, q, heat)
+        _energies(places[1], scene, q, kT)
     return figure
 
 
-def _momenta(axes, x):
-    """Histograms of reduced momenta, which should be normal."""
+def _momenta(axes: Axes, x: NDArray[np.float64]) -> None:
+    """Histograms of reduced momenta (axis, member), which should be normal."""
     edges = np.linspace(-4.5, 4.5, 46)
     for row, (color, style) in enumerate(((CORE, "-"), (INK, "--"), (PATH, ":"))):
-        axes.stairs(
-            np.histogram(x[row], edges, density=True)[0],
-            edges,
-            color=color,
-            linestyle=style,
-            linewidth=1.6,
-            label=f"axis {row + 1}",
-        )
+        height = np.histogram(x[row], edges, density=True)[0]
+        name = f"axis {row + 1}"
+        axes.stairs(height, edges, color=color, linestyle=style, linewidth=1.6, label=name)
     line = np.linspace(-4.5, 4.5, 400)
-    axes.plot(
-        line, np.exp(-0.5 * line**2) / np.sqrt(2.0 * np.pi), color=INK, linewidth=0.8, label="Gibbs"
-    )
-    heat, error = (x**2).sum(0).mean() / 3.0, (x**2).sum(0).std() / np.sqrt(x.shape[1]) / 3.0
+    normal = np.exp(-0.5 * line**2) / np.sqrt(2.0 * np.pi)
+    axes.plot(line, normal, color=INK, linewidth=0.8, label="Gibbs")
+    twice = (x**2).sum(0)
+    mean, error = twice.mean() / 3.0, twice.std() / np.sqrt(x.shape[1]) / 3.0
     axes.set(xlabel="$L_i/\\sqrt{I_i kT}$ [1]", ylabel="density", yscale="log", ylim=(1e-5, 1.0))
-    axes.set_title(
-        f"angular momentum: $\\langle T\\rangle$ = {heat:.4f} ± {error:.4f} of 3/2 kT", fontsize=10
-    )
+    words = f"angular momentum: $\\langle T\\rangle$ = {mean:.4f} ± {error:.4f} of 3/2 kT"
+    axes.set_title(words, fontsize=10)
     axes.legend(fontsize=8, frameon=False)
 
 
-def _energies(axes, scene, q, heat):
-    """Histogram of the potential energy, and that of uniform attitudes with the weights of Gibbs."""
-    few, _ = stage(scene, 0, 1, True)
-    body, effects = physics(scene.effects, few)
-    held = np.ravel(energies(effects, body, tuple(q))) / heat
-    some = np.random.default_rng(0).normal(size=(4, THEORY))
-    free = np.ravel(energies(effects, body, tuple(some / np.linalg.norm(some, axis=0)))) / heat
-    weights = np.exp(free.min() - free)
-    edges = np.linspace(min(held.min(), free.min()), max(held.max(), np.quantile(free, 0.999)), 41)
-    axes.stairs(
-        np.histogram(held, edges, density=True)[0], edges, fill=True, color=CORE, label="run"
-    )
-    axes.stairs(
-        np.histogram(free, edges, density=True, weights=weights)[0],
-        edges,
-        color=INK,
-        linewidth=1.4,
-        label="Gibbs",
-    )
-    mean, error, theory = (
-        held.mean(),
-        held.std() / np.sqrt(held.size),
-        np.average(free, weights=weights),
-    )
+def _energies(axes: Axes, scene: Scene, q: NDArray[np.float64], kT: float) -> None:
+    """Histogram of the potential energy, and that of the Gibbs distribution."""
+    block, _ = stage(scene, 0, 1, True)
+    body, effects = physics(scene.effects, block)
+    run = np.ravel(energies(effects, body, tuple(q))) / kT
+    random = np.random.default_rng(0).normal(size=(4, THEORY))
+    uniform = random / np.linalg.norm(random, axis=0)
+    theory = np.ravel(energies(effects, body, tuple(uniform))) / kT
+    weights = np.exp(theory.min() - theory)
+    low, high = min(run.min(), theory.min()), max(run.max(), np.quantile(theory, 0.999))
+    edges = np.linspace(low, high, 41)
+    height = np.histogram(run, edges, density=True)[0]
+    axes.stairs(height, edges, fill=True, color=CORE, label="run")
+    height = np.histogram(theory, edges, density=True, weights=weights)[0]
+    axes.stairs(height, edges, color=INK, linewidth=1.4, label="Gibbs")
+    mean, error = run.mean(), run.std() / np.sqrt(run.size)
+    expected = np.average(theory, weights=weights)
     axes.set(xlabel="potential energy $V/kT$ [1]", ylabel="density")
-    axes.set_title(
-        f"$\\langle V\\rangle$ = {mean:.4f} ± {error:.4f} kT; Gibbs {theory:.4f} kT", fontsize=10
-    )
+    words = f"$\\langle V\\rangle$ = {mean:.4f} ± {error:.4f} kT; Gibbs {expected:.4f} kT"
+    axes.set_title(words, fontsize=10)
     axes.legend(fontsize=8, frameon=False)

@@ -1,96 +1,104 @@
-"""A result in a few lines: who is well, what was kept, and every number that its members have, with its interval."""
+"""A result in a few lines: flagged members, and each number per member with its interval."""
+
+from collections.abc import Iterator
 
 import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
 
 from rigidmc.engine.layout import STATUSES
 from rigidmc.files.reading import toml
 from rigidmc.storage.writer import scene_text
 from rigidmc.studies import intervals
 
-_PLAIN = ("status", "status_step", "status_time", "mass", "steps")
+_PLAIN = ("status", "status_step", "status_time", "mass", "steps")  # not summarised
 
 
-def summary(dataset, confidence=0.95):
-    """Lines of text on a result of `rigidmc.simulate`: flagged members, drifts, and of each number per member its mean with its interval, its
-    middle 90 % with the median, and for how many members it never happened."""
-    status = dataset.status.values
-    good, count = status == 0, status.size
-    run = (
-        f"dt = {dataset.attrs['dt']:.6g} s"
-        if "dt" in dataset.attrs
-        else f"turn = {dataset.attrs.get('turn', float('nan')):.6g} rad"
-    )
+def summary(dataset: xr.Dataset, confidence: float = 0.95) -> str:
+    """Lines of text on a result of `rigidmc.simulate`.
+
+    The flagged members; of each number per member its mean with the confidence interval, its
+    median, the middle 90 %, and for how many members the event never happened.
+    """
     settings = toml(scene_text(dataset))["run"]
-    points, planned = settings.get("points", "independent"), settings["members"]
-    of = f" of {planned:,}" if count < planned else ""
+    points = settings.get("points", "independent")
     independent = points == "independent"
-    lines = [
-        f"{dataset.attrs.get('title', 'result')}: {count:,}{of} members to {float(dataset.time.values[-1]):g} s with {dataset.attrs['integrator']}, {run}"
-    ]
+    good = dataset.status.values == 0
+    lines = [_heading(dataset, settings["members"]), _flagged(dataset)]
+    for label, numbers in _numbers(dataset):
+        line = _line(label, numbers, numbers.values[good], confidence if independent else None)
+        lines += [line] if line else []
+    if not independent:
+        lines.append(
+            f"  its members are {points} points, whose spread tells no interval:"
+            " see rigidmc.randomised"
+        )
+    saved = [str(name) for name, v in dataset.data_vars.items() if "time" in v.dims]
+    lines.append(f"  saved at {dataset.sizes['time']:,} times: {', '.join(saved) or 'nothing'}")
+    if thinned := [str(name) for name, v in dataset.data_vars.items() if "thinned_time" in v.dims]:
+        lines.append(f"  and at {dataset.sizes['thinned_time']:,}: {', '.join(thinned)}")
+    return "\n".join(lines)
+
+
+def _heading(dataset: xr.Dataset, planned: int) -> str:
+    """Title, members, end, integrator and step."""
+    attrs, count = dataset.attrs, dataset.sizes["member"]
+    step = f"turn = {attrs.get('turn', float('nan')):.6g} rad"
+    step = f"dt = {attrs['dt']:.6g} s" if "dt" in attrs else step
+    members = f"{count:,}{f' of {planned:,}' if count < planned else ''} members"
+    end = f"{float(dataset.time.values[-1]):g} s"
+    return f"{attrs.get('title', 'result')}: {members} to {end} with {attrs['integrator']}, {step}"
+
+
+def _flagged(dataset: xr.Dataset) -> str:
+    """How many members are flagged, and why."""
+    status = dataset.status.values
     flags = [
         f"{int((status == code).sum()):,} {word}"
         for word, code in STATUSES.items()
         if code and (status == code).any()
     ]
-    lines.append(
-        f"  flagged: {', '.join(flags) or 'none'}" + ("; they are left out below" if flags else "")
-    )
+    if not flags:
+        return "  flagged: none"
+    return f"  flagged: {', '.join(flags)}; they are left out below"
+
+
+def _numbers(dataset: xr.Dataset) -> Iterator[tuple[str, xr.DataArray]]:
+    """(label, values) of each number per member that a summary shows."""
     for name, variable in dataset.data_vars.items():
-        if (
-            {"time", "thinned_time"} & set(variable.dims)
-            or "member" not in variable.dims
-            or name in _PLAIN
-            or name.startswith("start_")
-        ):
+        over = set(variable.dims)
+        if {"time", "thinned_time"} & over or "member" not in over:
             continue
-        parts = (
-            [(str(name), variable)]
-            if variable.ndim == 1
-            else [
-                (f"{name}[{i}]", variable.isel({variable.dims[0]: i - 1}))
-                for i in range(1, variable.shape[0] + 1)
-            ]
-        )
-        lines += [
-            line
-            for label, part in parts
-            if (line := _line(label, part, good, confidence if independent else None))
-        ]
-    if not independent:
-        lines.append(
-            f"  its members are {points} points, whose spread tells no interval: see rigidmc.randomised"
-        )
-    saved = [str(name) for name, v in dataset.data_vars.items() if "time" in v.dims]
-    lines.append(f"  saved at {dataset.sizes['time']:,} times: {', '.join(saved) or 'nothing'}")
-    if few := [str(name) for name, v in dataset.data_vars.items() if "thinned_time" in v.dims]:
-        lines.append(f"  and at {dataset.sizes['thinned_time']:,}: {', '.join(few)}")
-    return "\n".join(lines)
+        if name in _PLAIN or str(name).startswith("start_"):
+            continue
+        if variable.ndim == 1:
+            yield str(name), variable
+        else:
+            for i in range(1, variable.shape[0] + 1):
+                yield f"{name}[{i}]", variable.isel({variable.dims[0]: i - 1})
 
 
-def _line(label, variable, good, confidence):
-    """One number per member on a line; None where it is the same for all."""
-    values = variable.values[good]
-    seen = values[np.isfinite(values)]
-    if not seen.size:
+def _line(
+    label: str, variable: xr.DataArray, values: NDArray[np.float64], confidence: float | None
+) -> str | None:
+    """One number of the good members on a line, None if it is not worth one.
+
+    confidence : None if the spread of the members gives no interval
+    """
+    finite = values[np.isfinite(values)]
+    units = "" if variable.attrs.get("units", "1") == "1" else variable.attrs["units"]
+    if not finite.size:
         return f"  {label:24s} never, for none of {values.size:,}"
-    if np.ptp(seen) == 0.0 and seen.size == values.size:
-        return (
-            None
-            if label.startswith("moments")
-            else f"  {label:24s} {seen[0]:.6g} for all {_units(variable)}".rstrip()
-        )
-    found = intervals.mean(seen, confidence=confidence or 0.95)
-    width = f" +- {found.half:.2g}" if confidence else ""
-    driven = variable.attrs.get("conserved", "yes")
-    driven = "" if driven == "yes" else f"   (not conserved: {driven.removeprefix('no: ')})"
-    low, middle, high = np.quantile(seen, (0.05, 0.5, 0.95))
-    never = f"; never for {values.size - seen.size:,}" if seen.size < values.size else ""
-    return (
-        f"  {label:24s} {found.value:.6g}{width}, median {middle:.6g}, 90 % in {low:.4g} to {high:.4g} {_units(variable)}{never}".rstrip()
-        + driven
-    )
-
-
-def _units(variable):
-    units = variable.attrs.get("units", "1")
-    return "" if units == "1" else units
+    if np.ptp(finite) == 0.0 and finite.size == values.size:
+        if label.startswith("moments"):
+            return None
+        return f"  {label:24s} {finite[0]:.6g} for all {units}".rstrip()
+    mean = intervals.mean(finite, confidence=confidence or 0.95)
+    width = f" +- {mean.half:.2g}" if confidence else ""
+    low, median, high = np.quantile(finite, (0.05, 0.5, 0.95))
+    missing = values.size - finite.size
+    never = f"; never for {missing:,}" if missing else ""
+    spread = f"median {median:.6g}, 90 % in {low:.4g} to {high:.4g} {units}{never}".rstrip()
+    conserved = variable.attrs.get("conserved", "yes")
+    why = "" if conserved == "yes" else f"   (not conserved: {conserved.removeprefix('no: ')})"
+    return f"  {label:24s} {mean.value:.6g}{width}, {spread}{why}"

@@ -6,7 +6,7 @@ from scipy.special import ndtri
 
 from bench.bits import elsewhere, sums
 from rigidmc.dynamics import functions
-from rigidmc.scene.laws import lower_factor
+from rigidmc.scene.laws.vectors import lower_factor
 
 pytestmark = pytest.mark.filterwarnings(
     "ignore::rigidmc.errors.SceneWarning"

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
+from rigidmc.integrators import INTEGRATORS
 from rigidmc.planning.tolerance.pilot import errors, follow, pilot
 from rigidmc.planning.tolerance.truth import truth
-from rigidmc.studies import accuracy
+from rigidmc.studies import accuracy, drift
 from rigidmc.views import studies
 
 START = rm.Start(omega=(rm.normal(0.5, 0.1), 1.0, rm.normal(0.0, 0.3)), attitude="uniform")
@@ -131,13 +132,13 @@ def test_growth_laws():
         ("linear", 1.0),
         ("faster than linear", 2.0),
     ):
-        found, fitted = accuracy.growth_law(steps, 1e-12 * steps**power * wobble)
+        found, fitted = drift.growth_law(steps, 1e-12 * steps**power * wobble)
         assert found == law
         assert fitted == pytest.approx(power, abs=0.1)
     assert (
-        accuracy.growth_law(steps, 1e-16 * steps**0.2)[0] == "bounded"
+        drift.growth_law(steps, 1e-16 * steps**0.2)[0] == "bounded"
     )  # rounding that does not matter
-    assert accuracy.growth_law(steps, np.append(np.ones(16), np.inf))[0] == "failed"
+    assert drift.growth_law(steps, np.append(np.ones(16), np.inf))[0] == "failed"
 
 
 def test_horizons():
@@ -151,7 +152,7 @@ def test_horizons():
 
 @pytest.fixture(scope="module")
 def drifts():
-    return accuracy.long_drift(LAGRANGE, ("rk4", "chin4"), 40_000, 0.05, members=16)
+    return drift.long_drift(LAGRANGE, ("rk4", "chin4"), 40_000, 0.05, members=16)
 
 
 def test_drift_over_many_steps(drifts):
@@ -162,7 +163,7 @@ def test_drift_over_many_steps(drifts):
     assert chin4[-1] < 1.5 * chin4[8]  # no trend
     assert drifts.attrs["lz_conserved"] == "yes"
     assert drifts.attrs["l2_conserved"].startswith("no")
-    lines = accuracy.long_table(drifts)
+    lines = drift.long_table(drifts)
     assert lines[1].startswith("rk4 ")
     assert "(linear, power 1.0" in lines[1]
     assert "|L|^2" not in lines[1]
@@ -173,10 +174,16 @@ def test_drift_over_many_steps(drifts):
     "name", ["strang", "rotations", "chin4", "suzuki4", "srkn6", "srkn11", "aba864", "aba1064"]
 )
 def test_the_energy_of_splittings_is_bounded_over_ten_million_steps(name):
-    found = accuracy.long_drift(rm.Scene.load("heavy_top"), (name,), 10_000_000, members=8)
+    found = drift.long_drift(rm.Scene.load("heavy_top"), (name,), 10_000_000, members=8)
     energy = found.energy_drift.values[0]
     early = energy[np.searchsorted(found.step.values, 2**17)]
     assert energy[-1] < 1.5 * early + 1e-16 * 1e7  # what each rounding can add
+
+
+def test_every_integrator_has_its_own_style():
+    assert list(studies.STYLES) == list(INTEGRATORS)
+    assert len(set(studies.STYLES.values())) == len(INTEGRATORS)
+    assert len({style[1] for style in studies.STYLES.values()}) == len(INTEGRATORS)  # also in grey
 
 
 def test_pictures(study, drifts, tmp_path):

@@ -72,6 +72,15 @@ def test_quantiles_cover(q):
     assert 0.94 < np.mean(hit) < 0.99  # measured 0.971, 0.955, 0.988: the ranks are whole
 
 
+@pytest.mark.parametrize("q", [0.02, 0.5, 0.9])
+def test_quantiles_are_those_of_scipy(q):
+    for count in (1, 5, 60, 1000):
+        x = np.random.default_rng(count).normal(size=count)
+        theirs = stats.quantile_test(x, q=0, p=q).confidence_interval(0.95)
+        low, high = np.nan_to_num(theirs.low, nan=-np.inf), np.nan_to_num(theirs.high, nan=np.inf)
+        assert quantile(x, q)[1:] == (low, high)
+
+
 def test_few_values_have_open_ends():
     assert quantile(np.arange(5.0), 0.99).high == np.inf
     assert np.isnan(quantile([], 0.5).value)

@@ -8,18 +8,15 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.integrators import INTEGRATORS
+from rigidmc.studies.stress import processes
 from rigidmc.studies.stress import run as H
-from rigidmc.studies.stress.case import (
-    Case,
-    against_closed,
-    conserved,
-    constant,
-    direction,
-    flips,
-    tops,
-    walk,
-)
-from rigidmc.studies.stress.catalogue import GROUPS, catalogue, some_tops
+from rigidmc.studies.stress.case import Case
+from rigidmc.studies.stress.catalogue import GROUPS, catalogue
+from rigidmc.studies.stress.integrate import distance, run, worst
+from rigidmc.studies.stress.invariants import conserved, constant, direction, walk
+from rigidmc.studies.stress.processes import carried_out
+from rigidmc.studies.stress.tops import random_tops, tops
+from rigidmc.studies.stress.truths import against_closed, closed_states, flips
 from rigidmc.views import studies
 
 
@@ -50,7 +47,7 @@ def test_quick_cases_are_within_their_bounds(name):
     known = H.shipped_bounds()
     for case in cases():
         if case.quick and name in case.integrators():
-            error, _, reason = H.carried_out(case, name, H.SHORT)
+            error, _, reason = carried_out(case, name, H.SHORT)
             if math.isnan(error) and name == "closed" and not reason:
                 continue
             assert error <= H.bound_of(case, name, known)[0], (case.name, error, reason)
@@ -61,8 +58,6 @@ def test_errors_are_seen():
     scene, wrong = tops((1.0, 1.4, 2.0), (0.3, 0.9, 0.7)), tops((1.0, 1.4, 2.0001), (0.3, 0.9, 0.7))
 
     def against_wrong(integrator, share):
-        from rigidmc.studies.stress.case import closed_states, distance, run, worst
-
         ds = run(scene, integrator, 10.0)
         return worst(
             ds, distance(ds.attitude.values, ds.momentum.values, *closed_states(wrong, ds)).max(0)
@@ -103,17 +98,23 @@ def test_a_case_that_raises_or_dies_is_red_and_stops_no_other(monkeypatch):
     def fails(integrator, share):
         raise RuntimeError("broken on purpose")
 
-    case = Case("H5", "broken", "to see it red", "none", fails, 1.0)
-    error, _, reason = H.carried_out(case, "rk4")
+    case = Case("broken", "to see it red", "none", fails, 1.0, group="H5")
+    error, _, reason = carried_out(case, "rk4")
     assert math.isnan(error)
     assert "broken on purpose" in reason
     found = H._dataset(
-        [case, cases()[0]], [(error, 0.1, reason), (0.0, 0.1, "")], ["rk4"], H.shipped_bounds(), {}
+        [case, cases()[0]],
+        [[(error, 0.1, reason)], [(0.0, 0.1, "")]],
+        ["rk4"],
+        H.shipped_bounds(),
+        {},
     )
     assert [H.VERDICTS[v] for v in found.verdict.values[:, 0]] == ["crashed", "good"]
     assert H.failed(found)
     monkeypatch.setattr(
-        H, "_helper", lambda: H.subprocess.Popen(["false"], stdin=-1, stdout=-1, text=True)
+        processes,
+        "_started",
+        lambda: processes.subprocess.Popen(["false"], stdin=-1, stdout=-1, text=True),
     )
     died = H.stress(["H15"], ["rk4"], threads=1)
     assert (died.verdict.values == H.VERDICTS.index("crashed")).all()
@@ -160,5 +161,5 @@ def test_rounding_walks_over_1e8_steps():
     Under 3 on a Zen 4, 4.5 on a Sapphire Rapids, whose roundings differ: there two of the 32 drift evenly, by 1.6e-19 of their energy a step,
     while the others walk; the rms of all at 1e8 is 4.1e-12. Drifting evenly all would make it 8.
     """
-    moments, momentum = some_tops()
+    moments, momentum = random_tops()
     assert walk(tops(moments, momentum), 0.1, 100_000_000)("exact", 1.0) < 6.0

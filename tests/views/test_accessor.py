@@ -8,6 +8,7 @@ import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.mechanics.free_top import free_motion
 from rigidmc.mechanics.rotation import from_euler
+from rigidmc.views.pictures import PICTURES
 
 
 @pytest.fixture(scope="module")
@@ -100,6 +101,8 @@ def test_a_polhode_keeps_energy_and_size(result):
 def test_pictures_and_summary(result):
     with rm.open(str(result)) as ds:
         assert ds.rigid.plot.momentum_sphere().axes
+        assert all(callable(getattr(ds.rigid.plot, name)) for name in PICTURES)
+        assert set(PICTURES) <= set(dir(ds.rigid.plot))
         with pytest.raises(AttributeError, match="known"):
             _ = ds.rigid.plot.nothing
         text = ds.rigid.summary()

@@ -9,7 +9,11 @@ import xarray as xr
 
 pytest.importorskip("matplotlib")
 
+from matplotlib.figure import Figure
+
 from rigidmc.views import ensemble, sphere
+from rigidmc.views.figure import save
+from rigidmc.views.sample import DRAWN, MEMBERS, TIMES, sample, vectors
 
 MOMENTS = (1.0, 2.0, 3.0)
 STATES = {"omega": "axis", "attitude": "quat"}
@@ -179,7 +183,7 @@ def test_both_hemispheres_are_shown_where_a_path_goes_on_to_the_other(free):
 
 
 def test_paths_of_tops_under_torque_are_their_saves(tops):
-    saved = ensemble._vectors(tops, "momentum")[0][:, :, 0]
+    saved = vectors(tops, "momentum")[0][:, :, 0]
     line = next(
         line
         for line in ensemble.momentum_sphere(tops).axes[0].lines
@@ -199,7 +203,7 @@ def test_middle_component_has_bands_units_and_a_few_members(free):
     assert axes.get_ylabel() == "$\\omega_2$ [rad/s]"
     assert legend(axes) == ["5 to 95 %", "25 to 75 %", "median", "single members"]
     median, *few = axes.lines
-    assert len(few) == ensemble.DRAWN
+    assert len(few) == DRAWN
     assert np.array_equal(median.get_ydata(), np.median(free.omega.sel(axis=2), axis=1))
     assert median.get_ydata().min() < -0.99  # it flips
     assert np.array_equal(few[-1].get_ydata(), free.omega.sel(axis=2, member=399))
@@ -239,7 +243,7 @@ def test_momentum_saved_instead_of_omega_gives_the_same_pictures(free):
     assert np.abs(medians[0] - medians[1]).max() < 1e-15  # measured 0: moments are 1, 2, 3
     started = other.rename(start_omega="start_momentum").drop_vars("momentum")
     started["start_momentum"] = started.start_momentum * started.moments
-    assert np.isfinite(ensemble._vectors(started, "omega")[0]).all()
+    assert np.isfinite(vectors(started, "omega")[0]).all()
 
 
 def test_drift_histogram_marks_median_worst_and_zeros(free):
@@ -378,17 +382,17 @@ def test_what_is_read_is_bounded_and_ends_with_the_last_save():
     huge = np.broadcast_to(
         np.array([0.1, 1.0, 0.2])[None, :, None], (1001, 3, 300_000)
     )  # 7 GB, were it in memory
-    sample = ensemble._sample(dataset(np.arange(1001.0), huge[0], omega=huge))
-    assert sample.sizes["time"] <= ensemble.TIMES
-    assert sample.sizes["member"] <= ensemble.MEMBERS
-    assert sample.time[-1] == 1000.0
-    assert ensemble._sample(sample).sizes == sample.sizes
-    two = ensemble._sample(dataset([0.0, 1.0], huge[0], omega=huge[:2]))
+    part = sample(dataset(np.arange(1001.0), huge[0], omega=huge))
+    assert part.sizes["time"] <= TIMES
+    assert part.sizes["member"] <= MEMBERS
+    assert part.time[-1] == 1000.0
+    assert sample(part).sizes == part.sizes
+    two = sample(dataset([0.0, 1.0], huge[0], omega=huge[:2]))
     assert two.sizes["member"] == 300_000  # under POINTS vectors all members are read
 
 
 def test_a_picture_goes_into_given_axes(free):
-    figure = ensemble.Figure((4.0, 3.0))
+    figure = Figure((4.0, 3.0))
     axes = figure.add_subplot()
     assert ensemble.middle_component(free, axes) is figure
     assert figure.axes == [axes]
@@ -402,7 +406,7 @@ def test_a_picture_goes_into_given_axes(free):
 )
 def test_save_writes_by_suffix_and_leaves_nothing_else(free, tmp_path, suffix, magic):
     path = tmp_path / f"flips.{suffix}"
-    ensemble.save(ensemble.drift_histogram(free), str(path))
+    save(ensemble.drift_histogram(free), str(path))
     assert path.read_bytes().startswith(magic)
     assert list(tmp_path.iterdir()) == [path]
 
@@ -411,7 +415,7 @@ def test_save_refuses_other_suffixes_and_keeps_the_old_picture(free, tmp_path, m
     figure = ensemble.drift_histogram(free)
     for name in ("flips.jpeg", "flips"):
         with pytest.raises(ValueError, match=r"\.png, \.pdf, \.svg"):
-            ensemble.save(figure, tmp_path / name)
+            save(figure, tmp_path / name)
     old = tmp_path / "flips.png"
     old.write_bytes(b"old")
 
@@ -420,10 +424,10 @@ def test_save_refuses_other_suffixes_and_keeps_the_old_picture(free, tmp_path, m
         raise OSError("No space left on device")
 
     with pytest.raises(FileExistsError, match="--force"):
-        ensemble.save(figure, old)
+        save(figure, old)
     monkeypatch.setattr(figure, "savefig", full)
     with pytest.raises(OSError, match="No space"):
-        ensemble.save(figure, old, force=True)
+        save(figure, old, force=True)
     assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [
         ("flips.png", b"old")
     ]

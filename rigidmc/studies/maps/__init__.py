@@ -1,1 +1,1 @@
-"""Stability maps."""
+"""Stability maps: two parameters of a scene against what its members do."""

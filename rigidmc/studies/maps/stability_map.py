@@ -1,10 +1,13 @@
-"""Maps: two parameters of a scene against anything that its members are asked, with replicas and a confidence interval for every pixel."""
+"""Maps: two parameters of a scene against measures, with replicas and an interval per pixel."""
 
 import time
 import warnings
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from rigidmc.effects import labelled
 from rigidmc.engine.layout import STATUSES
@@ -16,224 +19,242 @@ from rigidmc.runs.simulate import simulate
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.laws.protocol import Law
 from rigidmc.scene.parameters import with_parameter
-from rigidmc.scene.quantities import Distribution, grid
+from rigidmc.scene.quantities import Distribution, Grid, grid
+from rigidmc.scene.scene import Scene
 from rigidmc.storage.schema import member_variables
-from rigidmc.studies.measures import measure, observing
+from rigidmc.studies.maps.case import Side
+from rigidmc.studies.measures import Measure, measure, observing
 from rigidmc.version import VERSION
 
-CHUNK = 2**17  # members at once: 20 to 40 MB, and 40 waits for the last block of a map of 4e6
-REPLICAS = 16  # members of a pixel
-MOST = 4096  # pixels a side
+CHUNK = 2**17  # members at once: 20 to 40 MB, and 40 waits for the last block in a map of 4e6
+REPLICAS = 16  # members per pixel
+MOST = 4096  # pixels per side
+
+Resolution = int | tuple[int, int]
+Progress = Callable[[int, int], object]
 
 
-def on_map(scene, x, y, resolution, members):
-    """The scene whose members are the pixels of a map, `members` to each, row by row.
+def on_map(scene: Scene, x: Side, y: Side, resolution: Resolution, members: int) -> Scene:
+    """The scene whose members are the pixels of a map row by row, `members` per pixel.
 
-    x, y : (parameter, low, high) or (parameter, low, high, True) for even ratios;  resolution : pixels a side, or (columns, rows)
+    x, y : (parameter, low, high), or (parameter, low, high, True) for even ratios
+    resolution : pixels per side, or (columns, rows)
     """
     sides, members = _sides(resolution), counted(members, "members")
     for key, side in (("x", x), ("y", y)):
         if isinstance(side, str) or len(side) not in (3, 4) or not isinstance(side[0], str):
-            raise SceneError(
-                "",
-                key,
-                side,
-                'expected (parameter, low, high) or (parameter, low, high, True), as ("body.moments.1", 0.1, 0.9)',
-            )
+            rule = "expected (parameter, low, high) or (parameter, low, high, True)"
+            example = 'such as ("body.moments.1", 0.1, 0.9)'
+            raise SceneError("", key, side, f"{rule}, {example}")
     if x[0] == y[0]:
-        raise SceneError("", "y", y[0], "is the parameter of x already")
-    for key, (name, low, high, *log), side, stride in (
-        ("x", x, sides[0], members),
-        ("y", y, sides[1], members * sides[0]),
-    ):
-        try:
-            between = grid(low, high, side, stride, bool(log and log[0]))
-        except SceneError as error:
-            rule = (
-                error.rule
-                if "whole number" in error.rule
-                else f"expected low < high{', both above 0 for even ratios' if log and log[0] else ''}"
-            )
-            raise SceneError("", key, f"{name} from {low} to {high}", rule) from None
-        scene = with_parameter(scene, name, between, key)
-    return scene.with_run(members=members * sides[0] * sides[1], first=0)
+        raise SceneError("", "y", y[0], "is already the parameter of x")
+    scene = with_parameter(scene, x[0], _grid("x", x, sides[0], members), "x")
+    scene = with_parameter(scene, y[0], _grid("y", y, sides[1], members * sides[0]), "y")
+    pixels: Scene = scene.with_run(members=members * sides[0] * sides[1], first=0)
+    return pixels
 
 
 def stability_map(
-    scene,
-    x,
-    y,
-    of,
-    resolution=256,
-    members=None,
-    threads=None,
-    progress=None,
-    confidence=0.95,
-    **settings,
-):
-    """A map as a Dataset with the coordinates y and x.
+    scene: Scene,
+    x: Side,
+    y: Side,
+    of: str | Sequence[str],
+    resolution: Resolution = 256,
+    members: int | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+    confidence: float = 0.95,
+    **settings: Any,
+) -> xr.Dataset:
+    """A map as a Dataset over y and x.
 
-    of : what the members of a pixel are asked, or several such: "p(flips >= 1)", "mean(megno)", see `rigidmc.studies.measures`
-    x, y, resolution, members : see `on_map`; members by default REPLICAS, or 1 where nothing but x and y differs
-    settings : of `rigidmc.simulate`
-    progress : a function of (pixels done, all)
+    of : one measure or several, such as "p(flips >= 1)", see `rigidmc.studies.measures`
+    x, y, resolution : see `on_map`
+    members : per pixel; default REPLICAS, or 1 if only x and y differ between members
+    settings : of `rigidmc.simulate`;  progress : a function of (pixels done, all)
 
-    For each measure: its value, `low` and `high` of its confidence interval; `good` members of each pixel, `failed` ones, which are flagged in
-    `status` and count for nothing, and `none`, for which there is no such body or start. Pixels where all failed are nan, as are those of none.
-    Member r of pixel (i, j) is member (j columns + i) members + r of the scene in the attributes, to the bit.
-    Raises SceneError for parameters and measures that the scene has not.
+    Variables: each measure with the ends `_low` and `_high` of its confidence interval; `good`
+    members per pixel, `failed` ones, which are flagged in `status` and left out, and `none`, for
+    which the body or the start does not exist. A measure is nan in pixels without a good member.
+    Member r of pixel (i, j) is member (j columns + i) members + r of the scene in the attributes,
+    to the bit.
+    Raises SceneError for parameters and measures that the scene does not have.
     """
-    of = (of,) if isinstance(of, str) else tuple(of)
-    if not of or not all(isinstance(text, str) for text in of):
-        raise SceneError("", "of", of, 'expected measures, such as "p(flips >= 1)"')
+    texts = (of,) if isinstance(of, str) else tuple(of)
+    if not texts or not all(isinstance(text, str) for text in texts):
+        raise SceneError("", "of", texts, 'expected measures, such as "p(flips >= 1)"')
     if members is None:
-        members = REPLICAS if _drawn(on_map(scene, x, y, 1, 1)) else 1
-    sides, members = _sides(resolution), counted(members, "members")
-    made = on_map(scene, x, y, resolution, members).with_run(
-        save=settings.pop("save", ()), **settings
-    )
-    if made.run.points != "independent":
-        raise SceneError(
-            "run",
-            "points",
-            made.run.points,
-            "the members of a pixel are independent ones: their spread tells its interval",
-        )
-    made = observing(made, of)
-    given = made
-    if made.run.integrator == "auto":
-        run = resolved(made.coarse(), threads)[0].run
-        made = made.with_run(
-            integrator=run.integrator,
-            dtype=run.dtype,
-            **({"dt": run.dt} if run.turn is None else {"turn": run.turn}),
-        )
-    variables = {name: v.dims for name, v in member_variables(made, False).items()}
-    asked = [measure(text, variables) for text in of]
-    plan, pixels, each = prepare(made, threads or 1), sides[0] * sides[1], max(1, CHUNK // members)
-    for note in notes(
-        given, plan._replace(notes=())
-    ):  # without the plan's notes on large steps: maps take them on purpose
+        members = REPLICAS if _replicas_differ(on_map(scene, x, y, 1, 1)) else 1
+    asked = on_map(scene, x, y, resolution, members)
+    asked = asked.with_run(save=settings.pop("save", ()), **settings)
+    if asked.run.points != "independent":
+        rule = "the interval of a pixel needs independent members"
+        raise SceneError("run", "points", asked.run.points, rule)
+    asked = observing(asked, texts)
+    scene = _with_integrator(asked, threads)
+    variables = {name: v.dims for name, v in member_variables(scene, False).items()}
+    measures = [measure(text, variables) for text in texts]
+    plan = prepare(scene, threads or 1)
+    # the plan's own notes warn of large steps, which maps take on purpose
+    for note in notes(asked, plan._replace(notes=())):
         warnings.warn(note, SceneWarning, stacklevel=2)
-    parts = {one.text: np.full((3, pixels), np.nan) for one in asked}
-    counts, began = np.zeros((3, pixels), "i4"), time.perf_counter()
-    for low in range(0, pixels, each):
-        high = min(pixels, low + each)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", SceneWarning)  # what there is to say was said above
-            dataset = simulate(made, members=range(low * members, high * members), threads=threads)
-        status = dataset.status.values.reshape(-1, members)
-        none, good = status == STATUSES["invalid_input"], status == 0
-        counts[:, low:high] = good.sum(1), (~good & ~none).sum(1), none.sum(1)
-        for one in asked:
-            parts[one.text][:, low:high] = one.interval(
-                one.values(dataset).reshape(-1, members), good, confidence
-            )
-        if progress is not None:
-            progress(high, pixels)
-    if not (counts[0] + counts[1]).any():
-        rule = f"between {x[1]:g} and {x[2]:g}, and {y[1]:g} and {y[2]:g} of {y[0]} no pixel has a body and a start: moments must obey I_i <= I_j + I_k"
-        raise SceneError("", "x", x[0], rule)
-    return _dataset(
-        made,
-        plan,
-        asked,
-        parts,
-        counts,
-        x,
-        y,
-        sides,
-        members,
-        confidence,
-        time.perf_counter() - began,
-    )
+    pixels = _pixels(scene, measures, resolution, members, confidence, threads, progress)
+    if not pixels.counts[:2].any():
+        rule = f"between {x[1]:g} and {x[2]:g}, and {y[1]:g} and {y[2]:g} of {y[0]} no pixel has a"
+        raise SceneError(
+            "", "x", x[0], f"{rule} body and a start: moments must obey I_i <= I_j + I_k"
+        )
+    known = member_variables(scene, plan.carried)
+    return _dataset(scene, known, measures, pixels, (x, y), _sides(resolution), confidence)
 
 
-def _sides(resolution):
-    """(columns, rows) of a map; SceneError."""
+def _sides(resolution: Resolution) -> tuple[int, int]:
+    """(columns, rows) of a map; SceneError if there are none or more than MOST."""
     sides = resolution if isinstance(resolution, (list, tuple)) else (resolution, resolution)
     if len(sides) != 2:
-        raise SceneError("", "resolution", resolution, "expected pixels a side, or (columns, rows)")
+        rule = "expected pixels per side, or (columns, rows)"
+        raise SceneError("", "resolution", resolution, rule)
     columns, rows = (counted(side, "resolution", 1, MOST) for side in sides)
     return columns, rows
 
 
-def _drawn(scene):
-    """Whether members differ by more than the parameters of a map."""
-    every = scene.quantities()
-    return any(isinstance(q, (Distribution, Law)) for q in every) or isinstance(
-        scene.start.attitude, str
-    )
+def _grid(key: str, side: Side, count: int, stride: int) -> Grid:
+    """The values of a parameter along a side; SceneError for ends that are not in order."""
+    name, low, high, *log = side
+    even_ratios = bool(log and log[0])
+    try:
+        values: Grid = grid(low, high, count, stride, even_ratios)
+    except SceneError as error:
+        rule = f"expected low < high{', both above 0 for even ratios' if even_ratios else ''}"
+        rule = error.rule if "whole number" in error.rule else rule
+        raise SceneError("", key, f"{name} from {low} to {high}", rule) from None
+    return values
 
 
-def _dataset(scene, plan, asked, parts, counts, x, y, sides, members, confidence, seconds):
-    shape = sides[1], sides[0]
-    variables, known = {}, member_variables(scene, plan.carried)
-    for one in asked:
-        attrs = dict(known[one.name].attrs)
+def _replicas_differ(scene: Scene) -> bool:
+    """Whether the members of a pixel differ: a quantity or the attitude is drawn at random."""
+    drawn = any(isinstance(q, (Distribution, Law)) for q in scene.quantities())
+    return drawn or isinstance(scene.start.attitude, str)
+
+
+def _with_integrator(scene: Scene, threads: int | None) -> Scene:
+    """The scene with an integrator and a step for its tolerance, chosen over the whole map."""
+    if scene.run.integrator != "auto":
+        return scene
+    run = resolved(scene.coarse(), threads)[0].run
+    step = {"dt": run.dt} if run.turn is None else {"turn": run.turn}
+    chosen: Scene = scene.with_run(integrator=run.integrator, dtype=run.dtype, **step)
+    return chosen
+
+
+class _Pixels(NamedTuple):
+    """What the members of all pixels gave, pixels row by row."""
+
+    intervals: dict[str, NDArray[np.float64]]  # {measure: (3, pixels)}: value, low, high
+    counts: NDArray[np.int32]  # (3, pixels): good, failed, none
+    members: int  # per pixel
+    seconds: float
+
+
+def _pixels(
+    scene: Scene,
+    measures: Sequence[Measure],
+    resolution: Resolution,
+    members: int,
+    confidence: float,
+    threads: int | None,
+    progress: Progress | None,
+) -> _Pixels:
+    """Integrate the members of all pixels, CHUNK at a time."""
+    columns, rows = _sides(resolution)
+    pixels, chunk = columns * rows, max(1, CHUNK // members)
+    intervals = {one.text: np.full((3, pixels), np.nan) for one in measures}
+    counts, began = np.zeros((3, pixels), "i4"), time.perf_counter()
+    for low in range(0, pixels, chunk):
+        high = min(pixels, low + chunk)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SceneWarning)  # the notes were given before
+            dataset = simulate(scene, members=range(low * members, high * members), threads=threads)
+        status = dataset.status.values.reshape(-1, members)
+        none, good = status == STATUSES["invalid_input"], status == 0
+        counts[:, low:high] = good.sum(1), (~good & ~none).sum(1), none.sum(1)
+        for one in measures:
+            values = one.values(dataset).reshape(-1, members)
+            intervals[one.text][:, low:high] = one.interval(values, good, confidence)
+        if progress is not None:
+            progress(high, pixels)
+    return _Pixels(intervals, counts, members, time.perf_counter() - began)
+
+
+def _dataset(
+    scene: Scene,
+    known: dict[str, Any],
+    measures: Sequence[Measure],
+    pixels: _Pixels,
+    sides: tuple[Side, Side],
+    shape: tuple[int, int],
+    confidence: float,
+) -> xr.Dataset:
+    """The Dataset of a map; `known` describes the variables of its members."""
+    variables, (columns, rows) = {}, shape
+    for one in measures:
+        attrs = known[one.name].attrs
         units = "1" if one.kind == "p" else attrs.get("units", "1")
-        name = one.text.replace(" ", "")
         text = f"{one.text}: {attrs.get('long_name', '')}"
-        for suffix, values in zip(("", "_low", "_high"), parts[one.text], strict=True):
-            end = (
-                ""
-                if not suffix
-                else f", {suffix[1:]} end of its interval of {100 * confidence:g} %"
-            )
-            variables[name + suffix] = (
+        for end, values in zip(("", "low", "high"), pixels.intervals[one.text], strict=True):
+            of_end = f", {end} end of its interval of {100 * confidence:g} %" if end else ""
+            variables[one.text.replace(" ", "") + (f"_{end}" if end else "")] = (
                 ("y", "x"),
-                values.reshape(shape),
-                {"units": units, "long_name": text + end},
+                values.reshape(rows, columns),
+                {"units": units, "long_name": text + of_end},
             )
-    words = (
-        "good members",
-        "members that failed",
-        "members for which there is no such body or start",
-    )
-    for name, values, text in zip(("good", "failed", "none"), counts, words, strict=True):
-        variables[name] = (("y", "x"), values.reshape(shape), {"units": "1", "long_name": text})
+    words = {
+        "good": "good members",
+        "failed": "members that failed",
+        "none": "members for which there is no such body or start",
+    }
+    for (name, text), count in zip(words.items(), pixels.counts, strict=True):
+        attrs = {"units": "1", "long_name": text}
+        variables[name] = (("y", "x"), count.reshape(rows, columns), attrs)
     coordinates = {}
-    for key, (name, low, high, *log), side in (("x", x, sides[0]), ("y", y, sides[1])):
-        values = grid(low, high, side, 1, bool(log and log[0])).values()
-        coordinates[key] = (
-            (key,),
-            values,
-            {"long_name": name, "units": units_of(scene, name), "log": int(bool(log and log[0]))},
-        )
-    attrs = {
+    for key, side, count in zip(("x", "y"), sides, shape, strict=True):
+        log = int(len(side) > 3 and bool(side[3]))
+        attrs = {"long_name": side[0], "units": units_of(scene, side[0]), "log": log}
+        coordinates[key] = ((key,), _grid(key, side, count, 1).values(), attrs)
+    facts = {
         "title": scene.title,
         "source": f"rigidmc {VERSION}",
         "scene": scene.dumps(),
-        "members": members,
+        "members": pixels.members,
         "confidence": confidence,
         "integrator": scene.run.integrator,
         "t_end": scene.run.t_end,
-        "seconds": seconds,
+        "seconds": pixels.seconds,
     }
-    return xr.Dataset(variables, coordinates, attrs)
+    return xr.Dataset(variables, coordinates, facts)
 
 
-def units_of(scene, name):
+_UNITS = {
+    "angle": "rad",
+    "azimuth": "rad",
+    "phi": "rad",
+    "theta": "rad",
+    "psi": "rad",
+    "energy": "J",
+    "kT": "J",
+    "mass": "kg",
+    "centre": "m",
+    "moments": "kg m2",
+    "omega": "rad s-1",
+    "momentum": "kg m2 s-1",
+}
+
+
+def units_of(scene: Scene, name: str) -> str:
     """The units of a scene parameter."""
     table, first, *rest = name.split(".")
     if table == "effects":
         effect = dict(labelled(scene.effects))[first]
-        return getattr(effect, "units", {}).get(rest[0], "1")
-    last = rest[-1] if rest else first
-    named = {
-        "angle": "rad",
-        "azimuth": "rad",
-        "phi": "rad",
-        "theta": "rad",
-        "psi": "rad",
-        "energy": "J",
-        "kT": "J",
-        "mass": "kg",
-        "centre": "m",
-    }
-    return named.get(
-        last,
-        {"moments": "kg m2", "centre": "m", "omega": "rad s-1", "momentum": "kg m2 s-1"}.get(
-            first, "1"
-        ),
-    )
+        units: dict[str, str] = getattr(effect, "units", {})  # a user's effect may have none
+        return units.get(rest[0], "1")
+    return _UNITS.get(rest[-1] if rest else first) or _UNITS.get(first, "1")

@@ -1,1 +1,1 @@
-"""Hard cases, and how far each integrator is from the truth in them."""
+"""Hard cases: how far each integrator is from the truth in them."""

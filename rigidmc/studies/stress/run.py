@@ -1,16 +1,11 @@
-"""Hard cases: every integrator through the catalogue, in as many processes as there are cores, against a bound for each."""
+"""Run the hard cases: every integrator through the catalogue, each error against its bound."""
 
-import contextlib
 import csv
 import io
-import json
 import math
-import subprocess
-import sys
-import threading
-import time
+from collections.abc import Callable, Collection, Mapping, Sequence
 from importlib import resources
-from typing import Any
+from os import PathLike
 
 import numpy as np
 import xarray as xr
@@ -20,27 +15,40 @@ from rigidmc.errors import SceneError, unknown
 from rigidmc.files.outputs import write_bytes
 from rigidmc.files.reading import text_of
 from rigidmc.integrators import INTEGRATORS
-from rigidmc.progress import reporter
+from rigidmc.studies.stress.case import Case
 from rigidmc.studies.stress.catalogue import GROUPS, catalogue
+from rigidmc.studies.stress.processes import Outcome, carry_out
 from rigidmc.version import VERSION
 
-QUICK = ("rk4", "rk8", "srkn11", "exact", "closed")
-AMBER = 0.3  # of its bound, from which an error is shown as close to it
+QUICK = ("rk4", "rk8", "srkn11", "exact", "closed")  # the integrators of `--quick`
+AMBER = 0.3  # an error above this share of its bound is "close"
 VERDICTS = ("not claimed", "good", "close", "not up to it", "above", "crashed")
-SHORT = 0.02  # of the steps of long cases that `quick` makes
+SHORT = 0.02  # share of the steps of long cases that `--quick` takes
 _COLUMNS = ["group", "case", "integrator", "bound", "measured"]
 
+Key = tuple[str, str]  # names of a case and of an integrator
 
-def stress(groups=None, integrators=None, quick=False, bounds=None, threads=None, progress=False):
+
+def stress(
+    groups: Sequence[str] | None = None,
+    integrators: Sequence[str] | None = None,
+    quick: bool = False,
+    bounds: Mapping[Key, float] | None = None,
+    threads: int | None = None,
+    progress: bool | Callable[[int, int], object] = False,
+) -> xr.Dataset:
     """Run the catalogue of hard cases: a Dataset over `case` and `integrator`.
 
-    groups : of GROUPS, default all;  integrators : names, default all;  quick : the marked cases, QUICK, and a fiftieth of the steps
-    bounds : {(case, integrator): bound} in place of those that ship;  threads : processes, default one for each core
+    groups : keys of GROUPS, default all;  integrators : names, default all
+    quick : only the cases marked so, the integrators QUICK, and a fiftieth of the steps
+    bounds : {(case, integrator): bound}, which replace the shipped ones
+    threads : how many processes, default one per core
     progress : True for a bar, or a function of (done, total)
 
-    Variables: error, bound, measured (on the machine that the bounds come from), seconds, verdict (`flag_meanings` tells: not up to it are
-    integrators that claim a case but are known not to manage it), reason (what a crash said); over `case` group, why, truth.
-    Raises SceneError for words that are not known and bounds that are not positive.
+    Variables: error, bound, measured (the error on the machine on which the bounds were measured),
+    seconds, verdict (see `flag_meanings`; "not up to it" is an integrator that claims a case and is
+    known to fail it), reason (the message of a crash); over `case`: group, why, truth.
+    Raises SceneError for unknown names and for bounds that are negative or not finite.
     """
     names, chosen = list(integrators or (QUICK if quick else INTEGRATORS)), list(groups or GROUPS)
     for name in names:
@@ -51,26 +59,35 @@ def stress(groups=None, integrators=None, quick=False, bounds=None, threads=None
             raise unknown("", "--group", group, "group of hard cases", GROUPS)
     cases, known = catalogue(), shipped_bounds()
     for key, bound in (bounds or {}).items():
-        known[key] = (_positive(key, bound), known.get(key, (0.0, math.nan))[1])
+        known[key] = (_checked(key, bound), known.get(key, (0.0, math.nan))[1])
     wanted = [
         i for i, case in enumerate(cases) if case.group in chosen and (case.quick or not quick)
     ]
     tasks = {name: [i for i in wanted if name in cases[i].integrators()] for name in names}
-    found = _carried_out(tasks, SHORT if quick else 1.0, threads or threads_available(), progress)
-    return _dataset(
-        [cases[i] for i in wanted],
-        [found.get((i, name)) for i in wanted for name in names],
-        names,
-        known,
-        bounds or {},
-    )
+    outcomes = carry_out(tasks, SHORT if quick else 1.0, threads or threads_available(), progress)
+    table = [[outcomes.get((i, name)) for name in names] for i in wanted]
+    return _dataset([cases[i] for i in wanted], table, names, known, bounds or {})
 
 
-def bound_of(case, integrator, known, given=()):
-    """(bound, measured): what the user gives, what is asked, what ships for the integrator, or the worst that ships for its order."""
+def failed(study: xr.Dataset) -> bool:
+    """Whether any error is above its bound, or any case crashed."""
+    return bool((study.verdict.values >= VERDICTS.index("above")).any())
+
+
+def bound_of(
+    case: Case,
+    integrator: str,
+    known: Mapping[Key, tuple[float, float]],
+    given: Collection[Key] = (),
+) -> tuple[float, float]:
+    """(bound, measured) of a case and an integrator.
+
+    The first of: the user's bound, a bound set by mathematics, the shipped bound, the worst shipped
+    bound of an integrator of the same order. inf and nan if there is none.
+    """
     bound, measured = known.get((case.name, integrator), (None, math.nan))
     asked = case.asked_of(integrator)
-    if (case.name, integrator) in given or (asked is None and bound is not None):
+    if bound is not None and ((case.name, integrator) in given or asked is None):
         return bound, measured
     if asked is not None:
         return asked, measured
@@ -83,31 +100,26 @@ def bound_of(case, integrator, known, given=()):
     return max(alike, default=(math.inf, math.nan))
 
 
-def shipped_bounds():
+def shipped_bounds() -> dict[Key, tuple[float, float]]:
     """{(case, integrator): (bound, measured)} of `bounds.csv`."""
-    return {
-        k: v[:2]
-        for k, v in _read(
-            resources.files("rigidmc.studies").joinpath("bounds.csv").read_text("utf-8"),
-            "bounds.csv",
-        ).items()
-    }
+    text = resources.files("rigidmc.studies").joinpath("bounds.csv").read_text("utf-8")
+    return _read(text, "bounds.csv")
 
 
-def load_bounds(path):
-    """{(case, integrator): bound} of a file like `bounds.csv`; SceneError for what is wrong in it."""
-    found = _read(text_of(path), path)
+def load_bounds(path: str | PathLike[str]) -> dict[Key, float]:
+    """{(case, integrator): bound} of a file like `bounds.csv`; SceneError for its mistakes."""
+    table = _read(text_of(path), path)
     cases = {case.name for case in catalogue()}
-    for name, integrator in found:
+    for name, integrator in table:
         if name not in cases:
             raise unknown(path, "case", name, "case", cases)
         if integrator not in INTEGRATORS:
             raise unknown(path, "integrator", integrator, "integrator", INTEGRATORS)
-    return {key: _positive(key, bound) for key, (bound, _) in found.items()}
+    return {key: _checked(key, bound) for key, (bound, _) in table.items()}
 
 
-def save_bounds(study, path, force=False):
-    """Write four times what a study measured as bounds, to one digit, at least 1e-16, for cases whose bound is not asked by mathematics."""
+def save_bounds(study: xr.Dataset, path: str | PathLike[str], force: bool = False) -> None:
+    """Write four times the measured errors of a study as bounds, to one digit, at least 1e-16."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(_COLUMNS)
@@ -120,185 +132,87 @@ def save_bounds(study, path, force=False):
     write_bytes(path, text.getvalue().encode(), force)
 
 
-def _rounded_up(value):
+def _rounded_up(value: float) -> float:
+    """A positive number rounded up to one digit."""
     size = 10.0 ** math.floor(math.log10(value))
     return math.ceil(value / size * (1.0 - 1e-9)) * size
 
 
-def _read(text, file):
-    found = {}
+def _read(text: str, file: str | PathLike[str]) -> dict[Key, tuple[float, float]]:
     try:
         rows = list(csv.DictReader(text.splitlines()))
     except csv.Error as error:
         raise SceneError("", "bounds", None, f"is no table: {error}", file=file) from None
+    bounds: dict[Key, tuple[float, float]] = {}
     for number, row in enumerate(rows, 2):
         try:
-            found[row["case"], row["integrator"]] = (
-                float(row["bound"]),
-                float(row.get("measured") or math.nan),
-            )
+            measured = float(row.get("measured") or math.nan)
+            bounds[row["case"], row["integrator"]] = float(row["bound"]), measured
         except (KeyError, TypeError, ValueError):
-            raise SceneError(
-                f"line {number}",
-                "bound",
-                row.get("bound"),
-                f"expected the columns {', '.join(_COLUMNS)}, numbers in the last two",
-                file=file,
-            ) from None
-    return found
+            rule = f"expected the columns {', '.join(_COLUMNS)}, numbers in the last two"
+            raise SceneError(f"line {number}", "bound", row.get("bound"), rule, file=file) from None
+    return bounds
 
 
-def _positive(key, bound):
+def _checked(key: Key, bound: float) -> float:
+    """A bound; SceneError if it is negative or not finite."""
     if not (bound >= 0.0 and math.isfinite(bound)):
-        raise SceneError(
-            f"{key[0]}, {key[1]}", "bound", bound, "a bound must be finite and not negative"
-        )
+        rule = "a bound must be finite and not negative"
+        raise SceneError(f"{key[0]}, {key[1]}", "bound", bound, rule)
     return bound
 
 
-def _carried_out(tasks, share, processes, progress):
-    """{(case, integrator): (error, seconds, reason)}; integrators are shared out among processes, so that no kernel is compiled twice."""
-    left, found = (
-        sorted(tasks, key=lambda name: -INTEGRATORS[name].evaluations * (len(tasks[name]) > 0)),
-        {},
-    )
-    lock = threading.Lock()
-
-    def work(report):
-        helper: Any = None
-        while True:
-            with lock:
-                if not left:
-                    break
-                name = left.pop(0)
-            for i in tasks[name]:
-                began = time.perf_counter()
-                try:
-                    helper = helper or _helper()
-                    helper.stdin.write(json.dumps([i, name, share]) + "\n")
-                    helper.stdin.flush()
-                    found[i, name] = tuple(json.loads(helper.stdout.readline()))
-                except (
-                    ValueError,
-                    OSError,
-                ):  # it died: the case is red, and the others go on in a new process
-                    helper.kill()
-                    code, helper = _ended(helper), None
-                    found[i, name] = (
-                        math.nan,
-                        time.perf_counter() - began,
-                        f"the process ended with code {code}",
-                    )
-                report.step(1)
-        if helper:
-            _ended(helper)
-
-    with reporter(progress, sum(map(len, tasks.values())), 1) as report:
-        workers = [
-            threading.Thread(target=work, args=(report,), daemon=True)
-            for _ in range(min(processes, len(tasks)))
-        ]
-        for worker in workers:
-            worker.start()
-        for worker in workers:
-            while worker.is_alive():
-                worker.join(0.2)
-                report.poll()
-    return found
-
-
-def _helper():
-    words = [sys.executable, "-c", "from rigidmc.studies.stress.run import main; main()"]
-    return subprocess.Popen(
-        words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
-    )
-
-
-def _ended(helper):
-    """Its exit code, once it has ended for want of lines."""
-    with contextlib.suppress(OSError):
-        helper.stdin.close()
-    helper.stdout.close()
-    return helper.wait()
-
-
-def main():
-    """A process that runs what it is told: lines [case, integrator, share] in, lines [error, seconds, reason] out."""
-    cases = catalogue()
-    for line in sys.stdin:
-        i, name, share = json.loads(line)
-        print(json.dumps(carried_out(cases[i], name, share)), flush=True)
-
-
-def carried_out(case, integrator, share=1.0):
-    """(error, seconds, reason) of one case: nan and a reason where it raises, nan and none where the closed form does not cover it."""
-    began, reason = time.perf_counter(), ""
-    try:
-        error = float(case.error(integrator, share))
-    except Exception as raised:  # a case that fails is red, and stops no other
-        uncovered = (
-            integrator == "closed"
-            and isinstance(raised, SceneError)
-            and "closed form" in str(raised)
-        )
-        error, reason = math.nan, "" if uncovered else f"{type(raised).__name__}: {raised}"
-    return error, time.perf_counter() - began, reason
-
-
-def _dataset(cases, found, names, known, given):
-    shape = (len(cases), len(names))
+def _dataset(
+    cases: Sequence[Case],
+    outcomes: Sequence[Sequence[Outcome | None]],
+    names: Sequence[str],
+    known: Mapping[Key, tuple[float, float]],
+    given: Collection[Key],
+) -> xr.Dataset:
+    """The Dataset of a study; `outcomes` has a row per case and a column per integrator."""
+    shape, over = (len(cases), len(names)), ("case", "integrator")
     bound, measured, error, seconds = (np.full(shape, np.nan) for _ in range(4))
     verdict, reason = np.zeros(shape, "i1"), np.full(shape, "", dtype=object)
-    for at, result in enumerate(found):
-        i, j = divmod(at, len(names))
-        if result is None or (math.isnan(result[0]) and not result[2]):
-            continue
-        error[i, j], seconds[i, j], reason[i, j] = result
-        bound[i, j], measured[i, j] = bound_of(cases[i], names[j], known, given)
-        verdict[i, j] = _verdict(cases[i], names[j], error[i, j], bound[i, j])
-        if reason[i, j] == "" and verdict[i, j] == 3:
-            reason[i, j] = cases[i].weak[names[j]]
-    kinds = {
-        "error": "error, as `truth` says",
-        "bound": "what the error must not exceed",
-        "measured": "error on the machine that the bounds come from",
-    }
-    variables: dict[str, Any] = {
-        name: (("case", "integrator"), values, {"units": "1", "long_name": kinds[name]})
-        for name, values in (("error", error), ("bound", bound), ("measured", measured))
-    }
+    for i, case in enumerate(cases):
+        for j, name in enumerate(names):
+            outcome = outcomes[i][j]
+            if outcome is None or (math.isnan(outcome[0]) and not outcome[2]):
+                continue
+            error[i, j], seconds[i, j], reason[i, j] = outcome
+            bound[i, j], measured[i, j] = bound_of(case, name, known, given)
+            verdict[i, j] = VERDICTS.index(_verdict(case, name, error[i, j], bound[i, j]))
+            if reason[i, j] == "" and VERDICTS[verdict[i, j]] == "not up to it":
+                reason[i, j] = case.weak[name]
     flags = {
         "flag_values": np.arange(len(VERDICTS), dtype="i1"),
         "flag_meanings": " ".join(v.replace(" ", "_") for v in VERDICTS),
     }
-    about = {
-        name: ("case", np.array([getattr(case, name) for case in cases], dtype=object))
-        for name in ("group", "why", "truth")
+    described = "error on the machine on which the bounds were measured"
+    variables = {
+        "error": (over, error, {"units": "1", "long_name": "error, as `truth` says"}),
+        "bound": (over, bound, {"units": "1", "long_name": "bound of the error"}),
+        "measured": (over, measured, {"units": "1", "long_name": described}),
+        "seconds": (over, seconds, {"units": "s"}),
+        "verdict": (over, verdict, flags),
+        "reason": (over, reason),
+        "group": ("case", np.array([case.group for case in cases], dtype=object)),
+        "why": ("case", np.array([case.why for case in cases], dtype=object)),
+        "truth": ("case", np.array([case.truth for case in cases], dtype=object)),
     }
-    variables |= {
-        "seconds": (("case", "integrator"), seconds, {"units": "s"}),
-        "verdict": (("case", "integrator"), verdict, flags),
-    }
-    variables |= {"reason": (("case", "integrator"), reason), **about}
     coordinates = {
         "case": np.array([case.name for case in cases], dtype=object),
         "integrator": np.array(names, dtype=object),
     }
-    return xr.Dataset(
-        variables, coordinates, {"title": "hard cases", "source": f"rigidmc {VERSION}"}
-    )
+    attrs = {"title": "hard cases", "source": f"rigidmc {VERSION}"}
+    return xr.Dataset(variables, coordinates, attrs)
 
 
-def _verdict(case, name, error, bound):
+def _verdict(case: Case, name: str, error: float, bound: float) -> str:
+    """One of VERDICTS."""
     if math.isnan(error):
-        return VERDICTS.index("crashed")
-    if name in case.weak and error <= bound:
-        return VERDICTS.index("not up to it")
-    return VERDICTS.index(
-        "good" if error <= AMBER * bound or error == 0.0 else "close" if error <= bound else "above"
-    )
-
-
-def failed(study):
-    """Whether anything is above its bound or crashed."""
-    return bool((study.verdict.values >= VERDICTS.index("above")).any())
+        return "crashed"
+    if error > bound:
+        return "above"
+    if name in case.weak:
+        return "not up to it"
+    return "good" if error <= AMBER * bound or error == 0.0 else "close"

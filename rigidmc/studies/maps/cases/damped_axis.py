@@ -1,0 +1,56 @@
+"""Which end of its major axis a body with internal dissipation ends up about."""
+
+import math
+
+import numpy as np
+import xarray as xr
+
+from rigidmc.effects.dissipation import EnergyDissipation
+from rigidmc.observables.passage import Passage
+from rigidmc.scene.body import Body
+from rigidmc.scene.laws import Cone
+from rigidmc.scene.scene import Scene
+from rigidmc.scene.start import Start
+from rigidmc.studies.maps.case import Derived, MapCase
+
+
+def damped_axis() -> MapCase:
+    scene = Scene(
+        Body.from_moments((1.0, 2.0, 3.0)),
+        (EnergyDissipation(0.03),),
+        Start(momentum=Cone(3, 1.0, 0.5, 0.0)),
+        observables=tuple(Passage(axis, 0.2, "reaches", "momentum") for axis in (3, -3)),
+    )
+    return MapCase(
+        title="Which end of the major axis a body (1, 2, 3) ends up about that loses energy inside",
+        scene=scene,
+        x=("start.momentum.azimuth", 0.0, 2.0 * math.pi),
+        y=("start.momentum.angle", 0.0, math.pi),
+        of=("p(passages >= 1)", "p(passages_2 >= 1)", "mean(passage_first)"),
+        members=1,
+        derived=_derived,
+        shown="end",
+        ticks={-1: "-3", 0: "none", 1: "+3"},
+        contours=("theory", (1.0,), "separatrices 2 T I$_2$ = L$^2$"),
+        labels=(
+            "azimuth of L at the start [rad]",
+            "angle of L from axis 3 at the start [rad]",
+            "end of axis 3 that is reached",
+        ),
+        settings={"integrator": "strang", "dt": 0.2, "t_end": 1500.0},
+        source="Bloch, Krishnaprasad, Marsden & Ratiu (1996): all but the other axes and their"
+        " separatrices end about axis 3",
+    )
+
+
+def _derived(ds: xr.Dataset) -> Derived:
+    azimuth, angle = np.meshgrid(ds.x.values, ds.y.values)
+    l = np.stack([np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth), np.cos(angle)])
+    up, down = ds["p(passages>=1)"].values, ds["p(passages_2>=1)"].values
+    end = np.where(ds.good.values > 0, up - down, np.nan)
+    reached = "the end of axis 3 that is reached: 1 or -1, 0 if neither"
+    energy = (l * l / [[[1.0]], [[2.0]], [[3.0]]]).sum(0) * 2.0
+    return {
+        "end": (end, {"units": "1", "long_name": reached}),
+        "theory": (energy, {"units": "1", "long_name": "2 T I2/L^2: 1 on the separatrices"}),
+    }

@@ -1,0 +1,123 @@
+"""Hard cases in worker processes: a case that crashes its process stops no other case."""
+
+import contextlib
+import json
+import math
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from rigidmc.errors import SceneError
+from rigidmc.integrators import INTEGRATORS
+from rigidmc.progress import reporter
+from rigidmc.studies.stress.case import Case
+from rigidmc.studies.stress.catalogue import catalogue
+
+Outcome = tuple[float, float, str]  # error, seconds, reason; see `carried_out`
+Worker = subprocess.Popen[str]
+
+
+def carry_out(
+    tasks: dict[str, list[int]],
+    share: float,
+    processes: int,
+    progress: bool | Callable[[int, int], object],
+) -> dict[tuple[int, str], Outcome]:
+    """{(case, integrator): outcome} of the cases, as indices in the catalogue, of each integrator.
+
+    A process takes whole integrators, so that no kernel is compiled twice.
+    """
+    waiting = sorted(tasks, key=lambda name: -INTEGRATORS[name].evaluations * bool(tasks[name]))
+    outcomes: dict[tuple[int, str], Outcome] = {}
+    lock = threading.Lock()
+
+    def work(report: Any) -> None:
+        worker: Worker | None = None
+        while True:
+            with lock:
+                if not waiting:
+                    break
+                name = waiting.pop(0)
+            for i in tasks[name]:
+                worker, outcomes[i, name] = _asked(worker, i, name, share)
+                report.step(1)
+        if worker:
+            _ended(worker)
+
+    with reporter(progress, sum(map(len, tasks.values())), 1) as report:
+        threads = [
+            threading.Thread(target=work, args=(report,), daemon=True)
+            for _ in range(min(processes, len(tasks)))
+        ]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            while thread.is_alive():
+                thread.join(0.2)
+                report.poll()
+    return outcomes
+
+
+def _asked(
+    worker: Worker | None, case: int, integrator: str, share: float
+) -> tuple[Worker | None, Outcome]:
+    """(worker, outcome): no worker if it died of the case, the next case then starts a new one."""
+    began = time.perf_counter()
+    worker = worker or _started()
+    assert worker.stdin and worker.stdout
+    try:
+        worker.stdin.write(json.dumps([case, integrator, share]) + "\n")
+        worker.stdin.flush()
+        error, seconds, reason = json.loads(worker.stdout.readline())
+        return worker, (error, seconds, reason)
+    except (ValueError, OSError):
+        worker.kill()
+        code = _ended(worker)
+        lost = time.perf_counter() - began
+        return None, (math.nan, lost, f"the process ended with code {code}")
+
+
+def _started() -> Worker:
+    words = [sys.executable, "-c", "from rigidmc.studies.stress.processes import main; main()"]
+    return subprocess.Popen(
+        words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
+
+
+def _ended(worker: Worker) -> int:
+    """Close a worker's input and wait for its exit code."""
+    assert worker.stdin and worker.stdout
+    with contextlib.suppress(OSError):
+        worker.stdin.close()
+    worker.stdout.close()
+    return worker.wait()
+
+
+def main() -> None:
+    """A worker: lines [case, integrator, share] in, lines [error, seconds, reason] out."""
+    cases = catalogue()
+    for line in sys.stdin:
+        i, name, share = json.loads(line)
+        print(json.dumps(carried_out(cases[i], name, share)), flush=True)
+
+
+def carried_out(case: Case, integrator: str, share: float = 1.0) -> Outcome:
+    """(error, seconds, reason) of one case by one integrator.
+
+    error is nan and reason says why if the case raises; error is nan and reason empty if the
+    closed form does not cover the case.
+    """
+    began, reason = time.perf_counter(), ""
+    try:
+        error = float(case.error(integrator, share))
+    except Exception as raised:  # reported as a crash; the other cases go on
+        uncovered = (
+            integrator == "closed"
+            and isinstance(raised, SceneError)
+            and "closed form" in str(raised)
+        )
+        error, reason = math.nan, "" if uncovered else f"{type(raised).__name__}: {raised}"
+    return error, time.perf_counter() - began, reason

@@ -1,0 +1,220 @@
+"""Errors of hard cases against a closed form, a published end, an invariant, or another run.
+
+Each function returns an `ErrorOf`: a function of (integrator, share) that integrates and compares.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from rigidmc.errors import SceneError
+from rigidmc.integrators import accepting
+from rigidmc.mechanics.free_top import free_motion
+from rigidmc.mechanics.rotation import attitude_error
+from rigidmc.planning.closed_form import closed_form
+from rigidmc.planning.units import Internal, internal, scaled
+from rigidmc.scene.scene import Scene
+from rigidmc.scene.start import Start
+from rigidmc.studies.problems import Problem
+from rigidmc.studies.stress.case import ErrorOf
+from rigidmc.studies.stress.integrate import distance, run, worst
+from rigidmc.studies.stress.tops import tops
+
+
+def closed_states(scene: Scene, ds: xr.Dataset) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(attitude, momentum) by the closed form at the times of a Dataset."""
+    units = internal(scene) or Internal(1.0, 1.0)
+    inner = scaled(scene, units.mass, 1.0, units.time)
+    motion = closed_form(inner, ds.sizes["member"], 0).motion(ds.time.values * units.time)
+    momentum = np.moveaxis(motion.momentum, -1, 1) * units.factor("kg m2 s-1")
+    return np.moveaxis(motion.attitude, -1, 1), momentum
+
+
+def against_closed(scene: Scene, t_end: float, saves: int = 8, **options: Any) -> ErrorOf:
+    """Error of the state against the closed form; that of the closed form against an integrator."""
+
+    def error(integrator: str, share: float) -> float:
+        ds = run(scene, integrator, t_end, saves, **options)
+        if integrator == "closed":
+            able = accepting(scene.effects)
+            best = next(name for name in ("exact", "srkn11", "rk8") if name in able)
+            other = run(scene, best, t_end, saves, **options)
+            true = other.attitude.values, other.momentum.values
+        else:
+            true = closed_states(scene, ds)
+        return worst(ds, distance(ds.attitude.values, ds.momentum.values, *true)[1:].max(0))
+
+    return error
+
+
+def against_turn(scene: Scene, t_end: float, omega: float) -> ErrorOf:
+    """Error of the state against a rotation by omega [rad/s] about axis 2, from the attitude 1."""
+
+    def error(integrator: str, share: float) -> float:
+        ds = run(scene, integrator, t_end)
+        half = 0.5 * omega * ds.time.values[:, None] * np.ones(ds.sizes["member"])
+        rotation = np.stack([np.cos(half), 0.0 * half, np.sin(half), 0.0 * half], axis=1)
+        l = ds.momentum.values
+        return worst(ds, distance(ds.attitude.values, l, rotation, l[:1] + 0.0 * l).max(0))
+
+    return error
+
+
+def flagged_or_close(scene: Scene, t_end: float, **options: Any) -> ErrorOf:
+    """Error of the state against the closed form, 0 for a flagged member.
+
+    A flag is a right answer here: nonsense must not look like a result.
+    """
+
+    def error(integrator: str, share: float) -> float:
+        try:
+            ds = run(scene, integrator, t_end, 8, **options)
+        except SceneError as refusal:  # midpoint, whose equation has no solution at this step
+            return 0.0 if "can be solved" in str(refusal) else math.inf
+        off = distance(ds.attitude.values, ds.momentum.values, *closed_states(scene, ds)).max(0)
+        return float(np.max(np.where(ds.status.values == 0, np.nan_to_num(off, nan=math.inf), 0.0)))
+
+    return error
+
+
+def against_end(problem: Problem, turn: float | None = None) -> ErrorOf:
+    """Error at the published end of a problem."""
+    weight = tuple(problem.gravity * p for p in problem.static_moment)
+    scene = tops(problem.moments, problem.momentum, problem.attitude, weight)
+
+    def error(integrator: str, share: float) -> float:
+        ds = run(scene, integrator, problem.time, 1, turn)
+        q, l, end = ds.attitude.values[-1, :, 0], ds.momentum.values[-1, :, 0], problem.end_momentum
+        off = 0.0 if end is None else np.linalg.norm(l - end) / np.linalg.norm(end)
+        angle = 0.0 if problem.end_attitude is None else attitude_error(q, problem.end_attitude)
+        return worst(ds, np.array([max(float(off), float(angle))]))
+
+    return error
+
+
+def over_members(scene: Scene, t_end: float) -> ErrorOf:
+    """Largest distance of a member from the first."""
+
+    def error(integrator: str, share: float) -> float:
+        ds = run(scene, integrator, t_end, 4)
+        q, l = ds.attitude.values, ds.momentum.values
+        first = (np.repeat(x[..., :1], x.shape[-1], -1) for x in (q, l))
+        return worst(ds, distance(q, l, *first).max(0))
+
+    return error
+
+
+def flips(
+    moments: tuple[float, float, float], momentum: tuple[float, float, float], count: int
+) -> ErrorOf:
+    """Largest relative error of the first `count` zeros of L2, which are at (2 k + 1) K/lambda.
+
+    The motion must start where L3 = 0. Between saves L2 is the cubic with its values and slopes.
+    """
+    kind = free_motion(moments, momentum)
+    interval, rate = float(kind.flip_interval), float(kind.rate)
+    assert rate > 0.0
+    scene, saves = tops(moments, momentum), math.ceil(count * interval * rate / 0.01)
+
+    def error(integrator: str, share: float) -> float:
+        ds = run(scene, integrator, count * interval, saves)
+        t, (l1, l2, l3) = ds.time.values, ds.momentum.values[:, :, 0].T
+        slope = (1.0 / moments[0] - 1.0 / moments[2]) * l1 * l3  # L2' = L3 omega1 - L1 omega3
+        before = np.flatnonzero((l2[:-1] > 0.0) != (l2[1:] > 0.0))
+        if len(before) < count or ds.status.values[0]:
+            return math.inf
+        zeros = [
+            _root(t[i], t[i + 1], l2[i], l2[i + 1], slope[i], slope[i + 1]) for i in before[:count]
+        ]
+        true = interval * (np.arange(count) + 0.5)
+        return float(np.max(np.abs(np.array(zeros) - true) / true))
+
+    return error
+
+
+def _root(a: float, b: float, f: float, g: float, df: float, dg: float) -> float:
+    """The zero between a and b of the cubic with values f, g and slopes df, dg there."""
+    h = b - a
+    cubic = np.polynomial.Polynomial(
+        [f, h * df, 3 * (g - f) - h * (2 * df + dg), 2 * (f - g) + h * (df + dg)]
+    )
+    x = f / (f - g)
+    for _ in range(6):
+        x -= cubic(x) / cubic.deriv()(x)
+    return a + h * x
+
+
+def there_and_back(scene: Scene, t_end: float, **options: Any) -> ErrorOf:
+    """Distance from the start after running to t_end, reversing the momentum, and running back."""
+
+    def error(integrator: str, share: float) -> float:
+        ds = run(scene, integrator, t_end, 1, **options)
+        q, l = ds.attitude.values[-1], ds.momentum.values[-1]
+        back = Scene(scene.body, scene.effects, Start(momentum=tuple(-l), attitude=tuple(q)))
+        end = run(back, integrator, t_end, 1, **options)
+        start = ds.attitude.values[:1], ds.momentum.values[:1]
+        off = distance(end.attitude.values[-1:], -end.momentum.values[-1:], *start)[0]
+        return max(worst(ds, 0.0), worst(end, off))
+
+    return error
+
+
+def same_bits(scene: Scene, t_end: float, **options: Any) -> ErrorOf:
+    """How many numbers differ between runs with blocks of different sizes."""
+    names = ("momentum", "attitude", "energy_drift_max", "status")
+
+    def error(integrator: str, share: float) -> float:
+        one = run(scene, integrator, t_end, 4, **options)
+        others = [run(scene, integrator, t_end, 4, block=block, **options) for block in (32, 96)]
+        count = sum(
+            int(np.count_nonzero(one[name].values != other[name].values))
+            for other in others
+            for name in names
+        )
+        return float(count) if not one.status.values.any() else math.inf
+
+    return error
+
+
+def scaled_alike(
+    scene: Scene,
+    other: Scene,
+    t_end: float,
+    time: float,
+    mass_length: float,
+    power_of_two: bool,
+    **options: Any,
+) -> ErrorOf:
+    """Distance of two scenes that differ only by units.
+
+    time, mass_length : factors of times and of momenta;  power_of_two : then the bits must be equal
+    """
+
+    def error(integrator: str, share: float) -> float:
+        one = run(scene, integrator, t_end, 4, **options)
+        two = run(other, integrator, t_end * time, 4, **options)
+        q, l = two.attitude.values, two.momentum.values / mass_length
+        true = one.attitude.values, one.momentum.values
+        if power_of_two:
+            same = np.array_equal(q, true[0]) and np.array_equal(l, true[1])
+            return 0.0 if same and worst(two, 0.0) == 0.0 else 1.0
+        return max(worst(one, 0.0), worst(two, distance(q, l, *true).max(0)))
+
+    return error
+
+
+def refused(call: Callable[[str], object], rule: str) -> ErrorOf:
+    """0 if a call raises a SceneError whose text contains `rule`, else 1."""
+
+    def error(integrator: str, share: float) -> float:
+        try:
+            call(integrator)
+        except SceneError as refusal:
+            return 0.0 if rule in str(refusal) else 1.0
+        return 1.0
+
+    return error

@@ -1,0 +1,73 @@
+"""What all pictures share: the palette, an empty figure, and the file that a figure becomes.
+
+A picture is a matplotlib Figure; pyplot and its global state are not used.
+"""
+
+import io
+from os import PathLike
+from pathlib import Path
+from typing import cast
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+
+from rigidmc.files.outputs import check_suffix, refuse_existing, write_bytes
+
+INK, GREY, LIGHT = "#222222", "#777777", "#c8c8c8"  # lines and text, from strong to faint
+PATH = "#d94801"  # single members and what stands out
+BAND, CORE, MEDIAN = "#c6dbef", "#6baed6", "#08306b"  # outer and inner quantiles, median
+ALARM = "#a61c00"  # limits and failures
+DENSITY, VALUES = "cividis_r", "cividis"  # colour maps, dark or bright at large values
+HALO = [withStroke(linewidth=2.0, foreground="white")]  # around text and lines over an image
+# Lines that must be told apart: by colour, and in grey by marker and dash.
+COLOURS = (
+    "#d94801", "#8c2d04", "#7a7a7a", "#9e7bb5", "#2a9d6f",
+    "#2171b5", "#08306b", "#000000", "#4a1486", "#6baed6",
+)  # fmt: skip
+MARKERS = ("o", "s", "^", "v", "<", "x", "P", "X", "D", ">", "p", "h", "d", "*", "H", "+")
+DASHES = ("-", "--", ":", "-.")
+
+
+def new_figure(title: str, size: tuple[float, float]) -> Figure:
+    """An empty figure with a heading; size in inches."""
+    figure = Figure(size, layout="constrained")
+    FigureCanvasAgg(figure)
+    # a scene's title is plain text, no formula
+    figure.suptitle(title, fontsize=11, parse_math=False)
+    return figure
+
+
+def figure_of(axes: Axes) -> Figure:
+    """The figure that axes belong to."""
+    return cast(Figure, axes.figure)
+
+
+def legend_above(axes: Axes, columns: int) -> None:
+    """A legend between the axes and their title."""
+    axes.legend(
+        loc="lower center",
+        bbox_to_anchor=(0.5, 0.99),
+        ncols=columns,
+        fontsize=8,
+        frameon=False,
+        columnspacing=1.2,
+    )
+
+
+def save(figure: Figure, path: str | PathLike[str], force: bool = False) -> None:
+    """Write a picture in the format of its suffix, completely or not at all.
+
+    Raises OutputExists if the file exists and `force` is False, SceneError as `check_suffix`.
+    """
+    refuse_existing(path, force, "pictures")
+    write_bytes(path, drawn(figure, path), force)
+
+
+def drawn(figure: Figure, path: str | PathLike[str]) -> bytes:
+    """The bytes of a picture in the format of a path's suffix; SceneError as `check_suffix`."""
+    check_suffix(path, "pictures")
+    buffer = io.BytesIO()
+    figure.savefig(buffer, dpi=150, format=Path(path).suffix[1:].lower())
+    return buffer.getvalue()
