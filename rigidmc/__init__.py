@@ -32,10 +32,13 @@ _VECTORS = (
 )
 _HOMES = {
     "Body": "scene.body",
+    "FileError": "errors",
     "Flips": "observables",
     "Histogram": "observables",
+    "OptionError": "errors",
     "OutputExists": "errors",
     "Passage": "observables",
+    "RigidmcError": "errors",
     "Scene": "scene.scene",
     "SceneError": "errors",
     "SceneWarning": "errors",
@@ -64,12 +67,19 @@ __all__ = [
     "free_top", "free_motion", "lagrange_top", "lagrange_motion",
     "normal", "uniform", "distribution", "grid", "Flips", "Passage", "Histogram", *_EFFECTS,
     "Cone", "Correlated", "Fisher", "GibbsMomentum", "Pointing", "SecondMoments", "Shell", "Sphere",
-    "SceneError", "SceneWarning", "OutputExists",
+    "RigidmcError", "SceneError", "OptionError", "FileError", "SceneWarning", "OutputExists",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
     from rigidmc.effects import *  # noqa: F403
-    from rigidmc.errors import OutputExists, SceneError, SceneWarning
+    from rigidmc.errors import (
+        FileError,
+        OptionError,
+        OutputExists,
+        RigidmcError,
+        SceneError,
+        SceneWarning,
+    )
     from rigidmc.mechanics.free_top import free_motion, free_top
     from rigidmc.mechanics.lagrange_top import lagrange_motion, lagrange_top
     from rigidmc.observables import Flips, Histogram, Passage
@@ -96,10 +106,10 @@ if TYPE_CHECKING:
 
 
 def open(path, allow_code=False):
-    """A result as an xarray Dataset, read when asked for: a netCDF file, or a run directory (`rigidmc.runs.gather.open_run`). SceneError for what is none."""
+    """A result as an xarray Dataset, read when asked for: a netCDF file, or a run directory (`rigidmc.runs.gather.open_run`). FileError for what is none."""
     if isdir(path):
         return import_module("rigidmc.runs.gather").open_run(path, allow_code)
-    return import_module("rigidmc.storage").open_result(path)
+    return import_module("rigidmc.storage.reader").open_result(path)
 
 
 def __getattr__(name):

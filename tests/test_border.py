@@ -25,7 +25,8 @@ from rigidmc.files.reading import DEPTH, toml
 from rigidmc.files.trial import refuse_unreadable
 from rigidmc.runs import resume
 from rigidmc.storage import run_directory
-from rigidmc.storage.run_directory import RunDirectory, rendered
+from rigidmc.storage.run_directory import RunDirectory
+from rigidmc.storage.run_facts import rendered
 from rigidmc.studies.stress.run import load_bounds
 from tests import hostile
 

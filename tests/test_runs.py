@@ -21,11 +21,12 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.errors import NoRoom, OutputExists, SceneError, SceneWarning
+from rigidmc.files.netcdf import read
 from rigidmc.files.outputs import Part, content_of
 from rigidmc.runs import cluster, gather, resume
 from rigidmc.storage import run_directory
-from rigidmc.storage.run_directory import RunDirectory, rendered
-from rigidmc.storage.writer import read
+from rigidmc.storage.run_directory import RunDirectory
+from rigidmc.storage.run_facts import rendered
 from tests import torture
 from tests.torture import COMMAND, sums
 

@@ -42,7 +42,7 @@ def body_command(
 ):
     """Say what a body is: mass, centre, tensor, principal axes, which rotations are stable and how fast the unstable one grows."""
     with reported():
-        from rigidmc.errors import SceneError
+        from rigidmc.errors import RigidmcError
         from rigidmc.views.body import body_of, describe, facts
 
         try:
@@ -50,7 +50,7 @@ def body_command(
             print(
                 json.dumps(facts(body), indent=1) if machine else "\n".join(describe(body, title))
             )
-        except SceneError as error:
+        except RigidmcError as error:
             error.file = error.file or source
             raise
 
@@ -66,7 +66,7 @@ def exact_command(
 ):  # fmt: skip
     """The closed form of a scene at a time, beside its integration, with the difference."""
     with reported():
-        from rigidmc.errors import SceneError
+        from rigidmc.errors import RigidmcError
         from rigidmc.planning.closed_form import closed_form
         from rigidmc.studies.closed_form import compare
 
@@ -84,6 +84,6 @@ def exact_command(
                     closed_forms.case_summary(case, title, abs(at) or loaded.run.t_end), plot, force
                 )
             print("\n".join([*lines, *told([plot])]))
-        except SceneError as error:
+        except RigidmcError as error:
             error.file = error.file or scene
             raise

@@ -37,7 +37,7 @@ def accuracy(
 ):  # fmt: skip
     """What accuracy costs in time, for a scene: every integrator over a ladder of steps against the truth, and the cheapest for each accuracy."""
     with reported():
-        from rigidmc.errors import SceneError
+        from rigidmc.errors import RigidmcError
         from rigidmc.studies import accuracy as study
 
         loaded = load_scene(scene, settings, allow_code)
@@ -55,7 +55,7 @@ def accuracy(
                 wanted = _numbers(tolerances) if tolerances else study.TOLERANCES
                 found = study.accuracy(loaded, names, wanted, members, threads, progress=say)
                 lines = study.table(found)
-        except SceneError as error:
+        except RigidmcError as error:
             error.file = error.file or scene
             raise
 
@@ -71,11 +71,11 @@ def accuracy(
 
 
 def _numbers(text):
-    from rigidmc.errors import SceneError
+    from rigidmc.errors import OptionError
 
     try:
         return tuple(float(word) for word in text.split(","))
     except ValueError:
-        raise SceneError(
+        raise OptionError(
             "", "--tolerances", text, "expected numbers between commas, e.g. 1e-4,1e-8"
         ) from None

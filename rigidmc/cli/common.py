@@ -57,14 +57,14 @@ def time_option(key, positive=True, **option):
 
 
 def _told(read):
-    """A parser of an option: it calls `read`, and a SceneError ends the command with its message and exit code."""
+    """A parser of an option: it calls `read`, and an error ends the command with its message and exit code."""
 
     def parser(text):
-        from rigidmc.errors import SceneError
+        from rigidmc.errors import RigidmcError
 
         try:
             return read(text)
-        except SceneError as error:
+        except RigidmcError as error:
             return fail(error, INVALID)
 
     return parser
@@ -164,7 +164,7 @@ class AskedToStop(BaseException):
 @contextmanager
 def reported():
     """Turn what can go wrong into one message and an exit code; never a traceback for a user's mistake. What is compiled is said before it begins."""
-    from rigidmc.errors import NoRoom, OutputExists, SceneError
+    from rigidmc.errors import NoRoom, OutputExists, RigidmcError
     from rigidmc.files.outputs import drop_parts
     from rigidmc.progress import announcing
 
@@ -185,7 +185,7 @@ def reported():
                 signal.signal(number, signal.SIG_IGN)
             drop_parts()
             raise
-    except SceneError as error:
+    except RigidmcError as error:
         fail(error, INVALID)
     except OutputExists as error:
         fail(error, REFUSED)
@@ -273,14 +273,15 @@ def fail(message, code):
 
 def load_scene(source, settings, allow_code=False, **run):
     """A scene with the options of the command line in it."""
-    from rigidmc.errors import SceneError
+    from rigidmc.errors import OptionError, RigidmcError
+    from rigidmc.scene.file import scene_of
     from rigidmc.scene.scene import Scene
 
     pairs = []
     for setting in settings:
         key, equals, value = setting.partition("=")
         if not equals or "." not in key:
-            raise SceneError(
+            raise OptionError(
                 "",
                 "--set",
                 setting,
@@ -297,8 +298,11 @@ def load_scene(source, settings, allow_code=False, **run):
             for name, _, word in (part.partition("=") for part in run["keep"].split(","))
         }
     try:
+        if source.lower().endswith(".nc") and not os.path.isdir(source):
+            with opened(source) as result:  # checks the whole result, Scene.load its scene alone
+                return scene_of(result, pairs, allow_code).with_run(**run)
         return Scene.load(source, pairs, allow_code).with_run(**run)
-    except SceneError as error:
+    except RigidmcError as error:
         error.file = error.file or source
         raise
 
@@ -341,7 +345,7 @@ def refuse_outputs(force, output=None, plot=None, bounds=None, animation=None, s
 def keep(dataset, output, plot, force, draw):
     """Write a study, and the picture that draw(dataset) makes of it. Returns a line for each file, see `told`."""
     from rigidmc.files.outputs import write_bytes
-    from rigidmc.storage import encoded
+    from rigidmc.storage.writer import encoded
 
     if output is not None:
         write_bytes(output, encoded(dataset), force)

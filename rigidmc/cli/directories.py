@@ -75,8 +75,8 @@ def is_run(path):
 
 
 def shards_of(text):
-    """The range of FROM:TO; SceneError."""
-    from rigidmc.errors import SceneError
+    """The range of FROM:TO; OptionError."""
+    from rigidmc.errors import OptionError
 
     if text is None:
         return None
@@ -88,7 +88,7 @@ def shards_of(text):
         or not high.isdigit()
         or int(low) >= int(high)
     ):
-        raise SceneError(
+        raise OptionError(
             "", "--shards", text, "expected FROM:TO, such as 0:100 for the first hundred"
         )
     return range(int(low), int(high))

@@ -44,12 +44,12 @@ def make_map(
 ):  # fmt: skip
     """Map two parameters of a scene against what its members do, with replicas and a confidence interval for every pixel."""
     with reported():
-        from rigidmc.errors import SceneError, unknown
+        from rigidmc.errors import OptionError, RigidmcError, unknown
         from rigidmc.studies.maps.catalogue import MAPS, case_map
 
         if name == "list":
             if which is not None and which not in MAPS:
-                raise unknown("", "map", which, "map", MAPS)
+                raise unknown("", "map", which, "map", MAPS, OptionError)
             for word, case in MAPS.items() if which is None else [(which, MAPS[which])]:
                 made = case()
                 print(f"{word:18s} {made.title}")
@@ -60,7 +60,7 @@ def make_map(
                     _explain(made)
             return
         if which is not None:
-            raise SceneError("", "NAME", which, "goes with `rigidmc map list NAME`")
+            raise OptionError("", "NAME", which, "goes with `rigidmc map list NAME`")
         refuse_outputs(force, output, plot, size=8 * max(resolution, 1) ** 2 * (4 + 3 * len(of)))
 
         def show(done, total):
@@ -87,16 +87,16 @@ def make_map(
 
                 if name in MAPS and not (x and y and of):
                     rule = "a map of the package has its own x, y, measures and scene; give --resolution, --members, --dt and the like"
-                    raise SceneError(
+                    raise OptionError(
                         "", "map", name, f"{rule}, or a scene with all of --x, --y and --of"
                     )
                 if not (x or y or of or settings):
-                    raise unknown("", "map", name, "map", MAPS)
+                    raise unknown("", "map", name, "map", MAPS, OptionError)
                 if not (x and y and of):
                     missing = ", ".join(
                         key for key, value in (("--x", x), ("--y", y), ("--of", of)) if not value
                     )
-                    raise SceneError(
+                    raise OptionError(
                         "",
                         missing,
                         None,
@@ -107,7 +107,7 @@ def make_map(
                 found = stability_map(
                     scene, *sides, of, resolution, members, threads, show, seed=seed, **changed
                 )
-        except SceneError as error:
+        except RigidmcError as error:
             error.file = error.file or name
             raise
 
@@ -140,7 +140,7 @@ def _explain(case):
 
 def _side(text, key):
     """(parameter, low, high, whether in even ratios) of KEY=LOW:HIGH[:log]."""
-    from rigidmc.errors import SceneError
+    from rigidmc.errors import OptionError
 
     name, equals, ends = text.partition("=")
     parts = ends.split(":")
@@ -149,7 +149,7 @@ def _side(text, key):
     except (ValueError, IndexError):
         low = high = float("nan")
     if not equals or len(parts) not in (2, 3) or parts[2:] not in ([], ["log"]) or low != low:
-        raise SceneError(
+        raise OptionError(
             "", key, text, "expected KEY=LOW:HIGH or KEY=LOW:HIGH:log, e.g. body.moments.1=0.1:0.9"
         )
     return name.strip(), low, high, len(parts) == 3

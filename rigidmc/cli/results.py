@@ -35,7 +35,7 @@ def rerun(
 ):  # fmt: skip
     """Integrate one member of a result again, to the same bits, with more saved: all observables unless --save says which."""
     with reported():
-        from rigidmc.errors import SceneError
+        from rigidmc.errors import RigidmcError
         from rigidmc.runs.rerun import rerun as again
 
         refuse_outputs(force, output, plot)
@@ -46,7 +46,7 @@ def rerun(
         )
         try:
             dataset = again(file, member, every, wanted, allow_code, output=output, force=force)
-        except SceneError as error:
+        except RigidmcError as error:
             error.file = error.file or file
             raise
         if plot is not None:

@@ -69,7 +69,7 @@ def run_scene(
     """Run a scene: integrate its ensemble, write the result and a picture, and say what it cost."""
     began = time.perf_counter()
     with reported():
-        from rigidmc.errors import SceneError
+        from rigidmc.errors import OptionError, RigidmcError
         from rigidmc.runs.simulate import simulate
 
         loaded = load_scene(
@@ -91,14 +91,14 @@ def run_scene(
         )
         if is_run(output):
             if plot is not None or until is not None:
-                raise SceneError(
+                raise OptionError(
                     "",
                     "--output",
                     output,
                     "a run directory goes without --plot and --until: consolidate it first",
                 )
             if force:
-                raise SceneError(
+                raise OptionError(
                     "", "--force", None, f"replaces files: take the folder {output} away yourself"
                 )
             from rigidmc.runs.cluster import checked
@@ -106,7 +106,7 @@ def run_scene(
 
             kind, many = ("", "") if cluster is None else checked(cluster)
             if shard_size is not None and not shard_size < 1e6:
-                raise SceneError("", "--shard-size", shard_size, "expected megabytes, up to 1e6")
+                raise OptionError("", "--shard-size", shard_size, "expected megabytes, up to 1e6")
             size = SHARD if shard_size is None else 1e6 * shard_size
             made = create(
                 loaded, output, size, shards_of(shards), int(many) if kind == "local" else threads
@@ -128,7 +128,7 @@ def run_scene(
             ("--cluster", cluster),
         ):
             if given is not None:
-                raise SceneError("", name, given, "is of a run directory: -o RUN/")
+                raise OptionError("", name, given, "is of a run directory: -o RUN/")
         refuse_outputs(force, output, plot)
         try:
             if until is None:
@@ -140,7 +140,7 @@ def run_scene(
                 from rigidmc.studies.until import goal_reached, simulate_until
 
                 if members is not None:
-                    raise SceneError(
+                    raise OptionError(
                         "",
                         "--members",
                         members,
@@ -155,7 +155,7 @@ def run_scene(
                     output=output,
                     force=force,
                 )
-        except SceneError as error:
+        except RigidmcError as error:
             error.file = error.file or scene
             raise
         cost = dataset.encoding["rigidmc"]
@@ -268,7 +268,7 @@ def show(
 def check(scene: SceneArgument, settings: Set = [], allow_code: AllowCode = False):  # noqa: B006
     """Check a scene file: exit code 0 where it can be run, 3 and one message where it cannot."""
     with reported():
-        from rigidmc.errors import SceneError
+        from rigidmc.errors import RigidmcError
         from rigidmc.planning.notes import notes
         from rigidmc.planning.plan import prepare
 
@@ -281,7 +281,7 @@ def check(scene: SceneArgument, settings: Set = [], allow_code: AllowCode = Fals
                 else loaded
             )
             told = notes(loaded, plan)
-        except SceneError as error:
+        except RigidmcError as error:
             error.file = error.file or scene
             raise
         for note in told:
@@ -324,7 +324,7 @@ def plot(
 ):
     """Draw a picture of a result."""
     with reported():
-        from rigidmc.errors import SceneError, nearest
+        from rigidmc.errors import OptionError, nearest
 
         pictures = (
             "summary",
@@ -335,7 +335,7 @@ def plot(
             "gibbs",
         )
         if picture not in pictures:
-            raise SceneError(
+            raise OptionError(
                 "",
                 "--picture",
                 picture,

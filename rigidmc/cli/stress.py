@@ -35,7 +35,7 @@ def stress(
 ):  # fmt: skip
     """Hard cases, each against its bound, on this machine; or how far your own scene can be trusted. Exit code 4 where something fails."""
     with reported():
-        from rigidmc.errors import SceneError
+        from rigidmc.errors import RigidmcError
 
         refuse_outputs(force, output, plot, write_bounds)
         if scene is not None:
@@ -44,7 +44,7 @@ def stress(
             loaded = load_scene(scene, settings, allow_code, integrator=integrator)
             try:
                 found = trust.trust(loaded, quick=quick, progress=True)
-            except SceneError as error:
+            except RigidmcError as error:
                 error.file = error.file or scene
                 raise
             bad = trust.failed(found)

@@ -17,10 +17,10 @@ def _explained(name, kinds, word, text, lines):
     """Explain the kind of this name: print its docstring, which has its equation and source, then lines of facts."""
     from inspect import cleandoc
 
-    from rigidmc.errors import unknown
+    from rigidmc.errors import OptionError, unknown
 
     if name not in kinds:
-        raise unknown("", word, name, word, kinds)
+        raise unknown("", word, name, word, kinds, OptionError)
     print(f"{name}: {cleandoc(text(name))}\n")
     for label, fact in lines(name):
         if fact:

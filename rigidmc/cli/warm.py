@@ -17,7 +17,7 @@ def warm(
 
     A line for each scene tells what it took; code that is there is not compiled again."""
     with reported():
-        from rigidmc.errors import SceneError
+        from rigidmc.errors import RigidmcError
         from rigidmc.runs import warm as precompile
         from rigidmc.scene.file import shipped
 
@@ -25,7 +25,7 @@ def warm(
         for name, scene in loaded:
             try:
                 found = precompile.warm(scene, all_integrators)
-            except SceneError as error:
+            except RigidmcError as error:
                 error.file = error.file or name
                 raise
             able = [one for one in found if not one.skipped]

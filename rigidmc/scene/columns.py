@@ -4,7 +4,7 @@ import os
 
 import numpy as np
 
-from rigidmc.errors import SceneError, unknown
+from rigidmc.errors import RigidmcError, SceneError, unknown
 from rigidmc.files.reading import refuse_irregular
 from rigidmc.files.trial import refuse_unreadable
 
@@ -25,7 +25,7 @@ def column(folder, file, name, table, key):
         )
     try:
         columns = _csv(path, table, key, file) if file.endswith(".csv") else _netcdf(path)
-    except SceneError as why:
+    except RigidmcError as why:
         raise why if why.table else SceneError(table, key, file, why.rule) from None
     if name not in columns:
         error = unknown(table, key, name, f"column of {file}", columns)

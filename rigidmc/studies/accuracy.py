@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from rigidmc.engine.machine import threads_available
-from rigidmc.errors import SceneError, unknown
+from rigidmc.errors import OptionError, unknown
 from rigidmc.integrators import INTEGRATORS, accepting, refusal
 from rigidmc.planning.tolerance.choose import check_pilot
 from rigidmc.planning.tolerance.compile_ahead import compile_ahead
@@ -70,7 +70,7 @@ def accuracy(
     if integrators:
         for name in integrators:
             if name in INTEGRATORS and (why := refusal(name, scene.effects)):
-                raise SceneError("", "integrators", name, why)
+                raise OptionError("", "integrators", name, why)
     found = pilot(scene, counted(members, "members"))
     check_pilot(scene, found)
     say = progress or (lambda line: None)
@@ -248,9 +248,9 @@ def long_drift(scene, integrators=None, steps=1_000_000, dt=None, members=64, pr
     names = list(integrators or [name for name in LONG if name in accepting(scene.effects)])
     for name in names:
         if name not in INTEGRATORS:
-            raise unknown("", "integrators", name, "integrator", INTEGRATORS)
+            raise unknown("", "integrators", name, "integrator", INTEGRATORS, OptionError)
         if why := refusal(name, scene.effects):
-            raise SceneError("", "integrators", name, why)
+            raise OptionError("", "integrators", name, why)
     dt, steps, members = (
         seconds(dt or scene.run.dt, "dt"),
         counted(steps, "steps"),

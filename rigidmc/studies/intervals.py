@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import special, stats
 
-from rigidmc.errors import SceneError, unknown
+from rigidmc.errors import OptionError, unknown
 
 METHODS = ("wilson", "clopper-pearson")
 
@@ -29,14 +29,14 @@ def probability(successes, trials, confidence=0.95, method="wilson"):
     wilson : (p + z^2/2n +- z sqrt(p (1 - p)/n + z^2/4n^2)) / (1 + z^2/n): covers the confidence in the mean over p
     clopper-pearson : from the beta distribution: never covers less, up to twice as wide for few trials
 
-    successes, trials : counts that broadcast; where there are no trials all three are nan. Raises SceneError for counts that cannot be.
+    successes, trials : counts that broadcast; where there are no trials all three are nan. Raises OptionError for counts that cannot be.
     Source: Wilson, J. Am. Stat. Assoc. 22 (1927) 209; Clopper & Pearson, Biometrika 26 (1934) 404; Brown, Cai & DasGupta, Stat. Sci. 16 (2001) 101.
     """
     if method not in METHODS:
-        raise unknown("", "method", method, "interval", METHODS)
+        raise unknown("", "method", method, "interval", METHODS, OptionError)
     k, n = np.broadcast_arrays(np.asarray(successes, float), np.asarray(trials, float))
     if np.any(k < 0) or np.any(k > n):
-        raise SceneError(
+        raise OptionError(
             "",
             "successes",
             float(k[(k < 0) | (k > n)].flat[0]),
@@ -110,7 +110,7 @@ def quantile(values, q, confidence=0.95):
     """
     _check(confidence)
     if not 0.0 < q < 1.0:
-        raise SceneError("", "q", q, "expected a share between 0 and 1")
+        raise OptionError("", "q", q, "expected a share between 0 and 1")
     x = np.sort(np.asarray(values, float)[np.isfinite(values)])
     if not x.size:
         return Interval(np.nan, np.nan, np.nan)
@@ -134,4 +134,4 @@ def quantiles(values, q, confidence=0.95):
 
 def _check(confidence):
     if not 0.0 < confidence < 1.0:
-        raise SceneError("", "confidence", confidence, "expected a number between 0 and 1")
+        raise OptionError("", "confidence", confidence, "expected a number between 0 and 1")

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rigidmc.errors import SceneError, nearest
+from rigidmc.errors import OptionError, nearest
 from rigidmc.observables import RUNNING, SUMMARIES, summary_of
 from rigidmc.studies import intervals
 
@@ -78,13 +78,13 @@ def observing(scene, texts):
 
 
 def measure(text, variables):
-    """The Measure that a text asks for; `variables` {name: dims} are those of a result. SceneError for what is none."""
+    """The Measure that a text asks for; `variables` {name: dims} are those of a result. OptionError for what is none."""
     kind, found = next(
         ((kind, m) for kind, form in _FORMS.items() if (m := form.fullmatch(text.strip()))),
         ("", None),
     )
     if found is None:
-        raise SceneError("", "measure", text, RULE)
+        raise OptionError("", "measure", text, RULE)
     parts = found.groupdict()
     name, axis = parts["name"], parts["axis"]
     able = {
@@ -101,9 +101,9 @@ def measure(text, variables):
         ]
         known += [n for n in RUNNING if n not in known]
         rule = f"no result of that name with one number per member; known: {', '.join(known)}; passages of a scene with [observables.passage]"
-        raise SceneError("", "measure", text, rule, nearest(name, known))
+        raise OptionError("", "measure", text, rule, nearest(name, known))
     if (able[name] == ("axis", "member")) != bool(axis):
-        raise SceneError(
+        raise OptionError(
             "",
             "measure",
             text,
@@ -111,7 +111,7 @@ def measure(text, variables):
         )
     number = float(parts.get("number") or (0.5 if kind == "median" else 0.0))
     if kind == "quantile" and not 0.0 < number < 1.0:
-        raise SceneError("", "measure", text, "a quantile has a share between 0 and 1")
+        raise OptionError("", "measure", text, "a quantile has a share between 0 and 1")
     kind = {"median": "quantile", "": "mean"}.get(kind, kind)
     return Measure(
         text.strip(), kind, name, int(axis) if axis else None, parts.get("relation") or "", number

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rigidmc.errors import SceneError, SceneWarning
+from rigidmc.errors import OptionError, SceneError, SceneWarning
 from rigidmc.files.outputs import refuse_existing
 from rigidmc.observables import OBSERVABLES
 from rigidmc.runs.simulate import simulate
@@ -35,7 +35,7 @@ class Goal(NamedTuple):
 
 
 def goal(text, variables):
-    """The Goal of a text such as "p(flips >= 1) +- 0.001" or "mean(flip_wait) +- 1 %"; SceneError for what is none."""
+    """The Goal of a text such as "p(flips >= 1) +- 0.001" or "mean(flip_wait) +- 1 %"; OptionError for what is none."""
     parts = _SIGN.split(text.strip())
     number = (
         re.fullmatch(r"((?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(%?)", parts[1])
@@ -43,7 +43,7 @@ def goal(text, variables):
         else None
     )
     if number is None or not float(number[1]) > 0.0:
-        raise SceneError("run", "until", text, RULE)
+        raise OptionError("run", "until", text, RULE)
     return Goal(
         measure(parts[0], variables),
         float(number[1]) / (100.0 if number[2] else 1.0),
@@ -70,11 +70,11 @@ def simulate_until(
     It grows without the saves of a scene, in memory of some 100 bytes a member; where there are saves, or an output, the members are then run once
     more with them. They are those of a run of that size, to the bit: the first so many of the scene. How many is known to a few per cent from the
     spread of those before, so that few looks are taken.
-    A SceneWarning says where it is not reached. Raises SceneError where what is asked needs more than `most` members by the first.
+    A SceneWarning says where it is not reached. Raises OptionError where what is asked needs more than `most` members by the first.
     """
     if options.get("members") is not None:
         rule = "there are as many members as it takes, `most` at most: give that"
-        raise SceneError("run", "members", options["members"], rule)
+        raise OptionError("run", "members", options["members"], rule)
     most = counted(most, "most")
     if output is not None:
         refuse_existing(output, force)
@@ -103,7 +103,7 @@ def simulate_until(
         if goal_reached(until, found):
             break
         if known == 0 and not np.isfinite(found.value):
-            raise SceneError(
+            raise OptionError(
                 "run",
                 "until",
                 until,
@@ -111,7 +111,7 @@ def simulate_until(
             )
         if known == 0 and half == 0.0:
             rule = f"is 0 of the first {size:,} members: no number of them brings it to a share of 0; give the width itself"
-            raise SceneError("run", "until", until, rule)
+            raise OptionError("run", "until", until, rule)
         if size >= most:
             rule = f"{until} is not reached: {found.value:.6g} +- {found.half:.2g} by {size:,} members, which are all that may be"
             warnings.warn(rule, SceneWarning, stacklevel=2)
@@ -121,7 +121,7 @@ def simulate_until(
         )
         if known == 0 and needed > most:
             rule = f"needs about {needed:,} members by the first {size:,} ({found.value:.4g} +- {found.half:.2g}), more than the limit of {most:,}"
-            raise SceneError("run", "until", until, rule)
+            raise OptionError("run", "until", until, rule)
         known, size = size, min(most, max(needed, size + FIRST))
     told = {"until": until, "found": f"{found.value:.10g} in {found.low:.10g} to {found.high:.10g}"}
     return simulate(

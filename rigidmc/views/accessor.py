@@ -42,7 +42,7 @@ class Rigid:
 
     def scene(self, allow_code=False):
         """The Scene that the result was made from."""
-        from rigidmc.storage import scene_of
+        from rigidmc.scene.file import scene_of
 
         return scene_of(self._dataset, allow_code=allow_code)
 

@@ -53,7 +53,7 @@ SMOOTH = 4  # saves to a frame: the path on the sphere is drawn through all of t
 
 
 def check_writer(path):
-    """SceneError if a path does not end in .gif, .mp4 or .webm; ValueError if it needs ffmpeg and ffmpeg is not installed."""
+    """OptionError if a path does not end in .gif, .mp4 or .webm; ValueError if it needs ffmpeg and ffmpeg is not installed."""
     check_suffix(path, "animations")
     if not path.endswith(".gif") and not animation.writers.is_available("ffmpeg"):
         raise ValueError(

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rigidmc.errors import SceneError
+from rigidmc.errors import OptionError, SceneError
 from rigidmc.mechanics import inertia
 from rigidmc.scene.body import Body
 from rigidmc.scene.quantities import is_shared
@@ -20,7 +20,7 @@ def body_of(source, density=None, mass=None, scale=1.0):
     from rigidmc.scene.file import load
 
     if density is not None or mass is not None or scale != 1.0:
-        raise SceneError(
+        raise OptionError(
             "",
             "--density, --mass, --scale",
             None,

@@ -242,13 +242,13 @@ def drift_histogram(ds, axes=None):
 
 
 def save(figure, path, force=False):
-    """Write a picture by its suffix, whole or not at all; OutputExists where a file is there and not `force`, SceneError as `check_suffix`."""
+    """Write a picture by its suffix, whole or not at all; OutputExists where a file is there and not `force`, OptionError as `check_suffix`."""
     refuse_existing(path, force, "pictures")
     write_bytes(path, drawn(figure, path), force)
 
 
 def drawn(figure, path):
-    """The bytes of a picture of the kind that a path names; SceneError as `check_suffix`."""
+    """The bytes of a picture of the kind that a path names; OptionError as `check_suffix`."""
     check_suffix(path, "pictures")
     made = io.BytesIO()
     figure.savefig(made, dpi=150, format=Path(path).suffix[1:].lower())

@@ -6,8 +6,8 @@ from rigidmc.effects.parameters import numbers
 from rigidmc.effects.protocol import is_random
 from rigidmc.engine.forces import energies
 from rigidmc.planning.stage import physics, stage
+from rigidmc.scene.file import scene_of
 from rigidmc.scene.quantities import is_shared
-from rigidmc.storage import scene_of
 from rigidmc.views.ensemble import CORE, INK, PATH, new_figure
 
 THEORY = 200_000  # attitudes, uniform on SO(3), which the law of Gibbs weighs

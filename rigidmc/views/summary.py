@@ -4,7 +4,7 @@ import numpy as np
 
 from rigidmc.engine.layout import STATUSES
 from rigidmc.files.reading import toml
-from rigidmc.storage.writer import scene_text
+from rigidmc.scene.stored import scene_text
 from rigidmc.studies import intervals
 
 _PLAIN = ("status", "status_step", "status_time", "mass", "steps")

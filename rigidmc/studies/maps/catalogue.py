@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rigidmc.effects import EnergyDissipation, Gravity, MovingPivot
-from rigidmc.errors import unknown
+from rigidmc.errors import OptionError, unknown
 from rigidmc.mechanics.free_top import free_motion
 from rigidmc.observables import Flips, Passage
 from rigidmc.scene.body import Body
@@ -286,7 +286,7 @@ MAPS: dict[str, Any] = {
 def case_map(name, resolution=256, members=None, threads=None, progress=None, **settings):
     """The Dataset of one of MAPS, theory and what else follows among its variables; settings : in place of the map's own, where not None."""
     if name not in MAPS:
-        raise unknown("", "map", name, "map", MAPS)
+        raise unknown("", "map", name, "map", MAPS, OptionError)
     case = MAPS[name]()
     asked = {key: value for key, value in settings.items() if value is not None}
     kept = {

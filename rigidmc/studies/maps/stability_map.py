@@ -8,7 +8,7 @@ import xarray as xr
 
 from rigidmc.effects import labelled
 from rigidmc.engine.layout import STATUSES
-from rigidmc.errors import SceneError, SceneWarning
+from rigidmc.errors import OptionError, RigidmcError, SceneError, SceneWarning
 from rigidmc.planning.notes import notes
 from rigidmc.planning.plan import prepare
 from rigidmc.planning.tolerance.choose import resolved
@@ -33,27 +33,27 @@ def on_map(scene, x, y, resolution, members):
     sides, members = _sides(resolution), counted(members, "members")
     for key, side in (("x", x), ("y", y)):
         if isinstance(side, str) or len(side) not in (3, 4) or not isinstance(side[0], str):
-            raise SceneError(
+            raise OptionError(
                 "",
                 key,
                 side,
                 'expected (parameter, low, high) or (parameter, low, high, True), as ("body.moments.1", 0.1, 0.9)',
             )
     if x[0] == y[0]:
-        raise SceneError("", "y", y[0], "is the parameter of x already")
+        raise OptionError("", "y", y[0], "is the parameter of x already")
     for key, (name, low, high, *log), side, stride in (
         ("x", x, sides[0], members),
         ("y", y, sides[1], members * sides[0]),
     ):
         try:
             between = grid(low, high, side, stride, bool(log and log[0]))
-        except SceneError as error:
+        except RigidmcError as error:
             rule = (
                 error.rule
                 if "whole number" in error.rule
                 else f"expected low < high{', both above 0 for even ratios' if log and log[0] else ''}"
             )
-            raise SceneError("", key, f"{name} from {low} to {high}", rule) from None
+            raise OptionError("", key, f"{name} from {low} to {high}", rule) from None
         scene = with_parameter(scene, name, between, key)
     return scene.with_run(members=members * sides[0] * sides[1], first=0)
 
@@ -80,11 +80,11 @@ def stability_map(
     For each measure: its value, `low` and `high` of its confidence interval; `good` members of each pixel, `failed` ones, which are flagged in
     `status` and count for nothing, and `none`, for which there is no such body or start. Pixels where all failed are nan, as are those of none.
     Member r of pixel (i, j) is member (j columns + i) members + r of the scene in the attributes, to the bit.
-    Raises SceneError for parameters and measures that the scene has not.
+    Raises OptionError for parameters and measures that the scene has not.
     """
     of = (of,) if isinstance(of, str) else tuple(of)
     if not of or not all(isinstance(text, str) for text in of):
-        raise SceneError("", "of", of, 'expected measures, such as "p(flips >= 1)"')
+        raise OptionError("", "of", of, 'expected measures, such as "p(flips >= 1)"')
     if members is None:
         members = REPLICAS if _drawn(on_map(scene, x, y, 1, 1)) else 1
     sides, members = _sides(resolution), counted(members, "members")
@@ -132,7 +132,7 @@ def stability_map(
             progress(high, pixels)
     if not (counts[0] + counts[1]).any():
         rule = f"between {x[1]:g} and {x[2]:g}, and {y[1]:g} and {y[2]:g} of {y[0]} no pixel has a body and a start: moments must obey I_i <= I_j + I_k"
-        raise SceneError("", "x", x[0], rule)
+        raise OptionError("", "x", x[0], rule)
     return _dataset(
         made,
         plan,
@@ -149,10 +149,12 @@ def stability_map(
 
 
 def _sides(resolution):
-    """(columns, rows) of a map; SceneError."""
+    """(columns, rows) of a map; OptionError."""
     sides = resolution if isinstance(resolution, (list, tuple)) else (resolution, resolution)
     if len(sides) != 2:
-        raise SceneError("", "resolution", resolution, "expected pixels a side, or (columns, rows)")
+        raise OptionError(
+            "", "resolution", resolution, "expected pixels a side, or (columns, rows)"
+        )
     columns, rows = (counted(side, "resolution", 1, MOST) for side in sides)
     return columns, rows
 

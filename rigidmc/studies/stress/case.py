@@ -13,7 +13,7 @@ from rigidmc.dynamics.so3 import dot, up
 from rigidmc.effects import Gravity, ViscousDamping
 from rigidmc.effects.protocol import total_energy_scale
 from rigidmc.engine.forces import energies
-from rigidmc.errors import SceneError, SceneWarning
+from rigidmc.errors import RigidmcError, SceneWarning
 from rigidmc.integrators import INTEGRATORS, accepting
 from rigidmc.mechanics.free_top import free_motion
 from rigidmc.mechanics.rotation import attitude_error
@@ -173,7 +173,7 @@ def flagged_or_close(scene, t_end, **options):
     def error(integrator, share):
         try:
             ds = run(scene, integrator, t_end, 8, **options)
-        except SceneError as refused:  # midpoint, which cannot be solved there
+        except RigidmcError as refused:  # midpoint, which cannot be solved there
             return 0.0 if "can be solved" in str(refused) else math.inf
         off = distance(ds.attitude.values, ds.momentum.values, *closed_states(scene, ds)).max(0)
         return float(np.max(np.where(ds.status.values == 0, np.nan_to_num(off, nan=math.inf), 0.0)))
@@ -347,12 +347,12 @@ def scaled_alike(scene, other, t_end, time, mass_length, power_of_two, **options
 
 
 def refused(call, word):
-    """0 where a call raises a SceneError whose text has `word`, 1 where it runs or says something else."""
+    """0 where a call raises an error whose text has `word`, 1 where it runs or says something else."""
 
     def error(integrator, share):
         try:
             call(integrator)
-        except SceneError as error:
+        except RigidmcError as error:
             return 0.0 if word in str(error) else 1.0
         return 1.0
 

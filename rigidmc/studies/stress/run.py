@@ -16,7 +16,7 @@ import numpy as np
 import xarray as xr
 
 from rigidmc.engine.machine import threads_available
-from rigidmc.errors import SceneError, unknown
+from rigidmc.errors import FileError, OptionError, SceneError, unknown
 from rigidmc.files.outputs import write_bytes
 from rigidmc.files.reading import text_of
 from rigidmc.integrators import INTEGRATORS
@@ -40,15 +40,15 @@ def stress(groups=None, integrators=None, quick=False, bounds=None, threads=None
 
     Variables: error, bound, measured (on the machine that the bounds come from), seconds, verdict (`flag_meanings` tells: not up to it are
     integrators that claim a case but are known not to manage it), reason (what a crash said); over `case` group, why, truth.
-    Raises SceneError for words that are not known and bounds that are not positive.
+    Raises OptionError for words that are not known and bounds that are not positive.
     """
     names, chosen = list(integrators or (QUICK if quick else INTEGRATORS)), list(groups or GROUPS)
     for name in names:
         if name not in INTEGRATORS:
-            raise unknown("", "--integrator", name, "integrator", INTEGRATORS)
+            raise unknown("", "--integrator", name, "integrator", INTEGRATORS, OptionError)
     for group in chosen:
         if group not in GROUPS:
-            raise unknown("", "--group", group, "group of hard cases", GROUPS)
+            raise unknown("", "--group", group, "group of hard cases", GROUPS, OptionError)
     cases, known = catalogue(), shipped_bounds()
     for key, bound in (bounds or {}).items():
         known[key] = (_positive(key, bound), known.get(key, (0.0, math.nan))[1])
@@ -95,14 +95,14 @@ def shipped_bounds():
 
 
 def load_bounds(path):
-    """{(case, integrator): bound} of a file like `bounds.csv`; SceneError for what is wrong in it."""
+    """{(case, integrator): bound} of a file like `bounds.csv`; FileError for what is wrong in it."""
     found = _read(text_of(path), path)
     cases = {case.name for case in catalogue()}
     for name, integrator in found:
         if name not in cases:
-            raise unknown(path, "case", name, "case", cases)
+            raise unknown(path, "case", name, "case", cases, FileError)
         if integrator not in INTEGRATORS:
-            raise unknown(path, "integrator", integrator, "integrator", INTEGRATORS)
+            raise unknown(path, "integrator", integrator, "integrator", INTEGRATORS, FileError)
     return {key: _positive(key, bound) for key, (bound, _) in found.items()}
 
 
@@ -130,7 +130,7 @@ def _read(text, file):
     try:
         rows = list(csv.DictReader(text.splitlines()))
     except csv.Error as error:
-        raise SceneError("", "bounds", None, f"is no table: {error}", file=file) from None
+        raise FileError("", "bounds", None, f"is no table: {error}", file=file) from None
     for number, row in enumerate(rows, 2):
         try:
             found[row["case"], row["integrator"]] = (
@@ -138,7 +138,7 @@ def _read(text, file):
                 float(row.get("measured") or math.nan),
             )
         except (KeyError, TypeError, ValueError):
-            raise SceneError(
+            raise FileError(
                 f"line {number}",
                 "bound",
                 row.get("bound"),
@@ -150,7 +150,7 @@ def _read(text, file):
 
 def _positive(key, bound):
     if not (bound >= 0.0 and math.isfinite(bound)):
-        raise SceneError(
+        raise OptionError(
             f"{key[0]}, {key[1]}", "bound", bound, "a bound must be finite and not negative"
         )
     return bound
