@@ -85,7 +85,7 @@ def agreement(name, ds):
 def prices(processes):
     """[(what, scene word, ns, ns of the bare step)] of rk4 steps on one thread: medians over processes, each of interleaved rounds. Where the stack
     of a process lies makes 10 % of what a kernel takes: spilled registers 4,096 bytes from a row of the workspace wait for it."""
-    script = "import json; from rigidmc.planning.tolerance.costs import watched_prices; print(json.dumps(watched_prices(rounds=3)))"
+    script = "import json; from rigidmc.planning.tolerance.effect_costs import watched_prices; print(json.dumps(watched_prices(rounds=3)))"
     found = [
         json.loads(
             subprocess.run(

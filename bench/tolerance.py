@@ -10,7 +10,8 @@ import rigidmc
 from bench import harness
 from rigidmc.errors import RigidmcError
 from rigidmc.mechanics.rotation import attitude_error
-from rigidmc.planning.tolerance.pilot import errors, pilot
+from rigidmc.planning.tolerance.deviation import errors
+from rigidmc.planning.tolerance.pilot import pilot
 from rigidmc.planning.tolerance.truth import truth
 from rigidmc.scene.file import shipped
 from rigidmc.studies.accuracy import accuracy

@@ -47,7 +47,7 @@ def effects(
 
         costs = {}
         if measure:
-            from rigidmc.planning.tolerance.costs import effect_prices
+            from rigidmc.planning.tolerance.effect_costs import effect_prices
 
             costs = effect_prices()
             free, turning, heavy, split = (
@@ -177,7 +177,7 @@ def observables(
             return
         costs = {}
         if measure:
-            from rigidmc.planning.tolerance.costs import watched_prices
+            from rigidmc.planning.tolerance.effect_costs import watched_prices
 
             costs = watched_prices()
             bare = ", ".join(f"{word} {each['']:.2f} ns" for word, each in costs.items())
@@ -238,7 +238,7 @@ def integrators(
             return
         costs = {}
         if measure:
-            from rigidmc.planning.tolerance.ladder import step_costs
+            from rigidmc.planning.tolerance.costs import step_costs
 
             costs = step_costs()
         for word, kind in INTEGRATORS.items():

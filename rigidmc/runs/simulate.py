@@ -48,7 +48,7 @@ def simulate(
         their remainders wherever they can, and what is left is the rounding of the body to 6e-8
     compensated : keep the remainders of all sums, for very many steps
     dt : step [s], as all times also "250 ms" or "1h30m"; reduced where it divides neither t_end nor every, which a warning says
-    turn : in place of dt, how far a member may move in a step [rad] at its own rate (`rigidmc.planning.stage.rates`): each then makes its own
+    turn : in place of dt, how far a member may move in a step [rad] at its own rate (`rigidmc.planning.rates.rates`): each then makes its own
         number of equal steps between saves, which the result has as `steps`; an ensemble of slow and fast tops takes half the time
     members : how many, also as 1e6, or a range of member indices: a member's bits depend on scene, seed and its index alone
     every : time between saves [s]; without it the first and last state are saved

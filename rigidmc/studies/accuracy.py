@@ -12,15 +12,11 @@ from rigidmc.errors import OptionError, unknown
 from rigidmc.integrators import INTEGRATORS, accepting, refusal
 from rigidmc.planning.tolerance.choose import check_pilot
 from rigidmc.planning.tolerance.compile_ahead import compile_ahead
-from rigidmc.planning.tolerance.ladder import Costs, candidates, ladder
-from rigidmc.planning.tolerance.pilot import (
-    QUANTITIES,
-    ROUNDING,
-    drift_along,
-    growth,
-    pilot,
-    upper_quantile,
-)
+from rigidmc.planning.tolerance.costs import Costs
+from rigidmc.planning.tolerance.deviation import QUANTITIES, drift_along, upper_quantile
+from rigidmc.planning.tolerance.growth import growth
+from rigidmc.planning.tolerance.ladder import candidates, ladder
+from rigidmc.planning.tolerance.pilot import ROUNDING, pilot
 from rigidmc.planning.tolerance.truth import truth
 from rigidmc.scene.amounts import counted, seconds
 from rigidmc.scene.conservation import conservation

@@ -15,9 +15,10 @@ from rigidmc.errors import SceneError
 from rigidmc.integrators import INTEGRATORS, accepting
 from rigidmc.mechanics.rotation import attitude_error
 from rigidmc.planning.plan import prepare
-from rigidmc.planning.stage import physics
+from rigidmc.planning.rates import physics
 from rigidmc.planning.tolerance.choose import check_quiet, resolved
-from rigidmc.planning.tolerance.pilot import States, first_steps, follow, growth, pilot
+from rigidmc.planning.tolerance.growth import growth
+from rigidmc.planning.tolerance.pilot import States, first_steps, follow, pilot
 from rigidmc.planning.units import scaled
 from rigidmc.progress import reporter
 from rigidmc.studies.stress.case import closed_form

@@ -121,7 +121,8 @@ class Rigid:
         if "attitude" not in ds:
             raise ValueError("the energy of its effects needs the attitude, which was not saved")
         from rigidmc.engine.forces import energies
-        from rigidmc.planning.stage import physics, stage
+        from rigidmc.planning.rates import physics
+        from rigidmc.planning.stage import stage
 
         q, found = np.moveaxis(ds.attitude.transpose("time", "quat", "member").values, 1, 0), []
         runs = np.split(

@@ -5,7 +5,8 @@ import numpy as np
 from rigidmc.effects.parameters import numbers
 from rigidmc.effects.protocol import is_random
 from rigidmc.engine.forces import energies
-from rigidmc.planning.stage import physics, stage
+from rigidmc.planning.rates import physics
+from rigidmc.planning.stage import stage
 from rigidmc.scene.file import scene_of
 from rigidmc.scene.quantities import is_shared
 from rigidmc.views.ensemble import CORE, INK, PATH, new_figure

@@ -19,7 +19,8 @@ from rigidmc.planning.job import program_of
 from rigidmc.planning.notes import notes
 from rigidmc.planning.plan import prepare
 from rigidmc.planning.tolerance.choose import resolved
-from rigidmc.planning.tolerance.costs import cost_per_step, prices, some_of
+from rigidmc.planning.tolerance.costs import cost_per_step
+from rigidmc.planning.tolerance.effect_costs import prices, some_of
 from rigidmc.runs.capacity import free_memory, in_words, sizes
 from rigidmc.runs.shards import members_of
 from rigidmc.scene.body import IDENTITY

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.planning.tolerance.pilot import errors, follow, pilot
+from rigidmc.planning.tolerance.deviation import errors
+from rigidmc.planning.tolerance.pilot import follow, pilot
 from rigidmc.planning.tolerance.truth import truth
 from rigidmc.studies import accuracy
 from rigidmc.views import studies

@@ -18,7 +18,8 @@ from rigidmc.integrators import INTEGRATORS, accepting
 from rigidmc.mechanics.free_top import free_motion
 from rigidmc.mechanics.rotation import attitude_error
 from rigidmc.planning.closed_form import closed_form
-from rigidmc.planning.stage import physics, rates, stage
+from rigidmc.planning.rates import physics, rates
+from rigidmc.planning.stage import stage
 from rigidmc.planning.units import Internal, internal, scaled
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.body import Body
