@@ -1,4 +1,4 @@
-"""Errors for people: what was given, where it stands, what is allowed, and the nearest right word."""
+"""Errors that tell what was given, where it stands, what is allowed, and the nearest right word."""
 
 import difflib
 import warnings
@@ -84,7 +84,8 @@ def unknown(
 
 
 def flag(bad: ArrayLike, rule: str, table: str = "", key: str = "input") -> None:
-    """Raise SceneError if all elements are bad; warn with their number if some are, because they are nan in the result."""
+    """Raise SceneError if all elements are bad; warn with their number if some are, because they
+    are nan in the result."""
     count, size = int(np.count_nonzero(bad)), np.size(bad)
     if count and count == size:
         every = f"{rule} (all of {count:,} are bad)" if count > 1 else rule

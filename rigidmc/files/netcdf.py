@@ -25,17 +25,17 @@ _opening = threading.Lock()
 
 
 def alone(function: Callable[..., T], *arguments: Any) -> T:
-    """Call a function that calls the C library, which is not made for threads, while no one else does.
+    """Call a function that uses the C library while no other thread does: it is not thread-safe.
 
-    xarray holds its lock while it reads values, and when it closes a dropped Dataset, which happens in
-    any thread at any time. It holds no lock while it opens a file, so `open_undecoded` and
-    `open_trusted` hold another one. Without them a run crashed within a second if results were dropped
-    or opened beside it.
+    xarray holds its lock while it reads values, and when it closes a dropped Dataset, which happens
+    in any thread at any time. It holds no lock while it opens a file, so `open_undecoded` and
+    `open_trusted` hold another one. Without them a run crashed within a second if results were
+    dropped or opened beside it.
 
-    The main thread hands the call to another thread. A signal interrupts the main thread anywhere, also
-    between taking a lock and noting that it has the lock; then a run waited for itself for ever (once in
-    some 60 runs with two signals). So the main thread only stops waiting, and the next call waits for
-    this one to end.
+    The main thread hands the call to another thread. A signal interrupts the main thread anywhere,
+    also between taking a lock and noting that it has the lock; then a run waited for itself for
+    ever (once in some 60 runs with two signals). So the main thread only stops waiting, and the
+    next call waits for this one to end.
     """
 
     def call() -> T:
@@ -69,7 +69,7 @@ def close_once(file: netCDF4.Dataset) -> None:
 
 @contextlib.contextmanager
 def naming_failures(path: Path) -> Iterator[None]:
-    """Name the file and the free space if writing fails: the C library tells neither file nor reason."""
+    """Name the file and the free space if writing fails: the C library tells no file or reason."""
     try:
         yield
     except RuntimeError as error:
@@ -80,14 +80,14 @@ def naming_failures(path: Path) -> Iterator[None]:
 
 
 def open_trusted(path: Path) -> xr.Dataset:
-    """A file that this process has just written, as a Dataset that is read lazily, without checks."""
+    """A file that this process has just written, as a lazily read Dataset, without checks."""
     with _opening:
         return xr.open_dataset(path, engine="netcdf4")
 
 
 def open_undecoded(path: str) -> xr.Dataset:
-    """A file from outside as a Dataset that is read lazily. Its attributes are not trusted, so nothing
-    is decoded. Raises FileError if it is a folder, not netCDF, or damaged."""
+    """A file from outside as a Dataset that is read lazily. Its attributes are not trusted, so
+    nothing is decoded. Raises FileError if it is a folder, not netCDF, or damaged."""
     if os.path.isdir(path):
         raise FileError("", "file", None, "is a folder, and no result of rigidmc", file=path)
     refuse_unreadable(path)

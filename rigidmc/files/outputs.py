@@ -1,5 +1,5 @@
-"""Files that appear whole or not at all. Each is written beside its place as a `Part`, made durable,
-then renamed; an existing file is replaced only on request.
+"""Files that appear whole or not at all. Each is written beside its place as a `Part`, made
+durable, then renamed; an existing file is replaced only on request.
 
 A part is called .part-COMPUTER-PROCESS-NUMBER. If a process is killed, the next one that writes to
 the folder deletes its parts.
@@ -35,7 +35,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def check_suffix(path: Path, kind: str) -> None:
-    """Raise OptionError if a file name lacks an ending of its kind, which would belie the content."""
+    """Raise OptionError if a file name lacks an ending of its kind: it would belie the content."""
     suffix, endings = os.path.splitext(path)[1], KINDS[kind]
     if suffix.lower() not in endings:
         more = "; `rigidmc run SCENE -o RUN/` makes a run directory" if kind == "results" else ""
@@ -96,8 +96,8 @@ def _not_writable(error: OSError, path: Path) -> OSError:
 
 
 class Part:
-    """An unfinished file or folder. Its content is written to `path`; `finish` gives it its name, and
-    `discard` deletes it.
+    """An unfinished file or folder. Its content is written to `path`; `finish` gives it its name,
+    and `discard` deletes it.
 
     As a context manager it gives `path`, finishes at the end, and discards if anything is raised.
     """
@@ -234,8 +234,8 @@ def is_part(name: str) -> bool:
 def clear(folder: str, age: float | None = None) -> None:
     """Delete the parts in a folder that no process writes any more.
 
-    These are the parts of ended processes of this computer and, if `age` is given, the parts of other
-    computers that have not changed for `age` seconds.
+    These are the parts of ended processes of this computer and, if `age` is given, the parts of
+    other computers that have not changed for `age` seconds.
     """
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:

@@ -1,8 +1,8 @@
-"""Readers of files that come from outside: regular files only, text of at most TEXT bytes, TOML nested
-at most DEPTH deep.
+"""Readers of files that come from outside: regular files only, text of at most TEXT bytes, TOML
+nested at most DEPTH deep.
 
-A pipe would block for ever, a device has no end, and Python's own readers raise many kinds of errors:
-here each is a FileError, or a SceneError for a text that is no TOML.
+A pipe would block for ever, a device has no end, and Python's own readers raise many kinds of
+errors: here each is a FileError, or a SceneError for a text that is no TOML.
 """
 
 import contextlib
@@ -60,15 +60,15 @@ def text_of(path: Path) -> str:
 
 
 def _without_waiting(path: str, flags: int) -> int:
-    """Open a file, and do not wait even if a pipe without a writer has taken its place meanwhile."""
+    """Open a file without waiting, even if a pipe without a writer has taken its place."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0))
 
 
 def toml(text: object, file: str | None = None) -> dict[str, Any]:
     """The tables of a TOML text.
 
-    Raises SceneError for text that is not TOML, for more than DEPTH levels, and for whole numbers of
-    more than 64 bits.
+    Raises SceneError for text that is not TOML, for more than DEPTH levels, and for whole numbers
+    of more than 64 bits.
     """
     if not isinstance(text, str) or len(text) > TEXT:
         rule = f"expected text of at most {TEXT / 2**20:g} MB"

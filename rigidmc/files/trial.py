@@ -1,8 +1,8 @@
 """A trial of netCDF files in a helper process.
 
-The C library never finishes reading some damaged files (5 of 7,500 with flipped bits), and some files
-claim more data than any machine holds. A file is refused if the helper crashes on it or needs more
-than a second of computing.
+The C library never finishes reading some damaged files (5 of 7,500 with flipped bits), and some
+files claim more data than any machine holds. A file is refused if the helper crashes on it or needs
+more than a second of computing.
 """
 
 import atexit
@@ -90,8 +90,8 @@ def _end() -> None:
 
 
 def main() -> None:
-    """The helper: paths in, complaints out, one a line. A signal of the clock ends it if a file takes
-    too long."""
+    """The helper: paths in, complaints out, one a line. A signal of the clock ends it if a file
+    takes too long."""
     import netCDF4  # noqa: F401  (before memory is counted)
 
     _limit_memory()
@@ -103,8 +103,8 @@ def main() -> None:
 
 
 def _limit_memory() -> None:
-    """Let this process take MEMORY bytes more than it has; no limit if the system does not tell what
-    it has."""
+    """Let this process take MEMORY bytes more than it has; no limit if the system does not tell
+    what it has."""
     if sys.platform != "win32":
         with contextlib.suppress(OSError, ValueError), open("/proc/self/statm") as file:
             pages = int(file.read().split()[0])
@@ -120,8 +120,8 @@ def _limit_computing(seconds: float) -> None:
 
 
 def complaint(path: str) -> str:
-    """Why a file must not be opened, in words; "" if it may be. Only header and attributes are read,
-    no values."""
+    """Why a file must not be opened, in words; "" if it may be. Only header and attributes are
+    read, no values."""
     import netCDF4
     import numpy as np
 

@@ -20,20 +20,20 @@ from rigidmc.planning.stage import Start, stage
 from rigidmc.scene.scene import Scene
 
 COVERED = (
-    "the free top (no effects), the free top with viscous_damping, and the Lagrange top (gravity on a "
-    "body with two equal moments and its centre of mass on the third axis)"
+    "the free top (no effects), the free top with viscous_damping, and the Lagrange top (gravity "
+    "on a body with two equal moments and its centre of mass on the third axis)"
 )
 NONE = -1  # the form of a member without a body or a start: its motion is nan
 
 
 class Case(NamedTuple):
-    """Members of a scene as closed forms take them: moments, momentum (n, 3) and attitude (n, 4) at the
-    start.
+    """Members of a scene as closed forms take them: moments, momentum (n, 3) and attitude (n, 4) at
+    the start.
 
     The form is chosen for each member alone, so its bits do not depend on the other members.
 
-    form : (n,) 0 for a free top, 1 to 3 for a Lagrange top about that axis, NONE for a member without
-        a motion
+    form : (n,) 0 for a free top, 1 to 3 for a Lagrange top about that axis, NONE for a member
+        without a motion
     weight : m g l (n,) about that axis [N m];  damping : rate (n,) of a free top [1/s]
     """
 
@@ -61,8 +61,8 @@ class Case(NamedTuple):
         return parts
 
     def motion(self, t: ArrayLike) -> Motion:
-        """The Motion of the members at t [s]: (n, 3); at times (m,) it is (m, n, 3). nan for members
-        without a motion."""
+        """The Motion of the members at t [s]: (n, 3); at times (m,) it is (m, n, 3). nan for
+        members without a motion."""
         t = np.asarray(t, dtype=float)[..., None]
         shape = (*t.shape[:-1], len(self.form))
         motion = Motion(*(np.full((*shape, size), np.nan) for size in (3, 3, 4)))
@@ -88,8 +88,8 @@ def _motion(form: int, case: Case, t: Array) -> Motion:
     """The Motion of a Case of one form."""
     if form:
         return lagrange_top(case.moments, case.weight, case.momentum, case.attitude, t, axis=form)
-    # L' = L x omega - rate L runs through the undamped motion at the time (1 - exp(-rate t))/rate, of
-    # either sign
+    # L' = L x omega - rate L runs through the undamped motion at the time (1 - exp(-rate t))/rate,
+    # of either sign
     rate = case.damping
     with np.errstate(over="ignore", invalid="ignore"):  # a motion that overflows becomes nan
         passed = np.where(rate == 0.0, t, -np.expm1(-rate * t) / np.where(rate == 0.0, 1.0, rate))
@@ -99,16 +99,16 @@ def _motion(form: int, case: Case, t: Array) -> Motion:
 
 
 def closed_form(scene: Scene, members: int | None = None, first: int | None = None) -> Case:
-    """The Case of `members` members of a scene from index `first` on; SceneError, which says why, if no
-    closed form covers it."""
+    """The Case of `members` members of a scene from index `first` on; SceneError, which says why,
+    if no closed form covers it."""
     first = scene.run.first if first is None else first
     block, start = stage(scene, first, members or scene.run.members, True)
     return case_of(scene, block, start)
 
 
 def case_of(scene: Scene, block: Array, start: Start) -> Case:
-    """The Case of staged members, see `rigidmc.planning.stage.stage`; SceneError if no closed form covers
-    one of the healthy members."""
+    """The Case of staged members, see `rigidmc.planning.stage.stage`; SceneError if no closed form
+    covers one of the healthy members."""
     moments = start["moments"].T
     momentum, attitude = block[layout.MOMENTUM : layout.REST].T, block[: layout.MOMENTUM].T
     if uncovered := sorted({name_of(e) for e in scene.effects} - {"gravity", "viscous_damping"}):
@@ -162,8 +162,8 @@ def _uncovered(why: str) -> SceneError:
 def closed_values(scene: Scene, block: Array, start: Start, times: Array, dt: float) -> Array:
     """The values (times, rows, n) that a scene saves at `times`, which are 0 and multiples of dt.
 
-    Final states, drifts and status go into the block. A member that is not healthy at the start stays
-    there; one that becomes non-finite freezes at its last finite state, as in a kernel.
+    Final states, drifts and status go into the block. A member that is not healthy at the start
+    stays there; one that becomes non-finite freezes at its last finite state, as in a kernel.
     """
     motion = case_of(scene, block, start).motion(times)
     q, l = np.moveaxis(motion.attitude, -1, 1), np.moveaxis(motion.momentum, -1, 1)

@@ -1,4 +1,4 @@
-"""The form in which an integrator is compiled for a scene: it may depend on how far a step turns a body."""
+"""The form in which an integrator is compiled: it may depend on how far a step turns a body."""
 
 import math
 from typing import NamedTuple
@@ -34,11 +34,12 @@ def carries_attitude(scene: Scene, watched: Watch | None = None) -> bool:
 
 
 def form_of(scene: Scene, dt: float) -> tuple[Form, float | None, float]:
-    """(Form of a scene's integrator, bound on the rate of free motion, turn |omega| dt of a step) for
-    steps of dt [s], or for member steps of at most dt.
+    """(Form of a scene's integrator, bound on the rate of free motion, turn |omega| dt of a step)
+    for steps of dt [s], or for member steps of at most dt.
 
-    The bound is None, and the turn 0, if the integrator does not ask for them. With `turn` the bound is
-    in units of the members' rates. Raises SceneError if a step turns a body too far for the integrator.
+    The bound is None, and the turn 0, if the integrator does not ask for them. With `turn` the
+    bound is in units of the members' rates. Raises SceneError if a step turns a body too far for
+    the integrator.
     """
     run = scene.run
     kind, rate, turns = INTEGRATORS[run.integrator], None, Turns()
@@ -58,7 +59,7 @@ def form_of(scene: Scene, dt: float) -> tuple[Form, float | None, float]:
 
 
 def largest_rates(scene: Scene, carried: bool) -> tuple[float, float]:
-    """(largest |omega| at the start, largest rate) of the pilot [rad/s], see `rigidmc.planning.rates`."""
+    """(largest |omega| at the start, largest of the `rates`) of the pilot [rad/s]."""
     scene = scene.coarse()
     block = first_members(scene, _pilot_size(scene), carried).block
     with np.errstate(all="ignore"):
@@ -74,7 +75,7 @@ def mean_own_steps(scene: Scene, carried: bool, span: float) -> float:
 
 
 def _pilot_size(scene: Scene) -> int:
-    """How many of the first members a look at the ensemble takes in: all rows if a scene has arrays."""
+    """How many first members stand for the ensemble: all rows if a scene has arrays."""
     alike = is_shared(*scene.quantities()) and not isinstance(scene.start.attitude, str)
     return layout.LANES if alike else whole_lanes(max(PILOT, rows(*scene.quantities()) or 0))
 
@@ -86,8 +87,8 @@ def _largest(values: Array) -> float:
 class _TurnRates(NamedTuple):
     """Bounds over the pilot.
 
-    free : on lambda, the rate at which free motion turns L in the body [rad/s];  spin : on |omega| [rad/s].
-        With member steps both are in units of the members' rates
+    free : on lambda, the rate at which free motion turns L in the body [rad/s];  spin : on |omega|
+        [rad/s]. With member steps both are in units of the members' rates
     symmetric : whether all bodies have two equal moments
     """
 

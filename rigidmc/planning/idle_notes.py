@@ -30,8 +30,8 @@ def idle_settings(run: Run) -> Iterator[str]:
             yield f"[run] keep.{name} = {word} has no effect: {name} is not saved"
     if run.every is not None and run.every > run.t_end:
         yield (
-            f"[run] every = {run.every:g} s is longer than t_end = {run.t_end:g} s: only the first and "
-            "the last state are saved"
+            f"[run] every = {run.every:g} s is longer than t_end = {run.t_end:g} s: only the "
+            "first and the last state are saved"
         )
 
 
@@ -56,7 +56,8 @@ def is_shipped(effect: Any) -> bool:
 
 
 def idle_effects(effects: list[tuple[str, Any]], moments: Array, centre: Array) -> Iterator[str]:
-    """Effects [(label, effect)] of the package that exert no torque on any of the members looked at.
+    """Effects [(label, effect)] of the package that exert no torque on any of the members looked
+    at.
 
     moments, centre : (3, n) of the members
     """
@@ -75,8 +76,8 @@ def idle_effects(effects: list[tuple[str, Any]], moments: Array, centre: Array) 
 
 
 def _acts(effect: Any, bodies: MassProperties, i: int, chance: np.random.Generator) -> bool:
-    """Whether an effect exerts a torque on member i at a random attitude, spin and time; for a bath,
-    whether it has friction."""
+    """Whether an effect exerts a torque on member i at a random attitude, spin and time; for a
+    bath, whether it has friction."""
     body = MassProperties(*(np.asarray(x)[i] for x in bodies))
     of_member = filled(type(effect), [x[i] for _, _, x in numbers(effect)])
     if isinstance(of_member, Bath):

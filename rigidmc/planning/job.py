@@ -25,7 +25,7 @@ from rigidmc.scene.scene import Scene
 
 
 class Job(NamedTuple):
-    """One block on its way: its members, its rows, and where its values go; see `rigidmc.engine.cpu`.
+    """One block on its way: its members, its rows, and where its values go.
 
     first, size : index of the first member, and how many there are without the padding
     start : what the members were made from;  program : None if nothing is left to do
@@ -65,8 +65,8 @@ def program_of(scene: Scene, plan: Plan, ask: bool = False) -> Program | None:
         for effect in own:
             if why := unpacked(effect):
                 rule = (
-                    f"{type(effect).__name__} {why}: members are not worked on side by side, and the "
-                    "step is much slower than it might be"
+                    f"{type(effect).__name__} {why}: members are not worked on side by side, and "
+                    "the step is much slower than it might be"
                 )
                 warnings.warn(rule, SceneWarning, stacklevel=2)
         events, running, shadow = plan.watch.compiled
@@ -94,8 +94,8 @@ def program_of(scene: Scene, plan: Plan, ask: bool = False) -> Program | None:
 
 
 def side_by_side(own: Sequence[Any]) -> int | None:
-    """How many members are worked on side by side: one if the code of a user's own effect takes only one,
-    else None, which leaves the choice to the engine."""
+    """How many members are worked on side by side: one if the code of a user's own effect takes
+    only one, else None, which leaves the choice to the engine."""
     return 1 if any(map(unpacked, own)) else None
 
 
@@ -111,8 +111,8 @@ def job_of(
     width: int,
     column: int,
 ) -> Job:
-    """A block of `count` members from index `first` on, whose values go to the columns of `out` from
-    `column` on; `width` : columns of `out`."""
+    """A block of `count` members from index `first` on, whose values go to the columns of `out`
+    from `column` on; `width` : columns of `out`."""
     order, slots = None, 1
     if plan.own:
         order = together(block)

@@ -1,5 +1,5 @@
-"""What flags a member: bounds on its drifts and on how far a step may turn it. By default they follow
-from integrator, step and number of steps."""
+"""What flags a member: bounds on its drifts and on how far a step may turn it. By default they
+follow from integrator, step and number of steps."""
 
 import math
 from typing import NamedTuple
@@ -14,12 +14,12 @@ from rigidmc.scene.scene import Scene
 COARSE = (
     0.05  # a result with a larger drift of energy or momentum is never trusted, whatever the step
 )
-# [rad] in a step of free motion that is split into turns: ten of them are off by 0.011 rad (median of 60
-# bodies; 0.8 at worst)
+# [rad] in a step of free motion that is split into turns: ten of them are off by 0.011 rad (median
+# of 60 bodies; 0.8 at worst)
 SPLIT = 2.0
-# A member may spin so many times faster than the drift or the iteration was prepared for: a drift is then
-# off by 5e-12 (60 bodies each for five turns; 3 times: 5e-10), the stage of midpoint by 3e-15 (3 times:
-# 7e-8).
+# A member may spin so many times faster than the drift or the iteration was prepared for: a drift
+# is then off by 5e-12 (60 bodies each for five turns; 3 times: 5e-10), the stage of midpoint by
+# 3e-15 (3 times: 7e-8).
 PLANNED = 2.0
 SPUN_UP = 2.0  # a member with steps of its own may turn by this many times `turn` in a step
 
@@ -27,8 +27,8 @@ SPUN_UP = 2.0  # a member with steps of its own may turn by this many times `tur
 class Limits(NamedTuple):
     """Bounds of a run, as `rigidmc.engine.program.Program` takes them; inf if there is none.
 
-    energy : |E - E(0)| of the energies in play;  l2 : of |L|^2, of its size;  lz : of L_z, of the largest
-        |L| that the energies allow
+    energy : |E - E(0)| of the energies in play;  l2 : of |L|^2, of its size;  lz : of L_z, of the
+        largest |L| that the energies allow
     turn : |omega| h [rad];  norm : ||q|^2 - 1|
     """
 
@@ -53,15 +53,18 @@ def limits(
     theta : how far the fastest member of the pilot moves in a step [rad];  steps : to the end
     form, spin : the Form of the integrator, and the turn [rad] of a step that it was prepared for
 
-    A drift without a bound in the scene (energy_limit, momentum_limit) may reach steps*theta^(order + 1),
-    at least 5e6 + 50 steps roundings, at most 0.05. The first is at least 380 times the drift of the
-    shipped integrators (1 to 3,000 steps of 0.05 to 0.6 rad, free and heavy; strang comes nearest).
+    A drift without a bound in the scene (energy_limit, momentum_limit) may reach
 
-    A step may turn a member by the integrator's `largest_turn` (turn_limit), pi if it has none; a member
-    that turns by more is aliased or divergent. A member with steps of its own may turn by twice `turn`. A
-    potential never brings it there, because the rate of its steps bounds |omega|; a torque that spins it
-    up may. The exact free motion and midpoint are prepared for the spins of the pilot, and take twice
-    that.
+        steps theta^(order + 1),  at least 5e6 + 50 steps roundings,  at most 0.05
+
+    The first is at least 380 times the drift of the shipped integrators (1 to 3,000 steps of 0.05
+    to 0.6 rad, free and heavy; strang comes nearest).
+
+    A step may turn a member by the integrator's `largest_turn` (turn_limit), pi if it has none; a
+    member that turns by more is aliased or divergent. A member with steps of its own may turn by
+    twice `turn`. A potential never brings it there, because the rate of its steps bounds |omega|; a
+    torque that spins it up may. The exact free motion and midpoint are prepared for the spins of
+    the pilot, and take twice that.
     """
     run = scene.run
     if not run.checks:

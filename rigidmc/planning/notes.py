@@ -1,5 +1,5 @@
-"""Notes on a scene that runs, but perhaps not as meant: settings without effect, and likely mistakes of
-units and signs. Each of LOOKS yields notes."""
+"""Notes on a scene that runs, but perhaps not as meant: settings without effect, and likely
+mistakes of units and signs. Each of LOOKS yields notes."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -23,8 +23,8 @@ from rigidmc.scene.scene import Scene
 
 FEW = 64  # members whose effects and angles are looked at
 BOLTZMANN = 1.380649e-23  # J/K
-# Central bodies: G M [m3/s2], told apart to 2 %, and radius [m]. Source: Archinal et al., Celest. Mech.
-# Dyn. Astron. 130 (2018) 22; JPL DE440.
+# Central bodies: G M [m3/s2], told apart to 2 %, and radius [m]. Source: Archinal et al., Celest.
+# Mech. Dyn. Astron. 130 (2018) 22; JPL DE440.
 CENTRES = {
     "the Sun": (1.32712e20, 6.957e8),
     "Venus": (3.24859e14, 6.0518e6),
@@ -34,9 +34,9 @@ CENTRES = {
     "Jupiter": (1.26713e17, 6.9911e7),
     "Saturn": (3.79406e16, 5.8232e7),
 }
-# Density [kg/m3] of the uniform ellipsoid with a body's moments. Osmium with lengths in mm taken for m has
-# 2e-5; scenes in units of their own reach 1e-3. Above osmium the body cannot exist: of all bodies with
-# these moments the ellipsoid has the smallest peak density.
+# Density [kg/m3] of the uniform ellipsoid with a body's moments. Osmium with lengths in mm taken
+# for m has 2e-5; scenes in units of their own reach 1e-3. Above osmium the body cannot exist: of
+# all bodies with these moments the ellipsoid has the smallest peak density.
 LIGHTEST, DENSEST = 1e-4, 22_590.0
 SMALLEST, LARGEST = 1e-21, 1e27  # kg: below are molecules, above are stars
 COLD = 1e6  # K: small bodies that tumble in a bath are colder
@@ -44,8 +44,8 @@ Array = NDArray[np.float64]
 
 
 class Seen(NamedTuple):
-    """A scene, its Plan, and its first FEW members: their bodies, and [(label, effect)] with arrays for
-    numbers."""
+    """A scene, its Plan, and its first FEW members: their bodies, and [(label, effect)] with arrays
+    for numbers."""
 
     scene: Scene
     plan: Plan
@@ -56,11 +56,11 @@ class Seen(NamedTuple):
 
 
 def notes(scene: Scene, plan: Plan, units: Internal | None = None) -> tuple[str, ...]:
-    """What the user of a scene should know, in words: `rigidmc run`, `show` and `check` print it, and
-    `simulate` warns with it.
+    """What the user of a scene should know, in words: `rigidmc run`, `show` and `check` print it,
+    and `simulate` warns with it.
 
-    units : how the plan was rescaled, None if it was not. If a tolerance chose the steps, notes of the
-        plan are left out, because the error is measured.
+    units : how the plan was rescaled, None if it was not. If a tolerance chose the steps, notes of
+        the plan are left out, because the error is measured.
     """
     of_plan = () if scene.run.integrator == "auto" else plan.notes
     if units is not None:
@@ -117,8 +117,8 @@ def _orbit_inside(seen: Seen) -> Iterator[str]:
         for name, (known, radius) in CENTRES.items():
             if abs(mu / known - 1.0) < 0.02 and nearest < radius:
                 yield (
-                    f"[effects.{label}] distance: {nearest:g} m from the centre is inside {name}, whose "
-                    f"radius is {radius:g} m; distances are in m, from the centre"
+                    f"[effects.{label}] distance: {nearest:g} m from the centre is inside {name}, "
+                    f"whose radius is {radius:g} m; distances are in m, from the centre"
                 )
 
 
@@ -159,10 +159,13 @@ def _quaternions(seen: Seen) -> Iterator[str]:
 
 
 def _bodies(seen: Seen) -> Iterator[str]:
-    """Bodies that cannot exist: I_i > I_j + I_k, or a centre of mass c too far from the fixed point.
+    """Bodies that cannot exist: I_i > I_j + I_k, or a centre of mass too far from the fixed point.
 
-    With S_i = (I_j + I_k - I_i)/2 the second moments about the centre of mass are diag(S) - m c c^T. This
-    matrix has no negative eigenvalue if m sum c_i^2/S_i <= 1.
+    The second moments about the centre of mass c are
+
+        diag(S) - m c c^T,  S_i = (I_j + I_k - I_i)/2
+
+    This matrix has no negative eigenvalue if m sum c_i^2/S_i <= 1.
     """
     if any(isinstance(q, Grid) for q in seen.scene.body.quantities()):
         return  # they are the blank parts of a map
@@ -170,8 +173,8 @@ def _bodies(seen: Seen) -> Iterator[str]:
     count = int(np.count_nonzero(broken(moments)))
     if count:
         yield (
-            f"[body] moments: {count:,} of the first {PILOT:,} bodies cannot exist (I_i > I_j + I_k) and "
-            "are flagged invalid_input"
+            f"[body] moments: {count:,} of the first {PILOT:,} bodies cannot exist (I_i > I_j + "
+            "I_k) and are flagged invalid_input"
         )
     second = 0.5 * moments.sum(0) - moments
     with np.errstate(all="ignore"):
@@ -184,8 +187,8 @@ def _bodies(seen: Seen) -> Iterator[str]:
 
 
 def _density(seen: Seen) -> Iterator[str]:
-    """A density unlike any matter, for bodies of given mass that extend in three directions: the density
-    of the uniform ellipsoid with their moments."""
+    """A density unlike any matter, for bodies of given mass that extend in three directions: the
+    density of the uniform ellipsoid with their moments."""
     mass = seen.mass
     second = _about_centre(seen.moments, mass, seen.centre)
     thick = second.min(0) > 1e-9 * second.max(0)  # plates, rods and points have no density
@@ -199,13 +202,13 @@ def _density(seen: Seen) -> Iterator[str]:
     if not LIGHTEST <= density <= DENSEST:
         what = "far less than air" if density < LIGHTEST else "more than osmium"
         yield (
-            f"[body] mass: {np.median(mass[real]):g} kg with these moments makes a body of {size:.3g} m "
-            f"and {density:.2g} kg/m3, {what}: are lengths in m and masses in kg?"
+            f"[body] mass: {np.median(mass[real]):g} kg with these moments makes a body of "
+            f"{size:.3g} m and {density:.2g} kg/m3, {what}: are lengths in m and masses in kg?"
         )
 
 
 def _about_centre(moments: Array, mass: Array, centre: Array) -> Array:
-    """Eigenvalues (3, n) of the matrices of second moments about the centre of mass [kg m2], ascending."""
+    """Ascending eigenvalues (3, n) of the second moments about the centre of mass [kg m2]."""
     second = np.eye(3)[:, :, None] * (0.5 * moments.sum(0) - moments)
     matrices = second - mass * centre[:, None] * centre
     return np.asarray(np.linalg.eigvalsh(np.moveaxis(matrices, -1, 0))).T
@@ -221,8 +224,8 @@ def _hot(seen: Seen) -> Iterator[str]:
         kelvin = float(np.median(heat)) / BOLTZMANN
         if np.median(seen.mass) < 1e-9 and kelvin > COLD:
             yield (
-                f"[{table}] kT = {np.median(heat):g} J is {kelvin:.2g} K: kT is in J, and 300 K are "
-                f"{300 * BOLTZMANN:.4g} J"
+                f"[{table}] kT = {np.median(heat):g} J is {kelvin:.2g} K: kT is in J, and 300 K "
+                f"are {300 * BOLTZMANN:.4g} J"
             )
 
 

@@ -24,13 +24,14 @@ from rigidmc.scene.conservation import booked_labels
 from rigidmc.scene.quantities import is_shared
 from rigidmc.scene.scene import Scene
 
-# Members of a block: their 30 to 40 rows are 1 MB, and a call on them takes 10 ms or more. With 4096 all
-# rows would compete for one place in the cache, and a block would begin and end in 64 ns a member, not 47.
+# Members of a block: their 30 to 40 rows are 1 MB, and a call on them takes 10 ms or more. With
+# 4096 all rows would compete for one place in the cache, and a block would begin and end in 64 ns a
+# member, not 47.
 BLOCK = 4064
 SLAB = 32 * 2**20  # bytes of saved values that a block may hold on its way to a file
-# [rad] that a member may move in a step if something is watched: of 50 heavy tops to t = 25 watched after
-# steps of 1.6 rad, nutation was up to 0.43 rad off, 43 of 801 passages were missed and precession was off
-# by whole turns in 12
+# [rad] that a member may move in a step if something is watched: of 50 heavy tops to t = 25 watched
+# after steps of 1.6 rad, nutation was up to 0.43 rad off, 43 of 801 passages were missed and
+# precession was off by whole turns in 12
 WATCHED_TURN = 0.3
 MOST_SAVES = 10**7  # their times alone are 80 MB
 
@@ -39,8 +40,8 @@ class Plan(NamedTuple):
     """What a run will do, resolved.
 
     first, members : index of the first member, and how many there are
-    steps, dt, stride : steps to the end, their length [s], steps between saves; with member steps these are
-        of rounds, in each of which a member makes some steps
+    steps, dt, stride : steps to the end, their length [s], steps between saves; with member steps
+        these are of rounds, in each of which a member makes some steps
     own : whether members have steps of their own;  mean_steps : of a member to the end
     times : of the saves [s];  thinned : indices of the saves that are kept of thinned observables
     form : the compiled form of the integrator; None for closed forms
@@ -48,7 +49,8 @@ class Plan(NamedTuple):
     constant : names of the member variables that are the same for all
     angle : largest |omega| dt of the pilot [rad]
     turn_rate : bound on the rate of free motion if the integrator asks for it [rad/s]
-    dtype : of the numbers in which steps are made;  compensated : whether sums keep their remainders
+    dtype : of the numbers in which steps are made;  compensated : whether sums keep their
+        remainders
     notes : what the user should know;  limits : what flags a member, () if nothing does
     labels : of the effects whose works are saved;  watch : what is kept of every step
     """
@@ -90,8 +92,8 @@ class Plan(NamedTuple):
 class _Steps(NamedTuple):
     """The time grid of a run, and how far a step moves a member.
 
-    own, steps, dt, stride, mean_steps : as in Plan;  angle, theta : how far the fastest member of the pilot
-        turns in a step at the start, and at its rate [rad];  notes : on dt
+    own, steps, dt, stride, mean_steps : as in Plan;  angle, theta : how far the fastest member of
+        the pilot turns in a step at the start, and at its rate [rad];  notes : on dt
     """
 
     own: bool
@@ -203,8 +205,8 @@ def watched_notes(watched: Watch, theta: float, own: bool, dt: float) -> tuple[s
 
 
 def spinning_up(scene: Scene) -> list[str]:
-    """Labels of the effects that may bring a body more energy than its start tells: torques that do not
-    brake, and have neither an energy nor a bound on one."""
+    """Labels of the effects that may bring a body more energy than its start tells: torques that do
+    not brake, and have neither an energy nor a bound on one."""
     known = ("energy", "energy_scale", "damps", "drives")
     return [
         label

@@ -31,9 +31,9 @@ def rates(effects: Sequence[Any], block: Array) -> Array:
 
         sqrt(2 (E + V)/I) + sqrt(V/I)
 
-    with I the smallest moment, E the energy and V the largest potential energy. The first term bounds
-    |omega| for all times, the second is the rate at which torques act. The torque at the start stands
-    for V if it is larger, as for effects without an energy.
+    with I the smallest moment, E the energy and V the largest potential energy. The first term
+    bounds |omega| for all times, the second is the rate at which torques act. The torque at the
+    start stands for V if it is larger, as for effects without an energy.
     """
     body, effects = physics(effects, block)
     q = tuple(block[layout.ATTITUDE : layout.MOMENTUM])
@@ -49,8 +49,8 @@ def rates(effects: Sequence[Any], block: Array) -> Array:
 
 
 def own_steps(rate: Array, span: float, turn: float | None) -> Array:
-    """How many steps members that move at `rate` [rad/s] need in a time `span` [s] if none of the steps
-    may turn them by more than `turn` [rad], the setting of a scene."""
+    """How many steps members that move at `rate` [rad/s] need in a time `span` [s] if none of the
+    steps may turn them by more than `turn` [rad], the setting of a scene."""
     assert turn is not None, "members of this scene have no steps of their own"
     with np.errstate(all="ignore"):
         steps = np.ceil(span * rate / turn)
@@ -58,8 +58,8 @@ def own_steps(rate: Array, span: float, turn: float | None) -> Array:
 
 
 def together(block: Array) -> NDArray[np.int64]:
-    """The order of a block's members by their number of steps, so that members with equal numbers lie
-    side by side."""
+    """The order of a block's members by their number of steps, so that members with equal numbers
+    lie side by side."""
     steps = block[layout.STEPS]
     # whole numbers of two bytes are sorted by radix, 15 times as fast
     keys = steps.astype("u2") if steps.max(initial=0.0) < 2**16 else steps

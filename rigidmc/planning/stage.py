@@ -31,7 +31,7 @@ Source = int | Antithetic | Points | Recorder  # what members are drawn from
 def stage(
     scene: Scene, first: int, count: int, carried: bool, span: float | None = None, more: int = 0
 ) -> tuple[Array, Start]:
-    """(block, start): rows of `count` members as the kernel wants them, and what they were made from.
+    """(block, start): rows of `count` members for the kernel, and what they were made from.
 
     carried : whether the attitude is followed
     span : time [s] in which a member makes its own number of steps, if the scene sets `turn`
@@ -50,8 +50,7 @@ def stage(
 
 
 class Members(NamedTuple):
-    """The first members of a scene at their start: rows that nobody changes, and what they were made
-    from."""
+    """The first members of a scene at their start: rows that nobody changes, and their origin."""
 
     block: Array
     start: Start
@@ -128,8 +127,8 @@ def _staged(
 
 
 def facts(scene: Scene, block: Array, moments: Array) -> Facts:
-    """What laws of vectors may depend on: the Facts of members whose bodies, effects and attitudes are in
-    a block."""
+    """What laws of vectors may depend on: the Facts of members whose bodies, effects and attitudes
+    are in a block."""
     body, effects = physics(scene.effects, block)
     q = tuple(block[layout.ATTITUDE : layout.MOMENTUM])
     zeros = np.zeros(block.shape[1])
@@ -158,8 +157,8 @@ def check_starts(scene: Scene) -> None:
 
 
 def _check_ensemble(scene: Scene) -> None:
-    """Raise SceneError if the attitudes of an ensemble are too rare among uniform ones to be drawn by
-    rejection."""
+    """Raise SceneError if the attitudes of an ensemble are too rare among uniform ones to be drawn
+    by rejection."""
     block, start = _staged(scene.with_run(), scene.run.seed, 0, PILOT, False)
     known = facts(scene, block, start["moments"])
     law: Any = scene.start.momentum
@@ -168,16 +167,16 @@ def _check_ensemble(scene: Scene) -> None:
     tried = turns(u, v, w)
     if (np.abs(known.potential(tried)) > known.bound * (1.0 + 1e-9)).any():
         rule = (
-            "needs the largest potential energy that an attitude may have: an effect of your own tells "
-            "it by energy_scale(self, body) [J]"
+            "needs the largest potential energy that an attitude may have: an effect of your own "
+            "tells it by energy_scale(self, body) [J]"
         )
         raise SceneError("start", "attitude", "ensemble", rule)
     accepted = float(np.nanmean(share(tried)))
     if not accepted >= 0.01:
         rule = (
-            f"of uniform attitudes the ensemble keeps {accepted:.1g}, less than 1 in 100: too cold to be "
-            "drawn so; under gravity alone a body with its centre on axis 3 is exp(-V/kT) by "
-            "attitude = { pointing = { direction = [0, 0, -1], kappa = m g h/kT } }"
+            f"of uniform attitudes the ensemble keeps {accepted:.1g}, less than 1 in 100: too "
+            "cold to be drawn so; under gravity alone a body with its centre on axis 3 is "
+            "exp(-V/kT) by attitude = { pointing = { direction = [0, 0, -1], kappa = m g h/kT } }"
         )
         raise SceneError("start", "attitude", "ensemble", rule)
 

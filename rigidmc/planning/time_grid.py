@@ -11,11 +11,11 @@ MOST_STEPS = 10**15
 def steps_and_saves(
     t_end: float, dt: float, every: float | None
 ) -> tuple[int, float, int, tuple[str, ...]]:
-    """(steps, dt, stride, notes): a whole number of steps to t_end, and of steps between saves, with a
-    step of at most dt.
+    """(steps, dt, stride, notes): a whole number of steps to t_end, and of steps between saves,
+    with a step of at most dt.
 
-    Decimal numbers are taken as the fractions they are written as, so that 10 / 0.3 is 100/3. Raises
-    SceneError if `every` and t_end have no common step of at least dt/2.
+    Decimal numbers are taken as the fractions they are written as, so that 10 / 0.3 is 100/3.
+    Raises SceneError if `every` and t_end have no common step of at least dt/2.
     """
     end, step = Fraction(repr(t_end)), Fraction(repr(dt))
     if every is None or every >= t_end:
@@ -46,7 +46,7 @@ def steps_and_saves(
 
 
 def rounds(t_end: float, every: float | None) -> tuple[int, float, int]:
-    """(rounds, length, rounds between saves): the longest equal times that divide t_end and `every`."""
+    """(rounds, length, rounds between saves): the longest times that divide t_end and `every`."""
     if every is None or every >= t_end:
         return 1, t_end, 1
     count, length, stride, _ = steps_and_saves(t_end, every, every)

@@ -1,5 +1,5 @@
-"""Scenes in other units, and the units in which a scene is integrated if SI units would leave the range
-of numbers."""
+"""Scenes in other units, and the units in which a scene is integrated if SI units would leave the
+range of numbers."""
 
 import math
 import re
@@ -31,8 +31,8 @@ _KNOWN = {
     "A": (0, 0, 0),
     "T": (1, 0, -2),
 }
-# Exponents of 2 that the largest moment of inertia and the rate of motion may have without a change of
-# units: squares of their products are formed.
+# Exponents of 2 that the largest moment of inertia and the rate of motion may have without a change
+# of units: squares of their products are formed.
 RANGE = {"float64": 100, "float32": 10}
 
 
@@ -49,8 +49,8 @@ def dimensions(units: str) -> tuple[int, int, int]:
 
 
 def factor(units: str, mass: float, length: float, time: float) -> float:
-    """The factor of a number in `units` if masses, lengths and times have these factors; inf if beyond
-    float64."""
+    """The factor of a number in `units` if masses, lengths and times have these factors; inf if
+    beyond float64."""
     kg, m, s = dimensions(units)
     with np.errstate(over="ignore"):
         return float(np.float64(mass) ** kg * np.float64(length) ** m * np.float64(time) ** s)
@@ -59,8 +59,8 @@ def factor(units: str, mass: float, length: float, time: float) -> float:
 def scaled(scene: Scene, mass: float = 1.0, length: float = 1.0, time: float = 1.0) -> Scene:
     """The same scene with all masses, lengths and times multiplied by these factors.
 
-    It moves alike, to the bit if they are powers of 2. Raises SceneError if an effect does not tell the
-    units of its parameters.
+    It moves alike, to the bit if they are powers of 2. Raises SceneError if an effect does not tell
+    the units of its parameters.
     """
     effects = _scaled_effects(scene.effects, mass, length, time)
     inertia = mass * length**2
@@ -136,11 +136,11 @@ def told(scene: Scene, plan: Plan, units: Internal | None) -> tuple[Scene, Plan]
 
 
 def internal(scene: Scene) -> Internal | None:
-    """The Internal units that bring a scene's first member to moments and rates near 1, or None if they
-    are within RANGE.
+    """The Internal units that bring a scene's first member to moments and rates near 1, or None if
+    they are within RANGE.
 
-    If a scene can be integrated in either units, no bit of the result depends on the choice. In float32,
-    and at the ends of float64, it can be integrated only in internal ones.
+    If a scene can be integrated in either units, no bit of the result depends on the choice. In
+    float32, and at the ends of float64, it can be integrated only in internal ones.
     """
     try:
         _scaled_effects(scene.effects, 1.0, 1.0, 1.0)
@@ -187,8 +187,8 @@ def _power(exponent: int) -> float:
 
 
 def _sized(values: Any, by: float, energy: float) -> Any:
-    """Three quantities, or a vector of `rigidmc.scene.laws`, with its sizes times `by` and its energies
-    times `energy`."""
+    """Three quantities, or a vector of `rigidmc.scene.laws`, with its sizes times `by` and its
+    energies times `energy`."""
     if not hasattr(values, "_fields"):
         return tuple(_times(x, by) for x in values)
     changed = {}

@@ -1,5 +1,5 @@
-"""What a run keeps of every step: from the observables of a scene to the compiled ones, and from rows of
-a block to results."""
+"""What a run keeps of every step: from the observables of a scene to the compiled ones, and from
+rows of a block to results."""
 
 from typing import Any, NamedTuple
 
@@ -23,8 +23,8 @@ Labelled = tuple[tuple[str, Any], ...]  # (label, observable) of each
 
 
 class Watch(NamedTuple):
-    """Events, running observables and neighbour as the kernel takes them, and [(label, observable)] of
-    each; bins : (dimension, edges, units) of each histogram."""
+    """Events, running observables and neighbour as the kernel takes them, and [(label, observable)]
+    of each; bins : (dimension, edges, units) of each histogram."""
 
     events: tuple[Any, ...] = ()
     running: tuple[Any, ...] = ()
@@ -41,8 +41,8 @@ class Watch(NamedTuple):
 
     @property
     def each_step(self) -> list[str]:
-        """Labels of what sees the state at the end of each step, so that long steps hide things from
-        it."""
+        """Labels of what sees the state at the end of each step, so that long steps hide things
+        from it."""
         return [label for label, _ in (*self.of_events, *self.of_running)]
 
     @property
@@ -77,7 +77,8 @@ def watch(scene: Scene) -> Watch:
 
 
 def _bodies(scene: Scene) -> tuple[NDArray[np.float64], bool]:
-    """(moments (3, n) of the first members, or of all that arrays have; whether they are all that exist)."""
+    """(moments (3, n) of the first members, or of all that arrays have; whether they are all that
+    exist)."""
     complete = not is_open(scene.body.moments)
     count = (rows(*scene.body.moments) or 1) if complete else PILOT
     return scene.coarse().body.sample(scene.run.seed, 0, count)[0], complete
@@ -125,7 +126,8 @@ def results(
 ) -> dict[str, NDArray[np.float64]]:
     """{variable: values of each member} of the Watch of a scene, nan if a member is not ok.
 
-    block : its rows at the end of a run;  h : step of each member [s];  total : steps of each member
+    block : its rows at the end of a run;  h : step of each member [s];  total : steps of each
+        member
     """
     healthy = block[layout.STATUS] == 0.0
     works = 2 * ("work" in scene.run.save) * len(scene.effects)

@@ -1,5 +1,5 @@
-"""Checks whether a file is a result: its variables, dimensions, types and units must be those that the
-scene in it demands."""
+"""Checks whether a file is a result: its variables, dimensions, types and units must be those that
+the scene in it demands."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -32,7 +32,8 @@ class _Bins(NamedTuple):
 
 
 class _Sizes(NamedTuple):
-    """The sizes of a result in a file, in the place of a plan; see `rigidmc.storage.layout.Shape`."""
+    """The sizes of a result in a file, in the place of a plan; see
+    `rigidmc.storage.layout.Shape`."""
 
     times: NDArray[np.float64]
     thinned: NDArray[np.int64]
@@ -129,7 +130,8 @@ def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[_Sizes, dict[str, Variab
         # only the code tells the units
         words = {"long_name": known[name].attrs["long_name"]}
         known[name] = known[name]._replace(attrs=words)
-    # only the code tells whether an effect has an energy; if none has, mass and centre may be missing
+    # only the code tells whether an effect has an energy; if none has, mass and centre may be
+    # missing
     free = ("mass", "centre") if opaque else ()
     return sizes, known, [name for name in always if name not in free]
 
@@ -165,8 +167,8 @@ def _refuse_unlike(
 
 
 def _refuse_members(dataset: xr.Dataset, scene: Scene, wrong: Complaint) -> None:
-    """Raise FileError for members that the scene does not have, times that do not ascend, and unknown
-    statuses."""
+    """Raise FileError for members that the scene does not have, times that do not ascend, and
+    unknown statuses."""
     run, members = scene.run, dataset.member.values
     last = run.first + run.members - 1
     if members.min() < run.first or members.max() > last:

@@ -1,4 +1,5 @@
-"""What storage must know of a plan to lay out its result. Plans have more, and storage imports none."""
+"""What storage must know of a plan to lay out its result. Plans have more, and storage imports
+none."""
 
 from typing import Any, Protocol
 
@@ -35,7 +36,8 @@ class Shape(Protocol):
 
 
 class Layout(Shape, Protocol):
-    """The sizes of a result and the settings that its attributes tell, see `rigidmc.planning.plan.Plan`."""
+    """The sizes of a result and the settings that its attributes tell, see
+    `rigidmc.planning.plan.Plan`."""
 
     @property
     def steps(self) -> int: ...

@@ -1,16 +1,19 @@
 """A run as a directory: run.json and scene.toml say what the run is, its shards say what is done.
 
-    run.json       what never changes: scene's hash, seed, members of a shard and of a block, versions,
+    run.json       what never changes: scene's hash, seed, members of a shard and of a block,
+    versions,
                    type of processor; and how many members the run has
-    scene.toml     the scene, resolved; columns.nc holds those of its quantities that have one row per
+    scene.toml     the scene, resolved; columns.nc holds those of its quantities that have one row
+    per
                    member
-    shards/        one netCDF4 file for each range of members; its bytes depend on scene and seed alone,
+    shards/        one netCDF4 file for each range of members; its bytes depend on scene and seed
+    alone,
                    and its name tells how many members are flagged and the file's hash
     journal.jsonl  what happened: when, where, how fast; nothing depends on it
     lock           held by the process that writes
 
-A shard appears by a temporary file, close, fsync and rename, so a file with the name of a shard is whole.
-The list of shards is the state of the run.
+A shard appears by a temporary file, close, fsync and rename, so a file with the name of a shard is
+whole. The list of shards is the state of the run.
 """
 
 import contextlib
@@ -52,7 +55,8 @@ class _Line(BaseModel):
 
 
 def hash_of(scene: Scene) -> str:
-    """The hash of everything that decides a member's numbers: the scene without its member range."""
+    """The hash of everything that decides a member's numbers: the scene without its member
+    range."""
     return hashlib.sha256(scene.with_run(members=1, first=0).dumps().encode()).hexdigest()
 
 
@@ -78,8 +82,8 @@ class RunDirectory:
 
     @property
     def mark(self) -> str:
-        """The hash of scene, rows and code, which each shard carries: it tells the shards of different
-        runs apart."""
+        """The hash of scene, rows and code, which each shard carries: it tells the shards of
+        different runs apart."""
         facts = self.facts
         words = [facts["scene"], facts["columns"], sorted(facts["code"].values())]
         return hashlib.sha256(json.dumps(words).encode()).hexdigest()
@@ -102,8 +106,8 @@ class RunDirectory:
         return len(shards) * size - short * bool(np.any(np.asarray(shards) == self.count - 1))
 
     def listed(self) -> tuple[dict[int, str], list[str]]:
-        """({i: path} of the shards that exist, paths of strays: files that are not shards of this run,
-        because of their names or numbers, or because their number is taken)."""
+        """({i: path} of the shards that exist, paths of strays: files that are not shards of this
+        run, because of their names or numbers, or because their number is taken)."""
         shards: dict[int, str] = {}
         strays = list[str]()
         with contextlib.suppress(FileNotFoundError), os.scandir(self._folder) as entries:
@@ -142,7 +146,8 @@ class RunDirectory:
         return os.path.join(self._folder, f"{i:08d}-{flagged}-{hash_of_file(file)[:16]}.nc")
 
     def missing(self) -> NDArray[np.int64]:
-        """The numbers of the missing shards as an array (80 MB if all of MOST shards are missing)."""
+        """The numbers of the missing shards as an array (80 MB if all of MOST shards are
+        missing)."""
         gone = np.ones(self.count, bool)
         gone[list(self.shards())] = False
         return np.flatnonzero(gone)
@@ -173,8 +178,8 @@ class RunDirectory:
     def locked(self) -> Iterator[None]:
         """Hold the lock of the process that writes.
 
-        Raises OutputExists if another process holds it, or has written since this one looked. The lock
-        ends with the process, whatever ends that.
+        Raises OutputExists if another process holds it, or has written since this one looked. The
+        lock ends with the process, whatever ends that.
         """
         os.makedirs(self._folder, exist_ok=True)
         name = os.path.join(self.path, "lock")
@@ -201,8 +206,8 @@ class RunDirectory:
 
 
 def _opener(path: str, flags: int) -> int:
-    """Open a file of a run for writing. A link, which may lead out of the run, is refused; a pipe does
-    not block."""
+    """Open a file of a run for writing. A link, which may lead out of the run, is refused; a pipe
+    does not block."""
     more = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
     return os.open(path, flags | more, 0o666)
 
@@ -229,8 +234,9 @@ def status(path: Path) -> dict[str, Any]:
     """What of a run is done, by the names of its shards alone: {"shards", "done", "members",
     "members_done", "flagged", "strays", "rate", "seconds_left", "machine", "versions"}.
 
-    The strays are counted, see `RunDirectory.listed`. The rate [1/s] is that of the last time that the
-    run was begun: from the journal if that has ended, else from the times of the shards that appeared.
+    The strays are counted, see `RunDirectory.listed`. The rate [1/s] is that of the last time that
+    the run was begun: from the journal if that has ended, else from the times of the shards that
+    appeared.
     """
     directory = RunDirectory(path)
     (shards, strays), journal = directory.listed(), directory.journal()

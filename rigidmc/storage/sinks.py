@@ -62,8 +62,8 @@ def kept_values(scene: Scene, plan: Layout, parts: Arrays) -> Arrays:
 
 
 def flagged_values(scene: Scene, first: int, parts: Arrays, status: NDArray[Any]) -> Arrays:
-    """{variable: array, flagged members last} of the flagged members of a block from index `first` on;
-    {} if all values of all members are kept anyway."""
+    """{variable: array, flagged members last} of the flagged members of a block from index `first`
+    on; {} if all values of all members are kept anyway."""
     names = [name for name, word in scene.kept().items() if word != "full"]
     if not names:
         return {}
@@ -110,8 +110,8 @@ class Counts:
 
 
 class Memory:
-    """Collects blocks in one Dataset. If all saved values are kept, the kernel writes them straight to
-    their place."""
+    """Collects blocks in one Dataset. If all saved values are kept, the kernel writes them straight
+    to their place."""
 
     def __init__(
         self, scene: Scene, plan: Layout, more: Mapping[str, Any], direct: bool = True

@@ -53,8 +53,8 @@ class Writer:
     ) -> None:
         """more : further attributes;  attrs : these instead of the attributes of a result
 
-        named : for shards, gives the path that a finished file must have. Each of its chunks then has a
-            checksum, so that reading a flipped bit is an error.
+        named : for shards, gives the path that a finished file must have. Each of its chunks then
+            has a checksum, so that reading a flipped bit is an error.
         """
         if named is None:
             refuse_existing(path, force)
@@ -117,7 +117,8 @@ class Writer:
 
     def _define(self, name: str, of: Variable, scene: Scene, plan: Layout) -> None:
         dims, dtype, attrs = of
-        # a chunk holds a block of members and up to 128 times: cheap to write, and to read either way
+        # a chunk holds a block of members and up to 128 times: cheap to write, and to read either
+        # way
         chunks = [
             min(length(dim, plan) or 32, plan.block if dim == "member" else 128) for dim in dims
         ]
@@ -136,7 +137,8 @@ class Writer:
         variable.set_auto_maskandscale(False)  # a third of the time of a write
 
     def write(self, first: int, count: int, values: Arrays) -> None:
-        """Write {name: array with the member dimension last} for members first ... first + count - 1."""
+        """Write {name: array with the member dimension last} for members first ... first + count -
+        1."""
         part = slice(first - self._first, first - self._first + count)
 
         def put() -> None:

@@ -1,5 +1,5 @@
-"""Which integrator and step give an accuracy at the least cost, for a scene and a machine: measured on a
-pilot, not guessed."""
+"""Which integrator and step give an accuracy at the least cost, for a scene and a machine: measured
+on a pilot, not guessed."""
 
 import math
 from collections.abc import Iterable
@@ -33,8 +33,8 @@ SAFETY = 0.8  # of the tolerance, that a pilot must keep
 
 
 def resolved(scene: Scene, threads: int | None = None) -> tuple[Scene, "Chosen | None"]:
-    """(scene with the integrator, precision and step that `choose` picks for its tolerance, Chosen); the
-    scene itself and None unless its integrator is "auto"."""
+    """(scene with the integrator, precision and step that `choose` picks for its tolerance,
+    Chosen); the scene itself and None unless its integrator is "auto"."""
     run = scene.run
     if run.integrator != "auto":
         return scene, None
@@ -64,22 +64,22 @@ class Chosen(NamedTuple):
 
     @property
     def short(self) -> str:
-        """A sentence that says so if the predicted error is above the tolerance although finer steps were
-        tried, else ""."""
+        """A sentence that says so if the predicted error is above the tolerance although finer
+        steps were tried, else ""."""
         if self.predicted <= self.tolerance:
             return ""
         return (
-            f"the error bound of 99 % of the members, {self.predicted:.2g}, is above the tolerance of "
-            f"{self.tolerance:g}; finer steps were tried"
+            f"the error bound of 99 % of the members, {self.predicted:.2g}, is above the "
+            f"tolerance of {self.tolerance:g}; finer steps were tried"
         )
 
     def lines(self, count: int, seconds: float | None = None) -> list[str]:
-        """What was picked and why, and how long `count` members will take: `seconds`, if a rehearsal
-        tells."""
+        """What was picked and why, and how long `count` members will take: `seconds`, if a
+        rehearsal tells."""
         way, other = self.way, self.runner_up
         lines = [
-            f"for a tolerance of {self.tolerance:g}: {way.with_precision()} {way.step}, the cheapest of "
-            "those that reach it"
+            f"for a tolerance of {self.tolerance:g}: {way.with_precision()} {way.step}, the "
+            "cheapest of those that reach it"
         ]
         if other is not None:
             second = f"{other[0].with_precision()} {other[0].step}"
@@ -116,7 +116,9 @@ def choose(
     members: int = PILOT,
     threads: int | None = None,
 ) -> Chosen:
-    """The cheapest way to keep the error of momentum and attitude of 99 % of all members below `tolerance`.
+    """The cheapest way to keep the error of 99 % of all members below `tolerance`.
+
+    The error is that of momentum, relative to its size, and of attitude [rad].
 
     Raises SceneError if none reaches it, with the best that can be had and why.
     """
@@ -170,7 +172,7 @@ def _limit(integrator: str, tolerance: float) -> float:
 def _ways(
     scene: Scene, costs: Costs, true: Truth, tolerance: float, integrators: Iterable[str]
 ) -> tuple[list[Way], float]:
-    """(for each integrator that keeps the tolerance on the pilot its cheapest Way, the smallest error)."""
+    """(the cheapest Way of each integrator that keeps the tolerance, the smallest error)."""
     dtype = "float64" if tolerance < SINGLE_REACHES else None
     tried = candidates(scene, true, integrators, dtype)
     compile_ahead(costs.pilot, tried)
@@ -191,7 +193,7 @@ def _ways(
 
 
 class _Check:
-    """Ways checked on a second pilot. A closed form is checked by an integration, and the other way round."""
+    """Ways checked on a second pilot: a closed form by an integration, and the other way round."""
 
     def __init__(self, costs: Costs, true: Truth, second: Pilot, tolerance: float) -> None:
         self.true, self.second, self.tolerance = true, second, tolerance
@@ -228,8 +230,8 @@ class _Check:
 
 
 def _refined(costs: Costs, true: Truth, ways: list[Way], limit: float) -> Way:
-    """A cheaper way between the last that failed and the first that kept the limit, by the slope between
-    them, tried twice."""
+    """A cheaper way between the last that failed and the first that kept the limit, by the slope
+    between them, tried twice."""
     base, good = costs.pilot.base, ways[-1]
     bad = ways[-2] if len(ways) > 1 else None
     for _ in range(2):
@@ -252,8 +254,8 @@ def check_quiet(scene: Scene) -> None:
     noisy = [name_of(e) for e in scene.effects if is_random(e)]
     if noisy:
         rule = (
-            f"{', '.join(noisy)} is random: no path is right, and what can be measured is the error of "
-            "averages, by halving dt"
+            f"{', '.join(noisy)} is random: no path is right, and what can be measured is the "
+            "error of averages, by halving dt"
         )
         raise SceneError("effects", noisy[0], None, rule)
 
@@ -263,8 +265,8 @@ def check_pilot(scene: Scene, pilot: Pilot) -> None:
     bad = int(np.count_nonzero(pilot.block[layout.STATUS, : pilot.members]))
     if bad:
         rule = (
-            f"{bad} of {pilot.members} members of the pilot are no bodies: mend the scene before asking "
-            "for accuracy"
+            f"{bad} of {pilot.members} members of the pilot are no bodies: mend the scene before "
+            "asking for accuracy"
         )
         raise SceneError("body", "moments", None, rule)
 
@@ -275,8 +277,8 @@ def _unreachable(
     factor, rate = growth(pilot)
     worst = upper_quantile(factor)
     reason = (
-        f"{why}; over {scene.run.t_end:g} s a change of the start grows {worst:.1e} times in the worst 1 % "
-        "of members"
+        f"{why}; over {scene.run.t_end:g} s a change of the start grows {worst:.1e} times in the "
+        "worst 1 % of members"
     )
     reason += ", exponentially: chaos or a separatrix" if np.mean(rate > 0.0) > 0.01 else ""
     rule = (

@@ -1,5 +1,5 @@
-"""Kernels of a study compiled by two processes at once: each kernel takes 3 s, Numba compiles one at a
-time, and a study needs up to twenty."""
+"""Kernels of a study compiled by two processes at once: each kernel takes 3 s, Numba compiles one
+at a time, and a study needs up to twenty."""
 
 import json
 import subprocess
@@ -17,8 +17,8 @@ Candidate = tuple[str, str]  # integrator and dtype
 def compile_ahead(pilot: Pilot, candidates: Sequence[Candidate]) -> None:
     """Compile the kernels of some candidates for a pilot.
 
-    If a kernel is not in the cache, a second process compiles from the end of the list and leaves its
-    kernels there.
+    If a kernel is not in the cache, a second process compiles from the end of the list and leaves
+    its kernels there.
     """
     helper = None
     try:
@@ -70,7 +70,7 @@ def _helper(pilot: Pilot, candidates: Sequence[Candidate]) -> subprocess.Popen[s
 
 
 def main() -> None:
-    """The second process: compile the candidates of the task on its standard input, the last one first."""
+    """The second process: compile the candidates that standard input names, the last one first."""
     task = json.load(sys.stdin)
     members = pilot(Scene.loads(task["scene"]), 32)._replace(own=task["own"])
     for candidate in reversed(task["candidates"]):

@@ -54,7 +54,7 @@ def cost_per_step(scene: Scene, plan: Plan, members: int = 256, seconds: float =
 
 
 class Costs:
-    """Nanoseconds per member of a pilot, measured once for each thing that is compiled, on one thread."""
+    """Nanoseconds per member of a pilot on one thread, measured once for each compiled program."""
 
     def __init__(self, pilot: Pilot) -> None:
         self.pilot, run = pilot, pilot.scene.run
@@ -126,7 +126,7 @@ class Costs:
         stride: int | None = None,
         compensated: bool = False,
     ) -> float:
-        """Per member and step of h [s]; `stride` : steps between saves, None for none but the last."""
+        """Per member and step of h [s]; `stride` : steps between saves, None for the last only."""
         effects = blank(self.pilot.scene.effects)
         program = Program(form, effects, observables, self.pilot.carried, compensated, dtype)
         own = int(self.pilot.own and stride is None)
@@ -162,8 +162,8 @@ class Costs:
 
 
 def step_costs() -> dict[str, dict[str, float]]:
-    """{integrator: {"free": ns, "heavy": ns}} of one step on one thread of this machine: asymmetric bodies
-    that turn by 0.1 rad."""
+    """{integrator: {"free": ns, "heavy": ns}} of one step on one thread of this machine: asymmetric
+    bodies that turn by 0.1 rad."""
     body = Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.2, 0.3))
     start = Start(omega=(0.5, 0.7, 0.5), attitude=(1.0, 0.0, 0.0, 0.0))
     measured: dict[str, dict[str, float]] = {}

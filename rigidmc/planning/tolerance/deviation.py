@@ -21,8 +21,8 @@ QUANTITIES = ("state", "momentum", "attitude", "energy", "l2", "lz")
 def errors(pilot: Pilot, states: States, true: States) -> dict[str, Array]:
     """{quantity: largest error over the checks of each member}.
 
-    momentum : relative to its size;  attitude : [rad];  state : the larger of these two;  energy : of the
-    sizes in play;  l2, lz : of |L|^2 and L_z, relative to the size
+    momentum : relative to its size;  attitude : [rad];  state : the larger of these two
+    energy : relative to the energies in play;  l2, lz : of |L|^2 and L_z, relative to the size
     """
     body, effects = physics(pilot.scene.effects, pilot.block[:, : pilot.members])
     zeros = np.zeros(pilot.members)
@@ -57,8 +57,8 @@ def errors(pilot: Pilot, states: States, true: States) -> dict[str, Array]:
 def drift_along(
     pilot: Pilot, integrator: str, steps: int, at: ArrayLike, dt: float, looks: int = 4096
 ) -> dict[str, Array]:
-    """{quantity: largest drift so far of the worst member, after each number of steps in `at`} for energy,
-    |L|^2 and L_z.
+    """{quantity: largest drift so far of the worst member, after each number of steps in `at`} for
+    energy, |L|^2 and L_z.
 
     Every one of the first `looks` steps is looked at, and as many evenly spaced ones of all.
     """
@@ -103,8 +103,8 @@ def _conserved(body: Any, effects: tuple[Any, ...], q: Any, l: Any) -> dict[str,
 
 
 def upper_quantile(values: ArrayLike, share: float = 0.99, sure: float = 0.95) -> float:
-    """The smallest element of a sample that exceeds the quantile of its distribution with probability
-    `sure`; the largest element if none does."""
+    """The smallest element of a sample that exceeds the quantile of its distribution with
+    probability `sure`; the largest element if none does."""
     from scipy import stats  # half a second, which only a chosen step has to wait for
 
     ordered = np.sort(np.asarray(values))

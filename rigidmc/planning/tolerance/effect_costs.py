@@ -22,7 +22,7 @@ from rigidmc.scene.start import Start
 
 
 def some_of(scene: Scene, plan: Plan, kept: Iterable[int]) -> tuple[Scene, Plan]:
-    """The scene with only the effects whose index is in `kept`, and its Plan: the form of the step stays."""
+    """The scene with only the effects in `kept`, by index, and its Plan: the step's form stays."""
     assert plan.form is not None, "closed forms make no steps"
     kept = tuple(kept)
     integrator: Any = plan.form.integrator
@@ -38,11 +38,11 @@ def some_of(scene: Scene, plan: Plan, kept: Iterable[int]) -> tuple[Scene, Plan]
 
 
 def prices(scene: Scene, plan: Plan) -> tuple[float, Any, dict[str, Any], float, float]:
-    """What effects add to a step, the ledger of work left out: (ns without them, measured; operations
-    without them; {label: operations that it adds}; ns of noise, measured; ns predicted).
+    """What effects add to a step, the ledger of work left out: (ns without them, measured;
+    operations without them; {label: operations that it adds}; ns of noise, measured; ns predicted).
 
-    The prediction takes all operations to cost as much as those of a step without effects; a division or
-    a root counts as many as `rigidmc.engine.operations` tells.
+    The prediction takes all operations to cost as much as those of a step without effects; a
+    division or a root counts as many as `rigidmc.engine.operations` tells.
     """
     every = tuple(range(len(scene.effects)))
 
@@ -66,8 +66,8 @@ def prices(scene: Scene, plan: Plan) -> tuple[float, Any, dict[str, Any], float,
 def observable_prices(
     scene: Scene, watched: dict[str, tuple[Any, ...]], rounds: int = 5
 ) -> dict[str, float]:
-    """{label: ns that it adds to a step of rk4 with attitude on one thread}, "" for the step itself;
-    medians of interleaved rounds.
+    """{label: ns that it adds to a step of rk4 with attitude on one thread}, "" for the step
+    itself; medians of interleaved rounds.
 
     watched : {label: what is named in `save`}
     """
@@ -85,8 +85,8 @@ def observable_prices(
 
 
 def watched_prices(rounds: int = 5) -> dict[str, dict[str, float]]:
-    """{"free" | "heavy": `observable_prices`} of what can be watched, of a body that nearly spins about
-    its middle axis."""
+    """{"free" | "heavy": `observable_prices`} of what can be watched, of a body that nearly spins
+    about its middle axis."""
     body = Body.from_moments((1.0, 2.0, 3.0), mass=1.0, centre=(0.0, 0.0, 0.3))
     start = Start(omega=Cone(2, 1.0, 0.05), attitude="uniform")
     names = (
@@ -106,8 +106,8 @@ def watched_prices(rounds: int = 5) -> dict[str, dict[str, float]]:
 
 def effect_prices() -> dict[str, Any]:
     """{effect: (operations of its torque, ns of a step with it alone, ns that it adds to one with
-    gravity)}, and of steps without it: "free" of the momentum alone, "with attitude", "with gravity", by
-    rk4; "strang", to which random effects are added. On one thread."""
+    gravity)}, and of steps without it: "free" of the momentum alone, "with attitude", "with
+    gravity", by rk4; "strang", to which random effects are added. On one thread."""
     body = Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.2, 0.3))
     start = Start(omega=(0.5, 0.7, 0.5), attitude=(1.0, 0.0, 0.0, 0.0))
 

@@ -10,13 +10,14 @@ DISTURBANCE = 1e-11  # of the size of the state
 
 
 def growth(pilot: Pilot) -> tuple[Array, Array]:
-    """(factor, rate): how much a disturbance along the way has grown at t_end, and at what rate [1/s], for
-    each member.
+    """(factor, rate): how much a disturbance along the way has grown at t_end, and at what rate
+    [1/s], for each member.
 
-    The state is disturbed by 1e-11 of its size at the start and every t_end/2, as rounding disturbs it at
-    every step (near a separatrix a disturbance at the turn weighs more than one at the start), and followed
-    to 4 t_end. The rate is 0 if growth is a power of time, as in regular motion: free and Lagrange tops
-    grow as t^2 at most, t^3 with disturbances all along, which is 8 in twice the time.
+    The state is disturbed by 1e-11 of its size at the start and every t_end/2, as rounding disturbs
+    it at every step (near a separatrix a disturbance at the turn weighs more than one at the
+    start), and followed to 4 t_end. The rate is 0 if growth is a power of time, as in regular
+    motion: free and Lagrange tops grow as t^2 at most, t^3 with disturbances all along, which is 8
+    in twice the time.
     """
     end = pilot.scene.run.t_end
     apart = _distances(pilot)
@@ -34,8 +35,8 @@ def growth(pilot: Pilot) -> tuple[Array, Array]:
 
 
 def _distances(pilot: Pilot) -> Array:
-    """How far disturbed states are from undisturbed ones after every t_end/2, (8, n): the root mean square
-    over four directions, because one alone may miss the direction that grows."""
+    """How far disturbed states are from undisturbed ones after every t_end/2, (8, n): the root mean
+    square over four directions, because one alone may miss the direction that grows."""
     end = pilot.scene.run.t_end
     long = pilot._replace(
         own=False,

@@ -1,5 +1,5 @@
-"""Ways of integrating a pilot: an integrator, a precision and a step, what it costs on this machine and
-how far it errs."""
+"""Ways of integrating a pilot: an integrator, a precision and a step, what it costs on this machine
+and how far it errs."""
 
 import math
 from collections.abc import Callable, Iterable
@@ -25,9 +25,9 @@ SINGLE = ("rk4", "exact", "strang")  # tried in float32 too
 class Way(NamedTuple):
     """One way of integrating a pilot.
 
-    steps : of the fastest member of the pilot;  mean_steps, dt : mean over its members;  turn : of steps of
-        their own [rad], None if all have the same;  errors : {quantity: (members,)};  ns : time per member
-        and step on one thread [ns]
+    steps : of the fastest member of the pilot;  mean_steps, dt : mean over its members;  turn : of
+        steps of their own [rad], None if all have the same;  errors : {quantity: (members,)};  ns :
+        time per member and step on one thread [ns]
     """
 
     integrator: str
@@ -67,8 +67,8 @@ def candidates(
 ) -> list[tuple[str, str]]:
     """[(integrator, dtype)] that a scene can be run with.
 
-    A free body needs no splitting, which would be the exact motion at more cost. Raises OptionError for an
-    unknown integrator.
+    A free body needs no splitting, which would be the exact motion at more cost. Raises OptionError
+    for an unknown integrator.
     """
     able = [
         name
@@ -135,11 +135,11 @@ def ladder(
     most: int = MOST_STEPS,
     too_dear: Callable[[Way], bool] | None = None,
 ) -> list[Way]:
-    """Ways of one integrator from long steps to short ones, until the error falls below `finest` or falls
-    no more, or until too_dear(way).
+    """Ways of one integrator from long steps to short ones, until the error falls below `finest` or
+    falls no more, or until too_dear(way).
 
-    If steps are watched, none turns by more than WATCHED_TURN: the error at the end does not tell how short
-    steps must be for events and extremes.
+    If steps are watched, none turns by more than WATCHED_TURN: the error at the end does not tell
+    how short steps must be for events and extremes.
     """
     if integrator == "closed":
         return [_measured_closed(costs, true, dtype)]

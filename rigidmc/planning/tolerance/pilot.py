@@ -1,4 +1,4 @@
-"""Pilots: a few hundred members of a scene, which any integrator can follow to see how far it errs."""
+"""Pilots: a few hundred members of a scene that integrators follow, to see how far they err."""
 
 import math
 from collections.abc import Callable
@@ -40,8 +40,8 @@ class Pilot(NamedTuple):
     carried : whether the attitude is part of the state
     base, stride : steps must be a multiple of `base`, and `stride` of it lie between two checks
     times : of the checks [s];  rates : of the members [rad/s], see `rigidmc.planning.rates.rates`
-    own : whether members have steps of their own, because their rates differ much; not if torques spin
-        members up, because their rates soon change
+    own : whether members have steps of their own, because their rates differ much; not if torques
+        spin members up, because their rates soon change
     """
 
     scene: Scene
@@ -56,8 +56,8 @@ class Pilot(NamedTuple):
     own: bool
 
     def turn(self, steps: int) -> float:
-        """How far the fastest member moves in each of `steps` steps [rad]: the bound for all members if
-        they have steps of their own."""
+        """How far the fastest member moves in each of `steps` steps [rad]: the bound for all
+        members if they have steps of their own."""
         return float(self.scene.run.t_end * float(self.rates.max()) / steps)
 
     def stepped(self, steps: int) -> tuple[Scene, Array]:
@@ -85,8 +85,8 @@ class States(NamedTuple):
 
 
 def pilot(scene: Scene, members: int, first: int | None = None) -> Pilot:
-    """`members` members of a scene, from index `first` on; fewer if the scene has no more rows, one if
-    all are alike."""
+    """`members` members of a scene, from index `first` on; fewer if the scene has no more rows, one
+    if all are alike."""
     scene.check()
     scene = scene.coarse()
     run = scene.run
@@ -121,8 +121,8 @@ def follow(
 ) -> States:
     """The States of a pilot by an integrator in `steps` steps, a multiple of the pilot's base.
 
-    nudge : move the state by so much of its size in a random direction, which `seed` decides, at the start
-        and at every check but the last
+    nudge : move the state by so much of its size in a random direction, which `seed` decides, at
+        the start and at every check but the last
     """
     scene, block = pilot.stepped(steps)
     scene = scene.with_run(integrator=integrator)
@@ -192,7 +192,7 @@ def push(block: Array, size: float, carried: bool, chance: np.random.Generator) 
 
 
 def first_steps(pilot: Pilot) -> int:
-    """Steps that turn by a quarter of a radian at the start's spin, at least 40; a multiple of the base."""
+    """Steps of a quarter of a radian at the start's spin, at least 40; a multiple of the base."""
     inverse = pilot.block[layout.BODY : layout.BODY + 3]
     momentum = pilot.block[layout.MOMENTUM : layout.REST]
     omega: NDArray[np.float64] = np.sqrt(((inverse * momentum) ** 2).sum(0))

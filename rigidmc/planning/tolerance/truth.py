@@ -1,4 +1,4 @@
-"""What members of a scene are measured against: its closed form, or what two integrators agree on."""
+"""What members are measured against: a closed form, or what two integrators agree on."""
 
 from typing import NamedTuple
 
@@ -24,8 +24,8 @@ AGREED = 1e-12  # two methods that agree to this are taken for the truth
 
 
 class Truth(NamedTuple):
-    """The states that others are measured against, where they come from, and how well they are known:
-    error (n,) of each member."""
+    """The states that others are measured against, where they come from, and how well they are
+    known: error (n,) of each member."""
 
     states: States
     source: str
@@ -33,8 +33,8 @@ class Truth(NamedTuple):
 
 
 def truth(pilot: Pilot) -> Truth:
-    """The Truth of a pilot: its closed form, which rk8 confirms, else two methods that agree; SceneError
-    if nothing agrees."""
+    """The Truth of a pilot: its closed form, which rk8 confirms, else two methods that agree;
+    SceneError if nothing agrees."""
     try:
         case = closed_form(pilot.scene, pilot.members, pilot.first)
     except SceneError as error:
@@ -45,8 +45,8 @@ def truth(pilot: Pilot) -> Truth:
 
 
 def integrated(pilot: Pilot, agreed: float = AGREED) -> Truth:
-    """The Truth of a pilot by rk8 and another method in more and more steps, until they agree to `agreed`
-    or come no nearer."""
+    """The Truth of a pilot by rk8 and another method in more and more steps, until they agree to
+    `agreed` or come no nearer."""
     # if rounding does not matter, kernels without remainders serve, which are compiled anyway
     compensated = agreed < 10.0 * AGREED
     able = accepting(pilot.scene.effects, compensated=compensated)
@@ -71,8 +71,8 @@ def integrated(pilot: Pilot, agreed: float = AGREED) -> Truth:
     if not np.isfinite(worst):
         bad = int(np.count_nonzero(~np.isfinite(apart)))
         rule = (
-            f"{bad} of {pilot.members} members end non-finite with rk8 and {other} at {steps:,} steps: "
-            "no truth to compare with"
+            f"{bad} of {pilot.members} members end non-finite with rk8 and {other} at {steps:,} "
+            "steps: no truth to compare with"
         )
         raise SceneError("", "pilot", None, rule)
     sums = " (sums compensated)" if compensated else ""
@@ -93,7 +93,7 @@ def _closed_truth(pilot: Pilot, case: Case) -> Truth:
 
 
 def _confirmed(pilot: Pilot, true: Truth) -> Truth:
-    """The Truth of a closed form if rk8 does not contradict it. Halving the steps tells the error of rk8."""
+    """The Truth of a closed form if rk8 agrees. Halving the steps tells the error of rk8."""
     steps = 2 * first_steps(pilot)
     coarse, fine = follow(pilot, "rk8", steps), follow(pilot, "rk8", 2 * steps)
     check_agreement(
@@ -106,23 +106,23 @@ def _confirmed(pilot: Pilot, true: Truth) -> Truth:
 
 
 def check_agreement(apart: Array, known: Array, true: Truth, other: str) -> None:
-    """Raise SceneError if a closed form and an integration differ by more than their errors explain.
+    """Raise SceneError if closed form and integration differ by more than their errors explain.
 
-    apart : how far they differ, for each member;  known : error of the integration;  true : Truth of the
-        closed form;  other : name of the integration
+    apart : how far they differ, for each member;  known : error of the integration;  true : Truth
+        of the closed form;  other : name of the integration
     """
-    # Rounding in every step, which may grow on the way, has up to 4,000 times the effect of rounding the
-    # start (dzhanibekov, 1,440 steps). Two such motions may by chance differ by only a thirtieth of their
-    # error.
+    # Rounding in every step, which may grow on the way, has up to 4,000 times the effect of
+    # rounding the start (dzhanibekov, 1,440 steps). Two such motions may by chance differ by only a
+    # thirtieth of their error.
     limit = 10.0 * known + 1e4 * true.error + 1e-11
     wrong = ~(apart <= limit)
     if wrong.any():
         at = int(np.argmax(np.where(wrong, np.nan_to_num(apart, nan=np.inf), -1.0)))
         rule = (
             f"the {true.source.split(',')[0]} and {other} disagree for {int(wrong.sum()):,} of "
-            f"{wrong.size:,} members, by {apart[at]:.1e}, but their errors explain only {limit[at]:.1e}. "
-            "One of them is wrong, so neither is used; please report this scene, and give an integrator "
-            "and a step instead"
+            f"{wrong.size:,} members, by {apart[at]:.1e}, but their errors explain only "
+            f"{limit[at]:.1e}. One of them is wrong, so neither is used; please report this "
+            "scene, and give an integrator and a step instead"
         )
         raise SceneError("", "pilot", None, rule)
 
