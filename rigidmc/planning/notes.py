@@ -13,10 +13,10 @@ from rigidmc.effects.bath import Bath
 from rigidmc.effects.gravity import Gravity
 from rigidmc.effects.gravity_gradient import GravityGradient
 from rigidmc.effects.parameters import filled, shape
+from rigidmc.mechanics.inertia import broken
 from rigidmc.planning.idle_notes import idle_effects, idle_limits, idle_settings, is_shipped
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.units import Internal
-from rigidmc.scene.body import broken
 from rigidmc.scene.checks import PILOT
 from rigidmc.scene.quantities import Grid, draw, is_open
 from rigidmc.scene.scene import Scene

@@ -14,8 +14,8 @@ from rigidmc.engine.forces import energies
 from rigidmc.engine.frame import Noise
 from rigidmc.engine.streams import key_of, stream_of, uniforms
 from rigidmc.errors import SceneError
+from rigidmc.mechanics.inertia import broken
 from rigidmc.planning.rates import Array, own_steps, physics, rates
-from rigidmc.scene.body import broken
 from rigidmc.scene.checks import PILOT
 from rigidmc.scene.laws import Facts, turns
 from rigidmc.scene.points import Antithetic, Points, Recorder, points

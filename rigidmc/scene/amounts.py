@@ -6,7 +6,7 @@ import re
 from fractions import Fraction
 from numbers import Integral, Real
 
-from rigidmc.errors import SceneError
+from rigidmc.errors import OptionError, RigidmcError, SceneError
 
 _UNITS: dict[str, tuple[Fraction, str]] = {  # unit: (seconds, what it is called)
     "d": (Fraction(86400), "d|days?"),
@@ -28,7 +28,7 @@ TIME = 'expected a finite number of seconds, or a time such as "90 s", "1h30m", 
 
 
 def seconds(value, key, table="", positive=True):
-    """A time [s] from a number or from text such as "90 s", "1h30m", "250 ms". SceneError else, and if `positive` for 0 or less."""
+    """A time [s] from a number or from text such as "90 s", "1h30m", "250 ms". SceneError (without a table OptionError) else, and if `positive` for 0 or less."""
     number = math.nan
     with contextlib.suppress(OverflowError):  # whole numbers of Python may be larger than floats
         number = (
@@ -39,9 +39,9 @@ def seconds(value, key, table="", positive=True):
             else math.nan
         )
     if not math.isfinite(number):
-        raise SceneError(table, key, value, TIME)
+        raise _refused(table, key, value, TIME)
     if positive and not number > 0.0:
-        raise SceneError(table, key, value, "has to be greater than 0")
+        raise _refused(table, key, value, "has to be greater than 0")
     return number
 
 
@@ -59,7 +59,7 @@ def _seconds_of(text):
 
 
 def counted(value, key, least=1, most=None, table=""):
-    """A whole number, also one that is written as a float, as 1e6 is; SceneError where it is none, or outside its range (of 64 bits at most)."""
+    """A whole number, also one that is written as a float, as 1e6 is; SceneError (without a table OptionError) where it is none, or outside its range (of 64 bits at most)."""
     low, high = -LARGEST - 1 if least is None else least, LARGEST if most is None else most
     whole = _is_number(value) and (isinstance(value, Integral) or float(value).is_integer())
     if not whole or not low <= value <= high:
@@ -71,14 +71,19 @@ def counted(value, key, least=1, most=None, table=""):
             else f" from {low:,} to {high:,}"
         )
         wide = whole and not -LARGEST - 1 <= value <= LARGEST
-        raise SceneError(
+        raise _refused(
             table, key, value, f"expected a whole number{' of 64 bits' if wide else limits}"
         )
     return int(value)
 
 
+def _refused(table, key, value, rule) -> RigidmcError:
+    """A SceneError for a key of a table, an OptionError for an argument."""
+    return (SceneError if table else OptionError)(table, key, value, rule)
+
+
 def counted_text(text, key, least=1, most=None):
-    """A whole number as it stands on the command line; SceneError."""
+    """A whole number as it stands on the command line; OptionError."""
     plain = text.strip().replace("_", "") if isinstance(text, str) else ""
     if not _PLAIN.fullmatch(plain):
         return counted(text, key, least, most)

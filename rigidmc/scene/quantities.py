@@ -7,7 +7,7 @@ import numpy as np
 
 from rigidmc.dynamics.functions import normal_quantile, power
 from rigidmc.engine.streams import uniforms
-from rigidmc.errors import SceneError, unknown
+from rigidmc.errors import RigidmcError, SceneError, unknown
 from rigidmc.scene.amounts import counted
 
 
@@ -99,7 +99,7 @@ def grid(low, high, count, stride=1, log=False):
     for name, value in (("count", count), ("stride", stride)):
         try:
             counted(value, name)
-        except SceneError as error:
+        except RigidmcError as error:
             raise SceneError("", "grid", given, f"{name}: {error.rule}") from None
     return Grid(float(low), float(high), int(count), int(stride), bool(log))
 

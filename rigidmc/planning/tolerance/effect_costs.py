@@ -11,7 +11,8 @@ from rigidmc.effects import EFFECTS, labelled
 from rigidmc.effects.parameters import filled
 from rigidmc.effects.protocol import is_random
 from rigidmc.engine.operations import step_operations, torque_operations
-from rigidmc.observables import Flips, Passage
+from rigidmc.observables.flips import Flips
+from rigidmc.observables.passage import Passage
 from rigidmc.planning.plan import Plan, prepare
 from rigidmc.planning.tolerance.costs import cost_per_step
 from rigidmc.planning.watch import Watch
