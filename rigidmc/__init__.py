@@ -1,16 +1,19 @@
 """rigidmc: Monte Carlo ensembles of rigid bodies with a fixed point, millions of tops in parallel.
 
     import rigidmc as rm
-    scene = rm.Scene(rm.Body.from_moments((1, 2, 3)), start=rm.Start(omega=(rm.normal(0, 1e-3), 1.0, 0.0)))
-    ds = rm.simulate(scene, integrator="rk4", dt=1e-2, t_end=40.0, members=100_000, every=0.1, save=("omega",))
+    start = rm.Start(omega=(rm.normal(0, 1e-3), 1.0, 0.0))
+    scene = rm.Scene(rm.Body.from_moments((1, 2, 3)), start=start)
+    ds = rm.simulate(scene, integrator="rk4", dt=1e-2, t_end=40.0, members=100_000, every=0.1)
 
-The names below are loaded when first used: importing rigidmc compiles nothing and takes a millisecond. A Dataset has `ds.rigid` as soon as rigidmc and
-xarray are imported, see `rigidmc.views.accessor`.
+The names below are loaded when first used: importing rigidmc compiles nothing and takes a
+millisecond. A Dataset has `ds.rigid` as soon as rigidmc and xarray are imported, see
+`rigidmc.views.accessor`.
 """
 
 from importlib import import_module
+from os import PathLike
 from os.path import isdir
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rigidmc.version import VERSION
 from rigidmc.views.when_imported import register
@@ -18,18 +21,14 @@ from rigidmc.views.when_imported import register
 __version__ = VERSION
 
 _EFFECTS = (
-    "AxialDamping", "Bath", "BodyTorque", "DryFriction", "EnergyDissipation", "Gravity", "GravityGradient", "MatrixDamping", "MovingPivot", "PeriodicTorque", "Potential", "QuadraticDrag", "RotatingField", "Rotor", "SpaceTorque", "Spring", "UniformField", "ViscousDamping",
+    "AxialDamping", "Bath", "BodyTorque", "DryFriction", "EnergyDissipation", "Gravity",
+    "GravityGradient", "MatrixDamping", "MovingPivot", "PeriodicTorque", "Potential",
+    "QuadraticDrag", "RotatingField", "Rotor", "SpaceTorque", "Spring", "UniformField",
+    "ViscousDamping",
 )  # fmt: skip
 _VECTORS = (
-    "Cone",
-    "Correlated",
-    "Fisher",
-    "GibbsMomentum",
-    "Pointing",
-    "SecondMoments",
-    "Shell",
-    "Sphere",
-)
+    "Cone", "Correlated", "Fisher", "GibbsMomentum", "Pointing", "SecondMoments", "Shell", "Sphere",
+)  # fmt: skip
 _HOMES = {
     "Body": "scene.body",
     "FileError": "errors",
@@ -63,7 +62,8 @@ _HOMES = {
     **dict.fromkeys(_EFFECTS, "effects"),
 }
 __all__ = [
-    "Body", "Scene", "Start", "Run", "simulate", "open", "rerun", "accuracy", "stability_map", "simulate_until", "randomised", "warm",
+    "Body", "Scene", "Start", "Run", "simulate", "open", "rerun", "accuracy", "stability_map",
+    "simulate_until", "randomised", "warm",
     "free_top", "free_motion", "lagrange_top", "lagrange_motion",
     "normal", "uniform", "distribution", "grid", "Flips", "Passage", "Histogram", *_EFFECTS,
     "Cone", "Correlated", "Fisher", "GibbsMomentum", "Pointing", "SecondMoments", "Shell", "Sphere",
@@ -71,6 +71,8 @@ __all__ = [
 ]  # fmt: skip
 
 if TYPE_CHECKING:
+    from xarray import Dataset
+
     from rigidmc.effects import *  # noqa: F403
     from rigidmc.errors import (
         FileError,
@@ -105,26 +107,33 @@ if TYPE_CHECKING:
     from rigidmc.studies.until import randomised, simulate_until
 
 
-def open(path, allow_code=False):
-    """A result as an xarray Dataset, read when asked for: a netCDF file, or a run directory (`rigidmc.runs.gather.open_run`). FileError for what is none."""
+def open(path: str | PathLike[str], allow_code: bool = False) -> "Dataset":
+    """A result as an xarray Dataset that is read lazily: a netCDF file or a run directory.
+
+    allow_code : whether to run the code of a user's own effects in a run directory
+    Raises FileError if it is no result; see `rigidmc.runs.gather.open_run` for run directories.
+    """
+    result: Dataset
     if isdir(path):
-        return import_module("rigidmc.runs.gather").open_run(path, allow_code)
-    return import_module("rigidmc.storage.reader").open_result(path)
+        result = import_module("rigidmc.runs.gather").open_run(path, allow_code)
+    else:
+        result = import_module("rigidmc.storage.reader").open_result(path)
+    return result
 
 
-def __getattr__(name):
+def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         words = f"module 'rigidmc' has no attribute '{name}'"
-        if not name.startswith("_"):  # Python itself asks for those
+        if not name.startswith("_"):  # Python itself asks for those that do
             close = import_module("rigidmc.errors").nearest(name, __all__)
             words += f"; did you mean '{close}'?" if close else ""
         raise AttributeError(words)
-    found = getattr(import_module(f"rigidmc.{_HOMES[name]}"), name)
-    globals()[name] = found
-    return found
+    value = getattr(import_module(f"rigidmc.{_HOMES[name]}"), name)
+    globals()[name] = value
+    return value
 
 
-def __dir__():
+def __dir__() -> list[str]:
     return [*__all__, "__version__"]
 
 

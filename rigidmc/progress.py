@@ -1,5 +1,5 @@
-"""Progress of a run: a bar with members/s and time left on a terminal, a line now and then elsewhere,
-or a user's function."""
+"""Progress of a run: a bar with members/s and time left on a terminal, a line now and then
+elsewhere, or a user's function."""
 
 import logging
 import sys

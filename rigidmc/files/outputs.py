@@ -183,8 +183,7 @@ def write_bytes(
 
 @contextlib.contextmanager
 def naming(path: Path, part: str | None = None) -> Iterator[None]:
-    """Let errors of the system name `path` if they name no file (as those of write and fsync), or
-    only its part."""
+    """Let errors of the system name `path` if they name its part, or no file, as in fsync."""
     try:
         yield
     except OSError as error:
@@ -261,8 +260,7 @@ def _is_abandoned(entry: os.DirEntry[str], computer: str, process: int, age: flo
 
 @functools.cache
 def _computer() -> str:
-    """The name of this computer, with the namespace of its process numbers, because every container
-    counts its own."""
+    """The name of this computer and its namespace of process numbers: each container has one."""
     try:
         return f"{platform.node()[:64]}-{os.stat('/proc/self/ns/pid').st_ino}"
     except OSError:  # not Linux

@@ -26,8 +26,7 @@ _STRINGS = re.compile(
 
 
 def refuse_irregular(path: Path, mode: int | None = None) -> None:
-    """Raise FileError for a pipe, device or folder in the place of a file, and FileNotFoundError if
-    there is nothing."""
+    """Raise FileError for a pipe, a device or a folder; FileNotFoundError if there is nothing."""
     mode = os.stat(path).st_mode if mode is None else mode
     if not stat.S_ISREG(mode):
         kind = next((words for test, words in _KINDS.items() if test(mode)), "a device")
@@ -36,8 +35,7 @@ def refuse_irregular(path: Path, mode: int | None = None) -> None:
 
 
 def bytes_of(path: Path, most: int = TEXT, last: bool = False) -> bytes:
-    """The bytes of a regular file. If it has more than `most`: the last ones with `last`, else
-    FileError."""
+    """The bytes of a regular file; if it has more than `most`, the last ones or FileError."""
     refuse_irregular(path)
     with open(path, "rb", opener=_without_waiting) as file:
         refuse_irregular(path, os.fstat(file.fileno()).st_mode)

@@ -44,8 +44,7 @@ Array = NDArray[np.float64]
 
 
 class Seen(NamedTuple):
-    """A scene, its Plan, and its first FEW members: their bodies, and [(label, effect)] with arrays
-    for numbers."""
+    """A scene, its Plan, and its first FEW members: bodies, and [(label, effect)] as arrays."""
 
     scene: Scene
     plan: Plan

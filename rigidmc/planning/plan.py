@@ -218,8 +218,7 @@ def spinning_up(scene: Scene) -> list[str]:
 
 
 def _block(scene: Scene, own: bool, saves: int, threads: int, streaming: bool) -> int:
-    """How many members a block has: enough blocks for all threads, and small ones on their way to a
-    file."""
+    """Members of a block: few enough to occupy all threads, and fewer on their way to a file."""
     blocks = (1 if own else 4) * threads
     block = min(BLOCK, whole_lanes(math.ceil(scene.run.members / blocks)))
     if not streaming:

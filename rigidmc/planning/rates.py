@@ -58,8 +58,7 @@ def own_steps(rate: Array, span: float, turn: float | None) -> Array:
 
 
 def together(block: Array) -> NDArray[np.int64]:
-    """The order of a block's members by their number of steps, so that members with equal numbers
-    lie side by side."""
+    """The order of a block's members by their number of steps: equal numbers lie side by side."""
     steps = block[layout.STEPS]
     # whole numbers of two bytes are sorted by radix, 15 times as fast
     keys = steps.astype("u2") if steps.max(initial=0.0) < 2**16 else steps

@@ -127,8 +127,7 @@ def _staged(
 
 
 def facts(scene: Scene, block: Array, moments: Array) -> Facts:
-    """What laws of vectors may depend on: the Facts of members whose bodies, effects and attitudes
-    are in a block."""
+    """The Facts that laws of vectors may depend on, of members whose rows a block has."""
     body, effects = physics(scene.effects, block)
     q = tuple(block[layout.ATTITUDE : layout.MOMENTUM])
     zeros = np.zeros(block.shape[1])
@@ -142,8 +141,7 @@ def facts(scene: Scene, block: Array, moments: Array) -> Facts:
 
 
 def check_starts(scene: Scene) -> None:
-    """Raise SceneError if no member has a start, or if too few uniform attitudes belong to the
-    ensemble."""
+    """Raise SceneError if no member has a start, or if an ensemble is too rare to be drawn."""
     if scene.start.attitude == "ensemble":
         _check_ensemble(scene)
         return

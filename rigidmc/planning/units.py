@@ -187,8 +187,7 @@ def _power(exponent: int) -> float:
 
 
 def _sized(values: Any, by: float, energy: float) -> Any:
-    """Three quantities, or a vector of `rigidmc.scene.laws`, with its sizes times `by` and its
-    energies times `energy`."""
+    """Three quantities, or a law of a vector, with sizes times `by` and energies times `energy`."""
     if not hasattr(values, "_fields"):
         return tuple(_times(x, by) for x in values)
     changed = {}

@@ -41,8 +41,7 @@ class Watch(NamedTuple):
 
     @property
     def each_step(self) -> list[str]:
-        """Labels of what sees the state at the end of each step, so that long steps hide things
-        from it."""
+        """Labels of what sees the end of each step only, so that long steps hide things from it."""
         return [label for label, _ in (*self.of_events, *self.of_running)]
 
     @property
@@ -77,8 +76,7 @@ def watch(scene: Scene) -> Watch:
 
 
 def _bodies(scene: Scene) -> tuple[NDArray[np.float64], bool]:
-    """(moments (3, n) of the first members, or of all that arrays have; whether they are all that
-    exist)."""
+    """(moments (3, n) of the first members, or of all rows of arrays; whether these are all)."""
     complete = not is_open(scene.body.moments)
     count = (rows(*scene.body.moments) or 1) if complete else PILOT
     return scene.coarse().body.sample(scene.run.seed, 0, count)[0], complete

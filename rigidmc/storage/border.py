@@ -167,8 +167,7 @@ def _refuse_unlike(
 
 
 def _refuse_members(dataset: xr.Dataset, scene: Scene, wrong: Complaint) -> None:
-    """Raise FileError for members that the scene does not have, times that do not ascend, and
-    unknown statuses."""
+    """Raise FileError for members that the scene lacks, disordered times and unknown statuses."""
     run, members = scene.run, dataset.member.values
     last = run.first + run.members - 1
     if members.min() < run.first or members.max() > last:

@@ -1,5 +1,4 @@
-"""What storage must know of a plan to lay out its result. Plans have more, and storage imports
-none."""
+"""What storage must know of a plan to lay out its result, because it does not import planning."""
 
 from typing import Any, Protocol
 

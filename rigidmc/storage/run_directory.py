@@ -55,8 +55,7 @@ class _Line(BaseModel):
 
 
 def hash_of(scene: Scene) -> str:
-    """The hash of everything that decides a member's numbers: the scene without its member
-    range."""
+    """The hash of what decides a member's numbers: the scene without its member range."""
     return hashlib.sha256(scene.with_run(members=1, first=0).dumps().encode()).hexdigest()
 
 
@@ -146,8 +145,7 @@ class RunDirectory:
         return os.path.join(self._folder, f"{i:08d}-{flagged}-{hash_of_file(file)[:16]}.nc")
 
     def missing(self) -> NDArray[np.int64]:
-        """The numbers of the missing shards as an array (80 MB if all of MOST shards are
-        missing)."""
+        """The numbers of the missing shards (80 MB if all of MOST shards are missing)."""
         gone = np.ones(self.count, bool)
         gone[list(self.shards())] = False
         return np.flatnonzero(gone)

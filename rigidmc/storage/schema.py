@@ -98,8 +98,7 @@ def is_rounded(scene: Scene, dims: tuple[str, ...], dtype: str) -> bool:
 
 
 def flagged_variables(scene: Scene) -> dict[str, Variable]:
-    """Variables of flagged members alone, whose saves are all kept even if those of others are
-    not."""
+    """Variables of flagged members, all of whose saves are kept even if those of others are not."""
     names = [name for name, word in scene.kept().items() if word != "full"]
     if not names:
         return {}
@@ -113,8 +112,7 @@ def flagged_variables(scene: Scene) -> dict[str, Variable]:
 
 
 def bytes_of_a_member(scene: Scene, plan: Layout) -> tuple[int, int]:
-    """Bytes of a member in a result before compression: (of values that all members share, of
-    others)."""
+    """Bytes of a member before compression: (of values that all members share, of others)."""
     same = other = 0
     variables = {**member_variables(scene, plan.carried), **saved_variables(scene)}
     for name, (dims, dtype, _) in variables.items():
@@ -192,8 +190,7 @@ def _health_variables(scene: Scene) -> dict[str, Variable]:
 
 
 def _body_variables(scene: Scene) -> dict[str, Variable]:
-    """Moments, and mass and centre if an effect may need them; steps of members that have their
-    own."""
+    """Moments; steps of members that have their own; mass and centre if effects may need them."""
     text = "principal moments of inertia about the fixed point"
     variables = {"moments": _by_member(text, "kg m2", ("axis",))}
     if scene.run.turn is not None and scene.run.integrator != "closed":
@@ -223,8 +220,7 @@ def _start_variables(scene: Scene, carried: bool) -> dict[str, Variable]:
 
 
 def attributes(scene: Scene, plan: Layout) -> dict[str, Any]:
-    """Global attributes; the scene's TOML and the member range are enough to run it again to the
-    same bits."""
+    """Global attributes; the scene's TOML and the member range suffice for a rerun to the bit."""
     # a selection of the result has only the rows of its own members, so whatever was chosen by
     # looking at all of them is written down
     looked = {}

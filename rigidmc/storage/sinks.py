@@ -110,8 +110,10 @@ class Counts:
 
 
 class Memory:
-    """Collects blocks in one Dataset. If all saved values are kept, the kernel writes them straight
-    to their place."""
+    """Collects blocks in one Dataset.
+
+    If all saved values are kept, the kernel writes them straight to their place.
+    """
 
     def __init__(
         self, scene: Scene, plan: Layout, more: Mapping[str, Any], direct: bool = True

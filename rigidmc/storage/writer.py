@@ -32,8 +32,7 @@ Arrays = Mapping[str, NDArray[Any]]
 
 
 def encoded(dataset: xr.Dataset) -> bytes:
-    """The bytes of a Dataset as a netCDF file, made in memory: after a full disk the C library
-    crashes."""
+    """A Dataset as the bytes of a netCDF file: in memory, as a full disk crashes the C library."""
     words = {name: {"dtype": "S1"} for name, v in dataset.variables.items() if v.dtype.kind in "UO"}
     return bytes(dataset.to_netcdf(engine="netcdf4", encoding=words))
 
@@ -137,8 +136,7 @@ class Writer:
         variable.set_auto_maskandscale(False)  # a third of the time of a write
 
     def write(self, first: int, count: int, values: Arrays) -> None:
-        """Write {name: array with the member dimension last} for members first ... first + count -
-        1."""
+        """Write {name: array, members last} for `count` members from index `first` on."""
         part = slice(first - self._first, first - self._first + count)
 
         def put() -> None:

@@ -31,8 +31,7 @@ if TYPE_CHECKING:
 
 
 def cost_per_step(scene: Scene, plan: Plan, members: int = 256, seconds: float = 0.05) -> float:
-    """Nanoseconds per member-step on one thread of this machine, measured on the scene's own first
-    members."""
+    """Nanoseconds per member-step on one thread, measured on the first members of the scene."""
     program, random = program_of(scene, plan), noise(scene, plan.first)
     assert program is not None, "closed forms make no steps"
     best, steps, own = math.inf, 16, int(plan.own)
