@@ -61,9 +61,9 @@ class Writer:
         refuse_lockless(os.path.dirname(os.path.abspath(path)))
         self.path, self._named = path, named
         self._file: Any = None
-        self._part = Part(path, force)
         self._first, self._digits = plan.first, dict[str, int]()
         attrs = attributes(scene, plan) if attrs is None else attrs
+        self._part = Part(path, force)
         try:
             with naming_failures(self.path):
                 alone(self._begin, scene, plan, attrs, more or {})
@@ -116,8 +116,7 @@ class Writer:
 
     def _define(self, name: str, of: Variable, scene: Scene, plan: Layout) -> None:
         dims, dtype, attrs = of
-        # a chunk holds a block of members and up to 128 times: cheap to write, and to read either
-        # way
+        # a chunk holds a block of members and up to 128 times: cheap to write and to read both ways
         chunks = [
             min(length(dim, plan) or 32, plan.block if dim == "member" else 128) for dim in dims
         ]
