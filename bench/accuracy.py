@@ -10,7 +10,7 @@ import numpy as np
 import rigidmc
 from bench import harness, tops
 from rigidmc.effects import Gravity
-from rigidmc.planning.tolerance.ladder import Costs
+from rigidmc.planning.tolerance.costs import Costs
 from rigidmc.planning.tolerance.pilot import pilot
 from rigidmc.studies.accuracy import accuracy
 

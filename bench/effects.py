@@ -22,7 +22,8 @@ from rigidmc.engine.operations import step_operations, torque_operations
 from rigidmc.engine.program import lanes_for
 from rigidmc.integrators import INTEGRATORS, Turns, form
 from rigidmc.planning.plan import prepare
-from rigidmc.planning.tolerance.costs import cost_per_step, prices
+from rigidmc.planning.tolerance.costs import cost_per_step
+from rigidmc.planning.tolerance.effect_costs import prices
 from rigidmc.scene.body import Body
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start

@@ -20,7 +20,7 @@ from bench import baselines, harness, tops
 from rigidmc.effects import Gravity
 from rigidmc.engine import layout
 from rigidmc.engine.machine import threads_available
-from rigidmc.planning.plan import form_of
+from rigidmc.planning.form import form_of
 
 T_END, MEMBERS = 10.0, 4096
 # as `simulate` cuts them if members have steps of their own

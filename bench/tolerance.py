@@ -11,9 +11,10 @@ import numpy as np
 
 import rigidmc
 from bench import harness
-from rigidmc.errors import SceneError
+from rigidmc.errors import RigidmcError
 from rigidmc.mechanics.rotation import attitude_error
-from rigidmc.planning.tolerance.pilot import errors, pilot
+from rigidmc.planning.tolerance.deviation import errors
+from rigidmc.planning.tolerance.pilot import pilot
 from rigidmc.planning.tolerance.truth import truth
 from rigidmc.scene.file import shipped
 from rigidmc.studies.accuracy import accuracy
@@ -99,7 +100,7 @@ def kept(name, tolerance):
             save=("momentum", "attitude"),
             members=range(found.first, found.first + found.members),
         )
-    except SceneError as error:
+    except RigidmcError as error:
         return {**row, "share": None, "why": error.rule}
     at = np.searchsorted(ds.time.values, found.times * (1.0 - 1e-9))
     l, q = (ds[x].values[at] for x in ("momentum", "attitude"))

@@ -12,7 +12,7 @@ from rigidmc.engine.frame import Run
 from rigidmc.engine.program import QUIET, Program
 from rigidmc.engine.threads import run_block
 from rigidmc.planning.job import Job
-from rigidmc.planning.stage import own_steps, rates, together
+from rigidmc.planning.rates import own_steps, rates, together
 
 GRAVITY = 9.81  # m/s^2
 BLOCK = 4096  # members of a block, as in rigidmc.planning.plan

@@ -10,25 +10,17 @@ A Dataset has `ds.rigid` as soon as rigidmc and xarray are imported, see `rigidm
 """
 
 from importlib import import_module
+from os import PathLike
 from os.path import isdir
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rigidmc.version import VERSION
 from rigidmc.views.when_imported import register
 
 __version__ = VERSION
 
-_LAWS = (
-    "Cone",
-    "Correlated",
-    "Fisher",
-    "GibbsMomentum",
-    "Pointing",
-    "SecondMoments",
-    "Shell",
-    "Sphere",
-)
-_HOMES = {  # name: module; the classes of effects come beside these, see `_effects`
+# name: module; the classes of effects and laws come from their registries
+_HOMES = {
     "Body": "scene.body",
     "Scene": "scene.scene",
     "Start": "scene.start",
@@ -51,15 +43,22 @@ _HOMES = {  # name: module; the classes of effects come beside these, see `_effe
     "Flips": "observables",
     "Passage": "observables",
     "Histogram": "observables",
-    **dict.fromkeys(_LAWS, "scene.laws"),
+    "RigidmcError": "errors",
     "SceneError": "errors",
+    "OptionError": "errors",
+    "FileError": "errors",
     "SceneWarning": "errors",
     "OutputExists": "errors",
 }
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # the same names for type checkers and editors
+    from xarray import Dataset
+
     from rigidmc.effects import *  # noqa: F403
+    from rigidmc.errors import FileError as FileError
+    from rigidmc.errors import OptionError as OptionError
     from rigidmc.errors import OutputExists as OutputExists
+    from rigidmc.errors import RigidmcError as RigidmcError
     from rigidmc.errors import SceneError as SceneError
     from rigidmc.errors import SceneWarning as SceneWarning
     from rigidmc.mechanics.free_top import free_motion as free_motion
@@ -73,14 +72,7 @@ if TYPE_CHECKING:
     from rigidmc.runs.simulate import simulate as simulate
     from rigidmc.runs.warm import warm as warm
     from rigidmc.scene.body import Body as Body
-    from rigidmc.scene.laws import Cone as Cone
-    from rigidmc.scene.laws import Correlated as Correlated
-    from rigidmc.scene.laws import Fisher as Fisher
-    from rigidmc.scene.laws import GibbsMomentum as GibbsMomentum
-    from rigidmc.scene.laws import Pointing as Pointing
-    from rigidmc.scene.laws import SecondMoments as SecondMoments
-    from rigidmc.scene.laws import Shell as Shell
-    from rigidmc.scene.laws import Sphere as Sphere
+    from rigidmc.scene.laws import *  # noqa: F403
     from rigidmc.scene.quantities import distribution as distribution
     from rigidmc.scene.quantities import grid as grid
     from rigidmc.scene.quantities import normal as normal
@@ -94,27 +86,34 @@ if TYPE_CHECKING:
     from rigidmc.studies.until import simulate_until as simulate_until
 
 
-def open(path, allow_code=False):
-    """A result as an xarray Dataset, read lazily: of a netCDF file, or of a run directory.
+def open(path: str | PathLike[str], allow_code: bool = False) -> "Dataset":
+    """A result as an xarray Dataset that is read lazily: a netCDF file or a run directory.
 
-    Raises SceneError for a path that is neither. See `rigidmc.runs.gather.open_run`.
+    allow_code : whether to run the Python files of a user's own effects, in a run directory
+
+    Raises FileError for a path that is neither. See `rigidmc.runs.gather.open_run`.
     """
+    result: Dataset
     if isdir(path):
-        return import_module("rigidmc.runs.gather").open_run(path, allow_code)
-    return import_module("rigidmc.storage").open_result(path)
+        result = import_module("rigidmc.runs.gather").open_run(path, allow_code)
+    else:
+        result = import_module("rigidmc.storage.reader").open_result(path)
+    return result
 
 
-def _effects():
-    """The names of the classes of effects."""
-    return [kind.__name__ for kind in import_module("rigidmc.effects").EFFECTS.values()]
+def _registered() -> dict[str, str]:
+    """{name: module} of the classes of effects and laws."""
+    effects = import_module("rigidmc.effects").EFFECTS.values()
+    laws = import_module("rigidmc.scene.laws").LAWS
+    return {kind.__name__: kind.__module__.removeprefix("rigidmc.") for kind in (*effects, *laws)}
 
 
-def __getattr__(name):
+def __getattr__(name: str) -> Any:
     if name == "__all__":
-        return [*_HOMES, "open", *_effects()]
+        return [*_HOMES, "open", *_registered()]
     home = _HOMES.get(name)
     if home is None and not name.startswith("_"):  # Python itself asks for names with underscores
-        home = "effects" if name in _effects() else None
+        home = _registered().get(name)
     if home is None:
         words = f"module 'rigidmc' has no attribute '{name}'"
         if not name.startswith("_"):
@@ -126,7 +125,7 @@ def __getattr__(name):
     return value
 
 
-def __dir__():
+def __dir__() -> list[str]:
     return [*__getattr__("__all__"), "__version__"]
 
 

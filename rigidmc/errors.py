@@ -1,29 +1,37 @@
-"""Errors for people: what was given, where it stands, what is allowed, and the nearest right word."""
+"""Errors that tell what was given, where it stands, what is allowed, and the nearest right word."""
 
 import difflib
 import warnings
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 
-class SceneError(ValueError):
-    """A scene that cannot be run. Its text names file, table, key, value, rule and the nearest right word."""
+class RigidmcError(ValueError):
+    """A mistake in what the user gave, whatever it is; the command line ends with exit code 3.
 
-    def __init__(self, table, key, value, rule, nearest=None, file=None):
+    The text names file, table, key, value, rule and the nearest right word.
+    """
+
+    def __init__(
+        self,
+        table: str,
+        key: str,
+        value: Any,
+        rule: str,
+        nearest: str | None = None,
+        file: str | None = None,
+    ) -> None:
         super().__init__(rule)
-        self.table, self.key, self.value, self.rule, self.nearest, self.file = (
-            table,
-            key,
-            value,
-            rule,
-            nearest,
-            file,
-        )
+        self.table, self.key, self.value = table, key, value
+        self.rule, self.nearest, self.file = rule, nearest, file
 
-    def __reduce__(self):  # from the workers of a cluster
+    def __reduce__(self) -> tuple[Any, ...]:  # the workers of a cluster send errors pickled
         return type(self), (self.table, self.key, self.value, self.rule, self.nearest, self.file)
 
-    def __str__(self):
+    def __str__(self) -> str:
         file = f"{self.file}: " if self.file else ""
         place = f"[{self.table}] " if self.table else ""
         given = "" if self.value is None else f" = {_short(self.value)}"
@@ -31,51 +39,62 @@ class SceneError(ValueError):
         return f"{file}{place}{self.key}{given}: {self.rule}{hint}"
 
 
+class SceneError(RigidmcError):
+    """A scene that cannot be run, or a body or motion that cannot be computed."""
+
+
+class OptionError(RigidmcError):
+    """An option of the command line, or an argument of a function, that cannot be used."""
+
+
+class FileError(RigidmcError):
+    """A file or run directory that cannot be used: no regular file, damaged, or no result."""
+
+
 class OutputExists(FileExistsError):
     """A result would overwrite a file; nothing was written."""
+
+
+class NoRoom(OSError):
+    """More memory or disk is needed than is free."""
 
 
 class SceneWarning(UserWarning):
     """A scene that runs, but perhaps not as meant."""
 
 
-def nearest(word, words):
-    """The closest of some words, or None."""
+def nearest(word: object, words: Iterable[object]) -> str | None:
+    """The word of `words` that is most like `word`, or None if none is like it."""
     known = {str(w).lower(): str(w) for w in words}
     close = difflib.get_close_matches(str(word).lower(), known, n=1, cutoff=0.5)
     return known[close[0]] if close else None
 
 
-def unknown(table, key, value, kind, words):
-    """The SceneError for a word that is none of `words`."""
-    return SceneError(
-        table,
-        key,
-        value,
-        f"no such {kind}; known: {', '.join(words)}",
-        nearest(value if value is not None else key, words),
-    )
+def unknown(
+    table: str,
+    key: str,
+    value: Any,
+    kind: str,
+    words: Iterable[str],
+    error: type[RigidmcError] = SceneError,
+) -> RigidmcError:
+    """The error for a word that is none of `words`."""
+    rule = f"no such {kind}; known: {', '.join(words)}"
+    return error(table, key, value, rule, nearest(value if value is not None else key, words))
 
 
-def flag(bad, rule, table="", key="input"):
-    """SceneError where all elements are bad, a SceneWarning that counts them where some are; they are nan in the result."""
+def flag(bad: ArrayLike, rule: str, table: str = "", key: str = "input") -> None:
+    """Raise SceneError if all elements are bad; warn with their number if some are, because they
+    are nan in the result."""
     count, size = int(np.count_nonzero(bad)), np.size(bad)
     if count and count == size:
-        raise SceneError(
-            table, key, None, f"{rule} (all of {count:,} are bad)" if count > 1 else rule
-        )
+        every = f"{rule} (all of {count:,} are bad)" if count > 1 else rule
+        raise SceneError(table, key, None, every)
     if count:
-        warnings.warn(
-            f"{count:,} of {size:,} elements are nan in the result: {rule}",
-            SceneWarning,
-            stacklevel=4,
-        )
+        some = f"{count:,} of {size:,} elements are nan in the result: {rule}"
+        warnings.warn(some, SceneWarning, stacklevel=4)
 
 
-def _short(value):
-    text = repr(value) if not isinstance(value, str) else f"{value!r}"
+def _short(value: object) -> str:
+    text = repr(value)
     return text if len(text) <= 80 else text[:77] + "..."
-
-
-class NoRoom(OSError):
-    """More memory or disk is needed than is free."""

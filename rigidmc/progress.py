@@ -1,14 +1,16 @@
-"""Progress of a run: a bar with members/s and time left on a terminal, a line now and then elsewhere, or a user's function."""
+"""Progress of a run: a bar with members/s and time left on a terminal, a line now and then
+elsewhere, or a user's function."""
 
 import logging
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 
-Progress = bool | Callable[[int, int], object] | None  # a bar, a function of (done, total), nothing
+Show = Callable[[int, int], object]  # called with the member-steps that are done, and all of them
+Progress = bool | Show | None  # a bar, a function, or nothing
 
 log = logging.getLogger("rigidmc")
 _LINE_SECONDS = 10.0  # between plain lines
@@ -16,8 +18,8 @@ _announced: ContextVar[bool] = ContextVar("announced", default=False)
 
 
 @contextmanager
-def announcing(progress):
-    """Within this, what begins is printed by `say` if `progress` is True."""
+def announcing(progress: object) -> Iterator[None]:
+    """Within this context `say` prints its lines if `progress` is True."""
     token = _announced.set(_announced.get() or progress is True)
     try:
         yield
@@ -25,50 +27,60 @@ def announcing(progress):
         _announced.reset(token)
 
 
-def say(text):
-    """A line about something that begins and takes long: for the log, and for people who asked for progress."""
+def say(text: str) -> None:
+    """A line about something that begins and takes long, for the log and for users who asked for
+    progress."""
     log.info(text)
     if _announced.get():
-        with suppress(OSError):  # who reads it may have gone
-            print(text, file=sys.stderr, flush=True)
+        _print(text)
 
 
-class _Report:
-    """Counts member-steps from any thread; `poll` is called by the main thread and shows them."""
+def _print(text: str) -> None:
+    with suppress(OSError):  # the reader may have gone; the run goes on
+        print(text, file=sys.stderr, flush=True)
 
-    def __init__(self, total, show):
-        self.total, self.done, self.show = total, 0, show
+
+class Report:
+    """Counts member-steps from any thread. The main thread calls `poll`, which shows them."""
+
+    def __init__(self, total: int, show: Show) -> None:
+        self.total, self.show = total, show
+        self.done: float = 0
         self._lock = threading.Lock()
 
-    def step(self, count):
+    def step(self, count: float) -> None:
+        """Count member-steps that are done."""
         with self._lock:
             self.done = min(self.total, self.done + count)
 
-    def poll(self):
+    def poll(self) -> None:
+        """Show what is done."""
         self.show(round(self.done), self.total)
 
 
 @contextmanager
-def reporter(progress, members, steps):
-    """A report with step(count) and poll(); progress: False, True, or a function of (done, total) member-steps."""
+def reporter(progress: Progress, members: int, steps: int) -> Iterator[Report]:
+    """A report with step(count) and poll().
+
+    progress : True for a bar or lines, or a function of (done, total) member-steps
+    """
     total = members * steps
     if callable(progress):
-        report = _Report(total, progress)
+        report = Report(total, progress)
         yield report
         report.poll()
     elif not progress:
-        yield _Report(total, lambda done, total: None)
+        yield Report(total, lambda done, total: None)
     elif sys.stderr.isatty():
         with _bar(total, steps) as report:
             yield report
             report.poll()
     else:
-        report = _Report(total, _lines())
-        yield report
+        yield Report(total, _lines())
 
 
 @contextmanager
-def _bar(total, steps):
+def _bar(total: int, steps: int) -> Iterator[Report]:
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -90,27 +102,22 @@ def _bar(total, steps):
     with Progress(*columns, console=Console(stderr=True), transient=False) as bar:
         task = bar.add_task("", total=total, rate="")
 
-        def show(done, total):
+        def show(done: int, total: int) -> None:
             rate = done / max(1e-9, time.perf_counter() - began)
             bar.update(task, completed=done, rate=f"{rate / steps:,.0f} members/s")
 
-        yield _Report(total, show)
+        yield Report(total, show)
 
 
-def _lines():
+def _lines() -> Show:
     began = last = time.perf_counter()
 
-    def show(done, total):
+    def show(done: int, total: int) -> None:
         nonlocal last
         now = time.perf_counter()
         if now - last > _LINE_SECONDS:
             last = now
             left = (now - began) * (total - done) / max(1, done)
-            with suppress(OSError):  # who reads it may have gone; the run goes on
-                print(
-                    f"{100 * done / total:.0f} % done, {left:.0f} s left",
-                    file=sys.stderr,
-                    flush=True,
-                )
+            _print(f"{100 * done / total:.0f} % done, {left:.0f} s left")
 
     return show

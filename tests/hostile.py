@@ -18,7 +18,8 @@ import tomli_w
 import rigidmc as rm
 from rigidmc.runs import resume
 from rigidmc.runs.shards import scene_in
-from rigidmc.storage.run_directory import _SHARD, RunDirectory, hash_of_file, rendered
+from rigidmc.storage.run_directory import _SHARD, RunDirectory, hash_of_file
+from rigidmc.storage.run_facts import rendered
 
 SCENE = """
 title = "good"

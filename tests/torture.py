@@ -215,7 +215,7 @@ def corrupt(count, folder, some):
     words = [*WORDS[:3], "20000", *WORDS[4:]]
     words[words.index("--shard-size") + 1] = "0.3"
     assert run(*words, whole + "/").returncode == 0
-    from rigidmc.errors import SceneError
+    from rigidmc.errors import RigidmcError
     from rigidmc.runs import gather, resume
 
     expected = sums(whole)
@@ -235,7 +235,7 @@ def corrupt(count, folder, some):
         told["damaged"] += 1
         try:
             found = bool(gather.verify(whole, spot=0))
-        except SceneError:
+        except RigidmcError:
             found = True
         except Exception as error:
             print(f"{path}: {type(error).__name__}: {error}", file=sys.stderr)

@@ -18,7 +18,7 @@ from rigidmc.cli.options import (
     time_option,
     words_of,
 )
-from rigidmc.errors import SceneError
+from rigidmc.errors import OptionError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -96,4 +96,4 @@ def _numbers(text: str) -> tuple[float, ...]:
         return tuple(float(word) for word in text.split(","))
     except ValueError:
         rule = "expected numbers separated by commas, e.g. 1e-4,1e-8"
-        raise SceneError("", "--tolerances", text, rule) from None
+        raise OptionError("", "--tolerances", text, rule) from None

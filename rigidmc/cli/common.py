@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
 
-from rigidmc.errors import NoRoom, OutputExists, SceneError, SceneWarning, nearest
+from rigidmc.errors import (
+    NoRoom,
+    OptionError,
+    OutputExists,
+    RigidmcError,
+    SceneWarning,
+    nearest,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -53,7 +60,7 @@ def reported() -> Iterator[None]:
         try:
             with noted(), announcing(True), _no_parts_left(numbers):
                 yield
-        except SceneError as error:
+        except RigidmcError as error:
             fail(error, INVALID)
         except OutputExists as error:
             fail(error, REFUSED)
@@ -118,10 +125,10 @@ def _no_parts_left(numbers: list[int]) -> Iterator[None]:
 
 @contextmanager
 def about(file: str) -> Iterator[None]:
-    """Name the file in each SceneError that names none."""
+    """Name the file in each error that names none."""
     try:
         yield
-    except SceneError as error:
+    except RigidmcError as error:
         error.file = error.file or file
         raise
 
@@ -174,6 +181,7 @@ def load_scene(
     run: Mapping[str, Any] | None = None,
 ) -> "Scene":
     """A scene with the --set options and the run settings of the command line."""
+    from rigidmc.scene.file import scene_of
     from rigidmc.scene.scene import Scene
 
     pairs = []
@@ -181,10 +189,16 @@ def load_scene(
         key, equals, value = setting.partition("=")
         if not equals or "." not in key:
             rule = "expected table.key=value, e.g. body.moments=[1,2,3] or effects.gravity.g=1.62"
-            raise SceneError("", "--set", setting, rule)
+            raise OptionError("", "--set", setting, rule)
         pairs.append((key.strip(), value.strip()))
     with about(source):
-        return Scene.load(source, pairs, allow_code).with_run(**run or {})
+        if source.lower().endswith(".nc") and not os.path.isdir(source):
+            # this checks the whole result, Scene.load only its scene
+            with opened(source) as result:
+                scene = scene_of(result, pairs, allow_code)
+        else:
+            scene = Scene.load(source, pairs, allow_code)
+        return scene.with_run(**run or {})
 
 
 def opened(path: str, allow_code: bool = False) -> AbstractContextManager["xr.Dataset"]:
@@ -241,7 +255,7 @@ def keep(
 ) -> list[str]:
     """Write a study, and the picture draw(dataset); return a line for each file, see `written`."""
     from rigidmc.files.outputs import write_bytes
-    from rigidmc.storage import encoded
+    from rigidmc.storage.writer import encoded
 
     if output is not None:
         write_bytes(output, encoded(dataset), force)

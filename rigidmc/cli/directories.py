@@ -17,18 +17,18 @@ from rigidmc.cli.options import (
     Threads,
     count_option,
 )
-from rigidmc.errors import SceneError
+from rigidmc.errors import OptionError
 
 
 def shards_of(text: str | None) -> range | None:
-    """The range of FROM:TO; SceneError."""
+    """The range of FROM:TO; OptionError."""
     if text is None:
         return None
     low, colon, high = text.partition(":")
     digits = all(part.isascii() and part.isdigit() for part in (low, high))
     if not colon or not digits or int(low) >= int(high):
         rule = "expected FROM:TO, such as 0:100 for the first hundred"
-        raise SceneError("", "--shards", text, rule)
+        raise OptionError("", "--shards", text, rule)
     return range(int(low), int(high))
 
 

@@ -26,7 +26,7 @@ from rigidmc.cli.options import (
     count_option,
     takes_settings,
 )
-from rigidmc.errors import SceneError, unknown
+from rigidmc.errors import OptionError, unknown
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -97,7 +97,7 @@ def make_map(
             _list(listed)
             return
         if listed is not None:
-            raise SceneError("", "NAME", listed, "goes with `rigidmc map list NAME`")
+            raise OptionError("", "NAME", listed, "goes with `rigidmc map list NAME`")
         refuse_outputs(force, output, plot, size=8 * max(resolution, 1) ** 2 * (4 + 3 * len(of)))
         if _of_package(name, x, y, of, settings):
             from rigidmc.studies.maps.catalogue import case_map
@@ -127,7 +127,7 @@ def make_map(
 def _of_package(
     name: str, x: str | None, y: str | None, of: Sequence[str], settings: Sequence[str]
 ) -> bool:
-    """Whether a map of the package is asked for; SceneError if neither it nor a map of a scene is
+    """Whether a map of the package is asked for; OptionError if neither it nor a map of a scene is
     described completely."""
     from rigidmc.studies.maps.catalogue import MAPS
 
@@ -135,17 +135,17 @@ def _of_package(
     if name in MAPS and plain:
         return True
     if plain:
-        raise unknown("", "map", name, "map", MAPS)
+        raise unknown("", "map", name, "map", MAPS, OptionError)
     missing = [key for key, value in (("--x", x), ("--y", y), ("--of", of)) if not value]
     if missing and name in MAPS:
         rule = (
             "a map of the package has its own x, y, measures and scene; give --resolution,"
             " --members, --dt and the like, or a scene with all of --x, --y and --of"
         )
-        raise SceneError("", "map", name, rule)
+        raise OptionError("", "map", name, rule)
     if missing:
         rule = f"is missing: a map of a scene needs it; maps of the package: {', '.join(MAPS)}"
-        raise SceneError("", ", ".join(missing), None, rule)
+        raise OptionError("", ", ".join(missing), None, rule)
     return False
 
 
@@ -162,7 +162,7 @@ def _list(name: str | None) -> None:
     from rigidmc.studies.maps.catalogue import MAPS
 
     if name is not None and name not in MAPS:
-        raise unknown("", "map", name, "map", MAPS)
+        raise unknown("", "map", name, "map", MAPS, OptionError)
     for word in MAPS if name is None else (name,):
         case = MAPS[word]()
         print(f"{word:18s} {case.title}")
@@ -181,7 +181,7 @@ def _list(name: str | None) -> None:
 
 
 def _side(text: str, key: str) -> tuple[str, float, float, bool]:
-    """(parameter, low, high, whether in even ratios) of KEY=LOW:HIGH[:log]; SceneError."""
+    """(parameter, low, high, whether in even ratios) of KEY=LOW:HIGH[:log]; OptionError."""
     name, equals, ends = text.partition("=")
     parts = ends.split(":")
     try:
@@ -190,7 +190,7 @@ def _side(text: str, key: str) -> tuple[str, float, float, bool]:
         low = high = float("nan")
     if not equals or len(parts) not in (2, 3) or parts[2:] not in ([], ["log"]) or low != low:
         rule = "expected KEY=LOW:HIGH or KEY=LOW:HIGH:log, e.g. body.moments.1=0.1:0.9"
-        raise SceneError("", key, text, rule)
+        raise OptionError("", key, text, rule)
     return name.strip(), low, high, len(parts) == 3
 
 

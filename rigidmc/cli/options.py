@@ -8,18 +8,18 @@ from typing import Annotated, Any
 import typer
 
 from rigidmc.cli.common import INVALID, fail
-from rigidmc.errors import SceneError
+from rigidmc.errors import RigidmcError
 from rigidmc.scene.amounts import counted_text, seconds
 from rigidmc.scene.settings import Count, Digits, Index, Run, Time, types
 
 
 def _checked(read: Callable[[str], Any]) -> Callable[[str], Any]:
-    """A parser of an option's text; a SceneError ends the command with its message."""
+    """A parser of an option's text; a RigidmcError ends the command with its message."""
 
     def parser(text: str) -> Any:
         try:
             return read(text)
-        except SceneError as error:
+        except RigidmcError as error:
             return fail(error, INVALID)
 
     return parser

@@ -27,7 +27,7 @@ from rigidmc.cli.options import (
     takes_settings,
     time_option,
 )
-from rigidmc.errors import unknown
+from rigidmc.errors import OptionError, unknown
 from rigidmc.views.pictures import PICTURES
 from rigidmc.views.pictures import picture as picture_named
 
@@ -94,7 +94,7 @@ def plot(
     """Draw a picture of a result."""
     with reported():
         if picture not in (*PICTURES, "gibbs"):
-            raise unknown("", "--picture", picture, "picture", (*PICTURES, "gibbs"))
+            raise unknown("", "--picture", picture, "picture", (*PICTURES, "gibbs"), OptionError)
         refuse_outputs(force, plot=output)
         try:
             with opened(file, allow_code) as dataset:

@@ -36,7 +36,7 @@ from rigidmc.cli.options import (
     count_option,
     takes_settings,
 )
-from rigidmc.errors import SceneError
+from rigidmc.errors import OptionError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -88,7 +88,7 @@ def run_scene(
         for name, value in options.items():
             if value is not None:
                 key = f"--{name.replace('_', '-')}"
-                raise SceneError("", key, value, "needs a run directory: -o RUN/")
+                raise OptionError("", key, value, "needs a run directory: -o RUN/")
         refuse_outputs(force, output, plot)
         if until is None:
             from rigidmc.runs.simulate import simulate
@@ -98,7 +98,7 @@ def run_scene(
         else:
             if "members" in run:
                 rule = "does not go with --until, which adds as many as it takes: give --most"
-                raise SceneError("", "--members", run["members"], rule)
+                raise OptionError("", "--members", run["members"], rule)
             dataset, code = _until(loaded, until, most, threads, output, force)
         if plot is not None:
             save_picture(plots_module().summary(dataset), plot, force)
@@ -109,13 +109,13 @@ def run_scene(
 
 
 def _refuse_with_directory(output: str, plot: str | None, until: str | None, force: bool) -> None:
-    """SceneError for options that a run directory does not take."""
+    """OptionError for options that a run directory does not take."""
     if plot is not None or until is not None:
         rule = "a run directory takes neither --plot nor --until: consolidate it first"
-        raise SceneError("", "--output", output, rule)
+        raise OptionError("", "--output", output, rule)
     if force:
         rule = f"replaces files, not folders: remove {output} yourself"
-        raise SceneError("", "--force", None, rule)
+        raise OptionError("", "--force", None, rule)
 
 
 def _in_directory(
@@ -134,7 +134,7 @@ def _in_directory(
 
     kind, count = ("", "") if cluster is None else checked(cluster)
     if shard_size is not None and not shard_size < 1e6:
-        raise SceneError("", "--shard-size", shard_size, "expected megabytes, at most 1e6")
+        raise OptionError("", "--shard-size", shard_size, "expected megabytes, at most 1e6")
     size = SHARD if shard_size is None else 1e6 * shard_size
     workers = int(count) if kind == "local" else threads
     directory = create(scene, output, size, shards_of(shards), workers)

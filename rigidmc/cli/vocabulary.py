@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from rigidmc.cli.common import app, reported
-from rigidmc.errors import unknown
+from rigidmc.errors import OptionError, unknown
 
 Name = Annotated[
     str | None,
@@ -27,7 +27,7 @@ def _explain(
 ) -> None:
     """Print the docstring of a kind, which has its equation and source, then its facts."""
     if name not in kinds:
-        raise unknown("", kind, name, kind, kinds)
+        raise unknown("", kind, name, kind, kinds, OptionError)
     print(f"{name}: {cleandoc(text or '')}\n")
     for label, fact in facts(name):
         if fact:
@@ -72,7 +72,7 @@ def effects(
 
 def _effect_costs() -> dict[str, Any]:
     """{effect: its measured cost}; print the cost of steps without it."""
-    from rigidmc.planning.tolerance.costs import effect_prices
+    from rigidmc.planning.tolerance.effect_costs import effect_prices
 
     costs = effect_prices()
     words = ("free", "with attitude", "with gravity", "strang")
@@ -157,7 +157,7 @@ def observables(
 
 def _watching_costs() -> dict[str, dict[str, float]]:
     """{scene: {observable: what it adds to a step [ns]}}; print the cost of bare steps."""
-    from rigidmc.planning.tolerance.costs import watched_prices
+    from rigidmc.planning.tolerance.effect_costs import watched_prices
 
     costs = watched_prices()
     bare = ", ".join(f"{where} {each['']:.2f} ns" for where, each in costs.items())
@@ -212,7 +212,7 @@ def integrators(
             return
         costs: dict[str, dict[str, float]] = {}
         if measure:
-            from rigidmc.planning.tolerance.ladder import step_costs
+            from rigidmc.planning.tolerance.costs import step_costs
 
             costs = step_costs()
         for word, kind in INTEGRATORS.items():

@@ -1,23 +1,25 @@
-"""Files that appear whole or not at all. Each is written beside its place as a `Part`, made durable, then renamed; an existing file
-is replaced only on request.
+"""Files that appear whole or not at all. Each is written beside its place as a `Part`, made
+durable, then renamed; an existing file is replaced only on request.
 
-A part is called .part-COMPUTER-PROCESS-NUMBER. If a process is killed, the next one that writes to the folder deletes its parts.
+A part is called .part-COMPUTER-PROCESS-NUMBER. If a process is killed, the next one that writes to
+the folder deletes its parts.
 """
 
 import atexit
 import contextlib
 import errno
-import fcntl
 import functools
 import itertools
 import os
 import platform
 import re
 import shutil
-import tempfile
 import time
+from collections.abc import Callable, Iterator
 
-from rigidmc.errors import NoRoom, OutputExists, SceneError
+from rigidmc.errors import NoRoom, OptionError, OutputExists
+
+Path = str | os.PathLike[str]
 
 KINDS = {  # of what is written, with their endings
     "results": (".nc",),
@@ -27,36 +29,33 @@ KINDS = {  # of what is written, with their endings
 }
 _PART = re.compile(r"\.part-(.+)-([0-9]+)-([0-9]+)(\.[A-Za-z0-9]{1,8})?")
 _numbers = itertools.count()
-_parts: set[str] = set()  # those that this process writes
-os.register_at_fork(after_in_child=_parts.clear)
-
-_LOCKLESS = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP)
-WITHOUT_LOCKS = "With HDF5_USE_FILE_LOCKING=FALSE in the environment it works without locks; then make sure that only one process writes there"
+_parts: set[str] = set()  # the parts that this process writes
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_parts.clear)
 
 
-def check_suffix(path, kind):
-    """SceneError if a file name does not have an ending of its kind, because the ending would belie the content."""
+def check_suffix(path: Path, kind: str) -> None:
+    """Raise OptionError if a file name lacks an ending of its kind: it would belie the content."""
     suffix, endings = os.path.splitext(path)[1], KINDS[kind]
     if suffix.lower() not in endings:
         more = "; `rigidmc run SCENE -o RUN/` makes a run directory" if kind == "results" else ""
-        raise SceneError(
-            "",
-            "output",
-            os.fspath(path),
-            f"a name for {kind} ends in {', '.join(endings)}, not in '{suffix}'{more}",
-        )
+        rule = f"a name for {kind} ends in {', '.join(endings)}, not in '{suffix}'{more}"
+        raise OptionError("", "output", os.fspath(path), rule)
 
 
-def refuse_existing(path, force, kind="results", size=100_000):
-    """Raise, before the work, if a result could not be written after it: OutputExists if it would overwrite a file, SceneError if
-    its name does not have an ending of its kind, NoRoom if fewer than `size` bytes of the disk are free."""
+def refuse_existing(path: Path, force: bool, kind: str = "results", size: float = 100_000) -> None:
+    """Raise, before the work, if a result could not be written after it.
+
+    Raises OutputExists if it would overwrite a file, OptionError if its name lacks an ending of its
+    kind, and NoRoom if fewer than `size` bytes of the disk are free.
+    """
     try:
-        there = os.lstat(path) is not None
+        exists = os.lstat(path) is not None
     except (FileNotFoundError, NotADirectoryError):
-        there = False
+        exists = False
     except OSError as error:  # a name that is too long
-        raise _said(error, path) from None
-    if there and not force:
+        raise _not_writable(error, path) from None
+    if exists and not force:
         raise OutputExists(
             f"{path} exists; nothing was written (use --force, or force=True, to replace it)"
         )
@@ -68,19 +67,21 @@ def refuse_existing(path, force, kind="results", size=100_000):
     refuse_unwritable(os.path.dirname(path) or os.curdir, size)
 
 
-def refuse_unwritable(folder, size=100_000):
-    """Raise if no file of `size` bytes can be made in a folder. Parts that ended processes left there are deleted first."""
+def refuse_unwritable(folder: str, size: float = 100_000) -> None:
+    """Raise if a file of `size` bytes cannot be written to a folder.
+
+    The parts that ended processes left there are deleted first.
+    """
     if not os.path.isdir(folder):
         raise FileNotFoundError(f"{folder}: no such folder; nothing was written")
     clear(folder)
     probe = Part(os.path.join(folder, "probe"))
     try:
-        with open(
-            probe.path, "wb"
-        ) as file:  # os.access may be wrong about a folder: only writing tells
+        # os.access may be wrong about a folder: only writing tells
+        with open(probe.path, "wb") as file:
             file.write(bytes(4096))
     except OSError as error:
-        raise _said(error, folder) from None
+        raise _not_writable(error, folder) from None
     finally:
         probe.discard()
     if (free := shutil.disk_usage(folder).free) < size:
@@ -89,42 +90,48 @@ def refuse_unwritable(folder, size=100_000):
         )
 
 
-def _said(error, path):
-    """An error of the system in words, of its own kind."""
+def _not_writable(error: OSError, path: Path) -> OSError:
+    """The same kind of error, in words."""
     return type(error)(f"{path}: not writable: {error.strerror}; nothing was written")
 
 
 class Part:
-    """An unfinished file or folder. Its content is written to `path`; `finish` gives it its name, `discard` deletes it.
+    """An unfinished file or folder. Its content is written to `path`; `finish` gives it its name,
+    and `discard` deletes it.
 
     As a context manager it gives `path`, finishes at the end, and discards if anything is raised.
     """
 
-    def __init__(self, final, force=False, before=None):
+    def __init__(
+        self, final: Path, force: bool = False, before: Callable[[], None] | None = None
+    ) -> None:
         """before : called when the file is durable and does not have its name yet"""
         self.final, self.force, self.before = os.fspath(final), force, before
         folder, name = os.path.split(os.path.abspath(self.final))
         suffix = os.path.splitext(name)[1]  # writers of animations choose the format by it
-        name = f".part-{_computer()}-{os.getpid()}-{next(_numbers)}"  # short, where the name itself may have all 255 letters
+        # short, because the final name may have all of the 255 letters that are allowed
+        name = f".part-{_computer()}-{os.getpid()}-{next(_numbers)}"
         self.path = os.path.join(folder, name + suffix * bool(_PART.fullmatch(name + suffix)))
         _parts.add(self.path)
 
-    def __enter__(self):
+    def __enter__(self) -> str:
         return self.path
 
-    def __exit__(self, kind, *_):
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
             self.finish()
         else:
             self.discard()
 
-    def finish(self, final=None):
-        """Make the file durable and give it its name, or `final`. If the name x.nc is taken meanwhile, this file becomes x.2.nc,
-        and OutputExists says so."""
+    def finish(self, final: str | None = None) -> None:
+        """Make the file durable and give it its name, or `final`.
+
+        If the name x.nc is taken meanwhile, this file becomes x.2.nc, and OutputExists says so.
+        """
         final = self.final if final is None else final
         try:
             with naming(final, self.path):
-                with open(self.path, "rb") as file:
+                with open(self.path, "rb+") as file:  # Windows makes only writable files durable
                     os.fsync(file.fileno())
                 if self.before is not None:
                     self.before()
@@ -133,52 +140,30 @@ class Part:
         finally:
             self.discard()
 
-    def _rename(self, final):
+    def _rename(self, final: str) -> None:
         try:
             if self.force:
                 os.replace(self.path, final)
             else:
-                _rename_to_nothing(self.path, final)
+                _rename_to_free(self.path, final)
         except (FileExistsError, IsADirectoryError):
-            for other in _others(final):
+            for other in _other_names(final):
                 with contextlib.suppress(FileExistsError):
-                    _rename_to_nothing(self.path, other)
+                    _rename_to_free(self.path, other)
                     break
             raise OutputExists(
                 f"{final} appeared meanwhile and was not overwritten: the result is {other}"
             ) from None
 
-    def discard(self):
+    def discard(self) -> None:
         """Delete an unfinished file and free its space, even if a library still has it open."""
         _drop(self.path)
-        _parts.discard(
-            self.path
-        )  # if a signal interrupts before this, `drop_parts` deletes the part
-
-
-def lock(file, name, kind=fcntl.LOCK_EX):
-    """Hold the lock of an open file until it is closed. BlockingIOError if another process holds it; OSError if the file system has
-    no locks, unless the environment has HDF5_USE_FILE_LOCKING=FALSE."""
-    try:
-        with naming(name):
-            fcntl.flock(file, kind | fcntl.LOCK_NB)
-    except OSError as error:
-        if error.errno not in _LOCKLESS:
-            raise
-        if os.environ.get("HDF5_USE_FILE_LOCKING", "").upper() not in ("FALSE", "0"):
-            raise OSError(
-                f"{name}: the file system has no locks ({error.strerror}); nothing was written. {WITHOUT_LOCKS}"
-            ) from None
-
-
-def refuse_lockless(folder):
-    """OSError if the files of a folder cannot be locked, see `lock`."""
-    with tempfile.TemporaryFile(dir=folder) as file:
-        lock(file, folder)
+        # if a signal interrupts before this line, `drop_parts` deletes the part
+        _parts.discard(self.path)
 
 
 @contextlib.contextmanager
-def folder_beside(path):
+def folder_beside(path: Path) -> Iterator[str]:
     """A folder beside a place, deleted in the end unless it was renamed."""
     part = Part(path)
     try:
@@ -188,15 +173,17 @@ def folder_beside(path):
         part.discard()
 
 
-def write_bytes(path, data, force=False, before=None):
-    """Write a file whole or not at all; `before` : as of `Part`."""
+def write_bytes(
+    path: Path, data: bytes, force: bool = False, before: Callable[[], None] | None = None
+) -> None:
+    """Write a file whole or not at all; `before` as for `Part`."""
     with Part(path, force, before) as part, naming(path, part), open(part, "wb") as file:
         file.write(data)
 
 
 @contextlib.contextmanager
-def naming(path, part=None):
-    """Let errors of the system name `path` if they name no file, as those of write and fsync, or only its part."""
+def naming(path: Path, part: str | None = None) -> Iterator[None]:
+    """Let errors of the system name `path` if they name its part, or no file, as in fsync."""
     try:
         yield
     except OSError as error:
@@ -205,8 +192,8 @@ def naming(path, part=None):
         raise OSError(error.errno, error.strerror, path) from None
 
 
-def make_durable(folder):
-    """Let the names in a folder outlive a loss of power, where the file system can."""
+def make_durable(folder: str) -> None:
+    """Let the names in a folder outlive a loss of power, if the file system can do that."""
     with contextlib.suppress(OSError):
         file = os.open(folder, os.O_RDONLY)
         try:
@@ -215,90 +202,91 @@ def make_durable(folder):
             os.close(file)
 
 
-def _rename_to_nothing(part, path):
-    """Rename a file; FileExistsError where there is one of that name."""
+def _rename_to_free(part: str, path: str) -> None:
+    """Rename a file; FileExistsError if the name is taken."""
     try:
-        os.link(part, path)  # looks and names in one; not all file systems have it
+        os.link(part, path)  # looks and names in one step; not all file systems have it
     except OSError:
         if os.path.lexists(path):
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), path) from None
         os.replace(part, path)
     else:
-        with contextlib.suppress(OSError):  # a second name of what is whole
+        with contextlib.suppress(OSError):  # if it stays, it is a second name of a whole file
             os.unlink(part)
 
 
-def _others(path):
-    """x.2.nc, x.3.nc, ... for x.nc, in 255 bytes."""
+def _other_names(path: str) -> Iterator[str]:
+    """x.2.nc, x.3.nc, ... for x.nc, each of at most 255 bytes."""
     folder, name = os.path.split(path)
     stem, suffix = os.path.splitext(name)
     for i in itertools.count(2):
         end = f".{i}{suffix}"
-        yield os.path.join(
-            folder, os.fsdecode(os.fsencode(stem)[: max(1, 255 - len(os.fsencode(end)))]) + end
-        )
+        short = os.fsencode(stem)[: max(1, 255 - len(os.fsencode(end)))]
+        yield os.path.join(folder, os.fsdecode(short) + end)
 
 
-def is_part(name):
+def is_part(name: str) -> bool:
     """Whether a name is that of a part."""
     return _PART.fullmatch(name) is not None
 
 
-def clear(folder, age=None):
-    """Delete the parts in a folder that no process writes any more: those of ended processes of this computer and, if `age` is
-    given, those of other computers that have not changed for `age` seconds."""
+def clear(folder: str, age: float | None = None) -> None:
+    """Delete the parts in a folder that no process writes any more.
+
+    These are the parts of ended processes of this computer and, if `age` is given, the parts of
+    other computers that have not changed for `age` seconds.
+    """
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
             with contextlib.suppress(OSError):
-                if (found := _PART.fullmatch(entry.name)) and _is_left(
-                    entry, found[1], int(found[2]), age
+                if (name := _PART.fullmatch(entry.name)) and _is_abandoned(
+                    entry, name[1], int(name[2]), age
                 ):
                     _drop(entry.path)
 
 
-def _is_left(entry, computer, process, age):
+def _is_abandoned(entry: os.DirEntry[str], computer: str, process: int, age: float | None) -> bool:
     if computer != _computer():
         return age is not None and time.time() - entry.stat(follow_symlinks=False).st_mtime > age
     if process == os.getpid():
         return os.path.abspath(entry.path) not in _parts
+    import psutil  # 20 ms, and few folders have parts
+
     try:
-        os.kill(process, 0)
-    except (ProcessLookupError, OverflowError):  # OverflowError: a number that no process has
+        return not psutil.pid_exists(process)
+    except OverflowError:  # a number that no process has
         return True
-    except OSError:
-        return False
-    return False
 
 
 @functools.cache
-def _computer():
-    """The name of this computer, with the namespace of its process numbers: every container counts its own."""
+def _computer() -> str:
+    """The name of this computer and its namespace of process numbers: each container has one."""
     try:
         return f"{platform.node()[:64]}-{os.stat('/proc/self/ns/pid').st_ino}"
-    except OSError:
+    except OSError:  # not Linux
         return platform.node()[:64]
 
 
 @atexit.register
-def drop_parts():
-    """Delete what this process has begun and not finished, where a second signal interrupted the clean-up."""
+def drop_parts() -> None:
+    """Delete unfinished files of this process that a second signal kept from being deleted."""
     for part in list(_parts):
         _drop(part)
 
 
-def _drop(part):
+def _drop(part: str) -> None:
     with contextlib.suppress(OSError):
         if os.path.isdir(part) and not os.path.islink(part):
             shutil.rmtree(part, ignore_errors=True)
         else:
-            if os.lstat(part).st_nlink == 1:  # else it has its name already
+            if os.lstat(part).st_nlink == 1:  # else the file has its final name already
                 with contextlib.suppress(OSError):
                     os.truncate(part, 0)
             os.unlink(part)
 
 
-def content_of(folder, name):
-    """The bytes of a file of a folder, b"" where there is none."""
+def content_of(folder: Path, name: str) -> bytes:
+    """The bytes of a file of a folder, b"" if there is none."""
     path = os.path.join(folder, name)
     if not os.path.isfile(path):
         return b""

@@ -1,105 +1,127 @@
-"""A trial of netCDF files in a helper process. The C library never finishes reading some damaged files (5 of 7,500 with flipped
-bits), and some claim more data than any machine holds. A file is refused if the helper crashes on it or needs more than a second of
-computing."""
+"""A trial of netCDF files in a helper process.
+
+The C library never finishes reading some damaged files (5 of 7,500 with flipped bits), and some
+files claim more data than any machine holds. A file is refused if the helper crashes on it or needs
+more than a second of computing.
+"""
 
 import atexit
 import contextlib
-import fcntl
 import json
 import math
 import os
-import resource
 import signal
 import subprocess
 import sys
 import threading
 
-from rigidmc.errors import SceneError
-from rigidmc.files.outputs import lock
+from rigidmc.errors import FileError
+from rigidmc.files.locks import lock
+from rigidmc.files.outputs import Path
 from rigidmc.files.reading import refuse_irregular
 
+if sys.platform != "win32":
+    import resource
+
 SECONDS = 1.0  # of computing, not of waiting for a disk; a file of ours takes 0.01
+PATIENCE = 60.0  # seconds, waiting included, on systems without a clock of computing
 MEMORY = 2**30
 PACKED = 1100  # zlib expands a byte to 1032 at most: no file holds more than PACKED times its size
 MOST = 10_000  # variables
 _lock = threading.Lock()
-_helpers: list[subprocess.Popen] = []
+_helpers: list[subprocess.Popen[str]] = []
 
 
-def refuse_unreadable(path):
-    """SceneError if a file is not netCDF, is damaged, or claims more data than it can hold. Only the helper opens it as netCDF."""
+def refuse_unreadable(path: Path) -> None:
+    """Raise FileError if a file is not netCDF, is damaged, or claims more data than it can hold.
+
+    Only the helper opens it as netCDF. Errors of the system, such as missing rights, are raised as
+    they are.
+    """
     path = os.path.abspath(path)
     refuse_irregular(path)
-    with open(
-        path, "rb"
-    ) as file:  # errors of the system, such as missing rights, are raised as they are
+    with open(path, "rb") as file:
         with _lock:
-            complaint = _told(path)
+            complaint = _verdict(path)
         if complaint:
+            # without locks the library only says that something is wrong
             with contextlib.suppress(BlockingIOError):
-                lock(
-                    file, path, fcntl.LOCK_SH
-                )  # without locks the library only says that something is wrong
+                lock(file, path, shared=True)
     if complaint:
-        raise SceneError("", "file", None, complaint, file=path)
+        raise FileError("", "file", None, complaint, file=path)
 
 
-def _told(path):
+def _verdict(path: str) -> str:
     """The helper's complaint about a file, "" for none."""
     if not _helpers or _helpers[0].poll() is not None:
         _end()
         words = [sys.executable, "-c", "from rigidmc.files.trial import main; main()"]
+        pipe = subprocess.PIPE
         _helpers.append(
-            subprocess.Popen(
-                words,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                text=True,
-            )
+            subprocess.Popen(words, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, text=True)
         )
         atexit.register(_end)
     helper = _helpers[0]
     assert helper.stdin is not None and helper.stdout is not None
-    with contextlib.suppress(BrokenPipeError, ValueError):
-        helper.stdin.write(json.dumps(path) + "\n")
-        helper.stdin.flush()
-        return json.loads(helper.stdout.readline())
+    clock = threading.Timer(PATIENCE, helper.kill)
+    if sys.platform == "win32":  # elsewhere the helper has a clock of its own
+        clock.start()
+    try:
+        with contextlib.suppress(BrokenPipeError, ValueError):
+            helper.stdin.write(json.dumps(path) + "\n")
+            helper.stdin.flush()
+            return str(json.loads(helper.stdout.readline()))
+    finally:
+        clock.cancel()
     _end()
     return "is damaged: the netCDF library does not survive it"
 
 
-def _end():
-    """Let the helper go."""
+def _end() -> None:
+    """End the helper."""
     while _helpers:
         helper = _helpers.pop()
         helper.kill()
         for pipe in (helper.stdin, helper.stdout):
-            with contextlib.suppress(OSError):
-                pipe.close()  # type: ignore[union-attr]
+            if pipe is not None:
+                with contextlib.suppress(OSError):
+                    pipe.close()
         helper.wait()
 
 
-def main():
-    """The helper: paths in, complaints out, a line each. The clock of its computing ends it where a file takes too long."""
+def main() -> None:
+    """The helper: paths in, complaints out, one a line. A signal of the clock ends it if a file
+    takes too long."""
     import netCDF4  # noqa: F401  (before memory is counted)
 
-    with contextlib.suppress(OSError, ValueError), open("/proc/self/statm") as file:
-        pages = int(file.read().split()[0])
-        resource.setrlimit(
-            resource.RLIMIT_AS,
-            (pages * os.sysconf("SC_PAGE_SIZE") + MEMORY, resource.RLIM_INFINITY),
-        )
-    signal.signal(signal.SIGPROF, signal.SIG_DFL)
+    _limit_memory()
     for line in sys.stdin:
-        signal.setitimer(signal.ITIMER_PROF, SECONDS)
-        found = complaint(json.loads(line))
-        signal.setitimer(signal.ITIMER_PROF, 0.0)
-        print(json.dumps(found), flush=True)
+        _limit_computing(SECONDS)
+        words = complaint(json.loads(line))
+        _limit_computing(0.0)
+        print(json.dumps(words), flush=True)
 
 
-def complaint(path):
-    """Why a file must not be opened, in words; "" if it may be. Only header and attributes are read, no values."""
+def _limit_memory() -> None:
+    """Let this process take MEMORY bytes more than it has; no limit if the system does not tell
+    what it has."""
+    if sys.platform != "win32":
+        with contextlib.suppress(OSError, ValueError), open("/proc/self/statm") as file:
+            pages = int(file.read().split()[0])
+            most = pages * os.sysconf("SC_PAGE_SIZE") + MEMORY
+            resource.setrlimit(resource.RLIMIT_AS, (most, resource.RLIM_INFINITY))
+
+
+def _limit_computing(seconds: float) -> None:
+    """Let this process end after so many seconds of computing; 0 for no limit."""
+    if sys.platform != "win32":
+        signal.signal(signal.SIGPROF, signal.SIG_DFL)
+        signal.setitimer(signal.ITIMER_PROF, seconds)
+
+
+def complaint(path: str) -> str:
+    """Why a file must not be opened, in words; "" if it may be. Only header and attributes are
+    read, no values."""
     import netCDF4
     import numpy as np
 
@@ -124,7 +146,8 @@ def complaint(path):
                 pieces = variable.chunking()
                 chunk = math.prod(pieces) if isinstance(pieces, list) else 0
                 if each * max(math.prod(map(int, variable.shape)), chunk) > holds:
-                    return f"{name} claims to be {' x '.join(f'{n:,}' for n in variable.shape)}, more than the file can hold"
+                    size = " x ".join(f"{n:,}" for n in variable.shape)
+                    return f"{name} claims to be {size}, more than the file can hold"
     except Exception as error:  # the library raises whatever it likes
         return f"is damaged, or no netCDF file: {error}"
     return ""

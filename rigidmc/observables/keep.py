@@ -10,7 +10,7 @@ Of flagged members every save is kept, whatever is kept of the others: omega_fla
 flagged), and flagged_member has their indices.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -64,44 +64,3 @@ def summaries(kept: Mapping[str, str]) -> tuple[str, ...]:
 def thinned(count: int, thin: int) -> NDArray[np.intp]:
     """Indices of the saves that a thinned observable keeps, of `count` saves."""
     return np.unique(np.append(np.arange(0, count, thin), count - 1))
-
-
-def kept_values(scene: Any, plan: Any, saves: Mapping[str, NDArray[Any]]) -> Values:
-    """{variable: array, members last} of the saved values that are kept.
-
-    saves : {name: values at all save times}
-    """
-    values = {}
-    for name, word in scene.kept().items():
-        if word == "full":
-            values[name] = saves[name]
-        elif word == "thinned":
-            values[f"{name}_thinned"] = saves[name][plan.thinned]
-        elif word == "final":
-            values[f"{name}_final"] = saves[name][-1]
-    return values
-
-
-def flagged_values(
-    scene: Any, first: int, saves: Mapping[str, NDArray[Any]], status: NDArray[Any]
-) -> Values:
-    """{variable: array, flagged members last} of the flagged members of a block.
-
-    {} if every save is kept anyway.  first : index of the block's first member;  status : of each
-    """
-    names = [name for name, word in scene.kept().items() if word != "full"]
-    if not names:
-        return {}
-    flagged = np.flatnonzero(status)
-    values = {f"{name}_flagged": saves[name][..., flagged] for name in names}
-    return {"flagged_member": first + flagged, **values}
-
-
-def joined(pieces: Sequence[Values]) -> Values:
-    """One {variable: array} from those of several blocks, members in order."""
-    pieces = [piece for piece in pieces if piece]
-    if not pieces:
-        return {}
-    whole = {name: np.concatenate([piece[name] for piece in pieces], axis=-1) for name in pieces[0]}
-    order = np.argsort(whole["flagged_member"])
-    return {name: values[..., order] for name, values in whole.items()}

@@ -1,8 +1,9 @@
-"""The closed form of a scene, where one covers it."""
+"""The closed form of a scene, if one covers it."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.dynamics.euler import kinetic_energy
 from rigidmc.dynamics.so3 import dot
@@ -14,60 +15,63 @@ from rigidmc.mechanics.free_top import Motion, free_motion, free_top
 from rigidmc.mechanics.lagrange_top import lagrange_motion, lagrange_top
 from rigidmc.observables import OBSERVABLES
 from rigidmc.observables.protocol import value
-from rigidmc.planning.stage import physics, stage
+from rigidmc.planning.rates import Array, physics
+from rigidmc.planning.stage import Start, stage
+from rigidmc.scene.scene import Scene
 
 COVERED = (
-    "the free top (no effects), the free top with viscous_damping, and the Lagrange top (gravity on a body with two equal moments "
-    "and its centre of mass on the third axis)"
+    "the free top (no effects), the free top with viscous_damping, and the Lagrange top (gravity "
+    "on a body with two equal moments and its centre of mass on the third axis)"
 )
 NONE = -1  # the form of a member without a body or a start: its motion is nan
 
 
 class Case(NamedTuple):
-    """Members of a scene as closed forms take them: moments, momentum (n, 3) and attitude (n, 4) at the start.
+    """Members of a scene as closed forms take them: moments, momentum (n, 3) and attitude (n, 4) at
+    the start.
 
-    The form is chosen for each member alone, so its bits do not depend on which other members are asked for.
+    The form is chosen for each member alone, so its bits do not depend on the other members.
 
-    form : (n,) 0 for a free top, 1 to 3 for a Lagrange top about that axis, NONE for a member without a motion
+    form : (n,) 0 for a free top, 1 to 3 for a Lagrange top about that axis, NONE for a member
+        without a motion
     weight : m g l (n,) about that axis [N m];  damping : rate (n,) of a free top [1/s]
     """
 
-    moments: np.ndarray
-    momentum: np.ndarray
-    attitude: np.ndarray
-    form: np.ndarray
-    weight: np.ndarray
-    damping: np.ndarray
+    moments: Array
+    momentum: Array
+    attitude: Array
+    form: NDArray[np.int64]
+    weight: Array
+    damping: Array
 
     @property
-    def name(self):
+    def name(self) -> str:
         """What the members are, in words."""
-        free = "free top" + (
-            " with viscous damping" if np.any(self.damping[self.form == 0]) else ""
-        )
-        return " and ".join(
-            [free] * bool(np.any(self.form == 0)) + ["Lagrange top"] * bool(np.any(self.form > 0))
-        )
+        damped = " with viscous damping" if np.any(self.damping[self.form == 0]) else ""
+        free = [f"free top{damped}"] if np.any(self.form == 0) else []
+        return " and ".join(free + ["Lagrange top"] * bool(np.any(self.form > 0)))
 
-    def parts(self):
-        """[(form, members, their Case)] of the forms that there are."""
-        found = []
+    def parts(self) -> list[tuple[int, NDArray[np.int64], "Case"]]:
+        """[(form, members, their Case)] of the forms that occur."""
+        parts = []
         for form in np.unique(self.form[self.form != NONE]):
             members = np.flatnonzero(self.form == form)
-            found.append((int(form), members, Case(*(field[members] for field in self))))
-        return found
+            chosen = {name: field[members] for name, field in self._asdict().items()}
+            parts.append((int(form), members, Case(**chosen)))
+        return parts
 
-    def motion(self, t):
-        """The Motion of the members at t [s]: (n, 3); at times (m,) it is (m, n, 3). nan where a member has none."""
+    def motion(self, t: ArrayLike) -> Motion:
+        """The Motion of the members at t [s]: (n, 3); at times (m,) it is (m, n, 3). nan for
+        members without a motion."""
         t = np.asarray(t, dtype=float)[..., None]
         shape = (*t.shape[:-1], len(self.form))
-        found = Motion(*(np.full((*shape, size), np.nan) for size in (3, 3, 4)))
+        motion = Motion(*(np.full((*shape, size), np.nan) for size in (3, 3, 4)))
         for form, members, part in self.parts():
-            for whole, values in zip(found, _motion(form, part, t), strict=True):
+            for whole, values in zip(motion, _motion(form, part, t), strict=True):
                 whole[..., members, :] = values
-        return found
+        return motion
 
-    def what(self):
+    def what(self) -> list[tuple[NDArray[np.int64], Any]]:
         """[(members, their Kind of free motion or Nutation of a Lagrange top)]."""
         return [
             (
@@ -80,11 +84,12 @@ class Case(NamedTuple):
         ]
 
 
-def _motion(form, case, t):
+def _motion(form: int, case: Case, t: Array) -> Motion:
     """The Motion of a Case of one form."""
     if form:
         return lagrange_top(case.moments, case.weight, case.momentum, case.attitude, t, axis=form)
-    # L' = L x omega - rate L runs through the undamped motion at the time (1 - exp(-rate t))/rate, of either sign
+    # L' = L x omega - rate L runs through the undamped motion at the time (1 - exp(-rate t))/rate,
+    # of either sign
     rate = case.damping
     with np.errstate(over="ignore", invalid="ignore"):  # a motion that overflows becomes nan
         passed = np.where(rate == 0.0, t, -np.expm1(-rate * t) / np.where(rate == 0.0, 1.0, rate))
@@ -93,87 +98,79 @@ def _motion(form, case, t):
         return Motion(left * l, left * omega, q)
 
 
-def closed_form(scene, members=None, first=None):
-    """The Case of `members` members of a scene from index `first` on; SceneError where no closed form covers it, with why."""
-    block, start = stage(
-        scene, scene.run.first if first is None else first, members or scene.run.members, True
-    )
+def closed_form(scene: Scene, members: int | None = None, first: int | None = None) -> Case:
+    """The Case of `members` members of a scene from index `first` on; SceneError, which says why,
+    if no closed form covers it."""
+    first = scene.run.first if first is None else first
+    block, start = stage(scene, first, members or scene.run.members, True)
     return case_of(scene, block, start)
 
 
-def case_of(scene, block, start):
-    """The Case of staged members, see `rigidmc.planning.stage.stage`; SceneError where no closed form covers one that is well."""
-    moments, momentum, attitude = (
-        start["moments"].T,
-        block[layout.MOMENTUM : layout.REST].T,
-        block[: layout.MOMENTUM].T,
-    )
-    if unknown := sorted({name_of(e) for e in scene.effects} - {"gravity", "viscous_damping"}):
-        raise _uncovered(f"the scene has {', '.join(unknown)}")
+def case_of(scene: Scene, block: Array, start: Start) -> Case:
+    """The Case of staged members, see `rigidmc.planning.stage.stage`; SceneError if no closed form
+    covers one of the healthy members."""
+    moments = start["moments"].T
+    momentum, attitude = block[layout.MOMENTUM : layout.REST].T, block[: layout.MOMENTUM].T
+    if uncovered := sorted({name_of(e) for e in scene.effects} - {"gravity", "viscous_damping"}):
+        raise _uncovered(f"the scene has {', '.join(uncovered)}")
     g, rate = np.zeros(len(moments)), np.zeros(len(moments))
-    for label, effect in labelled(
-        scene.effects
-    ):  # a scene may have several of a kind: what acts is their sum
+    for label, effect in labelled(scene.effects):  # several of a kind act by their sum
         if name_of(effect) == "gravity":
             g = g + start[f"{label}_g"]
         else:
             rate = rate + start[f"{label}_rate"]
     with np.errstate(all="ignore"):
         weight = (g * start["mass"] * start["centre"]).T
-    well = (
-        (block[layout.STATUS] == 0.0)
-        & np.isfinite(block[: layout.REST]).all(0)
-        & np.isfinite(weight).all(1)
-    )
+    healthy = block[layout.STATUS] == 0.0
+    healthy &= np.isfinite(block[: layout.REST]).all(0) & np.isfinite(weight).all(1)
     heavy = np.abs(weight) > 1e-12 * np.abs(weight).max(1, keepdims=True)
-    form = np.where(well, np.where(heavy.any(1), heavy.argmax(1) + 1, 0), NONE)
+    form = np.where(healthy, np.where(heavy.any(1), heavy.argmax(1) + 1, 0), NONE)
     if np.any(damped := (form > 0) & (rate != 0.0)):
         raise _uncovered(f"a damped heavy top has none{_some(damped)}")
-    if np.any(off := well & (heavy.sum(1) > 1)):
+    if np.any(off := healthy & (heavy.sum(1) > 1)):
         centre = ", ".join(f"{x:.4g}" for x in start["centre"][:, np.argmax(off)])
-        raise _uncovered(
-            f"its centre of mass ({centre}) m in principal axes lies on none of them{_some(off)}"
-        )
+        rule = f"its centre of mass ({centre}) m in principal axes lies on none of them"
+        raise _uncovered(rule + _some(off))
+    _refuse_asymmetric(moments, form)
+    along = np.take_along_axis(weight, np.maximum(form, 1)[:, None] - 1, 1)[:, 0]
+    return Case(moments, momentum, attitude, form, np.where(form > 0, along, 0.0), rate)
+
+
+def _refuse_asymmetric(moments: Array, form: NDArray[np.int64]) -> None:
+    """Raise SceneError if a heavy top has unequal moments about the other two axes."""
     for axis in (1, 2, 3):
         i, j = (k for k in range(3) if k != axis - 1)
         apart = np.abs(moments[:, i] - moments[:, j])
         if np.any(unequal := (form == axis) & (apart > 1e-12 * moments[:, i])):
             at = int(np.argmax(np.where(unequal, apart, -1.0)))
-            rule = f"its centre of mass lies on axis {axis}, but I{i + 1} = {moments[at, i]:.6g} and I{j + 1} = {moments[at, j]:.6g} differ"
+            rule = (
+                f"its centre of mass lies on axis {axis}, but I{i + 1} = {moments[at, i]:.6g} and "
+                f"I{j + 1} = {moments[at, j]:.6g} differ"
+            )
             raise _uncovered(rule + _some(unequal))
-    along = np.take_along_axis(weight, np.maximum(form, 1)[:, None] - 1, 1)[:, 0]
-    return Case(moments, momentum, attitude, form, np.where(form > 0, along, 0.0), rate)
 
 
-def _some(bad):
+def _some(bad: NDArray[np.bool_]) -> str:
     """How many members are bad, in words; "" if all are."""
     return "" if bad.all() else f" ({int(bad.sum()):,} of {bad.size:,} members)"
 
 
-def _uncovered(why):
+def _uncovered(why: str) -> SceneError:
     return SceneError("", "scene", None, f"no closed form covers it: {why}; covered are {COVERED}")
 
 
-def closed_values(scene, block, start, times, dt):
-    """The values that a scene saves at `times`, which are 0 and multiples of dt: (times, rows, n). Final states, drifts and status
-    go into the block.
+def closed_values(scene: Scene, block: Array, start: Start, times: Array, dt: float) -> Array:
+    """The values (times, rows, n) that a scene saves at `times`, which are 0 and multiples of dt.
 
-    A member that is not well at the start stays there; one that turns non-finite freezes at its last finite state, as in a kernel.
+    Final states, drifts and status go into the block. A member that is not healthy at the start
+    stays there; one that becomes non-finite freezes at its last finite state, as in a kernel.
     """
     motion = case_of(scene, block, start).motion(times)
     q, l = np.moveaxis(motion.attitude, -1, 1), np.moveaxis(motion.momentum, -1, 1)
     q[0], l[0] = block[: layout.MOMENTUM], block[layout.MOMENTUM : layout.REST]  # the start itself
     body, effects = physics(scene.effects, block)
     with np.errstate(all="ignore"):
-        kinetic, squared = kinetic_energy(body, l[0]), dot(l[0], l[0])
-        energy = kinetic + total_energy(effects, body, q[0])
-        scale = np.maximum(np.abs(energy), 1e-3 * (kinetic + total_energy_scale(effects, body)))
-        first = (
-            energy,
-            1.0 / np.where(scale > 0.0, scale, 1.0),
-            squared,
-            1.0 / np.where(squared > 0.0, squared, 1.0),
-        )
+        first = _first(body, effects, q[0], l[0])
         now = np.array(
             [
                 (kinetic_energy(body, b) + total_energy(effects, body, a), dot(b, b))
@@ -181,28 +178,24 @@ def closed_values(scene, block, start, times, dt):
             ]
         )
         finite = np.isfinite(now).all(1) & np.isfinite(q).all(1) & np.isfinite(l).all(1)
-        unit = (
-            np.abs((q * q).sum(1) - 1.0) < 1e-9
-        )  # phases beyond 1e15 rad have neither digits nor a sine
-        well = np.logical_and.accumulate(finite & unit & (block[layout.STATUS] == 0.0))
+        # phases beyond 1e15 rad have neither digits nor a sine
+        unit = np.abs((q * q).sum(1) - 1.0) < 1e-9
+        healthy = np.logical_and.accumulate(finite & unit & (block[layout.STATUS] == 0.0))
         drifts = np.abs(now - now[0]) * np.array(first[1::2])
-    last = np.minimum(np.arange(len(times))[:, None], np.maximum(well.sum(0) - 1, 0))
+    last = np.minimum(np.arange(len(times))[:, None], np.maximum(healthy.sum(0) - 1, 0))
     q, l = (np.take_along_axis(x, last[:, None], 0) for x in (q, l))
-    found = np.where(
+    fault = np.where(
         finite.all(0), layout.STATUSES["off_unit_quaternion"], layout.STATUSES["non_finite"]
     )
-    block[layout.STATUS] = np.where(
-        well[-1] | (block[layout.STATUS] > 0.0), block[layout.STATUS], found
-    )
-    block[layout.DRIFT : layout.STATUS] = np.where(
-        well[0], np.where(well[:, None], drifts, 0.0).max(0), np.nan
-    )
+    keeps_status = healthy[-1] | (block[layout.STATUS] > 0.0)
+    block[layout.STATUS] = np.where(keeps_status, block[layout.STATUS], fault)
+    largest = np.where(healthy[:, None], drifts, 0.0).max(0)
+    block[layout.DRIFT : layout.STATUS] = np.where(healthy[0], largest, np.nan)
     block[: layout.MOMENTUM], block[layout.MOMENTUM : layout.REST] = q[-1], l[-1]
     steps = np.rint(times / dt)
     block[layout.GOOD_STEP] = steps[last[-1]]
-    block[layout.FAULT_STEP] = np.where(
-        well[-1], -1.0, steps[np.minimum(well.sum(0), len(times) - 1)]
-    )
+    bad_save = np.minimum(healthy.sum(0), len(times) - 1)
+    block[layout.FAULT_STEP] = np.where(healthy[-1], -1.0, steps[bad_save])
     observables = [OBSERVABLES[name]() for name in scene.recorded()]
     with np.errstate(all="ignore"):
         rows = [
@@ -210,3 +203,16 @@ def closed_values(scene, block, start, times, dt):
             for t, a, b in zip(times, q, l, strict=True)
         ]
     return np.array(rows)
+
+
+def _first(body: Any, effects: tuple[Any, ...], q: Array, l: Array) -> tuple[Any, ...]:
+    """(E, 1/scale of E, |L|^2, 1/|L|^2) at the start, as observables take it."""
+    kinetic, squared = kinetic_energy(body, l), dot(l, l)
+    energy = kinetic + total_energy(effects, body, q)
+    scale = np.maximum(np.abs(energy), 1e-3 * (kinetic + total_energy_scale(effects, body)))
+    return (
+        energy,
+        1.0 / np.where(scale > 0.0, scale, 1.0),
+        squared,
+        1.0 / np.where(squared > 0.0, squared, 1.0),
+    )

@@ -1,9 +1,11 @@
-"""Blocks of members made ready, and what moves them compiled."""
+"""Blocks of members made ready, and the program that moves them."""
 
 import warnings
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rigidmc.effects import EFFECTS
 from rigidmc.effects.own import RULE
@@ -16,22 +18,30 @@ from rigidmc.engine.program import QUIET, Program
 from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.observables import OBSERVABLES
 from rigidmc.planning.closed_form import closed_values
-from rigidmc.planning.stage import ledger, noise, together
+from rigidmc.planning.plan import Plan
+from rigidmc.planning.rates import Array, together
+from rigidmc.planning.stage import Start, ledger, noise
+from rigidmc.scene.scene import Scene
 
 
 class Job(NamedTuple):
-    """One block on its way: its members, its rows, and where its values go; see `rigidmc.engine.cpu`."""
+    """One block on its way: its members, its rows, and where its values go.
+
+    first, size : index of the first member, and how many there are without the padding
+    start : what the members were made from;  program : None if nothing is left to do
+    order : of the members in the block if they have steps of their own
+    out, width, column : array for the values, its columns, and the block's first column
+    h, slots, stride, total : step [s], slots in a round, steps between saves, steps in all
+    """
 
     first: int
-    size: int  # members, the padding not counted
-    start: dict
-    program: Program | None  # None where nothing is left to do
+    size: int
+    start: Start
+    program: Program | None
     noise: Noise
-    block: np.ndarray
-    order: (
-        np.ndarray | None
-    )  # in which the block has the members, where they have steps of their own
-    out: np.ndarray
+    block: Array
+    order: NDArray[np.int64] | None
+    out: Array
     width: int
     column: int
     h: float
@@ -41,9 +51,12 @@ class Job(NamedTuple):
     rounds: int
 
 
-def program_of(scene, plan, ask=False):
-    """What moves the members of a plan, compiled or from the cache; None for closed forms. SceneError for effects that cannot be compiled.
-    ask : compile nothing, and tell what is `missing`"""
+def program_of(scene: Scene, plan: Plan, ask: bool = False) -> Program | None:
+    """What moves the members of a plan, compiled or from the cache; None for closed forms.
+
+    ask : compile nothing; the Program then tells what is `missing`
+    Raises SceneError for effects that cannot be compiled.
+    """
     if plan.form is None:
         return None
     own = [e for e in scene.effects if type(e) not in EFFECTS.values()]
@@ -51,7 +64,10 @@ def program_of(scene, plan, ask=False):
         refuse_misdeeds(own)
         for effect in own:
             if why := unpacked(effect):
-                rule = f"{type(effect).__name__} {why}: members are not worked on side by side, and the step is much slower than it might be"
+                rule = (
+                    f"{type(effect).__name__} {why}: members are not worked on side by side, and "
+                    "the step is much slower than it might be"
+                )
                 warnings.warn(rule, SceneWarning, stacklevel=2)
         events, running, shadow = plan.watch.compiled
         return Program(
@@ -72,64 +88,85 @@ def program_of(scene, plan, ask=False):
     except NumbaError as error:
         if not own:
             raise
-        raise SceneError(
-            "effects",
-            ", ".join(type(e).__name__ for e in own),
-            None,
-            f"cannot be compiled: {reason(error)}; {RULE}",
-        ) from error
+        names = ", ".join(type(e).__name__ for e in own)
+        rule = f"cannot be compiled: {reason(error)}; {RULE}"
+        raise SceneError("effects", names, None, rule) from error
 
 
-def side_by_side(own):
-    """How many members are worked on side by side where a scene has effects of a user's own: one, where code of one of them takes one only."""
+def side_by_side(own: Sequence[Any]) -> int | None:
+    """How many members are worked on side by side: one if the code of a user's own effect takes
+    only one, else None, which leaves the choice to the engine."""
     return 1 if any(map(unpacked, own)) else None
 
 
-def job_of(scene, plan, program, first, count, block, start, out, width, column):
-    """A block of `count` members from `first` on, whose values go to columns from `column` on of `out`, `width` columns wide."""
+def job_of(
+    scene: Scene,
+    plan: Plan,
+    program: Program,
+    first: int,
+    count: int,
+    block: Array,
+    start: Start,
+    out: Array,
+    width: int,
+    column: int,
+) -> Job:
+    """A block of `count` members from index `first` on, whose values go to the columns of `out`
+    from `column` on; `width` : columns of `out`."""
     order, slots = None, 1
     if plan.own:
         order = together(block)
-        block = np.take(block, order, axis=1)  # block[:, order] would lie the other way round
+        block = np.take(block, order, axis=1)  # block[:, order] would have another memory layout
         slots = int(block[layout.STEPS].max(initial=1.0))
-    steps = slots * plan.stride, slots * plan.steps, plan.steps
     return Job(
-        first,
-        count,
-        start,
-        program,
-        noise(scene, first),
-        block,
-        order,
-        out,
-        width,
-        column,
-        plan.dt,
-        slots,
-        *steps,
+        first=first,
+        size=count,
+        start=start,
+        program=program,
+        noise=noise(scene, first),
+        block=block,
+        order=order,
+        out=out,
+        width=width,
+        column=column,
+        h=plan.dt,
+        slots=slots,
+        stride=slots * plan.stride,
+        total=slots * plan.steps,
+        rounds=plan.steps,
     )
 
 
-def closed_job(scene, plan, first, count, block, start, out, width, column):
-    """A block that needs no steps: its saves are closed forms."""
+def closed_job(
+    scene: Scene,
+    plan: Plan,
+    first: int,
+    count: int,
+    block: Array,
+    start: Start,
+    out: Array,
+    width: int,
+    column: int,
+) -> Job:
+    """A block that needs no steps, because its saves are closed forms."""
     values, saves = closed_values(scene, block, start, plan.times, plan.dt), len(plan.times)
     if width:
         size = block.shape[1]
         out.reshape(saves, -1, width)[:, :, column : column + size] = values
     return Job(
-        first,
-        count,
-        start,
-        None,
-        QUIET,
-        block,
-        None,
-        out,
-        width,
-        column,
-        plan.dt,
-        1,
-        plan.stride,
-        plan.steps,
-        plan.steps,
+        first=first,
+        size=count,
+        start=start,
+        program=None,
+        noise=QUIET,
+        block=block,
+        order=None,
+        out=out,
+        width=width,
+        column=column,
+        h=plan.dt,
+        slots=1,
+        stride=plan.stride,
+        total=plan.steps,
+        rounds=plan.steps,
     )

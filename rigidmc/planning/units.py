@@ -1,9 +1,11 @@
-"""Scenes in other units, and the units in which a scene is integrated where SI ones would leave the range of numbers."""
+"""Scenes in other units, and the units in which a scene is integrated if SI units would leave the
+range of numbers."""
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,53 +13,69 @@ from rigidmc.effects import name_of
 from rigidmc.effects.parameters import filled, numbers
 from rigidmc.effects.protocol import facts
 from rigidmc.errors import SceneError
+from rigidmc.planning.plan import Plan
 from rigidmc.planning.stage import source, stage
 from rigidmc.scene.laws.protocol import Law
 from rigidmc.scene.quantities import Distribution, Grid, is_shared
+from rigidmc.scene.scene import Scene
 
 # exponents of kilogram, metre and second; amperes stay as they are
-_KNOWN = {"1": (0, 0, 0), "rad": (0, 0, 0), "kg": (1, 0, 0), "m": (0, 1, 0), "s": (0, 0, 1), "N": (1, 1, -2), "J": (1, 2, -2), "W": (1, 2, -3), "Hz": (0, 0, -1),
-    "A": (0, 0, 0), "T": (1, 0, -2)}  # fmt: skip
-# Exponents of 2 that the largest moment of inertia and the rate of motion may have as they are: squares of their products are formed.
+_KNOWN = {
+    "1": (0, 0, 0),
+    "rad": (0, 0, 0),
+    "kg": (1, 0, 0),
+    "m": (0, 1, 0),
+    "s": (0, 0, 1),
+    "N": (1, 1, -2),
+    "J": (1, 2, -2),
+    "W": (1, 2, -3),
+    "Hz": (0, 0, -1),
+    "A": (0, 0, 0),
+    "T": (1, 0, -2),
+}
+# Exponents of 2 that the largest moment of inertia and the rate of motion may have without a change
+# of units: squares of their products are formed.
 RANGE = {"float64": 100, "float32": 10}
 
 
-def dimensions(units):
-    """(kg, m, s) exponents of a string such as "kg m2 s-1"; ValueError for a unit that is not known."""
+def dimensions(units: str) -> tuple[int, int, int]:
+    """(kg, m, s) exponents of a string such as "kg m2 s-1"; ValueError for an unknown unit."""
     total = [0, 0, 0]
     for word in units.split():
-        found = re.fullmatch(r"([A-Za-z]+|1)(-?\d+)?", word)
-        if not found or found[1] not in _KNOWN:
+        parts = re.fullmatch(r"([A-Za-z]+|1)(-?\d+)?", word)
+        if not parts or parts[1] not in _KNOWN:
             raise ValueError(f"unit '{word}' is none of {', '.join(_KNOWN)}")
-        for i, exponent in enumerate(_KNOWN[found[1]]):
-            total[i] += exponent * int(found[2] or 1)
-    return tuple(total)
+        for i, exponent in enumerate(_KNOWN[parts[1]]):
+            total[i] += exponent * int(parts[2] or 1)
+    return total[0], total[1], total[2]
 
 
-def factor(units, mass, length, time):
-    """The factor of a number in `units` if masses, lengths and times have these factors; inf if beyond float64."""
+def factor(units: str, mass: float, length: float, time: float) -> float:
+    """The factor of a number in `units` if masses, lengths and times have these factors; inf if
+    beyond float64."""
     kg, m, s = dimensions(units)
     with np.errstate(over="ignore"):
         return float(np.float64(mass) ** kg * np.float64(length) ** m * np.float64(time) ** s)
 
 
-def scaled(scene, mass=1.0, length=1.0, time=1.0):
-    """The same scene with all masses, lengths and times multiplied: it moves alike, and where they are powers of 2 to the bit.
+def scaled(scene: Scene, mass: float = 1.0, length: float = 1.0, time: float = 1.0) -> Scene:
+    """The same scene with all masses, lengths and times multiplied by these factors.
 
-    Raises SceneError where an effect does not tell the units of its parameters.
+    It moves alike, to the bit if they are powers of 2. Raises SceneError if an effect does not tell
+    the units of its parameters.
     """
     effects = _scaled_effects(scene.effects, mass, length, time)
     inertia = mass * length**2
     body = replace(
-        scene.body, moments=_sized(scene.body.moments, inertia, 1.0), mass=_times(scene.body.mass, mass),
+        scene.body,
+        moments=_sized(scene.body.moments, inertia, 1.0),
+        mass=_times(scene.body.mass, mass),
         centre=tuple(_times(x, length) for x in scene.body.centre),
-    )  # fmt: skip
-    which, by = (
-        ("omega", 1.0 / time) if scene.start.momentum is None else ("momentum", inertia / time)
     )
-    start = replace(
-        scene.start, **{which: _sized(getattr(scene.start, which), by, inertia / time / time)}
-    )
+    spin = "omega" if scene.start.momentum is None else "momentum"
+    by = 1.0 / time if spin == "omega" else inertia / time
+    law = _sized(getattr(scene.start, spin), by, inertia / time / time)
+    start = replace(scene.start, **{spin: law})
     run = {
         name: getattr(scene.run, name) * time
         for name in ("t_end", "every")
@@ -69,114 +87,125 @@ def scaled(scene, mass=1.0, length=1.0, time=1.0):
     return replace(scene, body=body, effects=effects, start=start).with_run(**run)
 
 
-def _scaled_effects(effects, mass, length, time):
-    made = []
+def _scaled_effects(
+    effects: Sequence[Any], mass: float, length: float, time: float
+) -> tuple[Any, ...]:
+    scaled = []
     for effect in effects:
         values = []
         for name, _, value in numbers(effect):
-            told = facts(effect).units.get(name)
+            unit: Any = facts(effect).units.get(name)
             try:
-                values.append(_times(value, factor(told, mass, length, time)))
+                values.append(_times(value, factor(unit, mass, length, time)))
             except (ValueError, AttributeError):
-                rule = f"the scene cannot be put in other units: {name_of(effect)} does not tell that of {name}"
-                raise SceneError(
-                    f"effects.{name_of(effect)}",
-                    name,
-                    None,
-                    rule if told is None else f"{rule}, but '{told}'",
-                ) from None
-        made.append(filled(type(effect), values))
-    return tuple(made)
+                kind = name_of(effect)
+                why = f"{kind} does not tell the unit of {name}"
+                if unit is not None:
+                    why = f"{kind} tells an unknown unit of {name}, '{unit}'"
+                rule = f"the scene cannot be put in other units: {why}"
+                raise SceneError(f"effects.{kind}", name, None, rule) from None
+        scaled.append(filled(type(effect), values))
+    return tuple(scaled)
 
 
 class Internal(NamedTuple):
-    """What masses and times were multiplied by, powers of 2."""
+    """Internal units: the powers of 2 by which masses and times were multiplied."""
 
     mass: float
     time: float
 
-    def factor(self, units):
-        """What a result in `units` is multiplied by, to be in those of the scene."""
+    def factor(self, units: str) -> float:
+        """The factor that brings a result in `units` back to the units of the scene."""
         return factor(units, 1.0 / self.mass, 1.0, 1.0 / self.time)
 
-    def back(self, scene, plan):
-        """A scene and its Plan in the units that they had."""
-        rate = plan.turn_rate if plan.turn_rate is None or plan.own else plan.turn_rate * self.time
-        told = plan._replace(dt=plan.dt / self.time, times=plan.times / self.time, turn_rate=rate)
-        return scaled(scene, 1.0 / self.mass, 1.0, 1.0 / self.time), told
+    def back(self, scene: Scene, plan: Plan) -> tuple[Scene, Plan]:
+        """A scene and its Plan in their original units."""
+        rate = plan.turn_rate
+        if rate is not None and not plan.own:
+            rate = rate * self.time
+        original = plan._replace(
+            dt=plan.dt / self.time, times=plan.times / self.time, turn_rate=rate
+        )
+        return scaled(scene, 1.0 / self.mass, 1.0, 1.0 / self.time), original
 
 
-def told(scene, plan, units):
-    """A scene and its Plan in the units that the user gave; `units` : an Internal, or None where those are they."""
+def told(scene: Scene, plan: Plan, units: Internal | None) -> tuple[Scene, Plan]:
+    """A scene and its Plan in the units of the user.
+
+    units : how the scene was rescaled, None if nothing was rescaled
+    """
     return (scene, plan) if units is None else units.back(scene, plan)
 
 
-def internal(scene):
-    """The Internal units that bring a scene's first member to moments and rates near 1, or None where they are within RANGE.
+def internal(scene: Scene) -> Internal | None:
+    """The Internal units that bring a scene's first member to moments and rates near 1, or None if
+    they are within RANGE.
 
-    No bit of a result depends on it where both come out; in float32, and at the ends of float64, they come out only so.
+    If a scene can be integrated in either units, no bit of the result depends on the choice. In
+    float32, and at the ends of float64, it can be integrated only in internal ones.
     """
     try:
         _scaled_effects(scene.effects, 1.0, 1.0, 1.0)
-    except SceneError:  # an effect of the user's own, without units
+    except SceneError:  # a user's own effect, without units
         return None
     moments, mass, centre = (x[..., 0] for x in scene.body.sample(scene.run.seed, 0, 1))
-    which = "omega" if scene.start.momentum is None else "momentum"
-    if isinstance(getattr(scene.start, which), Law):  # a law, which may depend on the energy
-        spin = stage(scene, 0, 1, True)[1][f"start_{which}"]
-    else:
-        _, spin = scene.start.spin(source(scene), 0, 1, None)
-    spin = np.nan_to_num(spin)
     inertia = _exponent(np.max(moments))
-    each = [
-        _exponent(x) - (_exponent(i) if which == "momentum" else 0)
-        for x, i in zip(spin[:, 0], moments, strict=True)
-        if x != 0.0
-    ]
-    g = [
-        _exponent(e.g if is_shared(e.g) else 1.0)
-        for e in scene.effects
-        if name_of(e) == "gravity" and not (is_shared(e.g) and e.g == 0.0)
-    ]
+    exponents = _spin_exponents(scene, moments)
     arm = np.max(np.abs(centre))
-    each += [
-        (x + _exponent(mass) + _exponent(arm) - _exponent(np.min(moments))) // 2
-        for x in g
-        if arm > 0.0
-    ]
-    rate, most = max(each, default=0), RANGE[scene.run.dtype]
+    for effect in scene.effects if arm > 0.0 else ():
+        if name_of(effect) == "gravity" and not (is_shared(effect.g) and effect.g == 0.0):
+            # the rate of a pendulum is sqrt(m g h/I)
+            g = _exponent(effect.g if is_shared(effect.g) else 1.0)
+            torque = g + _exponent(mass) + _exponent(arm)
+            exponents.append((torque - _exponent(np.min(moments))) // 2)
+    rate, most = max(exponents, default=0), RANGE[scene.run.dtype]
     if max(abs(inertia), abs(rate)) <= most:
         return None
     return Internal(_power(-inertia), _power(rate))
 
 
-def _exponent(x):
+def _spin_exponents(scene: Scene, moments: Any) -> list[int]:
+    """Exponents of the components of omega [rad/s] of the first member that are not 0."""
+    word = "omega" if scene.start.momentum is None else "momentum"
+    if isinstance(getattr(scene.start, word), Law):  # a law, which may depend on the energy
+        spin = stage(scene, 0, 1, True)[1][f"start_{word}"]
+    else:
+        _, spin = scene.start.spin(source(scene), 0, 1, None)
+    spin = np.nan_to_num(spin)
+    return [
+        _exponent(x) - (_exponent(i) if word == "momentum" else 0)
+        for x, i in zip(spin[:, 0], moments, strict=True)
+        if x != 0.0
+    ]
+
+
+def _exponent(x: Any) -> int:
     return math.frexp(float(x))[1] if math.isfinite(float(x)) and x != 0.0 else 0
 
 
-def _power(exponent):
+def _power(exponent: int) -> float:
     """A power of 2 within the range of numbers."""
     return math.ldexp(1.0, min(1000, max(-1000, exponent)))
 
 
-def _sized(values, by, energy):
-    """Three quantities, or a vector of `rigidmc.scene.laws`, with its sizes times `by` and its energies times `energy`."""
+def _sized(values: Any, by: float, energy: float) -> Any:
+    """Three quantities, or a law of a vector, with sizes times `by` and energies times `energy`."""
     if not isinstance(values, Law):
         return tuple(_times(x, by) for x in values)
-    made = {}
+    changed = {}
     for name, power in values.sized.items():
-        factor, value = energy if power == "energy" else by**power, getattr(values, name)
-        made[name] = _all_times(value, factor)
-    return replace(values, **made)
+        scale = energy if power == "energy" else by**power
+        changed[name] = _all_times(getattr(values, name), scale)
+    return replace(values, **changed)
 
 
-def _all_times(value, by):
-    return (
-        tuple(_all_times(x, by) for x in value) if isinstance(value, tuple) else _times(value, by)
-    )
+def _all_times(value: Any, by: float) -> Any:
+    if isinstance(value, tuple):
+        return tuple(_all_times(x, by) for x in value)
+    return _times(value, by)
 
 
-def _times(value, by):
+def _times(value: Any, by: float) -> Any:
     if isinstance(value, (Distribution, Grid)):
         return value.times(by)
     return value * by

@@ -1,8 +1,10 @@
-"""What of a scene is kept of every step: from its observables to what the kernel compiles, and from rows of a block to results."""
+"""What a run keeps of every step: from the observables of a scene to the compiled ones, and from
+rows of a block to results."""
 
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.dynamics.methods import depends
@@ -25,46 +27,49 @@ from rigidmc.observables.protocol import (
 )
 from rigidmc.scene.checks import PILOT
 from rigidmc.scene.quantities import is_open, rows
+from rigidmc.scene.scene import Scene
+
+Labelled = tuple[tuple[str, Any], ...]  # (label, observable) of each
 
 
 class Watch(NamedTuple):
-    """Events, running observables and neighbour as the kernel takes them, and [(label, observable)] of each; (dimension, edges, units) of histograms."""
+    """Events, running observables and neighbour as the kernel takes them, and [(label, observable)]
+    of each; bins : (dimension, edges, units) of each histogram."""
 
-    events: tuple = ()
-    running: tuple = ()
-    shadow: tuple = ()
-    of_events: tuple = ()
-    of_running: tuple = ()
-    of_shadow: tuple = ()
-    bins: tuple = ()
+    events: tuple[Any, ...] = ()
+    running: tuple[Any, ...] = ()
+    shadow: tuple[float, ...] = ()
+    of_events: Labelled = ()
+    of_running: Labelled = ()
+    of_shadow: Labelled = ()
+    bins: tuple[tuple[str, NDArray[np.float64], str], ...] = ()
 
     @property
-    def compiled(self):
+    def compiled(self) -> tuple[tuple[Any, ...], tuple[Any, ...], tuple[float, ...]]:
         """As arguments of `rigidmc.engine.program.Program`."""
         return self.events, self.running, self.shadow
 
     @property
-    def each_step(self):
-        """Labels of what sees the state at the end of each step: how far a step goes decides what it can see."""
+    def each_step(self) -> list[str]:
+        """Labels of what sees the end of each step only, so that long steps hide things from it."""
         return [label for label, _ in (*self.of_events, *self.of_running)]
 
     @property
-    def rows(self):
+    def rows(self) -> int:
         """How many rows of a block it takes."""
-        return watch_rows(*self.compiled)
+        return int(watch_rows(*self.compiled))
 
 
-def watch(scene):
+def watch(scene: Scene) -> Watch:
     """The Watch of a scene; SceneError for an event that it cannot have."""
-    found = scene.watched()
-    found = [(label, one) for label, one in found if not isinstance(one, Ensemble)]
-    events = tuple((label, one) for label, one in found if isinstance(one, Event))
-    running = tuple((label, one) for label, one in found if isinstance(one, Running))
-    shadow = tuple((label, one) for label, one in found if isinstance(one, Neighbour))
+    observables = [(label, one) for label, one in scene.watched() if not isinstance(one, Ensemble)]
+    events = tuple((label, one) for label, one in observables if isinstance(one, Event))
+    shadow = tuple((label, one) for label, one in observables if isinstance(one, Neighbour))
+    running = tuple((label, one) for label, one in observables if isinstance(one, Running))
     bodies = _bodies(scene) if events else ()
     return Watch(
         tuple(one.compiled(*bodies) for _, one in events),
-        tuple((one, (0.0,) * one.marks) for label, one in running),
+        tuple((one, (0.0,) * one.marks) for _, one in running),
         (0.0,) * len(shadow[:1]),
         events,
         running,
@@ -76,13 +81,14 @@ def watch(scene):
     )
 
 
-def _bodies(scene):
-    """(moments (3, n) of the first members, or of all that arrays have; whether they are all that there are)."""
-    sure = not is_open(scene.body.moments)
-    count = (rows(*scene.body.moments) or 1) if sure else PILOT
-    return scene.coarse().body.sample(scene.run.seed, 0, count)[0], sure
+def _bodies(scene: Scene) -> tuple[NDArray[np.float64], bool]:
+    """(moments (3, n) of the first members, or of all rows of arrays; whether these are all)."""
+    complete = not is_open(scene.body.moments)
+    count = (rows(*scene.body.moments) or 1) if complete else PILOT
+    return scene.coarse().body.sample(scene.run.seed, 0, count)[0], complete
 
 
+# arguments with which observables are tried, to see which of them they use; None if that matters
 _VALUES = {
     "body": MassProperties.of((0.6, 0.8, 1.0), (0.05, -0.02, 0.3)),
     "effects": (),
@@ -93,54 +99,55 @@ _VALUES = {
 _SAVED = {**_VALUES, "start": (1.0, 1.0, 1.0, 1.0)}
 
 
-def needs_attitude(scene, found):
-    """Whether the attitude itself, not only by the effects, goes into what is saved and watched; found : the Watch of the scene."""
+def needs_attitude(scene: Scene, watched: Watch) -> bool:
+    """Whether what is saved and watched needs the attitude itself, not only through the effects.
+
+    watched : the Watch of the scene
+    """
+    if watched.shadow:  # the distance to the neighbour is that of attitude and momentum
+        return True
     works = (0.0,) * len(scene.effects)
     return (
-        bool(
-            found.shadow
-        )  # the distance to the neighbour is that of attitude and momentum, whatever is saved
-        or any(
-            depends(value, OBSERVABLES[name](), **_SAVED, works=works) for name in scene.recorded()
-        )
+        any(depends(value, OBSERVABLES[name](), **_SAVED, works=works) for name in scene.recorded())
         or any(
             depends(begin, one, **_VALUES) or depends(update, one, **_VALUES, kept=marks)
-            for one, marks in found.running
+            for one, marks in watched.running
         )
         or any(
             depends(level, one, **_VALUES) or depends(armed, one, **_VALUES, level=0.5, armed=True)
-            for one in found.events
+            for one in watched.events
         )
     )
 
 
-def results(scene, found, block, h, total):
-    """{variable: values of each member} of the Watch of a scene, nan where a member is not ok.
+def results(
+    scene: Scene, watched: Watch, block: NDArray[np.float64], h: Any, total: Any
+) -> dict[str, NDArray[np.float64]]:
+    """{variable: values of each member} of the Watch of a scene, nan if a member is not ok.
 
-    block : its rows at the end of a run;  h : step of each member [s];  total : steps of each member
+    block : its rows at the end of a run;  h : step of each member [s];  total : steps of each
+        member
     """
     healthy = block[layout.STATUS] == 0.0
-    at = (
-        layout.EFFECTS
-        + parameter_count(*scene.effects)
-        + 2 * ("work" in scene.run.save) * len(scene.effects)
-    )
-    each: dict[str, Any] = {}
+    works = 2 * ("work" in scene.run.save) * len(scene.effects)
+    at = layout.EFFECTS + parameter_count(*scene.effects) + works
+    variables: dict[str, NDArray[np.float64]] = {}
     steps = total
 
-    def add(label, one, values):
+    def add(label: str, one: Any, values: Any) -> None:
         for name, x in zip(outputs(label, one), values, strict=True):
-            each[name] = np.where(healthy, x, np.nan)
+            variables[name] = np.where(healthy, x, np.nan)
 
-    for label, one in found.of_events:
+    for label, one in watched.of_events:
         record = record_of(block[at : at + EVENT], healthy)
         add(label, one, one.results(record).values())
         if one.stop:
             steps = np.where(np.isfinite(record.seen), np.rint(record.seen / h), steps)
         at += EVENT
-    for (label, one), (_, marks) in zip(found.of_running, found.running, strict=True):
+    for (label, one), (_, marks) in zip(watched.of_running, watched.running, strict=True):
         add(label, one, one.results(block[at : at + len(marks)], steps).values())
         at += len(marks)
-    for label, one in found.of_shadow:
-        add(label, one, one.results(block[at + SUMS : at + SHADOW], total // OFTEN, h).values())
-    return each
+    for label, one in watched.of_shadow:
+        distances = block[at + SUMS : at + SHADOW]
+        add(label, one, one.results(distances, total // OFTEN, h).values())
+    return variables

@@ -4,7 +4,7 @@ import math
 import os
 import time
 from collections.abc import Iterable, Mapping
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -22,24 +22,7 @@ from rigidmc.planning.units import Internal, told
 from rigidmc.progress import Progress, reporter
 from rigidmc.scene.scene import Scene
 from rigidmc.storage.schema import member_variables
-from rigidmc.storage.sinks import File, Memory
-
-
-class Sink(Protocol):
-    """Where the results of blocks go: memory, a file, or the shards of a run directory."""
-
-    def room(self, low: int, count: int) -> tuple[np.ndarray, int, int]:
-        """Memory for what members low ... low + count - 1 save: the array, its width, the first
-        column."""
-
-    def take(self, job: Job, results: dict[str, np.ndarray]) -> None:
-        """Take a finished block and the results of its members."""
-
-    def finish(self) -> Any:
-        """Complete the result and return it."""
-
-    def discard(self) -> None:
-        """Drop an incomplete result."""
+from rigidmc.storage.sinks import File, Memory, Sink
 
 
 def run(
@@ -109,6 +92,7 @@ def compute(
         place = (plan.first + low, count, block, start, *sink.room(low, count))
         if scene.run.integrator == "closed":
             return closed_job(scene, plan, *place)
+        assert program is not None  # only closed forms have none
         return job_of(scene, plan, program, *place)
 
     def finished(job: Job) -> None:

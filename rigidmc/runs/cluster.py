@@ -25,7 +25,7 @@ import tempfile
 import time
 
 from rigidmc.engine.layout import STATUSES
-from rigidmc.errors import SceneError
+from rigidmc.errors import OptionError
 from rigidmc.files.outputs import content_of, write_bytes
 from rigidmc.planning.job import program_of
 from rigidmc.progress import reporter
@@ -46,12 +46,12 @@ SETTINGS = {  # of a cluster here
 
 
 def checked(cluster):
-    """("local", N) or (protocol, address) of a cluster; SceneError for what is none."""
+    """("local", N) or (protocol, address) of a cluster; OptionError for what is none."""
     kind, _, rest = cluster.partition(":")
     if not (
         kind == "local" and rest.isascii() and rest.isdigit() and 0 < int(rest) <= 1024
     ) and not (kind in ("tcp", "tls", "ucx") and rest.startswith("//")):
-        raise SceneError(
+        raise OptionError(
             "",
             "--cluster",
             cluster,
@@ -67,13 +67,13 @@ def compute_on(
 
     cluster : "tcp://host:8786" of a scheduler, or "local:4" for so many processes of one thread each on this machine, which need a main module
         that may be imported (`if __name__ == "__main__":`)
-    Raises SceneError where there is no dask or no such cluster, OSError where that is lost, and what workers raise.
+    Raises OptionError where there is no dask or no such cluster, OSError where that is lost, and what workers raise.
     """
     try:
         import dask
         from distributed import CancelledError, Client, KilledWorker, LocalCluster, as_completed
     except ImportError as error:
-        raise SceneError(
+        raise OptionError(
             "",
             "--cluster",
             cluster,
@@ -100,7 +100,7 @@ def compute_on(
             ValueError,
             RuntimeError,
         ) as error:  # RuntimeError of a process here that ended before it began
-            raise SceneError("", "--cluster", cluster, f"does not answer: {error}") from None
+            raise OptionError("", "--cluster", cluster, f"does not answer: {error}") from None
         report = held.enter_context(reporter(progress, directory.members_of(which), 1))
         there = client.scatter(texts, broadcast=True, hash=True)
         began, made, waiting = time.monotonic(), 0, map(int, which)
@@ -148,7 +148,7 @@ def compute_on(
                 write_bytes(final, data, True)
             elif not _appeared(final):
                 rule = f"a worker has a directory of its own at {directory.path}, and {file} is not in this one: give paths that only one has"
-                raise SceneError("", "--cluster", cluster, rule)
+                raise OptionError("", "--cluster", cluster, rule)
             for word, count in found.items():
                 flagged[word] += count
             future.release()

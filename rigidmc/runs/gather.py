@@ -8,15 +8,14 @@ import warnings
 
 import numpy as np
 
-from rigidmc.errors import SceneError, SceneWarning
+from rigidmc.errors import FileError, SceneWarning
+from rigidmc.files.netcdf import open_trusted, read
 from rigidmc.files.outputs import refuse_existing
 from rigidmc.files.trial import refuse_unreadable
-from rigidmc.observables.keep import joined
 from rigidmc.runs.capacity import refuse_hopeless
 from rigidmc.runs.shards import fault_of, planned, scene_of_run
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.amounts import counted
-from rigidmc.storage import Writer, open_result
 from rigidmc.storage.run_directory import RunDirectory, flagged_of
 from rigidmc.storage.schema import (
     attributes,
@@ -28,7 +27,8 @@ from rigidmc.storage.schema import (
     member_variables,
     saved_variables,
 )
-from rigidmc.storage.writer import read
+from rigidmc.storage.sinks import joined
+from rigidmc.storage.writer import Writer
 
 
 def verify(path, spot=3, allow_code=False, threads=None):
@@ -60,7 +60,7 @@ def _unlike(scene, path, member, threads):
             warnings.simplefilter("ignore", SceneWarning)
             again = simulate(scene, members=range(member, member + 1), threads=threads, output=file)
         with again:
-            names = [name for name in again.data_vars if "member" in again[name].dims]
+            names = [str(name) for name in again.data_vars if "member" in again[name].dims]
         made = read(file, *names)
     wrong = [
         name
@@ -76,12 +76,12 @@ def _unlike(scene, path, member, threads):
 
 
 def consolidate(path, output, force=False, allow_code=False):
-    """Write a whole run as one file, the same as a run of that size to a file would be; SceneError where shards are missing."""
+    """Write a whole run as one file, the same as a run of that size to a file would be; FileError where shards are missing."""
     directory, output = RunDirectory(path), os.fspath(output)
     refuse_existing(output, force)
     *_, told, shown = planned(directory, allow_code)
     if (missing := directory.missing()).size:
-        raise SceneError(
+        raise FileError(
             "",
             "run",
             directory.path,
@@ -105,7 +105,7 @@ def consolidate(path, output, force=False, allow_code=False):
         for i in range(directory.count):
             members = directory.members(i)
             if fault := fault_of(directory, i, shards[i]):
-                raise SceneError(
+                raise FileError(
                     "",
                     "run",
                     directory.path,
@@ -121,7 +121,7 @@ def consolidate(path, output, force=False, allow_code=False):
     except BaseException:
         writer.discard()
         raise
-    return open_result(output, made=True)
+    return open_trusted(output)
 
 
 def open_run(path, allow_code=False):
@@ -135,13 +135,13 @@ def open_run(path, allow_code=False):
         import dask.array as da
     except ImportError as error:
         rule = f"is read through dask: pip install 'rigidmc[cluster]', or consolidate it ({error})"
-        raise SceneError("", "run", os.fspath(path), rule) from None
+        raise FileError("", "run", os.fspath(path), rule) from None
     directory = RunDirectory(path)
     *_, told, shown = planned(directory, allow_code)
     directory.refuse_strays()
     shards = {i: os.path.abspath(shard) for i, shard in directory.shards().items()}
     if not shards:
-        raise SceneError("", "run", directory.path, "no shard is there yet: resume it first")
+        raise FileError("", "run", directory.path, "no shard is there yet: resume it first")
     if len(shards) < directory.count:
         there = sum(len(directory.members(i)) for i in shards)
         warnings.warn(
@@ -221,11 +221,11 @@ def _read(path, mark, name, first, shape, dtype):
         refuse_unreadable(path)
         found = read(path, "member", name, mark=mark)
     except OSError as error:  # it is gone
-        raise SceneError(
+        raise FileError(
             "", name, None, f"cannot be read: {error}; `rigidmc verify` tells more", file=path
         ) from None
     except (
-        SceneError
+        FileError
     ) as error:  # a chunk with a wrong checksum, a file that is not netCDF, a shard of another run
         error.rule = f"cannot be read: {error.rule}; `rigidmc verify` tells more"
         raise
@@ -235,7 +235,7 @@ def _read(path, mark, name, first, shape, dtype):
         tuple(shape),
         np.dtype(dtype),
     ):
-        raise SceneError(
+        raise FileError(
             "",
             name,
             None,

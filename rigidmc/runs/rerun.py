@@ -5,7 +5,7 @@ import warnings
 
 import numpy as np
 
-from rigidmc.errors import SceneError, SceneWarning
+from rigidmc.errors import OptionError, SceneError, SceneWarning
 from rigidmc.files.outputs import refuse_existing, write_bytes
 from rigidmc.observables import OBSERVABLES, outputs
 from rigidmc.observables.keep import summaries
@@ -13,7 +13,9 @@ from rigidmc.planning.plan import prepare
 from rigidmc.runs.gather import open_run
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.amounts import counted, seconds
-from rigidmc.storage import encoded, open_result, scene_of
+from rigidmc.scene.file import scene_of
+from rigidmc.storage.reader import open_result
+from rigidmc.storage.writer import encoded
 
 # variables of a member that the steps and saves decide; every other variable without times is part of its start
 FOUND = ("energy_drift_max", "l2_drift_max", "status", "status_step", "status_time", "steps")
@@ -33,7 +35,7 @@ def rerun(
     output : write this netCDF file too; `force` replaces one that is there
     allow_code, options : as of `rigidmc.Scene.load` and `rigidmc.simulate`
 
-    The attribute `rerun` tells at how many times both were compared. Raises SceneError for a member that the result does not have
+    The attribute `rerun` tells at how many times both were compared. Raises OptionError for a member that the result does not have
     and for an `every` that would change the steps; warns (SceneWarning) if a value differs, as it may with another version of rigidmc or of a library.
     """
     if output is not None:
@@ -52,12 +54,12 @@ def rerun(
     run = scene.run
     known = range(run.first, run.first + run.members)
     if not wanted or wanted.step != 1 or wanted[0] not in known or wanted[-1] not in known:
-        raise SceneError(
+        raise OptionError(
             "", "member", member, f"{called} has the members {known[0]} to {known[-1]}"
         )
     if not np.isin(wanted, source.member.values).all():
         rule = f"{called} has only {source.sizes['member']:,} of its {run.members:,} members, and not this one"
-        raise SceneError("", "member", member, rule)
+        raise OptionError("", "member", member, rule)
     asked = run.every if every is None else _whole_steps(run, seconds(every, "every", "run"))
     names = _everything(scene) if save is None else tuple(save)
     booked = ("work",) * (

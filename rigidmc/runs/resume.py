@@ -14,14 +14,14 @@ import numpy as np
 from rigidmc.effects import EFFECTS
 from rigidmc.effects.own import source_of
 from rigidmc.engine.machine import this_machine, threads_available
-from rigidmc.errors import OutputExists, SceneError, SceneWarning
+from rigidmc.errors import FileError, OptionError, OutputExists, SceneWarning
+from rigidmc.files.locks import refuse_lockless
 from rigidmc.files.outputs import (
     Part,
     content_of,
     folder_beside,
     make_durable,
     naming,
-    refuse_lockless,
     refuse_unwritable,
     write_bytes,
 )
@@ -48,14 +48,8 @@ from rigidmc.runs.shards import (
 from rigidmc.scene import amounts
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.quantities import rows
-from rigidmc.storage.run_directory import (
-    FORMAT,
-    MOST,
-    RunDirectory,
-    hash_of,
-    hash_of_file,
-    rendered,
-)
+from rigidmc.storage.run_directory import RunDirectory, hash_of, hash_of_file
+from rigidmc.storage.run_facts import FORMAT, MOST, rendered
 from rigidmc.storage.schema import attributes
 from rigidmc.storage.writer import write_columns
 
@@ -66,11 +60,11 @@ def create(scene, path, size=SHARD, only=None, threads=None):
     size : approximate bytes of a shard, which has at least one block of members;  only : the range of shards that will be computed
     threads : how many will compute, which decides how much memory is needed
 
-    Raises OutputExists if there is anything in that folder, SceneError if the run has no shard in `only`, NoRoom if memory or disk
+    Raises OutputExists if there is anything in that folder, OptionError if the run has no shard in `only`, NoRoom if memory or disk
     is too small.
     """
     if not isinstance(size, (int, float)) or not 0.0 < size < math.inf:
-        raise SceneError("", "size", size, "expected the bytes of a shard")
+        raise OptionError("", "size", size, "expected the bytes of a shard")
     path = _place_of(path)
     if os.path.lexists(path) and not (os.path.isdir(path) and not os.listdir(path)):
         hint = (
@@ -83,9 +77,9 @@ def create(scene, path, size=SHARD, only=None, threads=None):
     refuse_lockless(os.path.dirname(os.path.abspath(path)))
     if scene.run.points == "latin_hypercube" and scene.run.strata is None:
         scene = scene.with_run(strata=scene.run.first + scene.run.members)
-    *made, chosen = settled(scene, streaming=True)
-    mine, shown = told(*made)
-    for note in notes(scene, made[1], made[2]):
+    ready = settled(scene, streaming=True)
+    mine, shown = told(ready.scene, ready.plan, ready.units)
+    for note in notes(scene, ready.plan, ready.units):
         warnings.warn(note, SceneWarning, stacklevel=2)
     block, shard = members_of(mine, shown, size)
     run, count = mine.run, -(-mine.run.members // shard)
@@ -105,7 +99,7 @@ def create(scene, path, size=SHARD, only=None, threads=None):
         write_bytes(os.path.join(folder, "scene.toml"), attributes(mine, shown)["scene"].encode())
         facts = {
             "format": FORMAT, "scene": "", "columns": "", "code": {file: hash_of_file(file) for file in sources},
-            "attributes": {} if chosen is None else chosen.attributes(), "seed": run.seed, "first": run.first, "members": run.members, "shard": shard,
+            "attributes": {} if ready.chosen is None else ready.chosen.attributes(), "seed": run.seed, "first": run.first, "members": run.members, "shard": shard,
             "block": block, "versions": versions, "machine": machine,
         }  # fmt: skip
         if (count := rows(*mine.quantities())) is not None:
@@ -141,7 +135,7 @@ def _place_of(path):
 
 def _refuse_many(count):
     if count > MOST:
-        raise SceneError(
+        raise OptionError(
             "",
             "--shard-size",
             None,
@@ -150,12 +144,12 @@ def _refuse_many(count):
 
 
 def _refuse_beyond(only, count):
-    """SceneError where of a range of shards there is none."""
+    """OptionError where of a range of shards there is none."""
     if only is not None and (
         not isinstance(only, range) or only.step != 1 or not only or not 0 <= only[0] < count
     ):
         given = f"{only.start}:{only.stop}" if isinstance(only, range) else only
-        raise SceneError(
+        raise OptionError(
             "", "--shards", given, f"expected a range of shards; the run has 0 to {count - 1}"
         )
 
@@ -187,7 +181,7 @@ def resume(
         without compiling
     only : a range of shards, of a job array whose directories are merged; it may end beyond the last;  block : members computed at once; nothing depends on it
     cluster : "tcp://host:8786" of a dask scheduler, or "local:4" for so many processes here, see `rigidmc.runs.cluster`
-    Raises SceneError for what is no run or no longer the same, OutputExists where another process writes, NoRoom where there is none.
+    Raises FileError for what is no run or no longer the same, OutputExists where another process writes, NoRoom where there is none.
     """
     directory = path if isinstance(path, RunDirectory) else RunDirectory(path)
     began = time.monotonic()
@@ -264,23 +258,23 @@ def extend(path, members, accept=False, allow_code=False):
     facts, members = directory.facts, counted(members, "members")
     refuse_others(directory, accept)
     if members <= facts["members"]:
-        raise SceneError("run", "members", members, f"the run has {facts['members']:,} already")
+        raise OptionError("run", "members", members, f"the run has {facts['members']:,} already")
     if facts["first"] + members > 2**53:
-        raise SceneError(
+        raise OptionError(
             "run", "members", members, "are more than 2^53, and could not be told apart"
         )
     directory.refuse_strays()
     _refuse_many(-(-members // facts["shard"]))
     scene = scene_of_run(directory, allow_code)
     if scene.run.points == "latin_hypercube":
-        raise SceneError(
+        raise OptionError(
             "run",
             "members",
             members,
             "a Latin hypercube has as many members as strata: start a new run",
         )
     if (most := rows(*scene.quantities())) is not None and members + facts["first"] > most:
-        raise SceneError("run", "members", members, f"the scene has rows for {most:,} members")
+        raise OptionError("run", "members", members, f"the scene has rows for {most:,} members")
     *_, mine, shown = planned(directory, allow_code)
     more = shown._replace(members=members - facts["members"])
     refuse_hopeless(mine, more, threads_available(), os.path.join(directory.path, "run.json"))
@@ -318,11 +312,11 @@ def repair(path):
 def merge(path, others):
     """Gather the shards of other directories of the same run, as job arrays make them; (RunDirectory, how many were copied).
 
-    A `path` that is not there yet becomes such a directory. Raises SceneError where one is of another run, or has a shard that is damaged or
+    A `path` that is not there yet becomes such a directory. Raises FileError where one is of another run, or has a shard that is damaged or
     another than the one that is there; what was copied before stays, and is not copied again.
     """
     if isinstance(others, (str, os.PathLike)) or not others:
-        raise SceneError("", "others", others, "expected a list of run directories")
+        raise OptionError("", "others", others, "expected a list of run directories")
     path = _place_of(path)
     others = [RunDirectory(other) for other in others]
     for other in others[1:]:
@@ -342,7 +336,7 @@ def merge(path, others):
             have = directory.shards()
             for i, shard in other.shards().items():
                 if i in have and os.path.basename(have[i]) != os.path.basename(shard):
-                    raise SceneError(
+                    raise FileError(
                         "",
                         "run",
                         other.path,
@@ -351,7 +345,7 @@ def merge(path, others):
                 if i in have:
                     continue
                 if fault := fault_of(other, i, shard):
-                    raise SceneError("", "run", other.path, fault)
+                    raise FileError("", "run", other.path, fault)
                 final = os.path.join(path, "shards", os.path.basename(shard))
                 with Part(final, True) as part, naming(final, part):
                     shutil.copyfile(shard, part)
@@ -361,7 +355,7 @@ def merge(path, others):
 
 
 def _refuse_unlike(one, other):
-    """SceneError where two directories are not of the same run."""
+    """FileError where two directories are not of the same run."""
     apart = [key for key, value in one.facts.items() if other.facts[key] != value]
     apart += [
         name
@@ -369,6 +363,6 @@ def _refuse_unlike(one, other):
         if content_of(one.path, name) != content_of(other.path, name)
     ]
     if apart:
-        raise SceneError(
+        raise FileError(
             "", "run", other.path, f"is of another run than {one.path}: {', '.join(apart)} differ"
         )

@@ -12,7 +12,8 @@ import numpy as np
 
 from rigidmc.engine.layout import LANES
 from rigidmc.engine.machine import this_machine
-from rigidmc.errors import SceneError
+from rigidmc.errors import FileError, RigidmcError, SceneError
+from rigidmc.files.netcdf import read
 from rigidmc.files.reading import text_of
 from rigidmc.observables import rows_of
 from rigidmc.planning.plan import BLOCK, SLAB
@@ -23,7 +24,7 @@ from rigidmc.scene.file import loads
 from rigidmc.storage.run_directory import damaged, flagged_of, hash_of, hash_of_file
 from rigidmc.storage.schema import bytes_of_a_member
 from rigidmc.storage.sinks import Memory, buffer
-from rigidmc.storage.writer import Writer, read
+from rigidmc.storage.writer import Writer
 
 SHARD = 64 * 2**20  # bytes of a shard: a thousand of them are 67 GB
 
@@ -42,7 +43,7 @@ def scene_in(folder, facts, allow_code):
     if facts["columns"]:
         file = os.path.join(folder, "columns.nc")
         if not os.path.isfile(file) or hash_of_file(file) != facts["columns"]:
-            raise SceneError(
+            raise FileError(
                 "",
                 "columns.nc",
                 None,
@@ -56,7 +57,7 @@ def scene_in(folder, facts, allow_code):
 
 
 def scene_of_run(directory, allow_code=False):
-    """The scene of a run; SceneError where scene.toml is no longer the one that it was started with."""
+    """The scene of a run; FileError where scene.toml is no longer the one that it was started with."""
     facts = directory.facts
     if allow_code and (
         other := [
@@ -65,7 +66,7 @@ def scene_of_run(directory, allow_code=False):
             if not os.path.isfile(name) or hash_of_file(name) != known
         ]
     ):
-        raise SceneError(
+        raise FileError(
             "",
             "code",
             ", ".join(other),
@@ -77,7 +78,7 @@ def scene_of_run(directory, allow_code=False):
         rule = (
             "is not the scene that the run was started with; what is there was computed with that"
         )
-        raise SceneError("", "scene.toml", None, rule, file=directory.path)
+        raise FileError("", "scene.toml", None, rule, file=directory.path)
     return scene.with_run(members=facts["members"], first=facts["first"])
 
 
@@ -111,7 +112,7 @@ def fault_of(directory, i, path):
         return f"{path}: is not what was written: its sum is not that of its name"
     try:
         found, members = read(path, "member", "status", mark=directory.mark), directory.members(i)
-    except SceneError as error:
+    except RigidmcError as error:
         return str(error)
     if (
         found["member"].shape != (len(members),)
@@ -126,7 +127,7 @@ def fault_of(directory, i, path):
 
 
 def refuse_others(directory, accept):
-    """SceneError where this machine is another than that of the run."""
+    """FileError where this machine is another than that of the run."""
     known = directory.facts["versions"]
     versions, _ = this_machine(*["scipy"] * ("scipy" in known))
     other = [
@@ -136,7 +137,7 @@ def refuse_others(directory, accept):
     ]
     if other and not accept:
         rule = f"was started with others: {'; '.join(other)}. Bits of new members may differ from those of old ones; --accept takes that"
-        raise SceneError("", "run", directory.path, rule)
+        raise FileError("", "run", directory.path, rule)
 
 
 def compute_shards(directory, parts, program, which, threads, progress=False, stop=None):

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from rigidmc.effects import EFFECTS, name_of
 from rigidmc.engine.compile_time import compiled
 from rigidmc.engine.layout import whole_lanes
-from rigidmc.errors import SceneError
+from rigidmc.errors import RigidmcError
 from rigidmc.integrators import INTEGRATORS
 from rigidmc.planning.closed_form import closed_values
 from rigidmc.planning.job import program_of
@@ -42,7 +42,7 @@ def warm(scene, all_integrators=False, progress=False):
                 continue
             try:
                 found.append(_warmed(scene.with_run(integrator=name)))
-            except SceneError as error:
+            except RigidmcError as error:
                 found.append(Warmed(name, 0.0, (), error.rule))
     return found
 

@@ -8,7 +8,7 @@ from fractions import Fraction
 from numbers import Integral, Real
 from typing import Any, TypeGuard
 
-from rigidmc.errors import SceneError
+from rigidmc.errors import OptionError, RigidmcError, SceneError
 
 _UNITS: dict[str, tuple[Fraction, str]] = {  # unit: (seconds, pattern of its names)
     "d": (Fraction(86400), "d|days?"),
@@ -30,8 +30,11 @@ TIME = 'expected a finite number of seconds, or a time such as "90 s", "1h30m", 
 
 
 def seconds(value: Any, key: str | None, table: str = "", positive: bool = True) -> float:
-    """A time [s] from a number, or from text such as "90 s", "1h30m", "250 ms"; SceneError for
-    anything else, and with `positive` for 0 or less."""
+    """A time [s] from a number, or from text such as "90 s", "1h30m", "250 ms".
+
+    Raises SceneError, or without a table OptionError, for anything else, and with `positive` for 0
+    or less.
+    """
     number = math.nan
     with contextlib.suppress(OverflowError):  # whole numbers of Python may be larger than floats
         if isinstance(value, str):
@@ -39,10 +42,15 @@ def seconds(value: Any, key: str | None, table: str = "", positive: bool = True)
         elif _is_number(value):
             number = float(value)
     if not math.isfinite(number):
-        raise SceneError(table, key or "", value, TIME)
+        raise _refused(table, key, value, TIME)
     if positive and not number > 0.0:
-        raise SceneError(table, key or "", value, "has to be greater than 0")
+        raise _refused(table, key, value, "has to be greater than 0")
     return number
+
+
+def _refused(table: str, key: str | None, value: Any, rule: str) -> RigidmcError:
+    """A SceneError about a key of a table, or an OptionError about an argument."""
+    return (SceneError if table else OptionError)(table, key or "", value, rule)
 
 
 def _seconds_of(text: str) -> float:
@@ -66,22 +74,25 @@ def counted(
     most: int | None = None,
     table: str = "",
 ) -> int:
-    """A whole number, also written as a float such as 1e6; SceneError for anything else, and for a
-    number outside least ... most (by default 64 bits)."""
+    """A whole number, also written as a float such as 1e6.
+
+    Raises SceneError, or without a table OptionError, for anything else, and for a number outside
+    least ... most (by default 64 bits).
+    """
     low = -LARGEST - 1 if least is None else least
     high = LARGEST if most is None else most
     if _is_number(value) and (isinstance(value, Integral) or float(value).is_integer()):
         if low <= value <= high:
             return int(value)
         if not -LARGEST - 1 <= value <= LARGEST:
-            raise SceneError(table, key or "", value, "expected a whole number of 64 bits")
+            raise _refused(table, key, value, "expected a whole number of 64 bits")
     limits = f" from {low:,} to {high:,}" if most is not None else f" of at least {low:,}"
     limits = "" if least is None else limits
-    raise SceneError(table, key or "", value, f"expected a whole number{limits}")
+    raise _refused(table, key, value, f"expected a whole number{limits}")
 
 
 def counted_text(text: str, key: str, least: int = 1, most: int | None = None) -> int:
-    """A whole number from the text of the command line; SceneError."""
+    """A whole number from the text of the command line; OptionError."""
     plain = text.strip().replace("_", "") if isinstance(text, str) else ""
     if not _PLAIN.fullmatch(plain):
         return counted(text, key, least, most)

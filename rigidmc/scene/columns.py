@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.errors import SceneError, unknown
+from rigidmc.errors import RigidmcError, SceneError, unknown
 from rigidmc.files.reading import refuse_irregular
 from rigidmc.files.trial import refuse_unreadable
 
@@ -27,7 +27,7 @@ def column(folder: str, file: str, name: str, table: str, key: str) -> NDArray[n
         raise SceneError(table, key, file, f"no such file in {where}")
     try:
         columns = _csv(path, table, key, file) if file.endswith(".csv") else _netcdf(path)
-    except SceneError as why:
+    except RigidmcError as why:
         raise why if why.table else SceneError(table, key, file, why.rule) from None
     if name not in columns:
         error = unknown(table, key, name, f"column of {file}", columns)

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from rigidmc.effects import EFFECTS, labelled, name_of
 from rigidmc.effects.own import class_of, source_of
 from rigidmc.effects.parameters import given
-from rigidmc.errors import SceneError, nearest, unknown
+from rigidmc.errors import FileError, RigidmcError, SceneError, nearest, unknown
 from rigidmc.files.reading import text_of, toml
 from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.observables import SUMMARIES, summary_of
@@ -62,11 +62,9 @@ def load(source, settings=(), allow_code=False):
     source = os.fspath(source)
     if os.path.isdir(source):
         if not os.path.isfile(os.path.join(source, "scene.toml")):
-            raise SceneError("", "scene", None, "is a folder, and no run directory", file=source)
+            raise FileError("", "scene", None, "is a folder, and no run directory", file=source)
         source = os.path.join(source, "scene.toml")
     if source.lower().endswith(".nc"):
-        from rigidmc.storage import scene_of
-
         return scene_of(source, settings, allow_code)
     text = read_source(source)
     return loads(
@@ -93,13 +91,30 @@ def loads(text, file="scene", settings=(), stored=None, title="scene", allow_cod
         return _from_tables(
             data, Columns(stored, folder), title, folder if allow_code else allow_code, overridden
         )
-    except SceneError as error:
+    except RigidmcError as error:
         error.file = error.file or file
         raise
     except ValidationError as error:
         made = complaint(error, "", _File, data)
         made.file = file
         raise made from None
+
+
+def scene_of(source, settings=(), allow_code=False):
+    """The scene of a result, given as a Dataset or the path of a netCDF file.
+
+    A scene with one row per member gets those rows of the result; `settings` and `allow_code` as for `load`.
+    """
+    from rigidmc.files.netcdf import open_undecoded  # netCDF4 and xarray, half a second
+    from rigidmc.scene.stored import scene_text, stored_rows
+
+    if isinstance(source, str):
+        # by xarray: netCDF4 1.7.5 crashes when it opens once more what xarray has open
+        with open_undecoded(source) as dataset:
+            return scene_of(dataset, settings, allow_code)
+    file = source.encoding.get("source", "result")
+    rows = stored_rows(source, file)
+    return loads(scene_text(source), file, settings, rows, allow_code=allow_code)
 
 
 def _from_tables(data, stored, title, folder, overridden):

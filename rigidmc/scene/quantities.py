@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rigidmc.dynamics.functions import normal_quantile, power
 from rigidmc.engine.streams import uniforms
-from rigidmc.errors import SceneError, unknown
+from rigidmc.errors import RigidmcError, SceneError, unknown
 from rigidmc.scene.amounts import counted
 
 Array = NDArray[np.float64]
@@ -117,7 +117,7 @@ def grid(low: float, high: float, count: int, stride: int = 1, log: bool = False
     for name, value in (("count", count), ("stride", stride)):
         try:
             counted(value, name)
-        except SceneError as error:
+        except RigidmcError as error:
             raise SceneError("", "grid", given, f"{name}: {error.rule}") from None
     return Grid(float(low), float(high), int(count), int(stride), bool(log))
 

@@ -19,7 +19,7 @@ from pydantic import (
     model_validator,
 )
 
-from rigidmc.errors import SceneError, unknown
+from rigidmc.errors import RigidmcError, SceneError, unknown
 from rigidmc.scene.amounts import counted, seconds
 from rigidmc.scene.idle import STAYS, idle
 
@@ -212,7 +212,7 @@ def changed(run: Run, given: Mapping[str, Any]) -> Run:
 
 def complaint(
     error: ValidationError, table: str, model: type[BaseModel], data: Mapping[str, Any]
-) -> SceneError:
+) -> RigidmcError:
     """The first complaint of pydantic as a SceneError about a key of a table."""
     # a misspelt key comes before the right one that it leaves missing
     first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
@@ -222,6 +222,6 @@ def complaint(
         return unknown(table, key, None, what, list(model.model_fields))
     if first["type"] == "missing":
         return SceneError(table, key, None, "is missing")
-    if isinstance(ours := first.get("ctx", {}).get("error"), SceneError):
+    if isinstance(ours := first.get("ctx", {}).get("error"), RigidmcError):
         return ours
     return SceneError(table, key, data.get(key), first["msg"][0].lower() + first["msg"][1:])

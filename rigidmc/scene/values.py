@@ -6,7 +6,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from rigidmc.errors import SceneError, nearest, unknown
+from rigidmc.errors import RigidmcError, SceneError, nearest, unknown
 from rigidmc.scene.columns import column
 from rigidmc.scene.laws import LAWS, law_of_table, laws_of
 from rigidmc.scene.laws.protocol import Law
@@ -147,7 +147,7 @@ def _named(
     """make(...), with an error that names the key of the table."""
     try:
         return make(*arguments, **words)
-    except SceneError as error:
+    except RigidmcError as error:
         raise SceneError(table, key, value, error.rule, error.nearest) from None
 
 

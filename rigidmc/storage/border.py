@@ -1,16 +1,23 @@
-"""Checks whether a file is a result: variables, dimensions, types and units must be those that the scene in it demands."""
+"""Checks whether a file is a result: its variables, dimensions, types and units must be those that
+the scene in it demands."""
 
-from types import SimpleNamespace
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
 
 from rigidmc.effects import labelled
 from rigidmc.engine.layout import STATUSES
-from rigidmc.errors import SceneError
+from rigidmc.errors import FileError, RigidmcError
 from rigidmc.observables import OBSERVABLES
 from rigidmc.scene.conservation import booked_labels
+from rigidmc.scene.file import loads
+from rigidmc.scene.scene import Run, Scene
+from rigidmc.storage.layout import Shape
 from rigidmc.storage.schema import (
+    Variable,
     coordinates,
     ensemble_variables,
     flagged_variables,
@@ -19,83 +26,92 @@ from rigidmc.storage.schema import (
     saved_variables,
 )
 
-ROWS = (
-    10_000_000  # a selection is spread out to a column of all indices if they are below this: 80 MB
-)
+
+class _Bins(NamedTuple):
+    bins: tuple[tuple[str, NDArray[np.float64], str], ...]
 
 
-def as_result(dataset, path):
-    """Check an undecoded Dataset; returns it as results of its scene are laid out, and the names of variables that no such result
-    has. SceneError if it is not a result."""
+class _Sizes(NamedTuple):
+    """The sizes of a result in a file, in the place of a plan; see
+    `rigidmc.storage.layout.Shape`."""
 
-    def wrong(key, rule, value=None):
-        return SceneError("", key, value, rule, file=path)
+    times: NDArray[np.float64]
+    thinned: NDArray[np.int64]
+    labels: tuple[str, ...]
+    watch: _Bins
+    first: int = 0
+    members: int = 0
+
+
+Complaint = Callable[..., FileError]  # (key, rule, value=None) -> the error of a file
+
+
+def as_result(dataset: xr.Dataset, path: str) -> tuple[xr.Dataset, list[str]]:
+    """Check an undecoded Dataset. Returns it as results of its scene are laid out, and the names of
+    variables that no such result has. Raises FileError if it is not a result."""
+
+    def wrong(key: str, rule: str, value: Any = None) -> FileError:
+        return FileError("", key, value, rule, file=path)
 
     scene = _scene_of(dataset, path)
     for name in ("member", "time"):
         if name not in dataset.variables or dataset.sizes.get(name, 0) < 1:
             raise wrong(name, "a result has at least one")
-    plan, known, needed = _layout(scene, dataset)
+    sizes, known, needed = _layout(scene, dataset)
     for name in needed:
         if name not in dataset.variables:
             raise wrong(name, "is missing, and every result of its scene has it")
     for name, (dims, dtype, attrs) in known.items():
         if name in dataset.variables:
-            _refuse_unlike(dataset[name], dims, np.dtype(dtype), attrs, plan, wrong)
-    own = coordinates(plan)
-    for name, (dims, values, attrs) in own.items():
+            _refuse_unlike(dataset[name], dims, np.dtype(dtype), attrs, sizes, wrong)
+    expected = coordinates(sizes)
+    for name, (dims, values, attrs) in expected.items():
         if name in dataset.variables and values.dtype.kind != "U":
-            _refuse_unlike(dataset[name], dims, values.dtype, attrs, plan, wrong)
+            _refuse_unlike(dataset[name], dims, values.dtype, attrs, sizes, wrong)
     _refuse_members(dataset, scene, wrong)
-    _refuse_attributes(dataset.attrs, scene, wrong)
-    strange = [str(name) for name in dataset.variables if name not in known and name not in own]
-    words = [name for name, (_, values, _) in own.items() if values.dtype.kind == "U"]
-    found = dataset.drop_vars([*strange, *(name for name in words if name in dataset.variables)])
-    found = found.assign_coords(
-        {name: own[name] for name in words}
-    )  # their values are known: no text is read from the file
-    for name, variable in found.variables.items():
-        attrs = own[name][2] if name in own else known[str(name)].attrs
-        variable.attrs = {
-            k: variable.attrs[k] for k in ("units", "significant_digits") if k in variable.attrs
-        } | attrs
-    return found, strange
+    _refuse_attributes(dataset.attrs, scene.run, wrong)
+    strange = [
+        str(name) for name in dataset.variables if name not in known and name not in expected
+    ]
+    # the values of text coordinates are known, so no text is read from the file
+    words = [name for name, (_, values, _) in expected.items() if values.dtype.kind == "U"]
+    result = dataset.drop_vars([*strange, *(name for name in words if name in dataset.variables)])
+    result = result.assign_coords({name: expected[name] for name in words})
+    for key, variable in result.variables.items():
+        name = str(key)
+        attrs = expected[name][2] if name in expected else known[name].attrs
+        trusted = ("units", "significant_digits")
+        variable.attrs = {k: variable.attrs[k] for k in trusted if k in variable.attrs} | attrs
+    return result, strange
 
 
-def _scene_of(dataset, path):
-    """The scene of a result, with the first of its rows, and with no code run."""
-    from rigidmc.scene.file import loads
+def _scene_of(dataset: xr.Dataset, path: str) -> Scene:
+    """The scene of a result, with the first of its rows; no code is run."""
 
-    def stored(name):
-        return (
-            np.asarray(dataset[name][..., :32].values)
-            if name in dataset.variables and dataset[name].ndim in (1, 2)
-            else None
-        )
+    def stored(name: str) -> NDArray[Any] | None:
+        if name not in dataset.variables or dataset[name].ndim not in (1, 2):
+            return None
+        return np.asarray(dataset[name][..., :32].values)
 
     try:
         return loads(dataset.attrs["scene"], path, stored=stored, allow_code=None)
-    except SceneError as error:
+    except RigidmcError as error:
         error.rule = f"of the scene in this result: {error.rule}"
         raise
 
 
-def _layout(scene, dataset):
-    """(a stand-in for the plan of a scene, {name: Variable} of all that its results may have, names they must have)."""
+def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[_Sizes, dict[str, Variable], list[str]]:
+    """(sizes of a result, {name: Variable} of all variables that results of a scene may have, the
+    names that they must have)."""
     bins = tuple(
         (f"{label}_bin", one.edges(), OBSERVABLES[one.name].units)
         for label, one in scene.histograms()
     )
-    labels = booked_labels(scene)
-    times = np.empty(dataset.sizes["time"])
-    few = np.zeros(dataset.sizes.get("thinned_time", 0), int)
-    plan: Any = SimpleNamespace(
-        first=0,
-        members=0,
-        times=times,
-        thinned=few,
-        labels=labels,
-        watch=SimpleNamespace(bins=bins),
+    sizes = _Sizes(
+        times=np.empty(dataset.sizes["time"]),
+        thinned=np.zeros(dataset.sizes.get("thinned_time", 0), int),
+        labels=booked_labels(scene),
+        watch=_Bins(bins),
     )
     always = member_variables(scene, False)
     known = {
@@ -111,23 +127,31 @@ def _layout(scene, dataset):
     for name in {
         f"{label}_{field}" for label, effect in opaque for field in effect._fields
     } & known.keys():
-        known[name] = known[name]._replace(
-            attrs={"long_name": known[name].attrs["long_name"]}
-        )  # only the code tells the units
-    # only the code tells whether an effect has an energy; if none has, mass and centre may be missing
-    return plan, known, [name for name in always if not (opaque and name in ("mass", "centre"))]
+        # only the code tells the units
+        words = {"long_name": known[name].attrs["long_name"]}
+        known[name] = known[name]._replace(attrs=words)
+    # only the code tells whether an effect has an energy; if none has, mass and centre may be
+    # missing
+    free = ("mass", "centre") if opaque else ()
+    return sizes, known, [name for name in always if name not in free]
 
 
-def _refuse_unlike(variable, dims, dtype, attrs, plan, wrong):
-    """SceneError for a variable of other dimensions, another type or another unit than a scene demands, or one that is packed."""
+def _refuse_unlike(
+    variable: xr.DataArray,
+    dims: tuple[str, ...],
+    dtype: np.dtype[Any],
+    attrs: dict[str, Any],
+    sizes: Shape,
+    wrong: Complaint,
+) -> None:
+    """Raise FileError for a variable of other dimensions, another type or another unit than a scene
+    demands, or one that is packed."""
     name = str(variable.name)
     if variable.dims != tuple(dims):
-        raise wrong(
-            name,
-            f"has the dimensions {', '.join(map(str, variable.dims)) or 'none'}, expected {', '.join(dims)}",
-        )
+        given = ", ".join(map(str, variable.dims)) or "none"
+        raise wrong(name, f"has the dimensions {given}, expected {', '.join(dims)}")
     for dim in dims:
-        size = None if dim in ("member", "flagged") else length(dim, plan)
+        size = None if dim in ("member", "flagged") else length(dim, sizes)
         if size is not None and variable.sizes[dim] != size:
             raise wrong(name, f"is {variable.sizes[dim]:,} long along {dim}, expected {size:,}")
     if variable.dtype.kind != dtype.kind:
@@ -142,30 +166,17 @@ def _refuse_unlike(variable, dims, dtype, attrs, plan, wrong):
         raise wrong(name, "expected 1 to 15 significant digits", value=str(digits))
 
 
-def _refuse_members(dataset, scene, wrong):
-    """SceneError for members that the scene does not have, times that do not ascend, and a status that there is none of."""
+def _refuse_members(dataset: xr.Dataset, scene: Scene, wrong: Complaint) -> None:
+    """Raise FileError for members that the scene lacks, disordered times and unknown statuses."""
     run, members = scene.run, dataset.member.values
-    if members.min() < run.first or members.max() >= run.first + run.members:
-        raise wrong(
-            "member", f"its scene has the members {run.first:,} to {run.first + run.members - 1:,}"
-        )
+    last = run.first + run.members - 1
+    if members.min() < run.first or members.max() > last:
+        raise wrong("member", f"its scene has the members {run.first:,} to {last:,}")
     if not (np.diff(members) > 0).all() and np.unique(members).size < members.size:
         raise wrong("member", "is there twice")
     for name in ("time", "thinned_time"):
-        times = (
-            dataset[name].values
-            if dataset.sizes.get(name, 0) and name in dataset.variables
-            else np.zeros(1)
-        )
-        if (
-            not np.isfinite(times).all()
-            or not (np.diff(times) > 0.0).all()
-            or times[0] < 0.0
-            or times[-1] > run.t_end * (1 + 1e-9)
-        ):
-            raise wrong(
-                name, f"expected times that ascend from 0 to t_end = {run.t_end:g} s at most"
-            )
+        if dataset.sizes.get(name, 0) and name in dataset.variables:
+            _refuse_times(name, dataset[name].values, run.t_end, wrong)
     if not np.isin(dataset.status.values, list(STATUSES.values())).all():
         raise wrong("status", f"expected {min(STATUSES.values())} to {max(STATUSES.values())}")
     if (
@@ -175,17 +186,23 @@ def _refuse_members(dataset, scene, wrong):
         raise wrong("flagged_member", "is none of the members")
 
 
-def _refuse_attributes(attrs, scene, wrong):
-    """SceneError for attributes that contradict the scene."""
-    run = scene.run
-    told = {
+def _refuse_times(name: str, times: NDArray[Any], t_end: float, wrong: Complaint) -> None:
+    ascending = np.isfinite(times).all() and (np.diff(times) > 0.0).all()
+    if not ascending or times[0] < 0.0 or times[-1] > t_end * (1 + 1e-9):
+        raise wrong(name, f"expected times that ascend from 0 to t_end = {t_end:g} s at most")
+
+
+def _refuse_attributes(attrs: dict[str, Any], run: Run, wrong: Complaint) -> None:
+    """Raise FileError for attributes that contradict the scene, and add those that are missing."""
+    demanded = {
         "integrator": run.integrator,
         "seed": run.seed,
         "dtype": run.dtype,
         "title": attrs.get("title", ""),
     }
-    told |= {"turn": run.turn} if run.turn is not None and "turn" in attrs else {"dt": run.dt}
-    for name, value in told.items():
+    own_steps = run.turn is not None
+    demanded |= {"turn": run.turn} if own_steps and "turn" in attrs else {"dt": run.dt}
+    for name, value in demanded.items():
         given = attrs.get(name, value)
         if (
             not isinstance(given, (str, int, float, np.number))
@@ -193,15 +210,10 @@ def _refuse_attributes(attrs, scene, wrong):
             or given != value
         ):
             raise wrong(name, f"contradicts the scene, which has {value!r}", value=str(given))
-    attrs |= told
-    if attrs.get("steps", 0) and run.turn is None and run.integrator != "closed":
-        steps = attrs["steps"]
-        if (
-            not isinstance(steps, (int, np.integer))
-            or abs(float(steps) * run.dt - run.t_end) > 1e-6 * run.t_end
-        ):
-            raise wrong(
-                "steps",
-                f"steps of {run.dt:g} s do not make t_end = {run.t_end:g} s",
-                value=str(steps),
-            )
+    attrs |= demanded
+    steps = attrs.get("steps", 0)
+    if steps and not own_steps and run.integrator != "closed":
+        whole = isinstance(steps, (int, np.integer))
+        if not whole or abs(float(steps) * run.dt - run.t_end) > 1e-6 * run.t_end:
+            rule = f"steps of {run.dt:g} s do not make t_end = {run.t_end:g} s"
+            raise wrong("steps", rule, value=str(steps))

@@ -1,57 +1,62 @@
-"""The layout of a result: which variables, their dimensions and attributes. A Dataset in memory and a netCDF file are the same."""
+"""The layout of a result: its variables, their dimensions and attributes. A Dataset in memory and a
+netCDF file are the same."""
 
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from rigidmc.dynamics.methods import implements
 from rigidmc.effects import labelled
 from rigidmc.effects.parameters import shape
+from rigidmc.effects.protocol import facts
 from rigidmc.engine.cpu import LOOK
 from rigidmc.engine.layout import STATUSES
 from rigidmc.observables import OBSERVABLES, outputs
 from rigidmc.observables.protocol import DIMENSIONS
 from rigidmc.scene.conservation import booked, conservation
 from rigidmc.scene.quantities import is_shared, rows
+from rigidmc.scene.scene import Scene
+from rigidmc.storage.layout import Layout, Shape
 from rigidmc.version import VERSION
 
 
 class Variable(NamedTuple):
     """One variable of a result: dimensions, type and attributes."""
 
-    dims: tuple
+    dims: tuple[str, ...]
     dtype: str
     attrs: dict[str, Any]
 
 
-def coordinates(plan):
+Coordinate = tuple[tuple[str, ...], NDArray[Any], dict[str, Any]]  # dimensions, values, attributes
+
+
+def _by_member(long_name: str, units: str, dims: tuple[str, ...] = (), **more: str) -> Variable:
+    """A variable of floats by members."""
+    return Variable((*dims, "member"), "f8", {"units": units, "long_name": long_name, **more})
+
+
+def coordinates(plan: Shape) -> dict[str, Coordinate]:
     """Coordinates of a result as {name: (dims, values, attrs)}."""
-    effects = (
-        {"effect": (("effect",), np.array(plan.labels), {"long_name": "effect of the scene"})}
-        if plan.labels
-        else {}
-    )
-    about = {"units": "s", "long_name": "time of what is thinned"}
-    thinned = (
-        {"thinned_time": (("thinned_time",), plan.times[plan.thinned], about)}
-        if plan.thinned.size
-        else {}
-    )
-    bins = {
-        name: (
-            (name,),
-            0.5 * (edges[1:] + edges[:-1]),
-            {"units": units, "long_name": "middle of the bin", "width": edges[1] - edges[0]},
-        )
-        for name, edges, units in plan.watch.bins
-    }
+    effects: dict[str, Coordinate] = {}
+    if plan.labels:
+        about = {"long_name": "effect of the scene"}
+        effects["effect"] = (("effect",), np.array(plan.labels), about)
+    thinned: dict[str, Coordinate] = {}
+    if plan.thinned.size:
+        about = {"units": "s", "long_name": "time of what is thinned"}
+        thinned["thinned_time"] = (("thinned_time",), plan.times[plan.thinned], about)
+    bins: dict[str, Coordinate] = {}
+    for name, edges, units in plan.watch.bins:
+        middles, width = 0.5 * (edges[1:] + edges[:-1]), edges[1] - edges[0]
+        text = {"units": units, "long_name": "middle of the bin", "width": width}
+        bins[name] = ((name,), middles, text)
+    indices = np.arange(plan.first, plan.first + plan.members)
     return {
         **effects,
         **bins,
-        "member": (
-            ("member",),
-            np.arange(plan.first, plan.first + plan.members),
-            {"long_name": "index of the member"},
-        ),
+        "member": (("member",), indices, {"long_name": "index of the member"}),
         "time": (("time",), plan.times, {"units": "s", "long_name": "time"}),
         **thinned,
         **{
@@ -61,33 +66,31 @@ def coordinates(plan):
     }
 
 
-def saved_variables(scene):
-    """Variables of what is recorded at save times, see `rigidmc.observables.keep`: {name: Variable}."""
-    kept, variables = conservation(scene), {}
+def saved_variables(scene: Scene) -> dict[str, Variable]:
+    """Variables of what is recorded at save times, see `rigidmc.observables.keep`."""
+    conserved, variables = conservation(scene), {}
     for name in scene.saved():
         kind = OBSERVABLES[name]
         attrs = {"units": kind.units, "long_name": kind.long_name}
         if kind.conserved:
-            attrs["conserved"] = kept[kind.conserved]
+            attrs["conserved"] = conserved[kind.conserved]
         if name == "work":
-            attrs["booked"] = (
-                ", ".join(booked(scene)) or "none"
-            )  # the others' work is told by energy
-        word = scene.kept()[name]
+            # the energy tells the work of the other effects
+            attrs["booked"] = ", ".join(booked(scene)) or "none"
+        word, dims = scene.kept()[name], (*kind.dims, "member")
         if word == "full":
-            variables[name] = Variable(("time", *kind.dims, "member"), "f8", attrs)
+            variables[name] = Variable(("time", *dims), "f8", attrs)
         elif word == "thinned":
-            variables[f"{name}_thinned"] = Variable(
-                ("thinned_time", *kind.dims, "member"), "f8", attrs
-            )
+            variables[f"{name}_thinned"] = Variable(("thinned_time", *dims), "f8", attrs)
         elif word == "final":
-            text = {"long_name": f"{kind.long_name}, at the end"}
-            variables[f"{name}_final"] = Variable((*kind.dims, "member"), "f8", {**attrs, **text})
+            attrs |= {"long_name": f"{kind.long_name}, at the end"}
+            variables[f"{name}_final"] = Variable(dims, "f8", attrs)
     return variables
 
 
-def is_rounded(scene, dims, dtype):
-    """Whether a variable has only so many digits in files: saves over time, never what a run could start from nor those of flagged members."""
+def is_rounded(scene: Scene, dims: tuple[str, ...], dtype: str) -> bool:
+    """Whether files store only some digits of a variable: those of saves over time, but never of
+    variables that a run could start from, nor of flagged members."""
     return (
         scene.run.digits is not None
         and dims[0] in ("time", "thinned_time")
@@ -96,158 +99,137 @@ def is_rounded(scene, dims, dtype):
     )
 
 
-def flagged_variables(scene):
-    """Variables of flagged members alone, of which all saves are kept though not of the others: {name: Variable}."""
+def flagged_variables(scene: Scene) -> dict[str, Variable]:
+    """Variables of flagged members, all of whose saves are kept even if those of others are not."""
     names = [name for name, word in scene.kept().items() if word != "full"]
     if not names:
         return {}
-    found = {
-        "flagged_member": Variable(
-            ("flagged",), "i8", {"long_name": "index of a member whose status is not ok"}
-        )
-    }
+    text = {"long_name": "index of a member whose status is not ok"}
+    variables = {"flagged_member": Variable(("flagged",), "i8", text)}
     for name in names:
         kind = OBSERVABLES[name]
         text = {"units": kind.units, "long_name": f"{kind.long_name}, of flagged members"}
-        found[f"{name}_flagged"] = Variable(("time", *kind.dims, "flagged"), "f8", text)
-    return found
+        variables[f"{name}_flagged"] = Variable(("time", *kind.dims, "flagged"), "f8", text)
+    return variables
 
 
-def bytes_of_a_member(scene, plan):
-    """Bytes of a member in a result, before they are compressed: (of those that all have the same value, of the others)."""
+def bytes_of_a_member(scene: Scene, plan: Layout) -> tuple[int, int]:
+    """Bytes of a member before compression: (of values that all members share, of others)."""
     same = other = 0
-    for name, (dims, dtype, _) in {
-        **member_variables(scene, plan.carried),
-        **saved_variables(scene),
-    }.items():
-        size = (
-            int(np.prod([1 if d == "member" else length(d, plan) for d in dims]))
-            * np.dtype(dtype).itemsize
-        )
+    variables = {**member_variables(scene, plan.carried), **saved_variables(scene)}
+    for name, (dims, dtype, _) in variables.items():
+        count = int(np.prod([1 if dim == "member" else length(dim, plan) for dim in dims]))
+        size = count * np.dtype(dtype).itemsize
         same, other = (same + size, other) if name in plan.constant else (same, other + size)
     return same, other
 
 
-def ensemble_variables(scene):
-    """Variables of the ensemble as a whole: {name: Variable}."""
-    found = {}
+def ensemble_variables(scene: Scene) -> dict[str, Variable]:
+    """Variables of the ensemble as a whole."""
+    variables = {}
     for label, one in scene.histograms():
-        text = f"members by {OBSERVABLES[one.name].long_name}{f', component {one.component + 1}' if one.of.endswith(']') else ''}"
-        found[label] = Variable(("time", f"{label}_bin"), "i8", {"units": "1", "long_name": text})
+        component = f", component {one.component + 1}" if one.of.endswith("]") else ""
+        text = f"members by {OBSERVABLES[one.name].long_name}{component}"
+        about = {"units": "1", "long_name": text}
+        variables[label] = Variable(("time", f"{label}_bin"), "i8", about)
         for word in ("below", "above"):
-            found[f"{label}_{word}"] = Variable(
-                ("time",), "i8", {"units": "1", "long_name": f"members {word} the bins of {label}"}
-            )
-    return found
+            about = {"units": "1", "long_name": f"members {word} the bins of {label}"}
+            variables[f"{label}_{word}"] = Variable(("time",), "i8", about)
+    return variables
 
 
-def member_variables(scene, carried):
-    """Variables with one value per member that every result has: {name: Variable}."""
-    kept = conservation(scene)
+def member_variables(scene: Scene, carried: bool) -> dict[str, Variable]:
+    """Variables with one value per member, which every result has.
+
+    carried : whether the attitude is followed
+    """
+    variables = {**_health_variables(scene), **_body_variables(scene)}
+    for label, effect in labelled(scene.effects):
+        for name, value in zip(effect._fields, effect, strict=True):
+            size = shape(effect, name)
+            if not is_shared(*(value if size else (value,))):
+                units = facts(effect).units.get(name, "1")
+                dims: tuple[str, ...] = (
+                    () if size is None else ("axis",) if size == 3 else ("component",)
+                )
+                variables[f"{label}_{name}"] = _by_member(f"{name} of {label}", units, dims)
+    for label, one in scene.watched():
+        for name, (units, text, dims) in outputs(label, one).items():
+            variables[name] = _by_member(text, units, dims)
+    return {**variables, **_start_variables(scene, carried)}
+
+
+def _health_variables(scene: Scene) -> dict[str, Variable]:
+    """Drifts and status of the members."""
+    conserved = conservation(scene)
     over = f"largest over every {LOOK}th step and all saves"
     drift = "relative to the start's energy (to 1e-3 of the energies in play where that is smaller)"
     energy = "|E - E(0)|"
     if "work" in scene.run.save:
         drift += " and the sizes of all works"
         energy = f"|E - E(0) - work of {', '.join(booked(scene)) or 'none'}|"
-    variables = {
-        "energy_drift_max": Variable(
-            ("member",),
-            "f8",
-            {
-                "units": "1",
-                "long_name": f"{energy} {drift}, {over}",
-                "conserved": kept["energy_drift"],
-            },
+    momentum = f"relative change of |L|^2 (absolute for a top that starts at rest), {over}"
+    status = {
+        "long_name": "health of the member; one that is not ok is frozen at its last good state, "
+        "seen at the look before",
+        "flag_values": np.array(list(STATUSES.values()), "i1"),
+        "flag_meanings": " ".join(STATUSES),
+    }
+    step = {
+        "long_name": "steps made when a member was found not to be ok, at most "
+        f"{LOOK} after it happened; -1 for those that are",
+        "units": "1",
+    }
+    return {
+        "energy_drift_max": _by_member(
+            f"{energy} {drift}, {over}", "1", conserved=conserved["energy_drift"]
         ),
-        "l2_drift_max": Variable(
-            ("member",),
-            "f8",
-            {
-                "units": "1",
-                "long_name": f"relative change of |L|^2 (absolute for a top that starts at rest), {over}",
-                "conserved": kept["l2"],
-            },
-        ),
-        "status": Variable(
-            ("member",),
-            "i1",
-            {
-                "long_name": "health of the member; one that is not ok is frozen at its last good state, seen at the look before",
-                "flag_values": np.array(list(STATUSES.values()), "i1"),
-                "flag_meanings": " ".join(STATUSES),
-            },
-        ),
-        "status_step": Variable(
-            ("member",),
-            "i8",
-            {
-                "long_name": f"steps made when a member was found not to be ok, at most {LOOK} after it happened; -1 for those that are",
-                "units": "1",
-            },
-        ),
-        "status_time": Variable(
-            ("member",),
-            "f8",
-            {
-                "units": "s",
-                "long_name": "time at which a member was found not to be ok; nan for those that are",
-            },
-        ),
-        "moments": Variable(
-            ("axis", "member"),
-            "f8",
-            {"units": "kg m2", "long_name": "principal moments of inertia about the fixed point"},
+        "l2_drift_max": _by_member(momentum, "1", conserved=conserved["l2"]),
+        "status": Variable(("member",), "i1", status),
+        "status_step": Variable(("member",), "i8", step),
+        "status_time": _by_member(
+            "time at which a member was found not to be ok; nan for those that are", "s"
         ),
     }
+
+
+def _body_variables(scene: Scene) -> dict[str, Variable]:
+    """Moments; steps of members that have their own; mass and centre if effects may need them."""
+    text = "principal moments of inertia about the fixed point"
+    variables = {"moments": _by_member(text, "kg m2", ("axis",))}
     if scene.run.turn is not None and scene.run.integrator != "closed":
-        variables["steps"] = Variable(
-            ("member",), "i8", {"long_name": "steps of the member, each as long as the others"}
-        )
-    if any(hasattr(e, "energy") for e in scene.effects) or not is_shared(
+        about = {"long_name": "steps of the member, each as long as the others"}
+        variables["steps"] = Variable(("member",), "i8", about)
+    if any(implements(e, "energy") for e in scene.effects) or not is_shared(
         scene.body.mass, scene.body.centre
     ):
-        variables["mass"] = Variable(("member",), "f8", {"units": "kg", "long_name": "mass"})
-        variables["centre"] = Variable(
-            ("axis", "member"), "f8", {"units": "m", "long_name": "centre of mass, principal axes"}
-        )
-    for label, effect in labelled(scene.effects):
-        for name, value in zip(effect._fields, effect, strict=True):
-            size = shape(effect, name)
-            if not is_shared(*(value if size else (value,))):
-                attrs = {
-                    "units": getattr(effect, "units", {}).get(name, "1"),
-                    "long_name": f"{name} of {label}",
-                }
-                dims: tuple[str, ...] = (
-                    () if size is None else ("axis",) if size == 3 else ("component",)
-                )
-                variables[f"{label}_{name}"] = Variable((*dims, "member"), "f8", attrs)
-    for label, one in scene.watched():
-        for name, (units, text, dims) in outputs(label, one).items():
-            variables[name] = Variable((*dims, "member"), "f8", {"units": units, "long_name": text})
-    which = "omega" if scene.start.momentum is None else "momentum"
-    kind = OBSERVABLES[which]
-    variables[f"start_{which}"] = Variable(
-        ("axis", "member"), "f8", {"units": kind.units, "long_name": f"{kind.long_name}, at t = 0"}
-    )
-    if carried:
-        kind = OBSERVABLES["attitude"]
-        variables["start_attitude"] = Variable(
-            ("quat", "member"), "f8", {"units": "1", "long_name": f"{kind.long_name}, at t = 0"}
-        )
-        if scene.start.by_euler_angles and not is_shared(scene.start.attitude):
-            attrs = {"units": "rad", "long_name": "Euler angles z-x-z (phi, theta, psi), at t = 0"}
-            variables["start_euler"] = Variable(("axis", "member"), "f8", attrs)
+        variables["mass"] = _by_member("mass", "kg")
+        variables["centre"] = _by_member("centre of mass, principal axes", "m", ("axis",))
     return variables
 
 
-def attributes(scene, plan):
-    """Global attributes; the scene's TOML and the member range are enough to run it again to the same bits."""
-    # a selection of the result has the rows of its own members only: what was chosen by looking at all of them is written down
-    looked = (
-        {} if rows(*scene.quantities()) is None else {"turn_rate": plan.turn_rate, **plan.bounds()}
-    )
+def _start_variables(scene: Scene, carried: bool) -> dict[str, Variable]:
+    """Spin, and attitude if it is followed, at t = 0."""
+    spin = scene.start.which
+    kind = OBSERVABLES[spin]
+    name = f"start_{spin}"
+    variables = {name: _by_member(f"{kind.long_name}, at t = 0", kind.units, ("axis",))}
+    if carried:
+        text = f"{OBSERVABLES['attitude'].long_name}, at t = 0"
+        variables["start_attitude"] = _by_member(text, "1", ("quat",))
+        if scene.start.by_euler_angles and not is_shared(scene.start.attitude):
+            text = "Euler angles z-x-z (phi, theta, psi), at t = 0"
+            variables["start_euler"] = _by_member(text, "rad", ("axis",))
+    return variables
+
+
+def attributes(scene: Scene, plan: Layout) -> dict[str, Any]:
+    """Global attributes; the scene's TOML and the member range suffice for a rerun to the bit."""
+    # a selection of the result has only the rows of its own members, so whatever was chosen by
+    # looking at all of them is written down
+    looked = {}
+    if rows(*scene.quantities()) is not None:
+        looked = {"turn_rate": plan.turn_rate, **plan.bounds()}
     resolved = scene.with_run(**looked, **({} if plan.own else {"dt": plan.dt}))
     steps = {"turn": scene.run.turn} if plan.own else {"dt": plan.dt, "steps": plan.steps}
     return {
@@ -267,8 +249,8 @@ def attributes(scene, plan):
     }
 
 
-def length(dim, plan):
-    """Size of a dimension."""
+def length(dim: str, plan: Shape) -> Any:
+    """Size of a dimension; None for `flagged`, which grows."""
     bins = {name: edges.size - 1 for name, edges, _ in plan.watch.bins}
     times = {"time": plan.times.size, "thinned_time": plan.thinned.size}
     return {

@@ -1,13 +1,19 @@
 """Where the results of blocks go as they are done: one Dataset in memory, or a netCDF file."""
 
+from collections.abc import Iterable, Mapping
+from typing import Any, Protocol
+
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from rigidmc.engine.layout import whole_lanes
 from rigidmc.engine.memory import aligned
+from rigidmc.files.netcdf import open_trusted
+from rigidmc.files.outputs import Path
 from rigidmc.observables import OBSERVABLES, rows_of
-from rigidmc.observables.keep import flagged_values, joined, kept_values
-from rigidmc.storage import Writer, open_result
+from rigidmc.scene.scene import Scene
+from rigidmc.storage.layout import Block, Layout
 from rigidmc.storage.schema import (
     attributes,
     coordinates,
@@ -17,9 +23,22 @@ from rigidmc.storage.schema import (
     member_variables,
     saved_variables,
 )
+from rigidmc.storage.writer import Writer
+
+Arrays = dict[str, NDArray[Any]]
+Place = tuple[NDArray[np.float64], int, int]  # an array, its width, and the column of a block in it
 
 
-def _split(scene, values, names):
+class Sink(Protocol):
+    """Where blocks go. `room` gives the place for the values that a block saves."""
+
+    def room(self, low: int, count: int) -> Place: ...
+    def take(self, job: Block, results: Arrays) -> None: ...
+    def finish(self) -> xr.Dataset: ...
+    def discard(self) -> None: ...
+
+
+def _split(scene: Scene, values: NDArray[Any], names: Iterable[str]) -> Arrays:
     """{name: view} of the value rows (time, row, member) of the named observables."""
     parts, row = {}, 0
     for name in names:
@@ -29,117 +48,152 @@ def _split(scene, values, names):
     return parts
 
 
+def kept_values(scene: Scene, plan: Layout, parts: Arrays) -> Arrays:
+    """{variable: array, members last} of saved values by name, all their times first."""
+    kept = {}
+    for name, word in scene.kept().items():
+        if word == "full":
+            kept[name] = parts[name]
+        elif word == "thinned":
+            kept[f"{name}_thinned"] = parts[name][plan.thinned]
+        elif word == "final":
+            kept[f"{name}_final"] = parts[name][-1]
+    return kept
+
+
+def flagged_values(scene: Scene, first: int, parts: Arrays, status: NDArray[Any]) -> Arrays:
+    """{variable: array, flagged members last} of the flagged members of a block from index `first`
+    on; {} if all values of all members are kept anyway."""
+    names = [name for name, word in scene.kept().items() if word != "full"]
+    if not names:
+        return {}
+    bad = np.flatnonzero(status)
+    return {
+        "flagged_member": first + bad,
+        **{f"{name}_flagged": parts[name][..., bad] for name in names},
+    }
+
+
+def joined(pieces: Iterable[Arrays]) -> Arrays:
+    """{variable: array} of pieces of flagged values, members in order."""
+    pieces = [piece for piece in pieces if piece]
+    if not pieces:
+        return {}
+    whole = {name: np.concatenate([piece[name] for piece in pieces], axis=-1) for name in pieces[0]}
+    order = np.argsort(whole["flagged_member"])
+    return {name: values[..., order] for name, values in whole.items()}
+
+
 class Counts:
     """The histograms of a scene, block by block."""
 
-    def __init__(self, scene):
-        self.of = scene.histograms()
-        self.found: dict[str, np.ndarray] = {}
+    def __init__(self, scene: Scene) -> None:
+        self.histograms = scene.histograms()
+        self.counts: Arrays = {}
 
-    def add(self, job, parts, status):
-        """Count the members of a block that are well; parts : its values by name, at all times."""
-        well = status[: job.size] == 0
-        for label, one in self.of:
+    def add(self, job: Block, parts: Arrays, status: NDArray[Any]) -> None:
+        """Count the healthy members of a block; parts : its values by name, at all times."""
+        healthy = status[: job.size] == 0
+        for label, one in self.histograms:
             values = parts[one.name][..., : job.size]
-            counts = one.counts((values[:, one.component] if values.ndim == 3 else values)[:, well])
-            self.found[label] = self.found.get(label, 0) + counts
+            values = values[:, one.component] if values.ndim == 3 else values
+            self.counts[label] = self.counts.get(label, 0) + one.counts(values[:, healthy])
 
-    def variables(self):
+    def variables(self) -> Arrays:
         """{name: counts} of the results."""
-        made: dict[str, np.ndarray] = {}
-        for label, _ in self.of:
-            counts = self.found[label]
-            made |= {
-                label: counts[:, 1:-1],
-                f"{label}_below": counts[:, 0],
-                f"{label}_above": counts[:, -1],
-            }
-        return made
+        variables = {}
+        for label, _ in self.histograms:
+            counts = self.counts[label]
+            variables[label] = counts[:, 1:-1]
+            variables[f"{label}_below"], variables[f"{label}_above"] = counts[:, 0], counts[:, -1]
+        return variables
 
 
 class Memory:
-    """Collects blocks in one Dataset; the kernel writes saved values straight to their place, where all of them are kept."""
+    """Collects blocks in one Dataset.
 
-    def __init__(self, scene, plan, more, direct=True):
-        """direct : whether blocks may write there themselves"""
+    If all saved values are kept, the kernel writes them straight to their place.
+    """
+
+    def __init__(
+        self, scene: Scene, plan: Layout, more: Mapping[str, Any], direct: bool = True
+    ) -> None:
+        """more : further attributes;  direct : whether blocks may write to the result themselves"""
         self.scene, self.plan, self.more = scene, plan, more
-        self.counts, self.flagged = Counts(scene), list[dict[str, np.ndarray]]()
+        self.counts, self.flagged = Counts(scene), list[Arrays]()
         self.rows = rows_of(scene.effects, *scene.recorded())
-        self.direct = (
-            direct and scene.recorded() == scene.saved() and set(scene.kept().values()) <= {"full"}
-        )
+        all_kept = set(scene.kept().values()) <= {"full"}
+        self.direct = direct and scene.recorded() == scene.saved() and all_kept
         self.width = whole_lanes(plan.members)
-        self.out = aligned(
-            plan.times.size * self.rows * self.width if self.direct else 0, float, np.empty
-        )
+        size = plan.times.size * self.rows * self.width if self.direct else 0
+        self.out = aligned(size, float, np.empty)
         self.variables = member_variables(scene, plan.carried)
-        kept = {} if self.direct else saved_variables(scene)
+        saved = {} if self.direct else saved_variables(scene)
         self.arrays = {
             name: np.empty([length(d, plan) for d in v.dims], v.dtype)
-            for name, v in {**self.variables, **kept}.items()
+            for name, v in {**self.variables, **saved}.items()
             if name not in plan.constant
         }
 
-    def room(self, low, count):
+    def room(self, low: int, count: int) -> Place:
+        """The place for the values of `count` members from index `low` of the result on."""
         if self.direct:
             return self.out, self.width if self.rows else 0, low
         return buffer(self.scene, self.plan, count)
 
-    def take(self, job, results):
+    def take(self, job: Block, results: Arrays) -> None:
+        """Take the results of a block that is done."""
         low = job.first - self.plan.first
         part = slice(low, low + job.size)
-        if self.rows and (self.counts.of or not self.direct):
-            values = job.out.reshape(self.plan.times.size, self.rows, -1)[
-                ..., job.column : job.column + job.size
-            ]
+        if self.rows and (self.counts.histograms or not self.direct):
+            values = job.out.reshape(self.plan.times.size, self.rows, -1)
+            values = values[..., job.column : job.column + job.size]
             parts = _split(self.scene, values, self.scene.recorded())
             self.counts.add(job, parts, results["status"])
-            self.flagged.append(
-                flagged_values(self.scene, job.first, parts, results["status"][: job.size])
-            )
-            for name, kept in (
-                {} if self.direct else kept_values(self.scene, self.plan, parts).items()
-            ):
-                self.arrays[name][..., part] = kept
+            status = results["status"][: job.size]
+            self.flagged.append(flagged_values(self.scene, job.first, parts, status))
+            if not self.direct:
+                for name, kept in kept_values(self.scene, self.plan, parts).items():
+                    self.arrays[name][..., part] = kept
         for name in self.variables:
             if name not in self.arrays:  # the same for all members: one column serves
                 column = results[name][..., :1]
-                self.arrays[name] = np.broadcast_to(
-                    column.copy(), (*column.shape[:-1], self.plan.members)
-                )
+                shape = (*column.shape[:-1], self.plan.members)
+                self.arrays[name] = np.broadcast_to(column.copy(), shape)
             elif name not in self.plan.constant:
                 self.arrays[name][..., part] = results[name][..., : job.size]
 
-    def values(self):
+    def values(self) -> Arrays:
         """{variable: array} of the result."""
         arrays = {**self.arrays, **self.counts.variables(), **joined(self.flagged)}
         if self.direct:
-            values = self.out.reshape(self.plan.times.size, self.rows, self.width)[
-                ..., : self.plan.members
-            ]
+            values = self.out.reshape(self.plan.times.size, self.rows, self.width)
+            values = values[..., : self.plan.members]
             arrays |= _split(self.scene, values, self.scene.saved())
         return arrays
 
-    def finish(self):
+    def finish(self) -> xr.Dataset:
+        """The result."""
         arrays = self.values()
-        saved = {
+        variables = {
+            **self.variables,
             **saved_variables(self.scene),
             **ensemble_variables(self.scene),
             **flagged_variables(self.scene),
         }
-        variables = {
-            name: (v.dims, arrays[name], v.attrs) for name, v in {**self.variables, **saved}.items()
-        }
         return xr.Dataset(
-            variables, coordinates(self.plan), {**attributes(self.scene, self.plan), **self.more}
+            {name: (v.dims, arrays[name], v.attrs) for name, v in variables.items()},
+            coordinates(self.plan),
+            {**attributes(self.scene, self.plan), **self.more},
         )
 
-    def discard(self):
+    def discard(self) -> None:
+        """Let the memory go."""
         self.out = np.empty(0)
 
 
-def buffer(scene, plan, count):
-    """(array, width, column) for what a block of so many members saves."""
+def buffer(scene: Scene, plan: Layout, count: int) -> Place:
+    """The place for the values that a block of so many members saves."""
     values, width = rows_of(scene.effects, *scene.recorded()), whole_lanes(count)
     return aligned(plan.times.size * values * width, float, np.empty), width if values else 0, 0
 
@@ -147,37 +201,42 @@ def buffer(scene, plan, count):
 class File:
     """Writes blocks to a netCDF file as they are done."""
 
-    def __init__(self, path, scene, plan, force, more=None):
+    def __init__(
+        self,
+        path: Path,
+        scene: Scene,
+        plan: Layout,
+        force: bool,
+        more: Mapping[str, Any] | None = None,
+    ) -> None:
         self.scene, self.plan, self.path = scene, plan, path
-        self.counts, self.rows = Counts(scene), rows_of(scene.effects, *scene.recorded())
-        self.names, self.flagged = (
-            set(member_variables(scene, plan.carried)),
-            list[dict[str, np.ndarray]](),
-        )
+        self.counts, self.flagged = Counts(scene), list[Arrays]()
+        self.rows = rows_of(scene.effects, *scene.recorded())
+        self.names = set(member_variables(scene, plan.carried))
         self.writer = Writer(path, scene, plan, force, more)
 
-    def room(self, low, count):
+    def room(self, low: int, count: int) -> Place:
+        """The place for the values of `count` members."""
         return buffer(self.scene, self.plan, count)
 
-    def take(self, job, results):
-        values = {k: v for k, v in results.items() if k in self.names}
+    def take(self, job: Block, results: Arrays) -> None:
+        """Write the results of a block that is done."""
+        values = {name: array for name, array in results.items() if name in self.names}
         if self.rows:
-            parts = _split(
-                self.scene,
-                job.out.reshape(self.plan.times.size, self.rows, job.width),
-                self.scene.recorded(),
-            )
+            saved = job.out.reshape(self.plan.times.size, self.rows, job.width)
+            parts = _split(self.scene, saved, self.scene.recorded())
             self.counts.add(job, parts, results["status"])
-            self.flagged.append(
-                flagged_values(self.scene, job.first, parts, results["status"][: job.size])
-            )
+            status = results["status"][: job.size]
+            self.flagged.append(flagged_values(self.scene, job.first, parts, status))
             values |= kept_values(self.scene, self.plan, parts)
         self.writer.write(job.first, job.size, values)
 
-    def finish(self):
+    def finish(self) -> xr.Dataset:
+        """Finish the file and open it."""
         self.writer.write_all({**self.counts.variables(), **joined(self.flagged)})
         self.writer.finish()
-        return open_result(self.path, made=True)
+        return open_trusted(self.path)
 
-    def discard(self):
+    def discard(self) -> None:
+        """Delete what was written."""
         self.writer.discard()

@@ -9,19 +9,15 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.engine.machine import threads_available
-from rigidmc.errors import SceneError
+from rigidmc.errors import OptionError
 from rigidmc.integrators import INTEGRATORS, refusal
 from rigidmc.planning.tolerance.choose import check_pilot
 from rigidmc.planning.tolerance.compile_ahead import compile_ahead
-from rigidmc.planning.tolerance.ladder import Costs, Way, candidates, ladder
-from rigidmc.planning.tolerance.pilot import (
-    QUANTITIES,
-    ROUNDING,
-    Pilot,
-    growth,
-    pilot,
-    upper_quantile,
-)
+from rigidmc.planning.tolerance.costs import Costs
+from rigidmc.planning.tolerance.deviation import QUANTITIES, upper_quantile
+from rigidmc.planning.tolerance.growth import growth
+from rigidmc.planning.tolerance.ladder import Way, candidates, ladder
+from rigidmc.planning.tolerance.pilot import ROUNDING, Pilot, pilot
 from rigidmc.planning.tolerance.truth import Truth, truth
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.scene import Scene
@@ -71,7 +67,7 @@ def accuracy(
     """
     for name in integrators or ():
         if name in INTEGRATORS and (why := refusal(name, scene.effects)):
-            raise SceneError("", "integrators", name, why)
+            raise OptionError("", "integrators", name, why)
     first = pilot(scene, counted(members, "members"))
     check_pilot(scene, first)
     say = progress or (lambda line: None)

@@ -18,7 +18,7 @@ from rigidmc.integrators import INTEGRATORS, accepting
 from rigidmc.mechanics.rotation import attitude_error
 from rigidmc.planning.closed_form import closed_form
 from rigidmc.planning.plan import Plan
-from rigidmc.planning.stage import physics
+from rigidmc.planning.rates import physics
 from rigidmc.planning.tolerance.pilot import Pilot, States, first_steps, follow, pilot
 from rigidmc.planning.units import scaled
 from rigidmc.scene.scene import Scene
@@ -60,9 +60,9 @@ def pilot_of(scene: Scene, count: int) -> Pilot:
 
 def steps_of(pilot: Pilot, plan: Plan) -> int:
     """Steps of the scene as the pilot counts them: a multiple of TIMES."""
-    steps = plan.steps
-    if pilot.own:
-        steps = pilot.scene.run.t_end * float(pilot.rates.max()) / pilot.scene.run.turn
+    steps, run = float(plan.steps), pilot.scene.run
+    if run.turn is not None:
+        steps = run.t_end * float(pilot.rates.max()) / run.turn
     return TIMES * max(1, math.ceil(steps / TIMES * (1.0 - 1e-9)))
 
 

@@ -7,7 +7,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.engine.layout import STATUSES
-from rigidmc.errors import SceneError
+from rigidmc.errors import OptionError, SceneError
 from rigidmc.mechanics.free_top import Kind, Motion
 from rigidmc.mechanics.lagrange_top import Nutation
 from rigidmc.mechanics.rotation import attitude_error
@@ -28,7 +28,7 @@ def compare(scene: Scene, at: float, members: int) -> list[str]:
     motion, good = case.motion(at), case.form != NONE
     if not good.any():
         rule = f"none of the first {members:,} is a body with a start: no motion to compare"
-        raise SceneError("", "members", None, rule)
+        raise OptionError("", "members", None, rule)
     motions, plural = case.what(), "s" * (members > 1)
     lines = [
         f"{scene.title}: {case.name}, closed form at t = {at:g} s, {members:,} member{plural}",

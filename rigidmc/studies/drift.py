@@ -8,10 +8,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rigidmc.errors import SceneError, unknown
+from rigidmc.errors import OptionError, unknown
 from rigidmc.integrators import INTEGRATORS, accepting, refusal
 from rigidmc.planning.tolerance.choose import check_pilot
-from rigidmc.planning.tolerance.pilot import ROUNDING, drift_along, pilot
+from rigidmc.planning.tolerance.deviation import drift_along
+from rigidmc.planning.tolerance.pilot import ROUNDING, pilot
 from rigidmc.scene.amounts import counted, seconds
 from rigidmc.scene.conservation import conservation
 from rigidmc.scene.scene import Scene
@@ -43,9 +44,9 @@ def long_drift(
     names = list(integrators or [name for name in LONG if name in accepting(scene.effects)])
     for name in names:
         if name not in INTEGRATORS:
-            raise unknown("", "integrators", name, "integrator", INTEGRATORS)
+            raise unknown("", "integrators", name, "integrator", INTEGRATORS, OptionError)
         if why := refusal(name, scene.effects):
-            raise SceneError("", "integrators", name, why)
+            raise OptionError("", "integrators", name, why)
     dt = seconds(dt or scene.run.dt, "dt")
     steps, members = counted(steps, "steps"), counted(members, "members")
     at = np.unique(np.append(2 ** np.arange(4, int(math.log2(steps)) + 1), steps))

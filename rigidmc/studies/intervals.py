@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special, stats
 
-from rigidmc.errors import SceneError, unknown
+from rigidmc.errors import OptionError, unknown
 
 METHODS = ("wilson", "clopper-pearson")
 
@@ -41,17 +41,17 @@ def probability(
         few trials
 
     successes, trials : counts that broadcast; without trials the interval is nan
-    Raises SceneError for impossible counts.
+    Raises OptionError for impossible counts.
     Source: Wilson, J. Am. Stat. Assoc. 22 (1927) 209; Clopper & Pearson, Biometrika 26 (1934) 404;
     Brown, Cai & DasGupta, Stat. Sci. 16 (2001) 101.
     """
     if method not in METHODS:
-        raise unknown("", "method", method, "interval", METHODS)
+        raise unknown("", "method", method, "interval", METHODS, OptionError)
     k, n = np.broadcast_arrays(np.asarray(successes, float), np.asarray(trials, float))
     bad = (k < 0) | (k > n)
     if np.any(bad):
         rule = "expected counts between 0 and the trials"
-        raise SceneError("", "successes", float(k[bad].flat[0]), rule)
+        raise OptionError("", "successes", float(k[bad].flat[0]), rule)
     _check(confidence)
     with np.errstate(all="ignore"):
         p, tail = k / n, 0.5 * (1.0 - confidence)
@@ -128,7 +128,7 @@ def quantile(values: ArrayLike, q: float, confidence: float = 0.95) -> Interval:
     """
     _check(confidence)
     if not 0.0 < q < 1.0:
-        raise SceneError("", "q", q, "expected a share between 0 and 1")
+        raise OptionError("", "q", q, "expected a share between 0 and 1")
     x = np.asarray(values, float)
     x = np.sort(x[np.isfinite(x)])
     if not x.size:
@@ -152,4 +152,4 @@ def quantiles(values: ArrayLike, q: float, confidence: float = 0.95) -> Interval
 
 def _check(confidence: float) -> None:
     if not 0.0 < confidence < 1.0:
-        raise SceneError("", "confidence", confidence, "expected a number between 0 and 1")
+        raise OptionError("", "confidence", confidence, "expected a number between 0 and 1")

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rigidmc.errors import SceneError, nearest
+from rigidmc.errors import OptionError, nearest
 from rigidmc.observables import RUNNING, SUMMARIES, summary_of
 from rigidmc.scene.scene import Scene
 from rigidmc.studies import intervals
@@ -101,16 +101,16 @@ def measure(text: str, variables: Mapping[str, tuple[str, ...]]) -> Measure:
     matches = ((kind, form.fullmatch(text.strip())) for kind, form in _FORMS.items())
     kind, match = next(((kind, m) for kind, m in matches if m), ("", None))
     if match is None:
-        raise SceneError("", "measure", text, RULE)
+        raise OptionError("", "measure", text, RULE)
     parts = match.groupdict()
     name, axis = parts["name"], parts["axis"]
     dims = _dims(text, name, variables)
     if (dims == ("axis", "member")) != bool(axis):
         rule = f"three components: give one, as in {name}[3]" if not axis else "no components"
-        raise SceneError("", "measure", text, f"{name} has {rule}")
+        raise OptionError("", "measure", text, f"{name} has {rule}")
     number = float(parts.get("number") or (0.5 if kind == "median" else 0.0))
     if kind == "quantile" and not 0.0 < number < 1.0:
-        raise SceneError("", "measure", text, "a quantile has a share between 0 and 1")
+        raise OptionError("", "measure", text, "a quantile has a share between 0 and 1")
     kind = {"median": "quantile", "": "mean"}.get(kind, kind)
     relation = parts.get("relation") or ""
     return Measure(text.strip(), kind, name, int(axis) if axis else None, relation, number)
@@ -130,4 +130,4 @@ def _dims(text: str, name: str, variables: Mapping[str, tuple[str, ...]]) -> tup
         f"no result of that name with one number per member; known: {', '.join(known)};"
         " passages of a scene with [observables.passage]"
     )
-    raise SceneError("", "measure", text, rule, nearest(name, known))
+    raise OptionError("", "measure", text, rule, nearest(name, known))

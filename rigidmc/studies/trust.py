@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from rigidmc.planning.plan import Plan, prepare
 from rigidmc.planning.tolerance.choose import check_quiet, resolved
-from rigidmc.planning.tolerance.pilot import Pilot, growth
+from rigidmc.planning.tolerance.growth import growth
+from rigidmc.planning.tolerance.pilot import Pilot
 from rigidmc.progress import reporter
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.checks import Check, Runs, pilot_of, steps_of

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rigidmc.errors import SceneError, SceneWarning
+from rigidmc.errors import OptionError, SceneError, SceneWarning
 from rigidmc.files.outputs import refuse_existing
 from rigidmc.observables import OBSERVABLES
 from rigidmc.runs.simulate import simulate
@@ -48,12 +48,12 @@ class Goal(NamedTuple):
 def goal(text: str, variables: dict[str, tuple[str, ...]]) -> Goal:
     """The Goal of a text such as "p(flips >= 1) +- 0.001" or "mean(flip_wait) +- 1 %".
 
-    variables : {name: dims} of a result;  raises SceneError if the text is no goal
+    variables : {name: dims} of a result;  raises OptionError if the text is no goal
     """
     parts = _SIGN.split(text.strip())
     width = _WIDTH.fullmatch(parts[1]) if len(parts) == 2 else None
     if width is None or not float(width[1]) > 0.0:
-        raise SceneError("run", "until", text, RULE)
+        raise OptionError("run", "until", text, RULE)
     half = float(width[1]) / (100.0 if width[2] else 1.0)
     return Goal(measure(parts[0], variables), half, bool(width[2]))
 
@@ -79,12 +79,12 @@ def simulate_until(
     final ensemble is then run once with saves and output; it is the first members of the scene, to
     the bit. The number of members that is still needed follows from the spread of those so far, to
     a few per cent, so there are few rounds.
-    A SceneWarning says if the goal is not reached. Raises SceneError if by the first round the goal
+    A SceneWarning says if the goal is not reached. Raises OptionError if by the first round the goal
     needs more than `most` members.
     """
     if options.get("members") is not None:
         rule = "there are as many members as it takes, `most` at most: give that"
-        raise SceneError("run", "members", options["members"], rule)
+        raise OptionError("run", "members", options["members"], rule)
     most = counted(most, "most")
     if output is not None:
         refuse_existing(output, force)
@@ -154,7 +154,7 @@ def _grown(
         if known == 0 and needed > most:
             by = f"by the first {size:,} ({interval.value:.4g} +- {interval.half:.2g})"
             rule = f"needs about {needed:,} members {by}, more than the limit of {most:,}"
-            raise SceneError("run", "until", until, rule)
+            raise OptionError("run", "until", until, rule)
         known, size = size, min(most, max(needed, size + FIRST))
 
 
@@ -162,10 +162,10 @@ def _check_first(until: str, wanted: Goal, interval: Interval, size: int) -> Non
     """SceneError if the first round shows that no number of members reaches the goal."""
     if not np.isfinite(interval.value):
         rule = f"none of the first {size:,} members has a {wanted.measure.name}"
-        raise SceneError("run", "until", until, rule)
+        raise OptionError("run", "until", until, rule)
     if wanted.half_at(interval.value) == 0.0:
         rule = f"is 0 for the first {size:,} members: no number of them brings it to a share of 0"
-        raise SceneError("run", "until", until, f"{rule}; give the width itself")
+        raise OptionError("run", "until", until, f"{rule}; give the width itself")
 
 
 def goal_reached(until: str, interval: Interval) -> bool:

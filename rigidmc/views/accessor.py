@@ -40,7 +40,7 @@ class Rigid:
 
     def scene(self, allow_code: bool = False) -> Any:
         """The Scene that the result was computed from."""
-        from rigidmc.storage import scene_of
+        from rigidmc.scene.file import scene_of
 
         return scene_of(self._dataset, allow_code=allow_code)
 
@@ -123,7 +123,8 @@ class Rigid:
     def _potential(self) -> NDArray[np.float64]:
         """Potential energy of the effects (time, member) [J]."""
         from rigidmc.engine.forces import energies
-        from rigidmc.planning.stage import physics, stage
+        from rigidmc.planning.rates import physics
+        from rigidmc.planning.stage import stage
 
         ds, scene = self._dataset, self.scene()
         if "attitude" not in ds:

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.errors import SceneError
+from rigidmc.errors import OptionError, SceneError
 from rigidmc.mechanics import inertia
 from rigidmc.scene.body import Body
 from rigidmc.scene.quantities import is_shared
@@ -28,7 +28,7 @@ def body_of(
 
     if density is not None or mass is not None or scale != 1.0:
         rule = "are for meshes; a scene has its mass in its [body]"
-        raise SceneError("", "--density, --mass, --scale", None, rule)
+        raise OptionError("", "--density, --mass, --scale", None, rule)
     scene = load(source)
     if not is_shared(*scene.body.quantities()):
         rule = "the body differs from member to member; give plain numbers to see one"

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.errors import SceneError
+from rigidmc.errors import OptionError
 from rigidmc.mechanics.free_top import free_top
 from rigidmc.mechanics.lagrange_top import (
     Nutation,
@@ -162,7 +162,7 @@ def case_summary(case: Case, title: str, t_end: float) -> Figure:
     form = int(case.form[0])
     if form == NONE:
         rule = "the first member has no body or no start: no motion to draw"
-        raise SceneError("", "members", None, rule)
+        raise OptionError("", "members", None, rule)
     if form == 0:
         return free_summary(moments, momentum, attitude, t_end, title)
     moments, momentum, attitude = with_axis_third(form, moments, momentum, attitude)

@@ -59,14 +59,14 @@ def legend_above(axes: Axes, columns: int) -> None:
 def save(figure: Figure, path: str | PathLike[str], force: bool = False) -> None:
     """Write a picture in the format of its suffix, completely or not at all.
 
-    Raises OutputExists if the file exists and `force` is False, SceneError as `check_suffix`.
+    Raises OutputExists if the file exists and `force` is False, OptionError as `check_suffix`.
     """
     refuse_existing(path, force, "pictures")
     write_bytes(path, drawn(figure, path), force)
 
 
 def drawn(figure: Figure, path: str | PathLike[str]) -> bytes:
-    """The bytes of a picture in the format of a path's suffix; SceneError as `check_suffix`."""
+    """The bytes of a picture in the format of a path's suffix; OptionError as `check_suffix`."""
     check_suffix(path, "pictures")
     buffer = io.BytesIO()
     figure.savefig(buffer, dpi=150, format=Path(path).suffix[1:].lower())

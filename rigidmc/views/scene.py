@@ -16,7 +16,8 @@ from rigidmc.planning.limits import Limits
 from rigidmc.planning.notes import notes
 from rigidmc.planning.plan import Plan, prepare
 from rigidmc.planning.tolerance.choose import resolved
-from rigidmc.planning.tolerance.costs import cost_per_step, prices, some_of
+from rigidmc.planning.tolerance.costs import cost_per_step
+from rigidmc.planning.tolerance.effect_costs import prices, some_of
 from rigidmc.runs.capacity import free_memory, in_words, sizes
 from rigidmc.runs.shards import members_of
 from rigidmc.scene.body import IDENTITY
@@ -131,7 +132,9 @@ def _room(scene: Scene, plan: Plan, threads: int) -> list[str]:
 
 def _cost(scene: Scene, plan: Plan, threads: int) -> list[str]:
     """What is to be compiled, the time of a step, and what observables and effects add to it."""
-    lines = [f"code         {to_compile(program_of(scene, plan, ask=True))}"]
+    program = program_of(scene, plan, ask=True)
+    assert program is not None  # closed forms are told apart before
+    lines = [f"code         {to_compile(program)}"]
     cost = cost_per_step(scene, plan)
     total = cost * 1e-9 * plan.members * plan.mean_steps / threads
     lines.append(

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.layout import STATUSES
 from rigidmc.files.reading import toml
-from rigidmc.storage.writer import scene_text
+from rigidmc.scene.stored import scene_text
 from rigidmc.studies import intervals
 
 _PLAIN = ("status", "status_step", "status_time", "mass", "steps")  # not summarised

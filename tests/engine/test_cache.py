@@ -21,8 +21,8 @@ import rigidmc
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.engine import cache
 from rigidmc.engine.cache import cached
-from rigidmc.integrators import RK4
 from rigidmc.integrators.protocol import step
+from rigidmc.integrators.rk4 import RK4
 
 pytestmark = pytest.mark.skipif(
     not hasattr(os, "getuid"), reason="folder permissions are those of POSIX"
@@ -37,7 +37,8 @@ from rigidmc.dynamics.euler import MassProperties
 from rigidmc.effects import ViscousDamping
 from rigidmc.engine import beside, cpu, frame, pieces, program
 from rigidmc.engine import layout as K
-from rigidmc.integrators import RK4, form
+from rigidmc.integrators import form
+from rigidmc.integrators.rk4 import RK4
 
 if sys.argv[1] == "import only":
     print(json.dumps({"home": os.path.dirname(cpu.__file__)}))

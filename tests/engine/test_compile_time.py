@@ -18,6 +18,7 @@ from rigidmc.engine.machine import this_machine
 from rigidmc.integrators import INTEGRATORS
 from rigidmc.runs import warm
 from rigidmc.storage import run_directory
+from rigidmc.storage.run_facts import rendered
 
 compiles = pytest.mark.skipif(
     os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="nothing is compiled"
@@ -204,7 +205,7 @@ def test_a_run_drawn_through_scipy_goes_on_with_that_version_alone(tmp_path):
     assert invoke("run", tmp_path / "s.toml", "-o", run).exit_code == 0
     facts = run_directory.RunDirectory(run).facts
     other = {**facts, "versions": {**facts["versions"], "scipy": "0.1"}}
-    (tmp_path / "run" / "run.json").write_text(run_directory.rendered(other))
+    (tmp_path / "run" / "run.json").write_text(rendered(other))
     found = invoke("resume", run)
     assert found.exit_code == 3 and f"scipy 0.1 there, {scipy.__version__} here" in found.output
     assert invoke("resume", run, "--accept").exit_code == 0

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from rigidmc.engine import threads as blocks
-from rigidmc.integrators import RK4, form
+from rigidmc.integrators import form
+from rigidmc.integrators.rk4 import RK4
 from tests.engine.test_kernel import EFFECTS, EVERYTHING, ROWS, tops
 from tests.kernels import program
 

@@ -22,8 +22,8 @@ import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.errors import NoRoom, OutputExists
 from rigidmc.files import outputs
+from rigidmc.files.netcdf import alone
 from rigidmc.runs import resume, simulate
-from rigidmc.storage.writer import alone
 from rigidmc.studies import accuracy, trust
 from rigidmc.studies.stress import run as hard_cases
 from rigidmc.views import animation, studies

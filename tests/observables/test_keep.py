@@ -7,8 +7,8 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.errors import NoRoom, SceneError
+from rigidmc.files.netcdf import read
 from rigidmc.runs import capacity, gather, resume
-from rigidmc.storage.writer import read
 from tests.runs.test_resume import SCENE as OTHER
 
 SCENE = OTHER.with_run(every=0.1, turn_limit=0.051, save=("omega", "flips", "omega_max"))

@@ -7,7 +7,8 @@ import rigidmc as rm
 from rigidmc.effects import Gravity
 from rigidmc.engine import layout as K
 from rigidmc.integrators import INTEGRATORS
-from rigidmc.planning.stage import MOST_OWN_STEPS, own_steps, rates, stage
+from rigidmc.planning.rates import MOST_OWN_STEPS, own_steps, rates
+from rigidmc.planning.stage import stage
 from rigidmc.studies.problems import PROBLEMS
 from tests.kernels import block_of, prepare, run
 

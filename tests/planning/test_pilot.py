@@ -5,7 +5,7 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.engine import layout as K
-from rigidmc.planning.tolerance import pilot, truth
+from rigidmc.planning.tolerance import deviation, growth, pilot, truth
 
 BODY = rm.Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.05, 0.2))
 START = rm.Start(omega=(rm.normal(0.5, 0.1), 1.0, rm.normal(0.0, 0.3)), attitude="uniform")
@@ -46,8 +46,8 @@ def test_the_truth_is_the_closed_form_where_there_is_one(scene, name):
     found = pilot.pilot(scene.with_run(save=("omega", "attitude")), 64)
     true = truth.truth(found)
     assert true.source == f"closed form of the {name}, which rk8 confirms"
-    assert pilot.upper_quantile(true.error) < 1e-13
-    apart = pilot.errors(found, pilot.follow(found, "rk8", 400, compensated=True), true.states)[
+    assert deviation.upper_quantile(true.error) < 1e-13
+    apart = deviation.errors(found, pilot.follow(found, "rk8", 400, compensated=True), true.states)[
         "state"
     ]
     assert apart.max() < 1e-12
@@ -61,9 +61,9 @@ def test_without_a_closed_form_two_methods_must_agree():
     assert "srkn11 confirms" in true.source
     assert "lies on none of them" in true.source  # why there is no closed form
     assert true.error.max() < truth.AGREED
-    apart = pilot.errors(found, pilot.follow(found, "rkmk4", 6000, compensated=True), true.states)[
-        "state"
-    ]
+    apart = deviation.errors(
+        found, pilot.follow(found, "rkmk4", 6000, compensated=True), true.states
+    )["state"]
     assert apart.max() < 1e-10  # a third method, of another family
     damped = rm.Scene(BODY, (rm.Gravity(3.0), rm.ViscousDamping(0.1)), START).with_run(t_end=3.0)
     true = truth.truth(pilot.pilot(damped, 32))
@@ -78,13 +78,13 @@ def test_errors_are_what_they_say():
     from rigidmc.dynamics.so3 import multiply
 
     q = np.stack([np.stack(multiply(tuple(a), tuple(turn))) for a in true.q])
-    moved = pilot.errors(found, true._replace(q=q, l=1.0001 * true.l), true)
+    moved = deviation.errors(found, true._replace(q=q, l=1.0001 * true.l), true)
     assert np.allclose(moved["attitude"], 1e-3, rtol=1e-6)
     assert np.allclose(moved["momentum"], 1e-4, rtol=1e-10)
     assert np.allclose(moved["l2"], 2e-4, rtol=1e-3)
     assert np.array_equal(moved["state"], moved["attitude"])
     sick = true._replace(status=np.eye(1, 40)[0])
-    assert np.isinf(pilot.errors(found, sick, true)["state"][0])
+    assert np.isinf(deviation.errors(found, sick, true)["state"][0])
 
 
 def test_growth_tells_chaos_from_order():
@@ -93,14 +93,14 @@ def test_growth_tells_chaos_from_order():
         (rm.Gravity(9.81),),
         rm.Start(omega=(0.5, 0.5, 0.5), attitude="uniform"),
     ).with_run(t_end=16.0, save=("omega", "attitude"))
-    _, rate = pilot.growth(pilot.pilot(chaotic, 64))
+    _, rate = growth.growth(pilot.pilot(chaotic, 64))
     assert np.mean(rate > 0.0) > 0.3  # 0.55
-    factor, rate = pilot.growth(pilot.pilot(LAGRANGE.with_run(t_end=8.0), 64))
+    factor, rate = growth.growth(pilot.pilot(LAGRANGE.with_run(t_end=8.0), 64))
     assert np.mean(rate > 0.0) < 0.05
     assert np.median(factor) < 1e4
     # along the middle axis a disturbance grows as exp(sigma t), sigma = omega sqrt((I2 - I1)(I3 - I2)/(I1 I3))
     spun = rm.Scene(BODY, (), rm.Start(omega=(1e-9, 3.0, 0.0))).with_run(t_end=2.0)
-    _, rate = pilot.growth(pilot.pilot(spun, 1))
+    _, rate = growth.growth(pilot.pilot(spun, 1))
     assert rate[0] == pytest.approx(3.0 * np.sqrt(0.4 * 0.6 / 2.0), rel=0.2)
 
 
@@ -109,7 +109,7 @@ def test_upper_quantile_covers():
     some = np.random.default_rng(5)
     samples = some.exponential(size=(2000, 512))
     true = -np.log(0.01)
-    covered = np.mean([pilot.upper_quantile(s) >= true for s in samples])
+    covered = np.mean([deviation.upper_quantile(s) >= true for s in samples])
     assert 0.93 < covered < 0.995
     assert np.mean(np.quantile(samples, 0.99, axis=1) >= true) < 0.7
 

@@ -100,7 +100,7 @@ class Wind(NamedTuple):
 
 def test_what_cannot_be_scaled_is_refused():
     windy = rm.Scene(BODY, (Wind(0.1),), START)
-    with pytest.raises(rm.SceneError, match="Wind does not tell that of size"):
+    with pytest.raises(rm.SceneError, match="Wind does not tell the unit of size"):
         scaled(windy, mass=2.0)
     assert internal(windy) is None
 

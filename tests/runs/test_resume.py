@@ -20,12 +20,13 @@ from typer.testing import CliRunner
 
 import rigidmc as rm
 from rigidmc.cli import app
-from rigidmc.errors import NoRoom, OutputExists, SceneError, SceneWarning
+from rigidmc.errors import FileError, NoRoom, OptionError, OutputExists, SceneWarning
+from rigidmc.files.netcdf import read
 from rigidmc.files.outputs import Part, content_of
 from rigidmc.runs import cluster, gather, resume
 from rigidmc.storage import run_directory
-from rigidmc.storage.run_directory import RunDirectory, rendered
-from rigidmc.storage.writer import read
+from rigidmc.storage.run_directory import RunDirectory
+from rigidmc.storage.run_facts import rendered
 from tests import torture
 from tests.faulty import LINUX
 from tests.torture import COMMAND, sums
@@ -115,7 +116,7 @@ def test_an_extended_run_is_one_of_that_size(whole, tmp_path):
     assert {name: s for name, s in early.items() if name < "00000002"}.items() <= sums(
         whole
     ).items()
-    with pytest.raises(SceneError, match="already"):
+    with pytest.raises(OptionError, match="already"):
         resume.extend(tmp_path / "run", MEMBERS)
 
 
@@ -164,7 +165,7 @@ def test_what_is_damaged_is_found_and_computed_again(whole, tmp_path):
             else data[:at] + bytes([data[at] ^ 1 << some.randrange(8)]) + data[at + 1 :]
         )
         if path.suffix == ".json":
-            with pytest.raises(SceneError, match="damaged"):
+            with pytest.raises(FileError, match="damaged"):
                 gather.verify(tmp_path / "run", spot=0)
             path.write_bytes(data)
         else:
@@ -300,16 +301,16 @@ def test_what_is_not_the_same_is_refused(whole, tmp_path):
     started(tmp_path / "run")
     facts = RunDirectory(tmp_path / "run").facts
     changed(tmp_path / "run", versions={**facts["versions"], "numba": "0.1"})
-    with pytest.raises(SceneError, match=r"numba 0\.1 there"):
+    with pytest.raises(FileError, match=r"numba 0\.1 there"):
         resume.resume(tmp_path / "run")
     assert resume.resume(tmp_path / "run", accept=True)[1]["ok"] == MEMBERS
     text = (tmp_path / "run" / "scene.toml").read_text()
     (tmp_path / "run" / "scene.toml").write_text(text.replace("seed = 4", "seed = 5"))
-    with pytest.raises(SceneError, match="is not the scene"):
+    with pytest.raises(FileError, match="is not the scene"):
         resume.resume(tmp_path / "run", accept=True)
     with pytest.raises(OutputExists, match="resume"):
         resume.create(SCENE, tmp_path / "run")
-    with pytest.raises(SceneError, match="no run directory"):
+    with pytest.raises(FileError, match="no run directory"):
         resume.resume(tmp_path)
     for text in (
         "",
@@ -320,7 +321,7 @@ def test_what_is_not_the_same_is_refused(whole, tmp_path):
         json.dumps({**facts, "format": 9}),
     ):
         (tmp_path / "run" / "run.json").write_text(text)
-        with pytest.raises(SceneError, match=r"run\.json"):
+        with pytest.raises(FileError, match=r"run\.json"):
             resume.resume(tmp_path / "run")
 
 
@@ -377,7 +378,7 @@ def test_links_lead_nowhere(whole, tmp_path):
     (tmp_path / "run" / "shards").rmdir()
     (tmp_path / "run" / "shards").symlink_to(whole / "shards")
     for use in (resume.repair, resume.resume, rm.open):
-        with pytest.raises(SceneError, match="is a link"):
+        with pytest.raises(FileError, match="is a link"):
             use(tmp_path / "run")
     (tmp_path / "run" / "shards").unlink()
     (tmp_path / "run" / "shards").mkdir()
@@ -408,7 +409,7 @@ def test_a_cluster_makes_the_same_bytes(whole, tmp_path):
     i, found, name, data = cluster.shard(str(tmp_path / "elsewhere"), texts, 5)
     assert (i, found["ok"]) == (5, 40) and hashlib.sha256(data).hexdigest() == sums(whole)[name]
     for where in ("here:2", "local:0", "tcp"):
-        with pytest.raises(SceneError, match="--cluster"):
+        with pytest.raises(OptionError, match="--cluster"):
             resume.resume(started(tmp_path / where.replace("/", "")), cluster=where)
 
 
@@ -445,11 +446,11 @@ def test_the_parts_of_a_job_array_are_one_run(whole, tmp_path):
     )
     assert sums(tmp_path / "all") == sums(whole) and gather.verify(tmp_path / "all") == []
     started(tmp_path / "other", seed=5)
-    with pytest.raises(SceneError, match="seed"):
+    with pytest.raises(FileError, match="seed"):
         resume.merge(tmp_path / "all", [tmp_path / "other"])
     shard = min((parts[0] / "shards").iterdir())
     shard.write_bytes(shard.read_bytes()[:-1])
-    with pytest.raises(SceneError, match="its sum"):
+    with pytest.raises(FileError, match="its sum"):
         resume.merge(tmp_path / "new", parts)
 
 
@@ -467,12 +468,12 @@ def test_rows_of_their_own_go_with_the_run(tmp_path):
     for name in direct.data_vars:
         assert np.array_equal(made[name].values, direct[name].values, equal_nan=True), name
     assert gather.verify(directory.path) == []
-    with pytest.raises(SceneError, match="rows for 1,000"):
+    with pytest.raises(OptionError, match="rows for 1,000"):
         resume.extend(directory.path, MEMBERS + 1)
     data = bytearray((tmp_path / "run" / "columns.nc").read_bytes())
     data[len(data) // 2] ^= 1
     (tmp_path / "run" / "columns.nc").write_bytes(data)
-    with pytest.raises(SceneError, match=r"columns\.nc"):
+    with pytest.raises(FileError, match=r"columns\.nc"):
         gather.verify(directory.path)
 
 
@@ -536,16 +537,16 @@ def test_shards_are_those_of_their_numbers(whole, tmp_path):
         shutil.copytree(whole, path)
         spoil(path)
         assert gather.verify(path, spot=0), spoil
-        with pytest.raises(SceneError):
+        with pytest.raises(FileError):
             gather.consolidate(path, tmp_path / "one.nc")
         if spoil is not misnamed:
-            with pytest.raises(SceneError):
+            with pytest.raises(FileError):
                 gather.open_run(path).load()
         assert resume.repair(path) >= 1
         resume.resume(path)
         assert sums(path) == sums(whole) and gather.verify(path, spot=0) == []
     beyond(path)
-    with pytest.raises(SceneError, match="no shard of this run"):
+    with pytest.raises(FileError, match="no shard of this run"):
         resume.extend(path, 2 * MEMBERS)
 
 
@@ -565,7 +566,7 @@ def test_a_shard_of_another_run_is_none_of_this(whole, tmp_path):
         lambda: gather.consolidate(tmp_path / "run", tmp_path / "one.nc"),
         lambda: resume.merge(tmp_path / "new", [tmp_path / "run"]),
     ):
-        with pytest.raises(SceneError, match="another run"):
+        with pytest.raises(FileError, match="another run"):
             use()
     made = CliRunner().invoke(app, ["resume", f"{tmp_path}/run", "--repair"])
     assert (
@@ -608,7 +609,7 @@ def test_bad_arguments(whole, tmp_path):
         lambda: resume.resume(whole, max_wall=math.nan), lambda: resume.extend(whole, 6000.5), lambda: resume.extend(whole, "9000"),
         lambda: gather.verify(whole, spot=-1), lambda: resume.merge(tmp_path / "new", []), lambda: resume.merge(tmp_path / "new", str(whole)),
     ):  # fmt: skip
-        with pytest.raises(SceneError):
+        with pytest.raises(OptionError):
             bad()
     with pytest.raises(FileNotFoundError, match="no such folder"):
         gather.consolidate(whole, tmp_path / "no" / "one.nc")
@@ -632,13 +633,13 @@ def test_what_cannot_be_is_refused_before_anything_is_changed(whole, tmp_path):
     before = {p: p.read_bytes() for p in (tmp_path / "run").rglob("*") if p.is_file()}
     for members, error in (
         (19 * 10**8, NoRoom),
-        (9 * 10**12, SceneError),
-        (10**30, SceneError),
-        (MEMBERS, SceneError),
+        (9 * 10**12, OptionError),
+        (10**30, OptionError),
+        (MEMBERS, OptionError),
     ):
         with pytest.raises(error):
             resume.extend(tmp_path / "run", members)
-    with pytest.raises(SceneError, match="0 to 5"):
+    with pytest.raises(OptionError, match="0 to 5"):
         resume.resume(tmp_path / "run", only=range(6, 7))
     assert {p: p.read_bytes() for p in (tmp_path / "run").rglob("*") if p.is_file()} == before
     for words in (
@@ -650,7 +651,7 @@ def test_what_cannot_be_is_refused_before_anything_is_changed(whole, tmp_path):
     ):
         made = CliRunner().invoke(app, ["run", "tennis_racket", "-o", f"{tmp_path}/no/", *words])
         assert made.exit_code == 3 and not (tmp_path / "no").exists(), made.output
-    with pytest.raises(SceneError, match="no shard is there yet"):
+    with pytest.raises(FileError, match="no shard is there yet"):
         rm.open(started(tmp_path / "new").path)
     (tmp_path / "run" / "notes.part-2.txt").write_text("mine")
     shutil.rmtree(tmp_path / "run" / "shards")
@@ -672,7 +673,7 @@ def test_two_looks_at_a_run_do_not_mix(whole, tmp_path):
     assert "equal to the bit" in rm.rerun(early, 500).attrs["rerun"]
     with (
         pytest.warns(SceneWarning, match="808 of"),
-        pytest.raises(SceneError, match="808 of its 1,000 members, and not this one"),
+        pytest.raises(OptionError, match="808 of its 1,000 members, and not this one"),
     ):
         rm.rerun(tmp_path / "run", 300)
     os.rename(tmp_path / "hidden", hidden)
@@ -699,10 +700,10 @@ def test_a_shard_that_cannot_be_read_is_named(whole, tmp_path):
     ):
         with open(path, "wb") as file:
             file.write(bad)
-        with pytest.raises(SceneError, match=r"00000002.*cannot be read"):
+        with pytest.raises(FileError, match=r"00000002.*cannot be read"):
             opened.omega_max.values  # noqa: B018
     os.unlink(path)
-    with pytest.raises(SceneError, match=r"00000002.*cannot be read"):
+    with pytest.raises(FileError, match=r"00000002.*cannot be read"):
         opened.omega_max.values  # noqa: B018
     assert opened.omega_max.isel(member=slice(0, 300)).shape == (3, 300)
 

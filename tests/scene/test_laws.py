@@ -10,7 +10,8 @@ from scipy import stats
 import rigidmc as rm
 from rigidmc.effects.sums import total_energy
 from rigidmc.errors import SceneError
-from rigidmc.planning.stage import physics, stage
+from rigidmc.planning.rates import physics
+from rigidmc.planning.stage import stage
 from rigidmc.scene.quantities import Grid
 
 N = 20_000

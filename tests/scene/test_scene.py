@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import rigidmc as rm
-from rigidmc.planning.plan import steps_and_saves
+from rigidmc.planning.time_grid import steps_and_saves
 from rigidmc.scene.file import shipped
 
 GOOD = """

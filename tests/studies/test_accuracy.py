@@ -5,7 +5,8 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.integrators import INTEGRATORS
-from rigidmc.planning.tolerance.pilot import errors, follow, pilot
+from rigidmc.planning.tolerance.deviation import errors
+from rigidmc.planning.tolerance.pilot import follow, pilot
 from rigidmc.planning.tolerance.truth import truth
 from rigidmc.studies import accuracy, drift
 from rigidmc.views import studies
@@ -113,12 +114,12 @@ def test_members_of_different_speed_step_on_their_own():
 
 
 def test_what_cannot_be_studied():
-    with pytest.raises(rm.SceneError, match="no such integrator; known: rk4, rk8"):
+    with pytest.raises(rm.OptionError, match="no such integrator; known: rk4, rk8"):
         rm.accuracy(LAGRANGE, ("rk5",))
     damped = rm.Scene(LAGRANGE.body, (rm.Gravity(3.0), rm.ViscousDamping(0.1)), START).with_run(
         t_end=1.0
     )
-    with pytest.raises(rm.SceneError, match=r"chin4.*viscous_damping"):
+    with pytest.raises(rm.OptionError, match=r"chin4.*viscous_damping"):
         rm.accuracy(damped, ("chin4",))
 
 

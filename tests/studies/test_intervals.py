@@ -32,7 +32,7 @@ def test_arrays_and_what_cannot_be():
         (1, 3, {"confidence": 1.0}),
         (1, 3, {"method": "wilsen"}),
     ):
-        with pytest.raises(rm.SceneError):
+        with pytest.raises(rm.OptionError):
             probability(successes, trials, **options)
 
 

@@ -6,7 +6,7 @@ from typer.testing import CliRunner
 
 import rigidmc as rm
 from rigidmc.cli import app
-from rigidmc.errors import SceneError
+from rigidmc.errors import OptionError, SceneError
 from rigidmc.mechanics.free_top import free_motion
 from rigidmc.observables import Flips
 from rigidmc.scene.parameters import parameters, with_parameter
@@ -174,7 +174,7 @@ def test_members_are_added_until_it_is_known_and_no_bit_differs():
     ],
 )
 def test_what_cannot_be_reached_is_told(text, words):
-    with pytest.raises(SceneError, match=words):
+    with pytest.raises(OptionError, match=words):
         simulate_until(free(), text, most=1_000_000)
 
 
@@ -252,7 +252,7 @@ def test_measures(text):
     ],
 )
 def test_what_is_no_measure_is_told(text):
-    with pytest.raises(SceneError):
+    with pytest.raises(OptionError):
         measure(text, VARIABLES)
 
 
@@ -360,7 +360,7 @@ def test_where_nothing_else_is_drawn_a_pixel_is_one_member():
         == 16
     )
     for x in (("start.omega.1", 0.0), "start.omega.1=0:1"):
-        with pytest.raises(SceneError, match="expected"):
+        with pytest.raises(OptionError, match="expected"):
             rm.stability_map(scene, x, axes[1], "flips")
 
 

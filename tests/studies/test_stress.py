@@ -130,7 +130,7 @@ def test_a_case_that_raises_or_dies_is_red_and_stops_no_other(monkeypatch):
     ],
 )
 def test_wrong_words_are_refused(given, word):
-    with pytest.raises(rm.SceneError, match=word):
+    with pytest.raises(rm.OptionError, match=word):
         H.stress(**given)
 
 
@@ -145,7 +145,7 @@ def test_wrong_words_are_refused(given, word):
 )
 def test_wrong_bounds_are_refused(text, word, tmp_path):
     (tmp_path / "b.csv").write_text(text)
-    with pytest.raises(rm.SceneError, match=word):
+    with pytest.raises(rm.FileError, match=word):
         H.load_bounds(tmp_path / "b.csv")
 
 

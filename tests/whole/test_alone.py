@@ -11,7 +11,7 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.observables import KNOWN, OBSERVABLES, RUNNING, SUMMARIES
-from rigidmc.planning.plan import carries_attitude
+from rigidmc.planning.form import carries_attitude
 
 HEAVY = rm.Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.2, 0.3))
 TIPS, FLIPS = rm.Passage(3, 0.5), rm.Flips(2)

@@ -21,7 +21,6 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.engine import pieces
-from rigidmc.errors import SceneError
 from rigidmc.runs import shards, simulate
 from rigidmc.studies import accuracy, trust
 from rigidmc.studies.stress import run
@@ -163,7 +162,7 @@ def opened(some, path):
             if hasattr(found, "load") and hasattr(found, "sizes"):
                 found.load()
             ds.close()
-    except (SceneError, ValueError) as error:  # a ValueError is that of something not saved
+    except ValueError as error:  # a plain ValueError is that of something not saved
         return 3, f"rigidmc: {error}"
     except OSError as error:
         return 74, f"rigidmc: {error}"

@@ -1,6 +1,8 @@
-"""Which integrator and step give an accuracy at the least cost, for a scene and a machine: measured on a pilot, not guessed."""
+"""Which integrator and step give an accuracy at the least cost, for a scene and a machine: measured
+on a pilot, not guessed."""
 
 import math
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,71 +11,82 @@ from rigidmc.effects import name_of
 from rigidmc.effects.protocol import is_random
 from rigidmc.engine import layout
 from rigidmc.errors import SceneError
+from rigidmc.planning.rates import Array
 from rigidmc.planning.tolerance.compile_ahead import compile_ahead
-from rigidmc.planning.tolerance.ladder import Costs, Way, candidates, ladder, measured
-from rigidmc.planning.tolerance.pilot import growth, pilot, upper_quantile
-from rigidmc.planning.tolerance.truth import AGREED, check_agreement, integrated, truth
+from rigidmc.planning.tolerance.costs import Costs
+from rigidmc.planning.tolerance.deviation import upper_quantile
+from rigidmc.planning.tolerance.growth import growth
+from rigidmc.planning.tolerance.ladder import Way, candidates, ladder, measured
+from rigidmc.planning.tolerance.pilot import Pilot, pilot
+from rigidmc.planning.tolerance.truth import AGREED, Truth, check_agreement, integrated, truth
+from rigidmc.scene.scene import Scene
 
-PILOT = 512  # members: then the 99 % of a distribution are below the second largest error with 96 % certainty
-# Those that have been the cheapest for some scene and tolerance; the others are for comparison (`rigidmc accuracy`), and each costs 3 s to compile.
+# members: the 99 % quantile is then below the second largest error with 96 % certainty
+PILOT = 512
+# Those that have been the cheapest for some scene and tolerance; the others are for comparison
+# (`rigidmc accuracy`), and each costs 3 s to compile.
 CONTENDERS = (
-    "closed",
-    "exact",
-    "rk4",
-    "rk8",
-    "strang",
-    "chin4",
-    "srkn6",
-    "srkn11",
-    "aba864",
-    "aba1064",
-)
+    "closed", "exact", "rk4", "rk8", "strang", "chin4", "srkn6", "srkn11", "aba864", "aba1064",
+)  # fmt: skip
 SINGLE_REACHES = 3e-7  # five roundings of float32: not tried below
 SAFETY = 0.8  # of the tolerance, that a pilot must keep
 
 
-def resolved(scene, threads=None):
-    """(scene with the integrator, precision and step that `choose` found for its tolerance, Chosen); as it is, and None, unless "auto"."""
+def resolved(scene: Scene, threads: int | None = None) -> tuple[Scene, "Chosen | None"]:
+    """(scene with the integrator, precision and step that `choose` picks for its tolerance,
+    Chosen); the scene itself and None unless its integrator is "auto"."""
     run = scene.run
     if run.integrator != "auto":
         return scene, None
     scene.check()
-    found = choose(scene.with_run(integrator="rk4"), run.tolerance, threads=threads)
-    way = found.way
+    chosen = choose(scene.with_run(integrator="rk4"), run.tolerance, threads=threads)
+    way = chosen.way
     step = {"dt": way.dt} if way.turn is None else {"turn": way.turn}
-    return scene.with_run(integrator=way.integrator, dtype=way.dtype, **step), found
+    return scene.with_run(integrator=way.integrator, dtype=way.dtype, **step), chosen
 
 
 class Chosen(NamedTuple):
-    """What `--tolerance` found: the way, how sure it is, and what else there was."""
+    """What `--tolerance` picks: the way, how sure it is, and the alternatives.
+
+    predicted : error that 99 % of members stay below
+    checked : share of the members of a second pilot within the tolerance
+    runner_up : (Way, its cost in units of the cost of the chosen one), or None
+    """
 
     way: Way
-    predicted: float  # error that 99 % of members stay below
-    checked: float  # share of the members of a second pilot within the tolerance
+    predicted: float
+    checked: float
     truth: str
-    runner_up: Any
+    runner_up: tuple[Way, float] | None
     members_per_second: float
     tolerance: float
     members: int
 
     @property
-    def short(self):
-        """A sentence that says so if the predicted error is above the tolerance although finer steps were tried, else ""."""
-        missed = f"the error bound of 99 % of the members, {self.predicted:.2g}, is above the tolerance of {self.tolerance:g}"
-        return f"{missed}; finer steps were tried" if self.predicted > self.tolerance else ""
+    def short(self) -> str:
+        """A sentence that says so if the predicted error is above the tolerance although finer
+        steps were tried, else ""."""
+        if self.predicted <= self.tolerance:
+            return ""
+        return (
+            f"the error bound of 99 % of the members, {self.predicted:.2g}, is above the "
+            f"tolerance of {self.tolerance:g}; finer steps were tried"
+        )
 
-    def lines(self, count, seconds=None):
-        """What was picked and why, and how long `count` members will take, by a rehearsal where there was one."""
+    def lines(self, count: int, seconds: float | None = None) -> list[str]:
+        """What was picked and why, and how long `count` members will take: `seconds`, if a
+        rehearsal tells."""
         way, other = self.way, self.runner_up
         lines = [
-            f"for a tolerance of {self.tolerance:g}: {way.with_precision()} {way.step}, the cheapest of those that reach it"
+            f"for a tolerance of {self.tolerance:g}: {way.with_precision()} {way.step}, the "
+            "cheapest of those that reach it"
         ]
         if other is not None:
-            lines.append(
-                f"  next best {other[0].with_precision()} {other[0].step}, {other[1]:.2g} times the cost"
-            )
+            second = f"{other[0].with_precision()} {other[0].step}"
+            lines.append(f"  next best {second}, {other[1]:.2g} times the cost")
         lines.append(
-            f"  error of 99 % of the members below {self.predicted:.1e}; on a second pilot of {self.members} members {100 * self.checked:.1f} % keep the tolerance"
+            f"  error of 99 % of the members below {self.predicted:.1e}; on a second pilot of "
+            f"{self.members} members {100 * self.checked:.1f} % keep the tolerance"
         )
         lines += [f"  note: {self.short}"] * bool(self.short)
         lines.append(f"  against the {self.truth}")
@@ -81,107 +94,69 @@ class Chosen(NamedTuple):
         lines.append(f"  about {seconds:.2g} s for {count:,} members")
         return lines
 
-    def attributes(self):
+    def attributes(self) -> dict[str, Any]:
         """What a result tells of the choice; nothing of it is a time of this machine."""
         way, other = self.way, self.runner_up
-        found: dict[str, Any] = {
+        attributes: dict[str, Any] = {
             "tolerance": self.tolerance,
             "tolerance_predicted_error": self.predicted,
             "tolerance_checked_share": self.checked,
-        }
-        found |= {
             "tolerance_truth": self.truth,
             "tolerance_chosen": f"{way.with_precision()} {way.step}: the cheapest that reaches it",
         }
-        return found | (
-            {"tolerance_runner_up": f"{other[0].with_precision()} {other[0].step}"} if other else {}
-        )
+        if other is not None:
+            attributes["tolerance_runner_up"] = f"{other[0].with_precision()} {other[0].step}"
+        return attributes
 
 
-def choose(scene, tolerance, integrators=None, members=PILOT, threads=None):
-    """The cheapest way to keep the error of momentum and attitude of 99 % of all members below `tolerance`.
+def choose(
+    scene: Scene,
+    tolerance: float | None,
+    integrators: Iterable[str] | None = None,
+    members: int = PILOT,
+    threads: int | None = None,
+) -> Chosen:
+    """The cheapest way to keep the error of 99 % of all members below `tolerance`.
 
-    Raises SceneError where none reaches it, with the best that can be had and why.
+    The error is that of momentum, relative to its size, and of attitude [rad].
+
+    Raises SceneError if none reaches it, with the best that can be had and why.
     """
     if not (isinstance(tolerance, float) and 0.0 < tolerance < 1.0):
-        raise SceneError(
-            "run",
-            "tolerance",
-            tolerance,
-            "expected an error between 0 and 1: of the momentum's size, and of the attitude in rad",
+        rule = (
+            "expected an error between 0 and 1: of the momentum's size, and of the attitude in rad"
         )
+        raise SceneError("run", "tolerance", tolerance, rule)
     check_quiet(scene)
     first = pilot(scene, members)
     check_pilot(scene, first)
     true, costs = truth(first), Costs(first)
     known = upper_quantile(true.error)
     if known > tolerance:
-        raise _unreachable(
-            scene,
-            tolerance,
-            first,
-            known,
-            f"the truth itself is known to {known:.1e} only ({true.source})",
-        )
-    found: list[Way] = []
-    nearest = math.inf
-    tried = candidates(
-        scene, true, integrators or CONTENDERS, "float64" if tolerance < SINGLE_REACHES else None
-    )
-    compile_ahead(first, tried)
-    for integrator, dtype in tried:
-        dearest = min((costs.per_member(w) for w in found), default=math.inf)
-        limit = tolerance if integrator == "closed" else SAFETY * tolerance
-        ways = ladder(
-            costs,
-            true,
-            integrator,
-            dtype,
-            limit,
-            2.0,
-            too_dear=lambda w, most=2.0 * dearest: costs.per_member(w) > most,
-        )
-        nearest = min([nearest, *(w.upper for w in ways)])
-        if ways and ways[-1].upper <= limit:
-            found.append(_refined(costs, true, ways, limit))
-    if not found:
+        why = f"the truth itself is known to {known:.1e} only ({true.source})"
+        raise _unreachable(scene, tolerance, first, known, why)
+    ways, nearest = _ways(scene, costs, true, tolerance, integrators or CONTENDERS)
+    if not ways:
         raise _unreachable(scene, tolerance, first, nearest, "no integrator comes nearer")
-    found.sort(key=costs.per_member)
+    ways.sort(key=costs.per_member)
     second = pilot(scene, members, first.first + first.members)._replace(own=first.own)
-    faster = float(second.rates.max() / first.rates.max()) if first.own else 1
-    truths: dict[bool, Any] = {}
-    spare = None
-    for way in found:
-        closed = way.integrator == "closed"
-        if closed not in truths:  # a choice is checked by another method than its own
-            truths[closed] = (
-                integrated(second, max(AGREED, 1e-2 * tolerance)) if closed else truth(second)
-            )
-        other = truths[closed]
+    check = _Check(costs, true, second, tolerance)
+    spare = None  # keeps the tolerance on the second pilot, but with too few members to be sure
+    for way in ways:
         for _ in range(4):
-            check = measured(
-                Costs(second), other, way.integrator, way.dtype, faster * way.steps
-            ).errors["state"]
-            if closed:
-                check_agreement(check, other.error, true, other.source)
-                check = np.maximum(
-                    check - other.error, 0.0
-                )  # the integration's own error does not count against the closed form
-            share = float(np.mean(check <= tolerance))
+            apart, source = check.of(way)
+            share = float(np.mean(apart <= tolerance))
             if share >= 0.99:
-                others = [w for w in found if w.integrator != way.integrator]
+                predicted = max(way.upper, upper_quantile(apart))
+                others = [w for w in ways if w.integrator != way.integrator]
                 cost, speed = costs.per_member(way), costs.members_per_second(way, threads)
                 runner_up = (others[0], costs.per_member(others[0]) / cost) if others else None
-                known = max(way.upper, upper_quantile(check))
-                source = (
-                    f"{true.source}; the second pilot by {other.source}" if closed else true.source
+                chosen = Chosen(
+                    way, predicted, share, source, runner_up, speed, tolerance, second.members
                 )
-                made = Chosen(
-                    way, known, share, source, runner_up, speed, tolerance, second.members
-                )
-                if known <= tolerance:
-                    return made
-                spare = spare or made
+                if predicted <= tolerance:
+                    return chosen
+                spare = spare or chosen
             steps = first.base * math.ceil(1.2 * way.steps / first.base)
             way = measured(costs, true, way.integrator, way.dtype, steps) or way
     if spare is not None:
@@ -189,8 +164,74 @@ def choose(scene, tolerance, integrators=None, members=PILOT, threads=None):
     raise _unreachable(scene, tolerance, first, nearest, "members beyond the pilot err more")
 
 
-def _refined(costs, true, ways, limit):
-    """A cheaper way between the last that failed and the first that kept the limit, by the slope between them, once."""
+def _limit(integrator: str, tolerance: float) -> float:
+    """The error that an integrator may have on the first pilot."""
+    return tolerance if integrator == "closed" else SAFETY * tolerance
+
+
+def _ways(
+    scene: Scene, costs: Costs, true: Truth, tolerance: float, integrators: Iterable[str]
+) -> tuple[list[Way], float]:
+    """(the cheapest Way of each integrator that keeps the tolerance, the smallest error)."""
+    dtype = "float64" if tolerance < SINGLE_REACHES else None
+    tried = candidates(scene, true, integrators, dtype)
+    compile_ahead(costs.pilot, tried)
+    keeping: list[Way] = []
+    nearest = math.inf
+    for integrator, precision in tried:
+        most = 2.0 * min((costs.per_member(w) for w in keeping), default=math.inf)
+        limit = _limit(integrator, tolerance)
+
+        def too_dear(way: Way, most: float = most) -> bool:
+            return costs.per_member(way) > most
+
+        ways = ladder(costs, true, integrator, precision, limit, 2.0, too_dear=too_dear)
+        nearest = min([nearest, *(way.upper for way in ways)])
+        if ways and ways[-1].upper <= limit:
+            keeping.append(_refined(costs, true, ways, limit))
+    return keeping, nearest
+
+
+class _Check:
+    """Ways checked on a second pilot: a closed form by an integration, and the other way round."""
+
+    def __init__(self, costs: Costs, true: Truth, second: Pilot, tolerance: float) -> None:
+        self.true, self.second, self.tolerance = true, second, tolerance
+        first = costs.pilot
+        # members of the second pilot may be faster, and then need more steps
+        self.faster = float(second.rates.max() / first.rates.max()) if first.own else 1
+        self._truths: dict[bool, Truth] = {}
+
+    def of(self, way: Way) -> tuple[Array, str]:
+        """(errors of the members, source of the truth)."""
+        closed = way.integrator == "closed"
+        other = self._truth(closed)
+        apart = self._apart(way, other)
+        if closed:
+            check_agreement(apart, other.error, self.true, other.source)
+            # the integration's own error does not count against the closed form
+            apart = np.maximum(apart - other.error, 0.0)
+            return apart, f"{self.true.source}; the second pilot by {other.source}"
+        return apart, self.true.source
+
+    def _truth(self, closed: bool) -> Truth:
+        if closed not in self._truths:
+            agreed = max(AGREED, 1e-2 * self.tolerance)
+            second = self.second
+            self._truths[closed] = integrated(second, agreed) if closed else truth(second)
+        return self._truths[closed]
+
+    def _apart(self, way: Way, other: Truth) -> Array:
+        steps: Any = self.faster * way.steps  # whole unless members have steps of their own
+        checked = measured(Costs(self.second), other, way.integrator, way.dtype, steps)
+        if checked is None:  # the step is too long for a member of the second pilot
+            return np.full(self.second.members, np.inf)
+        return checked.errors["state"]
+
+
+def _refined(costs: Costs, true: Truth, ways: list[Way], limit: float) -> Way:
+    """A cheaper way between the last that failed and the first that kept the limit, by the slope
+    between them, tried twice."""
     base, good = costs.pilot.base, ways[-1]
     bad = ways[-2] if len(ways) > 1 else None
     for _ in range(2):
@@ -208,30 +249,40 @@ def _refined(costs, true, ways, limit):
     return good
 
 
-def check_quiet(scene):
-    """Raise SceneError where effects are random."""
+def check_quiet(scene: Scene) -> None:
+    """Raise SceneError if effects are random."""
     noisy = [name_of(e) for e in scene.effects if is_random(e)]
     if noisy:
-        rule = f"{', '.join(noisy)} is random: no path is right, and what can be measured is the error of averages, by halving dt"
+        rule = (
+            f"{', '.join(noisy)} is random: no path is right, and what can be measured is the "
+            "error of averages, by halving dt"
+        )
         raise SceneError("effects", noisy[0], None, rule)
 
 
-def check_pilot(scene, found):
-    """Raise SceneError where members of the pilot are no bodies."""
-    bad = int(np.count_nonzero(found.block[layout.STATUS, : found.members]))
+def check_pilot(scene: Scene, pilot: Pilot) -> None:
+    """Raise SceneError if members of the pilot are no bodies."""
+    bad = int(np.count_nonzero(pilot.block[layout.STATUS, : pilot.members]))
     if bad:
-        raise SceneError(
-            "body",
-            "moments",
-            None,
-            f"{bad} of {found.members} members of the pilot are no bodies: mend the scene before asking for accuracy",
+        rule = (
+            f"{bad} of {pilot.members} members of the pilot are no bodies: mend the scene before "
+            "asking for accuracy"
         )
+        raise SceneError("body", "moments", None, rule)
 
 
-def _unreachable(scene, tolerance, found, nearest, why):
-    factor, rate = growth(found)
+def _unreachable(
+    scene: Scene, tolerance: float, pilot: Pilot, nearest: float, why: str
+) -> SceneError:
+    factor, rate = growth(pilot)
     worst = upper_quantile(factor)
-    reason = f"{why}; over {scene.run.t_end:g} s a change of the start grows {worst:.1e} times in the worst 1 % of members"
+    reason = (
+        f"{why}; over {scene.run.t_end:g} s a change of the start grows {worst:.1e} times in the "
+        "worst 1 % of members"
+    )
     reason += ", exponentially: chaos or a separatrix" if np.mean(rate > 0.0) > 0.01 else ""
-    rule = f"out of reach of double precision here: the best is {nearest:.1e}. {reason[0].upper()}{reason[1:]}. Ask for less, or for a shorter t_end"
+    rule = (
+        f"out of reach of double precision here: the best is {nearest:.1e}. "
+        f"{reason[0].upper()}{reason[1:]}. Ask for less, or for a shorter t_end"
+    )
     return SceneError("run", "tolerance", tolerance, rule)

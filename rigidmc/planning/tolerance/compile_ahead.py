@@ -1,79 +1,77 @@
-"""Kernels of a study compiled by two processes at once: each takes 3 s, Numba compiles one at a time, and a study needs up to twenty."""
+"""Kernels of a study compiled by two processes at once: each kernel takes 3 s, Numba compiles one
+at a time, and a study needs up to twenty."""
 
 import json
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 
 from rigidmc.errors import SceneError
-from rigidmc.planning.tolerance.pilot import first_steps, follow, pilot
+from rigidmc.planning.tolerance.pilot import Pilot, first_steps, follow, pilot
 from rigidmc.scene.scene import Scene
 
+Candidate = tuple[str, str]  # integrator and dtype
 
-def compile_ahead(found, candidates):
-    """Compile the kernels of candidates [(integrator, dtype)] for a pilot.
 
-    Once one was not in the cache, a second process compiles from the end of the list and leaves its kernels there.
+def compile_ahead(pilot: Pilot, candidates: Sequence[Candidate]) -> None:
+    """Compile the kernels of some candidates for a pilot.
+
+    If a kernel is not in the cache, a second process compiles from the end of the list and leaves
+    its kernels there.
     """
     helper = None
     try:
         for place, candidate in enumerate(candidates):
             began = time.perf_counter()
-            _compile(found, *candidate)
-            if helper is None and time.perf_counter() - began > 0.7 and len(candidates) - place > 3:
-                helper = _helper(found, candidates[place + 1 :])
+            _compile(pilot, *candidate)
+            slow = time.perf_counter() - began > 0.7
+            if helper is None and slow and len(candidates) - place > 3:
+                helper = _helper(pilot, candidates[place + 1 :])
     finally:
         if helper is not None:
             helper.kill()
             helper.wait()
 
 
-def _compile(found, integrator, dtype):
-    """The kernel of one candidate at the step where ladders are half way."""
+def _compile(pilot: Pilot, integrator: str, dtype: str) -> None:
+    """Compile the kernel of one candidate, at a step in the middle of its ladder."""
     if integrator == "closed":
         return
+    few = pilot._replace(block=pilot.block[:, :32])
     for finer in (1, 8):
         try:
-            follow(
-                found._replace(block=found.block[:, :32]),
-                integrator,
-                finer * first_steps(found),
-                dtype,
-            )
+            follow(few, integrator, finer * first_steps(pilot), dtype)
             return
         except SceneError:  # the step is too long for it
             continue
 
 
-def _helper(found, candidates):
-    """The second process; None where a scene cannot be told to it."""
+def _helper(pilot: Pilot, candidates: Sequence[Candidate]) -> subprocess.Popen[str] | None:
+    """The second process; None if the scene cannot be written as text."""
     try:
-        text = found.scene.dumps()
+        text = pilot.scene.dumps()
         Scene.loads(text)
     except (SceneError, ValueError):  # rows of arrays, effects of the user's own
         return None
-    told = json.dumps({"scene": text, "own": found.own, "candidates": candidates})
-    words = [
-        sys.executable,
-        "-c",
-        "from rigidmc.planning.tolerance.compile_ahead import main; main()",
-    ]
-    made = subprocess.Popen(
-        words,
+    task = json.dumps({"scene": text, "own": pilot.own, "candidates": candidates})
+    code = "from rigidmc.planning.tolerance.compile_ahead import main; main()"
+    helper = subprocess.Popen(
+        [sys.executable, "-c", code],
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         text=True,
     )
-    assert made.stdin is not None
-    made.stdin.write(told)
-    made.stdin.close()
-    return made
+    assert helper.stdin is not None
+    helper.stdin.write(task)
+    helper.stdin.close()
+    return helper
 
 
-def main():
-    """What the second process does."""
-    told = json.load(sys.stdin)
-    found = pilot(Scene.loads(told["scene"]), 32)._replace(own=told["own"])
-    for candidate in reversed(told["candidates"]):
-        _compile(found, *candidate)
+def main() -> None:
+    """The second process: compile the candidates that standard input names, the last one first."""
+    task = json.load(sys.stdin)
+    members = pilot(Scene.loads(task["scene"]), 32)._replace(own=task["own"])
+    for candidate in reversed(task["candidates"]):
+        _compile(members, *candidate)

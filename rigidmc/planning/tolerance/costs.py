@@ -1,46 +1,49 @@
-"""What a step costs on this machine, and what each effect adds to it: measured, and as its operations say."""
+"""What steps, starts and saves cost on this machine, measured on one thread."""
 
-import itertools
+import math
 import time
-from dataclasses import replace
+from collections.abc import Callable, Hashable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rigidmc.effects import EFFECTS, labelled
-from rigidmc.effects.parameters import filled
-from rigidmc.effects.protocol import is_random
+from rigidmc.effects import EFFECTS
+from rigidmc.effects.parameters import blank
 from rigidmc.engine import layout
-from rigidmc.engine.frame import Run
-from rigidmc.engine.operations import step_operations, torque_operations
-from rigidmc.engine.program import NOWHERE
-from rigidmc.integrators.splitting import Langevin
-from rigidmc.observables import Flips, Passage
+from rigidmc.engine.frame import Run, Saves
+from rigidmc.engine.machine import threads_available
+from rigidmc.engine.program import NOWHERE, Program
+from rigidmc.integrators import Form, accepting, keeps_remainders
+from rigidmc.observables import OBSERVABLES
+from rigidmc.observables.protocol import size
+from rigidmc.planning.closed_form import closed_values
+from rigidmc.planning.form import form_of
 from rigidmc.planning.job import program_of
-from rigidmc.planning.plan import prepare
+from rigidmc.planning.plan import BLOCK, Plan
 from rigidmc.planning.stage import noise, stage
-from rigidmc.planning.watch import Watch
+from rigidmc.planning.tolerance.pilot import OBSERVED, Pilot, pilot
 from rigidmc.scene.body import Body
-from rigidmc.scene.laws import Cone
+from rigidmc.scene.quantities import rows
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
 
+if TYPE_CHECKING:
+    from rigidmc.planning.tolerance.ladder import Way
 
-def cost_per_step(scene, plan, members=256, seconds=0.05):
-    """Nanoseconds per member-step on one thread of this machine, measured on the scene's own first members."""
+
+def cost_per_step(scene: Scene, plan: Plan, members: int = 256, seconds: float = 0.05) -> float:
+    """Nanoseconds per member-step on one thread, measured on the first members of the scene."""
     program, random = program_of(scene, plan), noise(scene, plan.first)
-    best, steps = np.inf, 16
+    assert program is not None, "closed forms make no steps"
+    best, steps, own = math.inf, 16, int(plan.own)
     for _ in range(12):
         block, _ = stage(scene, plan.first, members, plan.carried, more=plan.watch.rows)
         order = NOWHERE._replace(order=np.arange(block.shape[1]))
-        if plan.own:
+        if own:
             block[layout.STEPS] = steps
         began = time.perf_counter()
-        program.advance(
-            block,
-            Run(plan.dt, steps if plan.own else 1, steps, steps, int(plan.own), 0, steps),
-            random,
-            order,
-        )
+        run = Run(plan.dt, steps if own else 1, steps, steps, own, 0, steps)
+        program.advance(block, run, random, order)
         took = time.perf_counter() - began
         best = min(best, took / (members * steps))
         steps = int(min(1e6, max(16, steps * seconds / 4 / max(took, 1e-9))))
@@ -50,105 +53,124 @@ def cost_per_step(scene, plan, members=256, seconds=0.05):
     return 1e9 * best
 
 
-def some_of(scene, plan, kept):
-    """The scene with those of its effects whose index is in `kept`, and its Plan: the form of the step stays."""
-    effects = tuple(scene.effects[i] for i in kept)
-    made = plan.form.integrator
-    if isinstance(made, Langevin):  # marks of each effect
-        made = made._replace(
-            pushes=tuple(made.pushes[i] for i in kept), flows=tuple(made.flows[i] for i in kept)
+class Costs:
+    """Nanoseconds per member of a pilot on one thread, measured once for each compiled program."""
+
+    def __init__(self, pilot: Pilot) -> None:
+        self.pilot, run = pilot, pilot.scene.run
+        self._known: dict[Hashable, float] = {}
+        self.saves = 1 if run.every is None else max(1, math.ceil(run.t_end / run.every))
+
+    def step(self, integrator: str, steps: int, dtype: str) -> float:
+        """Per member and step, without saves; of `closed` per member and save."""
+        if integrator == "closed":
+            return self._once("closed", self._closed)
+        scene = self.pilot.stepped(steps)[0].with_run(integrator=integrator)
+        h = scene.run.t_end / steps
+        form, *_ = form_of(scene, h)
+        compensated = keeps_remainders(integrator, scene.effects, dtype)
+        key = type(form.integrator), form.integrator, len(form.parts), dtype
+        return self._once(
+            key, lambda: self._stepped(form, h, dtype, OBSERVED, compensated=compensated)
         )
-    bare = replace(scene, effects=effects, observables=()).with_run(save=())
-    return bare, plan._replace(form=plan.form._replace(integrator=made), labels=(), watch=Watch())
+
+    def start(self) -> float:
+        """Per member, to draw its start."""
+
+        def draw() -> float:
+            available = rows(*self.pilot.scene.quantities())
+            count = min(BLOCK, available or BLOCK)
+            began = time.perf_counter()
+            stage(self.pilot.scene, 0, count, self.pilot.carried)
+            return 1e9 * (time.perf_counter() - began) / count
+
+        return self._once("start", lambda: min(draw() for _ in range(3)))
+
+    def save(self) -> float:
+        """Per member and save."""
+
+        def record() -> float:
+            scene = self.pilot.scene.with_run(integrator="rk4")
+            form, *_ = form_of(scene, 1.0)
+            observables = tuple(OBSERVABLES[name]() for name in scene.saved() if name != "work")
+            h = 1e-6 * scene.run.t_end
+            plain, saving = (
+                self._stepped(form, h, "float64", observables, stride=stride) for stride in (32, 1)
+            )
+            return max(0.0, saving - plain)
+
+        return self._once("save", record)
+
+    def _once(self, key: Hashable, measure: Callable[[], float]) -> float:
+        if key not in self._known:
+            self._known[key] = measure()
+        return self._known[key]
+
+    def _closed(self) -> float:
+        scene, count = self.pilot.scene, min(512, max(layout.LANES, self.pilot.members))
+        saves, taken = min(self.saves, 50), []
+        times = np.linspace(0.0, scene.run.t_end, saves + 1)
+        for _ in range(3):
+            block, start = stage(scene, 0, count, self.pilot.carried)
+            began = time.perf_counter()
+            closed_values(scene, block, start, times, times[1])
+            taken.append(time.perf_counter() - began)
+        return 1e9 * min(taken) / (count * saves)
+
+    def _stepped(
+        self,
+        form: Form,
+        h: float,
+        dtype: str,
+        observables: tuple[Any, ...],
+        stride: int | None = None,
+        compensated: bool = False,
+    ) -> float:
+        """Per member and step of h [s]; `stride` : steps between saves, None for the last only."""
+        effects = blank(self.pilot.scene.effects)
+        program = Program(form, effects, observables, self.pilot.carried, compensated, dtype)
+        own = int(self.pilot.own and stride is None)
+        few, steps = self.pilot.block, 32
+        block = np.ascontiguousarray(np.tile(few, -(-512 // few.shape[1]))[:, :512])
+        order, width = np.arange(512), block.shape[1] if observables else 0
+        values = sum(size(o.dims) for o in observables)
+        best, spent = math.inf, -1.0
+        while spent < 0.03:
+            saves = Saves(np.empty((steps + 1) * values * width), width, 0, order)
+            moved, span, slots = block.copy(), h, 1
+            if own:
+                moved[layout.STEPS], span, slots = steps, h * steps, steps
+            began = time.perf_counter()
+            run = Run(span, slots, stride or steps, steps, own, 0, steps)
+            program.advance(moved, run, saves=saves)
+            took = time.perf_counter() - began
+            if spent >= 0.0:  # the first may have compiled
+                best = min(best, took / (steps * block.shape[1]))
+            spent = max(spent, 0.0) + (took if spent >= 0.0 else 0.0)
+            if stride is None and took < 0.003:
+                steps *= 2
+        return 1e9 * best
+
+    def per_member(self, way: "Way") -> float:
+        """One member to t_end, with its saves [ns]."""
+        saves = 0.0 if way.integrator == "closed" else self.saves * self.save()
+        return way.ns * way.mean_steps + saves + self.start()
+
+    def members_per_second(self, way: "Way", threads: int | None = None) -> float:
+        """Members to t_end per second on all threads."""
+        return 1e9 * (threads or threads_available()) / self.per_member(way)
 
 
-def prices(scene, plan):
-    """What effects add to a step: (ns without them, measured; operations without them; {label: operations that it adds}; ns of noise, measured;
-    ns predicted), the ledger of work left out.
-
-    The prediction takes all operations to cost what those without effects do, a division or a root as many as `rigidmc.engine.operations` tells.
-    """
-    every = tuple(range(len(scene.effects)))
-
-    def operations(kept):
-        part, made = some_of(scene, plan, kept)
-        return step_operations(made.form, part.effects, plan.carried)
-
-    free, none, whole = cost_per_step(*some_of(scene, plan, ())), operations(()), operations(every)
-    added = {
-        label: whole.less(operations(every[:i] + every[i + 1 :]))
-        for i, (label, _) in enumerate(labelled(scene.effects))
-    }
-    random, noise = tuple(i for i in every if is_random(scene.effects[i])), 0.0
-    if random:  # numbers from whole ones, which no count of operations tells
-        noise = max(
-            0.0,
-            cost_per_step(*some_of(scene, plan, random))
-            - free * operations(random).slots / none.slots,
-        )
-    return free, none, added, noise, free * whole.slots / none.slots + noise
-
-
-def observable_prices(scene, watched, rounds=5):
-    """{label: ns that it adds to a step of rk4 with attitude on one thread}, "" for the step itself; medians of interleaved rounds.
-
-    watched : {label: what is named in `save`}
-    """
-    scenes = {
-        label: scene.with_run(save=("attitude", *some))
-        for label, some in {"": (), **watched}.items()
-    }
-    plans = {label: prepare(one) for label, one in scenes.items()}
-    taken: dict[str, list[float]] = {label: [] for label in scenes}
-    for _ in range(rounds):
-        for label, one in scenes.items():
-            taken[label].append(cost_per_step(one, plans[label], seconds=0.1))
-    bare = float(np.median(taken[""]))
-    return {"": bare} | {label: float(np.median(t)) - bare for label, t in taken.items() if label}
-
-
-def watched_prices(rounds=5):
-    """{"free" | "heavy": `observable_prices`} of what can be watched, of a body that nearly spins about its middle axis."""
-    body = Body.from_moments((1.0, 2.0, 3.0), mass=1.0, centre=(0.0, 0.0, 0.3))
-    start = Start(omega=Cone(2, 1.0, 0.05), attitude="uniform")
-    watched = {
-        "flips": (Flips(2),), "passage": (Passage(3, 0.01, "reaches"),),
-        **{name: (name,) for name in ("nutation", "precession", "megno", "omega_max", "energy_mean", "energy_variance")},
-    }  # fmt: skip
-    scenes = {
-        word: Scene(body, effects, start).with_run(dt=0.02, t_end=20.0)
-        for word, effects in (("free", ()), ("heavy", (EFFECTS["gravity"](1.0),)))
-    }
-    return {word: observable_prices(scene, watched, rounds) for word, scene in scenes.items()}
-
-
-def effect_prices():
-    """{effect: (operations of its torque, ns of a step with it alone, ns that it adds to one with gravity)}, and of steps without it:
-    "free" of the momentum alone, "with attitude", "with gravity", by rk4; "strang", to which random effects are added. On one thread."""
+def step_costs() -> dict[str, dict[str, float]]:
+    """{integrator: {"free": ns, "heavy": ns}} of one step on one thread of this machine: asymmetric
+    bodies that turn by 0.1 rad."""
     body = Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.2, 0.3))
     start = Start(omega=(0.5, 0.7, 0.5), attitude=(1.0, 0.0, 0.0, 0.0))
-
-    def cost(effects, save="omega", integrator="rk4"):
-        scene = Scene(body, effects, start).with_run(
-            integrator=integrator, dt=0.1, t_end=1.0, save=(save,), checks=False
-        )
-        return cost_per_step(scene, prepare(scene))
-
-    gravity = EFFECTS["gravity"](1.0)
-    made = {
-        "free": cost(()),
-        "with attitude": cost((), "attitude"),
-        "with gravity": cost((gravity,)),
-    }
-    made["strang"] = cost((gravity,), integrator="strang")
-    for name, kind in EFFECTS.items():
-        by, base = ("strang", "strang") if is_random(kind) else ("rk4", "with gravity")
-        effect = filled(kind, itertools.repeat(0.1))
-        if is_random(kind):
-            effect = kind(*effect[: len(kind._fields) - len(kind.hidden)])
-        made[name] = (
-            torque_operations(effect),
-            cost((effect,), integrator=by),
-            cost((gravity, effect), integrator=by) - made[base],
-        )
-    return made
+    measured: dict[str, dict[str, float]] = {}
+    for word, effects in (("free", ()), ("heavy", (EFFECTS["gravity"](1.0),))):
+        scene = Scene(body, effects, start).with_run(t_end=1.0, save=("attitude",))
+        costs = Costs(pilot(scene, 1))
+        for name in accepting(effects):
+            if name != "closed":
+                measured.setdefault(name, {})[word] = costs.step(name, 10, "float64")
+    return measured

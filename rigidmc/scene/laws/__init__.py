@@ -1,25 +1,28 @@
-"""Vectors drawn as a whole. A new law is one file with a subclass of `protocol.Law`, and
-one line below."""
+"""Vectors drawn as a whole. A new law is one file with a subclass of `protocol.Law`, and one line
+below."""
+
+# One line for each law, in the order in which messages name them.
+# isort: off
+from rigidmc.scene.laws.vectors import Cone as Cone
+from rigidmc.scene.laws.vectors import Sphere as Sphere
+from rigidmc.scene.laws.bodies import SecondMoments as SecondMoments
+from rigidmc.scene.laws.vectors import Correlated as Correlated
+from rigidmc.scene.laws.ensembles import Shell as Shell
+from rigidmc.scene.laws.ensembles import GibbsMomentum as GibbsMomentum
+from rigidmc.scene.laws.attitudes import Fisher as Fisher
+from rigidmc.scene.laws.attitudes import Pointing as Pointing
+# isort: on
 
 from collections.abc import Callable
 from typing import Any
 
 from rigidmc.errors import SceneError, unknown
-from rigidmc.scene.laws.attitudes import Fisher, Pointing
-from rigidmc.scene.laws.bodies import SecondMoments
-from rigidmc.scene.laws.ensembles import GibbsMomentum, Shell
 from rigidmc.scene.laws.protocol import Law
-from rigidmc.scene.laws.vectors import Cone, Correlated, Sphere
 
 LAWS: list[type[Law]] = [
-    Cone,
-    Sphere,
-    SecondMoments,
-    Correlated,
-    Shell,
-    GibbsMomentum,
-    Fisher,
-    Pointing,
+    kind
+    for kind in list(globals().values())
+    if isinstance(kind, type) and issubclass(kind, Law) and kind is not Law  # the lines above
 ]
 
 

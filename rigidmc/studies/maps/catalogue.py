@@ -5,7 +5,7 @@ from typing import Any
 
 import xarray as xr
 
-from rigidmc.errors import unknown
+from rigidmc.errors import OptionError, unknown
 from rigidmc.studies.maps.case import MapCase
 from rigidmc.studies.maps.cases.damped_axis import damped_axis
 from rigidmc.studies.maps.cases.disturbance import disturbance
@@ -42,7 +42,7 @@ def case_map(
     settings : of the run, which replace those of the map if not None;  others : see `stability_map`
     """
     if name not in MAPS:
-        raise unknown("", "map", name, "map", MAPS)
+        raise unknown("", "map", name, "map", MAPS, OptionError)
     case = MAPS[name]()
     given = {key: value for key, value in settings.items() if value is not None}
     standard = {

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rigidmc.effects import labelled
 from rigidmc.engine.layout import STATUSES
-from rigidmc.errors import SceneError, SceneWarning
+from rigidmc.errors import OptionError, RigidmcError, SceneError, SceneWarning
 from rigidmc.planning.notes import notes
 from rigidmc.planning.plan import prepare
 from rigidmc.planning.tolerance.choose import resolved
@@ -45,9 +45,9 @@ def on_map(scene: Scene, x: Side, y: Side, resolution: Resolution, members: int)
         if isinstance(side, str) or len(side) not in (3, 4) or not isinstance(side[0], str):
             rule = "expected (parameter, low, high) or (parameter, low, high, True)"
             example = 'such as ("body.moments.1", 0.1, 0.9)'
-            raise SceneError("", key, side, f"{rule}, {example}")
+            raise OptionError("", key, side, f"{rule}, {example}")
     if x[0] == y[0]:
-        raise SceneError("", "y", y[0], "is already the parameter of x")
+        raise OptionError("", "y", y[0], "is already the parameter of x")
     scene = with_parameter(scene, x[0], _grid("x", x, sides[0], members), "x")
     scene = with_parameter(scene, y[0], _grid("y", y, sides[1], members * sides[0]), "y")
     pixels: Scene = scene.with_run(members=members * sides[0] * sides[1], first=0)
@@ -78,11 +78,11 @@ def stability_map(
     which the body or the start does not exist. A measure is nan in pixels without a good member.
     Member r of pixel (i, j) is member (j columns + i) members + r of the scene in the attributes,
     to the bit.
-    Raises SceneError for parameters and measures that the scene does not have.
+    Raises OptionError for parameters and measures that the scene does not have.
     """
     texts = (of,) if isinstance(of, str) else tuple(of)
     if not texts or not all(isinstance(text, str) for text in texts):
-        raise SceneError("", "of", texts, 'expected measures, such as "p(flips >= 1)"')
+        raise OptionError("", "of", texts, 'expected measures, such as "p(flips >= 1)"')
     if members is None:
         members = REPLICAS if _replicas_differ(on_map(scene, x, y, 1, 1)) else 1
     asked = on_map(scene, x, y, resolution, members)
@@ -101,7 +101,7 @@ def stability_map(
     pixels = _pixels(scene, measures, resolution, members, confidence, threads, progress)
     if not pixels.counts[:2].any():
         rule = f"between {x[1]:g} and {x[2]:g}, and {y[1]:g} and {y[2]:g} of {y[0]} no pixel has a"
-        raise SceneError(
+        raise OptionError(
             "", "x", x[0], f"{rule} body and a start: moments must obey I_i <= I_j + I_k"
         )
     known = member_variables(scene, plan.carried)
@@ -113,7 +113,7 @@ def _sides(resolution: Resolution) -> tuple[int, int]:
     sides = resolution if isinstance(resolution, (list, tuple)) else (resolution, resolution)
     if len(sides) != 2:
         rule = "expected pixels per side, or (columns, rows)"
-        raise SceneError("", "resolution", resolution, rule)
+        raise OptionError("", "resolution", resolution, rule)
     columns, rows = (counted(side, "resolution", 1, MOST) for side in sides)
     return columns, rows
 
@@ -124,10 +124,10 @@ def _grid(key: str, side: Side, count: int, stride: int) -> Grid:
     even_ratios = bool(log and log[0])
     try:
         values: Grid = grid(low, high, count, stride, even_ratios)
-    except SceneError as error:
+    except RigidmcError as error:
         rule = f"expected low < high{', both above 0 for even ratios' if even_ratios else ''}"
         rule = error.rule if "whole number" in error.rule else rule
-        raise SceneError("", key, f"{name} from {low} to {high}", rule) from None
+        raise OptionError("", key, f"{name} from {low} to {high}", rule) from None
     return values
 
 

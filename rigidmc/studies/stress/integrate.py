@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from rigidmc.errors import SceneWarning
 from rigidmc.integrators import INTEGRATORS
 from rigidmc.mechanics.rotation import attitude_error
-from rigidmc.planning.stage import physics, rates, stage
+from rigidmc.planning.rates import physics, rates
+from rigidmc.planning.stage import stage
 from rigidmc.planning.units import internal, scaled
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.quantities import is_shared, rows
@@ -64,7 +65,7 @@ def run(
 
 def fastest_rate(scene: Scene) -> float:
     """The rate of the fastest member at its start [rad/s], in units that do not overflow."""
-    members = 1 if is_shared(*scene.quantities()) else rows(*scene.quantities())
+    members = rows(*scene.quantities()) or 1
     units = internal(scene)
     inner = scene if units is None else scaled(scene, units.mass, 1.0, units.time)
     per_second = 1.0 if units is None else units.time

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from rigidmc.errors import SceneError
+from rigidmc.errors import RigidmcError
 from rigidmc.integrators import INTEGRATORS
 from rigidmc.progress import reporter
 from rigidmc.studies.stress.case import Case
@@ -116,7 +116,7 @@ def carried_out(case: Case, integrator: str, share: float = 1.0) -> Outcome:
     except Exception as raised:  # reported as a crash; the other cases go on
         uncovered = (
             integrator == "closed"
-            and isinstance(raised, SceneError)
+            and isinstance(raised, RigidmcError)
             and "closed form" in str(raised)
         )
         error, reason = math.nan, "" if uncovered else f"{type(raised).__name__}: {raised}"

@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+import os
 from collections.abc import Callable, Collection, Mapping, Sequence
 from importlib import resources
 from os import PathLike
@@ -11,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from rigidmc.engine.machine import threads_available
-from rigidmc.errors import SceneError, unknown
+from rigidmc.errors import FileError, OptionError, unknown
 from rigidmc.files.outputs import write_bytes
 from rigidmc.files.reading import text_of
 from rigidmc.integrators import INTEGRATORS
@@ -48,15 +49,15 @@ def stress(
     Variables: error, bound, measured (the error on the machine on which the bounds were measured),
     seconds, verdict (see `flag_meanings`; "not up to it" is an integrator that claims a case and is
     known to fail it), reason (the message of a crash); over `case`: group, why, truth.
-    Raises SceneError for unknown names and for bounds that are negative or not finite.
+    Raises OptionError for unknown names and for bounds that are negative or not finite.
     """
     names, chosen = list(integrators or (QUICK if quick else INTEGRATORS)), list(groups or GROUPS)
     for name in names:
         if name not in INTEGRATORS:
-            raise unknown("", "--integrator", name, "integrator", INTEGRATORS)
+            raise unknown("", "--integrator", name, "integrator", INTEGRATORS, OptionError)
     for group in chosen:
         if group not in GROUPS:
-            raise unknown("", "--group", group, "group of hard cases", GROUPS)
+            raise unknown("", "--group", group, "group of hard cases", GROUPS, OptionError)
     cases, known = catalogue(), shipped_bounds()
     for key, bound in (bounds or {}).items():
         known[key] = (_checked(key, bound), known.get(key, (0.0, math.nan))[1])
@@ -107,14 +108,15 @@ def shipped_bounds() -> dict[Key, tuple[float, float]]:
 
 
 def load_bounds(path: str | PathLike[str]) -> dict[Key, float]:
-    """{(case, integrator): bound} of a file like `bounds.csv`; SceneError for its mistakes."""
+    """{(case, integrator): bound} of a file like `bounds.csv`; FileError for its mistakes."""
+    path = os.fspath(path)
     table = _read(text_of(path), path)
     cases = {case.name for case in catalogue()}
     for name, integrator in table:
         if name not in cases:
-            raise unknown(path, "case", name, "case", cases)
+            raise unknown(path, "case", name, "case", cases, FileError)
         if integrator not in INTEGRATORS:
-            raise unknown(path, "integrator", integrator, "integrator", INTEGRATORS)
+            raise unknown(path, "integrator", integrator, "integrator", INTEGRATORS, FileError)
     return {key: _checked(key, bound) for key, (bound, _) in table.items()}
 
 
@@ -138,11 +140,11 @@ def _rounded_up(value: float) -> float:
     return math.ceil(value / size * (1.0 - 1e-9)) * size
 
 
-def _read(text: str, file: str | PathLike[str]) -> dict[Key, tuple[float, float]]:
+def _read(text: str, file: str) -> dict[Key, tuple[float, float]]:
     try:
         rows = list(csv.DictReader(text.splitlines()))
     except csv.Error as error:
-        raise SceneError("", "bounds", None, f"is no table: {error}", file=file) from None
+        raise FileError("", "bounds", None, f"is no table: {error}", file=file) from None
     bounds: dict[Key, tuple[float, float]] = {}
     for number, row in enumerate(rows, 2):
         try:
@@ -150,15 +152,15 @@ def _read(text: str, file: str | PathLike[str]) -> dict[Key, tuple[float, float]
             bounds[row["case"], row["integrator"]] = float(row["bound"]), measured
         except (KeyError, TypeError, ValueError):
             rule = f"expected the columns {', '.join(_COLUMNS)}, numbers in the last two"
-            raise SceneError(f"line {number}", "bound", row.get("bound"), rule, file=file) from None
+            raise FileError(f"line {number}", "bound", row.get("bound"), rule, file=file) from None
     return bounds
 
 
 def _checked(key: Key, bound: float) -> float:
-    """A bound; SceneError if it is negative or not finite."""
+    """A bound; OptionError if it is negative or not finite."""
     if not (bound >= 0.0 and math.isfinite(bound)):
         rule = "a bound must be finite and not negative"
-        raise SceneError(f"{key[0]}, {key[1]}", "bound", bound, rule)
+        raise OptionError(f"{key[0]}, {key[1]}", "bound", bound, rule)
     return bound
 
 

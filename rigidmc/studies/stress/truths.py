@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rigidmc.errors import SceneError
+from rigidmc.errors import RigidmcError
 from rigidmc.integrators import accepting
 from rigidmc.mechanics.free_top import free_motion
 from rigidmc.mechanics.rotation import attitude_error
@@ -73,7 +73,7 @@ def flagged_or_close(scene: Scene, t_end: float, **options: Any) -> ErrorOf:
     def error(integrator: str, share: float) -> float:
         try:
             ds = run(scene, integrator, t_end, 8, **options)
-        except SceneError as refusal:  # midpoint, whose equation has no solution at this step
+        except RigidmcError as refusal:  # midpoint, whose equation has no solution at this step
             return 0.0 if "can be solved" in str(refusal) else math.inf
         off = distance(ds.attitude.values, ds.momentum.values, *closed_states(scene, ds)).max(0)
         return float(np.max(np.where(ds.status.values == 0, np.nan_to_num(off, nan=math.inf), 0.0)))
@@ -213,7 +213,7 @@ def refused(call: Callable[[str], object], rule: str) -> ErrorOf:
     def error(integrator: str, share: float) -> float:
         try:
             call(integrator)
-        except SceneError as refusal:
+        except RigidmcError as refusal:
             return 0.0 if rule in str(refusal) else 1.0
         return 1.0
 

@@ -1,0 +1,66 @@
+"""Locks of open files, which end with the process that holds them, whatever ends it."""
+
+import errno
+import os
+import sys
+import tempfile
+from typing import IO, Any
+
+from rigidmc.files.outputs import naming
+
+if sys.platform == "win32":
+    import msvcrt
+else:
+    import fcntl
+
+_LOCKLESS = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP)
+WITHOUT_LOCKS = (
+    "With HDF5_USE_FILE_LOCKING=FALSE in the environment it works without locks; "
+    "then make sure that only one process writes there"
+)
+
+
+def lock(file: IO[Any], name: str, shared: bool = False) -> None:
+    """Hold the lock of an open file until the file is closed.
+
+    Raises BlockingIOError if another process holds it, and OSError if the file system has no locks,
+    unless the environment has HDF5_USE_FILE_LOCKING=FALSE.
+
+    shared : several processes may hold a shared lock at once
+    """
+    try:
+        with naming(name):
+            _lock(file, shared)
+    except OSError as error:
+        if error.errno not in _LOCKLESS:
+            raise
+        if os.environ.get("HDF5_USE_FILE_LOCKING", "").upper() not in ("FALSE", "0"):
+            raise OSError(
+                f"{name}: the file system has no locks ({error.strerror}); nothing was written. "
+                f"{WITHOUT_LOCKS}"
+            ) from None
+
+
+if sys.platform == "win32":
+
+    def _lock(file: IO[Any], shared: bool) -> None:
+        """Lock one byte far beyond the end of the file, which leaves the content readable."""
+        place = file.tell()
+        try:
+            file.seek(2**31 - 2)
+            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+        except PermissionError as error:  # another process holds it
+            raise BlockingIOError(errno.EAGAIN, error.strerror) from None
+        finally:
+            file.seek(place)
+
+else:
+
+    def _lock(file: IO[Any], shared: bool) -> None:
+        fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+
+
+def refuse_lockless(folder: str) -> None:
+    """Raise OSError if the files of a folder cannot be locked, see `lock`."""
+    with tempfile.TemporaryFile(dir=folder) as file:
+        lock(file, folder)

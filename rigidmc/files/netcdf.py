@@ -1,0 +1,125 @@
+"""netCDF files: opening and reading them, and the one thread that calls the C library."""
+
+import contextlib
+import ctypes
+import os
+import shutil
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from typing import Any, TypeVar
+
+import netCDF4
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
+
+from rigidmc.errors import FileError
+from rigidmc.files.outputs import Path
+from rigidmc.files.trial import refuse_unreadable
+
+T = TypeVar("T")
+_opening = threading.Lock()
+
+
+def alone(function: Callable[..., T], *arguments: Any) -> T:
+    """Call a function that uses the C library while no other thread does: it is not thread-safe.
+
+    xarray holds its lock while it reads values, and when it closes a dropped Dataset, which happens
+    in any thread at any time. It holds no lock while it opens a file, so `open_undecoded` and
+    `open_trusted` hold another one. Without them a run crashed within a second if results were
+    dropped or opened beside it.
+
+    The main thread hands the call to another thread. A signal interrupts the main thread anywhere,
+    also between taking a lock and noting that it has the lock; then a run waited for itself for
+    ever (once in some 60 runs with two signals). So the main thread only stops waiting, and the
+    next call waits for this one to end.
+    """
+
+    def call() -> T:
+        with _opening, NETCDF4_PYTHON_LOCK:
+            return function(*arguments)
+
+    if threading.current_thread() is threading.main_thread():
+        return _thread().submit(call).result()
+    return call()
+
+
+@cache
+def _thread() -> ThreadPoolExecutor:
+    """The one thread that calls the C library for the main thread."""
+    return ThreadPoolExecutor(1, thread_name_prefix="rigidmc netCDF")
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_thread.cache_clear)  # a forked process does not have it
+
+
+def close_once(file: netCDF4.Dataset) -> None:
+    """Close a file once. If that fails, the C library keeps a number for what it has freed, and
+    crashes when the file is closed again."""
+    try:
+        file.close()
+    except BaseException:
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(file))  # the collector would close it again
+        raise
+
+
+@contextlib.contextmanager
+def naming_failures(path: Path) -> Iterator[None]:
+    """Name the file and the free space if writing fails: the C library tells no file or reason."""
+    try:
+        yield
+    except RuntimeError as error:
+        free = shutil.disk_usage(os.path.dirname(os.path.abspath(path))).free
+        raise OSError(
+            f"{path}: could not be written, with {free / 1e9:.2f} GB free there: {error}"
+        ) from None
+
+
+def open_trusted(path: Path) -> xr.Dataset:
+    """A file that this process has just written, as a lazily read Dataset, without checks."""
+    with _opening:
+        return xr.open_dataset(path, engine="netcdf4")
+
+
+def open_undecoded(path: str) -> xr.Dataset:
+    """A file from outside as a Dataset that is read lazily. Its attributes are not trusted, so
+    nothing is decoded. Raises FileError if it is a folder, not netCDF, or damaged."""
+    if os.path.isdir(path):
+        raise FileError("", "file", None, "is a folder, and no result of rigidmc", file=path)
+    refuse_unreadable(path)
+    try:
+        with _opening:
+            return xr.open_dataset(path, engine="netcdf4", decode_cf=False)
+    except (ValueError, TypeError, RuntimeError, KeyError, IndexError) as error:
+        rule = f"is damaged, or no result of rigidmc: {error}"
+        raise FileError("", "file", None, rule, file=path) from None
+
+
+def read(path: str, *names: str, mark: str | None = None) -> dict[str, NDArray[Any]]:
+    """{name: array} of variables of a file as they were written; of all if none are named.
+
+    Raises FileError for a shard of another `mark`, a damaged file and a missing variable.
+    """
+
+    def values() -> dict[str, NDArray[Any]]:
+        with netCDF4.Dataset(path) as file:
+            if mark is not None and str(getattr(file, "run", None)) != mark:
+                rule = "is of another run: another scene, seed, rows or code"
+                raise FileError("", "shard", None, rule, file=path)
+            file.set_auto_mask(False)
+            file.set_auto_scale(False)
+            file.set_auto_chartostring(False)
+            return {name: np.asarray(file[name][:]) for name in names or file.variables}
+
+    try:
+        return alone(values)
+    except (OSError, RuntimeError, IndexError) as error:
+        # the system's own errors have positive numbers, those of the library negative ones
+        if isinstance(error, OSError) and (error.errno or 0) > 0:
+            raise
+        rule = f"is damaged, or is not what it should be: {error}"
+        raise FileError("", "file", None, rule, file=path) from None

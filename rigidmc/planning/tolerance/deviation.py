@@ -1,0 +1,113 @@
+"""How far the states of a pilot are from others, and from what its members conserve."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rigidmc.dynamics.euler import kinetic_energy
+from rigidmc.dynamics.so3 import dot, up
+from rigidmc.effects.sums import total_energy_scale
+from rigidmc.engine import layout
+from rigidmc.engine.forces import energies
+from rigidmc.engine.frame import Run
+from rigidmc.mechanics.rotation import attitude_error
+from rigidmc.planning.rates import Array, physics
+from rigidmc.planning.tolerance.pilot import Pilot, States, states_along
+
+QUANTITIES = ("state", "momentum", "attitude", "energy", "l2", "lz")
+
+
+def errors(pilot: Pilot, states: States, true: States) -> dict[str, Array]:
+    """{quantity: largest error over the checks of each member}.
+
+    momentum : relative to its size;  attitude : [rad];  state : the larger of these two
+    energy : relative to the energies in play;  l2, lz : of |L|^2 and L_z, relative to the size
+    """
+    body, effects = physics(pilot.scene.effects, pilot.block[:, : pilot.members])
+    zeros = np.zeros(pilot.members)
+    checks: dict[str, list[Array]] = {name: [] for name in QUANTITIES}
+    with np.errstate(all="ignore"):
+        for q, l, true_q, true_l in zip(states.q, states.l, true.q, true.l, strict=True):
+            size = np.sqrt(dot(true_l, true_l))
+            size = np.where(size > 0.0, size, 1.0)
+            momentum = np.sqrt(((l - true_l) ** 2).sum(0)) / size
+            turned = attitude_error(q.T, true_q.T) if pilot.carried else zeros
+            kinetic = kinetic_energy(body, true_l)
+            energy = np.abs(
+                kinetic_energy(body, l)
+                - kinetic
+                + energies(effects, body, q)
+                - energies(effects, body, true_q)
+            )
+            scale = kinetic + total_energy_scale(effects, body)
+            lz = dot(l, up(q)) - dot(true_l, up(true_q))
+            checks["momentum"].append(momentum)
+            checks["attitude"].append(turned)
+            checks["state"].append(np.maximum(momentum, turned))
+            checks["energy"].append(energy / np.where(scale > 0.0, scale, 1.0))
+            checks["l2"].append(np.abs(dot(l, l) - dot(true_l, true_l)) / size**2)
+            checks["lz"].append(np.abs(lz) / size if pilot.carried else zeros)
+    return {
+        name: np.where(states.status == 0, np.max(np.nan_to_num(x, nan=np.inf), axis=0), np.inf)
+        for name, x in checks.items()
+    }
+
+
+def drift_along(
+    pilot: Pilot, integrator: str, steps: int, at: ArrayLike, dt: float, looks: int = 4096
+) -> dict[str, Array]:
+    """{quantity: largest drift so far of the worst member, after each number of steps in `at`} for
+    energy, |L|^2 and L_z.
+
+    Every one of the first `looks` steps is looked at, and as many evenly spaced ones of all.
+    """
+    at = [int(n) for n in np.atleast_1d(at)]
+    body, effects = physics(pilot.scene.effects, pilot.block[:, : pilot.members])
+    q0 = pilot.block[layout.ATTITUDE : layout.MOMENTUM, : pilot.members]
+    l0 = pilot.block[layout.MOMENTUM : layout.REST, : pilot.members]
+    first, size = _conserved(body, effects, q0, l0), np.sqrt(dot(l0, l0))
+    scales = {
+        "energy": kinetic_energy(body, l0) + total_energy_scale(effects, body),
+        "l2": size**2,
+        "lz": size,
+    }
+    scene = pilot.scene.with_run(integrator=integrator, dt=dt)
+    largest: dict[str, dict[int, float]] = {name: {} for name in scales}
+    for total in dict.fromkeys((min(steps, looks), steps)):
+        stride = max(1, total // looks)
+        run = Run(dt, 1, stride, total, int(scene.run.turn is not None), 0, total)
+        states = states_along(pilot, scene, pilot.block, run)
+        after = np.append(np.arange(stride, total, stride), total)
+        q, l = np.moveaxis(states.q, 1, 0), np.moveaxis(states.l, 1, 0)
+        for name, values in _conserved(body, effects, q, l).items():
+            with np.errstate(all="ignore"):
+                scale = np.where(scales[name] > 0.0, scales[name], 1.0)
+                drift = np.abs(values - first[name]) / scale
+            drift = np.nan_to_num(np.where(states.status == 0, drift, np.inf), nan=np.inf)
+            worst, seen = np.maximum.accumulate(drift.max(1)), largest[name]
+            for n in at:
+                if after[0] <= n <= total:
+                    last = np.searchsorted(after, n, "right") - 1
+                    seen[n] = max(worst[last], seen.get(n, 0.0))
+    return {name: np.maximum.accumulate([seen[n] for n in at]) for name, seen in largest.items()}
+
+
+def _conserved(body: Any, effects: tuple[Any, ...], q: Any, l: Any) -> dict[str, Array]:
+    """{quantity: values} of what a top may conserve."""
+    return {
+        "energy": kinetic_energy(body, l) + energies(effects, body, q),
+        "l2": dot(l, l),
+        "lz": dot(l, up(q)),
+    }
+
+
+def upper_quantile(values: ArrayLike, share: float = 0.99, sure: float = 0.95) -> float:
+    """The smallest element of a sample that exceeds the quantile of its distribution with
+    probability `sure`; the largest element if none does."""
+    from scipy import stats  # half a second, which only a chosen step has to wait for
+
+    ordered = np.sort(np.asarray(values))
+    n = len(ordered)
+    rank = int(stats.binom.ppf(sure, n, share)) + 1
+    return float(ordered[min(n, rank) - 1])
