@@ -1,4 +1,4 @@
-"""The free top at any time: momentum, angular velocity and attitude in closed form, for a million bodies at once."""
+"""The free top at any time in closed form, TdC (3.35) and Example 3.6, for many bodies at once."""
 
 from typing import Any, NamedTuple
 
@@ -13,7 +13,10 @@ from rigidmc.mechanics.rotation import Attitude, quaternion
 
 
 class Motion(NamedTuple):
-    """momentum (..., 3) [kg m^2/s] and omega (..., 3) [rad/s] in principal axes, attitude (..., 4), body to space."""
+    """momentum (..., 3) [kg m^2/s] and omega (..., 3) [rad/s] in principal axes, attitude (..., 4).
+
+    The attitude takes body to space components.
+    """
 
     momentum: NDArray[np.float64]
     omega: NDArray[np.float64]
@@ -21,7 +24,7 @@ class Motion(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """What kind of motion a free motion is; arrays of the leading shape of `free_motion`'s arguments.
+    """What kind of motion a free motion is; arrays of the leading shape of the bodies.
 
     kind : "invalid", "rest", "permanent rotation", "symmetric precession", "separatrix",
         "about the largest moment" or "about the smallest moment"
@@ -89,11 +92,10 @@ def free_top(moments: ArrayLike, momentum: ArrayLike, attitude: Attitude, t: Arr
     shapes do not broadcast.
     """
     table, bodies, _ = _orbits(moments, momentum, attitude)
-    t = np.asarray(t, dtype=float)
-    shape, index, times = spread(bodies, t)
+    shape, index, times = spread(bodies, np.asarray(t, dtype=float))
     values = evaluate(Reached, 7, times[None], table, index).reshape(7, *shape)
-    attitude, momentum = np.moveaxis(values[:4], 0, -1), np.moveaxis(values[4:], 0, -1)
-    return Motion(momentum, momentum / np.asarray(moments, dtype=float), attitude)
+    q, l = np.moveaxis(values[:4], 0, -1), np.moveaxis(values[4:], 0, -1)
+    return Motion(l, l / np.asarray(moments, dtype=float), q)
 
 
 _AXES = np.array([[1, 3], [3, 2], [2, 1]])  # the axes of the body that `shift` made axes 1 and 3
