@@ -1,133 +1,142 @@
-"""Generalised coordinates of a rigid body with a fixed point, TdC (3.29)-(3.34), and the torques of potentials.
+"""Generalised coordinates of a body with a fixed point, and torques of potentials.
 
-Coordinates are a word, "zxz", "zyz" or "rotation_vector", or a function A(q) -> (..., 3, 3) of q
-(..., n) that takes complex numbers. Potentials are functions V(A) [J] of matrices (..., 3, 3) that
-take complex numbers. Both are differentiated by a complex step of 1e-30: exact to rounding, with no
-difference taken. So they use np.sin, np.sqrt, @, ... but not abs, norm, conj, or comparisons.
+TdC (3.29)-(3.34). Coordinates are a word, "zxz", "zyz" or "rotation_vector", or a function A(q) ->
+(..., 3, 3) of q (..., n). Potentials are functions V(A) [J] of matrices (..., 3, 3). Both kinds of
+functions must take complex numbers: they are differentiated by a complex step of 1e-30, which is
+exact to rounding because no difference is taken. So they may use np.sin, np.sqrt, @ and so on, but
+not abs, norm, conj or comparisons.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.errors import unknown
 from rigidmc.mechanics.rotation import euler_rate_matrix, hat
 
+Potential = Callable[[NDArray[Any]], Any]
+Coordinates = str | Callable[[NDArray[Any]], ArrayLike]
+_Floats = NDArray[np.float64]
+
 STEP = 1e-30
 NAMED = ("zxz", "zyz", "rotation_vector")
-_FREE = "it must take complex numbers and pass them on: write np.sqrt((x * x).sum(-1)) for a norm and x * x for abs(x)**2"
+_FREE = (
+    "it must take complex numbers and pass them on: "
+    "write np.sqrt((x * x).sum(-1)) for a norm and x * x for abs(x)**2"
+)
 
 
-def matrix(coordinates, q):
-    """A (..., 3, 3) at coordinates q (..., n); complex q too."""
+def matrix(coordinates: Coordinates, q: ArrayLike) -> NDArray[Any]:
+    """A (..., 3, 3) at coordinates q (..., n), also at complex ones."""
     q = np.asarray(q)
     if callable(coordinates):
         return np.asarray(coordinates(q))
     if coordinates == "rotation_vector":
         first, second, _ = _exponential_parts(q)
         k = hat(q)
-        return np.eye(3) + first * k + second * (k @ k)
-    _known(coordinates)
+        rotated: NDArray[Any] = np.eye(3) + first * k + second * (k @ k)
+        return rotated
+    _check_known(coordinates)
     phi, theta, psi = np.moveaxis(q, -1, 0)
-    return _about(2, phi) @ _about(0 if coordinates == "zxz" else 1, theta) @ _about(2, psi)
+    tilt = _about(0 if coordinates == "zxz" else 1, theta)
+    product: NDArray[Any] = _about(2, phi) @ tilt @ _about(2, psi)
+    return product
 
 
-def rate_matrix(coordinates, q):
-    """M (..., 3, n) with omega = M(q) q', TdC (3.29): hat of column r is A^T dA/dq_r. Closed forms for the named coordinates."""
+def rate_matrix(coordinates: Coordinates, q: ArrayLike) -> NDArray[Any]:
+    """M (..., 3, n) with omega = M(q) q', TdC (3.29): hat of column r is A^T dA/dq_r.
+
+    In closed form for the named coordinates, also at complex q.
+    """
     if not callable(coordinates):
-        _known(coordinates)
+        _check_known(coordinates)
         q = np.asarray(q)
         if coordinates != "rotation_vector":
             return euler_rate_matrix(q, coordinates)
         _, second, third = _exponential_parts(q)
         k = hat(q)
-        return np.eye(3) - second * k + third * (k @ k)
+        rates: NDArray[Any] = np.eye(3) - second * k + third * (k @ k)
+        return rates
     columns = []
     a = matrix(coordinates, np.asarray(q, dtype=float))
     for slope in _slopes(lambda x: matrix(coordinates, x), q, "coordinates A(q)"):
         m = np.swapaxes(a, -1, -2) @ slope
-        columns.append(
-            0.5
-            * np.stack(
-                [
-                    m[..., 2, 1] - m[..., 1, 2],
-                    m[..., 0, 2] - m[..., 2, 0],
-                    m[..., 1, 0] - m[..., 0, 1],
-                ],
-                -1,
-            )
-        )
+        one, two = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0]
+        columns.append(0.5 * np.stack([one, two, m[..., 1, 0] - m[..., 0, 1]], -1))
     return np.stack(columns, -1)
 
 
-def identity_residual(m, q):
-    """dM_is/dq_r - dM_ir/dq_s - eps_ijk M_js M_kr (..., 3, n, n), which is 0 for every M that belongs to coordinates, TdC (3.32).
+def identity_residual(m: Callable[[NDArray[Any]], ArrayLike], q: ArrayLike) -> _Floats:
+    """dM_is/dq_r - dM_ir/dq_s - eps_ijk M_js M_kr (..., 3, n, n), TdC (3.32).
 
-    m : function M(q), e.g. lambda q: rate_matrix("zxz", q); it must take complex numbers
+    It is 0 for every M that belongs to coordinates.
+
+    m : function M(q) that takes complex numbers, e.g. lambda q: rate_matrix("zxz", q)
     """
     value = np.asarray(m(np.asarray(q, dtype=float)))
     slopes = np.stack(list(_slopes(m, q, "M(q)")), -1)  # dM_is/dq_r as [..., i, s, r]
     epsilon = np.zeros((3, 3, 3))
     epsilon[[0, 1, 2], [1, 2, 0], [2, 0, 1]], epsilon[[0, 2, 1], [2, 1, 0], [1, 0, 2]] = 1.0, -1.0
-    return (
-        slopes
-        - np.swapaxes(slopes, -1, -2)
-        - np.einsum("ijk,...js,...kr->...isr", epsilon, value, value)
-    )
+    product = np.einsum("ijk,...js,...kr->...isr", epsilon, value, value)
+    residual: _Floats = slopes - np.swapaxes(slopes, -1, -2) - product
+    return residual
 
 
-def generalised_force(potential, coordinates, q):
+def generalised_force(potential: Potential, coordinates: Coordinates, q: ArrayLike) -> _Floats:
     """-dV/dq_r (..., n) of a potential V(A) at coordinates q."""
-    return -np.stack(
-        list(_slopes(lambda x: potential(matrix(coordinates, x)), q, "a potential V(A)")), -1
-    )
+
+    def energy(x: NDArray[Any]) -> Any:
+        return potential(matrix(coordinates, x))
+
+    return -np.stack(list(_slopes(energy, q, "a potential V(A)")), -1)
 
 
-def torque_of_force(coordinates, q, force):
+def torque_of_force(coordinates: Coordinates, q: ArrayLike, force: ArrayLike) -> _Floats:
     """Body torque tau = (M^-1)^T F (..., 3) of generalised forces (..., 3), TdC (3.33), (3.34)."""
     m = rate_matrix(coordinates, q)
-    return np.linalg.solve(np.swapaxes(m, -1, -2), np.asarray(force, dtype=float)[..., None])[
-        ..., 0
-    ]
+    column = np.asarray(force, dtype=float)[..., None]
+    tau: _Floats = np.linalg.solve(np.swapaxes(m, -1, -2), column)[..., 0]
+    return tau
 
 
-def force_of_torque(coordinates, q, torque):
+def force_of_torque(coordinates: Coordinates, q: ArrayLike, torque: ArrayLike) -> _Floats:
     """Generalised forces F = M^T tau (..., n) of a body torque (..., 3)."""
-    return np.einsum("...ir,...i->...r", rate_matrix(coordinates, q), torque)
+    m = rate_matrix(coordinates, q)
+    force: _Floats = np.einsum("...ir,...i->...r", m, np.asarray(torque))
+    return force
 
 
-def torque(potential, attitude):
-    """Body torque (..., 3) [N m] of a potential: tau_k = -d/de V(A exp(e hat(e_k))) at e = 0, TdC (3.34).
+def torque(potential: Potential, attitude: ArrayLike) -> _Floats:
+    """Body torque (..., 3) [N m] of a potential, TdC (3.34).
+
+    tau_k = -d/de V(A exp(e hat(e_k))) at e = 0
 
     attitude : matrices A (..., 3, 3)
     """
     a = np.asarray(attitude, dtype=float)
-    return -np.stack(
-        list(
-            _slopes(
-                lambda e: potential(a @ (np.eye(3) + hat(e))),
-                np.zeros((*a.shape[:-2], 3)),
-                "a potential V(A)",
-            )
-        ),
-        -1,
-    )
+
+    def energy(e: NDArray[Any]) -> Any:
+        return potential(a @ (np.eye(3) + hat(e)))
+
+    return -np.stack(list(_slopes(energy, np.zeros((*a.shape[:-2], 3)), "a potential V(A)")), -1)
 
 
-def uniform_gravity(mass, centre, g=9.81) -> Callable:
-    """V = m g z of the centre of mass (3,) [m] in body axes; torque -m g r x A^T e_z."""
+def uniform_gravity(mass: float, centre: ArrayLike, g: float = 9.81) -> Potential:
+    """V = m g z of the centre of mass (3,) [m] in body axes; its torque is -m g r x A^T e_z."""
     centre = np.asarray(centre, dtype=float)
     return lambda a: mass * g * (a[..., 2, :] * centre).sum(-1)
 
 
-def spring(stiffness, body_point, space_point, rest_length=0.0) -> Callable:
-    """V = k/2 (|A r - s| - l)^2 of a spring [N/m] from a point of the body to a point of space [m]."""
-    body_point, space_point = (
-        np.asarray(body_point, dtype=float),
-        np.asarray(space_point, dtype=float),
-    )
+def spring(
+    stiffness: float, body_point: ArrayLike, space_point: ArrayLike, rest_length: float = 0.0
+) -> Potential:
+    """V = k/2 (|A r - s| - l)^2 of a spring [N/m] from a body point r to a space point s [m]."""
+    body_point = np.asarray(body_point, dtype=float)
+    space_point = np.asarray(space_point, dtype=float)
 
-    def potential(a):
+    def potential(a: NDArray[Any]) -> Any:
         apart = a @ body_point - space_point
         square = (apart * apart).sum(-1)
         if rest_length == 0.0:
@@ -137,47 +146,58 @@ def spring(stiffness, body_point, space_point, rest_length=0.0) -> Callable:
     return potential
 
 
-def total(*potentials) -> Callable:
+def total(*potentials: Potential) -> Potential:
     """The sum of potentials."""
     return lambda a: sum(potential(a) for potential in potentials)
 
 
-def equations_of_motion(coordinates, moments, potential=None):
-    """rhs(t, y) for scipy's solve_ivp, y = (q, q'), of a body with principal moments (3,) in three coordinates:
+def equations_of_motion(
+    coordinates: Coordinates, moments: ArrayLike, potential: Potential | None = None
+) -> Callable[[float, _Floats], _Floats]:
+    """rhs(t, y) for scipy's solve_ivp, y = (q, q'), of a body in three coordinates.
 
-        q'' = M^-1 (I^-1 (L x omega + tau) - M' q'),   omega = M q',   L = I omega          (TdC
-        (3.29), (3.35))
+        q'' = M^-1 (I^-1 (L x omega + tau) - M' q'),   omega = M q',   L = I omega   (TdC (3.29),
+        (3.35))
 
-    Singular where det M = 0: sin(theta) = 0 of Euler angles, |q| = 2 pi of rotation vectors.
+    Singular where det M = 0: sin(theta) = 0 for Euler angles, |q| = 2 pi for rotation vectors.
+
+    moments : principal moments (3,) [kg m^2]
     """
     moments = np.asarray(moments, dtype=float)
 
-    def rhs(t, y):
+    def rhs(t: float, y: _Floats) -> _Floats:
         q, rate = y[:3], y[3:]
         m = rate_matrix(coordinates, q)
-        turning = (
-            rate_matrix(coordinates, q + 1j * STEP * rate).imag / STEP
-            if not callable(coordinates)
-            else _along(coordinates, q, rate)
-        ) @ rate
+        if callable(coordinates):
+            slope = _along(coordinates, q, rate)
+        else:
+            slope = rate_matrix(coordinates, q + 1j * STEP * rate).imag / STEP
         omega = m @ rate
         tau = 0.0 if potential is None else torque(potential, matrix(coordinates, q))
-        return np.concatenate(
-            [rate, np.linalg.solve(m, (np.cross(moments * omega, omega) + tau) / moments - turning)]
-        )
+        right = (np.cross(moments * omega, omega) + tau) / moments - slope @ rate
+        return np.concatenate([rate, np.linalg.solve(m, right)])
 
     return rhs
 
 
-def _along(coordinates, q, rate):
-    """dM/dt (3, n) of a user's coordinates along q', by a difference of order 4: M is itself a complex step, and two do not nest."""
+def _along(coordinates: Coordinates, q: _Floats, rate: _Floats) -> _Floats:
+    """dM/dt (3, n) of a user's coordinates along q', by a difference of order 4.
+
+    Not by a complex step: M is computed by one, and two do not nest.
+    """
     h = 1e-3 / max(1.0, float(np.abs(rate).max()))
     near = [rate_matrix(coordinates, q + k * h * rate) for k in (-2, -1, 1, 2)]
-    return (8.0 * (near[2] - near[1]) - (near[3] - near[0])) / (12.0 * h)
+    slope: _Floats = (8.0 * (near[2] - near[1]) - (near[3] - near[0])) / (12.0 * h)
+    return slope
 
 
-def _slopes(function, q, what):
-    """The derivative of an array function in each coordinate; ValueError where it cannot be differentiated by a complex step."""
+def _slopes(
+    function: Callable[[NDArray[Any]], ArrayLike], q: ArrayLike, what: str
+) -> Iterator[_Floats]:
+    """The derivative of an array function in each coordinate.
+
+    ValueError if a complex step does not differentiate the function.
+    """
     q = np.asarray(q, dtype=float)
     for r in range(q.shape[-1]):
         step = np.zeros(q.shape[-1])
@@ -186,52 +206,44 @@ def _slopes(function, q, what):
             slope = np.asarray(function(q + 1j * STEP * step)).imag / STEP
         except TypeError as error:
             raise ValueError(f"{what} failed on complex numbers ({error}): {_FREE}") from None
-        # a difference of order 2 tells a function that drops the imaginary part
+        # a function that drops the imaginary part is found out by a difference of order 2
         near = (np.real(function(q + 1e-5 * step)) - np.real(function(q - 1e-5 * step))) / 2e-5
-        size = (
-            np.abs(near).max(initial=0.0)
-            + np.abs(slope).max(initial=0.0)
-            + 1e-3 * np.abs(np.real(function(q))).max(initial=0.0)
-        )
+        size = np.abs(near).max(initial=0.0) + np.abs(slope).max(initial=0.0)
+        size = size + 1e-3 * np.abs(np.real(function(q))).max(initial=0.0)
         if np.abs(near - slope).max(initial=0.0) > 1e-4 * size:
-            raise ValueError(
-                f"{what} is not differentiated by a complex step ({np.ravel(slope)[0]:.3g} for {np.ravel(near)[0]:.3g}): {_FREE}"
-            )
+            values = f"{np.ravel(slope)[0]:.3g} for {np.ravel(near)[0]:.3g}"
+            raise ValueError(f"{what} is not differentiated by a complex step ({values}): {_FREE}")
         yield slope
 
 
-def _exponential_parts(v):
-    """(sin x/x, (1 - cos x)/x^2, (x - sin x)/x^3) as (..., 1, 1), x = |v|; by series for x < 0.1; complex v too."""
+def _exponential_parts(v: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """(sin x/x, (1 - cos x)/x^2, (x - sin x)/x^3) as (..., 1, 1), x = |v|, also for complex v.
+
+    By series for x < 0.1.
+    """
     square = (v * v).sum(-1)[..., None, None]
     small = np.abs(square) < 1e-2
     x = np.sqrt(np.where(small, 1.0, square))
     s = np.where(small, square, 0.0)
+    first = 1 - s / 6 * (1 - s / 20 * (1 - s / 42 * (1 - s / 72 * (1 - s / 110))))
+    second = (1 - s / 12 * (1 - s / 30 * (1 - s / 56 * (1 - s / 90)))) / 2
+    third = (1 - s / 20 * (1 - s / 42 * (1 - s / 72 * (1 - s / 110)))) / 6
     return (
-        np.where(
-            small,
-            1 - s / 6 * (1 - s / 20 * (1 - s / 42 * (1 - s / 72 * (1 - s / 110)))),
-            np.sin(x) / x,
-        ),
-        np.where(
-            small,
-            (1 - s / 12 * (1 - s / 30 * (1 - s / 56 * (1 - s / 90)))) / 2,
-            (1 - np.cos(x)) / x**2,
-        ),
-        np.where(
-            small,
-            (1 - s / 20 * (1 - s / 42 * (1 - s / 72 * (1 - s / 110)))) / 6,
-            (x - np.sin(x)) / x**3,
-        ),
+        np.where(small, first, np.sin(x) / x),
+        np.where(small, second, (1 - np.cos(x)) / x**2),
+        np.where(small, third, (x - np.sin(x)) / x**3),
     )
 
 
-def _about(axis, angle):
-    """The turn by an angle (...) about a coordinate axis, complex too."""
+def _about(axis: int, angle: NDArray[Any]) -> NDArray[Any]:
+    """The rotation matrix by an angle (...) about a coordinate axis, also for complex angles."""
     c, s = np.cos(angle)[..., None, None], np.sin(angle)[..., None, None]
     k = hat(np.eye(3)[axis])
-    return np.eye(3) + s * k + (1.0 - c) * (k @ k)
+    turned: NDArray[Any] = np.eye(3) + s * k + (1.0 - c) * (k @ k)
+    return turned
 
 
-def _known(coordinates):
+def _check_known(coordinates: str) -> None:
+    """SceneError for a word that names no coordinates."""
     if coordinates not in NAMED:
         raise unknown("", "coordinates", coordinates, "coordinates", NAMED)

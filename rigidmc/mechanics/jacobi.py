@@ -1,8 +1,9 @@
-"""Jacobi's elliptic functions and integrals that keep their accuracy as the modulus goes to 1: mc = 1 - m is carried, never formed.
+"""Jacobi's elliptic functions and integrals as formulas, accurate also as the modulus goes to 1.
 
-sn, cn, dn rise from the series at u/2^11 by the addition theorem, in forms without a subtraction
-that cancels; the integral of the third kind rises with them, one arctangent a level (Carlson's
-duplication read backwards, with no root: DLMF 19.26.18).
+mc = 1 - m is carried along, never formed. sn, cn, dn rise from the series at u/2^11 by the addition
+theorem, in forms without a subtraction that cancels. The integral of the third kind rises with
+them, one arctangent per level: Carlson's duplication read backwards, without a root (DLMF
+19.26.18).
 """
 
 import math
@@ -10,27 +11,33 @@ import sys
 from typing import NamedTuple
 
 from rigidmc.dynamics.arc import arc
-from rigidmc.dynamics.so3 import arctan2, rounded, select
+from rigidmc.dynamics.elementary import arctan2
+from rigidmc.dynamics.scalars import rounded, select
 from rigidmc.engine.compose import inline_all
 
-SMALLEST = 1e-120  # mc below it is taken for it, and mc = 0 for the separatrix itself: K = 139.5 there, and sech K = 2e-60
+# a smaller mc counts as this, and mc = 0 is the separatrix: K(1 - 1e-120) = 139.5, and sech K =
+# 2e-60
+SMALLEST = 1e-120
 _TERMS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
 
 
 class Third(NamedTuple):
-    """An integral of the third kind as the angle Theta(u) = mu * integral_0^u sn^2/(1 + nu sn^2), mu^2 = nu (1 + nu)(m + nu)."""
+    """An integral of the third kind as an angle, Theta(u) = mu * integral_0^u sn^2/(1 + nu sn^2).
+
+    mu^2 = nu (1 + nu)(m + nu)
+    """
 
     one_plus_nu: float
     mu: float
 
 
 def third(nu, one_plus_nu, m_plus_nu):
-    """The Third of nu >= 0, or of -1 <= nu <= -m: there mu^2 is positive too."""
+    """The Third of nu >= 0, or of -1 <= nu <= -m; in both ranges mu^2 >= 0."""
     return Third(one_plus_nu, math.sqrt(nu * one_plus_nu * m_plus_nu))
 
 
 def divided(a, b):
-    """a/b, and 0 where b is 0."""
+    """a/b; 0 if b is 0."""
     return select(b == 0.0, 0.0, a / select(b == 0.0, 1.0, b))
 
 
@@ -40,29 +47,35 @@ def _mean(ab):
 
 
 def _means(ab):
+    """Three rounds of the arithmetic-geometric mean."""
     return _mean(_mean(_mean(ab)))
 
 
 def quarter_period(mc):
     """K(m) = pi / (2 agm(1, sqrt(mc))), DLMF 19.8.5."""
-    # twelve rounds: from 1e-60 to equality in 64-bit numbers
-    return 0.5 * math.pi / _means(_means(_means(_means((1.0, math.sqrt(max(mc, SMALLEST)))))))[0]
+    start = 1.0, math.sqrt(max(mc, SMALLEST))
+    # twelve rounds, from a ratio of 1e-60 to equality in float64
+    return 0.5 * math.pi / _means(_means(_means(_means(start))))[0]
 
 
 def _duplicated(xyz):
-    """One round of Carlson's duplication, which leaves R_F as it is, DLMF 19.26.18."""
+    """One round of Carlson's duplication, which does not change R_F, DLMF 19.26.18."""
     rx, ry, rz = math.sqrt(xyz[0]), math.sqrt(xyz[1]), math.sqrt(xyz[2])
     shift = rx * ry + ry * rz + rz * rx
     return 0.25 * (xyz[0] + shift), 0.25 * (xyz[1] + shift), 0.25 * (xyz[2] + shift)
 
 
 def _duplicated_4(xyz):
+    """Four rounds of Carlson's duplication."""
     return _duplicated(_duplicated(_duplicated(_duplicated(xyz))))
 
 
 def carlson_first(x, y, z):
-    """R_F(x, y, z): duplications until the deviations are 1e-2, then the series of degree 7, DLMF 19.36.1."""
-    # thirteen: from a ratio of 1e-122 on
+    """R_F(x, y, z), DLMF 19.36.1.
+
+    Duplications until the deviations are 1e-2, then the series of degree 7.
+    """
+    # thirteen rounds, for ratios down to 1e-122
     x, y, z = _duplicated(_duplicated_4(_duplicated_4(_duplicated_4((x, y, z)))))
     middle = (x + y + z) * (1 / 3)
     a, b = 1.0 - x / middle, 1.0 - y / middle
@@ -82,17 +95,17 @@ def carlson_first(x, y, z):
 
 
 def first_kind(s, c, mc, quarter):
-    """F(phi | m) for sin phi, cos phi, -pi <= phi <= pi, and K(m)."""
+    """F(phi | m) for -pi <= phi <= pi; s, c : sin phi, cos phi;  quarter : K(m)."""
     ss, cc = s * s, c * c
-    # an amplitude of exactly pi/2 in a soliton is K itself: the floor keeps the ratio of the
-    # arguments above SMALLEST
+    # at an amplitude of exactly pi/2 on the separatrix F is K itself: the floor keeps the ratio of
+    # the arguments above SMALLEST
     f = abs(s) * carlson_first(max(cc, 0.01 * SMALLEST), cc + max(mc, SMALLEST) * ss, 1.0)
     f = select(c < 0.0, 2.0 * quarter - f, f)
     return select(s < 0.0, -f, f)
 
 
 def _raised(thirds, angles, s, c, d):
-    """The angles at 2u from those at u and sn, cn, dn at 2u."""
+    """The angles of the Thirds at 2u from those at u, and sn, cn, dn at 2u."""
     if len(thirds) == 0:
         return ()
     ss = s * s
@@ -102,11 +115,13 @@ def _raised(thirds, angles, s, c, d):
 
 
 def _doubled(modulus, thirds, state):
-    """(sn, cn, dn, angles) at 2u from those at u, 0 <= 2u <= K.
+    """(sn, cn, dn, angles) at 2u from those at u, 0 <= 2u <= K; modulus : (m, mc).
 
-    sn 2u = 2 s c d/D, cn 2u = (c^2 d^2 - mc s^2)/D = 1 - 2 s^2 d^2/D, dn 2u = (c^2 d^2 + mc s^2)/D,
-    D = c^2 + s^2 d^2: as long as cn is near 1 it comes from 1 - cn, which is small to many digits;
-    later from the product, which does not cancel for 2u <= K.
+        sn 2u = 2 s c d/D,   cn 2u = (c^2 d^2 - mc s^2)/D = 1 - 2 s^2 d^2/D,
+        dn 2u = (c^2 d^2 + mc s^2)/D,   D = c^2 + s^2 d^2
+
+    While cn is near 1 it comes from 1 - cn, which is small and accurate; later from the product,
+    which does not cancel for 2u <= K.
     """
     m, mc = modulus
     s, c, d, angles = state
@@ -121,6 +136,7 @@ def _doubled(modulus, thirds, state):
 
 
 def _doubled_3(modulus, thirds, state):
+    """`_doubled` three times."""
     return _doubled(modulus, thirds, _doubled(modulus, thirds, _doubled(modulus, thirds, state)))
 
 
@@ -135,8 +151,13 @@ def _series(ks, m, nu, x, before, last, e, power):
 
 
 def _first_angles(m, thirds, s):
-    """The angles of a small u, by the series of their integrands in sn u: mu s^3 (1/3 + e_1 s^2/5 + ...); it counts for 4^-11 of an
-    angle at u < 1 and for a tenth at K(SMALLEST), where seven terms leave 1e-16."""
+    """The angles at a small u, by the series of their integrands in sn u.
+
+        mu s^3 (1/3 + e_1 s^2/5 + ...)
+
+    They contribute 4^-11 of an angle for u < 1, and a tenth of it at K(SMALLEST), where seven terms
+    leave an error of 1e-16.
+    """
     if len(thirds) == 0:
         return ()
     ss = s * s
@@ -145,27 +166,30 @@ def _first_angles(m, thirds, s):
 
 
 def _signed(sign, angles):
+    """sign times each of the angles."""
     if len(angles) == 0:
         return ()
     return (sign * angles[0],) + _signed(sign, angles[1:])
 
 
 def jacobi(u, m, mc, thirds):
-    """(sn u, cn u, dn u, angles of the thirds at u) for |u| <= K."""
+    """(sn u, cn u, dn u, angles of the Thirds at u) for |u| <= K."""
     mc = max(mc, SMALLEST)
     start = arc(abs(u) / 2048.0, 1.0, m)
     state = (start.s, 1.0 - start.g1, 1.0 - start.g3, _first_angles(m, thirds, start.s))
-    # eleven doublings: u/2^11 <= 0.069 for u <= K(SMALLEST), where the series is good to 1e-16
-    state = _doubled_3(
-        (m, mc), thirds, _doubled_3((m, mc), thirds, _doubled_3((m, mc), thirds, state))
-    )
-    s, c, d, angles = _doubled((m, mc), thirds, _doubled((m, mc), thirds, state))
+    # eleven doublings: for u <= K(SMALLEST), u/2^11 <= 0.069, where the series errs by 1e-16
+    both = m, mc
+    state = _doubled_3(both, thirds, _doubled_3(both, thirds, _doubled_3(both, thirds, state)))
+    s, c, d, angles = _doubled(both, thirds, _doubled(both, thirds, state))
     sign = select(u < 0.0, -1.0, 1.0)
     return sign * s, c, d, _signed(sign, angles)
 
 
 def jacobi_at(u, m, mc, thirds, s, c, d):
-    """The angles at 0 <= u <= K where sn, cn, dn are known better than u: the last doubling takes them, not their rounded image."""
+    """The angles at 0 <= u <= K for which sn, cn, dn are known more accurately than u.
+
+    The last doubling uses them in place of the functions of the rounded u.
+    """
     half = jacobi(0.5 * u, m, mc, thirds)
     return _raised(thirds, half[3], s, c, d)
 
@@ -176,21 +200,27 @@ def complete(quarter, m, mc, thirds):
 
 
 def reduced(u, mc, quarter):
-    """(n, v): u = 2 n K + v with |v| <= K; a soliton (mc = 0) has no period, and past K(SMALLEST) nothing but its angles moves."""
+    """(n, v) with u = 2 n K + v and |v| <= K.
+
+    On the separatrix (mc = 0) there is no period: n = 0, and beyond K(SMALLEST) only the angles
+    change.
+    """
     n = select(mc > 0.0, rounded(u / (2.0 * quarter)), 0.0)
     v = u - 2.0 * n * quarter
     return n, max(min(v, quarter), -quarter)
 
 
 def angle_past(one, angle, whole, u, n, v, mc):
-    """Theta(u) from Theta(v) and Theta(K); on a soliton's tail sn^2 = 1 and Theta goes on at the rate mu/(1 + nu)."""
-    return (
-        angle + 2.0 * n * whole + select(mc > 0.0, 0.0, (u - v) * divided(one.mu, one.one_plus_nu))
-    )
+    """Theta(u) of a Third from Theta(v) and Theta(K) = whole, u = 2 n K + v.
+
+    On the tail of the separatrix sn^2 = 1, and Theta grows at the rate mu/(1 + nu).
+    """
+    tail = select(mc > 0.0, 0.0, (u - v) * divided(one.mu, one.one_plus_nu))
+    return angle + 2.0 * n * whole + tail
 
 
 def parity(n):
-    """(-1)^n of a whole number n."""
+    """(-1)^n for an integer n."""
     return 1.0 - 2.0 * abs(n - 2.0 * rounded(0.5 * n))
 
 

@@ -1,60 +1,75 @@
-"""The heavy symmetric top (Lagrange's) at any time: TdC Example 3.7 and (3.40)-(3.42), for a million tops at once."""
+"""The heavy symmetric top (Lagrange's) at any time, TdC Example 3.7 and (3.40)-(3.42)."""
 
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.dynamics.so3 import conjugate, multiply
+from rigidmc.dynamics.quaternions import conjugate, multiply
 from rigidmc.engine.formulas import evaluate
 from rigidmc.errors import flag
-from rigidmc.mechanics.broadcasting import aligned, spread
+from rigidmc.mechanics.broadcasting import Shape, aligned, spread
 from rigidmc.mechanics.free_top import Motion
 from rigidmc.mechanics.lagrange_orbit import Orbit, Reached, Started
-from rigidmc.mechanics.rotation import quaternion
+from rigidmc.mechanics.rotation import Attitude, quaternion
 
-SAME = 1e-12  # relative to what they are compared with, widths and rates under it count as 0 in naming a kind of motion
-_TURNS = {
-    1: (0.5, 0.5, 0.5, 0.5),
-    2: (0.5, -0.5, -0.5, -0.5),
-    3: (1.0, 0.0, 0.0, 0.0),
-}  # body axes so that `axis` becomes the third
+_Floats = NDArray[np.float64]
+_Numbers = float | _Floats
+
+# widths and rates below this, relative to what they are compared with, count as 0 in naming a kind
+# of motion
+SAME = 1e-12
+# {axis: rotation to body axes in which it is the third}
+_TURNS = {1: (0.5, 0.5, 0.5, 0.5), 2: (0.5, -0.5, -0.5, -0.5), 3: (1.0, 0.0, 0.0, 0.0)}
 
 
 class Nutation(NamedTuple):
-    """What the motion of a Lagrange top is; arrays of the leading shape of the arguments of `lagrange_motion`.
+    """What kind of motion a Lagrange top makes; arrays of the leading shape of the tops.
 
-    kind : "at rest", "sleeping", "steady precession", "homoclinic", "pendulum", "cusps", "loops" or
-        "monotone precession" ("invalid": bad input)
-    p_phi, p_psi : the constants a = L_z and b = L_3 [kg m^2/s] of TdC (3.40), (3.41);  energy : E
-        [J], the potential being k cos theta
+    kind : "at rest", "sleeping", "steady precession", "homoclinic", "pendulum", "cusps", "loops",
+        "monotone precession", or "invalid" for bad input
+    p_phi, p_psi : the constants L_z and L_3 [kg m^2/s] of TdC (3.40), (3.41)
+    energy : E [J], with the potential k cos theta
     low, high : the largest and smallest theta [rad], between which the axis nutates
-    m, mc : modulus (parameter) and 1 - m;  rate : p [rad/s], the argument of sn is p t + d
-    period : of the nutation, 2 K(m)/p [s]; inf where the axis does not return
+    m, mc : modulus (parameter) and 1 - m;  rate : p [rad/s]; the argument of sn is p t + d
+    period : of the nutation, 2 K(m)/p [s]; inf if the axis does not return
     precession, spin : change of phi and of psi in a period [rad]
     """
 
-    kind: np.ndarray
-    p_phi: np.ndarray
-    p_psi: np.ndarray
-    energy: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    m: np.ndarray
-    mc: np.ndarray
-    rate: np.ndarray
-    period: np.ndarray
-    precession: np.ndarray
-    spin: np.ndarray
+    kind: NDArray[np.str_]
+    p_phi: NDArray[np.float64]
+    p_psi: NDArray[np.float64]
+    energy: NDArray[np.float64]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    m: NDArray[np.float64]
+    mc: NDArray[np.float64]
+    rate: NDArray[np.float64]
+    period: NDArray[np.float64]
+    precession: NDArray[np.float64]
+    spin: NDArray[np.float64]
 
 
-def with_axis_third(axis, moments, momentum, attitude):
-    """moments, momentum (3, ...) and attitude (4, ...) in body axes relabelled cyclically so that `axis` is the third."""
+def with_axis_third(
+    axis: int, moments: _Floats, momentum: _Floats, attitude: _Floats
+) -> tuple[_Floats, _Floats, _Floats]:
+    """The same in body axes relabelled cyclically so that `axis` becomes the third.
+
+    moments, momentum (3, ...), attitude (4, ...)
+    """
     moments, momentum = np.roll(moments, 3 - axis, 0), np.roll(momentum, 3 - axis, 0)
     return moments, momentum, np.stack(multiply(attitude, _TURNS[axis]))
 
 
-def _orbits(moments, weight, momentum, attitude, axis):
-    """(table of Orbits, arguments as columns (A, C, k, L, attitude), leading shape, bad, which are turned upside down)."""
+def _orbits(
+    moments: ArrayLike, weight: ArrayLike, momentum: ArrayLike, attitude: Attitude, axis: int
+) -> tuple[_Floats, _Floats, Shape, NDArray[np.bool_], NDArray[np.bool_]]:
+    """(table, columns, leading shape, bad, below).
+
+    table : Orbits, one row per top;  columns : A, C, k, L, attitude (10, n);  below : which tops
+        are turned
+    upside down, because their weight is negative
+    """
     if axis not in _TURNS:
         raise ValueError(f"axis = {axis!r}: the symmetry axis is 1, 2 or 3")
     shape, columns = aligned(
@@ -63,70 +78,77 @@ def _orbits(moments, weight, momentum, attitude, axis):
         ("momentum", momentum, 3),
         ("attitude", quaternion(attitude), 4),
     )
-    moments, (weight,), momentum, attitude = columns
-    moments, momentum, attitude = with_axis_third(axis, moments, momentum, attitude)
-    unequal = np.abs(moments[0] - moments[1]) > 1e-12 * np.abs(moments[0])
+    i, (k,), l, q = columns
+    i, l, q = with_axis_third(axis, i, l, q)
+    unequal = np.abs(i[0] - i[1]) > 1e-12 * np.abs(i[0])
     if unequal.any():
         at = int(np.flatnonzero(unequal)[0])
-        others = " and ".join(f"I{i}" for i in (1, 2, 3) if i != axis)
+        others = " and ".join(f"I{n}" for n in (1, 2, 3) if n != axis)
         rule = (
-            f"a Lagrange top is symmetric about its axis {axis}: {others} must be equal, but are {moments[0, at]:.6g} and "
-            f"{moments[1, at]:.6g}; simulate() takes any moments"
+            f"a Lagrange top is symmetric about its axis {axis}: {others} must be equal, but are "
+            f"{i[0, at]:.6g} and {i[1, at]:.6g}; simulate() takes any moments"
         )
         flag(unequal, rule)
-    finite = (
-        np.isfinite(weight) & np.isfinite(momentum).all(0) & (np.linalg.norm(attitude, axis=0) > 0)
-    )
-    bad = unequal | ~((moments > 0) & (moments < np.inf)).all(0) | ~finite
-    flag(
-        bad & ~unequal & ~np.isnan(attitude).any(0),
-        "moments must be positive, the rest finite, and a quaternion have a norm",
-    )
-    below = weight < 0.0  # the same motion upside down: a turn by pi about the space axis x
-    attitude = np.where(below, np.stack(multiply((0.0, 1.0, 0.0, 0.0), attitude)), attitude)
-    starts = np.concatenate([moments[[0, 2]], np.abs(weight)[None], momentum, attitude])
-    starts[:, bad] = np.nan
-    return evaluate(Started, len(Orbit._fields), starts).T.copy(), starts, shape, bad, below
+    finite = np.isfinite(k) & np.isfinite(l).all(0) & (np.linalg.norm(q, axis=0) > 0)
+    bad = unequal | ~((i > 0) & (i < np.inf)).all(0) | ~finite
+    rule = "moments must be positive, the rest finite, and a quaternion have a norm"
+    flag(bad & ~unequal & ~np.isnan(q).any(0), rule)
+    below = k < 0.0  # the same motion upside down: rotated by pi about the space axis x
+    q = np.where(below, np.stack(multiply((0.0, 1.0, 0.0, 0.0), q)), q)
+    rows = np.concatenate([i[[0, 2]], np.abs(k)[None], l, q])
+    rows[:, bad] = np.nan
+    return evaluate(Started, len(Orbit._fields), rows).T.copy(), rows, shape, bad, below
 
 
-def lagrange_top(moments, weight, momentum, attitude, t, axis=3):
-    """The exact motion of heavy symmetric tops: Motion(momentum, omega, attitude) at any time, TdC Example 3.7.
+def lagrange_top(
+    moments: ArrayLike,
+    weight: ArrayLike,
+    momentum: ArrayLike,
+    attitude: Attitude,
+    t: ArrayLike,
+    axis: int = 3,
+) -> Motion:
+    """The exact motion of heavy symmetric tops: Motion(momentum, omega, attitude) at any time.
 
-    moments : principal moments (..., 3) about the fixed point [kg m^2], the two across the symmetry
-        axis equal
+    TdC Example 3.7.
+
+    moments : principal moments (..., 3) about the fixed point [kg m^2]; those of the two axes
+        across the
+        symmetry axis are equal
     weight : k = m g l (...) [N m], l the distance of the centre of mass from the fixed point along
-        +axis; negative: on the other side
+        +axis;
+        negative if it lies on the other side
     momentum : angular momentum in principal axes (..., 3) at t = 0 [kg m^2/s]
-    attitude : quaternions (..., 4) or a scipy Rotation, body to space, at t = 0; upright and
-        hanging starts too
+    attitude : quaternions (..., 4), matrices or a scipy Rotation, body to space, at t = 0; also
+        upright and
+        hanging
     t : times (...) [s];  axis : the symmetry axis, 1, 2 or 3
 
-    Leading shapes broadcast as in `free_top`. What cannot be is nan in the result, with a
-    SceneWarning that counts; SceneError where all are bad, e.g. unequal moments, or where shapes do
-    not broadcast.
+    Leading shapes broadcast as in `free_top`. An impossible top is nan in the result, and a
+    SceneWarning counts them; SceneError if all are impossible, e.g. by unequal moments, or shapes
+    do not broadcast.
     """
     table, _, tops, _, below = _orbits(moments, weight, momentum, attitude, axis)
     shape, index, times = spread(tops, np.asarray(t, dtype=float))
     values = evaluate(Reached, 7, times[None], table, index)
     q = values[:4]
-    with np.errstate(invalid="ignore"):  # what is too fast for numbers is nan
+    with np.errstate(invalid="ignore"):  # a motion too fast for floats is nan
         if below.any():
             q = np.where(below[index], np.stack(multiply((0.0, -1.0, 0.0, 0.0), q)), q)
         if axis != 3:
             q = np.stack(multiply(q, conjugate(_TURNS[axis])))
-    momentum = np.moveaxis(np.roll(values[4:], axis - 3, 0).reshape(3, *shape), 0, -1)
-    return Motion(
-        momentum,
-        momentum / np.asarray(moments, dtype=float),
-        np.moveaxis(q.reshape(4, *shape), 0, -1),
-    )
+    l = np.moveaxis(np.roll(values[4:], axis - 3, 0).reshape(3, *shape), 0, -1)
+    omega = l / np.asarray(moments, dtype=float)
+    return Motion(l, omega, np.moveaxis(q.reshape(4, *shape), 0, -1))
 
 
-def lagrange_motion(moments, weight, momentum, attitude, axis=3):
-    """Constants, turning angles and kind of motion of heavy symmetric tops: see Nutation. Arguments and errors as `lagrange_top`.
+def lagrange_motion(
+    moments: ArrayLike, weight: ArrayLike, momentum: ArrayLike, attitude: Attitude, axis: int = 3
+) -> Nutation:
+    """Constants, turning angles and kind of motion of heavy symmetric tops: see Nutation.
 
-    Loops, cusps and waves are told apart by the sign of phi' = (a - b u)/(1 - u^2) at the turning
-    angles.
+    Arguments and errors as of `lagrange_top`. Loops, cusps and waves are told apart by the sign of
+    phi' = (a - b u)/(1 - u^2) at the turning angles.
     """
     table, columns, shape, bad, below = _orbits(moments, weight, momentum, attitude, axis)
     o: Any = Orbit(*table.T)
@@ -180,13 +202,15 @@ def lagrange_motion(moments, weight, momentum, attitude, axis=3):
     return Nutation(*(np.reshape(v, shape) for v in values))
 
 
-def effective_potential(moments, weight, p_phi, p_psi, theta):
+def effective_potential(
+    moments: ArrayLike, weight: _Numbers, p_phi: _Numbers, p_psi: _Numbers, theta: _Numbers
+) -> _Floats:
     """The potential [J] in which theta moves, TdC (3.42): E = I_1 theta'^2/2 + U(theta).
 
         U = (p_phi - p_psi cos theta)^2/(2 I_1 sin^2 theta) + p_psi^2/(2 I_3) + k cos theta
 
-    moments (..., 3) with I_1 = I_2 [kg m^2];  weight k [N m];  p_phi = L_z, p_psi = L_3 [kg m^2/s];
-    theta [rad]. At theta = 0 and pi the limit where it is finite, else inf. All broadcast.
+    moments (..., 3) with I_1 = I_2 [kg m^2];  weight k [N m];  p_phi = L_z, p_psi = L_3 [kg m^2/s]
+    theta [rad]: at 0 and pi the limit of U, inf if it is not finite. All broadcast.
     """
     moments = np.asarray(moments, dtype=float)
     cosine, sine = np.cos(theta), np.sin(theta)
@@ -196,33 +220,41 @@ def effective_potential(moments, weight, p_phi, p_psi, theta):
             (p_phi - p_psi * cosine) ** 2 / sine**2,
             np.where(p_phi == p_psi * cosine, 0.0, np.inf),
         )
-    return (
-        0.5 * across / moments[..., 0] + 0.5 * np.square(p_psi) / moments[..., 2] + weight * cosine
-    )
+    kinetic = 0.5 * across / moments[..., 0] + 0.5 * np.square(p_psi) / moments[..., 2]
+    potential: _Floats = kinetic + weight * cosine
+    return potential
 
 
-def steady_precession(moments, weight, omega3, theta):
-    """The two rates phi' [rad/s] (slow, fast) of a precession without nutation: I_1 phi'^2 cos theta - I_3 omega_3 phi' + k = 0.
+def steady_precession(
+    moments: ArrayLike, weight: _Numbers, omega3: _Numbers, theta: _Numbers
+) -> tuple[_Floats, _Floats]:
+    """The two rates phi' [rad/s] (slow, fast) of a precession without nutation.
 
-    moments (..., 3) with I_1 = I_2;  weight k [N m];  omega3 [rad/s];  theta [rad]. nan where (I_3
-    omega_3)^2 < 4 I_1 k cos theta: there is none; the fast one is inf where cos theta = 0. All
+        I_1 phi'^2 cos theta - I_3 omega_3 phi' + k = 0
+
+    moments (..., 3) with I_1 = I_2 [kg m^2];  weight k [N m];  omega3 [rad/s];  theta [rad]. All
     broadcast.
+
+    nan if (I_3 omega_3)^2 < 4 I_1 k cos theta: there is no such precession. The fast rate is inf if
+    cos theta = 0.
     """
     moments = np.asarray(moments, dtype=float)
     spin, rise = moments[..., 2] * omega3, moments[..., 0] * np.cos(theta)
     with np.errstate(all="ignore"):
-        sum_ = 0.5 * (
-            spin + np.copysign(np.sqrt(spin**2 - 4.0 * rise * weight), spin)
-        )  # the larger root: no cancellation
-        return weight / sum_, sum_ / rise
+        # the larger root first, which does not cancel
+        root = np.copysign(np.sqrt(spin**2 - 4.0 * rise * weight), spin)
+        larger = 0.5 * (spin + root)
+        return weight / larger, larger / rise
 
 
-def sleeping_growth(moments, weight, omega3):
-    """Growth rate [1/s] of a small tilt of an upright top: sqrt(4 I_1 k - (I_3 omega_3)^2)/(2 I_1), 0 where it sleeps stably.
+def sleeping_growth(moments: ArrayLike, weight: _Numbers, omega3: _Numbers) -> _Floats:
+    """Growth rate [1/s] of a small tilt of an upright top, 0 if it sleeps stably.
 
-    moments (..., 3) with I_1 = I_2;  weight k [N m];  omega3 [rad/s]. All broadcast.
+        sqrt(4 I_1 k - (I_3 omega_3)^2)/(2 I_1)
+
+    moments (..., 3) with I_1 = I_2 [kg m^2];  weight k [N m];  omega3 [rad/s]. All broadcast.
     """
     moments = np.asarray(moments, dtype=float)
-    return np.sqrt(
-        np.maximum(4.0 * moments[..., 0] * weight - (moments[..., 2] * omega3) ** 2, 0.0)
-    ) / (2.0 * moments[..., 0])
+    square = 4.0 * moments[..., 0] * weight - (moments[..., 2] * omega3) ** 2
+    rate: _Floats = np.sqrt(np.maximum(square, 0.0)) / (2.0 * moments[..., 0])
+    return rate

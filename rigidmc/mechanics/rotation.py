@@ -1,33 +1,49 @@
-"""Rotations for users: attitudes as quaternions, matrices, Euler angles and rotation vectors, and the rates that go with them.
+"""Rotations for users: quaternions, matrices, Euler angles, rotation vectors, and their rates.
 
-Conventions: A maps body to space components, x = A x', its columns are the body axes in space, TdC
-(3.1)-(3.5). Quaternions (w, x, y, z) are the same rotation, scalar first; q and -q are one
-attitude. omega has body components unless a name ends in _space: dA/dt = A hat(omega). Arrays have
-components last and any leading shape. Whatever takes an `attitude` takes quaternions (..., 4),
-matrices (..., 3, 3) or a scipy Rotation.
+A maps body to space components, x = A x'; its columns are the body axes in space, TdC (3.1)-(3.5).
+Quaternions (w, x, y, z) are the same rotation, scalar first; q and -q are one attitude. omega has
+body components unless a name ends in _space: dA/dt = A hat(omega). Arrays have components last and
+any leading shape. An `attitude` is quaternions (..., 4), matrices (..., 3, 3) or a scipy Rotation.
 """
 
-import numpy as np
+from typing import Any, Protocol, runtime_checkable
 
-from rigidmc.dynamics.so3 import multiply, sincos
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rigidmc.dynamics.elementary import sincos
+from rigidmc.dynamics.quaternions import multiply
 from rigidmc.errors import SceneError, flag
 
 CONVENTIONS = ("zxz", "zyz")
 _EYE = np.eye(3)
+_Floats = NDArray[np.float64]
 
 
-def quaternion(attitude):
-    """Unit quaternions (..., 4) of an attitude. SceneError for a wrong shape, a norm of 0, a matrix that is no rotation and how far it
-    is from one; where some elements of many are bad they are nan, and a SceneWarning counts them.
+@runtime_checkable
+class Rotations(Protocol):
+    """The part of scipy's Rotation that is used."""
+
+    def as_quat(self, *, scalar_first: bool) -> Any: ...
+
+
+Attitude = ArrayLike | Rotations
+
+
+def quaternion(attitude: Attitude) -> _Floats:
+    """Unit quaternions (..., 4) of an attitude.
+
+    SceneError for a wrong shape, a norm of 0, or a matrix that is no rotation (and how far it is
+    from one). If only some elements are bad they are nan, and a SceneWarning counts them.
     """
-    if hasattr(attitude, "as_quat"):
+    if isinstance(attitude, Rotations):
         return np.asarray(attitude.as_quat(scalar_first=True))
     array = np.asarray(attitude, dtype=float)
     if array.shape[-2:] == (3, 3):
         return quaternion_from_matrix(array)
     if array.shape[-1:] != (4,):
-        rule = f"has shape {array.shape}: give quaternions (..., 4), matrices (..., 3, 3) or a scipy Rotation"
-        raise SceneError("", "attitude", None, rule)
+        allowed = "quaternions (..., 4), matrices (..., 3, 3) or a scipy Rotation"
+        raise SceneError("", "attitude", None, f"has shape {array.shape}: give {allowed}")
     norm = np.linalg.norm(array, axis=-1, keepdims=True)
     bad = ~(norm[..., 0] > 0.0) | ~np.isfinite(norm[..., 0])
     flag(bad, "a quaternion must be finite and have a norm")
@@ -35,18 +51,16 @@ def quaternion(attitude):
         return np.where(bad[..., None], np.nan, array / norm)
 
 
-def rotation(attitude):
-    """The scipy Rotation of attitudes, for the leading shapes that scipy takes."""
+def rotation(attitude: Attitude) -> Any:
+    """The scipy Rotation of an attitude, for the leading shapes that scipy takes."""
     from scipy.spatial.transform import Rotation
 
-    return (
-        attitude
-        if hasattr(attitude, "as_quat")
-        else Rotation.from_quat(quaternion(attitude), scalar_first=True)
-    )
+    if isinstance(attitude, Rotations):
+        return attitude
+    return Rotation.from_quat(quaternion(attitude), scalar_first=True)
 
 
-def matrix(attitude):
+def matrix(attitude: Attitude) -> _Floats:
     """Matrices A (..., 3, 3), body to space, TdC (3.1)."""
     w, x, y, z = np.moveaxis(quaternion(attitude), -1, 0)
     rows = (
@@ -57,8 +71,13 @@ def matrix(attitude):
     return np.stack([np.stack(row, -1) for row in rows], -2)
 
 
-def quaternion_from_matrix(matrix, table="", key="matrix"):
-    """Quaternions (..., 4) of rotation matrices (..., 3, 3); bad is what A A^T or det A is off in by more than 1e-9."""
+def quaternion_from_matrix(matrix: ArrayLike, table: str = "", key: str = "matrix") -> _Floats:
+    """Quaternions (..., 4) of rotation matrices (..., 3, 3).
+
+    Bad are matrices whose A A^T differs from 1 by more than 1e-9, or whose determinant is negative.
+
+    table, key : where the matrix stands, for the message
+    """
     from scipy.spatial.transform import Rotation
 
     array = np.asarray(matrix, dtype=float)
@@ -80,27 +99,34 @@ def quaternion_from_matrix(matrix, table="", key="matrix"):
     return q.reshape(*array.shape[:-2], 4)
 
 
-def quaternion_from_euler(phi, theta, psi):
-    """Quaternions (4, ...), components FIRST, of A = Rz(phi) Rx(theta) Rz(psi), TdC (3.36). Angles [rad] of any one shape."""
+def quaternion_from_euler(phi: _Floats, theta: _Floats, psi: _Floats) -> _Floats:
+    """Quaternions (4, ...), components FIRST, of A = Rz(phi) Rx(theta) Rz(psi), TdC (3.36).
+
+    Angles [rad] of any one shape.
+    """
     plus, minus, half = 0.5 * (phi + psi), 0.5 * (phi - psi), 0.5 * theta
-    (s, c), (sine, cosine), (other, more) = sincos(half), sincos(plus), sincos(minus)
-    return np.stack([c * cosine, s * more, s * other, c * sine])
+    s, c = sincos(half)
+    sin_plus, cos_plus = sincos(plus)
+    sin_minus, cos_minus = sincos(minus)
+    return np.stack([c * cos_plus, s * cos_minus, s * sin_minus, c * sin_plus])
 
 
-def from_euler(angles, convention="zxz"):
-    """Quaternions (..., 4) of Euler angles (phi, theta, psi) (..., 3) [rad]: A = Rz(phi) Rx(theta) Rz(psi), TdC (3.36), or with "zyz"
-    Rz(phi) Ry(theta) Rz(psi)."""
+def from_euler(angles: ArrayLike, convention: str = "zxz") -> _Floats:
+    """Quaternions (..., 4) of Euler angles (phi, theta, psi) (..., 3) [rad].
+
+    "zxz": A = Rz(phi) Rx(theta) Rz(psi), TdC (3.36);  "zyz": A = Rz(phi) Ry(theta) Rz(psi)
+    """
     phi, theta, psi = np.moveaxis(np.asarray(angles, dtype=float), -1, 0)
     w, x, y, z = quaternion_from_euler(phi, theta, psi)
     return np.stack((w, x, y, z) if _is_zxz(convention) else (w, -y, x, z), -1)
 
 
-def euler(attitude, convention="zxz"):
-    """Euler angles (phi, theta, psi) (..., 3) [rad] of an attitude, 0 <= theta <= pi, the others in (-pi, pi].
+def euler(attitude: Attitude, convention: str = "zxz") -> _Floats:
+    """Euler angles (phi, theta, psi) (..., 3) [rad] of an attitude, 0 <= theta <= pi.
 
-    They give the attitude back to rounding everywhere. Where sin(theta) = 0 only phi + psi (theta =
-    0) or phi - psi (theta = pi) is determined: there psi is 0; near it psi is as good as the
-    attitude allows.
+    phi and psi lie in (-pi, pi]. The angles give the attitude back to rounding everywhere. If
+    sin(theta) = 0 only phi + psi (theta = 0) or phi - psi (theta = pi) is determined, and psi is 0;
+    near it psi is as good as the attitude allows.
     """
     w, x, y, z = np.moveaxis(quaternion(attitude), -1, 0)
     if not _is_zxz(convention):
@@ -112,14 +138,14 @@ def euler(attitude, convention="zxz"):
     return np.stack([_wrapped(plus + minus), theta, _wrapped(plus - minus)], -1)
 
 
-def from_rotation_vector(vector):
-    """Quaternions (..., 4) of rotation vectors (..., 3) [rad]: a turn by their length about them."""
+def from_rotation_vector(vector: ArrayLike) -> _Floats:
+    """Quaternions (..., 4) of rotation vectors (..., 3) [rad], of the length of the angle."""
     v = np.asarray(vector, dtype=float)
     half = 0.5 * np.linalg.norm(v, axis=-1, keepdims=True)
     return np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * v], -1)
 
 
-def rotation_vector(attitude):
+def rotation_vector(attitude: Attitude) -> _Floats:
     """Rotation vectors (..., 3) [rad] of an attitude, of length 0 to pi."""
     q = quaternion(attitude)
     q = np.where(q[..., :1] < 0.0, -q, q)
@@ -128,102 +154,117 @@ def rotation_vector(attitude):
     return np.where(size > 0.0, angle / np.where(size > 0.0, size, 1.0), 2.0) * q[..., 1:]
 
 
-def to_space(attitude, vector):
-    """Space components x = A x' (..., 3) of vectors given in the body, TdC (3.3)."""
-    return np.einsum("...ij,...j->...i", matrix(attitude), np.asarray(vector, dtype=float))
+def to_space(attitude: Attitude, vector: ArrayLike) -> _Floats:
+    """Space components x = A x' (..., 3) of vectors in body components, TdC (3.3)."""
+    vector = np.asarray(vector, dtype=float)
+    components: _Floats = np.einsum("...ij,...j->...i", matrix(attitude), vector)
+    return components
 
 
-def to_body(attitude, vector):
-    """Body components x' = A^T x (..., 3) of vectors given in space, TdC (3.4), (3.5)."""
-    return np.einsum("...ji,...j->...i", matrix(attitude), np.asarray(vector, dtype=float))
+def to_body(attitude: Attitude, vector: ArrayLike) -> _Floats:
+    """Body components x' = A^T x (..., 3) of vectors in space components, TdC (3.4), (3.5)."""
+    vector = np.asarray(vector, dtype=float)
+    components: _Floats = np.einsum("...ji,...j->...i", matrix(attitude), vector)
+    return components
 
 
-def product(p, q):
-    """Hamilton products p q (..., 4): the turn q first, then p."""
-    return np.stack(
-        multiply(np.moveaxis(np.asarray(p), -1, 0), np.moveaxis(np.asarray(q), -1, 0)), -1
-    )
+def product(p: ArrayLike, q: ArrayLike) -> _Floats:
+    """Hamilton products p q (..., 4): the rotation q first, then p."""
+    p, q = np.moveaxis(np.asarray(p), -1, 0), np.moveaxis(np.asarray(q), -1, 0)
+    return np.stack(multiply(p, q), -1)
 
 
-def attitude_error(p, q):
-    """The angle (...) [rad] between two attitudes: 4 arcsin(|p -+ q|/2), never arccos |p.q|, which loses half the digits."""
+def attitude_error(p: Attitude, q: Attitude) -> _Floats:
+    """The angle (...) [rad] between two attitudes.
+
+    4 arcsin(|p -+ q|/2), never arccos |p.q|, which loses half the digits.
+    """
     p, q = quaternion(p), quaternion(q)
     chord = np.minimum(np.linalg.norm(p - q, axis=-1), np.linalg.norm(p + q, axis=-1))
-    return 4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))
+    angle: _Floats = 4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))
+    return angle
 
 
-def angular_velocity(matrix, rate):
-    """omega (..., 3) [rad/s] of A (..., 3, 3) and dA/dt: hat(omega) = A^T dA/dt, TdC (3.7)-(3.9) (the chapter's A'^T A is its transpose).
+def angular_velocity(matrix: _Floats, rate: _Floats) -> _Floats:
+    """omega (..., 3) [rad/s] of A (..., 3, 3) and dA/dt: hat(omega) = A^T dA/dt, TdC (3.7)-(3.9).
 
-    Only the antisymmetric part counts: what of dA/dt leaves the rotations is dropped.
+    TdC's A'^T A is the transpose of this. Only the antisymmetric part counts: the part of dA/dt
+    that leaves the rotations is dropped.
     """
     return _vee(np.swapaxes(matrix, -1, -2) @ rate)
 
 
-def angular_velocity_space(matrix, rate):
-    """The same in space components: hat(omega_space) = dA/dt A^T."""
+def angular_velocity_space(matrix: _Floats, rate: _Floats) -> _Floats:
+    """omega (..., 3) [rad/s] in space components: hat(omega_space) = dA/dt A^T."""
     return _vee(rate @ np.swapaxes(matrix, -1, -2))
 
 
-def angular_velocity_of_series(t, attitude, space=False, points=7):
-    """omega (n, ..., 3) [rad/s] at the times t (n,) of sampled attitudes (n, ...), body components unless `space`.
+def angular_velocity_of_series(
+    t: ArrayLike, attitude: Attitude, space: bool = False, points: int = 7
+) -> _Floats:
+    """omega (n, ..., 3) [rad/s] at the times t (n,) of sampled attitudes (n, ...).
 
-    At each time the neighbours are taken as rotation vectors from it, of which omega is the
-    derivative there; that of the polynomial through `points` of them has order points - 1, also at
-    the ends and for uneven times. Neighbours within half the stencil must be less than half a turn
-    apart. SceneError for fewer than 2 samples, or times that do not ascend.
+    Body components unless `space`. At each time the neighbouring attitudes are expressed as
+    rotation vectors from the attitude there, whose derivative at that time is omega. The derivative
+    of the polynomial through `points` of them has order points - 1, also at the ends and for uneven
+    times. Neighbours within half the stencil must be less than half a revolution apart.
+
+    SceneError for fewer than 2 samples, or times that do not ascend.
     """
     t, q = np.asarray(t, dtype=float), quaternion(attitude)
     if t.ndim != 1 or t.size < 2 or q.shape[0] != t.size or not np.all(np.diff(t) > 0):
-        rule = f"give at least 2 ascending times and as many attitudes, not shapes {t.shape} and {q.shape}"
+        rule = (
+            "give at least 2 ascending times and as many attitudes, "
+            f"not shapes {t.shape} and {q.shape}"
+        )
         raise SceneError("", "t", None, rule)
     points = min(points, t.size)
     first = np.clip(np.arange(t.size) - points // 2, 0, t.size - points)
     stencil = first[:, None] + np.arange(points)
     apart = t[stencil] - t[:, None]
     scale = np.abs(apart).max(axis=1, keepdims=True)
-    powers = (apart / scale)[:, None, :] ** np.arange(points)[
-        :, None
-    ]  # weights reproduce the derivative of every power up to the last
-    weights = (
-        np.linalg.solve(powers, np.broadcast_to(np.eye(points)[:, 1:2], (t.size, points, 1)))[
-            ..., 0
-        ]
-        / scale
-    )
-    own = q[:, None]
-    turns = rotation_vector(product(own * np.array([1.0, -1.0, -1.0, -1.0]), q[stencil]))
-    omega = np.einsum("np,np...->n...", weights, turns)
+    # the weights give the derivative of every power below `points` exactly
+    powers = (apart / scale)[:, None, :] ** np.arange(points)[:, None]
+    derivatives = np.broadcast_to(np.eye(points)[:, 1:2], (t.size, points, 1))
+    weights = np.linalg.solve(powers, derivatives)[..., 0] / scale
+    inverse = q[:, None] * np.array([1.0, -1.0, -1.0, -1.0])
+    vectors = rotation_vector(product(inverse, q[stencil]))
+    omega: _Floats = np.einsum("np,np...->n...", weights, vectors)
     return to_space(q, omega) if space else omega
 
 
-def euler_rate_matrix(angles, convention="zxz"):
-    """M (..., 3, 3) with omega = M (phi', theta', psi'), TdC (3.37); complex angles pass through it."""
+def euler_rate_matrix(angles: ArrayLike, convention: str = "zxz") -> NDArray[Any]:
+    """M (..., 3, 3) with omega = M (phi', theta', psi'), TdC (3.37).
+
+    angles (..., 3) [rad]; complex angles give a complex M
+    """
     _, theta, psi = np.moveaxis(np.asarray(angles), -1, 0)
     zero, one = 0.0 * theta, 1.0 + 0.0 * theta
     s, c, sp, cp = np.sin(theta), np.cos(theta), np.sin(psi), np.cos(psi)
-    first, second = (
-        ((s * sp, cp), (s * cp, -sp)) if _is_zxz(convention) else ((-s * cp, sp), (s * sp, cp))
-    )
-    return np.stack(
-        [np.stack([*first, zero], -1), np.stack([*second, zero], -1), np.stack([c, zero, one], -1)],
-        -2,
-    )
+    if _is_zxz(convention):
+        first, second = (s * sp, cp, zero), (s * cp, -sp, zero)
+    else:
+        first, second = (-s * cp, sp, zero), (s * sp, cp, zero)
+    return np.stack([np.stack(row, -1) for row in (first, second, (c, zero, one))], -2)
 
 
-def omega_from_euler_rates(angles, rates, convention="zxz"):
-    """omega (..., 3) of Euler angles and their rates, TdC (3.37): omega_1 = phi' sin theta sin psi + theta' cos psi and so on."""
-    return np.einsum(
-        "...ij,...j->...i", euler_rate_matrix(angles, convention), np.asarray(rates, dtype=float)
-    )
+def omega_from_euler_rates(angles: ArrayLike, rates: ArrayLike, convention: str = "zxz") -> _Floats:
+    """omega (..., 3) of Euler angles and their rates, TdC (3.37).
+
+    omega_1 = phi' sin theta sin psi + theta' cos psi and so on
+    """
+    rates = np.asarray(rates, dtype=float)
+    omega: _Floats = np.einsum("...ij,...j->...i", euler_rate_matrix(angles, convention), rates)
+    return omega
 
 
-def euler_rates(angles, omega, convention="zxz"):
-    """(phi', theta', psi') (..., 3) of Euler angles and omega, TdC (3.38); nan, with a SceneWarning, where sin(theta) = 0: phi' and psi'
-    are not determined there."""
-    angles, omega = np.broadcast_arrays(
-        np.asarray(angles, dtype=float), np.asarray(omega, dtype=float)
-    )
+def euler_rates(angles: ArrayLike, omega: ArrayLike, convention: str = "zxz") -> _Floats:
+    """(phi', theta', psi') (..., 3) of Euler angles and omega, TdC (3.38).
+
+    If sin(theta) = 0, phi' and psi' are not determined: they are nan, with a SceneWarning.
+    """
+    angles, omega = np.asarray(angles, dtype=float), np.asarray(omega, dtype=float)
+    angles, omega = np.broadcast_arrays(angles, omega)
     one, two, three = np.moveaxis(omega, -1, 0)
     if not _is_zxz(convention):
         one, two = two, -one
@@ -235,36 +276,38 @@ def euler_rates(angles, omega, convention="zxz"):
     return np.stack([phi, one * np.cos(psi) - two * np.sin(psi), three - phi * np.cos(theta)], -1)
 
 
-def kinetic_energy_of_euler_rates(moments, angles, rates, convention="zxz"):
-    """T = 1/2 sum I_i omega_i^2 [J] in Euler angles and rates, TdC (3.39)."""
-    return 0.5 * (
-        np.asarray(moments, dtype=float) * omega_from_euler_rates(angles, rates, convention) ** 2
-    ).sum(-1)
+def kinetic_energy_of_euler_rates(
+    moments: ArrayLike, angles: ArrayLike, rates: ArrayLike, convention: str = "zxz"
+) -> _Floats:
+    """T = 1/2 sum I_i omega_i^2 (...) [J] of Euler angles and rates, TdC (3.39)."""
+    omega = omega_from_euler_rates(angles, rates, convention)
+    energy: _Floats = 0.5 * (np.asarray(moments, dtype=float) * omega**2).sum(-1)
+    return energy
 
 
-def hat(v):
-    """The matrices (..., 3, 3) with hat(v) x = v x x; complex v too."""
+def hat(v: ArrayLike) -> NDArray[Any]:
+    """The matrices (..., 3, 3) with hat(v) x = v x x; complex v give complex ones."""
     x, y, z = np.moveaxis(np.asarray(v), -1, 0)
     zero = 0.0 * x
-    return np.stack(
-        [np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], -2
-    )
+    rows = (zero, -z, y), (z, zero, -x), (-y, x, zero)
+    return np.stack([np.stack(row, -1) for row in rows], -2)
 
 
-def _vee(m):
-    return 0.5 * np.stack(
-        [m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]], -1
-    )
+def _vee(m: _Floats) -> _Floats:
+    """The vectors v (..., 3) whose hat(v) is the antisymmetric part of matrices (..., 3, 3)."""
+    one, two = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0]
+    vector: _Floats = 0.5 * np.stack([one, two, m[..., 1, 0] - m[..., 0, 1]], -1)
+    return vector
 
 
-def _wrapped(angle):
-    """An angle of (-2 pi, 2 pi] in (-pi, pi]."""
-    return np.where(
-        angle > np.pi, angle - 2.0 * np.pi, np.where(angle <= -np.pi, angle + 2.0 * np.pi, angle)
-    )
+def _wrapped(angle: _Floats) -> _Floats:
+    """An angle in (-2 pi, 2 pi] brought to (-pi, pi]."""
+    raised = np.where(angle <= -np.pi, angle + 2.0 * np.pi, angle)
+    return np.where(angle > np.pi, angle - 2.0 * np.pi, raised)
 
 
-def _is_zxz(convention):
+def _is_zxz(convention: str) -> bool:
+    """Whether the convention is "zxz"; ValueError if it is unknown."""
     if convention not in CONVENTIONS:
         raise ValueError(f"convention = {convention!r}: expected one of {', '.join(CONVENTIONS)}")
     return convention == "zxz"
