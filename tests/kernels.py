@@ -1,4 +1,7 @@
-"""The compiled kernel on arrays: members in, states and saves out, nothing of the package above the engine."""
+"""The compiled kernel on arrays: members in, states and saves out.
+
+Nothing of the package above the engine.
+"""
 
 from itertools import pairwise
 
@@ -13,11 +16,14 @@ from rigidmc.integrators import Turns, form
 from rigidmc.integrators.protocol import closed, constants, opened, step
 
 NOTHING = np.empty(0)
-SIZES = {(): 1, ("axis",): 3, ("quat",): 4, ("effect",): 0}  # of works nothing where none are kept
+SIZES = {(): 1, ("axis",): 3, ("quat",): 4, ("effect",): 0}  # no works are saved here
 
 
 def make_block(body, effects, attitude, momentum, more=0):
-    """Rows of a block; fields of body and effects are numbers or one per member. The last member fills up the lanes."""
+    """Rows of a block; fields of body and effects are numbers or one per member.
+
+    Copies of the last member fill up the lanes.
+    """
     attitude, momentum = np.asarray(attitude, float), np.asarray(momentum, float)
     members = momentum.shape[1]
     rows = np.zeros((K.EFFECTS + parameter_count(*effects) + more, members))
@@ -31,7 +37,9 @@ def make_block(body, effects, attitude, momentum, more=0):
 
 
 def block_of(problems, effects=None):
-    """The block of named problems, one a member; their own gravity where `effects` is not given."""
+    """The block of named problems, one per member; with their own gravity unless `effects` is
+    given.
+    """
     moments, static = (
         np.array([getattr(p, name) for p in problems], float).T
         for name in ("moments", "static_moment")
@@ -48,7 +56,7 @@ def block_of(problems, effects=None):
 
 
 def slots(total, stride):
-    """Saves of a run, step 0 included."""
+    """The number of saves of a run, step 0 included."""
     return (total + stride - 1) // stride + 1
 
 
@@ -70,14 +78,18 @@ def program(
 
 
 def run(
-    block, made, effects, h, steps, observables=(), stride=None, attitude=True, cuts=(), compensated=False, dtype=float, slots_each=None,
-    limits=(), noise=None, watch=((), (), ()), lanes=None,
+    block, made, effects, h, steps, observables=(), stride=None, attitude=True, cuts=(),
+    compensated=False, dtype=float, slots_each=None, limits=(), noise=None, watch=((), (), ()),
+    lanes=None,
 ):  # fmt: skip
-    """Change the block in place, `steps` steps further on; the saves as an array (slot, value row, member).
+    """Change the block in place by `steps` steps; return the saves (slot, value row, member).
 
-    made : a Form;  cuts : steps at which the run is split into several calls
-    watch : events, running observables and neighbour; the block then has `more` rows, see `rigidmc.engine.watch.watch_rows`
-    slots_each : of a round of length h, of which members make the first block[STEPS]; `steps` and `stride` are then slots
+    made : a Form
+    cuts : steps at which the run is split into several calls
+    watch : events, running observables and neighbour; the block then has `more` rows, see
+        `rigidmc.engine.watch.watch_rows`
+    slots_each : rounds of length h, in which each member makes block[STEPS] steps; `steps` and
+        `stride` then count slots
     lanes : members side by side
     """
     stride = stride or max(steps, 1)
@@ -99,7 +111,9 @@ def run(
 
 
 def march(kind, problems, h, steps, effects=None, made=None, **options):
-    """(attitudes (4, n), momenta (3, n)) of named problems after `steps` steps of an integrator of INTEGRATORS."""
+    """(attitudes (4, n), momenta (3, n)) of named problems after `steps` steps of an integrator of
+    INTEGRATORS.
+    """
     block = block_of(problems, effects)
     effects = problems[0].effects if effects is None else effects
     run(
@@ -136,12 +150,16 @@ def one_step(made, body, effects, t, h, q, l):
 
 
 def turn(problem, h):
-    """Turn of the momentum within the body in a step h [rad]; a tenth more, for what kicks may add."""
+    """The angle by which the momentum turns within the body in a step h [rad], plus a tenth for
+    kicks.
+    """
     return 1.1 * abs(h) * turn_rate_of(problem.moments, problem.momentum)
 
 
 def turn_rate_of(moments, momentum):
-    """lambda = sqrt(P + max(Q1, Q3)) [rad/s], the frequency of the motion of L in the body, whatever the order of its axes."""
+    """lambda = sqrt(P + max(Q1, Q3)) [rad/s], the frequency of L in the body, for any order of
+    axes.
+    """
     order = np.argsort(moments)
     (one, two, three), size = np.asarray(moments, float)[order], np.linalg.norm(momentum)
     u = np.asarray(momentum, float)[order] / size

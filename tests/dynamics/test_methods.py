@@ -1,4 +1,6 @@
-"""The calling convention: a method gets just the arguments that it names, and one that is missing gets the default."""
+"""The calling convention: a method gets the arguments that it names; a missing method, the
+default.
+"""
 
 from typing import NamedTuple
 

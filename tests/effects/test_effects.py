@@ -1,6 +1,7 @@
-"""One loop over EFFECTS: torque against an independent formula in space, against energy, kick against a fine integration, facts.
+"""One loop over EFFECTS: torque, energy, kick and facts of each.
 
-A new effect needs an example and a reference below, and is then tested by what it has.
+The torque is tested against an independent formula in space and against the energy, the kick
+against a fine integration. A new effect needs an example here and a reference in laws.py.
 """
 
 import math
@@ -73,16 +74,18 @@ EXAMPLES = {
     "dry_friction": DryFriction(0.4, 0.1),
     "energy_dissipation": EnergyDissipation(0.05),
 }
+# else: test_bath.py
 EVERY = pytest.mark.parametrize(
     "name", [name for name, kind in EFFECTS.items() if not hasattr(kind, "stochastic")]
-)  # else: test_bath.py
+)
+# whose kick is a rule of order 2
 SECOND_ORDER = {
     "matrix_damping",
     "quadratic_drag",
     "dry_friction",
     "energy_dissipation",
-}  # whose kick is a rule of order 2
-CONSTANT = {"rotor": Rotor((0.5, -0.3, 0.8))}  # kicks hold t still
+}
+CONSTANT = {"rotor": Rotor((0.5, -0.3, 0.8))}  # kicks hold t constant
 
 
 def some_states(count=50):
@@ -105,7 +108,9 @@ def reference_error(effect, name):
 
 
 def gradient_error(effect, body=BODY, step=1e-5):
-    """Largest |torque + dE/d(rotation)| by central differences along turns of the body about its axes."""
+    """Largest |torque + dE/d(rotation)|, by central differences along rotations of the body about
+    its axes.
+    """
     worst = 0.0
     for q, l in some_states():
         for axis in range(3):
@@ -149,7 +154,7 @@ def test_every_effect_has_an_example_and_a_reference_here():
 def test_torque_is_that_of_the_law_in_space(name):
     assert reference_error(EXAMPLES[name], name) < 5e-14  # measured 1.2e-14
     values = [value for _, _, value in numbers(EXAMPLES[name])]
-    for i, value in enumerate(values):  # each number counts
+    for i, value in enumerate(values):  # every number matters
         other = filled(EFFECTS[name], [*values[:i], value * 1.01, *values[i + 1 :]])
         assert reference_error(other, name) > 1e-5
 
@@ -226,9 +231,8 @@ def test_facts_name_the_fields(name):
         f"\n    {field} : " in kind.__doc__ or f" {field} : " in kind.__doc__
         for field in kind._fields
     )
-    assert kind.__doc__.count("[") >= sum(
-        unit != "1" for unit in kind.units.values()
-    )  # every parameter has its unit in the docstring
+    # every parameter has its unit in the docstring
+    assert kind.__doc__.count("[") >= sum(unit != "1" for unit in kind.units.values())
     assert name_of(kind) == name_of(EXAMPLES[name]) == name
 
 
@@ -245,7 +249,7 @@ def test_parameters_go_to_rows_and_back():
 
 
 class Backwards(NamedTuple):
-    """Gravity with the sign of its torque turned round."""
+    """Gravity with the wrong sign of the torque."""
 
     g: float
 
@@ -271,9 +275,8 @@ class Speeding(NamedTuple):
 def test_wrong_signs_are_caught():
     assert gradient_error(Backwards(9.81)) > 1.0  # measured 6
     assert kick_error(Speeding(0.3)) > 0.1  # measured 0.7
-    assert energy(Gravity(9.81), BODY, (1.0, 0.0, 0.0, 0.0)) == pytest.approx(
-        9.81 * 0.3
-    )  # heavier above: more energy
+    # heavier above: more energy
+    assert energy(Gravity(9.81), BODY, (1.0, 0.0, 0.0, 0.0)) == pytest.approx(9.81 * 0.3)
 
 
 def test_gravity_is_weight_times_arm_in_space():
@@ -303,12 +306,10 @@ def test_several_effects_act_together():
     assert push((), BODY, 0.0, 0.2, q, l, l) is l
     assert total_energy(effects, BODY, q) == energy(effects[0], BODY, q)
     there = kick_all(effects, BODY, 0.0, 0.2, q, l)
-    assert np.allclose(
-        kick_all_back(effects, BODY, 0.2, -0.2, q, there), l, rtol=0, atol=1e-15
-    )  # one is the mirror of the other
-    assert not np.allclose(
-        kick_all(effects, BODY, 0.2, -0.2, q, there), l, rtol=0, atol=1e-3
-    )  # and no flow commutes with it
+    # one is the mirror image of the other
+    assert np.allclose(kick_all_back(effects, BODY, 0.2, -0.2, q, there), l, rtol=0, atol=1e-15)
+    # and no flow commutes with it
+    assert not np.allclose(kick_all(effects, BODY, 0.2, -0.2, q, there), l, rtol=0, atol=1e-3)
     assert kick_all((), BODY, 0.0, 0.2, q, l) == kick_all_back((), BODY, 0.0, 0.2, q, l) == l
 
 

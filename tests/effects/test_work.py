@@ -1,4 +1,7 @@
-"""The ledger of work: E - E(0) less the work of what has no energy vanishes with the integrator's order, and a wrong law shows in it."""
+"""The ledger of work: E - E(0) minus the work of effects without energy vanishes with the order.
+
+A wrong law shows in it.
+"""
 
 import math
 from typing import NamedTuple
@@ -89,9 +92,8 @@ def test_it_closes_for_any_set_of_effects():
             )
             for k in kinds
         )
-        assert unbooked("rk8", effects, 0.01, 0.1) < 1e-12, (
-            kinds
-        )  # measured 8e-15 (400 sets: 8e-14)
+        # measured 8e-15 (400 sets: 8e-14)
+        assert unbooked("rk8", effects, 0.01, 0.1) < 1e-12, kinds
 
 
 class Weighty(NamedTuple):
@@ -126,10 +128,11 @@ class Creeping(NamedTuple):
     ("strang", (Creeping(0.3),), (QuadraticDrag(0.3),)),
 ])  # fmt: skip
 def test_a_wrong_law_shows(name, effects, others):
-    """A torque that is not that of its energy, beside a damping that hides it from E; a flow that is not that of its torque."""
-    assert unbooked(name, effects, 0.025) > 300.0 * unbooked(
-        name, others, 0.025
-    )  # measured 5e12 and 1.9e4
+    """A torque that does not belong to its energy, beside a damping that hides this in E; a flow
+    that does not belong to its torque.
+    """
+    # measured 5e12 and 1.9e4
+    assert unbooked(name, effects, 0.025) > 300.0 * unbooked(name, others, 0.025)
 
 
 BODIES = rm.Body.from_moments(MOMENTS, mass=1.0, centre=STATIC)
@@ -167,9 +170,8 @@ def test_without_work_the_rest_is_the_same():
         rm.simulate(SCENE, integrator="rk4", save=save) for save in (SCENE.run.save, ("energy",))
     )
     assert without.energy_drift_max.attrs["conserved"].startswith("no")
-    assert (
-        np.abs(without.energy - ds.energy).max() < 1e-13
-    )  # measured 7e-15: what is computed beside the state may be rounded otherwise
+    # measured 7e-15: numbers computed beside the state may be rounded differently
+    assert np.abs(without.energy - ds.energy).max() < 1e-13
 
 
 def test_works_in_own_steps_other_units_and_for_frozen_members():
@@ -201,7 +203,7 @@ def test_who_keeps_no_works():
         rm.simulate(SCENE, compensated=True)
     with pytest.raises(
         rm.SceneError, match="needs float64"
-    ):  # whose sums keep remainders, and must not for what is saved beside them
+    ):  # its sums have remainders, but not those of the numbers saved beside them
         rm.simulate(SCENE, dtype="float32")
     with pytest.raises(rm.SceneError, match="work of effects is not kept by it; use"):
         rm.simulate(

@@ -1,4 +1,7 @@
-"""Pieces compiled by a second process: the same code, found in the cache; where the process fails, this one compiles."""
+"""Pieces compiled by a second process: the same code, through the cache.
+
+If that process fails, this one compiles.
+"""
 
 import json
 import os

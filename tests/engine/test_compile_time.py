@@ -1,4 +1,4 @@
-"""What is compiled is said before it begins, and nothing is said, or compiled, where it is there already."""
+"""Compilation is announced before it begins; if all code is there, nothing is said or compiled."""
 
 import logging
 import os
@@ -31,7 +31,9 @@ def invoke(*words):
 
 @compiles
 def test_nothing_is_compiled_after_warm(tmp_path):
-    """In processes of their own, with an empty disk cache: `warm` announces and compiles, `run` and `show` find all of it."""
+    """In separate processes with an empty disk cache: `warm` announces and compiles, `run` and
+    `show` find all of it.
+    """
     environment = {**os.environ, "RIGIDMC_CACHE_DIR": str(tmp_path / "cache")}
 
     def ran(*words):
@@ -43,9 +45,8 @@ def test_nothing_is_compiled_after_warm(tmp_path):
     out, told = ran("warm", "nasa_brick")
     assert told.startswith("compiling rk4, first use: about ")
     assert out.split()[0] == "nasa_brick" and out.endswith(" s for rk4\n")
-    assert (
-        0.2 < float((tmp_path / "cache" / "pace").read_text()) < 5.0
-    )  # measured 0.96: what this machine took, of the table
+    # measured 0.96: the time on this machine, relative to the table
+    assert 0.2 < float((tmp_path / "cache" / "pace").read_text()) < 5.0
 
     assert "compiling" not in ran("run", "nasa_brick", "--t-end", "1")[1]
     out, told = ran("show", "nasa_brick")

@@ -1,4 +1,7 @@
-"""Maps against theory, pixels against single runs, blank and failed pixels, pictures by their figure; ensembles that grow until a number is known."""
+"""Maps against theory, pixels against single runs, blank and failed pixels, pictures.
+
+Also ensembles that grow until a number is known.
+"""
 
 import numpy as np
 import pytest
@@ -17,9 +20,8 @@ from rigidmc.studies.until import simulate_until
 from rigidmc.views.maps import stability_map
 
 SIDE, EACH = 12, 4
-pytestmark = pytest.mark.filterwarnings(
-    "ignore::rigidmc.errors.SceneWarning"
-)  # of steps of 1.2 rad, which rk8 takes
+# of steps of 1.2 rad, which rk8 takes
+pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
 
 
 @pytest.fixture(scope="module")
@@ -73,9 +75,8 @@ def test_intervals_hold_the_mean_of_many(flips):
     low = (i * SIDE + j) * EACH
     members = rm.simulate(scene, members=range(low, low + EACH)).flips.values
     half = flips["mean(flips)_high"].values[i, j] - flips["mean(flips)"].values[i, j]
-    assert half == pytest.approx(
-        3.182 * members.std(ddof=1) / 2.0, rel=1e-3
-    )  # Student's t, 3 degrees of freedom
+    # Student's t, 3 degrees of freedom
+    assert half == pytest.approx(3.182 * members.std(ddof=1) / 2.0, rel=1e-3)
 
 
 def test_the_sleeping_top_falls_within_a_pixel_of_theory():

@@ -1,4 +1,4 @@
-"""What one asks of a result: ds.rigid, rigidmc summary, rigidmc animate."""
+"""Questions to a result: ds.rigid, rigidmc summary, rigidmc animate."""
 
 import numpy as np
 import pytest
@@ -67,7 +67,9 @@ def test_euler_angles_give_the_attitude_back(result):
 
 
 def test_the_phase_of_free_motion_runs_evenly():
-    """It grows by t/period, to 2e-15 as measured: against saves of the exact flow, of random bodies; of a permanent rotation there is none."""
+    """It grows by t/period, to 2e-15 as measured, against saves of the exact flow of random bodies;
+    a permanent rotation has none.
+    """
     some = np.random.default_rng(4)
     second = some.uniform(0.2, 1.0, (500, 3))
     moments = second.sum(1)[:, None] - second
@@ -123,9 +125,8 @@ def test_even_points_tell_no_interval():
         save=("omega_max", rm.Histogram("energy", 0, 2)),
     )
     assert "+-" not in ds.rigid.summary() and "randomised" in ds.rigid.summary()
-    assert (
-        "equal to the bit" in ds.rigid.rerun(7).attrs["rerun"]
-    )  # a histogram is of all members, and is not compared
+    # a histogram is of all members, and is not compared
+    assert "equal to the bit" in ds.rigid.rerun(7).attrs["rerun"]
 
 
 def test_an_animation(result, tmp_path):
