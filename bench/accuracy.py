@@ -64,9 +64,7 @@ def scene(effects):
 
 
 def choices(body, found):
-    """Rows that name the fastest integrator and step for an error, and the best step of each
-    integrator.
-    """
+    """Rows with the fastest integrator and step for an error, and the best of each integrator."""
     rows = []
     for limit in TARGETS:
         good = [r for r in found if r["error_state_upper"] <= limit]
@@ -81,8 +79,7 @@ def choices(body, found):
 
 
 def arithmetic():
-    """Rows with the cost of a step relative to rk4, measured and predicted from its packed
-    instructions.
+    """Rows with the cost of a step relative to rk4, measured and predicted from its instructions.
 
     By slots: every vector instruction except moves counts one, a division of eight numbers ten, a
     square root of eight numbers eighteen. By flops: as they are.

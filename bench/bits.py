@@ -27,9 +27,7 @@ QUICK = ("rk4", "exact", "strang")  # integrators of a quick run; strang takes t
 
 
 def cases(integrators=None):
-    """[(name, Scene, options of its run)]: free, heavy, driven and in a bath, by every integrator
-    that takes the scene.
-    """
+    """[(name, Scene, options of its run)]: free, heavy, driven, in a bath, by every integrator."""
     import rigidmc as rm
     from rigidmc.integrators import accepting
 
@@ -125,9 +123,7 @@ def sums(widths, integrators=None):
 
 
 def elsewhere(processor, widths, integrators=None):
-    """`sums` in a process whose code is generated for another processor, with a cache of its
-    own.
-    """
+    """`sums` in a process with code for another processor and a cache of its own."""
     environment = {**os.environ, **PROCESSORS[processor]}
     if environment.get("NPY_DISABLE_CPU_FEATURES") == "all":
         from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__

@@ -1,6 +1,4 @@
-"""The candidates of the throughput bench: the same tops by kernels, C, naive Numba and
-simulate().
-"""
+"""The candidates of the throughput bench: kernels, C, naive Numba and simulate()."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple

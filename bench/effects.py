@@ -46,9 +46,7 @@ def some(kind):
 
 
 def added(quick):
-    """Rows with the time that each effect adds to a step of a free body by rk4, with attitude; all
-    interleaved.
-    """
+    """Rows with the time that each effect adds to a step of a free body by rk4, interleaved."""
     ensemble, pool = tops.random_tops(MEMBERS), tops.pool(threads_available())
     made = form(INTEGRATORS["rk4"], Turns(0.1), ())
 

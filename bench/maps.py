@@ -117,9 +117,7 @@ def prices(processes):
 
 
 def fill(members):
-    """{points: rms error} of the mean of a smooth result over 8 seeds, against 2^20 Sobol
-    points.
-    """
+    """{points: rms error} of the mean of a smooth result, 8 seeds, against 2^20 Sobol points."""
     start = rm.Start(omega=(rm.normal(0.3, 0.1), rm.normal(1.0, 0.1), rm.normal(0.2, 0.1)))
     scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)), start=start).with_run(
         dt=0.1, t_end=5.0, save=("omega_mean",)

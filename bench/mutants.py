@@ -71,9 +71,7 @@ WORDS = {  # of LLVM
 
 
 def places(engine=True, physics=True):
-    """Every place that can be broken: (file, kind, line, column, end line, end column, new
-    text).
-    """
+    """Every breakable place: (file, kind, line, column, end line, end column, new text)."""
     paths, found = [], []
     for folder in FOLDERS if physics else ():
         names = sorted(os.listdir(os.path.join(ROOT, "rigidmc", folder)))
@@ -210,9 +208,7 @@ def _in_file(tree, text, engine):
 
 
 def _of_tuples(node):
-    """Whether a sum joins tuples, as far as the source shows; a difference of tuples is an
-    error.
-    """
+    """Whether a sum joins tuples, as far as the source shows; their difference is an error."""
     both = node.left, node.right
     return any(
         isinstance(x, ast.Tuple) or (isinstance(x, ast.BinOp) and _of_tuples(x)) for x in both
@@ -240,9 +236,7 @@ def chosen(count, seed, every):
 
 
 def found_again(row):
-    """The present place of a mutant judged before, even if its line has moved; LookupError if it is
-    gone.
-    """
+    """The present place of a mutant, even if its line has moved; LookupError if it is gone."""
     with open(os.path.join(ROOT, row["file"])) as file:
         lines = file.read().split("\n")
     at = [i + 1 for i, line in enumerate(lines) if line.strip() == row["before"]]

@@ -119,9 +119,7 @@ def kept(name, tolerance):
 
 
 def predicted(name, tolerance, saved):
-    """Seconds of a run of 100,000 members, the median of three, and the prediction before the
-    first.
-    """
+    """Seconds of a run of 100,000 members, median of three, and the prediction before them."""
     scene = rigidmc.Scene.load(name)
     scene = scene.with_run(every=scene.run.t_end) if saved == "final state" else scene
     seconds, said, chosen = [], math.nan, ""
@@ -150,9 +148,7 @@ def predicted(name, tolerance, saved):
 
 
 def study_errors(name):
-    """The error of 99 % of other members, against that of the study, at the cheapest choice for two
-    accuracies.
-    """
+    """The error of 99 % of other members against that of the study, at two accuracies."""
     from rigidmc.planning.tolerance.pilot import follow
 
     scene, rows = rigidmc.Scene.load(name), []

@@ -76,9 +76,7 @@ def advance(parts, made, effects, attitude, h, steps, pool, dtype="float64", lim
 
 
 def advance_own(parts, made, effects, turn, t_end, pool, dtype="float64"):
-    """Move blocks to t_end, each member in steps of its own, planned and sorted as in
-    `simulate`.
-    """
+    """Move blocks to t_end, each member in steps of its own, as `simulate` plans and sorts them."""
     program = Program(made, blank(effects), dtype=dtype)
 
     def move(block):

@@ -30,9 +30,7 @@ def blocks_of(assembly):
 
 
 def loop_of(assembly):
-    """The instructions of the loop with most packed arithmetic, among blocks that jump to their own
-    label.
-    """
+    """The loop with most packed arithmetic, among blocks that jump to their own label."""
     found, label = {}, ""
     for line in assembly.splitlines():
         if re.match(r"[.\w$]+:", line):

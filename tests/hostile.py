@@ -246,9 +246,7 @@ class Stored:
             }
 
     def write(self, path):
-        """Write it in a separate process, because some contents crash the C library; OSError if it
-        cannot be written.
-        """
+        """Write it in a separate process, because some contents crash the C library."""
         child = os.fork()
         if child == 0:
             done = 1

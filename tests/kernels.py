@@ -37,9 +37,7 @@ def make_block(body, effects, attitude, momentum, more=0):
 
 
 def block_of(problems, effects=None):
-    """The block of named problems, one per member; with their own gravity unless `effects` is
-    given.
-    """
+    """The block of named problems, one per member; with their own gravity if `effects` is None."""
     moments, static = (
         np.array([getattr(p, name) for p in problems], float).T
         for name in ("moments", "static_moment")
@@ -111,9 +109,7 @@ def run(
 
 
 def march(kind, problems, h, steps, effects=None, made=None, **options):
-    """(attitudes (4, n), momenta (3, n)) of named problems after `steps` steps of an integrator of
-    INTEGRATORS.
-    """
+    """(attitudes (4, n), momenta (3, n)) of named problems after `steps` steps."""
     block = block_of(problems, effects)
     effects = problems[0].effects if effects is None else effects
     run(
@@ -150,16 +146,12 @@ def one_step(made, body, effects, t, h, q, l):
 
 
 def turn(problem, h):
-    """The angle by which the momentum turns within the body in a step h [rad], plus a tenth for
-    kicks.
-    """
+    """The angle by which L moves within the body in a step [rad], plus a tenth for kicks."""
     return 1.1 * abs(h) * turn_rate_of(problem.moments, problem.momentum)
 
 
 def turn_rate_of(moments, momentum):
-    """lambda = sqrt(P + max(Q1, Q3)) [rad/s], the frequency of L in the body, for any order of
-    axes.
-    """
+    """lambda = sqrt(P + max(Q1, Q3)) [rad/s], the frequency of L in the body, axes in any order."""
     order = np.argsort(moments)
     (one, two, three), size = np.asarray(moments, float)[order], np.linalg.norm(momentum)
     u = np.asarray(momentum, float)[order] / size

@@ -69,9 +69,7 @@ QUICK = (
 
 
 def kinds(count, seed=0):
-    """Kinds of any integrator with none to three effects that it takes; the same effect may occur
-    twice.
-    """
+    """Kinds of any integrator with none to three effects that it takes, perhaps one twice."""
     some, found = np.random.default_rng(seed), []
     every = [name for name, kind in EFFECTS.items() if not is_random(kind)]
     while len(found) < count:

@@ -57,9 +57,7 @@ def commands(folder, at):
 
 
 def made(folder, process):
-    """Make the input of commands, and run each once, which compiles; {path: bytes} of what they
-    write.
-    """
+    """Make the input of commands and run each once, to compile; {path: bytes} of the outputs."""
     assert process(["run", *SCENE, "-o", os.path.join(folder, "whole.nc")]) == 0
     assert process(["run", *SCENE, "-o", os.path.join(folder, "whole") + "/"]) == 0
     at = os.path.join(folder, "at")
@@ -112,9 +110,7 @@ def contents(at):
 
 
 def same(one, other):
-    """Whether two files say the same; the C library writes the chunks of a netCDF file in any
-    order.
-    """
+    """Whether two files say the same; the C library writes chunks of netCDF files in any order."""
     if one is None or one == other or not other.startswith(b"\x89HDF"):
         return one == other
     with contextlib.suppress(OSError, RuntimeError, ValueError):
@@ -123,9 +119,7 @@ def same(one, other):
 
 
 def read(data):
-    """The Dataset of the bytes of a netCDF file, with every value; it raises if a value is
-    missing.
-    """
+    """The Dataset of the bytes of a netCDF file with every value; it raises if one is missing."""
     with netCDF4.Dataset("of bytes", memory=data) as file:
         return xr.open_dataset(xr.backends.NetCDF4DataStore(file)).load()
 
@@ -385,9 +379,7 @@ def whole(path, data, size):
 
 
 def streams(folder, kinds=None, only=None):
-    """Run every command (or some kinds) with each stream closed, full or without a reader; {what:
-    how often}.
-    """
+    """Run commands with each stream closed, full or without a reader; {what: how often}."""
     process = server()
     at = made(folder, lambda words: done(process(words)))
     whole, run, bad = (os.path.join(folder, name) for name in ("whole.nc", "whole", "bad"))

@@ -163,9 +163,7 @@ def test_flagged_members_exit_4(tmp_path):
 
 
 def test_a_full_disk(tmp_path):
-    """A limit on file size simulates a full disk: exit 74, one message, no new file, old files
-    intact.
-    """
+    """A limit on file size simulates a full disk: exit 74, one message, old files intact."""
     (tmp_path / "there.nc").write_bytes(b"precious")
 
     def limit():
@@ -192,9 +190,7 @@ def test_a_full_disk(tmp_path):
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_signals(tmp_path, number, code):
-    """A run stopped halfway exits with the code of the signal within a second and leaves no
-    file.
-    """
+    """A stopped run exits with the code of the signal within a second and leaves no file."""
     words = ["run", "dzhanibekov", "--members", "2000000", "-o", str(tmp_path / "x.nc")]
     process = subprocess.Popen(
         [*COMMAND, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,

@@ -1,6 +1,4 @@
-"""What users write and read: counts, times, settings without effect, mistakes, file endings,
-names.
-"""
+"""What users write and read: counts, times, idle settings, mistakes, file endings, names."""
 
 import subprocess
 import sys

@@ -29,9 +29,7 @@ def body_of(moments):
 
 
 def flow(moments, momentum, h, q=IDENTITY, halvings=None, panels=None):
-    """One step, cut into panels of at most 1/8 rad unless told otherwise; its momentum by a series
-    over a panel.
-    """
+    """One step, in panels of at most 1/8 rad by default; its momentum by a series over a panel."""
     body = body_of(moments)
     panels = panels or max(1, math.ceil(8.0 * abs(h) * turn_rate_of(moments, momentum)))
     halvings = math.ceil(math.log2(panels)) if halvings is None else halvings
@@ -237,9 +235,7 @@ def hard_and_random():
 
 
 class Walking(NamedTuple):
-    """The exact steps by their increments alone, without the correction to T and |L|^2 of the
-    start.
-    """
+    """The exact steps by their increments alone, without the correction to T and |L|^2."""
 
     drift: Any
     keeps, step, opened, closed = (

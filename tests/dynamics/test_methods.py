@@ -1,6 +1,4 @@
-"""The calling convention: a method gets the arguments that it names; a missing method, the
-default.
-"""
+"""The calling convention: a method gets the arguments that it names, or is the default."""
 
 from typing import NamedTuple
 

@@ -26,9 +26,7 @@ def symmetric(m):
 
 
 def pull(e, t):
-    """mu/r^3 and the direction to the body on its orbit, with the root of Kepler's equation by
-    scipy.
-    """
+    """mu/r^3 and the direction to the body on its orbit; scipy solves Kepler's equation."""
     mean = math.sqrt(e.mu / e.distance**3) * t + e.anomaly
     at = brentq(
         lambda x: x - e.eccentricity * math.sin(x) - mean, mean - 1.0, mean + 1.0, xtol=1e-15

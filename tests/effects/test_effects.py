@@ -108,9 +108,7 @@ def reference_error(effect, name):
 
 
 def gradient_error(effect, body=BODY, step=1e-5):
-    """Largest |torque + dE/d(rotation)|, by central differences along rotations of the body about
-    its axes.
-    """
+    """Largest |torque + dE/d(rotation)|, by central differences along the body axes."""
     worst = 0.0
     for q, l in some_states():
         for axis in range(3):

@@ -108,9 +108,7 @@ def test_a_torque_about_the_vertical():
 
 
 def test_a_needle_in_a_field():
-    """A dipole released at an angle a swings with the period 4 K(sin^2(a/2)) sqrt(I/(dipole
-    field)).
-    """
+    """A dipole released at angle a swings with period 4 K(sin^2(a/2)) sqrt(I/(dipole field))."""
     a, strength = 2.0, 0.5 * 3.0
     body = MassProperties.of((1.0, 1.0, 0.01), (0.0, 0.0, 0.0))
     period = 4.0 * ellipk(math.sin(0.5 * a) ** 2) / math.sqrt(strength)

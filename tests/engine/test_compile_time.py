@@ -31,9 +31,7 @@ def invoke(*words):
 
 @compiles
 def test_nothing_is_compiled_after_warm(tmp_path):
-    """In separate processes with an empty disk cache: `warm` announces and compiles, `run` and
-    `show` find all of it.
-    """
+    """With an empty disk cache `warm` announces and compiles; `run` and `show` find all of it."""
     environment = {**os.environ, "RIGIDMC_CACHE_DIR": str(tmp_path / "cache")}
 
     def ran(*words):

@@ -259,9 +259,7 @@ def test_no_step_at_all():
 
 
 def physics():
-    """A few steps of every integrator with everything switched on, for compiled and plain Python
-    alike.
-    """
+    """A few steps of every integrator with everything switched on, compiled or in plain Python."""
     results = {}
     bodies = [PROBLEMS[n] for n in ("hairer_heavy", "simo_wong_top", "cardona_top")]
     for name, kind in INTEGRATORS.items():

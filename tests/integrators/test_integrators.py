@@ -30,9 +30,7 @@ HEAVY_ONES = pytest.mark.parametrize(
 
 
 def end_error(name, problem, steps, effects=None, end=None):
-    """Largest error of the final momentum (relative) and attitude [rad]; one kernel for all step
-    sizes.
-    """
+    """Largest final error of momentum (relative) and attitude [rad]; one kernel for all steps."""
     q, l = end or (problem.end_attitude, problem.end_momentum)
     kind, effects = INTEGRATORS[name], problem.effects if effects is None else effects
     made = prepare(kind, turn(problem, problem.time / 50), effects)
@@ -196,9 +194,7 @@ def test_runge_kutta_loses_energy_and_lz_with_time(name):
 
 
 def naive_error(name, problem, h, steps, damping=0.0, **twin):
-    """Largest difference of attitude matrix and relative momentum from the naive NumPy
-    integrator.
-    """
+    """Largest difference of attitude matrix and relative momentum from naive NumPy."""
     effects = (*problem.effects, ViscousDamping(damping)) if damping else None
     q, l = march(INTEGRATORS[name], [problem], h, steps, effects)
     a, momentum = NAIVE[name](problem, h, steps, damping, **twin)
@@ -226,9 +222,7 @@ def test_a_wrong_sign_in_the_commutator_is_caught():
 
 
 def test_a_damped_free_top_is_a_free_top_at_another_time():
-    """L(t) = exp(-rate t) L_free((1 - exp(-rate t))/rate), and the attitude is the free one of that
-    time.
-    """
+    """L(t) = exp(-rate t) L_free(s), s = (1 - exp(-rate t))/rate; the attitude is that of s."""
     time = 5.0
     other = (1.0 - math.exp(-DAMPING * time)) / DAMPING
     end = true_end(FREE, other)

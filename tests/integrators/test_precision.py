@@ -139,9 +139,7 @@ def end(scene, name, steps, **options):
 
 
 def single_error(name, steps):
-    """Root mean square over the members of momentum (relative) and attitude [rad], for steps in
-    float32.
-    """
+    """Root mean square error over the members of momentum (relative) and attitude [rad]."""
     scene, (true_l, true_q) = driven()
     l, q = end(scene, name, steps, dtype="float32")
     apart = np.linalg.norm(l - true_l, axis=1) / np.linalg.norm(true_l, axis=1)

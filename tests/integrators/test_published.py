@@ -78,9 +78,7 @@ def test_cardona_top_at_two_seconds(name, bound):
 
 @pytest.mark.parametrize("steps", [1000, 2000, 4000, 8000])
 def test_cardona_top_errs_as_exudyn_errs(steps):
-    """EXUDYN's method keeps more terms of dexp^-1: the two differ by a thousandth of their common
-    error.
-    """
+    """EXUDYN's method has more terms of dexp^-1: a difference of a thousandth of their error."""
     top = PROBLEMS["cardona_top"]
     q, l = end("rkmk4", top, steps)
     omega = (rotation(q) @ (l / top.moments))[1]

@@ -16,9 +16,7 @@ ROOTS = 100
 
 
 def free(moments, momentum, t, attitude=(1, 0, 0, 0)):
-    """(q, L) of an asymmetric body with ascending moments, off the separatrix and the axes, as
-    lists of mpf.
-    """
+    """(q, L) of an asymmetric body, moments ascending, off separatrix and axes, as lists of mpf."""
     with mp.workdps(DIGITS):
         i = [mp.mpf(x) for x in moments]
         l = [mp.mpf(x) for x in momentum]

@@ -64,9 +64,7 @@ def test_a_trimesh_is_taken_as_it_is():
 
 
 def test_merging_is_exact_and_complete_on_round_numbers():
-    """Coordinates on a lattice have their digits in the upper bits alone, which a weak hash would
-    lose.
-    """
+    """Coordinates on a lattice have all digits in the upper bits, which a weak hash would lose."""
     side = np.arange(30) * 0.25 - 3.0
     lattice = np.stack(np.meshgrid(side, side, side), -1).reshape(-1, 3)
     points = np.concatenate([lattice, lattice[::-1]])

@@ -20,8 +20,7 @@ OBSERVED = (OBSERVABLES["attitude"](), OBSERVABLES["momentum"]())
 
 
 def starts(tilt, seed=0):
-    """(moments, weight, momentum, attitude) of tops of rate 1 that stand or hang, with all
-    degenerate cases.
+    """(moments, weight, momentum, attitude) of upright or hanging tops, degenerate ones included.
 
     tilt : 0 for exactly vertical, else tilts from 1e-17 to this
     """
@@ -92,9 +91,7 @@ def free_starts(tilt, seed=0):
 
 
 def integrated(name, effects, moments, static, momentum, attitude, h):
-    """(attitude, momentum) at SAVES times up to END and at the start, (times, members, ...), sums
-    compensated.
-    """
+    """(attitude, momentum) at SAVES times up to END and at the start, (times, members, ...)."""
     block = make_block(
         MassProperties.of(tuple(moments.T), tuple(static)), effects, attitude.T, momentum.T
     )
@@ -149,9 +146,7 @@ def test_free_tops_about_axes_and_on_separatrices_move_as_they_do_by_rk8(tilt):
 @pytest.mark.parametrize("scale", [1e-40, 1e40])
 @pytest.mark.parametrize("low", [-200.0, -70.0])
 def test_the_start_is_the_start_at_any_tilt_and_any_rate(scale, low):
-    """Tilts and swings down to 1e-200, rates of 1e-40 and 1e40 rad/s: what underflows there counts
-    as 0.
-    """
+    """Tilts and swings down to 1e-200, rates of 1e-40 and 1e40 rad/s: underflow counts as 0."""
     moments, weight, momentum, attitude = starts(0.0)
     some = np.random.default_rng(1)
     attitude = attitude + 10.0 ** some.uniform(low, -8, (MEMBERS, 1)) * some.normal(

@@ -173,9 +173,7 @@ def test_free_memory_is_what_the_narrowest_group_allows(tmp_path, monkeypatch):
 
 
 def test_one_bad_member_of_a_million():
-    """It is flagged and all its saves are there; the other members have the bits of a run without
-    it.
-    """
+    """It is flagged and saved in full; the other members have the bits of a run without it."""
     count, bad = 1_000_000, 654_321
     speed = 1.0 + np.random.default_rng(3).uniform(0.0, 0.1, count)
     ends = []

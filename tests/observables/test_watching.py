@@ -26,9 +26,7 @@ IDENTITY = (1.0, 0.0, 0.0, 0.0)
 
 
 def bodies(n, seed=1):
-    """Moments and momenta (n, 3) of random bodies, axes in any order, momenta anywhere near the
-    middle axis.
-    """
+    """Moments and momenta (n, 3) of random bodies, axes in any order, momenta near any axis."""
     some = np.random.default_rng(seed)
     a = np.sort(some.uniform(0.2, 1.0, (3, n)), axis=0)
     moments = np.array([a[0] + a[1], a[0] + a[2], a[1] + a[2]])
@@ -491,9 +489,7 @@ def test_an_event_that_stops_a_member_ends_the_others_too():
 
 @pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # long steps
 def test_a_member_that_is_stopped_in_time_is_well():
-    """A torque that would make it non-finite before the next check; the passage is at 1.5328e-4
-    s.
-    """
+    """A torque that would make it non-finite before the next check; it passes at 1.5328e-4 s."""
     scene = rm.Scene(
         rm.Body.from_moments((1.0, 2.0, 3.0)), (rm.BodyTorque((2e3, 4e3, 1.2e3)),),
         rm.Start(omega=(0.3, 0.01, 0.1)),

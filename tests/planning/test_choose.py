@@ -16,9 +16,7 @@ SMALL = {"members": 128}
 
 
 def within(scene, tolerance, first=5000, members=256):
-    """The share of other members that keep the tolerance at all saves, against the closed form; and
-    the Dataset.
-    """
+    """The share of other members that keep the tolerance at all saves; and the Dataset."""
     ds = rm.simulate(
         scene,
         tolerance=tolerance,
@@ -115,9 +113,7 @@ def test_a_closed_form_is_checked_by_integration():
 @pytest.mark.parametrize("member", [3, 128 + 3])  # of the first pilot, of the second alone
 @pytest.mark.parametrize("integrators", [("closed",), ("rk8",)])
 def test_a_closed_form_that_is_wrong_is_not_believed(monkeypatch, member, integrators):
-    """One member is turned by 90 degrees about its axis throughout: its energy, |L|^2 and L_z are
-    right.
-    """
+    """One member is turned by 90 degrees about its axis: its energy, |L|^2 and L_z are right."""
     true = closed_form_module._motion
 
     def turned(form, case, t):

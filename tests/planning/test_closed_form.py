@@ -32,9 +32,7 @@ def run(*arguments):
 
 
 def worst(scene, members=64, **settings):
-    """Largest difference of omega [rad/s] and attitude [rad] between closed form and integration at
-    the end.
-    """
+    """Largest difference of omega [rad/s] and attitude [rad] between the two at the end."""
     scene = scene.with_run(members=members, save=("omega", "attitude"), **settings)
     last = simulate(scene).isel(time=-1)
     motion = closed_form(scene).motion(scene.run.t_end)

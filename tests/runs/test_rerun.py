@@ -119,9 +119,7 @@ ROWS = rm.Scene(
 
 @pytest.mark.parametrize("integrator", ["rk4", "strang"])
 def test_work_that_was_booked_is_booked_again(integrator):
-    """Before, energy_drift was another quantity, and the message blamed "another processor or
-    version".
-    """
+    """Before, energy_drift was another quantity, and the message blamed the processor."""
     ds = rm.simulate(ROWS, integrator)
     for save in (None, ("omega", "energy_drift")):
         assert (

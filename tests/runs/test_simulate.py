@@ -57,9 +57,7 @@ def test_bits_do_not_depend_on_how_it_is_run(scene, tmp_path):
 
 
 def test_bits_in_another_process(tmp_path):
-    """A fresh process, which loads the kernel from the disk cache, gets the same bits as this
-    one.
-    """
+    """A fresh process, which loads the kernel from the disk cache, gets the same bits."""
     scene = tmp_path / "scene.toml"
     scene.write_text(HEAVY.with_run(**SETTINGS).dumps())
     code = (
@@ -113,9 +111,7 @@ def test_stored_starts_are_what_the_kernel_used():
 
 @pytest.mark.parametrize("integrator", ["rk4", "exact"])
 def test_drift_is_the_largest_over_saves_and_every_32nd_step(integrator):
-    """With a save at each step the kernel's maximum equals numpy's, to the rounding of the
-    energies.
-    """
+    """With a save at each step the kernel's maximum equals numpy's, to rounding of the energies."""
     settings = {
         **SETTINGS,
         "every": 0.02,
@@ -306,9 +302,7 @@ def test_a_large_step_is_warned_of():
 
 @pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # gravity that has no effect
 def test_long_drifts_are_cut_and_stay_exact():
-    """A splitting of a free body is its exact motion, whatever the angle of a step, and warns of
-    nothing.
-    """
+    """A splitting of a free body is its exact motion, at any angle of a step, without a warning."""
     scene = rm.Scene(BODY, (rm.Gravity(0.0),), rm.Start(omega=(100.0, 50.0, 20.0)))
     with pytest.warns(rm.SceneWarning, match="more than 3"):
         cut = rm.simulate(

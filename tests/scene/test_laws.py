@@ -374,9 +374,7 @@ WEIGHT = 9.81 * math.sqrt(0.01 + 0.04 + 0.09)  # m g h of the body of `drawn`
 
 
 def height(found):
-    """-1 ... 1: the height of the centre of mass above the fixed point, relative to its
-    distance.
-    """
+    """-1 ... 1: the height of the centre of mass over the fixed point, relative to its distance."""
     from rigidmc.dynamics.so3 import up
 
     centre = np.array([0.1, 0.2, 0.3])

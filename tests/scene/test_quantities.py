@@ -1,6 +1,4 @@
-"""How members differ: distributions, attitudes, and draws that depend on seed, name and index
-only.
-"""
+"""How members differ: distributions, attitudes; draws depend on seed, name and index only."""
 
 import numpy as np
 import pytest

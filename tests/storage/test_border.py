@@ -200,9 +200,7 @@ def test_a_file_that_claims_a_terabyte_is_refused_by_its_header(result, tmp_path
 
 
 def test_a_file_that_the_library_does_not_survive_is_refused(result, tmp_path):
-    """An entry of HDF5's global heap that is -16 bytes long: the library looks for the next entry
-    for ever.
-    """
+    """An entry of HDF5's global heap is -16 bytes long: the library searches on for ever."""
     data, path = bytearray(result.read_bytes()), tmp_path / "endless.nc"
     at = data.index(b"GCOL") + 16
     data[at + 8 : at + 16] = (2**64 - 16).to_bytes(8, "little")

@@ -87,9 +87,7 @@ def test_the_table_says_it(study):
 
 
 def test_predictions_of_error_hold_for_others(study):
-    """The 99 % error of 64 members and that of 600 others agree within a factor of 2, mostly much
-    better.
-    """
+    """The 99 % error of 64 members and that of 600 others agree within a factor of 2."""
     others = pilot(LAGRANGE, 600, first=1000)
     true = truth(others)
     for name, steps in (("rk4", 192), ("rk8", 48), ("chin4", 96)):

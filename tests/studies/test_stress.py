@@ -60,9 +60,7 @@ def test_quick_cases_are_within_their_bounds(name):
 
 
 def test_errors_are_seen():
-    """The measure of a case grows if the thing measured is wrong: another truth, another law,
-    another time.
-    """
+    """The measure of a case grows with what it measures: another truth, law or time."""
     scene, wrong = tops((1.0, 1.4, 2.0), (0.3, 0.9, 0.7)), tops((1.0, 1.4, 2.0001), (0.3, 0.9, 0.7))
 
     def against_wrong(integrator, share):

@@ -1,6 +1,4 @@
-"""The pictures, read back through their figures: data, members, labels; and messages without
-data.
-"""
+"""The pictures, read back through their figures: data, members, labels; messages if no data."""
 
 import subprocess
 import sys

@@ -72,9 +72,7 @@ def truths(scene, ds):
 
 
 def errors(scene, ds, true):
-    """The larger of the errors of momentum (relative) and attitude [rad]; nan for flagged
-    members.
-    """
+    """The larger error of momentum (relative) and attitude [rad]; nan for flagged members."""
     found = np.full(len(true), np.nan)
     for i, (a, l) in enumerate(true):
         one = ds.isel(member=i, time=-1)
