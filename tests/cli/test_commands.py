@@ -49,7 +49,7 @@ def test_run_writes_a_result_and_a_picture(tmp_path):
     assert sorted(os.listdir(tmp_path)) == ["d.nc", "d.png"]
 
 
-def test_what_is_run_can_be_set(tmp_path):
+def test_options_override_the_scene(tmp_path):
     out = tmp_path / "h.nc"
     words = [
         "--members",
@@ -98,12 +98,12 @@ def test_existing_files_are_refused_and_intact(tmp_path):
         assert ds.attrs["title"] == "nasa_brick"
 
 
-def test_folders_that_are_not_there(tmp_path):
+def test_missing_folders(tmp_path):
     failed(run("run", "nasa_brick", "-o", tmp_path / "no" / "x.nc"), 74, "no such folder")
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
-def test_folders_that_cannot_be_written(tmp_path):
+def test_read_only_folders(tmp_path):
     tmp_path.chmod(0o500)
     failed(run("run", "nasa_brick", "-o", tmp_path / "x.nc"), 74, "not writable")
 
@@ -139,7 +139,7 @@ def test_invalid_scenes_exit_3(words, message):
     failed(run(*words), 3, message)
 
 
-def test_plot_of_what_is_no_result(tmp_path):
+def test_plot_of_a_file_that_is_no_result(tmp_path):
     failed(run("plot", tmp_path / "none.nc", "-o", tmp_path / "x.png"), 74, "none.nc")
     (tmp_path / "text.nc").write_text("not netCDF")
     failed(run("plot", tmp_path / "text.nc", "-o", tmp_path / "x.png"), 3, "text.nc")
@@ -237,7 +237,7 @@ def test_effects_are_listed():
 
 
 @pytest.mark.slow
-def test_effects_are_priced(monkeypatch):
+def test_effects_are_measured(monkeypatch):
     from rigidmc.planning.tolerance import costs
 
     # compiling what it measures takes minutes

@@ -194,7 +194,7 @@ def test_a_principal_axis_stays_put_to_the_bit(axis, sign, turn, halvings):
             assert attitude_error(q, true) < 5e-14  # measured 6e-15 after 50 rad
 
 
-def test_rest_no_time_and_there_and_back():
+def test_at_rest_for_no_time_and_there_and_back():
     q, l = flow((1.0, 2.0, 3.0), (0.0, 0.0, 0.0), 1.0, q=TILTED, panels=1)
     assert l == (0.0, 0.0, 0.0)
     assert attitude_error(q, TILTED) < 1e-15  # measured 0
@@ -274,7 +274,7 @@ def drifts(kind, steps):
     return block[K.DRIFT : K.DRIFT + 2, (np.abs(differences) > 1e-6).all(0)].max(0)
 
 
-def test_nothing_of_a_free_body_drifts_however_many_the_steps():
+def test_no_invariant_of_a_free_body_drifts_with_steps():
     """The rounding of the constants is the same in every step, and that of the state is a random
     walk; the steps correct both.
     """
@@ -363,7 +363,7 @@ def test_the_plain_form_drifts_where_the_increments_do_not():
 
 
 @pytest.mark.parametrize("name", [n for n, p in PROBLEMS.items() if "flip" in p.more])
-def test_flips_come_when_they_should(name):
+def test_flips_come_at_the_right_time(name):
     problem = PROBLEMS[name]
     body, flip = problem.body, problem.more["flip"]
     lam = turn_rate_of(problem.moments, problem.momentum)

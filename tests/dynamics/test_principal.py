@@ -59,7 +59,7 @@ def test_diagonal_tensor_keeps_its_axes_and_their_order():
 
 
 @pytest.mark.parametrize("scale", [1e-150, 1e-46, 1e37, 1e150])
-def test_any_unit_will_do(scale):
+def test_any_unit_of_inertia_works(scale):
     tensor = CASES[-1]
     moments, b = axes_of(scale * tensor)
     assert np.abs((b * (moments / scale)) @ b.T - tensor).max() < 3e-15  # 3.3e-16

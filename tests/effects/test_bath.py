@@ -85,7 +85,7 @@ def test_the_ledger_of_a_bath_flags_no_one():
     assert np.abs(fine.energy - fine.energy[0] - fine.work.sel(effect="bath")).max() < 3e-4
 
 
-def test_who_takes_noise():
+def test_integrators_that_take_noise():
     for name in ("rk4", "srkn11", "exact", "chin4"):
         with pytest.raises(
             rm.SceneError,

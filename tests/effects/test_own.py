@@ -148,7 +148,7 @@ class Gamma(NamedTuple):
     (Counting(1.0), r"Counting.torque.*line \d+: for _ in range\(int\(l\[0\]\)\):: a loop whose"),
     (Words(1.0), r"Words.*cannot be compiled.*no calls but of math"),
 ])  # fmt: skip
-def test_what_a_kernel_cannot_use_is_refused(effect, words):
+def test_effects_that_a_kernel_cannot_use_are_refused(effect, words):
     with pytest.raises(rm.SceneError, match=words):
         rm.simulate(scene(effect))
 
@@ -186,7 +186,7 @@ class Wall(NamedTuple):
         return l[0] / (1.0 + self.size * h), l[1], l[2]
 
 
-def test_whether_it_is_packed_is_told_and_why_not():
+def test_a_message_says_whether_an_effect_is_packed_and_why_not():
     assert unpacked(Sine(1.0)) == unpacked(Weight(9.81)) == ""
     assert all(
         "takes one number at a time" in unpacked(kind(1.0))
@@ -271,7 +271,7 @@ def test_bad_references_to_code(folder, old, new, words):
         rm.Scene.load(str(folder / "scene.toml"), allow_code=True)
 
 
-def test_an_own_effect_runs_as_a_built_in_one():
+def test_a_users_effect_runs_like_a_built_in_one():
     own, known = rm.simulate(scene(Weight(9.81))), rm.simulate(scene(rm.Gravity(9.81)))
     assert np.abs(own.momentum - known.momentum).max() < 1e-12
     assert own.energy_drift_max.attrs["conserved"] == "yes"

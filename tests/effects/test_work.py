@@ -77,12 +77,12 @@ def test_the_ledger_closes_to_the_integrators_order(kind, name, order, h, bound)
     )
 
 
-def test_midpoint_closes_it_to_rounding_where_energies_are_linear_in_the_attitude():
+def test_midpoint_closes_the_ledger_to_rounding_if_energies_are_linear_in_the_attitude():
     for kind in ("viscous_damping", "moving_pivot", "rotor", "dry_friction"):
         assert unbooked("midpoint", (G, EXAMPLES[kind]), 0.05) < 2e-14  # measured 1.8e-15
 
 
-def test_it_closes_for_any_set_of_effects():
+def test_the_ledger_closes_for_any_set_of_effects():
     some = np.random.default_rng(3)
     for _ in range(40):
         kinds = some.choice(list(EXAMPLES), some.integers(2, 7), replace=False)
@@ -150,7 +150,7 @@ SCENE = SCENE.with_run(
     ({"integrator": "rk4"}, 5e-8),  # measured 5e-9 [J], 1e-9
     ({"integrator": "strang"}, 2e-3),  # measured 3.6e-4 [J], 7e-5
 ])  # fmt: skip
-def test_a_run_that_saves_work_books_it(options, bound, tmp_path):
+def test_a_run_that_saves_work_integrates_it(options, bound, tmp_path):
     ds = rm.simulate(SCENE, **options)
     assert ds.work.dims == ("time", "effect", "member")
     assert list(ds.effect.values) == ["gravity", "body_torque", "viscous_damping"]
@@ -174,7 +174,7 @@ def test_without_work_the_rest_is_the_same():
     assert np.abs(without.energy - ds.energy).max() < 1e-13
 
 
-def test_works_in_own_steps_other_units_and_for_frozen_members():
+def test_works_in_member_steps_other_units_and_for_frozen_members():
     with pytest.warns(rm.SceneWarning, match="body_torque may spin members up"):
         own = rm.simulate(SCENE, turn=0.02, integrator="rk4")
     assert float(own.energy_drift_max.max()) < 1e-10  # measured 1.6e-11
@@ -198,7 +198,7 @@ def test_works_in_own_steps_other_units_and_for_frozen_members():
     assert np.array_equal(sick.work[..., 0], sick.work[..., 2])
 
 
-def test_who_keeps_no_works():
+def test_integrators_without_works():
     with pytest.raises(rm.SceneError, match="work of effects is not kept with compensated sums"):
         rm.simulate(SCENE, compensated=True)
     with pytest.raises(

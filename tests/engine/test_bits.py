@@ -20,7 +20,7 @@ def test_widths_change_no_bit():
         assert len(set(each)) == 1, case
 
 
-def test_neither_does_another_processor_with_other_libraries():
+def test_another_processor_with_other_libraries_changes_no_bit():
     assert elsewhere("haswell, plain libraries", (0,), ("rk4",)) == sums((0,), ("rk4",))
 
 

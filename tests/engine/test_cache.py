@@ -135,7 +135,7 @@ def test_a_changed_source_changes_the_kernel(place):
 
 
 @pytest.mark.slow
-def test_a_torn_kernel_file_is_compiled_anew(place):
+def test_a_torn_kernel_file_is_compiled_again(place):
     first, _ = ran(place, "none")
     for kernel in kernels_in(place / "cache"):
         kernel.write_bytes(kernel.read_bytes()[:100])
@@ -146,7 +146,7 @@ def test_a_torn_kernel_file_is_compiled_anew(place):
 WARNING = "rigidmc WARNING kernels are compiled anew in every process"
 
 
-def test_where_no_folder_can_be_there_is_a_warning_and_no_cache(place):
+def test_without_a_folder_there_is_a_warning_and_no_cache(place):
     (place / "file").write_text("")
     found, log = ran(place, "none", place / "file" / "cache")
     assert found["hits"] == 0
@@ -166,7 +166,7 @@ def test_a_folder_that_is_read_only_or_not_private_is_refused(place, mode):
     assert mode == 0o500 or "not private" in log
 
 
-def test_a_private_folder_is_taken_without_a_word(place):
+def test_a_private_folder_is_accepted_silently(place):
     (place / "cache").mkdir(mode=0o700)
     assert ran(place, "none")[1] == ""
 
@@ -214,7 +214,7 @@ def kept(tmp_path, monkeypatch):
     return made, made._cache._index_key((numba.float64,), made.targetctx.codegen()), file
 
 
-def test_of_a_kernel_with_any_flipped_bit_nothing_is_loaded(kept, caplog):
+def test_a_kernel_with_any_flipped_bit_is_not_loaded(kept, caplog):
     """Without the checksum at its end 269 of 300 such files were loaded, and one run in seven
     crashed.
     """

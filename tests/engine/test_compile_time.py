@@ -70,7 +70,7 @@ def own_scene():
 
 
 @compiles
-def test_it_is_said_to_those_who_ask_for_progress(capfd, caplog):
+def test_compilation_is_announced_if_progress_is_shown(capfd, caplog):
     caplog.set_level(logging.INFO, "rigidmc")
     scene = own_scene()
     rm.simulate(scene)
@@ -84,7 +84,7 @@ def test_it_is_said_to_those_who_ask_for_progress(capfd, caplog):
     assert "compiling" not in capfd.readouterr().err
 
 
-def test_what_is_compiled_in_words():
+def test_the_message_names_what_is_compiled():
     every = [
         "enter",
         "leave",

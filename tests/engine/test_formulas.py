@@ -31,7 +31,7 @@ class Product(NamedTuple):
 
 
 @pytest.mark.parametrize("count", [1, LANES - 1, LANES, LANES + 1, 2 * PIECE + 5])
-def test_values_are_the_plain_functions_for_any_count_and_threads(count):
+def test_values_are_those_of_the_plain_function_for_any_count_and_threads(count):
     columns = np.random.default_rng(count).uniform(0.5, 1.0, (3, count))
     one, two = (evaluate(Product, 2, columns, threads=threads) for threads in (1, 2))
     assert (one == two).all()

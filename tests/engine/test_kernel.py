@@ -83,7 +83,7 @@ def test_block_size_and_threads_change_no_bit(whole, size, threads):
     assert same(out, whole[1])
 
 
-def test_place_in_the_block_and_company_change_no_bit(whole):
+def test_position_and_neighbours_in_a_block_change_no_bit(whole):
     order = np.random.default_rng(2).permutation(MEMBERS)
     for members in (order, order[:32], np.array([5, 77, 40] + [11] * 29)):
         block = np.ascontiguousarray(tops()[:, members])
@@ -140,7 +140,7 @@ def energy_of(block, q, l):
     )
 
 
-def test_drift_rows_are_the_largest_drifts_of_all_looks():
+def test_drift_rows_are_the_largest_drifts_of_all_checks():
     block = tops()
     kinetic, potential, _ = energy_of(block, block[:4], block[4:7])
     # member 0 starts with almost no energy: its drift is measured against the energies in play
@@ -184,7 +184,7 @@ def test_a_top_that_starts_at_rest_drifts_absolutely():
     assert block[K.STATUS, 5] == K.STATUSES["ok"]
 
 
-def test_a_look_every_sixteen_steps_finds_drift_without_saves():
+def test_a_check_every_sixteen_steps_finds_drift_without_saves():
     many, few = tops(), tops()
     run(many, RK4, EFFECTS, H, 64, EVERYTHING, 1)
     run(few, RK4, EFFECTS, H, 64)
@@ -194,7 +194,7 @@ def test_a_look_every_sixteen_steps_finds_drift_without_saves():
     assert (few[K.GOOD_STEP] == 64).all()
 
 
-def test_sick_members_are_flagged_and_frozen_and_harm_nobody():
+def test_bad_members_are_flagged_and_frozen_and_harm_no_other():
     """Among thousands: one starts with nan, one with inf, one diverges on the way, one has an
     invalid body from the start.
     """

@@ -74,7 +74,7 @@ def test_words_are_those_of_numpy(made):
     assert [list(words(m)) for m in (0, 1, 999)] == [list(theirs[:, m]) for m in (0, 1, 999)]
 
 
-def test_side_by_side_they_are_the_same(made):
+def test_words_side_by_side_are_the_same(made):
     numbers = np.arange(1, 1001, dtype=np.uint64).view(float)
     found = evaluate(Member, 7, numbers[None])
     assert np.array_equal(found[:4].copy().view(np.uint64), made[1][:, :1000])

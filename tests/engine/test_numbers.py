@@ -156,7 +156,7 @@ def test_choices_are_those_of_python():
     assert evaluate(Choices, 7, columns).tobytes() == plain.tobytes()
 
 
-def test_so_is_what_else_numbers_and_masks_can_do():
+def test_all_other_operations_are_those_of_python():
     columns = np.concatenate(
         [
             some.normal(0.0, 2.0, (2, 50)),

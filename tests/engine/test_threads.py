@@ -39,7 +39,7 @@ def ran(size, threads):
     return np.concatenate([done[low] for low in sorted(done)], axis=1), out, sum(steps)
 
 
-def test_bits_do_not_depend_on_how_the_work_is_cut(monkeypatch):
+def test_bits_do_not_depend_on_the_partition(monkeypatch):
     """Not even the largest drifts change, although they are looked for only now and then."""
     whole, saves, steps = ran(96, 1)
     assert steps == MEMBERS * TOTAL

@@ -157,7 +157,7 @@ def test_the_step_is_packed_arithmetic_on_the_widest_registers(code, name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", RARE)
-def test_so_is_that_of_rare_kernels(rare, name):
+def test_the_step_of_rare_kernels_is_packed_too(rare, name):
     is_packed(rare[name])
 
 
@@ -176,13 +176,13 @@ def test_an_absent_effect_leaves_no_work(code):
     assert packed["exact"] < packed["strang gravity damping"]
 
 
-def test_what_cannot_be_packed_is_caught(code):
+def test_code_that_cannot_be_packed_is_detected(code):
     assert code["rk4 gamma"]["packed"] == 0
     with pytest.raises(AssertionError):
         is_packed(code["rk4 gamma"])
 
 
-def test_without_attitude_most_work_is_gone(code):
+def test_without_attitude_a_step_does_about_half_the_work(code):
     assert code["rk4 momentum"]["packed"] < 0.42 * code["rk4"]["packed"]  # measured 45 of 114
     assert code["exact momentum"]["packed"] < 0.56 * code["exact"]["packed"]  # measured 53 of 105
 
@@ -204,7 +204,7 @@ def test_a_step_costs_no_more_than_it_should(code):
     assert slots["exact momentum"] < 56  # measured 53; 165.5
 
 
-def test_the_reader_sees_what_it_looks_for():
+def test_the_reader_detects_bad_code():
     bad = (
         "f:\n\tvmulpd\t%ymm0, %ymm1, %ymm2\n\tvaddsd\t%xmm0, %xmm1, "
         "%xmm2\n\tmovabsq\t$sin, %rax\n\tcallq\t*%rax\n"

@@ -127,7 +127,7 @@ def test_a_result_whose_name_is_taken_at_the_end_is_kept_under_another(tmp_path)
     assert (tmp_path / "folder.2").read_bytes() == b"2" and not parts(tmp_path)
 
 
-def test_an_animation_is_whole_or_not_there(tmp_path):
+def test_an_animation_is_complete_or_absent(tmp_path):
     ds = rm.simulate(SCENE, members=1, every=0.05, save=("attitude", "momentum"))
     path = tmp_path / "a.gif"
 
@@ -159,7 +159,7 @@ def test_an_animation_is_whole_or_not_there(tmp_path):
     assert path.read_bytes().startswith(b"GIF8") and os.listdir(tmp_path) == ["a.gif"]
 
 
-def test_ffmpeg_that_fails_is_told(tmp_path, monkeypatch):
+def test_a_failure_of_ffmpeg_is_reported(tmp_path, monkeypatch):
     """Before: exit 0 if it died before the last frame, a traceback if it returned an exit code."""
     (tmp_path / "bin").mkdir()
     monkeypatch.setenv("PATH", f"{tmp_path / 'bin'}:{os.environ['PATH']}")
@@ -198,7 +198,7 @@ def test_names_of_all_lengths(tmp_path):
     assert sum(name.endswith(".2.nc") for name in os.listdir(tmp_path)) == 1
 
 
-def test_what_is_wrong_with_a_folder_is_told_as_it_is(tmp_path):
+def test_a_bad_folder_gets_the_right_message(tmp_path):
     with (
         limited(1000),
         pytest.raises(
@@ -228,7 +228,7 @@ def test_what_is_wrong_with_a_folder_is_told_as_it_is(tmp_path):
     assert told.exit_code == 74 and "nothing was written" in told.stderr
 
 
-def test_no_moment_without_umask_and_a_short_shard_is_gone_for_good(tmp_path):
+def test_files_respect_the_umask_and_short_shards_are_deleted_durably(tmp_path):
     """Before: other threads' files were readable by all; after a power failure the new run.json
     could stand beside the short shard.
     """
@@ -261,7 +261,7 @@ def test_no_moment_without_umask_and_a_short_shard_is_gone_for_good(tmp_path):
     assert calls[i + 1 : i + 3] == ["fsync shards", "replace run.json"]
 
 
-def test_a_run_without_room_is_not_begun(tmp_path):
+def test_a_run_without_disk_space_does_not_begin(tmp_path):
     """Before: the folder was made for as many threads as cores, and refused for the number given.
     No worker starts here.
     """
@@ -286,7 +286,7 @@ def test_a_run_without_room_is_not_begun(tmp_path):
     assert asked == [7, 9]
 
 
-def test_what_is_killed_leaves_nothing_for_long(tmp_path):
+def test_parts_of_killed_runs_are_cleaned_up(tmp_path):
     """Before: a run to a file and a consolidation left a part each time they were killed."""
     here = os.path.basename(outputs.Part(tmp_path / "x").path).rsplit("-", 2)[0]
     gone = subprocess.Popen([sys.executable, "-c", ""])
@@ -346,7 +346,7 @@ def test_a_signal_leaves_no_lock_behind():
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_second_signal_does_not_leave_what_the_first_would_not(tmp_path, number, code):
+def test_a_second_signal_leaves_no_more_files_than_the_first(tmp_path, number, code):
     words = ["run", "dzhanibekov", "--members", "2000000", "-o", str(tmp_path / "x.nc")]
     heard = {"preexec_fn": lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)}
     child = subprocess.Popen(
@@ -371,7 +371,7 @@ def test_a_second_signal_does_not_leave_what_the_first_would_not(tmp_path, numbe
     assert os.listdir(tmp_path) == []
 
 
-def test_what_is_printed_changes_nothing(tmp_path):
+def test_a_broken_stream_changes_no_output(tmp_path):
     """As `python tests/torture.py --outputs all`."""
     told = torture_outputs.streams(
         str(tmp_path), ("map", "verify bad"), ("reader gone, unbuffered", "all closed", "full")

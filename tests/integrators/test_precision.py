@@ -163,7 +163,7 @@ def test_float32_errors_do_not_grow_with_the_number_of_steps(name):
 
 # one of the bodies is impossible
 @pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
-def test_what_float32_costs_is_told_in_digits():
+def test_the_cost_of_float32_is_stated_in_digits():
     scene, _ = driven()
     single = single_precision(prepared(scene.with_run(dtype="float32", integrator="rk4", dt=0.01)))
     assert single.startswith("about 6 digits at t_end")  # of the fastest member; 4e-7 in the mean

@@ -91,7 +91,7 @@ def test_refused_at_the_check_of_the_scene():
 
 
 @pytest.mark.parametrize("effects", [(), (G,), (D,), (G, D), (Wind(1.0),), (Field(1.0),)])
-def test_whatever_is_not_refused_runs(effects):
+def test_effects_that_are_not_refused_run(effects):
     """rk4 and the Lie group integrators take everything; no effect is both refused and accepted."""
     able = accepting(effects)
     assert {"rk4", "rk8", "rkmk4", "cf4", "ck45", "midpoint"} <= set(able)

@@ -172,7 +172,7 @@ def test_one_bad_element_is_nan_and_counted_and_its_neighbours_stay_to_the_bit()
     assert (found.momentum[~bad] == good.momentum[~bad]).all()
 
 
-def test_what_cannot_be_is_refused_in_a_sentence():
+def test_impossible_input_is_refused_in_a_sentence():
     with pytest.raises(SceneError, match="positive"):
         free_top((1, 1, -3), (1, 0, 0), START, 1.0)
     with pytest.raises(SceneError, match=r"moments \(2,\), momentum \(3,\)"):

@@ -111,12 +111,12 @@ def test_compressed_is_without_loss(full, tmp_path):
     ("ful", "did you mean 'full'"),
      ({"energy_drift": "summary"}, "no summary"), (3, "keep")],
 )  # fmt: skip
-def test_bad_keeps(keep, words):
+def test_bad_values_of_keep(keep, words):
     with pytest.raises(SceneError, match=words):
         SCENE.with_run(keep=keep)
 
 
-def test_what_cannot_be_held_is_refused(tmp_path, monkeypatch):
+def test_a_run_beyond_memory_or_disk_is_refused(tmp_path, monkeypatch):
     big = SCENE.with_run(members=10**12)
     with pytest.raises(NoRoom, match="-o FILE"):
         rm.simulate(big)

@@ -355,7 +355,7 @@ save = ["flips"]
         ("nutation", "axis = 1", "axis"),
     ],
 )
-def test_bad_tables_are_told(table, lines, words):
+def test_bad_tables_are_refused(table, lines, words):
     with pytest.raises(SceneError) as caught:
         rm.Scene.loads(FILE.format(table, lines))
     assert words in str(caught.value) and table in str(caught.value)
@@ -387,7 +387,7 @@ def scene_with(*observables, **run):
         ),
     ],
 )
-def test_what_cannot_be_watched_is_refused(scene, words):
+def test_impossible_summaries_are_refused(scene, words):
     with pytest.raises(SceneError, match=words):
         rm.simulate(scene())
 
@@ -457,7 +457,7 @@ def test_histograms_are_streamed_and_those_of_the_members(tmp_path):
         (("__import__('os')", 0.0, 1.0), "name of an observable"),
     ],
 )
-def test_bad_histograms_are_told(histogram, words):
+def test_bad_histograms_are_refused(histogram, words):
     with pytest.raises(SceneError, match=words):
         rm.simulate(tumbling(), save=(rm.Histogram(*histogram),))
 
@@ -488,7 +488,7 @@ def test_an_event_that_stops_a_member_ends_the_others_too():
 
 
 @pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # long steps
-def test_a_member_that_is_stopped_in_time_is_well():
+def test_a_member_that_stops_in_time_is_good():
     """A torque that would make it non-finite before the next check; it passes at 1.5328e-4 s."""
     scene = rm.Scene(
         rm.Body.from_moments((1.0, 2.0, 3.0)), (rm.BodyTorque((2e3, 4e3, 1.2e3)),),

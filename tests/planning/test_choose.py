@@ -132,7 +132,7 @@ def test_a_closed_form_that_is_wrong_is_not_believed(monkeypatch, member, integr
         choose.choose(LAGRANGE, 1e-7, integrators=integrators, **SMALL)
 
 
-def test_out_of_reach():
+def test_a_tolerance_out_of_reach_is_refused():
     scene = rm.Scene.load("dzhanibekov")
     with pytest.raises(
         rm.SceneError,
@@ -157,7 +157,7 @@ def test_auto_needs_a_tolerance():
     assert rm.simulate(scene).attrs["integrator"] != "auto"
 
 
-def test_noise_has_no_path_to_be_right_about():
+def test_noise_takes_no_tolerance():
     scene = rm.Scene(
         rm.Body.from_moments((1.0, 1.4, 2.0)), (rm.Bath(0.1, 1.0),), rm.Start(omega=(0.1, 1.0, 0.2))
     )
@@ -165,7 +165,7 @@ def test_noise_has_no_path_to_be_right_about():
         choose.choose(scene.with_run(t_end=1.0), 1e-6)
 
 
-def test_a_pilot_that_fails_is_said():
+def test_a_pilot_that_fails_is_reported():
     omega = np.random.default_rng(0).normal(size=(64, 3))
     omega[3] = 1e200
     scene = rm.Scene(
@@ -178,7 +178,7 @@ def test_a_pilot_that_fails_is_said():
 
 
 @pytest.mark.parametrize("bad", [1, 100])
-def test_a_prediction_above_the_tolerance_is_not_taken_without_a_word(bad, monkeypatch):
+def test_a_prediction_above_the_tolerance_is_reported(bad, monkeypatch):
     """Not even if 99 % of a second pilot keep it (1.16e-9 for a predicted 1e-9): finer steps are
     tried, and if they do not help the error says so.
     """

@@ -86,7 +86,7 @@ def test_damped_free_scene_runs_through_the_undamped_motion():
         (LAGRANGE, (Gravity(9.81), ViscousDamping(0.1)), "damped heavy top"),
     ],
 )
-def test_what_no_closed_form_covers_is_refused_with_the_reason(body, effects, why):
+def test_scenes_without_a_closed_form_are_refused_with_the_reason(body, effects, why):
     scene = Scene(body, effects, Start(omega=(0.1, 0.2, 0.3)))
     with pytest.raises(SceneError, match=why) as found:
         closed_form(scene)
@@ -151,7 +151,7 @@ def test_effects_of_one_kind_add_up():
     assert closed_form(none, 4).name == "free top"
 
 
-def test_damping_that_drives_is_in_the_time_too():
+def test_negative_damping_changes_the_time_too():
     scene = Scene(
         Body.from_moments((1.0, 2.0, 3.0)),
         (ViscousDamping(-0.5),),
@@ -179,7 +179,7 @@ def heavy_ones(mass, omega):
     )
 
 
-def test_members_that_cannot_be_are_flagged_as_with_rk8_and_the_others_keep_every_bit():
+def test_impossible_members_are_flagged_as_with_rk8_and_the_others_keep_every_bit():
     some = np.random.default_rng(0)
     centre, omega = some.normal(0.0, 0.1, 300), some.normal(size=(300, 3))
     centre[120:200] = (
@@ -223,7 +223,7 @@ def test_bits_do_not_depend_on_who_shares_a_block():
     assert closed_form(scene).name == "free top and Lagrange top"
 
 
-def test_one_that_spins_beyond_all_digits_stays_where_it_was():
+def test_a_member_that_spins_beyond_all_digits_stays_where_it_was():
     """Driven at a rate of 30 1/s, the phase exceeds 1e15 rad between 1 and 1.5 s, and the numbers
     overflow later.
     """
@@ -269,7 +269,7 @@ def test_many_exact_steps_stay_with_the_closed_form():
     assert omega < 2e-11 and attitude < 2e-11
 
 
-def test_command_where_members_are_flagged(tmp_path):
+def test_command_with_flagged_members(tmp_path):
     file = tmp_path / "bodies.toml"
     file.write_text(BODIES)
     shown = run(str(file))

@@ -93,7 +93,7 @@ class Untrue(NamedTuple):
         return 0.0, 0.0, self.size
 
 
-def test_lz_is_checked_where_a_scene_keeps_it():
+def test_lz_is_checked_if_a_scene_conserves_it():
     scene = rm.Scene(BODY, (rm.Gravity(1.0),), rm.Start(omega=SPINS)).with_run(
         dt=0.01, t_end=2.0, members=64, integrator="rk4"
     )

@@ -110,7 +110,7 @@ def test_a_kernel_with_rounds_in_several_calls_is_the_same():
     assert ends[0].tobytes() == ends[1].tobytes()
 
 
-def test_a_sick_member_harms_nobody_and_stops_nothing():
+def test_a_bad_member_harms_no_other_and_stops_nothing():
     omega = np.random.default_rng(0).normal(size=(64, 3))
     scene = rm.Scene(rm.Body.from_moments((1.0, 1.5, 2.0)), (), rm.Start(omega=omega)).with_run(
         t_end=1.0, members=64, turn=0.2

@@ -115,7 +115,7 @@ def test_upper_quantile_covers():
     assert np.mean(np.quantile(samples, 0.99, axis=1) >= true) < 0.7
 
 
-def test_the_push_is_of_the_size_it_should_be():
+def test_the_disturbance_has_the_right_size():
     found = pilot.pilot(HEAVY, 64)
     block = found.block.copy()
     pilot.push(block, 1e-6, True, np.random.default_rng(0))

@@ -101,7 +101,7 @@ class Wind(NamedTuple):
         return self.size, 0.0, 0.0
 
 
-def test_what_cannot_be_scaled_is_refused():
+def test_effects_without_units_are_not_rescaled():
     windy = rm.Scene(BODY, (Wind(0.1),), START)
     with pytest.raises(rm.SceneError, match="Wind does not tell that of size"):
         scaled(windy, mass=2.0)

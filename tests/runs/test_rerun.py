@@ -54,7 +54,7 @@ def test_a_member_again_with_everything_saved(file):
         assert np.array_equal(some.omega, first.omega.sel(member=some.member))
 
 
-def test_what_is_not_the_same_is_told(file, tmp_path):
+def test_differences_are_reported(file, tmp_path):
     with rm.open(file) as first:
         other = first.load().copy(deep=True)
     other["omega"][2, 1, 123] += 1e-12
@@ -70,7 +70,7 @@ def test_what_is_not_the_same_is_told(file, tmp_path):
     (range(1190, 1201), {}, "has the members 1000 to 1199"),
     (1000, {"save": ("omga",)}, "did you mean 'omega'"),
 ])  # fmt: skip
-def test_what_cannot_be_had_is_refused(file, member, options, words):
+def test_impossible_reruns_are_refused(file, member, options, words):
     with pytest.raises(rm.SceneError, match=words):
         rm.rerun(file, member, **options)
 
@@ -105,7 +105,7 @@ def test_from_the_command_line(file, tmp_path):
     assert CliRunner().invoke(app, ["rerun", file, "--member", "5"]).exit_code == 3
 
 
-def test_no_name_of_the_package_is_that_of_a_module_too():
+def test_no_public_name_is_also_a_module():
     """Importing the module would replace the attribute of that name in the package."""
     assert not set(rm.__all__) & {module.name for module in pkgutil.iter_modules(rm.__path__)}
 
@@ -118,7 +118,7 @@ ROWS = rm.Scene(
 
 
 @pytest.mark.parametrize("integrator", ["rk4", "strang"])
-def test_work_that_was_booked_is_booked_again(integrator):
+def test_a_rerun_integrates_saved_work_again(integrator):
     """Before, energy_drift was another quantity, and the message blamed the processor."""
     ds = rm.simulate(ROWS, integrator)
     for save in (None, ("omega", "energy_drift")):
@@ -128,7 +128,7 @@ def test_work_that_was_booked_is_booked_again(integrator):
         )
 
 
-def test_of_a_selection_only_its_own_members_have_rows():
+def test_a_selection_has_rows_for_its_own_members_only():
     """A choice made by a look at all rows is written down; the other rows are not needed."""
     ds = rm.simulate(ROWS, "strang")
     for members in ([5], [7, 5, 130]):

@@ -73,7 +73,7 @@ def whole(tmp_path_factory):
     return path
 
 
-def test_a_run_is_what_a_file_is(whole, tmp_path):
+def test_a_run_equals_a_file(whole, tmp_path):
     ds, direct = gather.consolidate(whole, tmp_path / "one.nc"), rm.simulate(SCENE)
     for name in direct.data_vars:
         assert np.array_equal(ds[name].values, direct[name].values, equal_nan=True), name
@@ -153,7 +153,7 @@ def test_histograms_are_summed(tmp_path):
         assert np.array_equal(ds.histogram.values, rm.simulate(scene).histogram.values)
 
 
-def test_what_is_damaged_is_found_and_computed_again(whole, tmp_path):
+def test_damage_is_found_and_computed_again(whole, tmp_path):
     some = random.Random(7)
     started(tmp_path / "run")
     resume.resume(tmp_path / "run")
@@ -251,7 +251,7 @@ assert 20 < left <= told < 80, (left, told)  # 61 of 61
 """
 
 
-def test_a_full_disk_is_told_and_lived_on_with(tmp_path):
+def test_a_full_disk_is_reported_and_survived(tmp_path):
     """netCDF-C frees a file whose close fails; a later run crashed when the collector closed that
     file once more.
     """
@@ -310,7 +310,7 @@ def test_a_run_that_is_asked_to_stop_says_so(tmp_path, number, code):
     assert CliRunner().invoke(app, ["status", f"{tmp_path}/run"]).exit_code == 5
 
 
-def test_what_is_not_the_same_is_refused(whole, tmp_path):
+def test_a_run_with_other_inputs_is_refused(whole, tmp_path):
     started(tmp_path / "run")
     facts = RunDirectory(tmp_path / "run").facts
     changed(tmp_path / "run", versions={**facts["versions"], "numba": "0.1"})
@@ -345,7 +345,7 @@ def test_two_writers_are_one_too_many(tmp_path):
     assert resume.resume(tmp_path / "run")[1]["ok"] == MEMBERS
 
 
-def test_what_another_process_changed_meanwhile_is_looked_at_again(whole, tmp_path):
+def test_a_run_changed_by_another_process_is_refused(whole, tmp_path):
     shutil.copytree(whole, tmp_path / "run")
     early = RunDirectory(tmp_path / "run")
     resume.extend(tmp_path / "run", 2 * MEMBERS)
@@ -358,7 +358,7 @@ def test_what_another_process_changed_meanwhile_is_looked_at_again(whole, tmp_pa
     assert run_directory.status(tmp_path / "run")["members_done"] == 2 * MEMBERS
 
 
-def test_leftovers_of_those_who_write_are_left(tmp_path):
+def test_parts_of_running_writers_stay(tmp_path):
     directory = started(tmp_path / "run")
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
@@ -431,7 +431,7 @@ def test_a_cluster_makes_the_same_bytes(whole, tmp_path):
 
 
 @pytest.mark.slow
-def test_one_sum_for_every_way(whole, tmp_path):
+def test_every_route_gives_the_same_checksums(whole, tmp_path):
     """Threads, blocks, workers and order, interrupted and extended: one checksum for each shard,
     and for the consolidated file.
     """
@@ -496,7 +496,7 @@ def test_rows_of_their_own_go_with_the_run(tmp_path):
         gather.verify(directory.path)
 
 
-def test_what_is_killed_before_it_began_leaves_nothing(tmp_path):
+def test_a_run_killed_before_it_began_leaves_nothing(tmp_path):
     with (
         patch.object(resume, "rendered", side_effect=KeyboardInterrupt),
         pytest.raises(KeyboardInterrupt),
@@ -573,7 +573,7 @@ def test_shards_are_those_of_their_numbers(whole, tmp_path):
         resume.extend(path, 2 * MEMBERS)
 
 
-def test_a_shard_of_another_run_is_none_of_this(whole, tmp_path):
+def test_a_shard_of_another_run_is_refused(whole, tmp_path):
     started(tmp_path / "other", seed=5)
     resume.resume(tmp_path / "other")
     started(tmp_path / "run")
@@ -656,7 +656,7 @@ def test_bad_arguments(whole, tmp_path):
     assert not (tmp_path / "x").exists()
 
 
-def test_what_cannot_be_is_refused_before_anything_is_changed(whole, tmp_path):
+def test_bad_input_is_refused_before_anything_changes(whole, tmp_path):
     shutil.copytree(whole, tmp_path / "run")
     before = {p: p.read_bytes() for p in (tmp_path / "run").rglob("*") if p.is_file()}
     for members, error in (
@@ -692,7 +692,7 @@ def test_what_cannot_be_is_refused_before_anything_is_changed(whole, tmp_path):
     )
 
 
-def test_two_looks_at_a_run_do_not_mix(whole, tmp_path):
+def test_two_readers_of_a_run_do_not_mix(whole, tmp_path):
     shutil.copytree(whole, tmp_path / "run")
     hidden = RunDirectory(tmp_path / "run").shards()[1]
     os.rename(hidden, tmp_path / "hidden")
@@ -736,7 +736,7 @@ def test_a_shard_that_cannot_be_read_is_named(whole, tmp_path):
     assert opened.omega_max.isel(member=slice(0, 300)).shape == (3, 300)
 
 
-def test_flagged_members_are_told_by_whoever_ends_the_run(tmp_path):
+def test_the_process_that_ends_a_run_reports_flagged_members(tmp_path):
     started(tmp_path / "run", turn_limit=0.051)
     resume.resume(tmp_path / "run", only=range(3))
     invoke = CliRunner().invoke
@@ -760,7 +760,7 @@ def test_nothing_saved_over_time_and_notes(tmp_path):
     assert rm.open(directory.path).omega_max.shape == (3, MEMBERS)
 
 
-def test_code_of_ones_own_is_that_of_the_start(tmp_path):
+def test_user_code_must_stay_that_of_the_start(tmp_path):
     module = tmp_path / "wind.py"
     text = (
         "from typing import NamedTuple\n\n\nclass Wind(NamedTuple):\n    size: float\n\n   "

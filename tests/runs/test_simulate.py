@@ -130,7 +130,7 @@ def test_drift_is_the_largest_over_saves_and_every_32nd_step(integrator):
     assert 1e-12 < worst < 2e-10 if integrator == "rk4" else worst < 8e-15
 
 
-def test_an_attitude_that_nothing_needs_is_not_there():
+def test_an_attitude_that_nothing_needs_is_not_stored():
     ds = rm.simulate(FREE, **{**SETTINGS, "save": ("omega",)})
     assert "attitude" not in ds
     assert "start_attitude" not in ds
@@ -263,7 +263,7 @@ def test_a_bad_member_among_thousands():
     assert made["bad"].encoding["rigidmc"]["flagged"]["non_finite"] == 1
 
 
-def test_a_sampled_body_that_cannot_be_is_flagged():
+def test_an_impossible_sampled_body_is_flagged():
     """Beyond the pilot a distribution may still give an impossible body: it is flagged and frozen,
     not integrated.
     """
@@ -289,13 +289,13 @@ def _clean_pilot(scene, seed):
     return True
 
 
-def test_a_step_that_does_not_divide_is_reduced_and_said():
+def test_a_step_that_does_not_divide_t_end_is_reduced_with_a_message():
     with pytest.warns(rm.SceneWarning, match=r"dt reduced from 0.03 to 0.025"):
         ds = rm.simulate(FREE, **{**SETTINGS, "dt": 0.03, "every": 0.1})
     assert ds.attrs["dt"] == pytest.approx(0.025)
 
 
-def test_a_large_step_is_warned_of():
+def test_a_large_step_warns():
     with pytest.warns(rm.SceneWarning, match=r"omega dt reaches .* more than 1"):
         rm.simulate(FREE, **{**SETTINGS, "dt": 1.0, "every": None})
 
@@ -329,7 +329,7 @@ def test_exact_takes_any_step():
     assert np.abs(rough.omega - near.omega).max() > 1e-2
 
 
-def test_progress_is_told():
+def test_progress_is_reported():
     seen = []
     rm.simulate(FREE, **SETTINGS, progress=lambda done, total: seen.append((done, total)))
     assert seen[-1] == (300 * 100, 300 * 100)

@@ -139,7 +139,7 @@ def test_a_diagonal_tensor_keeps_its_axes():
     assert np.array_equal(body.axes, np.eye(3))
 
 
-def test_which_bodies_cannot_be():
+def test_impossible_bodies():
     good = [(1, 2, 3), (1, 1, 1), (1, 1, 2), (0.1 + 0.2, 0.1, 0.2)]
     bad = [(1, 2, 3.0001), (0, 1, 1), (-1, 1, 1), (np.nan, 1, 1)]
     assert not broken(np.array(good, float).T).any()

@@ -175,7 +175,7 @@ def test_coarse_grids_span_the_same():
         ("omega = [{ grid = [0.0, 1.0, 5], log = true }, 1.0, 0.0]", "above 0"),
     ],
 )
-def test_bad_vectors_are_told(text, words):
+def test_bad_vectors_are_refused(text, words):
     with pytest.raises(SceneError, match=words):
         rm.Scene.loads(f"[body]\nmoments = [1.0, 2.0, 2.5]\n[start]\n{text}\n")
 
@@ -289,7 +289,7 @@ def test_starts_from_a_table(tmp_path):
         ('{ table = "w.csv", colums = ["wx", "wy", "wz"] }', "", "columns"),
     ],
 )
-def test_bad_tables_are_told(tmp_path, table, text, words):
+def test_bad_tables_are_refused(tmp_path, table, text, words):
     (tmp_path / "s.toml").write_text(SCENE.format(table))
     (tmp_path / "w.csv").write_text(text)
     with pytest.raises(SceneError, match=words):
@@ -461,12 +461,12 @@ def test_an_ensemble_that_cannot_be_drawn_is_refused(start, run, rule):
         ),
     ],
 )
-def test_misspelt_and_impossible_vectors_are_told(start, words):
+def test_misspelt_and_impossible_vectors_are_refused(start, words):
     with pytest.raises(SceneError, match=words):
         rm.Scene.loads(f"[body]\nmoments = [1.0, 2.0, 2.5]\n[start]\n{start}\n")
 
 
-def test_a_start_that_none_has_is_refused():
+def test_an_impossible_start_is_refused():
     scene = rm.Scene(
         rm.Body(MOMENTS, mass=1.0, centre=(0.0, 0.0, 0.3)),
         (rm.Gravity(9.81),),

@@ -61,7 +61,7 @@ def test_uniform_attitudes():
     assert scipy.stats.kstest(matrices[:, 2, 2], scipy.stats.uniform(-1, 2).cdf).pvalue > 1e-3
 
 
-def test_ways_to_give_an_attitude():
+def test_an_attitude_in_every_notation():
     """Quaternion, matrix, Euler angles and scipy Rotation of one attitude agree; A = Rz(phi)
     Rx(theta) Rz(psi).
     """

@@ -145,7 +145,7 @@ def renamed(file):
 
 
 @pytest.mark.parametrize("name", [*CHANGES, "dimensions are renamed"])
-def test_a_result_is_what_its_scene_demands(result, tmp_path, name):
+def test_a_result_must_match_its_scene(result, tmp_path, name):
     change, words = CHANGES.get(name, (renamed, "member"))
     path = changed(result, tmp_path / "bad.nc", change)
     with pytest.raises(SceneError, match=words) as error:
@@ -156,7 +156,7 @@ def test_a_result_is_what_its_scene_demands(result, tmp_path, name):
         assert done.exit_code == 3 and len(done.stderr.splitlines()) == 1, done.output
 
 
-def test_what_a_result_says_of_its_text_and_its_times_is_not_decoded(result, tmp_path):
+def test_encodings_in_a_result_are_not_decoded(result, tmp_path):
     def change(file):
         file.variables["quat"][2].update(_Encoding="klingon")
         file.variables["omega"][2].update(
@@ -167,7 +167,7 @@ def test_what_a_result_says_of_its_text_and_its_times_is_not_decoded(result, tmp
         assert odd.identical(good) and list(odd.quat.values) == ["w", "x", "y", "z"]
 
 
-def test_what_no_result_of_a_scene_has_is_left_out(result, tmp_path):
+def test_unknown_variables_of_a_result_are_left_out(result, tmp_path):
     def change(file):
         file.variables["mine"] = [
             ("member",),
@@ -199,7 +199,7 @@ def test_a_file_that_claims_a_terabyte_is_refused_by_its_header(result, tmp_path
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 1e5  # kB; measured 0
 
 
-def test_a_file_that_the_library_does_not_survive_is_refused(result, tmp_path):
+def test_a_file_that_crashes_the_library_is_refused(result, tmp_path):
     """An entry of HDF5's global heap is -16 bytes long: the library searches on for ever."""
     data, path = bytearray(result.read_bytes()), tmp_path / "endless.nc"
     at = data.index(b"GCOL") + 16
@@ -271,7 +271,7 @@ def test_a_run_of_too_many_members_is_refused_before_it_is_counted(directory, fa
     )
 
 
-def test_a_run_of_ten_million_shards_is_asked_quickly(directory):
+def test_the_status_of_ten_million_shards_is_quick(directory):
     with_facts(directory, members=2**53, shard=2**30, block=2**20)
     before, began = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
     assert CliRunner().invoke(app, ["status", directory.path]).exit_code == 5
@@ -283,7 +283,7 @@ def test_a_run_of_ten_million_shards_is_asked_quickly(directory):
     )
 
 
-def test_a_journal_that_tells_what_cannot_be_is_left_out(directory):
+def test_impossible_journal_entries_are_left_out(directory):
     resume.resume(directory)
     lines = ['{"time": 1e308, "event": "begun"}', "[" * 100_000, '{"a": ' * 100_000, "9" * 5000,
         '{"time": 1' + "0" * 400 + "}", '{"time": NaN, "event": "begun"}',
@@ -300,7 +300,7 @@ def test_a_journal_that_tells_what_cannot_be_is_left_out(directory):
     assert run_directory.status(directory.path)["rate"] == 25.0
 
 
-def test_a_part_with_a_number_that_no_process_has_is_taken_away(directory):
+def test_a_part_of_a_process_that_does_not_exist_is_deleted(directory):
     part = pathlib.Path(Part(os.path.join(directory.path, "shards", "00000000")).path)
     part = part.with_name(part.name.replace(f"-{os.getpid()}-", f"-{'9' * 20}-"))
     part.write_text("")
@@ -341,7 +341,7 @@ def test_a_pipe_in_place_of_a_file_is_not_waited_for(result, directory, tmp_path
         refuse_unreadable(result)
 
 
-def test_a_device_a_folder_and_text_that_is_none_are_named(tmp_path):
+def test_devices_folders_and_binary_files_are_named(tmp_path):
     (
         (tmp_path / "zero.toml").symlink_to("/dev/zero"),
         (tmp_path / "latin.toml").write_bytes(b'title = "\xe9"'),
@@ -359,7 +359,7 @@ def test_a_device_a_folder_and_text_that_is_none_are_named(tmp_path):
 
 
 @pytest.mark.parametrize("code", [errno.ENOLCK, errno.EOPNOTSUPP])
-def test_without_locks_nothing_is_made_and_the_way_out_is_named(monkeypatch, tmp_path, code):
+def test_without_locks_nothing_is_written_and_the_remedy_is_named(monkeypatch, tmp_path, code):
     def flock(*_):
         raise OSError(code, os.strerror(code))
 
@@ -384,7 +384,7 @@ def test_without_locks_nothing_is_made_and_the_way_out_is_named(monkeypatch, tmp
     assert run_directory.status(tmp_path / "run")["done"] == 1
 
 
-def test_rigidmc_knows_of_a_lock_that_another_holds(directory):
+def test_a_lock_of_another_process_is_detected(directory):
     code = (
         "import fcntl, sys; file = open(sys.argv[1], 'ab'); fcntl.flock(file, "
         "fcntl.LOCK_EX); print(1, flush=True); sys.stdin.read()"

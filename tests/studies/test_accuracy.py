@@ -112,7 +112,7 @@ def test_members_of_different_speed_step_on_their_own():
     assert order > 2.0  # rows of float32 bend it
 
 
-def test_what_cannot_be_studied():
+def test_scenes_that_cannot_be_studied():
     with pytest.raises(rm.SceneError, match="no such integrator; known: rk4, rk8"):
         rm.accuracy(LAGRANGE, ("rk5",))
     damped = rm.Scene(LAGRANGE.body, (rm.Gravity(3.0), rm.ViscousDamping(0.1)), START).with_run(

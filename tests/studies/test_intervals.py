@@ -23,7 +23,7 @@ def test_probabilities_are_those_of_scipy(method, word):
             )
 
 
-def test_arrays_and_what_cannot_be():
+def test_arrays_and_impossible_input():
     made = probability(np.array([[1, 0], [5, 0]]), np.array([5, 0]))
     assert made.value.shape == (2, 2)
     assert np.isnan(made.low[0, 1])

@@ -48,7 +48,7 @@ def test_a_pixel_is_a_run_of_its_members(flips):
         assert np.array_equal(one.moments.values[0], np.full(EACH, flips.x.values[j]))
 
 
-def test_bodies_that_cannot_be_are_blank(flips):
+def test_impossible_bodies_are_blank(flips):
     one, three = np.meshgrid(flips.x.values, flips.y.values)
     exists = three <= 1.0 + one
     assert np.array_equal(flips.none.values == 0, exists) and np.array_equal(
@@ -174,12 +174,12 @@ def test_members_are_added_until_it_is_known_and_no_bit_differs():
         ("quantile(passage_first, 0.5) +- 1", "no result of that name"),
     ],
 )
-def test_what_cannot_be_reached_is_told(text, words):
+def test_an_unreachable_goal_is_refused(text, words):
     with pytest.raises(SceneError, match=words):
         simulate_until(free(), text, most=1_000_000)
 
 
-def test_a_goal_that_is_not_reached_is_told():
+def test_a_goal_that_is_not_reached_is_reported():
     with pytest.warns(rm.SceneWarning, match="not reached"):
         ds, found = simulate_until(free(), "p(flips >= 1) +- 0.001", most=8192)
     assert ds.sizes["member"] == 8192 and found.half > 0.001
@@ -252,7 +252,7 @@ def test_measures(text):
         "p(flips => 1)",
     ],
 )
-def test_what_is_no_measure_is_told(text):
+def test_bad_measures_are_refused(text):
     with pytest.raises(SceneError):
         measure(text, VARIABLES)
 
@@ -344,7 +344,7 @@ def test_what_is_no_measure_is_told(text):
         (["intermediate_axis", "--plot", "map.xyz"], ".png"),
     ],
 )
-def test_the_command_tells_what_is_wrong(arguments, words):
+def test_the_command_reports_mistakes(arguments, words):
     result = CliRunner().invoke(app, ["map", *arguments])
     assert result.exit_code == 3 and words in result.stderr
 

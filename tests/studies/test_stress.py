@@ -32,7 +32,7 @@ def cases():
     return catalogue()
 
 
-def test_the_catalogue_is_what_it_says():
+def test_the_catalogue_is_complete():
     assert len(cases()) >= 60
     assert len({case.name for case in cases()}) == len(cases())
     assert {case.group for case in cases()} == set(GROUPS)
@@ -80,7 +80,7 @@ def test_errors_are_seen():
     assert flips((1.0, 2.0, 3.0), (1e-4, 2.0, 1e-4), 1)("exact", 1.0) > 1e-3
 
 
-def test_a_study_tells_what_is_above_its_bound(tmp_path):
+def test_a_study_reports_cases_above_their_bound(tmp_path):
     """One bound at a tenth: the right row, and no other, is above it."""
     names = ["exact", "closed"]
     first = H.stress(["H5"], names, threads=1)

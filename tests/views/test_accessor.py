@@ -113,7 +113,7 @@ def test_pictures_and_summary(result):
     assert CliRunner().invoke(app, ["summary", str(result)]).stdout.strip() == text
 
 
-def test_even_points_tell_no_interval():
+def test_even_points_give_no_interval():
     scene = rm.Scene(
         rm.Body.from_moments((1.0, 2.0, 2.8)), start=rm.Start(omega=(rm.normal(0.0, 0.1), 1.0, 0.0))
     )

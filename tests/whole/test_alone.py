@@ -82,7 +82,7 @@ def differing(some, every, booked):
 
 @pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # long steps
 @pytest.mark.parametrize("name", SCENES)
-def test_little_and_much(name):
+def test_saving_little_and_saving_all(name):
     scene = SCENES[name]
     much = saved(
         scene,
@@ -159,7 +159,7 @@ def test_an_observable_that_names_the_attitude_gets_it(monkeypatch):
     assert np.abs(alone.tilt.values - (1.0 - 2.0 * (x * x + y * y))).max() < 1e-15  # measured 2e-16
 
 
-def test_what_is_asked_of_the_attitude():
+def test_observables_that_need_the_attitude():
     bare = rm.Scene(HEAVY, start=rm.Start(omega=(0.0, 1.0, 0.0)))
     needed = {
         name

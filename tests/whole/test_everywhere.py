@@ -121,7 +121,7 @@ def test_one_result(i, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("i", range(30))
-def test_one_result_of_many(i, tmp_path):
+def test_one_result_of_many_scenes(i, tmp_path):
     (kind,) = random_scenes.kinds(1, seed=1000 + i)
     for seed in range(10):
         folder = tmp_path / str(seed)

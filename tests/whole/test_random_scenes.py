@@ -125,7 +125,7 @@ def test_no_difference_that_is_not_flagged(kind):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("part", range(10))
-def test_thousands(part):
+def test_thousands_of_scenes(part):
     found = {
         (kind, seed): wrong(kind, seed, 1)
         for kind in random_scenes.kinds(10, seed=part)
