@@ -357,17 +357,21 @@ def main():
     parser = argparse.ArgumentParser(
         prog="python -m bench.mutants", description=__doc__.splitlines()[0]
     )
-    parser.add_argument("--count", type=int, default=200, help="how many mutants")
-    parser.add_argument("--seed", type=int, default=1, help="which")
-    parser.add_argument("--of", choices=("all", "physics", "engine"), default="all", help="where")
-    parser.add_argument("--threads", type=int, default=os.cpu_count() or 1, help="how many at once")
+    parser.add_argument("--count", type=int, default=200, help="number of mutants")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the choice")
+    parser.add_argument(
+        "--of", choices=("all", "physics", "engine"), default="all", help="rooms to break"
+    )
+    parser.add_argument(
+        "--threads", type=int, default=os.cpu_count() or 1, help="mutants judged at once"
+    )
     parser.add_argument(
         "--output", default=os.path.join(HERE, "results", "mutants.json"), metavar="FILE"
     )
     parser.add_argument(
         "--again",
         action="store_true",
-        help="judge only the survivors of FILE, after tests were added",
+        help="judge the survivors of FILE once more, with new tests",
     )
     options = parser.parse_args()
     rows, made = [], []
