@@ -58,8 +58,8 @@ def ensemble(kind):
     """Second moments uniform in (0.2, 1), I = sums of two; omega normal; attitude uniform; weight
     times arm normal in each axis.
     """
-    made = tops.random_tops(MEMBERS, seed=11)
-    return made._replace(
+    many = tops.random_tops(MEMBERS, seed=11)
+    return many._replace(
         static=np.random.default_rng(12).normal(size=(3, MEMBERS)) * (kind == "heavy")
     )
 
