@@ -36,12 +36,12 @@ def main():
         "--output",
         default=os.path.join(HERE, "results"),
         metavar="DIR",
-        help="where NAME.json goes",
+        help="folder for NAME.json",
     )
     parser.add_argument(
         "--quick",
         action="store_true",
-        help="fewer rounds and smaller runs: to see that it works, not for figures",
+        help="fewer rounds and smaller runs, to see that it works; not for figures",
     )
     options = parser.parse_args()
     if unknown := [name for name in options.names if name not in BENCHES]:

@@ -44,12 +44,12 @@ def run(quick):
         names = ("integrator", "dtype", "dt", "steps", "turn", "error_state_median",
             "error_state_upper", "error_state_worst",
                  "ns_per_member_step", "members_per_second")  # fmt: skip
-        found = [
+        errors = [
             {name: _plain(study[name].values[i]) for name in names}
             for i in range(study.sizes["row"])
         ]
-        rows += [{"kind": "error", "body": body, **row} for row in found]
-        rows += choices(body, found)
+        rows += [{"kind": "error", "body": body, **row} for row in errors]
+        rows += choices(body, errors)
     return rows + arithmetic()
 
 
@@ -63,13 +63,11 @@ def scene(effects):
     )
 
 
-def choices(body, found):
-    """Rows that name the fastest integrator and step for an error, and the best step of each
-    integrator.
-    """
+def choices(body, errors):
+    """Rows with the fastest integrator and step for an error, and the best of each integrator."""
     rows = []
     for limit in TARGETS:
-        good = [r for r in found if r["error_state_upper"] <= limit]
+        good = [r for r in errors if r["error_state_upper"] <= limit]
         # the last is the fastest
         each = {r["integrator"]: r for r in sorted(good, key=lambda r: r["members_per_second"])}
         best = sorted(each.values(), key=lambda r: -r["members_per_second"])
@@ -81,8 +79,7 @@ def choices(body, found):
 
 
 def arithmetic():
-    """Rows with the cost of a step relative to rk4, measured and predicted from its packed
-    instructions.
+    """Rows with the cost of a step relative to rk4, measured and predicted from its instructions.
 
     By slots: every vector instruction except moves counts one, a division of eight numbers ten, a
     square root of eight numbers eighteen. By flops: as they are.
@@ -90,19 +87,19 @@ def arithmetic():
     from tests.assembly import counted
     from tests.engine.test_vectorisation import CASES
 
-    few = pilot(scene(EFFECTS["heavy"]), 64)._replace(own=False)
+    members = pilot(scene(EFFECTS["heavy"]), 64)._replace(own=False)
     rows = []
     for case, name in COUNTED.items():
-        made = counted(CASES[case])
-        steps = few.base * 4096  # one part, one panel
-        ns = min(Costs(few).step(name, steps, "float64") for _ in range(5))
+        counts = counted(CASES[case])
+        steps = members.base * 4096  # one part, one panel
+        ns = min(Costs(members).step(name, steps, "float64") for _ in range(5))
         rows.append(
             {
                 "kind": "step",
                 "integrator": name,
                 "ns": ns,
-                "flops": made["flops"] * made["parts"],
-                "slots": made["slots"],
+                "flops": counts["flops"] * counts["parts"],
+                "slots": counts["slots"],
             }
         )
     base = rows[0]

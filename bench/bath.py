@@ -25,12 +25,12 @@ STEPS = (
 def scene():
     """A heavy body in a bath with damping rate 1, from rest and any attitude to t = 12."""
     body = Body.from_moments(MOMENTS, mass=1.0, centre=(0.0, 0.0, 0.3))
-    made = Scene(
+    bathed = Scene(
         body,
         (Gravity(WEIGHT / 0.3), Bath(1.0, KT)),
         Start(omega=(0.0, 0.0, 0.0), attitude="uniform"),
     )
-    return made.with_run(integrator="strang", t_end=12.0, seed=1, save=("momentum", "attitude"))
+    return bathed.with_run(integrator="strang", t_end=12.0, seed=1, save=("momentum", "attitude"))
 
 
 def moments(dt, members):
@@ -43,8 +43,8 @@ def moments(dt, members):
     def mean(values):
         return float(values.mean()), float(values.std()) / math.sqrt(n)
 
-    found = [(f"<L_{i + 1}^2>/(I_{i + 1} kT)", 1.0, *mean(l[i] ** 2)) for i in range(3)]
-    found += [
+    rows = [(f"<L_{i + 1}^2>/(I_{i + 1} kT)", 1.0, *mean(l[i] ** 2)) for i in range(3)]
+    rows += [
         (
             f"kurtosis of L_{i + 1}",
             3.0,
@@ -53,10 +53,10 @@ def moments(dt, members):
         )
         for i in range(3)
     ]
-    found += [(f"<L_{i + 1}>", 0.0, *mean(l[i])) for i in range(3)]
+    rows += [(f"<L_{i + 1}>", 0.0, *mean(l[i])) for i in range(3)]
     heat, error = mean(0.5 * (l**2).sum(0))
-    found += [("<T>/kT", 1.5, heat, error), ("<cos theta>", 1.0 / x - 1.0 / math.tanh(x), *mean(u))]
-    return found
+    rows += [("<T>/kT", 1.5, heat, error), ("<cos theta>", 1.0 / x - 1.0 / math.tanh(x), *mean(u))]
+    return rows
 
 
 def run(quick):
@@ -95,7 +95,7 @@ def sigmas(row):
 
 def report(rows):
     """Print the tables."""
-    found = [r for r in rows if r["kind"] == "moment"]
+    moment_rows = [r for r in rows if r["kind"] == "moment"]
     cells = [
         (
             r["what"],
@@ -104,7 +104,7 @@ def report(rows):
             f"{r['error']:.6f}",
             f"{sigmas(r):.2f}",
         )
-        for r in found
+        for r in moment_rows
         if r["dt"] == STEPS[-1]
     ]
     harness.table(
@@ -112,7 +112,7 @@ def report(rows):
     )
     heat = [
         (f"{r['dt']:g}", f"{r['mean'] / 1.5 - 1.0:+.5f}", f"{r['error'] / 1.5:.5f}")
-        for r in found
+        for r in moment_rows
         if r["what"] == "<T>/kT"
     ]
     harness.table("bias of <T>", ["dt", "of 3/2 kT", "standard error"], heat)

@@ -27,9 +27,7 @@ QUICK = ("rk4", "exact", "strang")  # integrators of a quick run; strang takes t
 
 
 def cases(integrators=None):
-    """[(name, Scene, options of its run)]: free, heavy, driven and in a bath, by every integrator
-    that takes the scene.
-    """
+    """[(name, Scene, options of its run)]: free, heavy, driven, in a bath, by every integrator."""
     import rigidmc as rm
     from rigidmc.integrators import accepting
 
@@ -59,7 +57,7 @@ def cases(integrators=None):
             ("energy_variance",),
         ),
     }  # fmt: skip
-    found = []
+    rows = []
     for word, (effects, start, watched) in scenes.items():
         scene = rm.Scene(body, effects, start).with_run(
             t_end=2.0,
@@ -71,14 +69,14 @@ def cases(integrators=None):
         for name in accepting(effects):
             if name != "closed" and (integrators is None or name in integrators):
                 # which solves for less than 0.5 rad
-                found.append(
+                rows.append(
                     (word, scene, {"integrator": name, "dt": 0.02 if name == "midpoint" else 0.05})
                 )
         if effects and word != "in a bath":
-            found.append((word, scene, {"integrator": "rk4", "turn": 0.1}))
+            rows.append((word, scene, {"integrator": "rk4", "turn": 0.1}))
         if word == "heavy":
-            found.append((word, scene, {"integrator": "rk4", "dt": 0.05, "dtype": "float32"}))
-            found.append(
+            rows.append((word, scene, {"integrator": "rk4", "dt": 0.05, "dtype": "float32"}))
+            rows.append(
                 (
                     word,
                     scene,
@@ -89,7 +87,7 @@ def cases(integrators=None):
                     },
                 )
             )
-    return found
+    return rows
 
 
 def sums(widths, integrators=None):
@@ -97,7 +95,7 @@ def sums(widths, integrators=None):
     import rigidmc as rm
     from rigidmc.engine import program
 
-    own, made = program.lanes_for, {}
+    lanes_for, digests = program.lanes_for, {}
     try:
         for word, scene, options in cases(integrators):
             label = (
@@ -112,22 +110,20 @@ def sums(widths, integrators=None):
                 else ""
             )
             for width in widths:
-                program.lanes_for = (lambda dtype, width=width: width) if width else own
+                program.lanes_for = (lambda dtype, width=width: width) if width else lanes_for
                 result = rm.simulate(scene, threads=1, checks=False, **options)
                 parts = [
                     np.ascontiguousarray(result[name].values).tobytes()
                     for name in sorted(result.data_vars)
                 ]
-                made.setdefault(label, []).append(hashlib.sha256(b"".join(parts)).hexdigest())
+                digests.setdefault(label, []).append(hashlib.sha256(b"".join(parts)).hexdigest())
     finally:
-        program.lanes_for = own
-    return made
+        program.lanes_for = lanes_for
+    return digests
 
 
 def elsewhere(processor, widths, integrators=None):
-    """`sums` in a process whose code is generated for another processor, with a cache of its
-    own.
-    """
+    """`sums` in a process with code for another processor and a cache of its own."""
     environment = {**os.environ, **PROCESSORS[processor]}
     if environment.get("NPY_DISABLE_CPU_FEATURES") == "all":
         from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__
@@ -155,22 +151,22 @@ def elsewhere(processor, widths, integrators=None):
 def run(quick):
     """All rows of the bench."""
     some = QUICK if quick else None
-    found = {"this processor": elsewhere("this processor", WIDTHS, some)}
+    digests = {"this processor": elsewhere("this processor", WIDTHS, some)}
     for processor in list(PROCESSORS)[1:]:
-        found[processor] = elsewhere(processor, (0,), some)  # the width that suits the processor
+        digests[processor] = elsewhere(processor, (0,), some)  # the width that suits the processor
     rows = [
         {"kind": "bits", "processor": word, "case": case, "sums": each}
-        for word, all_of_it in found.items()
-        for case, each in all_of_it.items()
+        for word, by_case in digests.items()
+        for case, each in by_case.items()
     ]
     same = sum(
-        len({one for all_of_it in found.values() for one in all_of_it[case]}) == 1
-        for case in found["this processor"]
+        len({one for by_case in digests.values() for one in by_case[case]}) == 1
+        for case in digests["this processor"]
     )
     return [
         *rows,
         harness.target(
-            "cases whose results are the same everywhere", len(found["this processor"]), same, ""
+            "cases whose results are the same everywhere", len(digests["this processor"]), same, ""
         ),
     ]
 

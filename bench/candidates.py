@@ -1,6 +1,4 @@
-"""The candidates of the throughput bench: the same tops by kernels, C, naive Numba and
-simulate().
-"""
+"""The candidates of the throughput bench: kernels, C, naive Numba and simulate()."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -45,10 +43,10 @@ def kernels(ensemble):
     all_cores = tops.pool(threads_available())
 
     def candidate(name, effects, attitude=True, pool=all_cores, same_as="kernel rk4 free"):
-        made = form(INTEGRATORS[name], Turns(0.1), effects)
+        steps_form = form(INTEGRATORS[name], Turns(0.1), effects)
 
         def run(parts):
-            tops.advance(parts, made, effects, attitude, H, STEPS, pool)
+            tops.advance(parts, steps_form, effects, attitude, H, STEPS, pool)
             return parts
 
         def read(parts):
@@ -93,7 +91,7 @@ def compiled(ensemble, notes):
         warmed()
         return tops.columns(ensemble)
 
-    found = {
+    of_c = {
         "C structure of arrays, free": candidate(plain.rk4_free, "kernel rk4 free"),
         "C structure of arrays, free, 100 saves": Candidate(
             ready,
@@ -104,9 +102,9 @@ def compiled(ensemble, notes):
         "C structure of arrays, heavy": candidate(plain.rk4_heavy, "kernel rk4 heavy"),
     }
     if hasattr(aim, "rk4_free_512"):
-        found["C 512-bit intrinsics, free"] = candidate(aim.rk4_free_512, "kernel rk4 free")
-        found["C 512-bit intrinsics, free, 4,000 steps"] = candidate(aim.rk4_free_512, "", 4000)
-        found["C 512-bit intrinsics, heavy"] = candidate(aim.rk4_heavy_512, "kernel rk4 heavy")
+        of_c["C 512-bit intrinsics, free"] = candidate(aim.rk4_free_512, "kernel rk4 free")
+        of_c["C 512-bit intrinsics, free, 4,000 steps"] = candidate(aim.rk4_free_512, "", 4000)
+        of_c["C 512-bit intrinsics, heavy"] = candidate(aim.rk4_heavy_512, "kernel rk4 heavy")
     else:
         notes["C 512-bit intrinsics"] = "left out: this CPU has no AVX-512"
     count = 50_000_000  # 0.16 s at 58 GFLOP/s a thread
@@ -119,7 +117,7 @@ def compiled(ensemble, notes):
             work=count * peak.fma_peak(1, threads),
         )
 
-    return {**found, "peak": summit(threads_available()), "peak, one thread": summit(1)}
+    return {**of_c, "peak": summit(threads_available()), "peak, one thread": summit(1)}
 
 
 def numba(ensemble):

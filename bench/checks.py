@@ -31,13 +31,13 @@ def shifted(pool, seed=0):
 
     The position of the workspace relative to the stack changes the time of rk8 by 8 % either way.
     """
-    some, kept = np.random.default_rng(seed), []
+    some, held = np.random.default_rng(seed), []
 
     def hold(sizes):  # in the threads of the pool, which have heaps of their own
         return [np.empty(size) for size in sizes]
 
     def shift():
-        kept[:] = pool.map(
+        held[:] = pool.map(
             hold, [some.integers(1, 600, some.integers(1, 64)).tolist() for _ in range(8)]
         )
 
@@ -49,7 +49,7 @@ def run(quick):
     ensemble, pool, rows = tops.random_tops(MEMBERS), tops.pool(threads_available()), []
     shift = shifted(pool)
     for name, effects, attitude in CASES:
-        made = form(INTEGRATORS[name], Turns(0.1), effects)
+        steps_form = form(INTEGRATORS[name], Turns(0.1), effects)
         with_all = tuple(
             Limits(
                 0.05,
@@ -61,9 +61,11 @@ def run(quick):
         )
         ends = {}
 
-        def advance(word, limits, made=made, effects=effects, attitude=attitude, ends=ends):
+        def advance(
+            word, limits, steps_form=steps_form, effects=effects, attitude=attitude, ends=ends
+        ):
             def move(parts):
-                tops.advance(parts, made, effects, attitude, H, STEPS, pool, limits=limits)
+                tops.advance(parts, steps_form, effects, attitude, H, STEPS, pool, limits=limits)
                 ends[word] = parts
 
             return lambda: (shift(), tops.blocks(ensemble, effects))[1], move

@@ -47,15 +47,13 @@ def some(kind):
 
 
 def added(quick):
-    """Rows with the time that each effect adds to a step of a free body by rk4, with attitude; all
-    interleaved.
-    """
+    """Rows with the time that each effect adds to a step of a free body by rk4, interleaved."""
     ensemble, pool = tops.random_tops(MEMBERS), tops.pool(threads_available())
-    made = form(INTEGRATORS["rk4"], Turns(0.1), ())
+    steps_form = form(INTEGRATORS["rk4"], Turns(0.1), ())
 
     def run(effects):
         def move(parts):
-            tops.advance(parts, made, effects, True, H, STEPS, pool)
+            tops.advance(parts, steps_form, effects, True, H, STEPS, pool)
 
         return lambda: tops.blocks(ensemble, effects), move
 
@@ -64,10 +62,10 @@ def added(quick):
     cpu: dict[str, list[float]] = {}
     harness.interleaved(field, 3 if quick else 15, cpu)
     share = 1e9 / (MEMBERS * STEPS)
-    bare, base = step_operations(made, (), True), counted(case("rk4"))["slots"]
+    bare, base = step_operations(steps_form, (), True), counted(case("rk4"))["slots"]
     each, rows = share * harness.median(cpu["none"]), []
     for name, effect in kinds.items():
-        more = step_operations(made, (effect,), True).less(bare)
+        more = step_operations(steps_form, (effect,), True).less(bare)
         issued = counted(case("rk4", (effect,)))["slots"] - base
         more_ns = [share * (a - b) for a, b in zip(cpu[name], cpu["none"], strict=True)]
         rows.append(
@@ -91,14 +89,14 @@ import json
 from bench.effects import fingerprint
 print(json.dumps([len(e.EFFECTS), *fingerprint()]))
 """
-    found = subprocess.run(
+    done = subprocess.run(
         [sys.executable, "-c", script],
         capture_output=True,
         text=True,
         check=True,
         env={**os.environ, "PYTHONPATH": "."},
     )
-    return json.loads(found.stdout.splitlines()[-1])
+    return json.loads(done.stdout.splitlines()[-1])
 
 
 def fingerprint():

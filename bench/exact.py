@@ -351,10 +351,10 @@ def run(quick):
     rows += elliptic_rows(50 if quick else 400) + speed_rows(3 if quick else 9)
     classes = [r for r in rows if r["kind"] == "class"]
     for form, asked in (("free top", 1e-13), ("Lagrange top", 1e-12)):
-        mine = [r for r in classes if r["form"] == form]
-        total = sum(r["count"] for r in mine)
+        of_form = [r for r in classes if r["form"] == form]
+        total = sum(r["count"] for r in of_form)
         for what in ("momentum", "attitude"):
-            worst = max(r[f"{what}_conditioned"] for r in mine)
+            worst = max(r[f"{what}_conditioned"] for r in of_form)
             rows.append(
                 harness.target(
                     f"{form}, {what} / (1 + conditioning)",

@@ -52,8 +52,8 @@ def shell(name, side, folder):
     began = time.perf_counter()
     memory = peak(command, folder)
     seconds = time.perf_counter() - began
-    with xr.open_dataset(file) as found:
-        return seconds, memory, found.load()
+    with xr.open_dataset(file) as dataset:
+        return seconds, memory, dataset.load()
 
 
 def agreement(name, ds):
@@ -98,7 +98,7 @@ def prices(processes):
         "import json; from rigidmc.planning.tolerance.effect_costs import watched_prices; "
         "print(json.dumps(watched_prices(rounds=3)))"
     )
-    found = [
+    measured = [
         json.loads(
             subprocess.run(
                 [sys.executable, "-c", script], capture_output=True, text=True, check=True
@@ -107,19 +107,17 @@ def prices(processes):
         for _ in range(processes)
     ]
     rows = []
-    for word, each in found[0].items():
-        bare = np.array([one[word][""] for one in found])
+    for word, each in measured[0].items():
+        bare = np.array([one[word][""] for one in measured])
         for what in each:
             if what:
-                with_it = bare + [one[word][what] for one in found]
+                with_it = bare + [one[word][what] for one in measured]
                 rows.append((what, word, float(np.median(with_it)), float(np.median(bare))))
     return rows
 
 
 def fill(members):
-    """{points: rms error} of the mean of a smooth result over 8 seeds, against 2^20 Sobol
-    points.
-    """
+    """{points: rms error} of the mean of a smooth result, 8 seeds, against 2^20 Sobol points."""
     start = rm.Start(omega=(rm.normal(0.3, 0.1), rm.normal(1.0, 0.1), rm.normal(0.2, 0.1)))
     scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)), start=start).with_run(
         dt=0.1, t_end=5.0, save=("omega_mean",)
@@ -155,11 +153,13 @@ def coverage(studies):
     ).flip_first.values
     true, wait = np.isfinite(many).mean(), np.nanmean(many)
     flips = np.isfinite(first).sum(1)
-    found = {
+    intervals = {
         "probability, Wilson": probability(flips, size),
         "probability, Clopper-Pearson": probability(flips, size, method="clopper-pearson"),
     }
-    held = {word: float(((i.low <= true) & (true <= i.high)).mean()) for word, i in found.items()}
+    held = {
+        word: float(((i.low <= true) & (true <= i.high)).mean()) for word, i in intervals.items()
+    }
     of_mean = mean(first)
     return {**held, "mean, Student": float(((of_mean.low <= wait) & (wait <= of_mean.high)).mean())}
 
@@ -268,7 +268,7 @@ def run(quick):
 
 def report(rows):
     """Print the tables."""
-    found = [r for r in rows if r["kind"] == "map"]
+    map_rows = [r for r in rows if r["kind"] == "map"]
     lines = [
         (
             r["name"],
@@ -278,7 +278,7 @@ def report(rows):
             f"{r['number']:.4g}",
             r["words"],
         )
-        for r in found
+        for r in map_rows
     ]
     harness.table("maps", ["", "members", "s", "GB", "against theory", ""], lines)
     lines = [

@@ -1,6 +1,4 @@
-"""Peak memory of a large ensemble, by simulate() and from the shell; it does not grow with
-steps.
-"""
+"""Peak memory of a large ensemble, by simulate() and from the shell, for any number of steps."""
 
 import json
 import os
@@ -40,9 +38,7 @@ assert int((data.status != 0).sum()) == 0
 
 
 def peak(command, folder):
-    """Peak resident memory of a command [GB]; RuntimeError with the end of its output if it
-    fails.
-    """
+    """Peak resident memory of a command [GB]; RuntimeError if it fails."""
     path = os.pathsep.join(filter(None, [os.getcwd(), os.environ.get("PYTHONPATH")]))
     watch = [sys.executable, "-I", "-S", "-c", WATCH, *command]
     done = subprocess.run(

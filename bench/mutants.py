@@ -84,10 +84,8 @@ WORDS = {  # of LLVM
 
 
 def places(engine=True, physics=True):
-    """Every place that can be broken: (file, kind, line, column, end line, end column, new
-    text).
-    """
-    paths, found = [], []
+    """Every breakable place: (file, kind, line, column, end line, end column, new text)."""
+    paths, all_places = [], []
     for folder in FOLDERS if physics else ():
         names = sorted(os.listdir(os.path.join(ROOT, "rigidmc", folder)))
         paths += [
@@ -100,8 +98,10 @@ def places(engine=True, physics=True):
         path = os.path.join("rigidmc", folder, name)
         with open(os.path.join(ROOT, path)) as file:
             text = file.read()
-        found += [(path, *place) for place in _in_file(ast.parse(text), text, folder == "engine")]
-    return found
+        all_places += [
+            (path, *place) for place in _in_file(ast.parse(text), text, folder == "engine")
+        ]
+    return all_places
 
 
 def is_compiled(path):
@@ -110,10 +110,10 @@ def is_compiled(path):
 
 
 def _in_file(tree, text, engine):
-    found = []
+    all_places = []
 
     def put(kind, node, new):
-        found.append(
+        all_places.append(
             (kind, node.lineno, node.col_offset, node.end_lineno, node.end_col_offset, new)
         )
 
@@ -219,13 +219,11 @@ def _in_file(tree, text, engine):
             and isinstance(node, (ast.For, ast.Expr))
             and not isinstance(getattr(node, "value", None), ast.Constant),
         )
-    return found
+    return all_places
 
 
 def _of_tuples(node):
-    """Whether a sum joins tuples, as far as the source shows; a difference of tuples is an
-    error.
-    """
+    """Whether a sum joins tuples, as far as the source shows; their difference is an error."""
     both = node.left, node.right
     return any(
         isinstance(x, ast.Tuple) or (isinstance(x, ast.BinOp) and _of_tuples(x)) for x in both
@@ -244,18 +242,16 @@ def chosen(count, seed, every):
     for place in every:
         kinds.setdefault(place[1], []).append(place)
     shares = {"sign": 0.25, "factor": 0.15, "index": 0.2, "frame": 0.05, "choice": 0.2, "row": 0.15}
-    made = []
+    mutants = []
     for kind, share in shares.items():
-        made += some.sample(
+        mutants += some.sample(
             kinds.get(kind, []), min(len(kinds.get(kind, [])), round(share * count))
         )
-    return made
+    return mutants
 
 
 def found_again(row):
-    """The present place of a mutant judged before, even if its line has moved; LookupError if it is
-    gone.
-    """
+    """The present place of a mutant, even if its line has moved; LookupError if it is gone."""
     with open(os.path.join(ROOT, row["file"])) as file:
         lines = file.read().split("\n")
     at = [i + 1 for i, line in enumerate(lines) if line.strip() == row["before"]]
@@ -312,24 +308,24 @@ def judged(place):
         began = time.perf_counter()
         plain, killed = {**env, "NUMBA_DISABLE_JIT": "1"}, None
         if place is None or not is_compiled(place[0]):
-            code, said = _run(
+            code, message = _run(
                 [sys.executable, "-c", "from bench.mutants import judge; judge()"],
                 folder,
                 plain,
                 SECONDS,
             )
-            killed = None if code == 0 else f"hard cases: {said}"
+            killed = None if code == 0 else f"hard cases: {message}"
             if killed is None:
-                code, said = _run([*PYTEST, "-k", LEFT_OUT, *TESTS], folder, plain, SECONDS)
-                killed = None if code == 0 else f"tests: {said}"
+                code, message = _run([*PYTEST, "-k", LEFT_OUT, *TESTS], folder, plain, SECONDS)
+                killed = None if code == 0 else f"tests: {message}"
         if killed is None and (place is None or "engine" in place[0] or "bath" in place[0]):
             tests = (
                 ("tests/effects/test_bath.py",)
                 if place is not None and "bath" in place[0]
                 else COMPILED_TESTS
             )
-            code, said = _run([*PYTEST, *tests], folder, env, SECONDS)
-            killed = None if code == 0 else f"compiled tests: {said}"
+            code, message = _run([*PYTEST, *tests], folder, env, SECONDS)
+            killed = None if code == 0 else f"compiled tests: {message}"
         return {**row, "killed": killed, "seconds": time.perf_counter() - began}
 
 
@@ -377,32 +373,36 @@ def main():
     parser = argparse.ArgumentParser(
         prog="python -m bench.mutants", description=__doc__.splitlines()[0]
     )
-    parser.add_argument("--count", type=int, default=200, help="how many mutants")
-    parser.add_argument("--seed", type=int, default=1, help="which")
-    parser.add_argument("--of", choices=("all", "physics", "engine"), default="all", help="where")
-    parser.add_argument("--threads", type=int, default=os.cpu_count() or 1, help="how many at once")
+    parser.add_argument("--count", type=int, default=200, help="number of mutants")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the choice")
+    parser.add_argument(
+        "--of", choices=("all", "physics", "engine"), default="all", help="rooms to break"
+    )
+    parser.add_argument(
+        "--threads", type=int, default=os.cpu_count() or 1, help="mutants judged at once"
+    )
     parser.add_argument(
         "--output", default=os.path.join(HERE, "results", "mutants.json"), metavar="FILE"
     )
     parser.add_argument(
         "--again",
         action="store_true",
-        help="judge only the survivors of FILE, after tests were added",
+        help="judge the survivors of FILE once more, with new tests",
     )
     options = parser.parse_args()
-    rows, made = [], []
+    rows, mutants = [], []
     every = places(options.of != "physics", options.of != "engine")
     if options.again:
         with open(options.output) as file:
             for row in json.load(file):
-                (rows if row["killed"] else made).append(row)
-        made = [found_again(row) for row in made]
+                (rows if row["killed"] else mutants).append(row)
+        mutants = [found_again(row) for row in mutants]
     else:
-        made = chosen(options.count, options.seed, every)
-    if said := judged(None)["killed"]:
-        sys.exit(f"the package as it is does not pass: {said}")
+        mutants = chosen(options.count, options.seed, every)
+    if message := judged(None)["killed"]:
+        sys.exit(f"the package as it is does not pass: {message}")
     with ThreadPoolExecutor(options.threads) as pool:
-        for row in pool.map(judged, made):
+        for row in pool.map(judged, mutants):
             rows.append(row)
             word = "killed  " if row["killed"] else "SURVIVED"
             print(

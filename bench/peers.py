@@ -58,8 +58,8 @@ def ensemble(kind):
     """Second moments uniform in (0.2, 1), I = sums of two; omega normal; attitude uniform; weight
     times arm normal in each axis.
     """
-    made = tops.random_tops(MEMBERS, seed=11)
-    return made._replace(
+    many = tops.random_tops(MEMBERS, seed=11)
+    return many._replace(
         static=np.random.default_rng(12).normal(size=(3, MEMBERS)) * (kind == "heavy")
     )
 
@@ -133,9 +133,7 @@ def warm(entry):
 
 
 def worst(many, end, true):
-    """Largest error over all tops of omega (relative) and attitude [rad]; inf if one is not
-    finite.
-    """
+    """Largest error over all tops of omega (relative) and attitude [rad]; inf if not finite."""
     with np.errstate(over="ignore", invalid="ignore"):  # too long a step
         errors = np.maximum(
             tops.omega_error(many, end[1], true[1]), tops.attitude_error(end[0], true[0])
@@ -167,9 +165,7 @@ def truth(many, kind):
 
 
 def _form(many, name, kind, dt, turn=None):
-    """What is compiled for steps of dt, or of `turn` in at most dt, as in a scene with these
-    tops.
-    """
+    """What is compiled for steps of dt, or of `turn` in at most dt, as for a scene."""
     body = rigidmc.Body.from_moments(many.moments.T, mass=1.0, centre=many.static.T)
     start = rigidmc.Start(omega=many.omega.T, attitude=many.attitude.T)
     scene = rigidmc.Scene(body, GRAVITY if kind == "heavy" else (), start)

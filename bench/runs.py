@@ -253,13 +253,13 @@ def run(quick):
                 note=note,
             )
         )
-        count, opened, told, command = thousand(folder, 20 if quick else 1000)
+        count, opened, asked, command = thousand(folder, 20 if quick else 1000)
         rows.append(harness.target(f"rm.open of {count:,} shards", 2.0, opened, "s", at_most=True))
         rows.append(
             harness.target(
                 f"status of {count:,} shards",
                 0.5,
-                told,
+                asked,
                 "s",
                 at_most=True,
                 note=f"`rigidmc status` {command:.2f} s",
@@ -269,13 +269,12 @@ def run(quick):
         rows += cluster(
             folder, sizes[0], 2.0 if quick else 400.0, 1 if quick else 2, 0.5 if quick else 4
         )
-        found = [row for row in rows if row["kind"] == "cluster"]
-        assert all(row["equal"] for row in found)
-        ratio = harness.median([row["threads"] / row["cluster"] for row in found])
-        steady = harness.median([row["threads_a_shard"] / row["cluster_a_shard"] for row in found])
-        note = (
-            f"once it has started; a run of {found[0]['threads']:.0f} s with its start {ratio:.2f}"
-        )
+        clusters = [row for row in rows if row["kind"] == "cluster"]
+        assert all(row["equal"] for row in clusters)
+        ratio = harness.median([row["threads"] / row["cluster"] for row in clusters])
+        shares = [row["threads_a_shard"] / row["cluster_a_shard"] for row in clusters]
+        steady, seconds = harness.median(shares), clusters[0]["threads"]
+        note = f"once it has started; a run of {seconds:.0f} s with its start {ratio:.2f}"
         rows.append(
             harness.target(
                 "two processes of a cluster here against two threads", 0.9, steady, "x", note=note

@@ -34,16 +34,19 @@ def judge(which):
 
     def one(effects):
         began = time.perf_counter()
-        found = counted(case("rk4", tuple(some(EFFECTS[name]) for name in effects)))
-        return time.perf_counter() - began, found
+        counts = counted(case("rk4", tuple(some(EFFECTS[name]) for name in effects)))
+        return time.perf_counter() - began, counts
 
     one(())  # compiled once in each process
     alone = min(one(())[0] for _ in range(2))
     for effects in which:
-        seconds, found = one(effects)
+        seconds, counts = one(effects)
         # one scalar sum is the time of a step, which all members share
         fine = (
-            found["scalar"] <= 1 and found["calls"] == 0 and not found["libm"] and found["widest"]
+            counts["scalar"] <= 1
+            and counts["calls"] == 0
+            and not counts["libm"]
+            and counts["widest"]
         )
         print(
             json.dumps(
@@ -53,7 +56,7 @@ def judge(which):
                     "alone": alone,
                     "seconds": seconds - alone,
                     "fine": fine,
-                    **found,
+                    **counts,
                 }
             ),
             flush=True,
@@ -111,10 +114,10 @@ def run(quick):
 
 def report(rows):
     """Print the tables."""
-    found = [r for r in rows if r["kind"] == "set"]
+    set_rows = [r for r in rows if r["kind"] == "set"]
     lines = []
     for word, some in (("one", [1]), ("two", [2]), ("3 to 8", range(3, 9))):
-        part = [r for r in found if len(r["effects"]) in some]
+        part = [r for r in set_rows if len(r["effects"]) in some]
         seconds = [r["seconds"] for r in part]
         late = sum(s > ASKED for s in seconds)
         lines.append(
@@ -127,13 +130,13 @@ def report(rows):
                 late,
             )
         )
-    alone = harness.median([r["alone"] for r in found])
+    alone = harness.median([r["alone"] for r in set_rows])
     harness.table(
         f"sets of effects; the body alone compiles in {alone:.2f} s",
         ["effects", "sets", "packed", "median s", "worst s", f"over {ASKED:g} s"],
         lines,
     )
-    worst = sorted(found, key=lambda r: -r["seconds"])[:8]
+    worst = sorted(set_rows, key=lambda r: -r["seconds"])[:8]
     harness.table(
         "slowest to compile",
         ["effects", "s"],
@@ -144,7 +147,7 @@ def report(rows):
             ", ".join(r["effects"]),
             f"{r['scalar']} scalar instructions, {r['calls']} calls {r['libm']}",
         )
-        for r in found
+        for r in set_rows
         if not r["fine"]
     ]
     harness.table("not packed", ["effects", "why"], bad or [("none", "")])

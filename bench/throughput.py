@@ -52,9 +52,7 @@ def run(quick):
 
 
 def check(name, q, l, other_q, other_l, ensemble):
-    """A row of errors against the candidate with the same answer; AssertionError if they
-    disagree.
-    """
+    """A row of errors against the candidate with the same answer; AssertionError if too large."""
     error = tops.omega_error(ensemble, l, other_l)
     turn = float(tops.attitude_error(q, other_q).max()) if q is not None else None
     worst, middle = float(error.max()), float(np.median(error))

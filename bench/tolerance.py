@@ -83,8 +83,8 @@ def run(quick):
 
 def others(scene, count):
     """Members that no pilot has seen, and their truth."""
-    found = pilot(scene, count, first=FIRST)
-    return found, truth(found)
+    other = pilot(scene, count, first=FIRST)
+    return other, truth(other)
 
 
 def kept(name, tolerance):
@@ -93,21 +93,21 @@ def kept(name, tolerance):
     alike = scene.run.members == 1
     row = {"kind": "kept", "scene": name, "tolerance": tolerance}
     try:
-        found, true = others(scene, 1 if alike else JUDGED)
+        other, true = others(scene, 1 if alike else JUDGED)
         ds = rigidmc.simulate(
             scene,
             tolerance=tolerance,
             save=("momentum", "attitude"),
-            members=range(found.first, found.first + found.members),
+            members=range(other.first, other.first + other.members),
         )
     except RigidmcError as error:
         return {**row, "share": None, "why": error.rule}
-    at = np.searchsorted(ds.time.values, found.times * (1.0 - 1e-9))
+    at = np.searchsorted(ds.time.values, other.times * (1.0 - 1e-9))
     l, q = (ds[x].values[at] for x in ("momentum", "attitude"))
     states = true.states._replace(q=q, l=l)
-    apart = errors(found._replace(carried=True), states, true.states)
+    apart = errors(other._replace(carried=True), states, true.states)
     turned = attitude_error(np.moveaxis(q, 1, -1), np.moveaxis(true.states.q, 1, -1)).max(0)
-    apart = np.maximum(apart["momentum"], turned if found.carried else 0.0)
+    apart = np.maximum(apart["momentum"], turned if other.carried else 0.0)
     share, way = float(np.mean(apart <= tolerance)), ds.attrs["tolerance_chosen"].split(":")[0]
     return {
         **row,
@@ -120,12 +120,10 @@ def kept(name, tolerance):
 
 
 def predicted(name, tolerance, saved):
-    """Seconds of a run of 100,000 members, the median of three, and the prediction before the
-    first.
-    """
+    """Seconds of a run of 100,000 members, median of three, and the prediction before them."""
     scene = rigidmc.Scene.load(name)
     scene = scene.with_run(every=scene.run.t_end) if saved == "final state" else scene
-    seconds, said, chosen = [], math.nan, ""
+    seconds, prediction, chosen = [], math.nan, ""
     with tempfile.TemporaryDirectory() as folder:
         for i in range(3):
             output = os.path.join(folder, f"{i}.nc") if saved == "all in a file" else None
@@ -134,7 +132,7 @@ def predicted(name, tolerance, saved):
             )
             seconds.append(ds.encoding["rigidmc"]["run_seconds"])
             if i == 0:
-                said, chosen = (
+                prediction, chosen = (
                     ds.encoding["rigidmc"]["predicted_seconds"],
                     ds.attrs["tolerance_chosen"].split(":")[0],
                 )
@@ -146,28 +144,26 @@ def predicted(name, tolerance, saved):
         **row,
         "seconds": harness.median(seconds),
         "all_seconds": seconds,
-        "predicted_seconds": said,
+        "predicted_seconds": prediction,
     }
 
 
 def study_errors(name):
-    """The error of 99 % of other members, against that of the study, at the cheapest choice for two
-    accuracies.
-    """
+    """The error of 99 % of other members against that of the study, at two accuracies."""
     from rigidmc.planning.tolerance.pilot import follow
 
     scene, rows = rigidmc.Scene.load(name), []
     study = accuracy(
         scene, ("rk4", "rk8", "srkn6") if scene.effects else ("rk4", "rk8"), (1e-4, 1e-7)
     )
-    found, true = others(scene, JUDGED)
+    other, true = others(scene, JUDGED)
     for row in sorted(set(study.cheapest.values) - {-1}):
         integrator, dtype, steps = (study[x].values[row] for x in ("integrator", "dtype", "steps"))
         if not np.isnan(study.turn.values[row]):
-            steps = found.turn(1.0) / study.turn.values[row]
-            found = found._replace(own=True)
+            steps = other.turn(1.0) / study.turn.values[row]
+            other = other._replace(own=True)
         apart = errors(
-            found, follow(found, integrator, steps if found.own else int(steps), dtype), true.states
+            other, follow(other, integrator, steps if other.own else int(steps), dtype), true.states
         )["state"]
         rows.append({"kind": "error", "scene": name, "integrator": integrator, "dtype": dtype,
             "steps": float(steps),

@@ -64,9 +64,9 @@ def blocks(tops, effects, size=BLOCK):
     return [np.ascontiguousarray(rows[:, low : low + size]) for low in range(0, n, size)]
 
 
-def advance(parts, made, effects, attitude, h, steps, pool, dtype="float64", limits=()):
+def advance(parts, steps_form, effects, attitude, h, steps, pool, dtype="float64", limits=()):
     """Move blocks by `steps` steps h of a Form on the threads of a pool, final state only."""
-    program = Program(made, blank(effects), (), attitude, dtype=dtype, limits=limits)
+    program = Program(steps_form, blank(effects), (), attitude, dtype=dtype, limits=limits)
 
     def move(block):
         program.advance(block, Run(h, 1, steps, steps, 0, 0, steps))
@@ -75,11 +75,9 @@ def advance(parts, made, effects, attitude, h, steps, pool, dtype="float64", lim
         pass
 
 
-def advance_own(parts, made, effects, turn, t_end, pool, dtype="float64"):
-    """Move blocks to t_end, each member in steps of its own, planned and sorted as in
-    `simulate`.
-    """
-    program = Program(made, blank(effects), dtype=dtype)
+def advance_own(parts, steps_form, effects, turn, t_end, pool, dtype="float64"):
+    """Move blocks to t_end, each member in steps of its own, as `simulate` plans and sorts them."""
+    program = Program(steps_form, blank(effects), dtype=dtype)
 
     def move(block):
         block[layout.STEPS] = own_steps(rates(effects, block), t_end, turn)

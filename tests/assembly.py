@@ -1,4 +1,4 @@
-"""The machine code of steps, read: what the loop over them does."""
+"""Reads the machine code of steps: what the loop over them contains."""
 
 import re
 from typing import Any, NamedTuple
@@ -20,7 +20,7 @@ LIBM = re.compile(
 
 
 def blocks_of(assembly):
-    """Lists of instructions between labels."""
+    """Lists of the instructions between labels."""
     blocks = [[]]
     for line in assembly.splitlines():
         if re.match(r"[.\w$]+:", line):
@@ -31,7 +31,7 @@ def blocks_of(assembly):
 
 
 def loop_of(assembly):
-    """The instructions of the loop with most packed arithmetic: of the blocks that jump to their own label."""
+    """The loop with most packed arithmetic, among blocks that jump to their own label."""
     found, label = {}, ""
     for line in assembly.splitlines():
         if re.match(r"[.\w$]+:", line):
@@ -49,7 +49,10 @@ def loop_of(assembly):
 
 
 def slots(loop):
-    """Cycles that the vector instructions of a loop take in one pipe: moves none, a division 10 and a root 18 (Zen 4, 512 bits)."""
+    """Cycles that the vector instructions of a loop take in one pipe.
+
+    Moves take none, a division 10, a square root 18 (Zen 4, 512 bits).
+    """
     words = [
         i.split()[0] for i in loop if re.search(r"%[xyz]mm|%k\d", i) and not i.startswith("vmov")
     ]
@@ -68,7 +71,7 @@ class Case(NamedTuple):
 
 
 def case(name, effects=(), attitude=(0.0,), compensated=(), dtype="float64", works=()):
-    """The Case of an integrator by name."""
+    """The Case of an integrator, by name."""
     return Case(
         form(INTEGRATORS[name], Turns(0.1, 0.1), effects),
         blank(effects),
@@ -90,16 +93,15 @@ def assembly_of(case, lanes):
 
 
 def counted(case):
-    """What the loop over steps does."""
+    """What the loop over steps contains."""
     lanes = 1 if case.effects and any(map(unpacked, case.effects)) else lanes_for(case.dtype)
     assembly = assembly_of(case, lanes)
     loop = loop_of(assembly)
     wanted = "s" if case.dtype == "float32" else "d"
     operations = [(i, *m.groups()) for i in loop if (m := ARITHMETIC.match(i))]
     packed = [(i, kind) for i, kind, shape, real in operations if shape == "p" and real == wanted]
-    vectors = max(
-        1, lanes * (32 if wanted == "s" else 64) // vector_bits()
-    )  # registers that one number of many members takes
+    # registers that one number of many members takes
+    vectors = max(1, lanes * (32 if wanted == "s" else 64) // vector_bits())
     return {
         "packed": len(packed) / vectors,
         "flops": sum(2 if kind.startswith("f") else 1 for _, kind in packed) / vectors,

@@ -1,4 +1,4 @@
-"""Calls of the system and of the C library that fail, one at a time: what `torture` attacks with."""
+"""Calls of the system and of the C library that fail, one at a time: the attacks of `torture`."""
 
 import contextlib
 import os
@@ -13,7 +13,11 @@ LINUX = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="needs /
 
 
 def places():
-    """(name, module, attribute, what may happen there) of what a command asks of the system, and of the C library, which tells only that it failed."""
+    """(name, module, attribute, possible faults) of a command's calls of the system and of the C
+    library.
+
+    The C library only says that it failed.
+    """
     import builtins
     import errno
 
@@ -24,12 +28,15 @@ def places():
     library = [failing(RuntimeError, "NetCDF: HDF error")]
     asked = [(name, os, name, system) for name in ("fsync", "replace", "unlink", "link", "mkdir")]
     return [("open", builtins, "open", system), ("write", builtins, "open", half), *asked,
-            ("open of a shard", writer.netCDF4, "Dataset", system), ("write to a shard", writer.Writer, "_rounded", library)]  # fmt: skip
+            ("open of a shard", writer.netCDF4, "Dataset", system),
+            ("write to a shard", writer.Writer, "_rounded", library)]  # fmt: skip
 
 
 @contextlib.contextmanager
 def at_call(folder, module, attribute, number=None, act=None):
-    """Let act(what is called, its arguments) take the place of one of the calls that concern a folder; [how many there were]."""
+    """Replace one of the calls that concern a folder by act(the function, its arguments); yields
+    [the number of calls].
+    """
     real, seen = getattr(module, attribute), [0]
 
     def called(*given, **named):
@@ -45,7 +52,7 @@ def at_call(folder, module, attribute, number=None, act=None):
 
 
 def concerns(folder, given):
-    """Whether a call is one of files of a folder: by name, by number, or of its writer."""
+    """Whether a call concerns files of a folder: by name, by number, or through its writer."""
     if given and isinstance(given[0], int):
         with contextlib.suppress(OSError):
             return os.readlink(f"/proc/self/fd/{given[0]}").startswith(folder)
@@ -53,7 +60,7 @@ def concerns(folder, given):
 
 
 def failing(kind, *words):
-    """A call that fails; the system names files, but not those it has numbers for."""
+    """A call that fails; like the system, it names files except those given by number."""
 
     def act(real, given, named):
         error = kind(*words)
@@ -65,7 +72,7 @@ def failing(kind, *words):
 
 
 def torn(*error):
-    """An open of a file that takes half of what is written to it, and then fails."""
+    """An open of a file that takes half of what is written to it and then fails."""
 
     class Torn:
         def __init__(self, file):
@@ -97,7 +104,7 @@ def delay(real, given, named):
 
 @contextlib.contextmanager
 def limited(size):
-    """Let files grow to so many bytes only; what writes more is told EFBIG, in the middle of its write."""
+    """Let files grow to that many bytes only; a larger write gets EFBIG halfway."""
     known = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, known[1]))
     try:

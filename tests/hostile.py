@@ -1,4 +1,4 @@
-"""Good files, and the hostile ones that are made from them: bytes, text, structure, and what a netCDF file says of itself."""
+"""Good files, and hostile files made from them: bytes, text, structure, netCDF metadata."""
 
 import copy
 import datetime
@@ -63,8 +63,10 @@ save = ["omega"]
 """
 CUBE = """solid cube
 """ + "".join(
-    "facet normal 0 0 0\nouter loop\n" + "".join(f"vertex {x} {y} {z}\n" for x, y, z in triangle) + "endloop\nendfacet\n"
-    for triangle in (((0, 0, 0), (0, 1, 0), (1, 0, 0)), ((0, 0, 0), (1, 0, 0), (0, 0, 1)), ((0, 0, 0), (0, 0, 1), (0, 1, 0)), ((1, 0, 0), (0, 1, 0), (0, 0, 1)))
+    "facet normal 0 0 0\nouter loop\n" + "".join(f"vertex {x} {y} {z}\n" for x, y,
+    z in triangle) + "endloop\nendfacet\n"
+    for triangle in (((0, 0, 0), (0, 1, 0), (1, 0, 0)), ((0, 0, 0), (1, 0, 0), (0, 0, 1)),
+    ((0, 0, 0), (0, 0, 1), (0, 1, 0)), ((1, 0, 0), (0, 1, 0), (0, 0, 1)))
 ) + "endsolid cube\n"  # fmt: skip
 BOUNDS = "group,case,integrator,bound,measured\nH1,axis spin,rk4,1e-3,1e-4\n"
 WORDS = (
@@ -98,16 +100,21 @@ NUMBERS = (
     0.5,
     1e-9,
 )
-ATTRIBUTES = ("units", "_FillValue", "missing_value", "scale_factor", "add_offset", "calendar", "_Encoding", "coordinates", "_Unsigned",
-              "dtype", "significant_digits", "conserved", "flag_values", "bounds", "grid_mapping", "long_name", "valid_range")  # fmt: skip
+ATTRIBUTES = ("units", "_FillValue", "missing_value", "scale_factor", "add_offset", "calendar",
+    "_Encoding", "coordinates", "_Unsigned",
+              "dtype", "significant_digits", "conserved", "flag_values", "bounds", "grid_mapping",
+              "long_name", "valid_range")  # fmt: skip
 
 
 def odd(some):
-    """A value that is not expected anywhere."""
+    """A value that is expected nowhere."""
     return some.choice((
-        *NUMBERS, 10**400, True, *WORDS, [], {}, [[[]]], [1.0] * 5, list(range(300)), {"normal": [0.0, 1.0]}, {"uniform": [2, 1]}, {"stored": "omega", "axis": 99},
-        {"stored": "x"}, {"stored": ["x"], "axis": {}}, {"grid": [0.0, 1.0, 2**53]}, {"table": "rows.csv", "column": "third"}, {"table": "/dev/zero.nc", "column": "a"},
-        {"gamma": {"a": 1e308}}, {"cone": [1, 2]}, datetime.date(2000, 1, 1), datetime.datetime(2000, 1, 1), datetime.time(1), ["omega"] * 50, {"a": {"b": {"c": [{}]}}},
+        *NUMBERS, 10**400, True, *WORDS, [], {}, [[[]]], [1.0] * 5, list(range(300)),
+        {"normal": [0.0, 1.0]}, {"uniform": [2, 1]}, {"stored": "omega", "axis": 99},
+        {"stored": "x"}, {"stored": ["x"], "axis": {}}, {"grid": [0.0, 1.0, 2**53]},
+        {"table": "rows.csv", "column": "third"}, {"table": "/dev/zero.nc", "column": "a"},
+        {"gamma": {"a": 1e308}}, {"cone": [1, 2]}, datetime.date(2000, 1, 1),
+        datetime.datetime(2000, 1, 1), datetime.time(1), ["omega"] * 50, {"a": {"b": {"c": [{}]}}},
     ))  # fmt: skip
 
 
@@ -120,7 +127,7 @@ def places(data, path=()):
 
 
 def restructured(some, data):
-    """A copy with one to three values replaced, taken away, renamed, doubled, or nested."""
+    """A copy with one to three values replaced, deleted, renamed, duplicated or nested."""
     data = copy.deepcopy(data)
     for _ in range(some.choice((1, 1, 1, 2, 3))):
         found = list(places(data))
@@ -173,7 +180,7 @@ def restructured(some, data):
 
 
 def bytes_of(some, data):
-    """A copy with bits flipped, bytes replaced or inserted, or cut."""
+    """A copy with bits flipped, bytes replaced or inserted, or truncated."""
     data = bytearray(data)
     for _ in range(some.choice((1, 1, 2, 5, 30))):
         at = some.randrange(len(data) + 1)
@@ -192,9 +199,11 @@ def bytes_of(some, data):
 
 
 def text_of(some, text):
-    """A copy with tokens of it replaced."""
-    words = ("[" * 50_000, "{a=" * 20_000, "a" + ".a" * 50_000 + " = 1", "9" * 5000, "1979-05-27", "1e999", "-1e-999", "inf", "nan", '"""', "'", "=", "\n[body]\n", "\n[run]\n",
-             "0x" + "f" * 40, '"\\u0000"', '"\\ud800"', "\x00", "true", "[]", "2" * 25, "members = 9007199254740992\n")  # fmt: skip
+    """A copy with some tokens replaced."""
+    words = ("[" * 50_000, "{a=" * 20_000, "a" + ".a" * 50_000 + " = 1", "9" * 5000, "1979-05-27",
+        "1e999", "-1e-999", "inf", "nan", '"""', "'", "=", "\n[body]\n", "\n[run]\n",
+             "0x" + "f" * 40, '"\\u0000"', '"\\ud800"', "\x00", "true", "[]", "2" * 25,
+             "members = 9007199254740992\n")  # fmt: skip
     for _ in range(some.choice((1, 1, 2, 4))):
         at = some.randrange(len(text) + 1)
         end = at + some.choice((0, 0, 1, 5, 40))
@@ -203,7 +212,7 @@ def text_of(some, text):
 
 
 def hostile_text(some, text, load, dump):
-    """Bytes of a hostile copy of a text with a structure."""
+    """The bytes of a hostile copy of a structured text."""
     what = some.choice(("bytes", "text", "structure", "structure"))
     if what == "bytes":
         return bytes_of(some, text.encode())
@@ -224,7 +233,7 @@ def hostile_json(some, text):
 
 
 class Stored:
-    """What a netCDF file has, to be changed and written again."""
+    """The contents of a netCDF file, to be changed and written again."""
 
     def __init__(self, path):
         with netCDF4.Dataset(path) as file:
@@ -238,7 +247,7 @@ class Stored:
             }
 
     def write(self, path):
-        """Write it in a process of its own: the C library does not survive all that it is asked for; OSError for what cannot be written."""
+        """Write it in a separate process, because some contents crash the C library."""
         child = os.fork()
         if child == 0:
             done = 1
@@ -254,7 +263,7 @@ class Stored:
         with (
             np.errstate(all="ignore"),
             netCDF4.Dataset(path, "w") as file,
-        ):  # fill values that a type has not
+        ):  # fill values that the type does not have
             file.set_fill_off()
             for name, size in self.dims.items():
                 file.createDimension(name, size)
@@ -402,7 +411,7 @@ def _change(some, made):
 
 
 def hostile_kind(some, path):
-    """Something that is no regular file in its place."""
+    """Something other than a regular file in its place."""
     if os.path.isdir(path) and not os.path.islink(path):
         shutil.rmtree(path)
     elif os.path.lexists(path):
@@ -424,7 +433,11 @@ def hostile_kind(some, path):
 
 
 class Good:
-    """Good files in a folder: scene.toml, table.toml, result.nc, rows.nc of a table, a run that is whole, one that is not, journal and all."""
+    """Good files in a folder.
+
+    scene.toml, table.toml, result.nc, rows.nc of a table, a complete run, an incomplete run with
+    journal.
+    """
 
     def __init__(self, folder):
         self.folder = os.fspath(folder)
@@ -491,7 +504,7 @@ def hostile_result(some, good, folder):
 
 
 def hostile_scene(some, good, folder):
-    """A hostile scene, or a table beside a good one; the scene's path."""
+    """A hostile scene, or a table beside a good one; the path of the scene."""
     name = some.choice(("scene.toml", "scene.toml", "table.toml"))
     for other in ("rows.csv", "rows.nc"):
         shutil.copy(good.at(other), folder)
@@ -535,7 +548,7 @@ def hostile_run(some, good, folder):
     ]
     name = some.choice(names)
     target = os.path.join(path, name)
-    if name == "left":  # by writers that were killed, so they say
+    if name == "left":  # by writers that were killed, according to the names
         number = some.choice(("9" * 20, "0", "-1", "99999999999", str(os.getpid()), "1" * 200, "x"))
         host = some.choice((os.uname().nodename, "elsewhere", "", "a-b-c"))
         with open(
@@ -570,7 +583,7 @@ def hostile_run(some, good, folder):
                 data = bytes_of(some, file.read())
             with open(target, "wb") as file:
                 file.write(data)
-        if some.random() < 0.7:  # with the sum that its name tells
+        if some.random() < 0.7:  # with the sum that its name states
             found = _SHARD.fullmatch(os.path.basename(target))
             os.rename(
                 target,
@@ -588,14 +601,17 @@ def _lines(some, text):
     lines = text.splitlines() or ["{}"]
     at = some.randrange(len(lines))
     lines[at] = hostile_json(some, lines[at]).decode("utf-8", "replace")
-    more = ('{"time": 1e308, "event": "begun"}', '{"time": 1.0, "event": "ended", "members": ' + "9" * 400 + ', "seconds": 5e-324}', "[" * 100_000, '{"time": NaN}',
-            '{"time": 1.5, "event": "ended", "members": 5, "seconds": 1e-300}', "9" * 5000, '{"a":' * 50_000, '{"time": 9e10, "event": "begun"}', "x" * 2_000_000)  # fmt: skip
+    more = ('{"time": 1e308, "event": "begun"}',
+        '{"time": 1.0, "event": "ended", "members": ' + "9" * 400 + ', "seconds": 5e-324}',
+        "[" * 100_000, '{"time": NaN}',
+            '{"time": 1.5, "event": "ended", "members": 5, "seconds": 1e-300}', "9" * 5000,
+            '{"a":' * 50_000, '{"time": 9e10, "event": "begun"}', "x" * 2_000_000)  # fmt: skip
     lines += some.choices(more, k=some.choice((0, 1, 3)))
     return "\n".join(lines).encode("utf-8", "surrogatepass")
 
 
 def summed(path, scene):
-    """Give run.json the sums of what it says, so that not that alone refuses it."""
+    """Give run.json correct sums, so that the sums alone do not refuse it."""
     try:
         with open(os.path.join(path, "run.json"), encoding="utf-8") as file:
             facts = json.load(file)

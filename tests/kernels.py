@@ -1,4 +1,7 @@
-"""The compiled kernel on arrays: members in, states and saves out, nothing of the package above the engine."""
+"""The compiled kernel on arrays: members in, states and saves out.
+
+Nothing of the package above the engine.
+"""
 
 from itertools import pairwise
 
@@ -18,7 +21,10 @@ NOTHING = np.empty(0)
 
 
 def make_block(body, effects, attitude, momentum, more=0):
-    """Rows of a block; fields of body and effects are numbers or one per member. The last member fills up the lanes."""
+    """Rows of a block; fields of body and effects are numbers or one per member.
+
+    Copies of the last member fill up the lanes.
+    """
     attitude, momentum = np.asarray(attitude, float), np.asarray(momentum, float)
     members = momentum.shape[1]
     rows = np.zeros((K.EFFECTS + parameter_count(*effects) + more, members))
@@ -32,7 +38,7 @@ def make_block(body, effects, attitude, momentum, more=0):
 
 
 def block_of(problems, effects=None):
-    """The block of named problems, one a member; their own gravity where `effects` is not given."""
+    """The block of named problems, one per member; with their own gravity if `effects` is None."""
     moments, static = (
         np.array([getattr(p, name) for p in problems], float).T
         for name in ("moments", "static_moment")
@@ -49,7 +55,7 @@ def block_of(problems, effects=None):
 
 
 def slots(total, stride):
-    """Saves of a run, step 0 included."""
+    """The number of saves of a run, step 0 included."""
     return (total + stride - 1) // stride + 1
 
 
@@ -71,10 +77,11 @@ def program(
 
 
 def run(
-    block, made, effects, h, steps, observables=(), stride=None, attitude=True, cuts=(), compensated=False, dtype=float, slots_each=None,
-    limits=(), noise=None, watch=((), (), ()), lanes=None,
+    block, made, effects, h, steps, observables=(), stride=None, attitude=True, cuts=(),
+    compensated=False, dtype=float, slots_each=None, limits=(), noise=None, watch=((), (), ()),
+    lanes=None,
 ):  # fmt: skip
-    """Change the block in place, `steps` steps further on; the saves as an array (slot, value row, member).
+    """Change the block in place by `steps` steps; return the saves (slot, value row, member).
 
     made : a Form;  cuts : steps at which the run is split into several calls
     watch : events, running observables and neighbour; the block then has `more` rows, see `rigidmc.engine.layout.watch_rows`
@@ -100,7 +107,7 @@ def run(
 
 
 def march(kind, problems, h, steps, effects=None, made=None, **options):
-    """(attitudes (4, n), momenta (3, n)) of named problems after `steps` steps of an integrator of INTEGRATORS."""
+    """(attitudes (4, n), momenta (3, n)) of named problems after `steps` steps."""
     block = block_of(problems, effects)
     effects = problems[0].effects if effects is None else effects
     run(
@@ -137,12 +144,12 @@ def one_step(made, body, effects, t, h, q, l):
 
 
 def turn(problem, h):
-    """Turn of the momentum within the body in a step h [rad]; a tenth more, for what kicks may add."""
+    """The angle by which L moves within the body in a step [rad], plus a tenth for kicks."""
     return 1.1 * abs(h) * turn_rate_of(problem.moments, problem.momentum)
 
 
 def turn_rate_of(moments, momentum):
-    """lambda = sqrt(P + max(Q1, Q3)) [rad/s], the frequency of the motion of L in the body, whatever the order of its axes."""
+    """lambda = sqrt(P + max(Q1, Q3)) [rad/s], the frequency of L in the body, axes in any order."""
     order = np.argsort(moments)
     (one, two, three), size = np.asarray(moments, float)[order], np.linalg.norm(momentum)
     u = np.asarray(momentum, float)[order] / size

@@ -1,6 +1,7 @@
-"""Random scenes: every law, effect, repeated effect, sign, option and integrator, a function of a number.
+"""Random scenes, a function of a number.
 
-A Kind is what is compiled for; its scenes differ in numbers, laws and options.
+Every law, effect, repeated effect, sign, option and integrator occurs. A Kind is what is compiled;
+its scenes differ in numbers, laws and options.
 """
 
 import math
@@ -18,6 +19,7 @@ from tests.effects.laws import REFERENCE
 from tests.effects.test_effects import EXAMPLES
 
 END = 2.0
+# steps of at most 0.1 rad, by order; few bodies turn by more than 10 rad
 STEPS = {
     1: 800,
     2: 400,
@@ -40,7 +42,8 @@ class Kind(NamedTuple):
     dtype: str = "float64"
 
 
-# of the quick tests: each compiles a kernel; closed forms and what a tolerance chooses compile none that others have not
+# for the quick tests: each compiles a kernel; closed forms and the choices of a tolerance compile
+# none that others do not
 QUICK = (
     Kind("closed", ("gravity", "gravity")),
     Kind("closed", ("viscous_damping", "viscous_damping")),
@@ -62,7 +65,7 @@ QUICK = (
 
 
 def kinds(count, seed=0):
-    """Kinds of any integrator with none to three effects that it takes, the same one twice among them."""
+    """Kinds of any integrator with none to three effects that it takes, perhaps one twice."""
     some, found = np.random.default_rng(seed), []
     every = [name for name in EFFECTS if name in REFERENCE]
     while len(found) < count:
@@ -90,7 +93,8 @@ def scene(kind, seed, members=2):
     some = np.random.default_rng([seed, 7])
     body, arrays = _body(kind, some), bool(some.random() < 0.2)
     effects = tuple(_effect(name, some, kind.integrator) for name in kind.effects)
-    # of laws of energy, and of attitudes by them, the energies in play are those of conserving effects
+    # for laws of energy, and attitudes by them, the energies in play are those of conserving
+    # effects
     start = _start(some, effects, members if arrays else None)
     order = INTEGRATORS[kind.integrator].order
     steps = STEPS[order]
@@ -106,8 +110,10 @@ def scene(kind, seed, members=2):
         else "independent"
     )
     run = rm.Run(
-        integrator=kind.integrator, t_end=END, members=members, seed=int(some.integers(2**31)), anti_damping=True, save=("omega", "attitude"),
-        compensated=kind.compensated, dtype=kind.dtype, points=points, strata=1024 if points == "latin_hypercube" else None, **step,
+        integrator=kind.integrator, t_end=END, members=members, seed=int(some.integers(2**31)),
+        anti_damping=True, save=("omega", "attitude"),
+        compensated=kind.compensated, dtype=kind.dtype, points=points,
+        strata=1024 if points == "latin_hypercube" else None, **step,
     )  # fmt: skip
     return rm.Scene(body, effects, start, run)
 
@@ -125,7 +131,7 @@ def finer(scene):
 
 
 def _law(some, middle, width):
-    """A number, or a law of numbers about `middle` of about `width`."""
+    """A number, or a law of numbers about `middle` with a width of about `width`."""
     choice = some.integers(5)
     if choice == 0:
         return rm.normal(middle, width)
@@ -172,7 +178,8 @@ def _effect(name, some, integrator):
         "spring": ("stiffness", "length"),
     }.get(name, ())
     places = [field in kept for field, _, _ in numbers(example)]
-    values = [v * abs(factor) if still else _law(some, v * factor, 0.05 * abs(v) + 1e-3) if field in given(example) else v
+    values = [v * abs(factor) if still else _law(some, v * factor,
+        0.05 * abs(v) + 1e-3) if field in given(example) else v
               for (field, _, v), still in zip(numbers(example), places, strict=True)]  # fmt: skip
     return filled(type(example), values)
 

@@ -1,4 +1,4 @@
-"""Truths that owe nothing to the package: a 40-digit Taylor series, and textbook integrators with NumPy matrices."""
+"""Truths independent of the package: a 40-digit Taylor series, textbook integrators in NumPy."""
 
 import mpmath as mp
 import numpy as np
@@ -8,9 +8,11 @@ DIGITS = 40
 
 
 def taylor(moments, momentum, time, attitude=(1, 0, 0, 0), weight=(0, 0, 0), damping=0, degree=36):
-    """(q, L) as lists of 40-digit numbers: L' = L x w - weight x u - damping L, q' = 1/2 q (0, w), u = A^T e_z.
+    """(q, L) as lists of 40-digit numbers: L' = L x w - weight x u - damping L, q' = 1/2 q (0, w),
+    u = A^T e_z.
 
-    Each step is the Taylor polynomial of the solution, its coefficients from the products of those before (Cauchy).
+    Each step is the Taylor polynomial of the solution; Cauchy products give its coefficients from
+    those of lower order.
     """
     with mp.workdps(DIGITS):
         inverse = [1 / mp.mpf(i) for i in moments]
@@ -69,7 +71,7 @@ def true_end(problem, time=None, damping=0.0):
 
 
 def attitude_error(q, p):
-    """Angle between attitudes (4, ...) [rad]; never arccos |q.p|, which loses half the digits."""
+    """Angle between attitudes (4, ...) [rad]; not arccos |q.p|, which loses half the digits."""
     q, p = np.asarray(q, float), np.asarray(p, float)
     chord = np.minimum(np.linalg.norm((q.T - p.T), axis=-1), np.linalg.norm((q.T + p.T), axis=-1))
     return 2.0 * np.arcsin(np.minimum(chord / 2.0, 1.0))
@@ -100,7 +102,7 @@ def rodrigues(u):
 
 
 class Top:
-    """A problem with a matrix for its attitude, and its torques the long way round."""
+    """A problem with a matrix as attitude, and torques by plain formulas."""
 
     def __init__(self, problem, damping=0.0):
         self.inertia, self.static = np.diag(problem.moments), np.array(problem.static_moment)
@@ -143,7 +145,9 @@ def naive_rk4(problem, h, steps, damping=0.0, normalised=True):
 
 
 def naive_rkmk4(problem, h, steps, damping=0.0, half=0.5):
-    """Runge-Kutta-Munthe-Kaas with matrices: A <- A exp(hat(u)), u' = w + half u x w + u x (u x w)/12; (A, L)."""
+    """Runge-Kutta-Munthe-Kaas with matrices: A <- A exp(hat(u)), u' = w + half u x w + u x (u x
+    w)/12; (A, L).
+    """
     top = Top(problem, damping)
     a, l = top.start
 
@@ -164,7 +168,9 @@ def naive_rkmk4(problem, h, steps, damping=0.0, half=0.5):
 
 
 def naive_strang(problem, h, steps, damping=0.0):
-    """Half a kick, free motion by an adaptive Runge-Kutta of order 8 at its tightest, half a kick; (A, L)."""
+    """Half a kick, free motion by an adaptive Runge-Kutta method of order 8 at its tightest, half a
+    kick; (A, L).
+    """
     top, free = Top(problem, damping), Top(problem)
     free.weight = np.zeros(3)
     a, l = top.start
@@ -184,7 +190,7 @@ def naive_strang(problem, h, steps, damping=0.0):
 
 
 def naive_exact(problem, h, steps, damping=0.0):
-    """The free motion itself, which is what a splitting does with no torque to split off."""
+    """The free motion itself: what a splitting does without a torque."""
     return naive_strang(problem, h, steps)
 
 

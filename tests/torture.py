@@ -1,17 +1,26 @@
-"""What outputs survive, with closing tables: python tests/torture.py --kills 200 --faults all --corrupt 500 --lost 6 --outputs all.
+"""What outputs survive, with closing tables.
 
---kills N    start a run, kill it with SIGKILL at a random moment, resume it until it is whole; its shards' sha256 are those of an unbroken run.
-             Every other run has rows of its own for each member, from a table, and keeps summaries and thinned digits
---faults N   at every open, fsync, rename, link and unlink and every variable written of `run`, `extend` and `merge` (at N of each, or all): a full
-             disk, a broken one, or a delay; and files that the system lets grow to so many bytes only, wherever the C library then is. Exit 74
-             and one message, nothing visible is wrong, and resumed, or asked once more, it is whole
---corrupt N  flip a bit or cut a shard or run.json of a whole run at a random place; `verify` has to find it, and `resume --repair` to undo it
---outputs N  every other output (results, consolidated files, maps, studies, bounds, pictures, animations): the same faults, and files that appear
-             meanwhile, at N of each call or all; and N kills and signals that come twice, or 200. Exit 74 or 6 and one message, no file is torn or
-             overwritten, and nothing is left behind. And every command with streams that are closed, full or whose reader has gone
---cache N    damage the cached kernels of a run N times, every third time let no file grow to the size of a kernel; the run ends well, to the same
-             bytes, with one line where the cache cannot be written
---lost N     kill N workers of `--cluster local:2`, one every few seconds; the run ends well, and its shards are those of two threads
+python tests/torture.py --kills 200 --faults all --corrupt 500 --lost 6 --outputs all --cache 9
+
+--kills N    Start a run, kill it with SIGKILL at a random moment, resume it until it is complete.
+             The sha256 of its shards are those of an unbroken run. Every other run has rows of
+             its own for each member, from a table, and keeps summaries and thinned digits.
+--faults N   At every open, fsync, rename, link and unlink and every variable that `run`, `extend`
+             and `merge` write (at N of each, or all): a full disk, a broken disk, or a delay.
+             Also a limit on the size of files, wherever the C library then is. Exit 74 and one
+             message; nothing wrong is visible; resumed or run once more, the output is complete.
+--corrupt N  Flip a bit in or cut a shard or run.json of a complete run at a random place. `verify`
+             has to find it, and `resume --repair` to undo it.
+--outputs N  Every other output (results, consolidated files, maps, studies, bounds, pictures,
+             animations): the same faults, and files that appear meanwhile, at N of each call or
+             all; and N kills and signals that come twice, or 200. Exit 74 or 6 and one message; no
+             file is torn or overwritten, and nothing stays behind. Also every command with streams
+             that are closed, full or without a reader.
+--cache N    Damage the cached kernels of a run N times; every third time, let no file grow to the
+             size of a kernel. The run ends well, to the same bytes, with one line if the cache
+             cannot be written.
+--lost N     Kill N workers of `--cluster local:2`, one every few seconds. The run ends well, and
+             its shards are those of two threads.
 """
 
 import argparse
@@ -28,9 +37,8 @@ import sys
 import tempfile
 import time
 
-sys.path[:0] = [
-    os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
-]  # as a script it stands in tests/
+# the folder of this script is tests/
+sys.path[:0] = [os.path.dirname(os.path.dirname(os.path.abspath(__file__)))]
 
 from tests.faulty import at_call, delay, limited, places  # noqa: E402
 
@@ -79,7 +87,7 @@ def run(*words):
 
 
 def quietly(*words):
-    """The command line, in a process of its own."""
+    """The command line, in a separate process."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1), os.dup2(nowhere, 2)
     from rigidmc.cli import app
@@ -90,7 +98,8 @@ def quietly(*words):
 def kills(count, folder, some, members=400_000, size=4):
     """Kill runs `count` times in all; {what: how often}.
 
-    The processes are forked from one that has imported everything: two seconds less each, in which there is nothing to kill.
+    The processes are forked from one that has imported everything, which saves two seconds each in
+    which there is nothing to kill.
     """
     server = multiprocessing.get_context("forkserver")
     server.set_forkserver_preload(["rigidmc.cli", "rigidmc.runs.simulate", "rigidmc.runs.resume"])
@@ -162,7 +171,7 @@ def kills(count, folder, some, members=400_000, size=4):
 
 
 def lost(count, folder, some, members=2_000_000):
-    """Kill `count` workers of a cluster here, one every few seconds; {what: how often}."""
+    """Kill `count` workers of a local cluster, one every few seconds; {what: how often}."""
     whole, path = os.path.join(folder, "whole"), os.path.join(folder, "run")
     words = [*WORDS[:3], str(members), *WORDS[4:]]
     assert run(*words, whole + "/").returncode == 0
@@ -288,13 +297,13 @@ def faults(most, folder, some):
     }
 
     def prepared(kind):
-        """What there is before a command."""
+        """The files before a command."""
         shutil.rmtree(path, ignore_errors=True)
         if kind == "extend":
             shutil.copytree(half, path)
 
     def tried(name, kind, failure):
-        """A command while something fails, and what comes after."""
+        """A command while something fails, and the commands after it."""
         prepared(kind)
         with failure:
             done = invoke(app, kinds[kind])
@@ -352,7 +361,7 @@ def faults(most, folder, some):
 
 
 def cache(count, folder, some):
-    """Damage cached kernels `count` times, or give them no room; {what: how often}."""
+    """Damage cached kernels `count` times, or leave no room for them; {what: how often}."""
     kernels, out = os.path.join(folder, "kernels"), os.path.join(folder, "run")
     words = [
         *COMMAND,

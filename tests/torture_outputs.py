@@ -1,4 +1,7 @@
-"""The outputs that are one file each, attacked: faults, files that appear meanwhile, kills, signals that come twice, and streams that do not work."""
+"""Attacks on the outputs that are one file each.
+
+Faults, files that appear meanwhile, kills, signals that come twice, streams that do not work.
+"""
 
 import contextlib
 import itertools
@@ -32,7 +35,9 @@ PICTURE = ["--picture", "drift_histogram"]
 
 
 def commands(folder, at):
-    """{kind: (words, paths that it writes)} of all commands that write files, from what `made` has put in the folder."""
+    """{kind: (words, paths that it writes)} of all commands that write files; `made` has put their
+    input in the folder.
+    """
     whole, run = os.path.join(folder, "whole.nc"), os.path.join(folder, "whole")
     one, two, three = (os.path.join(at, f"out.{suffix}") for suffix in ("nc", "png", "csv"))
     gif = os.path.join(at, "out.gif")
@@ -40,16 +45,19 @@ def commands(folder, at):
         "run": (["run", *SCENE, "-o", one], [one]),
         "rerun": (["rerun", whole, "--member", "3", "-o", one], [one]),
         "consolidate": (["consolidate", run, "-o", one], [one]),
-        "map": (["map", "intermediate_axis", "--resolution", "4", "--members", "2", "-o", one, "--plot", two], [one, two]),
-        "study": (["accuracy", "nasa_brick", "--integrators", "exact,rk4", "--members", "4", "--tolerances", "1e-4", "-o", one, "--plot", two], [one, two]),
-        "stress": (["stress", "--group", "H5", "--integrator", "exact", "-o", one, "--write-bounds", three], [one, three]),
+        "map": (["map", "intermediate_axis", "--resolution", "4", "--members", "2", "-o", one,
+        "--plot", two], [one, two]),
+        "study": (["accuracy", "nasa_brick", "--integrators", "exact,rk4", "--members", "4",
+        "--tolerances", "1e-4", "-o", one, "--plot", two], [one, two]),
+        "stress": (["stress", "--group", "H5", "--integrator", "exact", "-o", one, "--write-bounds",
+        three], [one, three]),
         "plot": (["plot", whole, *PICTURE, "-o", two], [two]),
         "animate": (["animate", whole, "--member", "0", "--seconds", "0.1", "-o", gif], [gif]),
     }  # fmt: skip
 
 
 def made(folder, process):
-    """Make what commands start from, and run each once, which compiles; {path: bytes} of what they write."""
+    """Make the input of commands and run each once, to compile; {path: bytes} of the outputs."""
     assert process(["run", *SCENE, "-o", os.path.join(folder, "whole.nc")]) == 0
     assert process(["run", *SCENE, "-o", os.path.join(folder, "whole") + "/"]) == 0
     at = os.path.join(folder, "at")
@@ -59,7 +67,7 @@ def made(folder, process):
 
 @contextlib.contextmanager
 def computed_once():
-    """Studies are computed once, then their outputs are attacked."""
+    """Compute studies once, then attack their outputs."""
     from rigidmc.runs import rerun as again
     from rigidmc.studies import accuracy
     from rigidmc.studies.maps import catalogue
@@ -102,7 +110,7 @@ def contents(at):
 
 
 def same(one, other):
-    """Whether two files say the same; the C library puts the chunks of a netCDF file in any order."""
+    """Whether two files say the same; the C library writes chunks of netCDF files in any order."""
     if one is None or one == other or not other.startswith(b"\x89HDF"):
         return one == other
     with contextlib.suppress(OSError, RuntimeError, ValueError):
@@ -111,19 +119,23 @@ def same(one, other):
 
 
 def read(data):
-    """The Dataset of the bytes of a netCDF file, with every value; it raises where one of them is not there."""
+    """The Dataset of the bytes of a netCDF file with every value; it raises if one is missing."""
     with netCDF4.Dataset("of bytes", memory=data) as file:
         return xr.open_dataset(xr.backends.NetCDF4DataStore(file)).load()
 
 
 def faults(most, folder, some, kinds=None):
-    """Let each call of each command, or of some kinds of them, fail once, and let its file appear before it, with and without --force; {what: how often}."""
+    """Let each call of each command (or of some kinds) fail once; {what: how often}.
+
+    Also let the file of the command appear before the call, with and without --force.
+    """
     from typer.testing import CliRunner
 
     from rigidmc.cli import app
 
     at = made(folder, lambda words: CliRunner().invoke(app, words).exit_code)
-    told = dict.fromkeys(("faults", "exit 74, one message", "exit 6, one message, NAME.2", "no harm done, exit 0", "wrong files", "left behind", "whole in the end"), 0)  # fmt: skip
+    told = dict.fromkeys(("faults", "exit 74, one message", "exit 6, one message, NAME.2",
+        "no harm done, exit 0", "wrong files", "left behind", "whole in the end"), 0)  # fmt: skip
 
     def tried(name, words, paths, expected, failure, old=(), appears=None):
         empty(at, old)
@@ -162,9 +174,8 @@ def faults(most, folder, some, kinds=None):
             not same(found[path], expected[kept[path]]) for path in found if path in kept
         )
         others = [path for path in found if path not in paths and path not in kept]
-        others = (
-            others if "unlink" not in name else []
-        )  # what cannot be deleted stays till the next one
+        # a file that cannot be deleted stays until the next command
+        others = others if "unlink" not in name else []
         told["left behind"] += len(others)
         done = CliRunner().invoke(app, [*words, "--force"])
         found = {path: data for path, data in contents(at).items() if path not in kept}
@@ -176,7 +187,10 @@ def faults(most, folder, some, kinds=None):
         told["whole in the end"] += right
         if not right or others:
             print(
-                f"{name}: left {others}; then exit {done.exit_code}: {sorted(found)}: {done.output[-300:]}",
+                (
+                    f"{name}: left {others}; then exit {done.exit_code}: {sorted(found)}: "
+                    f"{done.output[-300:]}"
+                ),
                 file=sys.stderr,
             )
 
@@ -218,7 +232,9 @@ def faults(most, folder, some, kinds=None):
                                 file.write(OLD)
                         return real(*given, **named)
 
-                    tried(f"{kind}: {os.path.basename(path)} appears at {name} {number}", words, paths, expected, at_call(at, module, attribute, number, appears), (), path)  # fmt: skip
+                    tried(f"{kind}: {os.path.basename(path)} appears at {name} {number}", words,
+                        paths, expected, at_call(at, module, attribute, number, appears), (),
+                        path)  # fmt: skip
             largest = max(map(len, expected.values()))
             for i in range(min(most, 20)):
                 tried(
@@ -232,7 +248,10 @@ def faults(most, folder, some, kinds=None):
 
 
 def child(words, streams=(), unbuffered=False):
-    """The command line in a process of its own, with standard streams that a shell gave it. streams : of (number, "closed", "gone" or "full")"""
+    """The command line in a separate process, with standard streams that a shell gave it.
+
+    streams : of (number, "closed", "gone" or "full")
+    """
     reader, gone = os.pipe()
     os.close(reader)
     for number, what in streams:
@@ -262,7 +281,7 @@ def child(words, streams=(), unbuffered=False):
 
 
 def server():
-    """Starts processes that have imported everything already."""
+    """Start processes that have imported everything already."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(
         [
@@ -292,7 +311,8 @@ def kills(count, folder, some):
     """Kill commands at any time, by SIGKILL, or by SIGINT or SIGTERM twice; {what: how often}."""
     process = server()
     at = made(folder, lambda words: done(process(words)))
-    told = dict.fromkeys(("kills", "signals that came twice", "torn files", "left behind by signals", "left behind by kills", "left behind in the end"), 0)  # fmt: skip
+    told = dict.fromkeys(("kills", "signals that came twice", "torn files",
+        "left behind by signals", "left behind by kills", "left behind in the end"), 0)  # fmt: skip
     kinds = {}
     for kind, (words, paths) in commands(folder, at).items():
         empty(at)
@@ -342,14 +362,16 @@ def kills(count, folder, some):
 
 
 def watched(at, one, count):
-    """Wait until a process has begun so many parts; a part is there for a millisecond."""
+    """Wait until a process has begun so many parts; a part exists for a millisecond."""
     seen = set[str]()
     while one.exitcode is None and len(seen) < count:
         seen.update(name for name in os.listdir(at) if name.startswith(".part-"))
 
 
 def whole(path, data, size):
-    """Whether a file is whole, by what ends it or that it can be read, and that it is about as large as others of its kind."""
+    """Whether a file is complete, by its end or because it can be read, and about as large as
+    others of its kind.
+    """
     if path.endswith(".nc"):
         return bool(read(data).sizes)
     ends = {".png": b"IEND\xaeB`\x82", ".gif": b";", ".csv": b"\n"}
@@ -357,7 +379,7 @@ def whole(path, data, size):
 
 
 def streams(folder, kinds=None, only=None):
-    """Run every command, or some kinds, with each stream closed, full or without a reader, in all ways or only some; {what: how often}."""
+    """Run commands with each stream closed, full or without a reader; {what: how often}."""
     process = server()
     at = made(folder, lambda words: done(process(words)))
     whole, run, bad = (os.path.join(folder, name) for name in ("whole.nc", "whole", "bad"))
@@ -370,17 +392,25 @@ def streams(folder, kinds=None, only=None):
         if kind not in ("study", "stress")
     }
     telling = {
-        "status": ["status", run], "verify": ["verify", run], "summary": ["summary", whole], "show": ["show", "nasa_brick"], "scenes": ["scenes"],
-        "scene": ["scenes", "nasa_brick"], "check": ["check", "nasa_brick"], "body": ["body", "nasa_brick"], "exact": ["exact", "nasa_brick"],
-        "effects": ["effects"], "integrators": ["integrators"], "observables": ["observables"], "maps": ["map", "list"], "doctor": ["doctor"],
-        "help": ["--help"], "status of bad": ["status", bad], "verify bad": ["verify", bad], "no scene": ["show", "nasa_brik"], "no command": ["fly"],
+        "status": ["status", run], "verify": ["verify", run], "summary": ["summary", whole],
+        "show": ["show", "nasa_brick"], "scenes": ["scenes"],
+        "scene": ["scenes", "nasa_brick"], "check": ["check", "nasa_brick"],
+        "body": ["body", "nasa_brick"], "exact": ["exact", "nasa_brick"],
+        "effects": ["effects"], "integrators": ["integrators"], "observables": ["observables"],
+        "maps": ["map", "list"], "doctor": ["doctor"],
+        "help": ["--help"], "status of bad": ["status", bad], "verify bad": ["verify", bad],
+        "no scene": ["show", "nasa_brik"], "no command": ["fly"],
         "refused": ["run", *SCENE, "-o", whole],
     }  # fmt: skip
     ways = {
-        "reader gone": ([(1, "gone"), (2, "null")], False), "reader gone, unbuffered": ([(1, "gone"), (2, "null")], True),
-        "both readers gone": ([(1, "gone"), (2, "gone")], True), "stdout closed": ([(1, "closed"), (2, "null")], False),
-        "stderr closed": ([(1, "null"), (2, "closed")], False), "stdin closed": ([(0, "closed"), (1, "null"), (2, "null")], False),
-        "all closed": ([(0, "closed"), (1, "closed"), (2, "closed")], False), "full": ([(1, "full"), (2, "null")], False),
+        "reader gone": ([(1, "gone"), (2, "null")], False),
+        "reader gone, unbuffered": ([(1, "gone"), (2, "null")], True),
+        "both readers gone": ([(1, "gone"), (2, "gone")], True),
+        "stdout closed": ([(1, "closed"), (2, "null")], False),
+        "stderr closed": ([(1, "null"), (2, "closed")], False),
+        "stdin closed": ([(0, "closed"), (1, "null"), (2, "null")], False),
+        "all closed": ([(0, "closed"), (1, "closed"), (2, "closed")], False),
+        "full": ([(1, "full"), (2, "null")], False),
         "full, unbuffered": ([(1, "full"), (2, "null")], True),
     }  # fmt: skip
     told = {"commands": 0, "exit as to /dev/null, or 74 where full": 0, "files as to /dev/null": 0}

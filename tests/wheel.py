@@ -1,8 +1,8 @@
-"""Build the sdist and the wheel and try every command of both: python tests/wheel.py [--keep DIR].
+"""Build sdist and wheel and try every command of both: python tests/wheel.py [--keep DIR].
 
-Each is installed in a fresh virtual environment and used in an empty folder with an empty cache, so
-that a file which only the repository has is missed. Needs the package `build`; takes 10 minutes, of
-which `pip` and the compiler use most.
+Each is installed in a fresh virtual environment and used in an empty folder, so that a command
+which needs a file of the repository fails. Needs the package `build`; takes 10 minutes, mostly for
+pip and the compiler.
 """
 
 import argparse

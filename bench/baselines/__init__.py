@@ -29,9 +29,7 @@ def compiler_version():
 
 
 def build(source, *options):
-    """Compile bench/baselines/SOURCE in a temporary folder and load it; OSError with the reason if
-    it fails.
-    """
+    """Compile bench/baselines/SOURCE in a temporary folder and load it; OSError if that fails."""
     if shutil.which("gcc") is None:
         raise OSError("no gcc on this machine: the C baselines are left out")
     with tempfile.TemporaryDirectory() as folder:

@@ -1,4 +1,4 @@
-"""The command line: exit codes, messages without tracebacks, and that what existed stays as it was."""
+"""The command line: exit codes, one-line messages, and existing files that stay intact."""
 
 import os
 import resource
@@ -49,7 +49,7 @@ def test_run_writes_a_result_and_a_picture(tmp_path):
     assert sorted(os.listdir(tmp_path)) == ["d.nc", "d.png"]
 
 
-def test_what_is_run_can_be_set(tmp_path):
+def test_options_override_the_scene(tmp_path):
     out = tmp_path / "h.nc"
     words = [
         "--members",
@@ -98,12 +98,12 @@ def test_existing_files_are_refused_and_intact(tmp_path):
         assert ds.attrs["title"] == "nasa_brick"
 
 
-def test_folders_that_are_not_there(tmp_path):
+def test_missing_folders(tmp_path):
     failed(run("run", "nasa_brick", "-o", tmp_path / "no" / "x.nc"), 74, "no such folder")
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
-def test_folders_that_cannot_be_written(tmp_path):
+def test_read_only_folders(tmp_path):
     tmp_path.chmod(0o500)
     failed(run("run", "nasa_brick", "-o", tmp_path / "x.nc"), 74, "not writable")
 
@@ -139,7 +139,7 @@ def test_invalid_scenes_exit_3(words, message):
     failed(run(*words), 3, message)
 
 
-def test_plot_of_what_is_no_result(tmp_path):
+def test_plot_of_a_file_that_is_no_result(tmp_path):
     failed(run("plot", tmp_path / "none.nc", "-o", tmp_path / "x.png"), 74, "none.nc")
     (tmp_path / "text.nc").write_text("not netCDF")
     failed(run("plot", tmp_path / "text.nc", "-o", tmp_path / "x.png"), 3, "text.nc")
@@ -149,7 +149,8 @@ def test_plot_of_what_is_no_result(tmp_path):
 def test_flagged_members_exit_4(tmp_path):
     scene = tmp_path / "wild.toml"
     scene.write_text(
-        "[body]\nmoments=[1.0, 2.0, 2.5]\n[start]\nomega=[1e160, 1.0, 0.0]\n[run]\nmembers=3\ndt=0.1\nt_end=1.0"
+        "[body]\nmoments=[1.0, 2.0, 2.5]\n[start]\nomega=[1e160, 1.0, "
+        "0.0]\n[run]\nmembers=3\ndt=0.1\nt_end=1.0"
     )
     failed(run("run", scene), 4, "flagged members: 3 step_too_large", "`status_step`")
     failed(run("run", scene, "--set", "run.checks=false"), 4, "flagged members: 3 non_finite")
@@ -162,7 +163,7 @@ def test_flagged_members_exit_4(tmp_path):
 
 
 def test_a_full_disk(tmp_path):
-    """A limit on file size stands for a full disk: exit 74, one message, nothing left, what was there intact."""
+    """A limit on file size simulates a full disk: exit 74, one message, old files intact."""
     (tmp_path / "there.nc").write_bytes(b"precious")
 
     def limit():
@@ -177,7 +178,7 @@ def test_a_full_disk(tmp_path):
         str(tmp_path / "there.nc"),
         "--force",
     ]
-    # the kernel cache must be warm, or its files would meet the limit first
+    # the kernel cache must be warm, or its files would hit the limit first
     assert run("run", "tennis_racket", "--members", 1, "-o", tmp_path / "warm.nc").exit_code == 0
     made = subprocess.run([*COMMAND, *words], capture_output=True, text=True, preexec_fn=limit)
     assert made.returncode == 74, made.stderr
@@ -189,11 +190,12 @@ def test_a_full_disk(tmp_path):
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_signals(tmp_path, number, code):
-    """Stopped in the middle: the code of the signal, within a second, and no file under any name."""
+    """A stopped run exits with the code of the signal within a second and leaves no file."""
     words = ["run", "dzhanibekov", "--members", "2000000", "-o", str(tmp_path / "x.nc")]
     process = subprocess.Popen(
         [*COMMAND, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # tests started in the background have it ignored
+        # tests that run in the background ignore it
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
     deadline = time.monotonic() + 60
     while (
@@ -206,9 +208,8 @@ def test_signals(tmp_path, number, code):
     sent = time.monotonic()
     _, errors = process.communicate(timeout=30)
     assert process.returncode == code, errors
-    assert (
-        time.monotonic() - sent < 2.0
-    )  # measured 0.4 to 0.6 s; 1 s is asked for on a machine at rest
+    # measured 0.4 to 0.6 s; the target is 1 s on an idle machine
+    assert time.monotonic() - sent < 2.0
     assert "Traceback" not in errors
     assert os.listdir(tmp_path) == []
 
@@ -244,9 +245,10 @@ def test_effects_are_priced(monkeypatch):
     )  # what it measures is compiled for minutes
     listing = run("effects", "--measure").output
     assert "a step of rk4 on one thread: 2.50 ns of the momentum alone" in listing
+    # gravity
     assert (
         listing.count("27 operations a torque; a step with it alone 2.50 ns; it adds 0.00 ns") == 1
-    )  # gravity
+    )
     assert "(1 division, 1 root) a torque" in listing  # spring
     assert listing.count(" a torque; a step with it alone") == 18
 
@@ -262,14 +264,16 @@ def test_check_scenes_integrators_doctor():
 
 
 def test_nasa_brick_from_the_command_line(tmp_path):
-    """NASA/TM-2015-218675 check-case 2, rates at 30 s to 1e-9 deg/s, with rk4 at 1 ms and with one exact step."""
+    """NASA/TM-2015-218675 check-case 2: rates at 30 s to 1e-9 deg/s, with rk4 at 1 ms and with one
+    exact step.
+    """
     expected = (12.61839077591422, -17.39747476161139, 31.11958888694434)
     for words in ([], ["--integrator", "exact", "--dt", "30", "--every", "30"]):
         out = tmp_path / f"n{len(words)}.nc"
         assert run("run", "nasa_brick", *words, "-o", out).exit_code == 0
         with rm.open(out) as ds:
             error = np.abs(np.degrees(ds.omega.values[-1, :, 0]) - expected).max()
-        assert error < 5e-12  # measured 5.3e-13 and 1.2e-14; asked 1e-9
+        assert error < 5e-12  # measured 5.3e-13 and 1.2e-14; target 1e-9
     rough = tmp_path / "rough.nc"
     run("run", "nasa_brick", "--dt", "0.1", "-o", rough)
     with rm.open(rough) as ds:
@@ -339,7 +343,7 @@ def test_steps_of_their_own(tmp_path):
 
 
 def test_stress_of_a_group(tmp_path):
-    """Exit 0 and three files; exit 4 and the right row where a bound is a tenth of the error."""
+    """Exit 0 and three files; exit 4 and the right row if a bound is a tenth of the error."""
     files = [tmp_path / name for name in ("s.nc", "s.png", "b.csv")]
     words = ("stress", "--group", "H5", "--integrator", "exact")
     made = run(*words, "-o", files[0], "--plot", files[1], "--write-bounds", files[2])

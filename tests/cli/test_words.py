@@ -1,4 +1,4 @@
-"""What a user writes and what is told of it: counts and times, settings without effect, mistakes that pass, endings of files, names."""
+"""What users write and read: counts, times, idle settings, mistakes, file endings, names."""
 
 import subprocess
 import sys
@@ -37,8 +37,10 @@ def invoke(*words):
 
 
 @pytest.mark.parametrize(("given", "wanted"), [
-    ("3h", 10800.0), ("1h30m", 5400.0), ("90m", 5400.0), ("2 min", 120.0), ("90 s", 90.0), ("250 ms", 0.25), ("3ms", 0.003), ("1 d 1 s", 86401.0),
-    ("2.5", 2.5), ("1e-9s", 1e-9), ("1e3", 1e3), ("5us", 5e-6), (7, 7.0), (np.float32(0.5), 0.5), (np.int64(3), 3.0),
+    ("3h", 10800.0), ("1h30m", 5400.0), ("90m", 5400.0), ("2 min", 120.0), ("90 s", 90.0),
+    ("250 ms", 0.25), ("3ms", 0.003), ("1 d 1 s", 86401.0),
+    ("2.5", 2.5), ("1e-9s", 1e-9), ("1e3", 1e3), ("5us", 5e-6), (7, 7.0), (np.float32(0.5), 0.5),
+    (np.int64(3), 3.0),
 ])  # fmt: skip
 def test_times_are_read_to_the_bit(given, wanted):
     assert seconds(given, "t_end") == wanted
@@ -150,7 +152,7 @@ def test_a_tolerance_without_an_integrator_means_auto():
     assert rm.Scene.loads(file.dumps()).run.integrator == "auto"
 
 
-def test_a_tolerance_that_nothing_keeps_is_refused():
+def test_a_tolerance_that_no_integrator_keeps_is_refused():
     with pytest.raises(
         rm.SceneError, match=r'tolerance = 1e-06: integrator = "rk4" keeps no tolerance'
     ):
@@ -162,12 +164,17 @@ def test_a_tolerance_that_nothing_keeps_is_refused():
 
 
 @pytest.mark.parametrize(("settings", "effects", "key"), [
-    ({"integrator": "auto", "tolerance": 1e-6, "dt": 0.1}, (), "dt"), ({"integrator": "auto", "tolerance": 1e-6, "turn": 0.1}, (), "turn"),
-    ({"integrator": "auto", "tolerance": 1e-6, "dtype": "float32"}, (), "dtype"), ({"integrator": "closed", "turn": 0.1}, (), "turn"),
-    ({"integrator": "closed", "energy_limit": 0.1}, (), "energy_limit"), ({"turn_rate": 1.0}, (), "turn_rate"), ({"strata": 8}, (), "strata"),
-    ({"checks": False, "turn_limit": 1.0}, (), "turn_limit"), ({"thin": 3}, (), "thin"), ({"keep": {"energy": "final"}}, (), "keep.energy"),
+    ({"integrator": "auto", "tolerance": 1e-6, "dt": 0.1}, (), "dt"),
+    ({"integrator": "auto", "tolerance": 1e-6, "turn": 0.1}, (), "turn"),
+    ({"integrator": "auto", "tolerance": 1e-6, "dtype": "float32"}, (), "dtype"),
+    ({"integrator": "closed", "turn": 0.1}, (), "turn"),
+    ({"integrator": "closed", "energy_limit": 0.1}, (), "energy_limit"),
+    ({"turn_rate": 1.0}, (), "turn_rate"), ({"strata": 8}, (), "strata"),
+    ({"checks": False, "turn_limit": 1.0}, (), "turn_limit"), ({"thin": 3}, (), "thin"),
+    ({"keep": {"energy": "final"}}, (), "keep.energy"),
     ({"every": 20.0}, (), "every"), ({"anti_damping": True}, (), "anti_damping"),
-    ({"energy_limit": 1e-3}, (rm.ViscousDamping(0.1),), "energy_limit"), ({"momentum_limit": 1e-3}, (rm.ViscousDamping(0.1),), "momentum_limit"),
+    ({"energy_limit": 1e-3}, (rm.ViscousDamping(0.1),), "energy_limit"),
+    ({"momentum_limit": 1e-3}, (rm.ViscousDamping(0.1),), "momentum_limit"),
 ])  # fmt: skip
 def test_settings_without_effect_are_noted(settings, effects, key):
     scene = rm.Scene(BODY, effects, SPUN, Run(**settings))
@@ -178,7 +185,7 @@ def test_settings_without_effect_are_noted(settings, effects, key):
     assert idle(stored.run) == idle(scene.run)
 
 
-def test_an_override_takes_with_it_what_it_leaves_without_effect():
+def test_an_override_drops_settings_that_it_makes_idle():
     scene = rm.Scene(
         BODY, start=SPUN, run=Run(turn=0.2, energy_limit=0.01, keep={"omega": "thinned"}, thin=5)
     )
@@ -193,15 +200,15 @@ def test_an_override_takes_with_it_what_it_leaves_without_effect():
     assert (
         scene.with_run(save=("energy",)).run.keep == {} and scene.with_run(dt=0.1).run.turn is None
     )
+    # all of it still has an effect
     assert scene.with_run(integrator="rk8").run == scene.run.model_copy(
         update={"integrator": "rk8"}
-    )  # all of it still has an effect
-    assert (
-        scene.with_run(checks=False, energy_limit=0.1).run.energy_limit == 0.1
-    )  # both were asked for: a note says so
+    )
+    # the user asked for both: a note says so
+    assert scene.with_run(checks=False, energy_limit=0.1).run.energy_limit == 0.1
 
 
-def test_sound_scenes_give_no_note(tmp_path):
+def test_good_scenes_give_no_note(tmp_path):
     for name in shipped():
         scene = rm.Scene.load(name)
         assert noted(scene) == () and noted(rm.Scene.loads(scene.dumps())) == (), name
@@ -209,16 +216,15 @@ def test_sound_scenes_give_no_note(tmp_path):
         case = make()
         scene = on_map(case.scene, case.x, case.y, 64, 1).with_run(**case.settings)
         assert notes(scene, prepare(scene)._replace(notes=())) == (), name
-    path = str(
-        tmp_path / "a.nc"
-    )  # warnings are errors here: neither the run nor another member of it says anything
+    # warnings are errors here: neither the run nor any of its other members warns
+    path = str(tmp_path / "a.nc")
     scene = rm.Scene(HEAVY, (rm.Gravity(9.81),), SPUN).with_run(members=32, t_end=0.1, every=0.05)
     rm.simulate(scene, output=path).close()
     assert rm.Scene.load(path).check().run.every == 0.05
     assert rm.rerun(path, 7.0).attrs["rerun"].startswith("equal to the bit")
 
 
-# mistakes that pass
+# mistakes that run all the same
 
 
 def _scene(body=BODY, effects=(), **start):
@@ -226,20 +232,31 @@ def _scene(body=BODY, effects=(), **start):
 
 
 @pytest.mark.parametrize(("bad", "good", "words"), [
-    (_scene(attitude=(0.0, 90.0, 0.0)), _scene(attitude=(0.0, 6.28, 0.0)), r"\[start\] attitude: an Euler angle of 90 is more than 2 pi"),
-    (_scene(attitude=(1.0, 0.0, 0.0, 2e-3)), _scene(attitude=(1.0, 0.0, 0.0, 1e-4)), r"\[start\] attitude: a quaternion of length 1.000002"),
-    (_scene(omega=rm.Cone(2, 1.0, 5.0)), _scene(omega=rm.Cone(2, 1.0, 3.0)), r"\[start\] omega.angle = 5 is more than pi"),
-    (_scene(HEAVY, (rm.Gravity(-9.81),)), _scene(HEAVY, (rm.Gravity(9.81),)), r"\[effects.gravity\] g = -9.81 pulls upwards"),
-    (_scene(BODY, (rm.Gravity(9.81),)), _scene(HEAVY, (rm.Gravity(1e-9),)), r"\[effects.gravity\] has no effect.*centre of mass is on the fixed"),
-    (_scene(BODY, (rm.Spring(1.0, (0.0,) * 3, (0.0, 0.0, 1.0)),)), _scene(BODY, (rm.Spring(1.0, (0.1, 0.0, 0.0), (0.0, 0.0, 1.0)),)),
+    (_scene(attitude=(0.0, 90.0, 0.0)), _scene(attitude=(0.0, 6.28, 0.0)),
+    r"\[start\] attitude: an Euler angle of 90 is more than 2 pi"),
+    (_scene(attitude=(1.0, 0.0, 0.0, 2e-3)), _scene(attitude=(1.0, 0.0, 0.0, 1e-4)),
+    r"\[start\] attitude: a quaternion of length 1.000002"),
+    (_scene(omega=rm.Cone(2, 1.0, 5.0)), _scene(omega=rm.Cone(2, 1.0, 3.0)),
+    r"\[start\] omega.angle = 5 is more than pi"),
+    (_scene(HEAVY, (rm.Gravity(-9.81),)), _scene(HEAVY, (rm.Gravity(9.81),)),
+    r"\[effects.gravity\] g = -9.81 pulls upwards"),
+    (_scene(BODY, (rm.Gravity(9.81),)), _scene(HEAVY, (rm.Gravity(1e-9),)),
+    r"\[effects.gravity\] has no effect.*centre of mass is on the fixed"),
+    (_scene(BODY, (rm.Spring(1.0, (0.0,) * 3, (0.0, 0.0, 1.0)),)),
+    _scene(BODY, (rm.Spring(1.0, (0.1, 0.0, 0.0), (0.0, 0.0, 1.0)),)),
      r"\[effects.spring\] has no effect.*torque is 0"),
-    (_scene(BODY, (rm.GravityGradient(3.986e14, 6778.0),)), _scene(BODY, (rm.GravityGradient(3.986e14, 6.778e6),)), "inside the Earth"),
-    (_scene(BODY, (rm.GravityGradient(3.986e14, 8e6, 0.1, 45.0),)), _scene(BODY, (rm.GravityGradient(3.986e14, 8e6, 0.1, 3.0),)), "anomaly = 45"),
-    (_scene(rm.Body.box(0.5, (200.0,) * 3)), _scene(rm.Body.box(0.5, (0.2,) * 3)), r"\[body\] mass: 0.5 kg .* 258 m and 5.5e-08 kg/m3, far less"),
-    (_scene(rm.Body.solid("ball", mass=200.0, radius=0.02)), _scene(rm.Body.solid("ball", mass=0.2, radius=0.02)), "more than osmium"),
-    (_scene(rm.Body.from_moments((1.0, 2.0, 3.0), centre=(0.0, 0.0, 0.1))), _scene(HEAVY), r"\[body\] centre: 4,096 of the first 4,096 bodies cannot"),
+    (_scene(BODY, (rm.GravityGradient(3.986e14, 6778.0),)),
+    _scene(BODY, (rm.GravityGradient(3.986e14, 6.778e6),)), "inside the Earth"),
+    (_scene(BODY, (rm.GravityGradient(3.986e14, 8e6, 0.1, 45.0),)),
+    _scene(BODY, (rm.GravityGradient(3.986e14, 8e6, 0.1, 3.0),)), "anomaly = 45"),
+    (_scene(rm.Body.box(0.5, (200.0,) * 3)), _scene(rm.Body.box(0.5, (0.2,) * 3)),
+    r"\[body\] mass: 0.5 kg .* 258 m and 5.5e-08 kg/m3, far less"),
+    (_scene(rm.Body.solid("ball", mass=200.0, radius=0.02)),
+    _scene(rm.Body.solid("ball", mass=0.2, radius=0.02)), "more than osmium"),
+    (_scene(rm.Body.from_moments((1.0, 2.0, 3.0), centre=(0.0, 0.0, 0.1))), _scene(HEAVY),
+    r"\[body\] centre: 4,096 of the first 4,096 bodies cannot"),
 ])  # fmt: skip
-def test_mistakes_that_pass_are_noted(bad, good, words):
+def test_mistakes_that_run_are_noted(bad, good, words):
     with pytest.warns(rm.SceneWarning, match=words):
         rm.simulate(bad, members=32, t_end=0.02, dt=0.01)
     assert not any(
@@ -279,9 +296,12 @@ def test_run_show_and_check_print_the_same_notes(tmp_path):
 
 
 @pytest.mark.parametrize("words", [
-    ("run", "dzhanibekov", "-o", "x.csv"), ("run", "dzhanibekov", "-o", "x.zarr"), ("run", "dzhanibekov", "-o", "x"), ("run", "dzhanibekov", "--plot", "x.jpg"),
-    ("map", "kapitza", "-o", "x.h5"), ("accuracy", "dzhanibekov", "-o", "x.csv"), ("stress", "-o", "x.txt"), ("stress", "--write-bounds", "x.txt"),
-    ("rerun", "no.nc", "--member", "1", "-o", "x.csv"), ("plot", "no.nc", "-o", "x.gif"), ("animate", "no.nc", "--member", "1", "-o", "x.avi"),
+    ("run", "dzhanibekov", "-o", "x.csv"), ("run", "dzhanibekov", "-o", "x.zarr"),
+    ("run", "dzhanibekov", "-o", "x"), ("run", "dzhanibekov", "--plot", "x.jpg"),
+    ("map", "kapitza", "-o", "x.h5"), ("accuracy", "dzhanibekov", "-o", "x.csv"),
+    ("stress", "-o", "x.txt"), ("stress", "--write-bounds", "x.txt"),
+    ("rerun", "no.nc", "--member", "1", "-o", "x.csv"), ("plot", "no.nc", "-o", "x.gif"),
+    ("animate", "no.nc", "--member", "1", "-o", "x.avi"),
     ("exact", "dzhanibekov", "--plot", "x.txt"),
 ])  # fmt: skip
 def test_files_with_other_endings_are_refused_before_the_work(words, tmp_path, monkeypatch):
@@ -302,18 +322,23 @@ def test_files_with_other_endings_are_refused_in_python(tmp_path):
 
 
 @pytest.mark.parametrize("code", [
-    "import rigidmc, sys; assert 'xarray' not in sys.modules and 'numpy' not in sys.modules; import xarray as xr",
-    "import xarray as xr, rigidmc", "import rigidmc; import xarray.core.dataset; import xarray as xr",
+    ("import rigidmc, sys; assert 'xarray' not in sys.modules and 'numpy' not in "
+        "sys.modules; import xarray as xr"),
+    "import xarray as xr, rigidmc",
+    "import rigidmc; import xarray.core.dataset; import xarray as xr",
 ])  # fmt: skip
 def test_the_accessor_is_there_on_import_in_either_order(code):
-    more = "; xr.Dataset().rigid; import sys; assert not any('rigidmc' in repr(f) for f in sys.meta_path), sys.meta_path; assert 'matplotlib' not in sys.modules"
+    more = (
+        "; xr.Dataset().rigid; import sys; assert not any('rigidmc' in repr(f) for f in "
+        "sys.meta_path), sys.meta_path; assert 'matplotlib' not in sys.modules"
+    )
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", code + more], capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
 
 
-def test_absent_files_are_told_without_numbers_of_the_system(tmp_path, monkeypatch):
+def test_missing_files_are_reported_without_error_numbers(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "dzhani.nc").touch()
     for words in (
@@ -331,7 +356,7 @@ def test_absent_files_are_told_without_numbers_of_the_system(tmp_path, monkeypat
         assert "Errno" not in made.stderr
 
 
-def test_names_that_are_not_there_have_a_hint():
+def test_unknown_names_get_a_hint():
     for name, words in (
         ("cone", r"Body.solid\('cone', mass=..., radius=..., height=...\)"),
         ("coen", "cone"),
@@ -345,12 +370,17 @@ def test_names_that_are_not_there_have_a_hint():
 
 
 @pytest.mark.parametrize(("words", "parts"), [
-    (("effects", "gravity"), ("tau = -g m r x u(q)", "[effects.gravity] with g", "g [m s-2]", "TdC Example 3.7")),
-    (("observables", "passage"), ("angle : half the opening", "[observables.passage] axis, angle, way = leaves", "passage_first [s]")),
-    (("observables", "omega_max"), ("over all steps of omega", "[rad s-1]")), (("observables", "omega"), ("omega_i = L_i/I_i", "[rad s-1]")),
-    (("integrators", "rk8"), ("Dormand & Prince", "order 8, 12 torques a step")), (("map", "list", "kapitza"), ("Kapitza 1951", "[effects.moving_pivot]")),
+    (("effects", "gravity"),
+    ("tau = -g m r x u(q)", "[effects.gravity] with g", "g [m s-2]", "TdC Example 3.7")),
+    (("observables", "passage"),
+    ("angle : half the opening", "[observables.passage] axis, angle, way = leaves",
+    "passage_first [s]")),
+    (("observables", "omega_max"), ("over all steps of omega", "[rad s-1]")),
+    (("observables", "omega"), ("omega_i = L_i/I_i", "[rad s-1]")),
+    (("integrators", "rk8"), ("Dormand & Prince", "order 8, 12 torques a step")),
+    (("map", "list", "kapitza"), ("Kapitza 1951", "[effects.moving_pivot]")),
 ])  # fmt: skip
-def test_one_of_a_list_is_explained(words, parts):
+def test_listing_one_name_explains_it(words, parts):
     made = invoke(*words)
     assert made.exit_code == 0 and all(part in made.stdout for part in parts), made.output
     wrong = invoke(*words[:-1], words[-1][:-1])
@@ -362,9 +392,15 @@ def test_one_of_a_list_is_explained(words, parts):
 
 def test_correlated_moments_have_their_covariance_and_tails_are_flagged(tmp_path):
     covariance = np.array([[0.01, 0.004, 0.0], [0.004, 0.02, 0.0], [0.0, 0.0, 0.01]])
-    start = "[start]\nomega = [0.0, 1.0, 0.0]\n[run]\nmembers = 4096\nt_end = 0.1\nintegrator = 'exact'\ndt = 0.05\n"
+    start = (
+        "[start]\nomega = [0.0, 1.0, 0.0]\n[run]\nmembers = 4096\nt_end = 0.1\nintegrator "
+        "= 'exact'\ndt = 0.05\n"
+    )
     scene = rm.Scene.loads(
-        f"[body]\nmoments = {{ correlated = {{ mean = [1.0, 2.0, 2.7], covariance = {covariance.tolist()} }} }}\n"
+        (
+            f"[body]\nmoments = {{ correlated = {{ mean = [1.0, 2.0, 2.7], covariance = "
+            f"{covariance.tolist()} }} }}\n"
+        )
         + start
     )
     assert rm.Scene.loads(scene.dumps()).dumps() == scene.dumps()
@@ -380,9 +416,8 @@ def test_correlated_moments_have_their_covariance_and_tails_are_flagged(tmp_path
         and np.array_equal(ds.status.values == 2, none)
         and (ds.status.values[~none] == 0).all()
     )
-    assert (
-        np.abs(np.cov(moments) - covariance).max() < 1.5e-3
-    )  # 4 sigma of the largest: 0.02 sqrt(2/4096) = 4.4e-4
+    # 4 sigma of the largest: 0.02 sqrt(2/4096) = 4.4e-4
+    assert np.abs(np.cov(moments) - covariance).max() < 1.5e-3
     told = invoke("show", tmp_path / "a.nc").stdout
     assert "correlated(mean = (1, 2, 2.7)" in told and "body.moments.mean.1" in told
     few = rm.Scene(
@@ -392,7 +427,7 @@ def test_correlated_moments_have_their_covariance_and_tails_are_flagged(tmp_path
         few.check()
 
 
-def test_a_covariance_of_small_moments_is_looked_at_to_its_own_size():
+def test_a_covariance_is_checked_relative_to_its_size():
     even = np.array([[1.0, 0.1, 0.0], [0.1, 1.0, 0.0], [0.0, 0.0, 1.0]]) * 1e-14
     rm.Body.from_moments(rm.Correlated((1e-6, 2e-6, 2.5e-6), even.tolist()))
     even[0, 1] = 0.0
@@ -403,7 +438,7 @@ def test_a_covariance_of_small_moments_is_looked_at_to_its_own_size():
 # results
 
 
-def test_a_driven_body_is_summed_up_with_the_note_that_run_gives():
+def test_the_summary_of_a_driven_body_has_the_note_of_its_run():
     scene = rm.Scene(BODY, (rm.ViscousDamping(0.1),), SPUN).with_run(members=40, t_end=1.0)
     ds = rm.simulate(
         rm.Scene(BODY, scene.effects, rm.Start(omega=(rm.normal(0.0, 0.1), 1.0, 0.0)), scene.run)
@@ -419,7 +454,10 @@ def test_a_rerun_saves_at_the_nearest_whole_number_of_steps(tmp_path):
         rm.simulate(scene, dt=0.03, output=path).close()  # 67 steps of 0.029850746
     with pytest.warns(
         rm.SceneWarning,
-        match=r"every = 0.3 s is no whole number of steps of 0.02985074627 s: saves are 0.2985074627 s apart, 10 steps",
+        match=(
+            r"every = 0.3 s is no whole number of steps of 0.02985074627 s: saves are "
+            r"0.2985074627 s apart, 10 steps"
+        ),
     ):
         made = rm.rerun(path, 17, every=0.3)
     assert (
@@ -427,10 +465,11 @@ def test_a_rerun_saves_at_the_nearest_whole_number_of_steps(tmp_path):
         and abs(made.time.values[1] - 20.0 / 67.0) < 1e-15
         and made.attrs["rerun"].startswith("equal to the bit")
     )
-    assert rm.rerun(path, 17, every="29.850746268656717 ms").sizes["time"] == 68  # whole: no note
+    # a whole number: no note
+    assert rm.rerun(path, 17, every="29.850746268656717 ms").sizes["time"] == 68
 
 
-def test_too_much_memory_tells_memory_from_disk():
+def test_a_run_that_is_too_large_names_memory_or_disk():
     scene = rm.Scene.load("dzhanibekov")
     with pytest.raises(
         OSError, match=r"GB of memory.*\(-o FILE\), which needs .*B of memory and .* GB of disk"

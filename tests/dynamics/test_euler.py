@@ -1,4 +1,4 @@
-"""Euler's equations and what they conserve, against matrices and against 40 digits."""
+"""Euler's equations and their conserved quantities, against matrices and 40-digit numbers."""
 
 import math
 
@@ -20,9 +20,8 @@ from rigidmc.dynamics.euler import (
 )
 from rigidmc.dynamics.so3 import dot
 
-number = st.floats(-1.0, 1.0, allow_subnormal=False).filter(
-    lambda x: x == 0.0 or abs(x) > 1e-150
-)  # products must not underflow
+# products must not underflow
+number = st.floats(-1.0, 1.0, allow_subnormal=False).filter(lambda x: x == 0.0 or abs(x) > 1e-150)
 vector = st.tuples(number, number, number)
 positive = st.floats(0.1, 10.0)
 moments = st.tuples(positive, positive, positive)
@@ -82,9 +81,8 @@ def test_coefficients_keep_their_digits_where_moments_are_nearly_equal(size, spl
         error = max(abs(a / b - 1) for a, b in zip((body.a1, body.a2, body.a3), true, strict=True))
     assert error < 4e-16  # measured 1.0e-16
     cancelled = abs((1 / moments[1] - 1 / moments[0]) / float(true[2]) - 1)
-    assert (
-        cancelled > 1e-9 or split > 1e-9
-    )  # measured 2e-8: why the difference of moments comes first
+    # measured 2e-8: why the difference of moments comes first
+    assert cancelled > 1e-9 or split > 1e-9
 
 
 def test_one_body_per_member():

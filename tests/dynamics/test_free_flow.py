@@ -1,4 +1,4 @@
-"""The exact free motion: right to rounding for every body and start, for ever, and at any scale."""
+"""The exact free motion: right to rounding for every body, start, time and scale."""
 
 import itertools
 import math
@@ -29,7 +29,7 @@ def body_of(moments):
 
 
 def flow(moments, momentum, h, q=IDENTITY, halvings=None, panels=None):
-    """One step, cut into panels of at most 1/8 rad unless told, and its momentum by a series over no more."""
+    """One step, in panels of at most 1/8 rad by default; its momentum by a series over a panel."""
     body = body_of(moments)
     panels = panels or max(1, math.ceil(8.0 * abs(h) * turn_rate_of(moments, momentum)))
     halvings = math.ceil(math.log2(panels)) if halvings is None else halvings
@@ -44,7 +44,7 @@ def truth(moments, momentum, h):
 
 
 def errors(moments, momentum, h, **how):
-    """(angle [rad], |L error|/|L|) of one step."""
+    """(angle error [rad], |L error|/|L|) of one step."""
     q, l = flow(moments, momentum, h, **how)
     true_q, true_l = truth(moments, momentum, h)
     return float(attitude_error(q, true_q)), float(
@@ -145,9 +145,8 @@ def test_too_few_halvings_are_wrong_and_change_the_size_of_l():
     good, bad = (np.array(flow(moments, momentum, h, halvings=n, panels=1)[1]) for n in (7, 0))
     assert np.abs(good - true_l).max() < 2e-14  # measured 2.0e-15
     assert np.abs(bad - true_l).max() > 0.1  # measured 0.37
-    assert (
-        abs(bad @ bad / np.dot(momentum, momentum) - 1.0) > 0.01
-    )  # measured 0.065: a run flags it
+    # measured 0.065: a run flags it
+    assert abs(bad @ bad / np.dot(momentum, momentum) - 1.0) > 0.01
 
 
 def test_the_phase_rule_is_of_order_8():
@@ -161,9 +160,8 @@ def test_the_phase_rule_is_of_order_8():
         for a, b, h, k in zip(angle, angle[1:], steps, steps[1:], strict=False)
     ]
     assert max(relative) < 4e-15  # measured 4e-16: the momentum is exact at any step
-    assert (
-        abs(slopes[1] - 9.0) < 0.2
-    )  # measured 8.98: the error of one step, so one more than the order
+    # measured 8.98: the error of one step, so one more than the order
+    assert abs(slopes[1] - 9.0) < 0.2
     assert abs(slopes[2] - 9.0) < 0.3  # measured 9.13
 
 
@@ -196,7 +194,7 @@ def test_a_principal_axis_stays_put_to_the_bit(axis, sign, turn, halvings):
             assert attitude_error(q, true) < 5e-14  # measured 6e-15 after 50 rad
 
 
-def test_rest_no_time_and_there_and_back():
+def test_at_rest_for_no_time_and_there_and_back():
     q, l = flow((1.0, 2.0, 3.0), (0.0, 0.0, 0.0), 1.0, q=TILTED, panels=1)
     assert l == (0.0, 0.0, 0.0)
     assert attitude_error(q, TILTED) < 1e-15  # measured 0
@@ -208,9 +206,8 @@ def test_rest_no_time_and_there_and_back():
         q, l = flow(moments, momentum, h, q=TILTED)
         q, l = flow(moments, l, -h, q=q)
         assert attitude_error(q, TILTED) < 3e-14  # measured 3e-15, a needle; 3e-16 otherwise
-        assert np.linalg.norm(np.subtract(l, momentum)) < 2e-15 * np.linalg.norm(
-            momentum
-        )  # measured 2e-16
+        # measured 2e-16
+        assert np.linalg.norm(np.subtract(l, momentum)) < 2e-15 * np.linalg.norm(momentum)
 
 
 @pytest.mark.parametrize("size", [1e-150, 1e-30, 1e30, 1e150])
@@ -238,7 +235,7 @@ def hard_and_random():
 
 
 class Walking(NamedTuple):
-    """The exact steps without their way back to the start's T and |L|^2: with their increments alone."""
+    """The exact steps by their increments alone, without the correction to T and |L|^2."""
 
     drift: Any
     keeps, step, opened, closed = (
@@ -254,7 +251,7 @@ class Walking(NamedTuple):
 
 
 class Deaf(NamedTuple):
-    """And with g1 and g3 of the start for ever."""
+    """The exact steps with g1 and g3 of the start for ever."""
 
     drift: Any
     keeps, step, opened, closed = (
@@ -270,15 +267,17 @@ class Deaf(NamedTuple):
 
 
 def drifts(kind, steps):
-    """Largest drifts of T and |L|^2 of each body, but of those with two equal moments."""
+    """Largest drifts of T and |L|^2 of each body, except bodies with two equal moments."""
     block, made = hard_and_random(), prepare(INTEGRATORS["exact"], 0.1)
     run(block, made._replace(integrator=kind(*made.integrator)), (), 0.05, steps)
     differences = block[K.BODY + 3 : K.BODY + 6]  # a1, a2, a3
     return block[K.DRIFT : K.DRIFT + 2, (np.abs(differences) > 1e-6).all(0)].max(0)
 
 
-def test_nothing_of_a_free_body_drifts_however_many_the_steps():
-    """Rounding of the constants is alike in every step, and that of the state walks: both are taken back."""
+def test_no_invariant_of_a_free_body_drifts_with_steps():
+    """The rounding of the constants is the same in every step, and that of the state is a random
+    walk; the steps correct both.
+    """
     few, many = (drifts(FreeSteps, steps) for steps in (1_000, 100_000))
     assert few.max() < 2e-15 and many.max() < 2e-15  # measured 7.3e-16 and 8.2e-16
     walked = [drifts(Walking, steps).max() for steps in (1_000, 100_000)]
@@ -364,13 +363,13 @@ def test_the_plain_form_drifts_where_the_increments_do_not():
 
 
 @pytest.mark.parametrize("name", [n for n, p in PROBLEMS.items() if "flip" in p.more])
-def test_flips_come_when_they_should(name):
+def test_flips_come_at_the_right_time(name):
     problem = PROBLEMS[name]
     body, flip = problem.body, problem.more["flip"]
     lam = turn_rate_of(problem.moments, problem.momentum)
 
     def crossing(guess):
-        """When the middle component is 0, by Newton from a guess."""
+        """The time at which the middle component is 0, by Newton's method from a guess."""
         for _ in range(20):
             steps = math.ceil(guess * lam)
             made = prepare(INTEGRATORS["exact"], lam * guess / steps)
@@ -384,11 +383,12 @@ def test_flips_come_when_they_should(name):
     first = crossing(flip / 2)
     if problem.momentum[2] == 0.0:  # starts at the extreme, where the middle component turns back
         assert abs(first / (flip / 2) - 1.0) < 2e-14  # measured 3.1e-15
-    # the next one comes as well as |L|^2 - 2 T I2, the distance from the separatrix, is kept: to 1e-16 |L|^2
+    # the next time is as accurate as |L|^2 - 2 T I2, the distance from the separatrix, is
+    # conserved: to 1e-16 |L|^2
     i, l = problem.moments, problem.momentum
     distance = abs(l[0] ** 2 * (1 - i[1] / i[0]) + l[2] ** 2 * (1 - i[1] / i[2])) / np.dot(l, l)
     bound = 0.5 * 1.1e-16 / distance  # measured 0.07 of 1.1e-16/distance
-    if bound < 1e-3:  # so at every start but 1e-8 from the axis
+    if bound < 1e-3:  # true at every start except 1e-8 from the axis
         assert abs((crossing(first + flip) - first) / flip - 1.0) < bound
 
 
@@ -411,7 +411,10 @@ def test_published_flip_intervals_are_those_of_the_elliptic_integral():
 
 @pytest.mark.parametrize("h", [1e-6, 1e-3, 0.05])
 def test_a_short_turn_has_all_its_digits(h):
-    """What is lost of it is lost alike at every step, and adds up: 6.6e-11 of a turn by 1e-6 rad, when it was a product of three of size 1."""
+    """The error of a short rotation is the same in every step and adds up.
+
+    It was 6.6e-11 of a rotation by 1e-6 rad when that was a product of three factors of size 1.
+    """
     some = np.random.default_rng(3)
     for _ in range(4):
         moments, l = some.uniform(0.6, 1.0, 3), some.normal(size=3)

@@ -1,4 +1,4 @@
-"""The calling convention: a method gets just the arguments that it names, and one that is missing gets the default."""
+"""The calling convention: a method gets the arguments that it names, or is the default."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""Principal axes in lanes: reconstruction, orthonormality, the documented choice, degenerate and diagonal tensors."""
+"""Principal axes in lanes: reconstruction, orthonormality, choice of axes, degenerate tensors."""
 
 import mpmath as mp
 import numpy as np
@@ -35,9 +35,8 @@ CASES += [turned(np.array([1e-6, 1.0, 1.0])) for _ in range(5)] + [
 @pytest.mark.parametrize("tensor", CASES)
 def test_reconstructs_the_tensor_with_right_handed_orthonormal_axes(tensor):
     moments, b = axes_of(tensor)
-    assert (
-        np.abs((b * moments) @ b.T - tensor).max() < 3e-15 * np.abs(tensor).max()
-    )  # 5.1e-16; 2.2e-15 of a million tensors
+    # 5.1e-16; 2.2e-15 of a million tensors
+    assert np.abs((b * moments) @ b.T - tensor).max() < 3e-15 * np.abs(tensor).max()
     assert np.abs(b.T @ b - np.eye(3)).max() < 3e-15  # 6.7e-16; 2.7e-15 of a million
     assert np.linalg.det(b) > 0.0
 
@@ -47,9 +46,8 @@ def test_moments_are_the_eigenvalues_in_ascending_order(tensor):
     moments, b = axes_of(tensor)
     with mp.workdps(40):
         truth = sorted(mp.eigsy(mp.matrix(tensor.tolist()), eigvals_only=True))
-        assert (
-            max(abs(float(a - t)) for a, t in zip(moments, truth, strict=True)) < 2e-15
-        )  # 1.7e-16
+        # 1.7e-16
+        assert max(abs(float(a - t)) for a, t in zip(moments, truth, strict=True)) < 2e-15
     for axis in b.T[:2]:
         assert axis[np.abs(axis).argmax()] > 0.0
 
@@ -61,7 +59,7 @@ def test_diagonal_tensor_keeps_its_axes_and_their_order():
 
 
 @pytest.mark.parametrize("scale", [1e-150, 1e-46, 1e37, 1e150])
-def test_any_unit_will_do(scale):
+def test_any_unit_of_inertia_works(scale):
     tensor = CASES[-1]
     moments, b = axes_of(scale * tensor)
     assert np.abs((b * (moments / scale)) @ b.T - tensor).max() < 3e-15  # 3.3e-16

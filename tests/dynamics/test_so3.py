@@ -1,4 +1,7 @@
-"""Sine, cosine, exponentials against 40 digits; quaternions against matrices; in Python and as compiled code uses them."""
+"""Sine, cosine and exponentials against 40 digits; quaternions against matrices.
+
+In plain Python and in the form that compiled code uses.
+"""
 
 import math
 from fractions import Fraction
@@ -126,9 +129,8 @@ def test_expm1_is_right_relative_to_its_size(function):
     assert expm1_error(function, -small) < 1.5e-15  # measured 7e-16
     assert expm1_error(function, some.uniform(-44, 0, 1000)) < 1.5e-15  # measured 7e-16
     assert expm1_error(function, small) < 2e-15  # measured 1.0e-15
-    assert (
-        expm1_error(function, some.uniform(0, 20, 1000)) < 2e-14
-    )  # measured 9e-15: the eight squarings magnify
+    # measured 9e-15: the eight squarings magnify
+    assert expm1_error(function, some.uniform(0, 20, 1000)) < 2e-14
     assert function(0.0) == 0.0
     assert abs(function(-1e300) + 1.0) < 2e-16  # measured 1.1e-16: a top damped for ever is at rest
     assert expm1_error(lambda x: math.exp(x) - 1.0, -small[small > 1e-9]) > 1e-9  # what it is for
@@ -187,9 +189,8 @@ def test_quaternion_algebra(p, q, r):
     close = {"rtol": 0, "atol": 2e-15}  # measured 7e-16
     assert np.allclose(multiply(multiply(p, q), r), multiply(p, multiply(q, r)), **close)
     assert np.allclose(multiply(q, (q[0], -q[1], -q[2], -q[3])), (1, 0, 0, 0), **close)
-    assert np.allclose(
-        rotation(multiply(p, q)), rotation(p) @ rotation(q), **close
-    )  # q turns first, then p
+    # q turns first, then p
+    assert np.allclose(rotation(multiply(p, q)), rotation(p) @ rotation(q), **close)
     assert math.isclose(sum(x * x for x in multiply(p, q)), 1.0, rel_tol=1e-15)
 
 
@@ -213,9 +214,8 @@ def test_up_and_not_its_mirror():
 
 @given(quaternion, quaternion, vector)
 def test_turned_adds_the_product_with_the_half_turn(q, p, w):
-    assert np.allclose(
-        turned(q, p, w), np.add(q, multiply(p, (0.0, *w))), rtol=0, atol=2e-15
-    )  # measured 4e-16
+    # measured 4e-16
+    assert np.allclose(turned(q, p, w), np.add(q, multiply(p, (0.0, *w))), rtol=0, atol=2e-15)
 
 
 @given(vector, vector)
@@ -247,7 +247,9 @@ def test_normalisations_do_not_reach_the_sphere_from_afar():
 
 
 def test_sums_with_remainders_lose_nothing():
-    """two_sum to the bit against rational numbers; of gain, gain4 and moved pairs against products of 40 digits."""
+    """two_sum to the bit against rational numbers; gain, gain4 and moved pairs against 40
+    digits.
+    """
     some = np.random.default_rng(7)
     for a, b in some.normal(size=(200, 2)) * 10.0 ** some.integers(-12, 12, (200, 2)):
         s, e = two_sum(a, b)
@@ -277,15 +279,15 @@ def test_sums_with_remainders_lose_nothing():
         for a, b, x, d in zip(*pair, exact, step, strict=True)
     )
     assert max(abs(float(a - x / size)) for a, x in zip(plain, true, strict=True)) > 1e-15
-    assert (
-        max(off) < 4e-16
-    )  # measured 1.1e-16: each turn of 1e-3 is rounded to 1e-19; without remainders 1.3e-15
+    # measured 1.1e-16: each turn of 1e-3 is rounded to 1e-19; without remainders 1.3e-15
+    assert max(off) < 4e-16
 
 
 def test_a_pair_comes_back_to_the_sphere():
     """gain4 brings |q| = 1.00001 back: what is left is 5/2 of the cube of 2e-5."""
     q = normalised((0.5, -0.3, 0.7, 0.2))
     value, rest = gain4((q, (0.0,) * 4), scale4(1e-5, q))
+    # measured 4e-14
     assert (
         abs(
             sum(x * x for x in value)
@@ -293,7 +295,7 @@ def test_a_pair_comes_back_to_the_sphere():
             - 1.0
         )
         < 1e-13
-    )  # measured 4e-14
+    )
     off = [a - b for a, b in zip(value, q, strict=True)]
     assert max(map(abs, off)) < 1e-13
 
@@ -311,7 +313,9 @@ def test_components_in_the_body():
 
 
 def test_remainders_of_an_attitude_are_carried_component_by_component():
-    """What stands across q in (value, remainder) stays, to 1e-29; only along q it is brought back to the sphere."""
+    """The part of a (value, remainder) pair across q stays, to 1e-29; only the part along q is
+    normalised.
+    """
     q = normalised((0.5, -0.3, 0.7, 0.2))
     for rest in (
         (0.3e-18, 0.5e-18, 0.0, 0.0),

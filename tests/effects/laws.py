@@ -1,4 +1,4 @@
-"""The laws of all effects once more, in space and with NumPy: torques that owe nothing to the package.
+"""The laws of all effects a second time, in space and with NumPy, without code of the package.
 
 REFERENCE[name](effect, t, A, omega in space, Known(moments, static moment)) is a torque in space.
 """
@@ -14,7 +14,7 @@ from tests.reference import rotation
 
 
 class Known(NamedTuple):
-    """Of a body: principal moments (3) and mass times centre (3)."""
+    """Facts of a body: principal moments (3) and mass times centre of mass (3)."""
 
     moments: Any
     static: Any
@@ -25,7 +25,7 @@ def symmetric(m):
 
 
 def pull(e, t):
-    """mu/r^3 and the direction to the body on its orbit, by scipy's root of Kepler's equation."""
+    """mu/r^3 and the direction to the body on its orbit; scipy solves Kepler's equation."""
     mean = math.sqrt(e.mu / e.distance**3) * t + e.anomaly
     at = brentq(
         lambda x: x - e.eccentricity * math.sin(x) - mean, mean - 1.0, mean + 1.0, xtol=1e-15
@@ -89,7 +89,7 @@ REFERENCE = {  # torque in space components: functions of effect, t, A, omega in
     "body_torque": lambda e, t, a, w, b: a @ e.size,
     "space_torque": lambda e, t, a, w, b: np.array(e.size),
     "periodic_torque": lambda e, t, a, w, b: a @ e.size * math.cos(e.frequency * t + e.phase),
-    # the whole keeps its momentum: that of the wheel in space changes by what the body gets back
+    # the total momentum is constant: in space, that of the wheel changes by what the body gets back
     "rotor": lambda e, t, a, w, b: (
         -np.cross(w, a @ (np.array(e.momentum) + t * np.array(e.motor))) - a @ e.motor
     ),
@@ -103,13 +103,16 @@ REFERENCE = {  # torque in space components: functions of effect, t, A, omega in
 
 
 def dissipated(e, l, w):
-    """Minus loss times the part of omega across L, times |L|."""
+    """Minus loss times the component of omega across L, times |L|."""
     n = l / np.linalg.norm(l)
     return -e.loss * np.linalg.norm(l) * (w - n * (n @ w))
 
 
 def moved(effects, body, q, l, end):
-    """(A, L in the body) at the end, from matrix A and momentum in space by DOP853; effects : [(name, effect with plain numbers)]."""
+    """(A, L in the body) at the end, from matrix A and momentum in space, by DOP853.
+
+    effects : [(name, effect with plain numbers)]
+    """
     moments = np.asarray(body.moments, float)
 
     def rates(t, y):

@@ -1,4 +1,4 @@
-"""A body in a bath: the law of Gibbs, the bias of the step, and the same bits in any blocks."""
+"""A body in a bath: Gibbs' law, the bias of the step, and the same bits in any blocks."""
 
 import math
 
@@ -30,7 +30,9 @@ def energy(ds):
 
 
 def test_gibbs(settled):
-    """<L_i^2> = I_i kT, kurtosis 3, <cos> of Langevin, to 3 standard errors; what the step of 0.2 adds to the energy is -0.5 %."""
+    """<L_i^2> = I_i kT, kurtosis 3 and Langevin's <cos>, to 3 standard errors; a step of 0.2
+    changes the energy by -0.5 %.
+    """
     assert not settled.status.values.any()
     l, n = settled.momentum.values[-1] / np.sqrt(np.array(MOMENTS) * KT)[:, None], 100_000
     bias = -0.0051
@@ -45,9 +47,8 @@ def test_gibbs(settled):
 @pytest.mark.slow
 def test_the_bias_falls_as_the_square_of_the_step():
     errors = [energy(rm.simulate(SCENE, dt=dt)) / 1.5 - 1.0 for dt in (0.8, 0.4)]
-    assert errors[0] == pytest.approx(
-        -0.078, abs=0.008
-    )  # measured -0.080 and -0.021; with 1e6 members -0.0776 and -0.0209
+    # measured -0.080 and -0.021; with 1e6 members -0.0776 and -0.0209
+    assert errors[0] == pytest.approx(-0.078, abs=0.008)
     assert errors[0] / errors[1] == pytest.approx(3.7, abs=0.6)
 
 
@@ -72,18 +73,19 @@ def test_two_baths_are_one():
 
 
 def test_the_ledger_of_a_bath_flags_no_one():
-    """The energy of a step of order 2 walks off under noise: 0.05 of the energies in play is passed by most at dt = 0.4."""
+    """The energy of a step of order 2 random-walks under noise: at dt = 0.4 most members pass 0.05
+    of the energies in play.
+    """
     ds = rm.simulate(SCENE, members=64, t_end=400.0, dt=0.4, save=("energy", "work"))
     assert not ds.status.values.any()
     assert float(ds.energy_drift_max.max()) > 0.05
     assert ds.energy_drift_max.attrs["conserved"].startswith("no: under bath")
     fine = rm.simulate(SCENE, members=64, t_end=2.0, dt=0.01, save=("energy", "work"))
-    assert (
-        np.abs(fine.energy - fine.energy[0] - fine.work.sel(effect="bath")).max() < 3e-4
-    )  # measured 6e-5
+    # measured 6e-5
+    assert np.abs(fine.energy - fine.energy[0] - fine.work.sel(effect="bath")).max() < 3e-4
 
 
-def test_who_takes_noise():
+def test_integrators_that_take_noise():
     for name in ("rk4", "srkn11", "exact", "chin4"):
         with pytest.raises(
             rm.SceneError,
@@ -99,14 +101,15 @@ def test_who_takes_noise():
 
 
 def test_the_picture_has_the_run_and_the_law():
-    """Members drawn from the law itself: the titles tell its averages, <V> = WEIGHT (1/x - coth x)."""
+    """Members drawn from the law itself; the titles state its averages, <V> = WEIGHT (1/x - coth
+    x).
+    """
     pytest.importorskip("matplotlib")
     from rigidmc.views.gibbs import gibbs
 
     some, n, x = np.random.default_rng(2), 40_000, WEIGHT / KT
-    cosine = (
-        -np.log(np.exp(-x) + some.random(n) * 2.0 * np.sinh(x)) / x
-    )  # of exp(-x cos), by inversion
+    # of exp(-x cos), by inversion
+    cosine = -np.log(np.exp(-x) + some.random(n) * 2.0 * np.sinh(x)) / x
     tilt, turn = 0.5 * np.arccos(cosine), 2.0 * np.pi * some.random(n)
     q = np.stack(
         [np.cos(tilt), np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.zeros(n)]

@@ -68,7 +68,7 @@ def reference_error(effect, name):
 
 
 def gradient_error(effect, body=BODY, step=1e-5):
-    """Largest |torque + dE/d(rotation)| by central differences along turns of the body about its axes."""
+    """Largest |torque + dE/d(rotation)|, by central differences along the body axes."""
     worst = 0.0
     for q, l in some_states():
         for axis in range(3):
@@ -218,9 +218,8 @@ def test_facts_name_the_fields(name):
         f"\n    {field} : " in kind.__doc__ or f" {field} : " in kind.__doc__
         for field in kind._fields
     )
-    assert kind.__doc__.count("[") >= sum(
-        unit != "1" for unit in kind.units.values()
-    )  # every parameter has its unit in the docstring
+    # every parameter has its unit in the docstring
+    assert kind.__doc__.count("[") >= sum(unit != "1" for unit in kind.units.values())
     assert name_of(kind) == name_of(EXAMPLES[name]) == name
 
 
@@ -237,7 +236,7 @@ def test_parameters_go_to_rows_and_back():
 
 
 class Backwards(NamedTuple):
-    """Gravity with the sign of its torque turned round."""
+    """Gravity with the wrong sign of the torque."""
 
     g: float
 
@@ -263,9 +262,8 @@ class Speeding(NamedTuple):
 def test_wrong_signs_are_caught():
     assert gradient_error(Backwards(9.81)) > 1.0  # measured 6
     assert kick_error(Speeding(0.3)) > 0.1  # measured 0.7
-    assert energy(Gravity(9.81), BODY, (1.0, 0.0, 0.0, 0.0)) == pytest.approx(
-        9.81 * 0.3
-    )  # heavier above: more energy
+    # heavier above: more energy
+    assert energy(Gravity(9.81), BODY, (1.0, 0.0, 0.0, 0.0)) == pytest.approx(9.81 * 0.3)
 
 
 def test_gravity_is_weight_times_arm_in_space():
@@ -295,12 +293,10 @@ def test_several_effects_act_together():
     assert push((), BODY, 0.0, 0.2, q, l, l) is l
     assert total_energy(effects, BODY, q) == energy(effects[0], BODY, q)
     there = kick_all(effects, BODY, 0.0, 0.2, q, l)
-    assert np.allclose(
-        kick_all_back(effects, BODY, 0.2, -0.2, q, there), l, rtol=0, atol=1e-15
-    )  # one is the mirror of the other
-    assert not np.allclose(
-        kick_all(effects, BODY, 0.2, -0.2, q, there), l, rtol=0, atol=1e-3
-    )  # and no flow commutes with it
+    # one is the mirror image of the other
+    assert np.allclose(kick_all_back(effects, BODY, 0.2, -0.2, q, there), l, rtol=0, atol=1e-15)
+    # and no flow commutes with it
+    assert not np.allclose(kick_all(effects, BODY, 0.2, -0.2, q, there), l, rtol=0, atol=1e-3)
     assert kick_all((), BODY, 0.0, 0.2, q, l) == kick_all_back((), BODY, 0.0, 0.2, q, l) == l
 
 

@@ -1,4 +1,7 @@
-"""All effects in one kernel of lanes, in float32 and with parameters of each member's own, against plain Python in float64."""
+"""All effects in one vectorised kernel, in float32 and with parameters per member.
+
+The reference is plain Python in float64.
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,7 @@
-"""A user's own effect: checked before it is compiled, with class, line and rule in the message; then it runs as the built-in ones do."""
+"""A user's own effect: checked before compilation, then run like the built-in ones.
+
+The message of a failed check names the class, the line and the rule.
+"""
 
 import math
 from typing import NamedTuple
@@ -26,7 +29,7 @@ def scene(effect):
 
 
 class Weight(NamedTuple):
-    """Gravity written anew."""
+    """Gravity, written again."""
 
     g: float
 
@@ -141,11 +144,11 @@ class Gamma(NamedTuple):
     (Asks(1.0), r"Asks.torque.*asks for 'speed'; it may name body, t, q, l"),
     (Infinite(1.0), r"Infinite.torque.*not finite"),
     (Lists(1.0), r"Lists.torque.*takes memory.*no lists"),
-    (Halving(1.0), r"Halving.torque.*line \d+: while abs\(x\) > 1e-3:: a loop whose length depends on numbers"),
-    (Counting(1.0), r"Counting.torque.*line \d+: for _ in range\(int\(l\[0\]\)\):: a loop whose length"),
+    (Halving(1.0), r"Halving.torque.*line \d+: while abs\(x\) > 1e-3:: a loop whose length"),
+    (Counting(1.0), r"Counting.torque.*line \d+: for _ in range\(int\(l\[0\]\)\):: a loop whose"),
     (Words(1.0), r"Words.*cannot be compiled.*no calls but of math"),
 ])  # fmt: skip
-def test_what_a_kernel_cannot_use_is_refused(effect, words):
+def test_effects_that_a_kernel_cannot_use_are_refused(effect, words):
     with pytest.raises(rm.SceneError, match=words):
         rm.simulate(scene(effect))
 
@@ -170,7 +173,7 @@ class Switch(NamedTuple):
 
 
 class Wall(NamedTuple):
-    """A torque that any vector has, and a flow of its own that branches."""
+    """A torque that works for any vector, and a flow of its own that branches."""
 
     size: float
 
@@ -183,7 +186,7 @@ class Wall(NamedTuple):
         return l[0] / (1.0 + self.size * h), l[1], l[2]
 
 
-def test_whether_it_is_packed_is_told_and_why_not():
+def test_a_message_says_whether_an_effect_is_packed_and_why_not():
     assert unpacked(Sine(1.0)) == unpacked(Weight(9.81)) == ""
     assert all(
         "takes one number at a time" in unpacked(kind(1.0))
@@ -227,7 +230,10 @@ def test_code_from_a_scene_file_runs_only_where_it_is_allowed(folder, capfd):
     path = str(folder / "scene.toml")
     with pytest.raises(
         rm.SceneError,
-        match=r"\[effects.Vane\] module = 'vane.py': is code, and scene files execute nothing.*--allow-code",
+        match=(
+            r"\[effects.Vane\] module = 'vane.py': is code, and scene files execute "
+            r"nothing.*--allow-code"
+        ),
     ):
         rm.Scene.load(path)
     for command in ("run", "show", "check", "stress", "accuracy"):
@@ -249,10 +255,14 @@ def test_code_from_a_scene_file_runs_only_where_it_is_allowed(folder, capfd):
 @pytest.mark.parametrize(("old", "new", "words"), [
     ("vane.py", "vain.py", "there is no file .*vain.py"),
     ("vane.py", "scene.toml", "is no Python file"),
-    ("effects.Vane", "effects.Vain", r"has no NamedTuple Vain; it has Vane \(did you mean 'Vane'\?\)"),
-    ("size =", "sice =", r"\[effects.Vane\] sice: no such key; known: size, speed, module \(did you mean 'size'"),
-    ('module = "vane.py"\n', "", r"\[effects\] Vane: no such effect; known: gravity.*one of your own needs module"),
-    ('"vane.py"', '"bad.py"', "bad.py.*raises NameError \\(line 1\\): name 'nothing' is not defined"),
+    ("effects.Vane", "effects.Vain",
+     r"has no NamedTuple Vain; it has Vane \(did you mean 'Vane'\?\)"),
+    ("size =", "sice =",
+     r"\[effects.Vane\] sice: no such key; known: size, speed, module \(did you mean 'size'"),
+    ('module = "vane.py"\n', "",
+    r"\[effects\] Vane: no such effect; known: gravity.*one of your own needs module"),
+    ('"vane.py"', '"bad.py"',
+    "bad.py.*raises NameError \\(line 1\\): name 'nothing' is not defined"),
 ])  # fmt: skip
 def test_bad_references_to_code(folder, old, new, words):
     (folder / "bad.py").write_text("nothing()")
@@ -261,14 +271,17 @@ def test_bad_references_to_code(folder, old, new, words):
         rm.Scene.load(str(folder / "scene.toml"), allow_code=True)
 
 
-def test_an_own_effect_runs_as_a_built_in_one():
+def test_a_users_effect_runs_like_a_built_in_one():
     own, known = rm.simulate(scene(Weight(9.81))), rm.simulate(scene(rm.Gravity(9.81)))
     assert np.abs(own.momentum - known.momentum).max() < 1e-12
     assert own.energy_drift_max.attrs["conserved"] == "yes"
     for kind, integrator in ((Gamma, "rk4"), (Switch, "rk4"), (Wall, "strang")):
         with pytest.warns(
             rm.SceneWarning,
-            match=f"{kind.__name__}.*takes one number at a time.*members are not worked on side by side",
+            match=(
+                f"{kind.__name__}.*takes one number at a time.*members are not worked on side "
+                "by side"
+            ),
         ):
             alone = rm.simulate(scene(kind(0.1)), integrator=integrator)
         q, l = (
@@ -281,9 +294,8 @@ def test_an_own_effect_runs_as_a_built_in_one():
         )
         for i in range(100):
             q, l = one_step(made, body, (kind(0.1),), 0.01 * i, 0.01, q, l)
-        assert (
-            np.abs(alone.momentum.isel(time=-1, member=0).values - l).max() < 1e-13
-        )  # measured 1.2e-14
+        # measured 1.2e-14
+        assert np.abs(alone.momentum.isel(time=-1, member=0).values - l).max() < 1e-13
 
 
 class Analysis(NamedTuple):
@@ -303,7 +315,7 @@ class Analysis(NamedTuple):
 
 
 def test_functions_of_the_library_in_float32():
-    """They are found in float64 where their bits are taken apart, and rounded then."""
+    """These functions use the bits of float64; the result is then rounded."""
     double, single = (
         rm.simulate(scene(Analysis(0.3)), dtype=dtype) for dtype in ("float64", "float32")
     )

@@ -1,6 +1,7 @@
-"""What effects do to a body: each against the same law integrated in space by scipy, and the well-known ones against their theory.
+"""What effects do to a body: each against the same law integrated in space by scipy.
 
-In plain Python, by rk8 and rk4: what runs compiled runs uncompiled too.
+Well-known motions are also tested against their theory. All in plain Python, by rk8 and rk4: code
+that runs compiled runs uncompiled too.
 """
 
 import math
@@ -34,7 +35,9 @@ ONE = (1.0, 0.0, 0.0, 0.0)
 
 
 def moved(effects, q, l, h, steps, body=None, name="rk8", seen=lambda t, q, l: None):
-    """(q, L) after some steps, the works after L where it begins with some; seen(t, q, L) after each."""
+    """(q, L) after some steps, with the works after L if it starts with them; calls seen(t, q, L)
+    after each step.
+    """
     body, effects = body or MassProperties.of(MOMENTS, STATIC), tuple(effects)
     made = prepare(INTEGRATORS[name], 3.0 * h, effects)
     for i in range(steps):
@@ -44,7 +47,9 @@ def moved(effects, q, l, h, steps, body=None, name="rk8", seen=lambda t, q, l: N
 
 
 def in_space(name, q, l, end):
-    """(A, L in the body, work) at the end, from the matrix A, the momentum in space and the power by DOP853."""
+    """(A, L in the body, work) at the end, by DOP853 from the matrix A, the momentum in space and
+    the power.
+    """
 
     def rates(t, y):
         a, spin = y[:9].reshape(3, 3), y[9:12]
@@ -98,13 +103,12 @@ def test_friction_about_a_principal_axis():
 def test_a_torque_about_the_vertical():
     q, l = unit((0.5, -0.3, 0.7, 0.2)), (0.4, -0.3, 0.5)
     at, end = moved((SpaceTorque((0.0, 0.0, 0.3)),), q, l, 0.05, 60)
-    assert dot(tuple(end), up(tuple(at))) == pytest.approx(
-        dot(l, up(q)) + 0.9, abs=1e-14
-    )  # measured 1e-16
+    # measured 1e-16
+    assert dot(tuple(end), up(tuple(at))) == pytest.approx(dot(l, up(q)) + 0.9, abs=1e-14)
 
 
 def test_a_needle_in_a_field():
-    """A dipole let go at an angle a swings with the period 4 K(sin^2(a/2)) sqrt(I/(dipole field))."""
+    """A dipole released at angle a swings with period 4 K(sin^2(a/2)) sqrt(I/(dipole field))."""
     a, strength = 2.0, 0.5 * 3.0
     body = MassProperties.of((1.0, 1.0, 0.01), (0.0, 0.0, 0.0))
     period = 4.0 * ellipk(math.sin(0.5 * a) ** 2) / math.sqrt(strength)
@@ -122,7 +126,9 @@ def test_a_needle_in_a_field():
 
 
 def test_libration_on_a_circular_orbit():
-    """In the plane with n sqrt(3 (I2 - I1)/I3): the long axis points to the centre and swings by 1e-4 rad about it."""
+    """In the orbital plane, with n sqrt(3 (I2 - I1)/I3): the long axis points to the centre and
+    swings about it by 1e-4 rad.
+    """
     moments, n, small = (0.5, 0.8, 1.0), 1.0, 1e-4
     body, period = (
         MassProperties.of(moments, (0.0, 0.0, 0.0)),
@@ -134,25 +140,27 @@ def test_libration_on_a_circular_orbit():
     )
     turned = 2.0 * math.atan2(at[3], at[0]) - n * period
     assert abs(math.remainder(turned - small, 2.0 * math.pi)) < 1e-13  # measured 4e-15
-    assert (
-        abs(l[2] / moments[2] - n) < 5e-12
-    )  # measured 1.5e-12: the period is right to 3e-9, which is what the swing makes of it
+    # measured 1.5e-12: the period is right to 3e-9, the effect of the amplitude
+    assert abs(l[2] / moments[2] - n) < 5e-12
 
 
 def unstable(wheel):
-    """Whether a spin about the middle axis by 1 rad/s, with a wheel along it, loses 1e-6 of itself within 60 s."""
+    """Whether a spin of 1 rad/s about the middle axis, with a wheel along it, loses 1e-6 of its
+    rate within 60 s.
+    """
     moments = (1.0, 2.0, 3.0)
     lost = []
     start = (1e-6, 2.0, 1e-6)
     moved(
-        (Rotor((0.0, wheel, 0.0)),), ONE, start, 0.25, 240, MassProperties.of(moments, (0.0, 0.0, 0.0)), "rk4",
+        (Rotor((0.0, wheel, 0.0)),), ONE, start, 0.25, 240,
+        MassProperties.of(moments, (0.0, 0.0, 0.0)), "rk4",
         lambda t, q, l: lost.append(abs(l[0]) + abs(l[2])),
     )  # fmt: skip
     return max(lost) > 1e-4
 
 
 def test_a_wheel_makes_the_middle_axis_stable():
-    """(I2 w + H - I1 w)(I2 w + H - I3 w) > 0: beyond H = 1 of moments 1, 2, 3; and below -1."""
+    """(I2 w + H - I1 w)(I2 w + H - I3 w) > 0: above H = 1 for moments 1, 2, 3, and below -1."""
     assert [unstable(h) for h in (-1.03, -0.97, 0.0, 0.97, 1.03)] == [
         False,
         True,
@@ -163,7 +171,9 @@ def test_a_wheel_makes_the_middle_axis_stable():
 
 
 def stands(share):
-    """Whether a pendulum stands on its head, shaken by `share` of Kapitza's amplitude sqrt(2 g l)/frequency, l = I/(m r)."""
+    """Whether a pendulum stands on its head if shaken with `share` of Kapitza's amplitude sqrt(2 g
+    l)/frequency, l = I/(m r).
+    """
     body, g, length = MassProperties.of((1.0, 1.0, 0.1), (0.0, 0.0, 1.0)), 1.0, 1.0
     frequency = 60.0
     swing = share * math.sqrt(2.0 * g * length) / frequency

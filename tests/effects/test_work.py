@@ -1,4 +1,7 @@
-"""The ledger of work: E - E(0) less the work of what has no energy vanishes with the integrator's order, and a wrong law shows in it."""
+"""The ledger of work: E - E(0) minus the work of effects without energy vanishes with the order.
+
+A wrong law shows in it.
+"""
 
 import math
 from typing import NamedTuple
@@ -79,12 +82,12 @@ def test_the_ledger_closes_to_the_integrators_order(kind, name, order, h, bound)
     )
 
 
-def test_midpoint_closes_it_to_rounding_where_energies_are_linear_in_the_attitude():
+def test_midpoint_closes_the_ledger_to_rounding_if_energies_are_linear_in_the_attitude():
     for kind in ("viscous_damping", "moving_pivot", "rotor", "dry_friction"):
         assert unbooked("midpoint", (G, EXAMPLES[kind]), 0.05) < 2e-14  # measured 1.8e-15
 
 
-def test_it_closes_for_any_set_of_effects():
+def test_the_ledger_closes_for_any_set_of_effects():
     some = np.random.default_rng(3)
     for _ in range(40):
         kinds = some.choice(list(EXAMPLES), some.integers(2, 7), replace=False)
@@ -94,9 +97,8 @@ def test_it_closes_for_any_set_of_effects():
             )
             for k in kinds
         )
-        assert unbooked("rk8", effects, 0.01, 0.1) < 1e-12, (
-            kinds
-        )  # measured 8e-15 (400 sets: 8e-14)
+        # measured 8e-15 (400 sets: 8e-14)
+        assert unbooked("rk8", effects, 0.01, 0.1) < 1e-12, kinds
 
 
 class Weighty(NamedTuple):
@@ -131,10 +133,11 @@ class Creeping(NamedTuple):
     ("strang", (Creeping(0.3),), (QuadraticDrag(0.3),)),
 ])  # fmt: skip
 def test_a_wrong_law_shows(name, effects, others):
-    """A torque that is not that of its energy, beside a damping that hides it from E; a flow that is not that of its torque."""
-    assert unbooked(name, effects, 0.025) > 300.0 * unbooked(
-        name, others, 0.025
-    )  # measured 5e12 and 1.9e4
+    """A torque that does not belong to its energy, beside a damping that hides this in E; a flow
+    that does not belong to its torque.
+    """
+    # measured 5e12 and 1.9e4
+    assert unbooked(name, effects, 0.025) > 300.0 * unbooked(name, others, 0.025)
 
 
 BODIES = rm.Body.from_moments(MOMENTS, mass=1.0, centre=STATIC)
@@ -152,7 +155,7 @@ SCENE = SCENE.with_run(
     ({"integrator": "rk4"}, 5e-8),  # measured 5e-9 [J], 1e-9
     ({"integrator": "strang"}, 2e-3),  # measured 3.6e-4 [J], 7e-5
 ])  # fmt: skip
-def test_a_run_that_saves_work_books_it(options, bound, tmp_path):
+def test_a_run_that_saves_work_integrates_it(options, bound, tmp_path):
     ds = rm.simulate(SCENE, **options)
     assert ds.work.dims == ("time", "effect", "member")
     assert list(ds.effect.values) == ["gravity", "body_torque", "viscous_damping"]
@@ -172,12 +175,11 @@ def test_without_work_the_rest_is_the_same():
         rm.simulate(SCENE, integrator="rk4", save=save) for save in (SCENE.run.save, ("energy",))
     )
     assert without.energy_drift_max.attrs["conserved"].startswith("no")
-    assert (
-        np.abs(without.energy - ds.energy).max() < 1e-13
-    )  # measured 7e-15: what is computed beside the state may be rounded otherwise
+    # measured 7e-15: numbers computed beside the state may be rounded differently
+    assert np.abs(without.energy - ds.energy).max() < 1e-13
 
 
-def test_works_in_own_steps_other_units_and_for_frozen_members():
+def test_works_in_member_steps_other_units_and_for_frozen_members():
     with pytest.warns(rm.SceneWarning, match="body_torque may spin members up"):
         own = rm.simulate(SCENE, turn=0.02, integrator="rk4")
     assert float(own.energy_drift_max.max()) < 1e-10  # measured 1.6e-11
@@ -201,12 +203,12 @@ def test_works_in_own_steps_other_units_and_for_frozen_members():
     assert np.array_equal(sick.work[..., 0], sick.work[..., 2])
 
 
-def test_who_keeps_no_works():
+def test_integrators_without_works():
     with pytest.raises(rm.SceneError, match="work of effects is not kept with compensated sums"):
         rm.simulate(SCENE, compensated=True)
     with pytest.raises(
         rm.SceneError, match="needs float64"
-    ):  # whose sums keep remainders, and must not for what is saved beside them
+    ):  # its sums have remainders, but not those of the numbers saved beside them
         rm.simulate(SCENE, dtype="float32")
     with pytest.raises(rm.SceneError, match="work of effects is not kept by it; use"):
         rm.simulate(

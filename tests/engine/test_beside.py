@@ -1,4 +1,7 @@
-"""Pieces compiled by a second process: the same code, found in the cache; where the process fails, this one compiles."""
+"""Pieces compiled by a second process: the same code, through the cache.
+
+If that process fails, this one compiles.
+"""
 
 import json
 import os
@@ -27,7 +30,7 @@ def asked(scene="heavy_top", **settings):
     }
 
 
-def test_what_the_other_process_is_told_is_what_was_asked():
+def test_a_request_reaches_the_other_process_unchanged():
     for settings in (
         {"integrator": "srkn11"},
         {"integrator": "rk8", "dtype": "float32"},
@@ -70,7 +73,7 @@ def test_another_process_fills_the_cache(tmp_path):
 
 @pytest.mark.parametrize("script", ["#!/bin/sh\nexit 1\n", "#!/bin/sh\nexec sleep 30\n", None])
 @pytest.mark.skipif(os.name != "posix", reason="the false Pythons are shell scripts")
-def test_a_process_that_fails_or_hangs_is_given_up(script, tmp_path, monkeypatch):
+def test_a_process_that_fails_or_hangs_is_abandoned(script, tmp_path, monkeypatch):
     path = tmp_path / "python"
     if script:
         path.write_text(script)
@@ -83,7 +86,7 @@ def test_a_process_that_fails_or_hangs_is_given_up(script, tmp_path, monkeypatch
     assert time.perf_counter() - began < 10.0
 
 
-def test_effects_of_ones_own_are_compiled_here(monkeypatch):
+def test_user_effects_are_compiled_in_this_process(monkeypatch):
     class Push(rm.Gravity):
         pass
 
@@ -95,7 +98,7 @@ def test_effects_of_ones_own_are_compiled_here(monkeypatch):
     assert helped(asked()) == []
 
 
-def test_work_is_divided_where_that_is_worth_it(tmp_path, monkeypatch):
+def test_work_is_divided_if_that_saves_time(tmp_path, monkeypatch):
     monkeypatch.setenv("RIGIDMC_CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(compile_time, "compiled", [])
     theirs = divided("rk4", EVERY, (), EVERY)

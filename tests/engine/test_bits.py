@@ -1,4 +1,7 @@
-"""A member's bits are those of scene, seed and index: whatever the width and the processor, draws and events included. `python -m bench bits` has them all."""
+"""The bits of a member depend on scene, seed and index: not on vector width or processor.
+
+Draws and events included. `python -m bench bits` runs all cases.
+"""
 
 import numpy as np
 import pytest
@@ -8,9 +11,8 @@ from bench.bits import elsewhere, sums
 from rigidmc.dynamics import functions
 from rigidmc.scene.laws.vectors import lower_factor
 
-pytestmark = pytest.mark.filterwarnings(
-    "ignore::rigidmc.errors.SceneWarning"
-)  # steps that hide what is watched
+# steps too long for what is watched
+pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
 
 
 def test_widths_change_no_bit():
@@ -18,7 +20,7 @@ def test_widths_change_no_bit():
         assert len(set(each)) == 1, case
 
 
-def test_neither_does_another_processor_with_other_libraries():
+def test_another_processor_with_other_libraries_changes_no_bit():
     assert elsewhere("haswell, plain libraries", (0,), ("rk4",)) == sums((0,), ("rk4",))
 
 
@@ -49,9 +51,8 @@ def test_functions_of_arrays_are_those_of_numbers():
         functions.hyperbolic_sine,
     ):
         assert function(x).tolist() == [function(float(one)) for one in x]
-    assert (
-        np.abs(functions.logarithm_of_one_and(1e-3 * x) - np.log1p(1e-3 * x)).max() < 1e-18
-    )  # measured 4e-19
+    # measured 4e-19
+    assert np.abs(functions.logarithm_of_one_and(1e-3 * x) - np.log1p(1e-3 * x)).max() < 1e-18
 
 
 def test_a_cholesky_factor_is_one():

@@ -1,6 +1,6 @@
-"""The disk cache of kernels: fast the second time, dead with any change of the sources, never a danger.
+"""The disk cache of kernels: fast the second time, void after any change of the sources, safe.
 
-Each test runs a copy of the package in processes of their own, with a cache folder of their own.
+Each test runs a copy of the package in separate processes, with a separate cache folder.
 """
 
 import errno
@@ -58,8 +58,10 @@ block[K.EFFECTS:] = effect[0] if effect else 0.0
 beside.threads_available = lambda: 1  # no second process: what is counted is compiled here
 program.Program(form(RK4()), effects).advance(block, frame.Run(0.01, 1, 4, 4, 0, 0, 4))
 known = pieces._dispatchers.values()
-hits, misses = (sum(sum(getattr(d.stats, word).values()) for d in known) for word in ("cache_hits", "cache_misses"))
-print(json.dumps({"state": block[:K.REST, 0].tolist(), "hits": hits, "misses": misses, "home": os.path.dirname(cpu.__file__)}))
+hits = sum(sum(d.stats.cache_hits.values()) for d in known)
+misses = sum(sum(d.stats.cache_misses.values()) for d in known)
+state, home = block[:K.REST, 0].tolist(), os.path.dirname(cpu.__file__)
+print(json.dumps({"state": state, "hits": hits, "misses": misses, "home": home}))
 """
 
 
@@ -75,7 +77,7 @@ def place(tmp_path):
 
 
 def ran(place, effect="damping", cache=None, sign=1):
-    """(what a process with that effect printed, its log)."""
+    """(the output of a process with that effect, its log)."""
     cache = cache or place / "cache"
     environment = {k: v for k, v in os.environ.items() if not k.startswith("NUMBA")}
     environment |= {
@@ -115,14 +117,13 @@ def test_a_changed_source_changes_the_kernel(place):
     text, stamp = source.read_text(), source.stat()
     assert "return scale(-self.rate, l)" in text
     source.write_text(text.replace("return scale(-self.rate, l)", "return scale(+self.rate, l)"))
-    os.utime(source, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))  # not even its date tells
+    os.utime(source, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))  # not even its date differs
     changed, _ = ran(place)
     assert (changed["hits"], changed["misses"]) == (0, PIECES)
     assert changed["state"] != first["state"]
 
-    source.write_text(
-        text
-    )  # back again, and the old kernel is still there; but what is very old is forgotten
+    # back again, and the old kernel is still there; but what is very old is deleted
+    source.write_text(text)
     forgotten, kept = place / "cache" / ("0" * 32), place / "cache" / ("1" * 32)
     for folder in (forgotten, kept):
         folder.mkdir()
@@ -135,7 +136,7 @@ def test_a_changed_source_changes_the_kernel(place):
 
 
 @pytest.mark.slow
-def test_a_torn_kernel_file_is_compiled_anew(place):
+def test_a_torn_kernel_file_is_compiled_again(place):
     first, _ = ran(place, "none")
     for kernel in kernels_in(place / "cache"):
         kernel.write_bytes(kernel.read_bytes()[:100])
@@ -146,7 +147,7 @@ def test_a_torn_kernel_file_is_compiled_anew(place):
 WARNING = "rigidmc WARNING kernels are compiled anew in every process"
 
 
-def test_where_no_folder_can_be_there_is_a_warning_and_no_cache(place):
+def test_without_a_folder_there_is_a_warning_and_no_cache(place):
     (place / "file").write_text("")
     found, log = ran(place, "none", place / "file" / "cache")
     assert found["hits"] == 0
@@ -166,7 +167,7 @@ def test_a_folder_that_is_read_only_or_not_private_is_refused(place, mode):
     assert mode == 0o500 or "not private" in log
 
 
-def test_a_private_folder_is_taken_without_a_word(place):
+def test_a_private_folder_is_accepted_silently(place):
     (place / "cache").mkdir(mode=0o700)
     assert ran(place, "none")[1] == ""
 
@@ -177,9 +178,8 @@ def test_a_user_effect_works_and_is_never_taken_from_the_cache(place):
     assert log == ""
     other, _ = ran(place, "own", sign=-1)
     assert (first["hits"], other["hits"]) == (0, 3)
-    assert (
-        len(kernels_in(place / "cache")) == 3
-    )  # what knows no effect: enter, leave, and the loop over members
+    # code without effects: enter, leave, and the loop over members
+    assert len(kernels_in(place / "cache")) == 3
     assert first["state"] != other["state"]
 
     class Own(NamedTuple):
@@ -206,7 +206,7 @@ def test_a_user_effect_works_and_is_never_taken_from_the_cache(place):
 
 @pytest.fixture
 def kept(tmp_path, monkeypatch):
-    """(a small function with the cache of kernels, the key and the file that it has there)."""
+    """(a small function with the cache of kernels, its key, its file there)."""
     monkeypatch.setenv("RIGIDMC_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setattr(cache, "_TOLD", set())
     made = cached(numba.njit(lambda x: 2.0 * x))
@@ -215,8 +215,10 @@ def kept(tmp_path, monkeypatch):
     return made, made._cache._index_key((numba.float64,), made.targetctx.codegen()), file
 
 
-def test_of_a_kernel_with_any_flipped_bit_nothing_is_loaded(kept, caplog):
-    """Without the sum behind it 269 of 300 such files were loaded, and a run of them crashed once in seven."""
+def test_a_kernel_with_any_flipped_bit_is_not_loaded(kept, caplog):
+    """Without the checksum at its end 269 of 300 such files were loaded, and one run in seven
+    crashed.
+    """
     made, key, file = kept
     data, some = file.read_bytes(), random.Random(5)
     bad = [data[:cut] for cut in (0, 1, 31, 32, 33, len(data) // 2, len(data) - 1)] + [

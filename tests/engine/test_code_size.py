@@ -1,4 +1,7 @@
-"""How much code is compiled: LLVM instructions of each piece, with which the time to compile grows. Bounds are a tenth above what is measured."""
+"""How much code is compiled: LLVM instructions of each piece, which set the compile time.
+
+Bounds are a tenth above the measured numbers.
+"""
 
 import pytest
 
@@ -9,23 +12,31 @@ from rigidmc.planning.plan import prepare
 
 pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
 
-BOUNDS = {  # (integrator, with gravity, what is saved): {piece: instructions}; `advance` is the loop over members, compiled once for all scenes
+# (integrator, with gravity, what is saved): {piece: instructions}; `advance` is the loop over
+# members, compiled once for all scenes
+BOUNDS = {
     ("rk4", False, "omega,attitude"): {
-        "enter": 108, "leave": 158, "begin": 227, "march": 567, "look": 345, "record": 80, "advance": 3200,
+        "enter": 108, "leave": 158, "begin": 227, "march": 567, "look": 345, "record": 80,
+        "advance": 3200,
         # measured 98, 143, 206, 515, 313, 73, 2908
     },
-    ("rk4", True, "omega,attitude"): {"begin": 246, "march": 802, "look": 345},  # measured 223, 729, 313
-    ("rk8", True, "omega,attitude"): {"begin": 231, "march": 2290, "look": 327},  # measured 210, 2079, 297
-    ("strang", True, "omega,attitude"): {"begin": 256, "march": 1115, "look": 364},  # measured 233, 1014, 331
-    ("midpoint", True, "omega,attitude"): {"begin": 231, "march": 1667, "look": 327},  # measured 210, 1515, 297
-    ("rk4", True, "flips"): {"begin_watch": 110, "watch": 285, "seek": 182},  # measured 100, 259, 165
+    # measured 223, 729, 313
+    ("rk4", True, "omega,attitude"): {"begin": 246, "march": 802, "look": 345},
+    # measured 210, 2079, 297
+    ("rk8", True, "omega,attitude"): {"begin": 231, "march": 2290, "look": 327},
+    # measured 233, 1014, 331
+    ("strang", True, "omega,attitude"): {"begin": 256, "march": 1115, "look": 364},
+    # measured 210, 1515, 297
+    ("midpoint", True, "omega,attitude"): {"begin": 231, "march": 1667, "look": 327},
+    # measured 100, 259, 165
+    ("rk4", True, "flips"): {"begin_watch": 110, "watch": 285, "seek": 182},
     ("rk4", True, "energy_mean"): {"begin_watch": 102, "watch": 158},  # measured 92, 143
     ("rk4", True, "megno"): {"begin_near": 115, "meet": 182},  # measured 104, 165
 }  # fmt: skip
 
 
 def asked(integrator, heavy, save):
-    """{piece: what it is compiled for} of a small scene."""
+    """{piece: what it is compiled for} for a small scene."""
     body = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3))
     effects = (rm.Gravity(9.81),) if heavy else ()
     scene = rm.Scene(body, effects, rm.Start(omega=(0.5, 0.7, 0.5), attitude=(1.0, 0.0, 0.0, 0.0)))
@@ -34,7 +45,9 @@ def asked(integrator, heavy, save):
 
 
 def instructions(function, *kinds):
-    """How many LLVM instructions a piece has once it is optimised. It is compiled here: code of the disk cache cannot be read."""
+    """The number of LLVM instructions of a piece after optimisation; compiled here, because code
+    from the disk cache has none to read.
+    """
     dispatcher = dispatcher_of(function)
     dispatcher.compile(signature_of(*kinds))
     (made,) = dispatcher.overloads.values()
@@ -56,7 +69,7 @@ def test_a_piece_has_no_more_code_than_it_had(case):
 
 
 def test_more_physics_is_more_code():
-    """What is counted sees what is compiled: else no bound could fail."""
+    """The count sees what is compiled; otherwise no bound could fail."""
     free, heavy = (
         instructions(*asked("rk4", heavy, "omega,attitude")["march"]) for heavy in (False, True)
     )

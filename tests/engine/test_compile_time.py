@@ -1,4 +1,4 @@
-"""What is compiled is said before it begins, and nothing is said, or compiled, where it is there already."""
+"""Compilation is announced before it begins; if all code is there, nothing is said or compiled."""
 
 import logging
 import os
@@ -32,7 +32,7 @@ def invoke(*words):
 
 @compiles
 def test_nothing_is_compiled_after_warm(tmp_path):
-    """In processes of their own, with an empty disk cache: `warm` announces and compiles, `run` and `show` find all of it."""
+    """With an empty disk cache `warm` announces and compiles; `run` and `show` find all of it."""
     environment = {**os.environ, "RIGIDMC_CACHE_DIR": str(tmp_path / "cache")}
 
     def ran(*words):
@@ -44,9 +44,8 @@ def test_nothing_is_compiled_after_warm(tmp_path):
     out, told = ran("warm", "nasa_brick")
     assert told.startswith("compiling rk4, first use: about ")
     assert out.split()[0] == "nasa_brick" and out.endswith(" s for rk4\n")
-    assert (
-        0.2 < float((tmp_path / "cache" / "pace").read_text()) < 5.0
-    )  # measured 0.96: what this machine took, of the table
+    # measured 0.96: the time on this machine, relative to the table
+    assert 0.2 < float((tmp_path / "cache" / "pace").read_text()) < 5.0
 
     assert "compiling" not in ran("run", "nasa_brick", "--t-end", "1")[1]
     out, told = ran("show", "nasa_brick")
@@ -72,7 +71,7 @@ def own_scene():
 
 
 @compiles
-def test_it_is_said_to_those_who_ask_for_progress(capfd, caplog):
+def test_compilation_is_announced_if_progress_is_shown(capfd, caplog):
     caplog.set_level(logging.INFO, "rigidmc")
     scene = own_scene()
     rm.simulate(scene)
@@ -86,7 +85,7 @@ def test_it_is_said_to_those_who_ask_for_progress(capfd, caplog):
     assert "compiling" not in capfd.readouterr().err
 
 
-def test_what_is_compiled_in_words():
+def test_the_message_names_what_is_compiled():
     every = [
         "enter",
         "leave",

@@ -50,7 +50,7 @@ def test_all_effects_at_once_compiled():
     assert np.array_equal(forces.evaluated(effects, body, tuple(Q), tuple(L))[3], found[1])
 
 
-def test_by_arrays_where_they_pass():
+def test_plain_functions_take_arrays_if_they_can():
     effects, body = (Gravity(2.0), ViscousDamping(0.1)), MassProperties.of(MOMENTS, STATIC)
     found = (
         forces.torques(effects, body, tuple(Q), tuple(L)),

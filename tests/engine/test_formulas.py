@@ -1,4 +1,7 @@
-"""Formulas over arrays: the plain function's values, whatever the number of elements, threads and rows; packed machine code."""
+"""Formulas over arrays give the values of the plain function, in packed machine code.
+
+For any number of elements, threads and rows.
+"""
 
 import json
 import math
@@ -17,7 +20,7 @@ from rigidmc.engine.layout import LANES
 
 
 class Product(NamedTuple):
-    """a b + c and a root: a formula of this file, compiled in this process only."""
+    """a b + c and a square root: a formula of this file, compiled in this process only."""
 
     a: float
     b: float
@@ -28,7 +31,7 @@ class Product(NamedTuple):
 
 
 @pytest.mark.parametrize("count", [1, LANES - 1, LANES, LANES + 1, 2 * PIECE + 5])
-def test_values_are_the_plain_functions_for_any_count_and_threads(count):
+def test_values_are_those_of_the_plain_function_for_any_count_and_threads(count):
     columns = np.random.default_rng(count).uniform(0.5, 1.0, (3, count))
     one, two = (evaluate(Product, 2, columns, threads=threads) for threads in (1, 2))
     assert (one == two).all()
@@ -63,12 +66,14 @@ def test_closed_forms_are_packed_arithmetic(tmp_path):
         from rigidmc.mechanics import free_orbit, lagrange_orbit
         for orbit in (free_orbit, lagrange_orbit):
             width = len(orbit.Orbit._fields)
-            formulas.evaluate(orbit.Reached, 7, np.ones((1, 64)), np.ones((64, width)), np.arange(64))
+            rows = np.ones((1, 64)), np.ones((64, width))
+            formulas.evaluate(orbit.Reached, 7, *rows, np.arange(64))
         compiled = pieces._dispatchers[formulas.fill]
         codes = [compiled.inspect_asm(s) for s in compiled.signatures]
-        print(json.dumps([[len(re.findall(rf"\\b{op}\\b", code)) for op in ("vdivpd", "vdivsd", "vmulpd", "vmulsd")] for code in codes]))
+        words = "vdivpd", "vdivsd", "vmulpd", "vmulsd"
+        print(json.dumps([[len(re.findall(rf"\\b{w}\\b", code)) for w in words] for code in codes]))
     """
-    # a process of its own: the code of a kernel that came from the disk cache cannot be read
+    # a separate process: code from the disk cache cannot be read
     done = subprocess.run(
         [sys.executable, "-c", program],
         capture_output=True,

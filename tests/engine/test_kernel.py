@@ -1,4 +1,7 @@
-"""The kernel: a member's bits depend on the member alone, a sick one harms nobody, drifts and saves are what they say."""
+"""The kernel: the bits of a member depend on the member alone; a bad member harms no other.
+
+Also: drifts and saves are what they claim to be.
+"""
 
 import os
 import subprocess
@@ -81,7 +84,7 @@ def test_block_size_and_threads_change_no_bit(whole, size, threads):
     assert same(out, whole[1])
 
 
-def test_place_in_the_block_and_company_change_no_bit(whole):
+def test_position_and_neighbours_in_a_block_change_no_bit(whole):
     order = np.random.default_rng(2).permutation(MEMBERS)
     for members in (order, order[:32], np.array([5, 77, 40] + [11] * 29)):
         block = np.ascontiguousarray(tops()[:, members])
@@ -94,7 +97,7 @@ def test_place_in_the_block_and_company_change_no_bit(whole):
 def test_a_run_in_several_calls_is_the_run(whole, cuts):
     block = tops()
     out = run(block, RK4, EFFECTS, H, TOTAL, EVERYTHING, STRIDE, cuts=cuts)
-    assert same(block, whole[0])  # the largest drifts too: no look is added where a call ends
+    assert same(block, whole[0])  # the largest drifts too: the end of a call adds no check
     assert same(out, whole[1])
 
 
@@ -122,7 +125,7 @@ def test_a_stride_beyond_the_end_saves_the_first_and_the_last(whole):
 
 
 def energy_of(block, q, l):
-    """Kinetic and potential energy with NumPy, and how large the potential can be."""
+    """Kinetic and potential energy with NumPy, and the largest possible potential energy."""
     body = MassProperties(*block[K.BODY : K.EFFECTS])
     arm = np.array([body.p1, body.p2, body.p3])
     up = (
@@ -138,10 +141,10 @@ def energy_of(block, q, l):
     )
 
 
-def test_drift_rows_are_the_largest_drifts_of_all_looks():
+def test_drift_rows_are_the_largest_drifts_of_all_checks():
     block = tops()
     kinetic, potential, _ = energy_of(block, block[:4], block[4:7])
-    # member 0 starts with no energy to speak of: its drift is measured against the energies in play
+    # member 0 starts with almost no energy: its drift is measured against the energies in play
     block[K.BODY + 6 : K.EFFECTS, 0] *= -np.sign(potential[0])
     block[4:7, 0] *= np.sqrt(np.abs(potential[0]) / kinetic[0])
     kinetic, potential, bound = energy_of(block, block[:4], block[4:7])
@@ -154,21 +157,22 @@ def test_drift_rows_are_the_largest_drifts_of_all_looks():
     q, l = (out[:, rows_of(name)].transpose(1, 0, 2) for name in ("attitude", "momentum"))
     energies, squares = np.add(*energy_of(block, q, l)[:2]), (l**2).sum(0)
     drift, drift2 = (energies - energies[0]) / scale, squares / squares[0] - 1.0
-    assert (block[K.DRIFT] > 5e-8).all()  # measured 1.1e-7: there is something to see
+    assert (block[K.DRIFT] > 5e-8).all()  # measured 1.1e-7: large enough to test
     assert (np.abs(drift).argmax(0) < TOTAL).sum() > 10  # measured 32: and not at the end
-    # the energy of member 0 reaches many times its scale, and its drift shows the rounding of that
+    # the energy of member 0 reaches many times its scale, and its drift shows the rounding of it
     assert np.abs(np.abs(drift).max(0) - block[K.DRIFT]).max() < 3e-12  # measured 3e-13
     assert np.abs(np.abs(drift2).max(0) - block[K.DRIFT + 1]).max() < 7e-14  # measured 7e-15
     assert np.abs(out[:, rows_of("energy_drift")[0]] - drift).max() < 4e-12  # measured 4e-13
     assert np.abs(out[:, rows_of("l2_drift")[0]] - drift2).max() < 3e-13  # measured 3e-14
     assert np.abs(out[:, rows_of("energy")[0]] - energies).max() < 2e-14  # measured 2e-15
     assert np.abs(out[:, rows_of("l2")[0]] - squares).max() < 4e-14  # measured 4e-15
+    # measured 0
     assert (
         np.abs(
             out[:, rows_of("omega")] - block[K.BODY : K.BODY + 3] * out[:, rows_of("momentum")]
         ).max()
         < 1e-15
-    )  # measured 0
+    )
 
 
 def test_a_top_that_starts_at_rest_drifts_absolutely():
@@ -181,7 +185,7 @@ def test_a_top_that_starts_at_rest_drifts_absolutely():
     assert block[K.STATUS, 5] == K.STATUSES["ok"]
 
 
-def test_a_look_every_sixteen_steps_finds_drift_without_saves():
+def test_a_check_every_sixteen_steps_finds_drift_without_saves():
     many, few = tops(), tops()
     run(many, RK4, EFFECTS, H, 64, EVERYTHING, 1)
     run(few, RK4, EFFECTS, H, 64)
@@ -191,8 +195,10 @@ def test_a_look_every_sixteen_steps_finds_drift_without_saves():
     assert (few[K.GOOD_STEP] == 64).all()
 
 
-def test_sick_members_are_flagged_and_frozen_and_harm_nobody():
-    """Among thousands: one starts with nan, one with inf, one blows up on the way, one is an invalid body on entry."""
+def test_bad_members_are_flagged_and_frozen_and_harm_no_other():
+    """Among thousands: one starts with nan, one with inf, one diverges on the way, one has an
+    invalid body from the start.
+    """
     members, steps = 2048, 200
     healthy = tops(members)
     sick = healthy.copy()
@@ -203,7 +209,7 @@ def test_sick_members_are_flagged_and_frozen_and_harm_nobody():
         0.0
     ] * 6  # a free sphere under negative damping
     sick[K.EFFECTS + 1, growing] = -50.0
-    sick[K.MOMENTUM : K.REST, growing] *= 1e-30  # which takes 150 steps to turn it too fast
+    sick[K.MOMENTUM : K.REST, growing] *= 1e-30  # which takes 150 steps to spin it too fast
     sick[K.STATUS, invalid] = K.STATUSES["invalid_input"]
     before = sick.copy()
     run(healthy, RK4, EFFECTS, H, steps, EVERYTHING, 50)
@@ -215,7 +221,7 @@ def test_sick_members_are_flagged_and_frozen_and_harm_nobody():
         K.STATUSES[s] for s in ["non_finite"] * 3 + ["invalid_input"]
     ]
     for m in (nan, inf, invalid):
-        assert same(sick[:7, m], before[:7, m])  # as they came
+        assert same(sick[:7, m], before[:7, m])  # unchanged
         assert sick[K.GOOD_STEP, m] == 0
         assert np.isnan(sick[K.DRIFT, m])
     last = int(sick[K.GOOD_STEP, growing])
@@ -229,7 +235,7 @@ def test_sick_members_are_flagged_and_frozen_and_harm_nobody():
     assert np.isfinite(out[:, :, growing]).all()
     assert (
         out[slot:, 3:6, growing] == sick[K.MOMENTUM : K.REST, growing]
-    ).all()  # saved frozen ever after
+    ).all()  # saved frozen from then on
 
 
 @pytest.mark.parametrize("name", ["rk4", "rk8", "exact", "rotations"])
@@ -254,7 +260,7 @@ def test_no_step_at_all():
 
 
 def physics():
-    """A few steps of every integrator with everything on, for compiled and plain Python alike."""
+    """A few steps of every integrator with everything switched on, compiled or in plain Python."""
     results = {}
     bodies = [PROBLEMS[n] for n in ("hairer_heavy", "simo_wong_top", "cardona_top")]
     for name, kind in INTEGRATORS.items():
@@ -278,7 +284,10 @@ def physics():
 
 def test_plain_python_runs_the_same_physics(tmp_path):
     root = Path(__file__).parents[2]
-    code = f"import numpy; from tests.engine.test_kernel import physics; numpy.savez({str(tmp_path / 'plain.npz')!r}, **physics())"
+    code = (
+        "import numpy; from tests.engine.test_kernel import physics; "
+        f"numpy.savez({str(tmp_path / 'plain.npz')!r}, **physics())"
+    )
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
     subprocess.run([sys.executable, "-c", code], cwd=root, env=environment, check=True)
     plain = np.load(tmp_path / "plain.npz")

@@ -1,4 +1,7 @@
-"""Random words against numpy's Philox bit for bit, in plain Python and compiled; the logarithm against 40 digits; normal deviates against their law."""
+"""Random words against numpy's Philox to the bit; the logarithm against 40 digits; the normal law.
+
+In plain Python and compiled.
+"""
 
 import math
 from typing import NamedTuple
@@ -34,7 +37,10 @@ def deviates(key, stream, step, out, raw):
 
 
 class Member(NamedTuple):
-    """The words and deviates of a member, of which others are worked on side by side; number: the bits of its index and 1, of its words those of numbers."""
+    """The words and deviates of one member while others are computed side by side.
+
+    number : the bits of its index and 1, those of its words as numbers
+    """
 
     number: float
 
@@ -68,7 +74,7 @@ def test_words_are_those_of_numpy(made):
     assert [list(words(m)) for m in (0, 1, 999)] == [list(theirs[:, m]) for m in (0, 1, 999)]
 
 
-def test_side_by_side_they_are_the_same(made):
+def test_words_side_by_side_are_the_same(made):
     numbers = np.arange(1, 1001, dtype=np.uint64).view(float)
     found = evaluate(Member, 7, numbers[None])
     assert np.array_equal(found[:4].copy().view(np.uint64), made[1][:, :1000])
@@ -108,7 +114,9 @@ def test_normals_are_those_of_box_and_muller(made):
 
 
 def test_normals_follow_their_law(made):
-    """Keyed: the same numbers each time. Moments within 3 standard errors, tails counted to 4.5 sigma, no correlation."""
+    """Keyed: the same numbers each time. Moments within 3 standard errors, tails counted to 4.5
+    sigma, no correlation.
+    """
     out = made[0]
     n = out.shape[1]
     assert (np.abs(out.mean(1)) < 3.0 / math.sqrt(n)).all()
@@ -119,9 +127,8 @@ def test_normals_follow_their_law(made):
         expected = 6.0 * n * stats.norm.sf(sigma)
         assert abs(np.count_nonzero(np.abs(out) > sigma) - expected) < 3.5 * math.sqrt(expected)
     assert np.abs(np.corrcoef(out) - np.eye(3)).max() < 4.0 / math.sqrt(n)
-    assert np.abs(np.mean(out[:, 1:] * out[:, :-1], axis=1)).max() < 4.0 / math.sqrt(
-        n
-    )  # of neighbours
+    # of neighbours
+    assert np.abs(np.mean(out[:, 1:] * out[:, :-1], axis=1)).max() < 4.0 / math.sqrt(n)
 
 
 def test_the_smallest_number_is_8_sigma():

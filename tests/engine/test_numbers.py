@@ -1,4 +1,7 @@
-"""Vectors of numbers against the same functions of plain numbers; functions of analysis against 40 digits; products fused as the rule says."""
+"""Vectors of numbers against the same functions of plain numbers, and against 40 digits.
+
+Products are fused as the rule says.
+"""
 
 import math
 from typing import NamedTuple
@@ -55,7 +58,7 @@ class Choices(NamedTuple):
 
 
 class Others(NamedTuple):
-    """What else numbers and masks can do, in Python's own words."""
+    """What else numbers and masks can do, in the words of Python."""
 
     a: float
     b: float
@@ -64,15 +67,18 @@ class Others(NamedTuple):
         a, b = self.a, self.b
         above, below, equal = a > b, a < b, a == b
         return (
-            math.floor(a) + 0.0, math.ceil(a) + 0.0, math.trunc(a) + 0.0, math.fabs(a), +a, -a, chosen(math.isnan(b), 1.0, 0.0),
-            chosen(a >= b, 1.0, 0.0), chosen(a <= b, 1.0, 0.0), chosen(a != b, 1.0, 0.0), chosen(equal, 1.0, 0.0), chosen(above == below, 1.0, 0.0),
-            chosen(above != equal, 1.0, 0.0), chosen(opposite(above), 1.0, 0.0), chosen(above ^ (b > 0.0), 1.0, 0.0), chosen(chosen(above, below, equal), 1.0, 0.0),
+            math.floor(a) + 0.0, math.ceil(a) + 0.0, math.trunc(a) + 0.0, math.fabs(a), +a, -a,
+            chosen(math.isnan(b), 1.0, 0.0),
+            chosen(a >= b, 1.0, 0.0), chosen(a <= b, 1.0, 0.0), chosen(a != b, 1.0, 0.0),
+            chosen(equal, 1.0, 0.0), chosen(above == below, 1.0, 0.0),
+            chosen(above != equal, 1.0, 0.0), chosen(opposite(above), 1.0, 0.0),
+            chosen(above ^ (b > 0.0), 1.0, 0.0), chosen(chosen(above, below, equal), 1.0, 0.0),
             1.0 - a, 1.0 / b, b / 3.0, chosen(True & above, 1.0, 0.0),
         )  # fmt: skip
 
 
 class Functions(NamedTuple):
-    """Functions of the library that a user's effect may call, of one number and of a positive one."""
+    """Library functions that a user's effect may call, of one number and of a positive one."""
 
     x: float
     y: float
@@ -80,8 +86,10 @@ class Functions(NamedTuple):
     def values(self):
         x, y = self.x, self.y
         return (
-            math.sin(x), math.cos(x), math.tan(x), math.atan(x), math.asin(x / 4.0), math.acos(x / 4.0), math.exp(x), math.expm1(x), math.log(y),
-            math.tanh(x), math.sinh(x), math.cosh(x), math.atan2(x, y), math.pow(y, x), math.hypot(x, y), x**3, y**-2, y**0.5,
+            math.sin(x), math.cos(x), math.tan(x), math.atan(x), math.asin(x / 4.0),
+            math.acos(x / 4.0), math.exp(x), math.expm1(x), math.log(y),
+            math.tanh(x), math.sinh(x), math.cosh(x), math.atan2(x, y), math.pow(y, x),
+            math.hypot(x, y), x**3, y**-2, y**0.5,
         )  # fmt: skip
 
 
@@ -115,12 +123,12 @@ def test_of_two_products_the_left_one_is_fused():
             fused(a, 3.0, -d),
             fused(
                 TENTH, 3.0, a
-            ),  # a product that all share, and is no number: 0.3 and a little more
+            ),  # a product that all members share and no float equals: 0.3 and a little more
         )
         assert found[:, e].tolist() == list(wanted)
     assert (
         found[0] != columns[0] * columns[1] + columns[2] * columns[3]
-    ).any()  # what is not fused has other bits
+    ).any()  # unfused products have other bits
 
 
 @pytest.mark.parametrize("side", [1, 2, 4, 8, 16])
@@ -148,7 +156,7 @@ def test_choices_are_those_of_python():
     assert evaluate(Choices, 7, columns).tobytes() == plain.tobytes()
 
 
-def test_so_is_what_else_numbers_and_masks_can_do():
+def test_all_other_operations_are_those_of_python():
     columns = np.concatenate(
         [
             some.normal(0.0, 2.0, (2, 50)),
@@ -160,7 +168,7 @@ def test_so_is_what_else_numbers_and_masks_can_do():
     assert evaluate(Others, 20, columns).tobytes() == plain.astype(float).tobytes()
     found = evaluate(Others, 20, np.array([[np.nan, 1.0], [1.0, np.nan]]))
     assert found[6].tolist() == [0.0, 1.0]
-    assert not found[[7, 8, 10]].any()  # no order, and not equal
+    assert not found[[7, 8, 10]].any()  # neither ordered nor equal
     assert found[9].tolist() == [1.0, 1.0]
 
 
@@ -168,9 +176,12 @@ def test_functions_of_analysis():
     x, y = some.uniform(-3.0, 3.0, 400), np.exp(some.uniform(-20.0, 20.0, 400))
     found, worst = evaluate(Functions, 18, np.array([x, y])), np.zeros(18)
     true = (
-        lambda x, y: mp.sin(x), lambda x, y: mp.cos(x), lambda x, y: mp.tan(x), lambda x, y: mp.atan(x), lambda x, y: mp.asin(x / 4),
-        lambda x, y: mp.acos(x / 4), lambda x, y: mp.exp(x), lambda x, y: mp.expm1(x), lambda x, y: mp.log(y), lambda x, y: mp.tanh(x),
-        lambda x, y: mp.sinh(x), lambda x, y: mp.cosh(x), lambda x, y: mp.atan2(x, y), lambda x, y: mp.power(y, x), lambda x, y: mp.hypot(x, y),
+        lambda x, y: mp.sin(x), lambda x, y: mp.cos(x), lambda x, y: mp.tan(x), lambda x,
+        y: mp.atan(x), lambda x, y: mp.asin(x / 4),
+        lambda x, y: mp.acos(x / 4), lambda x, y: mp.exp(x), lambda x, y: mp.expm1(x), lambda x,
+        y: mp.log(y), lambda x, y: mp.tanh(x),
+        lambda x, y: mp.sinh(x), lambda x, y: mp.cosh(x), lambda x, y: mp.atan2(x, y), lambda x,
+        y: mp.power(y, x), lambda x, y: mp.hypot(x, y),
         lambda x, y: x**3, lambda x, y: y**-2, lambda x, y: mp.sqrt(y),
     )  # fmt: skip
     with mp.workdps(40):

@@ -1,4 +1,7 @@
-"""Operations counted in LLVM's code: those of known formulas, and of steps against what their assembly has (test_vectorisation)."""
+"""Operations counted in LLVM's code: of known formulas, and of steps as in their assembly.
+
+The counts of the assembly are those of test_vectorisation.
+"""
 
 import math
 from typing import NamedTuple
@@ -28,11 +31,10 @@ def counted(name, effects=(), attitude=True):
 
 
 def test_operations_of_a_step():
-    assert counted("rk4") == 188  # and so many in the assembly
-    assert (
-        counted("rk4", (Gravity(1.0),)) == 308
-    )  # 293: fifteen products are the same from step to step
+    assert counted("rk4") == 188  # as many as in the assembly
+    # 293 in the assembly: fifteen products are the same in all steps
+    assert counted("rk4", (Gravity(1.0),)) == 308
     assert counted("rk4", attitude=False) == 63
-    assert abs(counted("exact") - 123) <= 8  # 135: here signs and sides are known
+    assert abs(counted("exact") - 123) <= 8  # 135 in the assembly: here signs and sides are known
     assert abs(counted("strang") - 449) <= 8
     assert counted("strang", (Gravity(1.0),)) > counted("strang")

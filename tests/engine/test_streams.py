@@ -1,4 +1,7 @@
-"""Random numbers: numpy's Philox at the documented counters, whatever the partition, uniform in the open interval."""
+"""Random numbers: numpy's Philox at the documented counters, uniform in the open interval.
+
+The same for any partition of the members.
+"""
 
 import numpy as np
 from hypothesis import given
@@ -62,15 +65,16 @@ def test_numbers_are_uniform_and_independent():
     assert (u > 0.0).all() and (u < 1.0).all()
     for row in u:
         assert stats.kstest(row, "uniform").pvalue > 0.05  # measured 0.33 to 0.93
-    assert (
-        stats.kstest(u.ravel() ** 1.01, "uniform").pvalue < 1e-5
-    )  # measured 7e-8: what is not uniform is found out
+    # measured 7e-8: numbers that are not uniform are detected
+    assert stats.kstest(u.ravel() ** 1.01, "uniform").pvalue < 1e-5
     assert np.abs(np.corrcoef(u) - np.eye(4)).max() < 0.01  # measured 0.004
     assert abs(np.corrcoef(u[0, 1:], u[0, :-1])[0, 1]) < 0.01  # measured 0.0016
 
 
 def test_the_open_interval_is_open_at_its_ends(monkeypatch):
-    """The smallest and the largest raw numbers, once in 2^53 draws: 1.0 would make a normal deviate infinite."""
+    """The smallest and the largest raw number, once in 2^53 draws: 1.0 would make a normal deviate
+    infinite.
+    """
 
     class Ends:
         def __init__(self, **_):

@@ -1,4 +1,4 @@
-"""Blocks on threads: the same bits however they are cut, and an end to everything when something goes wrong."""
+"""Blocks on threads: the same bits for any partition, and a clean end after an error."""
 
 import threading
 from types import SimpleNamespace
@@ -17,7 +17,8 @@ H, TOTAL, STRIDE, MEMBERS = 0.01, 200, 30, 96
 
 def job(low, size, out):
     return SimpleNamespace(
-        program=program(form(RK4()), EFFECTS, EVERYTHING), noise=None, order=None, h=H, slots=1, total=TOTAL, stride=STRIDE, rounds=TOTAL,
+        program=program(form(RK4()), EFFECTS, EVERYTHING), noise=None, order=None, h=H, slots=1,
+        total=TOTAL, stride=STRIDE, rounds=TOTAL,
         block=np.ascontiguousarray(tops()[:, low : low + size]), out=out, width=MEMBERS, column=low,
     )  # fmt: skip
 
@@ -39,13 +40,12 @@ def ran(size, threads):
     return np.concatenate([done[low] for low in sorted(done)], axis=1), out, sum(steps)
 
 
-def test_bits_do_not_depend_on_how_the_work_is_cut(monkeypatch):
-    """Not even the largest drifts, though they are looked for now and then only."""
+def test_bits_do_not_depend_on_the_partition(monkeypatch):
+    """Not even the largest drifts change, although they are looked for only now and then."""
     whole, saves, steps = ran(96, 1)
     assert steps == MEMBERS * TOTAL
-    monkeypatch.setattr(
-        blocks, "CALL", 7 * 96
-    )  # calls of 7 steps of the whole, of 21 of a third of it
+    # calls of 7 steps of the whole, of 21 of a third of it
+    monkeypatch.setattr(blocks, "CALL", 7 * 96)
     for size, threads in ((96, 1), (32, 1), (32, 2)):
         block, out, steps = ran(size, threads)
         assert steps == MEMBERS * TOTAL

@@ -1,4 +1,4 @@
-"""The machine code of steps: packed arithmetic on the widest registers, no call, no work for what a scene has not."""
+"""The machine code of steps: packed arithmetic on the widest registers, no call, no idle work."""
 
 import inspect
 import json
@@ -52,7 +52,10 @@ for _function in (weight, spun_up):
 
 
 def without_effects(instead=r"\5"):
-    """The step of RK4 as one writes it for free bodies alone: its source with every `pushed(..., t, h, share, q, w, x)` replaced by x, or by a torque."""
+    """The step of RK4 as one would write it for free bodies alone.
+
+    Its source has every `pushed(..., t, h, share, q, w, x)` replaced by x, or by a torque.
+    """
     source = textwrap.dedent(inspect.getsource(ScaledRK4.step))
     free, count = re.subn(
         r"pushed\(effects, body, ([^,]+), h, ([^,]+), ([^,]+), ([^,]+), (.*)\)$",
@@ -112,7 +115,8 @@ CASES = {
 }
 RARE = (  # with  pytest -m slow
     "fast symmetric", "rotations gravity", "ck45 gravity", "aba864 gravity", "rk8 gravity float32",
-    "rkmk4 gravity damping float32", "strang gravity compensated", "chin4 gravity", "cf4 gravity", "midpoint gravity",
+    "rkmk4 gravity damping float32", "strang gravity compensated", "chin4 gravity", "cf4 gravity",
+    "midpoint gravity",
     "rk4 gravity compensated", "strang gravity float32", "rk4 gravity damping works",
 )  # fmt: skip
 BROKEN = {"rk4 gamma": case("rk4", (Gamma(),))}
@@ -124,7 +128,7 @@ def report(names):
 
 @pytest.fixture(scope="module")
 def code():
-    """Counts for all cases but the rare, compiled in two fresh processes."""
+    """Counts for all cases except the rare ones, compiled in two fresh processes."""
     return compiled([name for name in (*CASES, *BROKEN) if name not in RARE])
 
 
@@ -153,7 +157,7 @@ def test_the_step_is_packed_arithmetic_on_the_widest_registers(code, name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", RARE)
-def test_so_is_that_of_rare_kernels(rare, name):
+def test_the_step_of_rare_kernels_is_packed_too(rare, name):
     is_packed(rare[name])
 
 
@@ -172,13 +176,13 @@ def test_an_absent_effect_leaves_no_work(code):
     assert packed["exact"] < packed["strang gravity damping"]
 
 
-def test_what_cannot_be_packed_is_caught(code):
+def test_code_that_cannot_be_packed_is_detected(code):
     assert code["rk4 gamma"]["packed"] == 0
     with pytest.raises(AssertionError):
         is_packed(code["rk4 gamma"])
 
 
-def test_without_attitude_most_work_is_gone(code):
+def test_without_attitude_a_step_does_about_half_the_work(code):
     assert code["rk4 momentum"]["packed"] < 0.42 * code["rk4"]["packed"]  # measured 45 of 114
     assert code["exact momentum"]["packed"] < 0.56 * code["exact"]["packed"]  # measured 53 of 105
 
@@ -189,19 +193,22 @@ def test_a_step_costs_no_more_than_it_should(code):
     assert flops["rk4 gravity"] < 300  # measured 293
     assert flops["rk4 momentum"] < 65  # measured 63
     assert flops["rkmk4 gravity damping"] < 695  # measured 654
-    # series in place of two roots and three divisions are more operations and less time: counted in times of a product
+    # a series in place of two roots and three divisions is more operations and less time: counted
+    # in times of a product
     slots = {name: found["slots"] for name, found in code.items()}
-    assert (
-        slots["strang gravity damping"] < 575
-    )  # measured 554: each side of the drift has its own times
+    # measured 554: each side of the drift has its own times
+    assert slots["strang gravity damping"] < 575
     assert slots["strang gravity"] < 465  # measured 450.5
-    # a free body's steps have almost everything in common: 429 by a whole drift each
+    # steps of a free body share almost everything: 429 by a whole drift each
     assert slots["exact"] < 121  # measured 115.5
     assert slots["exact momentum"] < 56  # measured 53; 165.5
 
 
-def test_the_reader_sees_what_it_looks_for():
-    bad = "f:\n\tvmulpd\t%ymm0, %ymm1, %ymm2\n\tvaddsd\t%xmm0, %xmm1, %xmm2\n\tmovabsq\t$sin, %rax\n\tcallq\t*%rax\n"
+def test_the_reader_detects_bad_code():
+    bad = (
+        "f:\n\tvmulpd\t%ymm0, %ymm1, %ymm2\n\tvaddsd\t%xmm0, %xmm1, "
+        "%xmm2\n\tmovabsq\t$sin, %rax\n\tcallq\t*%rax\n"
+    )
     assert [m and m.groups() for m in map(ARITHMETIC.match, blocks_of(bad)[1])] == [
         ("mul", "p", "d"),
         ("add", "s", "d"),

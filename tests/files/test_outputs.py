@@ -1,4 +1,7 @@
-"""Every output appears whole or not at all, overwrites nothing that was not asked for, and leaves nothing behind."""
+"""Every output appears complete or not at all, and overwrites nothing without --force.
+
+Nothing temporary stays behind.
+"""
 
 import errno
 import os
@@ -49,7 +52,7 @@ def parts(folder):
 
 
 def appearing(paths, result):
-    """A function that gives a result while other processes write those files."""
+    """A function that returns a result while other processes write the same files."""
 
     def made(*_, **__):
         for path in paths:
@@ -71,8 +74,10 @@ def test_studies_and_pictures_overwrite_nothing_that_appears_meanwhile(
 ):
     one, two = tmp_path / "s.nc", tmp_path / "s.png"
     with (
-        patch.object(module, name, appearing([one, two], STUDY)), patch.object(module, "table", lambda found: ["the table"]),
-        patch.object(trust, "failed", lambda found: False), patch.object(studies, "work_precision", lambda found: Figure()),
+        patch.object(module, name, appearing([one, two], STUDY)),
+        patch.object(module, "table", lambda found: ["the table"]),
+        patch.object(trust, "failed", lambda found: False),
+        patch.object(studies, "work_precision", lambda found: Figure()),
         patch.object(studies, "trust", lambda found: Figure()),
     ):  # fmt: skip
         told = invoke(*words, "-o", one)
@@ -122,7 +127,7 @@ def test_a_result_whose_name_is_taken_at_the_end_is_kept_under_another(tmp_path)
     assert (tmp_path / "folder.2").read_bytes() == b"2" and not parts(tmp_path)
 
 
-def test_an_animation_is_whole_or_not_there(tmp_path):
+def test_an_animation_is_complete_or_absent(tmp_path):
     ds = rm.simulate(SCENE, members=1, every=0.05, save=("attitude", "momentum"))
     path = tmp_path / "a.gif"
 
@@ -146,7 +151,7 @@ def test_an_animation_is_whole_or_not_there(tmp_path):
     assert path.read_bytes() == OLD and os.listdir(tmp_path) == ["a.gif"]
     with pytest.raises(OutputExists):
         animation.animate(ds, path)
-    with pytest.raises(KeyboardInterrupt):  # and not what a writer without a frame raises
+    with pytest.raises(KeyboardInterrupt):  # not the error of a writer without a frame
         animation.animate(
             ds, path, force=True, progress=lambda *_: (_ for _ in ()).throw(KeyboardInterrupt)
         )
@@ -154,8 +159,8 @@ def test_an_animation_is_whole_or_not_there(tmp_path):
     assert path.read_bytes().startswith(b"GIF8") and os.listdir(tmp_path) == ["a.gif"]
 
 
-def test_ffmpeg_that_fails_is_told(tmp_path, monkeypatch):
-    """It ended with exit 0 where it was gone before the last frame, and with a traceback where it gave an exit code."""
+def test_a_failure_of_ffmpeg_is_reported(tmp_path, monkeypatch):
+    """Before: exit 0 if it died before the last frame, a traceback if it returned an exit code."""
     (tmp_path / "bin").mkdir()
     monkeypatch.setenv("PATH", f"{tmp_path / 'bin'}:{os.environ['PATH']}")
     assert invoke("run", "nasa_brick", "--t-end", 0.1, "-o", tmp_path / "r.nc").exit_code == 0
@@ -173,15 +178,19 @@ def test_ffmpeg_that_fails_is_told(tmp_path, monkeypatch):
 
 
 def test_names_of_all_lengths(tmp_path):
-    """A name may have 255 bytes: 250 were too many for the part beside it, 256 were told after the work."""
+    """A name may have 255 bytes. Before, 250 were too many for the part beside it, and 256 were
+    refused only after the work.
+    """
     words = "run", "nasa_brick", "--t-end", 0.1
     assert invoke(*words, "-o", tmp_path / ("n" * 247 + ".nc")).exit_code == 0
     assert invoke(*words, "-o", f"{tmp_path / ('n' * 250)}/", "--shard-size", 1).exit_code == 0
-    assert invoke("plot", tmp_path / ("n" * 247 + ".nc"), "--picture", "drift_histogram", "-o", tmp_path / ("n" * 251 + ".png")).exit_code == 0  # fmt: skip
+    plot = "plot", tmp_path / ("n" * 247 + ".nc"), "--picture", "drift_histogram"
+    assert invoke(*plot, "-o", tmp_path / ("n" * 251 + ".png")).exit_code == 0
     long = tmp_path / ("n" * 300 + ".nc")
     with patch.object(simulate, "compute") as compute:
         told = invoke(*words, "-o", long)
-    assert told.exit_code == 74 and "File name too long" in told.stderr and not compute.called and isinstance(told.exception, SystemExit)  # fmt: skip
+    assert told.exit_code == 74 and "File name too long" in told.stderr
+    assert not compute.called and isinstance(told.exception, SystemExit)
     long = tmp_path / ("n" * 252 + ".nc")
     with pytest.raises(OutputExists, match="appeared"):
         long.write_bytes(OLD)
@@ -189,7 +198,7 @@ def test_names_of_all_lengths(tmp_path):
     assert sum(name.endswith(".2.nc") for name in os.listdir(tmp_path)) == 1
 
 
-def test_what_is_wrong_with_a_folder_is_told_as_it_is(tmp_path):
+def test_a_bad_folder_gets_the_right_message(tmp_path):
     with (
         limited(1000),
         pytest.raises(
@@ -204,7 +213,8 @@ def test_what_is_wrong_with_a_folder_is_told_as_it_is(tmp_path):
         (errno.EACCES, PermissionError),
     ):
         with (
-            patch("builtins.open", side_effect=OSError(number, os.strerror(number))), patch("os.open", side_effect=OSError(number, os.strerror(number))),
+            patch("builtins.open", side_effect=OSError(number, os.strerror(number))),
+            patch("os.open", side_effect=OSError(number, os.strerror(number))),
             pytest.raises(OSError, match=os.strerror(number)) as caught,
         ):  # fmt: skip
             outputs.refuse_unwritable(str(tmp_path))
@@ -218,8 +228,10 @@ def test_what_is_wrong_with_a_folder_is_told_as_it_is(tmp_path):
     assert told.exit_code == 74 and "nothing was written" in told.stderr
 
 
-def test_no_moment_without_umask_and_a_short_shard_is_gone_for_good(tmp_path):
-    """Another thread's files were open to all; after a loss of power run.json could be the new one beside the short shard."""
+def test_files_respect_the_umask_and_short_shards_are_deleted_durably(tmp_path):
+    """Before: other threads' files were readable by all; after a power failure the new run.json
+    could stand beside the short shard.
+    """
     known = os.umask(0o027)
     try:
         with patch.object(os, "umask", side_effect=AssertionError):
@@ -244,14 +256,15 @@ def test_no_moment_without_umask_and_a_short_shard_is_gone_for_good(tmp_path):
         resume.extend(tmp_path / "run", 20_000)
     (shard,) = [call for call in calls if call.startswith("unlink 0000")]
     i = calls.index(shard)
-    assert calls[i - 1].startswith(
-        "fsync .part-"
-    )  # the new run.json is durable before anything is taken away
+    # the new run.json is durable before anything is deleted
+    assert calls[i - 1].startswith("fsync .part-")
     assert calls[i + 1 : i + 3] == ["fsync shards", "replace run.json"]
 
 
-def test_a_run_without_room_is_not_begun(tmp_path):
-    """The folder was made for as many threads as there are cores, and refused for those that were given. No worker is started here."""
+def test_a_run_without_disk_space_does_not_begin(tmp_path):
+    """Before: the folder was made for as many threads as cores, and refused for the number given.
+    No worker starts here.
+    """
     asked = list[int]()
 
     def hopeless(scene, plan, threads, *_):
@@ -273,8 +286,8 @@ def test_a_run_without_room_is_not_begun(tmp_path):
     assert asked == [7, 9]
 
 
-def test_what_is_killed_leaves_nothing_for_long(tmp_path):
-    """A run to a file and a consolidation left a part for each time that they were killed."""
+def test_parts_of_killed_runs_are_cleaned_up(tmp_path):
+    """Before: a run to a file and a consolidation left a part each time they were killed."""
     here = os.path.basename(outputs.Part(tmp_path / "x").path).rsplit("-", 2)[0]
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
@@ -287,9 +300,9 @@ def test_what_is_killed_leaves_nothing_for_long(tmp_path):
         ".part-elsewhere-7-1",
         ".part-notes",
     ):
-        (
-            tmp_path / name
-        ).touch()  # of a process that ended, of one that had this number, of one that writes, of another computer, of no one
+        # of a process that ended, one that reused this number, one that writes, another computer,
+        # no one
+        (tmp_path / name).touch()
     with outputs.Part(tmp_path / "mine") as mine:
         with open(mine, "w"):
             pass
@@ -336,7 +349,7 @@ def test_a_signal_leaves_no_lock_behind():
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_second_signal_does_not_leave_what_the_first_would_not(tmp_path, number, code):
+def test_a_second_signal_leaves_no_more_files_than_the_first(tmp_path, number, code):
     words = ["run", "dzhanibekov", "--members", "2000000", "-o", str(tmp_path / "x.nc")]
     heard = {"preexec_fn": lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)}
     child = subprocess.Popen(
@@ -361,7 +374,7 @@ def test_a_second_signal_does_not_leave_what_the_first_would_not(tmp_path, numbe
     assert os.listdir(tmp_path) == []
 
 
-def test_what_is_printed_changes_nothing(tmp_path):
+def test_a_broken_stream_changes_no_output(tmp_path):
     """As `python tests/torture.py --outputs all`."""
     told = torture_outputs.streams(
         str(tmp_path), ("map", "verify bad"), ("reader gone, unbuffered", "all closed", "full")
@@ -373,7 +386,8 @@ def test_an_output_that_fails(tmp_path):
     """As `python tests/torture.py --outputs all`."""
     told = torture_outputs.faults(1, str(tmp_path), random.Random(6), ("consolidate",))
     assert told["faults"] >= 25 and told["wrong files"] == told["left behind"] == 0
-    assert told["faults"] == told["whole in the end"] == told["exit 74, one message"] + told["exit 6, one message, NAME.2"] + told["no harm done, exit 0"]  # fmt: skip
+    ends = "exit 74, one message", "exit 6, one message, NAME.2", "no harm done, exit 0"
+    assert told["faults"] == told["whole in the end"] == sum(told[end] for end in ends)
 
 
 @pytest.mark.slow
@@ -389,7 +403,9 @@ def test_every_output_survives(tmp_path):
 
 
 def test_a_command_with_all_streams_closed(tmp_path):
-    """Closed stderr ended every run with AttributeError; what the next file is opened as then has the number of a stream."""
+    """Before: closed stderr ended every run with AttributeError, because the next file opened gets
+    the number of a stream.
+    """
     run = shlex.join([*COMMAND, "run", "nasa_brick", "--t-end", "0.1", "-o", f"{tmp_path}/r.nc"])
     assert subprocess.run(["sh", "-c", f"{run} <&- >&- 2>&-"]).returncode == 0
     with rm.open(tmp_path / "r.nc") as ds:

@@ -1,4 +1,7 @@
-"""One loop over INTEGRATORS: order, there and back, conservation, agreement with naive NumPy. A new one is tested by its facts."""
+"""One loop over INTEGRATORS: order, reversibility, conservation, agreement with naive NumPy.
+
+A new integrator is tested according to its facts.
+"""
 
 import math
 from dataclasses import replace
@@ -19,16 +22,15 @@ from tests.reference import NAIVE, attitude_error, naive_rk4, rotation, true_end
 
 FREE, HEAVY = PROBLEMS["hairer_free"], PROBLEMS["hairer_heavy"]
 DAMPING = 0.1
-EVERY = pytest.mark.parametrize(
-    "name", [n for n in INTEGRATORS if n != "closed"]
-)  # which makes no steps: tests/planning/test_closed_form.py
+# it makes no steps: see tests/planning/test_closed_form.py
+EVERY = pytest.mark.parametrize("name", [n for n in INTEGRATORS if n != "closed"])
 HEAVY_ONES = pytest.mark.parametrize(
     "name", [n for n in accepting((Gravity(1.0),)) if n != "closed"]
 )
 
 
 def end_error(name, problem, steps, effects=None, end=None):
-    """Largest error of the final momentum [of its size] and attitude [rad]; one kernel for all step sizes."""
+    """Largest final error of momentum (relative) and attitude [rad]; one kernel for all steps."""
     q, l = end or (problem.end_attitude, problem.end_momentum)
     kind, effects = INTEGRATORS[name], problem.effects if effects is None else effects
     made = prepare(kind, turn(problem, problem.time / 50), effects)
@@ -48,7 +50,7 @@ def test_order_for_a_free_body(name):
 
 
 class Ensemble(NamedTuple):
-    """Different heavy tops and where they are after 4 s."""
+    """Different heavy tops, and where they are after 4 s."""
 
     block: np.ndarray
     effects: tuple
@@ -148,7 +150,7 @@ def test_conserves_what_it_says_and_nothing_else(name):
     for keep, drift in drifts(name, FREE, 0.15, 2000).items():
         if keep in INTEGRATORS[name].conserves:
             assert drift < 8e-14  # measured 8e-15
-        elif keep != "|q|":  # rk4 does not keep it but puts it right
+        elif keep != "|q|":  # rk4 does not conserve |q| but restores it
             assert drift > 1e-12
     assert set(INTEGRATORS[name].conserves) <= set(drifts(name, FREE, 0.15, 1))
 
@@ -192,7 +194,7 @@ def test_runge_kutta_loses_energy_and_lz_with_time(name):
 
 
 def naive_error(name, problem, h, steps, damping=0.0, **twin):
-    """Largest difference of attitude matrix and relative momentum from the naive NumPy integrator."""
+    """Largest difference of attitude matrix and relative momentum from naive NumPy."""
     effects = (*problem.effects, ViscousDamping(damping)) if damping else None
     q, l = march(INTEGRATORS[name], [problem], h, steps, effects)
     a, momentum = NAIVE[name](problem, h, steps, damping, **twin)
@@ -220,7 +222,7 @@ def test_a_wrong_sign_in_the_commutator_is_caught():
 
 
 def test_a_damped_free_top_is_a_free_top_at_another_time():
-    """L(t) = exp(-rate t) L_free((1 - exp(-rate t))/rate), and the attitude is the free one of that time."""
+    """L(t) = exp(-rate t) L_free(s), s = (1 - exp(-rate t))/rate; the attitude is that of s."""
     time = 5.0
     other = (1.0 - math.exp(-DAMPING * time)) / DAMPING
     end = true_end(FREE, other)

@@ -1,4 +1,4 @@
-"""float32 and compensated sums against 40-digit truths: how large errors are, and how they grow with the number of steps."""
+"""float32 and compensated sums against 40-digit truths: errors, and their growth with steps."""
 
 from functools import cache
 
@@ -24,7 +24,7 @@ def truth():
 
 
 def error(name, steps, **options):
-    """Largest error of momentum [of its size] and attitude [rad] at t = 10."""
+    """Largest error of momentum (relative) and attitude [rad] at t = 10."""
     kind = INTEGRATORS[name]
     made = prepare(kind, turn(HEAVY, HEAVY.time / 50), HEAVY.effects)
     q, l = march(kind, [HEAVY], HEAVY.time / steps, steps, made=made, **options)
@@ -35,7 +35,9 @@ def error(name, steps, **options):
 
 @pytest.mark.parametrize("name", ["rk4", "rk8", "strang", "srkn11"])
 def test_float32_is_as_good_as_its_digits(name):
-    """The steps are those of float64 but for rounding; the body itself, in float32, is off by 6e-8, which 10 s make 1e-6."""
+    """Steps in float32 differ from float64 by rounding only; the body itself, in float32, is off by
+    6e-8, which becomes 1e-6 in 10 s.
+    """
     steps = {"rk4": 1000, "rk8": 100, "strang": 4000, "srkn11": 60}[name]
     single, double = error(name, steps, dtype=np.float32), error(name, steps)
     assert abs(single - double) < 5e-5  # 7.9e-6, 6.4e-6, 1.3e-6, 1.4e-5
@@ -44,12 +46,12 @@ def test_float32_is_as_good_as_its_digits(name):
 
 def test_compensated_float32_errs_by_its_body_alone():
     for steps in (2000, 8000, 32000):
-        assert (
-            error("rk4", steps, dtype=np.float32, compensated=True) < 1.5e-6
-        )  # 5.1e-7, 6.2e-7, 6.4e-7
+        # 5.1e-7, 6.2e-7, 6.4e-7
+        assert error("rk4", steps, dtype=np.float32, compensated=True) < 1.5e-6
     assert error("rk4", 32000, dtype=np.float32) > 1e-4  # 4.9e-4
 
 
+# measured 7.2e-16, 2.8e-15, 8.7e-16, 8.7e-16, 1.3e-14
 @pytest.mark.parametrize(
     ("name", "steps", "bound"),
     [
@@ -59,16 +61,18 @@ def test_compensated_float32_errs_by_its_body_alone():
         ("cf4", 100_000, 2e-15),
         ("srkn11", 50_000, 4e-14),
     ],
-)  # measured 7.2e-16, 2.8e-15, 8.7e-16, 8.7e-16, 1.3e-14
+)
 def test_compensated_sums_lose_nothing_over_very_many_steps(name, steps, bound):
-    """Steps so short that the method does not err: what is left is rounding, which grows with steps unless sums are compensated."""
+    """The steps are so short that the method has no error: rounding is left, which grows with steps
+    unless sums are compensated.
+    """
     plain, kept = error(name, steps), error(name, steps, compensated=True)
     assert kept < bound
     assert plain > 10.0 * kept  # 320, 19, 170, 200, 72 times
 
 
 def test_rounding_grows_with_the_root_of_the_steps_at_most():
-    """Of a free body by rk8: |L| over 16 times as many steps of the same length."""
+    """A free body by rk8: |L| over 16 times as many steps of the same length."""
     top = PROBLEMS["hairer_free"]
     drifts = {}
     for compensated in (False, True):
@@ -85,7 +89,7 @@ def test_rounding_grows_with_the_root_of_the_steps_at_most():
         drifts[compensated] = drift
     assert drifts[True][1] < 3e-16
     assert drifts[False][1] > 3.0 * drifts[True][1]
-    assert drifts[False][1] / drifts[False][0] < 8.0  # sqrt(16) = 4; 16 were linear
+    assert drifts[False][1] / drifts[False][0] < 8.0  # sqrt(16) = 4; linear growth would give 16
 
 
 def test_starts_saves_and_drifts_are_float64_whatever_the_steps_are():
@@ -135,7 +139,7 @@ def end(scene, name, steps, **options):
 
 
 def single_error(name, steps):
-    """Root mean square over the members, of momentum [of its size] and attitude [rad], of steps in float32."""
+    """Root mean square error over the members of momentum (relative) and attitude [rad]."""
     scene, (true_l, true_q) = driven()
     l, q = end(scene, name, steps, dtype="float32")
     apart = np.linalg.norm(l - true_l, axis=1) / np.linalg.norm(true_l, axis=1)
@@ -145,17 +149,21 @@ def single_error(name, steps):
 FLAT = ("rk4", "cf4", "rkmk4", "strang")
 
 
-@pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # one of the bodies cannot be
+# one of the bodies is impossible
+@pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
 @pytest.mark.parametrize("name", FLAT)
 def test_float32_errors_do_not_grow_with_the_number_of_steps(name):
-    """Before, by 1.9 to 4.5 times with each doubling: short steps were rounded alike, one after the other."""
+    """Before, they grew by 1.9 to 4.5 with each doubling: all short steps were rounded in the same
+    direction.
+    """
     few, many = single_error(name, 2**13), single_error(name, 2**20)
     assert many < 1.5 * few  # 4.2e-7, 4.3e-7, 4.0e-7, 3.3e-7 and 4.1e-7, 3.5e-7, 3.6e-7, 2.4e-7
     assert 1e-7 < many < 3e-6
 
 
-@pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # one of the bodies cannot be
-def test_what_float32_costs_is_told_in_digits():
+# one of the bodies is impossible
+@pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
+def test_the_cost_of_float32_is_stated_in_digits():
     scene, _ = driven()
     single = single_precision(prepared(scene.with_run(dtype="float32", integrator="rk4", dt=0.01)))
     assert single.startswith("about 6 digits at t_end")  # of the fastest member; 4e-7 in the mean

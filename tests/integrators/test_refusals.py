@@ -1,4 +1,4 @@
-"""What an integrator cannot do it refuses before the first step, with the reason and the nearest ones that can."""
+"""An integrator refuses what it cannot do before the first step, with reason and alternatives."""
 
 from typing import NamedTuple
 
@@ -48,7 +48,10 @@ REFUSED = [
     (
         "srkn6",
         (D,),
-        "its steps backwards and its order are for torques of attitude and time, but viscous_damping depends on L",
+        (
+            "its steps backwards and its order are for torques of attitude and time, but "
+            "viscous_damping depends on L"
+        ),
     ),
     ("aba1064", (G, D), "viscous_damping depends on L"),
     (
@@ -88,8 +91,8 @@ def test_refused_at_the_check_of_the_scene():
 
 
 @pytest.mark.parametrize("effects", [(), (G,), (D,), (G, D), (Wind(1.0),), (Field(1.0),)])
-def test_whatever_is_not_refused_runs(effects):
-    """rk4 and the Lie-group ones take everything; nobody is both refused and accepted."""
+def test_effects_that_are_not_refused_run(effects):
+    """rk4 and the Lie group integrators take everything; no effect is both refused and accepted."""
     able = accepting(effects)
     assert {"rk4", "rk8", "rkmk4", "cf4", "ck45", "midpoint"} <= set(able)
     for name in INTEGRATORS:

@@ -1,4 +1,4 @@
-"""Kicks that are one across steps, saves in between: the same bits whatever is saved when, for every integrator."""
+"""The bits do not depend on what is saved when, although kicks are merged across steps."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ SCENE = rm.Scene(
 MEMBER = ("energy_drift_max", "l2_drift_max", "status")
 
 
-# one of each way of stepping; the others with  pytest -m slow
+# one of each kind of stepping; the others with  pytest -m slow
 SOME = ("rk4", "strang", "srkn11")
 
 
@@ -40,7 +40,9 @@ def test_saves_change_no_bit(name):
 
 @pytest.mark.parametrize("name", ["rk4", "srkn6", "aba864", "chin4"])
 def test_saved_states_are_whole_steps(name):
-    """What is saved at t is where a run that ends at t ends: kicks are closed there. By another sum, so to rounding."""
+    """A save at t is the end of a run to t, because saves close the kicks; equal to rounding,
+    because the sum differs.
+    """
     longer = rm.simulate(SCENE, integrator=name, every=0.3)
     shorter = rm.simulate(SCENE, integrator=name, t_end=0.3)
     assert np.array_equal(longer.omega[1], shorter.omega[-1])

@@ -1,4 +1,4 @@
-"""Steps in plain Python, nothing compiled: a broken step fails here, within seconds, before anything else is tested."""
+"""Steps in plain Python, nothing compiled: a broken step fails here within seconds."""
 
 import math
 from functools import cache
@@ -109,7 +109,9 @@ def test_order_with_a_torque_that_depends_on_time(name, compensated, effect):
 
 
 class Leaning(NamedTuple):
-    """A torque of attitude alone that comes from no potential: the force gradient of chin4 is a commutator, not a gradient."""
+    """A torque of attitude that comes from no potential: the force gradient of chin4 is a
+    commutator, not a gradient.
+    """
 
     size: float
 

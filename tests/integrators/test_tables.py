@@ -1,4 +1,7 @@
-"""Error against steps as an independent program of these methods found it, with the truth from mpmath: to 20 %."""
+"""Error against steps, as an independent program of these methods found it: to 20 %.
+
+The truth of that program is from mpmath.
+"""
 
 from functools import cache
 
@@ -10,7 +13,8 @@ from rigidmc.studies.problems import PROBLEMS
 from tests.kernels import march, prepare, turn
 from tests.reference import true_end
 
-# body of Hairer & Vilmart to t = 10: largest error of the components of L and q after 50, 100, 200, 400 and 800 steps
+# body of Hairer & Vilmart to t = 10: largest error of the components of L and q after 50, 100, 200,
+# 400 and 800 steps
 MODERATE = {
     "rk4": (2.9e-3, 1.6e-4, 9.1e-6, 5.4e-7, 3.3e-8),
     "rkmk4": (1.8e-3, 7.3e-5, 3.8e-6, 2.3e-7, 1.4e-8),
@@ -56,9 +60,8 @@ def test_a_moderate_top(name):
         q, l = ends(name, top, steps)
         q *= np.sign(q @ top.end_attitude)
         error = max(np.abs(q - top.end_attitude).max(), np.abs(l - top.end_momentum).max())
-        assert error == pytest.approx(
-            published, rel=0.2
-        )  # within 4 %, but for the last of srkn6: 15 %, rounding
+        # within 4 %, except the last of srkn6: 15 %, rounding
+        assert error == pytest.approx(published, rel=0.2)
 
 
 @pytest.mark.parametrize(
@@ -69,6 +72,5 @@ def test_a_fast_top(name):
     for steps, published in FAST[name]:
         q, _ = ends(name, top, steps, symmetric=True)
         q *= np.sign(q @ fast_end()[0])
-        assert np.abs(q - fast_end()[0]).max() == pytest.approx(
-            published, rel=0.25
-        )  # of one digit: 0.79 to 1.24
+        # of one digit: 0.79 to 1.24
+        assert np.abs(q - fast_end()[0]).max() == pytest.approx(published, rel=0.25)

@@ -1,7 +1,8 @@
-"""Closed forms at 50 digits, by the classical formulas and mpmath's own elliptic functions: nothing of the package is in them.
+"""Closed forms at 50 digits, by the classical formulas and the elliptic functions of mpmath.
 
-Free top: omega from sn, cn, dn and the attitude by one phase with Pi (Celledoni, Fasso, Saefstroem & Zanna 2008, corrected signs).
-Lagrange top: Euler angles from the roots of the cubic and two Pi. Both for one top and any time.
+Nothing of the package is used. Free top: omega from sn, cn, dn and the attitude by one phase with
+Pi (Celledoni, Fasso, Saefstroem & Zanna 2008, corrected signs). Lagrange top: Euler angles from the
+roots of the cubic and two Pi. Each for one top and any time.
 """
 
 import warnings
@@ -9,18 +10,20 @@ import warnings
 import mpmath as mp
 
 DIGITS = 50
-ROOTS = 100  # of the Lagrange top: u2 and u3 may be 1e-20 apart, and the roots then keep 50 - 2 x 20 digits of 50
+# for the Lagrange top: u2 and u3 may be 1e-20 apart, and the roots then keep 50 - 2 x 20 digits of
+# 50
+ROOTS = 100
 
 
 def free(moments, momentum, t, attitude=(1, 0, 0, 0)):
-    """(q, L) of an asymmetric body with ascending moments, off the separatrix and the axes, as lists of mpf."""
+    """(q, L) of an asymmetric body, moments ascending, off separatrix and axes, as lists of mpf."""
     with mp.workdps(DIGITS):
         i = [mp.mpf(x) for x in moments]
         l = [mp.mpf(x) for x in momentum]
         square, twice_energy = mp.fdot(l, l), mp.fsum(x * x / m for x, m in zip(l, i, strict=True))
         if (
             square < twice_energy * i[1]
-        ):  # mirror: exchanging axes 1 and 3 and turning axis 2 round keeps the frame right-handed
+        ):  # mirror: exchanging axes 1 and 3 and reversing axis 2 keeps the frame right-handed
             swap = [l[2], -l[1], l[0]]
             q, end = _free([i[2], i[1], i[0]], swap, mp.mpf(t))
             q = [q[0], q[3], -q[2], q[1]]
@@ -57,7 +60,8 @@ def _free(i, l, t):
         ], am
 
     (begin, am0), (end, am1) = state(start), state(u)
-    # psi' = (2T + |L| |L3|/I3)/(|L| + |L3|) integrates to |L| t/I1 - (...) Pi - atan: with c = sqrt(high)/|L|, 1 - u3^2 = b^2 + c^2 m sn^2
+    # psi' = (2T + |L| |L3|/I3)/(|L| + |L3|) integrates to |L| t/I1 - (...) Pi - atan: with c =
+    # sqrt(high)/|L|, 1 - u3^2 = b^2 + c^2 m sn^2
     c2 = high / size**2
     b2 = 1 - c2
     w2 = b2 + c2 * m
@@ -158,7 +162,7 @@ def _multiply(p, q):
 
 
 def symmetric(moments, momentum, t, attitude=(1, 0, 0, 0)):
-    """(q, L) of a body with I1 = I2, or of a sphere: two turns, TdC Example 3.5."""
+    """(q, L) of a body with I1 = I2, or of a sphere: two rotations, TdC Example 3.5."""
     with mp.workdps(DIGITS):
         one, three, t = mp.mpf(moments[0]), mp.mpf(moments[2]), mp.mpf(t)
         l = [mp.mpf(x) for x in momentum]

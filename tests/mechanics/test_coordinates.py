@@ -16,7 +16,7 @@ SPRING = C.spring(5.0, (0.3, 0.1, 0.2), (1.0, 0.0, 0.5), 0.4)
 
 
 def own(q):
-    """A user's coordinates: turns about x, y and z one after the other."""
+    """A user's coordinates: rotations about x, y and z one after the other."""
     parts = []
     for k in range(3):
         c, s, axis = (
@@ -42,9 +42,8 @@ def test_named_coordinates_are_the_rotations_of_rotation_py(name):
 @pytest.mark.parametrize("size", [1.0, 1e-3, 1e-9])
 def test_closed_forms_of_m_are_the_derivatives_of_a(name, size):
     m = C.rate_matrix(name, size * POINTS)
-    assert (
-        np.abs(m - C.rate_matrix(lambda q: C.matrix(name, q), size * POINTS)).max() < 2e-15
-    )  # 4.4e-16
+    # 4.4e-16
+    assert np.abs(m - C.rate_matrix(lambda q: C.matrix(name, q), size * POINTS)).max() < 2e-15
 
 
 @pytest.mark.parametrize("name", C.NAMED)
@@ -53,7 +52,8 @@ def test_identity_3_32(name):
         return C.rate_matrix(name, q)
 
     assert np.abs(C.identity_residual(m, POINTS)).max() < 2e-15  # 2.2e-16
-    # the twins: the other sign of the product, and space components in place of the body's
+    # the wrong versions: the other sign of the product, and space components in place of body
+    # components
     assert np.abs(C.identity_residual(lambda q: -m(q), POINTS)).max() > 0.1
     assert np.abs(C.identity_residual(lambda q: C.matrix(name, q) @ m(q), POINTS)).max() > 0.1
 
@@ -85,16 +85,14 @@ def test_torque_is_minus_the_inverse_transpose_of_m_times_the_slope(potential, c
 
 def test_torque_of_gravity_and_spring_are_force_times_arm():
     a = C.matrix("zxz", POINTS)
-    assert (
-        np.abs(C.torque(GRAVITY, a) - np.cross(CENTRE, -MASS * G * a[:, 2])).max() < 2e-15
-    )  # 8.9e-16
+    # 8.9e-16
+    assert np.abs(C.torque(GRAVITY, a) - np.cross(CENTRE, -MASS * G * a[:, 2])).max() < 2e-15
     point, hook = np.array([0.3, 0.1, 0.2]), np.array([1.0, 0.0, 0.5])
     apart = hook - a @ point
     length = np.linalg.norm(apart, axis=1, keepdims=True)
     force = 5.0 * (length - 0.4) * apart / length
-    assert (
-        np.abs(C.torque(SPRING, a) - np.cross(point, R.to_body(a, force))).max() < 2e-15
-    )  # 2.2e-16
+    # 2.2e-16
+    assert np.abs(C.torque(SPRING, a) - np.cross(point, R.to_body(a, force))).max() < 2e-15
 
 
 def test_torque_of_a_users_potential_against_a_difference():

@@ -65,7 +65,7 @@ def test_integrals_beyond_a_quarter_period_too(mc):
     assert elliptic.complete_first(mc=mc) == pytest.approx(whole, rel=1e-15)
 
 
-def test_what_is_no_modulus_is_nan_and_its_neighbours_stay():
+def test_a_bad_modulus_is_nan_and_its_neighbours_stay():
     found = elliptic.jacobi(np.array([0.3, 0.4, np.inf, 0.5]), m=np.array([0.2, 1.5, 0.3, 0.4]))
     assert np.isnan(found.sn).tolist() == [False, True, True, False]
     assert (

@@ -1,4 +1,7 @@
-"""The exact free top against 40-digit Taylor series and 50-digit classical forms; what it says of a motion; bad input."""
+"""The exact free top against 40-digit Taylor series and 50-digit classical forms.
+
+Also the facts that it states about a motion, and bad input.
+"""
 
 import itertools
 
@@ -51,9 +54,8 @@ def test_far_times_against_the_classical_forms():
 def test_oracles_agree_with_taylor_series():
     moments, l = (0.6, 0.8, 1.0), (1.8, 0.4, -0.9)
     for l in ((1.8, 0.4, -0.9), (0.3, 0.4, 0.9)):
-        assert (
-            max(off(free_top(moments, l, START, 3.0), oracles.free(moments, l, 3.0))) < 1e-14
-        )  # 6.4e-16
+        # 6.4e-16
+        assert max(off(free_top(moments, l, START, 3.0), oracles.free(moments, l, 3.0))) < 1e-14
         q, end = oracles.free(moments, l, 3.0)
         p, other = reference.taylor(moments, l, 3.0)
         assert max(abs(float(a - b)) for a, b in zip(end, other, strict=True)) < 1e-30  # 7.3e-41
@@ -120,17 +122,15 @@ def test_a_period_turns_the_attitude_by_turn_and_the_momentum_sweeps_montgomerys
         assert np.remainder(angle - what.turn + 1.0, 2 * np.pi) == pytest.approx(1.0, abs=1e-13)
         path = free_top(moments, l, START, np.linspace(0.0, 1.0, 4001) * what.period).momentum
         a, b = (path / np.linalg.norm(l))[:-1], (path / np.linalg.norm(l))[1:]
-        pole = np.eye(3)[what.axis - 1] * np.sign(
-            l[what.axis - 1]
-        )  # spherical triangles from a fixed pole, with their sign
+        # spherical triangles from a fixed pole, with their sign
+        pole = np.eye(3)[what.axis - 1] * np.sign(l[what.axis - 1])
         triple = (pole * np.cross(a, b)).sum(-1)
         swept = 2.0 * np.arctan2(triple, 1.0 + (a * b).sum(-1) + a @ pole + b @ pole).sum()
         assert np.remainder(what.solid_angle - swept + 1.0, 4 * np.pi) == pytest.approx(
             1.0, abs=1e-5
         )
-        assert (
-            abs(np.remainder(what.solid_angle + swept + 1.0, 4 * np.pi) - 1.0) > 0.1
-        )  # the twin that sweeps the other way
+        # the wrong version that sweeps the other way
+        assert abs(np.remainder(what.solid_angle + swept + 1.0, 4 * np.pi) - 1.0) > 0.1
 
 
 def test_kinds_of_motion():
@@ -154,9 +154,10 @@ def test_spins_about_principal_axes_stay_put(axis, t):
     motion = free_top((1.0, 2.0, 3.0), l, START, t)
     assert np.abs(motion.momentum - l).max() < 1e-15  # 2.2e-16
     half = 0.5 * l[axis] / (axis + 1.0) * t
+    # 1.7e-16
     assert (
         attitude_error(motion.attitude, [np.cos(half), *(np.sin(half) * np.eye(3)[axis])]) < 1e-11
-    )  # 1.7e-16
+    )
 
 
 def test_one_bad_element_is_nan_and_counted_and_its_neighbours_stay_to_the_bit():
@@ -171,7 +172,7 @@ def test_one_bad_element_is_nan_and_counted_and_its_neighbours_stay_to_the_bit()
     assert (found.momentum[~bad] == good.momentum[~bad]).all()
 
 
-def test_what_cannot_be_is_refused_in_a_sentence():
+def test_impossible_input_is_refused_in_a_sentence():
     with pytest.raises(SceneError, match="positive"):
         free_top((1, 1, -3), (1, 0, 0), START, 1.0)
     with pytest.raises(SceneError, match=r"moments \(2,\), momentum \(3,\)"):

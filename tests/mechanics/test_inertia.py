@@ -1,4 +1,7 @@
-"""Inertia tensors: particles, parallel axes, solids against densities and meshes, joins, principal axes of arrays, frames."""
+"""Inertia tensors: particles, parallel axes, solids, joins, principal axes of arrays, frames.
+
+Solids are tested against densities and meshes.
+"""
 
 import numpy as np
 import pytest
@@ -25,7 +28,9 @@ SIZES = {
 
 
 def region_of(name):
-    """The solid as a region of `Body.from_density`, or two of which the second is cut out; and its volume."""
+    """The solid as a region of `Body.from_density`, or two regions of which the second is cut out;
+    and its volume.
+    """
     sizes = SIZES[name]
     if name == "box":
         x, y, z = sizes["size"]
@@ -53,12 +58,13 @@ def test_energy_and_momentum_of_a_cloud_are_sums_over_its_particles():
         assert inertia.kinetic_energy(tensor, omega) == pytest.approx(
             0.5 * (m * (v * v).sum(1)).sum(), rel=1e-14
         )
+        # 3.6e-15
         assert (
             np.abs(
                 inertia.angular_momentum(tensor, omega) - (m[:, None] * np.cross(r, v)).sum(0)
             ).max()
             < 1e-13
-        )  # 3.6e-15
+        )
 
 
 @given(POINT, POINT, st.floats(0.1, 10.0))
@@ -79,24 +85,25 @@ def test_parallel_axes_are_what_the_particles_give():
     moved = inertia.about_point(inertia.of_particles(m, r - centre), m.sum(), centre - point)
     assert np.abs(moved - about).max() < 3e-14  # 3.6e-15
     d = centre - point
-    twin = inertia.of_particles(m, r - centre) + m.sum() * (
-        d @ d * np.eye(3) + np.outer(d, d)
-    )  # the wrong sign
+    # the wrong sign
+    twin = inertia.of_particles(m, r - centre) + m.sum() * (d @ d * np.eye(3) + np.outer(d, d))
     assert np.abs(twin - about).max() > 0.1
 
 
 def test_which_principal_axes_survive_a_shift():
     axes = np.eye(3)
+    # along an axis: all
     assert inertia.survives(axes, (0.0, 0.0, 2.0)).tolist() == [
         True,
         True,
         True,
-    ]  # along an axis: all
+    ]
+    # in a plane of two: the third
     assert inertia.survives(axes, (1.0, 2.0, 0.0)).tolist() == [
         False,
         False,
         True,
-    ]  # in a plane of two: the third
+    ]
     assert inertia.survives(axes, (1.0, 2.0, 3.0)).tolist() == [False, False, False]
     moved = inertia.about_point(np.diag([1.0, 2.0, 2.5]), 1.0, (1.0, 2.0, 0.0))
     assert moved[2, 0] == moved[2, 1] == 0.0
@@ -117,9 +124,9 @@ def test_solids_are_integrals_of_their_density(name):
 @pytest.mark.parametrize("name", ["ball", "ellipsoid", "cone"])
 def test_round_solids_are_integrals_over_regions_with_curved_limits(name):
     sizes = SIZES[name]
-    if (
-        name == "cone"
-    ):  # in the coordinates (z, x/z, y/z) it is a cylinder: here slice by slice, with a density for the disc
+    # in the coordinates (z, x/z, y/z) a cone is a cylinder: here slice by slice, with a density for
+    # the disc
+    if name == "cone":
         a, h, mass = sizes["radius"], sizes["height"], sizes["mass"]
         z, w = np.polynomial.legendre.leggauss(8)
         z, w = 0.5 * h * (z + 1.0), 0.5 * h * w
@@ -141,9 +148,8 @@ def test_round_solids_are_integrals_over_regions_with_curved_limits(name):
             c * np.sqrt(np.maximum(1 - (x / a) ** 2 - (y / b) ** 2, 0)),
         ),
     )
-    made = Body.from_density(
-        density, region, tolerance=1e-4
-    )  # roots at the rim: the rules settle slowly
+    # roots at the rim: the rules converge slowly
+    made = Body.from_density(density, region, tolerance=1e-4)
     assert np.abs(made.tensor - Body.solid(name, **sizes).tensor).max() < 2e-5
 
 
@@ -219,28 +225,26 @@ def test_results_come_back_in_the_users_axes():
     tensor = inertia.of_particles(*cloud())
     body, omega = Body.from_tensor(tensor), RNG.normal(size=(5, 3))
     inside = body.to_principal(omega)
-    assert (
-        np.abs(body.to_own(np.array(body.moments) * inside) - omega @ tensor).max() < 1e-13
-    )  # 3.6e-15
+    # 3.6e-15
+    assert np.abs(body.to_own(np.array(body.moments) * inside) - omega @ tensor).max() < 1e-13
     assert np.abs(body.angular_momentum(omega) - omega @ tensor).max() < 1e-13  # 3.6e-15
     q = rotation.from_rotation_vector(RNG.normal(size=(5, 3)))
-    assert (
-        rotation.attitude_error(body.own_attitude(body.principal_attitude(q)), q).max() < 4e-15
-    )  # 5.0e-16
+    # 5.0e-16
+    assert rotation.attitude_error(body.own_attitude(body.principal_attitude(q)), q).max() < 4e-15
     space = rotation.to_space(q, omega)  # the same vector by either path
-    assert (
-        np.abs(rotation.to_space(body.principal_attitude(q), inside) - space).max() < 1e-14
-    )  # 5.6e-16
+    # 5.6e-16
+    assert np.abs(rotation.to_space(body.principal_attitude(q), inside) - space).max() < 1e-14
 
 
 def test_principal_axes_of_arrays_and_what_is_no_tensor():
     tensors = np.stack([inertia.of_particles(*cloud()) for _ in range(40)]).reshape(4, 10, 3, 3)
     moments, axes = inertia.principal_axes(tensors)
     assert moments.shape == (4, 10, 3)
+    # 3.8e-16
     assert (
         np.abs(np.einsum("...ik,...k,...jk->...ij", axes, moments, axes) - tensors).max()
         < 4e-15 * np.abs(tensors).max()
-    )  # 3.8e-16
+    )
     assert (np.linalg.det(axes) > 0.999).all()
     spoilt = tensors.copy()
     spoilt[1, 2, 0, 1] += 1.0
@@ -330,9 +334,8 @@ class TestMesh:
         assert "prolate" in shown.stdout
         exact = Body.solid("cylinder", mass=7850 * np.pi * 0.01**2 * 0.04, radius=0.01, height=0.04)
         body = Body.from_mesh(tmp_path / "part.stl", density=7850.0, scale=0.001)
-        assert sorted(body.moments) == pytest.approx(
-            sorted(exact.moments), rel=1e-4
-        )  # 512 sides for a circle
+        # 512 sides for a circle
+        assert sorted(body.moments) == pytest.approx(sorted(exact.moments), rel=1e-4)
         by_mass = Body.from_mesh(tmp_path / "part.stl", mass=exact.mass, scale=0.001)
         assert by_mass.mass == pytest.approx(exact.mass, rel=1e-14)
 

@@ -1,4 +1,7 @@
-"""The exact Lagrange top against Taylor series, 50-digit classical forms and published tops; every kind of motion; bad input."""
+"""The exact Lagrange top against Taylor series, 50-digit classical forms and published tops.
+
+Every kind of motion, and bad input.
+"""
 
 import numpy as np
 import pytest
@@ -113,9 +116,8 @@ def test_sleeping_top_stays_and_its_stability():
         assert (matrix(end.attitude)[:, 2, 2] == 1.0).all()
         assert np.abs(end.momentum[:, :2]).max() == 0.0
         half = 0.5 * spin / 0.7 * 1e3
-        assert (
-            attitude_error(end.attitude[1], (np.cos(half), 0, 0, np.sin(half))) < 1e-11
-        )  # 1.8e-12
+        # 1.8e-12
+        assert attitude_error(end.attitude[1], (np.cos(half), 0, 0, np.sin(half))) < 1e-11
         assert lagrange_motion(I, K, (0.0, 0.0, spin), (1.0, 0, 0, 0)).kind == "sleeping"
     growth = sleeping_growth(I, K, 0.6 / 0.7)
     assert sleeping_growth(I, K, 6.0 / 0.7) == 0.0
@@ -147,9 +149,8 @@ def test_kinds_of_motion_and_their_angles():
         if np.isfinite(what.period):
             path = lagrange_top(I, K, l, q, np.linspace(0.0, 1.0, 2001) * what.period)
             tilt = euler(path.attitude)[:, 1]
-            rough = (
-                1e-3 if kind == "pendulum" else 1e-5
-            )  # a pendulum swings through theta = pi, a corner of theta
+            # a pendulum swings through theta = pi, a corner of theta
+            rough = 1e-3 if kind == "pendulum" else 1e-5
             assert abs(tilt.max() - what.low) < rough
             assert abs(tilt.min() - what.high) < rough
             angles = euler(path.attitude[[0, -1]])
@@ -162,7 +163,7 @@ def test_kinds_of_motion_and_their_angles():
                 if kind != "pendulum":
                     u = effective_potential(I, K, what.p_phi, what.p_psi, turning)
                     assert u == pytest.approx(float(what.energy), rel=1e-12)
-    for rate in (slow, fast):  # both rates hold theta where it is
+    for rate in (slow, fast):  # both rates keep theta constant
         l = I * omega_from_euler_rates((0, 0.9, 0), (rate, 0.0, 4.0 - rate * np.cos(0.9)))
         path = lagrange_top(I, K, l, leaning(0.9), np.linspace(0.0, 20.0, 50)).attitude
         assert np.abs(euler(path)[:, 1] - 0.9).max() < 1e-13  # 3.3e-16

@@ -1,4 +1,4 @@
-"""Meshes: solids made of triangles, files in any unit, and what closes no volume."""
+"""Meshes: solids made of triangles, files in any unit, and surfaces that enclose no volume."""
 
 import numpy as np
 import pytest
@@ -15,9 +15,8 @@ def test_a_box_from_a_file_is_the_box(ending, tmp_path):
     trimesh.creation.box((1.0, 2.0, 0.5)).export(tmp_path / f"part.{ending}")
     body = Body.from_mesh(tmp_path / f"part.{ending}", density=3.0)
     assert body.mass == pytest.approx(3.0, rel=1e-15)
-    assert (
-        np.abs(body.tensor - Body.box(3.0, (1.0, 2.0, 0.5)).tensor).max() < 4e-15
-    )  # measured 4.4e-16
+    # measured 4.4e-16
+    assert np.abs(body.tensor - Body.box(3.0, (1.0, 2.0, 0.5)).tensor).max() < 4e-15
 
 
 def test_round_solids_as_polyhedra_tend_to_their_closed_forms():
@@ -42,7 +41,7 @@ def test_round_solids_as_polyhedra_tend_to_their_closed_forms():
 
 @pytest.mark.parametrize("size", [1e-9, 1e-6, 1.0, 1e6])
 def test_the_unit_of_a_file_does_not_matter(size, tmp_path):
-    """trimesh on its own merges vertices that are closer than 1e-8 of whatever unit the file has."""
+    """trimesh by default merges vertices closer than 1e-8, in whatever unit the file uses."""
     ball = trimesh.creation.icosphere(subdivisions=3)
     ball.apply_scale(size)
     ball.export(tmp_path / "ball.stl")
@@ -65,7 +64,7 @@ def test_a_trimesh_is_taken_as_it_is():
 
 
 def test_merging_is_exact_and_complete_on_round_numbers():
-    """Coordinates on a lattice have their digits in the upper bits alone, which a weak hash would lose."""
+    """Coordinates on a lattice have all digits in the upper bits, which a weak hash would lose."""
     side = np.arange(30) * 0.25 - 3.0
     lattice = np.stack(np.meshgrid(side, side, side), -1).reshape(-1, 3)
     points = np.concatenate([lattice, lattice[::-1]])

@@ -1,4 +1,7 @@
-"""Rotations for users: all conversions both ways, frames, angular velocity, Euler rates, against scipy, mpmath and finite differences."""
+"""Rotations for users, against scipy, mpmath and finite differences.
+
+All conversions both ways, frames, angular velocity, Euler rates.
+"""
 
 import mpmath as mp
 import numpy as np
@@ -32,15 +35,15 @@ def test_euler_angles_are_those_of_the_chapter(convention, scipys):
     angles = np.stack(
         [RNG.uniform(-3, 3, 100), RNG.uniform(0.1, 3.0, 100), RNG.uniform(-3, 3, 100)], -1
     )
+    # 6.3e-16
     assert (
         R.attitude_error(
             R.from_euler(angles, convention), Rotation.from_euler(scipys, angles)
         ).max()
         < 3e-15
-    )  # 6.3e-16
-    assert (
-        np.abs(R.euler(R.from_euler(angles, convention), convention) - angles).max() < 1e-14
-    )  # 4.4e-16
+    )
+    # 4.4e-16
+    assert np.abs(R.euler(R.from_euler(angles, convention), convention) - angles).max() < 1e-14
 
 
 def test_third_column_under_3_36_has_the_mathematics_sign_not_the_scans():
@@ -87,22 +90,23 @@ def test_group_laws(p, q, r):
     assert np.abs(a @ a.T - np.eye(3)).max() < 1e-14  # 8.9e-16
     assert np.linalg.det(a) == pytest.approx(1.0, abs=1e-14)
     assert np.abs((a @ b) @ c - a @ (b @ c)).max() < 1e-14  # 2.2e-16
+    # 6.4e-16
     assert (
         R.attitude_error(R.quaternion(a @ b), Rotation.from_matrix(a) * Rotation.from_matrix(b))
         < 1e-14
-    )  # 6.4e-16
+    )
 
 
 def test_components_in_both_frames():
     v = RNG.normal(size=(200, 3))
     space = R.to_space(Q, v)
-    assert (
-        np.abs(np.linalg.norm(space, axis=1) - np.linalg.norm(v, axis=1)).max() < 2e-15
-    )  # 1.8e-15
+    # 1.8e-15
+    assert np.abs(np.linalg.norm(space, axis=1) - np.linalg.norm(v, axis=1)).max() < 2e-15
     assert np.abs(R.to_body(Q, space) - v).max() < 3e-15  # 2.2e-15
+    # active, body to space
     assert (
         np.abs(R.to_space(R.from_euler((np.pi / 2, 0, 0)), (1.0, 0, 0)) - [0, 1, 0]).max() < 1e-15
-    )  # active, body to space
+    )
 
 
 @pytest.mark.parametrize("angle", ["1e-15", "1e-12", "1e-8", "0.3", "3.1", "3.14159265358979"])
@@ -112,7 +116,7 @@ def test_attitude_error_keeps_its_digits(angle):
         q = float(mp.cos(half)), 0.0, float(mp.sin(half)), 0.0
     assert R.attitude_error((1, 0, 0, 0), q) == pytest.approx(float(angle), rel=1e-14)
     with np.errstate(invalid="ignore"):
-        if float(angle) < 1e-9:  # what it is not made of
+        if float(angle) < 1e-9:  # for input that is not an attitude
             assert 2.0 * np.arccos(min(q[0], 1.0)) == 0.0
 
 
@@ -124,9 +128,8 @@ def test_angular_velocity_of_a_turn_about_z():
     )
     assert np.abs(R.angular_velocity(a, da) - [0, 0, rate]).max() < 1e-15  # 0.0e+00
     assert np.abs(R.angular_velocity_space(a, da) - [0, 0, rate]).max() < 1e-15  # 0.0e+00
-    assert (
-        np.abs(R.angular_velocity(a, da.T) - [0, 0, rate]).max() > 1.0
-    )  # the twin with the transposed rate is caught
+    # the wrong version with the transposed rate is caught
+    assert np.abs(R.angular_velocity(a, da.T) - [0, 0, rate]).max() > 1.0
 
 
 def test_angular_velocity_in_both_frames_is_one_vector():

@@ -1,5 +1,7 @@
-"""The chapter's table of contents: one test per row of its theory, named by its equation (G. F. Torres del Castillo, An Introduction to
-Hamiltonian Mechanics, 2018, ch. 3). What lies behind each is tested in full in the file of its module.
+"""The chapter's table of contents: one test per row of its theory, named by its equation.
+
+G. F. Torres del Castillo, An Introduction to Hamiltonian Mechanics, 2018, ch. 3. The tests of each
+module go into detail.
 """
 
 import mpmath as mp
@@ -28,7 +30,7 @@ def test_chapter_3_1_to_3_5_rotations_and_components_in_both_frames():
     v = RNG.normal(size=(9, 3))
     assert np.abs(rotation.to_space(q, v) - v @ A.T).max() < 4e-15  # 3.3e-16
     assert np.abs(rotation.to_body(q, rotation.to_space(q, v)) - v).max() < 4e-15  # 2.2e-16
-    assert np.abs(rotation.to_body(q, v) - v @ A.T).max() > 0.1  # the frames are not each other's
+    assert np.abs(rotation.to_body(q, v) - v @ A.T).max() > 0.1  # the two frames differ
 
 
 def test_chapter_3_7_to_3_9_and_example_3_3_angular_velocity_of_a_rotation():
@@ -39,12 +41,10 @@ def test_chapter_3_7_to_3_9_and_example_3_3_angular_velocity_of_a_rotation():
         return rotation.matrix(rotation.from_euler((np.sin(t), 0.0, 0.0)))
 
     slope = (a(t + h) - a(t - h)) / (2 * h)
-    assert (
-        np.abs(rotation.angular_velocity(a(t), slope) - [0.0, 0.0, rate]).max() < 1e-10
-    )  # 2.4e-11
-    assert (
-        np.abs(rotation.angular_velocity_space(a(t), slope) - [0.0, 0.0, rate]).max() < 1e-10
-    )  # 2.4e-11
+    # 2.4e-11
+    assert np.abs(rotation.angular_velocity(a(t), slope) - [0.0, 0.0, rate]).max() < 1e-10
+    # 2.4e-11
+    assert np.abs(rotation.angular_velocity_space(a(t), slope) - [0.0, 0.0, rate]).max() < 1e-10
     assert np.abs(a(t) - Rotation.from_euler("z", phi).as_matrix()).max() < 1e-15  # 0.0e+00
 
 
@@ -108,22 +108,22 @@ def test_chapter_cylinder_on_the_edge_of_its_base_by_both_routes():
     )
     root = np.sqrt(225 * a**4 + 24 * a**2 * h**2 + 16 * h**4)
     general = mass / 24 * (21 * a**2 + 4 * h**2 + np.array([-root, root]))
+    # 6.9e-18
     assert (
         np.abs(
             np.sort(np.linalg.eigvalsh(direct))[[0, 2]]
             - np.sort([*general, mass / 12 * (15 * a**2 + 4 * h**2)])[[0, 2]]
         ).max()
         < 1e-16
-    )  # 6.9e-18
+    )
 
 
 def test_chapter_3_25_angular_momentum_is_not_along_omega_off_a_principal_axis():
     m, r, omega = RNG.uniform(0.1, 1.0, 8), RNG.normal(size=(8, 3)), RNG.normal(size=3)
     body = Body.from_particles(m, r)
     l = body.angular_momentum(omega)
-    assert (
-        np.abs(l - (m[:, None] * np.cross(r, np.cross(omega, r))).sum(0)).max() < 2e-14
-    )  # 7.1e-15
+    # 7.1e-15
+    assert np.abs(l - (m[:, None] * np.cross(r, np.cross(omega, r))).sum(0)).max() < 2e-14
     assert np.linalg.norm(np.cross(l, omega)) > 1e-3 * np.linalg.norm(l)
     own = np.array(body.axes)[:, 1]
     assert np.linalg.norm(np.cross(body.angular_momentum(own), own)) < 2e-14  # 4.9e-16
@@ -132,13 +132,13 @@ def test_chapter_3_25_angular_momentum_is_not_along_omega_off_a_principal_axis()
 def test_chapter_3_26_to_3_28_and_example_3_4_parallel_axes_and_surviving_principal_axes():
     m, r, point = RNG.uniform(0.1, 1.0, 6), RNG.normal(size=(6, 3)), RNG.normal(size=3)
     body = Body.from_particles(m, r)
-    assert (
-        np.abs(body.pivoted_at(point).tensor - inertia.of_particles(m, r - point)).max() < 3e-14
-    )  # 1.8e-15
+    # 1.8e-15
+    assert np.abs(body.pivoted_at(point).tensor - inertia.of_particles(m, r - point)).max() < 3e-14
+    # 8.9e-16
     assert (
         np.abs(body.about_centre().tensor - inertia.of_particles(m, r - m @ r / m.sum())).max()
         < 2e-14
-    )  # 8.9e-16
+    )
     assert inertia.survives(np.eye(3), (1.0, 1.0, 0.0)).tolist() == [False, False, True]
 
 
@@ -149,14 +149,16 @@ def test_chapter_3_29_to_3_32_coordinates_and_their_identity(name):
     slope = (coordinates.matrix(name, q + h * rate) - coordinates.matrix(name, q - h * rate)) / (
         2 * h
     )
+    # 5.2e-10
     assert (
         np.abs(rotation.angular_velocity(coordinates.matrix(name, q), slope) - m @ rate).max()
         < 1e-9
-    )  # 5.2e-10
+    )
+    # 1.7e-16
     assert (
         np.abs(coordinates.identity_residual(lambda x: coordinates.rate_matrix(name, x), q)).max()
         < 1e-15
-    )  # 1.7e-16
+    )
 
 
 def test_chapter_3_33_and_3_34_torque_of_a_potential():
@@ -171,13 +173,14 @@ def test_chapter_3_33_and_3_34_torque_of_a_potential():
     turns = (Rotation.from_rotvec(s * h * e).as_matrix() for e in np.eye(3) for s in (1, -1))
     values = np.array([v(a @ turn) for turn in turns]).reshape(3, 2)
     assert np.abs(torque + (values[:, 0] - values[:, 1]) / (2 * h)).max() < 1e-8  # 7.7e-10
+    # 8.9e-16
     assert (
         np.abs(
             torque
             - coordinates.torque_of_force("zxz", q, coordinates.generalised_force(v, "zxz", q))
         ).max()
         < 1e-14
-    )  # 8.9e-16
+    )
 
 
 def test_chapter_3_35_and_example_3_5_two_equal_moments():
@@ -193,9 +196,8 @@ def test_chapter_3_35_and_example_3_5_two_equal_moments():
         -1,
     )
     moments = np.array([one, one, three])
-    assert (
-        np.abs(free_top(moments, moments * omega, (1, 0, 0, 0), t).omega - wanted).max() < 1e-13
-    )  # 2.3e-15
+    # 2.3e-15
+    assert np.abs(free_top(moments, moments * omega, (1, 0, 0, 0), t).omega - wanted).max() < 1e-13
 
 
 def test_chapter_example_3_5_as_the_chapter_writes_it():
@@ -215,9 +217,8 @@ def test_chapter_example_3_5_as_the_chapter_writes_it():
         symmetric_omega((1, 2, 2.5), omega, t)
 
 
-@pytest.mark.parametrize(
-    "start", [(0.7, 0.0, 0.9), (1.5, 0.0, 0.2)]
-)  # on either side of the separatrix
+# on either side of the separatrix
+@pytest.mark.parametrize("start", [(0.7, 0.0, 0.9), (1.5, 0.0, 0.2)])
 def test_chapter_example_3_6_as_the_chapter_writes_it(start):
     moments, t = np.array([1.0, 2.0, 3.0]), np.linspace(-9.0, 9.0, 7)
     l = moments * start
@@ -235,7 +236,8 @@ def test_chapter_example_3_6_constants_and_jacobis_solution_in_omega_and_attitud
     assert (motion.momentum**2 / moments).sum() == pytest.approx(
         (np.square(l) / moments).sum(), rel=2e-15
     )
-    # the chapter's side L^2 > 2 T I_2, with mpmath's sn at the chapter's modulus: omega_2 is an amplitude times sn
+    # the chapter's side L^2 > 2 T I_2, with mpmath's sn at the chapter's modulus: omega_2 is an
+    # amplitude times sn
     energy, square = (np.square(l) / moments).sum(), np.square(l).sum()
     m = (2 - 1) * (energy * 3 - square) / ((3 - 2) * (square - energy * 1))
     assert 0 < m < 1
@@ -259,17 +261,17 @@ def test_chapter_3_36_to_3_39_euler_angles_their_rates_and_energy():
     assert np.abs(omega - wanted).max() < 1e-15  # 1.1e-16
     assert np.abs(rotation.euler_rates(angles, omega) - rates).max() < 1e-15  # 1.1e-16
     assert np.abs(rotation.euler(rotation.from_euler(angles)) - angles).max() < 1e-15  # 2.2e-16
+    # 4.4e-16
     assert (
         np.abs(
             rotation.matrix(rotation.from_euler(angles))
             - Rotation.from_euler("ZXZ", [phi, theta, psi]).as_matrix()
         ).max()
         < 1e-15
-    )  # 4.4e-16
+    )
     upright = rotation.from_euler((0.5, 0.0, -0.8))
-    assert (
-        rotation.attitude_error(rotation.from_euler(rotation.euler(upright)), upright) < 1e-15
-    )  # 5.6e-17
+    # 5.6e-17
+    assert rotation.attitude_error(rotation.from_euler(rotation.euler(upright)), upright) < 1e-15
     one, three = 1.0, 0.5
     energy = 0.5 * (
         one * (dtheta**2 + dphi**2 * np.sin(theta) ** 2)
@@ -299,9 +301,10 @@ def test_chapter_3_40_to_3_42_and_example_3_7_heavy_symmetric_top():
     what = lagrange_motion(moments, k, moments * omega, q)
     assert what.period == pytest.approx(5.4677772510163923079, rel=4e-15)
     assert what.p_psi == pytest.approx(three * (dpsi + dphi * np.cos(theta)), rel=1e-15)  # b
+    # a
     assert what.p_phi == pytest.approx(
         one * dphi * np.sin(theta) ** 2 + what.p_psi * np.cos(theta), rel=4e-15
-    )  # a
+    )
     for turning in (what.low, what.high):  # nutation limits: the energy is all potential there
         assert effective_potential(moments, k, what.p_phi, what.p_psi, turning) == pytest.approx(
             float(what.energy), rel=1e-14
@@ -326,7 +329,6 @@ def test_chapter_3_40_to_3_42_and_example_3_7_heavy_symmetric_top():
         .attitude.isel(time=-1, member=0)
         .values
     )
-    assert (
-        rotation.attitude_error(last, closed_form(scene, 1).motion(3.0).attitude[0]) < 5e-10
-    )  # 1.2e-10
+    # 1.2e-10
+    assert rotation.attitude_error(last, closed_form(scene, 1).motion(3.0).attitude[0]) < 5e-10
     assert rotation.attitude_error(last, end.attitude) < 5e-10  # 1.2e-10

@@ -1,4 +1,7 @@
-"""Lagrange and free tops that start upright or hanging, exactly or within 1e-8, against srkn11 in short steps with compensated sums."""
+"""Lagrange and free tops that start upright or hanging, exactly or within 1e-8.
+
+The reference is srkn11 in short steps with compensated sums.
+"""
 
 import numpy as np
 import pytest
@@ -17,9 +20,9 @@ OBSERVED = (OBSERVABLES["attitude"](), OBSERVABLES["momentum"]())
 
 
 def starts(tilt, seed=0):
-    """(moments, weight, momentum, attitude) of tops of rate 1 that stand or hang, all degenerate cases among them.
+    """(moments, weight, momentum, attitude) of upright or hanging tops, degenerate ones included.
 
-    tilt : 0 for exactly, else tilts from 1e-17 to it
+    tilt : 0 for exactly vertical, else tilts from 1e-17 to this
     """
     some = np.random.default_rng(seed)
     across, along = np.exp(some.uniform(-1, 1, MEMBERS)), some.uniform(0.2, 1.95, MEMBERS)
@@ -54,9 +57,11 @@ def starts(tilt, seed=0):
 
 
 def free_starts(tilt, seed=0):
-    """(moments, momentum, attitude) of free tops of rate 1: about an axis, across one, on the separatrix, with equal moments.
+    """(moments, momentum, attitude) of free tops of rate 1.
 
-    tilt : 0 for exactly, else off all of these by 1e-17 to it
+    About an axis, across one, on the separatrix, with equal moments.
+
+    tilt : 0 for exactly these, else off by 1e-17 to this
     """
     some = np.random.default_rng(seed)
     moments = some.uniform(0.6, 1.0, (MEMBERS, 3))
@@ -86,7 +91,7 @@ def free_starts(tilt, seed=0):
 
 
 def integrated(name, effects, moments, static, momentum, attitude, h):
-    """(attitude, momentum) at SAVES times up to END and at the start, (times, members, ...), sums compensated."""
+    """(attitude, momentum) at SAVES times up to END and at the start, (times, members, ...)."""
     block = make_block(
         MassProperties.of(tuple(moments.T), tuple(static)), effects, attitude.T, momentum.T
     )
@@ -98,7 +103,7 @@ def integrated(name, effects, moments, static, momentum, attitude, h):
 
 
 def errors(motion, true, sign=1.0):
-    """The largest error of momentum, of the momenta that a top of rate 1 has, and of attitude [rad]."""
+    """The largest error of momentum (relative to that of a top of rate 1) and of attitude [rad]."""
     return np.linalg.norm(sign * motion.momentum - true[1], axis=-1).max(), attitude_error(
         motion.attitude, true[0]
     ).max()
@@ -115,7 +120,7 @@ def test_tops_that_stand_or_hang_move_as_they_do_by_srkn11(tilt, axis):
     for sign in (
         1.0,
         -1.0,
-    ):  # the motion to -t is the one of -L to t, with the momentum turned round
+    ):  # the motion to -t is that of -L to t, with the momentum reversed
         true = integrated(
             "srkn11", (Gravity(1.0),), moments, static, sign * momentum, attitude, 0.02
         )
@@ -141,7 +146,7 @@ def test_free_tops_about_axes_and_on_separatrices_move_as_they_do_by_rk8(tilt):
 @pytest.mark.parametrize("scale", [1e-40, 1e40])
 @pytest.mark.parametrize("low", [-200.0, -70.0])
 def test_the_start_is_the_start_at_any_tilt_and_any_rate(scale, low):
-    """Tilts and swings down to 1e-200, rates of 1e-40 and 1e40 rad/s: what underflows there is taken for 0."""
+    """Tilts and swings down to 1e-200, rates of 1e-40 and 1e40 rad/s: underflow counts as 0."""
     moments, weight, momentum, attitude = starts(0.0)
     some = np.random.default_rng(1)
     attitude = attitude + 10.0 ** some.uniform(low, -8, (MEMBERS, 1)) * some.normal(
@@ -150,6 +155,5 @@ def test_the_start_is_the_start_at_any_tilt_and_any_rate(scale, low):
     momentum[:, :2] *= 10.0 ** some.uniform(low, 0, (MEMBERS, 1))
     found = lagrange_top(moments, scale**2 * weight, scale * momentum, attitude, 0.0)
     assert np.linalg.norm(found.momentum / scale - momentum, axis=1).max() < 3e-15  # 5.2e-16
-    assert (
-        attitude_error(found.attitude, attitude).max() < 4e-12
-    )  # 1.1e-12, of tilts below 1e-40: K = 139 there
+    # 1.1e-12, of tilts below 1e-40: K = 139 there
+    assert attitude_error(found.attitude, attitude).max() < 4e-12

@@ -1,4 +1,4 @@
-"""What is kept of what is saved, and what a run needs against what is free."""
+"""How much of the saved values is kept, and what a run needs against the free memory and disk."""
 
 import numpy as np
 import pytest
@@ -68,9 +68,10 @@ def test_a_summary_is_over_the_steps():
     good = every.status.values == 0
     assert "omega" not in ds and np.array_equal(ds.l2_drift_final.values, every.l2_drift.values[-1])
     assert np.array_equal(ds.omega_max.values[:, good], every.omega.values.max(0)[:, good])
+    # 0.02: over 41 states, not 40
     np.testing.assert_allclose(
         ds.omega_variance.values[:, good], every.omega.values.var(0)[:, good], 0.0, 0.03
-    )  # 0.02: over 41 states, not 40
+    )
 
 
 def test_digits_are_of_saves_alone(full, tmp_path):
@@ -106,15 +107,16 @@ def test_compressed_is_without_loss(full, tmp_path):
 
 @pytest.mark.parametrize(
     ("keep", "words"),
-    [({"omga": "final"}, "did you mean 'omega'"), ({"energy": "finl"}, "did you mean 'final'"), ("ful", "did you mean 'full'"),
+    [({"omga": "final"}, "did you mean 'omega'"), ({"energy": "finl"}, "did you mean 'final'"),
+    ("ful", "did you mean 'full'"),
      ({"energy_drift": "summary"}, "no summary"), (3, "keep")],
 )  # fmt: skip
-def test_bad_keeps(keep, words):
+def test_bad_values_of_keep(keep, words):
     with pytest.raises(SceneError, match=words):
         SCENE.with_run(keep=keep)
 
 
-def test_what_cannot_be_held_is_refused(tmp_path, monkeypatch):
+def test_a_run_beyond_memory_or_disk_is_refused(tmp_path, monkeypatch):
     big = SCENE.with_run(members=10**12)
     with pytest.raises(NoRoom, match="-o FILE"):
         rm.simulate(big)
@@ -142,7 +144,7 @@ def test_threads_beyond_the_blocks_take_no_memory(monkeypatch):
 
 
 def test_free_memory_is_what_the_narrowest_group_allows(tmp_path, monkeypatch):
-    """Control groups of both versions, the outer one with no limit."""
+    """Control groups of both versions, the outer one without limit."""
     group = tmp_path / "a" / "b"
     group.mkdir(parents=True)
     for folder, limit in ((tmp_path, None), (tmp_path / "a", "max"), (group, "5000")):
@@ -166,13 +168,12 @@ def test_free_memory_is_what_the_narrowest_group_allows(tmp_path, monkeypatch):
     asked = []
     monkeypatch.setattr(capacity, "_allowed", lambda *given: asked.append(given) or [1])
     assert capacity.free_memory() == 1 or not asked
-    assert all(
-        isinstance(given[4], tuple) and len(given[4]) == 2 for given in asked
-    )  # names, not the letters of one
+    # a list of names, not the letters of one
+    assert all(isinstance(given[4], tuple) and len(given[4]) == 2 for given in asked)
 
 
 def test_one_bad_member_of_a_million():
-    """It is flagged and all its saves are there; the others are those of a run without it, to the bit."""
+    """It is flagged and saved in full; the other members have the bits of a run without it."""
     count, bad = 1_000_000, 654_321
     speed = 1.0 + np.random.default_rng(3).uniform(0.0, 0.1, count)
     ends = []
@@ -190,9 +191,8 @@ def test_one_bad_member_of_a_million():
         np.flatnonzero(one.status.values), [bad]
     )
     assert one.flagged_member.values.tolist() == [bad] and one.omega_flagged.shape == (6, 3, 1)
-    np.testing.assert_allclose(
-        one.omega_flagged.values[0, :, 0], [0.01, 1e200, 0.01], 1e-15
-    )  # 0: of the momentum that is kept
+    # 0: of the momentum that is kept
+    np.testing.assert_allclose(one.omega_flagged.values[0, :, 0], [0.01, 1e200, 0.01], 1e-15)
     others = np.arange(count) != bad
     for name in good.data_vars:
         if "member" in good[name].dims:

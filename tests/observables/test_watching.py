@@ -1,4 +1,8 @@
-"""What is kept of every step: flips and passages against closed forms, statistics against trajectories, the neighbour against variational equations."""
+"""What is watched at every step: flips and passages, statistics, the neighbour.
+
+Flips and passages against closed forms, statistics against trajectories, the neighbour against
+variational equations.
+"""
 
 import math
 from dataclasses import replace
@@ -22,7 +26,7 @@ IDENTITY = (1.0, 0.0, 0.0, 0.0)
 
 
 def bodies(n, seed=1):
-    """Moments and momenta (n, 3) of random bodies, the axes in any order, the momentum anywhere near the middle one."""
+    """Moments and momenta (n, 3) of random bodies, axes in any order, momenta near any axis."""
     some = np.random.default_rng(seed)
     a = np.sort(some.uniform(0.2, 1.0, (3, n)), axis=0)
     moments = np.array([a[0] + a[1], a[0] + a[2], a[1] + a[2]])
@@ -34,7 +38,9 @@ def bodies(n, seed=1):
 
 
 def widest(moments, l):
-    """The largest square of the direction cosine of L about the middle axis: where its component about the axis of the polhode's other end is 0."""
+    """The largest square of the direction cosine of L about the middle axis: at the point where the
+    component about the axis at the other end of the polhode is 0.
+    """
     one, two, three = np.sort(moments, axis=1).T
     square, twice = (l**2).sum(1), (l**2 / moments).sum(1)
     return (
@@ -50,7 +56,8 @@ def widest(moments, l):
 def flipping():
     """10,000 random bodies to t = 100 by the exact flow in steps of 0.2 s."""
     moments, momentum = bodies(10_600)
-    # whether L came within the angle is seen at the ends of steps: of those that only just do the widest point may lie between two
+    # passages are seen at the ends of steps: for those that only just pass, the extreme may lie
+    # between two
     clear = np.abs(widest(moments, momentum) / 0.25 - 1.0) > 0.05
     moments, momentum = moments[clear][:10_000].copy(), momentum[clear][:10_000].copy()
     scene = rm.Scene(rm.Body.from_moments(moments), start=rm.Start(momentum=momentum))
@@ -84,18 +91,15 @@ def test_flips_happen_when_the_closed_form_says(flipping):
     middle, seen = np.argsort(moments, axis=1)[:, 1], ds.flips.values > 0
     for when in (ds.flip_first.values, ds.flip_last.values):
         at = free_top(moments[seen], l[seen], IDENTITY, when[seen])[0]
-        assert (
-            np.abs(np.take_along_axis(at, middle[seen][:, None], 1)).max() < 1e-10
-        )  # measured 2e-13 at the first, 7e-12 at the last
+        # measured 2e-13 at the first, 7e-12 at the last
+        assert np.abs(np.take_along_axis(at, middle[seen][:, None], 1)).max() < 1e-10
     several = ds.flips.values > 1
     interval = free_motion(moments, l).flip_interval[several]
-    assert (
-        np.abs(ds.flip_wait.values[several] / interval - 1.0).max() < 1e-10
-    )  # measured 5e-13; asked 1e-8 s
+    # measured 5e-13; target 1e-8 s
+    assert np.abs(ds.flip_wait.values[several] / interval - 1.0).max() < 1e-10
     assert (np.isnan(ds.flip_wait.values) == ~several).all()
-    assert (
-        ds.flip_wait_deviation.values[several].max() < 0.002
-    )  # measured 2.6e-4: of straight lines in steps of 0.2 s
+    # measured 2.6e-4: of straight lines in steps of 0.2 s
+    assert ds.flip_wait_deviation.values[several].max() < 0.002
 
 
 def test_no_bit_depends_on_blocks_or_on_what_else_is_watched(flipping):
@@ -181,7 +185,7 @@ def test_first_passage_is_as_exact_as_the_integrator(lagrange, integrator, step,
             np.abs(ds.precession.values - (phi[-1] - phi[0])).max() < 1e-9
             and np.abs(ds.precession.values).max() > 30.0
         )
-    else:  # those that pass stay at the end of that step
+    else:  # members that pass stay at the end of that step
         ends = np.arccos(np.clip(up(tuple(ds.attitude.values[-1]))[2], -1.0, 1.0))
         assert (
             (ends[later] >= 1.2).all()
@@ -208,10 +212,11 @@ def test_statistics_are_those_of_the_trajectory():
     )
     mean = np.trapezoid(w, axis=0) / 200.0
     assert np.abs(ds.omega_mean.values - mean).max() < 1e-14  # measured 8e-16
+    # measured 3e-15
     assert (
         np.abs(ds.omega_variance.values - (np.trapezoid(w * w, axis=0) / 200.0 - mean**2)).max()
         < 3e-14
-    )  # measured 3e-15
+    )
     assert ds.energy_variance.attrs["units"] == "J2" and ds.omega_mean.dims == ("axis", "member")
     assert (
         ds.omega_variance.attrs["units"] == "rad2 s-2" and ds.energy_variance.values.max() < 1e-12
@@ -222,7 +227,9 @@ HEAVY = rm.Body.from_moments((1.0, 2.0, 2.8), mass=1.0, centre=(0.5, 0.5, 0.5))
 
 
 def growth(l, q, t_end):
-    """ln |v(t_end)|/|v(0)| of the tangent that the neighbour starts along, by variational equations in DOP853."""
+    """ln |v(t_end)|/|v(0)| of the tangent along which the neighbour starts, by variational
+    equations in DOP853.
+    """
     moments, centre = np.array([1.0, 2.0, 2.8]), np.array([0.5, 0.5, 0.5])
 
     def times(p, w):
@@ -231,9 +238,8 @@ def growth(l, q, t_end):
     def rate(t, y):
         l, q, dl, dq = y[:3], y[3:7], y[7:10], y[10:]
         g = np.array(up(q))
-        a = (
-            np.array(up(q + dq)) - np.array(up(dq)) - g
-        )  # twice the bilinear form of up: its derivative along dq
+        # twice the bilinear form of up: its derivative along dq
+        a = np.array(up(q + dq)) - np.array(up(dq)) - g
         torque, change = -np.cross(centre, g), -np.cross(centre, a)
         w, dw = l / moments, dl / moments
         return np.concatenate(
@@ -245,9 +251,8 @@ def growth(l, q, t_end):
             ]
         )
 
-    weight = (
-        0.5 / (0.5 * (l * l / moments).sum() + 1.5) / 2.8
-    )  # of L, by the energies in play: at most m g (|c1| + |c2| + |c3|)
+    # of L, relative to the energies in play: at most m g (|c1| + |c2| + |c3|)
+    weight = 0.5 / (0.5 * (l * l / moments).sum() + 1.5) / 2.8
     v = 0.5 * np.array(
         [
             -q[1] * 0.31 - q[2] * 0.43 - q[3] * 0.38,
@@ -261,7 +266,7 @@ def growth(l, q, t_end):
     return math.log(math.sqrt(4.0 * end[10:] @ end[10:] + weight * end[7:10] @ end[7:10]))
 
 
-@pytest.mark.filterwarnings("ignore:.*bodies cannot exist")  # the equations do not mind
+@pytest.mark.filterwarnings("ignore:.*bodies cannot exist")  # the equations hold for it too
 def test_the_neighbour_grows_as_variational_equations_say():
     some = np.random.default_rng(3)
     q = some.normal(size=(6, 4))
@@ -278,7 +283,7 @@ def test_the_neighbour_grows_as_variational_equations_say():
         )
 
 
-@pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # a body that cannot be
+@pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # an impossible body
 def test_megno_tells_regular_from_chaotic():
     n, cases = 64, []
     kinds = (
@@ -350,7 +355,7 @@ save = ["flips"]
         ("nutation", "axis = 1", "axis"),
     ],
 )
-def test_bad_tables_are_told(table, lines, words):
+def test_bad_tables_are_refused(table, lines, words):
     with pytest.raises(SceneError) as caught:
         rm.Scene.loads(FILE.format(table, lines))
     assert words in str(caught.value) and table in str(caught.value)
@@ -382,7 +387,7 @@ def scene_with(*observables, **run):
         ),
     ],
 )
-def test_what_cannot_be_watched_is_refused(scene, words):
+def test_impossible_summaries_are_refused(scene, words):
     with pytest.raises(SceneError, match=words):
         rm.simulate(scene())
 
@@ -395,7 +400,8 @@ def test_observables_stay_in_scene_files():
     assert again.observables == scene.observables and again.run == scene.run
     names = [name for label, one in again.watched() for name in outputs(label, one)]
     assert [n for n in names if "passage" in n] == [
-        "passages", "passage_first", "passage_last", "passages_2", "passage_first_2", "passage_last_2",
+        "passages", "passage_first", "passage_last", "passages_2", "passage_first_2",
+        "passage_last_2",
     ]  # fmt: skip
 
 
@@ -449,13 +455,15 @@ def test_histograms_are_streamed_and_those_of_the_members(tmp_path):
         (("__import__('os')", 0.0, 1.0), "name of an observable"),
     ],
 )
-def test_bad_histograms_are_told(histogram, words):
+def test_bad_histograms_are_refused(histogram, words):
     with pytest.raises(SceneError, match=words):
         rm.simulate(tumbling(), save=(rm.Histogram(*histogram),))
 
 
 def test_an_event_that_stops_a_member_ends_the_others_too():
-    """Its own flip comes after the stop: none is counted, whatever the times of saves and the members beside it."""
+    """Its own flip comes after the stop and is not counted, whatever the save times and the members
+    beside it.
+    """
     moments, omega = (1.0, 2.0, 3.0), np.array([[0.02, 1.0, 0.01], [0.0, 1.0, 1e-9]])
     events = (
         rm.Passage(2, 1.0, "leaves", "momentum", stop=True),
@@ -478,10 +486,11 @@ def test_an_event_that_stops_a_member_ends_the_others_too():
 
 
 @pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # long steps
-def test_a_member_that_is_stopped_in_time_is_well():
-    """A torque that would make it non-finite before the next look; the passage is at 1.5328e-4 s."""
+def test_a_member_that_stops_in_time_is_good():
+    """A torque that would make it non-finite before the next check; it passes at 1.5328e-4 s."""
     scene = rm.Scene(
-        rm.Body.from_moments((1.0, 2.0, 3.0)), (rm.BodyTorque((2e3, 4e3, 1.2e3)),), rm.Start(omega=(0.3, 0.01, 0.1)),
+        rm.Body.from_moments((1.0, 2.0, 3.0)), (rm.BodyTorque((2e3, 4e3, 1.2e3)),),
+        rm.Start(omega=(0.3, 0.01, 0.1)),
         observables=(rm.Passage(2, 0.9, "reaches", "momentum", stop=True),),
     )  # fmt: skip
     for every in (None, 0.02):
@@ -489,7 +498,7 @@ def test_a_member_that_is_stopped_in_time_is_well():
             scene, dt=0.02, t_end=2.0, every=every, members=1, save=("passage", "omega_mean")
         )
         assert ds.status.values[0] == 0 and abs(ds.passage_first.values[0] - 1.5328e-4) < 1e-7
-    # one that is there at the start stops there: what it has been is what it is
+    # an event at the start stops the member there
     there = rm.Passage(2, 3.0, "reaches", "momentum", stop=True)
     made = rm.simulate(
         replace(scene, observables=(there,)),
@@ -504,7 +513,9 @@ def test_a_member_that_is_stopped_in_time_is_well():
 
 
 def test_statistics_of_members_with_steps_of_their_own():
-    """Slow and fast members side by side: their means and variances are those of equal steps, and of any block."""
+    """Slow and fast members side by side: their means and variances are those of equal steps, and
+    of any block.
+    """
     omega = np.stack([np.full(64, 0.3), np.zeros(64), np.geomspace(1.0, 10.0, 64)], axis=1)
     scene = rm.Scene(rm.Body.from_moments((1.0, 1.0, 1.5)), start=rm.Start(omega=omega))
     save = ("omega_mean", "omega_variance")
@@ -513,13 +524,13 @@ def test_statistics_of_members_with_steps_of_their_own():
     rate = 0.5 * omega[:, 2]  # of a symmetric body: omega_1 = 0.3 cos(rate t)
     w = 0.3 * np.cos(rate[:, None] * t)
     mean = np.trapezoid(w, t) / 10.0
-    assert (
-        np.abs(own.omega_mean.values[0] - mean).max() < 1e-6
-    )  # measured 3e-7, of the trapezoidal rule
+    # measured 3e-7, of the trapezoidal rule
+    assert np.abs(own.omega_mean.values[0] - mean).max() < 1e-6
+    # measured 1e-7
     assert (
         np.abs(own.omega_variance.values[0] - (np.trapezoid(w * w, t) / 10.0 - mean**2)).max()
         < 1e-6
-    )  # measured 1e-7
+    )
     small = rm.simulate(
         scene, integrator="rk8", turn=0.02, t_end=10.0, save=save, block=32, threads=1
     )
@@ -530,11 +541,14 @@ def test_statistics_of_members_with_steps_of_their_own():
 
 @pytest.mark.parametrize("integrator", ["strang", pytest.param("srkn11", marks=pytest.mark.slow)])
 def test_the_neighbour_of_a_splitting_starts_beside_its_own_state(integrator):
-    """Between steps a splitting keeps the state half a kick on: a neighbour of the true state would be 1e-3 away, and ln 1e5 too far."""
+    """Between steps a splitting keeps the state half a kick ahead: a neighbour of the true state
+    would be 1e-3 away, and ln 1e5 too far.
+    """
     body = rm.Body.from_moments((0.02, 0.02, 0.01), mass=1.0, centre=(0.0, 0.0, 0.1))
     scene = rm.Scene(body, GRAVITY, rm.Start(omega=(1.0, -2.0, 40.0), attitude=(0.3, 0.7, 0.1)))
     ds = rm.simulate(scene, integrator=integrator, dt=1e-3, t_end=3.0, members=1, save=("megno",))
-    # two trajectories 1e-6 apart by DOP853; measured 3e-5 (strang), 1e-6 (srkn11), and about 3 off when the neighbour started elsewhere
+    # two trajectories 1e-6 apart by DOP853; measured 3e-5 (strang), 1e-6 (srkn11), and about 3 off
+    # when the neighbour started elsewhere
     assert abs(ds.lyapunov.values[0] - 1.176952) < 1e-4
     assert abs(ds.megno.values[0] - 1.4655) < 1e-3  # of rk8; measured 6e-5
 
@@ -568,9 +582,8 @@ def test_nutation_near_the_vertical_keeps_its_digits():
             members=1,
             save=("nutation", "precession", rm.Passage(3, 1.2)),
         )
-        assert (
-            abs(ds.nutation_min.values[0] / lean - 1.0) < 1e-6
-        )  # the largest is what its spin allows
+        # the largest that its spin allows
+        assert abs(ds.nutation_min.values[0] / lean - 1.0) < 1e-6
 
 
 WATCHED = rm.Scene(
@@ -584,14 +597,13 @@ WATCHED = rm.Scene(
 def test_steps_that_hide_what_is_watched_are_noted(save):
     with pytest.warns(rm.SceneWarning, match=f"{save} see the ends of steps only"):
         rm.simulate(WATCHED, "rk8", turn=0.9, t_end=1.0, members=32, save=(save,))
-    rm.simulate(
-        WATCHED, "rk8", turn=0.3, t_end=1.0, members=32, save=(save,)
-    )  # no warning, which would be an error
+    # no warning, which would be an error
+    rm.simulate(WATCHED, "rk8", turn=0.3, t_end=1.0, members=32, save=(save,))
     rm.simulate(WATCHED, "rk8", turn=1.0, t_end=1.0, members=32, save=("omega",))
 
 
 def test_a_tolerance_chooses_no_step_that_hides_what_is_watched():
-    """Without what is watched its steps go as far as 0.54 rad."""
+    """Without watched quantities its steps grow to 0.54 rad."""
     alone = rm.simulate(WATCHED, tolerance=1e-4, t_end=10.0, members=64, save=("attitude",))
     ds = rm.simulate(WATCHED, tolerance=1e-4, t_end=10.0, members=64, save=("attitude", "nutation"))
     plan, watched = (prepare(rm.Scene.loads(one.attrs["scene"])) for one in (alone, ds))

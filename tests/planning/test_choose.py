@@ -1,4 +1,7 @@
-"""What --tolerance picks: right where the right answer is known, kept by other members, refused where nothing reaches it."""
+"""The choice of --tolerance: right where the answer is known, kept by other members.
+
+Refused if nothing reaches the tolerance.
+"""
 
 import numpy as np
 import pytest
@@ -13,7 +16,7 @@ SMALL = {"members": 128}
 
 
 def within(scene, tolerance, first=5000, members=256):
-    """Share of other members that keep the tolerance at all saves, against the closed form; the Dataset too."""
+    """The share of other members that keep the tolerance at all saves; and the Dataset."""
     ds = rm.simulate(
         scene,
         tolerance=tolerance,
@@ -49,9 +52,8 @@ def test_the_tolerance_is_kept_in_shipped_scenes(name, tolerance):
     assert ds.attrs["tolerance_chosen"].startswith(ds.attrs["integrator"])
     assert ds.attrs["tolerance_truth"].startswith("closed form")
     again = rm.simulate(rm.Scene.loads(ds.attrs["scene"]), members=range(32) if not alike else None)
-    assert (
-        again.attrs["integrator"] == ds.attrs["integrator"]
-    )  # the file runs again as it ran, without choosing
+    # the file runs again as it ran, without choosing
+    assert again.attrs["integrator"] == ds.attrs["integrator"]
 
 
 def test_a_symmetric_free_body_is_one_exact_step():
@@ -82,7 +84,7 @@ def test_a_short_heavy_run_is_rk8_or_a_splitting_of_high_order():
     found = choose.choose(
         scene, 1e-8, integrators=("rk4", "rk8", "strang", "srkn6", "srkn11"), **SMALL
     )
-    assert found.way.turn > 0.0  # members of such different speed have steps of their own
+    assert found.way.turn > 0.0  # members of such different speed get steps of their own
     assert found.way.integrator in ("rk8", "srkn11", "srkn6")
     assert found.predicted <= 1e-8
     assert found.checked >= 0.99
@@ -111,7 +113,7 @@ def test_a_closed_form_is_checked_by_integration():
 @pytest.mark.parametrize("member", [3, 128 + 3])  # of the first pilot, of the second alone
 @pytest.mark.parametrize("integrators", [("closed",), ("rk8",)])
 def test_a_closed_form_that_is_wrong_is_not_believed(monkeypatch, member, integrators):
-    """One member is turned by 90 degrees about its axis all along: its energy, |L|^2 and L_z are right."""
+    """One member is turned by 90 degrees about its axis: its energy, |L|^2 and L_z are right."""
     true = closed_form_module._motion
 
     def turned(form, case, t):
@@ -130,7 +132,7 @@ def test_a_closed_form_that_is_wrong_is_not_believed(monkeypatch, member, integr
         choose.choose(LAGRANGE, 1e-7, integrators=integrators, **SMALL)
 
 
-def test_out_of_reach():
+def test_a_tolerance_out_of_reach_is_refused():
     scene = rm.Scene.load("dzhanibekov")
     with pytest.raises(
         rm.SceneError,
@@ -155,7 +157,7 @@ def test_auto_needs_a_tolerance():
     assert rm.simulate(scene).attrs["integrator"] != "auto"
 
 
-def test_noise_has_no_path_to_be_right_about():
+def test_noise_takes_no_tolerance():
     scene = rm.Scene(
         rm.Body.from_moments((1.0, 1.4, 2.0)), (rm.Bath(0.1, 1.0),), rm.Start(omega=(0.1, 1.0, 0.2))
     )
@@ -163,7 +165,7 @@ def test_noise_has_no_path_to_be_right_about():
         choose.choose(scene.with_run(t_end=1.0), 1e-6)
 
 
-def test_a_pilot_that_fails_is_said():
+def test_a_pilot_that_fails_is_reported():
     omega = np.random.default_rng(0).normal(size=(64, 3))
     omega[3] = 1e200
     scene = rm.Scene(
@@ -176,15 +178,16 @@ def test_a_pilot_that_fails_is_said():
 
 
 @pytest.mark.parametrize("bad", [1, 100])
-def test_a_prediction_above_the_tolerance_is_not_taken_without_a_word(bad, monkeypatch):
-    """Nor where 99 % of a second pilot keep it (1.16e-9 was predicted for 1e-9): finer steps are taken, and where they do not help that is said."""
+def test_a_prediction_above_the_tolerance_is_reported(bad, monkeypatch):
+    """Not even if 99 % of a second pilot keep it (1.16e-9 for a predicted 1e-9): finer steps are
+    tried, and if they do not help the error says so.
+    """
     real, calls, tolerance = choose.upper_quantile, [], 1e-6
 
     def told(values):
         calls.append(values)
-        return (
-            2.0 * tolerance if 1 < len(calls) <= 1 + bad else real(values)
-        )  # the first is what the truth is known to
+        # the first is the accuracy to which the truth is known
+        return 2.0 * tolerance if 1 < len(calls) <= 1 + bad else real(values)
 
     scene = rm.Scene(
         rm.Body.from_moments((1.0, 1.4, 2.0)),

@@ -1,4 +1,4 @@
-"""rigidmc exact: which scenes have a closed form, what is said of them, and what of those that have none."""
+"""rigidmc exact: which scenes have a closed form, and what it says of both kinds of scene."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def run(*arguments):
 
 
 def worst(scene, members=64, **settings):
-    """Largest difference of omega [rad/s] and attitude [rad] between closed form and integration at the end."""
+    """Largest difference of omega [rad/s] and attitude [rad] between the two at the end."""
     scene = scene.with_run(members=members, save=("omega", "attitude"), **settings)
     last = simulate(scene).isel(time=-1)
     motion = closed_form(scene).motion(scene.run.t_end)
@@ -86,7 +86,7 @@ def test_damped_free_scene_runs_through_the_undamped_motion():
         (LAGRANGE, (Gravity(9.81), ViscousDamping(0.1)), "damped heavy top"),
     ],
 )
-def test_what_no_closed_form_covers_is_refused_with_the_reason(body, effects, why):
+def test_scenes_without_a_closed_form_are_refused_with_the_reason(body, effects, why):
     scene = Scene(body, effects, Start(omega=(0.1, 0.2, 0.3)))
     with pytest.raises(SceneError, match=why) as found:
         closed_form(scene)
@@ -104,7 +104,8 @@ def test_command_shows_both_and_their_difference():
 def test_command_refuses_with_one_line_and_code_3(tmp_path):
     file = tmp_path / "bad.toml"
     file.write_text(
-        "[body]\nmoments = [1, 2, 2.5]\ncentre = [0, 0, 0.1]\n[effects.gravity]\ng = 9.81\n[start]\nomega = [0, 1, 2]\n"
+        "[body]\nmoments = [1, 2, 2.5]\ncentre = [0, 0, 0.1]\n[effects.gravity]\ng = "
+        "9.81\n[start]\nomega = [0, 1, 2]\n"
     )
     shown = run(str(file))
     assert shown.exit_code == 3
@@ -150,7 +151,7 @@ def test_effects_of_one_kind_add_up():
     assert closed_form(none, 4).name == "free top"
 
 
-def test_damping_that_drives_is_in_the_time_too():
+def test_negative_damping_changes_the_time_too():
     scene = Scene(
         Body.from_moments((1.0, 2.0, 3.0)),
         (ViscousDamping(-0.5),),
@@ -169,18 +170,21 @@ def test_damping_that_drives_is_in_the_time_too():
 
 
 def heavy_ones(mass, omega):
-    """300 members: the first 30 or so of the grid are no bodies, as are the last 80; masses and starts as given."""
+    """300 members: about the first 30 of the grid and the last 80 are impossible bodies; masses and
+    starts as given.
+    """
     body = Body.from_moments((1.4, 1.4, grid(-0.5, 4.0, 300)), mass=1.0, centre=(0.0, 0.0, mass))
     return Scene(body, (Gravity(9.81),), Start(omega=omega, attitude=(0.3, 0.7, 0.2))).with_run(
         members=300, t_end=2.0, every=0.3, save=("omega", "attitude", "energy")
     )
 
 
-def test_members_that_cannot_be_are_flagged_as_with_rk8_and_the_others_keep_every_bit():
+def test_impossible_members_are_flagged_as_with_rk8_and_the_others_keep_every_bit():
     some = np.random.default_rng(0)
     centre, omega = some.normal(0.0, 0.1, 300), some.normal(size=(300, 3))
     centre[120:200] = (
-        0.0  # free ones: of other closed forms, in blocks with heavy ones and in blocks of their own
+        # free ones: of other closed forms, in blocks with heavy ones and in blocks of their own
+        0.0
     )
     fast = omega.copy()
     fast[[111, 150]] = 1e200
@@ -219,10 +223,13 @@ def test_bits_do_not_depend_on_who_shares_a_block():
     assert closed_form(scene).name == "free top and Lagrange top"
 
 
-def test_one_that_spins_beyond_all_digits_stays_where_it_was():
-    """Driven at a rate of 30 1/s, the phase passes 1e15 rad between 1 and 1.5 s, and the numbers end later."""
+def test_a_member_that_spins_beyond_all_digits_stays_where_it_was():
+    """Driven at a rate of 30 1/s, the phase exceeds 1e15 rad between 1 and 1.5 s, and the numbers
+    overflow later.
+    """
     scene = Scene(
-        Body.from_moments((1.0, 1.0, 1.0)), (ViscousDamping(np.array([-30.0, -700.0, 0.1])),), Start(omega=(0.3, 2.0, 0.1)),
+        Body.from_moments((1.0, 1.0, 1.0)), (ViscousDamping(np.array([-30.0, -700.0, 0.1])),),
+        Start(omega=(0.3, 2.0, 0.1)),
         run=Run(anti_damping=True, members=3, t_end=2.0, every=0.5, save=("momentum",)),
     )  # fmt: skip
     with pytest.warns(SceneWarning, match="drives"):
@@ -258,18 +265,17 @@ def test_many_exact_steps_stay_with_the_closed_form():
         Start(omega=(normal(0.0, 1.0),) * 3, attitude="uniform"),
     )
     omega, attitude = worst(scene, members=64, seed=1, integrator="exact", dt=0.03, t_end=3000.0)
-    assert (
-        omega < 2e-11 and attitude < 2e-11
-    )  # measured 2.9e-12 and 2.4e-12; 9e-10 and 4e-10 where the rounding of T walks
+    # measured 2.9e-12 and 2.4e-12; 9e-10 and 4e-10 if the rounding of T random-walks
+    assert omega < 2e-11 and attitude < 2e-11
 
 
-def test_command_where_members_are_flagged(tmp_path):
+def test_command_with_flagged_members(tmp_path):
     file = tmp_path / "bodies.toml"
     file.write_text(BODIES)
     shown = run(str(file))
     assert shown.exit_code == 0
     assert "no body or no start (1)" in shown.stdout
-    assert "member 1:" in shown.stdout  # the one that is well
+    assert "member 1:" in shown.stdout  # the good member
     assert "over 1 member" in shown.stdout
     assert "nan" not in shown.stdout
     for settings, said in (

@@ -1,4 +1,7 @@
-"""What flags a member: each fault in one member among many, found when it happens, and no bit of the others changed."""
+"""What flags a member: each fault in one member of many, detected when it happens.
+
+No bit of the other members changes.
+"""
 
 import math
 from typing import NamedTuple
@@ -58,7 +61,9 @@ def test_a_fault_at_the_start(fault, row, value):
     [("energy_drift", TIGHT._replace(l2=1.0)), ("momentum_drift", TIGHT._replace(energy=1.0))],
 )
 def test_a_drift_beyond_its_limit(fault, limits):
-    """One member spins six times as fast, and passes 1e-6 at some look; it stays where the look before was."""
+    """One member spins six times as fast and exceeds 1e-6 at some check; it stays where the check
+    before was.
+    """
     sick = block()
     sick[K.MOMENTUM : K.REST, SICK] *= 6.0
     slow, alone = block(), sick.copy()
@@ -78,7 +83,7 @@ def test_a_drift_beyond_its_limit(fault, limits):
 
 
 class Untrue(NamedTuple):
-    """A torque that has no potential but says that it keeps L_z."""
+    """A torque without potential that claims to conserve L_z."""
 
     size: float
 
@@ -88,7 +93,7 @@ class Untrue(NamedTuple):
         return 0.0, 0.0, self.size
 
 
-def test_lz_is_checked_where_a_scene_keeps_it():
+def test_lz_is_checked_if_a_scene_conserves_it():
     scene = rm.Scene(BODY, (rm.Gravity(1.0),), rm.Start(omega=SPINS)).with_run(
         dt=0.01, t_end=2.0, members=64, integrator="rk4"
     )
@@ -156,7 +161,7 @@ def test_thresholds_of_the_scene(tmp_path):
 
 
 def test_default_limits_leave_room_for_what_integrators_make():
-    """The drift of good runs is 30 to 1e4 times below the limit that their step gives them."""
+    """The drift of good runs is 30 to 1e4 times below the limit that their step sets."""
     for name in ("rk4", "rk8", "strang", "srkn11"):
         scene = rm.Scene(BODY, (rm.Gravity(1.0),), rm.Start(omega=SPINS)).with_run(
             dt=0.02, t_end=20.0, members=64, integrator=name
@@ -167,7 +172,9 @@ def test_default_limits_leave_room_for_what_integrators_make():
 
 
 def test_a_member_that_a_torque_spins_up_is_flagged():
-    """Steps of its own are those of the start: at rest, under a torque, they soon turn a body by more than was asked, 1.07 rad for 0.2 and 0.01 rad off."""
+    """Steps of its own come from the start: at rest, under a torque, they soon turn a body by more
+    than asked, 1.07 rad for 0.2 and 0.01 rad off.
+    """
     start = rm.Start(omega=(0.0, 0.0, 0.0))
     scene = rm.Scene(
         rm.Body.from_moments((0.5, 1.0, 1.2)),
@@ -187,6 +194,5 @@ def test_members_without_such_a_torque_never_turn_by_more_than_was_asked():
     scene = rm.Scene(BODY, (rm.Gravity(9.81), rm.ViscousDamping(0.1)), start)
     ds = rm.simulate(scene, "rk8", turn=0.3, t_end=5.0, members=256, save=("omega_max",))
     assert (ds.status == 0).all()
-    assert (
-        float((np.sqrt((ds.omega_max**2).sum("axis")) * 5.0 / ds.steps).max()) < 0.3
-    )  # measured 0.20
+    # measured 0.20
+    assert float((np.sqrt((ds.omega_max**2).sum("axis")) * 5.0 / ds.steps).max()) < 0.3

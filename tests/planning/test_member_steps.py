@@ -1,4 +1,7 @@
-"""Steps of their own: each member as many equal steps as its own motion asks for, and nothing else changes."""
+"""Steps of their own: each member makes as many equal steps as its own motion asks for.
+
+Nothing else changes.
+"""
 
 import numpy as np
 import pytest
@@ -61,7 +64,9 @@ def test_the_order_stays():
 
 
 def test_members_err_alike():
-    """What it is for: the errors of the worst and of the middle member are nearer to each other than with one dt for all."""
+    """The purpose: the errors of the worst and of the median member are closer to each other than
+    with one dt for all.
+    """
     true = rm.simulate(SCENE, integrator="rk8", dt=0.004).omega.values[-1]
     own = rm.simulate(SCENE, integrator="rk4", turn=0.2)
     alike = rm.simulate(SCENE, integrator="rk4", dt=2.5 / round(float(own.steps.mean()) / 4))
@@ -106,7 +111,7 @@ def test_a_kernel_with_rounds_in_several_calls_is_the_same():
     assert ends[0].tobytes() == ends[1].tobytes()
 
 
-def test_a_sick_member_harms_nobody_and_stops_nothing():
+def test_a_bad_member_harms_no_other_and_stops_nothing():
     omega = np.random.default_rng(0).normal(size=(64, 3))
     scene = rm.Scene(rm.Body.from_moments((1.0, 1.5, 2.0)), (), rm.Start(omega=omega)).with_run(
         t_end=1.0, members=64, turn=0.2
@@ -122,9 +127,8 @@ def test_a_sick_member_harms_nobody_and_stops_nothing():
 
 def test_dt_or_turn():
     assert rm.simulate(SCENE, turn=0.3, members=32).attrs["turn"] == 0.3
-    assert (
-        "turn" not in rm.simulate(SCENE.with_run(turn=0.3), dt=0.05, members=32).attrs
-    )  # the later one holds
+    # the later one applies
+    assert "turn" not in rm.simulate(SCENE.with_run(turn=0.3), dt=0.05, members=32).attrs
     with pytest.raises(rm.SceneError, match="give dt or turn, not both"):
         rm.simulate(SCENE, dt=0.1, turn=0.3)
     with pytest.raises(rm.SceneError, match="give dt or turn, not both"):

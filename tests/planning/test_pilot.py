@@ -1,4 +1,4 @@
-"""Pilots: states at checks, truths, what disturbances grow to, the quantile that 99 % stay below."""
+"""Pilots: states at checks, truths, growth of disturbances, the quantile that 99 % stay below."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ LAGRANGE = rm.Scene(
 
 
 def test_states_are_those_of_a_run():
-    """At the times that the scene saves, eight of them at most, the end included."""
+    """At the times that the scene saves, at most eight of them, the end included."""
     scene = HEAVY.with_run(every=0.2, integrator="rk4", dt=0.01)
     found = pilot.pilot(scene, 70)
     assert (found.base, found.stride, found.members, found.block.shape[1]) == (15, 2, 70, 96)
@@ -28,7 +28,7 @@ def test_states_are_those_of_a_run():
     assert np.array_equal(states.l, ds.momentum.values[at])
     assert np.array_equal(states.q, ds.attitude.values[at])
     again = pilot.follow(found, "rk4", 300)
-    assert np.array_equal(states.q, again.q)  # a pilot is not moved by what follows it
+    assert np.array_equal(states.q, again.q)  # later work does not move a pilot
 
 
 def test_a_pilot_of_members_that_are_all_alike_is_one():
@@ -38,7 +38,7 @@ def test_a_pilot_of_members_that_are_all_alike_is_one():
         BODY, (), rm.Start(omega=np.random.default_rng(0).normal(size=(50, 3)))
     ).with_run(t_end=1.0, members=50)
     assert pilot.pilot(rows, 256).members == 50
-    assert pilot.pilot(rows, 40, first=40).first == 10  # the last ones there are
+    assert pilot.pilot(rows, 40, first=40).first == 10  # the last ones
 
 
 @pytest.mark.parametrize(("scene", "name"), [(FREE, "free top"), (LAGRANGE, "Lagrange top")])
@@ -98,14 +98,15 @@ def test_growth_tells_chaos_from_order():
     factor, rate = growth.growth(pilot.pilot(LAGRANGE.with_run(t_end=8.0), 64))
     assert np.mean(rate > 0.0) < 0.05
     assert np.median(factor) < 1e4
-    # along the middle axis a disturbance grows as exp(sigma t), sigma = omega sqrt((I2 - I1)(I3 - I2)/(I1 I3))
+    # along the middle axis a disturbance grows as exp(sigma t), sigma = omega sqrt((I2 - I1)(I3 -
+    # I2)/(I1 I3))
     spun = rm.Scene(BODY, (), rm.Start(omega=(1e-9, 3.0, 0.0))).with_run(t_end=2.0)
     _, rate = growth.growth(pilot.pilot(spun, 1))
     assert rate[0] == pytest.approx(3.0 * np.sqrt(0.4 * 0.6 / 2.0), rel=0.2)
 
 
 def test_upper_quantile_covers():
-    """Of 2000 samples, 95 % have their 99 % quantile below it; the plain quantile of the sample only half."""
+    """In 95 % of 2000 samples the true 99 % quantile is below it; the plain one: in half."""
     some = np.random.default_rng(5)
     samples = some.exponential(size=(2000, 512))
     true = -np.log(0.01)
@@ -114,7 +115,7 @@ def test_upper_quantile_covers():
     assert np.mean(np.quantile(samples, 0.99, axis=1) >= true) < 0.7
 
 
-def test_the_push_is_of_the_size_it_should_be():
+def test_the_disturbance_has_the_right_size():
     found = pilot.pilot(HEAVY, 64)
     block = found.block.copy()
     pilot.push(block, 1e-6, True, np.random.default_rng(0))

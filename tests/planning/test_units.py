@@ -1,4 +1,7 @@
-"""Other units: a scene moves alike in all of them, to the bit under powers of 2, and comes out where SI numbers leave the range."""
+"""Other units: a scene moves alike in all of them, to the bit under powers of 2.
+
+It also runs if numbers in SI units are out of range.
+"""
 
 from typing import NamedTuple
 
@@ -39,7 +42,7 @@ def test_units_are_read():
 @pytest.mark.filterwarnings("ignore:.*far less than air")  # in other units it is
 @pytest.mark.parametrize("powers", [(-7, 3, 5), (-60, -20, 11), (200, 60, -150), (-300, 0, 400)])
 def test_powers_of_two_change_no_bit(powers):
-    """The last two leave what is integrated as it is, and come back from internal units."""
+    """The last two leave the integrated numbers as they are, and come back from internal units."""
     mass, length, time = (2.0**k for k in powers)
     one, two = rm.simulate(SCENE), rm.simulate(scaled(SCENE, mass, length, time))
     assert not two.status.values.any()
@@ -90,7 +93,7 @@ def test_a_file_of_an_extreme_scene_runs_again(tmp_path):
 
 
 class Wind(NamedTuple):
-    """An effect that does not say what its number is."""
+    """An effect that does not state the unit of its number."""
 
     size: float
 
@@ -98,7 +101,7 @@ class Wind(NamedTuple):
         return self.size, 0.0, 0.0
 
 
-def test_what_cannot_be_scaled_is_refused():
+def test_effects_without_units_are_not_rescaled():
     windy = rm.Scene(BODY, (Wind(0.1),), START)
     with pytest.raises(rm.SceneError, match="Wind does not tell the unit of size"):
         scaled(windy, mass=2.0)
@@ -106,7 +109,7 @@ def test_what_cannot_be_scaled_is_refused():
 
 
 def test_units_beyond_float64_are_no_error():
-    """Spins of 1e200 rad/s: the square of what they are in, kg2 m4 s-2, is beyond 1e308; the members are flagged."""
+    """Spins of 1e200 rad/s: their square in kg2 m4 s-2 exceeds 1e308; the members are flagged."""
     scene = rm.Scene(
         rm.Body.from_moments((1.0, 1.4, 2.0)),
         start=rm.Start(omega=(rm.normal(0.0, 1e200), 0.0, 0.0)),

@@ -1,4 +1,4 @@
-"""A member of a result again: equal to the bit, and what cannot be had is refused."""
+"""A member of a result integrated again: equal to the bit, or refused."""
 
 import pkgutil
 
@@ -54,7 +54,7 @@ def test_a_member_again_with_everything_saved(file):
         assert np.array_equal(some.omega, first.omega.sel(member=some.member))
 
 
-def test_what_is_not_the_same_is_told(file, tmp_path):
+def test_differences_are_reported(file, tmp_path):
     with rm.open(file) as first:
         other = first.load().copy(deep=True)
     other["omega"][2, 1, 123] += 1e-12
@@ -106,20 +106,21 @@ def test_from_the_command_line(file, tmp_path):
     assert CliRunner().invoke(app, ["rerun", file, "--member", "5"]).exit_code == 3
 
 
-def test_no_name_of_the_package_is_that_of_a_module_too():
-    """Importing the module would put it in the place of what the package has by that name."""
+def test_no_public_name_is_also_a_module():
+    """Importing the module would replace the attribute of that name in the package."""
     assert not set(rm.__all__) & {module.name for module in pkgutil.iter_modules(rm.__path__)}
 
 
 ROWS = rm.Scene(
-    rm.Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.0, 0.3)), (rm.Gravity(9.81), rm.ViscousDamping(0.1)),
+    rm.Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.0, 0.3)),
+    (rm.Gravity(9.81), rm.ViscousDamping(0.1)),
     rm.Start(omega=np.random.default_rng(0).normal(size=(200, 3)) + [0.0, 3.0, 0.0]),
 ).with_run(dt=0.01, t_end=1.0, every=0.1, save=("omega", "energy_drift", "work"))  # fmt: skip
 
 
 @pytest.mark.parametrize("integrator", ["rk4", "strang"])
-def test_work_that_was_booked_is_booked_again(integrator):
-    """Without it energy_drift is another quantity, and "another processor or version" was blamed."""
+def test_a_rerun_integrates_saved_work_again(integrator):
+    """Before, energy_drift was another quantity, and the message blamed the processor."""
     ds = rm.simulate(ROWS, integrator)
     for save in (None, ("omega", "energy_drift")):
         assert (
@@ -128,8 +129,8 @@ def test_work_that_was_booked_is_booked_again(integrator):
         )
 
 
-def test_of_a_selection_only_its_own_members_have_rows():
-    """What was chosen by a look at all rows is written down; the others are not needed."""
+def test_a_selection_has_rows_for_its_own_members_only():
+    """A choice made by a look at all rows is written down; the other rows are not needed."""
     ds = rm.simulate(ROWS, "strang")
     for members in ([5], [7, 5, 130]):
         made = ds.isel(member=members).rigid.rerun(5, every=0.02)

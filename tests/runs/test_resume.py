@@ -1,4 +1,7 @@
-"""Run directories: whatever ends them, resumed they are what an unbroken run is; what is damaged is found."""
+"""Run directories: whatever ends them, resume completes them to the bytes of an unbroken run.
+
+Damage is found.
+"""
 
 import contextlib
 import hashlib
@@ -31,7 +34,7 @@ from tests import torture
 from tests.faulty import LINUX
 from tests.torture import COMMAND, sums
 
-MEMBERS, SIZE = 1000, 40_000  # five shards of 192 members, the last of them not whole
+MEMBERS, SIZE = 1000, 40_000  # five shards of 192 members, the last of them partial
 SCENE = rm.Scene(
     rm.Body.from_moments((1.0, 2.0, 3.0)),
     start=rm.Start(omega=(rm.normal(0.0, 0.1), 1.0, rm.normal(0.0, 0.1))),
@@ -48,14 +51,16 @@ HISTOGRAM = rm.Histogram("energy", 0.0, 3.0, 12)
 
 
 def changed(path, **facts):
-    """Change facts of a run, its sum too."""
+    """Change facts of a run and its checksum."""
     known = json.loads((path / "run.json").read_text())
     del known["check"]
     (path / "run.json").write_text(rendered({**known, **facts}))
 
 
 def started(path, **run):
-    """A run directory of the scene, nothing of it computed; blocks of 32 members, so that there is an order to get wrong."""
+    """A run directory of the scene, nothing computed; blocks of 32 members, so that their order can
+    go wrong.
+    """
     resume.create(SCENE.with_run(**run), path, SIZE)
     changed(path, block=32, shard=192)
     return RunDirectory(path)
@@ -69,7 +74,7 @@ def whole(tmp_path_factory):
     return path
 
 
-def test_a_run_is_what_a_file_is(whole, tmp_path):
+def test_a_run_equals_a_file(whole, tmp_path):
     ds, direct = gather.consolidate(whole, tmp_path / "one.nc"), rm.simulate(SCENE)
     for name in direct.data_vars:
         assert np.array_equal(ds[name].values, direct[name].values, equal_nan=True), name
@@ -149,7 +154,7 @@ def test_histograms_are_summed(tmp_path):
         assert np.array_equal(ds.histogram.values, rm.simulate(scene).histogram.values)
 
 
-def test_what_is_damaged_is_found_and_computed_again(whole, tmp_path):
+def test_damage_is_found_and_computed_again(whole, tmp_path):
     some = random.Random(7)
     started(tmp_path / "run")
     resume.resume(tmp_path / "run")
@@ -202,7 +207,8 @@ import rigidmc as rm
 from rigidmc.runs import gather, resume
 from rigidmc.scene.file import load
 from rigidmc.storage import run_directory
-folder, scene = sys.argv[1], load("tennis_racket").with_run(members=60000, t_end=1.0, every=0.5, save=("omega",))
+folder, run = sys.argv[1], dict(members=60000, t_end=1.0, every=0.5, save=("omega",))
+scene = load("tennis_racket").with_run(**run)
 for i in range(60):
     rm.simulate(scene, members=50, output=f"{folder}/{i}.nc").close()
 kept = [rm.open(f"{folder}/{i}.nc") for i in range(60)]
@@ -215,7 +221,8 @@ while run.is_alive():
     del dropped
     gc.collect()
 run.join()
-assert run_directory.status(f"{folder}/run")["members_done"] == 60000 and gather.verify(f"{folder}/run") == []
+assert run_directory.status(f"{folder}/run")["members_done"] == 60000
+assert gather.verify(f"{folder}/run") == []
 """
 
 
@@ -226,10 +233,13 @@ import rigidmc as rm
 from rigidmc.scene.file import load
 from rigidmc.storage.writer import write_columns
 from tests.torture import limited
-folder, scene, told = sys.argv[1], load("tennis_racket").with_run(members=3000, t_end=1.0, every=0.5, save=("omega",)), 0
+folder, run, told = sys.argv[1], dict(members=3000, t_end=1.0, every=0.5, save=("omega",)), 0
+scene = load("tennis_racket").with_run(**run)
 whole = rm.simulate(scene).omega.values
+def one():
+    rm.simulate(scene, output=f"{folder}/one.nc", force=True).close()
 for i in range(40):
-    for size, made in ((20_000 * i, lambda: rm.simulate(scene, output=f"{folder}/one.nc", force=True).close()),
+    for size, made in ((20_000 * i, one),
                        (4_000 * i, lambda: write_columns(f"{folder}/{i}.nc", {"x": whole}))):
         try:
             with limited(size):
@@ -242,8 +252,10 @@ assert 20 < left <= told < 80, (left, told)  # 61 of 61
 """
 
 
-def test_a_full_disk_is_told_and_lived_on_with(tmp_path):
-    """netCDF-C frees what it keeps a number for where a close fails, and crashed a later run when the collector closed the file once more."""
+def test_a_full_disk_is_reported_and_survived(tmp_path):
+    """netCDF-C frees a file whose close fails; a later run crashed when the collector closed that
+    file once more.
+    """
     done = subprocess.run(
         [sys.executable, "-X", "faulthandler", "-c", FULL, tmp_path],
         capture_output=True,
@@ -255,7 +267,9 @@ def test_a_full_disk_is_told_and_lived_on_with(tmp_path):
 
 
 def test_results_may_be_opened_and_dropped_beside_a_run(tmp_path):
-    """The C library of netCDF is not made for threads, and crashed: without the lock of writers, and with strings in files opened twice."""
+    """The C library of netCDF is not thread-safe and crashed without the lock of writers, and with
+    strings in files opened twice.
+    """
     done = subprocess.run(
         [sys.executable, "-X", "faulthandler", "-c", BESIDE, tmp_path],
         capture_output=True,
@@ -283,7 +297,7 @@ def test_a_run_that_is_asked_to_stop_says_so(tmp_path, number, code):
         "-o",
         f"{tmp_path}/run/",
     ]
-    # tests in the background ignore SIGINT, and so would what they start
+    # tests in the background ignore SIGINT, and so would the processes they start
     heard = {"preexec_fn": lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)}
     child = subprocess.Popen(
         [*COMMAND, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **heard
@@ -297,7 +311,7 @@ def test_a_run_that_is_asked_to_stop_says_so(tmp_path, number, code):
     assert CliRunner().invoke(app, ["status", f"{tmp_path}/run"]).exit_code == 5
 
 
-def test_what_is_not_the_same_is_refused(whole, tmp_path):
+def test_a_run_with_other_inputs_is_refused(whole, tmp_path):
     started(tmp_path / "run")
     facts = RunDirectory(tmp_path / "run").facts
     changed(tmp_path / "run", versions={**facts["versions"], "numba": "0.1"})
@@ -332,7 +346,7 @@ def test_two_writers_are_one_too_many(tmp_path):
     assert resume.resume(tmp_path / "run")[1]["ok"] == MEMBERS
 
 
-def test_what_another_process_changed_meanwhile_is_looked_at_again(whole, tmp_path):
+def test_a_run_changed_by_another_process_is_refused(whole, tmp_path):
     shutil.copytree(whole, tmp_path / "run")
     early = RunDirectory(tmp_path / "run")
     resume.extend(tmp_path / "run", 2 * MEMBERS)
@@ -345,15 +359,16 @@ def test_what_another_process_changed_meanwhile_is_looked_at_again(whole, tmp_pa
     assert run_directory.status(tmp_path / "run")["members_done"] == 2 * MEMBERS
 
 
-def test_leftovers_of_those_who_write_are_left(tmp_path):
+def test_parts_of_running_writers_stay(tmp_path):
     directory = started(tmp_path / "run")
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
+    # this process writes nothing now
     names = {
         os.getpid(): False,
         os.getppid(): True,
         gone.pid: False,
-    }  # this process writes nothing now
+    }
     here = os.path.basename(Part(tmp_path / "x").path).rsplit("-", 2)[0]
     for process in names:
         (tmp_path / "run" / "shards" / f"{here}-{process}-7").touch()
@@ -394,7 +409,10 @@ def test_a_run_whose_reader_has_gone_goes_on(tmp_path):
     words = ["run", "tennis_racket", "--members", "20000", "-o", f"{tmp_path}/run/"]
     read, write = os.pipe()
     os.close(read)
-    lines = "from rigidmc import progress; progress._LINE_SECONDS = 0.0; from rigidmc.cli import main; main()"
+    lines = (
+        "from rigidmc import progress; progress._LINE_SECONDS = 0.0; from rigidmc.cli "
+        "import main; main()"
+    )
     made = subprocess.run([sys.executable, "-c", lines, *words], stderr=write, stdout=write)
     os.close(write)
     assert made.returncode == 0 and run_directory.status(tmp_path / "run")["members_done"] == 20000
@@ -402,7 +420,7 @@ def test_a_run_whose_reader_has_gone_goes_on(tmp_path):
 
 @LINUX
 def test_a_cluster_makes_the_same_bytes(whole, tmp_path):
-    """Two processes here, one of them killed; and a worker that does not see the run directory."""
+    """Two local processes, one of them killed; and a worker that does not see the run directory."""
     told = torture.lost(1, str(tmp_path), random.Random(8), 400_000)
     assert told == {"workers killed": 1, "runs": 1, "runs that ended well": 1, "sha256 equal": 1}
     texts = tuple(content_of(str(whole), name) for name in ("run.json", "scene.toml", "columns.nc"))
@@ -414,8 +432,10 @@ def test_a_cluster_makes_the_same_bytes(whole, tmp_path):
 
 
 @pytest.mark.slow
-def test_one_sum_for_every_way(whole, tmp_path):
-    """Threads, blocks, workers and order, interrupted and extended: one sum for each shard, and for the consolidated file."""
+def test_every_route_gives_the_same_checksums(whole, tmp_path):
+    """Threads, blocks, workers and order, interrupted and extended: one checksum for each shard,
+    and for the consolidated file.
+    """
     ways = [{"threads": threads, "block": block} for threads in (1, 2, 5) for block in (32, 64, 96)]
     ways += [{"cluster": f"local:{count}"} for count in (1, 2, 4)]
     gather.consolidate(whole, tmp_path / "whole.nc").close()
@@ -477,7 +497,7 @@ def test_rows_of_their_own_go_with_the_run(tmp_path):
         gather.verify(directory.path)
 
 
-def test_what_is_killed_before_it_began_leaves_nothing(tmp_path):
+def test_a_run_killed_before_it_began_leaves_nothing(tmp_path):
     with (
         patch.object(resume, "rendered", side_effect=KeyboardInterrupt),
         pytest.raises(KeyboardInterrupt),
@@ -492,7 +512,9 @@ def test_what_is_killed_before_it_began_leaves_nothing(tmp_path):
 
 
 def test_no_path_leads_out_of_a_run(whole, tmp_path):
-    """Names of shards are numbers and sums; a run.json that is changed by hand has another sum, and no path in it anyway."""
+    """Names of shards are numbers and sums; a run.json changed by hand has another sum, and
+    contains no path anyway.
+    """
     started(tmp_path / "run")
     outside = tmp_path / "outside.nc"
     shutil.copy(min((whole / "shards").iterdir()), outside)
@@ -513,7 +535,9 @@ def test_no_path_leads_out_of_a_run(whole, tmp_path):
 
 
 def test_shards_are_those_of_their_numbers(whole, tmp_path):
-    """Swapped, doubled, beyond the run, misnamed: found by verify, refused where they would be taken for others, mended by repair."""
+    """Swapped, duplicated, beyond the run, misnamed: verify finds it, other commands refuse it,
+    repair mends it.
+    """
 
     def shard(path, i):
         return RunDirectory(path).shards()[i]
@@ -550,7 +574,7 @@ def test_shards_are_those_of_their_numbers(whole, tmp_path):
         resume.extend(path, 2 * MEMBERS)
 
 
-def test_a_shard_of_another_run_is_none_of_this(whole, tmp_path):
+def test_a_shard_of_another_run_is_refused(whole, tmp_path):
     started(tmp_path / "other", seed=5)
     resume.resume(tmp_path / "other")
     started(tmp_path / "run")
@@ -603,11 +627,16 @@ def journal(path):
 def test_bad_arguments(whole, tmp_path):
     scene = SCENE.with_run(members=100)
     for bad in (
-        lambda: resume.create(scene, tmp_path / "run", 0), lambda: resume.create(scene, tmp_path / "run", math.nan),
-        lambda: resume.create(scene, tmp_path / "run", only=range(7, 9)), lambda: resume.resume(whole, only=1), lambda: resume.resume(whole, threads=-1),
-        lambda: resume.resume(whole, threads=0), lambda: resume.resume(whole, block=0), lambda: resume.resume(whole, max_wall="soon"),
-        lambda: resume.resume(whole, max_wall=math.nan), lambda: resume.extend(whole, 6000.5), lambda: resume.extend(whole, "9000"),
-        lambda: gather.verify(whole, spot=-1), lambda: resume.merge(tmp_path / "new", []), lambda: resume.merge(tmp_path / "new", str(whole)),
+        lambda: resume.create(scene, tmp_path / "run", 0),
+        lambda: resume.create(scene, tmp_path / "run", math.nan),
+        lambda: resume.create(scene, tmp_path / "run", only=range(7, 9)),
+        lambda: resume.resume(whole, only=1), lambda: resume.resume(whole, threads=-1),
+        lambda: resume.resume(whole, threads=0), lambda: resume.resume(whole, block=0),
+        lambda: resume.resume(whole, max_wall="soon"),
+        lambda: resume.resume(whole, max_wall=math.nan), lambda: resume.extend(whole, 6000.5),
+        lambda: resume.extend(whole, "9000"),
+        lambda: gather.verify(whole, spot=-1), lambda: resume.merge(tmp_path / "new", []),
+        lambda: resume.merge(tmp_path / "new", str(whole)),
     ):  # fmt: skip
         with pytest.raises(OptionError):
             bad()
@@ -628,7 +657,7 @@ def test_bad_arguments(whole, tmp_path):
     assert not (tmp_path / "x").exists()
 
 
-def test_what_cannot_be_is_refused_before_anything_is_changed(whole, tmp_path):
+def test_bad_input_is_refused_before_anything_changes(whole, tmp_path):
     shutil.copytree(whole, tmp_path / "run")
     before = {p: p.read_bytes() for p in (tmp_path / "run").rglob("*") if p.is_file()}
     for members, error in (
@@ -664,7 +693,7 @@ def test_what_cannot_be_is_refused_before_anything_is_changed(whole, tmp_path):
     )
 
 
-def test_two_looks_at_a_run_do_not_mix(whole, tmp_path):
+def test_two_readers_of_a_run_do_not_mix(whole, tmp_path):
     shutil.copytree(whole, tmp_path / "run")
     hidden = RunDirectory(tmp_path / "run").shards()[1]
     os.rename(hidden, tmp_path / "hidden")
@@ -708,7 +737,7 @@ def test_a_shard_that_cannot_be_read_is_named(whole, tmp_path):
     assert opened.omega_max.isel(member=slice(0, 300)).shape == (3, 300)
 
 
-def test_flagged_members_are_told_by_whoever_ends_the_run(tmp_path):
+def test_the_process_that_ends_a_run_reports_flagged_members(tmp_path):
     started(tmp_path / "run", turn_limit=0.051)
     resume.resume(tmp_path / "run", only=range(3))
     invoke = CliRunner().invoke
@@ -732,12 +761,16 @@ def test_nothing_saved_over_time_and_notes(tmp_path):
     assert rm.open(directory.path).omega_max.shape == (3, MEMBERS)
 
 
-def test_code_of_ones_own_is_that_of_the_start(tmp_path):
+def test_user_code_must_stay_that_of_the_start(tmp_path):
     module = tmp_path / "wind.py"
-    text = "from typing import NamedTuple\n\n\nclass Wind(NamedTuple):\n    size: float\n\n    def torque(self, t, l):\n        return self.size, 0.0, 0.0\n"
+    text = (
+        "from typing import NamedTuple\n\n\nclass Wind(NamedTuple):\n    size: float\n\n   "
+        " def torque(self, t, l):\n        return self.size, 0.0, 0.0\n"
+    )
     module.write_text(text)
     (tmp_path / "wind.toml").write_text(
-        '[body]\nmoments = [1.0, 2.0, 3.0]\n[effects.Wind]\nmodule = "wind.py"\nsize = 0.1\n[start]\nomega = [0.0, 1.0, 0.0]\n[run]\nmembers = 100\n'
+        '[body]\nmoments = [1.0, 2.0, 3.0]\n[effects.Wind]\nmodule = "wind.py"\nsize = '
+        "0.1\n[start]\nomega = [0.0, 1.0, 0.0]\n[run]\nmembers = 100\n"
     )
     invoke = CliRunner().invoke
     assert (
@@ -783,9 +816,8 @@ def test_commands(tmp_path):
     )
     assert "not writable" in invoke(*words[:-1], "/proc/run/").stderr
     count = int(invoke("show", *words[1:6]).stdout.split("directory")[1].split()[0])
-    assert count == math.ceil(
-        20000 / RunDirectory(run).facts["shard"] * 0.5e6 / 2**26
-    )  # the size of a shard is another there
+    # the size of a shard is another there
+    assert count == math.ceil(20000 / RunDirectory(run).facts["shard"] * 0.5e6 / 2**26)
     assert invoke("consolidate", run, "-o", tmp_path / "one.nc").exit_code == 3
     assert invoke("status", run).exit_code == 5 and "1 of" in invoke("status", run).stdout
     assert invoke("resume", run, "--max-wall", "1e-9s").exit_code == 5

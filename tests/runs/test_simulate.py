@@ -1,4 +1,7 @@
-"""The main job: what a Dataset holds, that its bits depend on nothing but scene, seed and member, and that it can be run again."""
+"""The main job: the contents of a Dataset, its bits, and running it again.
+
+The bits depend on scene, seed and member alone.
+"""
 
 import subprocess
 import sys
@@ -54,10 +57,13 @@ def test_bits_do_not_depend_on_how_it_is_run(scene, tmp_path):
 
 
 def test_bits_in_another_process(tmp_path):
-    """A fresh process, which loads the kernel from the disk cache, has the same bits as this one."""
+    """A fresh process, which loads the kernel from the disk cache, gets the same bits."""
     scene = tmp_path / "scene.toml"
     scene.write_text(HEAVY.with_run(**SETTINGS).dumps())
-    code = f"import rigidmc as rm; rm.simulate(rm.Scene.load({str(scene)!r}), output={str(tmp_path / 'other.nc')!r}, threads=1)"
+    code = (
+        f"import rigidmc as rm; rm.simulate(rm.Scene.load({str(scene)!r}), "
+        f"output={str(tmp_path / 'other.nc')!r}, threads=1)"
+    )
     subprocess.run([sys.executable, "-W", "error", "-c", code], check=True)
     with rm.open(tmp_path / "other.nc") as other:
         assert same(rm.simulate(HEAVY, **SETTINGS), other)
@@ -105,7 +111,7 @@ def test_stored_starts_are_what_the_kernel_used():
 
 @pytest.mark.parametrize("integrator", ["rk4", "exact"])
 def test_drift_is_the_largest_over_saves_and_every_32nd_step(integrator):
-    """At a save each step the kernel's maximum equals numpy's to rounding of the energies themselves."""
+    """With a save at each step the kernel's maximum equals numpy's, to rounding of the energies."""
     settings = {
         **SETTINGS,
         "every": 0.02,
@@ -120,12 +126,11 @@ def test_drift_is_the_largest_over_saves_and_every_32nd_step(integrator):
             np.abs(ds[f"{name}_drift"]).max("time").values, ds[f"{name}_drift_max"].values
         )
     worst = float(ds.energy_drift_max.max())
-    assert (
-        1e-12 < worst < 2e-10 if integrator == "rk4" else worst < 8e-15
-    )  # measured 4.6e-11, 2.8e-15
+    # measured 4.6e-11, 2.8e-15
+    assert 1e-12 < worst < 2e-10 if integrator == "rk4" else worst < 8e-15
 
 
-def test_an_attitude_that_nothing_needs_is_not_there():
+def test_an_attitude_that_nothing_needs_is_not_stored():
     ds = rm.simulate(FREE, **{**SETTINGS, "save": ("omega",)})
     assert "attitude" not in ds
     assert "start_attitude" not in ds
@@ -139,11 +144,12 @@ def test_nothing_saved_but_the_summary():
     assert np.array_equal(ds.energy_drift_max, rm.simulate(HEAVY, **SETTINGS).energy_drift_max)
 
 
-@pytest.mark.filterwarnings(
-    "ignore::rigidmc.errors.SceneWarning"
-)  # bodies that cannot be, and quaternions of any length
+# impossible bodies, and quaternions of any length
+@pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
 def test_one_row_per_member():
-    """Bodies, starts and effect parameters as arrays: each member is what it is alone, and the stored file runs again to the same bits."""
+    """Bodies, starts and effect parameters as arrays: each member is the same as alone, and the
+    stored file runs again to the same bits.
+    """
     rng = np.random.default_rng(1)
     parts = rng.uniform(0.2, 1, (100, 3))
     moments = parts.sum(1, keepdims=True) - parts
@@ -212,7 +218,9 @@ def test_a_result_file_is_enough_to_run_again(attitude, tmp_path):
 
 
 def test_part_of_an_array_runs_again_as_it_ran(tmp_path):
-    """The fastest member decides how finely the exact motion is cut, also where the file does not hold it."""
+    """The fastest member decides how finely the exact motion is cut, even if the file does not
+    contain that member.
+    """
     omega = np.random.default_rng(4).normal(size=(64, 3))
     omega[0] *= 50.0
     scene = rm.Scene(BODY, (), rm.Start(omega=omega))
@@ -228,7 +236,9 @@ def test_part_of_an_array_runs_again_as_it_ran(tmp_path):
 
 
 def test_a_bad_member_among_thousands():
-    """One member that overflows is flagged, frozen and counted; all others equal, bit for bit, a run without it."""
+    """One member that overflows is flagged, frozen and counted; all others equal, to the bit, a run
+    without it.
+    """
     rng = np.random.default_rng(3)
     omega = rng.normal(size=(4096, 3))
     wild = omega.copy()
@@ -253,8 +263,10 @@ def test_a_bad_member_among_thousands():
     assert made["bad"].encoding["rigidmc"]["flagged"]["non_finite"] == 1
 
 
-def test_a_sampled_body_that_cannot_be_is_flagged():
-    """Beyond the pilot a distribution may still give an impossible body: it is flagged and frozen, not integrated."""
+def test_an_impossible_sampled_body_is_flagged():
+    """Beyond the pilot a distribution may still give an impossible body: it is flagged and frozen,
+    not integrated.
+    """
     moments = np.full((8192, 3), 1.0)
     scene = rm.Scene(
         rm.Body.from_moments((rm.normal(1.0, 0.24), 1.0, 1.0)), (), rm.Start(omega=(1.0, 1.0, 1.0))
@@ -277,20 +289,20 @@ def _clean_pilot(scene, seed):
     return True
 
 
-def test_a_step_that_does_not_divide_is_reduced_and_said():
+def test_a_step_that_does_not_divide_t_end_is_reduced_with_a_message():
     with pytest.warns(rm.SceneWarning, match=r"dt reduced from 0.03 to 0.025"):
         ds = rm.simulate(FREE, **{**SETTINGS, "dt": 0.03, "every": 0.1})
     assert ds.attrs["dt"] == pytest.approx(0.025)
 
 
-def test_a_large_step_is_warned_of():
+def test_a_large_step_warns():
     with pytest.warns(rm.SceneWarning, match=r"omega dt reaches .* more than 1"):
         rm.simulate(FREE, **{**SETTINGS, "dt": 1.0, "every": None})
 
 
 @pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # gravity that has no effect
 def test_long_drifts_are_cut_and_stay_exact():
-    """A splitting of a free body is its exact motion, whatever the turn in a step; and says nothing wrong about it."""
+    """A splitting of a free body is its exact motion, at any angle of a step, without a warning."""
     scene = rm.Scene(BODY, (rm.Gravity(0.0),), rm.Start(omega=(100.0, 50.0, 20.0)))
     with pytest.warns(rm.SceneWarning, match="more than 3"):
         cut = rm.simulate(
@@ -303,22 +315,21 @@ def test_long_drifts_are_cut_and_stay_exact():
 
 
 def test_exact_takes_any_step():
-    """One step of 30 s equals 3,000 of 0.01 s: the closed form knows no step."""
+    """One step of 30 s equals 3,000 of 0.01 s: the closed form makes no steps."""
     far = rm.simulate(
         FREE, integrator="exact", dt=30.0, t_end=30.0, members=64, save=("omega", "attitude")
     )
     near = rm.simulate(
         FREE, integrator="exact", dt=0.01, t_end=30.0, members=64, save=("omega", "attitude")
     )
-    assert (
-        np.abs(far.omega - near.omega).max() < 1e-11
-    )  # measured 3.2e-13; the round-off grows along a flipping member
+    # measured 3.2e-13; the round-off grows along a flipping member
+    assert np.abs(far.omega - near.omega).max() < 1e-11
     with pytest.warns(rm.SceneWarning):
         rough = rm.simulate(FREE, integrator="rk4", dt=3.0, t_end=30.0, members=64, save=("omega",))
     assert np.abs(rough.omega - near.omega).max() > 1e-2
 
 
-def test_progress_is_told():
+def test_progress_is_reported():
     seen = []
     rm.simulate(FREE, **SETTINGS, progress=lambda done, total: seen.append((done, total)))
     assert seen[-1] == (300 * 100, 300 * 100)
@@ -326,7 +337,9 @@ def test_progress_is_told():
 
 @pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # gravity upwards
 def test_effects_of_one_shape_or_name_are_not_mixed_up():
-    """Numba's own dispatch takes tuples of NamedTuples of one shape for one type; a second effect would get the first one's torque."""
+    """Numba's own dispatch takes tuples of NamedTuples of one shape for one type; a second effect
+    would get the torque of the first.
+    """
 
     class Gravity(NamedTuple):
         g: float

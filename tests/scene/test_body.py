@@ -1,4 +1,6 @@
-"""Bodies: tensors, principal axes, parallel axes, against the numbers of the chapter and random clouds of particles."""
+"""Bodies: tensors, principal axes, parallel axes, against the chapter and random clouds of
+particles.
+"""
 
 import numpy as np
 import pytest
@@ -14,9 +16,10 @@ def test_four_particles_of_the_chapter():
     """TdC Example 3.2: moments 1, 3, 4 (m a^2), axes (1, 1, 0), (1, -1, 0), (0, 0, 1)."""
     m, a = 0.3, 0.7
     body = rm.Body.from_particles([m] * 4, [(a, 0, 0), (0, a, 0), (a, a, 0), (0, 0, 0)])
+    # measured 3.3e-16
     assert np.allclose(
         body.tensor, m * a * a * np.array([[2, -1, 0], [-1, 2, 0], [0, 0, 4]]), rtol=0, atol=1e-15
-    )  # measured 3.3e-16
+    )
     assert np.allclose(body.moments, m * a * a * np.array([1, 3, 4]), rtol=1e-15)
     axes = np.array(body.axes)
     assert np.allclose(
@@ -28,7 +31,9 @@ def test_four_particles_of_the_chapter():
 
 
 def test_cylinder_on_the_edge_of_its_base():
-    """Theory: M/12 [[3a^2+4h^2, 0, -6ah], [0, 15a^2+4h^2, 0], [-6ah, 0, 18a^2]]; with h = sqrt(3) a: 9/4, 9/4, 1/2 (M a^2)."""
+    """Theory: M/12 [[3a^2+4h^2, 0, -6ah], [0, 15a^2+4h^2, 0], [-6ah, 0, 18a^2]]; with h = sqrt(3)
+    a: 9/4, 9/4, 1/2 (M a^2).
+    """
     mass, a = 1.7, 0.2
     for h in (0.1, 0.3, np.sqrt(3) * a):
         body = rm.Body.cylinder(mass, a, h).pivoted_at((a, 0, -h / 2))
@@ -43,9 +48,8 @@ def test_cylinder_on_the_edge_of_its_base():
                 ]
             )
         )
-        assert np.allclose(
-            body.tensor, direct, rtol=0, atol=1e-16
-        )  # x points from the axis to the edge here: the sign of I13 turns
+        # x points from the axis to the edge here, so I13 changes sign
+        assert np.allclose(body.tensor, direct, rtol=0, atol=1e-16)
         root = np.sqrt(225 * a**4 + 24 * a * a * h * h + 16 * h**4)
         expected = (
             mass
@@ -69,14 +73,14 @@ def test_solids_against_clouds_of_points():
     x = (np.arange(80) + 0.5) / 80 - 0.5
     grid = np.stack(np.meshgrid(x, x, x, indexing="ij"), -1).reshape(-1, 3)
     box = rm.Body.from_particles(np.full(len(grid), 2.0 / len(grid)), grid * (0.3, 0.5, 0.7))
-    assert np.allclose(
-        box.moments, rm.Body.box(2.0, (0.3, 0.5, 0.7)).moments, rtol=2e-4
-    )  # measured 1.6e-4
+    # measured 1.6e-4
+    assert np.allclose(box.moments, rm.Body.box(2.0, (0.3, 0.5, 0.7)).moments, rtol=2e-4)
     inside = grid[(grid[:, 0] ** 2 + grid[:, 1] ** 2) <= 0.25] * (0.4, 0.4, 0.9)
     cylinder = rm.Body.from_particles(np.full(len(inside), 2.0 / len(inside)), inside)
+    # measured 5.3e-4
     assert np.allclose(
         sorted(cylinder.moments), sorted(rm.Body.cylinder(2.0, 0.2, 0.9).moments), rtol=3e-3
-    )  # measured 5.3e-4
+    )
 
 
 clouds = st.integers(0, 2**32 - 1).map(np.random.default_rng)
@@ -94,7 +98,9 @@ def test_kinetic_energy_of_particles(rng):
 
 @given(clouds)
 def test_parallel_axes(rng):
-    """TdC (3.26)-(3.28): moving the pivot equals counting the particles from the new point; there and back is the identity."""
+    """TdC (3.26)-(3.28): moving the pivot equals counting the particles from the new point; there
+    and back is the identity.
+    """
     m, r, point = rng.uniform(0.1, 1, 7), rng.normal(size=(7, 3)), rng.normal(size=3)
     body = rm.Body.from_particles(m, r)
     moved = body.pivoted_at(tuple(point))
@@ -106,9 +112,8 @@ def test_parallel_axes(rng):
     )
     back = moved.pivoted_at(tuple(-point))
     assert np.allclose(back.tensor, body.tensor, rtol=0, atol=1e-12 * np.abs(moved.tensor).max())
-    assert not np.allclose(
-        rm.Body.from_particles(m, r + point).tensor, moved.tensor, rtol=1e-3
-    )  # the wrong sign of the shift
+    # the wrong sign of the shift
+    assert not np.allclose(rm.Body.from_particles(m, r + point).tensor, moved.tensor, rtol=1e-3)
 
 
 @given(clouds, st.sampled_from(["general", "two equal", "three equal"]))
@@ -134,7 +139,7 @@ def test_a_diagonal_tensor_keeps_its_axes():
     assert np.array_equal(body.axes, np.eye(3))
 
 
-def test_which_bodies_cannot_be():
+def test_impossible_bodies():
     good = [(1, 2, 3), (1, 1, 1), (1, 1, 2), (0.1 + 0.2, 0.1, 0.2)]
     bad = [(1, 2, 3.0001), (0, 1, 1), (-1, 1, 1), (np.nan, 1, 1)]
     assert not broken(np.array(good, float).T).any()

@@ -1,4 +1,7 @@
-"""Vectors drawn as a whole: their laws, by Kolmogorov and Smirnov and by moments; their files; what they refuse. All draws are keyed, none is flaky."""
+"""Vectors drawn as a whole: their laws, their files, what they refuse.
+
+Laws are tested by Kolmogorov and Smirnov and by moments. All draws are keyed; none is flaky.
+"""
 
 import math
 from typing import NamedTuple
@@ -67,7 +70,7 @@ def test_a_shell_is_exact(direction):
         present, body, tuple(found["start_attitude"])
     )
     assert np.abs(energy - 4.0).max() < 2e-14 and not block[23].any()
-    if direction is None:  # in sqrt(I) scaled components it is even on a sphere
+    if direction is None:  # in components scaled by sqrt(I) it is even on a sphere
         v = l / np.sqrt(np.array(MOMENTS))[:, None]
         assert all(uniform(x, -1.0, 1.0) for x in v / np.linalg.norm(v, axis=0))
     else:
@@ -161,7 +164,10 @@ def test_coarse_grids_span_the_same():
         ("omega = { con = { axis = 2, size = 1.0, angle = 0.1 } }", "con"),
         ("omega = { shell = 1.0 }", "shell"),
         (
-            "omega = { correlated = { mean = [0.0, 1.0, 0.0], covariance = [[1, 2, 0], [2, 1, 0], [0, 0, 1]] } }",
+            (
+                "omega = { correlated = { mean = [0.0, 1.0, 0.0], covariance = [[1, 2, 0], [2, "
+                "1, 0], [0, 0, 1]] } }"
+            ),
             "positive definite",
         ),
         ("momentum = { shell = { energy = 1.0, direction = [0.0, 0.0, 0.0] } }", "direction"),
@@ -170,7 +176,7 @@ def test_coarse_grids_span_the_same():
         ("omega = [{ grid = [0.0, 1.0, 5], log = true }, 1.0, 0.0]", "above 0"),
     ],
 )
-def test_bad_vectors_are_told(text, words):
+def test_bad_vectors_are_refused(text, words):
     with pytest.raises(SceneError, match=words):
         rm.Scene.loads(f"[body]\nmoments = [1.0, 2.0, 2.5]\n[start]\n{text}\n")
 
@@ -261,7 +267,8 @@ def test_starts_from_a_table(tmp_path):
     )
     (tmp_path / "t.toml").write_text(
         SCENE.format(
-            '[{ table = "w.nc", column = "w[1]" }, { table = "w.nc", column = "speed" }, { normal = [0.0, 1.0] }]'
+            '[{ table = "w.nc", column = "w[1]" }, { table = "w.nc", column = "speed" }, { '
+            "normal = [0.0, 1.0] }]"
         )
     )
     assert np.array_equal(
@@ -283,7 +290,7 @@ def test_starts_from_a_table(tmp_path):
         ('{ table = "w.csv", colums = ["wx", "wy", "wz"] }', "", "columns"),
     ],
 )
-def test_bad_tables_are_told(tmp_path, table, text, words):
+def test_bad_tables_are_refused(tmp_path, table, text, words):
     (tmp_path / "s.toml").write_text(SCENE.format(table))
     (tmp_path / "w.csv").write_text(text)
     with pytest.raises(SceneError, match=words):
@@ -312,9 +319,8 @@ def test_sobol_points_are_scipys():
         .T
         + 0.5**31
     )
-    assert (
-        np.abs(w - (np.array([[0.3], [1.0], [0.2]]) + 0.1 * ndtri(true))).max() < 4e-16
-    )  # measured 2.2e-16: quantiles are our own
+    # measured 2.2e-16: the quantiles are our own
+    assert np.abs(w - (np.array([[0.3], [1.0], [0.2]]) + 0.1 * ndtri(true))).max() < 4e-16
     later = stage(scene, 96, 32, True)[1]["start_omega"]
     assert np.array_equal(later, w[:, 96:128]) and np.array_equal(
         stage(scene, 32, 32, False)[1]["start_omega"], w[:, 32:64]
@@ -341,10 +347,11 @@ def test_points_fill_better_than_chance():
             ]
             means.append((w[0] * w[1] + np.sin(w[2]) * w[1] ** 2).mean())
         off[kind] = np.std(means)
+    # measured 0.0064, 0.10
     assert (
         off["sobol"] < 0.02 * off["independent"]
         and off["latin_hypercube"] < 0.5 * off["independent"]
-    )  # measured 0.0064, 0.10
+    )
 
 
 def test_nothing_drawn_needs_no_points():
@@ -368,7 +375,7 @@ WEIGHT = 9.81 * math.sqrt(0.01 + 0.04 + 0.09)  # m g h of the body of `drawn`
 
 
 def height(found):
-    """-1 ... 1: of the centre of mass over the fixed point, of its distance."""
+    """-1 ... 1: the height of the centre of mass over the fixed point, relative to its distance."""
     from rigidmc.dynamics.so3 import up
 
     centre = np.array([0.1, 0.2, 0.3])
@@ -387,9 +394,8 @@ def test_the_canonical_ensemble_is_that_of_gravity():
     kappa = WEIGHT / 1.5
     law = lambda z: np.expm1(-kappa * (z + 1.0)) / np.expm1(-2.0 * kappa)  # noqa: E731
     assert stats.kstest(height(found), law).pvalue > 0.01 and not block[23].any()
-    assert (
-        np.abs(np.linalg.norm(found["start_attitude"], axis=0) - 1.0).max() < 1e-15
-    )  # measured 2.2e-16
+    # measured 2.2e-16
+    assert np.abs(np.linalg.norm(found["start_attitude"], axis=0) - 1.0).max() < 1e-15
     again = drawn(
         505_000,
         128,
@@ -402,7 +408,9 @@ def test_the_canonical_ensemble_is_that_of_gravity():
 
 @pytest.mark.parametrize("energy", [5.0, 0.5])
 def test_the_microcanonical_ensemble_is_that_of_gravity(energy):
-    """Momenta of an energy shell leave attitudes the weight sqrt(E - V): the height is of density sqrt(E - m g h z) where that is real."""
+    """Momenta on an energy shell give attitudes the weight sqrt(E - V): the height has the density
+    sqrt(E - m g h z) where that is real.
+    """
     found, block = drawn(
         momentum=rm.Shell(energy), attitude="ensemble", effects=(rm.Gravity(9.81),)
     )
@@ -454,12 +462,12 @@ def test_an_ensemble_that_cannot_be_drawn_is_refused(start, run, rule):
         ),
     ],
 )
-def test_misspelt_and_impossible_vectors_are_told(start, words):
+def test_misspelt_and_impossible_vectors_are_refused(start, words):
     with pytest.raises(SceneError, match=words):
         rm.Scene.loads(f"[body]\nmoments = [1.0, 2.0, 2.5]\n[start]\n{start}\n")
 
 
-def test_a_start_that_none_has_is_refused():
+def test_an_impossible_start_is_refused():
     scene = rm.Scene(
         rm.Body(MOMENTS, mass=1.0, centre=(0.0, 0.0, 0.3)),
         (rm.Gravity(9.81),),
@@ -470,7 +478,10 @@ def test_a_start_that_none_has_is_refused():
 
 
 def test_short_words_take_distributions():
-    text = "[body]\nmoments = [1.0, 2.0, 2.5]\n[start]\nomega = { sphere = { uniform = [1.0, 2.0] } }\n"
+    text = (
+        "[body]\nmoments = [1.0, 2.0, 2.5]\n[start]\nomega = { sphere = { uniform = [1.0, "
+        "2.0] } }\n"
+    )
     assert rm.Scene.loads(text).start.omega == rm.Sphere(rm.uniform(1.0, 2.0))
 
 
@@ -480,7 +491,7 @@ def test_an_ensemble_is_that_of_a_momentum():
 
 
 class Bowl(NamedTuple):
-    """An effect of one's own with an energy, and no word of how large that may be."""
+    """A user's effect with an energy that does not state how large it may be."""
 
     k: float
 

@@ -1,4 +1,4 @@
-"""How members differ: distributions, attitudes, and that a member's draw depends on nothing but seed, name and index."""
+"""How members differ: distributions, attitudes; draws depend on seed, name and index only."""
 
 import numpy as np
 import pytest
@@ -32,9 +32,8 @@ def test_a_draw_depends_on_seed_name_and_member_alone():
     whole = draw(both, 5, "start.omega", 0, 1000)
     assert np.array_equal(draw(both, 5, "start.omega", 320, 64), whole[:, 320:384])
     alone = draw((rm.normal(0, 1), 3.0, 4.0), 5, "start.omega", 0, 1000)
-    assert np.array_equal(
-        alone[0], whole[0]
-    )  # another random component changes nothing of this one
+    # another random component does not change this one
+    assert np.array_equal(alone[0], whole[0])
     assert not np.array_equal(draw(both, 6, "start.omega", 0, 1000)[0], whole[0])
     assert not np.array_equal(draw(both, 5, "body.moments", 0, 1000)[0], whole[0])
 
@@ -51,18 +50,21 @@ def test_attitudes_do_not_depend_on_how_they_are_asked_for(attitude):
 
 
 def test_uniform_attitudes():
-    """Each entry of a uniform rotation has mean 0 and variance 1/3; the body axis 3 is uniform on the sphere."""
+    """Each entry of a uniform rotation has mean 0 and variance 1/3; the body axis 3 is uniform on
+    the sphere.
+    """
     q = rm.Start(omega=(0, 0, 1), attitude="uniform").quaternions(3, 0, COUNT)
     matrices = matrix(q.T)
-    assert np.abs(matrices.mean(0)).max() < 5 / np.sqrt(
-        3 * COUNT
-    )  # five standard errors; measured 1.7
+    # five standard errors; measured 1.7
+    assert np.abs(matrices.mean(0)).max() < 5 / np.sqrt(3 * COUNT)
     assert np.abs((matrices**2).mean(0) - 1 / 3).max() < 5 * np.sqrt(4 / 45 / COUNT)
     assert scipy.stats.kstest(matrices[:, 2, 2], scipy.stats.uniform(-1, 2).cdf).pvalue > 1e-3
 
 
-def test_ways_to_give_an_attitude():
-    """Quaternion, matrix, Euler angles and scipy Rotation of one attitude agree; A = Rz(phi) Rx(theta) Rz(psi)."""
+def test_an_attitude_in_every_notation():
+    """Quaternion, matrix, Euler angles and scipy Rotation of one attitude agree; A = Rz(phi)
+    Rx(theta) Rz(psi).
+    """
     from scipy.spatial.transform import Rotation
 
     angles = (0.3, 0.7, -1.1)

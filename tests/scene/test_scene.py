@@ -141,8 +141,10 @@ values = st.recursive(
     max_leaves=6,
 )
 places = st.sampled_from(
-    ["body.moments", "body.mass", "body.centre", "body.pivot", "body.tensor", "body.cylinder", "body.particles", "effects.gravity.g",
-     "effects.viscous_damping", "effects", "start.omega", "start.momentum", "start.attitude", "start", "run.dt", "run.t_end", "run.members",
+    ["body.moments", "body.mass", "body.centre", "body.pivot", "body.tensor", "body.cylinder",
+    "body.particles", "effects.gravity.g",
+     "effects.viscous_damping", "effects", "start.omega", "start.momentum", "start.attitude",
+     "start", "run.dt", "run.t_end", "run.members",
      "run.every", "run.save", "run.integrator", "run.seed", "run", "title", "body"]
 )  # fmt: skip
 
@@ -150,7 +152,9 @@ places = st.sampled_from(
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(places, values)
 def test_any_value_anywhere_is_good_or_gets_one_message(place, value):
-    """Hypothesis puts anything anywhere: a scene loads or a SceneError says why; nothing else is ever raised."""
+    """Hypothesis puts anything anywhere: a scene loads or a SceneError says why; nothing else is
+    ever raised.
+    """
     import tomllib
     import warnings
 
@@ -180,7 +184,9 @@ def test_shipped_scenes_load_and_return(name):
 
 
 def test_the_t_handle_is_what_its_file_says():
-    """Bar and stem as solid cylinders, joined by parallel axes: the moments written in dzhanibekov.toml."""
+    """Bar and stem as solid cylinders, joined by parallel axes: the moments written in
+    dzhanibekov.toml.
+    """
     density, r, bar, stem = 8500.0, 0.005, 0.08, 0.04
     m1, m2 = density * np.pi * r * r * bar, density * np.pi * r * r * stem
     z = m2 * stem / 2 / (m1 + m2)
@@ -266,11 +272,12 @@ def test_steps_and_saves(t_end, dt, every, expected):
     assert made <= dt * (1 + 1e-9)
     assert steps * made == pytest.approx(t_end, rel=1e-15)
     assert bool(notes) == (abs(made / dt - 1) > 1e-9)
+    # the reduced step is a fixed point
     assert steps_and_saves(t_end, made, every)[:3] == (
         steps,
         made,
         stride,
-    )  # the reduced step is a fixed point
+    )
 
 
 def test_negative_damping_needs_a_word():

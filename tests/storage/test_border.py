@@ -1,4 +1,4 @@
-"""What is read is looked at first: each way in which a file can lie, and the message that names it."""
+"""Input is checked before it is used: every way in which a file can lie, and the message."""
 
 import contextlib
 import errno
@@ -38,7 +38,7 @@ RUN = {"dt": 0.05, "t_end": 0.5, "every": 0.1, "save": ("omega",)}
 
 @contextlib.contextmanager
 def within(seconds):
-    """TimeoutError for what takes longer, a wait for a pipe too."""
+    """TimeoutError if it takes longer, even waiting for a pipe."""
 
     def late(*_):
         raise TimeoutError
@@ -65,7 +65,7 @@ def directory(tmp_path):
 
 
 def changed(result, path, change):
-    """A copy of a result with something of it changed."""
+    """A copy of a result with one thing changed."""
     made = hostile.Stored(result)
     change(made)
     made.write(path)
@@ -73,7 +73,7 @@ def changed(result, path, change):
 
 
 def with_facts(directory, **facts):
-    """Change facts of a run, its sum too."""
+    """Change facts of a run and its checksum."""
     known = {k: v for k, v in directory.facts.items() if k != "check"}
     (pathlib.Path(directory.path) / "run.json").write_text(rendered({**known, **facts}))
 
@@ -91,9 +91,8 @@ def test_toml_is_nested_a_hundred_deep_at_most(text, tmp_path):
     began = time.process_time()
     with pytest.raises(SceneError, match="nested more than 100 deep"):
         toml(text)
-    assert (
-        time.process_time() - began < 1.0
-    )  # measured 0.01 s; Python's reader takes minutes for the third
+    # measured 0.01 s; Python's reader takes minutes for the third
+    assert time.process_time() - began < 1.0
     assert toml(f"a = {'[' * DEPTH}{']' * DEPTH}") and toml(
         'a = "' + "[" * 1000 + '"  # ' + "[" * 1000
     )
@@ -147,7 +146,7 @@ def renamed(file):
 
 
 @pytest.mark.parametrize("name", [*CHANGES, "dimensions are renamed"])
-def test_a_result_is_what_its_scene_demands(result, tmp_path, name):
+def test_a_result_must_match_its_scene(result, tmp_path, name):
     change, words = CHANGES.get(name, (renamed, "member"))
     path = changed(result, tmp_path / "bad.nc", change)
     kind = SceneError if words in ("scene in this result", "klingon") else FileError
@@ -159,7 +158,7 @@ def test_a_result_is_what_its_scene_demands(result, tmp_path, name):
         assert done.exit_code == 3 and len(done.stderr.splitlines()) == 1, done.output
 
 
-def test_what_a_result_says_of_its_text_and_its_times_is_not_decoded(result, tmp_path):
+def test_encodings_in_a_result_are_not_decoded(result, tmp_path):
     def change(file):
         file.variables["quat"][2].update(_Encoding="klingon")
         file.variables["omega"][2].update(
@@ -170,7 +169,7 @@ def test_what_a_result_says_of_its_text_and_its_times_is_not_decoded(result, tmp
         assert odd.identical(good) and list(odd.quat.values) == ["w", "x", "y", "z"]
 
 
-def test_what_no_result_of_a_scene_has_is_left_out(result, tmp_path):
+def test_unknown_variables_of_a_result_are_left_out(result, tmp_path):
     def change(file):
         file.variables["mine"] = [
             ("member",),
@@ -202,8 +201,8 @@ def test_a_file_that_claims_a_terabyte_is_refused_by_its_header(result, tmp_path
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 1e5  # kB; measured 0
 
 
-def test_a_file_that_the_library_does_not_survive_is_refused(result, tmp_path):
-    """An entry of HDF5's global heap that is -16 bytes long: the library looks for the next of them for ever."""
+def test_a_file_that_crashes_the_library_is_refused(result, tmp_path):
+    """An entry of HDF5's global heap is -16 bytes long: the library searches on for ever."""
     data, path = bytearray(result.read_bytes()), tmp_path / "endless.nc"
     at = data.index(b"GCOL") + 16
     data[at + 8 : at + 16] = (2**64 - 16).to_bytes(8, "little")
@@ -215,10 +214,14 @@ def test_a_file_that_the_library_does_not_survive_is_refused(result, tmp_path):
 
 
 def test_a_result_with_code_is_opened_without_running_it(tmp_path):
-    text = "from typing import NamedTuple\nclass Wind(NamedTuple):\n    size: float\n    def torque(self, t, l):\n        return self.size, 0.0, 0.0\n"
+    text = (
+        "from typing import NamedTuple\nclass Wind(NamedTuple):\n    size: float\n    def "
+        "torque(self, t, l):\n        return self.size, 0.0, 0.0\n"
+    )
     (tmp_path / "wind.py").write_text(text)
     (tmp_path / "scene.toml").write_text(
-        '[body]\nmoments = [1.0, 2.0, 3.0]\n[effects.Wind]\nmodule = "wind.py"\nsize = { uniform = [0.1, 0.2] }\n[start]\nomega = [0.0, 1.0, 0.0]\n'
+        '[body]\nmoments = [1.0, 2.0, 3.0]\n[effects.Wind]\nmodule = "wind.py"\nsize = { '
+        "uniform = [0.1, 0.2] }\n[start]\nomega = [0.0, 1.0, 0.0]\n"
     )
     out = str(tmp_path / "r.nc")
     rm.simulate(
@@ -238,7 +241,10 @@ def test_a_result_with_code_is_opened_without_running_it(tmp_path):
 @pytest.mark.parametrize("axis", [0, 4, 99, -1, True, 1.0, [1]])
 def test_rows_of_a_result_are_asked_for_by_name_and_axis(axis, tmp_path):
     rows = {"omega": np.zeros((3, 5))}
-    text = f"[body]\nmoments = [1.0, 2.0, 3.0]\n[start]\nomega = [{{ stored = 'omega', axis = {str(axis).lower()} }}, 0.0, 0.0]\n"
+    text = (
+        f"[body]\nmoments = [1.0, 2.0, 3.0]\n[start]\nomega = [{{ stored = 'omega', axis = "
+        f"{str(axis).lower()} }}, 0.0, 0.0]\n"
+    )
     from rigidmc.scene.file import loads
 
     with pytest.raises(SceneError, match="axis between 1 and 3"):
@@ -260,33 +266,34 @@ def test_a_run_of_too_many_members_is_refused_before_it_is_counted(directory, fa
             and done.stderr.count("rigidmc:") == 1
             and "is damaged" in done.stderr
         ), done.output
+    # measured 0, 0.02 s
     assert (
         resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 1e5
         and time.process_time() - began < 1.0
-    )  # measured 0, 0.02 s
+    )
 
 
-def test_a_run_of_ten_million_shards_is_asked_quickly(directory):
+def test_the_status_of_ten_million_shards_is_quick(directory):
     with_facts(directory, members=2**53, shard=2**30, block=2**20)
     before, began = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
     assert CliRunner().invoke(app, ["status", directory.path]).exit_code == 5
-    assert (
-        CliRunner().invoke(app, ["resume", directory.path]).exit_code == 74
-    )  # so much memory is not free
+    # so much memory is not free
+    assert CliRunner().invoke(app, ["resume", directory.path]).exit_code == 74
     assert (
         resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 3e5
         and time.process_time() - began < 2.0
     )
 
 
-def test_a_journal_that_tells_what_cannot_be_is_left_out(directory):
+def test_impossible_journal_entries_are_left_out(directory):
     resume.resume(directory)
-    lines = ['{"time": 1e308, "event": "begun"}', "[" * 100_000, '{"a": ' * 100_000, "9" * 5000, '{"time": 1' + "0" * 400 + "}", '{"time": NaN, "event": "begun"}',
-             '{"time": 9e10, "event": "ended", "members": ' + "9" * 400 + ', "seconds": 1.0}', '{"time": 9e10, "event": "ended", "members": 5, "seconds": 1e-320}']  # fmt: skip
+    lines = ['{"time": 1e308, "event": "begun"}', "[" * 100_000, '{"a": ' * 100_000, "9" * 5000,
+        '{"time": 1' + "0" * 400 + "}", '{"time": NaN, "event": "begun"}',
+             '{"time": 9e10, "event": "ended", "members": ' + "9" * 400 + ', "seconds": 1.0}',
+             '{"time": 9e10, "event": "ended", "members": 5, "seconds": 1e-320}']  # fmt: skip
     (pathlib.Path(directory.path) / "journal.jsonl").write_text("\n".join(lines) + "\n")
-    assert (
-        run_directory.status(directory.path)["rate"] is None
-    )  # of the last line, which is well formed, 5/1e-320 is no number
+    # in the last line, which is well formed, 5/1e-320 overflows
+    assert run_directory.status(directory.path)["rate"] is None
     lines.append("x" * 2_000_000 + '\n{"time": 9.05e10, "event": "begun"}')
     good = {"time": 9.1e10, "event": "ended", "members": 50, "seconds": 2.0, "flagged": {}}
     (pathlib.Path(directory.path) / "journal.jsonl").write_text(
@@ -295,7 +302,7 @@ def test_a_journal_that_tells_what_cannot_be_is_left_out(directory):
     assert run_directory.status(directory.path)["rate"] == 25.0
 
 
-def test_a_part_with_a_number_that_no_process_has_is_taken_away(directory):
+def test_a_part_of_a_process_that_does_not_exist_is_deleted(directory):
     part = pathlib.Path(Part(os.path.join(directory.path, "shards", "00000000")).path)
     part = part.with_name(part.name.replace(f"-{os.getpid()}-", f"-{'9' * 20}-"))
     part.write_text("")
@@ -307,7 +314,10 @@ def test_a_pipe_in_place_of_a_file_is_not_waited_for(result, directory, tmp_path
     os.mkfifo(pipe)
     for name in ("p.nc", "p.toml", "p.csv", "p.stl"):
         (tmp_path / name).symlink_to(pipe)
-    scene = '[body]\nmoments = [1.0, 2.0, 3.0]\n[start]\nomega = [{ table = "p.csv", column = "a" }, 0.0, 0.0]\n'
+    scene = (
+        '[body]\nmoments = [1.0, 2.0, 3.0]\n[start]\nomega = [{ table = "p.csv", column = '
+        '"a" }, 0.0, 0.0]\n'
+    )
     (
         (tmp_path / "scene.toml").write_text(scene),
         (tmp_path / "other.toml").write_text(scene.replace("p.csv", "p.nc")),
@@ -333,7 +343,7 @@ def test_a_pipe_in_place_of_a_file_is_not_waited_for(result, directory, tmp_path
         refuse_unreadable(result)
 
 
-def test_a_device_a_folder_and_text_that_is_none_are_named(tmp_path):
+def test_devices_folders_and_binary_files_are_named(tmp_path):
     (
         (tmp_path / "zero.toml").symlink_to("/dev/zero"),
         (tmp_path / "latin.toml").write_bytes(b'title = "\xe9"'),
@@ -351,7 +361,7 @@ def test_a_device_a_folder_and_text_that_is_none_are_named(tmp_path):
 
 
 @pytest.mark.parametrize("code", [errno.ENOLCK, errno.EOPNOTSUPP])
-def test_without_locks_nothing_is_made_and_the_way_out_is_named(monkeypatch, tmp_path, code):
+def test_without_locks_nothing_is_written_and_the_remedy_is_named(monkeypatch, tmp_path, code):
     def flock(*_):
         raise OSError(code, os.strerror(code))
 
@@ -376,8 +386,11 @@ def test_without_locks_nothing_is_made_and_the_way_out_is_named(monkeypatch, tmp
     assert run_directory.status(tmp_path / "run")["done"] == 1
 
 
-def test_rigidmc_knows_of_a_lock_that_another_holds(directory):
-    code = "import fcntl, sys; file = open(sys.argv[1], 'ab'); fcntl.flock(file, fcntl.LOCK_EX); print(1, flush=True); sys.stdin.read()"
+def test_a_lock_of_another_process_is_detected(directory):
+    code = (
+        "import fcntl, sys; file = open(sys.argv[1], 'ab'); fcntl.flock(file, "
+        "fcntl.LOCK_EX); print(1, flush=True); sys.stdin.read()"
+    )
     with subprocess.Popen(
         [sys.executable, "-c", code, f"{directory.path}/lock"],
         stdin=subprocess.PIPE,
@@ -390,8 +403,11 @@ def test_rigidmc_knows_of_a_lock_that_another_holds(directory):
 
 @pytest.mark.parametrize("word", ["table", "key", "value", "make", "name"])
 def test_parameters_of_a_law_may_have_any_name(word):
-    """They went to Python as they stood, and some were taken for its own."""
-    scene = f"[body]\nmoments = [1.0, 2.0, {{ beta = {{ a = 2.0, b = 3.0, {word} = 1.0 }} }}]\n[start]\nomega = [0.0, 1.0, 0.0]\n"
+    """Before, they went to Python as they stood, and some were taken for its own parameters."""
+    scene = (
+        f"[body]\nmoments = [1.0, 2.0, {{ beta = {{ a = 2.0, b = 3.0, {word} = 1.0 }} "
+        f"}}]\n[start]\nomega = [0.0, 1.0, 0.0]\n"
+    )
     with pytest.raises(SceneError, match="keys a, b, loc, scale"):
         rm.Scene.loads(scene)
 

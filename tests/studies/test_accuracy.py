@@ -1,4 +1,7 @@
-"""The study of what accuracy costs: rows that are what they say, the cheapest is the cheapest, predictions hold for other members."""
+"""The study of what accuracy costs: correct rows, the cheapest choice, predictions.
+
+The predictions hold for other members.
+"""
 
 import numpy as np
 import pytest
@@ -47,9 +50,8 @@ def test_errors_are_ordered_and_of_what_they_say(study):
         median, p99, upper, worst = (
             study[f"error_{quantity}_{word}"].values for word in ("median", "p99", "upper", "worst")
         )
-        known = ~np.isnan(
-            median
-        )  # a closed form keeps energy to rounding that nobody has measured here
+        # a closed form conserves energy to a rounding that nobody measured here
+        known = ~np.isnan(median)
         assert known.all() or set(study.integrator.values[~known]) == {"closed"}
         assert (median <= p99)[known].all()
         assert (p99 <= worst)[known].all()
@@ -87,16 +89,15 @@ def test_the_table_says_it(study):
 
 
 def test_predictions_of_error_hold_for_others(study):
-    """The 99 % of 64 members and those of 600 others, within a factor of 2 as they should be and mostly much nearer."""
+    """The 99 % error of 64 members and that of 600 others agree within a factor of 2."""
     others = pilot(LAGRANGE, 600, first=1000)
     true = truth(others)
     for name, steps in (("rk4", 192), ("rk8", 48), ("chin4", 96)):
         found = rows(study, name)
         near = int(np.argmin(np.abs(found.steps.values - steps)))
         apart = errors(others, follow(others, name, int(found.steps[near])), true.states)["state"]
-        assert (
-            0.5 < np.quantile(apart, 0.99) / found.error_state_p99.values[near] < 2.0
-        )  # 0.69, 0.96, 1.21
+        # 0.69, 0.96, 1.21
+        assert 0.5 < np.quantile(apart, 0.99) / found.error_state_p99.values[near] < 2.0
 
 
 @pytest.mark.slow

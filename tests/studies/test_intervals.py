@@ -1,4 +1,4 @@
-"""Intervals: against scipy's own where it has them, and how often they cover what they should."""
+"""Intervals: against scipy's where it has them, and how often they cover the truth."""
 
 import numpy as np
 import pytest
@@ -17,12 +17,13 @@ def test_probabilities_are_those_of_scipy(method, word):
         for confidence in (0.9, 0.95, 0.999):
             theirs = stats.binomtest(k, n).proportion_ci(confidence, word)
             mine = probability(k, n, confidence, method)
+            # measured 5e-13, where scipy searches for the root
             assert (mine.value, mine.low, mine.high) == pytest.approx(
                 (k / n, theirs.low, theirs.high), abs=2e-12
-            )  # measured 5e-13, where scipy looks for the root
+            )
 
 
-def test_arrays_and_what_cannot_be():
+def test_arrays_and_impossible_input():
     made = probability(np.array([[1, 0], [5, 0]]), np.array([5, 0]))
     assert made.value.shape == (2, 2)
     assert np.isnan(made.low[0, 1])
@@ -46,7 +47,7 @@ def test_probabilities_cover(p):
     k = np.random.default_rng(1).binomial(400, p, REPEATED)
     assert 0.93 < covered(probability(k, 400), p) < 0.97
     assert covered(probability(k, 400, method="clopper-pearson"), p) > 0.94
-    assert covered(probability(k, 400, 0.5), p) < 0.6  # of half the confidence
+    assert covered(probability(k, 400, 0.5), p) < 0.6  # with half the confidence
 
 
 def test_means_cover():
@@ -88,7 +89,7 @@ def test_few_values_have_open_ends():
 
 
 def test_a_control_variate_and_antithetic_pairs_tell_what_they_gain():
-    """Linear in one normal number and a little of another: both take all of the first away."""
+    """Linear in one normal number and a little of another: both remove all of the first."""
     some = np.random.default_rng(4)
     covered = np.zeros(3)
     for _ in range(400):

@@ -1,4 +1,7 @@
-"""Maps against theory, pixels against single runs, blank and failed pixels, pictures by their figure; ensembles that grow until a number is known."""
+"""Maps against theory, pixels against single runs, blank and failed pixels, pictures.
+
+Also ensembles that grow until a number is known.
+"""
 
 import numpy as np
 import pytest
@@ -17,9 +20,8 @@ from rigidmc.studies.until import simulate_until
 from rigidmc.views.maps import stability_map
 
 SIDE, EACH = 12, 4
-pytestmark = pytest.mark.filterwarnings(
-    "ignore::rigidmc.errors.SceneWarning"
-)  # of steps of 1.2 rad, which rk8 takes
+# of steps of 1.2 rad, which rk8 takes
+pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +48,7 @@ def test_a_pixel_is_a_run_of_its_members(flips):
         assert np.array_equal(one.moments.values[0], np.full(EACH, flips.x.values[j]))
 
 
-def test_bodies_that_cannot_be_are_blank(flips):
+def test_impossible_bodies_are_blank(flips):
     one, three = np.meshgrid(flips.x.values, flips.y.values)
     exists = three <= 1.0 + one
     assert np.array_equal(flips.none.values == 0, exists) and np.array_equal(
@@ -73,9 +75,8 @@ def test_intervals_hold_the_mean_of_many(flips):
     low = (i * SIDE + j) * EACH
     members = rm.simulate(scene, members=range(low, low + EACH)).flips.values
     half = flips["mean(flips)_high"].values[i, j] - flips["mean(flips)"].values[i, j]
-    assert half == pytest.approx(
-        3.182 * members.std(ddof=1) / 2.0, rel=1e-3
-    )  # Student's t, 3 degrees of freedom
+    # Student's t, 3 degrees of freedom
+    assert half == pytest.approx(3.182 * members.std(ddof=1) / 2.0, rel=1e-3)
 
 
 def test_the_sleeping_top_falls_within_a_pixel_of_theory():
@@ -178,7 +179,7 @@ def test_what_cannot_be_reached_is_told(text, words):
         simulate_until(free(), text, most=1_000_000)
 
 
-def test_a_goal_that_is_not_reached_is_told():
+def test_a_goal_that_is_not_reached_is_reported():
     with pytest.warns(rm.SceneWarning, match="not reached"):
         ds, found = simulate_until(free(), "p(flips >= 1) +- 0.001", most=8192)
     assert ds.sizes["member"] == 8192 and found.half > 0.001
@@ -343,7 +344,7 @@ def test_what_is_no_measure_is_told(text):
         (["intermediate_axis", "--plot", "map.xyz"], ".png"),
     ],
 )
-def test_the_command_tells_what_is_wrong(arguments, words):
+def test_the_command_reports_mistakes(arguments, words):
     result = CliRunner().invoke(app, ["map", *arguments])
     assert result.exit_code == 3 and words in result.stderr
 

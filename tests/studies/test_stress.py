@@ -1,4 +1,7 @@
-"""The catalogue of hard cases: what it holds, that errors are seen, and what happens to words and bounds that are wrong."""
+"""The catalogue of hard cases: its contents, and that it sees errors.
+
+Also wrong words and wrong bounds.
+"""
 
 import math
 from functools import cache
@@ -26,7 +29,7 @@ def cases():
     return catalogue()
 
 
-def test_the_catalogue_is_what_it_says():
+def test_the_catalogue_is_complete():
     assert len(cases()) >= 60
     assert len({case.name for case in cases()}) == len(cases())
     assert {case.group for case in cases()} == set(GROUPS)
@@ -54,7 +57,7 @@ def test_quick_cases_are_within_their_bounds(name):
 
 
 def test_errors_are_seen():
-    """What a case measures grows when the thing measured is wrong: another truth, another law, another time."""
+    """The measure of a case grows with what it measures: another truth, law or time."""
     scene, wrong = tops((1.0, 1.4, 2.0), (0.3, 0.9, 0.7)), tops((1.0, 1.4, 2.0001), (0.3, 0.9, 0.7))
 
     def against_wrong(integrator, share):
@@ -68,13 +71,12 @@ def test_errors_are_seen():
     assert constant(scene, 10.0, conserved)("exact", 1.0) < 1e-14
     assert constant(scene, 10.0, direction)("exact", 1.0) > 0.1  # L does move
     assert flips((1.0, 2.0, 3.0), (1e-4, 2.0, 0.0), 1)("exact", 1.0) < 1e-13
-    assert (
-        flips((1.0, 2.0, 3.0), (1e-4, 2.0, 1e-4), 1)("exact", 1.0) > 1e-3
-    )  # does not start where L3 = 0
+    # does not start where L3 = 0
+    assert flips((1.0, 2.0, 3.0), (1e-4, 2.0, 1e-4), 1)("exact", 1.0) > 1e-3
 
 
-def test_a_study_tells_what_is_above_its_bound(tmp_path):
-    """One bound at a tenth: the right row, and no other, is above."""
+def test_a_study_reports_cases_above_their_bound(tmp_path):
+    """One bound at a tenth: the right row, and no other, is above it."""
     names = ["exact", "closed"]
     first = H.stress(["H5"], names, threads=1)
     assert not H.failed(first)
@@ -156,10 +158,12 @@ def test_every_integrator_has_hard_cases():
 
 @pytest.mark.slow
 def test_rounding_walks_over_1e8_steps():
-    """40 to 100 s: the free motion of 32 tops over 1e8 steps; its rms drift at 1e8 is that at 1.6e6 times sqrt(64), to a factor of 6.
+    """40 to 100 s: the free motion of 32 tops over 1e8 steps; the rms drift at 1e8 steps is
+    sqrt(64) times that at 1.6e6, to a factor of 6.
 
-    Under 3 on a Zen 4, 4.5 on a Sapphire Rapids, whose roundings differ: there two of the 32 drift evenly, by 1.6e-19 of their energy a step,
-    while the others walk; the rms of all at 1e8 is 4.1e-12. Drifting evenly all would make it 8.
+    The factor is below 3 on a Zen 4 and 4.5 on a Sapphire Rapids, which rounds differently: there
+    two of the 32 drift evenly, by 1.6e-19 of their energy a step, while the others random-walk; the
+    rms of all at 1e8 is 4.1e-12. If all drifted evenly, the factor would be 8.
     """
     moments, momentum = random_tops()
     assert walk(tops(moments, momentum), 0.1, 100_000_000)("exact", 1.0) < 6.0

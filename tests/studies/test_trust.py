@@ -1,4 +1,7 @@
-"""The generic checks of a scene: they agree with the truth where there is one, and see a long step, chaos and sick members."""
+"""The generic checks of a scene: they agree with a known truth.
+
+They see a long step, chaos and bad members.
+"""
 
 import numpy as np
 import pytest
@@ -30,9 +33,8 @@ def test_a_good_scene_is_trusted_as_far_as_it_is_true(good):
         "there and back",
         "closed form",
     }
-    assert error["half the step"] == pytest.approx(
-        error["closed form"], rel=0.05
-    )  # 5.652e-9 and 5.652e-9
+    # 5.652e-9 and 5.652e-9
+    assert error["half the step"] == pytest.approx(error["closed form"], rel=0.05)
     assert error["another integrator (rk8)"] == pytest.approx(error["closed form"], rel=0.01)
     for name, tells, values in zip(
         good.check.values, good.tells.values, good.error.values, strict=True

@@ -1,4 +1,4 @@
-"""What one asks of a result: ds.rigid, rigidmc summary, rigidmc animate."""
+"""Questions to a result: ds.rigid, rigidmc summary, rigidmc animate."""
 
 import numpy as np
 import pytest
@@ -68,7 +68,9 @@ def test_euler_angles_give_the_attitude_back(result):
 
 
 def test_the_phase_of_free_motion_runs_evenly():
-    """It grows by t/period, to 2e-15 as measured: against saves of the exact flow, of random bodies; of a permanent rotation there is none."""
+    """It grows by t/period, to 2e-15 as measured, against saves of the exact flow of random bodies;
+    a permanent rotation has none.
+    """
     some = np.random.default_rng(4)
     second = some.uniform(0.2, 1.0, (500, 3))
     moments = second.sum(1)[:, None] - second
@@ -114,7 +116,7 @@ def test_pictures_and_summary(result):
     assert CliRunner().invoke(app, ["summary", str(result)]).stdout.strip() == text
 
 
-def test_even_points_tell_no_interval():
+def test_even_points_give_no_interval():
     scene = rm.Scene(
         rm.Body.from_moments((1.0, 2.0, 2.8)), start=rm.Start(omega=(rm.normal(0.0, 0.1), 1.0, 0.0))
     )
@@ -126,9 +128,8 @@ def test_even_points_tell_no_interval():
         save=("omega_max", rm.Histogram("energy", 0, 2)),
     )
     assert "+-" not in ds.rigid.summary() and "randomised" in ds.rigid.summary()
-    assert (
-        "equal to the bit" in ds.rigid.rerun(7).attrs["rerun"]
-    )  # a histogram is of all members, and is not compared
+    # a histogram is of all members, and is not compared
+    assert "equal to the bit" in ds.rigid.rerun(7).attrs["rerun"]
 
 
 def test_an_animation(result, tmp_path):

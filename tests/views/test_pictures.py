@@ -1,4 +1,4 @@
-"""The pictures, read back through their figures: what is drawn, from which members, how labelled; and what is said without data."""
+"""The pictures, read back through their figures: data, members, labels; messages if no data."""
 
 import subprocess
 import sys
@@ -46,7 +46,7 @@ def flips(members=400, saves=61, t_end=45.0, dt=0.05, moments=MOMENTS, spread=1e
 
 
 def dataset(time, start_omega, moments=MOMENTS, **states):
-    """A Dataset as simulate() gives it, from saved states (time, component, member)."""
+    """A Dataset as simulate() returns it, from saved states (time, component, member)."""
     members = start_omega.shape[-1]
     drift = np.geomspace(1e-14, 1e-11, members)
     variables = {
@@ -82,7 +82,9 @@ def ends(free):
 
 @pytest.fixture
 def tops(free):
-    """Bodies whose axis 3 leans 0 to 40 degrees from the vertical, by a rotation about x; |L|^2 is not conserved."""
+    """Bodies whose axis 3 leans 0 to 40 degrees from the vertical, by a rotation about x; |L|^2 is
+    not conserved.
+    """
     half = np.radians(np.linspace(0.0, 40.0, free.sizes["member"])) / 2.0
     attitude = np.zeros((free.sizes["time"], 4, free.sizes["member"]))
     attitude[:, 0], attitude[:, 1] = np.cos(half), np.sin(half)
@@ -100,7 +102,7 @@ def discs(figure):
 
 
 def draw(figure):
-    """Lay out and render, where matplotlib's warnings come from."""
+    """Lay out and render, which is when matplotlib warns."""
     figure.canvas.draw()
     return figure
 
@@ -125,10 +127,11 @@ def test_separatrices_are_where_2t_i_mid_is_l2(free):
         if line.get_label() == "separatrices"
     )
     (x0, x1), (y0, y1) = line.get_data()
+    # to the right is axis 3, up is axis 1: the middle axis points to the reader
     l3, l1 = (
         x1 - x0,
         y1 - y0,
-    )  # to the right is axis 3, up is axis 1: the middle axis looks at the reader
+    )
     for scale, zero in ((1.0, True), (1.2, False)):
         l = np.array([scale * l1, 0.7, l3])
         assert (
@@ -142,18 +145,15 @@ def test_density_is_one_for_an_isotropic_ensemble_and_holds_all_members():
     v /= np.linalg.norm(v, axis=1)
     both = np.stack(sphere.density(v, (1, -1), np.sqrt(2.0)))
     disc = np.isfinite(both)
-    assert disc.mean() == pytest.approx(
-        np.pi / 4.0, abs=0.02
-    )  # measured 0.799: a bin that the rim cuts counts whole
+    # measured 0.799: a bin that the rim cuts counts in full
+    assert disc.mean() == pytest.approx(np.pi / 4.0, abs=0.02)
     assert np.median(both[disc]) == pytest.approx(1.0, abs=3e-3)  # measured 1.0003
-    assert (
-        np.std(both[disc]) < 0.06
-    )  # measured 0.052; of 1,000,000 in 22,600 bins, nine of them together: 0.050
+    # measured 0.052; of 1,000,000 in 22,600 bins, nine of them together: 0.050
+    assert np.std(both[disc]) < 0.06
     lopsided = np.stack(sphere.density(np.abs(v), (1, -1), np.sqrt(2.0)))
     assert np.isnan(lopsided[1]).all()
-    assert np.nanmedian(lopsided[0]) == pytest.approx(
-        8.0, abs=0.1
-    )  # one octant of eight; measured 7.98
+    # one octant of eight; measured 7.98
+    assert np.nanmedian(lopsided[0]) == pytest.approx(8.0, abs=0.1)
 
 
 def test_polhodes_keep_energy_and_pass_through_the_start():
@@ -163,22 +163,20 @@ def test_polhodes_keep_energy_and_pass_through_the_start():
     for k in range(3):
         u, inverse = l[:, k] / np.linalg.norm(l[:, k]), 1.0 / moments[:, k]
         assert np.abs(np.linalg.norm(curves[..., k], axis=1) - 1.0).max() < 1e-15  # measured 1e-16
-        assert (
-            np.abs(curves[..., k] ** 2 @ inverse - u**2 @ inverse).max() < 1e-15
-        )  # measured 2e-16
+        # measured 2e-16
+        assert np.abs(curves[..., k] ** 2 @ inverse - u**2 @ inverse).max() < 1e-15
+        # measured 0.11 or more: another body
         assert (
             np.abs(curves[..., k] ** 2 @ inverse[[1, 0, 2]] - u**2 @ inverse[[1, 0, 2]]).max() > 0.1
-        )  # measured 0.11 or more: another body
-        assert (
-            np.linalg.norm(curves[..., k] - u, axis=1).min() < 0.01
-        )  # measured 0.003 or less, with 721 points around
+        )
+        # measured 0.003 or less, with 721 points around
+        assert np.linalg.norm(curves[..., k] - u, axis=1).min() < 0.01
 
 
 def test_both_hemispheres_are_shown_where_a_path_goes_on_to_the_other(free):
     bare = free.drop_vars("omega")
-    bare["start_omega"][:] = np.array([0.5, 0.1, 0.1])[
-        :, None
-    ]  # one point; its polhode goes around axis 1
+    # one point; its polhode goes around axis 1
+    bare["start_omega"][:] = np.array([0.5, 0.1, 0.1])[:, None]
     assert len(ensemble.momentum_sphere(bare).axes[0].images) == 2
 
 
@@ -332,7 +330,7 @@ def test_summary_without_states_shows_the_start_and_says_so(free):
 def test_a_flagged_member_is_left_out_and_counted(free):
     bad = free.copy(deep=True)
     bad["status"][5], bad["omega"][30:, :, 5], bad["energy_drift_max"][5] = 1, 1e6, 1e9
-    bad["omega"][2, 1, 6] = np.nan  # not flagged, and still no harm
+    bad["omega"][2, 1, 6] = np.nan  # not flagged, and harmless
     good = free.drop_sel(member=[5, 6])
     figure = draw(ensemble.summary(bad))
     assert figure.get_suptitle().endswith("1 flagged and left out")

@@ -1,7 +1,8 @@
-"""A member's numbers depend on scene, seed and index: not on what else is saved.
+"""The numbers of a member depend on scene, seed and index, not on what else is saved.
 
-What is compiled, and whether the attitude is followed at all, depends on what is saved: each of the quick tests compares what carries little with what
-carries all; every observable alone beside all together is  pytest -m slow tests/whole/test_alone.py  (12 minutes).
+What is saved decides what is compiled, and whether the attitude is integrated at all. Each quick
+test compares a run that saves little with one that saves all. Every observable alone beside all
+together is `pytest -m slow tests/whole/test_alone.py` (12 minutes).
 """
 
 from typing import NamedTuple
@@ -37,7 +38,7 @@ def acted(*effects, momentum=None, **run):
 SCENES = {
     "free, by the exact motion": free(
         integrator="exact", dt=0.5, t_end=60.0
-    ),  # 4 panels of the phase to a step
+    ),  # 4 panels of the phase per step
     "free, steps of its own": free(integrator="rk4", turn=0.1, t_end=30.0),
     "heavy and damped, by Runge-Kutta": acted(
         rm.Gravity(1.0), rm.ViscousDamping(0.01), integrator="rk4", dt=0.05, t_end=10.0
@@ -50,10 +51,11 @@ SCENES = {
         rm.Bath(0.1, 1.0), momentum=rm.GibbsMomentum(1.0), integrator="strang", dt=0.05, t_end=10.0
     ),
 }
+# minus the work if that is saved: then another quantity
 DRIFTS = (
     "energy_drift",
     "energy_drift_max",
-)  # less the work where that is booked: another quantity then
+)
 
 
 def able(scene, name):
@@ -80,7 +82,7 @@ def differing(some, every, booked):
 
 @pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # long steps
 @pytest.mark.parametrize("name", SCENES)
-def test_little_and_much(name):
+def test_saving_little_and_saving_all(name):
     scene = SCENES[name]
     much = saved(
         scene,
@@ -123,7 +125,9 @@ def test_every_observable_alone_and_together(name):
 
 
 def test_the_neighbour_of_a_free_body():
-    """Its distance is that of attitude and momentum, whether or not the attitude is saved: 1.9133 alone and 1.9486 beside it, before."""
+    """Its distance is that of attitude and momentum, whether or not the attitude is saved. Before:
+    1.9133 alone and 1.9486 beside it.
+    """
     scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)), start=rm.Start(omega=(1.0, 0.4, 0.3)))
     alone, beside = (
         rm.simulate(scene, "rk8", dt=0.05, t_end=60.0, members=1, save=save).megno.item()
@@ -133,7 +137,7 @@ def test_the_neighbour_of_a_free_body():
 
 
 class Tilt(NamedTuple):
-    """Cosine of the angle between axis 3 and the vertical: an observable of a user's own."""
+    """Cosine of the angle between axis 3 and the vertical: a user's own observable."""
 
     units, long_name, dims = "1", "cosine of the tilt", ()
 
@@ -142,7 +146,7 @@ class Tilt(NamedTuple):
 
 
 def test_an_observable_that_names_the_attitude_gets_it(monkeypatch):
-    """It was that of the identity, 1, where nothing else carried the attitude."""
+    """Before, it was 1, that of the identity, if nothing else needed the attitude."""
     monkeypatch.setitem(OBSERVABLES, "tilt", Tilt)
     monkeypatch.setattr("rigidmc.scene.scene.KNOWN", (*KNOWN, "tilt"))
     scene = rm.Scene(HEAVY, start=rm.Start(omega=rm.Sphere(1.0), attitude="uniform"))
@@ -155,7 +159,7 @@ def test_an_observable_that_names_the_attitude_gets_it(monkeypatch):
     assert np.abs(alone.tilt.values - (1.0 - 2.0 * (x * x + y * y))).max() < 1e-15  # measured 2e-16
 
 
-def test_what_is_asked_of_the_attitude():
+def test_observables_that_need_the_attitude():
     bare = rm.Scene(HEAVY, start=rm.Start(omega=(0.0, 1.0, 0.0)))
     needed = {
         name

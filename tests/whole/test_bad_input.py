@@ -1,6 +1,7 @@
-"""Whatever a scene file, a run or a result holds: one message and its exit code, never a traceback; and nothing of it is ever executed.
+"""Whatever a scene file, a run or a result contains: one message, an exit code, no traceback.
 
-300 scenes, 100 files of either kind; a hundred times as many with  HYPOTHESIS_PROFILE=nightly pytest tests/whole/test_bad_input.py
+Nothing of it is ever executed. 300 scenes, 100 files of either kind; a hundred times as many with
+`HYPOTHESIS_PROFILE=nightly pytest tests/whole/test_bad_input.py`.
 """
 
 import ast
@@ -39,10 +40,14 @@ NEVER = {
 }
 SCENES = [tomllib.loads(read_source(name)) for name in shipped()]
 ODD = st.one_of(
-    st.none().map(lambda _: {}), st.booleans(), st.integers(-3, 3), st.sampled_from([10**12, 10**400, -(2**63), 2**63]),
-    st.floats(), st.text(max_size=8), st.lists(st.one_of(st.floats(), st.text(max_size=3), st.integers()), max_size=5),
-    st.dictionaries(st.sampled_from(["normal", "uniform", "grid", "stored", "table", "cone", "sphere", "gamma", "x"]),
-                    st.one_of(st.floats(), st.lists(st.floats(), max_size=4), st.text(max_size=3)), max_size=2),
+    st.none().map(lambda _: {}), st.booleans(), st.integers(-3, 3),
+    st.sampled_from([10**12, 10**400, -(2**63), 2**63]),
+    st.floats(), st.text(max_size=8),
+    st.lists(st.one_of(st.floats(), st.text(max_size=3), st.integers()), max_size=5),
+    st.dictionaries(st.sampled_from(["normal", "uniform", "grid", "stored", "table", "cone",
+    "sphere", "gamma", "x"]),
+                    st.one_of(st.floats(), st.lists(st.floats(), max_size=4), st.text(max_size=3)),
+                    max_size=2),
 )  # fmt: skip
 
 
@@ -56,7 +61,9 @@ def places(data, path=()):
 
 @st.composite
 def broken(draw):
-    """A shipped scene with one to three of its values replaced, taken away, or put under another name."""
+    """A shipped scene with one to three of its values replaced, deleted, or moved to another
+    name.
+    """
     data = tomllib.loads(tomli_w.dumps(draw(st.sampled_from(SCENES))))
     for _ in range(draw(st.integers(1, 3))):
         *path, key = draw(st.sampled_from(list(places(data))))
@@ -75,7 +82,7 @@ def broken(draw):
 
 
 def told(*words):
-    """The exit code of a command; fails where it is a traceback, or more than one message."""
+    """The exit code of a command; fails on a traceback or more than one message."""
     made = CliRunner().invoke(app, [str(word) for word in words])
     assert made.exception is None or isinstance(made.exception, SystemExit), (words, made.exception)
     messages = made.stderr.count("rigidmc: ") - made.stderr.count("rigidmc: note")
@@ -129,7 +136,10 @@ def test_a_torn_run_is_one_message(directory, name, at, more, command):
 
 
 def test_nothing_is_executed_but_what_was_allowed():
-    """No pickle, eval, exec or yaml in the package's syntax trees; one place runs a user's file, with --allow-code, and one has xarray imported."""
+    """No pickle, eval, exec or yaml in the syntax trees of the package.
+
+    One place runs a user's file, with --allow-code, and one imports xarray.
+    """
     found = []
     for path in PACKAGE.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text("utf-8"))):
@@ -142,9 +152,8 @@ def test_nothing_is_executed_but_what_was_allowed():
                 names = {word for alias in node.names for word in alias.name.split(".")} | set(
                     (getattr(node, "module", None) or "").split(".")
                 )
-            names -= (
-                {"compile"} if isinstance(node, ast.Attribute) else set()
-            )  # of regular expressions and kernels
+            # of regular expressions and kernels
+            names -= {"compile"} if isinstance(node, ast.Attribute) else set()
             if names & NEVER:
                 found.append((path.relative_to(PACKAGE).as_posix(), *(names & NEVER)))
     assert sorted(found) == [

@@ -1,6 +1,8 @@
-"""One result wherever it is made: in memory, in a file, in a run directory, consolidated, on a cluster, by any threads and blocks, for random scenes.
+"""One result wherever it is computed, for random scenes.
 
-10 scenes of as many kinds; 300 of 30 kinds, and two processes of a cluster, with  pytest -m slow tests/whole/test_everywhere.py  (12 minutes).
+In memory, in a file, in a run directory, consolidated, on a cluster, by any threads and blocks. 10
+scenes of as many kinds; 300 of 30 kinds, and two processes of a cluster, with `pytest -m slow
+tests/whole/test_everywhere.py` (12 minutes).
 """
 
 import warnings
@@ -13,7 +15,7 @@ from rigidmc.runs import gather, resume
 from tests import random_scenes
 from tests.random_scenes import QUICK
 
-MEMBERS = 193  # no whole lanes, and several blocks
+MEMBERS = 193  # not a multiple of the lanes, and several blocks
 INPUTS = ("moments", "mass", "centre", "start_")
 
 
@@ -54,7 +56,7 @@ def alike(one, other):
 
 
 def everywhere(scene, folder, cluster=None):
-    """{where: what is unlike the result in memory}, and that result."""
+    """{where: what differs from the result in memory}, and that result."""
     scene = scene.with_run(
         members=MEMBERS, save=("omega", "attitude", "energy"), every=scene.run.t_end / 2
     )
@@ -79,11 +81,14 @@ def everywhere(scene, folder, cluster=None):
 
 
 def not_what_was_used(scene, memory):
-    """Names of stored inputs that are not those of the members: of the state at t = 0, and of members that are integrated again."""
+    """Names of stored inputs that are not those of the members: of the state at t = 0, and of
+    members that are integrated again.
+    """
+    # omega is L/I of L = I omega: 4e-16
     at_rest = [
         ("start_attitude", "attitude", 0.0),
         ("start_omega", "omega", 1e-14),
-    ]  # omega is L/I of L = I omega: 4e-16
+    ]
     wrong = [
         stored
         for stored, name, most in at_rest
@@ -116,7 +121,7 @@ def test_one_result(i, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("i", range(30))
-def test_one_result_of_many(i, tmp_path):
+def test_one_result_of_many_scenes(i, tmp_path):
     (kind,) = random_scenes.kinds(1, seed=1000 + i)
     for seed in range(10):
         folder = tmp_path / str(seed)
@@ -125,7 +130,9 @@ def test_one_result_of_many(i, tmp_path):
 
 
 def test_a_law_is_each_members_own():
-    """Plain numbers of a law are shared, and what is drawn is not: the start of one member stood for all, another's in each run."""
+    """Plain numbers of a law are shared, and drawn numbers are not. Before, the start of one member
+    stood for all, a different one in each run.
+    """
     for start in (
         rm.Start(momentum=rm.Sphere(2.0)),
         rm.Start(omega=rm.Sphere(2.0)),

@@ -1,6 +1,7 @@
-"""Whatever a file says, a command ends with one message and 3 or 74, or has a result: no traceback, no hang, no gigabyte.
+"""Whatever a file contains, a command ends with one message and 3 or 74, or has a result.
 
-200 files; 10,000 in half an hour with  pytest -n 0 -m slow tests/whole/test_hostile.py -s  which prints how they ended.
+No traceback, no hang, no gigabyte. 200 files; 10,000 in half an hour with `pytest -n 0 -m slow
+tests/whole/test_hostile.py -s`, which prints how they ended.
 """
 
 import collections
@@ -30,10 +31,12 @@ from tests.faulty import LINUX
 
 pytestmark = LINUX
 
+# of computing, and of memory beyond what this process has: a command of its own begins with 0.25
+# GB, and 1 GB is the limit
 SECONDS, BYTES = (
     2.0,
     7e8,
-)  # of computing, and of memory beyond what this process has: a command of its own begins with 0.25 GB, and 1 GB is the limit
+)
 WORK = 100_000  # member-steps that an example may take
 ACCESSORS = (
     "energy",
@@ -88,7 +91,7 @@ PICTURES = (
 
 
 class Passed(BaseException):
-    """A file that is good enough to compute with: what follows is no matter of files."""
+    """The file is good enough to compute with: the rest does not concern files."""
 
 
 class Hung(BaseException):
@@ -98,8 +101,10 @@ class Hung(BaseException):
 @pytest.fixture(scope="module")
 def good(tmp_path_factory):
     made = hostile.Good(tmp_path_factory.mktemp("good"))
-    for words in (["rerun", made.at("scene.nc"), "--member", "3"], ["rerun", made.at("table.nc"), "--member", "3"],
-                  ["animate", made.at("scene.nc"), "--member", "3", "--seconds", "0.2", "-o", made.at("x.gif")]):  # fmt: skip
+    for words in (["rerun", made.at("scene.nc"), "--member", "3"],
+        ["rerun", made.at("table.nc"), "--member", "3"],
+                  ["animate", made.at("scene.nc"), "--member", "3", "--seconds", "0.2", "-o",
+                  made.at("x.gif")]):  # fmt: skip
         done = CliRunner().invoke(app, words)  # compiles
         assert done.exit_code == 0, done.output
     return made
@@ -107,7 +112,7 @@ def good(tmp_path_factory):
 
 @contextlib.contextmanager
 def bounded():
-    """No kernel is compiled that the good files do not need, no price measured, no long run made."""
+    """Compile no kernel that the good files do not need, measure no price, make no long run."""
     address, compute = pieces._address, simulate.compute
 
     def known(function, signature):
@@ -125,7 +130,8 @@ def bounded():
 
     with contextlib.ExitStack() as held:
         for where, name, what in (
-            (pieces, "_address", known), (simulate, "compute", short), (shards, "compute", short), (estimate, "cost_per_step", passed),
+            (pieces, "_address", known), (simulate, "compute", short), (shards, "compute", short),
+            (estimate, "cost_per_step", passed),
             (accuracy, "accuracy", passed), (run, "stress", passed), (trust, "trust", passed),
         ):  # fmt: skip
             held.enter_context(patch.object(where, name, what))
@@ -172,7 +178,7 @@ def opened(some, path):
 
 
 def told(some, kind, command, path, folder):
-    """(exit code, messages, whether it may be so) of a command on a hostile file."""
+    """(exit code, messages, whether this is allowed) of a command on a hostile file."""
 
     def hung(*_):
         raise Hung
@@ -198,7 +204,7 @@ began_with: list[int] = []  # memory [kB]
 
 
 def peak():
-    """The largest memory since the last call beyond what there was then [bytes]."""
+    """The growth of the largest memory since the last call [bytes]."""
     with open("/proc/self/status") as file:
         told = dict(line.split(":", 1) for line in file)
     size = int(told["VmHWM"].split()[0]) - (began_with[-1] if began_with else 0)
@@ -209,7 +215,7 @@ def peak():
 
 
 def tried(good, seed, ended):
-    """One hostile file of a seed, and a command that takes it."""
+    """One hostile file of a seed, and a command that reads it."""
     some = random.Random(seed)
     kind = some.choice(sorted(COMMANDS))
     command = some.choice(COMMANDS[kind])
@@ -224,7 +230,10 @@ def tried(good, seed, ended):
         with bounded():
             code, text = told(some, kind, command, path, folder)
         seconds, size = time.process_time() - began, peak()
-        said = f"seed {seed}: {command} of a {kind}: exit {code} in {seconds:.2f} s, {time.monotonic() - wall:.2f} s by the clock, {size / 1e9:.2f} GB: {text[-800:]}"
+        said = (
+            f"seed {seed}: {command} of a {kind}: exit {code} in {seconds:.2f} s, "
+            f"{time.monotonic() - wall:.2f} s by the clock, {size / 1e9:.2f} GB: {text[-800:]}"
+        )
         messages = [
             line
             for line in text.splitlines()
@@ -256,9 +265,8 @@ def many(good, count):
 
     every()
     print({k: v if isinstance(v, int) else round(v, 3) for k, v in sorted(ended.items())})
-    assert (
-        ended["refused"] > 0.3 * count and ended["good enough"] > 0.01 * count
-    )  # else nothing is tried
+    # otherwise nothing is tested
+    assert ended["refused"] > 0.3 * count and ended["good enough"] > 0.01 * count
 
 
 def test_hostile_files_are_one_message(good):

@@ -1,6 +1,7 @@
-"""What holds for every body, start, step and effect: other axes, another space, other units, time backwards, and never a nan without a flag.
+"""Laws for every body, start, step and effect: other axes, another space, other units.
 
-300 examples of each; 10,000 with  HYPOTHESIS_PROFILE=nightly pytest tests/whole/test_properties.py
+Also backwards in time, and no nan without a flag. 300 examples of each; 10,000 with
+`HYPOTHESIS_PROFILE=nightly pytest tests/whole/test_properties.py`.
 """
 
 import math
@@ -20,10 +21,12 @@ from rigidmc.planning.limits import Limits
 from tests.kernels import make_block, run
 from tests.reference import attitude_error
 
+# step times the largest rate of motion [rad]: one panel of the exact drift, 16 iterations of
+# midpoint
 TURN, STEPS = (
     0.1,
     24,
-)  # of a step by the largest rate of motion [rad]: one panel of the exact drift, 16 iterations of midpoint
+)
 NAMES = ("rk4", "rk8", "midpoint", "strang", "chin4", "srkn11", "exact")
 SAFE = Limits(0.05, math.inf, 0.05, math.pi, 1e-9)
 
@@ -60,7 +63,9 @@ class Top(NamedTuple):
 
 
 def effects_of(name, weight, damping):
-    """Gravity and damping, of 0 where there is none: one kernel for each integrator, and only those effects that it takes."""
+    """Gravity and damping, 0 if absent: one kernel for each integrator, and only the effects that
+    it takes.
+    """
     both = Gravity(1.0), ViscousDamping(damping)
     most = next(e for e in (both, both[:1], ()) if name in accepting(e))
     assume(not (any(weight) and not most) and not (damping and len(most) < 2))
@@ -107,11 +112,15 @@ def moved(top, name, h=None, steps=STEPS, way=1.0):
 
 
 def distance(top, one, two):
-    """Larger of the difference of momentum, of the largest that the energy allows, and of attitude [rad]."""
+    """The larger of the differences of momentum (relative to the largest that the energy allows)
+    and of attitude [rad].
+    """
     return max(np.linalg.norm(one[1] - two[1]) / top.most, float(attitude_error(one[0], two[0])))
 
 
-# bounds of |E - E(0)| in T + 2 V, of |L|^2 of a free body and of L_z, beside the largest of 30,000 random tops (10,000 for the others)
+# bounds of |E - E(0)| in T + 2 V, of |L|^2 of a free body and of L_z, beside the largest of 30,000
+# random tops (10,000 for the others)
+# 3.4e-8, 2.6e-15, 3.2e-15, 1.4e-4, 3.2e-9, 5.5e-15, 1.3e-15
 ENERGY = {
     "rk4": 2e-7,
     "rk8": 2e-14,
@@ -120,13 +129,14 @@ ENERGY = {
     "chin4": 2e-8,
     "srkn11": 3e-14,
     "exact": 1e-14,
-}  # 3.4e-8, 2.6e-15, 3.2e-15, 1.4e-4, 3.2e-9, 5.5e-15, 1.3e-15
+}
 SQUARE = {**dict.fromkeys(NAMES, 3e-14), "rk4": 1e-6}  # 2.7e-7; else 5.6e-15
+# 2.5e-7, 3.3e-4; else 9.1e-15
 VERTICAL = {
     **dict.fromkeys(NAMES, 5e-14),
     "rk4": 1e-6,
     "midpoint": 2e-3,
-}  # 2.5e-7, 3.3e-4; else 9.1e-15
+}
 names = st.sampled_from(NAMES)
 EXAMPLES = max(300, settings().max_examples)
 many = settings(
@@ -138,7 +148,8 @@ many = settings(
 @given(tops(), names)
 def test_permuted_axes(top, name):
     other = top._replace(
-        moments=tuple(np.roll(top.moments, 1)), momentum=tuple(np.roll(top.momentum, 1)), weight=tuple(np.roll(top.weight, 1)),
+        moments=tuple(np.roll(top.moments, 1)), momentum=tuple(np.roll(top.momentum, 1)),
+        weight=tuple(np.roll(top.weight, 1)),
         attitude=multiply(top.attitude, (0.5, -0.5, -0.5, -0.5)),
     )  # fmt: skip
     q, l = moved(other, name)
@@ -166,18 +177,20 @@ def test_time_backwards(top, name):
     again = moved(
         top._replace(attitude=tuple(q), momentum=tuple(l)), name, h=TURN / top.rate, way=-1.0
     )
-    assert (
-        distance(top, (np.array(top.attitude), np.array(top.momentum)), again) < 5e-14
-    )  # measured 1.2e-14
+    # measured 1.2e-14
+    assert distance(top, (np.array(top.attitude), np.array(top.momentum)), again) < 5e-14
 
 
 @many
 @given(tops(), names, st.integers(-60, 60), st.integers(-60, 60))
 def test_other_units(top, name, mass, time):
-    """Powers of two change no bit but of parts below 1e-150, whose squares go under; mass stands for that of inertia, momentum and weight."""
+    """Powers of two change no bit but of parts below 1e-150, whose squares go under; mass stands
+    for that of inertia, momentum and weight.
+    """
     m, t = 2.0**mass, 2.0**time
     other = Top(
-        tuple(m * x for x in top.moments), tuple(m / t * x for x in top.momentum), top.attitude, tuple(m / t**2 * x for x in top.weight), top.damping / t
+        tuple(m * x for x in top.moments), tuple(m / t * x for x in top.momentum), top.attitude,
+        tuple(m / t**2 * x for x in top.weight), top.damping / t
     )  # fmt: skip
     one, two = moved(top, name), moved(other, name, h=t * (TURN / top.rate))
     for a, b in ((one[0], two[0]), (one[1], t / m * two[1])):
@@ -213,7 +226,9 @@ def test_conservation(top, name):
 @many
 @given(tops(), names, names)
 def test_two_integrators_agree_within_their_estimates(top, one, other):
-    """The estimate of each is what half the step changes; they are at most 0.33 of it apart, and 1.4e-15 where all is rounding."""
+    """The estimate of each is what half the step changes; they are at most 0.33 of it apart, and
+    1.4e-15 where all is rounding.
+    """
     ends, estimates = [], []
     for name in (one, other):
         h = TURN / top.rate
@@ -225,7 +240,8 @@ def test_two_integrators_agree_within_their_estimates(top, one, other):
 
 @many
 @given(
-    bodies(), st.tuples(*[st.floats(-1e3, 1e3)] * 3), st.sampled_from((0, -320, -160, 100, 160, 300)), st.sampled_from((0.0, 1.0, 1e8, 1e200)),
+    bodies(), st.tuples(*[st.floats(-1e3, 1e3)] * 3),
+    st.sampled_from((0, -320, -160, 100, 160, 300)), st.sampled_from((0.0, 1.0, 1e8, 1e200)),
     st.sampled_from((1e-3, 0.1, 10.0, 1e5)), st.sampled_from(("rk4", "strang", "exact")),
 )  # fmt: skip
 def test_never_a_nan_without_a_flag(moments, momentum, exponent, weight, h, name):

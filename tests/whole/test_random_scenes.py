@@ -1,6 +1,8 @@
-"""Random scenes against the laws in space integrated by scipy, from the inputs that the result tells: no difference that is not flagged, beyond the order.
+"""Random scenes against the laws in space integrated by scipy, from the inputs in the result.
 
-100 scenes of 10 kinds; 3,000 of 100 kinds, and what a tolerance chooses for 30 more, with  pytest -m slow tests/whole/test_random_scenes.py  (25 minutes).
+Every difference beyond the order is flagged. 100 scenes of 10 kinds; 3,000 of 100 kinds, and the
+choices of a tolerance for 30 more, with `pytest -m slow tests/whole/test_random_scenes.py` (25
+minutes).
 """
 
 import math
@@ -18,10 +20,11 @@ from tests.effects.laws import Known, moved
 from tests.random_scenes import QUICK, Kind
 from tests.reference import rotation
 
+# of scipy at 1e-11, relative to the growth of an error over the run; of 400 steps in float32
 FLOOR = {
     "float64": 3e-8,
     "float32": 3e-3,
-}  # of scipy at 1e-11, by growth of an error over the run; of 400 steps in float32
+}
 
 
 def run(scene):
@@ -31,7 +34,7 @@ def run(scene):
 
 
 def truths(scene, ds):
-    """[(A, L)] of the members at the end, from the inputs that the result has."""
+    """[(A, L)] of the members at the end, from the inputs in the result."""
     found = []
     for i in range(ds.sizes["member"]):
         one = ds.isel(member=i)
@@ -69,7 +72,7 @@ def truths(scene, ds):
 
 
 def errors(scene, ds, true):
-    """Larger of the errors of momentum, of its size, and of attitude [rad]; nan for members that are flagged."""
+    """The larger error of momentum (relative) and attitude [rad]; nan for flagged members."""
     found = np.full(len(true), np.nan)
     for i, (a, l) in enumerate(true):
         one = ds.isel(member=i, time=-1)
@@ -82,7 +85,7 @@ def errors(scene, ds, true):
 
 
 def wrong(kind, seed, members=2):
-    """What is wrong with a scene, in words, "" for nothing; and how many of its members were flagged."""
+    """What is wrong with a scene, in words, "" for nothing; and the number of flagged members."""
     scene = random_scenes.scene(kind, seed, members)
     if kind.integrator == "closed" and not random_scenes.covered(scene):
         return "", 0
@@ -116,14 +119,13 @@ def wrong(kind, seed, members=2):
 def test_no_difference_that_is_not_flagged(kind):
     found = {seed: wrong(kind, seed) for seed in range(10)}
     assert {seed: words for seed, (words, _) in found.items() if words} == {}
-    assert (
-        sum(flagged for _, flagged in found.values()) < 10
-    )  # of 20 members; measured 0 of five kinds
+    # of 20 members; measured 0 of five kinds
+    assert sum(flagged for _, flagged in found.values()) < 10
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("part", range(10))
-def test_thousands(part):
+def test_thousands_of_scenes(part):
     found = {
         (kind, seed): wrong(kind, seed, 1)
         for kind in random_scenes.kinds(10, seed=part)
@@ -134,7 +136,7 @@ def test_thousands(part):
 
 
 def missed(kind, seed, tolerance):
-    """What a tolerance chooses: the share of 20 members that are further off than it, and what it predicts."""
+    """The choice of a tolerance: the share of 20 members that miss it, and the predicted error."""
     scene = random_scenes.scene(kind, seed, 20).with_run(integrator="auto", tolerance=tolerance)
     ds = run(scene)
     return float(np.mean(errors(scene, ds, truths(scene, ds)) > tolerance)), ds.attrs[
@@ -151,7 +153,7 @@ TOLERANT = (
 @pytest.mark.parametrize("kind", TOLERANT, ids=lambda kind: "-".join(kind.effects))
 def test_what_a_tolerance_chooses(kind):
     share, predicted = missed(kind, 1, 1e-6)
-    assert share <= 0.1  # 1 % of all members may be; measured 0
+    assert share <= 0.1  # 1 % of all members may miss it; measured 0
     assert predicted <= 1e-6
 
 
@@ -166,7 +168,7 @@ def test_what_a_tolerance_chooses_for_many():
 
 
 def test_a_wrong_law_is_caught():
-    """A truth without the last of its effects is not what all of them do."""
+    """A truth without the last of its effects differs for some member."""
     scene = random_scenes.scene(QUICK[3], 0)
     ds = run(scene)
     less = rm.Scene(scene.body, scene.effects[:-1], scene.start, scene.run)

@@ -1,4 +1,4 @@
-"""What README tells to run is there: benches, commands of rigidmc, files."""
+"""What README names exists: benches, commands of rigidmc, files."""
 
 import importlib
 import re
