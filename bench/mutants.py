@@ -33,6 +33,7 @@ COMPILED = ("numbers.py", "memory.py", "compose.py", "functions.py", "fused.py")
 NO_PHYSICS = {  # what is compiled, and for whom: facts, tables and words
     "prepared", "sequence", "conserves", "accepts", "evaluations", "description", "refusal", "accepting", "form", "method", "names",
     "exact_drift", "pieces", "canonical", "name_of", "rows_of", "arguments", "depends_on_momentum", "reason", "__init__",
+    "implements", "effect", "facts", "is_effect", "is_random", "is_conservative", "completed", "group_count",
 }  # fmt: skip
 TESTS = (
     "tests/dynamics",

@@ -19,7 +19,11 @@ from numba.core.errors import NumbaError  # noqa: F401  (for those who call)
 from numba.core.typing.templates import AbstractTemplate
 from numba.extending import overload, typeof_impl
 
-from rigidmc import dynamics, effects, integrators, observables
+# loaded so that METHODS is complete, and all physics known to `inline_all` below
+import rigidmc.dynamics.principal
+import rigidmc.effects
+import rigidmc.integrators
+import rigidmc.observables  # noqa: F401
 from rigidmc.dynamics import functions, so3
 from rigidmc.dynamics.methods import METHODS, arguments
 from rigidmc.engine.memory import get_row
@@ -280,8 +284,8 @@ def inline_all(module):
             inline(function)
 
 
-# All physics can be called: importing these rooms loads every effect, integrator and observable.
-_PHYSICS = tuple(f"{room.__name__}." for room in (dynamics, effects, integrators, observables))
+# All physics can be called: the imports above load every effect, integrator and observable.
+_PHYSICS = ("rigidmc.dynamics.", "rigidmc.effects.", "rigidmc.integrators.", "rigidmc.observables.")
 for _name, _module in list(sys.modules.items()):
     if _name.startswith(_PHYSICS):
         inline_all(_module)
