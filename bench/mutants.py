@@ -42,8 +42,10 @@ COMPILED = (
     "fused.py",
 )
 NO_PHYSICS = {  # what is compiled, and for whom: facts, tables and words
-    "prepared", "sequence", "conserves", "accepts", "evaluations", "description", "refusal", "accepting", "form", "method", "names",
-    "exact_drift", "pieces", "canonical", "name_of", "rows_of", "row_count", "arguments", "depends_on_momentum", "reason", "__init__",
+    "prepared", "sequence", "conserves", "accepts", "evaluations", "description", "refusal",
+    "accepting", "form", "method", "names", "exact_drift", "pieces", "canonical", "name_of",
+    "rows_of", "row_count", "arguments", "depends_on_momentum", "reason", "__init__", "implements",
+    "effect", "facts", "is_effect", "is_random", "is_conservative", "completed", "group_count",
 }  # fmt: skip
 # uncompiled
 TESTS = (

@@ -4,8 +4,18 @@ import math
 from typing import NamedTuple
 
 from rigidmc.dynamics.so3 import expm1
+from rigidmc.effects.protocol import Number, Vector, effect
 
 
+@effect(
+    units={"gamma": "s-1", "kT": "J", "noise": "1"},
+    shapes={"noise": 3},
+    limits={"gamma": (0.0, math.inf), "kT": (0.0, math.inf), "noise": (0.0, 0.0)},
+    hidden=("noise",),
+    example=(1.0, 0.7),
+    stochastic=True,
+    isotropic=True,
+)
 class Bath(NamedTuple):
     """Friction and noise of a bath of temperature T, which lead to Gibbs's law exp(-(T + V)/kT).
 
@@ -21,17 +31,9 @@ class Bath(NamedTuple):
     kT : Boltzmann's constant times temperature [J]
     """
 
-    gamma: float
-    kT: float
-    noise: tuple = (0.0, 0.0, 0.0)  # normal deviates; the engine draws new ones for each step
-
-    units = {"gamma": "s-1", "kT": "J", "noise": "1"}
-    shapes = {"noise": 3}
-    hidden = ("noise",)
-    limits = {"gamma": (0.0, math.inf), "kT": (0.0, math.inf), "noise": (0.0, 0.0)}
-    example = (1.0, 0.7)
-    stochastic = True
-    isotropic = True
+    gamma: Number
+    kT: Number
+    noise: Vector = (0.0, 0.0, 0.0)  # normal deviates; the engine draws new ones for each step
 
     def energy_scale(self, body):
         # The spin of 4 standard deviations. Drifts prepared for it have errors of 5e-12 at

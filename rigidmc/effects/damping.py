@@ -6,8 +6,16 @@ from typing import NamedTuple
 from rigidmc.dynamics.euler import angular_velocity
 from rigidmc.dynamics.so3 import axpy, dot, expm1, scale
 from rigidmc.effects.flows import faded, solved, symmetric_times
+from rigidmc.effects.protocol import Number, Vector, effect
 
 
+@effect(
+    units={"rate": "s-1"},
+    limits={"rate": (-math.inf, math.inf)},
+    example=(0.3,),
+    damps=True,
+    isotropic=True,
+)
 class ViscousDamping(NamedTuple):
     """Isotropic viscous damping of the angular momentum.
 
@@ -18,13 +26,7 @@ class ViscousDamping(NamedTuple):
     rate : damping rate [1/s]
     """
 
-    rate: float
-
-    units = {"rate": "s-1"}
-    isotropic = True
-    damps = True
-    limits = {"rate": (-math.inf, math.inf)}
-    example = (0.3,)
+    rate: Number
 
     def torque(self, l):
         return scale(-self.rate, l)
@@ -33,6 +35,13 @@ class ViscousDamping(NamedTuple):
         return axpy(l, expm1(-self.rate * h), l)
 
 
+@effect(
+    units={"rates": "s-1"},
+    shapes={"rates": 3},
+    limits={"rates": (-math.inf, math.inf)},
+    example=((0.3, 0.1, 0.6),),
+    damps=True,
+)
 class AxialDamping(NamedTuple):
     """Viscous damping with a rate for each principal axis, as in a viscous fluid.
 
@@ -41,13 +50,7 @@ class AxialDamping(NamedTuple):
     rates : damping rates about the principal axes [1/s]
     """
 
-    rates: tuple
-
-    units = {"rates": "s-1"}
-    shapes = {"rates": 3}
-    damps = True
-    limits = {"rates": (-math.inf, math.inf)}
-    example = ((0.3, 0.1, 0.6),)
+    rates: Vector
 
     def torque(self, l):
         return -self.rates[0] * l[0], -self.rates[1] * l[1], -self.rates[2] * l[2]
@@ -60,6 +63,13 @@ class AxialDamping(NamedTuple):
         )
 
 
+@effect(
+    units={"matrix": "kg m2 s-1"},
+    shapes={"matrix": 6},
+    limits={"matrix": (-math.inf, math.inf)},
+    example=((0.5, 0.4, 0.6, 0.1, -0.05, 0.15),),
+    kick_order=2,
+)
 class MatrixDamping(NamedTuple):
     """Viscous damping by a full matrix, whose axes need not be the principal axes.
 
@@ -70,13 +80,7 @@ class MatrixDamping(NamedTuple):
     matrix : xx, yy, zz, yz, zx, xy of the symmetric C, in the principal axes [N m s]
     """
 
-    matrix: tuple
-
-    units = {"matrix": "kg m2 s-1"}
-    shapes = {"matrix": 6}
-    limits = {"matrix": (-math.inf, math.inf)}
-    example = ((0.5, 0.4, 0.6, 0.1, -0.05, 0.15),)
-    kick_order = 2
+    matrix: Vector
 
     def drives(self):
         """Whether some spin is driven: a principal minor of C is negative beyond rounding.
@@ -104,6 +108,14 @@ class MatrixDamping(NamedTuple):
         )
 
 
+@effect(
+    units={"drag": "kg m2"},
+    limits={"drag": (-math.inf, math.inf)},
+    example=(0.3,),
+    damps=True,
+    isotropic=True,
+    kick_order=2,
+)
 class QuadraticDrag(NamedTuple):
     """Drag that grows with the square of the spin, as in air.
 
@@ -115,14 +127,7 @@ class QuadraticDrag(NamedTuple):
     drag : coefficient [N m s^2]
     """
 
-    drag: float
-
-    units = {"drag": "kg m2"}
-    isotropic = True
-    damps = True
-    limits = {"drag": (-math.inf, math.inf)}
-    example = (0.3,)
-    kick_order = 2
+    drag: Number
 
     def torque(self, body, l):
         w = angular_velocity(body, l)
@@ -134,6 +139,14 @@ class QuadraticDrag(NamedTuple):
         return faded(body, h * self.drag * math.sqrt(dot(w, w)), l)
 
 
+@effect(
+    units={"friction": "N m", "rest": "rad s-1"},
+    limits={"friction": (-math.inf, math.inf), "rest": (1e-300, math.inf)},
+    example=(0.4, 0.1),
+    damps=True,
+    isotropic=True,
+    kick_order=2,
+)
 class DryFriction(NamedTuple):
     """Coulomb friction of the pivot, smoothed at rest.
 
@@ -147,15 +160,8 @@ class DryFriction(NamedTuple):
     rest : spin below which the friction is smoothed [rad/s]
     """
 
-    friction: float
-    rest: float
-
-    units = {"friction": "N m", "rest": "rad s-1"}
-    isotropic = True
-    damps = True
-    limits = {"friction": (-math.inf, math.inf), "rest": (1e-300, math.inf)}
-    example = (0.4, 0.1)
-    kick_order = 2
+    friction: Number
+    rest: Number
 
     def torque(self, body, l):
         w = angular_velocity(body, l)

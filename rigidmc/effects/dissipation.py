@@ -6,8 +6,18 @@ from typing import NamedTuple
 from rigidmc.dynamics.euler import angular_velocity
 from rigidmc.dynamics.so3 import cross, dot, scale, select
 from rigidmc.effects.flows import turned_vector
+from rigidmc.effects.protocol import Number, effect
 
 
+@effect(
+    units={"loss": "1"},
+    limits={"loss": (-math.inf, math.inf)},
+    example=(0.05,),
+    damps=True,
+    keeps_l2=True,
+    isotropic=True,
+    kick_order=2,
+)
 class EnergyDissipation(NamedTuple):
     """Internal dissipation: the energy falls, |L| stays, the spin ends about the major axis.
 
@@ -21,15 +31,7 @@ class EnergyDissipation(NamedTuple):
     loss : speed at which L drifts to the major axis, as a share of its free rate
     """
 
-    loss: float
-
-    units = {"loss": "1"}
-    keeps_l2 = True
-    isotropic = True
-    damps = True
-    limits = {"loss": (-math.inf, math.inf)}
-    example = (0.05,)
-    kick_order = 2
+    loss: Number
 
     def torque(self, body, l):
         square = dot(l, l)

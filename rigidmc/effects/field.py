@@ -4,10 +4,17 @@ import math
 from typing import NamedTuple
 
 from rigidmc.dynamics.so3 import cross, dot, into_body, root, sincos
+from rigidmc.effects.protocol import Number, Vector, effect
 
 _ANY = (-math.inf, math.inf)
 
 
+@effect(
+    units={"dipole": "A m2", "field": "T"},
+    shapes={"dipole": 3, "field": 3},
+    limits={"dipole": _ANY, "field": _ANY},
+    example=((0.3, -0.1, 0.5), (1.0, 2.0, -0.5)),
+)
 class UniformField(NamedTuple):
     """A magnetic or electric dipole of the body in a uniform field.
 
@@ -20,13 +27,8 @@ class UniformField(NamedTuple):
     field : in space [T]
     """
 
-    dipole: tuple
-    field: tuple
-
-    units = {"dipole": "A m2", "field": "T"}
-    shapes = {"dipole": 3, "field": 3}
-    limits = {"dipole": _ANY, "field": _ANY}
-    example = ((0.3, -0.1, 0.5), (1.0, 2.0, -0.5))
+    dipole: Vector
+    field: Vector
 
     def torque(self, q):
         return cross(self.dipole, into_body(q, self.field))
@@ -41,6 +43,12 @@ class UniformField(NamedTuple):
         return _sizes(self.dipole, self.field)
 
 
+@effect(
+    units={"dipole": "A m2", "field": "T", "rate": "rad s-1"},
+    shapes={"dipole": 3, "field": 3},
+    limits={"dipole": _ANY, "field": _ANY, "rate": _ANY},
+    example=((0.3, -0.1, 0.5), (1.0, 2.0, -0.5), 1.7),
+)
 class RotatingField(NamedTuple):
     """A dipole of the body in a field that rotates about the vertical, as in a synchronous motor.
 
@@ -51,14 +59,9 @@ class RotatingField(NamedTuple):
     rate : angular velocity of the field about the vertical [rad/s]
     """
 
-    dipole: tuple
-    field: tuple
-    rate: float
-
-    units = {"dipole": "A m2", "field": "T", "rate": "rad s-1"}
-    shapes = {"dipole": 3, "field": 3}
-    limits = {"dipole": _ANY, "field": _ANY, "rate": _ANY}
-    example = ((0.3, -0.1, 0.5), (1.0, 2.0, -0.5), 1.7)
+    dipole: Vector
+    field: Vector
+    rate: Number
 
     def torque(self, t, q):
         s, c = sincos(self.rate * t)

@@ -4,8 +4,16 @@ import math
 from typing import NamedTuple
 
 from rigidmc.dynamics.so3 import cross, dot, up
+from rigidmc.effects.protocol import Number, effect
 
 
+@effect(
+    units={"g": "m s-2"},
+    limits={"g": (-math.inf, math.inf)},
+    example=(9.81,),
+    keeps_lz=True,
+    isotropic=True,
+)
 class Gravity(NamedTuple):
     """Uniform gravity along -z.
 
@@ -16,13 +24,7 @@ class Gravity(NamedTuple):
     g : acceleration of gravity [m/s^2]
     """
 
-    g: float
-
-    units = {"g": "m s-2"}
-    keeps_lz = True
-    isotropic = True
-    limits = {"g": (-math.inf, math.inf)}
-    example = (9.81,)
+    g: Number
 
     def torque(self, body, q):
         return cross(up(q), (self.g * body.p1, self.g * body.p2, self.g * body.p3))

@@ -4,10 +4,21 @@ import math
 from typing import NamedTuple
 
 from rigidmc.dynamics.so3 import cross, into_body, rounded, sincos
+from rigidmc.effects.protocol import Number, effect
 
 _TURN = 6.283185307179586
 
 
+@effect(
+    units={"mu": "m3 s-2", "distance": "m", "eccentricity": "1", "anomaly": "rad"},
+    limits={
+        "mu": (0.0, math.inf),
+        "distance": (1e-300, math.inf),
+        "eccentricity": (0.0, 0.9),
+        "anomaly": (-math.inf, math.inf),
+    },
+    example=(2.0, 1.3, 0.4, 0.5),
+)
 class GravityGradient(NamedTuple):
     """Gravity gradient on a Kepler orbit in the plane z = 0, about the body's centre of mass.
 
@@ -25,19 +36,10 @@ class GravityGradient(NamedTuple):
     anomaly : mean anomaly at t = 0 [rad]
     """
 
-    mu: float
-    distance: float
-    eccentricity: float = 0.0
-    anomaly: float = 0.0
-
-    units = {"mu": "m3 s-2", "distance": "m", "eccentricity": "1", "anomaly": "rad"}
-    limits = {
-        "mu": (0.0, math.inf),
-        "distance": (1e-300, math.inf),
-        "eccentricity": (0.0, 0.9),
-        "anomaly": (-math.inf, math.inf),
-    }
-    example = (2.0, 1.3, 0.4, 0.5)
+    mu: Number
+    distance: Number
+    eccentricity: Number = 0.0
+    anomaly: Number = 0.0
 
     def torque(self, body, t, q):
         size, x, y = _pull(self.mu, self.distance, self.eccentricity, self.anomaly, t)

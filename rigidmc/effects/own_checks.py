@@ -140,15 +140,16 @@ def _check_gradient(effect: Any, state: State, step: float = 1e-5) -> None:
         )
         slopes.append((ahead - behind) / (2.0 * step))
     size = max(np.abs(torque).max(), np.abs(slopes).max())
-    if np.abs(torque + slopes).max() <= 1e-6 * size:
+    if not np.abs(torque + slopes).max() > 1e-6 * size:
         return
     opposite = np.abs(torque - slopes).max() <= 1e-6 * size
+    hint = ", but the opposite of it" if opposite else ""
     given, wanted = (", ".join(f"{x:.6g}" for x in v) for v in (torque, [-s for s in slopes]))
     at = ", ".join(f"{x:.4g}" for x in state.q)
     raise _complaint(
         type(effect),
         "torque",
-        f"({given}) is not that of its energy, ({wanted}){', but the opposite of it' * opposite}, "
+        f"({given}) is not that of its energy, ({wanted}){hint}, "
         f"at the attitude {at}; it has to be minus the change of energy as the body turns about "
         "its axes",
     )

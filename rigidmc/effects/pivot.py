@@ -4,10 +4,17 @@ import math
 from typing import NamedTuple
 
 from rigidmc.dynamics.so3 import cross, into_body, root, scale, sincos
+from rigidmc.effects.protocol import Number, Vector, effect
 
 _ANY = (-math.inf, math.inf)
 
 
+@effect(
+    units={"swing": "m", "frequency": "rad s-1", "phase": "rad"},
+    shapes={"swing": 3},
+    limits={"swing": _ANY, "frequency": _ANY, "phase": _ANY},
+    example=((0.1, -0.05, 0.2), 3.0, 0.4),
+)
 class MovingPivot(NamedTuple):
     """A shaken fixed point, at swing cos(frequency t + phase) in space; the body is seen from it.
 
@@ -23,14 +30,9 @@ class MovingPivot(NamedTuple):
     phase : at t = 0 [rad]
     """
 
-    swing: tuple
-    frequency: float
-    phase: float = 0.0
-
-    units = {"swing": "m", "frequency": "rad s-1", "phase": "rad"}
-    shapes = {"swing": 3}
-    limits = {"swing": _ANY, "frequency": _ANY, "phase": _ANY}
-    example = ((0.1, -0.05, 0.2), 3.0, 0.4)
+    swing: Vector
+    frequency: Number
+    phase: Number = 0.0
 
     def torque(self, body, t, q):
         push = self.frequency * self.frequency * sincos(self.frequency * t + self.phase)[1]

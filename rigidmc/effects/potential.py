@@ -5,10 +5,18 @@ from typing import NamedTuple
 
 from rigidmc.dynamics.so3 import add, cross, dot, root, up
 from rigidmc.effects.flows import symmetric_times
+from rigidmc.effects.protocol import Vector, effect
 
 _ANY = (-math.inf, math.inf)
 
 
+@effect(
+    units={"linear": "J", "quadratic": "J", "quartic": "J"},
+    shapes={"linear": 3, "quadratic": 6, "quartic": 3},
+    limits={"linear": _ANY, "quadratic": _ANY, "quartic": _ANY},
+    example=((0.3, -0.1, 0.5), (0.2, 0.5, -0.3, 0.1, 0.25, -0.15), (0.1, 0.3, -0.2)),
+    keeps_lz=True,
+)
 class Potential(NamedTuple):
     """A polynomial of the vertical u = A^T e_z as the body sees it.
 
@@ -22,15 +30,9 @@ class Potential(NamedTuple):
     quartic : coefficients of u_1^4, u_2^4, u_3^4 [J]
     """
 
-    linear: tuple
-    quadratic: tuple = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    quartic: tuple = (0.0, 0.0, 0.0)
-
-    units = {"linear": "J", "quadratic": "J", "quartic": "J"}
-    shapes = {"linear": 3, "quadratic": 6, "quartic": 3}
-    limits = {"linear": _ANY, "quadratic": _ANY, "quartic": _ANY}
-    example = ((0.3, -0.1, 0.5), (0.2, 0.5, -0.3, 0.1, 0.25, -0.15), (0.1, 0.3, -0.2))
-    keeps_lz = True
+    linear: Vector
+    quadratic: Vector = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    quartic: Vector = (0.0, 0.0, 0.0)
 
     def torque(self, q):
         u, k = up(q), self.quartic

@@ -1,12 +1,18 @@
 """What an effect is: its methods and its facts, with a default for each that is missing."""
 
-from collections.abc import Iterator
-from functools import cache
+from collections.abc import Callable, Iterator
 from math import inf
-from typing import Any, ClassVar, NamedTuple, Protocol, TypeGuard
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeAlias, TypeGuard, TypeVar
 
 from rigidmc.dynamics.methods import implements, method, names
 from rigidmc.dynamics.so3 import axpy
+
+# Of parameters: a float, or in a scene an array of one for each member, or a law such as
+# rigidmc.normal(mean, deviation); a vector is a tuple of those.
+Number: TypeAlias = Any
+Vector: TypeAlias = Any
+
+Kind = TypeVar("Kind", bound=type)
 
 
 class Effect(Protocol):
@@ -28,9 +34,9 @@ class Effect(Protocol):
     t, h, w : time [s], time step [s], angular velocity in the principal axes [rad/s]
 
     A method names the arguments that it depends on and no others (`rigidmc.dynamics.methods`).
-    Facts are class attributes, see `Facts`. Two more depend on the parameters: the property
-    `conservative` says whether the energy of the body is conserved (default: whether there is an
-    `energy`), and `drives(self)` says whether a damping drives the body instead.
+    The decorator `effect` states its facts, see `Facts`. Two more depend on the parameters: the
+    property `conservative` says whether the energy of the body is conserved (default: whether
+    there is an `energy`), and `drives(self)` says whether a damping drives the body instead.
     """
 
     _fields: ClassVar[tuple[str, ...]]
@@ -42,7 +48,7 @@ class Effect(Protocol):
 
 
 class Facts(NamedTuple):
-    """What a class of effects states as class attributes, with the defaults.
+    """What a class of effects states in `@effect(...)` or as class attributes, with the defaults.
 
     units : of each parameter, "1" if it has none
     shapes : length of each parameter that is a vector
@@ -70,13 +76,21 @@ class Facts(NamedTuple):
     kick_order: float = inf
 
 
+def effect(**stated: Any) -> Callable[[Kind], Kind]:
+    """Decorator: states some `Facts` of a class of effects, which become class attributes."""
+    Facts(**stated)  # raises TypeError for any other name
+
+    def put(kind: Kind) -> Kind:
+        for name, value in stated.items():
+            setattr(kind, name, value)
+        return kind
+
+    return put
+
+
 def facts(effect: Effect | type[Effect]) -> Facts:
-    """The facts of an effect or of its class."""
-    return _facts(effect if isinstance(effect, type) else type(effect))
-
-
-@cache
-def _facts(kind: type[Effect]) -> Facts:
+    """The facts of an effect or of its class, with the defaults of those that it leaves out."""
+    kind = effect if isinstance(effect, type) else type(effect)
     stated = {name for name in Facts._fields if hasattr(kind, name)} - {*kind._fields}
     return Facts(**{name: getattr(kind, name) for name in stated})
 

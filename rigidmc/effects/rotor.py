@@ -6,8 +6,16 @@ from typing import NamedTuple
 from rigidmc.dynamics.euler import angular_velocity
 from rigidmc.dynamics.so3 import axpy, cross, select
 from rigidmc.effects.flows import turned_vector
+from rigidmc.effects.protocol import Vector, effect
 
 
+@effect(
+    units={"momentum": "kg m2 s-1", "motor": "N m"},
+    shapes={"momentum": 3, "motor": 3},
+    limits={"momentum": (-math.inf, math.inf), "motor": (-math.inf, math.inf)},
+    example=((0.5, -0.3, 0.8), (0.05, 0.02, -0.04)),
+    kick_order=2,  # exact without a motor
+)
 class Rotor(NamedTuple):
     """A flywheel that spins in the body: the gyrostat of Zhukovskii and Volterra.
 
@@ -23,14 +31,8 @@ class Rotor(NamedTuple):
     motor : torque of the motor on the flywheel, principal axes [N m]
     """
 
-    momentum: tuple
-    motor: tuple = (0.0, 0.0, 0.0)
-
-    units = {"momentum": "kg m2 s-1", "motor": "N m"}
-    shapes = {"momentum": 3, "motor": 3}
-    limits = {"momentum": (-math.inf, math.inf), "motor": (-math.inf, math.inf)}
-    example = ((0.5, -0.3, 0.8), (0.05, 0.02, -0.04))
-    kick_order = 2  # exact without a motor
+    momentum: Vector
+    motor: Vector = (0.0, 0.0, 0.0)
 
     @property
     def conservative(self):

@@ -4,10 +4,17 @@ import math
 from typing import NamedTuple
 
 from rigidmc.dynamics.so3 import cross, difference, dot, into_body, root, scale
+from rigidmc.effects.protocol import Number, Vector, effect
 
 _ANY = (-math.inf, math.inf)
 
 
+@effect(
+    units={"stiffness": "N m-1", "at": "m", "to": "m", "length": "m"},
+    shapes={"at": 3, "to": 3},
+    limits={"stiffness": (0.0, math.inf), "at": _ANY, "to": _ANY, "length": (0.0, math.inf)},
+    example=(3.0, (0.4, -0.2, 0.3), (0.5, 0.6, -1.0), 0.2),
+)
 class Spring(NamedTuple):
     """A linear spring from a point of the body to a point of space.
 
@@ -20,15 +27,10 @@ class Spring(NamedTuple):
     length : length of the relaxed spring [m]
     """
 
-    stiffness: float
-    at: tuple
-    to: tuple
-    length: float = 0.0
-
-    units = {"stiffness": "N m-1", "at": "m", "to": "m", "length": "m"}
-    shapes = {"at": 3, "to": 3}
-    limits = {"stiffness": (0.0, math.inf), "at": _ANY, "to": _ANY, "length": (0.0, math.inf)}
-    example = (3.0, (0.4, -0.2, 0.3), (0.5, 0.6, -1.0), 0.2)
+    stiffness: Number
+    at: Vector
+    to: Vector
+    length: Number = 0.0
 
     def torque(self, q):
         end = into_body(q, self.to)

@@ -61,8 +61,8 @@ class FreeSteps(NamedTuple):
 
     def opened(self, body, part, q, l):
         _, u = motion(body, self.drift.halvings, self.drift.panels, part[0], l)
-        none = 0.0 * l[0]
-        return (none, none, none, none), u + q + l
+        zero = 0.0 * l[0]
+        return (zero, zero, zero, zero), u + q + l
 
     def closed(self, body, part, q, l):
         m, start = motion(body, self.drift.halvings, self.drift.panels, part[0], l[7:])

@@ -95,12 +95,12 @@ class CF4(NamedTuple):
         return moved(state, multiply(exponential(first), exponential(last))), gain(momentum, dl)
 
 
-def _low_storage(body, effects, t, h, a, b, u, v, turn, q, l, dl):
-    """One stage: u <- a u + h omega, turn <- turn exp(b u); v <- a v + h dL/dt, dl <- dl + b v."""
+def _low_storage(body, effects, t, h, a, b, u, v, r, q, l, dl):
+    """One stage: u <- a u + h omega, r <- r exp(b u); v <- a v + h dL/dt, dl <- dl + b v."""
     now = add(l, dl)
     u = axpy(scale(a, u), h, angular_velocity(body, now))
-    v = axpy(scale(a, v), h, _force(body, effects, t, multiply(q, turn), now))
-    return u, v, multiply(turn, exponential(scale(b, u))), axpy(dl, b, v)
+    v = axpy(scale(a, v), h, _force(body, effects, t, multiply(q, r), now))
+    return u, v, multiply(r, exponential(scale(b, u))), axpy(dl, b, v)
 
 
 class CK45(NamedTuple):
@@ -123,19 +123,19 @@ class CK45(NamedTuple):
         at, now = whole(q), whole(l)
         b = 1432997174477.0 / 9575080441755.0
         u, v = scale(h, angular_velocity(body, now)), scale(h, _force(body, effects, t, at, now))
-        turn, dl = exponential(scale(b, u)), scale(b, v)
+        r, dl = exponential(scale(b, u)), scale(b, v)
         c, a, b = b, -567301805773.0 / 1357537059087.0, 5161836677717.0 / 13612068292357.0
-        u, v, turn, dl = _low_storage(body, effects, t + c * h, h, a, b, u, v, turn, at, now, dl)
+        u, v, r, dl = _low_storage(body, effects, t + c * h, h, a, b, u, v, r, at, now, dl)
         c = 2526269341429.0 / 6820363962896.0
         a, b = -2404267990393.0 / 2016746695238.0, 1720146321549.0 / 2090206949498.0
-        u, v, turn, dl = _low_storage(body, effects, t + c * h, h, a, b, u, v, turn, at, now, dl)
+        u, v, r, dl = _low_storage(body, effects, t + c * h, h, a, b, u, v, r, at, now, dl)
         c = 2006345519317.0 / 3224310063776.0
         a, b = -3550918686646.0 / 2091501179385.0, 3134564353537.0 / 4481467310338.0
-        u, v, turn, dl = _low_storage(body, effects, t + c * h, h, a, b, u, v, turn, at, now, dl)
+        u, v, r, dl = _low_storage(body, effects, t + c * h, h, a, b, u, v, r, at, now, dl)
         c = 2802321613138.0 / 2924317926251.0
         a, b = -1275806237668.0 / 842570457699.0, 2277821191437.0 / 14882151754819.0
-        u, v, turn, dl = _low_storage(body, effects, t + c * h, h, a, b, u, v, turn, at, now, dl)
-        return moved(q, turn), gain(l, dl)
+        u, v, r, dl = _low_storage(body, effects, t + c * h, h, a, b, u, v, r, at, now, dl)
+        return moved(q, r), gain(l, dl)
 
 
 INTEGRATORS = {"rkmk4": RKMK4(), "cf4": CF4(), "ck45": CK45()}

@@ -130,11 +130,11 @@ class ScaledRK4(NamedTuple):
         dw = axpy(add(difference(wx, l), difference(wz, l)), 2.0, difference(wy, l))
         dw = pushed(effects, body, t + h, h, 0.5, z, wz, advanced(k, dw, wz))
         new = turned(axpy4(add4(difference4(x, q), z), 2.0, y), z, wz)
-        works = done(works, effects, body, t, h, (q, x, y, z), (l, wx, wy, wz))
+        works = works_after(works, effects, body, t, h, (q, x, y, z), (l, wx, wy, wz))
         return renormed(effects, q, new), joined(axpy(l, 1.0 / 3.0, dw), works)
 
 
-def done(works, effects, body, t, h, attitudes, rates):
+def works_after(works, effects, body, t, h, attitudes, rates):
     """The works of the effects after a step with these stages; () if no works are kept."""
     if len(works) == 0:
         return ()

@@ -39,8 +39,8 @@ from rigidmc.integrators.drifts import flow
 
 def drifted(drift, body, h, q, l):
     """(q, L) after a drift over h."""
-    turn, change = flow(drift, body, h, first_three(whole(l)))
-    return moved(q, turn), gain(l, levelled(l, change))
+    rotation, change = flow(drift, body, h, first_three(whole(l)))
+    return moved(q, rotation), gain(l, levelled(l, change))
 
 
 def levelled(l, change):

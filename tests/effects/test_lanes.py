@@ -34,7 +34,10 @@ def test_strang_with_the_flows_of_all_effects():
     q /= np.linalg.norm(q, axis=0)
     block = make_block(body, each, q, l)
     made = prepare(INTEGRATORS["strang"], 0.2, effects)
+    alone = block.copy()
     run(block, made, effects, H, STEPS, dtype=np.float32)
+    run(alone, made, effects, H, STEPS, dtype=np.float32, lanes=1)
+    assert np.array_equal(block, alone)  # the same bits side by side and one by one
     for m in range(MEMBERS):
         mine = tuple(filled(type(e), [float(v[m]) for _, _, v in numbers(e)]) for e in each)
         at, now = tuple(q[:, m]), tuple(l[:, m])
