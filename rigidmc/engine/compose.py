@@ -28,7 +28,7 @@ from rigidmc.engine.pipeline import INLINE
 Function = Callable[..., Any]
 
 _inlined: set[Function] = set()
-_done: set[ModuleType] = set()
+_done: set[ModuleType] = set()  # modules of the package
 
 
 def reason(error: Exception) -> str:
@@ -116,17 +116,23 @@ def inline_all(module: ModuleType) -> None:
     The latter are the functions of all modules of the same package from which the module imports a
     function, and so on; modules of the engine are left out, because each calls this for itself.
     """
-    if module in _done:
-        return
-    _done.add(module)
-    package = module.__name__.partition(".")[0]
-    for function in list(vars(module).values()):
-        if inspect.isfunction(function) and function not in METHODS:
+    package, pending, seen = module.__name__.partition(".")[0], [module], set(_done)
+    while pending:
+        module = pending.pop()
+        if module in seen:
+            continue
+        seen.add(module)
+        for function in list(vars(module).values()):
+            if not inspect.isfunction(function) or function in METHODS:
+                continue
             home = function.__module__
+            same = home.partition(".")[0] == package and not home.startswith("rigidmc.engine.")
             if home == module.__name__:
                 inline(function)
-            elif home.partition(".")[0] == package and not home.startswith("rigidmc.engine."):
-                inline_all(sys.modules[home])
+            elif same and home in sys.modules:
+                pending.append(sys.modules[home])
+    if package == "rigidmc":  # a user's module may get more functions later
+        _done.update(seen)
 
 
 for _call in METHODS:

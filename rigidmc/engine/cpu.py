@@ -5,6 +5,7 @@ the pieces of a program by their addresses, and how many numbers lie side by sid
 """
 
 import sys
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,6 +34,27 @@ LOOK = 64
 TRACE = 32  # steps that are made before they are watched: their states fit in the fastest cache
 
 
+class Flat(NamedTuple):
+    """The memory of a frame as plain numbers: row i of member k is number i * lanes + k."""
+
+    parts: Any
+    block: Any
+    state: Any
+    near: Any
+    work: Any
+    aside: Any
+    trace: Any
+
+
+def flat_memory(frame):
+    """The Flat of a frame."""
+    real = frame.real
+    parts, block = memory(frame.parts, 1.0), memory(frame.block, 1.0)
+    state, near = memory(frame.state, real), memory(frame.near, real)
+    work, aside = memory(frame.work, 1.0), memory(frame.aside, 1.0)
+    return Flat(parts, block, state, near, work, aside, memory(frame.trace, real))
+
+
 def advance(kinds, numbers, frame):
     """Take every member of a block from step frame.first to step frame.last.
 
@@ -40,6 +62,7 @@ def advance(kinds, numbers, frame):
         `rigidmc.engine.layout` and changed in place; n is a multiple of LANES. Between calls it
         holds the state as the integrator keeps it between steps, after step `total` the true one
     """
+    flat = flat_memory(frame)
     for low in range(0, frame.width, frame.lanes):
         enter(frame, low)
         if frame.first == 0:
@@ -52,9 +75,8 @@ def advance(kinds, numbers, frame):
             begun = now // frame.slots * frame.slots if frame.member_steps != 0 else 0
             stop = ending(frame, now, begun)
             if frame.member_steps != 0 and now == begun:
-                work = memory(frame.work, 1.0)
                 for k in range(frame.lanes):
-                    work[BEGAN * frame.lanes + k] = begun // frame.slots * frame.h
+                    flat.work[BEGAN * frame.lanes + k] = begun // frame.slots * frame.h
             if not idle:
                 steps(frame, begun, now - begun, stop - begun)
             now, slot = stop, stop - begun
@@ -71,27 +93,27 @@ def advance(kinds, numbers, frame):
 
 def enter(frame, low):
     """Bring the rows of the members from `low` on side by side."""
-    lanes, member_steps, work = frame.lanes, frame.member_steps, memory(frame.work, 1.0)
-    order = memory(frame.order, frame.lanes)
-    time = frame.first // frame.slots * frame.h if member_steps != 0 else 0.0
-    state, block = memory(frame.state, frame.real), memory(frame.block, 1.0)
-    rows, width, h = frame.rows, frame.width, frame.h
-    call(frame.enter, (block, rows, width, low, member_steps, h, time, state, work))
+    flat, lanes, member_steps, h = flat_memory(frame), frame.lanes, frame.member_steps, frame.h
+    order, rows, members = memory(frame.order, lanes), frame.rows, frame.width
+    time = frame.first // frame.slots * h if member_steps != 0 else 0.0
+    call(
+        frame.enter,
+        (flat.block, rows, members, low, member_steps, h, time, flat.state, flat.work),
+    )
     for k in range(lanes if frame.noisy != 0 else 0):
         place = order[low + k] if member_steps != 0 else low + k
-        work[INDEX * lanes + k] = as_float(np.uint64(frame.member + place + 1))
+        flat.work[INDEX * lanes + k] = as_float(np.uint64(frame.member + place + 1))
 
 
 def begin(frame, low):
     """The start of the members: judged, watched and saved."""
-    parts, work = memory(frame.parts, 1.0), memory(frame.work, 1.0)
-    state = memory(frame.state, frame.real)
-    call(frame.begin, (parts, state, work))
+    flat = flat_memory(frame)
+    call(frame.begin, (flat.parts, flat.state, flat.work))
     if frame.looks != 0:
-        call(frame.begin_watch, (parts, state, work, frame.watched))
+        call(frame.begin_watch, (flat.parts, flat.state, flat.work, frame.watched))
     if frame.shadow != 0:
         swap(frame, 0)
-        call(frame.begin_near, (parts, state, work, memory(frame.near, frame.real), frame.near_at))
+        call(frame.begin_near, (flat.parts, flat.state, flat.work, flat.near, frame.near_at))
     save(frame, low, 0)
 
 
@@ -107,8 +129,9 @@ def look(frame, rounds, slot):
 
     True if all of them are stopped or frozen.
     """
-    lanes, parts, work = frame.lanes, memory(frame.parts, 1.0), memory(frame.work, 1.0)
-    call(frame.look, (parts, memory(frame.state, frame.real), work, rounds, slot * 1.0))
+    lanes, flat = frame.lanes, flat_memory(frame)
+    call(frame.look, (flat.parts, flat.state, flat.work, rounds, slot * 1.0))
+    work = flat.work
     moving = 0
     for k in range(lanes):
         if work[(KNOWN + STATUS) * lanes + k] == 0.0 and work[STOPPED * lanes + k] == 0.0:
@@ -119,8 +142,8 @@ def look(frame, rounds, slot):
 def swap(frame, out):
     """Bring back the neighbours of members that go on in the middle of a run (`out` is 0), or put
     them to their rows."""
-    at, state = frame.near_at * frame.lanes, memory(frame.state, frame.real)
-    near = memory(frame.near, frame.real)
+    at, flat = frame.near_at * frame.lanes, flat_memory(frame)
+    state, near = flat.state, flat.near
     for i in range((BODY_AT + frame.rows - BODY) * frame.lanes if out == 0 else 0):
         near[i] = state[i]
     for i in range(START * frame.lanes):
@@ -132,9 +155,8 @@ def swap(frame, out):
 
 def steps(frame, begun, first, last):
     """Steps from `first` to `last` of the round that began with step `begun`, watched if asked."""
-    parts, work = memory(frame.parts, 1.0), memory(frame.work, 1.0)
-    state, near = memory(frame.state, frame.real), memory(frame.near, frame.real)
-    now, trace = first, memory(frame.trace, frame.real)
+    now, flat = first, flat_memory(frame)
+    parts, state, near, work = flat.parts, flat.state, flat.near, flat.work
     if frame.member_steps != 0:
         last = most_steps(frame, last)
     while now < last:
@@ -156,14 +178,20 @@ def steps(frame, begun, first, last):
             number = (begun + stop) // OFTEN * 1.0
             call(frame.meet, (parts, state, work, near, frame.near_at, stop * 1.0, number))
         if frame.looks != 0:
-            call(frame.watch, (parts, state, work, trace, frame.watched, now, stop))
+            call(frame.watch, (parts, state, work, flat.trace, frame.watched, now, stop))
         now = stop
 
 
 def march(frame, state, work, traced, rounds, now, stop):
     """Make steps from step `now` of a round to `stop`."""
-    trace, streams = memory(frame.trace, frame.real), memory(frame.streams, frame.key)
-    parts, count, key, other = memory(frame.parts, 1.0), frame.part_rows, frame.key, frame.other
+    flat, streams = flat_memory(frame), memory(frame.streams, frame.key)
+    parts, trace, count, key, other = (
+        flat.parts,
+        flat.trace,
+        frame.part_rows,
+        frame.key,
+        frame.other,
+    )
     call(
         frame.march,
         (parts, count, state, work, trace, traced, key, other, streams, rounds, now, stop),
@@ -172,7 +200,7 @@ def march(frame, state, work, traced, rounds, now, stop):
 
 def most_steps(frame, last):
     """The largest number of own steps in a round among the members, at most `last`."""
-    most, work = 0.0, memory(frame.work, 1.0)
+    most, work = 0.0, flat_memory(frame).work
     for k in range(frame.lanes):
         most = max(most, work[EACH * frame.lanes + k])
     return int(min(most, float(last)))
@@ -180,7 +208,7 @@ def most_steps(frame, last):
 
 def first_end(frame, now, stop):
     """The step at which the first of the members that still move has made all its steps."""
-    work = memory(frame.work, 1.0)
+    work = flat_memory(frame).work
     for k in range(frame.lanes):
         each = work[EACH * frame.lanes + k]
         if float(now) < each and each < float(stop):
@@ -194,7 +222,8 @@ def put_aside(frame, state, now, out):
     True if there are any.  out : 0 to bring them back
     """
     lanes, any_done, place = frame.lanes, False, 7 * TRACE * frame.lanes
-    trace, work = memory(frame.trace, frame.real), memory(frame.work, 1.0)
+    flat = flat_memory(frame)
+    trace, work = flat.trace, flat.work
     for k in range(lanes):
         if work[EACH * lanes + k] <= float(now):
             any_done = True
@@ -213,8 +242,8 @@ def save(frame, low, now):
     Members with steps of their own are not in their order: their values go to `saved` first.
     """
     if frame.columns != 0 and frame.values != 0:
-        lanes, out, work = frame.lanes, memory(frame.out, 1.0), memory(frame.work, 1.0)
-        saved, order = memory(frame.saved, 1.0), memory(frame.order, frame.lanes)
+        lanes, work, out = frame.lanes, flat_memory(frame).work, memory(frame.out, 1.0)
+        saved, order = memory(frame.saved, 1.0), memory(frame.order, lanes)
         last = (frame.total + frame.stride - 1) // frame.stride
         slot = last if now == frame.total else now // frame.stride
         base = slot * frame.values * frame.columns + frame.column
@@ -236,17 +265,18 @@ def leave(frame, low):
         swap(frame, 1)
     if done != 0 and frame.records > 0:
         find(frame)
-    block, rows, width = memory(frame.block, 1.0), frame.rows, frame.width
-    state, work = memory(frame.state, frame.real), memory(frame.work, 1.0)
+    flat, rows, members, works = flat_memory(frame), frame.rows, frame.width, frame.works
     works_at = BODY + frame.works_at - BODY_AT
-    call(frame.leave, (block, rows, width, low, frame.works, works_at, done, state, work))
+    call(
+        frame.leave,
+        (flat.block, rows, members, low, works, works_at, done, flat.state, flat.work),
+    )
 
 
 def find(frame):
     """The exact times of the first and last of each event, by steps back from the noted states."""
-    lanes, parts = frame.lanes, memory(frame.parts, 1.0)
-    state, near = memory(frame.state, frame.real), memory(frame.near, frame.real)
-    work, aside = memory(frame.work, 1.0), memory(frame.aside, 1.0)
+    lanes, flat = frame.lanes, flat_memory(frame)
+    parts, state, near, work, aside = flat.parts, flat.state, flat.near, flat.work, flat.aside
     for i in range(KNOWN * lanes):
         aside[i] = work[i]
     for i in range((BODY_AT + frame.rows - BODY) * lanes):

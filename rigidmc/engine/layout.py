@@ -8,7 +8,7 @@ program they are rows of one number each.
 
 import math
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from itertools import accumulate
 from typing import Any, NamedTuple
 
@@ -22,29 +22,35 @@ from rigidmc.integrators.protocol import keeps
 LANES = 32  # members of a block are a multiple of this: the most that are worked on side by side
 
 
-def _offsets(counts: Iterable[int]) -> tuple[int, ...]:
-    """The first rows of parts that take so many rows each, and the row after the last part."""
-    return tuple(accumulate(counts, initial=0))
+class _Table:
+    """Rows of memory, taken one part after the other."""
+
+    def __init__(self) -> None:
+        self.end = 0
+
+    def take(self, count: int) -> int:
+        """The first of the next `count` rows."""
+        self.end += count
+        return self.end - count
 
 
 # Rows of a block. After them come the parameters of the effects, their works, and what is watched:
 # see `Places`.
-(
-    ATTITUDE, MOMENTUM, REST, START, DRIFT, STATUS, GOOD_STEP, FAULT_STEP, GOOD, STEPS, BODY,
-    EFFECTS,
-) = _offsets((
-    4,  # attitude, a quaternion
-    3,  # momentum
-    7,  # remainders of the sums of both, or what the integrator keeps instead
-    7,  # of the start: energy, 1/its scale, |L|^2, 1/|L|^2, 1/energies in play, L_z, 1/largest |L|
-    2,  # largest drifts of energy and of |L|^2 so far
-    1,  # status, see STATUSES
-    1,  # step of the last good state
-    1,  # step at which the member was found not to be ok
-    7,  # the last good state: attitude and momentum
-    1,  # steps of the member in a round, see `rigidmc.engine.frame.Run`
-    9,  # the body, a MassProperties
-))  # fmt: skip
+_block = _Table()
+ATTITUDE = _block.take(4)  # a quaternion
+MOMENTUM = _block.take(3)
+REST = _block.take(7)  # remainders of the sums of both, or what the integrator keeps instead
+# of the start: energy, 1/its scale, |L|^2, 1/|L|^2, 1/energies in play, L_z, 1/largest |L|
+START = _block.take(7)
+DRIFT = _block.take(2)  # largest drifts of energy and of |L|^2 so far
+STATUS = _block.take(1)  # see STATUSES
+GOOD_STEP = _block.take(1)  # step of the last good state
+FAULT_STEP = _block.take(1)  # step at which the member was found not to be ok
+GOOD = _block.take(7)  # the last good state: attitude and momentum
+STEPS = _block.take(1)  # steps of the member in a round, see `rigidmc.engine.frame.Run`
+BODY = _block.take(9)  # a MassProperties
+EFFECTS = _block.end
+
 # The first thing that went wrong. A member that is not ok on entry stays frozen from the start.
 STATUSES = {
     "ok": 0, "non_finite": 1, "invalid_input": 2, "energy_drift": 3, "momentum_drift": 4,
@@ -55,35 +61,35 @@ STATUSES = {
 BODY_AT, EFFECTS_AT = START, START + EFFECTS - BODY
 
 # Rows of `work`: what is known of a member; from KNOWN on, the rows of its block.
-TRUE, ENERGY, STOPPED, HELD, EACH, BEGAN, LENGTH, INDEX, KNOWN = _offsets((
-    7,  # the true state at the last look
-    2,  # energy and |L|^2 there
-    1,  # whether an event has stopped the member
-    7,  # the state at which an event has stopped it
-    1,  # its own steps in a round
-    1,  # when the round began
-    1,  # the length of its steps
-    1,  # the bits of its index
-))  # fmt: skip
+_work = _Table()
+TRUE = _work.take(7)  # the true state at the last look
+ENERGY = _work.take(2)  # energy and |L|^2 there
+STOPPED = _work.take(1)  # whether an event has stopped the member
+HELD = _work.take(7)  # the state at which an event has stopped it
+EACH = _work.take(1)  # its number of steps in a round
+BEGAN = _work.take(1)  # when the round began
+LENGTH = _work.take(1)  # the length of its steps
+INDEX = _work.take(1)  # the bits of its index
+KNOWN = _work.end
 
 # Rows of an event.
-LEVEL, COUNT, TAU, FIRST_TAU, SQUARES, TIMES, RECORDS, EVENT = _offsets((
-    1,  # the level after the last step, 0 if the event cannot happen next
-    1,  # how often it has happened
-    1,  # when it last happened, by linear interpolation
-    1,  # when it first happened, by linear interpolation
-    1,  # sum of the squares of the times between
-    2,  # when it first and last happened, exactly
-    20,  # of first and last: time of the step's end, levels before and there, the state there
-))  # fmt: skip
-RECORD = (EVENT - RECORDS) // 2
+_event = _Table()
+LEVEL = _event.take(1)  # the level after the last step, 0 if the event cannot happen next
+COUNT = _event.take(1)  # how often it has happened
+TAU = _event.take(1)  # when it last happened, by linear interpolation
+FIRST_TAU = _event.take(1)  # when it first happened, by linear interpolation
+SQUARES = _event.take(1)  # sum of the squares of the times between
+TIMES = _event.take(2)  # when it first and last happened, exactly
+RECORD = 10  # time of the step's end, levels before and there, the state there
+RECORDS = _event.take(2 * RECORD)  # of the first and of the last
+EVENT = _event.end
 
-# Rows of the neighbour.
-NEAR_STATE, SUMS, WEIGHT, SHADOW = _offsets((
-    14,  # its state and the remainders of its sums
-    3,  # sums of ln growth, of the same by number of looks, and of Y
-    1,  # 1/|L|^2 of the motion
-))  # fmt: skip
+# Rows of the neighbour, after 14 of its state and the remainders of its sums.
+_neighbour = _Table()
+_neighbour.take(START)
+SUMS = _neighbour.take(3)  # sums of ln growth, of the same by number of looks, and of Y
+WEIGHT = _neighbour.take(1)  # 1/|L|^2 of the motion
+SHADOW = _neighbour.end
 
 
 class Places(NamedTuple):
@@ -114,7 +120,7 @@ def places(
     events : how many;  marks : of each running observable;  shadow : whether there is a neighbour
     """
     counts = parameters, works, works, EVENT * events, sum(marks), SHADOW * shadow
-    return Places(*(EFFECTS + offset for offset in _offsets(counts)))
+    return Places(*accumulate(counts, initial=EFFECTS))
 
 
 def watch_rows(events: Sequence[Any], running: Sequence[Any], shadow: Sequence[Any]) -> int:
