@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import resource
 import time
 import unittest.mock
 
@@ -93,6 +92,8 @@ def delay(real, given, named):
 @contextlib.contextmanager
 def limited(size):
     """Let files grow to so many bytes only; what writes more is told EFBIG, in the middle of its write."""
+    import resource  # Windows has none
+
     known = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, known[1]))
     try:

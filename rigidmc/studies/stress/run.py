@@ -103,7 +103,7 @@ def load_bounds(path):
             raise unknown(path, "case", name, "case", cases, FileError)
         if integrator not in INTEGRATORS:
             raise unknown(path, "integrator", integrator, "integrator", INTEGRATORS, FileError)
-    return {key: _positive(key, bound) for key, (bound, _) in found.items()}
+    return {key: _positive(key, bound, FileError) for key, (bound, _) in found.items()}
 
 
 def save_bounds(study, path, force=False):
@@ -148,9 +148,9 @@ def _read(text, file):
     return found
 
 
-def _positive(key, bound):
+def _positive(key, bound, error=OptionError):
     if not (bound >= 0.0 and math.isfinite(bound)):
-        raise OptionError(
+        raise error(
             f"{key[0]}, {key[1]}", "bound", bound, "a bound must be finite and not negative"
         )
     return bound
