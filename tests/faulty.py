@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import resource
 import sys
 import time
 import unittest.mock
@@ -105,6 +104,8 @@ def delay(real, given, named):
 @contextlib.contextmanager
 def limited(size):
     """Let files grow to that many bytes only; a larger write gets EFBIG halfway."""
+    import resource  # Windows has none
+
     known = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, known[1]))
     try:

@@ -4,7 +4,7 @@ import math
 import os
 import time
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import xarray as xr
@@ -22,7 +22,24 @@ from rigidmc.planning.units import Internal, told
 from rigidmc.progress import Progress, reporter
 from rigidmc.scene.scene import Scene
 from rigidmc.storage.schema import member_variables
-from rigidmc.storage.sinks import File, Memory, Sink
+from rigidmc.storage.sinks import File, Memory
+
+
+class Sink(Protocol):
+    """Where the results of blocks go: memory, a file, or the shards of a run directory."""
+
+    def room(self, low: int, count: int) -> tuple[np.ndarray, int, int]:
+        """Memory for what members low ... low + count - 1 save: an array, its width, and the first
+        column of these members."""
+
+    def take(self, job: Job, results: dict[str, np.ndarray]) -> None:
+        """Take a finished block and the results of its members."""
+
+    def finish(self) -> Any:
+        """Complete the result and return it."""
+
+    def discard(self) -> None:
+        """Drop an incomplete result."""
 
 
 def run(

@@ -1,7 +1,7 @@
 """Where the results of blocks go as they are done: one Dataset in memory, or a netCDF file."""
 
 from collections.abc import Iterable, Mapping
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -27,15 +27,6 @@ from rigidmc.storage.writer import Writer
 
 Arrays = dict[str, NDArray[Any]]
 Place = tuple[NDArray[np.float64], int, int]  # an array, its width, and the column of a block in it
-
-
-class Sink(Protocol):
-    """Where blocks go. `room` gives the place for the values that a block saves."""
-
-    def room(self, low: int, count: int) -> Place: ...
-    def take(self, job: Block, results: Arrays) -> None: ...
-    def finish(self) -> xr.Dataset: ...
-    def discard(self) -> None: ...
 
 
 def _split(scene: Scene, values: NDArray[Any], names: Iterable[str]) -> Arrays:

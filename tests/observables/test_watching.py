@@ -17,9 +17,9 @@ from rigidmc.errors import SceneError
 from rigidmc.mechanics.free_top import free_motion, free_top
 from rigidmc.observables import outputs
 from rigidmc.observables.chaos import NEAR
-from rigidmc.planning import stage as staging
 from rigidmc.planning.closed_form import closed_form
 from rigidmc.planning.plan import prepare
+from rigidmc.planning.rates import rates
 from rigidmc.planning.stage import stage
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
@@ -607,7 +607,7 @@ def test_a_tolerance_chooses_no_step_that_hides_what_is_watched():
     alone = rm.simulate(WATCHED, tolerance=1e-4, t_end=10.0, members=64, save=("attitude",))
     ds = rm.simulate(WATCHED, tolerance=1e-4, t_end=10.0, members=64, save=("attitude", "nutation"))
     plan, watched = (prepare(rm.Scene.loads(one.attrs["scene"])) for one in (alone, ds))
-    rate = staging.rates(WATCHED.effects, stage(WATCHED, 0, 512, True)[0]).max()
+    rate = rates(WATCHED.effects, stage(WATCHED, 0, 512, True)[0]).max()
     turns = [
         one.dt * rate if "turn" not in made.attrs else made.attrs["turn"]
         for one, made in ((plan, alone), (watched, ds))

@@ -2,11 +2,9 @@
 
 import contextlib
 import errno
-import fcntl
 import json
 import os
 import pathlib
-import resource
 import signal
 import subprocess
 import sys
@@ -29,6 +27,9 @@ from rigidmc.storage.run_directory import RunDirectory
 from rigidmc.storage.run_facts import rendered
 from rigidmc.studies.stress.run import load_bounds
 from tests import hostile
+
+fcntl = pytest.importorskip("fcntl", reason="locks, pipes and limits are those of POSIX")
+resource = pytest.importorskip("resource")
 
 SCENE = rm.Scene(
     rm.Body.from_moments((1.0, 2.0, 3.0)), start=rm.Start(omega=(0.1, 1.0, rm.normal(0.0, 0.1)))

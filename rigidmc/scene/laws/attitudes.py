@@ -98,7 +98,7 @@ class Pointing(Law):
             one_less_cosine = -logarithm_of_one_and((1.0 - u) * expm1(-2.0 * k)) / k
         theta = 2.0 * arcsine(np.sqrt(np.clip(0.5 * one_less_cosine, 0.0, 1.0)))
         x, y, z = self.direction
-        tip = quaternion_from_euler(arctan2(x, -y), arctan2(hypotenuse(x, y), z), 0.0)
+        tip = quaternion_from_euler(arctan2(x, -y), arctan2(hypotenuse(x, y), z), np.zeros(()))
         return product(tip, quaternion_from_euler(azimuth, theta, psi).T).T
 
 

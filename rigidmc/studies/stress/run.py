@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from rigidmc.engine.machine import threads_available
-from rigidmc.errors import FileError, OptionError, unknown
+from rigidmc.errors import FileError, OptionError, RigidmcError, unknown
 from rigidmc.files.outputs import write_bytes
 from rigidmc.files.reading import text_of
 from rigidmc.integrators import INTEGRATORS
@@ -117,7 +117,7 @@ def load_bounds(path: str | PathLike[str]) -> dict[Key, float]:
             raise unknown(path, "case", name, "case", cases, FileError)
         if integrator not in INTEGRATORS:
             raise unknown(path, "integrator", integrator, "integrator", INTEGRATORS, FileError)
-    return {key: _checked(key, bound) for key, (bound, _) in table.items()}
+    return {key: _checked(key, bound, FileError) for key, (bound, _) in table.items()}
 
 
 def save_bounds(study: xr.Dataset, path: str | PathLike[str], force: bool = False) -> None:
@@ -156,11 +156,11 @@ def _read(text: str, file: str) -> dict[Key, tuple[float, float]]:
     return bounds
 
 
-def _checked(key: Key, bound: float) -> float:
-    """A bound; OptionError if it is negative or not finite."""
+def _checked(key: Key, bound: float, error: type[RigidmcError] = OptionError) -> float:
+    """A bound; an error if it is negative or not finite."""
     if not (bound >= 0.0 and math.isfinite(bound)):
         rule = "a bound must be finite and not negative"
-        raise OptionError(f"{key[0]}, {key[1]}", "bound", bound, rule)
+        raise error(f"{key[0]}, {key[1]}", "bound", bound, rule)
     return bound
 
 
