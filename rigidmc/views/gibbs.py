@@ -32,7 +32,7 @@ def gibbs(ds: xr.Dataset, allow_code: bool = False) -> Figure:
     scene = scene_of(ds, allow_code=allow_code)
     baths = [effect for effect in scene.effects if is_random(effect)]
     if len(baths) != 1:
-        raise ValueError("gibbs needs a scene with exactly one bath")
+        raise ValueError("gibbs needs a scene with a bath, exactly one")
     kT, potentials = baths[0].kT, [e for e in scene.effects if hasattr(e, "energy")]
     parameters = (value for effect in potentials for _, _, value in numbers(effect))
     if not is_shared(*scene.body.quantities(), kT, *parameters):
