@@ -1,4 +1,4 @@
-"""rigidmc exact: which scenes have a closed form, what is said of them, and what of those that have none."""
+"""rigidmc exact: scenes with a closed form, what it says of them, and the refusal of others."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def run(*arguments):
 
 
 def worst(scene, members=64, **settings):
-    """Largest difference of omega [rad/s] and attitude [rad] between closed form and integration at the end."""
+    """Largest final difference of omega [rad/s] and attitude [rad] from the integration."""
     scene = scene.with_run(members=members, save=("omega", "attitude"), **settings)
     last = simulate(scene).isel(time=-1)
     motion = closed_form(scene).motion(scene.run.t_end)
@@ -169,7 +169,7 @@ def test_damping_that_drives_is_in_the_time_too():
 
 
 def heavy_ones(mass, omega):
-    """300 members: the first 30 or so of the grid are no bodies, as are the last 80; masses and starts as given."""
+    """300 members: about the first 30 of the grid and the last 80 are no bodies."""
     body = Body.from_moments((1.4, 1.4, grid(-0.5, 4.0, 300)), mass=1.0, centre=(0.0, 0.0, mass))
     return Scene(body, (Gravity(9.81),), Start(omega=omega, attitude=(0.3, 0.7, 0.2))).with_run(
         members=300, t_end=2.0, every=0.3, save=("omega", "attitude", "energy")

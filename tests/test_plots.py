@@ -1,4 +1,7 @@
-"""The pictures, read back through their figures: what is drawn, from which members, how labelled; and what is said without data."""
+"""The pictures of an ensemble, read back through their figures: data, members, labels.
+
+Also the messages if there is nothing to draw.
+"""
 
 import subprocess
 import sys
@@ -82,7 +85,7 @@ def ends(free):
 
 @pytest.fixture
 def tops(free):
-    """Bodies whose axis 3 leans 0 to 40 degrees from the vertical, by a rotation about x; |L|^2 is not conserved."""
+    """Bodies whose axis 3 leans 0 to 40 degrees, by a rotation about x; |L|^2 not conserved."""
     half = np.radians(np.linspace(0.0, 40.0, free.sizes["member"])) / 2.0
     attitude = np.zeros((free.sizes["time"], 4, free.sizes["member"]))
     attitude[:, 0], attitude[:, 1] = np.cos(half), np.sin(half)

@@ -1,4 +1,4 @@
-"""The study of what accuracy costs: rows that are what they say, the cheapest is the cheapest, predictions hold for other members."""
+"""The accuracy study: its rows, the cheapest ways, predictions for other members, drift laws."""
 
 import numpy as np
 import pytest
@@ -87,7 +87,7 @@ def test_the_table_says_it(study):
 
 
 def test_predictions_of_error_hold_for_others(study):
-    """The 99 % of 64 members and those of 600 others, within a factor of 2 as they should be and mostly much nearer."""
+    """The 99 % quantiles of 64 members and of 600 others agree to a factor of 2, mostly better."""
     others = pilot(LAGRANGE, 600, first=1000)
     true = truth(others)
     for name, steps in (("rk4", 192), ("rk8", 48), ("chin4", 96)):

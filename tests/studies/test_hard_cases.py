@@ -1,16 +1,17 @@
-"""The catalogue of hard cases: what it holds, that errors are seen, and what happens to words and bounds that are wrong."""
+"""The hard cases: their catalogue, errors that are seen, crashes, and wrong words and bounds."""
 
 import math
+import pkgutil
 
 import numpy as np
 import pytest
 
 import rigidmc as rm
 from rigidmc.integrators import INTEGRATORS
-from rigidmc.studies.stress import processes
+from rigidmc.studies.stress import groups, processes
 from rigidmc.studies.stress import run as H
 from rigidmc.studies.stress.case import Case
-from rigidmc.studies.stress.catalogue import GROUPS, catalogue
+from rigidmc.studies.stress.catalogue import GROUPS, MODULES, catalogue
 from rigidmc.studies.stress.integrate import distance, run, worst
 from rigidmc.studies.stress.invariants import conserved, constant, direction, walk
 from rigidmc.studies.stress.processes import carried_out
@@ -19,6 +20,11 @@ from rigidmc.studies.stress.truths import against_closed, closed_states, flips
 from rigidmc.views import studies
 
 CASES = catalogue()
+
+
+def test_every_file_of_cases_is_in_the_catalogue():
+    names = {module.__name__.rpartition(".")[2] for module in MODULES.values()}
+    assert names == {found.name for found in pkgutil.iter_modules(groups.__path__)}
 
 
 def test_the_catalogue_is_what_it_says():
@@ -49,7 +55,7 @@ def test_quick_cases_are_within_their_bounds(name):
 
 
 def test_errors_are_seen():
-    """What a case measures grows when the thing measured is wrong: another truth, another law, another time."""
+    """The error of a case grows when the truth, the law or the time is wrong."""
     scene, wrong = tops((1.0, 1.4, 2.0), (0.3, 0.9, 0.7)), tops((1.0, 1.4, 2.0001), (0.3, 0.9, 0.7))
 
     def against_wrong(integrator, share):
@@ -151,9 +157,10 @@ def test_every_integrator_has_hard_cases():
 
 @pytest.mark.slow
 def test_rounding_walks_over_1e8_steps():
-    """40 to 100 s: the free motion of 32 tops over 1e8 steps; its rms drift at 1e8 is that at 1.6e6 times sqrt(64), to a factor of 6.
+    """40 to 100 s: the rms drift of 32 free tops at 1e8 steps is that at 1.6e6 times sqrt(64).
 
-    Under 3 on a Zen 4, 4.5 on a Sapphire Rapids, whose roundings differ: there two of the 32 drift evenly, by 1.6e-19 of their energy a step,
+    To a factor of 6: under 3 on a Zen 4, 4.5 on a Sapphire Rapids, whose roundings differ. There
+    two of the 32 drift evenly, by 1.6e-19 of their energy a step,
     while the others walk; the rms of all at 1e8 is 4.1e-12. Drifting evenly all would make it 8.
     """
     moments, momentum = random_tops()

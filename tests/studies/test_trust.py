@@ -1,4 +1,4 @@
-"""The generic checks of a scene: they agree with the truth where there is one, and see a long step, chaos and sick members."""
+"""The checks of a scene: they agree with the truth, and see a long step and chaos."""
 
 import numpy as np
 import pytest
