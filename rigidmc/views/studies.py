@@ -1,7 +1,7 @@
 """Pictures of studies: accuracy, drift, hard cases, trust."""
 
 from textwrap import fill
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -12,47 +12,10 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
-from rigidmc.integrators import INTEGRATORS
 from rigidmc.studies.accuracy import count, horizon_text
 from rigidmc.studies.stress.run import AMBER, VERDICTS
-from rigidmc.views.figure import (
-    ALARM,
-    COLOURS,
-    DASHES,
-    GREY,
-    INK,
-    LIGHT,
-    MARKERS,
-    new_figure,
-)
-
-
-class Style(NamedTuple):
-    """How the line of an integrator looks."""
-
-    color: str
-    marker: str
-    dash: str
-
-
-def styles() -> dict[str, Style]:
-    """{integrator: Style} from the registry.
-
-    One colour for integrators of one family (the file that defines them) and order, dashes within
-    it; each integrator has its own marker, up to len(MARKERS) of them.
-    """
-    families: dict[tuple[str, float], int] = {}  # {(file, order): members so far}
-    found = {}
-    for place, (name, kind) in enumerate(INTEGRATORS.items()):
-        family = type(kind).__module__, kind.order
-        before = families.setdefault(family, 0)
-        colour = COLOURS[list(families).index(family) % len(COLOURS)]
-        found[name] = Style(colour, MARKERS[place % len(MARKERS)], DASHES[before % len(DASHES)])
-        families[family] += 1
-    return found
-
-
-STYLES = styles()
+from rigidmc.views.figure import ALARM, COLOURS, GREY, INK, LIGHT, MARKERS, new_figure
+from rigidmc.views.styles import STYLES
 
 
 def work_precision(study: xr.Dataset, figure: Figure | None = None) -> Figure:

@@ -13,6 +13,7 @@ from rigidmc.planning.tolerance.pilot import follow, pilot
 from rigidmc.planning.tolerance.truth import truth
 from rigidmc.studies import accuracy, drift
 from rigidmc.views import studies
+from rigidmc.views.styles import STYLES
 
 START = rm.Start(omega=(rm.normal(0.5, 0.1), 1.0, rm.normal(0.0, 0.3)), attitude="uniform")
 LAGRANGE = rm.Scene(
@@ -183,9 +184,9 @@ def test_the_energy_of_splittings_is_bounded_over_ten_million_steps(name):
 
 
 def test_every_integrator_has_its_own_style():
-    assert list(studies.STYLES) == list(INTEGRATORS)
-    assert len(set(studies.STYLES.values())) == len(INTEGRATORS)
-    assert len({style[1] for style in studies.STYLES.values()}) == len(INTEGRATORS)  # also in grey
+    assert list(STYLES) == list(INTEGRATORS)
+    assert len(set(STYLES.values())) == len(INTEGRATORS)
+    assert len({style[1] for style in STYLES.values()}) == len(INTEGRATORS)  # also in grey
 
 
 def test_pictures(study, drifts, tmp_path):

@@ -3,6 +3,8 @@
 Also ensembles that grow until a number is known.
 """
 
+import pkgutil
+
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -14,6 +16,7 @@ from rigidmc.mechanics.free_top import free_motion
 from rigidmc.observables import Flips
 from rigidmc.scene.parameters import parameters, with_parameter
 from rigidmc.studies.intervals import probability
+from rigidmc.studies.maps import cases
 from rigidmc.studies.maps.catalogue import MAPS, case_map
 from rigidmc.studies.measures import measure
 from rigidmc.studies.until import simulate_until
@@ -27,6 +30,10 @@ pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
 @pytest.fixture(scope="module")
 def flips():
     return case_map("intermediate_axis", SIDE, EACH, threads=2)
+
+
+def test_every_file_of_a_map_is_in_the_catalogue():
+    assert set(MAPS) == {found.name for found in pkgutil.iter_modules(cases.__path__)}
 
 
 def test_a_pixel_is_a_run_of_its_members(flips):

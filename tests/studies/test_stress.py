@@ -4,6 +4,7 @@ Also wrong words and wrong bounds.
 """
 
 import math
+import pkgutil
 from functools import cache
 
 import numpy as np
@@ -11,10 +12,10 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.integrators import INTEGRATORS
-from rigidmc.studies.stress import processes
+from rigidmc.studies.stress import groups, processes
 from rigidmc.studies.stress import run as H
 from rigidmc.studies.stress.case import Case
-from rigidmc.studies.stress.catalogue import GROUPS, catalogue
+from rigidmc.studies.stress.catalogue import GROUPS, MODULES, catalogue
 from rigidmc.studies.stress.integrate import distance, run, worst
 from rigidmc.studies.stress.invariants import conserved, constant, direction, walk
 from rigidmc.studies.stress.processes import carried_out
@@ -27,6 +28,11 @@ from rigidmc.views import studies
 def cases():
     """The catalogue, made at the first use: it compiles closed forms."""
     return catalogue()
+
+
+def test_every_file_of_cases_is_in_the_catalogue():
+    names = {module.__name__.rpartition(".")[2] for module in MODULES.values()}
+    assert names == {found.name for found in pkgutil.iter_modules(groups.__path__)}
 
 
 def test_the_catalogue_is_complete():

@@ -1,4 +1,4 @@
-"""Which end of its major axis a body with internal dissipation ends up about."""
+"""The end of its major axis on which a body with internal dissipation settles."""
 
 import math
 
@@ -22,7 +22,7 @@ def damped_axis() -> MapCase:
         observables=tuple(Passage(axis, 0.2, "reaches", "momentum") for axis in (3, -3)),
     )
     return MapCase(
-        title="Which end of the major axis a body (1, 2, 3) ends up about that loses energy inside",
+        title="The end of the major axis on which a body (1, 2, 3) with dissipation settles",
         scene=scene,
         x=("start.momentum.azimuth", 0.0, 2.0 * math.pi),
         y=("start.momentum.angle", 0.0, math.pi),

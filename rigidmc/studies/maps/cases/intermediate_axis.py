@@ -37,7 +37,7 @@ def growth_rate(ds: xr.Dataset) -> tuple[NDArray[np.float64], dict[str, str]]:
 def intermediate_axis() -> MapCase:
     start = Start(omega=Cone(2, 1.0, TILT))
     return MapCase(
-        title="The intermediate axis: how often a body flips that is spun about it",
+        title="The intermediate axis: how often a body that spins about it flips",
         scene=Scene(Body.from_moments((0.5, 1.0, 1.5)), (), start, observables=(Flips(2),)),
         x=X,
         y=Y,

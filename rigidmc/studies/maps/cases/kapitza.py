@@ -21,7 +21,7 @@ def kapitza() -> MapCase:
         observables=(Passage(3, 0.1),),
     )
     return MapCase(
-        title="Kapitza's pendulum: where a body stands on its head whose pivot is shaken",
+        title="Kapitza's pendulum: where a shaken pivot holds a body upside down",
         scene=scene,
         x=("effects.moving_pivot.swing.3", 0.0, 0.6),
         y=("effects.moving_pivot.frequency", 3.0, 30.0),

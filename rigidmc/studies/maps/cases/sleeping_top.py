@@ -20,7 +20,7 @@ def sleeping_top() -> MapCase:
     phi, psi = uniform(0.0, 2.0 * math.pi), uniform(0.0, 2.0 * math.pi)
     start = Start(omega=(0.0, 0.0, 2.0), attitude=(phi, 1e-4, psi))
     return MapCase(
-        title="The sleeping top: which fall over, of spin n and height h of the centre",
+        title="The sleeping top: the spins n and heights h of the centre at which it falls over",
         scene=Scene(body, (Gravity(2.0),), start, observables=(Passage(3, 0.1),)),
         x=("start.omega.3", 0.0, 5.0),
         y=("body.centre.3", 0.0, 1.0),
