@@ -1,42 +1,52 @@
-"""What a scene conserves by its physics, and of which effects the work is booked."""
+"""What a scene conserves by its physics, and the effects whose work is booked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from rigidmc.dynamics.methods import implements
 from rigidmc.effects import labelled
 from rigidmc.effects.protocol import facts, is_conservative, is_random
 
+if TYPE_CHECKING:
+    from rigidmc.scene.scene import Scene
 
-def conservation(scene):
-    """{"energy": "yes" or the reason why not, "energy_drift": the same of energy less work, "l2": ..., "lz": ...} by the physics of the scene."""
-    noisy = [label for label, e in labelled(scene.effects) if is_random(e)]
-    walk = (
-        f"no: under {', '.join(noisy)} the energy of a step of order 2 walks off as dt^2 sqrt(t)"
-        if noisy
-        else ""
-    )
-    lossy = [label for label, e in labelled(scene.effects) if not is_conservative(e)]
-    kept = "yes" if not lossy else f"no: {_change(lossy, 'the energy')}"
-    torques = [label for label, e in labelled(scene.effects) if not facts(e).keeps_l2]
-    turning = [label for label, e in labelled(scene.effects) if not facts(e).keeps_lz]
-    changed = {"l2": (torques, "the angular momentum"), "lz": (turning, "L_z")}
+
+def conservation(scene: Scene) -> dict[str, str]:
+    """{"energy", "energy_drift", "l2", "lz": "yes", or "no: ..." with the reason}.
+
+    energy_drift : the energy less the booked work
+    """
+    effects = labelled(scene.effects)
+    lossy = [label for label, e in effects if not is_conservative(e)]
+    random = [label for label, e in effects if is_random(e)]
+    energy, drift = _verdict(lossy, "the energy"), "yes"
+    if random:
+        walk = "the energy of a step of order 2 walks off as dt^2 sqrt(t)"
+        drift = f"no: under {', '.join(random)} {walk}"
+    l2 = [label for label, e in effects if not facts(e).keeps_l2]
+    lz = [label for label, e in effects if not facts(e).keeps_lz]
     return {
-        "energy": kept,
-        "energy_drift": kept if "work" not in scene.run.save else walk or "yes",
-        **{
-            k: "yes" if not who else f"no: {_change(who, what)}"
-            for k, (who, what) in changed.items()
-        },
+        "energy": energy,
+        "energy_drift": drift if "work" in scene.run.save else energy,
+        "l2": _verdict(l2, "the angular momentum"),
+        "lz": _verdict(lz, "L_z"),
     }
 
 
-def booked_labels(scene):
-    """The labels of the effects whose works are saved."""
+def booked_labels(scene: Scene) -> tuple[str, ...]:
+    """The labels of the effects whose work is saved."""
     return tuple(label for label, _ in labelled(scene.effects)) if "work" in scene.run.save else ()
 
 
-def booked(scene):
+def booked(scene: Scene) -> list[str]:
     """The labels of the effects whose work is no part of `energy`."""
     return [label for label, e in labelled(scene.effects) if not implements(e, "energy")]
 
 
-def _change(who, what):
-    return f"{', '.join(who)} change{'s' * (len(who) == 1)} {what}"
+def _verdict(labels: Sequence[str], quantity: str) -> str:
+    """ "yes", or "no" with the effects that change a quantity."""
+    if not labels:
+        return "yes"
+    return f"no: {', '.join(labels)} change{'s' * (len(labels) == 1)} {quantity}"

@@ -326,14 +326,14 @@ def test_a_matrix_that_drives_some_spin_is_refused():
         assert np.linalg.eigvalsh(symmetric(matrix))[0] < 0.0
         with pytest.raises(
             rm.SceneError,
-            match=r"matrix: \(.*\) drives some spins, which needs anti_damping = true",
+            match=r"matrix: \(.*\) drives some rotations, which needs anti_damping = true",
         ):
             checked(matrix)
         checked(matrix, anti_damping=True)
     for matrix in ((1.0, 1.0, 1.0, 0.0, 0.0, 1.0), (0.0,) * 6, (1.0, 1.0, 1.0, 0.9, 0.9, 0.9)):
         assert np.linalg.eigvalsh(symmetric(matrix))[0] > -1e-12
         checked(matrix)
-    with pytest.raises(rm.SceneError, match="drives some spins"):
+    with pytest.raises(rm.SceneError, match="drives some rotations"):
         checked((1.0, 1.0, 1.0, 0.0, 0.0, rm.uniform(0.5, 1.1)))
     some = np.random.default_rng(5)
     for size in (1.0, 1e-100, 1e100):

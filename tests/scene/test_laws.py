@@ -355,7 +355,7 @@ def test_points_fill_better_than_chance():
 
 
 def test_nothing_drawn_needs_no_points():
-    with pytest.raises(SceneError, match="nothing of the scene is drawn"):
+    with pytest.raises(SceneError, match="nothing in the scene is drawn"):
         rm.Scene(rm.Body.from_moments(MOMENTS), start=rm.Start(omega=(0, 1, 0))).with_run(
             points="sobol"
         ).check()
