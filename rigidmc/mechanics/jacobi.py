@@ -141,7 +141,10 @@ def _doubled_3(modulus, thirds, state):
 
 
 def _series(ks, m, nu, x, before, last, e, power):
-    """sum over k >= 1 of e_k x^k/(2k + 3), e_k the coefficients of 1/((1 + nu x) sqrt((1 - x)(1 - m x)))."""
+    """sum over k >= 1 of e_k x^k/(2k + 3).
+
+    e_k are the coefficients of 1/((1 + nu x) sqrt((1 - x)(1 - m x))).
+    """
     if len(ks) == 0:
         return 0.0
     k = ks[0]

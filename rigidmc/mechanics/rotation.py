@@ -18,6 +18,7 @@ from rigidmc.errors import SceneError, flag
 CONVENTIONS = ("zxz", "zyz")
 _EYE = np.eye(3)
 _Floats = NDArray[np.float64]
+_Numbers = float | _Floats
 
 
 @runtime_checkable
@@ -99,7 +100,7 @@ def quaternion_from_matrix(matrix: ArrayLike, table: str = "", key: str = "matri
     return q.reshape(*array.shape[:-2], 4)
 
 
-def quaternion_from_euler(phi: _Floats, theta: _Floats, psi: _Floats) -> _Floats:
+def quaternion_from_euler(phi: _Numbers, theta: _Numbers, psi: _Numbers) -> _Floats:
     """Quaternions (4, ...), components FIRST, of A = Rz(phi) Rx(theta) Rz(psi), TdC (3.36).
 
     Angles [rad] of any one shape.
