@@ -763,8 +763,8 @@ def test_nothing_saved_over_time_and_notes(tmp_path):
 def test_user_code_must_stay_that_of_the_start(tmp_path):
     module = tmp_path / "wind.py"
     text = (
-        "from typing import NamedTuple\n\n\nclass Wind(NamedTuple):\n    size: float\n\n   "
-        " def torque(self, t, l):\n        return self.size, 0.0, 0.0\n"
+        "from typing import NamedTuple\n\n\nclass Wind(NamedTuple):\n    size: float\n\n"
+        "    def torque(self, t, l):\n        return self.size, 0.0, 0.0\n"
     )
     module.write_text(text)
     (tmp_path / "wind.toml").write_text(
