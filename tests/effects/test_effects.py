@@ -79,12 +79,7 @@ EVERY = pytest.mark.parametrize(
     "name", [name for name, kind in EFFECTS.items() if not hasattr(kind, "stochastic")]
 )
 # whose kick is a rule of order 2
-SECOND_ORDER = {
-    "matrix_damping",
-    "quadratic_drag",
-    "dry_friction",
-    "energy_dissipation",
-}
+SECOND_ORDER = {"matrix_damping", "quadratic_drag", "dry_friction", "energy_dissipation"}
 CONSTANT = {"rotor": Rotor((0.5, -0.3, 0.8))}  # kicks hold t constant
 
 

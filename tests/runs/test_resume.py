@@ -363,11 +363,7 @@ def test_parts_of_running_writers_stay(tmp_path):
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
     # this process writes nothing now
-    names = {
-        os.getpid(): False,
-        os.getppid(): True,
-        gone.pid: False,
-    }
+    names = {os.getpid(): False, os.getppid(): True, gone.pid: False}
     here = os.path.basename(Part(tmp_path / "x").path).rsplit("-", 2)[0]
     for process in names:
         (tmp_path / "run" / "shards" / f"{here}-{process}-7").touch()
