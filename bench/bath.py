@@ -13,13 +13,7 @@ from rigidmc.dynamics.so3 import up
 
 MOMENTS, KT, WEIGHT = (1.0, 1.4, 2.0), 0.7, 1.5
 # of order h^2: at 0.05 the bias of <L^2> is a quarter of its standard error
-STEPS = (
-    0.8,
-    0.4,
-    0.2,
-    0.1,
-    0.05,
-)
+STEPS = (0.8, 0.4, 0.2, 0.1, 0.05)
 
 
 def scene():

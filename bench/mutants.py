@@ -387,9 +387,7 @@ def main():
         "--output", default=os.path.join(HERE, "results", "mutants.json"), metavar="FILE"
     )
     parser.add_argument(
-        "--again",
-        action="store_true",
-        help="judge the survivors of FILE once more, with new tests",
+        "--again", action="store_true", help="judge the survivors of FILE once more, with new tests"
     )
     options = parser.parse_args()
     rows, mutants = [], []

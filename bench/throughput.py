@@ -15,10 +15,7 @@ FLOPS = 217  # of a free rk4 step with attitude, counted on the textbook form
 # largest and median relative error of omega against the candidate with which it must agree
 # measured 1.5e-11 and 1.0e-14, in heavy tops, where rounding grows a thousandfold in 10 s; free
 # 4e-13
-SAME = (
-    1e-10,
-    1e-13,
-)
+SAME = (1e-10, 1e-13)
 OTHER_METHOD = {
     "kernel exact": (1e-5, 1e-8),
     "kernel exact, momentum only": (1e-5, 1e-8),

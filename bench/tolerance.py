@@ -22,11 +22,7 @@ from rigidmc.studies.accuracy import accuracy
 TOLERANCES = (1e-4, 1e-7, 1e-10)
 SAVED = ("final state", "all in memory", "all in a file")
 # members that no pilot has seen; members of a run whose time is predicted
-FIRST, JUDGED, MANY = (
-    20_000,
-    1000,
-    100_000,
-)
+FIRST, JUDGED, MANY = (20_000, 1000, 100_000)
 
 
 def run(quick):

@@ -135,10 +135,7 @@ class Pool:
         """The results of a function of each item, in order."""
         items = list(items)
         # next() of a range iterator is atomic
-        results, left = (
-            [None] * len(items),
-            iter(range(len(items))),
-        )
+        results, left = ([None] * len(items), iter(range(len(items))))
 
         def work():
             for i in left:

@@ -149,8 +149,8 @@ def test_plot_of_a_file_that_is_no_result(tmp_path):
 def test_flagged_members_exit_4(tmp_path):
     scene = tmp_path / "wild.toml"
     scene.write_text(
-        "[body]\nmoments=[1.0, 2.0, 2.5]\n[start]\nomega=[1e160, 1.0, "
-        "0.0]\n[run]\nmembers=3\ndt=0.1\nt_end=1.0"
+        "[body]\nmoments=[1.0, 2.0, 2.5]\n[start]\nomega=[1e160, 1.0, 0.0]\n[run]\nmembers=3\n"
+        "dt=0.1\nt_end=1.0"
     )
     failed(run("run", scene), 4, "flagged members: 3 step_too_large", "`status_step`")
     failed(run("run", scene, "--set", "run.checks=false"), 4, "flagged members: 3 non_finite")

@@ -393,8 +393,8 @@ def test_listing_one_name_explains_it(words, parts):
 def test_correlated_moments_have_their_covariance_and_tails_are_flagged(tmp_path):
     covariance = np.array([[0.01, 0.004, 0.0], [0.004, 0.02, 0.0], [0.0, 0.0, 0.01]])
     start = (
-        "[start]\nomega = [0.0, 1.0, 0.0]\n[run]\nmembers = 4096\nt_end = 0.1\nintegrator "
-        "= 'exact'\ndt = 0.05\n"
+        "[start]\nomega = [0.0, 1.0, 0.0]\n[run]\nmembers = 4096\nt_end = 0.1\n"
+        "integrator = 'exact'\ndt = 0.05\n"
     )
     scene = rm.Scene.loads(
         (

@@ -206,8 +206,8 @@ def test_a_step_costs_no_more_than_it_should(code):
 
 def test_the_reader_detects_bad_code():
     bad = (
-        "f:\n\tvmulpd\t%ymm0, %ymm1, %ymm2\n\tvaddsd\t%xmm0, %xmm1, "
-        "%xmm2\n\tmovabsq\t$sin, %rax\n\tcallq\t*%rax\n"
+        "f:\n\tvmulpd\t%ymm0, %ymm1, %ymm2\n\tvaddsd\t%xmm0, %xmm1, %xmm2\n"
+        "\tmovabsq\t$sin, %rax\n\tcallq\t*%rax\n"
     )
     assert [m and m.groups() for m in map(ARITHMETIC.match, blocks_of(bad)[1])] == [
         ("mul", "p", "d"),

@@ -117,10 +117,7 @@ def test_tops_that_stand_or_hang_move_as_they_do_by_srkn11(tilt, axis):
         moments, momentum = np.roll(moments, 1, 1), np.roll(momentum, 1, 1)
     static = np.zeros((3, MEMBERS))
     static[axis - 1] = weight
-    for sign in (
-        1.0,
-        -1.0,
-    ):  # the motion to -t is that of -L to t, with the momentum reversed
+    for sign in (1.0, -1.0):  # the motion to -t is that of -L to t, with the momentum reversed
         true = integrated(
             "srkn11", (Gravity(1.0),), moments, static, sign * momentum, attitude, 0.02
         )

@@ -104,8 +104,8 @@ def test_command_shows_both_and_their_difference():
 def test_command_refuses_with_one_line_and_code_3(tmp_path):
     file = tmp_path / "bad.toml"
     file.write_text(
-        "[body]\nmoments = [1, 2, 2.5]\ncentre = [0, 0, 0.1]\n[effects.gravity]\ng = "
-        "9.81\n[start]\nomega = [0, 1, 2]\n"
+        "[body]\nmoments = [1, 2, 2.5]\ncentre = [0, 0, 0.1]\n[effects.gravity]\ng = 9.81\n"
+        "[start]\nomega = [0, 1, 2]\n"
     )
     shown = run(str(file))
     assert shown.exit_code == 3

@@ -170,7 +170,7 @@ def test_damage_is_found_and_computed_again(whole, tmp_path):
             else data[:at] + bytes([data[at] ^ 1 << some.randrange(8)]) + data[at + 1 :]
         )
         if path.suffix == ".json":
-            with pytest.raises(FileError, match="damaged"):
+            with pytest.raises(FileError, match=r"damaged|no text in UTF-8"):
                 gather.verify(tmp_path / "run", spot=0)
             path.write_bytes(data)
         else:
@@ -364,11 +364,7 @@ def test_parts_of_running_writers_stay(tmp_path):
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
     # this process writes nothing now
-    names = {
-        os.getpid(): False,
-        os.getppid(): True,
-        gone.pid: False,
-    }
+    names = {os.getpid(): False, os.getppid(): True, gone.pid: False}
     here = os.path.basename(Part(tmp_path / "x").path).rsplit("-", 2)[0]
     for process in names:
         (tmp_path / "run" / "shards" / f"{here}-{process}-7").touch()
@@ -764,8 +760,8 @@ def test_nothing_saved_over_time_and_notes(tmp_path):
 def test_user_code_must_stay_that_of_the_start(tmp_path):
     module = tmp_path / "wind.py"
     text = (
-        "from typing import NamedTuple\n\n\nclass Wind(NamedTuple):\n    size: float\n\n   "
-        " def torque(self, t, l):\n        return self.size, 0.0, 0.0\n"
+        "from typing import NamedTuple\n\n\nclass Wind(NamedTuple):\n    size: float\n\n"
+        "    def torque(self, t, l):\n        return self.size, 0.0, 0.0\n"
     )
     module.write_text(text)
     (tmp_path / "wind.toml").write_text(

@@ -479,8 +479,8 @@ def test_an_impossible_start_is_refused():
 
 def test_short_words_take_distributions():
     text = (
-        "[body]\nmoments = [1.0, 2.0, 2.5]\n[start]\nomega = { sphere = { uniform = [1.0, "
-        "2.0] } }\n"
+        "[body]\nmoments = [1.0, 2.0, 2.5]\n[start]\n"
+        "omega = { sphere = { uniform = [1.0, 2.0] } }\n"
     )
     assert rm.Scene.loads(text).start.omega == rm.Sphere(rm.uniform(1.0, 2.0))
 

@@ -216,8 +216,8 @@ def test_a_file_that_crashes_the_library_is_refused(result, tmp_path):
 
 def test_a_result_with_code_is_opened_without_running_it(tmp_path):
     text = (
-        "from typing import NamedTuple\nclass Wind(NamedTuple):\n    size: float\n    def "
-        "torque(self, t, l):\n        return self.size, 0.0, 0.0\n"
+        "from typing import NamedTuple\nclass Wind(NamedTuple):\n    size: float\n"
+        "    def torque(self, t, l):\n        return self.size, 0.0, 0.0\n"
     )
     (tmp_path / "wind.py").write_text(text)
     (tmp_path / "scene.toml").write_text(
@@ -243,8 +243,8 @@ def test_a_result_with_code_is_opened_without_running_it(tmp_path):
 def test_rows_of_a_result_are_asked_for_by_name_and_axis(axis, tmp_path):
     rows = {"omega": np.zeros((3, 5))}
     text = (
-        f"[body]\nmoments = [1.0, 2.0, 3.0]\n[start]\nomega = [{{ stored = 'omega', axis = "
-        f"{str(axis).lower()} }}, 0.0, 0.0]\n"
+        "[body]\nmoments = [1.0, 2.0, 3.0]\n[start]\n"
+        f"omega = [{{ stored = 'omega', axis = {str(axis).lower()} }}, 0.0, 0.0]\n"
     )
     from rigidmc.scene.file import loads
 
@@ -316,8 +316,8 @@ def test_a_pipe_in_place_of_a_file_is_not_waited_for(result, directory, tmp_path
     for name in ("p.nc", "p.toml", "p.csv", "p.stl"):
         (tmp_path / name).symlink_to(pipe)
     scene = (
-        '[body]\nmoments = [1.0, 2.0, 3.0]\n[start]\nomega = [{ table = "p.csv", column = '
-        '"a" }, 0.0, 0.0]\n'
+        "[body]\nmoments = [1.0, 2.0, 3.0]\n[start]\n"
+        'omega = [{ table = "p.csv", column = "a" }, 0.0, 0.0]\n'
     )
     (
         (tmp_path / "scene.toml").write_text(scene),
@@ -406,8 +406,8 @@ def test_a_lock_of_another_process_is_detected(directory):
 def test_parameters_of_a_law_may_have_any_name(word):
     """Before, they went to Python as they stood, and some were taken for its own parameters."""
     scene = (
-        f"[body]\nmoments = [1.0, 2.0, {{ beta = {{ a = 2.0, b = 3.0, {word} = 1.0 }} "
-        f"}}]\n[start]\nomega = [0.0, 1.0, 0.0]\n"
+        f"[body]\nmoments = [1.0, 2.0, {{ beta = {{ a = 2.0, b = 3.0, {word} = 1.0 }} }}]\n"
+        "[start]\nomega = [0.0, 1.0, 0.0]\n"
     )
     with pytest.raises(SceneError, match="keys a, b, loc, scale"):
         rm.Scene.loads(scene)

@@ -128,10 +128,7 @@ def test_separatrices_are_where_2t_i_mid_is_l2(free):
     )
     (x0, x1), (y0, y1) = line.get_data()
     # to the right is axis 3, up is axis 1: the middle axis points to the reader
-    l3, l1 = (
-        x1 - x0,
-        y1 - y0,
-    )
+    l3, l1 = (x1 - x0, y1 - y0)
     for scale, zero in ((1.0, True), (1.2, False)):
         l = np.array([scale * l1, 0.7, l3])
         assert (

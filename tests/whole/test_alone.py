@@ -52,10 +52,7 @@ SCENES = {
     ),
 }
 # minus the work if that is saved: then another quantity
-DRIFTS = (
-    "energy_drift",
-    "energy_drift_max",
-)
+DRIFTS = ("energy_drift", "energy_drift_max")
 
 
 def able(scene, name):

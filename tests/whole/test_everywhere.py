@@ -85,10 +85,7 @@ def not_what_was_used(scene, memory):
     members that are integrated again.
     """
     # omega is L/I of L = I omega: 4e-16
-    at_rest = [
-        ("start_attitude", "attitude", 0.0),
-        ("start_omega", "omega", 1e-14),
-    ]
+    at_rest = [("start_attitude", "attitude", 0.0), ("start_omega", "omega", 1e-14)]
     wrong = [
         stored
         for stored, name, most in at_rest

@@ -21,10 +21,7 @@ from tests.random_scenes import QUICK, Kind
 from tests.reference import rotation
 
 # of scipy at 1e-11, relative to the growth of an error over the run; of 400 steps in float32
-FLOOR = {
-    "float64": 3e-8,
-    "float32": 3e-3,
-}
+FLOOR = {"float64": 3e-8, "float32": 3e-3}
 
 
 def run(scene):
