@@ -12,6 +12,7 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.observables import KNOWN, OBSERVABLES, RUNNING, SUMMARIES
+from rigidmc.observables.protocol import observable
 from rigidmc.planning.form import carries_attitude
 
 HEAVY = rm.Body.from_moments((1.0, 1.4, 2.0), centre=(0.1, 0.2, 0.3))
@@ -133,6 +134,7 @@ def test_the_neighbour_of_a_free_body():
     assert alone == beside
 
 
+@observable
 class Tilt(NamedTuple):
     """Cosine of the angle between axis 3 and the vertical: a user's own observable."""
 
