@@ -1,7 +1,7 @@
 """Damping: isotropic, of each axis, by a matrix, quadratic, and dry friction."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from rigidmc.dynamics.euler import angular_velocity
 from rigidmc.dynamics.so3 import axpy, dot, expm1, scale
@@ -82,7 +82,7 @@ class MatrixDamping(NamedTuple):
 
     matrix: Vector
 
-    def drives(self):
+    def drives(self) -> Any:
         """Whether some spin is driven: a principal minor of C is negative beyond rounding.
 
         C in units of its trace; arrays of matrices pass through.

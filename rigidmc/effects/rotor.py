@@ -35,7 +35,7 @@ class Rotor(NamedTuple):
     motor: Vector = (0.0, 0.0, 0.0)
 
     @property
-    def conservative(self):
+    def conservative(self) -> bool:
         return all(isinstance(m, float) and m == 0.0 for m in self.motor)
 
     def torque(self, body, t, l):

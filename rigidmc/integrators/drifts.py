@@ -26,8 +26,8 @@ class Exact(NamedTuple):
     The lengths of the tuples say how fine its quadrature is, see `rigidmc.dynamics.free_flow`.
     """
 
-    halvings: tuple = ()
-    panels: tuple = (1.0,)
+    halvings: tuple[float, ...] = ()
+    panels: tuple[float, ...] = (1.0,)
 
     def flow(self, body, h, l):
         return free_flow(body, self.halvings, self.panels, h, l)

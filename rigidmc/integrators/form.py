@@ -41,6 +41,9 @@ ONE = ((0.0, 0.0, 0.0, 0.0), (1.0, 1.0, 0.0, 0.0))  # a step in one part
 
 def form(kind: Any, turns: Turns | None = None, effects: Sequence[Any] = ()) -> Form:
     """The Form of an integrator of INTEGRATORS for steps that turn by `turns`."""
+    compiled = Form(kind, np.array(ONE))
     if implements(kind, "prepared"):
-        return kind.prepared(turns or Turns(), effects)
-    return kind.form() if implements(kind, "form") else Form(kind, np.array(ONE))
+        compiled = kind.prepared(turns or Turns(), effects)
+    elif implements(kind, "form"):
+        compiled = kind.form()
+    return compiled

@@ -39,7 +39,7 @@ class FreeSteps(NamedTuple):
 
     drift: Exact
 
-    def with_sums(self):
+    def with_sums(self) -> Splitting:
         """The integrator of steps with remainders."""
         return Splitting(self.drift)
 

@@ -44,7 +44,7 @@ class Midpoint(NamedTuple):
     Source: Hairer, Lubich & Wanner, Geometric Numerical Integration (2006), IV.2.1.
     """
 
-    eights: tuple = (1.0,) * 2
+    eights: tuple[float, ...] = (1.0,) * 2
 
     order = 2
     evaluations = 17

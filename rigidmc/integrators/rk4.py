@@ -66,10 +66,10 @@ class RK4(NamedTuple):
     # 4 rad in a step 0.4 and 3
     largest_turn = 2.0
 
-    def group_count(self):
+    def group_count(self) -> int:
         return 2
 
-    def form(self):
+    def form(self) -> Form:
         """The Form of steps without remainders."""
         return Form(ScaledRK4(), np.array([(1.0, 0.0, 0.0, 0.0), (1.0, 1.0, 0.0, 0.0)]))
 
@@ -102,10 +102,10 @@ class ScaledRK4(NamedTuple):
     in q.
     """
 
-    def group_count(self):
+    def group_count(self) -> int:
         return 2
 
-    def with_sums(self):
+    def with_sums(self) -> RK4:
         """The integrator of steps with remainders."""
         return RK4()
 

@@ -99,7 +99,7 @@ class RK8(NamedTuple):
     accepts = "any torque"
     compensated = True
 
-    def group_count(self):
+    def group_count(self) -> int:
         return 2
 
     def step(self, body, effects, t, h, q, l):

@@ -64,7 +64,7 @@ class Splitting(NamedTuple):
     """
 
     drift: Any
-    leads: tuple = ()
+    leads: tuple[Any, ...] = ()
 
     def step(self, body, effects, t, part, q, l):
         q, l = drifted(self.drift, body, part[0], q, l)
@@ -110,9 +110,9 @@ class Langevin(NamedTuple):
     """
 
     drift: Any
-    often: tuple = (0.0,)
-    pushes: tuple = ()
-    flows: tuple = ()
+    often: tuple[Any, ...] = (0.0,)
+    pushes: tuple[Any, ...] = ()
+    flows: tuple[Any, ...] = ()
 
     def step(self, body, effects, t, h, part, q, l):
         q, l = drifted_often(self.often, self.drift, body, part[0], q, l)
