@@ -16,7 +16,7 @@ from rigidmc.mechanics.rotation import attitude_error
 from rigidmc.planning.tolerance.deviation import errors
 from rigidmc.planning.tolerance.pilot import pilot
 from rigidmc.planning.tolerance.truth import truth
-from rigidmc.scene.file import shipped
+from rigidmc.scene.shipped import shipped
 from rigidmc.studies.accuracy import accuracy
 
 TOLERANCES = (1e-4, 1e-7, 1e-10)

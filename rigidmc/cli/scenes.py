@@ -55,7 +55,8 @@ def scenes(
     name: Annotated[str | None, typer.Argument(help="A shipped scene to print.")] = None,
 ) -> None:
     with reported():
-        from rigidmc.scene.file import load, read_source, shipped
+        from rigidmc.scene.file import load
+        from rigidmc.scene.shipped import read_source, shipped
 
         if name is not None:
             print(read_source(name), end="")

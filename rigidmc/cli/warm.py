@@ -35,7 +35,7 @@ def warm(
     Prints the compile time of each scene; compiled code is not compiled again."""
     with reported():
         from rigidmc.runs import warm as precompile
-        from rigidmc.scene.file import shipped
+        from rigidmc.scene.shipped import shipped
 
         loaded = [(name, load_scene(name, settings, allow_code)) for name in scenes or shipped()]
         for name, scene in loaded:

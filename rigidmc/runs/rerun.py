@@ -139,7 +139,7 @@ def _compared(made, result, source):
         times = np.union1d(times, saves)
         rounded = digits is not None and saves.size and not name.endswith("_final")
         if not np.array_equal(one, two, equal_nan=True) and not (
-            rounded and np.allclose(one, two, 10.0**-digits, 0.0, True)
+            rounded and np.allclose(one, two, 10.0 ** -(digits or 0), 0.0, True)
         ):
             apart[name] = float(np.nanmax(np.abs(one - two)))
     if apart:

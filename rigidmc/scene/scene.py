@@ -179,7 +179,7 @@ class Scene:
     def dumps(self) -> str:
         """The scene as TOML text; arrays with one row per member become references to the variables
         of the result."""
-        from rigidmc.scene.file import dumps
+        from rigidmc.scene.text import dumps
 
         return dumps(self)
 

@@ -35,13 +35,17 @@ def numbers(value: Any, table: str, key: str) -> Any:
     return value
 
 
-def only(table: Any, allowed: Iterable[str], name: str) -> None:
-    """SceneError for a value that is no table, or a table with a key that is not allowed."""
+def only(table: Any, allowed: Iterable[str], name: str, required: Iterable[str] = ()) -> None:
+    """SceneError for a value that is no table, for a key that is not allowed, and for a required key
+    that is missing."""
     if not isinstance(table, dict):
         raise SceneError("", name, table, f"expected a table with the keys {', '.join(allowed)}")
     for key in table:
         if key not in allowed:
             raise unknown(name, key, None, "key", allowed)
+    for key in required:
+        if key not in table:
+            raise SceneError(name, key, None, "is missing")
 
 
 def parse(value: Any, table: str, key: str, stored: Columns) -> Any:

@@ -12,10 +12,10 @@ from rigidmc.cli import app
 from rigidmc.planning.notes import notes
 from rigidmc.planning.plan import prepare
 from rigidmc.scene.amounts import counted, counted_text, seconds
-from rigidmc.scene.file import shipped
 from rigidmc.scene.idle import idle
 from rigidmc.scene.parameters import parameters
 from rigidmc.scene.settings import Run
+from rigidmc.scene.shipped import shipped
 from rigidmc.studies.maps.catalogue import MAPS
 from rigidmc.studies.maps.stability_map import on_map
 

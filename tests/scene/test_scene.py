@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 import rigidmc as rm
 from rigidmc.planning.time_grid import steps_and_saves
-from rigidmc.scene.file import shipped
+from rigidmc.scene.shipped import shipped
 
 GOOD = """
 title = "test"
@@ -89,7 +89,7 @@ BAD = {  # what is replaced, by what, and what the message must say
     "bodies that cannot be": (
         "[1.0, 2.0, 2.5]",
         "[{ uniform = [0.1, 2.0] }, 1.0, 1.5]",
-        ["[body]", "sampled bodies are none"],
+        ["[body]", "sampled bodies are impossible"],
     ),
     "no TOML": ("[start]", "[start", ["not valid TOML", "line"]),
     "stored rows": (
@@ -249,7 +249,7 @@ def test_effects_have_one_order():
     ],
 )
 def test_bad_scenes_in_python(make, rule):
-    with pytest.raises(rm.SceneError, match=rule):
+    with pytest.raises(rm.RigidmcError, match=rule):
         make(rm.Body.from_moments((1, 2, 2.5)))
 
 

@@ -19,7 +19,7 @@ import rigidmc
 from rigidmc.cli import app
 from rigidmc.engine.cache import cache_folder
 from rigidmc.runs import resume
-from rigidmc.scene.file import read_source, shipped
+from rigidmc.scene.shipped import read_source, shipped
 from tests.runs.test_resume import SCENE
 
 PACKAGE = pathlib.Path(rigidmc.__file__).parent

@@ -1,0 +1,30 @@
+"""The scenes that come with the package, in `rigidmc/scene/library`."""
+
+import os
+from importlib import resources
+
+from rigidmc.errors import nearest
+from rigidmc.files.reading import text_of
+
+_FOLDER = resources.files("rigidmc.scene.library")
+
+
+def shipped() -> list[str]:
+    """The names of the shipped scenes."""
+    return sorted(p.name[:-5] for p in _FOLDER.iterdir() if p.name.endswith(".toml"))
+
+
+def read_source(source: str) -> str:
+    """The TOML text of a scene file or of a shipped scene; FileNotFoundError with the nearest name
+    if there is neither."""
+    if source in shipped():
+        return _FOLDER.joinpath(f"{source}.toml").read_text("utf-8")
+    if os.path.exists(source):
+        return text_of(source)
+    names = shipped()
+    close = nearest(os.path.basename(source).removesuffix(".toml"), names)
+    hint = f" (did you mean '{close}'?)" if close else ""
+    raise FileNotFoundError(
+        f"{source}: no such file, and no shipped scene of that name{hint};"
+        f" shipped: {', '.join(names)}"
+    )

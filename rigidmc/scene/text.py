@@ -1,0 +1,75 @@
+"""A scene as TOML text, from which `rigidmc.scene.file.loads` makes the same scene again."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import tomli_w
+
+from rigidmc.effects import EFFECTS, labelled, name_of
+from rigidmc.effects.own import source_of
+from rigidmc.effects.parameters import given
+from rigidmc.observables import summary_of
+from rigidmc.scene.body import IDENTITY
+from rigidmc.scene.values import plain
+
+if TYPE_CHECKING:
+    from rigidmc.scene.scene import Scene
+
+
+def dumps(scene: Scene) -> str:
+    """The scene as TOML text; arrays with one row per member become references to the variables of
+    the result."""
+    texts = {"title": scene.title, "summary": scene.summary, "source": scene.source}
+    tables: dict[str, Any] = {key: text for key, text in texts.items() if text != ""}
+    tables |= {"body": _body(scene), "effects": _effects(scene)}
+    if scene.observables:
+        pairs = [(summary_of(one), one._asdict()) for one in scene.observables]
+        tables["observables"] = _grouped(pairs)
+    tables |= {"start": _start(scene), "run": _run(scene)}
+    return tomli_w.dumps(tables)
+
+
+def _body(scene: Scene) -> dict[str, Any]:
+    body = scene.body
+    table = {key: plain(getattr(body, key), key) for key in ("moments", "mass", "centre")}
+    if body.axes != IDENTITY:
+        table["axes"] = [list(row) for row in body.axes]
+    return table
+
+
+def _effects(scene: Scene) -> dict[str, Any]:
+    pairs = []
+    for label, effect in labelled(scene.effects):
+        users = type(effect) not in EFFECTS.values()
+        file = source_of(type(effect)) if users else None
+        table = {} if file is None else {"module": file}
+        table |= {k: plain(getattr(effect, k), f"{label}_{k}") for k in given(effect)}
+        pairs.append((name_of(effect), table))
+    return _grouped(pairs)
+
+
+def _start(scene: Scene) -> dict[str, Any]:
+    start, which = scene.start, scene.start.which
+    attitude = "start_euler" if start.by_euler_angles else "start_attitude"
+    return {
+        which: plain(getattr(start, which), f"start_{which}"),
+        "attitude": plain(start.attitude, attitude),
+    }
+
+
+def _run(scene: Scene) -> dict[str, Any]:
+    settings = scene.run.model_dump(exclude={"dt"} if scene.run.turn else None)
+    return {
+        key: list(value) if isinstance(value, tuple) else value
+        for key, value in settings.items()
+        if value is not None
+    }
+
+
+def _grouped(pairs: list[tuple[str, dict[str, Any]]]) -> dict[str, Any]:
+    """{name: table}, or {name: [table, ...]} if there are several of one name."""
+    tables: dict[str, list[dict[str, Any]]] = {}
+    for name, table in pairs:
+        tables.setdefault(name, []).append(table)
+    return {name: many if len(many) > 1 else many[0] for name, many in tables.items()}
