@@ -6,6 +6,7 @@ nothing can be declared wrongly.
 """
 
 import inspect
+import re
 from collections.abc import Callable
 from typing import Any, Protocol, cast
 
@@ -52,6 +53,11 @@ def method(default: Callable[..., Any]) -> Method:
     generic.default, generic.available = default, available
     METHODS.append(generic)
     return generic
+
+
+def word_of(kind: type) -> str:
+    """The word for a class in scene files: its name in snake_case, gravity_gradient or l2_drift."""
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", kind.__name__).lower()
 
 
 def implements(part: object, name: str) -> bool:

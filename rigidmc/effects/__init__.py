@@ -27,18 +27,15 @@ from rigidmc.effects.dissipation import EnergyDissipation as EnergyDissipation
 from rigidmc.effects.bath import Bath as Bath
 # isort: on
 
-import re
 from collections.abc import Iterable
 from typing import Any
 
-from rigidmc.dynamics.methods import implements, names
+from rigidmc.dynamics.methods import implements, names, word_of
 from rigidmc.effects.parameters import given, shape
 from rigidmc.effects.protocol import Effect, facts
 
 _KINDS = [kind for kind in globals().values() if hasattr(kind, "_fields")]  # the lines above
-EFFECTS: dict[str, Any] = {  # word: class
-    re.sub(r"(?<=[a-z])(?=[A-Z])", "_", kind.__name__).lower(): kind for kind in _KINDS
-}
+EFFECTS: dict[str, Any] = {word_of(kind): kind for kind in _KINDS}
 
 
 def name_of(effect: Effect | type[Effect]) -> str:

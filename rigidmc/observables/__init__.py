@@ -1,4 +1,4 @@
-"""What is recorded or watched. A new observable is one file here and one line in a registry below.
+"""What is recorded or watched. A new observable is one file here and one line below.
 
 Four kinds, see `rigidmc.observables.protocol`:
 
@@ -9,39 +9,37 @@ RUNNING        omega_min, omega_max, omega_mean, omega_variance and so on: of ea
                that asks for neither start nor works
 """
 
+# One line for each observable, in the order in which lists and results have them. The word of an
+# observable is the name of its class in snake_case.
+# isort: off
+from rigidmc.observables.state import Omega as Omega
+from rigidmc.observables.state import Momentum as Momentum
+from rigidmc.observables.state import Attitude as Attitude
+from rigidmc.observables.invariants import Energy as Energy
+from rigidmc.observables.invariants import L2 as L2
+from rigidmc.observables.invariants import EnergyDrift as EnergyDrift
+from rigidmc.observables.invariants import L2Drift as L2Drift
+from rigidmc.observables.work import Work as Work
+from rigidmc.observables.flips import Flips as Flips
+from rigidmc.observables.passage import Passage as Passage
+from rigidmc.observables.nutation import Nutation as Nutation
+from rigidmc.observables.nutation import Precession as Precession
+from rigidmc.observables.chaos import Megno as Megno
+from rigidmc.observables.histogram import Histogram as Histogram
+# isort: on
+
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from rigidmc.dynamics.methods import names
-from rigidmc.observables.chaos import Megno
-from rigidmc.observables.flips import Flips
-from rigidmc.observables.histogram import Histogram
-from rigidmc.observables.invariants import L2, Energy, EnergyDrift, L2Drift
-from rigidmc.observables.nutation import Nutation, Precession
-from rigidmc.observables.passage import Passage
+from rigidmc.dynamics.methods import implements, names, word_of
 from rigidmc.observables.protocol import Ensemble, Outputs, size
 from rigidmc.observables.running import STATISTICS
-from rigidmc.observables.state import Attitude, Momentum, Omega
-from rigidmc.observables.work import Work
 
+_KINDS = {word_of(kind): kind for kind in globals().values() if hasattr(kind, "_fields")}
 OBSERVABLES: dict[str, Any] = {
-    "omega": Omega,
-    "momentum": Momentum,
-    "attitude": Attitude,
-    "energy": Energy,
-    "l2": L2,
-    "energy_drift": EnergyDrift,
-    "l2_drift": L2Drift,
-    "work": Work,
+    word: kind for word, kind in _KINDS.items() if implements(kind, "value")
 }
-SUMMARIES: dict[str, Any] = {
-    "flips": Flips,
-    "passage": Passage,
-    "nutation": Nutation,
-    "precession": Precession,
-    "megno": Megno,
-    "histogram": Histogram,
-}
+SUMMARIES: dict[str, Any] = {word: kind for word, kind in _KINDS.items() if word not in OBSERVABLES}
 RUNNING: dict[str, tuple[str, Any]] = {  # {name: (name of the observable, statistic)}
     f"{name}_{word}": (name, statistic)
     for name, kind in OBSERVABLES.items()

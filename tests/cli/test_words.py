@@ -423,7 +423,7 @@ def test_correlated_moments_have_their_covariance_and_tails_are_flagged(tmp_path
     few = rm.Scene(
         rm.Body.from_moments(rm.Correlated((1.0, 2.0, 4.0), covariance.tolist())), start=SPUN
     )
-    with pytest.raises(rm.SceneError, match="sampled bodies are none"):
+    with pytest.raises(rm.SceneError, match="sampled bodies are impossible"):
         few.check()
 
 

@@ -65,7 +65,7 @@ def test_the_same_bits_in_any_blocks():
 
 def test_two_baths_are_one():
     with pytest.raises(
-        rm.SceneError, match=r"give one: two are a bath with gamma = gamma_1 \+ gamma_2"
+        rm.SceneError, match=r"give one bath: two act as one with gamma = gamma_1 \+ gamma_2"
     ):
         rm.Scene(BODY, (rm.Bath(1.0, 1.0), rm.Bath(2.0, 0.5)), SCENE.start).with_run(
             integrator="strang"
@@ -132,7 +132,7 @@ def test_the_picture_has_the_run_and_the_law():
     assert abs(told[2] - theory) < 0.01  # 200,000 attitudes
     bars, law = (patch.get_data().values for patch in right.patches)
     assert np.abs(bars - law).max() < 0.12 * law.max()
-    with pytest.raises(ValueError, match="scene with a bath"):
+    with pytest.raises(ValueError, match="scene with exactly one bath"):
         gibbs(
             rm.simulate(
                 rm.Scene(BODY, (), rm.Start(omega=(0.0, 0.0, 1.0))), integrator="closed", members=32

@@ -597,7 +597,7 @@ def test_a_shard_of_another_run_is_refused(whole, tmp_path):
         tmp_path / "run" / "shards" / "00000001-0-0000000000000000.nc",
     )
     told = CliRunner().invoke(app, ["status", f"{tmp_path}/run"])
-    assert told.exit_code == 3 and "none of this run" in told.stderr
+    assert told.exit_code == 3 and "not of this run" in told.stderr
 
 
 def test_part_of_a_run_is_told_as_part(tmp_path):

@@ -1,31 +1,27 @@
 """The maps of the package. A new map is one file in `cases` and one line below."""
 
 from collections.abc import Callable
+from importlib import import_module
 from typing import Any
 
 import xarray as xr
 
 from rigidmc.errors import OptionError, unknown
 from rigidmc.studies.maps.case import MapCase
-from rigidmc.studies.maps.cases.damped_axis import damped_axis
-from rigidmc.studies.maps.cases.disturbance import disturbance
-from rigidmc.studies.maps.cases.growth import growth
-from rigidmc.studies.maps.cases.heavy_chaos import heavy_chaos
-from rigidmc.studies.maps.cases.intermediate_axis import intermediate_axis
-from rigidmc.studies.maps.cases.kapitza import kapitza
-from rigidmc.studies.maps.cases.kovalevskaya import kovalevskaya
-from rigidmc.studies.maps.cases.sleeping_top import sleeping_top
 from rigidmc.studies.maps.stability_map import stability_map
 
+_FILES = (  # in `cases`; each has a function of the same name that returns its MapCase
+    "intermediate_axis",
+    "growth",
+    "disturbance",
+    "damped_axis",
+    "sleeping_top",
+    "heavy_chaos",
+    "kovalevskaya",
+    "kapitza",
+)
 MAPS: dict[str, Callable[[], MapCase]] = {
-    "intermediate_axis": intermediate_axis,
-    "growth": growth,
-    "disturbance": disturbance,
-    "damped_axis": damped_axis,
-    "sleeping_top": sleeping_top,
-    "heavy_chaos": heavy_chaos,
-    "kovalevskaya": kovalevskaya,
-    "kapitza": kapitza,
+    name: getattr(import_module(f"rigidmc.studies.maps.cases.{name}"), name) for name in _FILES
 }
 
 

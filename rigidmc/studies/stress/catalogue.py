@@ -4,43 +4,30 @@ A group is a module with TITLE, its title, and cases(), which yields its `Case`s
 """
 
 from dataclasses import replace
+from importlib import import_module
 from types import ModuleType
 
 from rigidmc.studies.stress.case import Case
-from rigidmc.studies.stress.groups import (
-    attitude_errors,
-    chaos,
-    damping,
-    dzhanibekov,
-    fast_spin,
-    heavy_tops,
-    integrable_tops,
-    many_steps,
-    plates_and_needles,
-    principal_axes,
-    published,
-    refusals,
-    scale,
-    separatrix,
-    symmetric_limits,
-)
 
+_FILES = {  # {group: file in `groups`}
+    "H1": "principal_axes",
+    "H2": "dzhanibekov",
+    "H3": "separatrix",
+    "H4": "symmetric_limits",
+    "H5": "plates_and_needles",
+    "H6": "fast_spin",
+    "H7": "heavy_tops",
+    "H8": "scale",
+    "H9": "many_steps",
+    "H10": "integrable_tops",
+    "H11": "chaos",
+    "H12": "refusals",
+    "H13": "attitude_errors",
+    "H14": "damping",
+    "H15": "published",
+}
 MODULES: dict[str, ModuleType] = {
-    "H1": principal_axes,
-    "H2": dzhanibekov,
-    "H3": separatrix,
-    "H4": symmetric_limits,
-    "H5": plates_and_needles,
-    "H6": fast_spin,
-    "H7": heavy_tops,
-    "H8": scale,
-    "H9": many_steps,
-    "H10": integrable_tops,
-    "H11": chaos,
-    "H12": refusals,
-    "H13": attitude_errors,
-    "H14": damping,
-    "H15": published,
+    group: import_module(f"rigidmc.studies.stress.groups.{file}") for group, file in _FILES.items()
 }
 GROUPS: dict[str, str] = {group: module.TITLE for group, module in MODULES.items()}
 

@@ -1,0 +1,347 @@
+"""One of each kind is added to a copy of the package: one file and one line, and the generic tests,
+the command line and scene files know it."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+# kind: (file, its text, file of the registry, line there before which the new line goes, new line)
+NEW = {
+    "effect": (
+        "effects/torsion.py",
+        '''
+"""A torsion spring."""
+
+import math
+from typing import NamedTuple
+
+from rigidmc.dynamics.so3 import cross, dot, into_body, scale
+from rigidmc.effects.protocol import Number, effect
+
+_ONE = (1.0, 0.0, 0.0)
+
+
+@effect(units={"stiffness": "N m"}, limits={"stiffness": (0.0, math.inf)}, example=(3.0,))
+class TorsionSpring(NamedTuple):
+    """A spring that turns the body axis 1 towards the space axis x.
+
+    stiffness : [N m]
+    """
+
+    stiffness: Number
+
+    def torque(self, q):
+        return scale(self.stiffness, cross(_ONE, into_body(q, _ONE)))
+
+    def energy(self, q):
+        return self.stiffness * (1.0 - dot(_ONE, into_body(q, _ONE)))
+
+    def energy_scale(self):
+        return 2.0 * self.stiffness
+''',
+        "effects/__init__.py",
+        "from rigidmc.effects.field import UniformField",
+        "from rigidmc.effects.torsion import TorsionSpring as TorsionSpring",
+    ),
+    "integrator": (
+        "integrators/cash_karp.py",
+        '''
+"""The fifth-order part of Cash and Karp's pair."""
+
+from typing import NamedTuple
+
+from rigidmc.dynamics.euler import scaled
+from rigidmc.dynamics.so3 import gain, gain4, whole
+from rigidmc.integrators.rk8 import changes, combined
+
+_START = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+
+
+class CashKarp(NamedTuple):
+    """Explicit Runge-Kutta of order 5 with six stages. Source: Cash & Karp 1990."""
+
+    order = 5
+    evaluations = 6
+    reversible = False
+    conserves = ()
+    accepts = "any torque"
+    compensated = True
+    largest_turn = 3.0
+
+    def step(self, body, effects, t, h, q, l):
+        y, rates = (whole(q), whole(l)), scaled(body, h)
+        k1 = changes(rates, effects, body, t, h, y[0], y[1])
+        z = combined(y, (1 / 5,), (k1,))
+        k2 = changes(rates, effects, body, t + h / 5, h, z[0], z[1])
+        z = combined(y, (3 / 40, 9 / 40), (k1, k2))
+        k3 = changes(rates, effects, body, t + 3 * h / 10, h, z[0], z[1])
+        z = combined(y, (3 / 10, -9 / 10, 6 / 5), (k1, k2, k3))
+        k4 = changes(rates, effects, body, t + 3 * h / 5, h, z[0], z[1])
+        z = combined(y, (-11 / 54, 5 / 2, -70 / 27, 35 / 27), (k1, k2, k3, k4))
+        k5 = changes(rates, effects, body, t + h, h, z[0], z[1])
+        a6 = (1631 / 55296, 175 / 512, 575 / 13824, 44275 / 110592, 253 / 4096)
+        z = combined(y, a6, (k1, k2, k3, k4, k5))
+        k6 = changes(rates, effects, body, t + 7 * h / 8, h, z[0], z[1])
+        b = (37 / 378, 250 / 621, 125 / 594, 512 / 1771)
+        dq, dl = combined(_START, b, (k1, k3, k4, k6))
+        return gain4(q, dq), gain(l, dl)
+
+
+INTEGRATORS = {"cash_karp": CashKarp()}
+''',
+        "integrators/__init__.py",
+        '_FILES = ("rk4", "rk8",',
+        None,
+    ),
+    "observable": (
+        "observables/vertical.py",
+        '''
+"""The angular momentum about the vertical."""
+
+from typing import NamedTuple
+
+from rigidmc.dynamics.so3 import dot, up
+from rigidmc.observables.protocol import observable
+
+
+@observable
+class VerticalMomentum(NamedTuple):
+    """Angular momentum about the vertical, L . A^T e_z."""
+
+    units, long_name, dims = "kg m2 s-1", "angular momentum about the vertical", ()
+
+    def value(self, q, l):
+        return (dot(up(q), l),)
+''',
+        "observables/__init__.py",
+        "from rigidmc.observables.work import Work",
+        "from rigidmc.observables.vertical import VerticalMomentum as VerticalMomentum",
+    ),
+    "event": (
+        "observables/horizontal.py",
+        '''
+"""How often axis 3 comes up through the horizontal."""
+
+from typing import NamedTuple
+
+from rigidmc.dynamics.so3 import up
+from rigidmc.observables.protocol import event
+
+
+@event
+class Horizontal(NamedTuple):
+    """How often axis 3 comes up through the horizontal plane."""
+
+    outputs = {"rises": ("1", "how often axis 3 came up through the horizontal", ())}
+
+    def level(self, q):
+        return up(q)[2]
+
+    def results(self, record):
+        return {"rises": record.count}
+''',
+        "observables/__init__.py",
+        "from rigidmc.observables.passage import Passage",
+        "from rigidmc.observables.horizontal import Horizontal as Horizontal",
+    ),
+    "law": (
+        "scene/laws/ring.py",
+        '''
+"""Vectors in a plane."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rigidmc.dynamics.functions import cosine, sine
+from rigidmc.scene.laws.protocol import Law, number
+from rigidmc.scene.laws.vectors import AROUND
+from rigidmc.scene.quantities import draw
+
+
+@dataclass(frozen=True)
+class Ring(Law):
+    """A vector of given size in the plane of the axes 1 and 2, in any direction."""
+
+    size: Any
+
+    word = "ring"
+    of = ("omega", "momentum")
+    sized = {"size": 1}
+
+    def checked(self, where):
+        return Ring(number(self.size, where, "size", least=0.0))
+
+    def sample(self, source, name, first, count, facts):
+        size, angle = draw((self.size, AROUND), source, f"{name}.ring", first, count)
+        return np.stack([size * cosine(angle), size * sine(angle), np.zeros(count)])
+''',
+        "scene/laws/__init__.py",
+        "from rigidmc.scene.laws.attitudes import Fisher",
+        "from rigidmc.scene.laws.ring import Ring as Ring",
+    ),
+    "study": (
+        "studies/stress/groups/new_group.py",
+        '''
+"""A new group of hard cases."""
+
+from rigidmc.studies.stress.case import Case
+from rigidmc.studies.stress.invariants import constant, conserved
+from rigidmc.studies.stress.tops import tops
+
+TITLE = "a new group"
+
+
+def cases():
+    scene = tops((1.0, 1.4, 2.0), (0.3, 0.9, 0.7))
+    error = constant(scene, 10.0, conserved)
+    yield Case("a new case", "to show how", "conservation laws", error, 1e-3)
+''',
+        "studies/stress/catalogue.py",
+        '    "H15": "published",',
+        '    "H16": "new_group",',
+    ),
+    "map": (
+        "studies/maps/cases/new_map.py",
+        '''
+"""A new map."""
+
+from rigidmc.scene.body import Body
+from rigidmc.scene.scene import Scene
+from rigidmc.scene.start import Start
+from rigidmc.studies.maps.case import MapCase
+
+
+def new_map():
+    scene = Scene(Body.from_moments((1.0, 2.0, 3.0)), start=Start(omega=(0.0, 1.0, 0.01)))
+    return MapCase(
+        title="A new map",
+        scene=scene,
+        x=("body.moments.1", 0.9, 1.1),
+        y=("body.moments.2", 1.9, 2.1),
+        of=("p(flips >= 1)",),
+        members=1,
+        shown="p(flips>=1)",
+        labels=("I1", "I2", "share that flips"),
+        settings={"integrator": "exact", "dt": 0.1, "t_end": 20.0},
+    )
+''',
+        "studies/maps/catalogue.py",
+        '    "growth",',
+        '    "new_map",',
+    ),
+    "subcommand": (
+        "cli/hello.py",
+        '''
+"""rigidmc hello."""
+
+from typing import Any
+
+from rigidmc.cli.common import app
+from rigidmc.cli.options import takes_settings
+
+
+@app.command()
+@takes_settings("dt")
+def hello(run: dict[str, Any]) -> None:
+    """Say hello."""
+    print(f"hello, {run}")
+''',
+        "cli/__init__.py",
+        "    maps,",
+        "    hello,",
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def extended(tmp_path_factory):
+    """A copy of package and tests with one of each kind added; the lines changed by kind."""
+    folder = tmp_path_factory.mktemp("extended")
+    for name in ("rigidmc", "tests"):
+        skipped = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(ROOT / name, folder / name, ignore=skipped)
+    shutil.copy(ROOT / "pyproject.toml", folder)
+    changes = {}
+    for kind, (file, text, registry, before, line) in NEW.items():
+        (folder / "rigidmc" / file).write_text(text.lstrip())
+        path = folder / "rigidmc" / registry
+        lines = path.read_text().split("\n")
+        (at,) = (i for i, known in enumerate(lines) if known.startswith(before))
+        if line is None:  # a name in a tuple on one line
+            lines[at] = lines[at].replace('"rk8",', '"rk8", "cash_karp",')
+        else:
+            lines.insert(at, line)
+        path.write_text("\n".join(lines))
+        changes[kind] = registry
+    return folder
+
+
+def run(folder, *arguments, jit=False):
+    environment = {**os.environ, "PYTHONPATH": str(folder), "RIGIDMC_CACHE_DIR": str(folder / "c")}
+    environment |= {} if jit else {"NUMBA_DISABLE_JIT": "1"}
+    command = [sys.executable, *arguments]
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+
+
+def rigidmc(folder, *words):
+    ended = run(folder, "-c", "from rigidmc.cli import main; main()", *map(str, words))
+    assert ended.returncode == 0, ended.stderr + ended.stdout
+    return ended.stdout
+
+
+def test_the_generic_tests_take_what_is_new(extended):
+    files = [
+        "tests/effects/test_effects.py", "tests/integrators/test_steps.py",
+        "tests/integrators/test_tables.py", "tests/observables/test_observables.py",
+    ]  # fmt: skip
+    new = "torsion_spring or cash_karp or vertical_momentum or horizontal"
+    ended = run(
+        extended, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", "-k", new, *files
+    )
+    assert ended.returncode == 0, ended.stdout[-3000:]
+    passed = int(ended.stdout.split(" passed")[0].split()[-1])
+    assert passed >= 12, ended.stdout  # measured 18
+
+
+def test_scene_files_and_python_take_what_is_new(extended):
+    (extended / "new.toml").write_text(
+        "[body]\nmoments = [1.0, 1.4, 2.0]\n[effects.torsion_spring]\nstiffness = 3.0\n"
+        "[start]\nmomentum = { ring = 0.5 }\n[run]\nintegrator = 'cash_karp'\ndt = 0.05\n"
+        "t_end = 0.5\nevery = 0.1\nmembers = 4\nsave = ['vertical_momentum', 'horizontal', 'energy']\n"
+    )
+    code = (
+        "import numpy as np, rigidmc as rm\n"
+        "rm.TorsionSpring, rm.Ring\n"
+        "ds = rm.simulate(rm.Scene.load('new.toml'))\n"
+        "assert ds.vertical_momentum.shape == (6, 4) and ds.rises.shape == (4,)\n"
+        "assert (ds.start_momentum.values[2] == 0.0).all()\n"
+        "assert ds.status.values.tolist() == [0] * 4\n"
+        "print(ds.energy_drift_max.values.max())\n"
+    )
+    ended = run(extended, "-c", code)
+    assert ended.returncode == 0, ended.stderr
+    assert 0.0 < float(ended.stdout) < 1e-7  # measured 3.2e-9: it is integrated
+
+
+def test_the_command_line_takes_what_is_new(extended):
+    for kind, word in (
+        ("effects", "torsion_spring"), ("integrators", "cash_karp"),
+        ("observables", "vertical_momentum"), ("observables", "horizontal"),
+    ):  # fmt: skip
+        assert word in rigidmc(extended, kind) and word in rigidmc(extended, kind, word)
+    assert "A new map" in rigidmc(extended, "map", "list")
+    assert "hello, {'dt': 0.5}" in rigidmc(extended, "hello", "--dt", "500 ms")
+    assert "hello" in rigidmc(extended, "--help")
+    told = rigidmc(
+        extended, "stress", "--group", "H16", "--integrator", "cash_karp", "--threads", 1
+    )
+    assert "a new case" in told and "1 good" in told
+    assert "2 x 2 pixels" in rigidmc(extended, "map", "new_map", "--resolution", 2, "--members", 1)
