@@ -93,15 +93,7 @@ def run_scene(
         if until is None:
             from rigidmc.runs.simulate import simulate
 
-            # a scene with one row per member runs all rows, unless --members is given
-            dataset = simulate(
-                loaded,
-                members=run.get("members"),
-                threads=threads,
-                progress=True,
-                output=output,
-                force=force,
-            )
+            dataset = simulate(loaded, threads=threads, progress=True, output=output, force=force)
             code = OK
         else:
             if "members" in run:

@@ -19,7 +19,6 @@ from rigidmc.runs.blocks import run
 from rigidmc.runs.capacity import refuse_hopeless
 from rigidmc.runs.rehearsal import predicted_seconds
 from rigidmc.scene.amounts import counted
-from rigidmc.scene.quantities import rows
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.settings import takes_settings
 
@@ -65,8 +64,8 @@ def simulate(
             rule = "expected a range of member indices with step 1"
             raise SceneError("run", "members", members, rule)
         settings["first"], members = members.start, len(members)
-    elif members is None and (count := rows(*scene.quantities())) is not None:
-        members = count - scene.run.first
+    elif members is None:
+        members = scene.rows_to_run()
     scene = scene.with_run(integrator=integrator, members=members, **settings)
     if scene.run.points == "latin_hypercube" and scene.run.strata is None:
         scene = scene.with_run(strata=scene.run.first + scene.run.members)

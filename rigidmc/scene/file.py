@@ -93,7 +93,7 @@ def loads(
             summary=tables.summary,
             source=tables.source,
         )
-        return scene.with_run()
+        return scene.with_run(members=scene.rows_to_run())
     except RigidmcError as error:
         error.file = error.file or file
         raise

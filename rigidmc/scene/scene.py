@@ -70,6 +70,14 @@ class Scene:
         parameters = (value for effect in self.effects for _, _, value in numbers(effect))
         return (*self.body.quantities(), *self.start.quantities(), *parameters)
 
+    def rows_to_run(self) -> int | None:
+        """The number of members if the scene has arrays with one row per member and no number of
+        members of its own; else None."""
+        count = rows(*self.quantities())
+        if count is None or "members" in self.run.model_fields_set:
+            return None
+        return count - self.run.first
+
     def drawn_through(self) -> str:
         """In words, the library that draws numbers of the scene whose bits may change with its
         version; "" if rigidmc alone draws them."""

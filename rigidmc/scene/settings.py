@@ -198,7 +198,7 @@ def changed(run: Run, given: Mapping[str, Any]) -> Run:
     if given.get("tolerance") is not None:
         given = {"integrator": "auto", **given}
     replaced = {"turn"} if "dt" in given else {"dt"} if "turn" in given or run.turn else set()
-    kept = run.model_dump(exclude=replaced)
+    kept = run.model_dump(exclude=replaced, exclude_unset=True)
     if "save" in given and isinstance(run.keep, dict):
         kept["keep"] = {name: word for name, word in run.keep.items() if name in given["save"]}
     settings = {**kept, **given}

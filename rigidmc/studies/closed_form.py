@@ -39,8 +39,8 @@ def compare(scene: Scene, at: float, members: int) -> list[str]:
         shown = np.argmax(good)
         lines.append("integration  none: it starts at t = 0 and goes forward")
         return lines + _state(motion.omega[shown], motion.attitude[shown])
-    run = scene.with_run(t_end=at, every=None, save=("omega", "attitude"))
-    return lines + _beside(motion, simulate(run, members=members))
+    run = scene.with_run(t_end=at, every=None, save=("omega", "attitude"), members=members)
+    return lines + _beside(motion, simulate(run))
 
 
 def _kinds(motions: Motions, good: NDArray[np.bool_]) -> str:

@@ -5,6 +5,7 @@ import re
 from types import NoneType
 from typing import get_args
 
+import numpy as np
 import pytest
 from typer.main import get_command
 
@@ -78,3 +79,17 @@ def test_an_unknown_keyword_is_refused_with_the_nearest():
 def test_types_are_without_none():
     assert set(types()) == set(Run.model_fields)
     assert not any(NoneType in get_args(kind) for kind in types().values())
+
+
+def test_rows_are_the_members_unless_a_number_is_given():
+    """A number of members was once ignored if a scene had one row per member."""
+    omega = (np.linspace(0.1, 0.5, 5), 1.0, 0.01)
+    scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)), start=rm.Start(omega=omega))
+    quick = {"t_end": 0.1, "integrator": "exact"}
+    assert rm.simulate(scene, **quick).sizes["member"] == 5
+    assert rm.simulate(scene, members=2, **quick).sizes["member"] == 2
+    assert rm.simulate(scene.with_run(members=3), **quick).sizes["member"] == 3
+    assert rm.simulate(scene.with_run(seed=1), **quick).sizes["member"] == 5
+    assert rm.simulate(scene.with_run(first=2), **quick).member.values.tolist() == [2, 3, 4]
+    with pytest.raises(rm.SceneError, match="rows for 5 members only"):
+        rm.simulate(scene.with_run(members=9), **quick)
