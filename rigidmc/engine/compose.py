@@ -59,7 +59,7 @@ def inline(function: Function) -> Function:
 
             def generic(self, args: Any, kws: Any) -> Any:
                 dispatcher = types.Dispatcher(_dispatcher(function, (*args, *kws.items())))
-                signature = dispatcher.get_call_type(self.context, args, kws)
+                signature: Any = dispatcher.get_call_type(self.context, args, kws)
                 compiled[signature.args] = dispatcher.get_overload(signature)
                 return signature
 
@@ -117,13 +117,14 @@ def inline_all(module: ModuleType) -> None:
     function, and so on; modules of the engine are left out, because each calls this for itself.
     """
     package, pending, seen = module.__name__.partition(".")[0], [module], set(_done)
+    methods: list[Any] = list(METHODS)
     while pending:
         module = pending.pop()
         if module in seen:
             continue
         seen.add(module)
         for function in list(vars(module).values()):
-            if not inspect.isfunction(function) or function in METHODS:
+            if not inspect.isfunction(function) or function in methods:
                 continue
             home = function.__module__
             same = home.partition(".")[0] == package and not home.startswith("rigidmc.engine.")

@@ -17,6 +17,10 @@ from numba.extending import typeof_impl
 from rigidmc.engine.intrinsics import coded
 from rigidmc.engine.memory import get_row
 
+# as Any: the stubs of Numba tell neither the items of tuples nor their class
+_Tuple: Any = types.BaseTuple
+_NamedTuple: Any = types.BaseNamedTuple
+
 
 class Kinds:
     """What a piece of code is compiled for: NamedTuples, and tuples of them, without their numbers.
@@ -93,10 +97,10 @@ def _read(part: Any, rows: Any, *arguments: Any) -> tuple[Any, Callable[..., Any
     word = types.intp
 
     def kind_of(one: Any) -> Any:
-        if not isinstance(one, types.BaseTuple):
+        if not isinstance(one, _Tuple):
             return rows.item
         each = [kind_of(x) for x in one]
-        if not isinstance(one, types.BaseNamedTuple):
+        if not isinstance(one, _NamedTuple):
             return types.Tuple(each)
         if each and all(x == each[0] for x in each):
             return types.NamedUniTuple(each[0], len(each), one.instance_class)
@@ -109,7 +113,7 @@ def _read(part: Any, rows: Any, *arguments: Any) -> tuple[Any, Callable[..., Any
         count = iter(range(_row_count(part)))
 
         def like(one: Any) -> Any:
-            if not isinstance(one, types.BaseTuple):
+            if not isinstance(one, _Tuple):
                 return read((memory, builder.add(first, context.get_constant(word, next(count)))))
             return context.make_tuple(builder, kind_of(one), [like(x) for x in one])
 
@@ -133,7 +137,7 @@ def _constant_row_count(typing_context, part):
 
 def _row_count(kind: Any) -> int:
     """How many numbers a type of nested tuples has."""
-    return sum(map(_row_count, kind)) if isinstance(kind, types.BaseTuple) else 1
+    return sum(map(_row_count, kind)) if isinstance(kind, _Tuple) else 1
 
 
 def has_noise(effect):

@@ -128,4 +128,4 @@ class Pipeline(compiler.CompilerBase):
 # "contract" would let bits depend on what is compiled beside them, "nsz" would let the sign of a
 # zero. Without debugging information a product stays in its register, where `fuse` finds it.
 FLAGS = {"error_model": "numpy", "debug": False, "pipeline_class": Pipeline}
-INLINE = {**FLAGS, "forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+INLINE: Any = {**FLAGS, "forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}

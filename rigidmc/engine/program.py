@@ -20,8 +20,9 @@ from rigidmc.engine.kinds import row_count
 from rigidmc.engine.layout import BODY, BODY_AT, KNOWN, LANES, START, places
 from rigidmc.engine.machine import vector_bits
 from rigidmc.engine.march import march
-from rigidmc.engine.memory import LINE, aligned
+from rigidmc.engine.memory import aligned
 from rigidmc.engine.pieces import NOTHING, Asked, Piece, config, is_ready, piece, run
+from rigidmc.engine.pipeline import LINE
 from rigidmc.integrators.protocol import group_count
 from rigidmc.observables.protocol import size
 

@@ -12,7 +12,18 @@ OFTEN = 8  # steps between two looks at the neighbour, which is then brought bac
 NEAR = 1e-8
 
 
-@neighbour
+@neighbour(
+    shadow=True,
+    outputs={
+        "megno": (
+            "1",
+            "mean exponential growth factor of nearby orbits: "
+            "2 for regular motion, lambda t/2 for chaotic",
+            (),
+        ),
+        "lyapunov": ("s-1", "largest Lyapunov exponent up to the end", ()),
+    },
+)
 class Megno(NamedTuple):
     """The mean exponential growth factor of nearby orbits, and the largest Lyapunov exponent.
 
@@ -25,17 +36,6 @@ class Megno(NamedTuple):
     Source: Cincotta & Simo, Astron. Astrophys. Suppl. 147 (2000) 205; Benettin, Galgani & Strelcyn,
     Phys. Rev. A 14 (1976) 2338.
     """
-
-    shadow = True
-    outputs = {
-        "megno": (
-            "1",
-            "mean exponential growth factor of nearby orbits: "
-            "2 for regular motion, lambda t/2 for chaotic",
-            (),
-        ),
-        "lyapunov": ("s-1", "largest Lyapunov exponent up to the end", ()),
-    }
 
     def results(self, kept: Array, looks: int, h: Array) -> dict[str, Array]:
         """The outputs from three sums over the looks: ln of growth, the same times its time, Y."""

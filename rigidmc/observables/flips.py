@@ -29,7 +29,7 @@ _OUTPUTS = {
 }
 
 
-@event
+@event(outputs=_OUTPUTS)
 class Flips(NamedTuple):
     """How often a body turns over about a principal axis, by default that of the middle moment.
 
@@ -46,7 +46,6 @@ class Flips(NamedTuple):
 
     axis: int = 0
     within: float = math.pi / 3.0
-    outputs = _OUTPUTS
 
     def check(self) -> None:
         """Raise SceneError for an axis or an angle that is not allowed."""

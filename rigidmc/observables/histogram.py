@@ -13,7 +13,7 @@ from rigidmc.observables.protocol import Array, ensemble
 TABLE = "observables.histogram"
 
 
-@ensemble
+@ensemble()
 class Histogram(NamedTuple):
     """Counts of the members by an observable at every save time, in equal bins from low to high.
 

@@ -8,42 +8,38 @@ from rigidmc.effects.sums import total_energy
 from rigidmc.observables.protocol import observable
 
 
-@observable
+@observable(units="J", long_name="energy", dims=(), conserved="energy")
 class Energy(NamedTuple):
     """E = 1/2 L . I^-1 L + potential energy of the effects, TdC (3.16), (3.33)."""
-
-    units, long_name, dims, conserved = "J", "energy", (), "energy"
 
     def value(self, body, effects, q, l):
         return (kinetic_energy(body, l) + total_energy(effects, body, q),)
 
 
-@observable
+@observable(units="kg2 m4 s-2", long_name="squared angular momentum", dims=(), conserved="l2")
 class L2(NamedTuple):
     """|L|^2."""
-
-    units, long_name, dims, conserved = "kg2 m4 s-2", "squared angular momentum", (), "l2"
 
     def value(self, l):
         return (dot(l, l),)
 
 
-@observable
+@observable(
+    units="1",
+    long_name="relative drift of energy, less work where it is booked",
+    dims=(),
+    conserved="energy_drift",
+)
 class EnergyDrift(NamedTuple):
     """(E - E(0))/|E(0)|; if |E(0)| is under 1e-3 of the energies in play, relative to that."""
-
-    units, long_name = "1", "relative drift of energy, less work where it is booked"
-    dims, conserved = (), "energy_drift"
 
     def value(self, body, effects, q, l, start):
         return ((kinetic_energy(body, l) + total_energy(effects, body, q) - start[0]) * start[1],)
 
 
-@observable
+@observable(units="1", long_name="relative drift of |L|^2", dims=(), conserved="l2")
 class L2Drift(NamedTuple):
     """(|L|^2 - |L(0)|^2)/|L(0)|^2; the absolute change for a top that starts at rest."""
-
-    units, long_name, dims, conserved = "1", "relative drift of |L|^2", (), "l2"
 
     def value(self, l, start):
         return ((dot(l, l) - start[2]) * start[3],)

@@ -10,7 +10,13 @@ from rigidmc.dynamics.so3 import arctan2, select
 from rigidmc.observables.protocol import Array, running
 
 
-@running
+@running(
+    marks=2,
+    outputs={
+        "nutation_min": ("rad", "smallest angle between axis 3 and the vertical", ()),
+        "nutation_max": ("rad", "largest angle between axis 3 and the vertical", ()),
+    },
+)
 class Nutation(NamedTuple):
     """The smallest and largest angle theta between axis 3 of the body and the vertical.
 
@@ -20,12 +26,6 @@ class Nutation(NamedTuple):
 
     The numbers are sin^2(theta/2): near 0 it has all its digits, where a cosine has half of them.
     """
-
-    marks = 2
-    outputs = {
-        "nutation_min": ("rad", "smallest angle between axis 3 and the vertical", ()),
-        "nutation_max": ("rad", "largest angle between axis 3 and the vertical", ()),
-    }
 
     def begin(self, q):
         square = q[1] * q[1] + q[2] * q[2]
@@ -41,7 +41,10 @@ class Nutation(NamedTuple):
         return {"nutation_min": low, "nutation_max": high}
 
 
-@running
+@running(
+    marks=5,
+    outputs={"precession": ("rad", "angle by which axis 3 has turned about the vertical", ())},
+)
 class Precession(NamedTuple):
     """The angle phi by which axis 3 of the body has turned about the vertical, TdC (3.36).
 
@@ -52,9 +55,6 @@ class Precession(NamedTuple):
     The numbers are the horizontal components (x, y) of the axis, how often it has crossed y = 0,
     with the sign of its sense, and (x, y) at the start.
     """
-
-    marks = 5
-    outputs = {"precession": ("rad", "angle by which axis 3 has turned about the vertical", ())}
 
     def begin(self, q):
         x, y = over_plane(q)

@@ -12,7 +12,13 @@ ABOUT, WAY = ("vertical", "momentum"), ("leaves", "reaches")
 _CONE = "the cone of {angle:g} rad about the {about}"
 
 
-@event
+@event(
+    outputs={
+        "passages": ("1", "how often {axis} {way} " + _CONE, ()),
+        "passage_first": ("s", "when {axis} first {way} " + _CONE + "; nan where it does not", ()),
+        "passage_last": ("s", "when {axis} last {way} " + _CONE + "; nan where it does not", ()),
+    }
+)
 class Passage(NamedTuple):
     """When a principal axis of the body leaves, or reaches, a cone about the vertical or about L.
 
@@ -32,11 +38,6 @@ class Passage(NamedTuple):
     way: str = "leaves"
     about: str = "vertical"
     stop: bool = False
-    outputs = {
-        "passages": ("1", "how often {axis} {way} " + _CONE, ()),
-        "passage_first": ("s", "when {axis} first {way} " + _CONE + "; nan where it does not", ()),
-        "passage_last": ("s", "when {axis} last {way} " + _CONE + "; nan where it does not", ()),
-    }
 
     def check(self) -> None:
         """Raise SceneError for an axis, an angle or a word that is not allowed."""

@@ -1,7 +1,7 @@
 """What is asked of the class of an observable: its facts, its methods, and the defaults of both.
 
-A class is a NamedTuple with one of the decorators below, which adds the defaults to it and refuses
-a class that lacks the rest. Its fields are the numbers of a table [observables.NAME] in a scene.
+A class is a NamedTuple with one of the decorators below, which states its facts, adds the defaults
+and refuses a class that lacks the rest. Its fields are the numbers of a table [observables.NAME] in a scene.
 
 `value`, `begin`, `update`, `level`, `armed`, `past` and `stops` are called from compiled code. As
 the methods of effects, they name the arguments that they depend on and are given no others: body,
@@ -175,21 +175,36 @@ _DEFAULTS: dict[type, dict[str, Any]] = {
     Neighbour: _OVER_STEPS,
     Ensemble: _OVER_STEPS,
 }
+_STATED = ("word", "squares")  # of statistics, see `rigidmc.observables.running`
 Kind = TypeVar("Kind", bound=type)
 
 
-def _decorator(protocol: type) -> Callable[[Kind], Kind]:
-    """The decorator of classes for a protocol."""
+def _decorator(protocol: type) -> Callable[..., Callable[[Kind], Kind]]:
+    """The decorator of classes for a protocol.
 
-    def complete(kind: Kind) -> Kind:
-        for name, default in _DEFAULTS[protocol].items():
-            if not hasattr(kind, name):
-                setattr(kind, name, default)
-        if missing := [name for name in _members(protocol) if not hasattr(kind, name)]:
-            raise TypeError(f"{kind.__name__} has no {', '.join(missing)}: see {protocol.__name__}")
-        return kind
+    It states facts of the class, `@observable(units="1", long_name="...", dims=())`, which become
+    class attributes. Type checkers would take attributes in the body of a NamedTuple for fields.
+    """
+    known = {*_members(protocol), *_DEFAULTS[protocol], *_STATED}
 
-    return complete
+    def decorator(**facts: Any) -> Callable[[Kind], Kind]:
+        if wrong := facts.keys() - known:
+            raise TypeError(f"{protocol.__name__} has no {', '.join(wrong)}")
+
+        def complete(kind: Kind) -> Kind:
+            for name, value in facts.items():
+                setattr(kind, name, value)
+            for name, default in _DEFAULTS[protocol].items():
+                if not hasattr(kind, name):
+                    setattr(kind, name, default)
+            if missing := [name for name in _members(protocol) if not hasattr(kind, name)]:
+                words = ", ".join(missing)
+                raise TypeError(f"{kind.__name__} has no {words}: see {protocol.__name__}")
+            return kind
+
+        return complete
+
+    return decorator
 
 
 def _members(protocol: type) -> Sequence[str]:

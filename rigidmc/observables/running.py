@@ -74,12 +74,11 @@ def by_rows(of: Any, rows: int, kept: Array) -> Array:
     return kept.reshape(rows, -1, kept.shape[1]) if of.dims else kept
 
 
-@running
+@running(word="smallest", squares=False)
 class Minimum(NamedTuple):
     """The smallest of the values at the start and after every step."""
 
     of: Any
-    word, squares = "smallest", False
 
     @property
     def marks(self) -> int:
@@ -97,12 +96,11 @@ class Minimum(NamedTuple):
         return {"min": by_rows(self.of, 1, kept)[0]}
 
 
-@running
+@running(word="largest", squares=False)
 class Maximum(NamedTuple):
     """The largest of the values at the start and after every step."""
 
     of: Any
-    word, squares = "largest", False
 
     @property
     def marks(self) -> int:
@@ -120,7 +118,7 @@ class Maximum(NamedTuple):
         return {"max": by_rows(self.of, 1, kept)[0]}
 
 
-@running
+@running(word="mean over time of", squares=False)
 class Mean(NamedTuple):
     """The mean over time by the trapezoidal rule on the steps.
 
@@ -128,7 +126,6 @@ class Mean(NamedTuple):
     """
 
     of: Any
-    word, squares = "mean over time of", False
 
     @property
     def marks(self) -> int:
@@ -151,7 +148,7 @@ class Mean(NamedTuple):
             return {"mean": first + (total - 0.5 * (last - first)) / np.maximum(steps, 1.0)}
 
 
-@running
+@running(word="variance over time of", squares=True)
 class Variance(NamedTuple):
     """The variance over time by the trapezoidal rule on the steps.
 
@@ -160,7 +157,6 @@ class Variance(NamedTuple):
     """
 
     of: Any
-    word, squares = "variance over time of", True
 
     @property
     def marks(self) -> int:

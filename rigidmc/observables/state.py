@@ -6,31 +6,25 @@ from rigidmc.dynamics.euler import angular_velocity
 from rigidmc.observables.protocol import observable
 
 
-@observable
+@observable(units="rad s-1", long_name="angular velocity, body axes", dims=("axis",))
 class Omega(NamedTuple):
     """Angular velocity in the body's principal axes, omega_i = L_i/I_i."""
-
-    units, long_name, dims = "rad s-1", "angular velocity, body axes", ("axis",)
 
     def value(self, body, l):
         return angular_velocity(body, l)
 
 
-@observable
+@observable(units="kg m2 s-1", long_name="angular momentum, body axes", dims=("axis",))
 class Momentum(NamedTuple):
     """Angular momentum in the body's principal axes."""
-
-    units, long_name, dims = "kg m2 s-1", "angular momentum, body axes", ("axis",)
 
     def value(self, l):
         return l
 
 
-@observable
+@observable(units="1", long_name="attitude quaternion, body to space", dims=("quat",))
 class Attitude(NamedTuple):
     """Unit quaternion (w, x, y, z), from body to space components; q and -q are one attitude."""
-
-    units, long_name, dims = "1", "attitude quaternion, body to space", ("quat",)
 
     def value(self, q):
         return q

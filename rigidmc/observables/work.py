@@ -5,7 +5,7 @@ from typing import NamedTuple
 from rigidmc.observables.protocol import observable
 
 
-@observable
+@observable(units="J", long_name="work of an effect since t = 0", dims=("effect",))
 class Work(NamedTuple):
     """The work of each effect since t = 0, W = integral of torque . omega dt, TdC (3.16), (3.34).
 
@@ -14,8 +14,6 @@ class Work(NamedTuple):
     of the effects without an energy is then a drift like any other. The attribute `booked` of the
     variable names those effects.
     """
-
-    units, long_name, dims = "J", "work of an effect since t = 0", ("effect",)
 
     def value(self, works):
         return works

@@ -16,7 +16,8 @@ from rigidmc.effects.protocol import torque
 from rigidmc.planning.plan import Plan
 from rigidmc.scene.conservation import conservation
 from rigidmc.scene.idle import idle
-from rigidmc.scene.scene import Run, Scene
+from rigidmc.scene.scene import Scene
+from rigidmc.scene.settings import Run
 
 Array = NDArray[np.float64]
 

@@ -138,7 +138,8 @@ def facts(scene: Scene, block: Array, moments: Array) -> Facts:
     potentials = tuple(effect for effect in effects if implements(effect, "energy"))
 
     def potential(q: Any) -> Array:
-        return energies(effects, body, tuple(q)) + zeros
+        energy: Array = energies(effects, body, tuple(q)) + zeros
+        return energy
 
     return Facts(moments, potential, total_energy_scale(potentials, body) + zeros, q)
 

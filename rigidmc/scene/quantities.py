@@ -50,7 +50,7 @@ class Distribution:
         if self.by_scipy:
             quantiles: Array = _scipy(self.name)(**dict(self.parameters)).ppf(u)
             return quantiles
-        a, b = self.parameters
+        a, b = map(float, self.parameters)
         return a + b * normal_quantile(u) if self.name == "normal" else a + (b - a) * u
 
     def times(self, by: float) -> "Distribution":
@@ -94,7 +94,8 @@ class Grid:
         """The numbers with these indices; all numbers of a grid may not fit into memory."""
         share = (index + 0.5) / self.count
         if self.log:
-            return self.low * power(self.high / self.low, share)
+            steps: Array = power(self.high / self.low, share)
+            return self.low * steps
         return self.low + (self.high - self.low) * share
 
     def times(self, by: float) -> "Grid":

@@ -18,11 +18,9 @@ from new_package.helpers import squares
 from rigidmc.observables.protocol import event, observable
 
 
-@observable
+@observable(units="kg2 m4 s-2", long_name="squares of L", dims=("part",))
 class Squares(NamedTuple):
     """Squares of L along axis 1 and across it."""
-
-    units, long_name, dims = "kg2 m4 s-2", "squares of L", ("part",)
 
     def value(self, l):
         return both(squares(l))
@@ -32,11 +30,9 @@ def both(pair):
     return pair[0] + 0.0, pair[1] + 0.0
 
 
-@event
+@event(outputs={"across": ("1", "how often L was half across axis 1", ())})
 class Across(NamedTuple):
     """When L has as much along axis 1 as across it."""
-
-    outputs = {"across": ("1", "how often L was half across axis 1", ())}
 
     def level(self, l):
         along, across = squares(l)
@@ -84,4 +80,6 @@ def test_one_file_is_all_that_an_observable_and_an_event_need(new):
 
 def test_a_class_that_lacks_something_is_refused():
     with pytest.raises(TypeError, match="Empty has no marks, begin, update, results: see Running"):
-        running(type("Empty", (), {}))
+        running()(type("Empty", (), {}))
+    with pytest.raises(TypeError, match="Running has no colour"):
+        running(colour="red")

@@ -134,11 +134,9 @@ def test_the_neighbour_of_a_free_body():
     assert alone == beside
 
 
-@observable
+@observable(units="1", long_name="cosine of the tilt", dims=())
 class Tilt(NamedTuple):
     """Cosine of the angle between axis 3 and the vertical: a user's own observable."""
-
-    units, long_name, dims = "1", "cosine of the tilt", ()
 
     def value(self, q):
         return (1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2]),)

@@ -110,11 +110,9 @@ from rigidmc.dynamics.so3 import dot, up
 from rigidmc.observables.protocol import observable
 
 
-@observable
+@observable(units="kg m2 s-1", long_name="angular momentum about the vertical", dims=())
 class VerticalMomentum(NamedTuple):
     """Angular momentum about the vertical, L . A^T e_z."""
-
-    units, long_name, dims = "kg m2 s-1", "angular momentum about the vertical", ()
 
     def value(self, q, l):
         return (dot(up(q), l),)
@@ -134,11 +132,9 @@ from rigidmc.dynamics.so3 import up
 from rigidmc.observables.protocol import event
 
 
-@event
+@event(outputs={"rises": ("1", "how often axis 3 came up through the horizontal", ())})
 class Horizontal(NamedTuple):
     """How often axis 3 comes up through the horizontal plane."""
-
-    outputs = {"rises": ("1", "how often axis 3 came up through the horizontal", ())}
 
     def level(self, q):
         return up(q)[2]

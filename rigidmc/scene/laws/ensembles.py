@@ -63,7 +63,8 @@ class Shell(Ensemble):
             v = np.broadcast_to(np.array(self.direction, float)[:, None], (3, count))
             v = v / np.sqrt((v * v / facts.moments).sum(0))
         with np.errstate(invalid="ignore"):
-            return np.sqrt(twice) * v  # nan if V(q) > E
+            momenta: Array = np.sqrt(twice) * v  # nan if V(q) > E
+        return momenta
 
 
 @dataclass(frozen=True)
