@@ -9,6 +9,7 @@ from rigidmc.cli import app
 from rigidmc.errors import NoRoom, SceneError
 from rigidmc.files.netcdf import read
 from rigidmc.runs import capacity, gather, resume
+from rigidmc.runs.create import create
 from tests.runs.test_resume import SCENE as OTHER
 
 SCENE = OTHER.with_run(every=0.1, turn_limit=0.051, save=("omega", "flips", "omega_max"))
@@ -49,7 +50,7 @@ def test_flagged_members_are_kept_in_full(full, tmp_path, keep):
         alike(file, ds)
         assert rm.rerun(file, 7).attrs["rerun"].startswith("equal to the bit")
         assert "members to 2 s" in file.rigid.summary()
-    resume.create(SCENE.with_run(keep=keep), tmp_path / "run", 40_000)
+    create(SCENE.with_run(keep=keep), tmp_path / "run", 40_000)
     resume.resume(tmp_path / "run")
     alike(rm.open(tmp_path / "run"), ds)
     for words in (["summary"], ["rerun", "--member", "5"], ["plot", "-o", f"{tmp_path}/a.png"]):
@@ -123,7 +124,7 @@ def test_a_run_beyond_memory_or_disk_is_refused(tmp_path, monkeypatch):
     with pytest.raises(NoRoom, match="--keep final"):
         rm.simulate(big, output=tmp_path / "one.nc")
     with pytest.raises(NoRoom, match="--keep final"):
-        resume.create(big, tmp_path / "run")
+        create(big, tmp_path / "run")
     monkeypatch.setattr(capacity, "free_memory", lambda: 1000)
     monkeypatch.setattr(capacity, "LITTLE", 0)
     with pytest.raises(NoRoom, match="run fewer members"):
