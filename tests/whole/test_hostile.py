@@ -22,7 +22,7 @@ from typer.testing import CliRunner
 import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.engine import pieces
-from rigidmc.runs import shards, simulate
+from rigidmc.runs import blocks, shards
 from rigidmc.studies import accuracy, trust
 from rigidmc.studies.stress import run
 from rigidmc.views import scene as estimate
@@ -113,7 +113,7 @@ def good(tmp_path_factory):
 @contextlib.contextmanager
 def bounded():
     """Compile no kernel that the good files do not need, measure no price, make no long run."""
-    address, compute = pieces._address, simulate.compute
+    address, compute = pieces._address, blocks.compute
 
     def known(function, signature):
         if (function, signature.args) not in pieces._by_types:
@@ -130,7 +130,7 @@ def bounded():
 
     with contextlib.ExitStack() as held:
         for where, name, what in (
-            (pieces, "_address", known), (simulate, "compute", short), (shards, "compute", short),
+            (pieces, "_address", known), (blocks, "compute", short), (shards, "compute", short),
             (estimate, "cost_per_step", passed),
             (accuracy, "accuracy", passed), (run, "stress", passed), (trust, "trust", passed),
         ):  # fmt: skip
