@@ -74,7 +74,7 @@ def _refuse_full_disk(plan: Plan, folder: str, size: int) -> None:
 def free_memory() -> int | None:
     """Bytes of memory that this process may still take: the least of what the system has and what
     its control groups allow; None if neither is known."""
-    import psutil  # 20 ms, and small runs do not ask
+    import psutil  # 7 ms, and small runs do not ask
 
     free = []
     with contextlib.suppress(OSError):  # Linux without /proc

@@ -123,7 +123,7 @@ def compute_on(
 
 @contextlib.contextmanager
 def _connected(cluster: str, directory: RunDirectory) -> "Iterator[Client]":
-    """A client of a dask cluster; a cluster on this machine is started first, and ended after."""
+    """A client of a dask cluster. A cluster on this machine starts before and ends after."""
     try:
         import dask
         from distributed import Client, LocalCluster
@@ -131,7 +131,7 @@ def _connected(cluster: str, directory: RunDirectory) -> "Iterator[Client]":
         rule = f"needs dask.distributed: pip install 'rigidmc[cluster]' ({error})"
         raise OptionError("", "--cluster", cluster, rule) from None
     kind, rest = checked(cluster)
-    # it would tell errors that are told here
+    # its log would repeat the errors that are raised here
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     with dask.config.set(SETTINGS), contextlib.ExitStack() as stack:
         try:

@@ -3,9 +3,10 @@
 import hashlib
 import os
 import warnings
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.errors import FileError, SceneWarning
@@ -26,19 +27,14 @@ from rigidmc.storage.schema import (
     saved_variables,
 )
 
-if TYPE_CHECKING:
-    import xarray as xr
 
-
-def open_run(path: Path, allow_code: bool = False) -> "xr.Dataset":
+def open_run(path: Path, allow_code: bool = False) -> xr.Dataset:
     """A run as one Dataset of the members that exist. No shard is opened now; values are read when
     they are asked for.
 
     Needs dask, which comes with rigidmc[cluster]; without it `consolidate` makes one file.
     Histograms are sums over the shards.
     """
-    import xarray as xr
-
     try:
         import dask.array  # noqa: F401
     except ImportError as error:
@@ -86,18 +82,20 @@ class _Chunks:
         shards = directory.shards()
         self.paths = [os.path.abspath(shards[i]) for i in sorted(shards)]
         self.members = [directory.members(i) for i in sorted(shards)]
+        self._counts = {
+            "member": [len(members) for members in self.members],
+            "flagged": [flagged_of(path) for path in self.paths],
+        }
         self._run, self._mark = run, directory.mark
         # the names of shards tell contents, so arrays of other contents have other labels in dask
         self._contents = hashlib.sha256("\n".join(self.paths).encode()).hexdigest()[:16]
 
     def joined(self, name: str, variable: Variable) -> tuple[tuple[str, ...], Any, dict[str, Any]]:
-        """(dims, array, attrs) of a variable whose members, or flagged members, are those of all
-        shards."""
+        """(dims, array, attrs) of a variable by members or flagged members, joined over shards."""
         import dask.array as da
 
         dims, dtype, attrs = variable
-        flagged = [flagged_of(path) for path in self.paths]
-        counts = {"member": [len(members) for members in self.members], "flagged": flagged}
+        counts = self._counts
         along = next(dim for dim in dims if dim in counts)
         plan = self._run.shown
         sizes = tuple(tuple(counts[dim]) if dim in counts else (length(dim, plan),) for dim in dims)
