@@ -139,7 +139,7 @@ class Shards:
         return buffer(self.scene, self.plan, count)
 
     def take(self, job: Job, results: Arrays) -> None:
-        """Add a block that is done to its shard, and hand the shard to the writing thread if it is whole."""
+        """Add a finished block to its shard; a whole shard goes to the writing thread."""
         facts = self.directory.facts
         i = (job.first - facts["first"]) // facts["shard"]
         members = self.directory.members(i)
