@@ -15,8 +15,9 @@ from bench.memory import peak
 from rigidmc.planning.job import program_of
 from rigidmc.runs.blocks import compute
 from rigidmc.runs.capacity import free_memory
-from rigidmc.runs.resume import create
-from rigidmc.runs.shards import compute_shards, planned
+from rigidmc.runs.create import create
+from rigidmc.runs.reopen import planned
+from rigidmc.runs.shards import compute_shards
 from rigidmc.scene.file import load
 from rigidmc.storage.sinks import buffer
 
@@ -26,7 +27,7 @@ MEMBERS = (2_000_000, 5_000_000, 20_000_000)
 OPEN = """
 import sys, time
 import rigidmc as rm
-from rigidmc.runs import gather
+import rigidmc.runs.open
 from rigidmc.storage import run_directory
 import dask.array, xarray
 began = time.perf_counter()
@@ -58,20 +59,21 @@ def share(folder, members, rounds):
     rows, threads = [], len(os.sched_getaffinity(0))
     for i in range(rounds):
         directory = create(scene, os.path.join(folder, f"share{i}"))
-        parts = planned(directory, threads=threads)
-        program = program_of(*parts[:2])
+        ready = planned(directory, threads=threads)
+        program = program_of(ready.scene, ready.plan)
         began = time.perf_counter()
-        compute(*parts[:2], program, threads, Nothing(*parts[3:]), False, parts[2])
+        sink = Nothing(ready.original, ready.shown)
+        compute(ready.scene, ready.plan, program, threads, sink, False, ready.units)
         without = time.perf_counter() - began
         with directory.locked():
             began = time.perf_counter()
-            compute_shards(directory, parts, program, range(directory.count), threads)
+            compute_shards(directory, ready, program, range(directory.count), threads)
             seconds = time.perf_counter() - began
         rows.append(
             {
                 "kind": "share",
                 "members": members,
-                "steps": parts[1].steps,
+                "steps": ready.plan.steps,
                 "without": without,
                 "with": seconds,
             }
@@ -166,11 +168,12 @@ def cluster(folder, members, t_end, rounds, size):
 SCHEDULE = """
 import resource, sys
 from rigidmc.runs import resume
+from rigidmc.runs.create import create
 from rigidmc.scene.file import load
 if __name__ == "__main__":
     members = 4096 * int(sys.argv[2])
     scene = load("dzhanibekov").with_run(members=members, t_end=0.1, every=0.1)
-    directory = resume.create(scene, sys.argv[1], 0.5e6)
+    directory = create(scene, sys.argv[1], 0.5e6)
     usage = []
     for which in (range(2), range(2, directory.count)):
         resume.resume(directory.path, cluster="local:2", only=which)

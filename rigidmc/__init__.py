@@ -91,11 +91,11 @@ def open(path: str | PathLike[str], allow_code: bool = False) -> "Dataset":
 
     allow_code : whether to run the Python files of a user's own effects, in a run directory
 
-    Raises FileError for a path that is neither. See `rigidmc.runs.gather.open_run`.
+    Raises FileError for a path that is neither. See `rigidmc.runs.open.open_run`.
     """
     result: Dataset
     if isdir(path):
-        result = import_module("rigidmc.runs.gather").open_run(path, allow_code)
+        result = import_module("rigidmc.runs.open").open_run(path, allow_code)
     else:
         result = import_module("rigidmc.storage.reader").open_result(path)
     return result

@@ -17,7 +17,8 @@ import tomli_w
 
 import rigidmc as rm
 from rigidmc.runs import resume
-from rigidmc.runs.shards import scene_in
+from rigidmc.runs.create import create
+from rigidmc.runs.reopen import scene_in
 from rigidmc.storage.run_directory import _SHARD, RunDirectory, hash_of_file
 from rigidmc.storage.run_facts import rendered
 
@@ -470,7 +471,7 @@ class Good:
 
     def run(self, name, scene, only=None):
         """A run in shards of 32 members."""
-        resume.create(scene, self.at(name), 1.0)
+        create(scene, self.at(name), 1.0)
         with open(self.at(f"{name}/run.json")) as file:
             facts = json.load(file)
         del facts["check"]

@@ -252,7 +252,7 @@ def corrupt(count, folder, some):
             found = True
         told["found"] += found
         if path.endswith(".nc"):
-            resume.repair(whole)
+            gather.repair(whole)
             resume.resume(whole)
         else:
             with open(path, "wb") as file:

@@ -5,7 +5,7 @@ import signal
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from types import FrameType, ModuleType
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -201,7 +201,7 @@ def load_scene(
         return scene.with_run(**run or {})
 
 
-def opened(path: str, allow_code: bool = False) -> AbstractContextManager["xr.Dataset"]:
+def opened(path: str, allow_code: bool = False) -> "xr.Dataset":
     """A result as a Dataset: a file or a run directory."""
     import rigidmc
 

@@ -104,10 +104,10 @@ def resume(
     Exit code 0 if the run is done, 4 if it is done and some members are flagged, 5 if shards are
     missing (--max-wall, --shards)."""
     with reported():
-        from rigidmc.runs import resume as runs
-
         if repair:
-            print(f"  {runs.repair(run)} damaged shards were deleted")
+            from rigidmc.runs import gather
+
+            print(f"  {gather.repair(run)} damaged shards were deleted")
         code = continued(run, threads, accept, max_wall, shards, allow_code, cluster)
     raise typer.Exit(code)
 
@@ -221,10 +221,10 @@ def merge(run: RunArgument, parts: Parts) -> None:
     """Gather the shards of a job array in one run directory, which may be a new one. All parts have
     the same scene, seed, members and shard size."""
     with reported():
-        from rigidmc.runs import resume as runs
+        from rigidmc.runs import gather
         from rigidmc.storage import run_directory
 
-        directory, copied = runs.merge(run, parts)
+        directory, copied = gather.merge(run, parts)
         facts = run_directory.status(directory.path)
     print(
         f"{directory.path}: {copied:,} shards copied;"

@@ -56,7 +56,7 @@ def rerun(
         )
         if plot is not None:
             save_picture(plots_module().summary(dataset), plot, force)
-        names = ", ".join(v for v in dataset.data_vars if "time" in dataset[v].dims)
+        names = ", ".join(str(v) for v in dataset.data_vars if "time" in dataset[v].dims)
         times = dataset.sizes["time"]
         print(f"{dataset.attrs['title']}: member {member}, {times:,} saves of {names}")
         print(f"  {dataset.attrs['rerun']}")

@@ -130,7 +130,8 @@ def _in_directory(
 ) -> int:
     """Run a scene in a new run directory; the exit code."""
     from rigidmc.runs.cluster import checked
-    from rigidmc.runs.resume import SHARD, create
+    from rigidmc.runs.create import create
+    from rigidmc.runs.shards import SHARD
 
     kind, count = ("", "") if cluster is None else checked(cluster)
     if shard_size is not None and not shard_size < 1e6:

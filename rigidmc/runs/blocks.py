@@ -68,7 +68,7 @@ def run(
     began = time.perf_counter()
     try:
         flagged = compute(scene, plan, program, threads, sink, progress, units)
-        dataset = sink.finish()
+        dataset: xr.Dataset = sink.finish()
     except BaseException:
         sink.discard()
         raise

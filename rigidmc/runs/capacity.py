@@ -1,4 +1,5 @@
-"""What a run needs of memory and disk, against what is free: it is refused before the first step, not killed in the last hour."""
+"""The memory and disk that a run needs, against what is free: a run without room is refused before
+its first step, not killed in its last hour."""
 
 import contextlib
 import os
@@ -6,15 +7,19 @@ import shutil
 
 from rigidmc.engine import layout
 from rigidmc.errors import NoRoom
+from rigidmc.files.outputs import Path
 from rigidmc.observables import rows_of
+from rigidmc.planning.plan import Plan
+from rigidmc.scene.scene import Scene
 from rigidmc.storage.schema import bytes_of_a_member
 
-LITTLE = 2**26  # bytes that are not worth half a millisecond of asking
+LITTLE = 2**26  # bytes; for less, asking for the free memory is not worth half a millisecond
 BASE = 0.25e9  # interpreter, libraries and kernels [bytes]
 
 
-def sizes(scene, plan, threads):
-    """Bytes that a run needs: (of memory with its result there, of memory with its result in files, of a file of it)."""
+def sizes(scene: Scene, plan: Plan, threads: int) -> tuple[int, int, int]:
+    """Bytes that a run needs: (memory with its result in memory, memory with its result in a file,
+    that file)."""
     _, each = bytes_of_a_member(scene, plan)
     block = _bytes_of_a_block(scene, plan)
     scratch = block * (min(threads, -(-plan.members // plan.block)) + 2)
@@ -25,95 +30,99 @@ def sizes(scene, plan, threads):
     )
 
 
-def _bytes_of_a_block(scene, plan):
+def _bytes_of_a_block(scene: Scene, plan: Plan) -> int:
     saves = plan.times.size * rows_of(scene.effects, *scene.recorded())
     return 8 * plan.block * (layout.EFFECTS + 20 + plan.watch.rows + saves)
 
 
-def refuse_hopeless(scene, plan, threads, path=None, more=0):
-    """Raise NoRoom where a run needs more memory than is free or, with its result in `path`, more of that disk.
+def refuse_hopeless(
+    scene: Scene, plan: Plan, threads: int, path: Path | None = None, more: int = 0
+) -> None:
+    """Raise NoRoom if a run needs more memory than is free or, with its result in `path`, more of
+    that disk.
 
-    more : bytes of memory that it needs besides, for its shards
+    more : further bytes of memory, for shards
     """
     memory, lean, file = sizes(scene, plan, threads)
     needed = (memory if path is None else lean) - BASE + more
     free = None if needed < LITTLE else free_memory()
     if free is not None and needed > free:
-        ways = "keep less of what is saved (--keep final), save less, or run fewer members"
-        ways = (
-            f"take fewer than {threads:,} threads, {ways}"
-            if threads > 2 * (os.cpu_count() or 1)
-            else ways
-        )
-        ways = (
-            f"write it to a file (-o FILE), which needs {in_words(lean)} of memory and {in_words(file)} of disk, or {ways}"
-            if path is None and lean - BASE < free
-            else ways
-        )
+        cure = "keep less of what is saved (--keep final), save less, or run fewer members"
+        if threads > 2 * (os.cpu_count() or 1):
+            cure = f"take fewer than {threads:,} threads, {cure}"
+        if path is None and lean - BASE < free:
+            room = f"{in_words(lean)} of memory and {in_words(file)} of disk"
+            cure = f"write it to a file (-o FILE), which needs {room}, or {cure}"
         raise NoRoom(
-            f"{plan.members:,} members need {in_words(needed)} of memory, of which {in_words(free)} are free: {ways}"
+            f"{plan.members:,} members need {in_words(needed)} of memory,"
+            f" of which {in_words(free)} are free: {cure}"
         )
     if path is not None:
-        folder = os.path.dirname(os.path.abspath(path))
-        free = shutil.disk_usage(folder).free
-        if file > free:
-            ways = "keep less of what is saved (--keep final), fewer digits (--set run.digits=6), or run fewer members"
-            raise NoRoom(
-                f"{plan.members:,} members need {in_words(file)} of disk in {folder}, of which {in_words(free)} are free: {ways}"
-            )
+        _refuse_full_disk(plan, os.path.dirname(os.path.abspath(path)), file)
 
 
-def free_memory():
-    """Bytes of memory that this process may still take: the least of what the system has and of what its control groups allow; None where
-    that is not told."""
-    found = []
-    with contextlib.suppress(OSError, ValueError, IndexError), open("/proc/meminfo") as file:
-        found += [1024 * int(line.split()[1]) for line in file if line.startswith("MemAvailable:")]
+def _refuse_full_disk(plan: Plan, folder: str, size: int) -> None:
+    free = shutil.disk_usage(folder).free
+    if size > free:
+        raise NoRoom(
+            f"{plan.members:,} members need {in_words(size)} of disk in {folder},"
+            f" of which {in_words(free)} are free: keep less of what is saved (--keep final),"
+            " fewer digits (--set run.digits=6), or run fewer members"
+        )
+
+
+def free_memory() -> int | None:
+    """Bytes of memory that this process may still take: the least of what the system has and what
+    its control groups allow; None if neither is known."""
+    import psutil  # 7 ms, and small runs do not ask
+
+    free = []
+    with contextlib.suppress(OSError):  # Linux without /proc
+        free.append(int(psutil.virtual_memory().available))
+    return min([*free, *_free_in_groups()], default=None)
+
+
+def _free_in_groups() -> list[int]:
+    """What the control groups of this process still allow [bytes]; [] if there are none.
+
+    psutil tells the memory of the whole machine. In a container or a batch job the control group is
+    narrower, and Linux kills a process that goes beyond it.
+    """
+    free = []
     with contextlib.suppress(OSError), open("/proc/self/cgroup") as file:
         for line in file:
-            _, kinds, path = line.rstrip("\n").split(":", 2)
-            if kinds == "":
-                found += _allowed(
-                    "/sys/fs/cgroup",
-                    path,
-                    "memory.max",
-                    "memory.current",
-                    ("inactive_file", "active_file"),
-                )
-            elif "memory" in kinds.split(","):
-                found += _allowed(
-                    "/sys/fs/cgroup/memory",
-                    path,
-                    "memory.limit_in_bytes",
-                    "memory.usage_in_bytes",
-                    ("total_inactive_file", "total_active_file"),
-                )
-    return min(found, default=None)
+            _, controllers, path = line.rstrip("\n").split(":", 2)
+            if controllers == "":  # version 2
+                cached = ("inactive_file", "active_file")
+                free += _allowed("/sys/fs/cgroup", path, "memory.max", "memory.current", cached)
+            elif "memory" in controllers.split(","):  # version 1
+                root, limit = "/sys/fs/cgroup/memory", "memory.limit_in_bytes"
+                cached = ("total_inactive_file", "total_active_file")
+                free += _allowed(root, path, limit, "memory.usage_in_bytes", cached)
+    return free
 
 
-def _allowed(root, path, limit, used, cached):
-    """What a control group and those above it still allow [bytes]; files that are cached make way."""
-    found = []
+def _allowed(root: str, path: str, limit: str, used: str, cached: tuple[str, ...]) -> list[int]:
+    """What a control group and the groups above it still allow [bytes]; cached files make way."""
+    free = []
     while True:
         folder = os.path.join(root, path.strip("/"))
-        with contextlib.suppress(OSError, ValueError):
-            most, now = (
-                int(_text(os.path.join(folder, name))) for name in (limit, used)
-            )  # "max" is no number: no limit
-            stat = dict(
-                line.split() for line in _text(os.path.join(folder, "memory.stat")).splitlines()
-            )
-            found.append(max(0, most - now + sum(int(stat.get(name, 0)) for name in cached)))
+        with contextlib.suppress(OSError, ValueError):  # int("max"): no limit
+            most = int(_text(os.path.join(folder, limit)))
+            now = int(_text(os.path.join(folder, used)))
+            lines = _text(os.path.join(folder, "memory.stat")).splitlines()
+            stat = dict(line.split() for line in lines)
+            free.append(max(0, most - now + sum(int(stat.get(name, 0)) for name in cached)))
         if not path.strip("/"):
-            return found
+            return free
         path = os.path.dirname(path.rstrip("/"))
 
 
-def _text(path):
+def _text(path: str) -> str:
     with open(path) as file:
         return file.read()
 
 
-def in_words(size):
+def in_words(size: float) -> str:
     """A number of bytes for people."""
     return f"{size / 1e9:.2f} GB" if size > 5e8 else f"{size / 1e6:.1f} MB"

@@ -1,122 +1,178 @@
-"""What a run directory holds: checked, made one file, or read as one Dataset."""
+"""The shards of a run directory gathered: checked, repaired, merged with those of other parts, and
+made one file."""
 
-import hashlib
 import os
 import random
+import shutil
 import tempfile
 import warnings
+from collections.abc import Sequence
 
 import numpy as np
+import xarray as xr
 
-from rigidmc.errors import FileError, SceneWarning
+from rigidmc.errors import FileError, OptionError, SceneWarning
 from rigidmc.files.netcdf import open_trusted, read
-from rigidmc.files.outputs import refuse_existing
-from rigidmc.files.trial import refuse_unreadable
+from rigidmc.files.outputs import Part, Path, content_of, naming, refuse_existing, write_bytes
 from rigidmc.runs.capacity import refuse_hopeless
-from rigidmc.runs.shards import fault_of, planned, scene_of_run
+from rigidmc.runs.create import is_free, new_directory, place_of, refuse_unusable
+from rigidmc.runs.reopen import Ready, planned, scene_of_run
+from rigidmc.runs.shards import fault_of
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.amounts import counted
+from rigidmc.scene.scene import Scene
 from rigidmc.storage.run_directory import RunDirectory, flagged_of
 from rigidmc.storage.schema import (
-    attributes,
-    coordinates,
     ensemble_variables,
     flagged_variables,
-    is_rounded,
-    length,
     member_variables,
     saved_variables,
 )
-from rigidmc.storage.sinks import joined
+from rigidmc.storage.sinks import Arrays, joined
 from rigidmc.storage.writer import Writer
 
 
-def verify(path, spot=3, allow_code=False, threads=None):
-    """What is wrong with a run, in words, [] for nothing: the sum of every shard, how many members its name says are flagged, the scene, and
-    some members of each of `spot` shards computed again, to the bit: first, last and one by chance, of shards by chance."""
+def verify(
+    path: Path, spot: int = 3, allow_code: bool = False, threads: int | None = None
+) -> list[str]:
+    """What is wrong with a run, in words; [] if nothing is.
+
+    Checks the checksum of every shard, the number of flagged members in its name, and the scene.
+    Of `spot` random shards, three members are computed again, to the bit: the first, the last and
+    a random one.
+    """
     spot = counted(spot, "spot", 0)
     directory = RunDirectory(path)
     scene = scene_of_run(directory, allow_code)
     shards, strays = directory.listed()
-    faults = {i: fault for i, shard in shards.items() if (fault := fault_of(directory, i, shard))}
-    found = [*faults.values(), *(f"{path}: is no shard of this run" for path in strays)]
-    whole = sorted(set(shards) - set(faults))
-    for i in sorted(random.sample(whole, min(spot, len(whole)))):
+    bad = {i: fault for i, shard in shards.items() if (fault := fault_of(directory, i, shard))}
+    faults = [*bad.values(), *(f"{path}: is no shard of this run" for path in strays)]
+    sound = sorted(set(shards) - set(bad))
+    for i in sorted(random.sample(sound, min(spot, len(sound)))):
         members = directory.members(i)
         for member in sorted({members[0], random.choice(members), members[-1]}):
-            if other := _unlike(scene, shards[i], member, threads):
-                found.append(other)
+            if fault := _unlike(scene, shards[i], member, threads):
+                faults.append(fault)
                 break
-    return found
+    return faults
 
 
-def _unlike(scene, path, member, threads):
-    """In words, what of a member differs from what it is computed again, "" for nothing."""
-    kept = read(path)
-    at = (kept["member"] == member).argmax()
+def _unlike(scene: Scene, path: str, member: int, threads: int | None) -> str:
+    """Which values of a member differ if it is computed again, in words; "" if none do."""
+    stored = read(path)
+    at = (stored["member"] == member).argmax()
     with tempfile.TemporaryDirectory() as folder:
-        file = os.path.join(folder, "again.nc")  # with the digits that files keep
+        file = os.path.join(folder, "again.nc")  # a file, because files may keep fewer digits
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SceneWarning)
             again = simulate(scene, members=range(member, member + 1), threads=threads, output=file)
         with again:
             names = [str(name) for name in again.data_vars if "member" in again[name].dims]
-        made = read(file, *names)
+        values = read(file, *names)
     wrong = [
         name
         for name in names
-        if name not in kept or made[name].tobytes() != kept[name][..., [at]].tobytes()
+        if name not in stored or values[name].tobytes() != stored[name][..., [at]].tobytes()
     ]
-    words = "take the file away and resume, if this is the machine that it was computed on"
-    return (
-        f"{path}: member {member} is not what it is computed again: {', '.join(map(str, wrong))}; {words}"
-        if wrong
-        else ""
-    )
+    if not wrong:
+        return ""
+    cure = "delete the file and resume, if this is the machine that computed it"
+    return f"{path}: member {member} differs if it is computed again: {', '.join(wrong)}; {cure}"
 
 
-def consolidate(path, output, force=False, allow_code=False):
-    """Write a whole run as one file, the same as a run of that size to a file would be; FileError where shards are missing."""
+def repair(path: Path) -> int:
+    """Delete shards that are damaged, misnamed or of another run, and files that are no shards; how
+    many there were. The next resume computes the missing shards."""
+    directory = RunDirectory(path)
+    with directory.locked():
+        shards, strays = directory.listed()
+        bad = [shard for i, shard in shards.items() if fault_of(directory, i, shard)]
+        bad += [stray for stray in strays if not os.path.isdir(stray) or os.path.islink(stray)]
+        for file in bad:
+            os.unlink(file)
+        directory.note(event="repaired", shards=[os.path.basename(file) for file in bad])
+    return len(bad)
+
+
+def merge(path: Path, others: Sequence[Path]) -> tuple[RunDirectory, int]:
+    """Copy the shards of other directories of the same run, such as those of a job array;
+    (RunDirectory, how many were copied).
+
+    A `path` that does not exist becomes such a directory. Raises FileError if a directory is of
+    another run, or has a shard that is damaged or differs from the one in `path`. What was copied
+    before stays, and is not copied again.
+    """
+    if isinstance(others, (str, os.PathLike)) or not others:
+        raise OptionError("", "others", others, "expected a list of run directories")
+    path = place_of(path)
+    parts = [RunDirectory(other) for other in others]
+    for part in parts[1:]:
+        _refuse_unlike(parts[0], part)
+    if is_free(path):
+        refuse_unusable(path)
+        with new_directory(path) as folder:
+            for name in ("columns.nc", "scene.toml", "run.json"):
+                if os.path.isfile(os.path.join(parts[0].path, name)):
+                    write_bytes(os.path.join(folder, name), content_of(parts[0].path, name))
+    directory = RunDirectory(path)
+    for part in parts:
+        _refuse_unlike(directory, part)
+    with directory.locked():
+        copied = sum(_copy_shards(part, directory) for part in parts)
+        directory.note(event="merged", shards=copied, others=[part.path for part in parts])
+    return directory, copied
+
+
+def _copy_shards(source: RunDirectory, target: RunDirectory) -> int:
+    """Copy the shards that a run directory lacks; how many. The names of shards tell contents."""
+    copied, have = 0, target.shards()
+    for i, shard in source.shards().items():
+        if i in have:
+            if os.path.basename(have[i]) != os.path.basename(shard):
+                rule = (
+                    f"has another shard {i} than {target.path};"
+                    " `rigidmc verify` tells which is right"
+                )
+                raise FileError("", "run", source.path, rule)
+            continue
+        if fault := fault_of(source, i, shard):
+            raise FileError("", "run", source.path, fault)
+        final = os.path.join(target.path, "shards", os.path.basename(shard))
+        with Part(final, True) as unfinished, naming(final, unfinished):
+            shutil.copyfile(shard, unfinished)
+        copied += 1
+    return copied
+
+
+def _refuse_unlike(one: RunDirectory, other: RunDirectory) -> None:
+    """Raise FileError if two directories are not of the same run."""
+    apart = [key for key, value in one.facts.items() if other.facts[key] != value]
+    apart += [
+        name
+        for name in ("scene.toml", "columns.nc")
+        if content_of(one.path, name) != content_of(other.path, name)
+    ]
+    if apart:
+        rule = f"is of another run than {one.path}: {', '.join(apart)} differ"
+        raise FileError("", "run", other.path, rule)
+
+
+def consolidate(
+    path: Path, output: Path, force: bool = False, allow_code: bool = False
+) -> xr.Dataset:
+    """Write a whole run as one file, equal to that of a run to a file; FileError if shards are
+    missing."""
     directory, output = RunDirectory(path), os.fspath(output)
     refuse_existing(output, force)
-    *_, told, shown = planned(directory, allow_code)
+    run = planned(directory, allow_code)
     if (missing := directory.missing()).size:
-        raise FileError(
-            "",
-            "run",
-            directory.path,
-            f"{missing.size:,} of {directory.count:,} shards are missing: resume it first",
-        )
-    refuse_hopeless(told, shown, 1, output)
+        rule = f"{missing.size:,} of {directory.count:,} shards are missing: resume it first"
+        raise FileError("", "run", directory.path, rule)
+    refuse_hopeless(run.original, run.shown, 1, output)
     directory.refuse_strays()
-    more = directory.facts["attributes"]
-    writer, sums, pieces = (
-        Writer(output, told, shown, force, more),
-        dict[str, np.ndarray](),
-        list[dict[str, np.ndarray]](),
-    )
-    shards = directory.shards()
-    kept, sums_of, bad = (
-        [*member_variables(told, shown.carried), *saved_variables(told)],
-        ensemble_variables(told),
-        flagged_variables(told),
-    )
+    writer = Writer(output, run.original, run.shown, force, directory.facts["attributes"])
     try:
-        for i in range(directory.count):
-            members = directory.members(i)
-            if fault := fault_of(directory, i, shards[i]):
-                raise FileError(
-                    "",
-                    "run",
-                    directory.path,
-                    f"{fault}; `rigidmc resume --repair` computes it again",
-                )
-            writer.write(members.start, len(members), read(shards[i], *kept))
-            for name, values in (read(shards[i], *sums_of) if sums_of else {}).items():
-                sums[name] = sums.get(name, 0) + values
-            if bad and flagged_of(shards[i]):
-                pieces.append(read(shards[i], *bad))
-        writer.write_all({**sums, **joined(pieces)})
+        _write_shards(writer, directory, run)
         writer.finish()
     except BaseException:
         writer.discard()
@@ -124,127 +180,20 @@ def consolidate(path, output, force=False, allow_code=False):
     return open_trusted(output)
 
 
-def open_run(path, allow_code=False):
-    """A run as one Dataset of the members that are there, read from the shards when they are asked for: no file is opened now.
-
-    Needs dask, which comes with rigidmc[cluster]; without it `consolidate` makes one file. Histograms are sums over the shards.
-    """
-    import xarray as xr
-
-    try:
-        import dask.array as da
-    except ImportError as error:
-        rule = f"is read through dask: pip install 'rigidmc[cluster]', or consolidate it ({error})"
-        raise FileError("", "run", os.fspath(path), rule) from None
-    directory = RunDirectory(path)
-    *_, told, shown = planned(directory, allow_code)
-    directory.refuse_strays()
-    shards = {i: os.path.abspath(shard) for i, shard in directory.shards().items()}
-    if not shards:
-        raise FileError("", "run", directory.path, "no shard is there yet: resume it first")
-    if len(shards) < directory.count:
-        there = sum(len(directory.members(i)) for i in shards)
-        warnings.warn(
-            f"{directory.path}: {there:,} of {told.run.members:,} members are there",
-            SceneWarning,
-            stacklevel=3,
-        )
-    done = sorted(shards)
-    mark = hashlib.sha256("\n".join(shards.values()).encode()).hexdigest()[
-        :16
-    ]  # names tell contents: others are other arrays
-    ranges = [directory.members(i) for i in done]
-    counts = {"member": [len(r) for r in ranges], "flagged": [flagged_of(shards[i]) for i in done]}
-    each = {
-        **member_variables(told, shown.carried),
-        **saved_variables(told),
-        **flagged_variables(told),
-    }
-    variables = {}
-    for name, (dims, dtype, attrs) in each.items():
-        long = next(d for d in dims if d in counts)
-        sizes = tuple(tuple(counts[d]) if d in counts else (length(d, shown),) for d in dims)
-        label = f"{name}-{mark}"
-        if is_rounded(told, dims, dtype):
-            attrs = {**attrs, "significant_digits": told.run.digits}
-        graph = {
-            (label, *[j if d == long else 0 for d in dims]): (
-                _read,
-                shards[i],
-                directory.mark,
-                name,
-                ranges[j].start,
-                shape,
-                dtype,
-            )
-            if counts[long][j]
-            else (np.empty, shape, dtype)
-            for j, i in enumerate(done)
-            for shape in [[s[j] if d == long else s[0] for d, s in zip(dims, sizes, strict=True)]]
-        }
-        variables[name] = dims, da.Array(graph, label, sizes, np.dtype(dtype)), attrs
-    for name, (dims, dtype, attrs) in ensemble_variables(told).items():
-        size = [length(d, shown) for d in dims]
-        label = f"{name}-{mark}"
-        graph = {
-            (label, j, *[0] * len(size)): (
-                _read_one,
-                shards[i],
-                directory.mark,
-                name,
-                ranges[j].start,
-                size,
-                dtype,
-            )
-            for j, i in enumerate(done)
-        }
-        stacked = da.Array(graph, label, ((1,) * len(done), *((n,) for n in size)), np.dtype(dtype))
-        variables[name] = dims, stacked.sum(0, dtype=dtype), attrs
-    known = {
-        **coordinates(shown),
-        "member": (
-            ("member",),
-            np.concatenate([np.arange(r.start, r.stop) for r in ranges]),
-            coordinates(shown)["member"][2],
-        ),
-    }
-    made = xr.Dataset(
-        variables, known, {**attributes(told, shown), **directory.facts["attributes"]}
-    )
-    made.encoding["source"] = os.path.abspath(directory.path)
-    return made
-
-
-def _read(path, mark, name, first, shape, dtype):
-    """A variable of a shard, whose mark, first member, shape and type are checked."""
-    try:
-        refuse_unreadable(path)
-        found = read(path, "member", name, mark=mark)
-    except OSError as error:  # it is gone
-        raise FileError(
-            "", name, None, f"cannot be read: {error}; `rigidmc verify` tells more", file=path
-        ) from None
-    except (
-        FileError
-    ) as error:  # a chunk with a wrong checksum, a file that is not netCDF, a shard of another run
-        error.rule = f"cannot be read: {error.rule}; `rigidmc verify` tells more"
-        raise
-    values = found[name]
-    # of any shape: a hostile shard may have one number for all members
-    if found["member"].ravel()[:1].tolist() != [first] or (values.shape, values.dtype) != (
-        tuple(shape),
-        np.dtype(dtype),
-    ):
-        raise FileError(
-            "",
-            name,
-            None,
-            "has the members of another shard; `rigidmc verify` tells more",
-            file=path,
-        )
-    return values
-
-
-def _read_one(*shard):
-    """A variable of a shard, as one of a stack."""
-    return _read(*shard)[None]
+def _write_shards(writer: Writer, directory: RunDirectory, run: Ready) -> None:
+    """Write the shards of a whole run, and what is summed or joined over them."""
+    scene, plan, shards = run.original, run.shown, directory.shards()
+    by_member = [*member_variables(scene, plan.carried), *saved_variables(scene)]
+    summed, of_flagged = ensemble_variables(scene), flagged_variables(scene)
+    sums, pieces = dict[str, np.ndarray](), list[Arrays]()
+    for i in range(directory.count):
+        members = directory.members(i)
+        if fault := fault_of(directory, i, shards[i]):
+            rule = f"{fault}; `rigidmc resume --repair` computes it again"
+            raise FileError("", "run", directory.path, rule)
+        writer.write(members.start, len(members), read(shards[i], *by_member))
+        for name, values in (read(shards[i], *summed) if summed else {}).items():
+            sums[name] = sums.get(name, 0) + values
+        if of_flagged and flagged_of(shards[i]):
+            pieces.append(read(shards[i], *of_flagged))
+    writer.write_all({**sums, **joined(pieces)})

@@ -1,172 +1,110 @@
-"""The shards of a run directory: computed from its scene, and written in the order of their members by a thread of its own."""
+"""The shards of a run directory: computed from its scene, and written in the order of their members
+by one thread."""
 
 import contextlib
 import math
-import os
 import queue
 import threading
 import time
-from typing import Any
+from collections.abc import Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rigidmc.engine.layout import LANES
-from rigidmc.engine.machine import this_machine
-from rigidmc.errors import FileError, RigidmcError, SceneError
+from rigidmc.engine.program import Program
+from rigidmc.errors import RigidmcError
 from rigidmc.files.netcdf import read
-from rigidmc.files.reading import text_of
 from rigidmc.observables import rows_of
-from rigidmc.planning.plan import BLOCK, SLAB
-from rigidmc.planning.settle import settled
-from rigidmc.planning.units import told
+from rigidmc.planning.job import Job
+from rigidmc.planning.plan import BLOCK, SLAB, Plan
+from rigidmc.progress import Progress
 from rigidmc.runs.blocks import compute
-from rigidmc.scene.file import loads
-from rigidmc.storage.run_directory import damaged, flagged_of, hash_of, hash_of_file
+from rigidmc.runs.reopen import Ready
+from rigidmc.scene.scene import Scene
+from rigidmc.storage.run_directory import RunDirectory, damaged, flagged_of
 from rigidmc.storage.schema import bytes_of_a_member
-from rigidmc.storage.sinks import Memory, buffer
+from rigidmc.storage.sinks import Arrays, Memory, Place, buffer
 from rigidmc.storage.writer import Writer
 
 SHARD = 64 * 2**20  # bytes of a shard: a thousand of them are 67 GB
 
+Numbers = Sequence[int] | NDArray[np.int64]  # of shards
 
-def members_of(scene, plan, size=SHARD):
-    """(members of a block, members of a shard) of a run whose shards are to have about `size` bytes; neither depends on threads."""
+
+def members_of(scene: Scene, plan: Plan, size: float = SHARD) -> tuple[int, int]:
+    """(members of a block, members of a shard) of a run with shards of about `size` bytes; neither
+    depends on the number of threads."""
     values = 8 * max(1, rows_of(scene.effects, *scene.recorded())) * plan.times.size
     block = min(BLOCK, max(LANES, SLAB // values // LANES * LANES))
     return block, block * max(1, int(size / sum(bytes_of_a_member(scene, plan)) / block))
 
 
-def scene_in(folder, facts, allow_code):
-    """The scene that lies in a folder, with its columns."""
-    stored: Any = None
-    name = os.path.join(folder, "scene.toml")
-    if facts["columns"]:
-        file = os.path.join(folder, "columns.nc")
-        if not os.path.isfile(file) or hash_of_file(file) != facts["columns"]:
-            raise FileError(
-                "",
-                "columns.nc",
-                None,
-                "is not what was written: the rows of the members are gone",
-                file=folder,
-            )
-        kept = read(file)
+def memory_of_shards(scene: Scene, plan: Plan, shard: int, threads: int) -> int:
+    """Bytes of the shards that are in memory at once: shards being filled, one queued, and one
+    being written, which is held twice.
 
-        stored = kept.get
-    return loads(text_of(name), name, stored=stored, allow_code=allow_code)
+    shard : members of a shard
+    """
+    filled = math.ceil((threads + 2) * plan.block / shard)
+    return (4 + filled) * shard * sum(bytes_of_a_member(scene, plan))
 
 
-def scene_of_run(directory, allow_code=False):
-    """The scene of a run; FileError where scene.toml is no longer the one that it was started with."""
-    facts = directory.facts
-    if allow_code and (
-        other := [
-            name
-            for name, known in facts["code"].items()
-            if not os.path.isfile(name) or hash_of_file(name) != known
-        ]
-    ):
-        raise FileError(
-            "",
-            "code",
-            ", ".join(other),
-            "is not the file that the run was started with",
-            file=directory.path,
-        )
-    scene = scene_in(directory.path, facts, allow_code)
-    if hash_of(scene) != facts["scene"]:
-        rule = (
-            "is not the scene that the run was started with; what is there was computed with that"
-        )
-        raise FileError("", "scene.toml", None, rule, file=directory.path)
-    return scene.with_run(members=facts["members"], first=facts["first"])
-
-
-def planned(directory, allow_code=False, threads=1, block=None):
-    """(scene, plan, units, and scene and plan in the units of the user) of a run."""
-    scene, plan, units, _ = settled(
-        scene_of_run(directory, allow_code), threads, True, block or directory.facts["block"]
-    )
-    if directory.facts["shard"] % plan.block:
-        raise SceneError(
-            "run",
-            "block",
-            plan.block,
-            f"has to divide the {directory.facts['shard']:,} members of a shard",
-        )
-    return scene, plan, units, *told(scene, plan, units)
-
-
-def memory_of_shards(scene, plan, shard, threads):
-    """Bytes of the shards that are there at once: those that blocks on their way are of, one that waits and one that is written, twice."""
-    return (
-        (4 + math.ceil((threads + 2) * plan.block / shard))
-        * shard
-        * sum(bytes_of_a_member(scene, plan))
-    )
-
-
-def fault_of(directory, i, path):
-    """In words, what is wrong with a shard as such, "" for nothing: its sum, its run, its members, how many of them are flagged."""
+def fault_of(directory: RunDirectory, i: int, path: str) -> str:
+    """What is wrong with shard i, in words, "" if nothing is: its checksum, its run, its members,
+    or how many of them are flagged."""
     if damaged(path):
         return f"{path}: is not what was written: its sum is not that of its name"
+    members = directory.members(i)
     try:
-        found, members = read(path, "member", "status", mark=directory.mark), directory.members(i)
+        shard = read(path, "member", "status", mark=directory.mark)
     except RigidmcError as error:
         return str(error)
+    shape = (len(members),)
     if (
-        found["member"].shape != (len(members),)
-        or found["status"].shape != (len(members),)
-        or found["member"][0] != members[0]
+        shard["member"].shape != shape
+        or shard["status"].shape != shape
+        or shard["member"][0] != members[0]
     ):
-        return f"{path}: is no shard {i} of this run: its members are others"
-    count = np.count_nonzero(found["status"])
+        return f"{path}: is not shard {i} of this run: it has other members"
+    count = np.count_nonzero(shard["status"])
     if count != flagged_of(path):
         return f"{path}: its name says {flagged_of(path):,} flagged members, its content {count:,}"
     return ""
 
 
-def refuse_others(directory, accept):
-    """FileError where this machine is another than that of the run."""
-    known = directory.facts["versions"]
-    versions, _ = this_machine(*["scipy"] * ("scipy" in known))
-    other = [
-        f"{name} {known.get(name)} there, {here} here"
-        for name, here in versions.items()
-        if known.get(name) != here
-    ]
-    if other and not accept:
-        rule = f"was started with others: {'; '.join(other)}. Bits of new members may differ from those of old ones; --accept takes that"
-        raise FileError("", "run", directory.path, rule)
+def compute_shards(
+    directory: RunDirectory,
+    run: Ready,
+    program: Program | None,
+    numbers: Numbers,
+    threads: int,
+    progress: Progress = False,
+    stop: float | None = None,
+) -> dict[str, int]:
+    """Compute the shards of these numbers; {status: members}.
 
-
-def compute_shards(directory, parts, program, which, threads, progress=False, stop=None):
-    """Compute some shards of a run that is `planned`, none that would not be done by `stop`; {status: members}."""
-    scene, plan, units, *shown = parts
+    stop : time limit on the clock of time.monotonic(); no shard begins that would end later
+    """
+    plan = run.plan
     started, begun = time.monotonic(), 0
-    each, count = directory.facts["shard"] // plan.block, math.ceil(plan.members / plan.block)
+    size = directory.facts["shard"] // plan.block  # blocks of a shard
+    count = math.ceil(plan.members / plan.block)
 
-    def blocks():
+    def blocks() -> Iterator[int]:
         nonlocal begun
-        for i in map(int, which):
+        for i in map(int, numbers):
             took = (time.monotonic() - started) / sink.written if sink.written else 0.0
             if stop is not None and time.monotonic() + took * (begun - sink.written + 1) > stop:
                 return
             begun += 1
-            yield from range(i * each, min((i + 1) * each, count))
+            yield from range(i * size, min((i + 1) * size, count))
 
-    sink = Shards(directory, *shown)
+    sink = Shards(directory, run.original, run.shown)
+    members = directory.members_of(numbers)
     try:
         flagged = compute(
-            scene,
-            plan,
-            program,
-            threads,
-            sink,
-            progress,
-            units,
-            blocks(),
-            directory.members_of(which),
+            run.scene, plan, program, threads, sink, progress, run.units, blocks(), members
         )
         sink.finish()
     except BaseException:
@@ -176,58 +114,63 @@ def compute_shards(directory, parts, program, which, threads, progress=False, st
 
 
 class Shards:
-    """Collects blocks to shards of a run directory, which a thread of its own writes; what is written depends on no order, thread or block that
-    came first. Of a block only what is kept waits for the disk: its memory is at once that of the next.
+    """Collects blocks to shards of a run directory, which one thread writes.
+
+    The files do not depend on threads, blocks or their order. Only the kept values of a block wait
+    for the disk; its memory serves the next block at once.
 
     directory : RunDirectory, whose lock this process holds;  plan : of the whole run
     """
 
-    def __init__(self, directory, scene, plan):
+    def __init__(self, directory: RunDirectory, scene: Scene, plan: Plan) -> None:
         self.directory, self.scene, self.plan = directory, scene, plan
-        self._queue: queue.Queue = queue.Queue(
-            1
-        )  # where a disk is slower than that, those that compute wait: memory does not grow
-        self._open: dict[int, tuple] = {}  # shard -> (what of it is there, [how many members])
+        # one place: if the disk is slow, the computing threads wait and memory does not grow
+        self._queue: queue.Queue[tuple[int, Memory] | None] = queue.Queue(1)
+        self._open: dict[int, Memory] = {}  # shards that are being filled
+        self._filled: dict[int, int] = {}  # how many of their members are there
         self._error: BaseException | None = None
         self.written = 0
         self._dropped = False
         self._thread = threading.Thread(target=self._work, name="rigidmc-writer", daemon=True)
         self._thread.start()
 
-    def room(self, low, count):
+    def room(self, low: int, count: int) -> Place:
+        """The place for the values of `count` members."""
         return buffer(self.scene, self.plan, count)
 
-    def take(self, job, results):
+    def take(self, job: Job, results: Arrays) -> None:
+        """Add a finished block to its shard; a whole shard goes to the writing thread."""
         facts = self.directory.facts
         i = (job.first - facts["first"]) // facts["shard"]
         members = self.directory.members(i)
         if i not in self._open:
-            part = self.plan._replace(
+            plan = self.plan._replace(
                 first=members.start, members=len(members), block=facts["block"]
             )
-            self._open[i] = Memory(self.scene, part, {}, False), [0]
-        part, done = self._open[i]
-        part.take(job, results)
-        done[0] += job.size
-        if done[0] == len(members):
-            del self._open[i]
-            self._put((i, part))
+            self._open[i], self._filled[i] = Memory(self.scene, plan, {}, False), 0
+        self._open[i].take(job, results)
+        self._filled[i] += job.size
+        if self._filled[i] == len(members):
+            del self._filled[i]
+            self._put((i, self._open.pop(i)))
 
-    def _put(self, item):
-        """Hand something to the thread that writes; what went wrong there is raised here, where else one might wait for it forever."""
+    def _put(self, item: tuple[int, Memory] | None) -> None:
+        """Hand a shard to the writing thread. An error of that thread is raised here, because the
+        queue would stay full for ever."""
         while self._error is None:
             with contextlib.suppress(queue.Full):
                 return self._queue.put(item, timeout=0.2)
         raise self._error
 
-    def finish(self):
+    def finish(self) -> None:
+        """Wait until all shards are written."""
         self._put(None)
         self._thread.join()
         if self._error is not None:
             raise self._error
 
-    def discard(self):
-        """Drop what is not whole; shards that are stay."""
+    def discard(self) -> None:
+        """Drop the shards that are not written yet."""
         self._dropped = True
         while self._thread.is_alive():
             with contextlib.suppress(queue.Full):
@@ -235,26 +178,28 @@ class Shards:
             self._thread.join(0.05)
         self._open.clear()
 
-    def _work(self):
+    def _work(self) -> None:
         try:
             while (item := self._queue.get()) is not None and not self._dropped:
                 self._write(*item)
-                del item  # it waits for the next with the memory of none
-        except BaseException as error:  # told by the thread that computes
+                del item  # frees the memory of this shard before the wait for the next
+        except BaseException as error:  # raised again by the computing thread
             self._error = error
 
-    def _write(self, i, part):
-        """All at once and in one order: no byte depends on which block came first, and it takes half the time."""
-        values, bad = part.values(), int(np.count_nonzero(part.arrays["status"]))
-        path, named = self.directory.temporary(i), lambda file: self.directory.named(i, bad, file)
-        writer = Writer(
-            path, self.scene, part.plan, force=True, attrs={"run": self.directory.mark}, named=named
-        )
+    def _write(self, i: int, shard: Memory) -> None:
+        """Write a shard at once and in one order: its bytes do not depend on the order of blocks,
+        and it takes half the time."""
+        values, flagged = shard.values(), int(np.count_nonzero(shard.arrays["status"]))
+
+        def named(file: str) -> str:
+            return self.directory.named(i, flagged, file)
+
+        path, attrs = self.directory.temporary(i), {"run": self.directory.mark}
+        writer = Writer(path, self.scene, shard.plan, force=True, attrs=attrs, named=named)
         try:
             by_member = [name for name, v in writer.variables.items() if "member" in v.dims]
-            writer.write(
-                part.plan.first, part.plan.members, {name: values[name] for name in by_member}
-            )
+            first, count = shard.plan.first, shard.plan.members
+            writer.write(first, count, {name: values[name] for name in by_member})
             writer.write_all({name: v for name, v in values.items() if name not in by_member})
             writer.finish()
             self.written += 1

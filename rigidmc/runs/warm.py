@@ -1,4 +1,5 @@
-"""Code compiled before it is needed: what a scene runs, by its own integrator or by all of them, lies in the disk cache afterwards."""
+"""Code compiled before it is needed: for a scene's integrator, or for all that take the scene. It
+is kept in the disk cache."""
 
 import time
 from typing import NamedTuple
@@ -13,47 +14,50 @@ from rigidmc.planning.job import program_of
 from rigidmc.planning.settle import settled
 from rigidmc.planning.stage import stage
 from rigidmc.progress import announcing
+from rigidmc.scene.scene import Scene
 
 
 class Warmed(NamedTuple):
     """What was compiled for an integrator.
 
-    seconds : that it took;  compiled : labels of what was compiled, none if all was there;  skipped : why nothing could be, "" if it could
+    seconds : that it took
+    compiled : labels of what was compiled, () if everything was in the cache
+    skipped : why nothing can be compiled, "" if it can
     """
 
     integrator: str
     seconds: float
-    compiled: tuple
+    compiled: tuple[str, ...]
     skipped: str
 
 
-def warm(scene, all_integrators=False, progress=False):
-    """Compile what a run of a scene needs; a list of `Warmed`, one for each integrator.
+def warm(scene: Scene, all_integrators: bool = False, progress: bool = False) -> list[Warmed]:
+    """Compile what a run of a scene needs; one `Warmed` for each integrator.
 
-    all_integrators : also for those that the scene does not ask for; the ones that cannot run it are skipped
+    all_integrators : also for the integrators that the scene does not name; those that cannot run
+        it are skipped
     progress : True for a line before anything is compiled
 
     Raises SceneError for a scene that cannot be run as it is.
     """
     with announcing(progress):
-        found = [_warmed(scene)]
+        results = [_warmed(scene)]
         for name in INTEGRATORS if all_integrators else ():
             if name == scene.run.integrator:
                 continue
             try:
-                found.append(_warmed(scene.with_run(integrator=name)))
+                results.append(_warmed(scene.with_run(integrator=name)))
             except RigidmcError as error:
-                found.append(Warmed(name, 0.0, (), error.rule))
-    return found
+                results.append(Warmed(name, 0.0, (), error.rule))
+    return results
 
 
-def _warmed(scene):
+def _warmed(scene: Scene) -> Warmed:
     began, name, before = time.perf_counter(), scene.run.integrator, len(compiled)
     scene, plan, *_ = settled(scene)
-    if own := [name_of(e) for e in scene.effects if type(e) not in EFFECTS.values()]:
-        return Warmed(
-            name, 0.0, (), f"{', '.join(own)}: effects of your own are compiled in every process"
-        )
+    if user := [name_of(e) for e in scene.effects if type(e) not in EFFECTS.values()]:
+        rule = f"{', '.join(user)}: effects of your own are compiled in every process"
+        return Warmed(name, 0.0, (), rule)
     if plan.form is None:
         block, start = stage(scene, plan.first, whole_lanes(1), plan.carried, None, plan.watch.rows)
         closed_values(scene, block, start, plan.times[:2], plan.dt)

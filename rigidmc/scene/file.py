@@ -117,19 +117,23 @@ def _run(table: dict[str, Any], overridden: set[str], of_result: bool) -> Run:
 
 
 def scene_of(
-    source: "str | xr.Dataset", settings: Settings = (), allow_code: bool | None = False
+    source: "str | os.PathLike[str] | xr.Dataset",
+    settings: Settings = (),
+    allow_code: bool | None = False,
 ) -> Scene:
     """The scene of a result, which is a Dataset or the path of a netCDF file.
 
     A scene with one row per member gets these rows from the result. `settings` and `allow_code` are
     as for `load`.
     """
-    from rigidmc.files.netcdf import open_undecoded  # netCDF4 and xarray, half a second
+    import xarray as xr  # with netCDF4 half a second
+
+    from rigidmc.files.netcdf import open_undecoded
     from rigidmc.scene.stored import scene_text, stored_rows
 
-    if isinstance(source, str):
+    if not isinstance(source, xr.Dataset):
         # by xarray: netCDF4 1.7.5 crashes when it opens once more what xarray has open
-        with open_undecoded(source) as dataset:
+        with open_undecoded(os.fspath(source)) as dataset:
             return scene_of(dataset, settings, allow_code)
     file = source.encoding.get("source", "result")
     rows = stored_rows(source, file)

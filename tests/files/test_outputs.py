@@ -27,6 +27,7 @@ from rigidmc.errors import NoRoom, OutputExists
 from rigidmc.files import outputs
 from rigidmc.files.netcdf import alone
 from rigidmc.runs import blocks, resume
+from rigidmc.runs.create import create
 from rigidmc.studies import accuracy, trust
 from rigidmc.studies.stress import run as hard_cases
 from rigidmc.views import animation, studies
@@ -235,7 +236,7 @@ def test_files_respect_the_umask_and_short_shards_are_deleted_durably(tmp_path):
     known = os.umask(0o027)
     try:
         with patch.object(os, "umask", side_effect=AssertionError):
-            resume.create(SCENE, tmp_path / "run", 100_000)
+            create(SCENE, tmp_path / "run", 100_000)
     finally:
         os.umask(known)
     assert stat.S_IMODE((tmp_path / "run").stat().st_mode) == 0o750
@@ -273,7 +274,7 @@ def test_a_run_without_disk_space_does_not_begin(tmp_path):
 
     words = "run", "nasa_brick", "-o", f"{tmp_path}/run/"
     with (
-        patch.object(resume, "refuse_hopeless", hopeless),
+        patch("rigidmc.runs.create.refuse_hopeless", hopeless),
         patch.object(resume, "resume", side_effect=AssertionError),
     ):
         for more in (["--threads", 7], ["--cluster", "local:9"]):

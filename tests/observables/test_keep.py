@@ -1,6 +1,10 @@
 """How much of the saved values is kept, and what a run needs against the free memory and disk."""
 
+from types import SimpleNamespace
+from unittest.mock import patch
+
 import numpy as np
+import psutil
 import pytest
 from typer.testing import CliRunner
 
@@ -9,6 +13,7 @@ from rigidmc.cli import app
 from rigidmc.errors import NoRoom, SceneError
 from rigidmc.files.netcdf import read
 from rigidmc.runs import capacity, gather, resume
+from rigidmc.runs.create import create
 from tests.runs.test_resume import SCENE as OTHER
 
 SCENE = OTHER.with_run(every=0.1, turn_limit=0.051, save=("omega", "flips", "omega_max"))
@@ -49,7 +54,7 @@ def test_flagged_members_are_kept_in_full(full, tmp_path, keep):
         alike(file, ds)
         assert rm.rerun(file, 7).attrs["rerun"].startswith("equal to the bit")
         assert "members to 2 s" in file.rigid.summary()
-    resume.create(SCENE.with_run(keep=keep), tmp_path / "run", 40_000)
+    create(SCENE.with_run(keep=keep), tmp_path / "run", 40_000)
     resume.resume(tmp_path / "run")
     alike(rm.open(tmp_path / "run"), ds)
     for words in (["summary"], ["rerun", "--member", "5"], ["plot", "-o", f"{tmp_path}/a.png"]):
@@ -123,7 +128,7 @@ def test_a_run_beyond_memory_or_disk_is_refused(tmp_path, monkeypatch):
     with pytest.raises(NoRoom, match="--keep final"):
         rm.simulate(big, output=tmp_path / "one.nc")
     with pytest.raises(NoRoom, match="--keep final"):
-        resume.create(big, tmp_path / "run")
+        create(big, tmp_path / "run")
     monkeypatch.setattr(capacity, "free_memory", lambda: 1000)
     monkeypatch.setattr(capacity, "LITTLE", 0)
     with pytest.raises(NoRoom, match="run fewer members"):
@@ -164,12 +169,18 @@ def test_free_memory_is_what_the_narrowest_group_allows(tmp_path, monkeypatch):
         )
         == []
     )
-    assert capacity.free_memory() is None or capacity.free_memory() > 0
+    assert 0 < capacity.free_memory() <= psutil.virtual_memory().total
     asked = []
     monkeypatch.setattr(capacity, "_allowed", lambda *given: asked.append(given) or [1])
     assert capacity.free_memory() == 1 or not asked
     # a list of names, not the letters of one
     assert all(isinstance(given[4], tuple) and len(given[4]) == 2 for given in asked)
+    # Windows and macOS have no control groups
+    monkeypatch.setattr(capacity, "_free_in_groups", list)
+    with patch.object(psutil, "virtual_memory", lambda: SimpleNamespace(available=12345)):
+        assert capacity.free_memory() == 12345
+    with patch.object(psutil, "virtual_memory", side_effect=FileNotFoundError):
+        assert capacity.free_memory() is None
 
 
 def test_one_bad_member_of_a_million():

@@ -27,6 +27,8 @@ from rigidmc.errors import FileError, NoRoom, OptionError, OutputExists, SceneWa
 from rigidmc.files.netcdf import read
 from rigidmc.files.outputs import Part, content_of
 from rigidmc.runs import cluster, gather, resume
+from rigidmc.runs.create import create
+from rigidmc.runs.open import open_run
 from rigidmc.storage import run_directory
 from rigidmc.storage.run_directory import RunDirectory
 from rigidmc.storage.run_facts import rendered
@@ -61,7 +63,7 @@ def started(path, **run):
     """A run directory of the scene, nothing computed; blocks of 32 members, so that their order can
     go wrong.
     """
-    resume.create(SCENE.with_run(**run), path, SIZE)
+    create(SCENE.with_run(**run), path, SIZE)
     changed(path, block=32, shard=192)
     return RunDirectory(path)
 
@@ -145,7 +147,7 @@ def test_a_run_is_opened_without_reading_it(whole, tmp_path):
 
 def test_histograms_are_summed(tmp_path):
     scene = SCENE.with_run(save=("omega", HISTOGRAM))
-    directory = resume.create(scene, tmp_path / "run", SIZE)
+    directory = create(scene, tmp_path / "run", SIZE)
     resume.resume(directory.path)
     assert np.array_equal(
         rm.open(directory.path).histogram.values, rm.simulate(scene).histogram.values
@@ -175,7 +177,7 @@ def test_damage_is_found_and_computed_again(whole, tmp_path):
             path.write_bytes(data)
         else:
             assert path.name in gather.verify(tmp_path / "run", spot=0)[0]
-            assert resume.repair(tmp_path / "run") == 1 and resume.resume(tmp_path / "run")[1][
+            assert gather.repair(tmp_path / "run") == 1 and resume.resume(tmp_path / "run")[1][
                 "ok"
             ] in (40, 192)
         assert sums(tmp_path / "run") == sums(whole)
@@ -205,6 +207,7 @@ BESIDE = """
 import gc, sys, threading
 import rigidmc as rm
 from rigidmc.runs import gather, resume
+from rigidmc.runs.create import create
 from rigidmc.scene.file import load
 from rigidmc.storage import run_directory
 folder, run = sys.argv[1], dict(members=60000, t_end=1.0, every=0.5, save=("omega",))
@@ -212,7 +215,7 @@ scene = load("tennis_racket").with_run(**run)
 for i in range(60):
     rm.simulate(scene, members=50, output=f"{folder}/{i}.nc").close()
 kept = [rm.open(f"{folder}/{i}.nc") for i in range(60)]
-resume.create(scene, f"{folder}/run", 100_000)
+create(scene, f"{folder}/run", 100_000)
 run = threading.Thread(target=resume.resume, args=(f"{folder}/run", 2))
 run.start()
 while run.is_alive():
@@ -323,7 +326,7 @@ def test_a_run_with_other_inputs_is_refused(whole, tmp_path):
     with pytest.raises(FileError, match="is not the scene"):
         resume.resume(tmp_path / "run", accept=True)
     with pytest.raises(OutputExists, match="resume"):
-        resume.create(SCENE, tmp_path / "run")
+        create(SCENE, tmp_path / "run")
     with pytest.raises(FileError, match="no run directory"):
         resume.resume(tmp_path)
     for text in (
@@ -352,10 +355,10 @@ def test_a_run_changed_by_another_process_is_refused(whole, tmp_path):
     resume.extend(tmp_path / "run", 2 * MEMBERS)
     resume.resume(tmp_path / "run")
     with (
-        patch.object(resume, "RunDirectory", lambda path: early),
+        patch.object(gather, "RunDirectory", lambda path: early),
         pytest.raises(OutputExists, match="changed by another"),
     ):
-        resume.repair(tmp_path / "run")  # to which the new shards are none
+        gather.repair(tmp_path / "run")  # to which the new shards are none
     assert run_directory.status(tmp_path / "run")["members_done"] == 2 * MEMBERS
 
 
@@ -388,7 +391,7 @@ def test_links_lead_nowhere(whole, tmp_path):
     started(tmp_path / "run")
     (tmp_path / "run" / "shards").rmdir()
     (tmp_path / "run" / "shards").symlink_to(whole / "shards")
-    for use in (resume.repair, resume.resume, rm.open):
+    for use in (gather.repair, resume.resume, rm.open):
         with pytest.raises(FileError, match="is a link"):
             use(tmp_path / "run")
     (tmp_path / "run" / "shards").unlink()
@@ -398,7 +401,7 @@ def test_links_lead_nowhere(whole, tmp_path):
         "strays": 1,
         "done": 0,
     } == run_directory.status(tmp_path / "run")
-    assert resume.repair(tmp_path / "run") == 1
+    assert gather.repair(tmp_path / "run") == 1
 
 
 def test_a_run_whose_reader_has_gone_goes_on(tmp_path):
@@ -457,17 +460,17 @@ def test_the_parts_of_a_job_array_are_one_run(whole, tmp_path):
         started(part)
         resume.resume(part, only=range(2 * k, 2 * k + 2))
     assert (
-        resume.merge(tmp_path / "all", parts[:2])[1] == 4
-        and resume.merge(tmp_path / "all", parts)[1] == 2
+        gather.merge(tmp_path / "all", parts[:2])[1] == 4
+        and gather.merge(tmp_path / "all", parts)[1] == 2
     )
     assert sums(tmp_path / "all") == sums(whole) and gather.verify(tmp_path / "all") == []
     started(tmp_path / "other", seed=5)
     with pytest.raises(FileError, match="seed"):
-        resume.merge(tmp_path / "all", [tmp_path / "other"])
+        gather.merge(tmp_path / "all", [tmp_path / "other"])
     shard = min((parts[0] / "shards").iterdir())
     shard.write_bytes(shard.read_bytes()[:-1])
     with pytest.raises(FileError, match="its sum"):
-        resume.merge(tmp_path / "new", parts)
+        gather.merge(tmp_path / "new", parts)
 
 
 def test_rows_of_their_own_go_with_the_run(tmp_path):
@@ -476,7 +479,7 @@ def test_rows_of_their_own_go_with_the_run(tmp_path):
     scene = rm.Scene(
         rm.Body.from_moments((some.uniform(1.0, 1.2, MEMBERS), 2.0, 3.0)), start=start
     ).with_run(**SCENE.run.model_dump(exclude={"turn"}))
-    directory = resume.create(scene.with_run(members=600), tmp_path / "run", SIZE)
+    directory = create(scene.with_run(members=600), tmp_path / "run", SIZE)
     resume.resume(directory)
     resume.extend(directory.path, MEMBERS)
     resume.resume(directory.path)
@@ -495,15 +498,15 @@ def test_rows_of_their_own_go_with_the_run(tmp_path):
 
 def test_a_run_killed_before_it_began_leaves_nothing(tmp_path):
     with (
-        patch.object(resume, "rendered", side_effect=KeyboardInterrupt),
+        patch("rigidmc.runs.create.rendered", side_effect=KeyboardInterrupt),
         pytest.raises(KeyboardInterrupt),
     ):
-        resume.create(SCENE, tmp_path / "run")
+        create(SCENE, tmp_path / "run")
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "scene.toml").write_text("mine")
     with pytest.raises(OutputExists):
-        resume.create(SCENE, tmp_path / "mine")
+        create(SCENE, tmp_path / "mine")
     assert (tmp_path / "mine" / "scene.toml").read_text() == "mine"
 
 
@@ -561,8 +564,8 @@ def test_shards_are_those_of_their_numbers(whole, tmp_path):
             gather.consolidate(path, tmp_path / "one.nc")
         if spoil is not misnamed:
             with pytest.raises(FileError):
-                gather.open_run(path).load()
-        assert resume.repair(path) >= 1
+                open_run(path).load()
+        assert gather.repair(path) >= 1
         resume.resume(path)
         assert sums(path) == sums(whole) and gather.verify(path, spot=0) == []
     beyond(path)
@@ -584,7 +587,7 @@ def test_a_shard_of_another_run_is_refused(whole, tmp_path):
     for use in (
         opened.load,
         lambda: gather.consolidate(tmp_path / "run", tmp_path / "one.nc"),
-        lambda: resume.merge(tmp_path / "new", [tmp_path / "run"]),
+        lambda: gather.merge(tmp_path / "new", [tmp_path / "run"]),
     ):
         with pytest.raises(FileError, match="another run"):
             use()
@@ -623,16 +626,16 @@ def journal(path):
 def test_bad_arguments(whole, tmp_path):
     scene = SCENE.with_run(members=100)
     for bad in (
-        lambda: resume.create(scene, tmp_path / "run", 0),
-        lambda: resume.create(scene, tmp_path / "run", math.nan),
-        lambda: resume.create(scene, tmp_path / "run", only=range(7, 9)),
+        lambda: create(scene, tmp_path / "run", 0),
+        lambda: create(scene, tmp_path / "run", math.nan),
+        lambda: create(scene, tmp_path / "run", only=range(7, 9)),
         lambda: resume.resume(whole, only=1), lambda: resume.resume(whole, threads=-1),
         lambda: resume.resume(whole, threads=0), lambda: resume.resume(whole, block=0),
         lambda: resume.resume(whole, max_wall="soon"),
         lambda: resume.resume(whole, max_wall=math.nan), lambda: resume.extend(whole, 6000.5),
         lambda: resume.extend(whole, "9000"),
-        lambda: gather.verify(whole, spot=-1), lambda: resume.merge(tmp_path / "new", []),
-        lambda: resume.merge(tmp_path / "new", str(whole)),
+        lambda: gather.verify(whole, spot=-1), lambda: gather.merge(tmp_path / "new", []),
+        lambda: gather.merge(tmp_path / "new", str(whole)),
     ):  # fmt: skip
         with pytest.raises(OptionError):
             bad()
@@ -641,7 +644,7 @@ def test_bad_arguments(whole, tmp_path):
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "empty").mkdir()
     os.symlink(tmp_path / "empty", tmp_path / "link")
-    assert resume.create(scene, tmp_path / "link").path == str(tmp_path / "empty")
+    assert create(scene, tmp_path / "link").path == str(tmp_path / "empty")
     invoke = CliRunner().invoke
     assert (
         invoke(app, ["run", "tennis_racket", "-o", f"{tmp_path}/x/", "--shards", "90:99"]).exit_code
@@ -750,9 +753,7 @@ def test_the_process_that_ends_a_run_reports_flagged_members(tmp_path):
 
 def test_nothing_saved_over_time_and_notes(tmp_path):
     with pytest.warns(SceneWarning, match="dt reduced"):
-        directory = resume.create(
-            SCENE.with_run(save=("flips", "omega_max"), dt=0.06), tmp_path / "run"
-        )
+        directory = create(SCENE.with_run(save=("flips", "omega_max"), dt=0.06), tmp_path / "run")
     resume.resume(directory)
     assert rm.open(directory.path).omega_max.shape == (3, MEMBERS)
 

@@ -22,6 +22,7 @@ from rigidmc.files.outputs import Part
 from rigidmc.files.reading import DEPTH, toml
 from rigidmc.files.trial import refuse_unreadable
 from rigidmc.runs import resume
+from rigidmc.runs.create import create
 from rigidmc.storage import run_directory
 from rigidmc.storage.run_directory import RunDirectory
 from rigidmc.storage.run_facts import rendered
@@ -62,7 +63,7 @@ def result(tmp_path_factory):
 
 @pytest.fixture
 def directory(tmp_path):
-    return RunDirectory(resume.create(SCENE.with_run(members=40, **RUN), tmp_path / "run").path)
+    return RunDirectory(create(SCENE.with_run(members=40, **RUN), tmp_path / "run").path)
 
 
 def changed(result, path, change):

@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 import rigidmc
 from rigidmc.cli import app
 from rigidmc.engine.cache import cache_folder
-from rigidmc.runs import resume
+from rigidmc.runs.create import create
 from rigidmc.scene.shipped import read_source, shipped
 from tests.runs.test_resume import SCENE
 
@@ -114,7 +114,7 @@ def test_a_torn_scene_is_one_message(tmp_path_factory, name, at, more):
 
 @pytest.fixture(scope="module")
 def directory(tmp_path_factory):
-    return pathlib.Path(resume.create(SCENE, tmp_path_factory.mktemp("bad") / "run", 40_000).path)
+    return pathlib.Path(create(SCENE, tmp_path_factory.mktemp("bad") / "run", 40_000).path)
 
 
 @settings(deadline=None, suppress_health_check=list(HealthCheck))

@@ -12,6 +12,7 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.runs import gather, resume
+from rigidmc.runs.create import create
 from tests import random_scenes
 from tests.random_scenes import QUICK
 
@@ -70,7 +71,7 @@ def everywhere(scene, folder, cluster=None):
     with quiet(rm.simulate, scene, output=folder / "one.nc", block=64) as file:
         found["file"] = unlike(memory, file)
     path = folder / "run"
-    quiet(resume.create, scene, path, 1e3)
+    quiet(create, scene, path, 1e3)
     quiet(resume.resume, path, threads=2, cluster=cluster)
     with (
         quiet(rm.open, path) as directory,

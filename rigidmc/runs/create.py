@@ -1,0 +1,189 @@
+"""A new run directory for a scene: scene.toml, columns.nc and run.json, and no shard yet."""
+
+import contextlib
+import errno
+import math
+import os
+import tomllib
+import warnings
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from rigidmc.effects import EFFECTS
+from rigidmc.effects.own import source_of
+from rigidmc.engine.machine import this_machine, threads_available
+from rigidmc.errors import OptionError, OutputExists, SceneWarning
+from rigidmc.files.locks import refuse_lockless
+from rigidmc.files.outputs import (
+    Path,
+    folder_beside,
+    make_durable,
+    refuse_unwritable,
+    write_bytes,
+)
+from rigidmc.planning.notes import notes
+from rigidmc.planning.plan import BLOCK
+from rigidmc.planning.stage import stage
+from rigidmc.runs.capacity import refuse_hopeless
+from rigidmc.runs.reopen import Ready, ready, scene_in
+from rigidmc.runs.shards import SHARD, members_of, memory_of_shards
+from rigidmc.scene.quantities import rows
+from rigidmc.scene.scene import Scene
+from rigidmc.storage.run_directory import RunDirectory, hash_of, hash_of_file
+from rigidmc.storage.run_facts import FORMAT, MOST, rendered
+from rigidmc.storage.schema import attributes
+from rigidmc.storage.sinks import Arrays
+from rigidmc.storage.writer import write_columns
+
+
+def create(
+    scene: Scene,
+    path: Path,
+    size: float = SHARD,
+    only: range | None = None,
+    threads: int | None = None,
+) -> RunDirectory:
+    """Make a run directory for a scene.
+
+    size : approximate bytes of a shard, which has at least one block of members
+    only : the range of shards that will be computed
+    threads : how many will compute, which decides how much memory is needed
+
+    Raises OutputExists if the folder contains anything, OptionError if the run has no shard in
+    `only`, NoRoom if memory or disk is too small.
+    """
+    if not isinstance(size, (int, float)) or not 0.0 < size < math.inf:
+        raise OptionError("", "size", size, "expected the bytes of a shard")
+    path = place_of(path)
+    if not is_free(path):
+        hint = ""
+        if os.path.isfile(os.path.join(path, "run.json")):
+            hint = "; `rigidmc resume` goes on with it"
+        raise OutputExists(f"{path} exists; nothing was written{hint}")
+    refuse_unusable(path)
+    if scene.run.points == "latin_hypercube" and scene.run.strata is None:
+        scene = scene.with_run(strata=scene.run.first + scene.run.members)
+    run = ready(scene)
+    for note in notes(scene, run.plan, run.units):
+        warnings.warn(note, SceneWarning, stacklevel=2)
+    block, shard = members_of(run.original, run.shown, size)
+    members = run.original.run.members
+    count = -(-members // shard)
+    refuse_beyond(only, count)
+    refuse_many(count)
+    threads = threads or threads_available()
+    more = memory_of_shards(run.original, run.shown, min(shard, members), threads)
+    refuse_hopeless(run.original, run.shown, threads, path, more)
+    facts = _facts(run, shard, block)
+    with new_directory(path) as folder:
+        _write(folder, run, facts)
+    return RunDirectory(path)
+
+
+def _facts(run: Ready, shard: int, block: int) -> dict[str, Any]:
+    """The facts of run.json, with the hashes of scene and columns still empty."""
+    scene = run.original
+    versions, machine = this_machine(*["scipy"] * bool(scene.drawn_through()))
+    sources = [
+        file
+        for e in scene.effects
+        if type(e) not in EFFECTS.values() and (file := source_of(type(e))) is not None
+    ]
+    return {
+        "format": FORMAT,
+        "scene": "",
+        "columns": "",
+        "code": {file: hash_of_file(file) for file in sources},
+        "attributes": {} if run.chosen is None else run.chosen.attributes(),
+        "seed": scene.run.seed,
+        "first": scene.run.first,
+        "members": scene.run.members,
+        "shard": shard,
+        "block": block,
+        "versions": versions,
+        "machine": machine,
+    }
+
+
+def _write(folder: str, run: Ready, facts: dict[str, Any]) -> None:
+    """Write the files of a new run; run.json comes last and has the hashes of the others."""
+    scene = run.original
+    text = attributes(scene, run.shown)["scene"]
+    write_bytes(os.path.join(folder, "scene.toml"), text.encode())
+    if (count := rows(*scene.quantities())) is not None:
+        file = os.path.join(folder, "columns.nc")
+        write_columns(file, _columns(scene, count))
+        facts["columns"] = hash_of_file(file)
+    facts["scene"] = hash_of(scene_in(folder, facts, True))
+    write_bytes(os.path.join(folder, "run.json"), rendered(facts).encode())
+
+
+def _columns(scene: Scene, count: int) -> Arrays:
+    """{name: rows} of the quantities with one row per member, by their names in scene.toml."""
+
+    def stored(value: Any) -> list[str]:
+        if isinstance(value, dict):
+            if "stored" in value:
+                return [value["stored"]]
+            value = list(value.values())
+        return [name for v in value for name in stored(v)] if isinstance(value, list) else []
+
+    names = sorted(set(stored(tomllib.loads(scene.dumps()))))
+    pieces = [stage(scene, low, min(BLOCK, count - low), True)[1] for low in range(0, count, BLOCK)]
+    return {name: np.concatenate([piece[name] for piece in pieces], axis=-1) for name in names}
+
+
+@contextlib.contextmanager
+def new_directory(path: str) -> Iterator[str]:
+    """A folder for a new run, with an empty folder of shards. It is made beside its place and moved
+    there when it is whole, so a killed process leaves nothing under that name.
+
+    Raises OutputExists if something appeared at that place.
+    """
+    with folder_beside(path) as folder:
+        os.mkdir(os.path.join(folder, "shards"))
+        yield folder
+        try:
+            os.replace(folder, path)
+        except OSError as error:
+            if error.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
+                raise
+            raise OutputExists(f"{path} appeared meanwhile; nothing was overwritten") from None
+        make_durable(os.path.dirname(os.path.abspath(path)))
+
+
+def place_of(path: Path) -> str:
+    """The path of a new run directory; a link to a folder stands for that folder."""
+    path = os.path.normpath(os.fspath(path))
+    return os.path.realpath(path) if os.path.islink(path) else path
+
+
+def is_free(path: str) -> bool:
+    """Whether a new run directory may take this path: nothing is there, or an empty folder."""
+    return not os.path.lexists(path) or (os.path.isdir(path) and not os.listdir(path))
+
+
+def refuse_unusable(path: str) -> None:
+    """Raise OSError if the folder of a new run directory is not writable or has no locks."""
+    folder = os.path.dirname(os.path.abspath(path))
+    refuse_unwritable(folder)
+    refuse_lockless(folder)
+
+
+def refuse_many(count: int) -> None:
+    """Raise OptionError if a run would have too many shards."""
+    if count > MOST:
+        rule = f"{count:,} shards are too many, {MOST:,} is the most: make them larger"
+        raise OptionError("", "--shard-size", None, rule)
+
+
+def refuse_beyond(only: range | None, count: int) -> None:
+    """Raise OptionError if a range does not begin among the `count` shards of a run."""
+    if only is None:
+        return
+    if not isinstance(only, range) or only.step != 1 or not only or not 0 <= only[0] < count:
+        given = f"{only.start}:{only.stop}" if isinstance(only, range) else only
+        rule = f"expected a range of shards; the run has 0 to {count - 1}"
+        raise OptionError("", "--shards", given, rule)

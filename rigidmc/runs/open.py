@@ -1,0 +1,159 @@
+"""A run directory as one Dataset, which dask reads from the shards."""
+
+import hashlib
+import os
+import warnings
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from rigidmc.errors import FileError, SceneWarning
+from rigidmc.files.netcdf import read
+from rigidmc.files.outputs import Path
+from rigidmc.files.trial import refuse_unreadable
+from rigidmc.runs.reopen import Ready, planned
+from rigidmc.storage.run_directory import RunDirectory, flagged_of
+from rigidmc.storage.schema import (
+    Variable,
+    attributes,
+    coordinates,
+    ensemble_variables,
+    flagged_variables,
+    is_rounded,
+    length,
+    member_variables,
+    saved_variables,
+)
+
+
+def open_run(path: Path, allow_code: bool = False) -> xr.Dataset:
+    """A run as one Dataset of the members that exist. No shard is opened now; values are read when
+    they are asked for.
+
+    Needs dask, which comes with rigidmc[cluster]; without it `consolidate` makes one file.
+    Histograms are sums over the shards.
+    """
+    try:
+        import dask.array  # noqa: F401
+    except ImportError as error:
+        rule = f"is read through dask: pip install 'rigidmc[cluster]', or consolidate it ({error})"
+        raise FileError("", "run", os.fspath(path), rule) from None
+    directory = RunDirectory(path)
+    run = planned(directory, allow_code)
+    scene, plan = run.original, run.shown
+    directory.refuse_strays()
+    shards = _Chunks(directory, run)
+    if not shards.paths:
+        raise FileError("", "run", directory.path, "no shard is there yet: resume it first")
+    if len(shards.paths) < directory.count:
+        there = sum(len(members) for members in shards.members)
+        warnings.warn(
+            f"{directory.path}: {there:,} of {scene.run.members:,} members are there",
+            SceneWarning,
+            stacklevel=3,
+        )
+    by_member = {
+        **member_variables(scene, plan.carried),
+        **saved_variables(scene),
+        **flagged_variables(scene),
+    }
+    variables = {name: shards.joined(name, variable) for name, variable in by_member.items()}
+    for name, variable in ensemble_variables(scene).items():
+        variables[name] = shards.summed(name, variable)
+    known = coordinates(plan)
+    dims, _, about = known["member"]
+    indices = np.concatenate([np.arange(r.start, r.stop) for r in shards.members])
+    known["member"] = (dims, indices, about)
+    attrs = {**attributes(scene, plan), **directory.facts["attributes"]}
+    dataset = xr.Dataset(variables, known, attrs)
+    dataset.encoding["source"] = os.path.abspath(directory.path)
+    return dataset
+
+
+class _Chunks:
+    """The shards that exist as the chunks of dask arrays.
+
+    paths, members : of each shard, in the order of their members
+    """
+
+    def __init__(self, directory: RunDirectory, run: Ready) -> None:
+        shards = directory.shards()
+        self.paths = [os.path.abspath(shards[i]) for i in sorted(shards)]
+        self.members = [directory.members(i) for i in sorted(shards)]
+        self._counts = {
+            "member": [len(members) for members in self.members],
+            "flagged": [flagged_of(path) for path in self.paths],
+        }
+        self._run, self._mark = run, directory.mark
+        # the names of shards tell contents, so arrays of other contents have other labels in dask
+        self._contents = hashlib.sha256("\n".join(self.paths).encode()).hexdigest()[:16]
+
+    def joined(self, name: str, variable: Variable) -> tuple[tuple[str, ...], Any, dict[str, Any]]:
+        """(dims, array, attrs) of a variable by members or flagged members, joined over shards."""
+        import dask.array as da
+
+        dims, dtype, attrs = variable
+        counts = self._counts
+        along = next(dim for dim in dims if dim in counts)
+        plan = self._run.shown
+        sizes = tuple(tuple(counts[dim]) if dim in counts else (length(dim, plan),) for dim in dims)
+        label, graph = f"{name}-{self._contents}", {}
+        for j, count in enumerate(counts[along]):
+            key = (label, *[j if dim == along else 0 for dim in dims])
+            shape = [s[j if dim == along else 0] for dim, s in zip(dims, sizes, strict=True)]
+            task = (_read, *self._shard(j, name), shape, dtype)
+            graph[key] = task if count else (np.empty, shape, dtype)
+        if is_rounded(self._run.original, dims, dtype):
+            attrs = {**attrs, "significant_digits": self._run.original.run.digits}
+        return dims, da.Array(graph, label, sizes, np.dtype(dtype)), attrs
+
+    def summed(self, name: str, variable: Variable) -> tuple[tuple[str, ...], Any, dict[str, Any]]:
+        """(dims, array, attrs) of a variable that is summed over the shards."""
+        import dask.array as da
+
+        dims, dtype, attrs = variable
+        shape = [length(dim, self._run.shown) for dim in dims]
+        label, count = f"{name}-{self._contents}", len(self.paths)
+        graph = {
+            (label, j, *[0] * len(shape)): (_read_one, *self._shard(j, name), shape, dtype)
+            for j in range(count)
+        }
+        sizes = ((1,) * count, *((size,) for size in shape))
+        stacked = da.Array(graph, label, sizes, np.dtype(dtype))
+        return dims, stacked.sum(0, dtype=dtype), attrs
+
+    def _shard(self, j: int, name: str) -> tuple[str, str, str, int]:
+        """The first arguments of `_read`."""
+        return self.paths[j], self._mark, name, self.members[j].start
+
+
+def _read(
+    path: str, mark: str, name: str, first: int, shape: list[int], dtype: str
+) -> NDArray[Any]:
+    """A variable of a shard, whose mark, first member, shape and type are checked."""
+    try:
+        refuse_unreadable(path)
+        values = read(path, "member", name, mark=mark)
+    except OSError as error:  # the file is gone
+        rule = f"cannot be read: {error}; `rigidmc verify` tells more"
+        raise FileError("", name, None, rule, file=path) from None
+    except FileError as error:
+        # a chunk with a wrong checksum, a file that is not netCDF, or a shard of another run
+        error.rule = f"cannot be read: {error.rule}; `rigidmc verify` tells more"
+        raise
+    array = values[name]
+    # ravel: a hostile shard may have one number for all members
+    members_agree = values["member"].ravel()[:1].tolist() == [first]
+    if not members_agree or (array.shape, array.dtype) != (tuple(shape), np.dtype(dtype)):
+        rule = "has the members of another shard; `rigidmc verify` tells more"
+        raise FileError("", name, None, rule, file=path)
+    return array
+
+
+def _read_one(
+    path: str, mark: str, name: str, first: int, shape: list[int], dtype: str
+) -> NDArray[Any]:
+    """A variable of a shard, as one of a stack."""
+    return _read(path, mark, name, first, shape, dtype)[None]

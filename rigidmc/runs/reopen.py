@@ -1,0 +1,113 @@
+"""A run directory opened again: its scene and its plan, checked against those of its start."""
+
+import os
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from rigidmc.engine.machine import this_machine
+from rigidmc.errors import FileError, SceneError
+from rigidmc.files.netcdf import read
+from rigidmc.files.reading import text_of
+from rigidmc.planning.plan import Plan
+from rigidmc.planning.settle import settled
+from rigidmc.planning.tolerance.choose import Chosen
+from rigidmc.planning.units import Internal, told
+from rigidmc.scene.file import loads
+from rigidmc.scene.scene import Scene
+from rigidmc.storage.run_directory import RunDirectory, hash_of, hash_of_file
+
+
+class Ready(NamedTuple):
+    """A run that is ready for its first step.
+
+    scene, plan : in the units in which the scene is integrated
+    units : how the scene was rescaled; None if nothing was rescaled
+    original, shown : scene and plan in the units of the user
+    chosen : what a tolerance chose; None if the scene names its integrator
+    """
+
+    scene: Scene
+    plan: Plan
+    units: Internal | None
+    original: Scene
+    shown: Plan
+    chosen: Chosen | None
+
+
+def ready(scene: Scene, threads: int = 1, block: int | None = None) -> Ready:
+    """Settle everything about a run to files before its first step; SceneError."""
+    scene, plan, units, chosen = settled(scene, threads, True, block)
+    return Ready(scene, plan, units, *told(scene, plan, units), chosen)
+
+
+def planned(
+    directory: RunDirectory, allow_code: bool = False, threads: int = 1, block: int | None = None
+) -> Ready:
+    """The run of a directory, ready for its first step.
+
+    block : members of a block, by default those of run.json
+    Raises FileError for a scene that was changed, SceneError for a block that does not divide the
+    members of a shard.
+    """
+    scene = scene_of_run(directory, allow_code)
+    run = ready(scene, threads, block or directory.facts["block"])
+    if directory.facts["shard"] % run.plan.block:
+        rule = f"has to divide the {directory.facts['shard']:,} members of a shard"
+        raise SceneError("run", "block", run.plan.block, rule)
+    return run
+
+
+def scene_of_run(directory: RunDirectory, allow_code: bool = False) -> Scene:
+    """The scene of a run; FileError if scene.toml or a Python file of the user has changed since
+    the run was started."""
+    facts = directory.facts
+    if allow_code:
+        code: dict[str, str] = facts["code"]
+        changed = [
+            name
+            for name, known in code.items()
+            if not os.path.isfile(name) or hash_of_file(name) != known
+        ]
+        if changed:
+            rule = "is not the file that the run was started with"
+            raise FileError("", "code", ", ".join(changed), rule, file=directory.path)
+    scene = scene_in(directory.path, facts, allow_code)
+    if hash_of(scene) != facts["scene"]:
+        rule = "is not the scene that the run was started with and its shards were computed from"
+        raise FileError("", "scene.toml", None, rule, file=directory.path)
+    whole: Scene = scene.with_run(members=facts["members"], first=facts["first"])
+    return whole
+
+
+def scene_in(folder: str, facts: dict[str, Any], allow_code: bool) -> Scene:
+    """The scene in a folder, with its rows from columns.nc; `facts` are those of run.json."""
+    stored: Callable[[str], Any] | None = None
+    if facts["columns"]:
+        file = os.path.join(folder, "columns.nc")
+        if not os.path.isfile(file) or hash_of_file(file) != facts["columns"]:
+            rule = "is missing or was changed: the rows of the members are lost"
+            raise FileError("", "columns.nc", None, rule, file=folder)
+        stored = read(file).get
+    name = os.path.join(folder, "scene.toml")
+    scene: Scene = loads(text_of(name), name, stored=stored, allow_code=allow_code)
+    return scene
+
+
+def refuse_others(directory: RunDirectory, accept: bool) -> None:
+    """Raise FileError if this machine has other versions than the run was started with.
+
+    accept : go on nevertheless
+    """
+    known = directory.facts["versions"]
+    versions, _ = this_machine(*["scipy"] * ("scipy" in known))
+    other = [
+        f"{name} {known.get(name)} there, {here} here"
+        for name, here in versions.items()
+        if known.get(name) != here
+    ]
+    if other and not accept:
+        rule = (
+            f"was started with other versions: {'; '.join(other)}. The bits of new members may "
+            "differ from those of old ones; --accept goes on nevertheless"
+        )
+        raise FileError("", "run", directory.path, rule)
