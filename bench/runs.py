@@ -18,7 +18,7 @@ from rigidmc.runs.capacity import free_memory
 from rigidmc.runs.create import create
 from rigidmc.runs.reopen import planned
 from rigidmc.runs.shards import compute_shards
-from rigidmc.scene.file import load
+from rigidmc.scene.scene import Scene
 from rigidmc.storage.sinks import buffer
 
 STUDY = ["run", "dzhanibekov", "--t-end", "12", "--save", "omega,attitude", "--keep", "final"]
@@ -53,7 +53,7 @@ class Nothing:
 
 def share(folder, members, rounds):
     """Rows of seconds with and without writing, interleaved."""
-    scene = load("dzhanibekov").with_run(
+    scene = Scene.load("dzhanibekov").with_run(
         members=members, t_end=12.0, save=("omega", "attitude"), keep="final"
     )
     rows, threads = [], len(os.sched_getaffinity(0))
@@ -169,10 +169,10 @@ SCHEDULE = """
 import resource, sys
 from rigidmc.runs import resume
 from rigidmc.runs.create import create
-from rigidmc.scene.file import load
+from rigidmc.scene.scene import Scene
 if __name__ == "__main__":
     members = 4096 * int(sys.argv[2])
-    scene = load("dzhanibekov").with_run(members=members, t_end=0.1, every=0.1)
+    scene = Scene.load("dzhanibekov").with_run(members=members, t_end=0.1, every=0.1)
     directory = create(scene, sys.argv[1], 0.5e6)
     usage = []
     for which in (range(2), range(2, directory.count)):

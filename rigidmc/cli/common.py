@@ -181,8 +181,7 @@ def load_scene(
     run: Mapping[str, Any] | None = None,
 ) -> "Scene":
     """A scene with the --set options and the run settings of the command line."""
-    from rigidmc.scene.file import scene_of
-    from rigidmc.scene.scene import Scene
+    from rigidmc.scene.scene import Scene, scene_of
 
     pairs = []
     for setting in settings:

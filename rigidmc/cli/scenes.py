@@ -55,11 +55,11 @@ def scenes(
     name: Annotated[str | None, typer.Argument(help="A shipped scene to print.")] = None,
 ) -> None:
     with reported():
-        from rigidmc.scene.file import load
+        from rigidmc.scene.scene import Scene
         from rigidmc.scene.shipped import read_source, shipped
 
         if name is not None:
             print(read_source(name), end="")
             return
         for word in shipped():
-            print(f"{word:18s} {load(word).summary}")
+            print(f"{word:18s} {Scene.load(word).summary}")

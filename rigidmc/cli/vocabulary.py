@@ -89,7 +89,7 @@ def _of_effect(name: str) -> Facts:
     """(label, fact) of an effect."""
     from rigidmc.effects import EFFECTS, description
     from rigidmc.effects.parameters import given
-    from rigidmc.scene.checks import limits
+    from rigidmc.scene.limits import limits
 
     kind = EFFECTS[name]
     defaults = kind._field_defaults

@@ -9,7 +9,7 @@ from typing import Any
 
 from numba.core import caching
 
-from rigidmc.engine.cache import classes_of, log_once, of_package
+from rigidmc.engine.cache_folder import classes_of, log_once, of_package
 
 _SUM = hashlib.sha256().digest_size
 

@@ -11,7 +11,7 @@ import time
 from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
-from rigidmc.engine.cache import cache_folder
+from rigidmc.engine.cache_folder import cache_folder
 from rigidmc.progress import say
 
 log = logging.getLogger("rigidmc")

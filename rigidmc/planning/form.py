@@ -13,7 +13,7 @@ from rigidmc.integrators import INTEGRATORS, Form, Turns, form
 from rigidmc.planning.rates import Array, own_steps, physics, rates
 from rigidmc.planning.stage import first_members
 from rigidmc.planning.watch import Watch, needs_attitude, watch
-from rigidmc.scene.checks import PILOT
+from rigidmc.scene.limits import PILOT
 from rigidmc.scene.quantities import is_open, is_shared, rows
 from rigidmc.scene.scene import Scene
 

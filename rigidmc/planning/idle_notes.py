@@ -14,8 +14,8 @@ from rigidmc.effects.parameters import filled, numbers
 from rigidmc.effects.pivot import MovingPivot
 from rigidmc.effects.protocol import torque
 from rigidmc.planning.plan import Plan
+from rigidmc.scene.changes import idle
 from rigidmc.scene.conservation import conservation
-from rigidmc.scene.idle import idle
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.settings import Run
 

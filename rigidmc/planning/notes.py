@@ -19,8 +19,8 @@ from rigidmc.mechanics.inertia import broken
 from rigidmc.planning.idle_notes import idle_effects, idle_limits, idle_settings, is_shipped
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.units import Internal
-from rigidmc.scene.checks import PILOT
 from rigidmc.scene.laws import GibbsMomentum
+from rigidmc.scene.limits import PILOT
 from rigidmc.scene.quantities import Grid, draw, is_open
 from rigidmc.scene.scene import Scene
 

@@ -21,8 +21,8 @@ from rigidmc.planning.limits import SPUN_UP, Limits, limits
 from rigidmc.planning.stage import check_starts
 from rigidmc.planning.time_grid import rounds, steps_and_saves
 from rigidmc.planning.watch import Watch, watch
-from rigidmc.scene.checks import PILOT
 from rigidmc.scene.conservation import booked_labels
+from rigidmc.scene.limits import PILOT
 from rigidmc.scene.quantities import is_shared
 from rigidmc.scene.scene import Scene
 

@@ -18,9 +18,9 @@ from rigidmc.engine.streams import key_of, stream_of, uniforms
 from rigidmc.errors import SceneError
 from rigidmc.mechanics.inertia import broken
 from rigidmc.planning.rates import Array, own_steps, physics, rates
-from rigidmc.scene.checks import PILOT
 from rigidmc.scene.laws.directions import uniform_attitudes
 from rigidmc.scene.laws.protocol import Facts, Law
+from rigidmc.scene.limits import PILOT
 from rigidmc.scene.points import Antithetic, Points, Recorder, points
 from rigidmc.scene.quantities import draw
 from rigidmc.scene.scene import Scene

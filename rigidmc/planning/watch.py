@@ -25,7 +25,7 @@ from rigidmc.observables.protocol import (
     update,
     value,
 )
-from rigidmc.scene.checks import PILOT
+from rigidmc.scene.limits import PILOT
 from rigidmc.scene.quantities import is_open, rows
 from rigidmc.scene.scene import Scene
 

@@ -12,8 +12,7 @@ from rigidmc.planning.plan import Plan
 from rigidmc.planning.settle import settled
 from rigidmc.planning.tolerance.choose import Chosen
 from rigidmc.planning.units import Internal, told
-from rigidmc.scene.file import loads
-from rigidmc.scene.scene import Scene
+from rigidmc.scene.scene import Scene, loads
 from rigidmc.storage.run_directory import RunDirectory, hash_of, hash_of_file
 
 

@@ -17,8 +17,7 @@ from rigidmc.planning.plan import prepare
 from rigidmc.runs.open import open_run
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.amounts import counted, seconds
-from rigidmc.scene.file import scene_of
-from rigidmc.scene.scene import Scene
+from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.scene.settings import Run
 from rigidmc.storage.reader import open_result
 from rigidmc.storage.writer import encoded

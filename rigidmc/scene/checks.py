@@ -1,10 +1,8 @@
 """What makes a scene impossible to run: refused torques, impossible bodies, missing members,
 observables that do not go with the other settings."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,28 +10,20 @@ from rigidmc.dynamics.methods import implements
 from rigidmc.effects import labelled
 from rigidmc.effects.own_checks import check_own
 from rigidmc.effects.parameters import shape
-from rigidmc.effects.protocol import Effect, facts, is_random
-from rigidmc.errors import SceneError, unknown
+from rigidmc.effects.protocol import Effect, is_random
+from rigidmc.errors import SceneError
 from rigidmc.integrators import refusal
 from rigidmc.mechanics.inertia import broken
-from rigidmc.observables import OBSERVABLES
-from rigidmc.observables.histogram import Histogram
-from rigidmc.observables.protocol import Ensemble, Neighbour, size
-from rigidmc.scene.idle import idle
+from rigidmc.observables.protocol import Ensemble, Neighbour
+from rigidmc.scene.changes import idle
 from rigidmc.scene.laws import Correlated
 from rigidmc.scene.laws.protocol import Law
+from rigidmc.scene.limits import ALLOWED, PILOT, limits, outside
+from rigidmc.scene.parts import Parts
 from rigidmc.scene.quantities import Distribution, Grid, draw, rows
 
-if TYPE_CHECKING:
-    from rigidmc.scene.scene import Scene
 
-# members whose sampled values are checked before a run; always the first ones, so that no result
-# depends on the number of members
-PILOT = 4096
-_ALLOWED = "needs anti_damping = true under [run]"
-
-
-def check(scene: Scene) -> None:
+def check(scene: Parts) -> None:
     """Raise SceneError if a scene cannot be run."""
     run = scene.run
     if run.integrator == "auto" and run.tolerance is None:
@@ -56,7 +46,7 @@ def check(scene: Scene) -> None:
     _check_sampled(scene.coarse())
 
 
-def _check_points(scene: Scene) -> None:
+def _check_points(scene: Parts) -> None:
     """Raise SceneError for point sets that do not fit the ensemble."""
     run, last = scene.run, scene.run.first + scene.run.members
     starts = (scene.body.moments, scene.start.omega, scene.start.momentum, scene.start.attitude)
@@ -75,7 +65,7 @@ def _check_points(scene: Scene) -> None:
         raise SceneError("run", "members", last, rule)
 
 
-def _check_sampled(scene: Scene) -> None:
+def _check_sampled(scene: Parts) -> None:
     """Raise SceneError for impossible values among the first members."""
     for effect in scene.effects:
         check_own(effect)
@@ -94,7 +84,7 @@ def _check_sampled(scene: Scene) -> None:
         _check_parameters(scene, label, effect)
 
 
-def _check_bodies(scene: Scene) -> None:
+def _check_bodies(scene: Parts) -> None:
     """Raise SceneError if some of the first bodies are impossible.
 
     In a map these are its blank parts, and with a measured inertia its tails.
@@ -112,7 +102,7 @@ def _check_bodies(scene: Scene) -> None:
         raise SceneError("body", "moments", None, rule)
 
 
-def _check_parameters(scene: Scene, label: str, effect: Effect) -> None:
+def _check_parameters(scene: Parts, label: str, effect: Effect) -> None:
     """Raise SceneError if a sampled parameter of an effect lies outside its limits, or if a damping
     drives some rotations."""
     run, table = scene.run, f"effects.{label}"
@@ -133,11 +123,11 @@ def _check_parameters(scene: Scene, label: str, effect: Effect) -> None:
         if driven.size:
             numbers = np.concatenate(list(values.values()))[:, driven[0]]
             example = ", ".join(f"{x:.4g}" for x in numbers)
-            rule = f"({example}) drives some rotations, which {_ALLOWED}"
+            rule = f"({example}) drives some rotations, which {ALLOWED}"
             raise SceneError(table, effect._fields[0], None, rule)
 
 
-def _check_watched(scene: Scene) -> None:
+def _check_watched(scene: Parts) -> None:
     """Raise SceneError for observables over all steps that do not go with the run settings."""
     labels, observables = zip(*scene.watched(), strict=True) if scene.watched() else ((), ())
     rule = _unwatchable(scene, observables)
@@ -145,7 +135,7 @@ def _check_watched(scene: Scene) -> None:
         raise SceneError("run", "save", ", ".join(labels), rule)
 
 
-def _unwatchable(scene: Scene, observables: Sequence[Any]) -> str:
+def _unwatchable(scene: Parts, observables: Sequence[Any]) -> str:
     """Why observables over all steps do not go with the run settings; "" if they do."""
     run, stops = scene.run, [one for one in observables if one.stop]
     if run.integrator == "closed" and any(not isinstance(one, Ensemble) for one in observables):
@@ -168,31 +158,3 @@ def _unwatchable(scene: Scene, observables: Sequence[Any]) -> str:
     if run.turn is not None:
         return "megno needs the same steps for all members: dt, not turn"
     return ""
-
-
-def check_histogram(one: Histogram) -> None:
-    """Raise SceneError if a histogram names no observable, or a wrong component."""
-    table = "observables.histogram"
-    if one.name not in OBSERVABLES or one.name == "work":
-        known = [name for name in OBSERVABLES if name != "work"]
-        raise unknown(table, "of", one.name, "observable", known)
-    count = size(OBSERVABLES[one.name].dims)
-    if (count > 1) != one.of.endswith("]") or one.component >= count:
-        rule = f"{one.name} has no components"
-        if count > 1:
-            rule = f"{one.name} has {count} components: give one, as in {one.name}[{count}]"
-        raise SceneError(table, "of", one.of, rule)
-
-
-def limits(effect: Effect | type[Effect], name: str, driven: bool) -> tuple[float, float]:
-    """(least, largest) value of a parameter. driven : whether damping may be negative"""
-    low, high = facts(effect).limits.get(name, (-np.inf, np.inf))
-    return (0.0 if low == -np.inf and facts(effect).damps and not driven else low), high
-
-
-def outside(effect: Effect, low: float, high: float) -> str:
-    """The rule that a parameter outside its limits breaks."""
-    more = ""
-    if low == 0.0 and facts(effect).damps:
-        more = f"; below 0 it drives the body, which {_ALLOWED}"
-    return f"must lie between {low:g} and {high:g}{more}"

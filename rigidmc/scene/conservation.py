@@ -1,19 +1,14 @@
 """What a scene conserves by its physics, and the effects whose work is booked."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from rigidmc.dynamics.methods import implements
 from rigidmc.effects import labelled
 from rigidmc.effects.protocol import facts, is_conservative, is_random
-
-if TYPE_CHECKING:
-    from rigidmc.scene.scene import Scene
+from rigidmc.scene.parts import Parts
 
 
-def conservation(scene: Scene) -> dict[str, str]:
+def conservation(scene: Parts) -> dict[str, str]:
     """{"energy", "energy_drift", "l2", "lz": "yes", or "no: ..." with the reason}.
 
     energy_drift : the energy less the booked work
@@ -35,12 +30,12 @@ def conservation(scene: Scene) -> dict[str, str]:
     }
 
 
-def booked_labels(scene: Scene) -> tuple[str, ...]:
+def booked_labels(scene: Parts) -> tuple[str, ...]:
     """The labels of the effects whose work is saved."""
     return tuple(label for label, _ in labelled(scene.effects)) if "work" in scene.run.save else ()
 
 
-def booked(scene: Scene) -> list[str]:
+def booked(scene: Parts) -> list[str]:
     """The labels of the effects whose work is no part of `energy`."""
     return [label for label, e in labelled(scene.effects) if not implements(e, "energy")]
 

@@ -1,165 +1,26 @@
-"""A scene: a body, what acts on it, how its members start, and how it is run."""
+"""A scene: made in Python or from a file, checked, and written as text."""
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
-from importlib.metadata import version
-from numbers import Real
-from typing import Any
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rigidmc.effects import EFFECTS, canonical, name_of
-from rigidmc.effects.parameters import numbers, shape
-from rigidmc.effects.protocol import Effect, is_effect
-from rigidmc.errors import SceneError, unknown
-from rigidmc.integrators import INTEGRATORS
-from rigidmc.observables import KNOWN, SUMMARIES, recorded, saved, summary_of, watched
-from rigidmc.observables.histogram import Histogram
-from rigidmc.observables.keep import check_keep, kept, summaries
-from rigidmc.observables.protocol import Ensemble, OverSteps
-from rigidmc.scene.body import Body
-from rigidmc.scene.checks import PILOT, check, check_histogram, limits, outside
-from rigidmc.scene.laws.protocol import Law
-from rigidmc.scene.quantities import Distribution, Grid, is_open, quantity, rows, vector
-from rigidmc.scene.settings import Run, changed
-from rigidmc.scene.start import Start
+from rigidmc.errors import RigidmcError
+from rigidmc.scene.checks import check
+from rigidmc.scene.file import Settings, located, parts_of
+from rigidmc.scene.parts import Parts
+from rigidmc.scene.shipped import read_source
+from rigidmc.scene.text import dumps
 
-Change = Callable[[Any], Any]
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
-    """A body, what acts on it, how its members start, and how it is run.
-
-    body : Body
-    effects : effects such as Gravity(9.81); their parameters are numbers, distributions, grids, or
-        arrays with one row per member
-    start : Start
-    run : Run, the defaults of `simulate`
-    title, summary, source : texts for people
-    observables : observables over all steps that have parameters, such as
-        Passage(axis=3, angle=0.5)
-
-    Raises SceneError for a value that is no effect, and for arrays of different lengths.
-    """
-
-    body: Body
-    effects: tuple[Any, ...] = ()
-    start: Start = field(default_factory=lambda: Start(omega=(0.0, 0.0, 0.0)))
-    run: Run = field(default_factory=Run)
-    title: str = "scene"
-    summary: str = ""
-    source: str = ""
-    observables: tuple[Any, ...] = ()
-
-    def __post_init__(self) -> None:
-        for key, kind in (("body", Body), ("start", Start), ("run", Run)):
-            value = getattr(self, key)
-            if not isinstance(value, kind):
-                raise SceneError("", key, value, f"expected a {kind.__name__}")
-        several = isinstance(self.effects, (list, tuple)) and not is_effect(self.effects)
-        effects: Iterable[Any] = self.effects if several else (self.effects,)
-        effects = canonical(tuple(_checked_effect(e, self.run.anti_damping) for e in effects))
-        observables = sorted(map(_checked_observable, self.observables), key=_place)
-        object.__setattr__(self, "effects", effects)
-        object.__setattr__(self, "observables", tuple(observables))
-        rows(*self.quantities())
-
-    def quantities(self) -> tuple[Any, ...]:
-        """All quantities that may differ from member to member."""
-        parameters = (value for effect in self.effects for _, _, value in numbers(effect))
-        return (*self.body.quantities(), *self.start.quantities(), *parameters)
-
-    def rows_to_run(self) -> int | None:
-        """The number of members if the scene has arrays with one row per member and no number of
-        members of its own; else None."""
-        count = rows(*self.quantities())
-        if count is None or "members" in self.run.model_fields_set:
-            return None
-        return count - self.run.first
-
-    def drawn_through(self) -> str:
-        """In words, the library that draws numbers of the scene whose bits may change with its
-        version; "" if rigidmc alone draws them."""
-        laws = any(isinstance(q, (Distribution, Law)) and q.by_scipy for q in self.quantities())
-        if not laws and self.run.points not in ("sobol", "latin_hypercube"):
-            return ""
-        return f"through scipy {version('scipy')}: the bits are those of this version"
-
-    def mapped(self, change: Change) -> "Scene":
-        """The same scene with change(quantity) in place of each quantity of body, start and
-        effects."""
-        parts = {
-            key: _mapped(getattr(self.body, key), change) for key in ("moments", "mass", "centre")
-        }
-        start, which = self.start, self.start.which
-        words = isinstance(start.attitude, str)
-        starts = {
-            which: _mapped(getattr(start, which), change),
-            "attitude": start.attitude if words else _mapped(start.attitude, change),
-        }
-        return replace(
-            self,
-            body=replace(self.body, **parts),
-            start=replace(start, **starts),
-            effects=tuple(_mapped(effect, change) for effect in self.effects),
-        )
-
-    def coarse(self) -> "Scene":
-        """The same scene with coarser grids, so that its first PILOT members are spread over all
-        members; the scene itself if it has no grids."""
-        strides = sorted({q.stride for q in self.quantities() if isinstance(q, Grid)})
-        if not strides:
-            return self
-        share = max(1, int(PILOT ** (1.0 / len(strides)) + 1e-9))
-        coarser = {stride: share**i for i, stride in enumerate(strides)}
-
-        def change(q: Any) -> Any:
-            return replace(q, count=share, stride=coarser[q.stride]) if isinstance(q, Grid) else q
-
-        return self.mapped(change)
-
-    def with_run(self, **settings: Any) -> "Scene":
-        """The same scene with other run settings, see `Run`; settings that are None stay as they
-        are.
-
-        `save` may name observables, or contain them: Passage(axis=3, angle=0.5)
-        """
-        given = {k: v for k, v in settings.items() if v is not None}
-        observables = self.observables
-        if "save" in given:
-            save = (given["save"],) if isinstance(given["save"], str) else tuple(given["save"])
-            built = tuple(one for one in save if not isinstance(one, str))
-            observables += tuple(one for one in built if one not in observables)
-            words = (one if isinstance(one, str) else summary_of(one) for one in save)
-            given["save"] = tuple(dict.fromkeys(words))
-        run = changed(self.run, given)
-        if run.integrator not in (*INTEGRATORS, "auto"):
-            raise unknown("run", "integrator", run.integrator, "integrator", (*INTEGRATORS, "auto"))
-        _check_saved(run.save, observables)
-        check_keep(run.keep)
-        return replace(self, run=run, observables=observables)
-
-    def saved(self) -> tuple[str, ...]:
-        """The names of the observables that are recorded at save times."""
-        return saved(self.run.save)
-
-    def recorded(self) -> tuple[str, ...]:
-        """The names of the saved observables, and of those that histograms need."""
-        return recorded(self.run.save, self.observables)
-
-    def kept(self) -> dict[str, str]:
-        """{name: how much is kept of it} of the saved observables, see
-        `rigidmc.observables.keep`."""
-        return kept(self.run.keep, self.saved())
-
-    def histograms(self) -> list[tuple[str, Any]]:
-        """[(label, observable)] of the counts over all members."""
-        return [(label, one) for label, one in self.watched() if isinstance(one, Ensemble)]
-
-    def watched(self) -> list[tuple[str, Any]]:
-        """[(label, observable)] of the observables over all steps."""
-        return watched((*self.run.save, *summaries(self.kept())), self.observables)
+class Scene(Parts):
+    __doc__ = Parts.__doc__
 
     def check(self) -> "Scene":
         """The scene itself; raises SceneError if it cannot be run, see `rigidmc.scene.checks`."""
@@ -169,91 +30,78 @@ class Scene:
 
     @staticmethod
     def load(
-        source: str, settings: Sequence[tuple[str, str]] = (), allow_code: bool = False
+        source: str | os.PathLike[str], settings: Settings = (), allow_code: bool = False
     ) -> "Scene":
-        """A scene from a TOML file, the name of a shipped scene, or a result file (.nc); see
-        `rigidmc.scene.file.load`."""
-        from rigidmc.scene.file import load
+        """A scene from a TOML file, the name of a shipped scene, a run directory, or a result.
 
-        return load(source, settings, allow_code)
+        settings : (dotted key, value) pairs that override values of the file
+        allow_code : whether to run the Python files from which it takes effects. [effects.Wind]
+            with module = "wind.py", beside the scene file, is the class Wind of that file. Without
+            allow_code such a scene is refused: scene files execute nothing.
+
+        Raises SceneError for a mistake in the scene, FileNotFoundError if there is no such file or
+        name.
+        """
+        file = located(source)
+        if file.lower().endswith(".nc"):
+            return scene_of(file, settings, allow_code)
+        title = os.path.basename(file).removesuffix(".toml")
+        return loads(read_source(file), file, settings, title=title, allow_code=allow_code)
 
     @staticmethod
     def loads(text: str, file: str = "scene") -> "Scene":
         """A scene from TOML text; errors name `file`."""
-        from rigidmc.scene.file import loads
-
         return loads(text, file)
 
     def dumps(self) -> str:
         """The scene as TOML text; arrays with one row per member become references to the variables
         of the result."""
-        from rigidmc.scene.text import dumps
-
         return dumps(self)
 
 
-def _mapped(value: Any, change: Change) -> Any:
-    """A quantity changed, or a law, an effect or a tuple with each of its quantities changed."""
-    if isinstance(value, Law):
-        return replace(value, **{k: _mapped(v, change) for k, v in value.as_dict().items()})
-    if isinstance(value, tuple):
-        parts = [_mapped(x, change) for x in value]
-        return type(value)(*parts) if is_effect(value) else tuple(parts)
-    return change(value)
+def loads(
+    text: str,
+    file: str = "scene",
+    settings: Settings = (),
+    stored: Callable[[str], np.ndarray | None] | None = None,
+    title: str = "scene",
+    allow_code: bool | None = False,
+) -> Scene:
+    """A scene from TOML text; errors name `file`.
+
+    stored : function of a name that gives the rows of a result to which the text refers, or None if
+        the result has none of that name
+    title : of a scene without a title
+    allow_code : as for `Scene.load`; with None code is neither run nor refused: classes without
+        physics stand in for it
+    """
+    try:
+        scene = Scene(**parts_of(text, file, settings, stored, title, allow_code))
+        return scene.with_run(members=scene.rows_to_run())
+    except RigidmcError as error:
+        error.file = error.file or file
+        raise
 
 
-def _checked_effect(effect: Any, driven: bool) -> Effect:
-    """An effect with its parameters checked; SceneError. driven : whether damping may be
-    negative"""
-    if not is_effect(effect):
-        known = ", ".join(kind.__name__ for kind in EFFECTS.values())
-        rule = f"expected an effect with its parameters, one of {known}"
-        raise SceneError("effects", "effect", effect, rule)
-    table, values = f"effects.{name_of(effect)}", []
-    for name, value in zip(effect._fields, effect, strict=True):
-        size, (low, high) = shape(effect, name), limits(effect, name, driven)
-        one = quantity(value, table, name) if size is None else vector(value, table, name, size)
-        for part in (one,) if size is None else one:
-            if not is_open(part) and not (low <= np.min(part) and np.max(part) <= high):
-                wrong = float(np.min(part) if np.min(part) < low else np.max(part))
-                raise SceneError(table, name, wrong, outside(effect, low, high))
-        values.append(one)
-    return type(effect)(*values)
+def scene_of(
+    source: "str | os.PathLike[str] | xr.Dataset",
+    settings: Settings = (),
+    allow_code: bool | None = False,
+) -> Scene:
+    """The scene of a result, which is a Dataset or the path of a netCDF file.
 
+    A scene with one row per member gets these rows from the result. `settings` and `allow_code` are
+    as for `loads`.
+    """
+    import xarray as xr  # with netCDF4 half a second
 
-def _place(observable: Any) -> int:
-    """The place of an observable in the order of SUMMARIES."""
-    return list(SUMMARIES).index(summary_of(observable))
+    from rigidmc.files.netcdf import open_undecoded
+    from rigidmc.scene.stored import scene_text, stored_rows
 
-
-def _checked_observable(observable: Any) -> OverSteps:
-    """An observable over all steps with its parameters checked; SceneError."""
-    if type(observable) not in SUMMARIES.values():
-        known = ", ".join(kind.__name__ for kind in SUMMARIES.values())
-        rule = f"expected one of {known}, with its parameters"
-        raise SceneError("observables", "observable", observable, rule)
-    whole = {}  # 1e2 bins are 100 bins
-    for name, kind in type(observable).__annotations__.items():
-        value = getattr(observable, name)
-        real = isinstance(value, Real) and not isinstance(value, bool)
-        if kind is int and real and float(value) == float(value) // 1:
-            whole[name] = int(value)
-    checked: OverSteps = observable._replace(**whole)
-    checked.check()
-    if isinstance(checked, Histogram):
-        check_histogram(checked)
-    return checked
-
-
-def _check_saved(names: Iterable[str], observables: Iterable[Any]) -> None:
-    """SceneError for unknown names, and for observables whose parameters are missing."""
-    given = {summary_of(one) for one in observables}
-    for name in names:
-        if name not in KNOWN:
-            raise unknown("run", "save", name, "observable", KNOWN)
-        kind = SUMMARIES.get(name)
-        if kind is not None and name not in given:
-            missing = [f for f in kind._fields if f not in kind._field_defaults]
-            if missing:
-                rule = f"needs a table [observables.{name}] with {', '.join(missing)}"
-                raise SceneError("run", "save", name, rule)
+    if not isinstance(source, xr.Dataset):
+        # by xarray: netCDF4 1.7.5 crashes when it opens once more what xarray has open
+        with open_undecoded(os.fspath(source)) as dataset:
+            return scene_of(dataset, settings, allow_code)
+    file = source.encoding.get("source", "result")
+    rows = stored_rows(source, file)
+    return loads(scene_text(source), file, settings, rows, allow_code=allow_code)

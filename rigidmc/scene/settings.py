@@ -21,7 +21,6 @@ from pydantic import (
 
 from rigidmc.errors import RigidmcError, SceneError, unknown
 from rigidmc.scene.amounts import counted, seconds
-from rigidmc.scene.idle import STAYS, idle
 
 
 def _time(value: Any, info: ValidationInfo) -> float:
@@ -187,27 +186,6 @@ def _no_such(function: str, word: str, known: list[str]) -> str:
     close = nearest(word, known)
     hint = f"; did you mean '{close}'?" if close else ""
     return f"{function}() got an unexpected keyword argument '{word}'{hint}"
-
-
-def changed(run: Run, given: Mapping[str, Any]) -> Run:
-    """A Run with the settings `given` in place of its own; SceneError.
-
-    A tolerance replaces integrator and step, and `turn` replaces dt. Settings that lose their
-    effect by the change return to their defaults.
-    """
-    if given.get("tolerance") is not None:
-        given = {"integrator": "auto", **given}
-    replaced = {"turn"} if "dt" in given else {"dt"} if "turn" in given or run.turn else set()
-    kept = run.model_dump(exclude=replaced, exclude_unset=True)
-    if "save" in given and isinstance(run.keep, dict):
-        kept["keep"] = {name: word for name, word in run.keep.items() if name in given["save"]}
-    settings = {**kept, **given}
-    try:
-        new = Run.model_validate(settings)
-        lost = idle(new).keys() - idle(run).keys() - given.keys() - STAYS
-        return Run.model_validate({k: v for k, v in settings.items() if k not in lost})
-    except ValidationError as error:
-        raise complaint(error, "run", Run, given) from None
 
 
 def complaint(

@@ -1,8 +1,6 @@
 """A scene as TOML text, from which `rigidmc.scene.file.loads` makes the same scene again."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import tomli_w
 
@@ -11,13 +9,11 @@ from rigidmc.effects.own import source_of
 from rigidmc.effects.parameters import given
 from rigidmc.observables import summary_of
 from rigidmc.scene.body import IDENTITY
+from rigidmc.scene.parts import Parts
 from rigidmc.scene.values import plain
 
-if TYPE_CHECKING:
-    from rigidmc.scene.scene import Scene
 
-
-def dumps(scene: Scene) -> str:
+def dumps(scene: Parts) -> str:
     """The scene as TOML text; arrays with one row per member become references to the variables of
     the result."""
     texts = {"title": scene.title, "summary": scene.summary, "source": scene.source}
@@ -30,7 +26,7 @@ def dumps(scene: Scene) -> str:
     return tomli_w.dumps(tables)
 
 
-def _body(scene: Scene) -> dict[str, Any]:
+def _body(scene: Parts) -> dict[str, Any]:
     body = scene.body
     table = {key: plain(getattr(body, key), key) for key in ("moments", "mass", "centre")}
     if body.axes != IDENTITY:
@@ -38,7 +34,7 @@ def _body(scene: Scene) -> dict[str, Any]:
     return table
 
 
-def _effects(scene: Scene) -> dict[str, Any]:
+def _effects(scene: Parts) -> dict[str, Any]:
     pairs = []
     for label, effect in labelled(scene.effects):
         users = type(effect) not in EFFECTS.values()
@@ -49,7 +45,7 @@ def _effects(scene: Scene) -> dict[str, Any]:
     return _grouped(pairs)
 
 
-def _start(scene: Scene) -> dict[str, Any]:
+def _start(scene: Parts) -> dict[str, Any]:
     start, which = scene.start, scene.start.which
     attitude = "start_euler" if start.by_euler_angles else "start_attitude"
     return {
@@ -58,7 +54,7 @@ def _start(scene: Scene) -> dict[str, Any]:
     }
 
 
-def _run(scene: Scene) -> dict[str, Any]:
+def _run(scene: Parts) -> dict[str, Any]:
     settings = scene.run.model_dump(exclude={"dt"} if scene.run.turn else None)
     return {
         key: list(value) if isinstance(value, tuple) else value

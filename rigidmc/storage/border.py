@@ -13,8 +13,7 @@ from rigidmc.engine.layout import STATUSES
 from rigidmc.errors import FileError, RigidmcError
 from rigidmc.observables import OBSERVABLES
 from rigidmc.scene.conservation import booked_labels
-from rigidmc.scene.file import loads
-from rigidmc.scene.scene import Scene
+from rigidmc.scene.scene import Scene, loads
 from rigidmc.scene.settings import Run
 from rigidmc.storage.layout import Shape
 from rigidmc.storage.schema import (

@@ -16,9 +16,10 @@ from rigidmc.planning.tolerance.compile_ahead import compile_ahead
 from rigidmc.planning.tolerance.costs import Costs
 from rigidmc.planning.tolerance.deviation import QUANTITIES, upper_quantile
 from rigidmc.planning.tolerance.growth import growth
-from rigidmc.planning.tolerance.ladder import Way, candidates, ladder
+from rigidmc.planning.tolerance.ladder import candidates, ladder
 from rigidmc.planning.tolerance.pilot import ROUNDING, Pilot, pilot
 from rigidmc.planning.tolerance.truth import Truth, truth
+from rigidmc.planning.tolerance.way import Way
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.scene import Scene
 from rigidmc.version import VERSION

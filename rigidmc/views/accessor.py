@@ -40,7 +40,7 @@ class Rigid:
 
     def scene(self, allow_code: bool = False) -> Any:
         """The Scene that the result was computed from."""
-        from rigidmc.scene.file import scene_of
+        from rigidmc.scene.scene import scene_of
 
         return scene_of(self._dataset, allow_code=allow_code)
 

@@ -24,12 +24,12 @@ def body_of(
     if source.lower().endswith(MESHES):
         density = 1.0 if density is None and mass is None else density
         return Body.from_mesh(source, density, mass, scale), source
-    from rigidmc.scene.file import load
+    from rigidmc.scene.scene import Scene
 
     if density is not None or mass is not None or scale != 1.0:
         rule = "are for meshes; a scene has its mass in its [body]"
         raise OptionError("", "--density, --mass, --scale", None, rule)
-    scene = load(source)
+    scene = Scene.load(source)
     if not is_shared(*scene.body.quantities()):
         rule = "the body differs from member to member; give plain numbers to see one"
         raise SceneError("body", "moments", None, f"{rule}, e.g. in a copy of the scene")

@@ -12,9 +12,8 @@ from rigidmc.effects.protocol import is_random
 from rigidmc.engine.forces import energies
 from rigidmc.planning.rates import physics
 from rigidmc.planning.stage import stage
-from rigidmc.scene.file import scene_of
 from rigidmc.scene.quantities import is_shared
-from rigidmc.scene.scene import Scene
+from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.views.figure import CORE, INK, PATH, new_figure
 
 THEORY = 200_000  # attitudes, uniform on SO(3), that sample the Gibbs distribution by weights

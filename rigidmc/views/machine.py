@@ -5,7 +5,7 @@ import platform
 import sys
 from importlib.metadata import PackageNotFoundError, version
 
-from rigidmc.engine.cache import cache_folder
+from rigidmc.engine.cache_folder import cache_folder
 from rigidmc.engine.machine import this_machine, threads_available, vector_bits
 from rigidmc.engine.program import lanes_for
 

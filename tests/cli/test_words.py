@@ -12,7 +12,7 @@ from rigidmc.cli import app
 from rigidmc.planning.notes import notes
 from rigidmc.planning.plan import prepare
 from rigidmc.scene.amounts import counted, counted_text, seconds
-from rigidmc.scene.idle import idle
+from rigidmc.scene.changes import idle
 from rigidmc.scene.parameters import parameters
 from rigidmc.scene.settings import Run
 from rigidmc.scene.shipped import shipped

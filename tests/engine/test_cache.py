@@ -19,7 +19,7 @@ import pytest
 
 import rigidmc
 from rigidmc.dynamics.euler import MassProperties
-from rigidmc.engine import cache
+from rigidmc.engine import cache_folder
 from rigidmc.engine.cache import cached
 from rigidmc.integrators.protocol import step
 from rigidmc.integrators.rk4 import RK4
@@ -208,7 +208,7 @@ def test_a_user_effect_works_and_is_never_taken_from_the_cache(place):
 def kept(tmp_path, monkeypatch):
     """(a small function with the cache of kernels, its key, its file there)."""
     monkeypatch.setenv("RIGIDMC_CACHE_DIR", str(tmp_path / "cache"))
-    monkeypatch.setattr(cache, "_TOLD", set())
+    monkeypatch.setattr(cache_folder, "_TOLD", set())
     made = cached(numba.njit(lambda x: 2.0 * x))
     assert made(1.5) == 3.0
     (file,) = kernels_in(tmp_path / "cache")

@@ -55,7 +55,7 @@ def new(tmp_path, monkeypatch):
     monkeypatch.setitem(OBSERVABLES, "squares", module.Squares)
     monkeypatch.setitem(SUMMARIES, "across", module.Across)
     monkeypatch.setitem(DIMENSIONS, "part", Dimension(("along", "across"), "part of L"))
-    monkeypatch.setattr("rigidmc.scene.scene.KNOWN", (*KNOWN, "squares", "across"))
+    monkeypatch.setattr("rigidmc.scene.parts.KNOWN", (*KNOWN, "squares", "across"))
     return module
 
 

@@ -208,10 +208,10 @@ import gc, sys, threading
 import rigidmc as rm
 from rigidmc.runs import gather, resume
 from rigidmc.runs.create import create
-from rigidmc.scene.file import load
+from rigidmc.scene.scene import Scene
 from rigidmc.storage import run_directory
 folder, run = sys.argv[1], dict(members=60000, t_end=1.0, every=0.5, save=("omega",))
-scene = load("tennis_racket").with_run(**run)
+scene = Scene.load("tennis_racket").with_run(**run)
 for i in range(60):
     rm.simulate(scene, members=50, output=f"{folder}/{i}.nc").close()
 kept = [rm.open(f"{folder}/{i}.nc") for i in range(60)]
@@ -233,11 +233,11 @@ FULL = """
 import gc, sys
 import netCDF4
 import rigidmc as rm
-from rigidmc.scene.file import load
+from rigidmc.scene.scene import Scene
 from rigidmc.storage.writer import write_columns
 from tests.torture import limited
 folder, run, told = sys.argv[1], dict(members=3000, t_end=1.0, every=0.5, save=("omega",)), 0
-scene = load("tennis_racket").with_run(**run)
+scene = Scene.load("tennis_racket").with_run(**run)
 whole = rm.simulate(scene).omega.values
 def one():
     rm.simulate(scene, output=f"{folder}/one.nc", force=True).close()

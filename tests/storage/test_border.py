@@ -247,7 +247,7 @@ def test_rows_of_a_result_are_asked_for_by_name_and_axis(axis, tmp_path):
         "[body]\nmoments = [1.0, 2.0, 3.0]\n[start]\n"
         f"omega = [{{ stored = 'omega', axis = {str(axis).lower()} }}, 0.0, 0.0]\n"
     )
-    from rigidmc.scene.file import loads
+    from rigidmc.scene.scene import loads
 
     with pytest.raises(SceneError, match="axis between 1 and 3"):
         loads(text, stored=rows.get)

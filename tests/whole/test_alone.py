@@ -145,7 +145,7 @@ class Tilt(NamedTuple):
 def test_an_observable_that_names_the_attitude_gets_it(monkeypatch):
     """Before, it was 1, that of the identity, if nothing else needed the attitude."""
     monkeypatch.setitem(OBSERVABLES, "tilt", Tilt)
-    monkeypatch.setattr("rigidmc.scene.scene.KNOWN", (*KNOWN, "tilt"))
+    monkeypatch.setattr("rigidmc.scene.parts.KNOWN", (*KNOWN, "tilt"))
     scene = rm.Scene(HEAVY, start=rm.Start(omega=rm.Sphere(1.0), attitude="uniform"))
     alone, beside = (
         rm.simulate(scene, "rk4", dt=0.05, t_end=5.0, members=32, save=save)

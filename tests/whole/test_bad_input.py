@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 import rigidmc
 from rigidmc.cli import app
-from rigidmc.engine.cache import cache_folder
+from rigidmc.engine.cache_folder import cache_folder
 from rigidmc.runs.create import create
 from rigidmc.scene.shipped import read_source, shipped
 from tests.runs.test_resume import SCENE

@@ -16,9 +16,10 @@ from rigidmc.planning.tolerance.compile_ahead import compile_ahead
 from rigidmc.planning.tolerance.costs import Costs
 from rigidmc.planning.tolerance.deviation import upper_quantile
 from rigidmc.planning.tolerance.growth import growth
-from rigidmc.planning.tolerance.ladder import Way, candidates, ladder, measured
+from rigidmc.planning.tolerance.ladder import candidates, ladder, measured
 from rigidmc.planning.tolerance.pilot import Pilot, pilot
 from rigidmc.planning.tolerance.truth import AGREED, Truth, check_agreement, integrated, truth
+from rigidmc.planning.tolerance.way import Way
 from rigidmc.scene.scene import Scene
 
 # members: the 99 % quantile is then below the second largest error with 96 % certainty

@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Hashable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -22,13 +22,11 @@ from rigidmc.planning.job import program_of
 from rigidmc.planning.plan import BLOCK, Plan
 from rigidmc.planning.stage import noise, stage
 from rigidmc.planning.tolerance.pilot import OBSERVED, Pilot, pilot
+from rigidmc.planning.tolerance.way import Way
 from rigidmc.scene.body import Body
 from rigidmc.scene.quantities import rows
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
-
-if TYPE_CHECKING:
-    from rigidmc.planning.tolerance.ladder import Way
 
 
 def cost_per_step(scene: Scene, plan: Plan, members: int = 256, seconds: float = 0.05) -> float:
@@ -151,12 +149,12 @@ class Costs:
                 steps *= 2
         return 1e9 * best
 
-    def per_member(self, way: "Way") -> float:
+    def per_member(self, way: Way) -> float:
         """One member to t_end, with its saves [ns]."""
         saves = 0.0 if way.integrator == "closed" else self.saves * self.save()
         return way.ns * way.mean_steps + saves + self.start()
 
-    def members_per_second(self, way: "Way", threads: int | None = None) -> float:
+    def members_per_second(self, way: Way, threads: int | None = None) -> float:
         """Members to t_end per second on all threads."""
         return 1e9 * (threads or threads_available()) / self.per_member(way)
 

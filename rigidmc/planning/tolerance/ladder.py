@@ -3,7 +3,6 @@ and how far it errs."""
 
 import math
 from collections.abc import Callable, Iterable
-from typing import NamedTuple
 
 import numpy as np
 
@@ -11,52 +10,15 @@ from rigidmc.errors import OptionError, SceneError, unknown
 from rigidmc.integrators import INTEGRATORS, accepting
 from rigidmc.planning.form import form_of
 from rigidmc.planning.plan import WATCHED_TURN
-from rigidmc.planning.rates import Array
 from rigidmc.planning.tolerance.costs import Costs
-from rigidmc.planning.tolerance.deviation import QUANTITIES, errors, upper_quantile
+from rigidmc.planning.tolerance.deviation import QUANTITIES, errors
 from rigidmc.planning.tolerance.pilot import MOST_STEPS, Pilot, first_steps, follow
 from rigidmc.planning.tolerance.truth import Truth, closed_states
+from rigidmc.planning.tolerance.way import Way
 from rigidmc.planning.watch import watch
 from rigidmc.scene.scene import Scene
 
 SINGLE = ("rk4", "exact", "strang")  # tried in float32 too
-
-
-class Way(NamedTuple):
-    """One way of integrating a pilot.
-
-    steps : of the fastest member of the pilot;  mean_steps, dt : mean over its members;  turn : of
-        steps of their own [rad], None if all have the same;  errors : {quantity: (members,)};  ns :
-        time per member and step on one thread [ns]
-    """
-
-    integrator: str
-    dtype: str
-    steps: int
-    mean_steps: float
-    dt: float
-    turn: float | None
-    errors: dict[str, Array]
-    ns: float
-
-    @property
-    def upper(self) -> float:
-        """The error that 99 % of all members stay below, with 95 % certainty."""
-        return upper_quantile(self.errors["state"])
-
-    @property
-    def step(self) -> str:
-        """The length of a step, in words."""
-        if self.integrator == "closed":
-            return "at every save"
-        if self.turn is None:
-            return f"at dt = {self.dt:.4g} s ({self.steps:,} steps)"
-        steps = f"{self.mean_steps:,.1f} steps in the mean, {self.steps:,} of the fastest member"
-        return f"at turn = {self.turn:.4g} rad ({steps})"
-
-    def with_precision(self) -> str:
-        """The integrator, and its precision if that is not double."""
-        return self.integrator + (" in float32" if self.dtype == "float32" else "")
 
 
 def candidates(

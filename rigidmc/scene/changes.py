@@ -1,15 +1,13 @@
-"""Settings of a run that have no effect beside its other settings."""
+"""Changes of run settings, and settings that have no effect beside other settings."""
 
-from __future__ import annotations
+from collections.abc import Iterator, Mapping
+from typing import Any
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from pydantic import ValidationError
 
 from rigidmc.dynamics.methods import implements
 from rigidmc.integrators import INTEGRATORS
-
-if TYPE_CHECKING:
-    from rigidmc.scene.settings import Run
+from rigidmc.scene.settings import Run, complaint
 
 # turn_rate stays in a run even if an override leaves it without effect, because `auto` tries
 # integrators that use it.
@@ -46,3 +44,24 @@ def _without_effect(run: Run) -> Iterator[tuple[str, str]]:
         yield "strata", 'only points = "latin_hypercube" have strata'
     if "thinned" not in words:
         yield "thin", "nothing is kept thinned"
+
+
+def changed(run: Run, given: Mapping[str, Any]) -> Run:
+    """A Run with the settings `given` in place of its own; SceneError.
+
+    A tolerance replaces integrator and step, and `turn` replaces dt. Settings that lose their
+    effect by the change return to their defaults.
+    """
+    if given.get("tolerance") is not None:
+        given = {"integrator": "auto", **given}
+    replaced = {"turn"} if "dt" in given else {"dt"} if "turn" in given or run.turn else set()
+    kept = run.model_dump(exclude=replaced, exclude_unset=True)
+    if "save" in given and isinstance(run.keep, dict):
+        kept["keep"] = {name: word for name, word in run.keep.items() if name in given["save"]}
+    settings = {**kept, **given}
+    try:
+        new = Run.model_validate(settings)
+        lost = idle(new).keys() - idle(run).keys() - given.keys() - STAYS
+        return Run.model_validate({k: v for k, v in settings.items() if k not in lost})
+    except ValidationError as error:
+        raise complaint(error, "run", Run, given) from None

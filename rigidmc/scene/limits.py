@@ -1,0 +1,42 @@
+"""The limits of parameters, and of what a histogram may count."""
+
+import numpy as np
+
+from rigidmc.effects.protocol import Effect, facts
+from rigidmc.errors import SceneError, unknown
+from rigidmc.observables import OBSERVABLES
+from rigidmc.observables.histogram import Histogram
+from rigidmc.observables.protocol import size
+
+# members whose sampled values are checked before a run; always the first ones, so that no result
+# depends on the number of members
+PILOT = 4096
+ALLOWED = "needs anti_damping = true under [run]"
+
+
+def check_histogram(one: Histogram) -> None:
+    """Raise SceneError if a histogram names no observable, or a wrong component."""
+    table = "observables.histogram"
+    if one.name not in OBSERVABLES or one.name == "work":
+        known = [name for name in OBSERVABLES if name != "work"]
+        raise unknown(table, "of", one.name, "observable", known)
+    count = size(OBSERVABLES[one.name].dims)
+    if (count > 1) != one.of.endswith("]") or one.component >= count:
+        rule = f"{one.name} has no components"
+        if count > 1:
+            rule = f"{one.name} has {count} components: give one, as in {one.name}[{count}]"
+        raise SceneError(table, "of", one.of, rule)
+
+
+def limits(effect: Effect | type[Effect], name: str, driven: bool) -> tuple[float, float]:
+    """(least, largest) value of a parameter. driven : whether damping may be negative"""
+    low, high = facts(effect).limits.get(name, (-np.inf, np.inf))
+    return (0.0 if low == -np.inf and facts(effect).damps and not driven else low), high
+
+
+def outside(effect: Effect, low: float, high: float) -> str:
+    """The rule that a parameter outside its limits breaks."""
+    more = ""
+    if low == 0.0 and facts(effect).damps:
+        more = f"; below 0 it drives the body, which {ALLOWED}"
+    return f"must lie between {low:g} and {high:g}{more}"
