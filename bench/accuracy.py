@@ -87,7 +87,7 @@ def arithmetic():
     from tests.assembly import counted
     from tests.engine.test_vectorisation import CASES
 
-    members = pilot(scene(EFFECTS["heavy"]), 64)._replace(own=False)
+    members = pilot(scene(EFFECTS["heavy"]), 64)._replace(member_steps=False)
     rows = []
     for case, name in COUNTED.items():
         counts = counted(CASES[case])

@@ -63,7 +63,7 @@ COMPILED_TESTS = (
 )
 # compiled, long, or with numbers for which NumPy warns
 LEFT_OUT = (
-    "not ten_thousand_steps and not drifts_with_steps and not test_bath and not test_own"
+    "not ten_thousand_steps and not drifts_with_steps and not test_bath and not test_user"
     " and not frozen_members"
 )
 JUDGES = (  # the quickest first: 40 s for all, uncompiled

@@ -157,9 +157,11 @@ def study_errors(name):
         integrator, dtype, steps = (study[x].values[row] for x in ("integrator", "dtype", "steps"))
         if not np.isnan(study.turn.values[row]):
             steps = other.turn(1.0) / study.turn.values[row]
-            other = other._replace(own=True)
+            other = other._replace(member_steps=True)
         apart = errors(
-            other, follow(other, integrator, steps if other.own else int(steps), dtype), true.states
+            other,
+            follow(other, integrator, steps if other.member_steps else int(steps), dtype),
+            true.states,
         )["state"]
         rows.append({"kind": "error", "scene": name, "integrator": integrator, "dtype": dtype,
             "steps": float(steps),

@@ -9,10 +9,10 @@ from rigidmc.dynamics.euler import MassProperties
 from rigidmc.effects.parameters import blank, numbers, parameter_count
 from rigidmc.engine import layout
 from rigidmc.engine.frame import Run
-from rigidmc.engine.program import QUIET, Program
+from rigidmc.engine.program import NO_NOISE, Program
 from rigidmc.engine.threads import run_block
 from rigidmc.planning.job import Job
-from rigidmc.planning.rates import own_steps, rates, together
+from rigidmc.planning.rates import by_steps, own_steps, rates
 
 GRAVITY = 9.81  # m/s^2
 BLOCK = 4096  # members of a block, as in rigidmc.planning.plan
@@ -82,7 +82,7 @@ def advance_own(parts, steps_form, effects, turn, t_end, pool, dtype="float64"):
     def move(block):
         block[layout.STEPS] = own_steps(rates(effects, block), t_end, turn)
         slots = int(block[layout.STEPS].max())
-        order = together(block)
+        order = by_steps(block)
         given = np.take(block, order, axis=1)
         run_block(
             Job(
@@ -90,7 +90,7 @@ def advance_own(parts, steps_form, effects, turn, t_end, pool, dtype="float64"):
                 0,
                 {},
                 program,
-                QUIET,
+                NO_NOISE,
                 given,
                 order,
                 np.empty(0),

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 from rigidmc.effects.parameters import blank
 from rigidmc.engine.machine import vector_bits
 from rigidmc.engine.march import march
-from rigidmc.engine.operations import DIVISION, ROOT, unpacked
+from rigidmc.engine.operations import DIVISION, ROOT, why_one_at_a_time
 from rigidmc.engine.pieces import dispatcher_of, signature_of
 from rigidmc.engine.program import MARCH, lanes_for
 from rigidmc.integrators import INTEGRATORS, Turns, form
@@ -94,7 +94,9 @@ def assembly_of(case, lanes):
 
 def counted(case):
     """What the loop over steps contains."""
-    lanes = 1 if case.effects and any(map(unpacked, case.effects)) else lanes_for(case.dtype)
+    lanes = (
+        1 if case.effects and any(map(why_one_at_a_time, case.effects)) else lanes_for(case.dtype)
+    )
     assembly = assembly_of(case, lanes)
     loop = loop_of(assembly)
     wanted = "s" if case.dtype == "float32" else "d"

@@ -84,8 +84,10 @@ def run(
     """Change the block in place by `steps` steps; return the saves (slot, value row, member).
 
     made : a Form;  cuts : steps at which the run is split into several calls
-    watch : events, running observables and neighbour; the block then has `more` rows, see `rigidmc.engine.layout.watch_rows`
-    slots_each : of a round of length h, of which members make the first block[STEPS]; `steps` and `stride` are then slots
+    watch : events, running observables and neighbour; the block then has `more` rows, see
+        `rigidmc.engine.layout.watch_rows`
+    slots_each : rounds of length h, in which each member makes block[STEPS] steps; `steps` and
+        `stride` then count slots
     lanes : members side by side
     """
     stride = stride or max(steps, 1)

@@ -120,12 +120,12 @@ def observables(
     """List what can be saved and watched: its parameters and results; with --measure what each
     watched one adds to a step here. NAME: all about it."""
     with reported():
-        from rigidmc.observables import KNOWN, OBSERVABLES, RUNNING, SUMMARIES
+        from rigidmc.observables import KNOWN, OBSERVABLES, WATCHED, WATCHED_STATISTICS
         from rigidmc.observables.running import STATISTICS
 
         if name is not None:
-            running = {word: kind for word, (_, kind) in RUNNING.items()}
-            kinds = {**OBSERVABLES, **SUMMARIES, **running}
+            running = {word: kind for word, (_, kind) in WATCHED_STATISTICS.items()}
+            kinds = {**OBSERVABLES, **WATCHED, **running}
             text = getattr(kinds.get(name), "__doc__", "")
             _explain(name, KNOWN, "observable", text, _of_observable)
             return
@@ -141,13 +141,13 @@ def observables(
             print(f"{word:12s} {_first_line(kind)} [{kind.units}]")
         print("\nover all steps, one result per member (save = [...]; parameters in a table")
         print("[observables.NAME]):")
-        for word, kind in SUMMARIES.items():
+        for word, kind in WATCHED.items():
             parameters = ", ".join(_default(kind, f) for f in kind._fields) or "none"
             results = ", ".join(kind.outputs) or "counts"
             print(f"{word:12s} {_first_line(kind)}")
             print(f"{'':12s} parameters: {parameters}; results: {results}")
             print_added(word)
-        able = [word for word in OBSERVABLES if f"{word}_mean" in RUNNING]
+        able = [word for word in OBSERVABLES if f"{word}_mean" in WATCHED_STATISTICS]
         print(f"\nand of {', '.join(able)}, over all steps:")
         for word, kind in STATISTICS.items():
             print(f"NAME_{word:7s} {_first_line(kind)}")
@@ -167,22 +167,25 @@ def _watching_costs() -> dict[str, dict[str, float]]:
 
 def _of_observable(name: str) -> Facts:
     """(label, fact) of an observable."""
-    from rigidmc.observables import OBSERVABLES, RUNNING, SUMMARIES, outputs
+    from rigidmc.observables import OBSERVABLES, WATCHED, WATCHED_STATISTICS, outputs
 
     if name in OBSERVABLES:
         kind = OBSERVABLES[name]
-        over = ", ".join(word for word, (of, _) in RUNNING.items() if of == name) or "nothing of it"
+        over = (
+            ", ".join(word for word, (of, _) in WATCHED_STATISTICS.items() if of == name)
+            or "nothing of it"
+        )
         yield "in a scene", f'save = ["{name}"], at save times; over all steps {over}'
         yield "result", f"{kind.long_name} [{kind.units}]{_by(kind.dims)}"
-    elif name in SUMMARIES:
-        kind = SUMMARIES[name]
+    elif name in WATCHED:
+        kind = WATCHED[name]
         fields = ", ".join(_default(kind, field) for field in kind._fields)
         table = f" with [observables.{name}] {fields}" if fields else ""
         yield "in a scene", f'save = ["{name}"]{table}'
         for variable, (units, _, dims) in kind.outputs.items():
             yield "result", f"{variable} [{units}]{_by(dims)}"
     else:
-        of, kind = RUNNING[name]
+        of, kind = WATCHED_STATISTICS[name]
         yield "in a scene", f'save = ["{name}"], over all steps of {of}'
         for variable, (units, text, dims) in outputs(name, kind(OBSERVABLES[of]())).items():
             yield "result", f"{variable}: {text} [{units}]{_by(dims)}"

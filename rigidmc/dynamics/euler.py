@@ -101,7 +101,7 @@ def twice(rates):
     return Rates(r.w1 + r.w1, r.w2 + r.w2, r.w3 + r.w3, r.a1 + r.a1, r.a2 + r.a2, r.a3 + r.a3)
 
 
-def turn(rates, l):
+def half_rotation(rates, l):
     """h omega/2, half the rotation vector of a time h."""
     return rates.w1 * l[0], rates.w2 * l[1], rates.w3 * l[2]
 

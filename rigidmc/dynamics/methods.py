@@ -65,7 +65,7 @@ def implements(part: object, name: str) -> bool:
     return hasattr(part if isinstance(part, type) else type(part), name)
 
 
-def names(part: Any, *methods: str) -> set[str]:
+def argument_names(part: Any, *methods: str) -> set[str]:
     """All argument names of the given methods of a class or instance; a missing method has none."""
     kind = part if isinstance(part, type) else type(part)
     return {a for m in methods if implements(kind, m) for a in arguments(getattr(kind, m))}

@@ -30,7 +30,7 @@ from rigidmc.effects.bath import Bath as Bath
 from collections.abc import Iterable
 from typing import Any
 
-from rigidmc.dynamics.methods import implements, names, word_of
+from rigidmc.dynamics.methods import argument_names, implements, word_of
 from rigidmc.effects.parameters import given, shape
 from rigidmc.effects.protocol import Effect, facts
 
@@ -51,7 +51,7 @@ def description(kind: type[Effect]) -> tuple[str, str, str]:
         unit, size = facts(kind).units[field], shape(kind, field)
         words = [unit] * (unit != "1") + [f"{size} numbers"] * (size is not None)
         parameters.append(field + (f" [{', '.join(words)}]" if words else ""))
-    used = names(kind, "torque", "energy", "kick")
+    used = argument_names(kind, "torque", "energy", "kick")
     said = {
         "needs the attitude": "q" in used,
         "depends on time": "t" in used,

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from math import inf
 from typing import Any, ClassVar, NamedTuple, Protocol, TypeAlias, TypeGuard, TypeVar
 
-from rigidmc.dynamics.methods import implements, method, names
+from rigidmc.dynamics.methods import argument_names, implements, method
 from rigidmc.dynamics.so3 import axpy
 
 # Of parameters: a float, or in a scene an array of one for each member, or a law such as
@@ -115,7 +115,7 @@ def is_conservative(effect: Effect) -> bool:
 
 def depends_on_momentum(effect: Effect | type[Effect]) -> bool:
     """Whether the torque depends on L, or has its own `kick`: a kick is not L + h torque(q, t)."""
-    return "l" in names(effect, "torque") or implements(effect, "kick")
+    return "l" in argument_names(effect, "torque") or implements(effect, "kick")
 
 
 @method

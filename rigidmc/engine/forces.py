@@ -14,7 +14,7 @@ from rigidmc.effects.parameters import blank, numbers
 from rigidmc.effects.sums import total_energy, total_torque
 from rigidmc.engine.compose import NumbaError
 from rigidmc.engine.formulas import evaluate
-from rigidmc.engine.operations import refuse_misdeeds
+from rigidmc.engine.operations import refuse_memory
 
 Vector = Any  # a tuple of numbers or of arrays that broadcast
 
@@ -63,6 +63,6 @@ def evaluated(effects: Any, body: Any, q: Vector, l: Vector) -> NDArray[np.float
     try:
         values = evaluate(formula, 4, rows, threads=1)
     except NumbaError:  # a user's code that takes one member at a time
-        refuse_misdeeds(effects)
+        refuse_memory(effects)
         values = evaluate(formula, 4, rows, threads=1, side=1)
     return np.reshape(values, (4, *columns[0].shape))

@@ -8,10 +8,10 @@ from numba import njit, typeof
 
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.effects import EFFECTS
-from rigidmc.effects.own import RULE
 from rigidmc.effects.parameters import blank
 from rigidmc.effects.protocol import energy, energy_scale, kick, shake, torque, torque_rate
 from rigidmc.effects.sums import total_torque
+from rigidmc.effects.user import RULE
 from rigidmc.engine.compose import NumbaError
 from rigidmc.engine.formulas import WIDTH
 from rigidmc.engine.kinds import filled, parts_of
@@ -68,19 +68,19 @@ def torque_operations(effect: Any) -> Operations:
     return _counted(_torque, *blank((effect,)), _BODY, 0.0, _AT, _SPIN)
 
 
-def misdeeds(effect: Any) -> str:
+def why_refused(effect: Any) -> str:
     """Why the torque of a user's effect cannot go into a kernel: "takes memory", or ""."""
     return "takes memory" if "NRT_" in _torque_code(effect) else ""
 
 
-def refuse_misdeeds(effects: Iterable[Any]) -> None:
+def refuse_memory(effects: Iterable[Any]) -> None:
     """Raise SceneError for a user's effect that takes memory."""
     for effect in effects:
-        if type(effect) not in EFFECTS.values() and (wrong := misdeeds(effect)):
+        if type(effect) not in EFFECTS.values() and (wrong := why_refused(effect)):
             raise SceneError("effects", f"{type(effect).__name__}.torque", None, f"{wrong}; {RULE}")
 
 
-def unpacked(effect: Any) -> str:
+def why_one_at_a_time(effect: Any) -> str:
     """Why members cannot be worked on side by side with a user's effect, or ""."""
     if type(effect) not in _side_by_side:
         try:

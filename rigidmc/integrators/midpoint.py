@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rigidmc.dynamics.euler import scaled, spun, turn
+from rigidmc.dynamics.euler import half_rotation, scaled, spun
 from rigidmc.dynamics.so3 import gain, gain4, scale, scale4, spin, turned, whole
 from rigidmc.effects.sums import push
 from rigidmc.integrators.form import ONE, Form, Turns
@@ -15,7 +15,7 @@ from rigidmc.integrators.form import ONE, Form, Turns
 def _better(half, effects, body, t, h, q, l, at, now):
     """One fixed-point iteration for the middle (at, now) of a step from (q, L)."""
     now = push(effects, body, t, h, at, now, spun(half, l, now))
-    return turned(q, at, turn(half, now)), now
+    return turned(q, at, half_rotation(half, now)), now
 
 
 def _four(half, effects, body, t, h, q, l, at, now):
@@ -72,7 +72,9 @@ class Midpoint(NamedTuple):
         )
         zero = (0.0, 0.0, 0.0)
         dl = push(effects, body, t + 0.5 * h, 0.5 * h, middle, spun_up, spun(half, zero, spun_up))
-        return gain4(q, scale4(2.0, spin(middle, turn(half, spun_up)))), gain(l, scale(2.0, dl))
+        return gain4(q, scale4(2.0, spin(middle, half_rotation(half, spun_up)))), gain(
+            l, scale(2.0, dl)
+        )
 
 
 INTEGRATORS = {"midpoint": Midpoint()}

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rigidmc.dynamics.euler import angular_velocity, scaled, spun, turn, twice
+from rigidmc.dynamics.euler import angular_velocity, half_rotation, scaled, spun, twice
 from rigidmc.dynamics.so3 import (
     add,
     add4,
@@ -79,18 +79,20 @@ class RK4(NamedTuple):
         if len(q) == 2:  # pairs (value, remainder)
             return compensated_step(body, effects, t, h, q, l)
         half = scaled(body, 0.5 * h)
-        x = turned(q, q, turn(half, l))
+        x = turned(q, q, half_rotation(half, l))
         lx = push(effects, body, t, 0.5 * h, q, l, spun(half, l, l))
-        y = turned(q, x, turn(half, lx))
+        y = turned(q, x, half_rotation(half, lx))
         ly = push(effects, body, t + 0.5 * h, 0.5 * h, x, lx, spun(half, l, lx))
-        wy = turn(half, ly)
+        wy = half_rotation(half, ly)
         z = turned(q, y, add(wy, wy))
         lz = push(effects, body, t + 0.5 * h, h, y, ly, spun(twice(half), l, ly))
         # l is summed by small differences, so that what it conserves is right to the last digit
         dl = axpy(add(difference(lx, l), difference(lz, l)), 2.0, difference(ly, l))
         dl = push(effects, body, t + h, 0.5 * h, z, lz, spun(half, dl, lz))
         l = axpy(l, 1.0 / 3.0, dl)
-        return third(turned(axpy4(add4(difference4(x, q), z), 2.0, y), z, turn(half, lz))), l
+        return third(
+            turned(axpy4(add4(difference4(x, q), z), 2.0, y), z, half_rotation(half, lz))
+        ), l
 
 
 class ScaledRK4(NamedTuple):

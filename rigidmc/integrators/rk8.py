@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from rigidmc.dynamics.euler import scaled, spun, turn
+from rigidmc.dynamics.euler import half_rotation, scaled, spun
 from rigidmc.dynamics.so3 import axpy, axpy4, gain, gain4, spin, whole
 from rigidmc.effects.sums import push
 
@@ -73,7 +73,9 @@ _B = (
 
 def changes(rates, effects, body, t, h, q, l):
     """(h dq/dt, h dL/dt) at a stage, as one pair."""
-    return spin(q, turn(rates, l)), push(effects, body, t, h, q, l, spun(rates, (0.0, 0.0, 0.0), l))
+    return spin(q, half_rotation(rates, l)), push(
+        effects, body, t, h, q, l, spun(rates, (0.0, 0.0, 0.0), l)
+    )
 
 
 def combined(y, a, k):

@@ -2,11 +2,11 @@
 
 Four kinds, see `rigidmc.observables.protocol`:
 
-OBSERVABLES    recorded at save times; a class with `value`
-SUMMARIES      over all steps, one result per member: events (`level`), running observables (`begin`
-               and `update`), `megno`; over all members at save times: `histogram`
-RUNNING        omega_min, omega_max, omega_mean, omega_variance and so on: of each of OBSERVABLES
-               that asks for neither start nor works
+OBSERVABLES          recorded at save times; a class with `value`
+WATCHED              over all steps, one result per member: events (`level`), running observables
+                     (`begin` and `update`), `megno`; over all members at save times: `histogram`
+WATCHED_STATISTICS   omega_min, omega_max, omega_mean, omega_variance and so on: of each of
+                     OBSERVABLES that asks for neither start nor works
 """
 
 # One line for each observable, in the order in which lists and results have them. The word of an
@@ -31,7 +31,7 @@ from rigidmc.observables.histogram import Histogram as Histogram
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from rigidmc.dynamics.methods import implements, names, word_of
+from rigidmc.dynamics.methods import argument_names, implements, word_of
 from rigidmc.observables.protocol import Ensemble, Outputs, size
 from rigidmc.observables.running import STATISTICS
 
@@ -39,17 +39,17 @@ _KINDS = {word_of(kind): kind for kind in globals().values() if hasattr(kind, "_
 OBSERVABLES: dict[str, Any] = {
     word: kind for word, kind in _KINDS.items() if implements(kind, "value")
 }
-SUMMARIES: dict[str, Any] = {word: kind for word, kind in _KINDS.items() if word not in OBSERVABLES}
-RUNNING: dict[str, tuple[str, Any]] = {  # {name: (name of the observable, statistic)}
+WATCHED: dict[str, Any] = {word: kind for word, kind in _KINDS.items() if word not in OBSERVABLES}
+WATCHED_STATISTICS: dict[str, tuple[str, Any]] = {  # {name: (name of the observable, statistic)}
     f"{name}_{word}": (name, statistic)
     for name, kind in OBSERVABLES.items()
     for word, statistic in STATISTICS.items()
-    if not names(kind, "value") & {"start", "works"}
+    if not argument_names(kind, "value") & {"start", "works"}
 }
-KNOWN = (*OBSERVABLES, *SUMMARIES, *RUNNING)
+KNOWN = (*OBSERVABLES, *WATCHED, *WATCHED_STATISTICS)
 
 
-def rows_of(effects: Sequence[Any], *names: str) -> int:
+def value_rows(effects: Sequence[Any], *names: str) -> int:
     """How many numbers the named observables record for one member at one time.
 
     Observables over all steps record none.
@@ -69,10 +69,10 @@ def recorded(save: Sequence[str], given: Sequence[Any]) -> tuple[str, ...]:
     return tuple(dict.fromkeys((*saved(save), *hidden)))
 
 
-def summary_of(summary: Any) -> str:
-    """The name in SUMMARIES of a class or of an instance."""
+def word_of_watched(summary: Any) -> str:
+    """The name in WATCHED of a class or of an instance."""
     kind = summary if isinstance(summary, type) else type(summary)
-    return next(name for name, known in SUMMARIES.items() if known is kind)
+    return next(name for name, known in WATCHED.items() if known is kind)
 
 
 def watched(save: Sequence[str], given: Sequence[Any]) -> list[tuple[str, Any]]:
@@ -82,12 +82,12 @@ def watched(save: Sequence[str], given: Sequence[Any]) -> list[tuple[str, Any]]:
     given : observables with their numbers; all of them are watched
     """
     labelled: list[tuple[str, Any]] = []
-    for name in dict.fromkeys((*save, *(summary_of(one) for one in given))):
-        if name in RUNNING:
-            observable, statistic = RUNNING[name]
+    for name in dict.fromkeys((*save, *(word_of_watched(one) for one in given))):
+        if name in WATCHED_STATISTICS:
+            observable, statistic = WATCHED_STATISTICS[name]
             labelled.append((name, statistic(OBSERVABLES[observable]())))
-        elif name in SUMMARIES:
-            same = [one for one in given if summary_of(one) == name] or [SUMMARIES[name]()]
+        elif name in WATCHED:
+            same = [one for one in given if word_of_watched(one) == name] or [WATCHED[name]()]
             labelled += [(f"{name}_{i}" if i > 1 else name, one) for i, one in enumerate(same, 1)]
     return labelled
 
@@ -97,10 +97,10 @@ def outputs(label: str, one: Any) -> Outputs:
 
     label : as `watched` has it; the ends of variables are those of labels: passage_2, passages_2
     """
-    if label in RUNNING:
+    if label in WATCHED_STATISTICS:
         units = " ".join(map(_squared, one.of.units.split())) if one.squares else one.of.units
         return {label: (units, f"{one.word} {one.of.long_name}, over the steps", one.of.dims)}
-    end, words = label.removeprefix(summary_of(one)), one.words()
+    end, words = label.removeprefix(word_of_watched(one)), one.words()
     return {
         name + end: (units, text.format(**words), dims)
         for name, (units, text, dims) in one.outputs.items()

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.errors import SceneError, unknown
-from rigidmc.observables import OBSERVABLES, RUNNING
+from rigidmc.observables import OBSERVABLES, WATCHED_STATISTICS
 from rigidmc.observables.running import STATISTICS
 
 WORDS = ("none", "final", "summary", "thinned", "full")
@@ -34,7 +34,7 @@ def check_keep(keep: Keep) -> None:
             raise unknown("run", key, name, "observable at save times", OBSERVABLES)
         if word not in WORDS:
             raise unknown("run", key, word, "way to keep it", WORDS)
-        if word == "summary" and name is not None and f"{name}_mean" not in RUNNING:
+        if word == "summary" and name is not None and f"{name}_mean" not in WATCHED_STATISTICS:
             rule = "it has no summary over the steps: keep it final, thinned or full"
             raise SceneError("run", key, word, rule)
 
@@ -46,7 +46,7 @@ def kept(keep: Keep, saved: Iterable[str]) -> dict[str, str]:
     """
     words = {name: keep if isinstance(keep, str) else keep.get(name, "full") for name in saved}
     return {
-        name: "final" if word == "summary" and f"{name}_mean" not in RUNNING else word
+        name: "final" if word == "summary" and f"{name}_mean" not in WATCHED_STATISTICS else word
         for name, word in words.items()
     }
 

@@ -1,7 +1,8 @@
 """What is asked of the class of an observable: its facts, its methods, and the defaults of both.
 
 A class is a NamedTuple with one of the decorators below, which states its facts, adds the defaults
-and refuses a class that lacks the rest. Its fields are the numbers of a table [observables.NAME] in a scene.
+and refuses a class that lacks the rest. Its fields are the numbers of a table [observables.NAME] in
+a scene.
 
 `value`, `begin`, `update`, `level`, `armed`, `past` and `stops` are called from compiled code. As
 the methods of effects, they name the arguments that they depend on and are given no others: body,

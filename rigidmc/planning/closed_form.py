@@ -71,7 +71,7 @@ class Case(NamedTuple):
                 whole[..., members, :] = values
         return motion
 
-    def what(self) -> list[tuple[NDArray[np.int64], Any]]:
+    def kinds(self) -> list[tuple[NDArray[np.int64], Any]]:
         """[(members, their Kind of free motion or Nutation of a Lagrange top)]."""
         return [
             (

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rigidmc.dynamics.methods import implements, names
+from rigidmc.dynamics.methods import argument_names, implements
 from rigidmc.effects.sums import total_energy_scale
 from rigidmc.engine import layout
 from rigidmc.engine.layout import whole_lanes
@@ -28,7 +28,7 @@ def carries_attitude(scene: Scene, watched: Watch | None = None) -> bool:
 
     watched : the Watch of the scene, if it is known
     """
-    by_effects = any("q" in names(e, "torque", "kick", "energy") for e in scene.effects)
+    by_effects = any("q" in argument_names(e, "torque", "kick", "energy") for e in scene.effects)
     return by_effects or needs_attitude(scene, watch(scene) if watched is None else watched)
 
 

@@ -8,18 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.effects import EFFECTS
-from rigidmc.effects.own import RULE
 from rigidmc.effects.parameters import blank
+from rigidmc.effects.user import RULE
 from rigidmc.engine import layout
 from rigidmc.engine.compose import NumbaError, reason
 from rigidmc.engine.frame import Noise
-from rigidmc.engine.operations import refuse_misdeeds, unpacked
-from rigidmc.engine.program import QUIET, Program
+from rigidmc.engine.operations import refuse_memory, why_one_at_a_time
+from rigidmc.engine.program import NO_NOISE, Program
 from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.observables import OBSERVABLES
 from rigidmc.planning.closed_form import closed_values
 from rigidmc.planning.plan import Plan
-from rigidmc.planning.rates import Array, together
+from rigidmc.planning.rates import Array, by_steps
 from rigidmc.planning.stage import Start, ledger, noise
 from rigidmc.scene.scene import Scene
 
@@ -61,9 +61,9 @@ def program_of(scene: Scene, plan: Plan, ask: bool = False) -> Program | None:
         return None
     own = [e for e in scene.effects if type(e) not in EFFECTS.values()]
     try:
-        refuse_misdeeds(own)
+        refuse_memory(own)
         for effect in own:
-            if why := unpacked(effect):
+            if why := why_one_at_a_time(effect):
                 rule = (
                     f"{type(effect).__name__} {why}: members are not worked on side by side, and "
                     "the step is much slower than it might be"
@@ -96,7 +96,7 @@ def program_of(scene: Scene, plan: Plan, ask: bool = False) -> Program | None:
 def side_by_side(own: Sequence[Any]) -> int | None:
     """How many members are worked on side by side: one if the code of a user's own effect takes
     only one, else None, which leaves the choice to the engine."""
-    return 1 if any(map(unpacked, own)) else None
+    return 1 if any(map(why_one_at_a_time, own)) else None
 
 
 def job_of(
@@ -114,8 +114,8 @@ def job_of(
     """A block of `count` members from index `first` on, whose values go to the columns of `out`
     from `column` on; `width` : columns of `out`."""
     order, slots = None, 1
-    if plan.own:
-        order = together(block)
+    if plan.member_steps:
+        order = by_steps(block)
         block = np.take(block, order, axis=1)  # block[:, order] would have another memory layout
         slots = int(block[layout.STEPS].max(initial=1.0))
     return Job(
@@ -158,7 +158,7 @@ def closed_job(
         size=count,
         start=start,
         program=None,
-        noise=QUIET,
+        noise=NO_NOISE,
         block=block,
         order=None,
         out=out,

@@ -13,7 +13,7 @@ from rigidmc.engine import layout
 from rigidmc.engine.layout import whole_lanes
 from rigidmc.errors import SceneError
 from rigidmc.integrators import INTEGRATORS, Form, keeps_remainders
-from rigidmc.observables import rows_of
+from rigidmc.observables import value_rows
 from rigidmc.observables.keep import thinned
 from rigidmc.planning.closed_form import closed_form
 from rigidmc.planning.form import carries_attitude, form_of, largest_rates, mean_own_steps
@@ -44,7 +44,7 @@ class Plan(NamedTuple):
     first, members : index of the first member, and how many there are
     steps, dt, stride : steps to the end, their length [s], steps between saves; with member steps
         these are of rounds, in each of which a member makes some steps
-    own : whether members have steps of their own;  mean_steps : of a member to the end
+    member_steps : whether members have steps of their own;  mean_steps : of a member to the end
     times : of the saves [s];  thinned : indices of the saves that are kept of thinned observables
     form : the compiled form of the integrator; None for closed forms
     carried : whether the attitude is followed;  block : members of a block
@@ -62,7 +62,7 @@ class Plan(NamedTuple):
     steps: int
     dt: float
     stride: int
-    own: bool
+    member_steps: bool
     mean_steps: float
     times: NDArray[np.float64]
     thinned: NDArray[np.int64]
@@ -94,11 +94,13 @@ class Plan(NamedTuple):
 class _Steps(NamedTuple):
     """The time grid of a run, and how far a step moves a member.
 
-    own, steps, dt, stride, mean_steps : as in Plan;  angle, theta : how far the fastest member of
-        the pilot turns in a step at the start, and at its rate [rad];  notes : on dt
+    member_steps, steps, dt, stride, mean_steps : as in Plan
+    angle, theta : how far the fastest member of the pilot turns in a step at the start, and at its
+        rate [rad]
+    notes : on dt
     """
 
-    own: bool
+    member_steps: bool
     steps: int
     dt: float
     stride: int
@@ -125,8 +127,8 @@ def prepare(
     notes = grid.notes + _step_notes(scene, grid)
     # torques may bring a member to theta
     reach = grid.theta if scene.effects else grid.angle
-    notes += watched_notes(watched, reach, grid.own, grid.dt)
-    if grid.own and (driving := spinning_up(scene)):
+    notes += watched_notes(watched, reach, grid.member_steps, grid.dt)
+    if grid.member_steps and (driving := spinning_up(scene)):
         rule = (
             f"steps are those of the start, and {', '.join(driving)} may spin members up; one that "
             f"turns by {SPUN_UP:g} times as much in a step is flagged"
@@ -143,13 +145,13 @@ def prepare(
         steps=grid.steps,
         dt=grid.dt,
         stride=grid.stride,
-        own=grid.own,
+        member_steps=grid.member_steps,
         mean_steps=mean,
         times=slots * grid.dt,
         thinned=few,
         form=form,
         carried=carried,
-        block=block or _block(scene, grid.own, len(slots), threads, streaming),
+        block=block or _block(scene, grid.member_steps, len(slots), threads, streaming),
         constant=_constant(scene),
         angle=grid.angle,
         turn_rate=rate,
@@ -184,7 +186,9 @@ def _step_notes(scene: Scene, grid: _Steps) -> tuple[str, ...]:
     most = 3.0 if kind.splitting else 1.0
     if grid.angle <= most or kind.order == math.inf:
         return ()
-    would = f"turn <= {most:g}" if grid.own else f"dt <= {most * grid.dt / grid.angle:.2g} s"
+    would = (
+        f"turn <= {most:g}" if grid.member_steps else f"dt <= {most * grid.dt / grid.angle:.2g} s"
+    )
     return (
         f"omega dt reaches {grid.angle:.3g} rad per step, more than {most:g}: expect large errors; "
         f"{would} would do",
@@ -194,7 +198,7 @@ def _step_notes(scene: Scene, grid: _Steps) -> tuple[str, ...]:
 def watched_notes(watched: Watch, theta: float, own: bool, dt: float) -> tuple[str, ...]:
     """A note if steps of `theta` [rad] are too long for what is watched after each.
 
-    own : whether members have steps of their own;  dt : the step [s]
+    member_steps : whether members have steps of their own;  dt : the step [s]
     """
     labels = watched.each_step
     if not labels or theta <= WATCHED_TURN * (1.0 + 1e-9):
@@ -225,7 +229,7 @@ def _block(scene: Scene, own: bool, saves: int, threads: int, streaming: bool) -
     block = min(BLOCK, whole_lanes(math.ceil(scene.run.members / blocks)))
     if not streaming:
         return block
-    values = rows_of(scene.effects, *scene.recorded())
+    values = value_rows(scene.effects, *scene.recorded())
     fitting = SLAB // (8 * max(1, values) * saves)
     return min(block, max(layout.LANES, fitting // layout.LANES * layout.LANES))
 

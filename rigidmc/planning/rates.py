@@ -57,7 +57,7 @@ def own_steps(rate: Array, span: float, turn: float | None) -> Array:
     return np.clip(np.where(np.isfinite(steps), steps, 1.0), 1.0, MOST_OWN_STEPS)
 
 
-def together(block: Array) -> NDArray[np.int64]:
+def by_steps(block: Array) -> NDArray[np.int64]:
     """The order of a block's members by their number of steps: equal numbers lie side by side."""
     steps = block[layout.STEPS]
     # whole numbers of two bytes are sorted by radix, 15 times as fast

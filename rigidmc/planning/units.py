@@ -121,7 +121,7 @@ class Internal(NamedTuple):
     def back(self, scene: Scene, plan: Plan) -> tuple[Scene, Plan]:
         """A scene and its Plan in their original units."""
         rate = plan.turn_rate
-        if rate is not None and not plan.own:
+        if rate is not None and not plan.member_steps:
             rate = rate * self.time
         original = plan._replace(
             dt=plan.dt / self.time, times=plan.times / self.time, turn_rate=rate
@@ -129,7 +129,7 @@ class Internal(NamedTuple):
         return scaled(scene, 1.0 / self.mass, 1.0, 1.0 / self.time), original
 
 
-def told(scene: Scene, plan: Plan, units: Internal | None) -> tuple[Scene, Plan]:
+def in_user_units(scene: Scene, plan: Plan, units: Internal | None) -> tuple[Scene, Plan]:
     """A scene and its Plan in the units of the user.
 
     units : how the scene was rescaled, None if nothing was rescaled

@@ -13,12 +13,12 @@ from rigidmc.engine import layout
 from rigidmc.engine.layout import whole_lanes
 from rigidmc.engine.program import Program
 from rigidmc.engine.threads import run_blocks
-from rigidmc.observables import OBSERVABLES, rows_of
+from rigidmc.observables import OBSERVABLES, value_rows
 from rigidmc.planning import watch
 from rigidmc.planning.job import Job, closed_job, job_of, program_of
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.stage import stage
-from rigidmc.planning.units import Internal, told
+from rigidmc.planning.units import Internal, in_user_units
 from rigidmc.progress import Progress, reporter
 from rigidmc.scene.scene import Scene
 from rigidmc.storage.schema import member_variables
@@ -61,7 +61,7 @@ def run(
     began = time.perf_counter()
     program = program_of(scene, plan)
     compiled = time.perf_counter() - began
-    original, shown = told(scene, plan, units)
+    original, shown = in_user_units(scene, plan, units)
     sink: Sink = Memory(original, shown, dict(attrs or {}))
     if output is not None:
         sink = File(output, original, shown, force, dict(attrs or {}))
@@ -97,13 +97,13 @@ def compute(
 
     members : number of members in `blocks`, for the progress bar
     """
-    original, shown = told(scene, plan, units)
+    original, shown = in_user_units(scene, plan, units)
     flagged = dict.fromkeys(layout.STATUSES, 0)
 
     def make(i: int) -> Job:
         low = i * plan.block
         count = min(plan.block, plan.members - low)
-        span = plan.dt if plan.own else None
+        span = plan.dt if plan.member_steps else None
         lanes = whole_lanes(count)
         block, start = stage(scene, plan.first + low, lanes, plan.carried, span, plan.watch.rows)
         place = (plan.first + low, count, block, start, *sink.room(low, count))
@@ -156,7 +156,7 @@ def _in_original_units(
     factors = [
         units.factor(OBSERVABLES[name].units)
         for name in names
-        for _ in range(rows_of(scene.effects, name))
+        for _ in range(value_rows(scene.effects, name))
     ]
     if job.width:
         saves = job.out.reshape(plan.times.size, len(factors), job.width)

@@ -8,7 +8,7 @@ import shutil
 from rigidmc.engine import layout
 from rigidmc.errors import NoRoom
 from rigidmc.files.outputs import Path
-from rigidmc.observables import rows_of
+from rigidmc.observables import value_rows
 from rigidmc.planning.plan import Plan
 from rigidmc.scene.scene import Scene
 from rigidmc.storage.schema import bytes_of_a_member
@@ -31,7 +31,7 @@ def sizes(scene: Scene, plan: Plan, threads: int) -> tuple[int, int, int]:
 
 
 def _bytes_of_a_block(scene: Scene, plan: Plan) -> int:
-    saves = plan.times.size * rows_of(scene.effects, *scene.recorded())
+    saves = plan.times.size * value_rows(scene.effects, *scene.recorded())
     return 8 * plan.block * (layout.EFFECTS + 20 + plan.watch.rows + saves)
 
 

@@ -11,7 +11,7 @@ from rigidmc.files.reading import text_of
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.settle import settled
 from rigidmc.planning.tolerance.choose import Chosen
-from rigidmc.planning.units import Internal, told
+from rigidmc.planning.units import Internal, in_user_units
 from rigidmc.scene.scene import Scene, loads
 from rigidmc.storage.run_directory import RunDirectory, hash_of, hash_of_file
 
@@ -36,7 +36,7 @@ class Ready(NamedTuple):
 def ready(scene: Scene, threads: int = 1, block: int | None = None) -> Ready:
     """Settle everything about a run to files before its first step; SceneError."""
     scene, plan, units, chosen = settled(scene, threads, True, block)
-    return Ready(scene, plan, units, *told(scene, plan, units), chosen)
+    return Ready(scene, plan, units, *in_user_units(scene, plan, units), chosen)
 
 
 def planned(

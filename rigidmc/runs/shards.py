@@ -15,7 +15,7 @@ from rigidmc.engine.layout import LANES
 from rigidmc.engine.program import Program
 from rigidmc.errors import RigidmcError
 from rigidmc.files.netcdf import read
-from rigidmc.observables import rows_of
+from rigidmc.observables import value_rows
 from rigidmc.planning.job import Job
 from rigidmc.planning.plan import BLOCK, SLAB, Plan
 from rigidmc.progress import Progress
@@ -35,7 +35,7 @@ Numbers = Sequence[int] | NDArray[np.int64]  # of shards
 def members_of(scene: Scene, plan: Plan, size: float = SHARD) -> tuple[int, int]:
     """(members of a block, members of a shard) of a run with shards of about `size` bytes; neither
     depends on the number of threads."""
-    values = 8 * max(1, rows_of(scene.effects, *scene.recorded())) * plan.times.size
+    values = 8 * max(1, value_rows(scene.effects, *scene.recorded())) * plan.times.size
     block = min(BLOCK, max(LANES, SLAB // values // LANES * LANES))
     return block, block * max(1, int(size / sum(bytes_of_a_member(scene, plan)) / block))
 
@@ -192,7 +192,7 @@ class Shards:
         values, flagged = shard.values(), int(np.count_nonzero(shard.arrays["status"]))
 
         def named(file: str) -> str:
-            return self.directory.named(i, flagged, file)
+            return self.directory.shard_path(i, flagged, file)
 
         path, attrs = self.directory.temporary(i), {"run": self.directory.mark}
         writer = Writer(path, self.scene, shard.plan, force=True, attrs=attrs, named=named)

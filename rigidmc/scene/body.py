@@ -1,5 +1,4 @@
-"""The body: mass, centre of mass, principal moments about the fixed point and the axes to which they
-belong."""
+"""The body: mass, centre of mass, principal moments about the fixed point, and their axes."""
 
 import inspect
 from collections.abc import Callable
@@ -101,8 +100,8 @@ class Body(metaclass=_Hints):
 
     @classmethod
     def from_moments(cls, moments: Any, mass: Any = 1.0, centre: Any = (0.0, 0.0, 0.0)) -> "Body":
-        """A body from principal moments (I1, I2, I3) or an array (members, 3) [kg m^2]; the described
-        axes are the principal axes."""
+        """A body from principal moments (I1, I2, I3) or an array (members, 3) [kg m^2]; the
+        described axes are the principal axes."""
         return cls(moments, mass, centre)
 
     @classmethod

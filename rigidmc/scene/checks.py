@@ -8,9 +8,9 @@ import numpy as np
 
 from rigidmc.dynamics.methods import implements
 from rigidmc.effects import labelled
-from rigidmc.effects.own_checks import check_own
 from rigidmc.effects.parameters import shape
 from rigidmc.effects.protocol import Effect, is_random
+from rigidmc.effects.user_checks import check_user_effect
 from rigidmc.errors import SceneError
 from rigidmc.integrators import refusal
 from rigidmc.mechanics.inertia import broken
@@ -68,7 +68,7 @@ def _check_points(scene: Parts) -> None:
 def _check_sampled(scene: Parts) -> None:
     """Raise SceneError for impossible values among the first members."""
     for effect in scene.effects:
-        check_own(effect)
+        check_user_effect(effect)
     if sum(is_random(effect) for effect in scene.effects) > 1:
         rule = (
             "give one bath: two act as one with gamma = gamma_1 + gamma_2 and"

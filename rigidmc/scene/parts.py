@@ -13,7 +13,7 @@ from rigidmc.effects.parameters import numbers, shape
 from rigidmc.effects.protocol import Effect, is_effect
 from rigidmc.errors import SceneError, unknown
 from rigidmc.integrators import INTEGRATORS
-from rigidmc.observables import KNOWN, SUMMARIES, recorded, saved, summary_of, watched
+from rigidmc.observables import KNOWN, WATCHED, recorded, saved, watched, word_of_watched
 from rigidmc.observables.histogram import Histogram
 from rigidmc.observables.keep import check_keep, kept, summaries
 from rigidmc.observables.protocol import Ensemble, OverSteps
@@ -132,7 +132,7 @@ class Parts:
             save = (given["save"],) if isinstance(given["save"], str) else tuple(given["save"])
             built = tuple(one for one in save if not isinstance(one, str))
             observables += tuple(one for one in built if one not in observables)
-            words = (one if isinstance(one, str) else summary_of(one) for one in save)
+            words = (one if isinstance(one, str) else word_of_watched(one) for one in save)
             given["save"] = tuple(dict.fromkeys(words))
         run = changed(self.run, given)
         if run.integrator not in (*INTEGRATORS, "auto"):
@@ -193,14 +193,14 @@ def _checked_effect(effect: Any, driven: bool) -> Effect:
 
 
 def _place(observable: Any) -> int:
-    """The place of an observable in the order of SUMMARIES."""
-    return list(SUMMARIES).index(summary_of(observable))
+    """The place of an observable in the order of WATCHED."""
+    return list(WATCHED).index(word_of_watched(observable))
 
 
 def _checked_observable(observable: Any) -> OverSteps:
     """An observable over all steps with its parameters checked; SceneError."""
-    if type(observable) not in SUMMARIES.values():
-        known = ", ".join(kind.__name__ for kind in SUMMARIES.values())
+    if type(observable) not in WATCHED.values():
+        known = ", ".join(kind.__name__ for kind in WATCHED.values())
         rule = f"expected one of {known}, with its parameters"
         raise SceneError("observables", "observable", observable, rule)
     whole = {}  # 1e2 bins are 100 bins
@@ -218,11 +218,11 @@ def _checked_observable(observable: Any) -> OverSteps:
 
 def _check_saved(names: Iterable[str], observables: Iterable[Any]) -> None:
     """SceneError for unknown names, and for observables whose parameters are missing."""
-    given = {summary_of(one) for one in observables}
+    given = {word_of_watched(one) for one in observables}
     for name in names:
         if name not in KNOWN:
             raise unknown("run", "save", name, "observable", KNOWN)
-        kind = SUMMARIES.get(name)
+        kind = WATCHED.get(name)
         if kind is not None and name not in given:
             missing = [f for f in kind._fields if f not in kind._field_defaults]
             if missing:

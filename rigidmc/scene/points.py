@@ -2,8 +2,8 @@
 hypercubes of scipy.stats.qmc, and antithetic pairs.
 
 They stand in place of the seed where members are drawn. Each number that a member draws is one
-dimension, in the order in which the numbers are drawn. Member i has point i, so that its numbers are
-a function of (seed, scene, i) alone; in a Latin hypercube also of the number of strata.
+dimension, in the order in which the numbers are drawn. Member i has point i, so that its numbers
+are a function of (seed, scene, i) alone; in a Latin hypercube also of the number of strata.
 """
 
 import inspect

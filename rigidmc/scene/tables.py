@@ -8,12 +8,12 @@ from functools import partial
 from typing import Any
 
 from rigidmc.effects import EFFECTS
-from rigidmc.effects.own import class_of
 from rigidmc.effects.parameters import given
 from rigidmc.effects.protocol import Effect
+from rigidmc.effects.user import class_of
 from rigidmc.errors import SceneError, unknown
 from rigidmc.mechanics.solids import SOLIDS
-from rigidmc.observables import SUMMARIES
+from rigidmc.observables import WATCHED
 from rigidmc.scene.body import Body
 from rigidmc.scene.start import Start
 from rigidmc.scene.values import Columns, numbers, only, parse
@@ -92,9 +92,9 @@ def observables_of(tables: dict[str, Any]) -> tuple[Any, ...]:
     """The observables over all steps of the tables [observables.NAME]."""
     observables = []
     for name, table in _each(tables, "observables"):
-        if name not in SUMMARIES:
-            raise unknown("observables", name, None, "observable over all steps", SUMMARIES)
-        kind = SUMMARIES[name]
+        if name not in WATCHED:
+            raise unknown("observables", name, None, "observable over all steps", WATCHED)
+        kind = WATCHED[name]
         required = [field for field in kind._fields if field not in kind._field_defaults]
         only(table, kind._fields, f"observables.{name}", required)
         observables.append(kind(**table))
@@ -136,7 +136,8 @@ def _kind(name: str, table: Any, folder: str | bool | None) -> type[Effect]:
             " (in Python allow_code=True)"
         )
         raise SceneError(f"effects.{name}", "module", module, rule)
-    return class_of(folder, module, name, f"effects.{name}")
+    users: type[Effect] = class_of(folder, module, name, f"effects.{name}")
+    return users
 
 
 def _stand_in(name: str, table: dict[str, Any]) -> type[Effect]:

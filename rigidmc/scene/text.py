@@ -5,9 +5,9 @@ from typing import Any
 import tomli_w
 
 from rigidmc.effects import EFFECTS, labelled, name_of
-from rigidmc.effects.own import source_of
 from rigidmc.effects.parameters import given
-from rigidmc.observables import summary_of
+from rigidmc.effects.user import source_of
+from rigidmc.observables import word_of_watched
 from rigidmc.scene.body import IDENTITY
 from rigidmc.scene.parts import Parts
 from rigidmc.scene.values import plain
@@ -20,7 +20,7 @@ def dumps(scene: Parts) -> str:
     tables: dict[str, Any] = {key: text for key, text in texts.items() if text != ""}
     tables |= {"body": _body(scene), "effects": _effects(scene)}
     if scene.observables:
-        pairs = [(summary_of(one), one._asdict()) for one in scene.observables]
+        pairs = [(word_of_watched(one), one._asdict()) for one in scene.observables]
         tables["observables"] = _grouped(pairs)
     tables |= {"start": _start(scene), "run": _run(scene)}
     return tomli_w.dumps(tables)

@@ -36,8 +36,8 @@ def numbers(value: Any, table: str, key: str) -> Any:
 
 
 def only(table: Any, allowed: Iterable[str], name: str, required: Iterable[str] = ()) -> None:
-    """SceneError for a value that is no table, for a key that is not allowed, and for a required key
-    that is missing."""
+    """SceneError for a value that is no table, for a key that is not allowed, and for a required
+    key that is missing."""
     if not isinstance(table, dict):
         raise SceneError("", name, table, f"expected a table with the keys {', '.join(allowed)}")
     for key in table:

@@ -140,7 +140,7 @@ class RunDirectory:
         """Where shard i is written until it is whole."""
         return os.path.join(self._folder, f"{i:08d}")
 
-    def named(self, i: int, flagged: int, file: str) -> str:
+    def shard_path(self, i: int, flagged: int, file: str) -> str:
         """The path that a finished file must have as shard i, with so many flagged members."""
         return os.path.join(self._folder, f"{i:08d}-{flagged}-{hash_of_file(file)[:16]}.nc")
 

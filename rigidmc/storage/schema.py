@@ -230,8 +230,8 @@ def attributes(scene: Scene, plan: Layout) -> dict[str, Any]:
     looked = {}
     if rows(*scene.quantities()) is not None:
         looked = {"turn_rate": plan.turn_rate, **plan.bounds()}
-    resolved = scene.with_run(**looked, **({} if plan.own else {"dt": plan.dt}))
-    steps = {"turn": scene.run.turn} if plan.own else {"dt": plan.dt, "steps": plan.steps}
+    resolved = scene.with_run(**looked, **({} if plan.member_steps else {"dt": plan.dt}))
+    steps = {"turn": scene.run.turn} if plan.member_steps else {"dt": plan.dt, "steps": plan.steps}
     return {
         "Conventions": "CF-1.11",
         "title": scene.title,

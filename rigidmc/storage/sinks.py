@@ -11,7 +11,7 @@ from rigidmc.engine.layout import whole_lanes
 from rigidmc.engine.memory import aligned
 from rigidmc.files.netcdf import open_trusted
 from rigidmc.files.outputs import Path
-from rigidmc.observables import OBSERVABLES, rows_of
+from rigidmc.observables import OBSERVABLES, value_rows
 from rigidmc.scene.scene import Scene
 from rigidmc.storage.layout import Block, Layout
 from rigidmc.storage.schema import (
@@ -33,7 +33,7 @@ def _split(scene: Scene, values: NDArray[Any], names: Iterable[str]) -> Arrays:
     """{name: view} of the value rows (time, row, member) of the named observables."""
     parts, row = {}, 0
     for name in names:
-        size = rows_of(scene.effects, name)
+        size = value_rows(scene.effects, name)
         parts[name] = values[:, row : row + size] if OBSERVABLES[name].dims else values[:, row]
         row += size
     return parts
@@ -112,7 +112,7 @@ class Memory:
         """more : further attributes;  direct : whether blocks may write to the result themselves"""
         self.scene, self.plan, self.more = scene, plan, more
         self.counts, self.flagged = Counts(scene), list[Arrays]()
-        self.rows = rows_of(scene.effects, *scene.recorded())
+        self.rows = value_rows(scene.effects, *scene.recorded())
         all_kept = set(scene.kept().values()) <= {"full"}
         self.direct = direct and scene.recorded() == scene.saved() and all_kept
         self.width = whole_lanes(plan.members)
@@ -185,7 +185,7 @@ class Memory:
 
 def buffer(scene: Scene, plan: Layout, count: int) -> Place:
     """The place for the values that a block of so many members saves."""
-    values, width = rows_of(scene.effects, *scene.recorded()), whole_lanes(count)
+    values, width = value_rows(scene.effects, *scene.recorded()), whole_lanes(count)
     return aligned(plan.times.size * values * width, float, np.empty), width if values else 0, 0
 
 
@@ -202,7 +202,7 @@ class File:
     ) -> None:
         self.scene, self.plan, self.path = scene, plan, path
         self.counts, self.flagged = Counts(scene), list[Arrays]()
-        self.rows = rows_of(scene.effects, *scene.recorded())
+        self.rows = value_rows(scene.effects, *scene.recorded())
         self.names = set(member_variables(scene, plan.carried))
         self.writer = Writer(path, scene, plan, force, more)
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.dynamics.euler import MassProperties
-from rigidmc.dynamics.methods import names
+from rigidmc.dynamics.methods import argument_names
 from rigidmc.dynamics.so3 import multiply
 from rigidmc.effects.protocol import facts
 from rigidmc.engine import layout
@@ -53,7 +53,7 @@ def pilot_of(scene: Scene, count: int) -> Pilot:
         base=TIMES,
         stride=1,
         times=end * np.arange(1, TIMES + 1) / TIMES,
-        own=scene.run.turn is not None,
+        member_steps=scene.run.turn is not None,
     )
     return checked
 
@@ -96,7 +96,7 @@ class Runs:
         for name, states in (*self.other_units(), *self.other_axes()):
             yield Check(name, "rounding", self.error(states))
         # a torque that depends on L or on time does not lead back when L is reversed
-        if not any(names(e, "torque") & {"l", "t"} for e in self.pilot.scene.effects):
+        if not any(argument_names(e, "torque") & {"l", "t"} for e in self.pilot.scene.effects):
             yield Check("there and back", "accuracy", self.there_and_back())
         with contextlib.suppress(SceneError):
             yield Check("closed form", "accuracy", self.error(_closed(self.pilot)))

@@ -29,7 +29,7 @@ def compare(scene: Scene, at: float, members: int) -> list[str]:
     if not good.any():
         rule = f"none of the first {members:,} is a body with a start: no motion to compare"
         raise OptionError("", "members", None, rule)
-    motions, plural = case.what(), "s" * (members > 1)
+    motions, plural = case.kinds(), "s" * (members > 1)
     lines = [
         f"{scene.title}: {case.name}, closed form at t = {at:g} s, {members:,} member{plural}",
         _kinds(motions, good),

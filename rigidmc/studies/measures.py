@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, nearest
-from rigidmc.observables import RUNNING, SUMMARIES, summary_of
+from rigidmc.observables import WATCHED, WATCHED_STATISTICS, word_of_watched
 from rigidmc.scene.scene import Scene
 from rigidmc.studies import intervals
 
@@ -79,12 +79,12 @@ def observing(scene: Scene, texts: Iterable[str]) -> Scene:
 
     Only observables without obligatory parameters are added.
     """
-    observable = {name: name for name in RUNNING}
-    for name, kind in SUMMARIES.items():
+    observable = {name: name for name in WATCHED_STATISTICS}
+    for name, kind in WATCHED.items():
         if len(kind._field_defaults) == len(kind._fields):
             observable |= dict.fromkeys(kind.outputs, name)
     words = [word for text in texts for word in re.findall(r"[A-Za-z_]\w*", text)]
-    present = {summary_of(one) for one in scene.observables} | set(scene.run.save)
+    present = {word_of_watched(one) for one in scene.observables} | set(scene.run.save)
     named = dict.fromkeys(observable[word] for word in words if word in observable)
     missing = [name for name in named if name not in present]
     if not missing:
@@ -123,9 +123,9 @@ def _dims(text: str, name: str, variables: Mapping[str, tuple[str, ...]]) -> tup
     if name in able:
         return able[name]
     known = [n for n in able if not n.startswith(("start_", "status"))]
-    free = [k for k in SUMMARIES.values() if not k._fields or k._field_defaults]
+    free = [k for k in WATCHED.values() if not k._fields or k._field_defaults]
     known += [n for kind in free for n in kind.outputs]
-    known = list(dict.fromkeys([*known, *RUNNING]))
+    known = list(dict.fromkeys([*known, *WATCHED_STATISTICS]))
     rule = (
         f"no result of that name with one number per member; known: {', '.join(known)};"
         " passages of a scene with [observables.passage]"

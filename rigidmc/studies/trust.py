@@ -78,7 +78,7 @@ def _dataset(
         "source": f"rigidmc {VERSION}",
         "scene": scene.dumps(),
         "integrator": scene.run.integrator,
-        "step": f"turn = {scene.run.turn:g} rad" if plan.own else f"dt = {plan.dt:.6g} s",
+        "step": f"turn = {scene.run.turn:g} rad" if plan.member_steps else f"dt = {plan.dt:.6g} s",
         "members": pilot.members,
         "flagged": int(flagged.sum()),
         "chaotic_share": float(np.mean(rate > 0.0)),

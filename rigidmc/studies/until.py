@@ -79,8 +79,8 @@ def simulate_until(
     final ensemble is then run once with saves and output; it is the first members of the scene, to
     the bit. The number of members that is still needed follows from the spread of those so far, to
     a few per cent, so there are few rounds.
-    A SceneWarning says if the goal is not reached. Raises OptionError if by the first round the goal
-    needs more than `most` members.
+    A SceneWarning says if the goal is not reached. Raises OptionError if by the first round the
+    goal needs more than `most` members.
     """
     if options.get("members") is not None:
         rule = "there are as many members as it takes, `most` at most: give that"

@@ -57,8 +57,8 @@ def faces(half: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 def check_writer(path: str) -> None:
     """Check that an animation can be written to a path.
 
-    Raises OptionError if the path does not end in .gif, .mp4 or .webm; ValueError if it needs ffmpeg
-    and ffmpeg is not installed.
+    Raises OptionError if the path does not end in .gif, .mp4 or .webm; ValueError if it needs
+    ffmpeg and ffmpeg is not installed.
     """
     check_suffix(path, "animations")
     if not path.endswith(".gif") and not animation.writers.is_available("ffmpeg"):

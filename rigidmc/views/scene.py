@@ -7,7 +7,7 @@ import numpy as np
 from rigidmc.effects import EFFECTS, labelled
 from rigidmc.effects.parameters import given
 from rigidmc.engine.compile_time import listed, rounded, seconds
-from rigidmc.engine.operations import torque_operations, unpacked
+from rigidmc.engine.operations import torque_operations, why_one_at_a_time
 from rigidmc.engine.program import Program
 from rigidmc.observables import OBSERVABLES
 from rigidmc.observables.protocol import Ensemble
@@ -82,7 +82,7 @@ def _compiled(scene: Scene, plan: Plan) -> list[str]:
     lines = [f"compiled     {scene.run.integrator}; effects: {words}; {attitude} attitude"]
     for effect in scene.effects:
         if type(effect) not in EFFECTS.values():
-            why = unpacked(effect)
+            why = why_one_at_a_time(effect)
             how = f"not packed: {why}" if why else "packed: members side by side, as built-in ones"
             operations = torque_operations(effect)
             lines.append(f"own effect   {type(effect).__name__}: {operations}, {how}")
@@ -99,7 +99,7 @@ def _steps(scene: Scene, plan: Plan) -> list[str]:
     parts = len(plan.form.parts) - 1 if plan.form else 1
     pieces = f" of {parts} parts each" if parts > 1 else ""
     end = f"t_end = {run.t_end:g} s, omega dt <= {plan.angle:.2g} rad"
-    if plan.own:
+    if plan.member_steps:
         own = f"its own for each member, {plan.mean_steps:,.1f} in the mean of the pilot"
         lines.append(f"steps        {f'{pieces.strip()}, ' if pieces else ''}{own}, {end}")
     else:

@@ -12,10 +12,10 @@ from rigidmc.dynamics.euler import (
     MassProperties,
     angular_velocity,
     free_rate,
+    half_rotation,
     kinetic_energy,
     scaled,
     spun,
-    turn,
     twice,
 )
 from rigidmc.dynamics.so3 import dot
@@ -58,7 +58,7 @@ def test_scaled_rates_are_a_time_times_both_equations(i, l, onto, h):
     body = MassProperties.of(i, (0.0, 0.0, 0.0))
     rates = scaled(body, h)
     assert np.allclose(
-        turn(rates, l), np.multiply(0.5 * h, angular_velocity(body, l)), rtol=0, atol=5e-15
+        half_rotation(rates, l), np.multiply(0.5 * h, angular_velocity(body, l)), rtol=0, atol=5e-15
     )
     assert np.allclose(
         spun(rates, onto, l), np.add(onto, np.multiply(h, free_rate(body, l))), rtol=0, atol=5e-15

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from rigidmc.dynamics.methods import METHODS, arguments, method, names
+from rigidmc.dynamics.methods import METHODS, argument_names, arguments, method
 from rigidmc.effects import Gravity, ViscousDamping
 from rigidmc.effects.protocol import torque
 
@@ -29,10 +29,10 @@ def test_a_method_gets_what_it_names_in_its_own_order():
 
 
 def test_names_are_what_an_effect_depends_on():
-    assert names(Gravity(9.81), "torque", "energy", "kick") == {"body", "q"}
-    assert names(ViscousDamping, "torque") == {"l"}
-    assert names(ViscousDamping, "torque", "kick") == {"h", "l"}
-    assert names(ViscousDamping, "energy") == set()
+    assert argument_names(Gravity(9.81), "torque", "energy", "kick") == {"body", "q"}
+    assert argument_names(ViscousDamping, "torque") == {"l"}
+    assert argument_names(ViscousDamping, "torque", "kick") == {"h", "l"}
+    assert argument_names(ViscousDamping, "energy") == set()
     assert arguments(Gravity.torque) == ("body", "q")
 
 

@@ -1,5 +1,5 @@
-"""One loop over EFFECTS: torque against energy, against an independent formula in space, kick against
-a fine integration, facts.
+"""One loop over EFFECTS: torque against energy and an independent formula in space, kick against a
+fine integration, facts.
 
 A new effect is tested by its class attribute `example` and by what it has. It needs no edit here; a
 second formula of its torque can go to tests/effects/laws.py.
@@ -13,7 +13,7 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.dynamics.euler import MassProperties, angular_velocity
-from rigidmc.dynamics.methods import implements, names
+from rigidmc.dynamics.methods import argument_names, implements
 from rigidmc.dynamics.so3 import cross, dot, exponential, multiply, up
 from rigidmc.effects import (
     EFFECTS,
@@ -213,7 +213,7 @@ def test_facts_name_the_fields(name):
     kind = EFFECTS[name]
     assert set(kind.units) == set(kind.limits) == set(kind._fields)
     assert all(low < high for low, high in kind.limits.values())
-    assert names(kind, "torque", "energy", "kick") <= {"body", "t", "h", "q", "l"}
+    assert argument_names(kind, "torque", "energy", "kick") <= {"body", "t", "h", "q", "l"}
     assert all(
         f"\n    {field} : " in kind.__doc__ or f" {field} : " in kind.__doc__
         for field in kind._fields

@@ -51,7 +51,7 @@ def same(a, b):
     return a.shape == b.shape and a.tobytes() == b.tobytes()
 
 
-def rows_of(name):
+def value_rows(name):
     names = [n for n, kind in OBSERVABLES.items() for _ in range(size(kind.dims))]
     return [i for i, n in enumerate(names) if n == name]
 
@@ -113,8 +113,8 @@ def test_saves_are_at_every_stride_and_at_the_end(whole):
     for slot, steps in enumerate([0, 10, 20, 30, 40, 47]):
         block = tops()
         run(block, RK4, EFFECTS, H, steps, EVERYTHING, STRIDE)
-        assert same(whole[1][slot][rows_of("attitude")], block[K.ATTITUDE : K.MOMENTUM])
-        assert same(whole[1][slot][rows_of("momentum")], block[K.MOMENTUM : K.REST])
+        assert same(whole[1][slot][value_rows("attitude")], block[K.ATTITUDE : K.MOMENTUM])
+        assert same(whole[1][slot][value_rows("momentum")], block[K.MOMENTUM : K.REST])
     assert np.isfinite(whole[1]).all()
 
 
@@ -154,7 +154,7 @@ def test_drift_rows_are_the_largest_drifts_of_all_checks():
         0.0  # half of them without damping: their drift, from large steps, comes and goes
     )
     out = run(block, RK4, EFFECTS, 10 * H, TOTAL, EVERYTHING, 1)
-    q, l = (out[:, rows_of(name)].transpose(1, 0, 2) for name in ("attitude", "momentum"))
+    q, l = (out[:, value_rows(name)].transpose(1, 0, 2) for name in ("attitude", "momentum"))
     energies, squares = np.add(*energy_of(block, q, l)[:2]), (l**2).sum(0)
     drift, drift2 = (energies - energies[0]) / scale, squares / squares[0] - 1.0
     assert (block[K.DRIFT] > 5e-8).all()  # measured 1.1e-7: large enough to test
@@ -162,14 +162,15 @@ def test_drift_rows_are_the_largest_drifts_of_all_checks():
     # the energy of member 0 reaches many times its scale, and its drift shows the rounding of it
     assert np.abs(np.abs(drift).max(0) - block[K.DRIFT]).max() < 3e-12  # measured 3e-13
     assert np.abs(np.abs(drift2).max(0) - block[K.DRIFT + 1]).max() < 7e-14  # measured 7e-15
-    assert np.abs(out[:, rows_of("energy_drift")[0]] - drift).max() < 4e-12  # measured 4e-13
-    assert np.abs(out[:, rows_of("l2_drift")[0]] - drift2).max() < 3e-13  # measured 3e-14
-    assert np.abs(out[:, rows_of("energy")[0]] - energies).max() < 2e-14  # measured 2e-15
-    assert np.abs(out[:, rows_of("l2")[0]] - squares).max() < 4e-14  # measured 4e-15
+    assert np.abs(out[:, value_rows("energy_drift")[0]] - drift).max() < 4e-12  # measured 4e-13
+    assert np.abs(out[:, value_rows("l2_drift")[0]] - drift2).max() < 3e-13  # measured 3e-14
+    assert np.abs(out[:, value_rows("energy")[0]] - energies).max() < 2e-14  # measured 2e-15
+    assert np.abs(out[:, value_rows("l2")[0]] - squares).max() < 4e-14  # measured 4e-15
     # measured 0
     assert (
         np.abs(
-            out[:, rows_of("omega")] - block[K.BODY : K.BODY + 3] * out[:, rows_of("momentum")]
+            out[:, value_rows("omega")]
+            - block[K.BODY : K.BODY + 3] * out[:, value_rows("momentum")]
         ).max()
         < 1e-15
     )
@@ -179,8 +180,8 @@ def test_a_top_that_starts_at_rest_drifts_absolutely():
     block = tops()
     block[K.MOMENTUM : K.START, 5] = 0.0
     out = run(block, RK4, EFFECTS, H, TOTAL, EVERYTHING, 1)
-    squares = out[:, rows_of("l2")[0], 5]
-    assert (out[:, rows_of("l2_drift")[0], 5] == squares).all()
+    squares = out[:, value_rows("l2")[0], 5]
+    assert (out[:, value_rows("l2_drift")[0], 5] == squares).all()
     assert block[K.DRIFT + 1, 5] == squares.max() > 0.0
     assert block[K.STATUS, 5] == K.STATUSES["ok"]
 

@@ -1,10 +1,10 @@
-"""A new observable is one file: functions beside it compile, and its dimension goes to the result."""
+"""A new observable is one file: functions beside it compile, and results get its dimension."""
 
 import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.observables import KNOWN, OBSERVABLES, SUMMARIES
+from rigidmc.observables import KNOWN, OBSERVABLES, WATCHED
 from rigidmc.observables.protocol import DIMENSIONS, Dimension, running
 
 HELPERS = """
@@ -53,7 +53,7 @@ def new(tmp_path, monkeypatch):
     import new_package.new as module
 
     monkeypatch.setitem(OBSERVABLES, "squares", module.Squares)
-    monkeypatch.setitem(SUMMARIES, "across", module.Across)
+    monkeypatch.setitem(WATCHED, "across", module.Across)
     monkeypatch.setitem(DIMENSIONS, "part", Dimension(("along", "across"), "part of L"))
     monkeypatch.setattr("rigidmc.scene.parts.KNOWN", (*KNOWN, "squares", "across"))
     return module

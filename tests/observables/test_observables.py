@@ -7,7 +7,7 @@ import pytest
 
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.effects import Gravity
-from rigidmc.observables import OBSERVABLES, RUNNING, SUMMARIES, outputs
+from rigidmc.observables import OBSERVABLES, WATCHED, WATCHED_STATISTICS, outputs
 from rigidmc.observables.protocol import (
     Ensemble,
     Event,
@@ -60,8 +60,10 @@ def test_value_and_facts(name):
 
 def over_steps():
     """{label: observable} of everything over all steps."""
-    summaries = {name: kind(**NUMBERS.get(name, {})) for name, kind in SUMMARIES.items()}
-    return summaries | {name: kind(OBSERVABLES[of]()) for name, (of, kind) in RUNNING.items()}
+    summaries = {name: kind(**NUMBERS.get(name, {})) for name, kind in WATCHED.items()}
+    return summaries | {
+        name: kind(OBSERVABLES[of]()) for name, (of, kind) in WATCHED_STATISTICS.items()
+    }
 
 
 @pytest.mark.parametrize("label", over_steps())
@@ -86,5 +88,5 @@ def test_outputs_over_all_steps(label):
     assert len(found) == len(facts)
     for values, (_, _, dims) in zip(found.values(), facts.values(), strict=True):
         assert values.shape == (*[size((dim,)) for dim in dims], 2)
-    if label in SUMMARIES:
+    if label in WATCHED:
         assert list(found) == list(one.outputs)

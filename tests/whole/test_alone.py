@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.observables import KNOWN, OBSERVABLES, RUNNING, SUMMARIES
+from rigidmc.observables import KNOWN, OBSERVABLES, WATCHED, WATCHED_STATISTICS
 from rigidmc.observables.protocol import observable
 from rigidmc.planning.form import carries_attitude
 
@@ -104,21 +104,27 @@ def test_saving_little_and_saving_all(name):
 @pytest.mark.parametrize("name", SCENES)
 def test_every_observable_alone_and_together(name):
     scene = SCENES[name]
-    names = [n for n in (*OBSERVABLES, *SUMMARIES, *RUNNING) if n != "histogram" and able(scene, n)]
-    together = saved(scene, *(n for n in names if n not in RUNNING or n.startswith("omega")))
+    names = [
+        n
+        for n in (*OBSERVABLES, *WATCHED, *WATCHED_STATISTICS)
+        if n != "histogram" and able(scene, n)
+    ]
+    together = saved(
+        scene, *(n for n in names if n not in WATCHED_STATISTICS or n.startswith("omega"))
+    )
     for n in names:
         if (
-            n in RUNNING and n.endswith("_min") and not n.startswith("omega")
+            n in WATCHED_STATISTICS and n.endswith("_min") and not n.startswith("omega")
         ):  # the statistics of one observable at a time
             together = saved(
                 scene,
                 "attitude",
                 "flips",
                 "nutation",
-                *(m for m in RUNNING if m.rpartition("_")[0] == n[:-4]),
+                *(m for m in WATCHED_STATISTICS if m.rpartition("_")[0] == n[:-4]),
             )
         alone = saved(scene, n)
-        assert n in RUNNING or set(alone.data_vars) <= set(together.data_vars)
+        assert n in WATCHED_STATISTICS or set(alone.data_vars) <= set(together.data_vars)
         assert differing(alone, together, "work" in together and n != "work") == [], n
 
 
@@ -160,7 +166,7 @@ def test_observables_that_need_the_attitude():
     bare = rm.Scene(HEAVY, start=rm.Start(omega=(0.0, 1.0, 0.0)))
     needed = {
         name
-        for name in (*OBSERVABLES, *SUMMARIES, *RUNNING)
+        for name in (*OBSERVABLES, *WATCHED, *WATCHED_STATISTICS)
         if name not in ("histogram", "passage") and carries_attitude(bare.with_run(save=(name,)))
     }
     assert needed == {

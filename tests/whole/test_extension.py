@@ -311,7 +311,8 @@ def test_scene_files_and_python_take_what_is_new(extended):
     (extended / "new.toml").write_text(
         "[body]\nmoments = [1.0, 1.4, 2.0]\n[effects.torsion_spring]\nstiffness = 3.0\n"
         "[start]\nmomentum = { ring = 0.5 }\n[run]\nintegrator = 'cash_karp'\ndt = 0.05\n"
-        "t_end = 0.5\nevery = 0.1\nmembers = 4\nsave = ['vertical_momentum', 'horizontal', 'energy']\n"
+        "t_end = 0.5\nevery = 0.1\nmembers = 4\n"
+        "save = ['vertical_momentum', 'horizontal', 'energy']\n"
     )
     code = (
         "import numpy as np, rigidmc as rm\n"

@@ -140,7 +140,9 @@ def choose(
     if not ways:
         raise _unreachable(scene, tolerance, first, nearest, "no integrator comes nearer")
     ways.sort(key=costs.per_member)
-    second = pilot(scene, members, first.first + first.members)._replace(own=first.own)
+    second = pilot(scene, members, first.first + first.members)._replace(
+        member_steps=first.member_steps
+    )
     check = _Check(costs, true, second, tolerance)
     spare = None  # keeps the tolerance on the second pilot, but with too few members to be sure
     for way in ways:
@@ -200,7 +202,7 @@ class _Check:
         self.true, self.second, self.tolerance = true, second, tolerance
         first = costs.pilot
         # members of the second pilot may be faster, and then need more steps
-        self.faster = float(second.rates.max() / first.rates.max()) if first.own else 1
+        self.faster = float(second.rates.max() / first.rates.max()) if first.member_steps else 1
         self._truths: dict[bool, Truth] = {}
 
     def of(self, way: Way) -> tuple[Array, str]:

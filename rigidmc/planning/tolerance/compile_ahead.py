@@ -54,7 +54,7 @@ def _helper(pilot: Pilot, candidates: Sequence[Candidate]) -> subprocess.Popen[s
         Scene.loads(text)
     except (SceneError, ValueError):  # rows of arrays, effects of the user's own
         return None
-    task = json.dumps({"scene": text, "own": pilot.own, "candidates": candidates})
+    task = json.dumps({"scene": text, "own": pilot.member_steps, "candidates": candidates})
     code = "from rigidmc.planning.tolerance.compile_ahead import main; main()"
     helper = subprocess.Popen(
         [sys.executable, "-c", code],
@@ -72,6 +72,6 @@ def _helper(pilot: Pilot, candidates: Sequence[Candidate]) -> subprocess.Popen[s
 def main() -> None:
     """The second process: compile the candidates that standard input names, the last one first."""
     task = json.load(sys.stdin)
-    members = pilot(Scene.loads(task["scene"]), 32)._replace(own=task["own"])
+    members = pilot(Scene.loads(task["scene"]), 32)._replace(member_steps=task["own"])
     for candidate in reversed(task["candidates"]):
         _compile(members, *candidate)

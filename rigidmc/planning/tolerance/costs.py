@@ -12,7 +12,7 @@ from rigidmc.effects.parameters import blank
 from rigidmc.engine import layout
 from rigidmc.engine.frame import Run, Saves
 from rigidmc.engine.machine import threads_available
-from rigidmc.engine.program import NOWHERE, Program
+from rigidmc.engine.program import NO_SAVES, Program
 from rigidmc.integrators import Form, accepting, keeps_remainders
 from rigidmc.observables import OBSERVABLES
 from rigidmc.observables.protocol import size
@@ -33,10 +33,10 @@ def cost_per_step(scene: Scene, plan: Plan, members: int = 256, seconds: float =
     """Nanoseconds per member-step on one thread, measured on the first members of the scene."""
     program, random = program_of(scene, plan), noise(scene, plan.first)
     assert program is not None, "closed forms make no steps"
-    best, steps, own = math.inf, 16, int(plan.own)
+    best, steps, own = math.inf, 16, int(plan.member_steps)
     for _ in range(12):
         block, _ = stage(scene, plan.first, members, plan.carried, more=plan.watch.rows)
-        order = NOWHERE._replace(order=np.arange(block.shape[1]))
+        order = NO_SAVES._replace(order=np.arange(block.shape[1]))
         if own:
             block[layout.STEPS] = steps
         began = time.perf_counter()
@@ -127,7 +127,7 @@ class Costs:
         """Per member and step of h [s]; `stride` : steps between saves, None for the last only."""
         effects = blank(self.pilot.scene.effects)
         program = Program(form, effects, observables, self.pilot.carried, compensated, dtype)
-        own = int(self.pilot.own and stride is None)
+        own = int(self.pilot.member_steps and stride is None)
         few, steps = self.pilot.block, 32
         block = np.ascontiguousarray(np.tile(few, -(-512 // few.shape[1]))[:, :512])
         order, width = np.arange(512), block.shape[1] if observables else 0

@@ -39,7 +39,7 @@ def _distances(pilot: Pilot) -> Array:
     square over four directions, because one alone may miss the direction that grows."""
     end = pilot.scene.run.t_end
     long = pilot._replace(
-        own=False,
+        member_steps=False,
         scene=pilot.scene.with_run(t_end=4.0 * end, every=0.5 * end),
         base=8,
         stride=1,

@@ -67,7 +67,7 @@ def measured(costs: Costs, true: Truth, integrator: str, dtype: str, steps: int)
         states = follow(pilot, integrator, steps, dtype)
     except SceneError:  # the step is too long for it
         return None
-    mean, turn = pilot.mean_steps(steps), pilot.turn(steps) if pilot.own else None
+    mean, turn = pilot.mean_steps(steps), pilot.turn(steps) if pilot.member_steps else None
     apart = errors(pilot, states, true.states)
     ns, dt = costs.step(integrator, steps, dtype), pilot.scene.run.t_end / mean
     return Way(integrator, dtype, steps, mean, dt, turn, apart, ns)
@@ -129,7 +129,7 @@ def _first_multiple(pilot: Pilot, integrator: str) -> float:
         # one step between checks, or pieces of each member's own
         scene = pilot.stepped(pilot.base)[0].with_run(integrator=integrator)
         whole, *_ = form_of(scene, pilot.scene.run.t_end)
-        in_pieces = pilot.own and len(whole.parts) > 2
+        in_pieces = pilot.member_steps and len(whole.parts) > 2
         multiple = math.ceil(pilot.turn(pilot.base)) if in_pieces else 1.0
     if watch(pilot.scene).each_step:
         multiple = max(multiple, math.ceil(pilot.turn(pilot.base) / WATCHED_TURN))

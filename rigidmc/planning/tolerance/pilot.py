@@ -40,8 +40,8 @@ class Pilot(NamedTuple):
     carried : whether the attitude is part of the state
     base, stride : steps must be a multiple of `base`, and `stride` of it lie between two checks
     times : of the checks [s];  rates : of the members [rad/s], see `rigidmc.planning.rates.rates`
-    own : whether members have steps of their own, because their rates differ much; not if torques
-        spin members up, because their rates soon change
+    member_steps : whether members have steps of their own, because their rates differ much; not if
+        torques spin members up, because their rates soon change
     """
 
     scene: Scene
@@ -53,7 +53,7 @@ class Pilot(NamedTuple):
     stride: int
     times: Array
     rates: Array
-    own: bool
+    member_steps: bool
 
     def turn(self, steps: int) -> float:
         """How far the fastest member moves in each of `steps` steps [rad]: the bound for all
@@ -62,7 +62,7 @@ class Pilot(NamedTuple):
 
     def stepped(self, steps: int) -> tuple[Scene, Array]:
         """The scene and the block for `steps` steps; of the fastest member if each has its own."""
-        if not self.own:
+        if not self.member_steps:
             return self.scene.with_run(dt=self.scene.run.t_end / steps), self.block
         scene, block = self.scene.with_run(turn=self.turn(steps)), self.block.copy()
         span = scene.run.t_end / self.base
@@ -71,7 +71,7 @@ class Pilot(NamedTuple):
 
     def mean_steps(self, steps: int) -> float:
         """The mean number of steps of all members, in `steps` steps of the fastest."""
-        if not self.own:
+        if not self.member_steps:
             return steps
         return self.base * float(np.mean(self.stepped(steps)[1][layout.STEPS, : self.members]))
 
@@ -126,7 +126,7 @@ def follow(
     """
     scene, block = pilot.stepped(steps)
     scene = scene.with_run(integrator=integrator)
-    if pilot.own:
+    if pilot.member_steps:
         slots = int(block[layout.STEPS].max())
         h, total, stride = scene.run.t_end / pilot.base, slots * pilot.base, slots * pilot.stride
     else:

@@ -76,7 +76,7 @@ def integrated(pilot: Pilot, agreed: float = AGREED) -> Truth:
         )
         raise SceneError("", "pilot", None, rule)
     sums = " (sums compensated)" if compensated else ""
-    count = f"{'up to ' if pilot.own else ''}{steps:,} steps"
+    count = f"{'up to ' if pilot.member_steps else ''}{steps:,} steps"
     return Truth(ends[0], f"rk8 in {count}, which {other} confirms{sums}", apart)
 
 

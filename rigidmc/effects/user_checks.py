@@ -16,9 +16,9 @@ from rigidmc.dynamics.euler import MassProperties
 from rigidmc.dynamics.methods import arguments, implements
 from rigidmc.dynamics.so3 import exponential, multiply
 from rigidmc.effects import EFFECTS, protocol
-from rigidmc.effects.own import RESULT_SIZES, RULE
 from rigidmc.effects.parameters import filled, numbers
 from rigidmc.effects.protocol import Effect
+from rigidmc.effects.user import RESULT_SIZES, RULE
 from rigidmc.errors import SceneError, nearest
 
 _BODY = MassProperties.of((0.6, 0.8, 1.0), (0.05, -0.02, 0.3))
@@ -33,7 +33,7 @@ class State(NamedTuple):
     l: tuple[float, ...]
 
 
-def check_own(effect: Any) -> None:
+def check_user_effect(effect: Any) -> None:
     """Raise SceneError, with class, line and rule, for a user's effect that no kernel could use."""
     kind = type(effect)
     if kind in EFFECTS.values():

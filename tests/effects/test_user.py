@@ -14,7 +14,7 @@ import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.dynamics.so3 import up
-from rigidmc.engine.operations import unpacked
+from rigidmc.engine.operations import why_one_at_a_time
 from rigidmc.integrators import INTEGRATORS
 from tests.kernels import one_step, prepare
 
@@ -187,9 +187,9 @@ class Wall(NamedTuple):
 
 
 def test_a_message_says_whether_an_effect_is_packed_and_why_not():
-    assert unpacked(Sine(1.0)) == unpacked(Weight(9.81)) == ""
+    assert why_one_at_a_time(Sine(1.0)) == why_one_at_a_time(Weight(9.81)) == ""
     assert all(
-        "takes one number at a time" in unpacked(kind(1.0))
+        "takes one number at a time" in why_one_at_a_time(kind(1.0))
         for kind in (Five, Gamma, Halving, Switch, Wall)
     )
 
