@@ -1,6 +1,7 @@
 """What an effect is: its methods and its facts, with a default for each that is missing."""
 
 from collections.abc import Callable, Iterator
+from functools import cache
 from math import inf
 from typing import Any, ClassVar, NamedTuple, Protocol, TypeAlias, TypeGuard, TypeVar
 
@@ -90,7 +91,12 @@ def effect(**stated: Any) -> Callable[[Kind], Kind]:
 
 def facts(effect: Effect | type[Effect]) -> Facts:
     """The facts of an effect or of its class, with the defaults of those that it leaves out."""
-    kind = effect if isinstance(effect, type) else type(effect)
+    return _facts(effect if isinstance(effect, type) else type(effect))
+
+
+@cache
+def _facts(kind: type[Effect]) -> Facts:
+    # kept, because a run of few members asks 70 times: 0.4 ms of its 4
     stated = {name for name in Facts._fields if hasattr(kind, name)} - {*kind._fields}
     return Facts(**{name: getattr(kind, name) for name in stated})
 
