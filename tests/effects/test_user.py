@@ -260,7 +260,7 @@ def test_code_from_a_scene_file_runs_only_where_it_is_allowed(folder, capfd):
     ("size =", "sice =",
      r"\[effects.Vane\] sice: no such key; known: size, speed, module \(did you mean 'size'"),
     ('module = "vane.py"\n', "",
-    r"\[effects\] Vane: no such effect; known: gravity.*one of your own needs module"),
+    r"\[effects\] Vane: no such effect; known: gravity.*effect of your own needs module"),
     ('"vane.py"', '"bad.py"',
     "bad.py.*raises NameError \\(line 1\\): name 'nothing' is not defined"),
 ])  # fmt: skip
