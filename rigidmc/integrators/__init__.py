@@ -19,7 +19,15 @@ from rigidmc.integrators.protocol import Integrator, completed
 __all__ = ["INTEGRATORS", "Form", "Turns", "accepting", "form", "keeps_remainders", "refusal"]
 
 # Each file names its integrators in a dict INTEGRATORS. The order is that of lists and legends.
-_FILES = ("rk4", "rk8", "lie", "midpoint", "compositions", "free_motion", "closed_form")
+_FILES = (
+    "rk4",
+    "rk8",
+    "lie",
+    "midpoint",
+    "compositions",
+    "free_motion",
+    "closed_form",
+)
 INTEGRATORS: dict[str, Integrator] = {
     name: completed(integrator)
     for file in _FILES

@@ -49,7 +49,8 @@ class Observable(Protocol):
 
     units, long_name, dims : of the variable; dims is () for a number, else names of DIMENSIONS, or
         ("effect",) for one number of each effect
-    conserved : the law of `rigidmc.scene.conservation` that keeps it constant, "" for none
+    conserved : "energy", "energy_drift", "l2" or "lz", if that law of
+        `rigidmc.scene.conservation` keeps it constant; "" for none
     """
 
     units: str
