@@ -193,7 +193,7 @@ def ledger(scene: Scene) -> tuple[tuple[float, ...], ...]:
 
 def block_rows(scene: Scene) -> int:
     """How many rows a block of a scene has."""
-    return layout.EFFECTS + parameter_count(*scene.effects) + 2 * len(ledger(scene))
+    return layout.places(parameter_count(*scene.effects), len(ledger(scene))).end
 
 
 def noise(scene: Scene, first: int) -> Noise:

@@ -11,7 +11,7 @@ from rigidmc.dynamics.methods import depends
 from rigidmc.effects.parameters import parameter_count
 from rigidmc.engine import layout
 from rigidmc.engine.events import record_of
-from rigidmc.engine.layout import EVENT, SHADOW, SUMS, watch_rows
+from rigidmc.engine.layout import EVENT, SHADOW, SUMS, Places, places, watch_rows
 from rigidmc.observables import OBSERVABLES, outputs
 from rigidmc.observables.chaos import OFTEN
 from rigidmc.observables.protocol import (
@@ -99,6 +99,14 @@ _VALUES = {
 _SAVED = {**_VALUES, "start": (1.0, 1.0, 1.0, 1.0)}
 
 
+def places_of(scene: Scene, watched: Watch) -> Places:
+    """The rows of a block of the scene beyond those that every block has."""
+    works = len(scene.effects) if "work" in scene.run.save else 0
+    marks = [len(numbers) for _, numbers in watched.running]
+    events, shadow = len(watched.events), bool(watched.shadow)
+    return places(parameter_count(*scene.effects), works, events, marks, shadow)
+
+
 def needs_attitude(scene: Scene, watched: Watch) -> bool:
     """Whether what is saved and watched needs the attitude itself, not only through the effects.
 
@@ -129,8 +137,7 @@ def results(
         member
     """
     healthy = block[layout.STATUS] == 0.0
-    works = 2 * ("work" in scene.run.save) * len(scene.effects)
-    at = layout.EFFECTS + parameter_count(*scene.effects) + works
+    rows = places_of(scene, watched)
     variables: dict[str, NDArray[np.float64]] = {}
     steps = total
 
@@ -138,16 +145,17 @@ def results(
         for name, x in zip(outputs(label, one), values, strict=True):
             variables[name] = np.where(healthy, x, np.nan)
 
-    for label, one in watched.of_events:
+    for i, (label, one) in enumerate(watched.of_events):
+        at = rows.events + EVENT * i
         record = record_of(block[at : at + EVENT], healthy)
         add(label, one, one.results(record).values())
         if one.stop:
             steps = np.where(np.isfinite(record.seen), np.rint(record.seen / h), steps)
-        at += EVENT
+    at = rows.running
     for (label, one), (_, marks) in zip(watched.of_running, watched.running, strict=True):
         add(label, one, one.results(block[at : at + len(marks)], steps).values())
         at += len(marks)
     for label, one in watched.of_shadow:
-        distances = block[at + SUMS : at + SHADOW]
+        distances = block[rows.neighbour + SUMS : rows.neighbour + SHADOW]
         add(label, one, one.results(distances, total // OFTEN, h).values())
     return variables
