@@ -116,7 +116,7 @@ def stopped(events, state, row):
         return 0.0
     if len(stops(events[0])) == 0:
         return stopped(events[1:], state, row + EVENT)
-    return select(state[row + COUNT] > 0.0, 1.0, stopped(events[1:], state, row + EVENT))
+    return select(state[row + COUNT] > 0.0, 1.0, 0.0)  # at most one event stops members
 
 
 def held(events, state, row, q, l):
