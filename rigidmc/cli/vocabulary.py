@@ -15,11 +15,25 @@ Name = Annotated[
     typer.Argument(metavar="[NAME]", help="The one to explain; without it all are listed."),
 ]
 Facts = Iterator[tuple[str, str]]
-
-
-def _measure(what: str) -> Any:
-    """The option --measure."""
-    return Annotated[bool, typer.Option("--measure", help=f"Time {what} on this machine.")]
+MeasureEffects = Annotated[
+    bool,
+    typer.Option(
+        "--measure", help="Time each effect on this machine (compiling takes 3 minutes at first)."
+    ),
+]
+MeasureObservables = Annotated[
+    bool,
+    typer.Option(
+        "--measure",
+        help="Time each observable on this machine (compiling takes 4 minutes at first).",
+    ),
+]
+MeasureIntegrators = Annotated[
+    bool,
+    typer.Option(
+        "--measure", help="Time a step of each integrator, free and heavy, on this machine."
+    ),
+]
 
 
 def _explain(
@@ -47,7 +61,7 @@ def _by(dims: Iterable[str]) -> str:
 @app.command()
 def effects(
     name: Name = None,
-    measure: _measure("each effect (compiling takes 3 minutes at first)") = False,  # type: ignore[valid-type]  # an Annotated made by a function
+    measure: MeasureEffects = False,
 ) -> None:
     """List the effects: law, parameters, what each needs and conserves; with --measure what each
     costs here. NAME: its equation, parameters and source."""
@@ -115,7 +129,7 @@ def _of_effect(name: str) -> Facts:
 @app.command()
 def observables(
     name: Name = None,
-    measure: _measure("each observable (compiling takes 4 minutes at first)") = False,  # type: ignore[valid-type]
+    measure: MeasureObservables = False,
 ) -> None:
     """List what can be saved and watched: its parameters and results; with --measure what each
     watched one adds to a step here. NAME: all about it."""
@@ -202,7 +216,7 @@ def _default(kind: Any, field: str) -> str:
 @app.command()
 def integrators(
     name: Name = None,
-    measure: _measure("a step of each integrator, free and heavy,") = False,  # type: ignore[valid-type]
+    measure: MeasureIntegrators = False,
 ) -> None:
     """List the integrators: order, torques a step, what they conserve, which torques they take;
     with --measure what a step costs here. NAME: its source."""

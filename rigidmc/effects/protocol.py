@@ -96,7 +96,7 @@ def facts(effect: Effect | type[Effect]) -> Facts:
 
 @cache
 def _facts(kind: type[Effect]) -> Facts:
-    # kept, because a run of few members asks 70 times: 0.4 ms of its 4
+    # kept, because a run of few members asks 74 times: 0.2 ms of its 5 at 2.6 us each
     stated = {name for name in Facts._fields if hasattr(kind, name)} - {*kind._fields}
     return Facts(**{name: getattr(kind, name) for name in stated})
 

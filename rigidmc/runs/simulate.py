@@ -59,16 +59,7 @@ def simulate(
     Members that turn non-finite, drift too far or spin too fast for the step are flagged in
     `status` and frozen at their last good state; the other members do not change by a bit.
     """
-    if isinstance(members, range):
-        if members.step != 1 or members.start < 0 or not members:
-            rule = "expected a range of member indices with step 1"
-            raise SceneError("run", "members", members, rule)
-        settings["first"], members = members.start, len(members)
-    elif members is None:
-        members = scene.rows_to_run()
-    scene = scene.with_run(integrator=integrator, members=members, **settings)
-    if scene.run.points == "latin_hypercube" and scene.run.strata is None:
-        scene = scene.with_run(strata=scene.run.first + scene.run.members)
+    scene = _with_settings(scene, members, {**settings, "integrator": integrator})
     threads = threads_available() if threads is None else counted(threads, "threads")
     if output is not None:
         refuse_existing(output, force)
@@ -89,6 +80,22 @@ def simulate(
         if expected is not None:
             dataset.encoding["rigidmc"]["predicted_seconds"] = expected
         return dataset
+
+
+def _with_settings(scene: Scene, members: int | range | None, settings: Mapping[str, Any]) -> Scene:
+    """The scene with the settings of a run, and all numbers that depend on its members."""
+    first = settings.get("first")
+    if isinstance(members, range):
+        if members.step != 1 or members.start < 0 or not members:
+            rule = "expected a range of member indices with step 1"
+            raise SceneError("run", "members", members, rule)
+        first, members = members.start, len(members)
+    elif members is None:
+        members = scene.with_run(first=first).rows_to_run()
+    scene = scene.with_run(**{**settings, "first": first, "members": members})
+    if scene.run.points == "latin_hypercube" and scene.run.strata is None:
+        scene = scene.with_run(strata=scene.run.first + scene.run.members)
+    return scene
 
 
 def _warn(note: str) -> None:
