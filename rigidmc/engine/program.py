@@ -152,7 +152,8 @@ class Program:
 
     def theirs(self) -> list[str]:
         """Names of the missing pieces that a second process is to compile."""
-        missing = self.missing()
+        if not (missing := self.missing()):
+            return []
         able = helped({name: asked for name in missing if (asked := self.asked[name])})
         return divided(self.label, missing, self.effects, able)
 

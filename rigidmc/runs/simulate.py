@@ -12,7 +12,6 @@ import xarray as xr
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.files.outputs import refuse_existing
-from rigidmc.planning.notes import notes
 from rigidmc.planning.settle import settled
 from rigidmc.progress import Progress, announcing
 from rigidmc.runs.blocks import run
@@ -65,7 +64,7 @@ def simulate(
         refuse_existing(output, force)
     with announcing(progress):
         ready = settled(scene, threads, output is not None, block)
-        for note in notes(scene, ready.plan, ready.units):
+        for note in ready.notes:
             _warn(note)
         refuse_hopeless(ready.scene, ready.plan, threads, output)
         facts, expected = dict(attrs or {}), None
@@ -91,7 +90,7 @@ def _with_settings(scene: Scene, members: int | range | None, settings: Mapping[
             raise SceneError("run", "members", members, rule)
         first, members = members.start, len(members)
     elif members is None:
-        members = scene.with_run(first=first).rows_to_run()
+        members = (scene if first is None else scene.with_run(first=first)).rows_to_run()
     scene = scene.with_run(**{**settings, "first": first, "members": members})
     if scene.run.points == "latin_hypercube" and scene.run.strata is None:
         scene = scene.with_run(strata=scene.run.first + scene.run.members)

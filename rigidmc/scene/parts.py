@@ -21,6 +21,7 @@ from rigidmc.scene.body import Body
 from rigidmc.scene.changes import changed
 from rigidmc.scene.laws.protocol import Law
 from rigidmc.scene.limits import PILOT, check_histogram, limits, outside
+from rigidmc.scene.once import KEPT, once
 from rigidmc.scene.quantities import Distribution, Grid, is_open, quantity, rows, vector
 from rigidmc.scene.settings import Run
 from rigidmc.scene.start import Start
@@ -65,6 +66,10 @@ class Parts:
         object.__setattr__(self, "effects", effects)
         object.__setattr__(self, "observables", tuple(observables))
         rows(*self.quantities())
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a pickle or a copy has: without what `once` keeps."""
+        return {key: value for key, value in vars(self).items() if key != KEPT}
 
     def quantities(self) -> tuple[Any, ...]:
         """All quantities that may differ from member to member."""
@@ -120,7 +125,8 @@ class Parts:
 
         return self.mapped(change)
 
-    def with_run(self, **settings: Any) -> Self:
+    @once
+    def with_run(self, /, **settings: Any) -> Self:
         """The same scene with other run settings, see `Run`; settings that are None stay as they
         are.
 

@@ -15,6 +15,7 @@ from rigidmc.engine.layout import STATUSES
 from rigidmc.observables import OBSERVABLES, outputs
 from rigidmc.observables.protocol import DIMENSIONS
 from rigidmc.scene.conservation import booked, conservation
+from rigidmc.scene.once import once
 from rigidmc.scene.quantities import is_shared, rows
 from rigidmc.scene.scene import Scene
 from rigidmc.storage.layout import Layout, Shape
@@ -66,6 +67,7 @@ def coordinates(plan: Shape) -> dict[str, Coordinate]:
     }
 
 
+@once
 def saved_variables(scene: Scene) -> dict[str, Variable]:
     """Variables of what is recorded at save times, see `rigidmc.observables.keep`."""
     conserved, variables = conservation(scene), {}
@@ -124,6 +126,7 @@ def bytes_of_a_member(scene: Scene, plan: Layout) -> tuple[int, int]:
     return same, other
 
 
+@once
 def ensemble_variables(scene: Scene) -> dict[str, Variable]:
     """Variables of the ensemble as a whole."""
     variables = {}
@@ -138,6 +141,7 @@ def ensemble_variables(scene: Scene) -> dict[str, Variable]:
     return variables
 
 
+@once
 def member_variables(scene: Scene, carried: bool) -> dict[str, Variable]:
     """Variables with one value per member, which every result has.
 
