@@ -8,6 +8,7 @@ nothing can be declared wrongly.
 import inspect
 import re
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any, Protocol, cast
 
 
@@ -28,6 +29,7 @@ class Method(Protocol):
 METHODS: list[Method] = []  # every one, for `rigidmc.engine.compose` to compile
 
 
+@lru_cache(maxsize=1024)
 def arguments(function: Callable[..., Any]) -> tuple[str, ...]:
     """Names of a method's arguments after self."""
     return tuple(inspect.signature(function).parameters)[1:]

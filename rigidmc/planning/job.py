@@ -1,6 +1,5 @@
 """Blocks of members made ready, and the program that moves them."""
 
-import warnings
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -15,12 +14,13 @@ from rigidmc.engine.compose import NumbaError, reason
 from rigidmc.engine.frame import Noise
 from rigidmc.engine.operations import refuse_memory, why_one_at_a_time
 from rigidmc.engine.program import NO_NOISE, Program
-from rigidmc.errors import SceneError, SceneWarning
+from rigidmc.errors import SceneError
 from rigidmc.observables import OBSERVABLES
 from rigidmc.planning.closed_form import closed_values
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.rates import Array, by_steps
 from rigidmc.planning.stage import Start, ledger, noise
+from rigidmc.scene.once import once
 from rigidmc.scene.scene import Scene
 
 
@@ -51,6 +51,7 @@ class Job(NamedTuple):
     rounds: int
 
 
+@once
 def program_of(scene: Scene, plan: Plan, ask: bool = False) -> Program | None:
     """What moves the members of a plan, compiled or from the cache; None for closed forms.
 
@@ -62,13 +63,6 @@ def program_of(scene: Scene, plan: Plan, ask: bool = False) -> Program | None:
     own = [e for e in scene.effects if type(e) not in EFFECTS.values()]
     try:
         refuse_memory(own)
-        for effect in own:
-            if why := why_one_at_a_time(effect):
-                rule = (
-                    f"{type(effect).__name__} {why}: members are not worked on side by side, and "
-                    "the step is much slower than it might be"
-                )
-                warnings.warn(rule, SceneWarning, stacklevel=2)
         events, running, shadow = plan.watch.compiled
         return Program(
             plan.form,

@@ -3,6 +3,7 @@ mistakes of units and signs. Each of LOOKS yields notes."""
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +16,8 @@ from rigidmc.effects.gravity import Gravity
 from rigidmc.effects.gravity_gradient import GravityGradient
 from rigidmc.effects.parameters import filled, shape
 from rigidmc.effects.protocol import facts
+from rigidmc.engine.compose import NumbaError
+from rigidmc.engine.operations import why_one_at_a_time, why_refused
 from rigidmc.mechanics.inertia import broken
 from rigidmc.planning.idle_notes import idle_effects, idle_limits, idle_settings, is_shipped
 from rigidmc.planning.plan import Plan
@@ -90,6 +93,17 @@ def _idle(seen: Seen) -> Iterator[str]:
     yield from idle_limits(seen.scene, seen.plan)
     yield from _anti_damping(seen)
     yield from idle_effects(seen.effects, seen.moments, seen.centre)
+
+
+def _one_at_a_time(seen: Seen) -> Iterator[str]:
+    own = [effect for effect in seen.scene.effects if not is_shipped(effect)]
+    with suppress(NumbaError):  # an effect that cannot be compiled at all is refused later
+        for effect in own:
+            if not why_refused(effect) and (why := why_one_at_a_time(effect)):
+                yield (
+                    f"{type(effect).__name__} {why}: members are not worked on side by side, and "
+                    "the step is much slower than it might be"
+                )
 
 
 def _anti_damping(seen: Seen) -> Iterator[str]:
@@ -232,6 +246,7 @@ def _hot(seen: Seen) -> Iterator[str]:
 
 LOOKS: tuple[Callable[[Seen], Iterator[str]], ...] = (
     _idle,
+    _one_at_a_time,
     _gravity_upwards,
     _orbit_inside,
     _angles,

@@ -22,7 +22,7 @@ from rigidmc.storage.schema import (
     ensemble_variables,
     flagged_variables,
     is_rounded,
-    length,
+    lengths,
     member_variables,
     saved_variables,
 )
@@ -98,7 +98,9 @@ class _Chunks:
         counts = self._counts
         along = next(dim for dim in dims if dim in counts)
         plan = self._run.shown
-        sizes = tuple(tuple(counts[dim]) if dim in counts else (length(dim, plan),) for dim in dims)
+        sizes = tuple(
+            tuple(counts[dim]) if dim in counts else (lengths(plan)[dim],) for dim in dims
+        )
         label, graph = f"{name}-{self._contents}", {}
         for j, count in enumerate(counts[along]):
             key = (label, *[j if dim == along else 0 for dim in dims])
@@ -114,7 +116,7 @@ class _Chunks:
         import dask.array as da
 
         dims, dtype, attrs = variable
-        shape = [length(dim, self._run.shown) for dim in dims]
+        shape = [lengths(self._run.shown)[dim] for dim in dims]
         label, count = f"{name}-{self._contents}", len(self.paths)
         graph = {
             (label, j, *[0] * len(shape)): (_read_one, *self._shard(j, name), shape, dtype)

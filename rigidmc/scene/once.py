@@ -11,16 +11,18 @@ KEPT = "_kept"  # where a scene has {function: (arguments, last result)}
 
 
 def once(function: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S, P], R]:
-    """`function` of a scene and of plain arguments, which works once as long as they stay the same.
+    """`function` of a scene and other arguments, which works once as long as they stay the same.
 
     The scene keeps the last result: scenes never change, and a loop over settings holds one result.
-    Arguments that are not plain, such as a user's observables, are worked on at each call.
+    Words and numbers are the same if they are equal and of one type; a NamedTuple, such as a Plan
+    or an observable, is the same only if it is the same object; with lists and other arguments that
+    may change the function works at each call.
     """
 
     @wraps(function)
     def wrapper(scene: S, /, *args: P.args, **named: P.kwargs) -> R:
         try:
-            asked = _plain(args), _plain(tuple(named.items()))
+            asked = _key(args), _key(tuple(named.items()))
         except TypeError:
             return function(scene, *args, **named)
         kept: dict[Any, Any] = scene.__dict__.setdefault(KEPT, {})
@@ -33,10 +35,24 @@ def once(function: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S, P]
     return wrapper
 
 
-def _plain(value: Any) -> Any:
-    """A key that is equal only for equal values of the same type; TypeError if there is none."""
-    if isinstance(value, tuple) and type(value) is tuple:
-        return tuple(map(_plain, value))
+class _Itself:
+    """A key that is equal only for the same object, which it keeps alive."""
+
+    def __init__(self, value: object) -> None:
+        self.value = value
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Itself) and self.value is other.value
+
+    __hash__ = None  # type: ignore[assignment]  # keys are compared, never looked up
+
+
+def _key(value: Any) -> Any:
+    """A key that is equal only for the same argument; TypeError if there is none."""
+    if type(value) is tuple:
+        return tuple(map(_key, value))
+    if isinstance(value, tuple):
+        return _Itself(value)
     if value is None or type(value) in (str, int, float, bool):
         return type(value), repr(value)  # 1, 1.0 and True are equal, and so are 0.0 and -0.0
     raise TypeError

@@ -21,7 +21,7 @@ from rigidmc.storage.schema import (
     coordinates,
     ensemble_variables,
     flagged_variables,
-    length,
+    lengths,
     member_variables,
     saved_variables,
 )
@@ -151,7 +151,7 @@ def _refuse_unlike(
         given = ", ".join(map(str, variable.dims)) or "none"
         raise wrong(name, f"has the dimensions {given}, expected {', '.join(dims)}")
     for dim in dims:
-        size = None if dim in ("member", "flagged") else length(dim, sizes)
+        size = None if dim in ("member", "flagged") else lengths(sizes)[dim]
         if size is not None and variable.sizes[dim] != size:
             raise wrong(name, f"is {variable.sizes[dim]:,} long along {dim}, expected {size:,}")
     if variable.dtype.kind != dtype.kind:

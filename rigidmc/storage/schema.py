@@ -1,6 +1,7 @@
 """The layout of a result: its variables, their dimensions and attributes. A Dataset in memory and a
 netCDF file are the same."""
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -119,8 +120,9 @@ def bytes_of_a_member(scene: Scene, plan: Layout) -> tuple[int, int]:
     """Bytes of a member before compression: (of values that all members share, of others)."""
     same = other = 0
     variables = {**member_variables(scene, plan.carried), **saved_variables(scene)}
+    sizes = {**lengths(plan), "member": 1}
     for name, (dims, dtype, _) in variables.items():
-        count = int(np.prod([1 if dim == "member" else length(dim, plan) for dim in dims]))
+        count = math.prod(sizes[dim] for dim in dims)
         size = count * np.dtype(dtype).itemsize
         same, other = (same + size, other) if name in plan.constant else (same, other + size)
     return same, other
@@ -253,8 +255,8 @@ def attributes(scene: Scene, plan: Layout) -> dict[str, Any]:
     }
 
 
-def length(dim: str, plan: Shape) -> Any:
-    """Size of a dimension; None for `flagged`, which grows."""
+def lengths(plan: Shape) -> dict[str, Any]:
+    """{dimension: size}; None for `flagged`, which grows."""
     bins = {name: edges.size - 1 for name, edges, _ in plan.watch.bins}
     times = {"time": plan.times.size, "thinned_time": plan.thinned.size}
     return {
@@ -265,4 +267,4 @@ def length(dim: str, plan: Shape) -> Any:
         "effect": len(plan.labels),
         "component": 6,
         **{name: len(labels) for name, (labels, _) in DIMENSIONS.items()},
-    }[dim]
+    }

@@ -19,7 +19,7 @@ from rigidmc.storage.schema import (
     coordinates,
     ensemble_variables,
     flagged_variables,
-    length,
+    lengths,
     member_variables,
     saved_variables,
 )
@@ -119,9 +119,10 @@ class Memory:
         size = plan.times.size * self.rows * self.width if self.direct else 0
         self.out = aligned(size, float, np.empty)
         self.variables = member_variables(scene, plan.carried)
+        sizes = lengths(plan)
         saved = {} if self.direct else saved_variables(scene)
         self.arrays = {
-            name: np.empty([length(d, plan) for d in v.dims], v.dtype)
+            name: np.empty([sizes[dim] for dim in v.dims], v.dtype)
             for name, v in {**self.variables, **saved}.items()
             if name not in plan.constant
         }

@@ -23,7 +23,7 @@ from rigidmc.storage.schema import (
     ensemble_variables,
     flagged_variables,
     is_rounded,
-    length,
+    lengths,
     member_variables,
     saved_variables,
 )
@@ -86,7 +86,7 @@ class Writer:
         known = coordinates(plan._replace(members=0))
         used = [*known, *(dim for v in variables.values() for dim in v.dims)]
         for dim in dict.fromkeys(used):
-            self._file.createDimension(dim, length(dim, plan))
+            self._file.createDimension(dim, lengths(plan)[dim])
         for name, (dims, values, about) in known.items():
             self._define_coordinate(name, dims, values, about)
         for name, variable in variables.items():
@@ -118,7 +118,7 @@ class Writer:
         dims, dtype, attrs = of
         # a chunk holds a block of members and up to 128 times: cheap to write and to read both ways
         chunks = [
-            min(length(dim, plan) or 32, plan.block if dim == "member" else 128) for dim in dims
+            min(lengths(plan)[dim] or 32, plan.block if dim == "member" else 128) for dim in dims
         ]
         same = name in plan.constant
         # equal values compress faster with their bytes unsorted: 0.6 against 0.4 GB/s

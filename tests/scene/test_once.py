@@ -50,6 +50,8 @@ def test_observables_are_not_told_apart_by_their_values():
     one = scene()
     assert worked(one, (tuple(passage),)) is tuple
     assert worked(one, (passage,)) is rm.Passage
+    other = worked(one, (rm.Passage(3, 0.5),))
+    assert other is rm.Passage
 
 
 def test_simulate_works_out_a_scene_once_and_gives_the_same_bits():
