@@ -49,12 +49,13 @@ WATCHED_STATISTICS: dict[str, tuple[str, Any]] = {  # {name: (name of the observ
 KNOWN = (*OBSERVABLES, *WATCHED, *WATCHED_STATISTICS)
 
 
-def value_rows(effects: Sequence[Any], *names: str) -> int:
-    """How many numbers the named observables record for one member at one time.
-
-    Observables over all steps record none.
-    """
-    return sum(size(OBSERVABLES[name].dims, len(effects)) for name in names if name in OBSERVABLES)
+def value_rows(names: Iterable[str], effects: int) -> dict[str, slice]:
+    """{observable: rows of its values} at one save, one after the other; names of what is recorded
+    at save times, and the number of effects of the scene."""
+    rows, end = {}, 0
+    for name in names:
+        rows[name] = slice(end, end := end + size(OBSERVABLES[name].dims, effects))
+    return rows
 
 
 def saved(save: Iterable[str]) -> tuple[str, ...]:

@@ -55,6 +55,7 @@ class Plan(NamedTuple):
         remainders
     notes : what the user should know;  limits : what flags a member, () if nothing does
     labels : of the effects whose works are saved;  watch : what is kept of every step
+    saved : {observable: rows of its values} of what is recorded at saves
     """
 
     first: int
@@ -78,6 +79,12 @@ class Plan(NamedTuple):
     limits: Limits | tuple[()]
     labels: tuple[str, ...]
     watch: Watch
+    saved: dict[str, slice]
+
+    @property
+    def values(self) -> int:
+        """How many numbers a member records at a save."""
+        return max((rows.stop for rows in self.saved.values()), default=0)
 
     def bounds(self) -> dict[str, float]:
         """The finite limits among those that a scene may set, by their names there."""
@@ -138,8 +145,9 @@ def prepare(
         rule = f"{saves:,} saves are more than the limit of {MOST_SAVES:,}"
         raise SceneError("run", "every", run.every, rule)
     slots = np.append(np.arange(0, grid.steps, grid.stride), grid.steps)
+    saved = value_rows(scene.recorded(), len(scene.effects))
     few = thinned(len(slots), run.thin) if "thinned" in scene.kept().values() else np.empty(0, int)
-    return Plan(
+    plan = Plan(
         first=run.first,
         members=run.members,
         steps=grid.steps,
@@ -151,7 +159,7 @@ def prepare(
         thinned=few,
         form=form,
         carried=carried,
-        block=block or _block(scene, grid.member_steps, len(slots), threads, streaming),
+        block=block or 0,
         constant=_constant(scene),
         angle=grid.angle,
         turn_rate=rate,
@@ -161,7 +169,9 @@ def prepare(
         limits=limits(scene, carried, grid.theta, mean, form, spin) if form else (),
         labels=booked_labels(scene),
         watch=watched,
+        saved=saved,
     )
+    return plan if block else plan._replace(block=_block(plan, threads, streaming))
 
 
 def _steps(scene: Scene, carried: bool) -> _Steps:
@@ -223,14 +233,13 @@ def spinning_up(scene: Scene) -> list[str]:
     ]
 
 
-def _block(scene: Scene, own: bool, saves: int, threads: int, streaming: bool) -> int:
+def _block(plan: Plan, threads: int, streaming: bool) -> int:
     """Members of a block: few enough to occupy all threads, and fewer on their way to a file."""
-    blocks = (1 if own else 4) * threads
-    block = min(BLOCK, whole_lanes(math.ceil(scene.run.members / blocks)))
+    blocks = (1 if plan.member_steps else 4) * threads
+    block = min(BLOCK, whole_lanes(math.ceil(plan.members / blocks)))
     if not streaming:
         return block
-    values = value_rows(scene.effects, *scene.recorded())
-    fitting = SLAB // (8 * max(1, values) * saves)
+    fitting = SLAB // (8 * max(1, plan.values) * plan.times.size)
     return min(block, max(layout.LANES, fitting // layout.LANES * layout.LANES))
 
 

@@ -13,7 +13,7 @@ from rigidmc.engine import layout
 from rigidmc.engine.layout import whole_lanes
 from rigidmc.engine.program import Program
 from rigidmc.engine.threads import run_blocks
-from rigidmc.observables import OBSERVABLES, value_rows
+from rigidmc.observables import OBSERVABLES
 from rigidmc.planning import watch
 from rigidmc.planning.job import Job, closed_job, job_of, program_of
 from rigidmc.planning.plan import Plan
@@ -152,15 +152,11 @@ def _in_original_units(
     job: Job, results: dict[str, np.ndarray], scene: Scene, plan: Plan, units: Internal
 ) -> dict[str, np.ndarray]:
     """Results in the units of the original scene; values saved over time are changed in place."""
-    names = scene.recorded()
-    factors = [
-        units.factor(OBSERVABLES[name].units)
-        for name in names
-        for _ in range(value_rows(scene.effects, name))
-    ]
     if job.width:
-        saves = job.out.reshape(plan.times.size, len(factors), job.width)
-        saves[..., job.column : job.column + job.block.shape[1]] *= np.array(factors)[:, None]
+        saves = job.out.reshape(plan.times.size, plan.values, job.width)
+        columns = slice(job.column, job.column + job.block.shape[1])
+        for name, rows in plan.saved.items():
+            saves[:, rows, columns] *= units.factor(OBSERVABLES[name].units)
     known = member_variables(scene, plan.carried)
     return {
         name: values * units.factor(known[name].attrs.get("units", "1"))

@@ -8,7 +8,6 @@ import shutil
 from rigidmc.engine import layout
 from rigidmc.errors import NoRoom
 from rigidmc.files.outputs import Path
-from rigidmc.observables import value_rows
 from rigidmc.planning.plan import Plan
 from rigidmc.scene.scene import Scene
 from rigidmc.storage.schema import bytes_of_a_member
@@ -21,7 +20,7 @@ def sizes(scene: Scene, plan: Plan, threads: int) -> tuple[int, int, int]:
     """Bytes that a run needs: (memory with its result in memory, memory with its result in a file,
     that file)."""
     _, each = bytes_of_a_member(scene, plan)
-    block = _bytes_of_a_block(scene, plan)
+    block = _bytes_of_a_block(plan)
     scratch = block * (min(threads, -(-plan.members // plan.block)) + 2)
     return (
         int(BASE + scratch + each * plan.members),
@@ -30,8 +29,8 @@ def sizes(scene: Scene, plan: Plan, threads: int) -> tuple[int, int, int]:
     )
 
 
-def _bytes_of_a_block(scene: Scene, plan: Plan) -> int:
-    saves = plan.times.size * value_rows(scene.effects, *scene.recorded())
+def _bytes_of_a_block(plan: Plan) -> int:
+    saves = plan.times.size * plan.values
     return 8 * plan.block * (layout.EFFECTS + 20 + plan.watch.rows + saves)
 
 

@@ -15,7 +15,6 @@ from rigidmc.engine.layout import LANES
 from rigidmc.engine.program import Program
 from rigidmc.errors import RigidmcError
 from rigidmc.files.netcdf import read
-from rigidmc.observables import value_rows
 from rigidmc.planning.job import Job
 from rigidmc.planning.plan import BLOCK, SLAB, Plan
 from rigidmc.progress import Progress
@@ -35,7 +34,7 @@ Numbers = Sequence[int] | NDArray[np.int64]  # of shards
 def members_of(scene: Scene, plan: Plan, size: float = SHARD) -> tuple[int, int]:
     """(members of a block, members of a shard) of a run with shards of about `size` bytes; neither
     depends on the number of threads."""
-    values = 8 * max(1, value_rows(scene.effects, *scene.recorded())) * plan.times.size
+    values = 8 * max(1, plan.values) * plan.times.size
     block = min(BLOCK, max(LANES, SLAB // values // LANES * LANES))
     return block, block * max(1, int(size / sum(bytes_of_a_member(scene, plan)) / block))
 
@@ -136,7 +135,7 @@ class Shards:
 
     def room(self, low: int, count: int) -> Place:
         """The place for the values of `count` members."""
-        return buffer(self.scene, self.plan, count)
+        return buffer(self.plan, count)
 
     def take(self, job: Job, results: Arrays) -> None:
         """Add a finished block to its shard; a whole shard goes to the writing thread."""

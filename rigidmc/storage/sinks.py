@@ -11,7 +11,7 @@ from rigidmc.engine.layout import whole_lanes
 from rigidmc.engine.memory import aligned
 from rigidmc.files.netcdf import open_trusted
 from rigidmc.files.outputs import Path
-from rigidmc.observables import OBSERVABLES, value_rows
+from rigidmc.observables import OBSERVABLES
 from rigidmc.scene.scene import Scene
 from rigidmc.storage.layout import Block, Layout
 from rigidmc.storage.schema import (
@@ -29,14 +29,12 @@ Arrays = dict[str, NDArray[Any]]
 Place = tuple[NDArray[np.float64], int, int]  # an array, its width, and the column of a block in it
 
 
-def _split(scene: Scene, values: NDArray[Any], names: Iterable[str]) -> Arrays:
-    """{name: view} of the value rows (time, row, member) of the named observables."""
-    parts, row = {}, 0
-    for name in names:
-        size = value_rows(scene.effects, name)
-        parts[name] = values[:, row : row + size] if OBSERVABLES[name].dims else values[:, row]
-        row += size
-    return parts
+def _split(values: NDArray[Any], saved: Mapping[str, slice]) -> Arrays:
+    """{name: view} of the rows of values (time, row, member) of each observable."""
+    return {
+        name: values[:, rows if OBSERVABLES[name].dims else rows.start]
+        for name, rows in saved.items()
+    }
 
 
 def kept_values(scene: Scene, plan: Layout, parts: Arrays) -> Arrays:
@@ -112,11 +110,10 @@ class Memory:
         """more : further attributes;  direct : whether blocks may write to the result themselves"""
         self.scene, self.plan, self.more = scene, plan, more
         self.counts, self.flagged = Counts(scene), list[Arrays]()
-        self.rows = value_rows(scene.effects, *scene.recorded())
         all_kept = set(scene.kept().values()) <= {"full"}
         self.direct = direct and scene.recorded() == scene.saved() and all_kept
         self.width = whole_lanes(plan.members)
-        size = plan.times.size * self.rows * self.width if self.direct else 0
+        size = plan.times.size * self.plan.values * self.width if self.direct else 0
         self.out = aligned(size, float, np.empty)
         self.variables = member_variables(scene, plan.carried)
         sizes = lengths(plan)
@@ -130,17 +127,17 @@ class Memory:
     def room(self, low: int, count: int) -> Place:
         """The place for the values of `count` members from index `low` of the result on."""
         if self.direct:
-            return self.out, self.width if self.rows else 0, low
-        return buffer(self.scene, self.plan, count)
+            return self.out, self.width if self.plan.values else 0, low
+        return buffer(self.plan, count)
 
     def take(self, job: Block, results: Arrays) -> None:
         """Take the results of a block that is done."""
         low = job.first - self.plan.first
         part = slice(low, low + job.size)
-        if self.rows and (self.counts.histograms or not self.direct):
-            values = job.out.reshape(self.plan.times.size, self.rows, -1)
+        if self.plan.values and (self.counts.histograms or not self.direct):
+            values = job.out.reshape(self.plan.times.size, self.plan.values, -1)
             values = values[..., job.column : job.column + job.size]
-            parts = _split(self.scene, values, self.scene.recorded())
+            parts = _split(values, self.plan.saved)
             self.counts.add(job, parts, results["status"])
             status = results["status"][: job.size]
             self.flagged.append(flagged_values(self.scene, job.first, parts, status))
@@ -159,9 +156,9 @@ class Memory:
         """{variable: array} of the result."""
         arrays = {**self.arrays, **self.counts.variables(), **joined(self.flagged)}
         if self.direct:
-            values = self.out.reshape(self.plan.times.size, self.rows, self.width)
+            values = self.out.reshape(self.plan.times.size, self.plan.values, self.width)
             values = values[..., : self.plan.members]
-            arrays |= _split(self.scene, values, self.scene.saved())
+            arrays |= _split(values, self.plan.saved)
         return arrays
 
     def finish(self) -> xr.Dataset:
@@ -184,10 +181,11 @@ class Memory:
         self.out = np.empty(0)
 
 
-def buffer(scene: Scene, plan: Layout, count: int) -> Place:
+def buffer(plan: Layout, count: int) -> Place:
     """The place for the values that a block of so many members saves."""
-    values, width = value_rows(scene.effects, *scene.recorded()), whole_lanes(count)
-    return aligned(plan.times.size * values * width, float, np.empty), width if values else 0, 0
+    width = whole_lanes(count)
+    values = aligned(plan.times.size * plan.values * width, float, np.empty)
+    return values, width if plan.values else 0, 0
 
 
 class File:
@@ -203,20 +201,19 @@ class File:
     ) -> None:
         self.scene, self.plan, self.path = scene, plan, path
         self.counts, self.flagged = Counts(scene), list[Arrays]()
-        self.rows = value_rows(scene.effects, *scene.recorded())
         self.names = set(member_variables(scene, plan.carried))
         self.writer = Writer(path, scene, plan, force, more)
 
     def room(self, low: int, count: int) -> Place:
         """The place for the values of `count` members."""
-        return buffer(self.scene, self.plan, count)
+        return buffer(self.plan, count)
 
     def take(self, job: Block, results: Arrays) -> None:
         """Write the results of a block that is done."""
         values = {name: array for name, array in results.items() if name in self.names}
-        if self.rows:
-            saved = job.out.reshape(self.plan.times.size, self.rows, job.width)
-            parts = _split(self.scene, saved, self.scene.recorded())
+        if self.plan.values:
+            saved = job.out.reshape(self.plan.times.size, self.plan.values, job.width)
+            parts = _split(saved, self.plan.saved)
             self.counts.add(job, parts, results["status"])
             status = results["status"][: job.size]
             self.flagged.append(flagged_values(self.scene, job.first, parts, status))
