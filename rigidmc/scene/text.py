@@ -8,7 +8,7 @@ from rigidmc.effects import EFFECTS, labelled, name_of
 from rigidmc.effects.parameters import given
 from rigidmc.effects.user import source_of
 from rigidmc.observables import word_of_watched
-from rigidmc.scene.body import IDENTITY
+from rigidmc.scene.mass_distribution import IDENTITY
 from rigidmc.scene.once import once
 from rigidmc.scene.parts import Parts
 from rigidmc.scene.values import plain

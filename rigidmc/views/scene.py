@@ -20,9 +20,9 @@ from rigidmc.planning.tolerance.costs import cost_per_step
 from rigidmc.planning.tolerance.effect_costs import prices, some_of
 from rigidmc.runs.capacity import free_memory, in_words, sizes
 from rigidmc.runs.shards import members_of
-from rigidmc.scene.body import IDENTITY
 from rigidmc.scene.conservation import conservation
 from rigidmc.scene.laws.protocol import Law
+from rigidmc.scene.mass_distribution import IDENTITY
 from rigidmc.scene.parameters import parameters
 from rigidmc.scene.quantities import Distribution, Grid
 from rigidmc.scene.scene import Scene

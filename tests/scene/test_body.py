@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import rigidmc as rm
-from rigidmc.mechanics.inertia import principal_axes
-from rigidmc.scene.body import broken
+from rigidmc.mechanics.inertia import broken, principal_axes
 
 
 def test_four_particles_of_the_chapter():
