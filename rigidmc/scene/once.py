@@ -16,7 +16,7 @@ def once(function: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S, P]
     The scene keeps the last result: scenes never change, and a loop over settings holds one result.
     Words and numbers are the same if they are equal and of one type; a NamedTuple, such as a Plan
     or an observable, is the same only if it is the same object; with lists and other arguments that
-    may change the function works at each call.
+    may change the function works at each call. No caller may change a result.
     """
 
     @wraps(function)
