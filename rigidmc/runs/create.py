@@ -144,6 +144,9 @@ def new_directory(path: str) -> Iterator[str]:
     with folder_beside(path) as folder:
         os.mkdir(os.path.join(folder, "shards"))
         yield folder
+        if os.name == "nt":  # Windows puts a folder in the place of no other, not even an empty one
+            with contextlib.suppress(OSError):
+                os.rmdir(path)
         try:
             os.replace(folder, path)
         except OSError as error:
