@@ -3,8 +3,8 @@
 A mutant is the package with one sign, factor, index, frame, choice or row changed in dynamics,
 effects, integrators, observables or the engine. The first judge is the hard cases in plain Python
 (one lane, nothing compiled: seconds). What survives goes to the tests of those folders, uncompiled
-too. A mutant of the engine that survives both goes to compiled tests; code that instructs the
-compiler (`COMPILED`) goes to compiled tests only.
+too. A mutant of the engine or of observables that survives both goes to compiled tests; code that
+instructs the compiler (`COMPILED`) goes to compiled tests only.
 """
 
 import argparse
@@ -323,7 +323,9 @@ def judged(place):
             if killed is None:
                 code, message = _run([*PYTEST, "-k", LEFT_OUT, *TESTS], folder, plain, SECONDS)
                 killed = None if code == 0 else f"tests: {message}"
-        if killed is None and (place is None or "engine" in place[0] or "bath" in place[0]):
+        if killed is None and (
+            place is None or any(word in place[0] for word in ("engine", "observables", "bath"))
+        ):
             tests = (
                 ("tests/effects/test_bath.py",)
                 if place is not None and "bath" in place[0]
