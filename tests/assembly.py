@@ -15,7 +15,8 @@ from rigidmc.integrators.protocol import group_count
 ARITHMETIC = re.compile(r"v?(mul|add|sub|div|sqrt|fn?m(?:add|sub)\d+)([ps])([ds])\s")
 STORE = re.compile(r"v?mov[au]p[ds]\s+%[xyz]mm\d+, -?\w*\((?!%rsp)")
 LIBM = re.compile(
-    r"\$_*(sin|cos|tan|exp|expm1|pow|log|sqrt|fmod|rint|round|floor|fabs|fma|hypot|gamma|tgamma)\w*\b"
+    r"\$_*(sin|cos|tan|exp|expm1|pow|log|sqrt|fmod|rint|round|floor|fabs|fma|hypot|gamma|tgamma)"
+    r"\w*\b"
 )
 
 

@@ -101,7 +101,9 @@ def takes_settings(*names: str, but: Collection[str] = ()) -> Callable[[Command]
             run = {name: given.pop(name) for name in chosen}
             command(run={k: v for k, v in run.items() if v is not None}, **given)
 
-        gathered.__signature__ = signature.replace(parameters=[*others, *options])  # type: ignore[attr-defined]  # a documented hook of inspect
+        # `inspect` documents this attribute, and mypy does not know it
+        shown = signature.replace(parameters=[*others, *options])
+        gathered.__signature__ = shown  # type: ignore[attr-defined]
         gathered.__annotations__ = {p.name: p.annotation for p in (*others, *options)}
         return gathered
 

@@ -19,7 +19,8 @@ class Stream:
         self.fault: OSError | None = None
         with contextlib.suppress(AttributeError):
             # an encoding that lacks a character, such as that of |L|², is no reason to fail
-            stream.reconfigure(errors="backslashreplace")  # type: ignore[attr-defined]  # or suppressed
+            # (a stream without `reconfigure` is left as it is)
+            stream.reconfigure(errors="backslashreplace")  # type: ignore[attr-defined]
 
     def write(self, text: str) -> int:
         self._tried(self._stream.write, text)

@@ -115,7 +115,8 @@ def is_random(effect: Effect | type[Effect]) -> bool:
 def is_conservative(effect: Effect) -> bool:
     """Whether kinetic plus potential energy are conserved under an effect."""
     if implements(effect, "conservative"):
-        return bool(effect.conservative)  # type: ignore[attr-defined]  # a property that is optional
+        # the property is optional, so the Protocol does not have it
+        return bool(effect.conservative)  # type: ignore[attr-defined]
     return implements(effect, "energy")
 
 

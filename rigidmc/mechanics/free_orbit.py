@@ -258,7 +258,10 @@ class Phase(NamedTuple("Phase", Orbit.__annotations__.items())):  # type: ignore
         return (direction_and_phase(self, 0.0)[1],)
 
 
-class Reached(NamedTuple("Reached", [*Orbit.__annotations__.items(), ("t", float)])):  # type: ignore[misc]
+_FIELDS = [*Orbit.__annotations__.items(), ("t", float)]
+
+
+class Reached(NamedTuple("Reached", _FIELDS)):  # type: ignore[misc]
     """Attitude and momentum of an Orbit at time t."""
 
     def values(self):

@@ -284,7 +284,10 @@ def motion(o, t):
     return q, (-r * (im * across + re * speed), r * (re * across - im * speed), o.spin)
 
 
-class Reached(NamedTuple("Reached", [*Orbit.__annotations__.items(), ("t", float)])):  # type: ignore[misc]
+_FIELDS = [*Orbit.__annotations__.items(), ("t", float)]
+
+
+class Reached(NamedTuple("Reached", _FIELDS)):  # type: ignore[misc]
     """Attitude and momentum of an Orbit at time t."""
 
     def values(self):

@@ -273,7 +273,8 @@ def numbers(
     `used` matter."""
     if is_seed(source):
         return uniforms(source, name, first, count, draw)
-    return source.words(name, first, count, draw, used)  # type: ignore[union-attr]  # TypeGuard does not narrow the other branch
+    # a TypeGuard does not narrow the other branch
+    return source.words(name, first, count, draw, used)  # type: ignore[union-attr]
 
 
 def draw(quantities: Sequence[Any], source: Source, name: str, first: int, count: int) -> Array:

@@ -165,7 +165,9 @@ def takes_settings(function: Callable[Arguments, Result]) -> Callable[Arguments,
         return function(*arguments, **keywords)
 
     more = [inspect.Parameter(word, inspect.Parameter.KEYWORD_ONLY, default=None) for word in words]
-    checked.__signature__ = signature.replace(parameters=[*named, *more])  # type: ignore[attr-defined]  # a documented hook of inspect
+    # `inspect` documents this attribute, and mypy does not know it
+    shown = signature.replace(parameters=[*named, *more])
+    checked.__signature__ = shown  # type: ignore[attr-defined]
     lines = [
         textwrap.fill(
             f"{word} : {Run.model_fields[word].description}",

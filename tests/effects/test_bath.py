@@ -96,7 +96,8 @@ def test_integrators_that_take_noise():
         rm.Bath(1.0, -1.0) and rm.Scene(BODY, (rm.Bath(1.0, -1.0),))
     with pytest.raises(rm.SceneError, match="noise"):
         rm.Scene.loads(
-            "[body]\nmoments=[1,2,3]\n[start]\nomega=[0,0,1]\n[effects.bath]\ngamma=1.0\nkT=1.0\nnoise=[1,2,3]"
+            "[body]\nmoments=[1,2,3]\n[start]\nomega=[0,0,1]\n"
+            "[effects.bath]\ngamma=1.0\nkT=1.0\nnoise=[1,2,3]"
         )
 
 
