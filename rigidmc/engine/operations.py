@@ -82,6 +82,8 @@ def refuse_memory(effects: Iterable[Any]) -> None:
 
 def why_one_at_a_time(effect: Any) -> str:
     """Why members cannot be worked on side by side with a user's effect, or ""."""
+    if type(effect) in EFFECTS.values():
+        return ""
     if type(effect) not in _side_by_side:
         try:
             dispatcher_of(_all_methods).compile(

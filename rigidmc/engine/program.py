@@ -21,6 +21,7 @@ from rigidmc.engine.layout import BODY, BODY_AT, KNOWN, LANES, START, places
 from rigidmc.engine.machine import vector_bits
 from rigidmc.engine.march import march
 from rigidmc.engine.memory import aligned
+from rigidmc.engine.operations import why_one_at_a_time
 from rigidmc.engine.pieces import NOTHING, Asked, Piece, config, is_ready, piece, run
 from rigidmc.engine.pipeline import LINE
 from rigidmc.integrators.protocol import group_count
@@ -44,7 +45,8 @@ class Program:
         if not, see `rigidmc.effects.protocol`
     events, running, shadow : what is watched: compiled events; (running observable, as many 0.0 as
         it has marks) each; (0.0,) for a neighbour, else ()
-    lanes : how many members are worked on side by side, by default what suits this processor
+    lanes : how many members are worked on side by side, by default what suits this processor; one
+        if the code of a user's own effect takes only one
     ask : compile nothing; `missing` then tells what would be compiled
     """
 
@@ -61,7 +63,8 @@ class Program:
                 parts=form.parts * (np.arange(len(form.parts)) > 0)[:, None],
             )
         self.form, self.effects, self.dtype = form, effects, np.dtype(dtype).name
-        self.lanes = 1 if config.DISABLE_JIT else lanes or lanes_for(dtype)
+        one = config.DISABLE_JIT or any(map(why_one_at_a_time, effects))
+        self.lanes = 1 if one else lanes or lanes_for(dtype)
         self.parts = np.ascontiguousarray(form.parts, dtype=float).ravel()
 
         rows = places(row_count(effects), len(ledger), len(events), [len(m) for _, m in running])

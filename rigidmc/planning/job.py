@@ -1,7 +1,6 @@
 """Blocks of members made ready, and the program that moves them."""
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +11,7 @@ from rigidmc.effects.user import RULE
 from rigidmc.engine import layout
 from rigidmc.engine.compose import NumbaError, reason
 from rigidmc.engine.frame import Noise
-from rigidmc.engine.operations import refuse_memory, why_one_at_a_time
+from rigidmc.engine.operations import refuse_memory
 from rigidmc.engine.program import NO_NOISE, Program
 from rigidmc.errors import SceneError
 from rigidmc.observables import OBSERVABLES
@@ -76,8 +75,7 @@ def program_of(scene: Scene, plan: Plan, ask: bool = False) -> Program | None:
             events,
             running,
             shadow,
-            side_by_side(own),
-            ask,
+            ask=ask,
         )
     except NumbaError as error:
         if not own:
@@ -85,12 +83,6 @@ def program_of(scene: Scene, plan: Plan, ask: bool = False) -> Program | None:
         names = ", ".join(type(e).__name__ for e in own)
         rule = f"cannot be compiled: {reason(error)}; {RULE}"
         raise SceneError("effects", names, None, rule) from error
-
-
-def side_by_side(own: Sequence[Any]) -> int | None:
-    """How many members are worked on side by side: one if the code of a user's own effect takes
-    only one, else None, which leaves the choice to the engine."""
-    return 1 if any(map(why_one_at_a_time, own)) else None
 
 
 def job_of(

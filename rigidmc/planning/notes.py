@@ -1,5 +1,5 @@
-"""Notes on a scene that runs, but perhaps not as meant: settings without effect, and likely
-mistakes of units and signs. Each of LOOKS yields notes."""
+"""Notes on a scene that runs, but perhaps not as meant: settings without effect, slow effects, and
+likely mistakes of units and signs. Each of LOOKS yields notes."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -24,6 +24,7 @@ from rigidmc.planning.plan import Plan
 from rigidmc.planning.units import Internal
 from rigidmc.scene.laws import GibbsMomentum
 from rigidmc.scene.limits import PILOT
+from rigidmc.scene.once import once
 from rigidmc.scene.quantities import Grid, draw, is_open
 from rigidmc.scene.scene import Scene
 
@@ -60,6 +61,7 @@ class Seen(NamedTuple):
     effects: list[tuple[str, Any]]
 
 
+@once
 def notes(scene: Scene, plan: Plan, units: Internal | None = None) -> tuple[str, ...]:
     """What the user of a scene should know, in words: `rigidmc run`, `show` and `check` print it,
     and `simulate` warns with it.

@@ -159,7 +159,7 @@ def prepare(
         thinned=few,
         form=form,
         carried=carried,
-        block=block or 0,
+        block=block or 0,  # or what `_block` makes of this plan, below
         constant=_constant(scene),
         angle=grid.angle,
         turn_rate=rate,

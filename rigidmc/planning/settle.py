@@ -2,7 +2,6 @@
 
 from typing import NamedTuple
 
-from rigidmc.planning.notes import notes
 from rigidmc.planning.plan import Plan, prepare
 from rigidmc.planning.tolerance.choose import Chosen, resolved
 from rigidmc.planning.units import Internal, internal, scaled
@@ -17,25 +16,32 @@ class Settled(NamedTuple):
     plan : its Plan
     units : how the scene was rescaled; None if nothing was rescaled
     chosen : what a tolerance chose; None if the scene names its integrator
-    notes : what the user of the scene should know, see `rigidmc.planning.notes`
     """
 
     scene: Scene
     plan: Plan
     units: Internal | None
     chosen: Chosen | None
-    notes: tuple[str, ...]
 
 
-@once
 def settled(
     scene: Scene, threads: int = 1, streaming: bool = False, block: int | None = None
 ) -> Settled:
     """Rescale a scene if numbers could overflow, choose integrator and step if it asks for a
     tolerance, and make its Plan; SceneError."""
+    found = _settled(scene, threads, streaming, block)
+    return Settled(found[0] or scene, *found[1:])
+
+
+@once
+def _settled(
+    scene: Scene, threads: int, streaming: bool, block: int | None
+) -> tuple[Scene | None, Plan, Internal | None, Chosen | None]:
+    """The fields of Settled. The scene is None if it is the scene itself, which would otherwise
+    hold itself and stay in memory until the garbage is collected."""
     original, units = scene, internal(scene)
     if units is not None:
         scene = scaled(scene, units.mass, 1.0, units.time)
     scene, chosen = resolved(scene, threads)
     plan = prepare(scene, threads, streaming, block)
-    return Settled(scene, plan, units, chosen, notes(original, plan, units))
+    return None if scene is original else scene, plan, units, chosen

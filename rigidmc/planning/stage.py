@@ -67,6 +67,7 @@ def first_members(scene: Scene, count: int, carried: bool) -> Members:
         block, start = _staged(scene, source(scene), 0, count, carried)
         known = Members(block, start, carried)
         if known.block.nbytes <= CACHED:
+            _known.clear()  # many scenes that ran may live at once
             _known[scene] = known
     return known
 

@@ -23,6 +23,7 @@ from rigidmc.files.outputs import (
     refuse_unwritable,
     write_bytes,
 )
+from rigidmc.planning.notes import notes
 from rigidmc.planning.plan import BLOCK
 from rigidmc.planning.stage import stage
 from rigidmc.runs.capacity import refuse_hopeless
@@ -65,7 +66,7 @@ def create(
     if scene.run.points == "latin_hypercube" and scene.run.strata is None:
         scene = scene.with_run(strata=scene.run.first + scene.run.members)
     run = ready(scene)
-    for note in run.notes:
+    for note in notes(scene, run.plan, run.units):
         warnings.warn(note, SceneWarning, stacklevel=2)
     block, shard = members_of(run.original, run.shown, size)
     members = run.original.run.members

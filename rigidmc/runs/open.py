@@ -116,7 +116,8 @@ class _Chunks:
         import dask.array as da
 
         dims, dtype, attrs = variable
-        shape = [lengths(self._run.shown)[dim] for dim in dims]
+        fixed = lengths(self._run.shown)
+        shape = [fixed[dim] for dim in dims]
         label, count = f"{name}-{self._contents}", len(self.paths)
         graph = {
             (label, j, *[0] * len(shape)): (_read_one, *self._shard(j, name), shape, dtype)

@@ -31,13 +31,12 @@ class Ready(NamedTuple):
     original: Scene
     shown: Plan
     chosen: Chosen | None
-    notes: tuple[str, ...]
 
 
 def ready(scene: Scene, threads: int = 1, block: int | None = None) -> Ready:
     """Settle everything about a run to files before its first step; SceneError."""
-    scene, plan, units, chosen, notes = settled(scene, threads, True, block)
-    return Ready(scene, plan, units, *in_user_units(scene, plan, units), chosen, notes)
+    scene, plan, units, chosen = settled(scene, threads, True, block)
+    return Ready(scene, plan, units, *in_user_units(scene, plan, units), chosen)
 
 
 def planned(

@@ -12,12 +12,14 @@ import xarray as xr
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.files.outputs import refuse_existing
+from rigidmc.planning.notes import notes
 from rigidmc.planning.settle import settled
 from rigidmc.progress import Progress, announcing
 from rigidmc.runs.blocks import run
 from rigidmc.runs.capacity import refuse_hopeless
 from rigidmc.runs.rehearsal import predicted_seconds
 from rigidmc.scene.amounts import counted
+from rigidmc.scene.once import once
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.settings import takes_settings
 
@@ -64,7 +66,7 @@ def simulate(
         refuse_existing(output, force)
     with announcing(progress):
         ready = settled(scene, threads, output is not None, block)
-        for note in ready.notes:
+        for note in notes(scene, ready.plan, ready.units):
             _warn(note)
         refuse_hopeless(ready.scene, ready.plan, threads, output)
         facts, expected = dict(attrs or {}), None
@@ -91,10 +93,15 @@ def _with_settings(scene: Scene, members: int | range | None, settings: Mapping[
         first, members = members.start, len(members)
     elif members is None:
         members = (scene if first is None else scene.with_run(first=first)).rows_to_run()
-    scene = scene.with_run(**{**settings, "first": first, "members": members})
+    scene = _changed(scene, **{**settings, "first": first, "members": members})
     if scene.run.points == "latin_hypercube" and scene.run.strata is None:
         scene = scene.with_run(strata=scene.run.first + scene.run.members)
     return scene
+
+
+@once
+def _changed(scene: Scene, /, **settings: Any) -> Scene:
+    return scene.with_run(**settings)
 
 
 def _warn(note: str) -> None:

@@ -11,9 +11,11 @@ KEPT = "_kept"  # where a scene has {function: (arguments, last result)}
 
 
 def once(function: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S, P], R]:
-    """`function` of a scene and other arguments, which works once as long as they stay the same.
+    """Keep the last result of a function of a scene with the scene, and return it as long as the
+    other arguments stay the same.
 
-    The scene keeps the last result: scenes never change, and a loop over settings holds one result.
+    Scenes do not change, and a loop over settings holds one result. A result that has the scene
+    itself would keep it in memory until the garbage is collected.
     Words and numbers are the same if they are equal and of one type; a NamedTuple, such as a Plan
     or an observable, is the same only if it is the same object; with lists and other arguments that
     may change the function works at each call. No caller may change a result.

@@ -21,7 +21,7 @@ from rigidmc.scene.body import Body
 from rigidmc.scene.changes import changed
 from rigidmc.scene.laws.protocol import Law
 from rigidmc.scene.limits import PILOT, check_histogram, limits, outside
-from rigidmc.scene.once import KEPT, once
+from rigidmc.scene.once import KEPT
 from rigidmc.scene.quantities import Distribution, Grid, is_open, quantity, rows, vector
 from rigidmc.scene.settings import Run
 from rigidmc.scene.start import Start
@@ -125,8 +125,7 @@ class Parts:
 
         return self.mapped(change)
 
-    @once
-    def with_run(self, /, **settings: Any) -> Self:
+    def with_run(self, **settings: Any) -> Self:
         """The same scene with other run settings, see `Run`; settings that are None stay as they
         are.
 

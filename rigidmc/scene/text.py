@@ -9,12 +9,10 @@ from rigidmc.effects.parameters import given
 from rigidmc.effects.user import source_of
 from rigidmc.observables import word_of_watched
 from rigidmc.scene.mass_distribution import IDENTITY
-from rigidmc.scene.once import once
 from rigidmc.scene.parts import Parts
 from rigidmc.scene.values import plain
 
 
-@once
 def dumps(scene: Parts) -> str:
     """The scene as TOML text; arrays with one row per member become references to the variables of
     the result."""

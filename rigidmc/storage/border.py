@@ -150,8 +150,9 @@ def _refuse_unlike(
     if variable.dims != tuple(dims):
         given = ", ".join(map(str, variable.dims)) or "none"
         raise wrong(name, f"has the dimensions {given}, expected {', '.join(dims)}")
+    known = lengths(sizes)
     for dim in dims:
-        size = None if dim in ("member", "flagged") else lengths(sizes)[dim]
+        size = None if dim in ("member", "flagged") else known[dim]
         if size is not None and variable.sizes[dim] != size:
             raise wrong(name, f"is {variable.sizes[dim]:,} long along {dim}, expected {size:,}")
     if variable.dtype.kind != dtype.kind:

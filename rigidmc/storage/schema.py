@@ -59,7 +59,7 @@ def coordinates(plan: Shape) -> dict[str, Coordinate]:
         **effects,
         **bins,
         "member": (("member",), indices, {"long_name": "index of the member"}),
-        "time": (("time",), plan.times, {"units": "s", "long_name": "time"}),
+        "time": (("time",), plan.times.copy(), {"units": "s", "long_name": "time"}),
         **thinned,
         **{
             name: ((name,), np.array(labels), {"long_name": text})
@@ -175,10 +175,12 @@ def _health_variables(scene: Scene) -> dict[str, Variable]:
         drift += " and the sizes of all works"
         energy = f"|E - E(0) - work of {', '.join(booked(scene)) or 'none'}|"
     momentum = f"relative change of |L|^2 (absolute for a top that starts at rest), {over}"
+    values = np.array(list(STATUSES.values()), "i1")
+    values.flags.writeable = False  # all results of a scene share it
     status = {
         "long_name": "health of the member; one that is not ok is frozen at its last good state, "
         "seen at the look before",
-        "flag_values": np.array(list(STATUSES.values()), "i1"),
+        "flag_values": values,
         "flag_meanings": " ".join(STATUSES),
     }
     step = {
@@ -236,14 +238,14 @@ def attributes(scene: Scene, plan: Layout) -> dict[str, Any]:
     looked = {}
     if rows(*scene.quantities()) is not None:
         looked = {"turn_rate": plan.turn_rate, **plan.bounds()}
-    resolved = scene.with_run(**looked, **({} if plan.member_steps else {"dt": plan.dt}))
+    text = _text(scene, **looked, **({} if plan.member_steps else {"dt": plan.dt}))
     steps = {"turn": scene.run.turn} if plan.member_steps else {"dt": plan.dt, "steps": plan.steps}
     return {
         "Conventions": "CF-1.11",
         "title": scene.title,
         "source": f"rigidmc {VERSION}",
         "version": VERSION,
-        "scene": resolved.dumps(),
+        "scene": text,
         "seed": scene.run.seed,
         "integrator": scene.run.integrator,
         **steps,
@@ -253,6 +255,12 @@ def attributes(scene: Scene, plan: Layout) -> dict[str, Any]:
         "parts_per_step": len(plan.form.parts) - 1 if plan.form else 0,
         **({"drawn": through} if (through := scene.drawn_through()) else {}),
     }
+
+
+@once
+def _text(scene: Scene, /, **settings: Any) -> str:
+    """The scene with other settings as TOML text."""
+    return scene.with_run(**settings).dumps()
 
 
 def lengths(plan: Shape) -> dict[str, Any]:

@@ -84,9 +84,10 @@ class Writer:
         }
         # the indices are written with the members, so that memory does not grow with them
         known = coordinates(plan._replace(members=0))
+        sizes = lengths(plan)
         used = [*known, *(dim for v in variables.values() for dim in v.dims)]
         for dim in dict.fromkeys(used):
-            self._file.createDimension(dim, lengths(plan)[dim])
+            self._file.createDimension(dim, sizes[dim])
         for name, (dims, values, about) in known.items():
             self._define_coordinate(name, dims, values, about)
         for name, variable in variables.items():

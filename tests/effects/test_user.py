@@ -16,6 +16,7 @@ from rigidmc.dynamics.euler import MassProperties
 from rigidmc.dynamics.so3 import up
 from rigidmc.engine.operations import why_one_at_a_time
 from rigidmc.integrators import INTEGRATORS
+from rigidmc.studies.trust import trust
 from tests.kernels import one_step, prepare
 
 BODY = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3))
@@ -192,6 +193,17 @@ def test_a_message_says_whether_an_effect_is_packed_and_why_not():
         "takes one number at a time" in why_one_at_a_time(kind(1.0))
         for kind in (Five, Gamma, Halving, Switch, Wall)
     )
+
+
+def test_studies_take_an_effect_that_runs_one_member_at_a_time():
+    """Each of them makes programs of its own."""
+    branching = scene(Switch(0.01)).with_run(t_end=0.2, dt=0.05, members=32, save=("omega",))
+    with pytest.warns(rm.SceneWarning, match="not worked on side by side"):
+        chosen = rm.simulate(branching, tolerance=1e-3)
+    assert chosen.attrs["tolerance"] == 1e-3
+    rows = rm.accuracy(branching, integrators=("rk4",), members=8)
+    assert rows.error_state_median.min() < 1e-10  # measured 3e-14
+    assert trust(branching, quick=True).attrs["digits"] >= 10  # measured 12
 
 
 FILE = """
