@@ -119,8 +119,7 @@ def _common(args: Any, kind: type, plain: tuple[type, ...]) -> Any:
         return one
     if isinstance(two, kind) and isinstance(one, plain):
         return two
-    masks = kind is Mask and isinstance(one, Mask) and isinstance(two, Mask)
-    return one if masks and one.count == two.count else None
+    return None
 
 
 def _define(

@@ -203,6 +203,17 @@ def test_works_in_member_steps_other_units_and_for_frozen_members():
     assert np.array_equal(sick.work[..., 0], sick.work[..., 2])
 
 
+def test_works_leave_the_vertical_momentum_to_its_limit():
+    """A top with almost all of |L| along the vertical: L_z is compared with its start, beside works
+    too."""
+    start = rm.Start(omega=(0.1, 0.0, 30.0))
+    scene = rm.Scene(rm.Body.from_moments(MOMENTS, mass=1.0, centre=(0.0, 0.0, 0.1)), (G,), start)
+    save = ("energy", "work", "attitude")
+    good = rm.simulate(scene, "rk4", dt=1e-3, t_end=0.2, members=1, save=save)
+    assert good.status.values.tolist() == [0]
+    assert good.attrs["momentum_limit"] < 0.05
+
+
 def test_integrators_without_works():
     with pytest.raises(rm.SceneError, match="work of effects is not kept with compensated sums"):
         rm.simulate(SCENE, compensated=True)

@@ -539,6 +539,25 @@ def test_statistics_of_members_with_steps_of_their_own():
         rm.simulate(scene, integrator="rk8", turn=0.02, t_end=1.0, save=("megno",))
 
 
+def test_what_is_watched_is_the_state_at_the_time_of_a_step():
+    """A splitting opens its last kick, which here depends on time: the extremes of all steps are
+    those of the saves, if each step is saved."""
+    torque = rm.PeriodicTorque((3.0, -2.0, 4.0), 5.0, 0.7)
+    body, start = rm.Body.from_moments((1.0, 1.5, 2.0)), rm.Start(omega=(0.4, 1.0, 0.3))
+    scene = rm.Scene(body, (torque,), start)
+    ds = rm.simulate(
+        scene,
+        "strang",
+        dt=0.05,
+        every=0.05,
+        t_end=3.0,
+        members=1,
+        save=("omega", "omega_max", "omega_min"),
+    )
+    assert np.array_equal(ds.omega_max, ds.omega.max("time"))
+    assert np.array_equal(ds.omega_min, ds.omega.min("time"))
+
+
 @pytest.mark.parametrize("integrator", ["strang", pytest.param("srkn11", marks=pytest.mark.slow)])
 def test_the_neighbour_of_a_splitting_starts_beside_its_own_state(integrator):
     """Between steps a splitting keeps the state half a kick ahead: a neighbour of the true state
