@@ -3,8 +3,8 @@
 A mutant is the package with one sign, factor, index, frame, choice or row changed in dynamics,
 effects, integrators, observables or the engine. The first judge is the hard cases in plain Python
 (one lane, nothing compiled: seconds). What survives goes to the tests of those folders, uncompiled
-too. A mutant of the engine or of observables that survives both goes to compiled tests; code that
-instructs the compiler (`COMPILED`) goes to compiled tests only.
+too, and what survives both goes to compiled tests. Code that instructs the compiler (`COMPILED`)
+goes to compiled tests only.
 """
 
 import argparse
@@ -58,8 +58,10 @@ COMPILED_TESTS = (
     "tests/engine/test_numbers.py",
     "tests/engine/test_kernel.py",
     "tests/engine/test_noise.py",
-    "tests/observables/test_watching.py",
+    "tests/observables",
     "tests/planning/test_member_steps.py",
+    "tests/effects/test_work.py",
+    "tests/effects/test_bath.py",
 )
 # compiled, long, or with numbers for which NumPy warns
 LEFT_OUT = (
@@ -323,15 +325,8 @@ def judged(place):
             if killed is None:
                 code, message = _run([*PYTEST, "-k", LEFT_OUT, *TESTS], folder, plain, SECONDS)
                 killed = None if code == 0 else f"tests: {message}"
-        if killed is None and (
-            place is None or any(word in place[0] for word in ("engine", "observables", "bath"))
-        ):
-            tests = (
-                ("tests/effects/test_bath.py",)
-                if place is not None and "bath" in place[0]
-                else COMPILED_TESTS
-            )
-            code, message = _run([*PYTEST, *tests], folder, env, SECONDS)
+        if killed is None:
+            code, message = _run([*PYTEST, *COMPILED_TESTS], folder, env, SECONDS)
             killed = None if code == 0 else f"compiled tests: {message}"
         return {**row, "killed": killed, "seconds": time.perf_counter() - began}
 
