@@ -373,6 +373,8 @@ def test_a_second_signal_leaves_no_more_files_than_the_first(tmp_path, number, c
     end = time.monotonic() + 60
     while not has_grown(tmp_path, 10**5) and time.monotonic() < end:
         time.sleep(0.01)
+    assert child.poll() is None, child.communicate()
+    assert has_grown(tmp_path, 10**5), list(tmp_path.iterdir())
     child.send_signal(number)
     assert child.stdout.readline() == "cleaning\n"
     child.send_signal(number)
