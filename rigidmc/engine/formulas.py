@@ -19,7 +19,7 @@ from rigidmc.engine.kinds import filled, parts_of
 from rigidmc.engine.machine import threads_available
 from rigidmc.engine.memory import put
 from rigidmc.engine.pieces import is_ready, piece, run
-from rigidmc.engine.threads import threads_of
+from rigidmc.threads import Task, threads_of
 
 # Elements per call on a thread, at most (a few ms) and at least (0.1 ms); elements side by side.
 PIECE, LEAST, WIDTH = 16384, 512, 8
@@ -113,10 +113,12 @@ def evaluate(
     size = min(PIECE, max(LEAST, WIDTH * -(-count // (threads * WIDTH))))
     starts = range(0, count, size)
     if threads > 1 and len(starts) > 1:
-        others = [threads_of("formulas", threads - 1).submit(part, low) for low in starts[1:]]
+        others = [Task(part, low) for low in starts[1:]]
+        for other in others:
+            threads_of("formulas", threads - 1).begin(other)
         part(0)
         for other in others:
-            other.result()
+            other.wait()
     else:
         for low in starts:
             part(low)

@@ -3,16 +3,16 @@
 Everything else happens between calls: progress, and calling the run off.
 """
 
-import os
 import threading
 from collections.abc import Callable, Iterable
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from functools import cache
+from contextlib import suppress
+from queue import Empty, SimpleQueue
 from typing import Any
 
 import numpy as np
 
 from rigidmc.engine.frame import Run, Saves
+from rigidmc.threads import Task, threads_of
 
 EVERY = np.empty(0, np.int64)  # the order of members that are in their order
 CALL = 3_000_000  # member-steps per call: 10 to 60 ms at 50 to 300 M/s on two threads
@@ -70,36 +70,24 @@ def run_blocks(
     def work(i: int) -> Any:
         return run_block(make(i), stop, progress)
 
-    pool = threads_of("blocks", threads)
-    pending: set[Future[Any]] = set()
+    pool, answers = threads_of("blocks", threads), SimpleQueue[Task]()
+    pending: set[Task] = set()
     following = iter(indices)
     try:
         while True:
             while len(pending) < threads + 2 and (i := next(following, None)) is not None:
-                pending.add(pool.submit(work, i))
+                task = Task(work, i, answers=answers)
+                pending.add(task)
+                pool.begin(task)
             if not pending:
                 return
-            timeout = 0.2 if poll else None
-            done, pending = wait(pending, timeout=timeout, return_when=FIRST_COMPLETED)
-            for future in done:
-                finished(future.result())
+            with suppress(Empty):
+                task = answers.get(timeout=0.2 if poll else None)
+                pending.discard(task)
+                finished(task.result())
             if poll:
                 poll()
     finally:
         stop.set()
-        for future in pending:
-            future.cancel()
-        wait(pending)
-
-
-@cache
-def threads_of(work: str, count: int) -> ThreadPoolExecutor:
-    """A pool of threads that stay, for work of this name.
-
-    To start and end two threads takes 0.3 ms: a tenth of a run of 64 members.
-    """
-    return ThreadPoolExecutor(count, thread_name_prefix=f"rigidmc {work}")
-
-
-if hasattr(os, "register_at_fork"):  # a forked process has none of the threads
-    os.register_at_fork(after_in_child=threads_of.cache_clear)
+        for task in pending:
+            task.drop()

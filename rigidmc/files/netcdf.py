@@ -6,8 +6,6 @@ import os
 import shutil
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from functools import cache
 from typing import Any, TypeVar
 
 import netCDF4
@@ -19,6 +17,7 @@ from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 from rigidmc.errors import FileError
 from rigidmc.files.outputs import Path
 from rigidmc.files.trial import refuse_unreadable
+from rigidmc.threads import Task, threads_of
 
 T = TypeVar("T")
 _opening = threading.Lock()
@@ -32,10 +31,8 @@ def alone(function: Callable[..., T], *arguments: Any) -> T:
     `open_trusted` hold another one. Without them a run crashed within a second if results were
     dropped or opened beside it.
 
-    The main thread hands the call to another thread. A signal interrupts the main thread anywhere,
-    also between taking a lock and noting that it has the lock; then a run waited for itself for
-    ever (once in some 60 runs with two signals). So the main thread only stops waiting, and the
-    next call waits for this one to end.
+    The main thread hands the call to another thread: a signal then only makes it stop waiting, and
+    the next call waits for this one to end, see `rigidmc.threads`.
     """
 
     def call() -> T:
@@ -43,18 +40,11 @@ def alone(function: Callable[..., T], *arguments: Any) -> T:
             return function(*arguments)
 
     if threading.current_thread() is threading.main_thread():
-        return _thread().submit(call).result()
+        task = Task(call)
+        threads_of("netCDF", 1).begin(task)
+        value: T = task.wait()
+        return value
     return call()
-
-
-@cache
-def _thread() -> ThreadPoolExecutor:
-    """The one thread that calls the C library for the main thread."""
-    return ThreadPoolExecutor(1, thread_name_prefix="rigidmc netCDF")
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_thread.cache_clear)  # a forked process does not have it
 
 
 def close_once(file: netCDF4.Dataset) -> None:

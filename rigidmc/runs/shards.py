@@ -1,12 +1,10 @@
 """The shards of a run directory: computed from its scene, and written in the order of their members
 by one thread."""
 
-import contextlib
 import math
-import queue
-import threading
 import time
 from collections.abc import Iterator, Sequence
+from queue import SimpleQueue
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +23,7 @@ from rigidmc.storage.run_directory import RunDirectory, damaged, flagged_of
 from rigidmc.storage.schema import bytes_of_a_member
 from rigidmc.storage.sinks import Arrays, Memory, Place, buffer
 from rigidmc.storage.writer import Writer
+from rigidmc.threads import Task, Threads
 
 SHARD = 64 * 2**20  # bytes of a shard: a thousand of them are 67 GB
 
@@ -124,14 +123,13 @@ class Shards:
     def __init__(self, directory: RunDirectory, scene: Scene, plan: Plan) -> None:
         self.directory, self.scene, self.plan = directory, scene, plan
         # one place: if the disk is slow, the computing threads wait and memory does not grow
-        self._queue: queue.Queue[tuple[int, Memory] | None] = queue.Queue(1)
+        self._queue = SimpleQueue[tuple[int, Memory] | None]()
         self._open: dict[int, Memory] = {}  # shards that are being filled
         self._filled: dict[int, int] = {}  # how many of their members are there
-        self._error: BaseException | None = None
         self.written = 0
         self._dropped = False
-        self._thread = threading.Thread(target=self._work, name="rigidmc-writer", daemon=True)
-        self._thread.start()
+        self._thread, self._writing = Threads(1), Task(self._work)
+        self._thread.begin(self._writing)
 
     def room(self, low: int, count: int) -> Place:
         """The place for the values of `count` members."""
@@ -156,34 +154,31 @@ class Shards:
     def _put(self, item: tuple[int, Memory] | None) -> None:
         """Hand a shard to the writing thread. An error of that thread is raised here, because the
         queue would stay full for ever."""
-        while self._error is None:
-            with contextlib.suppress(queue.Full):
-                return self._queue.put(item, timeout=0.2)
-        raise self._error
+        while not self._writing.done:
+            if self._queue.empty():
+                self._queue.put(item)
+                return
+            time.sleep(0.005)
+        self._writing.result()
 
     def finish(self) -> None:
         """Wait until all shards are written."""
         self._put(None)
-        self._thread.join()
-        if self._error is not None:
-            raise self._error
+        self._writing.wait()
+        self._thread.end()
 
     def discard(self) -> None:
         """Drop the shards that are not written yet."""
         self._dropped = True
-        while self._thread.is_alive():
-            with contextlib.suppress(queue.Full):
-                self._queue.put_nowait(None)
-            self._thread.join(0.05)
+        self._queue.put(None)
+        self._writing.drop()
+        self._thread.end()
         self._open.clear()
 
     def _work(self) -> None:
-        try:
-            while (item := self._queue.get()) is not None and not self._dropped:
-                self._write(*item)
-                del item  # frees the memory of this shard before the wait for the next
-        except BaseException as error:  # raised again by the computing thread
-            self._error = error
+        while (item := self._queue.get()) is not None and not self._dropped:
+            self._write(*item)
+            del item  # frees the memory of this shard before the wait for the next
 
     def _write(self, i: int, shard: Memory) -> None:
         """Write a shard at once and in one order: its bytes do not depend on the order of blocks,

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import NamedTuple
 
@@ -24,6 +23,7 @@ from rigidmc.planning.stage import stage
 from rigidmc.planning.time_grid import rounds
 from rigidmc.scene.quantities import is_shared, rows
 from rigidmc.scene.scene import Scene
+from rigidmc.threads import Task, threads_of
 
 CHECKPOINTS = 8  # times at which states are compared, evenly among those that the scene saves
 ROUNDING = 1.1e-16
@@ -166,15 +166,17 @@ def states_along(
         program.advance(parts[i], run._replace(first=first, last=last), saves=saved)
 
     stride = run.stride if disturb else run.total
-    with ThreadPoolExecutor(len(parts)) as pool:
-        for first in range(0, run.total, stride):
-            if disturb:
-                for part in parts:
-                    disturb(part)
-            last = min(first + stride, run.total)
-            calls = [pool.submit(advance, i, first, last) for i in range(len(parts))]
-            for call in calls:
-                call.result()
+    pool = threads_of("pilot", len(parts))
+    for first in range(0, run.total, stride):
+        if disturb:
+            for part in parts:
+                disturb(part)
+        last = min(first + stride, run.total)
+        calls = [Task(advance, i, first, last) for i in range(len(parts))]
+        for call in calls:
+            pool.begin(call)
+        for call in calls:
+            call.wait()
     values = out.reshape(saves, 7, width)[1:, :, : pilot.members]
     status = np.concatenate([part[layout.STATUS] for part in parts])[: pilot.members]
     return States(values[:, :4], values[:, 4:], status)
