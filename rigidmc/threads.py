@@ -67,19 +67,22 @@ class Task:
 
 
 class Threads:
-    """A number of threads that take tasks in turn; they begin with the first task."""
+    """At most a number of threads that take tasks in turn; each begins when a task needs it."""
 
     def __init__(self, count: int) -> None:
-        self.count, self._begun = count, 0
+        self.count, self._begun, self._given, self._done = count, 0, 0, 0
         self._tasks: SimpleQueue[Task | None] = SimpleQueue()
         self._ended: list[int] = []
 
     def begin(self, task: Task) -> None:
         """Hand a task over."""
-        while self._begun < self.count:
+        self._given += 1
+        # `_done` may lag if two threads count at once: then a thread more begins
+        if self._begun < min(self.count, self._given - self._done):
+            if self._begun == 0:
+                atexit.register(self.end)
             start_new_thread(self._work, ())  # threading.Thread waits for a Condition as it starts
             self._begun += 1
-            atexit.register(self.end)
         self._tasks.put(task)
 
     def end(self) -> None:
@@ -93,6 +96,7 @@ class Threads:
     def _work(self) -> None:
         while (task := self._tasks.get()) is not None:
             task.run()
+            self._done += 1
             del task  # frees its memory before the wait for the next
         self._ended.append(1)
 
