@@ -11,9 +11,9 @@ import atexit
 import os
 import time
 from _thread import start_new_thread
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from typing import Any
 
 MOMENT = 0.002  # s between two looks at a task that was dropped
@@ -70,33 +70,58 @@ class Threads:
     """At most a number of threads that take tasks in turn; each begins when a task needs it."""
 
     def __init__(self, count: int) -> None:
-        self.count, self._begun, self._given, self._done = count, 0, 0, 0
+        self.count, self._begun, self._process = count, 0, os.getpid()
         self._tasks: SimpleQueue[Task | None] = SimpleQueue()
+        self._idle: SimpleQueue[None] = SimpleQueue()  # an entry for each thread that waits
         self._ended: list[int] = []
 
     def begin(self, task: Task) -> None:
         """Hand a task over."""
-        self._given += 1
-        # `_done` may lag if two threads count at once: then a thread more begins
-        if self._begun < min(self.count, self._given - self._done):
-            if self._begun == 0:
-                atexit.register(self.end)
-            start_new_thread(self._work, ())  # threading.Thread waits for a Condition as it starts
-            self._begun += 1
+        try:
+            self._idle.get_nowait()
+        except Empty:
+            if self._begun < self.count:
+                if self._begun == 0:
+                    atexit.register(self.end)
+                # threading.Thread waits for a Condition as it starts
+                start_new_thread(self._work, ())
+                self._begun += 1
         self._tasks.put(task)
+
+    def run(self, tasks: Sequence[Task], here: Callable[[], Any] | None = None) -> None:
+        """Run tasks, each with a queue of its own, and `here` in this thread; wait for all."""
+        try:
+            for task in tasks:
+                self.begin(task)
+            if here is not None:
+                here()
+            for task in tasks:
+                task.wait()
+        finally:  # after an error or a signal none goes on
+            for task in tasks:
+                task.drop()
 
     def end(self) -> None:
         """End the threads, after the tasks that they have."""
         atexit.unregister(self.end)
+        if os.getpid() != self._process:
+            return  # a forked process has none of them
         for _ in range(self._begun):
             self._tasks.put(None)
         while len(self._ended) < self._begun:
             time.sleep(MOMENT)
+        self._begun, self._ended, self._idle = 0, [], SimpleQueue()
 
     def _work(self) -> None:
-        while (task := self._tasks.get()) is not None:
+        while True:
+            try:
+                task = self._tasks.get_nowait()
+            except Empty:
+                self._idle.put(None)
+                task = self._tasks.get()
+            if task is None:
+                break
             task.run()
-            self._done += 1
             del task  # frees its memory before the wait for the next
         self._ended.append(1)
 

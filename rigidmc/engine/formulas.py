@@ -114,11 +114,7 @@ def evaluate(
     starts = range(0, count, size)
     if threads > 1 and len(starts) > 1:
         others = [Task(part, low) for low in starts[1:]]
-        for other in others:
-            threads_of("formulas", threads - 1).begin(other)
-        part(0)
-        for other in others:
-            other.wait()
+        threads_of("formulas", threads - 1).run(others, lambda: part(0))
     else:
         for low in starts:
             part(low)

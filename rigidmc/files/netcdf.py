@@ -40,7 +40,7 @@ def alone(function: Callable[..., T], *arguments: Any) -> T:
             return function(*arguments)
 
     if threading.current_thread() is threading.main_thread():
-        task = Task(call)
+        task = Task(call)  # not dropped: a call of the library goes on to its end
         threads_of("netCDF", 1).begin(task)
         value: T = task.wait()
         return value

@@ -118,9 +118,8 @@ class Writer:
     def _define(self, name: str, of: Variable, scene: Scene, plan: Layout) -> None:
         dims, dtype, attrs = of
         # a chunk holds a block of members and up to 128 times: cheap to write and to read both ways
-        chunks = [
-            min(lengths(plan)[dim] or 32, plan.block if dim == "member" else 128) for dim in dims
-        ]
+        sizes = lengths(plan)
+        chunks = [min(sizes[dim] or 32, plan.block if dim == "member" else 128) for dim in dims]
         same = name in plan.constant
         # equal values compress faster with their bytes unsorted: 0.6 against 0.4 GB/s
         packed: dict[str, Any] = {"compression": "zlib", "complevel": 1, "shuffle": not same}

@@ -1,9 +1,11 @@
 """Blocks on threads: the same bits for any partition, and a clean end after an error."""
 
+import os
 import signal
 import subprocess
 import sys
 import threading
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,6 +14,7 @@ import pytest
 from rigidmc.engine import threads as blocks
 from rigidmc.integrators import form
 from rigidmc.integrators.rk4 import RK4
+from rigidmc.threads import Task, Threads
 from tests.engine.test_kernel import EFFECTS, EVERYTHING, ROWS, tops
 from tests.kernels import program
 
@@ -94,6 +97,36 @@ def test_few_blocks_are_alive_at_once():
     assert max(most) <= 4  # threads + 2
 
 
+def test_threads_that_ended_begin_again_and_errors_stop_the_others():
+    pool = Threads(2)
+    for _ in range(2):
+        tasks = [Task(divmod, i, 2) for i in range(5)]
+        pool.run(tasks)
+        assert [task.result() for task in tasks] == [divmod(i, 2) for i in range(5)]
+        pool.end()
+    tasks = [Task(divmod, 1, 0), *(Task(time.sleep, 0.01) for _ in range(100))]
+    with pytest.raises(ZeroDivisionError):
+        pool.run(tasks)
+    assert sum(task.begun for task in tasks) < 20  # measured 3
+    pool.end()
+
+
+FORKED = """
+import os, sys
+from rigidmc.files.netcdf import alone
+alone(int)
+if child := os.fork():
+    sys.exit(os.waitpid(child, 0)[1])
+alone(int)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork")
+def test_a_forked_process_ends_without_the_threads_of_its_parent():
+    done = subprocess.run([sys.executable, "-c", FORKED], timeout=60)
+    assert done.returncode == 0
+
+
 SIGNALS = """
 import random, signal
 from rigidmc.engine.threads import run_blocks
@@ -130,7 +163,7 @@ def closed(i):
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="there are no timers of signals")
 def test_signals_at_any_moment_hang_nothing():
     """Locks of Python's own classes stay locked if a signal comes between taking one and noting it:
-    with concurrent.futures this hangs within the first thousand."""
+    with concurrent.futures this hung at the twelfth."""
     words = [sys.executable, "-c", SIGNALS]
     done = subprocess.run(words, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr

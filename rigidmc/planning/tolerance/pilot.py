@@ -172,11 +172,7 @@ def states_along(
             for part in parts:
                 disturb(part)
         last = min(first + stride, run.total)
-        calls = [Task(advance, i, first, last) for i in range(len(parts))]
-        for call in calls:
-            pool.begin(call)
-        for call in calls:
-            call.wait()
+        pool.run([Task(advance, i, first, last) for i in range(len(parts))])
     values = out.reshape(saves, 7, width)[1:, :, : pilot.members]
     status = np.concatenate([part[layout.STATUS] for part in parts])[: pilot.members]
     return States(values[:, :4], values[:, 4:], status)
