@@ -11,7 +11,7 @@ import atexit
 import os
 import time
 from _thread import start_new_thread
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from functools import cache
 from queue import Empty, SimpleQueue
 from typing import Any
@@ -59,11 +59,13 @@ class Task:
         self.answers.get()
         return self.result()
 
-    def drop(self) -> None:
-        """Do not begin the task; if it has begun, wait for its end."""
-        self.dropped = True
-        while self.begun and not self.done:
-            time.sleep(MOMENT)
+
+def drop(tasks: Collection[Task]) -> None:
+    """Begin none of some tasks, and wait for the end of those that have begun."""
+    for task in tasks:
+        task.dropped = True
+    while any(task.begun and not task.done for task in tasks):
+        time.sleep(MOMENT)
 
 
 class Threads:
@@ -98,8 +100,7 @@ class Threads:
             for task in tasks:
                 task.wait()
         finally:  # after an error or a signal none goes on
-            for task in tasks:
-                task.drop()
+            drop(tasks)
 
     def end(self) -> None:
         """End the threads, after the tasks that they have."""

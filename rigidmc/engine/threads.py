@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from rigidmc.engine.frame import Run, Saves
-from rigidmc.threads import Task, threads_of
+from rigidmc.threads import Task, drop, threads_of
 
 EVERY = np.empty(0, np.int64)  # the order of members that are in their order
 CALL = 3_000_000  # member-steps per call: 10 to 60 ms at 50 to 300 M/s on two threads
@@ -89,5 +89,4 @@ def run_blocks(
                 poll()
     finally:
         stop.set()
-        for task in pending:
-            task.drop()
+        drop(pending)

@@ -23,7 +23,7 @@ from rigidmc.storage.run_directory import RunDirectory, damaged, flagged_of
 from rigidmc.storage.schema import bytes_of_a_member
 from rigidmc.storage.sinks import Arrays, Memory, Place, buffer
 from rigidmc.storage.writer import Writer
-from rigidmc.threads import Task, Threads
+from rigidmc.threads import Task, Threads, drop
 
 SHARD = 64 * 2**20  # bytes of a shard: a thousand of them are 67 GB
 
@@ -171,7 +171,7 @@ class Shards:
         """Drop the shards that are not written yet."""
         self._dropped = True
         self._queue.put(None)
-        self._writing.drop()
+        drop([self._writing])
         self._thread.end()
         self._open.clear()
 
