@@ -32,20 +32,25 @@ def blocks_of(assembly):
 
 
 def loop_of(assembly):
-    """The loop with most packed arithmetic, among blocks that jump to their own label."""
-    found, label = {}, ""
-    for line in assembly.splitlines():
-        if re.match(r"[.\w$]+:", line):
-            label = line.split(":")[0]
-        elif line.startswith("\t") and not line.startswith("\t."):
-            found.setdefault(label, []).append(line.strip())
-    loops = [
-        block
-        for label, block in found.items()
-        if any(re.match(rf"j\w+\s+{re.escape(label)}$", i) for i in block)
+    """The loop with most packed arithmetic, of those without another in them.
+
+    A loop goes from a label to the last jump back to it.
+    """
+    lines = [line for line in assembly.splitlines() if not line.startswith("\t.")]
+    labels = {line.split(":")[0]: i for i, line in enumerate(lines) if re.match(r"[.\w$]+:", line)}
+    ends = {}
+    for i, line in enumerate(lines):
+        jump = re.match(r"\tj\w+\s+(\S+)$", line)
+        if jump and labels.get(jump[1], i) < i:
+            ends[labels[jump[1]]] = i
+    inner = [
+        (begin, end)
+        for begin, end in ends.items()
+        if not any(begin <= other < end and other != begin for other in ends)
     ]
+    loops = [[x.strip() for x in lines[i:j] if x.startswith("\t")] for i, j in inner]
     return max(
-        loops, key=lambda block: sum(bool(m) and m[2] == "p" for m in map(ARITHMETIC.match, block))
+        loops, key=lambda loop: sum(bool(m) and m[2] == "p" for m in map(ARITHMETIC.match, loop))
     )
 
 
@@ -86,7 +91,9 @@ def case(name, effects=(), attitude=(0.0,), compensated=(), dtype="float64", wor
 def assembly_of(case, lanes):
     """The assembly of freshly compiled steps; those from the disk cache have none to read."""
     groups = (0.0,) * min(lanes, group_count(case.made.integrator))
-    parts = case.made.integrator, case.effects, case.attitude, case.compensated, case.works, groups
+    several = (0.0,) * (len(case.made.parts) > 2)
+    made, effects, works = case.made.integrator, case.effects, case.works
+    parts = made, effects, case.attitude, case.compensated, works, groups, several
     compiled = dispatcher_of(march)
     compiled.compile(signature_of(parts, case.dtype, lanes, MARCH))
     (assembly,) = compiled.inspect_asm().values()

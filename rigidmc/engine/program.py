@@ -96,8 +96,9 @@ class Program:
         marks : (0.0,) or () for attitude and for remainders
         """
         integrator, effects = self.form.integrator, self.effects
-        groups = min(self.lanes, group_count(integrator))
-        moved = (integrator, effects, *marks, (0.0,) * len(ledger), (0.0,) * groups)
+        groups = (0.0,) * min(self.lanes, group_count(integrator))
+        several = (0.0,) * (len(self.form.parts) > 2)
+        moved = (integrator, effects, *marks, (0.0,) * len(ledger), groups, several)
         looked = (integrator, effects, *marks, limits, ledger)
         watched = (integrator, effects, events, running)
 
