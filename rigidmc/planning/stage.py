@@ -40,20 +40,23 @@ def stage(
     span : time [s] in which a member makes its own number of steps, if the scene sets `turn`
     more : rows for what is kept of every step, see `rigidmc.planning.watch`
     """
+    block = np.zeros((block_rows(scene) + more, count))
     known = _known.get(scene)
     if known is None or known.carried != carried or first + count > known.block.shape[1]:
-        block, start = _staged(scene, source(scene), first, count, carried)
+        start = _fill(block, scene, source(scene), first, carried)
     else:
         part = slice(first, first + count)
-        block = known.block[:, part].copy()
+        for rows in _filled(scene):
+            block[rows] = known.block[rows, part]
         start = {name: values[..., part] for name, values in known.start.items()}
     if span is not None:
         block[layout.STEPS] = own_steps(rates(scene.effects, block), span, scene.run.turn)
-    return (np.concatenate([block, np.zeros((more, count))]) if more else block), start
+    return block, start
 
 
 class Members(NamedTuple):
-    """The first members of a scene at their start: rows that nobody changes, and their origin."""
+    """The first members of a scene at their start: a block that nobody changes, of which only the
+    rows of `_filled` are set, and what the members were made from."""
 
     block: Array
     start: Start
@@ -64,7 +67,9 @@ def first_members(scene: Scene, count: int, carried: bool) -> Members:
     """The Members that a plan looks at, kept until they run."""
     known = _known.get(scene)
     if known is None or known.carried != carried or known.block.shape[1] < count:
-        block, start = _staged(scene, source(scene), 0, count, carried)
+        # a quarter of the time of staging 65,536 members would go into zeros
+        block = np.empty((block_rows(scene), count))
+        start = _fill(block, scene, source(scene), 0, carried)
         known = Members(block, start, carried)
         if known.block.nbytes <= CACHED:
             _known.clear()  # many scenes that ran may live at once
@@ -86,15 +91,31 @@ def source(scene: Scene) -> Source:
     if scene not in _sources:
         recorder = Recorder()
         # with the attitude, so that no point depends on what is saved
-        _staged(scene, recorder, 0, 1, True)
+        _staged(scene, recorder, 1, True)
         strata = run.strata or run.first + run.members
         _sources[scene] = points(run.seed, run.points, tuple(recorder.dimensions), strata)
     return _sources[scene]
 
 
-def _staged(
-    scene: Scene, seed: Source, first: int, count: int, carried: bool
-) -> tuple[Array, Start]:
+def _staged(scene: Scene, seed: Source, count: int, carried: bool) -> tuple[Array, Start]:
+    """The first `count` members, drawn from `seed`; see `stage`."""
+    block = np.zeros((block_rows(scene), count))
+    return block, _fill(block, scene, seed, 0, carried)
+
+
+def _filled(scene: Scene) -> tuple[slice, ...]:
+    """The rows of a block that `_fill` sets; the others are 0 until the engine begins."""
+    end = layout.EFFECTS + parameter_count(*scene.effects)
+    return (
+        slice(layout.ATTITUDE, layout.REST),
+        slice(layout.STATUS, layout.STATUS + 1),
+        slice(layout.STEPS, end),
+    )
+
+
+def _fill(block: Array, scene: Scene, seed: Source, first: int, carried: bool) -> Start:
+    """Set the rows of `_filled` for members from index `first` on; what these are made from."""
+    count = block.shape[1]
     moments, mass, centre = scene.body.sample(seed, first, count)
     effects = {
         f"{label}_{field}": draw(
@@ -103,14 +124,15 @@ def _staged(
         for label, e in labelled(scene.effects)
         for field, value in zip(e._fields, e, strict=True)
     }
-    block = np.zeros((block_rows(scene), count))
-    block[layout.ATTITUDE] = 1.0
     with np.errstate(all="ignore"):
         body = MassProperties.of(tuple(moments), tuple(mass * centre))
-        block[layout.BODY : layout.EFFECTS] = body
+    for row, values in zip(block[layout.BODY :], body, strict=False):
+        row[:] = values
     if effects:
         end = layout.EFFECTS + parameter_count(*scene.effects)
         block[layout.EFFECTS : end] = np.concatenate(list(effects.values()))
+    block[layout.STATUS], block[layout.STEPS] = layout.STATUSES["ok"], 1.0
+    block[layout.ATTITUDE : layout.MOMENTUM] = np.array([[1.0], [0.0], [0.0], [0.0]])
     if carried:
         known = facts(scene, block, moments)
         attitude = scene.start.quaternions(seed, first, count, known)
@@ -126,8 +148,7 @@ def _staged(
     # the spin is nan if a shell has too little energy
     bad = broken(moments) | ~(mass > 0) | np.isnan(spin).any(0) | np.isnan(block[layout.ATTITUDE])
     block[layout.STATUS, bad] = layout.STATUSES["invalid_input"]
-    block[layout.STEPS] = 1.0
-    return block, start
+    return start
 
 
 def facts(scene: Scene, block: Array, moments: Array) -> Facts:
@@ -162,7 +183,7 @@ def check_starts(scene: Scene) -> None:
 def _check_ensemble(scene: Scene) -> None:
     """Raise SceneError if the attitudes of an ensemble are too rare among uniform ones to be drawn
     by rejection."""
-    block, start = _staged(scene.with_run(), scene.run.seed, 0, PILOT, False)
+    block, start = _staged(scene.with_run(), scene.run.seed, PILOT, False)
     known = facts(scene, block, start["moments"])
     law: Any = scene.start.momentum
     share = law.share(scene.run.seed, 0, PILOT, known)

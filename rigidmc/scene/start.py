@@ -112,8 +112,8 @@ class Start:
             return quaternion_from_euler(*values)
         square = values[0] ** 2 + values[1] ** 2 + values[2] ** 2 + values[3] ** 2
         # a normalised quaternion stays as it is to the bit, so that stored starts run again alike
-        unit: Array = np.where(np.abs(square - 1.0) < 1e-15, values, values / np.sqrt(square))
-        return unit
+        values /= np.where(np.abs(square - 1.0) < 1e-15, 1.0, np.sqrt(square))
+        return values
 
 
 def _attitude(value: Any) -> Any:
