@@ -48,7 +48,7 @@ def loop_of(assembly):
         for begin, end in ends.items()
         if not any(begin <= other < end and other != begin for other in ends)
     ]
-    loops = [[x.strip() for x in lines[i:j] if x.startswith("\t")] for i, j in inner]
+    loops = [[x.strip() for x in lines[i : j + 1] if x.startswith("\t")] for i, j in inner]
     return max(
         loops, key=lambda loop: sum(bool(m) and m[2] == "p" for m in map(ARITHMETIC.match, loop))
     )

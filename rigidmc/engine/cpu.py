@@ -28,8 +28,8 @@ from rigidmc.engine.memory import memory
 from rigidmc.engine.pieces import call
 from rigidmc.observables.chaos import OFTEN
 
-# Steps between two looks at drift and health: a look takes as long as 2.7 steps of rk4 without
-# effects, 4 % of 64.
+# Steps between two looks at drift and health: a look takes as long as 3 steps of rk4 without
+# effects, 5 % of 64.
 LOOK = 64
 TRACE = 32  # steps that are made before they are watched: their states fit in the fastest cache
 

@@ -57,8 +57,9 @@ def in_written_order() -> Iterator[None]:
 
     LLVM's own order saves registers (a step of strang with gravity has 60 moves to and from the
     stack, in this order 95) and costs time: splittings take 14 % to 20 % longer with 512 bits,
-    other steps as long, `rotations` alone 12 % less. With 256 bits, where there are half as many
-    registers, it takes up to 5 % less, and is kept. The bits are the same.
+    other steps as long, `rotations` alone 12 % less. With 256 bits there are half as many
+    registers: steps take up to 5 % less with LLVM's order (`rotations` 12 %), which is kept. The
+    bits are the same.
     """
     if vector_bits() < 512:
         yield
@@ -78,6 +79,7 @@ class Flat(JITCodeLibrary):
             super()._finalize_specific()
 
     def get_asm_str(self) -> str:
+        """The machine code that runs, for tests to read."""
         with in_written_order():
             return str(super().get_asm_str())
 

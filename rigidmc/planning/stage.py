@@ -67,7 +67,7 @@ def first_members(scene: Scene, count: int, carried: bool) -> Members:
     """The Members that a plan looks at, kept until they run."""
     known = _known.get(scene)
     if known is None or known.carried != carried or known.block.shape[1] < count:
-        # a quarter of the time of staging 65,536 members would go into zeros
+        # zeros in all rows, and their copies, took 1 of 21 ms for 65,536 members and one step
         block = np.empty((block_rows(scene), count))
         start = _fill(block, scene, source(scene), 0, carried)
         known = Members(block, start, carried)
@@ -126,7 +126,7 @@ def _fill(block: Array, scene: Scene, seed: Source, first: int, carried: bool) -
     }
     with np.errstate(all="ignore"):
         body = MassProperties.of(tuple(moments), tuple(mass * centre))
-    for row, values in zip(block[layout.BODY :], body, strict=False):
+    for row, values in zip(block[layout.BODY : layout.EFFECTS], body, strict=True):
         row[:] = values
     if effects:
         end = layout.EFFECTS + parameter_count(*scene.effects)

@@ -18,7 +18,7 @@ from rigidmc.effects import Gravity, ViscousDamping
 from rigidmc.engine.compose import inline
 from rigidmc.integrators import INTEGRATORS, Turns, form, rk4
 from rigidmc.integrators.rk4 import RK4, ScaledRK4
-from tests.assembly import ARITHMETIC, LIBM, STORE, Case, blocks_of, case, counted
+from tests.assembly import ARITHMETIC, LIBM, STORE, Case, blocks_of, case, counted, loop_of
 
 pytestmark = pytest.mark.skipif(
     platform.machine().lower() not in ("x86_64", "amd64"), reason="reads x86-64 assembly"
@@ -202,6 +202,15 @@ def test_a_step_costs_no_more_than_it_should(code):
     # steps of a free body share almost everything: 429 by a whole drift each
     assert slots["exact"] < 121  # measured 115.5
     assert slots["exact momentum"] < 56  # measured 53; 165.5
+
+
+def test_the_reader_finds_the_inner_loop_of_several_blocks():
+    text = (
+        "f:\n\tvmulpd\t%zmm0, %zmm1, %zmm2\n.outer:\n\tvsubpd\t%zmm0, %zmm1, %zmm2\n"
+        ".latch:\n\tincq\t%rax\n\tvaddpd\t%zmm0, %zmm1, %zmm2\n\tje\t.latch\n"
+        "\tvmulpd\t%zmm0, %zmm1, %zmm2\n\tjmp\t.latch\n\tjne\t.outer\n\tretq\n"
+    )
+    assert [line.split()[0] for line in loop_of(text)] == ["incq", "vaddpd", "je", "vmulpd", "jmp"]
 
 
 def test_the_reader_detects_bad_code():
