@@ -20,16 +20,16 @@ compiled: list[str] = []  # labels of what this process has compiled
 # CPU seconds in a process that compiles nothing else, on 2 cores of Intel Xeon (family 6, model
 # 167): within 15 % of what programs of rk4, rk8 and strang took.
 PIECES = {
-    "enter": 0.1, "leave": 0.1, "begin": 0.4, "look": 0.4, "record": 0.2, "advance": 1.3,
-    "begin_watch": 0.4, "watch": 0.6, "seek": 0.4, "begin_near": 0.4, "meet": 0.4,
+    "enter": 0.1, "leave": 0.1, "begin": 0.4, "look": 0.5, "record": 0.15, "advance": 1.1,
+    "begin_watch": 0.35, "watch": 0.7, "seek": 0.35, "begin_near": 0.25, "meet": 0.4,
     "formulas": 1.0,  # 0.5 to 1.9
 }  # fmt: skip
-MARCH = {"rk8": 2.6}  # of a free body
-OTHERS = 1.2  # 1.0 (cf4) to 1.2 (rk4); splittings 2.0, what their `begin` takes longer included
-TORQUE = 0.9  # with gravity 1.8 (cf4), 2.1 (rk4), 3.7 (rk8)
-# Each further effect; for rk8 more by the ratio of free steps. All 17 that are not random: 11.5 by
-# rk4 (table 12.1), 23.7 by rk8 (table 21.9).
-EFFECT = 0.45
+MARCH = {"rk8": 2.0}  # of a free body
+OTHERS = 1.0  # 0.9 (cf4, rk4); splittings 2.3, what their `begin` takes longer included
+TORQUE = 0.2  # with gravity 1.0 (cf4), 1.2 (rk4), 2.2 (rk8)
+# Each further effect; for rk8 more by the ratio of free steps. All 17 that are not random: 5.0 by
+# rk4 (table 5.2), 11.3 by rk8 (table 10.2).
+EFFECT = 0.25
 FIRST = 0.3  # once a process
 START = 0.4  # until a second process has begun: 0.3 to 0.4
 APART = 1.3  # times as long as here, without the functions that pieces share

@@ -140,16 +140,20 @@ def _row_count(kind: Any) -> int:
     return sum(map(_row_count, kind)) if isinstance(kind, _Tuple) else 1
 
 
-def has_noise(effect):
-    """Whether an effect has normal deviates among its numbers, new ones for each step."""
-    return "noise" in effect._fields
+def noise_of(effect):
+    """The normal deviates among an effect's numbers, new ones for each step; () if it has none."""
+    return effect.noise if "noise" in effect._fields else ()
 
 
-@coded(has_noise)
-def _has_noise(typing_context, effect):
-    noisy = "noise" in effect.instance_class._fields
-    return types.boolean(effect), lambda context, builder, sig, args: context.get_constant(
-        types.boolean, noisy
+@coded(noise_of)
+def _noise_of(typing_context, effect):
+    if "noise" not in effect.instance_class._fields:
+        return types.Tuple(())(effect), lambda context, builder, sig, args: context.make_tuple(
+            builder, sig.return_type, ()
+        )
+    place = effect.instance_class._fields.index("noise")
+    return effect[place](effect), lambda context, builder, sig, args: builder.extract_value(
+        args[0], place
     )
 
 
@@ -160,8 +164,6 @@ def with_noise(effect, deviates):
 
 @coded(with_noise)
 def _with_noise(typing_context, effect, deviates):
-    if "noise" not in effect.instance_class._fields:
-        return effect(effect, deviates), lambda context, builder, sig, args: args[0]
     place = effect.instance_class._fields.index("noise")
     return effect(effect, deviates), lambda context, builder, sig, args: builder.insert_value(
         args[0], args[1], place

@@ -14,7 +14,7 @@ from rigidmc.dynamics.functions import as_word
 from rigidmc.dynamics.so3 import first_three, whole
 from rigidmc.engine.compose import inline_all
 from rigidmc.engine.intrinsics import in_precision, like
-from rigidmc.engine.kinds import filled, has_noise, parts_of, row_count, with_noise
+from rigidmc.engine.kinds import filled, noise_of, parts_of, row_count, with_noise
 from rigidmc.engine.layout import (
     BEGAN,
     BODY_AT,
@@ -156,11 +156,22 @@ def shaken(effects, key, member, number, streams, i, state):
     """
     if len(effects) == 0:
         return ()
-    if has_noise(effects[0]):
-        deviates = normals(philox(key, (as_word(member), number, streams[i], np.uint64(1))))
-        first = with_noise(effects[0], in_precision(deviates, state))
-        return (first,) + shaken(effects[1:], key, member, number, streams, i + 1, state)
-    return (effects[0],) + shaken(effects[1:], key, member, number, streams, i, state)
+    noise = noise_of(effects[0])
+    first = renewed(effects[0], noise, key, member, number, streams, i, state)
+    i += len(noise) > 0
+    return (first,) + shaken(effects[1:], key, member, number, streams, i, state)
+
+
+def renewed(effect, noise, key, member, number, streams, i, state):
+    """An effect with the deviates of a member for a step from stream i, as it is without noise.
+
+    The length of an argument decides, which Numba looks at before it compiles what follows: all
+    that draws deviates takes 0.4 s.
+    """
+    if len(noise) == 0:
+        return effect
+    deviates = normals(philox(key, (as_word(member), number, streams[i], np.uint64(1))))
+    return with_noise(effect, in_precision(deviates, state))
 
 
 inline_all(sys.modules[__name__])
