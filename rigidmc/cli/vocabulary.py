@@ -99,6 +99,11 @@ def _effect_costs() -> dict[str, Any]:
     return costs
 
 
+def _in_toml(value: Any) -> str:
+    """A number or a vector as a scene file has it."""
+    return f"[{', '.join(map(_in_toml, value))}]" if isinstance(value, tuple) else f"{value:g}"
+
+
 def _of_effect(name: str) -> Facts:
     """(label, fact) of an effect."""
     from rigidmc.effects import EFFECTS, description
@@ -108,7 +113,8 @@ def _of_effect(name: str) -> Facts:
     kind = EFFECTS[name]
     defaults = kind._field_defaults
     fields = {
-        field: f" = {defaults[field]:g}" if field in defaults else "" for field in given(kind)
+        field: f" = {_in_toml(defaults[field])}" if field in defaults else ""
+        for field in given(kind)
     }
     table = ", ".join(f"{field}{default}" for field, default in fields.items())
     in_python = f"rigidmc.{kind.__name__}({', '.join(fields)})"

@@ -9,6 +9,9 @@ from typer.testing import CliRunner
 
 import rigidmc as rm
 from rigidmc.cli import app
+from rigidmc.effects import EFFECTS
+from rigidmc.integrators import INTEGRATORS
+from rigidmc.observables import KNOWN
 from rigidmc.planning.notes import notes
 from rigidmc.planning.plan import prepare
 from rigidmc.scene.amounts import counted, counted_text, seconds
@@ -367,6 +370,18 @@ def test_unknown_names_get_a_hint():
     with pytest.raises(AttributeError, match="did you mean 'simulate'"):
         rm.simluate  # noqa: B018
     assert not hasattr(rm.Body, "__wrapped__") and not hasattr(rm, "__wrapped__")
+
+
+def test_every_name_is_explained():
+    """`effects rotor` and `effects potential`, whose defaults are vectors, once ended in a
+    traceback."""
+    words = [("effects", name) for name in EFFECTS]
+    words += [("integrators", name) for name in INTEGRATORS]
+    words += [("observables", name) for name in KNOWN]
+    for command, name in words:
+        made = invoke(command, name)
+        assert made.exit_code == 0 and "in a scene" in made.stdout, (name, made.exception)
+    assert "motor = [0, 0, 0]" in invoke("effects", "rotor").stdout
 
 
 @pytest.mark.parametrize(("words", "parts"), [
