@@ -48,13 +48,13 @@ def march(
     row = more_row(keeps(integrator), EFFECTS_AT + row_count(effects))
     moving = all_moving(groups, groups, 0, compensated, more, row, state)
     fixed = all_fixed(integrator, effects, parts, moving, groups, 0, state, work)
+    only = part_at(1, parts)
     for s in range(first, last):
         number = (np.uint64(rounds) << np.uint64(32)) | np.uint64(s)
         present = all_shaken(fixed, (key, other), number, streams)
         for p in range(1, end_of(several, count)):
-            at = 4 * p
-            shares, when = (parts[at], parts[at + 1], parts[at + 2]), s + parts[at + 3]
-            moving = all_stepped(integrator, attitude, present, when, shares, moving)
+            shares, when = part_of(several, only, p, parts)
+            moving = all_stepped(integrator, attitude, present, s + when, shares, moving)
         if traced != 0:
             all_traced(groups, groups, 0, moving, trace, 7 * (s - first))
     all_put(groups, groups, 0, moving, compensated, row, state)
@@ -69,6 +69,21 @@ def end_of(several, count):
     if len(several) == 0:
         return 2
     return count
+
+
+def part_at(p, parts):
+    """(shares, when) of part p: its times and the time of its torque, in steps."""
+    return (parts[4 * p], parts[4 * p + 1], parts[4 * p + 2]), parts[4 * p + 3]
+
+
+def part_of(several, only, p, parts):
+    """`part_at`, for steps of one part read before the loop over steps.
+
+    The compiler cannot know that what is written to the trace does not change it.
+    """
+    if len(several) == 0:
+        return only
+    return part_at(p, parts)
 
 
 class Fixed(NamedTuple):

@@ -2,6 +2,7 @@
 by one thread."""
 
 import math
+import os
 import time
 from collections.abc import Iterator, Sequence
 from queue import SimpleQueue
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.layout import LANES
 from rigidmc.engine.program import Program
-from rigidmc.errors import RigidmcError
+from rigidmc.errors import FileError, RigidmcError
 from rigidmc.files.netcdf import read
 from rigidmc.planning.job import Job
 from rigidmc.planning.plan import BLOCK, SLAB, Plan
@@ -186,7 +187,10 @@ class Shards:
         values, flagged = shard.values(), int(np.count_nonzero(shard.arrays["status"]))
 
         def named(file: str) -> str:
-            return self.directory.shard_path(i, flagged, file)
+            path = self.directory.shard_path(i, flagged, file)
+            if os.path.isdir(path) and not os.path.islink(path):
+                raise FileError("", "shard", i, "a folder has its name; take it away", file=path)
+            return path
 
         path, attrs = self.directory.temporary(i), {"run": self.directory.mark}
         writer = Writer(path, self.scene, shard.plan, force=True, attrs=attrs, named=named)

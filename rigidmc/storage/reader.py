@@ -19,10 +19,7 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     try:
         scene_text(dataset)
         if "status" not in dataset:
-            rule = (
-                "a map, not a result with members; "
-                "rigidmc.views.maps.stability_map(xarray.open_dataset(...)) draws it"
-            )
+            rule = "a map or a study, not a result with members; xarray.open_dataset reads it"
             raise FileError("", "file", None, rule, file=path)
         result, strange = as_result(dataset, path)
     except BaseException:

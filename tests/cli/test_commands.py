@@ -297,14 +297,16 @@ def test_accuracy(tmp_path):
     assert result.exit_code == 0
     assert "truth: closed form of the free top" in result.output
     assert "for 1e-08: exact " in result.output
-    with rm.open(tmp_path / "a.nc") as study:
+    with xr.open_dataset(tmp_path / "a.nc") as study:
         assert set(study.integrator.values) == {"exact", "rk8"}
+    with pytest.raises(rm.FileError, match="a map or a study, not a result with members"):
+        rm.open(tmp_path / "a.nc")
     assert (tmp_path / "a.png").stat().st_size > 20_000
     failed(run(*words, "-o", tmp_path / "a.nc"), 6, "a.nc")
     failed(
         run("accuracy", "nasa_brick", "--tolerances", "1e-4;1e-8"),
         3,
-        "expected numbers between commas",
+        "expected numbers separated by commas",
     )
     failed(
         run("accuracy", "nasa_brick", "--integrators", "chin4,exakt"),

@@ -404,6 +404,25 @@ def test_links_lead_nowhere(whole, tmp_path):
     assert gather.repair(tmp_path / "run") == 1
 
 
+def test_what_bears_the_name_of_a_shard(tmp_path):
+    """A folder is told, and the shard no longer goes to a file beside it; links and pipes are
+    replaced."""
+    directory = started(tmp_path / "run")
+    resume.resume(tmp_path / "run")
+    last = directory.shards()[directory.count - 1]
+    names = sorted(os.listdir(tmp_path / "run" / "shards"))
+    for make in (os.mkdir, os.mkfifo, lambda name: os.symlink("mine", name)):
+        os.unlink(last)
+        make(last)
+        if make is os.mkdir:
+            with pytest.raises(FileError, match=rf"shard = {directory.count - 1}: a folder has"):
+                resume.resume(tmp_path / "run")
+            assert sorted(os.listdir(tmp_path / "run" / "shards")) == names
+            os.rmdir(last)
+        resume.resume(tmp_path / "run")
+        assert directory.shards()[directory.count - 1] == last
+
+
 def test_a_run_whose_reader_has_gone_goes_on(tmp_path):
     words = ["run", "tennis_racket", "--members", "20000", "-o", f"{tmp_path}/run/"]
     read, write = os.pipe()
