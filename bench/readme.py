@@ -1,5 +1,6 @@
-"""python -m bench.readme: redraw the tables of README.md from bench/results/*.json."""
+"""python -m bench.readme: redraw the tables of README.md and docs/ from bench/results/*.json."""
 
+import glob
 import json
 import os
 import re
@@ -14,32 +15,41 @@ RESULTS = os.path.join(ROOT, "bench", "results")
 
 
 def main():
-    path = os.path.join(ROOT, "README.md")
-    with open(path) as file:
-        text = before = file.read()
+    tables = dict(drawn())
+    for name, path in [(name, path) for path in pages() for name in tables]:
+        with open(path, encoding="utf-8") as file:
+            before = file.read()
+        text = replaced(before, name, tables[name])
+        if text != before:
+            with open(f"{path}.tmp", "w", encoding="utf-8") as file:
+                file.write(text)
+            os.replace(f"{path}.tmp", path)
+            print(f"{os.path.relpath(path, ROOT)}: {name} redrawn")
+
+
+def pages():
+    """README.md and the pages of docs/."""
+    docs = glob.glob(os.path.join(ROOT, "docs", "**", "*.md"), recursive=True)
+    return [os.path.join(ROOT, "README.md"), *sorted(p for p in docs if "_build" not in p)]
+
+
+def drawn():
+    """(name, table) of every bench that has rows."""
     for name, draw in DRAWN.items():
-        rows = os.path.join(RESULTS, f"{name}.json")
-        if not os.path.exists(rows):
+        path = os.path.join(RESULTS, f"{name}.json")
+        if not os.path.exists(path):
             message = f"{name}: no bench/results/{name}.json; run python -m bench {name}"
             print(message, file=sys.stderr)
             continue
-        with open(rows) as file:
+        with open(path) as file:
             result = json.load(file)
-        text, count = replaced(text, name, draw(result["rows"], result["machine"]))
-        if not count:
-            message = f"{name}: README.md has no <!-- bench:{name} --> ... <!-- /bench:{name} -->"
-            print(message, file=sys.stderr)
-    if text != before:
-        with open(path + ".tmp", "w") as file:
-            file.write(text)
-        os.replace(path + ".tmp", path)
-    print("README.md redrawn" if text != before else "README.md is up to date")
+        yield name, draw(result["rows"], result["machine"])
 
 
 def replaced(text, name, content):
-    """(text with new content between the markers of `name`, number of such places)."""
+    """The text with new content between the markers of `name`."""
     pattern = rf"(<!-- bench:{name} -->\n).*?(<!-- /bench:{name} -->)"
-    return re.subn(
+    return re.sub(
         pattern, lambda found: found[1] + content + "\n" + found[2], text, flags=re.DOTALL
     )
 

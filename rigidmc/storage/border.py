@@ -213,8 +213,9 @@ def _refuse_attributes(attrs: dict[str, Any], run: Run, wrong: Complaint) -> Non
             raise wrong(name, f"contradicts the scene, which has {value!r}", value=str(given))
     attrs |= demanded
     steps = attrs.get("steps", 0)
-    if steps and not own_steps and run.integrator != "closed":
-        whole = isinstance(steps, (int, np.integer))
-        if not whole or abs(float(steps) * run.dt - run.t_end) > 1e-6 * run.t_end:
-            rule = f"steps of {run.dt:g} s do not make t_end = {run.t_end:g} s"
-            raise wrong("steps", rule, value=str(steps))
+    whole = isinstance(steps, (int, np.integer))
+    if own_steps or run.integrator == "closed" or (whole and steps == 0):
+        return
+    if not whole or abs(float(steps) * run.dt - run.t_end) > 1e-6 * run.t_end:
+        rule = f"steps of {run.dt:g} s do not make t_end = {run.t_end:g} s"
+        raise wrong("steps", rule, value=str(steps))

@@ -160,6 +160,19 @@ def test_a_result_must_match_its_scene(result, tmp_path, name):
         assert done.exit_code == 3 and len(done.stderr.splitlines()) == 1, done.output
 
 
+@pytest.mark.parametrize("value", ["x", 3.5, np.arange(2), np.zeros(0)], ids=repr)
+def test_any_attribute_may_be_anything(result, tmp_path, value):
+    """An array in place of a number once ended in a traceback: its truth value is ambiguous."""
+    for name in hostile.Stored(result).attrs:
+        path = changed(result, tmp_path / "x.nc", lambda f, n=name: f.attrs.update({n: value}))
+        for command in (["summary", path], ["show", path], ["rerun", path, "--member", "1"]):
+            done = CliRunner().invoke(app, command)
+            told = f"{name} {done.output} {done.exception}"
+            assert done.exit_code == 0 or (
+                done.exit_code == 3 and done.stderr.splitlines()[-1].startswith("rigidmc: ")
+            ), told
+
+
 def test_encodings_in_a_result_are_not_decoded(result, tmp_path):
     def change(file):
         file.variables["quat"][2].update(_Encoding="klingon")

@@ -1,19 +1,23 @@
-"""What README names exists: benches, commands of rigidmc, files."""
+"""What README and docs/ name exists: benches, commands, files, links; Python in them runs.
+
+The build of the documentation runs its tutorials and draws its gallery.
+"""
 
 import importlib
 import re
+import textwrap
 from pathlib import Path
 
 import pytest
 from typer.main import get_command
 
+import rigidmc
 from bench.__main__ import BENCHES
 from rigidmc.cli import app
 
 ROOT = Path(__file__).parents[2]
-TEXT = "\n".join(
-    path.read_text("utf-8") for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
-)
+PAGES = [p for p in sorted((ROOT / "docs").rglob("*.md")) if "_build" not in p.parts]
+TEXT = "\n".join(path.read_text("utf-8") for path in (ROOT / "README.md", *PAGES))
 
 
 def test_every_bench_that_is_named_can_be_run():
@@ -49,3 +53,33 @@ def test_every_command_that_is_named_exists():
 def test_every_picture_is_there():
     for path in re.findall(r"!\[[^]]*\]\(([^)]+)\)", TEXT):
         assert (ROOT / path).is_file(), path
+
+
+def test_every_page_is_there():
+    for path in re.findall(r"\]\((docs/[^)]+)\)", TEXT):
+        assert (ROOT / path).is_file(), path
+
+
+def test_readme_is_short():
+    assert len((ROOT / "README.md").read_text("utf-8").splitlines()) <= 90
+
+
+def test_the_python_of_readme_runs():
+    (lines,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.S)
+    assert lines.count("members=100_000") == 1
+    *before, last = lines.replace("members=100_000", "members=200").splitlines()
+    names = {}
+    exec("\n".join(before), names)
+    assert 0.0 < float(eval(last, names)) < 1e-9  # measured 1.9e-10
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
+def test_python_on_pages_is_python(path):
+    for code in re.findall(r"```python\n(.*?)```", path.read_text("utf-8"), re.S):
+        compile(textwrap.dedent(code), str(path), "exec")
+
+
+def test_every_public_name_is_in_the_reference():
+    text = (ROOT / "docs" / "reference" / "python.md").read_text("utf-8")
+    listed = [n for names in re.findall(r"```\{names\} (.*)", text) for n in names.split()]
+    assert sorted(listed) == sorted(rigidmc.__all__)

@@ -1,0 +1,49 @@
+"""How Sphinx builds the documentation: `sphinx-build -W -b html docs docs/_build`."""
+
+import sys
+from pathlib import Path
+
+from rigidmc.version import VERSION
+
+sys.path.insert(0, str(Path(__file__).parent / "extensions"))
+
+project = "rigidmc"
+author = "the rigidmc developers"
+release = VERSION
+html_title = f"rigidmc {VERSION}"
+
+extensions = [
+    "myst_nb",
+    "sphinx_design",
+    "sphinx-mathjax-offline",
+    "sphinxcontrib.bibtex",
+    "sphinx.ext.autodoc",
+    "commands",
+    "docstrings",
+    "names",
+    "pictures",
+]
+exclude_patterns = ["_build", "extensions", "static"]
+nitpicky = True
+smartquotes = False  # `--dt` keeps its two hyphens
+autodoc_typehints = "none"
+
+myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence", "deflist", "attrs_block"]
+myst_heading_anchors = 3
+nb_execution_mode = "cache"
+nb_execution_timeout = 120
+nb_execution_raise_on_error = True
+bibtex_bibfiles = ["references.bib"]
+
+html_static_path = ["static"]
+html_css_files = ["wide.css"]
+html_theme = "pydata_sphinx_theme"
+html_theme_options = {
+    "navigation_with_keys": False,
+    "show_toc_level": 2,
+    "footer_end": [],
+}
+html_show_sourcelink = False
+html_sidebars = {
+    name: [] for name in ("first_ensemble", "gallery", "comparison", "contributing", "changelog")
+}

@@ -1,0 +1,27 @@
+"""The Python reference, made of the public names: the directive `names`, which takes some."""
+
+from docutils import nodes
+from docutils.parsers.rst import Directive
+from docutils.statemachine import StringList
+
+import rigidmc
+
+
+class Names(Directive):
+    """The docstrings of some public names of rigidmc, or with `effects`, `laws` of a registry."""
+
+    required_arguments, final_argument_whitespace = 1, True
+
+    def run(self):
+        here = nodes.container()
+        lines = []
+        for name in self.arguments[0].split():
+            kind = "class" if isinstance(getattr(rigidmc, name), type) else "function"
+            lines += ["```{eval-rst}", f".. auto{kind}:: rigidmc.{name}", "```", ""]
+        self.state.nested_parse(StringList(lines), self.content_offset, here)
+        return here.children
+
+
+def setup(app):
+    app.add_directive("names", Names)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,0 +1,83 @@
+"""Commands of rigidmc that the build runs: the directives `picture` and `output`.
+
+    ```{picture} Title
+    run dzhanibekov --plot flips.png
+    Lines after the command are the caption.
+    ```
+
+draws the picture in `_build/pictures` and shows it with its command; a picture that is there is not
+drawn again. `{output} integrators` shows what a command prints.
+"""
+
+import shlex
+from contextlib import chdir
+from pathlib import Path
+
+from docutils import nodes
+from docutils.parsers.rst import Directive
+from docutils.statemachine import StringList
+from sphinx.util import logging
+from typer.testing import CliRunner
+
+from rigidmc.cli import app as application
+
+log = logging.getLogger(__name__)
+FOLDER = Path(__file__).parent.parent / "_build" / "pictures"
+
+
+def ran(command):
+    """What a command prints; RuntimeError with its message if it fails."""
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    with chdir(FOLDER):
+        done = CliRunner().invoke(application, shlex.split(command))
+    if done.exit_code != 0:
+        raise RuntimeError(f"rigidmc {command}: {done.output} {done.exception}")
+    return done.stdout
+
+
+def drawn(command):
+    """The path of the picture of a command, drawn if it is not there."""
+    words = shlex.split(command)
+    name = words[words.index("--plot" if "--plot" in words else "-o") + 1]
+    if not (FOLDER / name).exists():
+        log.info("drawing %s", name)
+        ran(command)
+    return f"/_build/pictures/{name}"
+
+
+class Picture(Directive):
+    """A picture, the commands that draw it, and a caption."""
+
+    required_arguments, final_argument_whitespace, has_content = 1, True, True
+
+    def run(self):
+        lines = list(self.content)
+        count = lines.index("") if "" in lines else len(lines)
+        *before, last = lines[:count]
+        if not (FOLDER / shlex.split(last)[-1]).exists():
+            for command in before:
+                ran(command)
+        figure = nodes.figure()
+        figure += nodes.image(uri=drawn(last), alt=self.arguments[0])
+        text = "\n".join(f"rigidmc {command}" for command in lines[:count])
+        code = nodes.literal_block(text, text, language="text")
+        caption = nodes.container()
+        self.state.nested_parse(StringList(lines[count:]), self.content_offset, caption)
+        title = nodes.rubric(text=self.arguments[0])
+        return [title, figure, *caption.children, code]
+
+
+class Output(Directive):
+    """What a command prints."""
+
+    required_arguments, final_argument_whitespace = 1, True
+
+    def run(self):
+        text = ran(self.arguments[0])
+        return [nodes.literal_block(text, text, language="text")]
+
+
+def setup(app):
+    app.add_directive("picture", Picture)
+    app.add_directive("output", Output)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
