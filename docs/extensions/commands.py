@@ -28,7 +28,7 @@ def command(name, one):
     usage = " ".join(
         ["rigidmc", name, *(p.metavar or p.name.upper() for p in arguments), "[OPTIONS]"]
     )
-    yield from (f"## {name}", "", words(one.help), "", "```", usage, "```", "")
+    yield from (f"### {name}", "", words(one.help), "", "```", usage, "```", "")
     for option in options:
         yield from (names(option), f": {words(option.help)}", "")
 
@@ -39,11 +39,13 @@ class Commands(Directive):
     def run(self):
         group = typer.main.get_command(application)
         context = typer.Context(group)
-        lines = [
-            line
-            for name in group.list_commands(context)
-            for line in command(name, group.get_command(context, name))
-        ]
+        lines, panel = [], ""
+        for name in group.list_commands(context):
+            one = group.get_command(context, name)
+            if one.rich_help_panel != panel:
+                panel = one.rich_help_panel
+                lines += [f"## {panel}", ""]
+            lines += command(name, one)
         here = nodes.section()
         here.document = self.state.document
         self.state.nested_parse(StringList(lines), self.content_offset, here, match_titles=1)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigidmc.cli.common import about, app, keep, load_scene, refuse_outputs, reported
+from rigidmc.cli.common import STUDY, about, app, keep, load_scene, refuse_outputs, reported
 from rigidmc.cli.options import (
     AllowCode,
     Force,
@@ -42,7 +42,7 @@ Dt = Annotated[
 ]
 
 
-@app.command()
+@app.command(rich_help_panel=STUDY)
 def accuracy(
     scene: SceneArgument,
     integrators: Integrators = None,

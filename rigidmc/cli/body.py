@@ -6,6 +6,8 @@ from typing import Annotated, Any
 import typer
 
 from rigidmc.cli.common import (
+    START,
+    STUDY,
     about,
     app,
     load_scene,
@@ -37,7 +39,7 @@ Scale = Annotated[
 ]
 
 
-@app.command("body")
+@app.command("body", rich_help_panel=START)
 def body_command(
     source: Source,
     density: Density = None,
@@ -69,7 +71,7 @@ Picture = Annotated[
 ]
 
 
-@app.command("exact")
+@app.command("exact", rich_help_panel=STUDY)
 @takes_settings("integrator", "dt")
 def exact_command(
     scene: SceneArgument,

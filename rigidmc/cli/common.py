@@ -6,10 +6,12 @@ import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from inspect import cleandoc
 from types import FrameType, ModuleType
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
+from typer.core import TyperGroup
 
 from rigidmc.errors import (
     NoRoom,
@@ -19,6 +21,7 @@ from rigidmc.errors import (
     SceneWarning,
     nearest,
 )
+from rigidmc.version import VERSION
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -31,15 +34,62 @@ IO, INTERRUPTED, TERMINATED = 74, 130, 143
 
 LEFT = "no incomplete file bears a final name, and `rigidmc resume` goes on with a run directory"
 
+START, LOOK, STUDY, LONG_RUNS, REFERENCE = PANELS = (
+    "Start",
+    "Look",
+    "Study",
+    "Long runs",
+    "Reference",
+)  # of --help
+
+
+def unwrapped(text: str) -> str:
+    """A help text with each paragraph on one line, except those marked with a backspace."""
+    paragraphs = cleandoc(text).split("\n\n")
+    return "\n\n".join(p if p.startswith("\b") else " ".join(p.split()) for p in paragraphs)
+
+
+class Commands(TyperGroup):
+    """The commands by panel; `run` is the first, the others as they are registered."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        for command in self.commands.values():
+            command.help = unwrapped(command.help or "")
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        def place(name: str) -> tuple[int, bool]:
+            panel: Any = getattr(self.commands[name], "rich_help_panel", REFERENCE)
+            return PANELS.index(panel), name != "run"
+
+        return sorted(self.commands, key=place)
+
+
 app = typer.Typer(
+    cls=Commands,
+    context_settings={"help_option_names": ["-h", "--help"]},
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
-    help="Monte Carlo ensembles of rigid bodies with a fixed point: millions of tops in parallel.",
     epilog="Exit codes: 0 done, 2 usage, 3 invalid scene, 4 some members flagged, 5 incomplete,"
     " 6 refused to overwrite, 74 input or output failed, 130 / 143 stopped by a signal.",
 )
+
+
+def _version(asked: bool) -> None:
+    """Print the version, and end."""
+    if asked:
+        print(f"rigidmc {VERSION}")
+        raise typer.Exit(OK)
+
+
+@app.callback()
+def common(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """Monte Carlo ensembles of rigid bodies with a fixed point: millions of tops in parallel."""
 
 
 class Terminated(BaseException):

@@ -5,7 +5,17 @@ from typing import Annotated, Any
 
 import typer
 
-from rigidmc.cli.common import FLAGGED, INCOMPLETE, INVALID, OK, app, fail, reported, written
+from rigidmc.cli.common import (
+    FLAGGED,
+    INCOMPLETE,
+    INVALID,
+    LONG_RUNS,
+    OK,
+    app,
+    fail,
+    reported,
+    written,
+)
 from rigidmc.cli.options import (
     Accept,
     AllowCode,
@@ -87,7 +97,7 @@ Repair = Annotated[
 ]
 
 
-@app.command()
+@app.command(rich_help_panel=LONG_RUNS)
 def resume(
     run: RunArgument,
     threads: Threads = None,
@@ -112,7 +122,7 @@ def resume(
     raise typer.Exit(code)
 
 
-@app.command()
+@app.command(rich_help_panel=LONG_RUNS)
 def status(run: RunArgument) -> None:
     """Say how far a run is, by the names of its shards, also while it runs.
 
@@ -143,7 +153,7 @@ Spot = Annotated[
 ]
 
 
-@app.command()
+@app.command(rich_help_panel=LONG_RUNS)
 def verify(run: RunArgument, spot: Spot = 3, allow_code: AllowCode = False) -> None:
     """Check a run: the checksum of every shard against its name, run.json and the scene; and
     compute some members again, to the bit.
@@ -169,7 +179,7 @@ def verify(run: RunArgument, spot: Spot = 3, allow_code: AllowCode = False) -> N
     raise typer.Exit(OK if facts["done"] == facts["shards"] else INCOMPLETE)
 
 
-@app.command()
+@app.command(rich_help_panel=LONG_RUNS)
 def consolidate(
     run: RunArgument,
     output: Annotated[
@@ -189,7 +199,7 @@ def consolidate(
     raise typer.Exit(outcome(facts))
 
 
-@app.command()
+@app.command(rich_help_panel=LONG_RUNS)
 def extend(
     run: RunArgument,
     members: Annotated[int, count_option("--members", help="New number of members in all.")],
@@ -216,7 +226,7 @@ Parts = Annotated[
 ]
 
 
-@app.command()
+@app.command(rich_help_panel=LONG_RUNS)
 def merge(run: RunArgument, parts: Parts) -> None:
     """Gather the shards of a job array in one run directory, which may be a new one. All parts have
     the same scene, seed, members and shard size."""

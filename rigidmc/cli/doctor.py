@@ -5,10 +5,10 @@ from typing import Annotated
 
 import typer
 
-from rigidmc.cli.common import app
+from rigidmc.cli.common import REFERENCE, app
 
 
-@app.command()
+@app.command(rich_help_panel=REFERENCE)
 def doctor(
     machine: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:

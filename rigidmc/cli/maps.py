@@ -9,6 +9,7 @@ import typer
 from rigidmc.cli.common import (
     FLAGGED,
     OK,
+    STUDY,
     about,
     app,
     keep,
@@ -72,7 +73,7 @@ Members = Annotated[
 SETTINGS = ("integrator", "dt", "turn", "t_end", "tolerance", "seed", "dtype", "compensated")
 
 
-@app.command("map")
+@app.command("map", rich_help_panel=STUDY)
 @takes_settings(*SETTINGS)
 def make_map(
     name: Name,

@@ -2,7 +2,7 @@
 
 import functools
 import inspect
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
 from typing import Annotated, Any
 
 import typer
@@ -11,6 +11,7 @@ from rigidmc.cli.common import INVALID, fail
 from rigidmc.errors import RigidmcError
 from rigidmc.scene.amounts import counted_text, seconds
 from rigidmc.scene.settings import Count, Digits, Index, Run, Time, types
+from rigidmc.scene.shipped import shipped
 
 
 def _checked(read: Callable[[str], Any]) -> Callable[[str], Any]:
@@ -56,6 +57,32 @@ def _keep_of(text: str) -> str | dict[str, str]:
     return {name.strip(): word.strip() for name, _, word in pairs}
 
 
+def completing(words: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
+    """Completion in the shell: those of the words that begin with what is typed after a comma.
+
+    If none does, the shell completes names of files.
+    """
+
+    def complete(incomplete: str) -> list[str]:
+        before, comma, begun = incomplete.rpartition(",")
+        return [f"{before}{comma}{word}" for word in words() if word.startswith(begun)]
+
+    return complete
+
+
+def _integrators() -> Iterable[str]:
+    from rigidmc.integrators import INTEGRATORS
+
+    return INTEGRATORS
+
+
+def _observables() -> Iterable[str]:
+    from rigidmc.observables import KNOWN
+
+    return KNOWN
+
+
+_COMPLETED = {"integrator": completing(_integrators), "save": completing(_observables)}
 _TEXTS: dict[str, Callable[[str], Any]] = {"save": words_of, "keep": _keep_of}
 
 
@@ -67,6 +94,7 @@ def setting(name: str) -> Any:
     text: dict[str, Any] = {
         "help": f"{description[0].upper()}{description[1:]}.".replace("[", "\\["),
         "rich_help_panel": "Settings of the run, in place of the scene's",
+        "autocompletion": _COMPLETED.get(name),
     }
     if name in _TEXTS:
         return Annotated[Any, typer.Option(key, parser=_TEXTS[name], metavar="WORDS", **text)]
@@ -113,7 +141,9 @@ def takes_settings(*names: str, but: Collection[str] = ()) -> Callable[[Command]
 SceneArgument = Annotated[
     str,
     typer.Argument(
-        metavar="SCENE", help="A TOML file, the name of a shipped scene, or a result file (.nc)."
+        metavar="SCENE",
+        help="A TOML file, the name of a shipped scene, or a result file (.nc).",
+        autocompletion=completing(shipped),
     ),
 ]
 ResultArgument = Annotated[

@@ -7,6 +7,7 @@ import typer
 
 from rigidmc.cli.common import (
     INVALID,
+    LOOK,
     about,
     app,
     fail,
@@ -34,7 +35,7 @@ from rigidmc.views.pictures import picture as picture_named
 Member = Annotated[int, count_option("--member", 0, help="Index of the member.")]
 
 
-@app.command()
+@app.command(rich_help_panel=LOOK)
 @takes_settings("every", "save")
 def rerun(
     file: ResultArgument,
@@ -64,7 +65,7 @@ def rerun(
         dataset.close()
 
 
-@app.command()
+@app.command(rich_help_panel=LOOK)
 def summary(file: ResultArgument) -> None:
     """Say what is in a result: flagged members, and of each number that members have its mean with
     a confidence interval, its median and its range."""
@@ -78,7 +79,7 @@ def summary(file: ResultArgument) -> None:
             fail(error, INVALID)
 
 
-@app.command()
+@app.command(rich_help_panel=LOOK)
 def plot(
     file: ResultArgument,
     output: Annotated[
@@ -109,7 +110,7 @@ def plot(
         print(*written([output]))
 
 
-@app.command()
+@app.command(rich_help_panel=LOOK)
 def animate(
     file: ResultArgument,
     member: Member,

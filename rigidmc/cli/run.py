@@ -11,6 +11,7 @@ from rigidmc.cli.common import (
     FLAGGED,
     INCOMPLETE,
     OK,
+    START,
     about,
     app,
     load_scene,
@@ -56,7 +57,7 @@ Most = Annotated[int, count_option("--most", 32, help="With --until: most member
 OF_DIRECTORIES = ("max_wall", "shards", "shard_size", "cluster")
 
 
-@app.command("run")
+@app.command("run", rich_help_panel=START)
 @takes_settings()
 def run_scene(
     scene: SceneArgument,

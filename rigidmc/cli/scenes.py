@@ -4,12 +4,12 @@ from typing import Annotated, Any
 
 import typer
 
-from rigidmc.cli.common import about, app, load_scene, reported
+from rigidmc.cli.common import START, about, app, load_scene, reported
 from rigidmc.cli.options import AllowCode, SceneArgument, Set, Threads, takes_settings
 from rigidmc.scene import library
 
 
-@app.command()
+@app.command(rich_help_panel=START)
 @takes_settings()
 def show(
     scene: SceneArgument,
@@ -27,7 +27,7 @@ def show(
         print(describe(loaded, threads or threads_available()))
 
 
-@app.command()
+@app.command(rich_help_panel=START)
 def check(
     scene: SceneArgument,
     settings: Set = [],  # noqa: B006
@@ -50,7 +50,10 @@ def check(
         print(f"{scene}: valid, {loaded.run.members:,} members x {steps}")
 
 
-@app.command(help=(library.__doc__ or "").replace("[", r"\[").replace("\n\n", "\n\n\b\n"))
+@app.command(
+    rich_help_panel=START,
+    help=(library.__doc__ or "").replace("[", r"\[").replace("\n\n", "\n\n\b\n"),
+)
 def scenes(
     name: Annotated[str | None, typer.Argument(help="A shipped scene to print.")] = None,
 ) -> None:

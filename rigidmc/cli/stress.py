@@ -9,6 +9,7 @@ import typer
 from rigidmc.cli.common import (
     FLAGGED,
     OK,
+    STUDY,
     about,
     app,
     keep,
@@ -67,7 +68,7 @@ Integrator = Annotated[
 ]
 
 
-@app.command()
+@app.command(rich_help_panel=STUDY)
 def stress(
     scene: SceneOrNone = None,
     group: Group = None,

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from rigidmc.cli.common import app, reported
+from rigidmc.cli.common import REFERENCE, app, reported
 from rigidmc.errors import OptionError, unknown
 
 Name = Annotated[
@@ -58,7 +58,7 @@ def _by(dims: Iterable[str]) -> str:
     return f", by {', '.join(dims)}" if dims else ""
 
 
-@app.command()
+@app.command(rich_help_panel=REFERENCE)
 def effects(
     name: Name = None,
     measure: MeasureEffects = False,
@@ -132,7 +132,7 @@ def _of_effect(name: str) -> Facts:
     yield "facts", description(kind)[2]
 
 
-@app.command()
+@app.command(rich_help_panel=REFERENCE)
 def observables(
     name: Name = None,
     measure: MeasureObservables = False,
@@ -219,7 +219,7 @@ def _default(kind: Any, field: str) -> str:
     return f"{field} = {default:.4g}" if isinstance(default, float) else f"{field} = {default}"
 
 
-@app.command()
+@app.command(rich_help_panel=REFERENCE)
 def integrators(
     name: Name = None,
     measure: MeasureIntegrators = False,

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from rigidmc.cli.common import about, app, load_scene, reported
+from rigidmc.cli.common import REFERENCE, about, app, load_scene, reported
 from rigidmc.cli.options import AllowCode, Set
 
 Scenes = Annotated[
@@ -22,7 +22,7 @@ AllIntegrators = Annotated[
 ]
 
 
-@app.command()
+@app.command(rich_help_panel=REFERENCE)
 def warm(
     scenes: Scenes = [],  # noqa: B006
     all_integrators: AllIntegrators = False,

@@ -1,0 +1,59 @@
+"""What `rigidmc --help` shows, the version, and what the shell completes."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from rigidmc.cli import app
+from rigidmc.cli.common import PANELS
+from rigidmc.version import VERSION
+
+
+def test_commands_are_in_panels_and_run_is_the_first():
+    group = typer.main.get_command(app)
+    names = group.list_commands(typer.Context(group))
+    panels = [group.commands[name].rich_help_panel for name in names]
+    assert names[0] == "run" and sorted(panels, key=PANELS.index) == panels
+    assert set(panels) == set(PANELS)
+    shown = CliRunner().invoke(app, ["--help"]).stdout
+    places = [shown.index(f"─ {panel} ─") for panel in PANELS]
+    assert places == sorted(places)
+
+
+def test_help_has_no_broken_lines():
+    """Lines of a docstring are joined: lines of --help once ended where those of the code do."""
+    for command in typer.main.get_command(app).commands.values():
+        for paragraph in command.help.split("\n\n"):
+            assert "\n" not in paragraph or paragraph.startswith("\b"), command.name
+
+
+def test_short_options():
+    for words in (["-h"], ["run", "-h"], ["map", "-h"]):
+        long = [word.replace("-h", "--help") for word in words]
+        done = CliRunner().invoke(app, words)
+        assert done.exit_code == 0 and done.stdout == CliRunner().invoke(app, long).stdout
+    assert CliRunner().invoke(app, ["--version"]).stdout == f"rigidmc {VERSION}\n"
+
+
+@pytest.mark.parametrize(("words", "completed"), [
+    ("rigidmc run hea", "heavy_top"),
+    ("rigidmc run heavy_top --integrator srkn", "srkn6\nsrkn11"),
+    ("rigidmc show heavy_top --save omega,nut", "omega,nutation"),
+])  # fmt: skip
+def test_the_shell_completes_scenes_integrators_and_observables(words, completed):
+    count = len(words.split()) - 1
+    environment = {
+        **os.environ,
+        "_RIGIDMC_COMPLETE": "complete_bash",
+        "COMP_WORDS": words,
+        "COMP_CWORD": str(count),
+    }
+    line = "from rigidmc.cli import app; app(prog_name='rigidmc')"
+    done = subprocess.run(
+        [sys.executable, "-c", line], env=environment, capture_output=True, text=True
+    )
+    assert done.stdout.strip() == completed, done.stderr
