@@ -185,6 +185,22 @@ def test_energy_scale_bounds_the_energy_closely(name):
     assert largest >= 0.4 * scale  # measured 0.55 (potential) to 1.0
 
 
+@EVERY
+def test_energy_scale_bounds_the_energy_of_each_number_alone(name):
+    """A bound that confuses two numbers holds for all together (a mutant)."""
+    effect = EXAMPLES[name]
+    if not implements(effect, "energy"):
+        return
+    vectors = {k: v for k, v in effect._asdict().items() if isinstance(v, tuple)}
+    zeros = {k: (0.0,) * len(v) for k, v in vectors.items()}
+    for field, values in vectors.items():
+        for i, value in enumerate(values):
+            alone = tuple(value * (i == j) for j in range(len(values)))
+            one = effect._replace(**{**zeros, field: alone})
+            largest = max(abs(energy(one, BODY, q)) for q, _ in some_states(200))
+            assert largest <= energy_scale(one, BODY) * (1.0 + 1e-15), (field, i)
+
+
 def broken_facts(effect):
     """{fact: by how much the torque of an effect breaks it}."""
     roll, about_z = (0.5, -0.5, -0.5, -0.5), (math.cos(0.4), 0.0, 0.0, math.sin(0.4))

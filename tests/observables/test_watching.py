@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 
 import rigidmc as rm
 from rigidmc.dynamics.so3 import up
+from rigidmc.engine import threads
 from rigidmc.errors import SceneError
 from rigidmc.mechanics.free_top import free_motion, free_top
 from rigidmc.observables import outputs
@@ -264,6 +265,21 @@ def growth(l, q, t_end):
         rate, (0.0, t_end), np.concatenate([l, q, dl, v]), method="DOP853", rtol=1e-12, atol=1e-12
     ).y[:, -1]
     return math.log(math.sqrt(4.0 * end[10:] @ end[10:] + weight * end[7:10] @ end[7:10]))
+
+
+@pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # an impossible body
+def test_calls_change_nothing_that_is_watched(monkeypatch):
+    """A run is made in calls of 3e6 member-steps; the neighbour of a member lives on between them
+    (a mutant lost it, and no test of a run in one call could see it)."""
+    start = rm.Start(omega=(0.3, rm.normal(1.0, 0.3), 0.2), attitude="uniform")
+    scene = rm.Scene(HEAVY, (rm.Gravity(1.0),), start)
+    watched = ("megno", "flips", "nutation", "energy_mean", "omega_max")
+    ways = {"integrator": "rk8", "dt": 0.1, "t_end": 20.0, "members": 64, "save": watched}
+    whole = rm.simulate(scene, **ways)
+    monkeypatch.setattr(threads, "CALL", 7 * 64)
+    parts = rm.simulate(scene, **ways)
+    for name in whole.data_vars:
+        assert whole[name].values.tobytes() == parts[name].values.tobytes(), name
 
 
 @pytest.mark.filterwarnings("ignore:.*bodies cannot exist")  # the equations hold for it too
