@@ -59,8 +59,8 @@ class Commands(TyperGroup):
 
     def list_commands(self, ctx: Any) -> list[str]:
         def place(name: str) -> tuple[int, bool]:
-            panel: Any = getattr(self.commands[name], "rich_help_panel", REFERENCE)
-            return PANELS.index(panel), name != "run"
+            panel: Any = getattr(self.commands[name], "rich_help_panel", None)
+            return (*PANELS, panel).index(panel), name != "run"  # without a panel: at the end
 
         return sorted(self.commands, key=place)
 
