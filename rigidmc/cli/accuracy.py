@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rigidmc.cli.common import STUDY, about, app, keep, load_scene, refuse_outputs, reported
+from rigidmc.cli.common import about, app, keep, load_scene, refuse_outputs, reported
 from rigidmc.cli.options import (
     AllowCode,
     Force,
@@ -18,6 +18,7 @@ from rigidmc.cli.options import (
     time_option,
     words_of,
 )
+from rigidmc.cli.panels import STUDY
 from rigidmc.errors import OptionError
 
 if TYPE_CHECKING:

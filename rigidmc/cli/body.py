@@ -6,8 +6,6 @@ from typing import Annotated, Any
 import typer
 
 from rigidmc.cli.common import (
-    START,
-    STUDY,
     about,
     app,
     load_scene,
@@ -25,6 +23,7 @@ from rigidmc.cli.options import (
     takes_settings,
     time_option,
 )
+from rigidmc.cli.panels import START, STUDY
 
 Source = Annotated[
     str,

@@ -6,13 +6,12 @@ import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from inspect import cleandoc
 from types import FrameType, ModuleType
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
-from typer.core import TyperGroup
 
+from rigidmc.cli.panels import Commands
 from rigidmc.errors import (
     NoRoom,
     OptionError,
@@ -33,37 +32,6 @@ OK, USAGE, INVALID, FLAGGED, INCOMPLETE, REFUSED = 0, 2, 3, 4, 5, 6
 IO, INTERRUPTED, TERMINATED = 74, 130, 143
 
 LEFT = "no incomplete file bears a final name, and `rigidmc resume` goes on with a run directory"
-
-START, LOOK, STUDY, LONG_RUNS, REFERENCE = PANELS = (
-    "Start",
-    "Look",
-    "Study",
-    "Long runs",
-    "Reference",
-)  # of --help
-
-
-def unwrapped(text: str) -> str:
-    """A help text with each paragraph on one line, except those marked with a backspace."""
-    paragraphs = cleandoc(text).split("\n\n")
-    return "\n\n".join(p if p.startswith("\b") else " ".join(p.split()) for p in paragraphs)
-
-
-class Commands(TyperGroup):
-    """The commands by panel; `run` is the first, the others as they are registered."""
-
-    def __init__(self, **settings: Any) -> None:
-        super().__init__(**settings)
-        for command in self.commands.values():
-            command.help = unwrapped(command.help or "")
-
-    def list_commands(self, ctx: Any) -> list[str]:
-        def place(name: str) -> tuple[int, bool]:
-            panel: Any = getattr(self.commands[name], "rich_help_panel", None)
-            return (*PANELS, panel).index(panel), name != "run"  # without a panel: at the end
-
-        return sorted(self.commands, key=place)
-
 
 app = typer.Typer(
     cls=Commands,

@@ -5,17 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from rigidmc.cli.common import (
-    FLAGGED,
-    INCOMPLETE,
-    INVALID,
-    LONG_RUNS,
-    OK,
-    app,
-    fail,
-    reported,
-    written,
-)
+from rigidmc.cli.common import FLAGGED, INCOMPLETE, INVALID, OK, app, fail, reported, written
 from rigidmc.cli.options import (
     Accept,
     AllowCode,
@@ -27,6 +17,7 @@ from rigidmc.cli.options import (
     Threads,
     count_option,
 )
+from rigidmc.cli.panels import LONG_RUNS
 from rigidmc.errors import OptionError
 
 

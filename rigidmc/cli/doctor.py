@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from rigidmc.cli.common import REFERENCE, app
+from rigidmc.cli.common import app
+from rigidmc.cli.panels import REFERENCE
 
 
 @app.command(rich_help_panel=REFERENCE)

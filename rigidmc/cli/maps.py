@@ -6,17 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rigidmc.cli.common import (
-    FLAGGED,
-    OK,
-    STUDY,
-    about,
-    app,
-    keep,
-    load_scene,
-    refuse_outputs,
-    reported,
-)
+from rigidmc.cli.common import FLAGGED, OK, about, app, keep, load_scene, refuse_outputs, reported
 from rigidmc.cli.options import (
     AllowCode,
     Force,
@@ -27,6 +17,7 @@ from rigidmc.cli.options import (
     count_option,
     takes_settings,
 )
+from rigidmc.cli.panels import STUDY
 from rigidmc.errors import OptionError, unknown
 
 if TYPE_CHECKING:

@@ -7,7 +7,6 @@ import typer
 
 from rigidmc.cli.common import (
     INVALID,
-    LOOK,
     about,
     app,
     fail,
@@ -28,6 +27,7 @@ from rigidmc.cli.options import (
     takes_settings,
     time_option,
 )
+from rigidmc.cli.panels import LOOK
 from rigidmc.errors import OptionError, unknown
 from rigidmc.views.pictures import PICTURES
 from rigidmc.views.pictures import picture as picture_named

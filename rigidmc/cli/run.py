@@ -11,7 +11,6 @@ from rigidmc.cli.common import (
     FLAGGED,
     INCOMPLETE,
     OK,
-    START,
     about,
     app,
     load_scene,
@@ -37,6 +36,7 @@ from rigidmc.cli.options import (
     count_option,
     takes_settings,
 )
+from rigidmc.cli.panels import START
 from rigidmc.errors import OptionError
 
 if TYPE_CHECKING:

@@ -4,8 +4,9 @@ from typing import Annotated, Any
 
 import typer
 
-from rigidmc.cli.common import START, about, app, load_scene, reported
+from rigidmc.cli.common import about, app, load_scene, reported
 from rigidmc.cli.options import AllowCode, SceneArgument, Set, Threads, takes_settings
+from rigidmc.cli.panels import START
 from rigidmc.scene import library
 
 

@@ -9,7 +9,6 @@ import typer
 from rigidmc.cli.common import (
     FLAGGED,
     OK,
-    STUDY,
     about,
     app,
     keep,
@@ -27,6 +26,7 @@ from rigidmc.cli.options import (
     Threads,
     words_of,
 )
+from rigidmc.cli.panels import STUDY
 
 if TYPE_CHECKING:
     import xarray as xr

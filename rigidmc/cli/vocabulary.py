@@ -7,7 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from rigidmc.cli.common import REFERENCE, app, reported
+from rigidmc.cli.common import app, reported
+from rigidmc.cli.panels import REFERENCE
 from rigidmc.errors import OptionError, unknown
 
 Name = Annotated[

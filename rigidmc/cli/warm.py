@@ -4,8 +4,9 @@ from typing import Annotated
 
 import typer
 
-from rigidmc.cli.common import REFERENCE, about, app, load_scene, reported
+from rigidmc.cli.common import about, app, load_scene, reported
 from rigidmc.cli.options import AllowCode, Set
+from rigidmc.cli.panels import REFERENCE
 
 Scenes = Annotated[
     list[str],

@@ -9,7 +9,7 @@ import typer
 from typer.testing import CliRunner
 
 from rigidmc.cli import app
-from rigidmc.cli.common import PANELS
+from rigidmc.cli.panels import PANELS
 from rigidmc.version import VERSION
 
 
