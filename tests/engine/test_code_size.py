@@ -1,7 +1,7 @@
 """How much code is compiled: LLVM instructions of each piece, which set the compile time.
 
 Bounds are a tenth above the measured numbers. LLVM unrolls more where a processor has a loop
-buffer: numbers in brackets are measured on a Zen 5 ("znver4" to LLVM), the others on a Xeon.
+buffer: numbers in brackets are measured on a Zen 4 ("znver4" to LLVM), the others on a Xeon.
 """
 
 import pytest
