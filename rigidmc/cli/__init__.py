@@ -14,6 +14,7 @@ from rigidmc.cli import (  # noqa: F401
     run,
     scenes,
     stress,
+    view,
     vocabulary,
     warm,
 )

@@ -128,7 +128,7 @@ def animate(
     """Animate one member of a result: integrate it again, and draw it turning beside its momentum
     sphere."""
     with reported():
-        from rigidmc.runs.rerun import frames
+        from rigidmc.runs.frames import frames
 
         refuse_outputs(force, animation=output)
         from rigidmc.views.animation import SMOOTH, check_writer

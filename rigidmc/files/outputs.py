@@ -25,6 +25,7 @@ KINDS = {  # of what is written, with their endings
     "results": (".nc",),
     "pictures": (".png", ".pdf", ".svg"),
     "animations": (".gif", ".mp4", ".webm"),
+    "pages": (".html",),
     "tables of bounds": (".csv",),
 }
 _PART = re.compile(r"\.part-(.+)-([0-9]+)-([0-9]+)(\.[A-Za-z0-9]{1,8})?")

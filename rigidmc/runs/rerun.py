@@ -62,7 +62,7 @@ def rerun(
             return rerun(result, member, every, save, allow_code, output, force, **options)
     scene = scene_of(source, allow_code=allow_code)
     name = source.encoding.get("source", "the result")
-    members = _members(member, scene.run, source, name)
+    members = chosen_members(member, scene.run, source, name)
     between = scene.run.every
     if every is not None:
         between = _whole_steps(scene.run, seconds(every, "every", "run"))
@@ -74,7 +74,7 @@ def rerun(
     return again
 
 
-def _members(member: int | range, run: Run, result: xr.Dataset, name: str) -> range:
+def chosen_members(member: int | range, run: Run, result: xr.Dataset, name: str) -> range:
     """The range of indices that `member` means; OptionError for members that a result lacks."""
     if isinstance(member, range):
         members = member
@@ -146,28 +146,6 @@ def _everything(scene: Scene) -> tuple[str, ...]:
     all steps that the scene has."""
     over = (name for name in (*scene.run.save, *summaries(scene.kept())) if name not in OBSERVABLES)
     return (*(name for name in OBSERVABLES if name != "work" or "work" in scene.run.save), *over)
-
-
-def frames(
-    source: Path | xr.Dataset, member: int, count: int, allow_code: bool = False
-) -> xr.Dataset:
-    """Integrate a member again with attitude and momentum at the times that an animation needs.
-
-    These are `count` + 1 times, evenly spaced to half a step, or all steps if there are fewer.
-    """
-    run = scene_of(source, allow_code=allow_code).run
-    save = ("attitude", "momentum")
-    if run.turn is not None:
-        # members have steps of their own between saves, so there are only the saves
-        return rerun(source, member, save=save, allow_code=allow_code)
-    steps = max(1, round(run.t_end / run.dt))
-    between = max(1, steps // count)
-    while steps % between:  # saves are evenly spaced to the end
-        between -= 1
-    every = run.t_end / (steps // between)
-    again = rerun(source, member, every=every, save=save, allow_code=allow_code)
-    nearest = np.unique(np.rint(np.linspace(0, again.sizes["time"] - 1, count + 1)).astype(int))
-    return again.isel(time=nearest)
 
 
 class Pair(NamedTuple):

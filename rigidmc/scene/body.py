@@ -2,7 +2,7 @@
 
 import inspect
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from rigidmc.errors import SceneError, nearest, unknown
 from rigidmc.mechanics import inertia, rotation, solids
+from rigidmc.scene import shape
 from rigidmc.scene.mass_distribution import MassDistribution
 from rigidmc.scene.quantities import is_shared, quantity, vector
 
@@ -84,7 +85,8 @@ class Body(MassDistribution, metaclass=_Hints):
             raise SceneError("body", "particles", None, rule)
         mass = float(m.sum())
         centre = tuple((m @ x / mass).tolist())
-        return cls.from_tensor(inertia.of_particles(m, x), mass, centre)
+        body = cls.from_tensor(inertia.of_particles(m, x), mass, centre)
+        return replace(body, shape=shape.of_particles(m, x))
 
     @classmethod
     def solid(cls, name: str, **sizes: Any) -> "Body":
@@ -112,7 +114,9 @@ class Body(MassDistribution, metaclass=_Hints):
                 parts = vector(sizes[key], table, key, count)
                 given[key] = tuple(_positive(part, key, table) for part in parts)
         mass, centre, tensor = make(**given)
-        return cls(tuple(np.diag(tensor).tolist()), mass, centre)
+        sizes = {key: given[key] for key in shape.sizes_of(name)}
+        parts = (shape.Part(name, sizes),)
+        return cls(tuple(np.diag(tensor).tolist()), mass, centre, shape=parts)
 
     @classmethod
     def cylinder(cls, mass: float, radius: float, height: float) -> "Body":
@@ -161,7 +165,8 @@ class Body(MassDistribution, metaclass=_Hints):
             )
             raise SceneError("body", "density", None, rule)
         tensor, centre = np.trace(second) * np.eye(3) - second, first / mass
-        return cls.from_tensor(tensor, float(mass), tuple(centre.tolist()))
+        body = cls.from_tensor(tensor, float(mass), tuple(centre.tolist()))
+        return replace(body, shape=shape.of_region(region))
 
     @classmethod
     def from_mesh(
@@ -190,7 +195,8 @@ class Body(MassDistribution, metaclass=_Hints):
             by = _positive(density, "density", table)
         else:
             by = _positive(mass, "mass", table) / volume
-        return cls.from_tensor(by * tensor, float(by * volume), tuple(centre.tolist()))
+        body = cls.from_tensor(by * tensor, float(by * volume), tuple(centre.tolist()))
+        return replace(body, shape=(shape.of_mesh(loaded),))
 
     def pivoted_at(self, point: Any) -> "Body":
         """The same body turning about another of its points [m, described axes], by the parallel
@@ -205,7 +211,9 @@ class Body(MassDistribution, metaclass=_Hints):
         new = np.array(self.centre) - np.array(point)
         bare = inertia.about_centre(self.tensor, self.mass, self.centre)
         tensor = inertia.about_point(bare, self.mass, new)
-        return Body.from_tensor(tensor, self.mass, tuple(new.tolist()))
+        parts = tuple(part.placed(-np.array(point)) for part in self.shape)
+        body = Body.from_tensor(tensor, self.mass, tuple(new.tolist()))
+        return replace(body, shape=parts)
 
     def about_centre(self) -> "Body":
         """The same body turning about its centre of mass, TdC (3.28)."""
@@ -249,7 +257,9 @@ class Body(MassDistribution, metaclass=_Hints):
         middle = (self.mass * np.array(self.centre) + sign * other.mass * (origin + centre)) / mass
         # a remainder must be a body about its own centre of mass too
         inertia.principal_axes(inertia.about_centre(tensor, mass, middle))
-        return Body.from_tensor(tensor, mass, tuple(middle.tolist()))
+        parts = (part.placed(place, turned) for part in other.shape)
+        body = Body.from_tensor(tensor, mass, tuple(middle.tolist()))
+        return replace(body, shape=shape.joined(self.shape, parts, sign < 0.0))
 
 
 def _positive(value: Any, key: str, table: str = "body") -> float:

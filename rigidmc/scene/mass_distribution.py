@@ -12,6 +12,7 @@ from rigidmc.mechanics.inertia import broken
 from rigidmc.scene.laws import checked
 from rigidmc.scene.laws.protocol import Law, numbers_of
 from rigidmc.scene.quantities import Source, draw, is_open, is_shared, quantity, vector
+from rigidmc.scene.shape import Shape
 
 Array = NDArray[np.float64]
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -26,6 +27,7 @@ class MassDistribution:
     centre : centre of mass from the fixed point, in the described axes [m]
     axes : 3x3, its columns are the principal axes in the described axes, right-handed; the identity
         unless the body was given by a tensor, by particles or by a shift
+    shape : the solids that pictures draw; makers of bodies know them, no motion depends on them
 
     Components of moments, mass and centre are numbers, distributions, grids, or arrays with one row
     per member. Moments may also be a law: SecondMoments, whose bodies always exist, or Correlated,
@@ -39,6 +41,7 @@ class MassDistribution:
     mass: Any = 1.0
     centre: Any = (0.0, 0.0, 0.0)
     axes: tuple[tuple[float, ...], ...] = IDENTITY
+    shape: Shape = ()
 
     def __post_init__(self) -> None:
         whole = isinstance(self.moments, Law)

@@ -15,6 +15,7 @@ from rigidmc.errors import SceneError, unknown
 from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.observables import WATCHED
 from rigidmc.scene.body import Body
+from rigidmc.scene.shape import shape_of
 from rigidmc.scene.start import Start
 from rigidmc.scene.values import Columns, numbers, only, parse
 
@@ -35,7 +36,7 @@ BODIES = ("moments", "tensor", *SHAPES)  # a body has exactly one of these keys
 
 def body_of(table: dict[str, Any], stored: Columns) -> Body:
     """The body of the table [body]."""
-    only(table, (*BODIES, "mass", "centre", "axes", "pivot"), "body")
+    only(table, (*BODIES, "mass", "centre", "axes", "pivot", "shape"), "body")
     keys = [key for key in BODIES if key in table]
     if len(keys) != 1:
         rule = f"give exactly one of these, not {len(keys)}"
@@ -52,6 +53,8 @@ def body_of(table: dict[str, Any], stored: Columns) -> Body:
     if "axes" in table:
         axes = numbers(table["axes"], "body", "axes")
         body = replace(body, axes=tuple(map(tuple, axes)))
+    if "shape" in table:
+        body = replace(body, shape=shape_of(table["shape"]))
     return body.pivoted_at(table["pivot"]) if "pivot" in table else body
 
 

@@ -31,6 +31,8 @@ def _body(scene: Parts) -> dict[str, Any]:
     table = {key: plain(getattr(body, key), key) for key in ("moments", "mass", "centre")}
     if body.axes != IDENTITY:
         table["axes"] = [list(row) for row in body.axes]
+    if body.shape:
+        table["shape"] = [part.as_table() for part in body.shape]
     return table
 
 

@@ -183,3 +183,12 @@ class Rigid:
         from rigidmc.views.summary import summary
 
         return summary(self._dataset)
+
+    def view(self, output: Any = None, **options: Any) -> Any:
+        """The result as one HTML page in which members turn, see `rigidmc.views.viewer.page.view`.
+
+        A notebook shows the page; `output` writes it.
+        """
+        from rigidmc.views.viewer.page import view
+
+        return view(self._dataset, output, **options)

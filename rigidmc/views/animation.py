@@ -13,45 +13,18 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from rigidmc.files.outputs import Part, check_suffix, naming, refuse_existing
 from rigidmc.mechanics import rotation
-from rigidmc.views.figure import GREY, LIGHT, PATH
+from rigidmc.scene.scene import scene_of
+from rigidmc.views.figure import GREY, INK, LIGHT, PATH
+from rigidmc.views.surfaces import TONES, Surface, body_surface, member_body
 
-# of the two ends of axes 1, 2, 3: one dark, one light
-FACES = ("#08306b", "#9ecae1", "#7f2704", "#fdae6b", "#252525", "#d9d9d9")
 LAMP = np.array([0.3, -0.5, 0.8]) / np.sqrt(0.98)  # direction of the light
 SMOOTH = 4  # saves per frame: the path on the sphere is drawn through all of them
 
 Draw = Callable[[int], None]
-
-
-def box(moments: ArrayLike) -> NDArray[np.float64]:
-    """Half the edges (3) of the uniform box with some moments, the longest 1.
-
-    The mean of x_i^2 is (I_j + I_k - I_i)/2 per mass.
-    """
-    second = 0.5 * (np.sum(moments) - 2.0 * np.asarray(moments))
-    edges = np.sqrt(np.maximum(second, 0.0))
-    half: NDArray[np.float64] = np.maximum(edges / edges.max(), 0.03)  # so that plates are visible
-    return half
-
-
-def faces(half: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(faces (6, 4, 3), normals (6, 3)) of a box with half edges `half`, in body axes."""
-    half = np.asarray(half)
-    corners, normals = [], []
-    for axis in range(3):
-        j, k = (axis + 1) % 3, (axis + 2) % 3
-        for end in (1.0, -1.0):
-            face = np.zeros((4, 3))
-            face[:, axis] = end * half[axis]
-            face[:, j] = half[j] * np.array([1, -1, -1, 1])
-            face[:, k] = half[k] * np.array([1, 1, -1, -1])
-            corners.append(face)
-            normals.append(end * np.eye(3)[axis])
-    return np.array(corners), np.array(normals)
 
 
 def check_writer(path: str) -> None:
@@ -80,7 +53,8 @@ def animate(
     path : .gif (by pillow), .mp4 or .webm (by ffmpeg);  force : replace an existing file
     progress : a function of (frames done, all)
 
-    Left: the body in space as the box of its moments, with the vertical and the angular momentum.
+    Left: the body in space as the solid it was declared as, or as the ellipsoid of its moments, on
+    a stick from its fixed point, with the vertical and the angular momentum.
     Right: the angular momentum in body axes on the momentum sphere, with its path so far.
     Raises as `check_writer`, and OutputExists if the file exists and `force` is False.
     """
@@ -132,8 +106,12 @@ def scene(ds: xr.Dataset) -> tuple[Figure, Draw]:
     title = figure.suptitle("", fontsize=11, parse_math=False)
     left = _axes(figure, 0.0, "the body in space")
     right = _axes(figure, 0.5, "its angular momentum in body axes")
-    half = box(ds.moments.values[:, 0])
-    parts = _body(left, half, rotation.matrix(q), l, size), _sphere(right, unit)
+    body = scene_of(ds, allow_code=None).body
+    parts = (
+        _body(left, body_surface(ds, body), member_body(ds, body)[2], rotation.matrix(q)),
+        _momentum(left, rotation.matrix(q), l, size),
+        _sphere(right, unit),
+    )
     name = f"{ds.attrs.get('title', 'top')}: member {int(ds.member.values[0])}"
 
     def draw(i: int) -> None:
@@ -155,20 +133,36 @@ def _axes(figure: Figure, left: float, title: str) -> Any:
 
 
 def _body(
-    axes: Any,
-    half: NDArray[np.float64],
-    turn: NDArray[np.float64],
-    l: NDArray[np.float64],
-    size: NDArray[np.float64],
+    axes: Any, surface: Surface, centre: NDArray[np.float64], turn: NDArray[np.float64]
 ) -> Draw:
-    """The body as a box, the vertical and the angular momentum in space.
+    """The body and its stick from the fixed point to the centre of mass.
 
-    turn : rotation matrices (times, 3, 3);  l, size : momentum (times, 3) and its size
+    turn : rotation matrices (times, 3, 3)
     """
-    toward = np.einsum("tij,tj->ti", turn, l) / np.where(size > 0.0, size, 1.0)[:, None]
-    corners, normals = faces(half)
-    solid = Poly3DCollection([corners[0]] * 6, edgecolors="black", linewidths=0.6)
+    scale = 1.0 / np.abs(surface.corners).max()
+    triangles = scale * surface.corners[surface.faces]
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
+    colours = np.array([to_rgb(tone) for tone in TONES])[surface.tones]
+    solid = Poly3DCollection(triangles, linewidths=0.0, antialiased=False)
     axes.add_collection3d(solid)
+    stick = axes.plot([], [], [], "-", color=INK, lw=2.0)[0]
+    axes.plot([0.0], [0.0], [0.0], "o", color=INK, ms=4)
+
+    def draw(i: int) -> None:
+        solid.set_verts(list(triangles @ turn[i].T))
+        shade = 0.65 + 0.35 * np.clip(normals @ turn[i].T @ LAMP, 0.0, 1.0)
+        solid.set_facecolor(colours * shade[:, None])
+        stick.set_data_3d(*np.outer([0.0, scale], turn[i] @ centre).T)
+
+    return draw
+
+
+def _momentum(
+    axes: Any, turn: NDArray[np.float64], l: NDArray[np.float64], size: NDArray[np.float64]
+) -> Draw:
+    """The vertical, and the angular momentum in space: l (times, 3), its size (times,)."""
+    toward = np.einsum("tij,tj->ti", turn, l) / np.where(size > 0.0, size, 1.0)[:, None]
     axes.plot([0, 0], [0, 0], [-1.25, 1.25], ":", color=GREY, lw=1.0)
     axes.text(0.0, 0.0, 1.3, "z", color=GREY, ha="center")
     arrow = axes.plot([], [], [], "-", color=PATH, lw=2.5)[0]
@@ -177,10 +171,6 @@ def _body(
     axes.text2D(0.04, 0.06, words, color=PATH, transform=axes.transAxes, fontsize=9)
 
     def draw(i: int) -> None:
-        solid.set_verts(list(corners @ turn[i].T))
-        shade = 0.65 + 0.35 * np.clip(normals @ turn[i].T @ LAMP, 0.0, 1.0)
-        colors = [tuple(np.array(to_rgb(c)) * s) for c, s in zip(FACES, shade, strict=True)]
-        solid.set_facecolor(colors)
         arrow.set_data_3d(*np.outer([0.0, 1.15], toward[i]).T)
         tip.set_data_3d(*(1.15 * toward[i])[:, None])
 

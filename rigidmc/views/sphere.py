@@ -10,6 +10,9 @@ from scipy.ndimage import uniform_filter
 BINS, SMOOTH = 120, 3
 
 
+Curve = NDArray[np.float64]  # (n, 3)
+
+
 def central_axis(moments: NDArray[np.float64]) -> int:
     """The axis (0 to 2) of the middle moment; if two moments are equal, of the third."""
     low, middle, high = map(int, np.argsort(moments, kind="stable"))
@@ -41,6 +44,43 @@ def polhodes(
             curves[:, m, k] = np.sqrt(rho2) * np.cos(phi)
             curves[:, a, k] = np.sqrt(rho2) * np.sin(phi)
     return curves
+
+
+def family(moments: NDArray[np.float64]) -> tuple[list[Curve], list[Curve]]:
+    """(curves, separatrices) on the unit sphere, each (n, 3): the polhodes of one body at eight or
+    sixteen energies, and the great circles 2 T I_mid = L^2 of an asymmetric body.
+
+    The momentum of a symmetric body circles its axis; that of a spherical one stays where it is.
+    """
+    low, middle, high = map(int, np.argsort(moments, kind="stable"))
+    axes, turn = np.eye(3), np.linspace(0.0, 2.0 * np.pi, 361)[:, None]
+    if moments[low] == moments[high]:
+        return [], []
+    if not moments[low] < moments[middle] < moments[high]:
+        axis = high if moments[low] == moments[middle] else low
+        one, two = np.delete(axes, axis, axis=0)
+        across = np.cos(turn) * one + np.sin(turn) * two
+        angles = np.radians(np.arange(20, 161, 20))
+        return [np.cos(angle) * axes[axis] + np.sin(angle) * across for angle in angles], []
+    angles = np.radians([18, 36, 54, 72])
+    # starts on the great circles from the ends of the outer axes to the middle one
+    starts = [
+        side * np.cos(angle) * axes[pole] + np.sin(angle) * axes[middle]
+        for pole in (low, high)
+        for side in (-1.0, 1.0)
+        for angle in angles
+    ]
+    many = np.repeat(moments[:, None], len(starts), axis=1)
+    curves = polhodes(np.array(starts).T, many, 361).transpose(2, 0, 1)
+    slope = np.sqrt(
+        (1.0 / moments[middle] - 1.0 / moments[high]) / (1.0 / moments[low] - 1.0 / moments[middle])
+    )
+    separatrices = []
+    for side in (-1.0, 1.0):
+        across = side * slope * axes[low] + axes[high]
+        across /= np.linalg.norm(across)
+        separatrices.append(np.cos(turn) * axes[middle] + np.sin(turn) * across)
+    return list(curves), separatrices
 
 
 def lambert(

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.mechanics.free_top import free_motion, free_top
 from rigidmc.views.figure import GREY, HALO, INK, LIGHT, PATH, figure_of, new_figure
+from rigidmc.views.sphere import family
 
 VIEW = np.array([0.80, 0.45, 0.40])  # towards the reader; along an axis a sphere would look flat
 CIRCLE = np.linspace(0.0, 2.0 * np.pi, 361)
@@ -67,11 +68,12 @@ def polhodes(moments: ArrayLike, momentum: ArrayLike, axes: Axes | None = None) 
     axes = axes if axes is not None else new_figure("", (5.2, 5.4)).add_subplot()
     moments, momentum = np.asarray(moments, dtype=float), np.asarray(momentum, dtype=float)
     draw_sphere(axes, ("1", "2", "3"))
-    low, middle, high = np.argsort(moments, kind="stable")
-    if moments[low] < moments[middle] < moments[high]:
-        _asymmetric(axes, moments, low, middle, high)
-    else:
-        _symmetric(axes, moments, low, middle, high)
+    curves, separatrices = family(moments)
+    for curve in curves:
+        draw_curve(axes, curve, color=LIGHT, linewidth=0.9)
+    for k, curve in enumerate(separatrices):
+        label = None if k else "separatrix"
+        draw_curve(axes, curve, label=label, color=INK, linewidth=1.6)
     size = np.linalg.norm(momentum)
     if size > 0.0:
         _this_body(axes, moments, momentum / size)
@@ -80,39 +82,6 @@ def polhodes(moments: ArrayLike, momentum: ArrayLike, axes: Axes | None = None) 
     title = f"Momentum sphere in body axes, I = ({values}) kg m²"
     axes.set_title(f"{title}\n{free_motion(moments, momentum).kind}", fontsize=10)
     return figure_of(axes)
-
-
-def _asymmetric(axes: Axes, moments: Vectors, low: int, middle: int, high: int) -> None:
-    """Polhodes of other energies and the separatrix; low, middle, high : axes by moment."""
-    mid = np.eye(3)[middle]
-    for pole in (low, high):
-        for angle in np.radians([18, 36, 54, 72]):
-            for side in (-1.0, 1.0):
-                # a start on the great circle from the pole to the middle axis
-                start = side * np.cos(angle) * np.eye(3)[pole] + np.sin(angle) * mid
-                draw_curve(axes, _polhode(moments, start), color=LIGHT, linewidth=0.9)
-    slope = np.sqrt(
-        (1.0 / moments[middle] - 1.0 / moments[high]) / (1.0 / moments[low] - 1.0 / moments[middle])
-    )
-    turn = CIRCLE[:, None]
-    for side in (-1.0, 1.0):
-        across = side * slope * np.eye(3)[low] + np.eye(3)[high]
-        circle = np.cos(turn) * mid + np.sin(turn) * across / np.linalg.norm(across)
-        label = "separatrix" if side > 0 else None
-        draw_curve(axes, circle, label=label, color=INK, linewidth=1.6)
-
-
-def _symmetric(axes: Axes, moments: Vectors, low: int, middle: int, high: int) -> None:
-    """The polhodes of a symmetric body: circles about its axis; none for a sphere."""
-    if moments[low] == moments[high]:
-        return
-    axis = high if moments[low] == moments[middle] else low
-    one, two = np.delete(np.eye(3), axis, axis=0)
-    turn = CIRCLE[:, None]
-    for angle in np.radians([20, 40, 60, 80, 100, 120, 140, 160]):
-        across = np.cos(turn) * one + np.sin(turn) * two
-        circle = np.cos(angle) * np.eye(3)[axis] + np.sin(angle) * across
-        draw_curve(axes, circle, color=LIGHT, linewidth=0.9)
 
 
 def _this_body(axes: Axes, moments: Vectors, u: Vectors) -> None:

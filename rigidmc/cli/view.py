@@ -1,0 +1,90 @@
+"""rigidmc view: a result, a scene or a map as one HTML page that needs nothing else."""
+
+import os
+import webbrowser
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rigidmc.cli.common import about, app, load_scene, opened, reported, written
+from rigidmc.cli.options import AllowCode, Force, time_option
+from rigidmc.cli.panels import LOOK
+from rigidmc.errors import OptionError
+from rigidmc.files.outputs import refuse_existing
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+MEMBERS = 500  # of a scene that is run for its page
+
+Source = Annotated[
+    str,
+    typer.Argument(
+        metavar="FILE|RUN|SCENE", help="A result (.nc), a run directory, a map, or a scene."
+    ),
+]
+Shown = Annotated[
+    str | None,
+    typer.Option(
+        "--members", metavar="LIST", help="Members to show, e.g. 0,7,42; by default four."
+    ),
+]
+Page = Annotated[
+    str | None,
+    typer.Option(
+        "-o", "--output", metavar="FILE", help="Page to write (.html); by default TITLE.html."
+    ),
+]
+Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
+
+
+@app.command(rich_help_panel=LOOK)
+def view(
+    source: Source,
+    members: Shown = None,
+    output: Page = None,
+    until: Annotated[
+        float | None, time_option("--until", help="End of the motion that is shown.")
+    ] = None,
+    show: Open = False,
+    force: Force = False,
+    allow_code: AllowCode = False,
+) -> None:
+    """Write one HTML page in which members turn in space beside their momentum spheres, with a
+    slider, omega, Euler angles and drifts. The page works without a network."""
+    with reported(), about(source):
+        chosen = _indices(members)
+        dataset = _result(source, allow_code)
+        name = output or f"{dataset.attrs.get('title', 'rigidmc').replace(os.sep, '_')}.html"
+        refuse_existing(name, force, "pages")
+        from rigidmc.views.viewer.page import view as page_of
+
+        page_of(dataset, name, chosen, until, force, allow_code)
+        dataset.close()
+        print(*written([name]))
+        if show:
+            webbrowser.open(Path(name).absolute().as_uri())
+
+
+def _indices(text: str | None) -> list[int] | None:
+    """The indices in a list such as 0,7,42; OptionError."""
+    if text is None:
+        return None
+    try:
+        return [int(word) for word in text.split(",")]
+    except ValueError:
+        rule = "expected indices separated by commas, e.g. 0,7,42"
+        raise OptionError("", "--members", text, rule) from None
+
+
+def _result(source: str, allow_code: bool) -> "xr.Dataset":
+    """A result, or that of a scene whose first MEMBERS members are run now."""
+    directory = os.path.isdir(source)
+    if directory or source.lower().endswith(".nc"):
+        return opened(source, allow_code)
+    from rigidmc.runs.simulate import simulate
+
+    scene = load_scene(source, (), allow_code)
+    few = min(scene.run.members, MEMBERS)
+    return simulate(scene.with_run(members=few, save=("momentum",), keep="full"), progress=True)

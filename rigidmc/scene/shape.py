@@ -1,0 +1,197 @@
+"""The shape of a body: the solids that pictures draw. No motion depends on it."""
+
+import inspect
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rigidmc.errors import SceneError, unknown
+from rigidmc.mechanics import rotation
+from rigidmc.mechanics.solids import COMPONENTS, SOLIDS
+
+ORIGIN, UPRIGHT = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
+MOST_CORNERS = 2000  # of a mesh; what a result keeps of it is about 60 kB
+MOST_PARTS = 200
+
+
+class Part(NamedTuple):
+    """One solid of a shape, placed in the described axes of its body.
+
+    solid : a name in `rigidmc.mechanics.solids.SOLIDS`, "particles" or "mesh"
+    sizes : {name: number or tuple of numbers} [m], as its maker takes them but without mass
+    at, turned : its origin [m] and its attitude in the described axes
+    hole : whether it is cut out
+    """
+
+    solid: str
+    sizes: dict[str, Any]
+    at: tuple[float, ...] = ORIGIN
+    turned: tuple[float, ...] = UPRIGHT
+    hole: bool = False
+
+    def placed(self, at: ArrayLike, turned: ArrayLike = UPRIGHT) -> "Part":
+        """The part after its body was turned about the origin, then moved."""
+        origin = rotation.to_space(turned, np.array(self.at)) + np.asarray(at, dtype=float)
+        attitude = rotation.product(turned, self.turned)
+        return self._replace(at=tuple(origin.tolist()), turned=tuple(attitude.tolist()))
+
+    def as_table(self) -> dict[str, Any]:
+        """The part as a table of a scene file, without what is as by default."""
+        table: dict[str, Any] = {"solid": self.solid}
+        table |= {key: _listed(value) for key, value in self.sizes.items()}
+        for key in ("at", "turned", "hole"):
+            value = getattr(self, key)
+            if value != self._field_defaults[key]:
+                table[key] = _listed(value)
+        return table
+
+
+Shape = tuple[Part, ...]
+
+
+def sizes_of(solid: str) -> tuple[str, ...]:
+    """The sizes that a part of this name has; SceneError for an unknown name."""
+    if solid == "particles":
+        return ("masses", "positions")
+    if solid == "mesh":
+        return ("corners", "faces")
+    if solid not in SOLIDS:
+        raise unknown("body.shape", "solid", solid, "solid", (*SOLIDS, "particles", "mesh"))
+    names = inspect.signature(SOLIDS[solid]).parameters
+    return tuple(name for name in names if name not in ("mass", "density"))
+
+
+def shape_of(tables: Any) -> Shape:
+    """The shape in the tables [[body.shape]] of a scene file.
+
+    Raises SceneError for a solid or a size that does not exist, and for sizes that are no positive
+    numbers.
+    """
+    tables = [tables] if isinstance(tables, dict) else tables
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+        raise SceneError("body", "shape", None, "expected tables [[body.shape]]")
+    if len(tables) > MOST_PARTS:
+        raise SceneError("body", "shape", None, f"has more than {MOST_PARTS} parts")
+    return tuple(map(_part_of, tables))
+
+
+def _part_of(table: dict[str, Any]) -> Part:
+    where = "body.shape"
+    if not isinstance(table.get("solid"), str):
+        rule = 'each part names its solid, e.g. solid = "cylinder"'
+        raise SceneError(where, "solid", table.get("solid"), rule)
+    solid = table["solid"]
+    wanted = sizes_of(solid)
+    for key in table:
+        if key not in ("solid", "at", "turned", "hole", *wanted):
+            raise unknown(where, key, None, "key", (*wanted, "at", "turned", "hole"))
+    for key in wanted:
+        if key not in table:
+            raise SceneError(where, key, None, f"is missing: a {solid} has {', '.join(wanted)}")
+    hole = table.get("hole", False)
+    if not isinstance(hole, bool):
+        raise SceneError(where, "hole", hole, "expected true or false")
+    sizes = {key: _size(solid, key, table[key]) for key in wanted}
+    if solid == "mesh" and not 0 <= np.min(sizes["faces"]) <= np.max(sizes["faces"]) < len(
+        sizes["corners"]
+    ):
+        raise SceneError(where, "faces", None, "name corners that there are not")
+    if solid == "particles" and len(sizes["masses"]) != len(sizes["positions"]):
+        raise SceneError(where, "positions", None, "expected one for each of the masses")
+    at = _numbers("at", table.get("at", ORIGIN), (3,))
+    turned = rotation.quaternion(_numbers("turned", table.get("turned", UPRIGHT), (4,)))
+    return Part(solid, sizes, tuple(at.tolist()), tuple(turned.tolist()), hole)
+
+
+def _size(solid: str, key: str, value: Any) -> Any:
+    """A size as a number or as tuples of numbers, checked."""
+    if solid in ("particles", "mesh"):
+        columns = () if key == "masses" else (3,)
+        array = _numbers(key, value, (np.shape(value)[:1] or (1,)) + columns)
+        if key == "faces" and not (array == np.floor(array)).all():
+            raise SceneError("body.shape", key, None, "expected numbers of corners")
+        return _tuples(array.astype(int) if key == "faces" else array)
+    count = COMPONENTS.get((solid, key))
+    array = _numbers(key, value, () if count is None else (count,))
+    if not (array > 0.0).all():
+        raise SceneError("body.shape", key, value, "must be positive")
+    return _tuples(array)
+
+
+def _numbers(key: str, value: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Finite numbers of some shape; SceneError."""
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        array = np.array(np.nan)
+    if array.shape != shape or not np.isfinite(array).all():
+        words = f"finite numbers, {' x '.join(map(str, shape))}" if shape else "a finite number"
+        raise SceneError("body.shape", key, value if array.size < 20 else None, f"expected {words}")
+    return array
+
+
+def of_mesh(triangles: NDArray[np.float64]) -> Part:
+    """The part of a closed mesh, triangles (n, 3, 3) [m], with at most about MOST_CORNERS corners.
+
+    Corners in one cell of a lattice become one, at their mean; numbers keep five digits.
+    """
+    corners = triangles.reshape(-1, 3)
+    low, size = corners.min(0), np.ptp(corners, axis=0).max()
+    cells = 256
+    while True:
+        lattice = np.round((corners - low) / size * cells).astype(np.int64)
+        _, index = np.unique(lattice, axis=0, return_inverse=True)
+        index = index.ravel()
+        count = int(index.max()) + 1
+        if count <= MOST_CORNERS:
+            break
+        cells = cells * 3 // 4
+    weight = np.bincount(index, minlength=count)
+    means = np.stack([np.bincount(index, x, count) / weight for x in corners.T], -1)
+    digits = 5 - int(np.ceil(np.log10(size)))
+    faces = index.reshape(-1, 3)
+    a, b, c = faces.T
+    faces = np.unique(faces[(a != b) & (b != c) & (c != a)], axis=0)
+    return Part("mesh", {"corners": _tuples(means.round(digits)), "faces": _tuples(faces)})
+
+
+def of_particles(masses: NDArray[np.float64], positions: NDArray[np.float64]) -> Shape:
+    """The shape of particles with masses (N,) at positions (N, 3); none of too many."""
+    if masses.size > MOST_CORNERS:
+        return ()
+    return (Part("particles", {"masses": _tuples(masses), "positions": _tuples(positions)}),)
+
+
+def of_region(region: Any) -> Shape:
+    """The shape of a region of `Body.from_density`: of a box or a cylinder, otherwise none."""
+    if region[0] == "box":
+        low, high = np.array(region[1:], dtype=float).T
+        size, at = _tuples(high - low), _tuples(0.5 * (high + low))
+        return (Part("box", {"size": size}, at),)
+    if region[0] == "cylinder":
+        _, radius, (low, high) = region
+        sizes = {"radius": float(radius), "height": float(high - low)}
+        return (Part("cylinder", sizes, (0.0, 0.0, 0.5 * float(high + low))),)
+    return ()
+
+
+def joined(one: Shape, other: Iterable[Part], hole: bool) -> Shape:
+    """Both shapes as one, the other placed already; none if one of them is not known."""
+    parts = tuple(part._replace(hole=part.hole != hole) for part in other)
+    return (*one, *parts) if one and parts else ()
+
+
+def _tuples(array: NDArray[Any]) -> Any:
+    """An array as a number or as tuples of numbers."""
+
+    def tuples(value: Any) -> Any:
+        return tuple(map(tuples, value)) if isinstance(value, list) else value
+
+    return tuples(array.tolist())
+
+
+def _listed(value: Any) -> Any:
+    """Tuples as lists, as TOML has them."""
+    return [_listed(one) for one in value] if isinstance(value, Sequence) else value

@@ -1,0 +1,221 @@
+"""Surfaces of bodies as triangles, for animations and the viewer."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from rigidmc.mechanics import inertia, rotation
+from rigidmc.scene.mass_distribution import MassDistribution
+from rigidmc.scene.shape import Part
+
+# light and dark of what faces along axes 1, 2 and 3 of a box; quarters of the sides (SIDE) and of
+# the caps (CAP) of a body of revolution alternate, so that its spin is seen
+TONES = ("#9ecae1", "#2f6fa8", "#fdae6b", "#b5651d", "#d9d9d9", "#7a7a7a", "#1a1a1a")
+SIDE, CAP, HOLE = 0, 4, 6
+AROUND = 48  # corners of a circle, a multiple of 4
+THIN = 0.03  # thickness of what has none, of its radius or longest edge
+
+Floats = NDArray[np.float64]
+
+
+class Surface(NamedTuple):
+    """Triangles wound to face outward.
+
+    corners (n, 3) [m];  faces (m, 3) : indices of corners;  tones (m,) : indices of TONES
+    """
+
+    corners: Floats
+    faces: NDArray[np.int_]
+    tones: NDArray[np.int_]
+
+
+def body_surface(ds: xr.Dataset, body: MassDistribution) -> Surface:
+    """The surface of the first member of a result, in its principal axes.
+
+    The shape of the body, if it has one; otherwise the ellipsoid of uniform density with the
+    member's mass, centre of mass and moments.
+    """
+    surface, form = surface_of(body), form_of(ds, body)
+    return surface._replace(corners=surface.corners @ form[:, :3].T + form[:, 3])
+
+
+def surface_of(body: MassDistribution) -> Surface:
+    """The shape of a body in its principal axes; the unit ball if it has none."""
+    if not body.shape:
+        return ball(1.0)
+    whole = _united([_part_surface(part) for part in body.shape])
+    return whole._replace(corners=body.to_principal(whole.corners))
+
+
+def form_of(ds: xr.Dataset, body: MassDistribution) -> Floats:
+    """The (3, 4) by which the first member's body is made of `surface_of`: x -> F x + shift.
+
+    For a body without shape the unit ball becomes its ellipsoid.
+    """
+    if body.shape:
+        return np.eye(3, 4)
+    return _ellipsoid(*member_body(ds, body))
+
+
+def member_body(ds: xr.Dataset, body: MassDistribution) -> tuple[Floats, float, Floats]:
+    """(moments (3,), mass, centre of mass (3,) in principal axes) of the first member."""
+    one = ds.isel(member=0)
+    moments = np.asarray(one.moments.values, dtype=float)
+    mass = one.mass.item() if "mass" in one else body.mass
+    centre = one.centre.values if "centre" in one else body.to_principal(body.centre)
+    return moments, float(mass), np.asarray(centre, dtype=float)
+
+
+def _ellipsoid(moments: Floats, mass: float, centre: Floats) -> Floats:
+    """The form (3, 4) of the uniform ellipsoid with some moments about the origin.
+
+    a_i^2 = 5 (I_j + I_k - I_i)/(2 M) with its principal moments about its centre.
+    """
+    own, axes = np.linalg.eigh(inertia.about_centre(np.diag(moments), mass, centre))
+    squares = 2.5 * (own.sum() - 2.0 * own) / mass
+    semiaxes = np.sqrt(np.maximum(squares, 0.0))
+    semiaxes = np.maximum(semiaxes, THIN * semiaxes.max())
+    # symmetric: so the tones of the ball keep their axes
+    return np.column_stack([(axes * semiaxes) @ axes.T, centre])
+
+
+def _part_surface(part: Part) -> Surface:
+    """The surface of a part in the described axes of its body."""
+    own = _MAKERS[part.solid](**part.sizes)
+    tones = np.full_like(own.tones, HOLE) if part.hole else own.tones
+    size = 1.002 if part.hole else 1.0  # the mouth of a hole lies on the surface: in front of it
+    corners = rotation.to_space(part.turned, size * own.corners) + np.array(part.at)
+    return Surface(corners, own.faces, tones)
+
+
+def _united(parts: list[Surface]) -> Surface:
+    """Several surfaces as one."""
+    start = np.cumsum([0, *(len(part.corners) for part in parts)])
+    faces = [part.faces + at for part, at in zip(parts, start[:-1], strict=True)]
+    return Surface(
+        np.concatenate([part.corners for part in parts]),
+        np.concatenate(faces),
+        np.concatenate([part.tones for part in parts]),
+    )
+
+
+def revolved(*outline: tuple[float, float], around: int = AROUND) -> Surface:
+    """The surface of revolution about axis 3 of an outline of points (r, z), up its outer side.
+
+    around : corners of a circle, a multiple of 4
+    """
+    radius, height = np.array(outline).T
+    turn = 2.0 * np.pi * np.arange(around) / around
+    corners = np.stack(
+        [
+            np.multiply.outer(radius, np.cos(turn)),
+            np.multiply.outer(radius, np.sin(turn)),
+            np.multiply.outer(height, np.ones(around)),
+        ],
+        -1,
+    ).reshape(-1, 3)
+    band, k = np.meshgrid(np.arange(len(outline) - 1), np.arange(around), indexing="ij")
+    one, two = band * around + k, band * around + (k + 1) % around
+    three, four = two + around, one + around
+    cap = np.abs(np.diff(height)) < np.abs(np.diff(radius))
+    tone = np.where(cap[:, None], CAP, SIDE) + 4 * k // around % 2
+    pairs = [(np.stack([one, two, three], -1), tone), (np.stack([one, three, four], -1), tone)]
+    faces = np.concatenate([face.reshape(-1, 3) for face, _ in pairs])
+    tones = np.concatenate([tone.ravel() for _, tone in pairs])
+    a, b, c = corners[faces].transpose(1, 0, 2)
+    whole = (a != b).any(-1) & (b != c).any(-1) & (c != a).any(-1)  # not those at the poles
+    return Surface(corners, faces[whole], tones[whole])
+
+
+def _box(size: tuple[float, float, float]) -> Surface:
+    corners, faces, tones = list[Floats](), list[tuple[int, ...]](), list[int]()
+    for axis in range(3):
+        j, k = (axis + 1) % 3, (axis + 2) % 3
+        for end in (1.0, -1.0):
+            square = np.zeros((4, 3))
+            square[:, axis] = end
+            square[:, j] = np.array([1.0, 1.0, -1.0, -1.0]) * end
+            square[:, k] = [-1.0, 1.0, 1.0, -1.0]
+            at = len(corners) * 4
+            corners.append(0.5 * square * np.array(size))
+            faces += [(at, at + 1, at + 2), (at, at + 2, at + 3)]
+            tones += [2 * axis + (end < 0.0)] * 2
+    return Surface(np.concatenate(corners), np.array(faces), np.array(tones))
+
+
+def ball(radius: float, around: int = AROUND) -> Surface:
+    angle = np.linspace(-0.5 * np.pi, 0.5 * np.pi, around // 2 + 1)
+    across = radius * np.cos(angle)
+    across[[0, -1]] = 0.0  # cos(pi/2) is 6e-17
+    outline = zip(across, radius * np.sin(angle), strict=True)
+    surface = revolved(*outline, around=around)
+    return surface._replace(tones=SIDE + surface.tones % 2)
+
+
+def _cylinder(radius: float, height: float) -> Surface:
+    half = 0.5 * height
+    return revolved((0.0, -half), (radius, -half), (radius, half), (0.0, half))
+
+
+def _hollow_cylinder(inner: float, outer: float, height: float) -> Surface:
+    half = 0.5 * height
+    return revolved((inner, -half), (outer, -half), (outer, half), (inner, half), (inner, -half))
+
+
+def _stretched(semiaxes: tuple[float, float, float]) -> Surface:
+    sphere = ball(1.0)
+    return sphere._replace(corners=sphere.corners * np.array(semiaxes))
+
+
+def _t_handle(radius: float, bar: float, stem: float) -> Surface:
+    """A bar along axis 1 with a stem along +3 from its middle, about their centre of mass."""
+    top = 0.5 * stem * stem / (bar + stem)
+    upright = _cylinder(radius, stem)
+    lying = _cylinder(radius, bar)
+    return _united(
+        [
+            lying._replace(corners=lying.corners[:, [2, 0, 1]] + np.array([0.0, 0.0, -top])),
+            upright._replace(corners=upright.corners + np.array([0.0, 0.0, 0.5 * stem - top])),
+        ]
+    )
+
+
+def _particles(masses: tuple[float, ...], positions: tuple[tuple[float, ...], ...]) -> Surface:
+    """Balls whose volume is as their mass, the largest of a tenth of the body's size."""
+    m, x = np.array(masses), np.array(positions)
+    largest = 0.1 * max(np.linalg.norm(x, axis=1).max(), 1e-300)
+    radii = largest * np.cbrt(m / m.max())
+    around = AROUND if m.size <= 20 else 12 if m.size <= 300 else 4
+    parts = [ball(r, around) for r in radii]
+    return _united(
+        [part._replace(corners=part.corners + at) for part, at in zip(parts, x, strict=True)]
+    )
+
+
+def _mesh(corners: tuple[tuple[float, ...], ...], faces: tuple[tuple[int, ...], ...]) -> Surface:
+    points, triangles = np.array(corners), np.array(faces)
+    x, y, _ = points[triangles].mean(1).T
+    return Surface(points, triangles, SIDE + (x * y > 0.0).astype(int))
+
+
+_MAKERS: dict[str, Callable[..., Surface]] = {
+    "box": _box,
+    "ball": ball,
+    "shell": ball,
+    "cylinder": _cylinder,
+    "hollow_cylinder": _hollow_cylinder,
+    "cone": lambda radius, height: revolved((0.0, 0.0), (radius, height), (0.0, height)),
+    "ellipsoid": _stretched,
+    "rod": lambda length, radius: _cylinder(radius, length),
+    "plate": lambda size: _box((*size, THIN * max(size))),
+    "disc": lambda radius: _cylinder(radius, THIN * radius),
+    "ring": lambda radius: _hollow_cylinder(
+        (1.0 - THIN) * radius, (1.0 + THIN) * radius, 2.0 * THIN * radius
+    ),
+    "t_handle": _t_handle,
+    "particles": _particles,
+    "mesh": _mesh,
+}

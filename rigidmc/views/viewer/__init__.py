@@ -1,0 +1,1 @@
+"""A result as one HTML page in which its members turn: `rigidmc view`, `ds.rigid.view()`."""

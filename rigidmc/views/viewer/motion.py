@@ -1,0 +1,113 @@
+"""What the page knows of a member: its body, and its attitude and momentum at evenly spaced times;
+its drifts; and of the ensemble: how dense the directions of its momenta are."""
+
+import base64
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from rigidmc.engine.layout import STATUSES
+from rigidmc.runs.rerun import rerun
+from rigidmc.scene.mass_distribution import MassDistribution
+from rigidmc.views.sample import sample, vectors
+from rigidmc.views.surfaces import form_of, member_body, surface_of
+
+TURN = 0.2  # rad between two frames: halfway there a chord is off by 5e-3 of the arc's radius, and
+# the page, which turns along the arc, by 1e-5
+FEWEST, MOST = 300, 4000  # frames of a member
+POINTS = 1000  # of a drift
+DENSITIES, MEMBERS = 60, 2000  # times and members of the density
+WIDTH = 0.12  # rad: standard deviation by which a direction is spread in the density
+
+Floats = NDArray[np.float64]
+
+
+def encoded(values: ArrayLike) -> dict[str, Any]:
+    """Numbers as base64 of little-endian float32, with their shape."""
+    array = np.ascontiguousarray(values, dtype="<f4")
+    return {"shape": array.shape, "f4": base64.b64encode(array.tobytes()).decode()}
+
+
+def short(values: ArrayLike) -> dict[str, Any]:
+    """Numbers from -1 to 1 as base64 of 16 bits each: to 1.5e-5."""
+    array = np.round(np.asarray(values) * 32767.0).astype("<i2")
+    return {"shape": array.shape, "i2": base64.b64encode(array.tobytes()).decode()}
+
+
+def reach(start: xr.Dataset, end: float, most: int = MOST) -> tuple[int, float, float]:
+    """(frames, time that they reach, rate) of the first member of a result or of its start.
+
+    rate : the fastest that its first momentum could turn it [rad/s], |L| over its least moment
+    """
+    l, _ = vectors(start, "momentum")
+    rate = float(np.linalg.norm(l[0, :, 0]) / start.moments.values.min())
+    count = int(np.clip(np.ceil(rate * end / TURN), min(FEWEST, most), most))
+    return count, min(end, count * 2.5 * TURN / rate) if rate > 0.0 else end, rate
+
+
+def motion(shown: xr.Dataset, body: MassDistribution) -> dict[str, Any]:
+    """What the page knows of the frames of a member; its body has a largest distance of 1."""
+    l = shown.momentum.transpose("time", "axis", "member").values[..., 0]
+    q = shown.attitude.transpose("time", "quat", "member").values[..., 0]
+    size = np.linalg.norm(l, axis=1)
+    largest = max(size.max(), 1e-300)
+    form = form_of(shown, body)
+    corners = surface_of(body).corners @ form[:, :3].T + form[:, 3]
+    scale = 1.0 / np.linalg.norm(corners, axis=1).max()
+    return {
+        "index": int(shown.member.values[0]),
+        "end": float(shown.time.values[-1]),
+        "steps": shown.attrs["frames"],
+        "moments": shown.moments.values[:, 0].tolist(),
+        "largest": largest,
+        "form": (scale * form).ravel().tolist(),
+        "centre": (scale * member_body(shown, body)[2]).tolist(),
+        "q": short(_continuous(q)),
+        "u": short(l / np.where(size > 0.0, size, 1.0)[:, None]),
+        "size": short(size / largest),
+    }
+
+
+def status_of(ds: xr.Dataset, member: int) -> str:
+    """The word for the status of a member."""
+    code = int(ds.status.sel(member=member))
+    return next(word for word, known in STATUSES.items() if known == code)
+
+
+def _continuous(q: Floats) -> Floats:
+    """Quaternions (times, 4) whose signs do not jump."""
+    flips = np.sign(np.einsum("ti,ti->t", q[1:], q[:-1]))
+    return q * np.cumprod(np.concatenate([[1.0], np.where(flips < 0.0, -1.0, 1.0)]))[:, None]
+
+
+def drifts(ds: xr.Dataset, member: int, end: float, allow_code: bool) -> dict[str, Any]:
+    """Drifts of energy and |L|^2 of a member at the saves of the run itself."""
+    run = rerun(ds, member, save=("energy_drift", "l2_drift"), allow_code=allow_code)
+    run = run.isel(time=run.time.values <= end * (1.0 + 1e-9))
+    run = run.isel(time=slice(None, None, -(-run.sizes["time"] // POINTS)))
+    found = {name: encoded(run[name].values[:, 0]) for name in ("energy_drift", "l2_drift")}
+    kept = {name: run[name].attrs.get("conserved", "") for name in found}
+    return {"t": encoded(run.time.values), **found, "conserved": kept}
+
+
+def density(ds: xr.Dataset, corners: Floats) -> dict[str, Any]:
+    """How dense the directions of the members' momenta are at corners (n, 3) of the unit sphere, at
+    up to DENSITIES times: bytes (times, n), 255 at the densest."""
+    part = sample(ds)
+    l, _ = vectors(part, "momentum")
+    every, stride = -(-len(l) // DENSITIES), -(-l.shape[-1] // MEMBERS)
+    l = l[::every, :, ::stride]
+    times = part.time.values[::every] if len(l) > 1 else np.zeros(1)
+    size = np.linalg.norm(l, axis=1, keepdims=True)
+    u = np.where(size > 0.0, l / np.where(size > 0.0, size, 1.0), 0.0)
+    dense = np.empty((len(u), len(corners)))
+    for k, directions in enumerate(u):
+        dense[k] = np.exp((corners @ directions - 1.0) / WIDTH**2).sum(1)
+    shown = np.round(255.0 * np.sqrt(dense / max(dense.max(), 1e-300))).astype(np.uint8)
+    return {
+        "t": encoded(times),
+        "members": int(u.shape[-1]),
+        "bytes": base64.b64encode(shown.tobytes()).decode(),
+    }

@@ -1,0 +1,167 @@
+"""The page as one file: what K3D draws, numbers, style and script, with nothing from elsewhere."""
+
+import base64
+import html
+import json
+import warnings
+from collections.abc import Sequence
+from importlib.resources import files
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from rigidmc.errors import FileError, OptionError, SceneWarning
+from rigidmc.files.outputs import refuse_existing, write_bytes
+from rigidmc.runs.frames import frames
+from rigidmc.scene.scene import Scene, scene_of
+from rigidmc.views.sample import vectors
+from rigidmc.views.surfaces import ball, surface_of
+from rigidmc.views.viewer.motion import density, drifts, motion, reach, status_of
+
+SHOWN, MOST = 4, 12  # members of a page by default, and at most
+
+
+def view(
+    ds: xr.Dataset,
+    output: str | PathLike[str] | None = None,
+    members: Sequence[int] | None = None,
+    until: float | None = None,
+    force: bool = False,
+    allow_code: bool = False,
+) -> "Page":
+    """A result as a page: members turn in space beside their momentum spheres, with omega, Euler
+    angles and drifts against time, and the density of the ensemble.
+
+    members : indices; by default SHOWN of them, evenly spaced, and the first that is flagged
+    until : end of the motion that is shown [s]; by default that of the run, or as far as 4,000
+        frames reach
+    output : HTML file to write; force : replace it if it exists
+
+    The members are integrated again, see `rigidmc.runs.frames`. Raises OptionError for members that
+    the result does not have, FileError without k3d, OutputExists.
+    """
+    if output is not None:
+        refuse_existing(output, force, "pages")
+    try:
+        import k3d  # noqa: F401
+    except ImportError as error:
+        rule = f"pages are drawn by k3d: pip install 'rigidmc[view]' ({error})"
+        raise FileError("", "view", None, rule) from None
+    chosen = _chosen(ds, members)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SceneWarning)  # the run has told them
+        page = Page(_written(ds, chosen, until, allow_code))
+    if output is not None:
+        write_bytes(output, page.text.encode(), force)
+    return page
+
+
+class Page:
+    """A page: its text, and how a notebook shows it."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+
+    def _repr_html_(self) -> str:
+        inside = html.escape(self.text, quote=True)
+        return f'<iframe srcdoc="{inside}" style="width:100%;height:780px;border:0"></iframe>'
+
+
+def _chosen(ds: xr.Dataset, members: Sequence[int] | None) -> list[int]:
+    """Indices of the members shown; OptionError."""
+    known, status = ds.member.values, ds.status.values
+    started = known[status != 2]  # one that never started has no motion
+    if members is None:
+        if not started.size:
+            raise OptionError("", "members", None, "no member of the result has started")
+        even = started[np.unique(np.linspace(0, started.size - 1, SHOWN).round().astype(int))]
+        flagged = known[(status != 0) & (status != 2)][:1]
+        return sorted({*even.tolist(), *flagged.tolist()})
+    if not 1 <= len(members) <= MOST:
+        raise OptionError("", "members", len(members), f"a page shows 1 to {MOST} members")
+    for member in members:
+        if member not in known:
+            rule = f"the result has the members {known[0]} to {known[-1]}"
+            raise OptionError("", "members", member, rule)
+        if member not in started:
+            rule = "this member never started: it has no such body or start"
+            raise OptionError("", "members", member, rule)
+    return list(dict.fromkeys(members))
+
+
+def _written(ds: xr.Dataset, members: list[int], until: float | None, allow_code: bool) -> str:
+    """The text of the page."""
+    scene = scene_of(ds, allow_code=allow_code)
+    facts, bodies = [], list[list[float]]()
+    for member in members:
+        end = float(ds.time.values[-1]) if until is None else min(until, float(ds.time.values[-1]))
+        count, reached, rate = reach(ds.sel(member=[member]), end)
+        shown = frames(ds, member, count, allow_code, until=reached)
+        known = motion(shown, scene.body) | {"rate": rate, "status": status_of(ds, member)}
+        known["whole"] = known["end"] >= 0.999 * end
+        known["drift"] = drifts(ds, member, known["end"], allow_code)
+        if known["moments"] not in bodies:
+            bodies.append(known["moments"])
+        facts.append(known | {"family": bodies.index(known["moments"])})
+    crowd = ds.sizes["member"] > len(members)
+    return _filled(
+        ds.attrs.get("title", "rigidmc"),
+        _about(ds, scene),
+        {
+            "members": facts,
+            "quantity": "euler" if scene.effects else "omega",
+            "density": density(ds, ball(1.0).corners) if crowd else None,
+            "plots": _plots(
+                scene, bodies, vectors(ds.sel(member=members[:1]), "momentum")[0][0, :, 0]
+            ),
+        },
+    )
+
+
+def _plots(scene: Scene, bodies: list[list[float]], l: NDArray[np.float64]) -> dict[str, str]:
+    """The two K3D plots as base64.
+
+    bodies : moments whose polhodes are drawn;  l : the first momentum (3,)
+    """
+    from rigidmc.views.viewer.stage import body_plot, sphere_plot
+
+    plots = {
+        "body": body_plot(surface_of(scene.body), scene.effects),
+        "sphere": sphere_plot([np.array(moments) for moments in bodies], l),
+    }
+    return {
+        name: base64.b64encode(plot.get_binary_snapshot(9)).decode() for name, plot in plots.items()
+    }
+
+
+def _about(ds: xr.Dataset, scene: Scene) -> str:
+    """One line on the run."""
+    effects = ", ".join(type(effect).__name__ for effect in scene.effects) or "no torque"
+    return (
+        f"{ds.sizes['member']:,} members, {effects}, {ds.attrs['integrator']},"
+        f" t_end = {scene.run.t_end:g} s. {scene.summary}".rstrip()
+    )
+
+
+def _filled(title: str, about: str, data: dict[str, Any]) -> str:
+    """The template with everything in it."""
+    import k3d
+
+    own = files(__package__)
+    library = Path(k3d.__file__).parent / "static" / "standalone.js"
+    parts = {
+        "TITLE": html.escape(title),
+        "ABOUT": html.escape(about),
+        "STYLE": own.joinpath("viewer.css").read_text(encoding="utf-8"),
+        "LIBRARY": library.read_text(encoding="utf-8").replace("</script", "<\\/script"),
+        "DATA": json.dumps(data, separators=(",", ":")).replace("</", "<\\/"),
+        "SCRIPT": own.joinpath("viewer.js").read_text(encoding="utf-8"),
+    }
+    text = own.joinpath("viewer.html").read_text(encoding="utf-8")
+    # by pieces, because what is put in may hold a placeholder
+    pieces = text.split("@@")
+    return "".join(parts[piece] if k % 2 else piece for k, piece in enumerate(pieces))

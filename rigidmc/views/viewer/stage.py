@@ -1,0 +1,136 @@
+"""The two scenes of the page, as K3D plots: the body in space, and its momentum sphere.
+
+The page moves objects by their names; "0/polhode" belongs to the first of several bodies.
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import k3d
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rigidmc.effects.field import UniformField
+from rigidmc.effects.gravity import Gravity
+from rigidmc.effects.protocol import Effect
+from rigidmc.scene.quantities import is_shared
+from rigidmc.views.sphere import family
+from rigidmc.views.surfaces import TONES, Surface, ball, revolved
+from rigidmc.views.viewer.motion import MOST
+
+Floats = NDArray[np.float64]
+
+GREY, INK, PATH, PULL = 0xA8A8A8, 0x303030, 0xD94801, 0x2A9D6F
+AXES = (0x2171B5, 0xB5651D, 0x7A7A7A)  # of axes 1, 2, 3, as the tones of a box
+STICK = ((0.0, 0.0), (0.008, 0.0), (0.008, 1.0), (0.0, 1.0))
+ARROW = ((0.0, 0.0), (0.014, 0.0), (0.014, 0.86), (0.045, 0.86), (0.0, 1.0))
+POINTS = MOST + 1  # of the trace and the path
+
+
+def empty(eye: ArrayLike) -> Any:
+    """A plot without grid, menu and helpers, seen from `eye` (3,) with axis 3 upward."""
+    plot = k3d.plot(
+        camera_auto_fit=False,
+        grid_visible=False,
+        menu_visibility=False,
+        axes_helper=0,
+        camera_mode="orbit",
+        camera_fov=30.0,
+        logarithmic_depth_buffer=False,
+        antialias=1,
+    )
+    plot.camera = [*(1.7 * np.asarray(eye)), 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+    return plot
+
+
+def solid(surface: Surface, name: str) -> Any:
+    """A surface whose triangles have their own colours."""
+    tones = np.array([int(tone[1:], 16) for tone in TONES], dtype=np.uint32)
+    return k3d.mesh(
+        surface.corners[surface.faces].reshape(-1, 3).astype(np.float32),
+        np.arange(3 * len(surface.faces), dtype=np.uint32).reshape(-1, 3),
+        colors=np.repeat(tones[surface.tones], 3),
+        side="double",
+        name=name,
+    )
+
+
+def plain(surface: Surface, color: int, name: str) -> Any:
+    """A surface of one colour."""
+    return k3d.mesh(
+        surface.corners.astype(np.float32),
+        surface.faces.astype(np.uint32),
+        color=color,
+        name=name,
+    )
+
+
+def line(points: Floats, color: int, name: str) -> Any:
+    """A line of one pixel."""
+    return k3d.line(np.asarray(points, dtype=np.float32), shader="simple", color=color, name=name)
+
+
+def body_plot(surface: Surface, effects: Iterable[Effect]) -> Any:
+    """A body at the origin with its axes; the vertical, the momentum, and what pulls.
+
+    The page gives the body the form of a member, fills the trace of axis 3, and turns it all.
+    """
+    plot = empty((1.9, -2.6, 1.1))
+    plot += solid(surface, "body")
+    plot += plain(revolved(*STICK, around=12), INK, "stick")
+    for axis in range(3):
+        plot += line(np.outer([0.0, 1.2], np.eye(3)[axis]), AXES[axis], f"axis{axis + 1}")
+    plot += line(np.zeros((POINTS, 3)), PATH, "trace")
+    plot += plain(ball(0.025, 16), INK, "fixed point")
+    plot += line(np.array([[0.0, 0.0, -1.3], [0.0, 0.0, 1.3]]), GREY, "vertical")
+    plot += plain(revolved(*ARROW, around=16), PATH, "momentum")
+    for name, direction in _pulls(effects):
+        arrow = revolved(*ARROW, around=16)
+        corners = 0.5 * arrow.corners @ _along(direction).T + np.array([1.15, 0.0, 0.6])
+        plot += plain(arrow._replace(corners=corners), PULL, name)
+    return plot
+
+
+def _pulls(effects: Iterable[Effect]) -> Iterable[tuple[str, Floats]]:
+    """(name, direction) of gravity and of uniform fields."""
+    for effect in effects:
+        if isinstance(effect, Gravity):
+            yield "gravity", np.array([0.0, 0.0, -1.0])
+        elif isinstance(effect, UniformField) and is_shared(effect.field):
+            field = np.array(effect.field)
+            yield "field", field / np.linalg.norm(field)
+
+
+def _along(direction: Floats) -> Floats:
+    """A rotation (3, 3) that takes axis 3 to a direction (3,)."""
+    across = np.eye(3)[int(np.argmin(np.abs(direction)))]
+    one = np.cross(across, direction)
+    one /= np.linalg.norm(one)
+    return np.stack([one, np.cross(direction, one), direction], -1)
+
+
+def sphere_plot(moments: Sequence[Floats], start: Floats) -> Any:
+    """The momentum sphere in body axes, with polhodes and separatrices of some bodies, of which the
+    page shows one; the page fills the path of a member.
+
+    start : a direction (3,) in the octant from which the sphere is seen
+    """
+    plot = empty(np.copysign((2.3, 1.6, 1.4), start))
+    globe = ball(0.985)
+    plot += k3d.mesh(
+        globe.corners.astype(np.float32),
+        globe.faces.astype(np.uint32),
+        colors=np.full(len(globe.corners), 0xE8E8E8, dtype=np.uint32),
+        flat_shading=False,
+        name="globe",
+    )
+    for axis in range(3):
+        plot += line(np.outer([-1.25, 1.25], np.eye(3)[axis]), AXES[axis], f"axis{axis + 1}")
+    plot += line(np.zeros((POINTS, 3)), PATH, "path")
+    for k, body in enumerate(moments):
+        curves, separatrices = family(body)
+        for curve in curves:
+            plot += line(curve, GREY, f"{k}/polhode")
+        for curve in separatrices:
+            plot += line(curve, INK, f"{k}/separatrix")
+    return plot

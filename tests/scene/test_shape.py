@@ -1,0 +1,95 @@
+"""The shape of a body: kept by scenes, files and results; a mistake in it is named."""
+
+import numpy as np
+import pytest
+
+import rigidmc as rm
+from rigidmc.errors import SceneError
+from rigidmc.scene.scene import Scene, scene_of
+
+TOML = """
+[body]
+moments = [1.0, 2.0, 2.5]
+mass = 2.0
+centre = [0.0, 0.0, 0.3]
+{shape}
+[start]
+omega = [0.0, 0.0, 1.0]
+"""
+
+
+def load(shape):
+    return Scene.loads(TOML.format(shape=shape), "top.toml").body.shape
+
+
+def test_a_shape_is_declared_with_moments_and_comes_back():
+    (rod, ball) = load(
+        """
+        [[body.shape]]
+        solid = "rod"
+        length = 0.6
+        radius = 0.01
+        at = [0.0, 0.0, 0.3]
+        [[body.shape]]
+        solid = "ball"
+        radius = 0.1
+        at = [0.0, 0.0, 0.6]
+        hole = true
+        """
+    )
+    assert (rod.solid, rod.sizes, rod.at) == ("rod", {"length": 0.6, "radius": 0.01}, (0, 0, 0.3))
+    assert ball.hole and not rod.hole
+
+
+def test_a_result_keeps_the_shape_and_no_bit_depends_on_it():
+    body = rm.Body.cylinder(0.2, 0.03, 0.008).pivoted_at((0.0, 0.0, -0.04))
+    bare = rm.Body.from_moments(body.moments, body.mass, body.centre)
+    start = rm.Start(omega=(0.0, 1.0, 20.0), attitude=(0.0, 0.4, 0.0))
+    results = [
+        rm.simulate(rm.Scene(b, (rm.Gravity(9.81),), start), dt=0.01, t_end=0.1, save=("attitude",))
+        for b in (body, bare)
+    ]
+    assert scene_of(results[0]).body.shape == body.shape != ()
+    assert scene_of(results[1]).body.shape == ()
+    assert np.array_equal(results[0].attitude.values, results[1].attitude.values)
+
+
+def test_bodies_without_a_known_part_have_no_shape():
+    known, unknown = rm.Body.box(1.0, (1, 2, 3)), rm.Body.from_moments((1, 2, 2.5))
+    assert known.joined(unknown).shape == () == unknown.joined(known).shape
+    assert len(known.joined(known, at=(5, 0, 0)).shape) == 2
+    curved = ((-1.0, 1.0), lambda x: (-1 + 0 * x, 1 + x * x), lambda x, y: (0 * x, 1 + 0 * x))
+    assert rm.Body.from_density(1.0, curved).shape == ()
+    many = np.random.default_rng(1).normal(size=(3000, 3))
+    assert rm.Body.from_particles(np.ones(3000), many).shape == ()
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ('solid = "cylindre"\nradius = 1.0', "did you mean 'cylinder'"),
+        ('solid = "ball"', "radius"),
+        ('solid = "ball"\nradius = -1.0', "must be positive"),
+        ('solid = "ball"\nradius = nan', "finite"),
+        ('solid = "ball"\nradius = "big"', "finite"),
+        ('solid = "ball"\nradius = 1.0\nheight = 2.0', "height"),
+        ('solid = "ball"\nradius = 1.0\nat = [0.0, 1.0]', "at"),
+        ('solid = "ball"\nradius = 1.0\nturned = [0.0, 0.0, 0.0, 0.0]', "norm"),
+        ('solid = "ball"\nradius = 1.0\nhole = 1', "true or false"),
+        ('solid = "box"\nsize = [1.0, 2.0]', "3"),
+        ("radius = 1.0", "solid"),
+        ('solid = "mesh"\ncorners = [[0.0, 0.0, 0.0]]\nfaces = [[0, 1, 2]]', "corners"),
+        ('solid = "particles"\nmasses = [1.0]\npositions = [[0,0,0],[1,0,0]]', "masses"),
+    ],
+)
+def test_a_mistake_in_a_shape_is_named(table, words):
+    with pytest.raises(SceneError) as caught:
+        load(f"[[body.shape]]\n{table}")
+    assert words in str(caught.value) and "top.toml" in str(caught.value)
+
+
+def test_too_many_parts_are_refused():
+    with pytest.raises(SceneError, match="more than 200"):
+        load('[[body.shape]]\nsolid = "ball"\nradius = 1.0\n' * 201)
+    with pytest.raises(SceneError, match="expected tables"):
+        load('shape = "cube"')

@@ -1,0 +1,229 @@
+"""The page in which members turn: what it knows, and what headless Chromium shows of it."""
+
+import base64
+import json
+import re
+import shutil
+
+import numpy as np
+import pytest
+
+import rigidmc as rm
+from rigidmc.errors import OptionError, OutputExists
+from rigidmc.runs.frames import frames
+from rigidmc.views.viewer.motion import density, short
+from rigidmc.views.viewer.page import view
+
+BROWSER = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
+)
+FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+SIZE = (1.0, 0.5, 0.25)
+QUARTER = 2.0  # s
+
+
+@pytest.fixture(scope="module")
+def spun():
+    """A box that spins about axis 3 and makes a quarter turn in QUARTER."""
+    start = rm.Start(omega=(0.0, 0.0, 0.5 * np.pi / QUARTER), attitude=(1.0, 0.0, 0.0, 0.0))
+    scene = rm.Scene(rm.Body.box(1.0, SIZE), start=start, title="a <box> & more")
+    return rm.simulate(scene, dt=0.05, t_end=10.0, every=0.5, members=3, save=("momentum",))
+
+
+@pytest.fixture(scope="module")
+def page(spun, tmp_path_factory):
+    path = tmp_path_factory.mktemp("page") / "top.html"
+    view(spun, path, members=[0, 2])
+    return path
+
+
+def data_of(text):
+    return json.loads(re.search(r'<script id="data"[^>]*>(.*?)</script>', text, re.S)[1])
+
+
+def test_a_page_is_one_file_without_anything_from_elsewhere(page):
+    text = page.read_text()
+    assert len(text) < 6e6  # measured 2.8e6
+    assert "a &lt;box&gt; &amp; more" in text
+    outside = re.findall(r'(?:src|href)=["\'](?!data:)', text.split("<script>")[0])
+    assert outside == []
+
+
+def test_a_page_knows_the_motion_of_its_members(page, spun):
+    known = data_of(page.read_text())
+    assert [one["index"] for one in known["members"]] == [0, 2]
+    one = known["members"][0]
+    assert one["status"] == "ok" and one["whole"] and one["end"] == 10.0
+    assert one["moments"] == pytest.approx(spun.moments.values[:, 0])
+    assert known["density"]["members"] == 3 and known["quantity"] == "omega"
+    shown = frames(spun, 0, one["q"]["shape"][0] - 1)
+    q = np.frombuffer(base64.b64decode(one["q"]["i2"]), "<i2").reshape(-1, 4) / 32767
+    assert np.abs(q - shown.attitude.values[..., 0]).max() < 2e-5
+
+
+def test_numbers_of_16_bits():
+    assert short([[1.0, -1.0]])["shape"] == (1, 2)
+
+
+def test_density_is_largest_where_the_members_are(spun):
+    corners = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+    dense = density(spun, corners)
+    counts = np.frombuffer(base64.b64decode(dense["bytes"]), "u1").reshape(-1, 3)
+    assert (counts[:, 0] == 255).all() and (counts[:, 1:] == 0).all()
+
+
+def test_what_a_page_refuses(spun, page, tmp_path):
+    with pytest.raises(OutputExists):
+        view(spun, page)
+    with pytest.raises(OptionError, match=r"\.html"):
+        view(spun, tmp_path / "top.png")
+    with pytest.raises(OptionError, match="members 0 to 2"):
+        view(spun, members=[3])
+    with pytest.raises(OptionError, match="1 to 12"):
+        view(spun, members=[])
+
+
+def test_flagged_members_are_among_those_shown():
+    start = rm.Start(omega=(0.0, 0.0, rm.grid(1.0, 400.0, 8)), attitude=(1.0, 0.0, 0.0, 0.0))
+    scene = rm.Scene(rm.Body.box(1.0, SIZE), start=start)
+    with pytest.warns(rm.SceneWarning):
+        ds = rm.simulate(scene, dt=0.05, t_end=1.0, members=8, save=("momentum",))
+    flagged = ds.member.values[ds.status.values != 0]
+    assert flagged.size
+    words = {one["index"]: one["status"] for one in data_of(view(ds).text)["members"]}
+    assert words[int(flagged[0])] != "ok" and words[0] == "ok"
+
+
+def test_the_accessor_shows_a_page(spun):
+    shown = spun.rigid.view(members=[1])
+    assert shown._repr_html_().startswith("<iframe srcdoc=")
+
+
+# ---- in the browser ------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def browser():
+    if BROWSER is None:
+        pytest.skip("no Chromium: apt-get install chromium")
+    api = pytest.importorskip("playwright.sync_api")
+    with api.sync_playwright() as playwright:
+        opened = playwright.chromium.launch(executable_path=BROWSER, args=FLAGS)
+        yield opened
+        opened.close()
+
+
+@pytest.fixture
+def tab(browser, page):
+    """The page at 1280 pixels; it must not complain, nor ask for anything."""
+    opened = browser.new_page(viewport={"width": 1280, "height": 900})
+    troubles = []
+    opened.on("console", lambda m: troubles.append(m.text) if m.type == "error" else None)
+    opened.on("pageerror", lambda error: troubles.append(str(error)))
+    opened.on("request", lambda r: r.url.startswith("http") and troubles.append(r.url))
+    opened.goto(page.as_uri())
+    opened.evaluate("ready")
+    yield opened
+    assert troubles == []
+    opened.close()
+
+
+# the corner of the body that is farthest along (1, 1, 1) at the start, in space
+CORNER = """() => {
+  const body = stages.body.objects.body[0], p = body.geometry.attributes.position.array;
+  let k = 0;
+  for (let i = 0; i < p.length; i += 3)
+    if (p[i] + p[i + 1] + p[i + 2] > p[k] + p[k + 1] + p[k + 2] + 1e-6) k = i;
+  const m = body.matrix.elements;
+  return [0, 1, 2].map(r => m[r] * p[k] + m[4 + r] * p[k + 1] + m[8 + r] * p[k + 2] + m[12 + r]);
+}"""
+
+
+def test_the_slider_turns_the_body_as_physics_says(tab):
+    x, y, z = np.array(SIZE) / np.linalg.norm(SIZE)
+    tab.evaluate("seek(0)")
+    assert tab.evaluate(CORNER) == pytest.approx((x, y, z), abs=1e-4)
+    before = tab.locator("#body").screenshot()
+    tab.locator("#slider").fill(str(QUARTER / 10.0))
+    assert tab.evaluate("page.t") == pytest.approx(QUARTER, rel=1e-6)
+    # after a quarter turn about axis 3: (x, y, z) -> (-y, x, z); measured 2e-5
+    assert tab.evaluate(CORNER) == pytest.approx((-y, x, z), abs=1e-4)
+    assert tab.locator("#body").screenshot() != before
+    tab.evaluate(f"seek({0.37 * QUARTER})")  # between two frames
+    turn = 0.37 * np.pi / 2
+    where = (x * np.cos(turn) - y * np.sin(turn), x * np.sin(turn) + y * np.cos(turn), z)
+    assert tab.evaluate(CORNER) == pytest.approx(where, abs=1e-4)
+
+
+def test_the_numbers_beside_it_are_those_of_the_motion(tab):
+    tab.evaluate("seek(0)")
+    state = tab.evaluate(
+        "(() => { const s = stateAt(DATA.members[0], 1.0); return [s.u, s.size]; })()"
+    )
+    assert state[0] == pytest.approx((0.0, 0.0, 1.0), abs=1e-4) and state[1] == pytest.approx(1.0)
+    omega = tab.evaluate("VALUES.omega(DATA.members[0], 7, 2)")
+    assert omega == pytest.approx(0.5 * np.pi / QUARTER, rel=1e-4)
+    assert tab.locator("#drift path").count() == 2 and tab.locator("#motion path").count() == 3
+    tab.locator("#quantity").select_option("euler")
+    psi = tab.evaluate("VALUES.euler(DATA.members[0], DATA.members[0].frames - 1, 1)")
+    assert psi == pytest.approx(0.0, abs=1.0)
+
+
+def test_keys_play_step_and_jump(tab):
+    tab.keyboard.press("End")
+    assert tab.evaluate("page.t") == 10.0
+    tab.keyboard.press("Home")
+    assert tab.evaluate("page.t") == 0.0
+    tab.keyboard.press("ArrowRight")
+    frame = tab.evaluate("DATA.members[0].end / (DATA.members[0].frames - 1)")
+    assert tab.evaluate("page.t") == pytest.approx(frame)
+    tab.keyboard.press("Space")
+    tab.wait_for_function("page.frames > 3")
+    tab.keyboard.press("Space")
+    t = tab.evaluate("page.t")
+    assert t > frame and not tab.evaluate("page.playing")
+    tab.wait_for_timeout(200)
+    assert tab.evaluate("page.t") == t
+
+
+def test_playing_takes_the_time_that_the_speed_says(tab):
+    passed = tab.evaluate("""async () => {
+      page.speed = 2; seek(0); play(true);
+      await new Promise(done => setTimeout(done, 300));
+      const began = performance.now(), from = page.t;
+      await new Promise(done => setTimeout(done, 1500));
+      return [page.t - from, (performance.now() - began) / 1000]; }""")
+    # a frame before and after: on a loaded machine 0.3 s each
+    assert passed[0] == pytest.approx(2.0 * passed[1], abs=1.2)
+
+
+def test_members_are_picked_and_dark_is_dark(tab):
+    tab.locator("#member").select_option("1")
+    assert "Member 2" in tab.locator("#note").text_content()
+    tab.locator("#dark").click()
+    colour = tab.evaluate("getComputedStyle(document.body).backgroundColor")
+    assert sum(map(int, re.findall(r"\d+", colour))) < 150
+
+
+@pytest.mark.parametrize("width", [400, 1280])
+def test_nothing_is_wider_than_the_window(browser, page, width):
+    opened = browser.new_page(viewport={"width": width, "height": 900})
+    opened.goto(page.as_uri())
+    opened.evaluate("ready")
+    assert opened.evaluate("document.documentElement.scrollWidth") <= width
+    for name in ("#play", "#slider", "#member", "#speed"):
+        box = opened.locator(name).bounding_box()
+        assert box["x"] >= 0 and box["x"] + box["width"] <= width
+    opened.close()
+
+
+@pytest.mark.slow
+def test_thirty_frames_a_second(tab):
+    """Alone on the machine: two cores that draw without a graphics card."""
+    tab.evaluate("play(true)")
+    tab.wait_for_timeout(1000)
+    rate = tab.evaluate("""async () => {
+      const before = page.frames, began = performance.now();
+      await new Promise(done => setTimeout(done, 5000));
+      return 1000 * (page.frames - before) / (performance.now() - began); }""")
+    assert rate >= 30
