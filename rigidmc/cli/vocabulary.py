@@ -1,13 +1,13 @@
 """rigidmc effects, observables, integrators: list all of a kind, or explain one."""
 
 from collections.abc import Callable, Iterable, Iterator
-from inspect import cleandoc
 from math import inf
 from typing import Annotated, Any
 
 import typer
 
 from rigidmc.cli.common import app, reported
+from rigidmc.cli.docstrings import explained
 from rigidmc.cli.panels import REFERENCE
 from rigidmc.errors import OptionError, unknown
 
@@ -43,7 +43,7 @@ def _explain(
     """Print the docstring of a kind, which has its equation and source, then its facts."""
     if name not in kinds:
         raise unknown("", kind, name, kind, kinds, OptionError)
-    print(f"{name}: {cleandoc(text or '')}\n")
+    print(f"{name}: {explained(text or '')}\n")
     for label, fact in facts(name):
         if fact:
             print(f"{label:12s} {fact}")

@@ -19,6 +19,8 @@ from rigidmc.effects.protocol import Number, Vector, effect
 class Bath(NamedTuple):
     """Friction and noise of a bath of temperature T, which lead to Gibbs's law exp(-(T + V)/kT).
 
+    Change of the momentum::
+
         dL = -gamma L dt + sqrt(2 gamma kT I) dW
 
     Splittings of order 2 put it between two halves of the free motion (BAOAB). Its flow is exact:
@@ -27,8 +29,20 @@ class Bath(NamedTuple):
     Source: Leimkuhler & Matthews, Appl. Math. Res. Express 2013, 34; Davidchack, Ouldridge &
     Tretyakov, J. Chem. Phys. 142 (2015) 144114.
 
-    gamma : rate at which the momentum is forgotten [1/s]
-    kT : Boltzmann's constant times temperature [J]
+    Parameters
+    ----------
+    gamma : quantity [1/s]
+        rate at which the momentum is forgotten
+    kT : quantity [J]
+        Boltzmann's constant times temperature
+    noise : floats (3,), optional
+        the normal deviates of a step: the engine fills them in, a scene leaves them out
+
+    Examples
+    --------
+    >>> bath = rm.Bath(gamma=1.0, kT=0.5)
+    >>> start = rm.Start(momentum=rm.GibbsMomentum(kT=0.5))
+    >>> scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 2.5)), bath, start)
     """
 
     gamma: Number

@@ -19,11 +19,21 @@ from rigidmc.effects.protocol import Number, Vector, effect
 class ViscousDamping(NamedTuple):
     """Isotropic viscous damping of the angular momentum.
 
+    Torque::
+
         tau = -rate L,   alone: L(t) = exp(-rate t) L(0)
 
     A damped free body runs through its undamped motion, whose time is (1 - exp(-rate t))/rate.
 
-    rate : damping rate [1/s]
+    Parameters
+    ----------
+    rate : quantity [1/s]
+        damping rate
+
+    Examples
+    --------
+    >>> rm.ViscousDamping(0.5).torque((1.0, 2.0, 4.0))
+    (-0.5, -1.0, -2.0)
     """
 
     rate: Number
@@ -45,9 +55,19 @@ class ViscousDamping(NamedTuple):
 class AxialDamping(NamedTuple):
     """Viscous damping with a rate for each principal axis, as in a viscous fluid.
 
+    Torque::
+
         tau_i = -rate_i L_i,   alone: L_i(t) = exp(-rate_i t) L_i(0)
 
-    rates : damping rates about the principal axes [1/s]
+    Parameters
+    ----------
+    rates : quantities (3,) [1/s]
+        damping rates about the principal axes
+
+    Examples
+    --------
+    >>> rm.AxialDamping((0.5, 0.25, 1.0)).torque((1.0, 2.0, 4.0))
+    (-0.5, -0.5, -4.0)
     """
 
     rates: Vector
@@ -73,11 +93,21 @@ class AxialDamping(NamedTuple):
 class MatrixDamping(NamedTuple):
     """Viscous damping by a full matrix, whose axes need not be the principal axes.
 
+    Torque::
+
         tau = -C omega
 
     Its kick is the trapezoidal rule, of order 2.
 
-    matrix : xx, yy, zz, yz, zx, xy of the symmetric C, in the principal axes [N m s]
+    Parameters
+    ----------
+    matrix : quantities (6,) [N m s]
+        xx, yy, zz, yz, zx, xy of the symmetric C, in the principal axes
+
+    Examples
+    --------
+    >>> oil = rm.MatrixDamping((0.02, 0.03, 0.02, 0.0, 0.0, 0.01))
+    >>> scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 2.5)), oil)
     """
 
     matrix: Vector
@@ -119,12 +149,23 @@ class MatrixDamping(NamedTuple):
 class QuadraticDrag(NamedTuple):
     """Drag that grows with the square of the spin, as in air.
 
+    Torque::
+
         tau = -drag |omega| omega
 
     Alone, about a principal axis, omega(t) = omega(0)/(1 + drag omega(0) t/I).
     Its kick is a rule of order 2.
 
-    drag : coefficient [N m s^2]
+    Parameters
+    ----------
+    drag : quantity [N m s^2]
+        coefficient
+
+    Examples
+    --------
+    >>> scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 2.5)), rm.QuadraticDrag(0.01))
+    >>> scene.effects
+    (QuadraticDrag(drag=0.01),)
     """
 
     drag: Number
@@ -150,14 +191,25 @@ class QuadraticDrag(NamedTuple):
 class DryFriction(NamedTuple):
     """Coulomb friction of the pivot, smoothed at rest.
 
+    Torque::
+
         tau = -friction omega / sqrt(|omega|^2 + rest^2)
 
-    Of constant size while |omega| is well above `rest`; below it viscous, with friction/rest. Dry
+    Of constant size while `|omega|` is well above `rest`; below it viscous, with friction/rest. Dry
     friction would hold a body against a small torque; here the body creeps, at most at `rest` under
     a torque of 0.7 of the friction. Its kick is a rule of order 2.
 
-    friction : torque of the sliding pivot [N m]
-    rest : spin below which the friction is smoothed [rad/s]
+    Parameters
+    ----------
+    friction : quantity [N m]
+        torque of the sliding pivot
+    rest : quantity [rad/s]
+        spin below which the friction is smoothed
+
+    Examples
+    --------
+    >>> pivot = rm.DryFriction(friction=1e-3, rest=0.01)
+    >>> scene = rm.Scene(rm.Body.from_moments((1.0, 1.0, 0.5)), pivot)
     """
 
     friction: Number

@@ -19,16 +19,27 @@ from rigidmc.effects.protocol import Number, effect
     kick_order=2,
 )
 class EnergyDissipation(NamedTuple):
-    """Internal dissipation: the energy falls, |L| stays, the spin ends about the major axis.
+    """Internal dissipation: the energy falls, L keeps its size, the spin ends about the major axis.
+
+    Torque and power::
 
         tau = loss L x (L x omega)/|L|,   dE/dt = -loss |L x omega|^2/|L|
 
     The direction of L in space wanders by about `loss` rad in each turn; that of a real body with
-    moving parts inside stays. Its kick is a rule of order 2 that rotates L: |L| stays to rounding.
+    moving parts inside stays. Its kick is a rule of order 2 that rotates L: `|L|` stays to
+    rounding.
     Source: the double bracket of Bloch, Krishnaprasad, Marsden & Ratiu, Commun. Math. Phys. 175
     (1996) 1, section 4.
 
-    loss : speed at which L drifts to the major axis, as a share of its free rate
+    Parameters
+    ----------
+    loss : quantity
+        speed at which L drifts to the major axis, as a share of its free rate
+
+    Examples
+    --------
+    >>> sloshing = rm.EnergyDissipation(loss=0.01)
+    >>> scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 2.5)), sloshing)
     """
 
     loss: Number

@@ -18,13 +18,25 @@ _ANY = (-math.inf, math.inf)
 class UniformField(NamedTuple):
     """A magnetic or electric dipole of the body in a uniform field.
 
+    Torque and potential energy::
+
         tau = dipole x A^T field,   E = -dipole . A^T field
 
-    A needle swings about the field with omega^2 = |dipole| |field|/I. For an electric dipole give
+    A needle swings about the field with omega^2 = `|dipole| |field|/I`. For an electric dipole give
     C m and V/m.
 
-    dipole : moment in the principal axes [A m^2]
-    field : in space [T]
+    Parameters
+    ----------
+    dipole : quantities (3,) [A m^2]
+        moment in the principal axes
+    field : quantities (3,) [T]
+        in space
+
+    Examples
+    --------
+    >>> needle = rm.UniformField(dipole=(2.0, 0.0, 0.0), field=(0.0, 0.5, 0.0))
+    >>> needle.torque((1.0, 0.0, 0.0, 0.0))
+    (0.0, 0.0, 1.0)
     """
 
     dipole: Vector
@@ -52,11 +64,24 @@ class UniformField(NamedTuple):
 class RotatingField(NamedTuple):
     """A dipole of the body in a field that rotates about the vertical, as in a synchronous motor.
 
+    Torque::
+
         tau = dipole x A^T R_z(rate t) field
 
-    dipole : moment in the principal axes [A m^2]
-    field : in space at t = 0 [T]
-    rate : angular velocity of the field about the vertical [rad/s]
+    Parameters
+    ----------
+    dipole : quantities (3,) [A m^2]
+        moment in the principal axes
+    field : quantities (3,) [T]
+        in space at t = 0
+    rate : quantity [rad/s]
+        angular velocity of the field about the vertical
+
+    Examples
+    --------
+    >>> motor = rm.RotatingField(dipole=(2.0, 0.0, 0.0), field=(0.0, 0.5, 0.0), rate=3.0)
+    >>> motor.torque(0.0, (1.0, 0.0, 0.0, 0.0))
+    (0.0, 0.0, 1.0)
     """
 
     dipole: Vector

@@ -17,11 +17,22 @@ from rigidmc.effects.protocol import Number, effect
 class Gravity(NamedTuple):
     """Uniform gravity along -z.
 
-        tau = -g m r x u(q),   E = g m r . u(q),   u = A^T e_z          (TdC Example 3.7)
+    Torque and potential energy (TdC Example 3.7)::
+
+        tau = -g m r x u(q),   E = g m r . u(q),   u = A^T e_z
 
     m r is the body's static moment; r may have any direction in the body.
 
-    g : acceleration of gravity [m/s^2]
+    Parameters
+    ----------
+    g : quantity [m/s^2]
+        acceleration of gravity
+
+    Examples
+    --------
+    >>> pendulum = rm.Body.cylinder(1.0, 0.1, 0.4).pivoted_at((0.0, 0.0, -0.2))
+    >>> rm.Scene(pendulum, rm.Gravity(9.81)).effects
+    (Gravity(g=9.81),)
     """
 
     g: Number

@@ -22,18 +22,36 @@ _TURN = 6.283185307179586
 class GravityGradient(NamedTuple):
     """Gravity gradient on a Kepler orbit in the plane z = 0, about the body's centre of mass.
 
-        tau = 3 mu/r^3 u x I u,   u = A^T r/r
+    Torque::
 
-    r = distance (1 - eccentricity cos E), E - eccentricity sin E = sqrt(mu/distance^3) t + anomaly;
-    the pericentre lies along x. On a circular orbit of rate n a body whose long axis points to the
+        tau = 3 mu/r^3 u x I u,   u = A^T r/r
+        r = distance (1 - eccentricity cos E)
+        E - eccentricity sin E = sqrt(mu/distance^3) t + anomaly
+
+    The pericentre lies along x. On a circular orbit of rate n a body whose long axis points to the
     centre librates in the plane with n sqrt(3 (I2 - I1)/I3).
     Source: Hughes, Spacecraft Attitude Dynamics (1986), 8.1; Goldreich & Peale, Astron. J. 71
     (1966) 425.
 
-    mu : G M of the central body [m^3/s^2]
-    distance : semi-major axis [m]
-    eccentricity : of the orbit, up to 0.9
-    anomaly : mean anomaly at t = 0 [rad]
+    Parameters
+    ----------
+    mu : quantity [m^3/s^2]
+        G M of the central body
+    distance : quantity [m]
+        semi-major axis
+    eccentricity : quantity, optional
+        of the orbit, up to 0.9
+    anomaly : quantity, optional [rad]
+        mean anomaly at t = 0
+
+    Examples
+    --------
+    A satellite on a low orbit about the Earth:
+
+    >>> pull = rm.GravityGradient(mu=3.986e14, distance=6.9e6)
+    >>> pull.eccentricity, pull.anomaly
+    (0.0, 0.0)
+    >>> scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 2.5)), pull)
     """
 
     mu: Number

@@ -18,6 +18,8 @@ _ANY = (-math.inf, math.inf)
 class MovingPivot(NamedTuple):
     """A shaken fixed point, at swing cos(frequency t + phase) in space; the body is seen from it.
 
+    Torque::
+
         tau = frequency^2 cos(frequency t + phase) m r x A^T swing
 
     A pendulum stands on its head if it is shaken vertically and fast enough: (swing frequency)^2 >
@@ -25,9 +27,20 @@ class MovingPivot(NamedTuple):
     Source: Kapitza, Usp. Fiz. Nauk 44 (1951) 7; Landau & Lifshitz, Mechanics, section 30,
     problem 1.
 
-    swing : amplitude in space [m]
-    frequency : angular frequency [rad/s]
-    phase : at t = 0 [rad]
+    Parameters
+    ----------
+    swing : quantities (3,) [m]
+        amplitude in space
+    frequency : quantity [rad/s]
+        angular frequency
+    phase : quantity, optional [rad]
+        at t = 0
+
+    Examples
+    --------
+    >>> shaken = rm.MovingPivot(swing=(0.0, 0.0, 0.01), frequency=300.0)
+    >>> body = rm.Body.from_moments((0.01, 0.01, 1e-4), mass=1.0, centre=(0.0, 0.0, 0.1))
+    >>> scene = rm.Scene(body, (rm.Gravity(9.81), shaken))
     """
 
     swing: Vector

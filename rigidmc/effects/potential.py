@@ -20,14 +20,28 @@ _ANY = (-math.inf, math.inf)
 class Potential(NamedTuple):
     """A polynomial of the vertical u = A^T e_z as the body sees it.
 
-        E = linear . u + 1/2 u . Q u + quartic . (u_1^4, u_2^4, u_3^4),   tau = u x dE/du
+    Potential energy and torque::
+
+        E = linear . u + 1/2 u . Q u + quartic . (u_1^4, u_2^4, u_3^4)
+        tau = u x dE/du
 
     The linear part is gravity (linear = g m r). 1/2 u . Q u is the potential of Clebsch and Brun: a
     quadratic field, or an induced dipole.
 
-    linear : coefficients of u in the principal axes [J]
-    quadratic : xx, yy, zz, yz, zx, xy of the symmetric Q, principal axes [J]
-    quartic : coefficients of u_1^4, u_2^4, u_3^4 [J]
+    Parameters
+    ----------
+    linear : quantities (3,) [J]
+        coefficients of u in the principal axes
+    quadratic : quantities (6,), optional [J]
+        xx, yy, zz, yz, zx, xy of the symmetric Q, principal axes
+    quartic : quantities (3,), optional [J]
+        coefficients of u_1^4, u_2^4, u_3^4
+
+    Examples
+    --------
+    >>> clebsch = rm.Potential((0.0, 0.0, 0.0), quadratic=(1.0, 2.0, 3.0, 0.0, 0.0, 0.0))
+    >>> clebsch.energy((1.0, 0.0, 0.0, 0.0))
+    1.5
     """
 
     linear: Vector

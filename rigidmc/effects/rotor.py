@@ -19,6 +19,8 @@ from rigidmc.effects.protocol import Vector, effect
 class Rotor(NamedTuple):
     """A flywheel that spins in the body: the gyrostat of Zhukovskii and Volterra.
 
+    Torque::
+
         tau = H x omega - motor,   H = momentum + motor t
 
     L = I omega is the momentum of the body with the flywheel locked, L + H that of the whole. With
@@ -27,8 +29,19 @@ class Rotor(NamedTuple):
     Source: Wittenburg, Dynamics of Systems of Rigid Bodies (1977), 4.6; Hughes, Spacecraft Attitude
     Dynamics (1986), 6.
 
-    momentum : of the flywheel relative to the body, principal axes [kg m^2/s]
-    motor : torque of the motor on the flywheel, principal axes [N m]
+    Parameters
+    ----------
+    momentum : quantities (3,) [kg m^2/s]
+        of the flywheel relative to the body, principal axes
+    motor : quantities (3,), optional [N m]
+        torque of the motor on the flywheel, principal axes
+
+    Examples
+    --------
+    >>> wheel = rm.Rotor(momentum=(0.0, 0.0, 0.3))
+    >>> wheel.motor
+    (0.0, 0.0, 0.0)
+    >>> satellite = rm.Scene(rm.Body.from_moments((1.0, 2.0, 2.5)), wheel)
     """
 
     momentum: Vector

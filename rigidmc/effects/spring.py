@@ -18,13 +18,27 @@ _ANY = (-math.inf, math.inf)
 class Spring(NamedTuple):
     """A linear spring from a point of the body to a point of space.
 
+    Potential energy and torque (Hooke's law)::
+
         E = 1/2 stiffness (d - length)^2,   d = |at - A^T to|
         tau = stiffness (1 - length/d) at x A^T to
 
-    stiffness : of the spring [N/m]
-    at : the point of the body to which it is fastened, principal axes [m]
-    to : the point of space to which it is fastened, from the fixed point [m]
-    length : length of the relaxed spring [m]
+    Parameters
+    ----------
+    stiffness : quantity [N/m]
+        of the spring
+    at : quantities (3,) [m]
+        the point of the body to which it is fastened, principal axes
+    to : quantities (3,) [m]
+        the point of space to which it is fastened, from the fixed point
+    length : quantity, optional [m]
+        length of the relaxed spring
+
+    Examples
+    --------
+    >>> spring = rm.Spring(stiffness=10.0, at=(0.5, 0.0, 0.0), to=(0.0, 2.0, 0.0))
+    >>> spring.torque((1.0, 0.0, 0.0, 0.0))
+    (0.0, 0.0, 10.0)
     """
 
     stiffness: Number

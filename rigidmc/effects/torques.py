@@ -18,7 +18,21 @@ _ANY = (-math.inf, math.inf)
 class BodyTorque(NamedTuple):
     """A torque that is constant in the body, for example of a thruster.
 
-    size : torque in the principal axes [N m]
+    The torque::
+
+        tau = size
+
+    Parameters
+    ----------
+    size : quantities (3,) [N m]
+        torque in the principal axes
+
+    Examples
+    --------
+    A thruster whose thrust differs from member to member by 1 %:
+
+    >>> thruster = rm.BodyTorque((0.0, 0.0, rm.normal(0.2, 0.002)))
+    >>> scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 2.5)), thruster)
     """
 
     size: Vector
@@ -39,11 +53,21 @@ class BodyTorque(NamedTuple):
 class SpaceTorque(NamedTuple):
     """A torque that is constant in space.
 
+    The torque::
+
         tau = A^T size
 
     For any body L_z(t) = L_z(0) + size_z t.
 
-    size : torque in space [N m]
+    Parameters
+    ----------
+    size : quantities (3,) [N m]
+        torque in space
+
+    Examples
+    --------
+    >>> rm.SpaceTorque((0.0, 0.0, 0.5)).torque((1.0, 0.0, 0.0, 0.0))
+    (0.0, 0.0, 0.5)
     """
 
     size: Vector
@@ -64,11 +88,23 @@ class SpaceTorque(NamedTuple):
 class PeriodicTorque(NamedTuple):
     """A torque along a fixed direction of the body that oscillates in time.
 
+    The torque::
+
         tau = size cos(frequency t + phase)
 
-    size : amplitude of the torque, principal axes [N m]
-    frequency : angular frequency [rad/s]
-    phase : at t = 0 [rad]
+    Parameters
+    ----------
+    size : quantities (3,) [N m]
+        amplitude of the torque, principal axes
+    frequency : quantity [rad/s]
+        angular frequency
+    phase : quantity, optional [rad]
+        at t = 0
+
+    Examples
+    --------
+    >>> rm.PeriodicTorque((0.0, 0.0, 0.5), frequency=2.0).torque(0.0)
+    (0.0, 0.0, 0.5)
     """
 
     size: Vector

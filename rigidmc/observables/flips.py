@@ -41,7 +41,20 @@ class Flips(NamedTuple):
     The component is checked at the end of each step: a change that comes and goes within a step is
     missed.
 
-    axis : 1, 2 or 3; 0 for the axis of the middle moment of each body;  within : that angle [rad]
+    Parameters
+    ----------
+    axis : int, optional
+        1, 2 or 3; 0 for the axis of the middle moment of each body
+    within : float, optional [rad]
+        that angle
+
+    Examples
+    --------
+    >>> start = rm.Start(omega=(rm.normal(0.0, 1e-3), 1.0, 0.0))
+    >>> scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)), start=start)
+    >>> ds = rm.simulate(scene, members=4, t_end=40.0, save=(rm.Flips(),))
+    >>> ds.flips.values.tolist()
+    [1.0, 2.0, 1.0, 1.0]
     """
 
     axis: int = 0

@@ -17,10 +17,25 @@ TABLE = "observables.histogram"
 class Histogram(NamedTuple):
     """Counts of the members by an observable at every save time, in equal bins from low to high.
 
-    of : the name of an observable, with its component if it has several: "energy", "omega[3]"
-
     Values beyond the bins are counted below and above them. Flagged members are left out. The
     observable itself is stored only if `save` names it.
+
+    Parameters
+    ----------
+    of : str
+        the name of an observable, with its component if it has several: "energy", "omega[3]"
+    low : float
+        the lower end of the first bin, in units of the observable
+    high : float
+        the upper end of the last bin, in units of the observable
+    bins : int, optional
+        number of bins
+
+    Examples
+    --------
+    >>> spins = rm.Histogram("omega[3]", low=-1.0, high=1.0, bins=4)
+    >>> spins.edges().tolist()
+    [-1.0, -0.5, 0.0, 0.5, 1.0]
     """
 
     of: str

@@ -22,15 +22,30 @@ _CONE = "the cone of {angle:g} rad about the {about}"
 class Passage(NamedTuple):
     """When a principal axis of the body leaves, or reaches, a cone about the vertical or about L.
 
-    axis : 1, 2, 3, or -1, -2, -3 for its other end;  angle : half the opening of the cone [rad]
-    way : "leaves" or "reaches" it
-    about : "vertical", the space z axis, or "momentum", the angular momentum
-    stop : whether the member stays as it is at the end of the step in which that happened
-
     The axis is checked at the end of each step: a passage that comes and goes within a step is
     missed (43 of 801 passages of heavy tops with steps of 1.6 rad). A member that is there at the
     start has passed at t = 0. The level is a difference of cosines: for cones under 1e-4 rad it
     costs the time 1e-16/angle^2 of its digits.
+
+    Parameters
+    ----------
+    axis : int
+        1, 2, 3, or -1, -2, -3 for its other end
+    angle : float [rad]
+        half the opening of the cone
+    way : str, optional
+        whether the axis "leaves" or "reaches" the cone
+    about : str, optional
+        axis of the cone: "vertical", the space z axis, or "momentum", the angular momentum
+    stop : bool, optional
+        whether the member stays as it is at the end of the step in which that happened
+
+    Examples
+    --------
+    >>> fall = rm.Passage(axis=3, angle=0.5, stop=True)
+    >>> scene = rm.Scene(rm.Body.from_moments((1.0, 1.0, 0.5)), observables=(fall,))
+    >>> scene.with_run(save=("passage",)).watched()[0][0]
+    'passage'
     """
 
     axis: int

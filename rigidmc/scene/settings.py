@@ -4,9 +4,19 @@ and the options of the command line all follow from the fields of `Run`."""
 import functools
 import inspect
 import textwrap
-from collections.abc import Callable, Mapping
-from types import NoneType
-from typing import Annotated, Any, Literal, ParamSpec, TypeVar, get_args, get_type_hints
+from collections.abc import Callable, Iterable, Mapping
+from types import NoneType, UnionType
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    ParamSpec,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import numpy as np
 from pydantic import (
@@ -91,11 +101,11 @@ class Run(Table):
     )
     momentum_limit: Positive | None = _is(
         None,
-        "drift of |L|^2, or of L_z under gravity, that flags a member; by default from integrator"
+        "drift of `|L|^2`, or of L_z under gravity, that flags a member; by default from integrator"
         " and step",
     )
     turn_limit: Positive | None = _is(
-        None, "|omega| dt that flags a member [rad]; by default from the integrator"
+        None, "`|omega| dt` that flags a member [rad]; by default from the integrator"
     )
     anti_damping: bool = _is(False, "allow negative damping, which drives the body")
     every: Time | None = _is(
@@ -136,10 +146,37 @@ def types() -> dict[str, Any]:
     return {name: _without_none(hints[name]) for name in Run.model_fields}
 
 
+def parameters(names: Iterable[str]) -> str:
+    """Settings as numpydoc lists them in a docstring."""
+    lines = []
+    for name in names:
+        lines += [f"{name} : {_in_words(types()[name])}, optional"]
+        about = Run.model_fields[name].description or ""
+        lines += textwrap.wrap(about, 92, initial_indent="    ", subsequent_indent="    ")
+    return "\n".join(lines)
+
+
+def _in_words(kind: Any) -> str:
+    """The type of a setting, in words."""
+    if kind == Time:
+        return "float or str"
+    if get_origin(kind) is Literal:
+        return f"{{{', '.join(repr(word) for word in get_args(kind))}}}"
+    if get_origin(kind) is Annotated:
+        return _in_words(get_args(kind)[0])
+    if get_origin(kind) is tuple:
+        return "tuple of str"
+    if get_origin(kind) in (Union, UnionType):
+        return " or ".join(map(_in_words, get_args(kind)))
+    return str((get_origin(kind) or kind).__name__)
+
+
 def _without_none(hint: Any) -> Any:
     """The first alternative of an optional type; any other type unchanged."""
     return get_args(hint)[0] if NoneType in get_args(hint) else hint
 
+
+Run.__doc__ = inspect.cleandoc(Run.__doc__ or "").replace("{settings}", parameters(Run.model_fields))
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
@@ -168,16 +205,8 @@ def takes_settings(function: Callable[Arguments, Result]) -> Callable[Arguments,
     # `inspect` documents this attribute, and mypy does not know it
     shown = signature.replace(parameters=[*named, *more])
     checked.__signature__ = shown  # type: ignore[attr-defined]
-    lines = [
-        textwrap.fill(
-            f"{word} : {Run.model_fields[word].description}",
-            width=96,
-            initial_indent="    ",
-            subsequent_indent=" " * 8,
-        )
-        for word in words
-    ]
-    checked.__doc__ = (function.__doc__ or "").replace("    {settings}", "\n".join(lines))
+    about = inspect.cleandoc(function.__doc__ or "")  # as Python 3.13 keeps docstrings anyway
+    checked.__doc__ = about.replace("{settings}", parameters(words))
     return checked
 
 

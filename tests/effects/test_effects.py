@@ -6,6 +6,7 @@ second formula of its torque can go to tests/effects/laws.py.
 """
 
 import math
+import re
 from typing import NamedTuple
 
 import numpy as np
@@ -230,10 +231,8 @@ def test_facts_name_the_fields(name):
     assert set(kind.units) == set(kind.limits) == set(kind._fields)
     assert all(low < high for low, high in kind.limits.values())
     assert argument_names(kind, "torque", "energy", "kick") <= {"body", "t", "h", "q", "l"}
-    assert all(
-        f"\n    {field} : " in kind.__doc__ or f" {field} : " in kind.__doc__
-        for field in kind._fields
-    )
+    for field in kind._fields:
+        assert re.search(rf"^ *{field} : ", kind.__doc__, re.MULTILINE), field
     # every parameter has its unit in the docstring
     assert kind.__doc__.count("[") >= sum(unit != "1" for unit in kind.units.values())
     assert name_of(kind) == name_of(EXAMPLES[name]) == name

@@ -32,7 +32,7 @@ def test_a_setting_is_a_key_a_keyword_and_an_option(name):
     signature = inspect.signature(rm.simulate)
     assert name in signature.parameters
     assert signature.parameters[name].default is None
-    assert re.search(rf"^ +{name} : ", rm.simulate.__doc__, re.MULTILINE)
+    assert re.search(rf"^ *{name} : ", rm.simulate.__doc__, re.MULTILINE)
     assert name in options_of("run") and name in options_of("show")
     (option,) = (p for p in COMMANDS["run"].params if p.name == name)
     assert f"--{name.replace('_', '-')}" in option.opts

@@ -11,11 +11,25 @@ from rigidmc.scene.quantities import Source, draw
 
 @dataclass(frozen=True)
 class SecondMoments(Law):
-    """Principal moments of inertia from the second moments of mass (a, b, c) [kg m^2], TdC (3.15).
+    """Principal moments of inertia from the second moments of mass, TdC (3.15).
+
+    From the second moments a, b, c::
 
         I1 = b + c,  I2 = c + a,  I3 = a + b
 
     A body exists for any positive a, b, c.
+
+    Parameters
+    ----------
+    values : quantities (3,) [kg m^2]
+        (a, b, c)
+
+    Examples
+    --------
+    >>> law = rm.SecondMoments((1.0, 2.0, rm.uniform(0.5, 1.5)))
+    >>> moments, mass, centre = rm.Body.from_moments(law).sample(0, 0, 1000)
+    >>> bool((moments.max(0) <= moments.sum(0) - moments.max(0)).all())
+    True
     """
 
     values: Any

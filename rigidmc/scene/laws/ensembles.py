@@ -19,12 +19,26 @@ TRIES = 4096
 
 @dataclass(frozen=True)
 class Shell(Ensemble):
-    """The angular momentum of a given energy [J]; a member with V(q) > E is flagged invalid_input.
+    """The angular momentum of a given energy.
+
+    On the energy shell::
 
         E = 1/2 L . I^-1 L + V(q)
 
-    direction : direction of L in the body; without one L is uniform on the shell (microcanonical
+    A member with V(q) > E is flagged invalid_input.
+
+    Parameters
+    ----------
+    energy : quantity [J]
+        E
+    direction : array_like (3,), optional
+        direction of L in the body; without one L is uniform on the shell (microcanonical
         ensemble), L = sqrt(2 (E - V) I) n with n uniform on the sphere
+
+    Examples
+    --------
+    >>> start = rm.Start(momentum=rm.Shell(energy=2.0), attitude="ensemble")
+    >>> scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 2.5)), start=start)
     """
 
     energy: Any
@@ -69,8 +83,20 @@ class Shell(Ensemble):
 
 @dataclass(frozen=True)
 class GibbsMomentum(Ensemble):
-    """The angular momentum in thermal equilibrium: density exp(-T/kT), so that L_i is normal with
-    variance I_i kT. kT : [J]"""
+    """The angular momentum in thermal equilibrium: density exp(-T/kT).
+
+    L_i is normal with variance I_i kT.
+
+    Parameters
+    ----------
+    kT : quantity [J]
+        Boltzmann's constant times temperature
+
+    Examples
+    --------
+    >>> start = rm.Start(momentum=rm.GibbsMomentum(kT=0.5), attitude="ensemble")
+    >>> scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 2.5)), start=start)
+    """
 
     kT: Any
 

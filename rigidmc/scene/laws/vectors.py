@@ -19,9 +19,26 @@ AROUND = Distribution("uniform", (0.0, 2.0 * math.pi))
 class Cone(Law):
     """A vector of given size at a given angle from a principal axis.
 
-    axis : 1, 2, 3, or -1, -2, -3 for the other end of the axis
-    size, angle [rad] : quantities
-    azimuth : angle about the axis, from the next axis on [rad]
+    Components along the axis, the next axis, and the one after it::
+
+        size (cos angle, sin angle cos azimuth, sin angle sin azimuth)
+
+    Parameters
+    ----------
+    axis : int
+        1, 2, 3, or -1, -2, -3 for the other end of the axis
+    size : quantity [rad/s or kg m^2/s]
+        of the vector, an angular velocity or an angular momentum
+    angle : quantity [rad]
+        from the axis
+    azimuth : quantity, optional [rad]
+        angle about the axis, from the next axis on; by default uniform
+
+    Examples
+    --------
+    >>> start = rm.Start(omega=rm.Cone(axis=3, size=10.0, angle=rm.uniform(0.0, 0.1)))
+    >>> start.which
+    'omega'
     """
 
     axis: int
@@ -58,8 +75,22 @@ class Cone(Law):
 
 @dataclass(frozen=True)
 class Sphere(Law):
-    """A vector of given size in a uniform random direction; for `momentum`, the momentum sphere
-    |L| = size."""
+    """A vector of given size in a uniform random direction.
+
+    For `momentum` it is the momentum sphere `|L|` = size.
+
+    Parameters
+    ----------
+    size : quantity [rad/s or kg m^2/s]
+        of the vector, an angular velocity or an angular momentum
+
+    Examples
+    --------
+    >>> start = rm.Start(momentum=rm.Sphere(2.0))
+    >>> name, l = start.spin(0, 0, 5, None)
+    >>> np.linalg.norm(l, axis=0).round(12).tolist()
+    [2.0, 2.0, 2.0, 2.0, 2.0]
+    """
 
     size: Any
 
@@ -79,12 +110,26 @@ class Sphere(Law):
 
 @dataclass(frozen=True)
 class Correlated(Law):
-    """A normal vector of given mean (3) and covariance (3, 3).
+    """A normal vector of given mean and covariance.
 
-        v = mean + C z,  C C^T = covariance, C lower triangular (Cholesky), z standard normal
+    With z standard normal::
+
+        v = mean + C z,  C C^T = covariance, C lower triangular (Cholesky)
 
     For moments: a measured inertia with its covariance. A member whose moments no body can have is
     flagged invalid_input, and a note counts these members.
+
+    Parameters
+    ----------
+    mean : array_like (3,) [rad/s, kg m^2/s or kg m^2]
+        of the vector, or of the moments
+    covariance : array_like (3, 3) [square of that unit]
+        symmetric and positive definite
+
+    Examples
+    --------
+    >>> covariance = [[1e-4, 5e-5, 0.0], [5e-5, 1e-4, 0.0], [0.0, 0.0, 1e-4]]
+    >>> body = rm.Body.from_moments(rm.Correlated((2.0, 2.5, 3.0), covariance))
     """
 
     mean: Any
