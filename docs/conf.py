@@ -18,8 +18,8 @@ extensions = [
     "sphinx-mathjax-offline",
     "sphinxcontrib.bibtex",
     "sphinx.ext.autodoc",
+    "numpydoc",
     "commands",
-    "docstrings",
     "names",
     "pictures",
 ]
@@ -27,6 +27,8 @@ exclude_patterns = ["_build", "extensions", "static"]
 nitpicky = True
 smartquotes = False  # `--dt` keeps its two hyphens
 autodoc_typehints = "none"
+numpydoc_show_class_members = False
+default_role = "code"  # of `words` in docstrings
 
 myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence", "deflist", "attrs_block"]
 myst_heading_anchors = 3

@@ -87,11 +87,32 @@ if TYPE_CHECKING:  # the same names for type checkers and editors
 
 
 def open(path: str | PathLike[str], allow_code: bool = False) -> "Dataset":
-    """A result as an xarray Dataset that is read lazily: a netCDF file or a run directory.
+    """Open a result as an xarray Dataset that is read lazily.
 
-    allow_code : whether to run the Python files of a user's own effects, in a run directory
+    Parameters
+    ----------
+    path : path_like
+        a netCDF file or a run directory
+    allow_code : bool, optional
+        whether to run the Python files of a user's own effects, in a run directory
 
-    Raises FileError for a path that is neither. See `rigidmc.runs.open.open_run`.
+    Returns
+    -------
+    xarray.Dataset
+        as of `simulate`, see `rigidmc.runs.open.open_run`
+
+    Raises
+    ------
+    FileError
+        for a path that is neither
+
+    Examples
+    --------
+    >>> scene = rm.Scene.load("dzhanibekov").with_run(members=4, t_end=1.0)
+    >>> rm.simulate(scene, output="flips.nc").close()
+    >>> with rm.open("flips.nc") as ds:
+    ...     ds.sizes["member"]
+    4
     """
     result: Dataset
     if isdir(path):

@@ -12,7 +12,31 @@ from numpy.typing import ArrayLike
 class RigidmcError(ValueError):
     """A mistake in what the user gave, whatever it is; the command line ends with exit code 3.
 
-    The text names file, table, key, value, rule and the nearest right word.
+    The text names file, table, key, value, rule and the nearest right word, and each is an
+    attribute.
+
+    Parameters
+    ----------
+    table : str
+        of the scene file, such as "body"; "" if there is none
+    key : str
+        in the table, or the name of an argument
+    value : object
+        what was given; None if it is not shown
+    rule : str
+        what is allowed
+    nearest : str, optional
+        the nearest right word
+    file : str, optional
+        in which the mistake is
+
+    Examples
+    --------
+    >>> try:
+    ...     rm.Body.from_moments((1.0, 2.0, -3.0))
+    ... except rm.RigidmcError as error:
+    ...     error.table, error.key, error.rule
+    ('body', 'moments', 'principal moments must be positive')
     """
 
     def __init__(
@@ -40,19 +64,50 @@ class RigidmcError(ValueError):
 
 
 class SceneError(RigidmcError):
-    """A scene that cannot be run, or a body or motion that cannot be computed."""
+    r"""A scene that cannot be run, or a body or motion that cannot be computed.
+
+    Examples
+    --------
+    >>> rm.Scene.loads("body.moments = [1, 2, 3]\nstart.omeg = [0, 1, 0]")  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    rigidmc.errors.SceneError: scene: [start] omeg: no such key; known: omega, momentum, attitude...
+    """
 
 
 class OptionError(RigidmcError):
-    """An option of the command line, or an argument of a function, that cannot be used."""
+    """An option of the command line, or an argument of a function, that cannot be used.
+
+    Examples
+    --------
+    >>> ds = rm.simulate(rm.Scene.load("dzhanibekov"), members=4, t_end=1.0)
+    >>> rm.rerun(ds, member=9)
+    Traceback (most recent call last):
+    rigidmc.errors.OptionError: member = 9: the result has the members 0 to 3
+    """
 
 
 class FileError(RigidmcError):
-    """A file or run directory that cannot be used: no regular file, damaged, or no result."""
+    """A file or run directory that cannot be used: no regular file, damaged, or no result.
+
+    Examples
+    --------
+    >>> rm.open(".")
+    Traceback (most recent call last):
+    rigidmc.errors.FileError: run = '.': is no run directory: it has no run.json
+    """
 
 
 class OutputExists(FileExistsError):
-    """A result would overwrite a file; nothing was written."""
+    """A result would overwrite a file; nothing was written.
+
+    Examples
+    --------
+    >>> scene = rm.Scene.load("dzhanibekov").with_run(members=4, t_end=1.0)
+    >>> rm.simulate(scene, output="flips.nc").close()
+    >>> rm.simulate(scene, output="flips.nc")  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    rigidmc.errors.OutputExists: flips.nc exists; nothing was written...
+    """
 
 
 class NoRoom(OSError):
@@ -60,7 +115,17 @@ class NoRoom(OSError):
 
 
 class SceneWarning(UserWarning):
-    """A scene that runs, but perhaps not as meant."""
+    """A scene that runs, but perhaps not as meant.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> with warnings.catch_warnings(record=True) as notes:
+    ...     warnings.simplefilter("always")
+    ...     ds = rm.simulate(rm.Scene.load("dzhanibekov"), members=4, dt=0.3, t_end=1.0)
+    >>> print(notes[0].message)
+    dt reduced from 0.3 to 0.2 s, which divides t_end and every
+    """
 
 
 def nearest(word: object, words: Iterable[object]) -> str | None:

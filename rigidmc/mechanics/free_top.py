@@ -76,20 +76,45 @@ def _orbits(
 
 
 def free_top(moments: ArrayLike, momentum: ArrayLike, attitude: Attitude, t: ArrayLike) -> Motion:
-    """The exact motion of free rigid bodies: Motion(momentum, omega, attitude) at any time.
+    """The exact motion of free rigid bodies at any time, TdC (3.35) and Example 3.6.
 
-    TdC (3.35) and Example 3.6.
+    Leading shapes broadcast: moments (B, 1, 3) and t (T,) give (B, T). The components of the
+    momentum are Jacobi's sn, cn and dn of lambda t.
 
-    moments : principal moments (..., 3) [kg m^2], in any order; any positive numbers, also moments
-        that no
-        body has (published problems use such)
-    momentum : angular momentum in principal axes (..., 3) at t = 0 [kg m^2/s]
-    attitude : quaternions (..., 4), matrices or a scipy Rotation, body to space, at t = 0
-    t : times (...) [s]: sparse, huge or negative
+    Parameters
+    ----------
+    moments : array_like (..., 3) [kg m^2]
+        principal moments, in any order; any positive numbers, also moments that no body has
+        (published problems use such)
+    momentum : array_like (..., 3) [kg m^2/s]
+        angular momentum in principal axes at t = 0
+    attitude : array_like (..., 4), (..., 3, 3) or scipy Rotation
+        quaternions or matrices, body to space, at t = 0
+    t : array_like (...) [s]
+        times: sparse, huge or negative
 
-    Leading shapes broadcast: moments (B, 1, 3) and t (T,) give (B, T). An impossible body or start
-    is nan in the result, and a SceneWarning counts them; SceneError if all are impossible, or
-    shapes do not broadcast.
+    Returns
+    -------
+    Motion
+        momentum (..., 3) [kg m^2/s] and omega (..., 3) [rad/s] in principal axes, and attitude
+        (..., 4), body to space
+
+    Raises
+    ------
+    SceneError
+        if all bodies or starts are impossible, or shapes do not broadcast
+
+    Warns
+    -----
+    SceneWarning
+        with the number of impossible bodies or starts, which are nan in the result
+
+    Examples
+    --------
+    >>> top = (1.0, 2.0, 3.0), (0.0, 1.0, 0.5), (1.0, 0.0, 0.0, 0.0)
+    >>> motion = rm.free_top(*top, t=[1.0, 1e6])
+    >>> motion.omega.round(6).tolist()
+    [[-0.084088, 0.492879, 0.173593], [0.184068, -0.464886, 0.197665]]
     """
     table, bodies, _ = _orbits(moments, momentum, attitude)
     shape, index, times = spread(bodies, np.asarray(t, dtype=float))
@@ -102,9 +127,36 @@ _AXES = np.array([[1, 3], [3, 2], [2, 1]])  # the axes of the body that `shift` 
 
 
 def free_motion(moments: ArrayLike, momentum: ArrayLike) -> Kind:
-    """The Kind of the free motion of principal moments (..., 3) from a momentum (..., 3).
+    """What kind of motion a free motion is, its period and its turning angle, TdC (3.35).
 
-    Units and errors as of `free_top`.
+    Parameters
+    ----------
+    moments : array_like (..., 3) [kg m^2]
+        principal moments, as of `free_top`
+    momentum : array_like (..., 3) [kg m^2/s]
+        angular momentum in principal axes
+
+    Returns
+    -------
+    Kind
+        arrays (...): kind, axis, m, mc, rate, period, flip_interval, turn, solid_angle, phase, see
+        `rigidmc.mechanics.free_top.Kind`
+
+    Raises
+    ------
+    SceneError
+        as of `free_top`
+
+    Warns
+    -----
+    SceneWarning
+        as of `free_top`
+
+    Examples
+    --------
+    >>> motion = rm.free_motion((1.0, 2.0, 3.0), (0.5, 1.0, 0.5))
+    >>> print(motion.kind, motion.period.round(6))
+    about the smallest moment 19.879658
     """
     table, shape, bad = _orbits(moments, momentum, (1.0, 0.0, 0.0, 0.0))
     o: Any = Orbit(*table.T)

@@ -108,25 +108,48 @@ def lagrange_top(
     t: ArrayLike,
     axis: int = 3,
 ) -> Motion:
-    """The exact motion of heavy symmetric tops: Motion(momentum, omega, attitude) at any time.
+    """The exact motion of heavy symmetric tops at any time, TdC Example 3.7.
 
-    TdC Example 3.7.
+    Leading shapes broadcast as in `free_top`.
 
-    moments : principal moments (..., 3) about the fixed point [kg m^2]; those of the two axes
-        across the
-        symmetry axis are equal
-    weight : k = m g l (...) [N m], l the distance of the centre of mass from the fixed point along
-        +axis;
-        negative if it lies on the other side
-    momentum : angular momentum in principal axes (..., 3) at t = 0 [kg m^2/s]
-    attitude : quaternions (..., 4), matrices or a scipy Rotation, body to space, at t = 0; also
-        upright and
-        hanging
-    t : times (...) [s];  axis : the symmetry axis, 1, 2 or 3
+    Parameters
+    ----------
+    moments : array_like (..., 3) [kg m^2]
+        principal moments about the fixed point; those of the two axes across the symmetry axis are
+        equal
+    weight : array_like (...) [N m]
+        k = m g l, l the distance of the centre of mass from the fixed point along +axis; negative
+        if it lies on the other side
+    momentum : array_like (..., 3) [kg m^2/s]
+        angular momentum in principal axes at t = 0
+    attitude : array_like (..., 4), (..., 3, 3) or scipy Rotation
+        quaternions or matrices, body to space, at t = 0; also upright and hanging
+    t : array_like (...) [s]
+        times
+    axis : int, optional
+        the symmetry axis, 1, 2 or 3
 
-    Leading shapes broadcast as in `free_top`. An impossible top is nan in the result, and a
-    SceneWarning counts them; SceneError if all are impossible, e.g. by unequal moments, or shapes
-    do not broadcast.
+    Returns
+    -------
+    Motion
+        as of `free_top`
+
+    Raises
+    ------
+    SceneError
+        if all tops are impossible, e.g. by unequal moments, or shapes do not broadcast
+
+    Warns
+    -----
+    SceneWarning
+        with the number of impossible tops, which are nan in the result
+
+    Examples
+    --------
+    >>> top = (1.0, 1.0, 0.5), 1.0, (0.0, 0.0, 5.0), (0.96, 0.28, 0.0, 0.0)
+    >>> motion = rm.lagrange_top(*top, t=[0.0, 1.0])
+    >>> motion.momentum[:, 2].round(12).tolist()  # L_3 stays
+    [5.0, 5.0]
     """
     table, _, tops, _, below = _orbits(moments, weight, momentum, attitude, axis)
     shape, index, times = spread(tops, np.asarray(t, dtype=float))
@@ -145,10 +168,48 @@ def lagrange_top(
 def lagrange_motion(
     moments: ArrayLike, weight: ArrayLike, momentum: ArrayLike, attitude: Attitude, axis: int = 3
 ) -> Nutation:
-    """Constants, turning angles and kind of motion of heavy symmetric tops: see Nutation.
+    """Constants, turning angles and kind of motion of heavy symmetric tops, TdC (3.40)-(3.42).
 
-    Arguments and errors as of `lagrange_top`. Loops, cusps and waves are told apart by the sign of
-    phi' = (a - b u)/(1 - u^2) at the turning angles.
+    Loops, cusps and waves are told apart by the sign, at the turning angles, of::
+
+        phi' = (a - b u)/(1 - u^2)
+
+    Parameters
+    ----------
+    moments : array_like (..., 3) [kg m^2]
+        principal moments, as of `lagrange_top`
+    weight : array_like (...) [N m]
+        k = m g l, as of `lagrange_top`
+    momentum : array_like (..., 3) [kg m^2/s]
+        angular momentum in principal axes
+    attitude : array_like (..., 4), (..., 3, 3) or scipy Rotation
+        quaternions or matrices, body to space
+    axis : int, optional
+        the symmetry axis, 1, 2 or 3
+
+    Returns
+    -------
+    Nutation
+        arrays (...): kind, p_phi, p_psi, energy, low, high, m, mc, rate, period, precession, spin,
+        see `rigidmc.mechanics.lagrange_top.Nutation`
+
+    Raises
+    ------
+    SceneError
+        as of `lagrange_top`
+
+    Warns
+    -----
+    SceneWarning
+        as of `lagrange_top`
+
+    Examples
+    --------
+    A top that is released with its axis at rest:
+
+    >>> top = rm.lagrange_motion((1.0, 1.0, 0.5), 1.0, (0.0, 0.0, 5.0), (0.96, 0.28, 0.0, 0.0))
+    >>> print(top.kind, top.period.round(6))
+    cusps 1.348585
     """
     table, columns, shape, bad, below = _orbits(moments, weight, momentum, attitude, axis)
     o: Any = Orbit(*table.T)

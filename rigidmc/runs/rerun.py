@@ -37,22 +37,55 @@ def rerun(
     force: bool = False,
     **options: Any,
 ) -> xr.Dataset:
-    """Integrate a member of a result once more; a Dataset like that of `rigidmc.simulate`, equal to
-    the result at the times that both have.
+    """Integrate a member of a result once more.
 
-    source : a result: a file (.nc), a run directory or a Dataset
-    member : its index, or a range of indices
-    every : time between saves [s]; default that of the result. If it is not a whole number of
-        steps, the nearest whole number is taken, and a SceneWarning tells that time. The steps of
-        members with steps of their own (`turn`) depend on `every`, so there it cannot change
-    save : names of observables; default all, but work only if the result has it
-    output : write this netCDF file too; `force` replaces an existing one
-    allow_code, options : as of `rigidmc.Scene.load` and `rigidmc.simulate`
+    The new result equals the old one at the times that both have; its attribute `rerun` tells at
+    how many times both were compared.
 
-    The attribute `rerun` tells at how many times both were compared. Raises OptionError for a
-    member that the result does not have, and SceneError for an `every` that would change the steps.
-    Warns (SceneWarning) if a value differs, as it may with another version of rigidmc or of a
-    library.
+    Parameters
+    ----------
+    source : path_like or xarray.Dataset
+        a result: a file (.nc), a run directory or a Dataset
+    member : int or range
+        its index, or a range of indices
+    every : float or str, optional [s]
+        time between saves; default that of the result. If it is not a whole number of steps, the
+        nearest whole number is taken, and a SceneWarning tells that time. The steps of members with
+        steps of their own (`turn`) depend on `every`, so there it cannot change
+    save : iterable of str, optional
+        names of observables; default all, but work only if the result has it
+    allow_code : bool, optional
+        as of `Scene.load`
+    output : path_like, optional
+        write this netCDF file too
+    force : bool, optional
+        replace an output that exists
+    **options : object
+        as of `simulate`
+
+    Returns
+    -------
+    xarray.Dataset
+        like that of `simulate`
+
+    Raises
+    ------
+    OptionError
+        for a member that the result does not have
+    SceneError
+        for an `every` that would change the steps
+
+    Warns
+    -----
+    SceneWarning
+        if a value differs, as it may with another version of rigidmc or of a library
+
+    Examples
+    --------
+    >>> ds = rm.simulate(rm.Scene.load("dzhanibekov"), members=4, t_end=1.0, every=0.5)
+    >>> again = rm.rerun(ds, member=2, every=0.25)
+    >>> bool((again.omega.sel(time=ds.time) == ds.omega.sel(member=[2])).all())
+    True
     """
     if output is not None:
         refuse_existing(os.fspath(output), force)

@@ -38,27 +38,55 @@ def simulate(
     attrs: Mapping[str, Any] | None = None,
     **settings: Any,
 ) -> xr.Dataset:
-    """Integrate an ensemble; return an xarray Dataset with dimensions member, time, axis, quat.
+    """Integrate an ensemble.
 
+    The parameters from `dt` on are settings of the run (`Run`), in place of the scene's own; None
+    leaves the scene's own. Members that turn non-finite, drift too far or spin too fast for the
+    step are flagged in `status` and frozen at their last good state; the other members do not
+    change by a bit.
+
+    Parameters
+    ----------
     scene : Scene
-    integrator : a name of `rigidmc integrators`, or "auto" for the cheapest one that keeps a
-        tolerance; the choice rests on times measured here, and the result's attributes tell it
-    members : number of members, or a range of member indices; the bits of a member depend on
-        scene, seed and its index alone
-    threads : number of threads; by default one for each core that the process may use
-    progress : True for a progress bar; or a function of (member-steps done, all member-steps)
-    output : netCDF file to write block by block, in memory that does not grow; it is opened lazily
-    force : replace an output that exists
-    block : members of a block, a multiple of 32; no result depends on it
-    attrs : more attributes of the result, words and numbers
-
-    Settings of the run (`Run`), in place of the scene's own; None leaves the scene's own:
-
+        what is run
+    integrator : str, optional
+        a name of `rigidmc integrators`, or "auto" for the cheapest one that keeps a tolerance; the
+        choice rests on times measured here, and the result's attributes tell it
+    members : int or range, optional
+        number of members, or a range of member indices; the bits of a member depend on scene, seed
+        and its index alone
+    threads : int, optional
+        number of threads; by default one for each core that the process may use
+    progress : bool or callable, optional
+        True for a progress bar; or a function of (member-steps done, all member-steps)
+    output : path_like, optional
+        netCDF file to write block by block, in memory that does not grow; it is opened lazily
+    force : bool, optional
+        replace an output that exists
+    block : int, optional
+        members of a block, a multiple of 32; no result depends on it
+    attrs : dict, optional
+        more attributes of the result, words and numbers
     {settings}
 
-    Raises SceneError for a scene that cannot be run, OutputExists for an output that exists.
-    Members that turn non-finite, drift too far or spin too fast for the step are flagged in
-    `status` and frozen at their last good state; the other members do not change by a bit.
+    Returns
+    -------
+    xarray.Dataset
+        with dimensions member, time, axis, quat, and with the methods of `ds.rigid`
+
+    Raises
+    ------
+    SceneError
+        for a scene that cannot be run
+    OutputExists
+        for an output that exists
+
+    Examples
+    --------
+    >>> scene = rm.Scene.load("dzhanibekov")
+    >>> ds = rm.simulate(scene, members=4, t_end=1.0, every=0.5)
+    >>> ds.omega.dims, ds.omega.shape
+    (('time', 'axis', 'member'), (3, 3, 4))
     """
     scene = _with_settings(scene, members, {**settings, "integrator": integrator})
     threads = threads_available() if threads is None else counted(threads, "threads")

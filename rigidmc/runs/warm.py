@@ -32,13 +32,32 @@ class Warmed(NamedTuple):
 
 
 def warm(scene: Scene, all_integrators: bool = False, progress: bool = False) -> list[Warmed]:
-    """Compile what a run of a scene needs; one `Warmed` for each integrator.
+    """Compile what a run of a scene needs.
 
-    all_integrators : also for the integrators that the scene does not name; those that cannot run
-        it are skipped
-    progress : True for a line before anything is compiled
+    Parameters
+    ----------
+    scene : Scene
+        what is to be run
+    all_integrators : bool, optional
+        also for the integrators that the scene does not name; those that cannot run it are skipped
+    progress : bool, optional
+        True for a line before anything is compiled
 
-    Raises SceneError for a scene that cannot be run as it is.
+    Returns
+    -------
+    list of Warmed
+        one for each integrator: integrator, seconds that it took, labels of what was compiled, why
+        it was skipped
+
+    Raises
+    ------
+    SceneError
+        for a scene that cannot be run as it is
+
+    Examples
+    --------
+    >>> [one.integrator for one in rm.warm(rm.Scene.load("dzhanibekov"))]
+    ['rk4']
     """
     with announcing(progress):
         results = [_warmed(scene)]

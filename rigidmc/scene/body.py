@@ -42,20 +42,63 @@ class Body(MassDistribution, metaclass=_Hints):
 
     @classmethod
     def from_moments(cls, moments: Any, mass: Any = 1.0, centre: Any = (0.0, 0.0, 0.0)) -> "Body":
-        """A body from principal moments (I1, I2, I3) or an array (members, 3) [kg m^2]; the
-        described axes are the principal axes."""
+        """Make a body from its principal moments; the described axes are the principal axes.
+
+        Parameters
+        ----------
+        moments : quantities (3,), array_like (members, 3) or law [kg m^2]
+            (I1, I2, I3) about the fixed point
+        mass : quantity, optional [kg]
+            of the body
+        centre : quantities (3,), optional [m]
+            centre of mass from the fixed point
+
+        Returns
+        -------
+        Body
+            the body
+
+        Examples
+        --------
+        >>> rm.Body.from_moments((1.0, 2.0, 2.5)).moments
+        (1.0, 2.0, 2.5)
+        """
         return cls(moments, mass, centre)
 
     @classmethod
     def from_tensor(
         cls, tensor: ArrayLike, mass: Any = 1.0, centre: Any = (0.0, 0.0, 0.0)
     ) -> "Body":
-        """A body from its inertia tensor (3, 3) about the fixed point [kg m^2], turned to principal
-        axes, TdC (3.19)-(3.23).
+        """Make a body from its inertia tensor, turned to principal axes, TdC (3.19)-(3.23).
 
         A diagonal tensor keeps its axes and their order. Otherwise the moments ascend, the largest
-        components of the first two axes are positive, and the third axis completes a right-handed
-        set.
+        components of the first two axes are positive, and the third axis completes a
+        right-handed set.
+
+        Parameters
+        ----------
+        tensor : array_like (3, 3) [kg m^2]
+            about the fixed point, symmetric
+        mass : float, optional [kg]
+            of the body
+        centre : array_like (3,), optional [m]
+            centre of mass from the fixed point, in the axes of the tensor
+
+        Returns
+        -------
+        Body
+            the body, which remembers the axes of the tensor
+
+        Raises
+        ------
+        SceneError
+            for a tensor that no body can have
+
+        Examples
+        --------
+        >>> body = rm.Body.from_tensor([[2.0, 0.5, 0.0], [0.5, 2.0, 0.0], [0.0, 0.0, 3.0]])
+        >>> [round(moment, 12) for moment in body.moments]
+        [1.5, 2.5, 3.0]
         """
         matrix = np.asarray(tensor, dtype=float)
         if matrix.shape != (3, 3):
@@ -68,12 +111,35 @@ class Body(MassDistribution, metaclass=_Hints):
 
     @classmethod
     def from_particles(cls, masses: ArrayLike, positions: ArrayLike) -> "Body":
-        """A body of N point particles, TdC (3.15).
+        """Make a body of N point particles, TdC (3.15).
+
+        Its inertia tensor::
 
             I_ij = sum m (r^2 delta_ij - x_i x_j)
 
-        masses : (N,) [kg]
-        positions : (N, 3) [m]
+        Parameters
+        ----------
+        masses : array_like (N,) [kg]
+            of the particles
+        positions : array_like (N, 3) [m]
+            from the fixed point
+
+        Returns
+        -------
+        Body
+            the body
+
+        Raises
+        ------
+        SceneError
+            for negative or non-finite masses, and particles that are no body, such as those on
+            a line
+
+        Examples
+        --------
+        >>> corners = [[1, 0, 0], [-1, 0, 0], [0, 2, 0], [0, -2, 0]]
+        >>> rm.Body.from_particles([1, 1, 1, 1], corners).moments
+        (8.0, 2.0, 10.0)
         """
         m, x = np.asarray(masses, dtype=float), np.asarray(positions, dtype=float)
         if m.ndim != 1 or x.shape != (m.size, 3):
@@ -90,11 +156,32 @@ class Body(MassDistribution, metaclass=_Hints):
 
     @classmethod
     def solid(cls, name: str, **sizes: Any) -> "Body":
-        """A solid of uniform density by its name in `rigidmc.mechanics.solids.SOLIDS`, about the
-        point that its docstring names, with axis 3 as its own axis.
+        """Make a solid of uniform density by its name in `rigidmc.mechanics.solids.SOLIDS`.
 
-        sizes : its arguments, all positive, e.g.
-            solid("hollow_cylinder", mass=1.0, inner=0.1, outer=0.2, height=0.3)
+        It turns about the point that the docstring there names; axis 3 is its own axis.
+
+        Parameters
+        ----------
+        name : str
+            such as "hollow_cylinder"
+        **sizes : float [kg, m]
+            the arguments of the solid, all positive
+
+        Returns
+        -------
+        Body
+            the body
+
+        Raises
+        ------
+        SceneError
+            for an unknown name, a size that is missing or unknown, and one that is not positive
+
+        Examples
+        --------
+        >>> ring = rm.Body.solid("hollow_cylinder", mass=1.0, inner=0.1, outer=0.2, height=0.3)
+        >>> round(ring.moments[2], 12)  # M/2 (inner^2 + outer^2)
+        0.025
         """
         if name not in solids.SOLIDS:
             raise unknown("body", name, None, "solid", solids.SOLIDS)
@@ -120,17 +207,57 @@ class Body(MassDistribution, metaclass=_Hints):
 
     @classmethod
     def cylinder(cls, mass: float, radius: float, height: float) -> "Body":
-        """A solid cylinder about its centre, axis 3 along it, TdC Example 3.1.
+        """Make a solid cylinder about its centre, axis 3 along it, TdC Example 3.1.
 
-        I = M/12 diag(3a^2 + h^2, 3a^2 + h^2, 6a^2)
+        Its inertia tensor::
+
+            I = M/12 diag(3a^2 + h^2, 3a^2 + h^2, 6a^2)
+
+        Parameters
+        ----------
+        mass : float [kg]
+            M
+        radius : float [m]
+            a
+        height : float [m]
+            h
+
+        Returns
+        -------
+        Body
+            the body
+
+        Examples
+        --------
+        >>> rm.Body.cylinder(mass=12.0, radius=1.0, height=3.0).moments
+        (12.0, 12.0, 6.0)
         """
         return cls.solid("cylinder", mass=mass, radius=radius, height=height)
 
     @classmethod
     def box(cls, mass: float, size: tuple[float, float, float]) -> "Body":
-        """A solid box with edges (x, y, z) about its centre.
+        """Make a solid box about its centre.
 
-        I = M/12 diag(y^2 + z^2, z^2 + x^2, x^2 + y^2)
+        Its inertia tensor::
+
+            I = M/12 diag(y^2 + z^2, z^2 + x^2, x^2 + y^2)
+
+        Parameters
+        ----------
+        mass : float [kg]
+            M
+        size : array_like (3,) [m]
+            edges (x, y, z)
+
+        Returns
+        -------
+        Body
+            the body
+
+        Examples
+        --------
+        >>> rm.Body.box(mass=12.0, size=(1.0, 2.0, 3.0)).moments
+        (13.0, 10.0, 5.0)
         """
         return cls.solid("box", mass=mass, size=size)
 
@@ -138,17 +265,37 @@ class Body(MassDistribution, metaclass=_Hints):
     def from_density(
         cls, density: float | Callable[..., Any], region: Any, tolerance: float = 1e-10
     ) -> "Body":
-        """A body from a density over a region, TdC (3.17), by Gauss-Legendre rules; it turns about
-        the origin.
+        """Make a body from a density over a region, TdC (3.17); it turns about the origin.
 
-        density : a number, or a function rho(x, y, z) of arrays [kg/m^3]
-        region : ("box", (x0, x1), (y0, y1), (z0, z1)), or ("cylinder", radius, (z0, z1)), or
+        Gauss-Legendre rules have 24 and 40 points per dimension. A smooth density is integrated to
+        rounding, also if limits meet like roots, as at the rim of a ball; a density with edges
+        inside is refused.
+
+        Parameters
+        ----------
+        density : float or callable [kg/m^3]
+            a number, or a function rho(x, y, z) of arrays
+        region : tuple [m]
+            ("box", (x0, x1), (y0, y1), (z0, z1)), or ("cylinder", radius, (z0, z1)), or
             ((x0, x1), y of x, z of x and y) with functions of arrays that give pairs of limits
-        tolerance : relative; SceneError with the estimate if two rules differ by more
+        tolerance : float, optional
+            by how much the two rules may differ, relative
 
-        The rules have 24 and 40 points per dimension. A smooth density is integrated to rounding,
-        also if limits meet like roots, as at the rim of a ball; a density with edges inside is
-        refused.
+        Returns
+        -------
+        Body
+            the body
+
+        Raises
+        ------
+        SceneError
+            with the estimate if the two rules differ by more, and for a mass that is not positive
+
+        Examples
+        --------
+        >>> box = ("box", (-0.5, 0.5), (-1.0, 1.0), (-1.5, 1.5))
+        >>> [round(moment, 12) for moment in rm.Body.from_density(2.0, box).moments]
+        [13.0, 10.0, 5.0]
         """
         coarse, fine = (inertia.moments_of_density(density, region, points) for points in (24, 40))
         mass, first, second = fine[0], fine[1:4], fine[4:].reshape(3, 3)
@@ -176,13 +323,36 @@ class Body(MassDistribution, metaclass=_Hints):
         mass: float | None = None,
         scale: float = 1.0,
     ) -> "Body":
-        """A body from a closed triangle mesh of uniform density, turning about the mesh's origin.
+        """Make a body from a closed triangle mesh of uniform density.
 
-        path : STL or OBJ file (extra `mesh`), or a trimesh.Trimesh
-        density [kg/m^3] or mass [kg]
-        scale : metres per unit of the file
+        It turns about the origin of the mesh.
 
-        Raises SceneError for a mesh that is not watertight.
+        Parameters
+        ----------
+        path : str or trimesh.Trimesh
+            STL or OBJ file (extra `mesh`), or a mesh
+        density : float, optional [kg/m^3]
+            either this
+        mass : float, optional [kg]
+            or this
+        scale : float, optional [m]
+            metres per unit of the file
+
+        Returns
+        -------
+        Body
+            the body
+
+        Raises
+        ------
+        SceneError
+            for a mesh that is not watertight, and for both or neither of density and mass
+
+        Examples
+        --------
+        >>> rm.Body.from_mesh("part.stl")
+        Traceback (most recent call last):
+        rigidmc.errors.SceneError: [body.mesh] density: give either density or mass, one of them
         """
         from rigidmc.mechanics import mesh
 
@@ -199,8 +369,33 @@ class Body(MassDistribution, metaclass=_Hints):
         return replace(body, shape=(shape.of_mesh(loaded),))
 
     def pivoted_at(self, point: Any) -> "Body":
-        """The same body turning about another of its points [m, described axes], by the parallel
-        axes theorem, TdC (3.26), (3.27)."""
+        """Move the fixed point to another point of the body, by the parallel axes theorem.
+
+        TdC (3.26), (3.27), with d from the centre of mass to the fixed point::
+
+            I = I_centre + M (d^2 delta_ij - d_i d_j)
+
+        Parameters
+        ----------
+        point : array_like (3,) [m]
+            the new fixed point, in the described axes
+
+        Returns
+        -------
+        Body
+            the same body turning about it
+
+        Raises
+        ------
+        SceneError
+            for a body that differs from member to member
+
+        Examples
+        --------
+        >>> rod = rm.Body.cylinder(mass=12.0, radius=1.0, height=3.0)
+        >>> rod.pivoted_at((0.0, 0.0, -1.5)).moments
+        (39.0, 39.0, 6.0)
+        """
         point = vector(point, "body", "pivot")
         if not is_shared(self.moments, self.mass, self.centre, point):
             rule = (
@@ -216,26 +411,87 @@ class Body(MassDistribution, metaclass=_Hints):
         return replace(body, shape=parts)
 
     def about_centre(self) -> "Body":
-        """The same body turning about its centre of mass, TdC (3.28)."""
+        """Move the fixed point to the centre of mass, TdC (3.28).
+
+        Returns
+        -------
+        Body
+            the same body turning about its centre of mass
+
+        Examples
+        --------
+        >>> rod = rm.Body.cylinder(mass=12.0, radius=1.0, height=3.0)
+        >>> rod.pivoted_at((0.0, 0.0, -1.5)).about_centre().moments
+        (12.0, 12.0, 6.0)
+        """
         return self.pivoted_at(self.centre)
 
     def joined(
         self, other: "Body", at: Any = (0.0, 0.0, 0.0), turned: Any = (1.0, 0.0, 0.0, 0.0)
     ) -> "Body":
-        """This body and another as one, about the fixed point of this body.
-
-        at : origin of the other body in the described axes of this one [m]
-        turned : attitude of the other body's described axes in those of this body
+        """Make one body of this one and another, about the fixed point of this body.
 
         Mass counts twice where the bodies overlap.
+
+        Parameters
+        ----------
+        other : Body
+            the body to add
+        at : array_like (3,), optional [m]
+            origin of the other body in the described axes of this one
+        turned : array_like (4,), (3, 3) or scipy Rotation, optional
+            attitude of the other body's described axes in those of this body
+
+        Returns
+        -------
+        Body
+            the whole
+
+        Raises
+        ------
+        SceneError
+            for bodies that differ from member to member
+
+        Examples
+        --------
+        >>> box = rm.Body.box(mass=12.0, size=(1.0, 2.0, 3.0))
+        >>> two = box.joined(box, at=(0.0, 0.0, 3.0))
+        >>> two.mass, two.centre
+        (24.0, (0.0, 0.0, 1.5))
         """
         return self._with(other, at, turned, 1.0)
 
     def without(
         self, other: "Body", at: Any = (0.0, 0.0, 0.0), turned: Any = (1.0, 0.0, 0.0, 0.0)
     ) -> "Body":
-        """This body less another that lies within it, placed as in `joined`; SceneError if the
-        remainder is no body."""
+        """Take away from this body another that lies within it, placed as in `joined`.
+
+        Parameters
+        ----------
+        other : Body
+            the body to take away
+        at : array_like (3,), optional [m]
+            origin of the other body in the described axes of this one
+        turned : array_like (4,), (3, 3) or scipy Rotation, optional
+            attitude of the other body's described axes in those of this body
+
+        Returns
+        -------
+        Body
+            the remainder
+
+        Raises
+        ------
+        SceneError
+            if the remainder is no body, and for bodies that differ from member to member
+
+        Examples
+        --------
+        >>> whole = rm.Body.cylinder(mass=4.0, radius=2.0, height=1.0)
+        >>> tube = whole.without(rm.Body.cylinder(mass=1.0, radius=1.0, height=1.0))
+        >>> tube.mass, tube.moments[2]
+        (3.0, 7.5)
+        """
         return self._with(other, at, turned, -1.0)
 
     def _with(self, other: "Body", at: Any, turned: Any, sign: float) -> "Body":

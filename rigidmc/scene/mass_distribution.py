@@ -22,19 +22,34 @@ IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 class MassDistribution:
     """A rigid body that turns about a fixed point, the origin of the axes in which it is described.
 
-    moments : principal moments (I1, I2, I3) about the fixed point [kg m^2]
-    mass : [kg]
-    centre : centre of mass from the fixed point, in the described axes [m]
-    axes : 3x3, its columns are the principal axes in the described axes, right-handed; the identity
-        unless the body was given by a tensor, by particles or by a shift
-    shape : the solids that pictures draw; makers of bodies know them, no motion depends on them
+    A quantity is a number, a distribution, a grid, or an array with one row per member.
 
-    Components of moments, mass and centre are numbers, distributions, grids, or arrays with one row
-    per member. Moments may also be a law: SecondMoments, whose bodies always exist, or Correlated,
-    a measured inertia with its covariance.
+    Parameters
+    ----------
+    moments : quantities (3,), array_like (members, 3) or law [kg m^2]
+        principal moments (I1, I2, I3) about the fixed point. The laws are SecondMoments, whose
+        bodies always exist, and Correlated, a measured inertia with its covariance
+    mass : quantity, optional [kg]
+        of the body
+    centre : quantities (3,), optional [m]
+        centre of mass from the fixed point, in the described axes
+    axes : tuple (3, 3), optional
+        its columns are the principal axes in the described axes, right-handed; the identity unless
+        the body was given by a tensor, by particles or by a shift
+    shape : tuple of Part, optional
+        the solids that pictures draw; makers of bodies know them, no motion depends on them
 
-    Raises SceneError for moments that are not positive or break the triangle inequality
-    I_i <= I_j + I_k.
+    Raises
+    ------
+    SceneError
+        for moments that are not positive or break the triangle inequality I_i <= I_j + I_k
+
+    Examples
+    --------
+    >>> body = rm.Body((1.0, 2.0, rm.normal(2.5, 0.01)), mass=3.0, centre=(0.0, 0.0, 0.1))
+    >>> rm.Body((1.0, 2.0, 4.0))  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    rigidmc.errors.SceneError: [body] moments = [1.0, 2.0, 4.0]: the triangle inequality is...
     """
 
     moments: Any
@@ -79,41 +94,153 @@ class MassDistribution:
             raise SceneError("body", "moments", shown, rule)
 
     def to_principal(self, vector: ArrayLike) -> Array:
-        """Components in the principal axes, as in results, of vectors (..., 3) in the described
-        axes."""
+        """Resolve vectors in the principal axes, as in results.
+
+        Parameters
+        ----------
+        vector : array_like (..., 3)
+            components in the described axes
+
+        Returns
+        -------
+        numpy.ndarray (..., 3)
+            components in the principal axes
+
+        Examples
+        --------
+        >>> body = rm.Body.from_tensor([[2.0, 0.5, 0.0], [0.5, 2.0, 0.0], [0.0, 0.0, 3.0]])
+        >>> body.to_principal((0.0, 0.0, 1.0)).round(12).tolist()
+        [0.0, 0.0, 1.0]
+        """
         components: Array = np.asarray(vector, dtype=float) @ np.array(self.axes)
         return components
 
     def to_own(self, vector: ArrayLike) -> Array:
-        """Components in the described axes of vectors (..., 3) in principal axes, such as omega and
-        momentum of a result."""
+        """Resolve vectors, such as omega and momentum of a result, in the described axes.
+
+        Parameters
+        ----------
+        vector : array_like (..., 3)
+            components in the principal axes
+
+        Returns
+        -------
+        numpy.ndarray (..., 3)
+            components in the described axes
+
+        Examples
+        --------
+        >>> body = rm.Body.from_tensor([[2.0, 0.5, 0.0], [0.5, 2.0, 0.0], [0.0, 0.0, 3.0]])
+        >>> body.to_own((0.0, 0.0, 1.0)).round(12).tolist()
+        [0.0, 0.0, 1.0]
+        """
         components: Array = np.asarray(vector, dtype=float) @ np.array(self.axes).T
         return components
 
     def own_attitude(self, attitude: ArrayLike) -> Array:
-        """Attitudes (..., 4) of the described axes from those of the principal axes, as in
-        results."""
+        """Turn attitudes of the principal axes, as in results, into those of the described axes.
+
+        Parameters
+        ----------
+        attitude : array_like (..., 4)
+            quaternions of the principal axes
+
+        Returns
+        -------
+        numpy.ndarray (..., 4)
+            quaternions of the described axes
+
+        Examples
+        --------
+        >>> rm.Body((1.0, 2.0, 2.5)).own_attitude((0.6, 0.8, 0.0, 0.0)).round(12).tolist()
+        [0.6, 0.8, 0.0, 0.0]
+        """
         inverse = rotation.quaternion(np.array(self.axes)) * np.array([1.0, -1.0, -1.0, -1.0])
         return rotation.product(rotation.quaternion(attitude), inverse)
 
     def principal_attitude(self, attitude: ArrayLike) -> Array:
-        """Attitudes (..., 4) of the principal axes, as `Start` takes them, from those of the
-        described axes."""
+        """Turn attitudes of the described axes into those of the principal axes, for `Start`.
+
+        Parameters
+        ----------
+        attitude : array_like (..., 4)
+            quaternions of the described axes
+
+        Returns
+        -------
+        numpy.ndarray (..., 4)
+            quaternions of the principal axes
+
+        Examples
+        --------
+        >>> rm.Body((1.0, 2.0, 2.5)).principal_attitude((0.6, 0.8, 0.0, 0.0)).round(12).tolist()
+        [0.6, 0.8, 0.0, 0.0]
+        """
         axes = rotation.quaternion(np.array(self.axes))
         return rotation.product(rotation.quaternion(attitude), axes)
 
     def angular_momentum(self, omega: ArrayLike) -> Array:
-        """L = I omega (..., 3), TdC (3.25), both in the described axes."""
+        """Angular momentum, TdC (3.25).
+
+        In the described axes::
+
+            L = I omega
+
+        Parameters
+        ----------
+        omega : array_like (..., 3) [rad/s]
+            angular velocity in the described axes
+
+        Returns
+        -------
+        numpy.ndarray (..., 3) [kg m^2/s]
+            angular momentum in the described axes
+
+        Examples
+        --------
+        >>> rm.Body((1.0, 2.0, 2.5)).angular_momentum((1.0, 1.0, 2.0)).tolist()
+        [1.0, 2.0, 5.0]
+        """
         return inertia.angular_momentum(self.tensor, omega)
 
     def kinetic_energy(self, omega: ArrayLike) -> Array:
-        """T = 1/2 omega I omega (...), TdC (3.16), with omega (..., 3) in the described axes."""
+        """Kinetic energy, TdC (3.16).
+
+        In the described axes::
+
+            T = 1/2 omega . I omega
+
+        Parameters
+        ----------
+        omega : array_like (..., 3) [rad/s]
+            angular velocity in the described axes
+
+        Returns
+        -------
+        numpy.ndarray (...) [J]
+            T
+
+        Examples
+        --------
+        >>> float(rm.Body((1.0, 2.0, 2.5)).kinetic_energy((1.0, 1.0, 2.0)))
+        6.5
+        """
         return inertia.kinetic_energy(self.tensor, omega)
 
     @property
     def tensor(self) -> Array:
-        """Inertia tensor (3, 3) about the fixed point in the described axes [kg m^2]; ValueError
-        unless the moments are plain numbers."""
+        """Inertia tensor (3, 3) about the fixed point in the described axes [kg m^2].
+
+        Raises
+        ------
+        ValueError
+            unless the moments are plain numbers
+
+        Examples
+        --------
+        >>> rm.Body((1.0, 2.0, 2.5)).tensor.diagonal().tolist()
+        [1.0, 2.0, 2.5]
+        """
         if not is_shared(self.moments):
             raise ValueError("a body that differs from member to member has no single tensor")
         axes = np.array(self.axes)
@@ -121,15 +248,50 @@ class MassDistribution:
         return tensor
 
     def quantities(self) -> tuple[Any, ...]:
-        """All quantities of the body, in one flat tuple."""
+        """All quantities of the body, in one flat tuple.
+
+        Returns
+        -------
+        tuple
+            moments (before the numbers of a law the law), mass, components of the centre
+
+        Examples
+        --------
+        >>> rm.Body((1.0, 2.0, 2.5)).quantities()
+        (1.0, 2.0, 2.5, 1.0, 0.0, 0.0, 0.0)
+        """
         moments = self.moments
         if isinstance(moments, Law):
             moments = (moments, *numbers_of(moments))
         return (*moments, self.mass, *self.centre)
 
     def sample(self, source: Source, first: int, count: int) -> tuple[Array, Array, Array]:
-        """Moments (3, count), mass (count,) and centre of mass in principal axes (3, count) of
-        members first ... first + count - 1."""
+        """Moments, mass and centre of mass of members first ... first + count - 1.
+
+        Parameters
+        ----------
+        source : int or point set
+            the seed, or the points from which numbers are drawn
+        first : int
+            index of the first member
+        count : int
+            number of members
+
+        Returns
+        -------
+        moments : numpy.ndarray (3, count) [kg m^2]
+            principal moments
+        mass : numpy.ndarray (count,) [kg]
+            masses
+        centre : numpy.ndarray (3, count) [m]
+            centres of mass in principal axes
+
+        Examples
+        --------
+        >>> moments, mass, centre = rm.Body((1.0, 2.0, rm.uniform(2.0, 3.0))).sample(0, 0, 5)
+        >>> moments.shape, mass.shape, centre.shape
+        ((3, 5), (5,), (3, 5))
+        """
         if isinstance(self.moments, Law):
             moments = self.moments.sample(source, "body.moments", first, count, None)
         else:

@@ -33,16 +33,36 @@ Change = Callable[[Any], Any]
 class Parts:
     """A body, what acts on it, how its members start, and how it is run.
 
+    Parameters
+    ----------
     body : Body
-    effects : effects such as Gravity(9.81); their parameters are numbers, distributions, grids, or
-        arrays with one row per member
-    start : Start
-    run : Run, the defaults of `simulate`
-    title, summary, source : texts for people
-    observables : observables over all steps that have parameters, such as
-        Passage(axis=3, angle=0.5)
+        the rigid body
+    effects : tuple of effects, optional
+        such as Gravity(9.81); their parameters are numbers, distributions, grids, or arrays with
+        one row per member
+    start : Start, optional
+        by default at rest
+    run : Run, optional
+        the defaults of `simulate`
+    title : str, optional
+        text for people
+    summary : str, optional
+        text for people
+    source : str, optional
+        text for people
+    observables : tuple of observables, optional
+        those over all steps that have parameters, such as Passage(axis=3, angle=0.5)
 
-    Raises SceneError for a value that is no effect, and for arrays of different lengths.
+    Raises
+    ------
+    SceneError
+        for a value that is no effect, and for arrays of different lengths
+
+    Examples
+    --------
+    >>> body = rm.Body.cylinder(1.0, 0.1, 0.4).pivoted_at((0.0, 0.0, -0.2))
+    >>> start = rm.Start(omega=(0.0, 0.0, rm.normal(200.0, 1.0)), attitude=(0.0, 0.3, 0.0))
+    >>> scene = rm.Scene(body, rm.Gravity(9.81), start, rm.Run(t_end=2.0, dt=1e-3))
     """
 
     body: Body
@@ -72,29 +92,77 @@ class Parts:
         return {key: value for key, value in vars(self).items() if key != KEPT}
 
     def quantities(self) -> tuple[Any, ...]:
-        """All quantities that may differ from member to member."""
+        """All quantities that may differ from member to member.
+
+        Returns
+        -------
+        tuple
+            numbers, distributions, grids, arrays and laws of body, start and effects
+
+        Examples
+        --------
+        >>> rm.Scene(rm.Body((1.0, 2.0, 3.0)), rm.Gravity(9.81)).quantities()[-1]
+        9.81
+        """
         parameters = (value for effect in self.effects for _, _, value in numbers(effect))
         return (*self.body.quantities(), *self.start.quantities(), *parameters)
 
     def rows_to_run(self) -> int | None:
-        """The number of members if the scene has arrays with one row per member and no number of
-        members of its own; else None."""
+        """The number of members that arrays with one row per member leave to run.
+
+        Returns
+        -------
+        int or None
+            None without such arrays, or if the scene has a number of members of its own
+
+        Examples
+        --------
+        >>> body = rm.Body(np.array([[1.0, 2.0, 2.5], [1.0, 1.5, 2.0]]))
+        >>> rm.Scene(body).rows_to_run()
+        2
+        """
         count = rows(*self.quantities())
         if count is None or "members" in self.run.model_fields_set:
             return None
         return count - self.run.first
 
     def drawn_through(self) -> str:
-        """In words, the library that draws numbers of the scene whose bits may change with its
-        version; "" if rigidmc alone draws them."""
+        """The library that draws numbers of the scene whose bits may change with its version.
+
+        Returns
+        -------
+        str
+            in words; "" if rigidmc alone draws them
+
+        Examples
+        --------
+        >>> rm.Scene.load("dzhanibekov").drawn_through()
+        ''
+        """
         laws = any(isinstance(q, (Distribution, Law)) and q.by_scipy for q in self.quantities())
         if not laws and self.run.points not in ("sobol", "latin_hypercube"):
             return ""
         return f"through scipy {version('scipy')}: the bits are those of this version"
 
     def mapped(self, change: Change) -> Self:
-        """The same scene with change(quantity) in place of each quantity of body, start and
-        effects."""
+        """Make the same scene with other quantities of body, start and effects.
+
+        Parameters
+        ----------
+        change : callable
+            function of a quantity that returns the one to put in its place
+
+        Returns
+        -------
+        Scene
+            the changed scene
+
+        Examples
+        --------
+        >>> scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)), rm.Gravity(9.81))
+        >>> scene.mapped(lambda q: 2.0 * q if q == 9.81 else q).effects
+        (Gravity(g=19.62),)
+        """
         parts = {
             key: _mapped(getattr(self.body, key), change) for key in ("moments", "mass", "centre")
         }
@@ -112,8 +180,21 @@ class Parts:
         )
 
     def coarse(self) -> Self:
-        """The same scene with coarser grids, so that its first PILOT members are spread over all
-        members; the scene itself if it has no grids."""
+        """Make the same scene with coarser grids.
+
+        Its first PILOT members are spread over all members.
+
+        Returns
+        -------
+        Scene
+            the scene with coarser grids; the scene itself if it has no grids
+
+        Examples
+        --------
+        >>> scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)))
+        >>> scene.coarse() is scene
+        True
+        """
         strides = sorted({q.stride for q in self.quantities() if isinstance(q, Grid)})
         if not strides:
             return self
@@ -126,10 +207,33 @@ class Parts:
         return self.mapped(change)
 
     def with_run(self, **settings: Any) -> Self:
-        """The same scene with other run settings, see `Run`; settings that are None stay as they
-        are.
+        """Make the same scene with other run settings.
 
-        `save` may name observables, or contain them: Passage(axis=3, angle=0.5)
+        Parameters
+        ----------
+        **settings : object
+            of `Run`; those that are None stay as they are. `save` may name observables, or contain
+            them: Passage(axis=3, angle=0.5)
+
+        Returns
+        -------
+        Scene
+            the scene
+
+        Raises
+        ------
+        SceneError
+            for an unknown setting or a value that it cannot have
+
+        See Also
+        --------
+        Run : the settings.
+
+        Examples
+        --------
+        >>> scene = rm.Scene(rm.Body((1.0, 2.0, 2.5))).with_run(dt=1e-3, t_end="1h")
+        >>> scene.run.t_end
+        3600.0
         """
         given = {k: v for k, v in settings.items() if v is not None}
         observables = self.observables
@@ -147,24 +251,84 @@ class Parts:
         return replace(self, run=run, observables=observables)
 
     def saved(self) -> tuple[str, ...]:
-        """The names of the observables that are recorded at save times."""
+        """The names of the observables that are recorded at save times.
+
+        Returns
+        -------
+        tuple of str
+            names
+
+        Examples
+        --------
+        >>> rm.Scene(rm.Body((1.0, 2.0, 2.5))).with_run(save=("energy", "flips")).saved()
+        ('energy',)
+        """
         return saved(self.run.save)
 
     def recorded(self) -> tuple[str, ...]:
-        """The names of the saved observables, and of those that histograms need."""
+        """The names of the saved observables, and of those that histograms need.
+
+        Returns
+        -------
+        tuple of str
+            names
+
+        Examples
+        --------
+        >>> spins = rm.Histogram("omega[3]", low=-1.0, high=1.0)
+        >>> scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)), observables=(spins,))
+        >>> scene.with_run(save=("energy", "histogram")).recorded()
+        ('energy', 'omega')
+        """
         return recorded(self.run.save, self.observables)
 
     def kept(self) -> dict[str, str]:
-        """{name: how much is kept of it} of the saved observables, see
-        `rigidmc.observables.keep`."""
+        """How much is kept of each saved observable, see `rigidmc.observables.keep`.
+
+        Returns
+        -------
+        dict of str
+            {name: how much}
+
+        Examples
+        --------
+        >>> scene = rm.Scene(rm.Body((1.0, 2.0, 2.5))).with_run(save=("energy",), keep="final")
+        >>> scene.kept()
+        {'energy': 'final'}
+        """
         return kept(self.run.keep, self.saved())
 
     def histograms(self) -> list[tuple[str, Any]]:
-        """[(label, observable)] of the counts over all members."""
+        """The counts over all members that the scene takes.
+
+        Returns
+        -------
+        list of (str, observable)
+            labels and observables
+
+        Examples
+        --------
+        >>> spins = rm.Histogram("omega[3]", low=-1.0, high=1.0)
+        >>> scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)), observables=(spins,))
+        >>> [label for label, _ in scene.with_run(save=("histogram",)).histograms()]
+        ['histogram']
+        """
         return [(label, one) for label, one in self.watched() if isinstance(one, Ensemble)]
 
     def watched(self) -> list[tuple[str, Any]]:
-        """[(label, observable)] of the observables over all steps."""
+        """The observables over all steps.
+
+        Returns
+        -------
+        list of (str, observable)
+            labels and observables
+
+        Examples
+        --------
+        >>> scene = rm.Scene(rm.Body((1.0, 2.0, 2.5))).with_run(save=("energy", "flips"))
+        >>> [label for label, _ in scene.watched()]
+        ['flips']
+        """
         return watched((*self.run.save, *summaries(self.kept())), self.observables)
 
 

@@ -109,7 +109,39 @@ class Grid:
 
 
 def grid(low: float, high: float, count: int, stride: int = 1, log: bool = False) -> Grid:
-    """A Grid; SceneError unless low < high (both above 0 with `log`), and counts are at least 1."""
+    """Make evenly spaced numbers: the centres of equal parts of (low, high).
+
+    Member i has number i // stride % count. Two grids, one of stride r and one of stride r n, make
+    a map of n columns with r members of each pixel.
+
+    Parameters
+    ----------
+    low : float
+        lower end of the first part, in units of the quantity
+    high : float
+        upper end of the last part
+    count : int
+        number of parts
+    stride : int, optional
+        number of consecutive members with the same number
+    log : bool, optional
+        parts of equal ratio instead of equal length
+
+    Returns
+    -------
+    Grid
+        from which each member takes a number
+
+    Raises
+    ------
+    SceneError
+        unless low < high (both above 0 with `log`), and counts are at least 1
+
+    Examples
+    --------
+    >>> rm.grid(0.0, 1.0, 4).values().tolist()
+    [0.125, 0.375, 0.625, 0.875]
+    """
     given = {"grid": [low, high, count], "stride": stride, "log": log}
     if not (_is_number(low) and _is_number(high) and low < high) or (log and not low > 0):
         above = ", above 0 if log = true" if log else ""
@@ -137,20 +169,89 @@ def is_distribution(name: str) -> bool:
 
 
 def normal(mean: float, standard_deviation: float) -> Distribution:
-    """Normal distribution N(mean, standard_deviation^2)."""
+    """Make a normal distribution N(mean, standard_deviation^2).
+
+    Parameters
+    ----------
+    mean : float
+        of the numbers, in units of the quantity
+    standard_deviation : float
+        of the numbers, positive, in the same units
+
+    Returns
+    -------
+    Distribution
+        from which each member draws a number
+
+    Raises
+    ------
+    SceneError
+        for a standard deviation that is not positive
+
+    Examples
+    --------
+    >>> start = rm.Start(omega=(rm.normal(0.0, 1e-3), 1.0, 0.0))
+    >>> rm.normal(2.0, 0.1).ppf(np.array([0.5])).tolist()
+    [2.0]
+    """
     return distribution("normal", mean, standard_deviation)
 
 
 def uniform(low: float, high: float) -> Distribution:
-    """Uniform distribution on (low, high)."""
+    """Make a uniform distribution on (low, high).
+
+    Parameters
+    ----------
+    low : float
+        lower end, in units of the quantity
+    high : float
+        upper end, in the same units
+
+    Returns
+    -------
+    Distribution
+        from which each member draws a number
+
+    Raises
+    ------
+    SceneError
+        unless low < high
+
+    Examples
+    --------
+    >>> rm.uniform(1.0, 3.0).ppf(np.array([0.25])).tolist()
+    [1.5]
+    """
     return distribution("uniform", low, high)
 
 
 def distribution(name: str, /, *values: float, **parameters: float) -> Distribution:
-    """A distribution by name: normal(mean, sd), uniform(low, high), or a continuous one of
-    scipy.stats with keyword parameters.
+    """Make a distribution by its name.
 
-    Raises SceneError for an unknown name, or parameters outside the domain of the distribution.
+    Parameters
+    ----------
+    name : str
+        "normal", "uniform", or a continuous one of scipy.stats
+    *values : float
+        (mean, sd) of "normal", (low, high) of "uniform"
+    **parameters : float
+        keywords of one of scipy.stats, such as loc, scale and its shapes
+
+    Returns
+    -------
+    Distribution
+        from which each member draws a number
+
+    Raises
+    ------
+    SceneError
+        for an unknown name, or parameters outside the domain of the distribution
+
+    Examples
+    --------
+    >>> decay = rm.distribution("expon", scale=2.0)
+    >>> decay.ppf(np.array([0.5])).round(6).tolist()  # 2 ln 2
+    [1.386294]
     """
     given = {name: list(values) or parameters}
     if name not in ("normal", "uniform"):

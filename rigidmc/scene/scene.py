@@ -23,7 +23,23 @@ class Scene(Parts):
     __doc__ = Parts.__doc__
 
     def check(self) -> "Scene":
-        """The scene itself; raises SceneError if it cannot be run, see `rigidmc.scene.checks`."""
+        """Check that the scene can be run, see `rigidmc.scene.checks`.
+
+        Returns
+        -------
+        Scene
+            the scene itself
+
+        Raises
+        ------
+        SceneError
+            if it cannot be run
+
+        Examples
+        --------
+        >>> rm.Scene.load("dzhanibekov").check().run.integrator
+        'rk4'
+        """
         self.with_run()
         check(self)
         return self
@@ -32,15 +48,36 @@ class Scene(Parts):
     def load(
         source: str | os.PathLike[str], settings: Settings = (), allow_code: bool = False
     ) -> "Scene":
-        """A scene from a TOML file, the name of a shipped scene, a run directory, or a result.
+        """Load a scene from a TOML file, the name of a shipped scene, a run directory, or a result.
 
-        settings : (dotted key, value) pairs that override values of the file
-        allow_code : whether to run the Python files from which it takes effects. [effects.Wind]
-            with module = "wind.py", beside the scene file, is the class Wind of that file. Without
-            allow_code such a scene is refused: scene files execute nothing.
+        Parameters
+        ----------
+        source : path_like
+            the file, name or directory
+        settings : sequence of (str, value), optional
+            dotted keys and values that override values of the file
+        allow_code : bool, optional
+            whether to run the Python files from which it takes effects. [effects.Wind] with
+            module = "wind.py", beside the scene file, is the class Wind of that file. Without
+            allow_code such a scene is refused: scene files execute nothing
 
-        Raises SceneError for a mistake in the scene, FileNotFoundError if there is no such file or
-        name.
+        Returns
+        -------
+        Scene
+            the scene
+
+        Raises
+        ------
+        SceneError
+            for a mistake in the scene
+        FileNotFoundError
+            if there is no such file or name
+
+        Examples
+        --------
+        >>> scene = rm.Scene.load("heavy_top", settings=[("effects.gravity.g", 1.62)])
+        >>> scene.effects
+        (Gravity(g=1.62),)
         """
         file = located(source)
         if file.lower().endswith(".nc"):
@@ -50,12 +87,48 @@ class Scene(Parts):
 
     @staticmethod
     def loads(text: str, file: str = "scene") -> "Scene":
-        """A scene from TOML text; errors name `file`."""
+        r"""Make a scene from TOML text.
+
+        Parameters
+        ----------
+        text : str
+            the scene
+        file : str, optional
+            name for error messages
+
+        Returns
+        -------
+        Scene
+            the scene
+
+        Raises
+        ------
+        SceneError
+            for a mistake in the text
+
+        Examples
+        --------
+        >>> text = "body.moments = [1.0, 2.0, 3.0]\nstart.omega = [0.0, 1.0, 0.0]"
+        >>> rm.Scene.loads(text).start.omega
+        (0.0, 1.0, 0.0)
+        """
         return loads(text, file)
 
     def dumps(self) -> str:
-        """The scene as TOML text; arrays with one row per member become references to the variables
-        of the result."""
+        """Write the scene as TOML text.
+
+        Arrays with one row per member become references to the variables of the result.
+
+        Returns
+        -------
+        str
+            the text, which `loads` reads
+
+        Examples
+        --------
+        >>> print(rm.Scene(rm.Body((1.0, 2.0, 3.0)), title="brick").dumps()[:15])
+        title = "brick"
+        """
         return dumps(self)
 
 

@@ -63,11 +63,28 @@ class Table(BaseModel):
 
 
 class Run(Table):
-    """The settings of a run. A scene has them as its table [run], and each can be overridden: by a
-    keyword of `simulate`, or by an option of the command line, such as `--t-end 1h` for t_end.
+    """The settings of a run.
+
+    A scene has them as its table [run], and each can be overridden: by a keyword of `simulate`, or
+    by an option of the command line, such as `--t-end 1h` for t_end.
 
     Times are seconds or text such as "1h30m" and "250 ms". Counts are whole numbers, also written
     as 1e6. A tolerance without an integrator means integrator = "auto".
+
+    Parameters
+    ----------
+    {settings}
+
+    Raises
+    ------
+    pydantic.ValidationError
+        for an unknown setting, a value that it cannot have, and both of dt and turn
+
+    Examples
+    --------
+    >>> run = rm.Run(t_end="1h30m", members=1e6)
+    >>> run.t_end, run.members, run.dt
+    (5400.0, 1000000, 0.01)
     """
 
     integrator: str = _is("rk4", "a name of `rigidmc integrators`, or auto with a tolerance")
@@ -176,7 +193,9 @@ def _without_none(hint: Any) -> Any:
     return get_args(hint)[0] if NoneType in get_args(hint) else hint
 
 
-Run.__doc__ = inspect.cleandoc(Run.__doc__ or "").replace("{settings}", parameters(Run.model_fields))
+Run.__doc__ = inspect.cleandoc(Run.__doc__ or "").replace(
+    "{settings}", parameters(Run.model_fields)
+)
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")

@@ -22,17 +22,31 @@ class Start:
     """How members start. Each component is a number, a distribution, a grid, or an array with one
     row per member.
 
-    omega : angular velocity in the principal axes of the body [rad/s], or
-    momentum : angular momentum in the principal axes of the body [kg m^2/s]; either may also be a
-        law of a whole vector, see `rigidmc.scene.laws`
-    attitude : a quaternion (w, x, y, z), normalised here; a 3x3 matrix; Euler angles z-x-z
+    Parameters
+    ----------
+    omega : quantities (3,) or law, optional [rad/s]
+        either this: angular velocity in the principal axes of the body
+    momentum : quantities (3,) or law, optional [kg m^2/s]
+        or this: angular momentum in the principal axes of the body
+    attitude : quantities (3,) [rad], (4,), array_like (3, 3), Rotation, str or law, optional
+        a quaternion (w, x, y, z), normalised here; a 3x3 matrix; Euler angles z-x-z
         (phi, theta, psi) [rad], TdC (3.36); a scipy Rotation; "uniform" on SO(3); Fisher or
-        Pointing of `rigidmc.scene.laws`; or "ensemble", which follows the law of the momentum: with
-        GibbsMomentum exp(-V/kT), the canonical ensemble, with Shell sqrt(E - V), the microcanonical
-        one. By default the body axes lie along the space axes.
+        Pointing; or "ensemble", which follows the law of the momentum: with GibbsMomentum
+        exp(-V/kT), the canonical ensemble, with Shell sqrt(E - V), the microcanonical one. By
+        default the body axes lie along the space axes
 
-    Raises SceneError for a wrong shape, a non-finite number, a quaternion of norm 0, a matrix that
-    is no rotation, and for both or neither of omega and momentum.
+    Raises
+    ------
+    SceneError
+        for a wrong shape, a non-finite number, a quaternion of norm 0, a matrix that is no
+        rotation, and for both or neither of omega and momentum
+
+    Examples
+    --------
+    >>> start = rm.Start(omega=(rm.normal(0.0, 1e-3), 1.0, 0.0), attitude="uniform")
+    >>> rm.Start()
+    Traceback (most recent call last):
+    rigidmc.errors.SceneError: [start] omega: give either omega or momentum, one of them
     """
 
     omega: Any = None
@@ -62,12 +76,24 @@ class Start:
 
     @property
     def which(self) -> str:
-        """ "omega" or "momentum", the one that is given."""
+        """The word "omega" or "momentum", whichever is given.
+
+        Examples
+        --------
+        >>> rm.Start(momentum=(0.0, 0.0, 1.0)).which
+        'momentum'
+        """
         return "omega" if self.momentum is None else "momentum"
 
     @property
     def by_euler_angles(self) -> bool:
-        """Whether the attitude is given by Euler angles."""
+        """Whether the attitude is given by Euler angles.
+
+        Examples
+        --------
+        >>> rm.Start(omega=(0.0, 0.0, 1.0), attitude=(0.0, 0.3, 0.0)).by_euler_angles
+        True
+        """
         return isinstance(self.attitude, tuple) and len(self.attitude) == 3
 
     @property
@@ -75,7 +101,18 @@ class Start:
         return getattr(self, self.which)
 
     def quantities(self) -> tuple[Any, ...]:
-        """All quantities of the start, in one flat tuple."""
+        """All quantities of the start, in one flat tuple.
+
+        Returns
+        -------
+        tuple
+            components of omega or momentum, then of the attitude unless it is a word
+
+        Examples
+        --------
+        >>> rm.Start(omega=(0.0, 0.0, 1.0), attitude="uniform").quantities()
+        (0.0, 0.0, 1.0)
+        """
         attitude = () if isinstance(self.attitude, str) else self.attitude
         return tuple(
             part
@@ -86,9 +123,31 @@ class Start:
     def spin(
         self, source: Source, first: int, count: int, facts: Facts | None
     ) -> tuple[str, Array]:
-        """("omega" or "momentum", its values (3, count)) of members first ... first + count - 1.
+        """Draw omega or momentum of members first ... first + count - 1.
 
-        facts : Facts of the members, which only laws of ensembles need
+        Parameters
+        ----------
+        source : int or point set
+            the seed, or the points from which numbers are drawn
+        first : int
+            index of the first member
+        count : int
+            number of members
+        facts : Facts or None
+            of the members, which only laws of ensembles need
+
+        Returns
+        -------
+        name : str
+            "omega" or "momentum"
+        values : numpy.ndarray (3, count) [rad/s or kg m^2/s]
+            in the principal axes
+
+        Examples
+        --------
+        >>> name, values = rm.Start(omega=(0.0, rm.uniform(1.0, 2.0), 0.0)).spin(0, 0, 5, None)
+        >>> name, values.shape
+        ('omega', (3, 5))
         """
         name, given = f"start.{self.which}", self._given
         if isinstance(given, Law):
@@ -98,7 +157,30 @@ class Start:
     def quaternions(
         self, source: Source, first: int, count: int, facts: Facts | None = None
     ) -> Array:
-        """Unit quaternions (4, count); facts as in `spin`."""
+        """Draw the attitudes of members first ... first + count - 1.
+
+        Parameters
+        ----------
+        source : int or point set
+            the seed, or the points from which numbers are drawn
+        first : int
+            index of the first member
+        count : int
+            number of members
+        facts : Facts or None, optional
+            of the members, which only attitude = "ensemble" needs
+
+        Returns
+        -------
+        numpy.ndarray (4, count)
+            unit quaternions, from body to space components
+
+        Examples
+        --------
+        >>> q = rm.Start(omega=(0.0, 0.0, 1.0), attitude="uniform").quaternions(0, 0, 5)
+        >>> (q**2).sum(0).round(12).tolist()
+        [1.0, 1.0, 1.0, 1.0, 1.0]
+        """
         name = "start.attitude"
         if self.attitude == "ensemble":
             share = self.momentum.share(source, first, count, facts)

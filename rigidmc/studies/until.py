@@ -69,18 +69,57 @@ def simulate_until(
     force: bool = False,
     **options: Any,
 ) -> tuple[xr.Dataset, Interval]:
-    """(Dataset, Interval): an ensemble that grows until the interval of a measure is narrow enough.
-
-    until : such as "p(flips >= 1) +- 0.001", see `rigidmc.studies.measures`
-    most : members at most;  progress : a function of (members so far, the Interval)
-    output, force, options : as of `rigidmc.simulate`
+    """Grow an ensemble until the interval of a measure is narrow enough.
 
     The ensemble grows without the saves of the scene, at some 100 bytes of memory a member. The
     final ensemble is then run once with saves and output; it is the first members of the scene, to
     the bit. The number of members that is still needed follows from the spread of those so far, to
     a few per cent, so there are few rounds.
-    A SceneWarning says if the goal is not reached. Raises OptionError if by the first round the
-    goal needs more than `most` members.
+
+    Parameters
+    ----------
+    scene : Scene
+        what is run
+    until : str
+        such as "p(flips >= 1) +- 0.001", see `rigidmc.studies.measures`
+    most : int, optional
+        members at most
+    confidence : float, optional
+        of the interval
+    threads : int, optional
+        as of `simulate`
+    progress : callable, optional
+        a function of (members so far, the Interval)
+    output : path_like, optional
+        as of `simulate`
+    force : bool, optional
+        as of `simulate`
+    **options : object
+        as of `simulate`
+
+    Returns
+    -------
+    result : xarray.Dataset
+        the final ensemble, as of `simulate`
+    interval : Interval
+        the measure: value, low, high
+
+    Raises
+    ------
+    OptionError
+        if by the first round the goal needs more than `most` members
+
+    Warns
+    -----
+    SceneWarning
+        if the goal is not reached
+
+    Examples
+    --------
+    >>> scene = rm.Scene.load("dzhanibekov").with_run(dt=0.025, t_end=2.5)
+    >>> ds, interval = rm.simulate_until(scene, "p(flips >= 1) +- 0.02")
+    >>> interval.half <= 0.02
+    True
     """
     if options.get("members") is not None:
         rule = "there are as many members as it takes, `most` at most: give that"
@@ -202,10 +241,39 @@ def randomised(
     threads: int | None = None,
     **options: Any,
 ) -> Interval:
-    """The Interval of the mean of a measure over independent randomisations of its points.
+    """Estimate the mean of a measure by independent randomisations of its points.
 
-    For Sobol points and Latin hypercubes, whose members are not independent. Each randomisation
-    has `members` members and the next seed from the scene's on; Student's t over their values.
+    For Sobol points and Latin hypercubes, whose members are not independent. Each randomisation has
+    `members` members and the next seed from the scene's on; Student's t over their values.
+
+    Parameters
+    ----------
+    scene : Scene
+        what is run
+    text : str
+        a measure, such as "p(flips >= 1)", see `rigidmc.studies.measures`
+    members : int
+        of each randomisation
+    randomisations : int, optional
+        how many
+    confidence : float, optional
+        of the interval
+    threads : int, optional
+        as of `simulate`
+    **options : object
+        as of `simulate`
+
+    Returns
+    -------
+    Interval
+        of the mean: value, low, high
+
+    Examples
+    --------
+    >>> scene = rm.Scene.load("dzhanibekov").with_run(dt=0.025, t_end=2.5, points="sobol")
+    >>> interval = rm.randomised(scene, "p(flips >= 1)", members=64, randomisations=4)
+    >>> bool(interval.low <= interval.value <= interval.high)
+    True
     """
     scene = _without_saves(observing(scene.with_run(members=members, **options), [text]))
     asked = measure(text, {name: v.dims for name, v in member_variables(scene, False).items()})

@@ -32,14 +32,43 @@ class Pictures:
 
 @xr.register_dataset_accessor("rigid")
 class Rigid:
-    """The physics of a result: energy, drift, polhodes, reruns, pictures, a summary."""
+    """The physics of a result, as `ds.rigid`: energy, drift, polhodes, reruns, pictures, a summary.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        a result of `simulate`, or one that was opened
+
+    Examples
+    --------
+    >>> ds = rm.simulate(rm.Scene.load("dzhanibekov"), members=4, t_end=1.0, every=0.5)
+    >>> ds.rigid.scene().title
+    'dzhanibekov'
+    """
 
     def __init__(self, dataset: xr.Dataset) -> None:
         self._dataset = dataset
         self.plot = Pictures(dataset)
 
     def scene(self, allow_code: bool = False) -> Any:
-        """The Scene that the result was computed from."""
+        """The scene that the result was computed from.
+
+        Parameters
+        ----------
+        allow_code : bool, optional
+            whether to run the Python files from which it takes effects
+
+        Returns
+        -------
+        Scene
+            the scene
+
+        Examples
+        --------
+        >>> ds = rm.simulate(rm.Scene.load("dzhanibekov"), members=4, t_end=1.0)
+        >>> ds.rigid.scene().run.members
+        4
+        """
         from rigidmc.scene.scene import scene_of
 
         return scene_of(self._dataset, allow_code=allow_code)
@@ -54,7 +83,24 @@ class Rigid:
         return self._dataset
 
     def momentum(self) -> xr.DataArray:
-        """Angular momentum (time, axis, member) in body axes, saved or from omega [kg m2/s]."""
+        """Angular momentum in body axes, saved or from omega.
+
+        Returns
+        -------
+        xarray.DataArray (time, axis, member) [kg m^2/s]
+            L_i = I_i omega_i
+
+        Raises
+        ------
+        ValueError
+            if neither was saved at all times
+
+        Examples
+        --------
+        >>> ds = rm.simulate(rm.Scene.load("dzhanibekov"), members=4, t_end=1.0, every=0.5)
+        >>> ds.rigid.momentum().shape
+        (3, 3, 4)
+        """
         ds = self._whole()
         if "momentum" in ds:
             return ds["momentum"]
@@ -70,9 +116,24 @@ class Rigid:
         )
 
     def euler(self) -> xr.Dataset:
-        """Euler angles phi, theta, psi of the saved attitudes (time, member), TdC (3.36) [rad].
+        """Euler angles of the saved attitudes, TdC (3.36).
 
-        Raises ValueError if the attitude was not saved.
+        Returns
+        -------
+        xarray.Dataset
+            phi, theta, psi (time, member) [rad]
+
+        Raises
+        ------
+        ValueError
+            if the attitude was not saved
+
+        Examples
+        --------
+        >>> scene = rm.Scene.load("dzhanibekov").with_run(members=4, t_end=1.0, every=0.5)
+        >>> ds = rm.simulate(scene, save=("omega", "attitude"))
+        >>> ds.rigid.euler().theta[:, 0].values.round(3).tolist()
+        [0.0, 0.011, 0.064]
         """
         from rigidmc.mechanics.rotation import euler
 
@@ -91,10 +152,26 @@ class Rigid:
         return xr.Dataset(variables, {name: q[name] for name in ("time", "member")})
 
     def phase(self) -> xr.DataArray:
-        """Phase of the free motion (time, member), as a share of its period 4 K(m)/lambda.
+        """Phase of the free motion, as a share of its period 4 K(m)/lambda.
 
-        See `rigidmc.mechanics.free_top.Kind`. Under torques it is the phase of the free motion
-        that would start there.
+        Under torques it is the phase of the free motion that would start there. See
+        `rigidmc.mechanics.free_top.Kind`.
+
+        Returns
+        -------
+        xarray.DataArray (time, member)
+            from 0 to 1
+
+        Raises
+        ------
+        ValueError
+            if neither momentum nor omega was saved at all times
+
+        Examples
+        --------
+        >>> ds = rm.simulate(rm.Scene.load("dzhanibekov"), members=4, t_end=1.0, every=0.5)
+        >>> ds.rigid.phase()[:, 0].values.round(3).tolist()
+        [0.248, 0.316, 0.384]
         """
         from rigidmc.mechanics.free_top import free_motion
 
@@ -108,9 +185,27 @@ class Rigid:
         )
 
     def energy(self) -> xr.DataArray:
-        """Energy (time, member), saved or from saved states, TdC (3.16), (3.33) [J].
+        """Energy, saved or from saved states, TdC (3.16), (3.33).
 
-        Raises ValueError if it needs an attitude that was not saved.
+        With the potential energy V of the effects::
+
+            E = 1/2 L . I^-1 L + V(q)
+
+        Returns
+        -------
+        xarray.DataArray (time, member) [J]
+            E
+
+        Raises
+        ------
+        ValueError
+            if it needs an attitude that was not saved
+
+        Examples
+        --------
+        >>> ds = rm.simulate(rm.Scene.load("dzhanibekov"), members=4, t_end=1.0, every=0.5)
+        >>> (1e6 * ds.rigid.energy())[:, 0].values.round(1).tolist()
+        [575.4, 575.4, 575.4]
         """
         ds = self._whole()
         if "energy" in ds:
@@ -141,9 +236,20 @@ class Rigid:
         return np.concatenate(parts, axis=1)
 
     def drift(self) -> xr.DataArray:
-        """Drift of the energy since the first save, relative to its value there (time, member).
+        """Drift of the energy since the first save, relative to its value there.
 
         If that is 0, relative to the largest energy in size.
+
+        Returns
+        -------
+        xarray.DataArray (time, member)
+            (E - E(0))/E(0)
+
+        Examples
+        --------
+        >>> ds = rm.simulate(rm.Scene.load("dzhanibekov"), members=4, t_end=1.0, every=0.5)
+        >>> bool(abs(ds.rigid.drift()).max() < 1e-8)
+        True
         """
         energy = self.energy()
         scale = abs(energy.isel(time=0))
@@ -154,9 +260,32 @@ class Rigid:
         )
 
     def polhode(self, member: int, points: int = 400) -> xr.DataArray:
-        """The curve of constant energy and |L|^2 through a member's start [kg m2/s].
+        """The curve of constant energy and `|L|` through a member's start.
 
-        (points, axis); the momentum of a free body stays on it.
+        The momentum of a free body stays on it.
+
+        Parameters
+        ----------
+        member : int
+            its index
+        points : int, optional
+            number of points
+
+        Returns
+        -------
+        xarray.DataArray (points, axis) [kg m^2/s]
+            angular momenta in body axes
+
+        Raises
+        ------
+        ValueError
+            for a member that the result does not have
+
+        Examples
+        --------
+        >>> ds = rm.simulate(rm.Scene.load("dzhanibekov"), members=4, t_end=1.0, every=0.5)
+        >>> ds.rigid.polhode(0, points=100).shape
+        (100, 3)
         """
         from rigidmc.views.sphere import polhodes
 
@@ -172,14 +301,47 @@ class Rigid:
         return xr.DataArray(curve, dims=("point", "axis"), attrs=attrs)
 
     def rerun(self, member: int, **options: Any) -> xr.Dataset:
-        """Integrate a member again and save more of it, see `rigidmc.runs.rerun`."""
+        """Integrate a member again and save more of it.
+
+        Parameters
+        ----------
+        member : int
+            its index
+        **options : object
+            as of `rerun`
+
+        Returns
+        -------
+        xarray.Dataset
+            as of `rerun`
+
+        Examples
+        --------
+        >>> ds = rm.simulate(rm.Scene.load("dzhanibekov"), members=4, t_end=1.0, every=0.5)
+        >>> ds.rigid.rerun(2, every=0.25).sizes["time"]
+        5
+        """
         from rigidmc.runs.rerun import rerun
 
         result: xr.Dataset = rerun(self._dataset, member, **options)
         return result
 
     def summary(self) -> str:
-        """A few lines of text, see `rigidmc.views.summary`."""
+        r"""Tell a result in a few lines of text.
+
+        Returns
+        -------
+        str
+            the flagged members; of each number per member its mean with the confidence interval,
+            its median, the middle 90 %, and for how many members the event never happened
+
+        Examples
+        --------
+        >>> ds = rm.simulate(rm.Scene.load("dzhanibekov"), members=4, t_end=1.0, every=0.5)
+        >>> print("\n".join(ds.rigid.summary().splitlines()[:2]))
+        dzhanibekov: 4 members to 1 s with rk4, dt = 0.01 s
+          flagged: none
+        """
         from rigidmc.views.summary import summary
 
         return summary(self._dataset)

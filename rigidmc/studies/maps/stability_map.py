@@ -66,19 +66,57 @@ def stability_map(
     confidence: float = 0.95,
     **settings: Any,
 ) -> xr.Dataset:
-    """A map as a Dataset over y and x.
+    """Map a measure over two parameters of a scene.
 
-    of : one measure or several, such as "p(flips >= 1)", see `rigidmc.studies.measures`
-    x, y, resolution : see `on_map`
-    members : per pixel; default REPLICAS, or 1 if only x and y differ between members
-    settings : of `rigidmc.simulate`;  progress : a function of (pixels done, all)
-
-    Variables: each measure with the ends `_low` and `_high` of its confidence interval; `good`
-    members per pixel, `failed` ones, which are flagged in `status` and left out, and `none`, for
-    which the body or the start does not exist. A measure is nan in pixels without a good member.
     Member r of pixel (i, j) is member (j columns + i) members + r of the scene in the attributes,
     to the bit.
-    Raises OptionError for parameters and measures that the scene does not have.
+
+    Parameters
+    ----------
+    scene : Scene
+        what is run
+    x : tuple
+        (parameter, low, high), or (parameter, low, high, True) for even ratios
+    y : tuple
+        the same for the other side
+    of : str or sequence of str
+        one measure or several, such as "p(flips >= 1)", see `rigidmc.studies.measures`
+    resolution : int or tuple of int, optional
+        pixels per side, or (columns, rows)
+    members : int, optional
+        per pixel; default REPLICAS, or 1 if only x and y differ between members
+    threads : int, optional
+        number of threads; by default one for each core that the process may use
+    progress : callable, optional
+        a function of (pixels done, all)
+    confidence : float, optional
+        of the intervals
+    **settings : object
+        of `simulate`
+
+    Returns
+    -------
+    xarray.Dataset
+        over y and x: each measure with the ends `_low` and `_high` of its confidence interval;
+        `good` members per pixel, `failed` ones, which are flagged in `status` and left out, and
+        `none`, for which the body or the start does not exist. A measure is nan in pixels without a
+        good member
+
+    Raises
+    ------
+    OptionError
+        for parameters and measures that the scene does not have
+
+    Examples
+    --------
+    The spin about axis 2 is unstable while I1 < I2 < I3:
+
+    >>> start = rm.Start(omega=(0.01, 1.0, 0.01))
+    >>> scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)), start=start)
+    >>> sides = ("body.moments.1", 1.0, 3.0), ("start.omega.1", 0.01, 0.1)
+    >>> flips = rm.stability_map(scene, *sides, "p(flips >= 1)", (2, 1), t_end=40.0, dt=0.1)
+    >>> flips["p(flips>=1)"].values.tolist()
+    [[1.0, 0.0]]
     """
     texts = (of,) if isinstance(of, str) else tuple(of)
     if not texts or not all(isinstance(text, str) for text in texts):
