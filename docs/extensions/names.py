@@ -6,6 +6,8 @@ from docutils.statemachine import StringList
 
 import rigidmc
 
+WITH_METHODS = ("Body", "Scene")
+
 
 class Names(Directive):
     """The docstrings of some public names of rigidmc, or with `effects`, `laws` of a registry."""
@@ -17,7 +19,8 @@ class Names(Directive):
         lines = []
         for name in self.arguments[0].split():
             kind = "class" if isinstance(getattr(rigidmc, name), type) else "function"
-            lines += ["```{eval-rst}", f".. auto{kind}:: rigidmc.{name}", "```", ""]
+            methods = ["   :members:", "   :inherited-members:"] * (name in WITH_METHODS)
+            lines += ["```{eval-rst}", f".. auto{kind}:: rigidmc.{name}", *methods, "```", ""]
         self.state.nested_parse(StringList(lines), self.content_offset, here)
         return here.children
 

@@ -78,8 +78,7 @@ def _orbits(
 def free_top(moments: ArrayLike, momentum: ArrayLike, attitude: Attitude, t: ArrayLike) -> Motion:
     """The exact motion of free rigid bodies at any time, TdC (3.35) and Example 3.6.
 
-    Leading shapes broadcast: moments (B, 1, 3) and t (T,) give (B, T). The components of the
-    momentum are Jacobi's sn, cn and dn of lambda t.
+    Leading shapes broadcast: moments (B, 1, 3) and t (T,) give (B, T).
 
     Parameters
     ----------
