@@ -381,6 +381,7 @@ def test_every_name_is_explained():
     for command, name in words:
         made = invoke(command, name)
         assert made.exit_code == 0 and "in a scene" in made.stdout, (name, made.exception)
+        assert ">>>" not in made.stdout and "----" not in made.stdout  # of numpydoc
     assert "motor = [0, 0, 0]" in invoke("effects", "rotor").stdout
 
 
