@@ -10,6 +10,7 @@ from rigidmc.cli import (  # noqa: F401
     directories,
     doctor,
     maps,
+    new,
     results,
     run,
     scenes,

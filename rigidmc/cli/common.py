@@ -240,6 +240,7 @@ def refuse_outputs(
     plot: str | None = None,
     bounds: str | None = None,
     animation: str | None = None,
+    scene: str | None = None,
     size: int = 100_000,
 ) -> None:
     """Refuse, before any work, outputs that could not be written after it: files that exist, files
@@ -255,6 +256,7 @@ def refuse_outputs(
         "pictures": plot,
         "tables of bounds": bounds,
         "animations": animation,
+        "scenes": scene,
     }
     for kind, path in kinds.items():
         if path is not None:

@@ -27,6 +27,7 @@ KINDS = {  # of what is written, with their endings
     "animations": (".gif", ".mp4", ".webm"),
     "pages": (".html",),
     "tables of bounds": (".csv",),
+    "scenes": (".toml",),
 }
 _PART = re.compile(r"\.part-(.+)-([0-9]+)-([0-9]+)(\.[A-Za-z0-9]{1,8})?")
 _numbers = itertools.count()

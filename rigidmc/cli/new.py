@@ -1,0 +1,258 @@
+"""rigidmc new: write a first scene file, from options or from answers to questions."""
+
+import math
+import os
+import sys
+from collections.abc import Callable
+from typing import Annotated, Any
+
+import typer
+
+from rigidmc.cli.common import INTERRUPTED, app, fail, refuse_outputs, reported
+from rigidmc.cli.options import Force, count_option, time_option
+from rigidmc.cli.panels import START
+from rigidmc.errors import OptionError, RigidmcError, unknown
+from rigidmc.mechanics.solids import SOLIDS
+from rigidmc.scene.amounts import counted_text
+
+Vector = tuple[float, ...]
+Given = dict[str, Any]  # {option: its text, number or None}
+
+
+def numbers(text: str, key: str, count: int | None = None) -> Vector:
+    """Numbers separated by commas; OptionError."""
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        values = ()
+    if not values or count not in (None, len(values)) or not all(map(math.isfinite, values)):
+        many = "numbers" if count is None else "a number" if count == 1 else f"{count} numbers"
+        commas = "" if count == 1 else " separated by commas"
+        raise OptionError("", key, text, f"expected {many}{commas}, all finite")
+    return values
+
+
+def sizes(text: str, key: str = "--size") -> dict[str, Any]:
+    """{name: number, or list of numbers} of "radius=0.03,height=0.008" or "size=1,2,3"."""
+    values: dict[str, Any] = {}
+    for part in text.replace(" ", "").split(","):
+        name, equals, value = part.rpartition("=")
+        if equals:
+            last = name
+        if not values and not equals:
+            rule = "expected NAME=NUMBER, as in radius=0.03,height=0.008 or size=0.02,0.05,0.1"
+            raise OptionError("", key, text, rule)
+        values.setdefault(last, []).extend(numbers(value, key, 1))
+    return {name: one[0] if len(one) == 1 else one for name, one in values.items()}
+
+
+def lean_of(text: str, key: str = "--lean") -> float | str:
+    """An angle [rad], or "uniform"; OptionError."""
+    return text if text == "uniform" else numbers(text, key, 1)[0]
+
+
+def gravity_of(text: str, key: str = "--gravity") -> float:
+    """A number [m/s2], 0 for "none"; OptionError."""
+    return 0.0 if text == "none" else numbers(text, key, 1)[0]
+
+
+def table_of(given: Given) -> Given:
+    """The table [body] of the options of a body; without any of them that of a heavy top."""
+    from rigidmc.views.new_scene import SIZES, TOP, body_in
+
+    table: Given = {}
+    shaped = any(given[key] is not None for key in ("solid", "size", "mass"))
+    if given["moments"] is not None:
+        for key in ("solid", "size"):
+            if given[key] is not None:
+                rule = "does not go with --moments, which are a body of their own"
+                raise OptionError("", f"--{key}", given[key], rule)
+        table["moments"] = list(numbers(given["moments"], "--moments", 3))
+        table["mass"] = 1.0 if given["mass"] is None else given["mass"]
+        if given["centre"] is not None:
+            table["centre"] = list(numbers(given["centre"], "--centre", 3))
+    elif given["centre"] is not None:
+        rule = "goes with --moments; the fixed point of a solid is its --pivot"
+        raise OptionError("", "--centre", given["centre"], rule)
+    elif not shaped and given["pivot"] is None:
+        table |= TOP
+    else:
+        solid = given["solid"] or "cylinder"
+        if solid not in SOLIDS:
+            raise unknown("", "--solid", solid, "solid", SOLIDS, OptionError)
+        table[solid] = SIZES[solid] if given["size"] is None else sizes(given["size"])
+        mass = {} if given["mass"] is None else {"mass": given["mass"]}
+        table[solid] = ({} if solid == "t_handle" else {"mass": 0.2}) | table[solid] | mass
+    if given["pivot"] is not None:
+        table["pivot"] = list(numbers(given["pivot"], "--pivot", 3))
+    _refuse_body(lambda: body_in(table))
+    return table
+
+
+def _refuse_body(make: Callable[[], object]) -> None:
+    """Turn the error about a body into one about the option that gave it."""
+    try:
+        make()
+    except RigidmcError as error:
+        own = error.key in ("moments", "mass", "centre", "pivot")
+        key = f"--{error.key}" if own else f"--size {error.key}"
+        raise OptionError("", key, error.value, error.rule, error.nearest) from None
+
+
+def motion_of(given: Given, table: Given) -> Any:
+    """The Motion that the options ask for, with defaults that suit the body."""
+    from rigidmc.views.new_scene import Motion, body_in, default_gravity, default_spin
+
+    body, text = body_in(table), given["gravity"]
+    gravity = default_gravity(body) if text is None else gravity_of(text)
+    if gravity and not default_gravity(body):
+        rule = "has no torque on a body that is held at its centre of mass: give a --pivot"
+        raise OptionError("", "--gravity", text, rule)
+    spread = 0.01 if given["spread"] is None else given["spread"]
+    if not 0.0 <= spread < 1.0:
+        raise OptionError("", "--spread", spread, "expected a share of the spin, from 0 to below 1")
+    auto, given_spin = default_spin(body, gravity), given["spin"]
+    spin = auto if given_spin is None else numbers(given_spin, "--spin", 3)
+    lean: float | str | None = 0.4 if gravity else None
+    lean = lean if given["lean"] is None else lean_of(given["lean"])
+    return Motion(spin, spread, lean, gravity)
+
+
+def ask(question: str, default: str | None, read: Callable[[str], Any]) -> str | None:
+    """The text of an answer that `read` takes; it is asked again until it does. An empty answer to
+    a question without a default is None."""
+
+    def checked(text: str) -> str | None:
+        try:
+            if text:
+                read(text)
+        except RigidmcError as error:
+            raise typer.BadParameter(str(error)) from None
+        return text or None
+
+    answer = typer.prompt(question, default or "", value_proc=checked, show_default=bool(default))
+    return str(answer) if answer else None
+
+
+def asked(given: Given) -> Given:
+    """The options from answers to questions."""
+    from rigidmc.views.new_scene import SIZES, TOP
+
+    def body(key: str) -> Callable[[str], object]:
+        return lambda text: table_of({**given, key: text})
+
+    given = dict(given)
+    given["solid"] = ask(f"Solid: {', '.join(SOLIDS)}", "cylinder", body("solid"))
+    example = SIZES[given["solid"] or "cylinder"]
+    text = ",".join(f"{k}={str(v).strip('[]')}" for k, v in example.items()).replace(" ", "")
+    given["size"] = ask("Its sizes [kg, m]", text, body("size"))
+    top = ",".join(map(str, TOP["pivot"])) if given["solid"] == "cylinder" else None
+    where = "Fixed point, seen from the origin of the solid [m], 0,0,0 for the origin itself"
+    given["pivot"] = ask(where, top or "0,0,0", body("pivot"))
+    table = table_of(given)
+    auto = motion_of(given, table)
+    if auto.gravity:
+        given["gravity"] = ask("Gravity [m/s2] or none", f"{auto.gravity:g}", gravity_of)
+        auto = motion_of(given, table)
+    spin = ",".join(f"{w:g}" for w in auto.spin)
+    given["spin"] = ask(
+        "Spin about the principal axes [rad/s]", spin, lambda text: numbers(text, "--spin", 3)
+    )
+    if auto.gravity:
+        question = "Lean of axis 3 from the vertical [rad], or uniform"
+        given["lean"] = ask(question, f"{auto.lean:g}", lean_of)
+    members = ask("Members", "1000", lambda text: counted_text(text, "--members"))
+    return {**given, "members": counted_text(members or "1000", "--members")}
+
+
+def at_terminal() -> bool:
+    """Whether somebody can answer questions."""
+    return sys.stdin.isatty()
+
+
+def _text(metavar: str, text: str) -> Any:
+    return typer.Option(metavar=metavar, help=text)
+
+
+Solid = Annotated[str | None, _text("SOLID", f"Body: {', '.join(SOLIDS)}.")]
+Size = Annotated[
+    str | None,
+    _text("SIZES", "Sizes of the solid \\[m]: radius=0.03,height=0.008 or size=1,2,3."),
+]
+Mass = Annotated[float | None, typer.Option(help="Mass \\[kg].")]
+Moments = Annotated[
+    str | None, _text("I1,I2,I3", "Principal moments \\[kg m2], instead of a solid.")
+]
+Centre = Annotated[
+    str | None, _text("X,Y,Z", "With --moments: centre of mass from the fixed point \\[m].")
+]
+Pivot = Annotated[
+    str | None, _text("X,Y,Z", "Fixed point, seen from the origin of the solid \\[m].")
+]
+Spin = Annotated[
+    str | None,
+    _text("W1,W2,W3", "Spin about the principal axes \\[rad/s]; by default one for the body."),
+]
+Spread = Annotated[
+    float | None,
+    typer.Option(help="Standard deviation of the spin, as a share of it; by default 0.01."),
+]
+Lean = Annotated[
+    str | None, _text("ANGLE", "Angle of axis 3 from the vertical \\[rad], or uniform.")
+]
+Gravity = Annotated[
+    str | None,
+    _text("G", "Gravity \\[m/s2] or none; by default 9.81 if the body is held off its centre."),
+]
+Members = Annotated[
+    int | None, count_option("--members", help="Number of members; by default 1000.")
+]
+TEnd = Annotated[
+    float | None, time_option("--t-end", help="End time; by default some tens of turns.")
+]
+Title = Annotated[str | None, _text("TEXT", "Title; by default the name of the file.")]
+
+
+@app.command("new", rich_help_panel=START)
+def new_command(
+    file: Annotated[str, typer.Argument(metavar="FILE", help="Scene file to write (.toml).")],
+    solid: Solid = None,
+    size: Size = None,
+    mass: Mass = None,
+    moments: Moments = None,
+    centre: Centre = None,
+    pivot: Pivot = None,
+    spin: Spin = None,
+    spread: Spread = None,
+    lean: Lean = None,
+    gravity: Gravity = None,
+    members: Members = None,
+    t_end: TEnd = None,
+    title: Title = None,
+    force: Force = False,
+) -> None:
+    """Write a scene file with a comment on each line, to begin with and to change. At a terminal
+    and without options it asks; otherwise what is not given has a default: a heavy top."""
+    given: Given = {k: v for k, v in locals().items() if k not in ("file", "force")}
+    with reported():
+        from rigidmc.files.outputs import write_bytes
+        from rigidmc.views.new_scene import new_scene
+
+        refuse_outputs(force, scene=file)
+        if at_terminal() and all(value is None for value in given.values()):
+            try:
+                given = asked(given)
+            except typer.Abort:
+                fail("interrupted; nothing was written", INTERRUPTED)
+        table = table_of(given)
+        name = os.path.basename(file).removesuffix(".toml")
+        text = new_scene(
+            given["title"] or name,
+            table,
+            motion_of(given, table),
+            given["members"] or 1000,
+            given["t_end"],
+        )
+        write_bytes(file, text.encode(), force)
+        print(f"  wrote {file}")
+        print(f"  rigidmc show {file}\n  rigidmc run {file} -o {name}.nc --plot {name}.png")

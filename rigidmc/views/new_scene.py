@@ -1,0 +1,183 @@
+"""A new scene file: a body, gravity and a spin become TOML with a comment on each line, and with a
+step and an end that suit the motion."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import tomli_w
+
+from rigidmc.effects.gravity import Gravity
+from rigidmc.errors import OptionError
+from rigidmc.planning.form import largest_rates
+from rigidmc.scene.body import Body
+from rigidmc.scene.scene import Scene
+from rigidmc.scene.tables import body_of, start_of
+from rigidmc.scene.values import Columns
+
+# one of each solid, of a size to be held in the hand [m, kg, kg/m3]
+SIZES: dict[str, dict[str, Any]] = {
+    "box": {"mass": 0.2, "size": [0.02, 0.05, 0.1]},
+    "ball": {"mass": 0.2, "radius": 0.03},
+    "shell": {"mass": 0.05, "radius": 0.03},
+    "cylinder": {"mass": 0.2, "radius": 0.03, "height": 0.008},
+    "hollow_cylinder": {"mass": 0.2, "inner": 0.02, "outer": 0.03, "height": 0.05},
+    "cone": {"mass": 0.2, "radius": 0.03, "height": 0.06},
+    "ellipsoid": {"mass": 0.2, "semiaxes": [0.02, 0.03, 0.05]},
+    "rod": {"mass": 0.05, "length": 0.1, "radius": 0.004},
+    "plate": {"mass": 0.1, "size": [0.05, 0.1]},
+    "disc": {"mass": 0.1, "radius": 0.05},
+    "ring": {"mass": 0.1, "radius": 0.05},
+    "t_handle": {"density": 8500.0, "radius": 0.005, "bar": 0.08, "stem": 0.04},
+}
+TOP = {"cylinder": SIZES["cylinder"], "pivot": [0.0, 0.0, -0.04]}  # a disc on a pin of no mass
+STEP = 0.4  # rad in a step of rk8: 1e-8 after 10 s, see the table in README.md
+TURNS = 50  # from the start to the end, at least
+SAVES = 100
+SOLID = "SI units: kg, m; `rigidmc body FILE` shows its moments and principal axes"
+WORDS = {  # the comment on a key
+    "title": "stands above pictures and in results",
+    "moments": "kg m2, principal moments about the fixed point",
+    "mass": "kg",
+    "centre": "m, centre of mass, seen from the fixed point",
+    "pivot": "m, the fixed point, seen from the origin of the solid",
+    "g": "m/s2, along -z",
+    "omega": "rad/s, about the principal axes; normal = [mean, standard deviation]",
+    "attitude": 'rad, Euler angles z-x-z (phi, theta, psi), or "uniform": any attitude',
+    "integrator": "order 8; `rigidmc integrators` lists others",
+    "dt": f"s, step: no member moves by more than {STEP:g} rad in it",
+    "members": "tops that are integrated",
+    "seed": "of all random draws: another seed, another ensemble",
+    "every": "s between saves",
+    "save": "`rigidmc observables` lists more",
+    **dict.fromkeys(SIZES, SOLID),
+}
+NO_COLUMNS = Columns(None, "")
+
+
+class Motion(NamedTuple):
+    """How the members of a new scene start.
+
+    spin : (3,) about the principal axes [rad/s];  spread : of the spin, as a share of it
+    lean : of axis 3 from the vertical [rad], or "uniform", or None: the attitude plays no part
+    gravity : [m/s2], 0 for none
+    """
+
+    spin: tuple[float, ...]
+    spread: float
+    lean: float | str | None
+    gravity: float
+
+
+def body_in(table: Mapping[str, Any]) -> Body:
+    """The body of a table [body] of plain numbers; SceneError."""
+    return body_of(dict(table), NO_COLUMNS)
+
+
+def default_gravity(body: Body) -> float:
+    """That of the Earth if the fixed point is not the centre of mass, else 0 [m/s2]."""
+    return 9.81 if np.linalg.norm(body.centre) > 0.0 else 0.0
+
+
+def default_spin(body: Body, gravity: float) -> tuple[float, float, float]:
+    """Twice the spin about axis 3 at which an upright top sleeps, 2 sqrt(I m g l)/I3; without
+    gravity one turn a second about the middle axis, which flips [rad/s]."""
+    moments = np.array(body.moments)
+    if gravity:
+        weight = body.mass * abs(gravity) * float(np.linalg.norm(body.centre))
+        sleeping = 2.0 * math.sqrt(float(moments.max()) * weight) / float(moments[2])
+        return 0.0, 0.0, float(f"{2.0 * sleeping:.1g}")
+    middle = int(np.argsort(moments, kind="stable")[1])
+    first, second, third = (6.28 if k == middle else 0.0 for k in range(3))
+    return first, second, third
+
+
+def new_scene(
+    title: str,
+    table: Mapping[str, Any],
+    motion: Motion,
+    members: int = 1000,
+    t_end: float | None = None,
+) -> str:
+    """The text of a scene of a body, gravity and a spin.
+
+    table : [body], as in a scene file;  t_end : [s], by default some tens of turns
+
+    Raises OptionError if nothing moves, and SceneError if the scene cannot be run.
+    """
+    end, every, dt = _times(body_in(table), motion, t_end)
+    turns = end * math.hypot(*motion.spin) / (2.0 * math.pi)
+    save = ["omega", "energy"] if motion.lean is None else ["omega", "attitude", "energy"]
+    run = {
+        "integrator": "rk8",
+        "dt": dt,
+        "t_end": end,
+        "members": members,
+        "seed": 1,
+        "every": every,
+        "save": save,
+    }
+    words = WORDS | {"t_end": f"s, end: {turns:.3g} turns of the spin"}
+    tables = {"[body]": table, "[effects.gravity]": {"g": motion.gravity}}
+    tables |= {"[start]": _start(motion), "[run]": run}
+    if not motion.gravity:
+        del tables["[effects.gravity]"]
+    parts = [_lines({"title": title}, words)]
+    parts += [f"{head}\n{_lines(one, words)}" for head, one in tables.items()]
+    text = "\n".join(parts)
+    Scene.loads(text).check()
+    return text
+
+
+def _times(body: Body, motion: Motion, t_end: float | None) -> tuple[float, float, float]:
+    """(t_end, every, dt) [s], round numbers; OptionError if nothing moves."""
+    effects = (Gravity(motion.gravity),) if motion.gravity else ()
+    scene = Scene(body, effects, start_of(_start(motion), NO_COLUMNS))
+    spin, rate = largest_rates(scene, True)
+    at_rest = replace(scene, start=replace(scene.start, omega=(0.0, 0.0, 0.0)))
+    _, swing = largest_rates(at_rest, True)
+    if not rate > 0.0:
+        rule = "nothing moves: give a spin, or --gravity and a --pivot"
+        raise OptionError("", "--spin", ",".join(f"{w:g}" for w in motion.spin), rule)
+    end = _round(TURNS * 2.0 * math.pi / max(spin, swing)) if t_end is None else t_end
+    every = _decimal(end / SAVES)
+    # a save is a whole, round number of steps
+    return end, every, _decimal(every / _round(max(1.0, every * rate / STEP)))
+
+
+def _round(value: float) -> float:
+    """The next of 1, 2, 5, 10, ... times a power of ten."""
+    power = 10.0 ** math.floor(math.log10(value))
+    return _decimal(next(k * power for k in (1, 2, 5, 10) if k * power >= value * (1.0 - 1e-9)))
+
+
+def _decimal(value: float) -> float:
+    return float(f"{value:.12g}")
+
+
+def _start(motion: Motion) -> dict[str, Any]:
+    """The table [start]."""
+    spread = _decimal(motion.spread * math.hypot(*motion.spin))
+    spin = [{"normal": [w, spread]} if spread else w for w in motion.spin]
+    if motion.lean is None:
+        return {"omega": spin}
+    lean = motion.lean if isinstance(motion.lean, str) else [0.0, motion.lean, 0.0]
+    return {"omega": spin, "attitude": lean}
+
+
+def _value(value: Any) -> str:
+    """A value as TOML on one line."""
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(f'{key} = {_value(one)}' for key, one in value.items())} }}"
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(map(_value, value))}]"
+    return tomli_w.dumps({"value": value}).removeprefix("value = ").rstrip("\n")
+
+
+def _lines(table: Mapping[str, Any], words: Mapping[str, str]) -> str:
+    """The lines of a table, its comments below one another."""
+    lines = {key: f"{key} = {_value(value)}" for key, value in table.items()}
+    width = max(map(len, lines.values()))
+    return "".join(f"{line:{width}s}   # {words[key]}\n" for key, line in lines.items())

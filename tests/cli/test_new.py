@@ -1,0 +1,165 @@
+"""rigidmc new: what it writes can be checked, run and shown; questions; what it refuses."""
+
+import os
+import subprocess
+import sys
+import warnings
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import rigidmc as rm
+from rigidmc.cli import app, new
+from rigidmc.mechanics.solids import SOLIDS
+from rigidmc.planning.notes import notes
+from rigidmc.planning.plan import prepare
+from rigidmc.views.new_scene import SIZES
+
+
+def invoke(*words, **more):
+    return CliRunner().invoke(app, [str(word) for word in words], **more)
+
+
+def written(folder, *words, **more):
+    """The scene that `rigidmc new` writes."""
+    file = folder / "my.toml"
+    done = invoke("new", file, "--force", *words, **more)
+    assert done.exit_code == 0, done.output
+    return rm.Scene.load(file)
+
+
+def test_every_solid_has_sizes():
+    assert list(SIZES) == list(SOLIDS)
+
+
+@pytest.mark.parametrize("solid", SOLIDS)
+def test_a_scene_of_each_solid_is_valid_and_runs(tmp_path, solid):
+    scene = written(tmp_path, "--solid", solid, "--members", 8, "--pivot", "0,0,-0.05")
+    file = tmp_path / "my.toml"
+    text = file.read_text("utf-8")
+    lines = [line for line in text.splitlines() if "=" in line]
+    assert all("#" in line for line in lines) and solid in text
+    assert "valid, 8 members" in invoke("check", file).output
+    plan = prepare(scene)
+    assert plan.notes == () and notes(scene, plan) == ()
+    assert plan.angle < 0.4
+    ds = rm.simulate(scene, threads=1)
+    assert (ds.status == 0).all()
+    assert float(ds.energy_drift_max.max()) < 3e-11  # measured 8e-12
+    with warnings.catch_warnings():  # omega dt may exceed 1
+        warnings.simplefilter("ignore", rm.SceneWarning)
+        rough = rm.simulate(scene, threads=1, dt=4 * plan.dt, every=scene.run.t_end)
+    assert float(rough.energy_drift_max.max()) > 1e-10  # measured 3.7e-10
+
+
+def test_the_default_is_a_heavy_top_and_show_says_so(tmp_path):
+    """Without a terminal nothing is asked: the command ends though nobody answers."""
+    line = "from rigidmc.cli import main; main()"
+    file = str(tmp_path / "top.toml")
+    words = [sys.executable, "-c", line, "new", file]
+    done = subprocess.run(words, stdin=subprocess.PIPE, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0 and f"wrote {file}" in done.stdout, done.stderr
+    scene = rm.Scene.load(file)
+    assert scene.title == "top" and scene.effects == (rm.Gravity(9.81),)
+    assert np.allclose(scene.body.centre, (0.0, 0.0, 0.04))
+    shown = invoke("show", file).output
+    assert "effects: gravity(g = 9.81)" in shown and "omega (normal(0, 2)" in shown
+
+
+def test_numbers_of_options_are_those_of_the_scene(tmp_path):
+    words = ("--solid", "hollow_cylinder", "--size", "inner=0.02,outer=0.03,height=0.05")
+    words += ("--mass", 0.3, "--pivot", "0,0,-0.1", "--spin", "1,-2,50", "--spread", 0)
+    words += ("--lean", "uniform", "--gravity", 1.62, "--t-end", "3s", "--title", 'a "b"')
+    scene = written(tmp_path, *words)
+    body = rm.Body.solid("hollow_cylinder", mass=0.3, inner=0.02, outer=0.03, height=0.05)
+    assert scene.body.moments == body.pivoted_at((0.0, 0.0, -0.1)).moments
+    assert scene.start.omega == (1.0, -2.0, 50.0) and scene.start.attitude == "uniform"
+    assert scene.effects == (rm.Gravity(1.62),)
+    assert (scene.run.t_end, scene.title) == (3.0, 'a "b"')
+    box = written(tmp_path, "--solid", "box", "--size", "size=0.1,0.2,0.3", "--mass", 2)
+    assert box.body.moments == rm.Body.box(2.0, (0.1, 0.2, 0.3)).moments and box.effects == ()
+    free = written(tmp_path, "--moments", "1,3,2", "--members", "2e3")
+    assert free.body.moments == (1.0, 3.0, 2.0) and free.run.members == 2000
+    assert free.start.omega[2].parameters[0] == 6.28  # the middle axis
+    heavy = written(tmp_path, "--moments", "1,1,0.3", "--centre", "0,0,0.1", "--mass", 4)
+    assert heavy.effects == (rm.Gravity(9.81),) and heavy.body.mass == 4.0
+
+
+def test_the_step_follows_from_the_spin(tmp_path):
+    steps = []
+    for spin in (1.0, 1000.0):
+        scene = written(tmp_path, "--solid", "ball", "--spin", f"0,0,{spin}")
+        turns = scene.run.t_end * spin / (2.0 * np.pi)
+        assert 49.9 < turns < 130.0 and 0.1 < scene.run.dt * spin < 0.4
+        steps.append(scene.run.dt)
+    assert steps[0] == pytest.approx(1000.0 * steps[1])
+
+
+@pytest.mark.parametrize(("words", "parts"), [
+    (("--solid", "cilinder"), ("--solid = 'cilinder'", "did you mean 'cylinder'")),
+    (("--size", "radius=0.03,heigth=1"), ("--size heigth", "no such key", "'height'")),
+    (("--size", "radius=-1,height=1"), ("--size radius = -1.0", "must be positive")),
+    (("--size", "radius=0.03"), ("--size height", "is missing")),
+    (("--size", "0.03"), ("--size = '0.03'", "expected NAME=NUMBER")),
+    (("--solid", "box", "--size", "size=1,2"), ("--size size", "3")),
+    (("--mass", "-1"), ("--mass = -1.0", "must be positive")),
+    (("--solid", "t_handle", "--mass", "1"), ("--mass", "no such key", "density")),
+    (("--moments", "1,2"), ("--moments = '1,2'", "expected 3 numbers")),
+    (("--moments", "1,2,9"), ("--moments = [1.0, 2.0, 9.0]", "triangle inequality")),
+    (("--moments", "1,2,2", "--solid", "ball"), ("--solid = 'ball'", "--moments")),
+    (("--centre", "0,0,1"), ("--centre = '0,0,1'", "--pivot")),
+    (("--pivot", "0,0,nan"), ("--pivot = '0,0,nan'", "finite")),
+    (("--spin", "fast"), ("--spin = 'fast'", "expected 3 numbers")),
+    (("--solid", "ball", "--spin", "0,0,0"), ("--spin = '0,0,0'", "nothing moves")),
+    (("--spread", "2"), ("--spread = 2.0", "from 0 to below 1")),
+    (("--lean", "far"), ("--lean = 'far'", "expected a number")),
+    (("--gravity", "moon"), ("--gravity = 'moon'", "expected a number")),
+    (("--solid", "ball", "--gravity", "9.81"), ("--gravity = '9.81'", "--pivot")),
+    (("--members", "0"), ("--members", "at least 1")),
+    (("--t-end", "soon"), ("--t-end", "expected a finite number of seconds")),
+])  # fmt: skip
+def test_what_is_wrong_is_named_and_nothing_is_written(tmp_path, words, parts):
+    done = invoke("new", tmp_path / "x.toml", *words)
+    assert done.exit_code == 3, done.output
+    assert all(part in done.output for part in parts), done.output
+    assert os.listdir(tmp_path) == []
+
+
+def test_names_and_existing_files(tmp_path):
+    done = invoke("new", tmp_path / "x.txt")
+    assert done.exit_code == 3 and "ends in .toml" in done.output
+    file = tmp_path / "x.toml"
+    file.write_text("precious")
+    assert invoke("new", file).exit_code == 6
+    assert file.read_text() == "precious"
+    assert invoke("new", file, "--force").exit_code == 0
+    assert rm.Scene.load(file).title == "x"
+
+
+def test_questions_at_a_terminal(tmp_path, monkeypatch):
+    """A wrong answer is asked again; an empty one is the default."""
+    monkeypatch.setattr(new, "at_terminal", lambda: True)
+    answers = [
+        "cone",
+        "radius=-1,height=1",
+        "mass=0.1,radius=0.02,height=0.05",
+        "",
+        "",
+        "1,2",
+        "0,0,300",
+        "",
+        "20",
+    ]
+    scene = written(tmp_path, input="\n".join(answers) + "\n")
+    assert scene.body.moments == rm.Body.solid("cone", mass=0.1, radius=0.02, height=0.05).moments
+    assert scene.start.omega[2].parameters[0] == 300.0 and scene.run.members == 20
+    asked_again = invoke("new", tmp_path / "my.toml", "--force", input="\n".join(answers) + "\n")
+    assert "must be positive" in asked_again.output and "expected 3 numbers" in asked_again.output
+    stopped = invoke("new", tmp_path / "other.toml", input="cone\n")
+    assert stopped.exit_code == 130 and not (tmp_path / "other.toml").exists()
+    # options are answers: nothing is asked
+    assert (
+        written(tmp_path, "--solid", "ball").body.moments
+        == rm.Body.solid("ball", **SIZES["ball"]).moments
+    )
