@@ -92,7 +92,7 @@ def open(path: str | PathLike[str], allow_code: bool = False) -> "Dataset":
     Parameters
     ----------
     path : path_like
-        a netCDF file or a run directory
+        a netCDF file, a zarr store or a run directory
     allow_code : bool, optional
         whether to run the Python files of a user's own effects, in a run directory
 
@@ -104,7 +104,7 @@ def open(path: str | PathLike[str], allow_code: bool = False) -> "Dataset":
     Raises
     ------
     FileError
-        for a path that is neither
+        for a path that is none of them
 
     Examples
     --------
@@ -115,7 +115,7 @@ def open(path: str | PathLike[str], allow_code: bool = False) -> "Dataset":
     4
     """
     result: Dataset
-    if isdir(path):
+    if isdir(path) and not import_module("rigidmc.files.kinds").is_zarr(path):
         result = import_module("rigidmc.runs.open").open_run(path, allow_code)
     else:
         result = import_module("rigidmc.storage.reader").open_result(path)

@@ -66,7 +66,7 @@ def accuracy(
         from rigidmc.studies import drift
 
         loaded = load_scene(scene, settings, allow_code)
-        refuse_outputs(force, output, plot)
+        refuse_outputs(force, plot=plot, study=output)
         names = list(words_of(integrators)) if integrators else None
 
         def say(line: str) -> None:

@@ -87,7 +87,7 @@ def reported() -> Iterator[None]:
         except FileNotFoundError as error:
             fail(_in_words(error), INVALID if "shipped scene" in str(error) else IO)
         except (OSError, RuntimeError) as error:
-            if isinstance(error, RuntimeError) and not _of_netcdf(error):
+            if isinstance(error, RuntimeError) and not _of_files(error):
                 raise
             unharmed = "nothing was" in str(error)
             fail(error if unharmed else f"{_in_words(error)}; nothing that existed was changed", IO)
@@ -102,9 +102,9 @@ def reported() -> Iterator[None]:
             fail(f"asked to stop; {LEFT}", INCOMPLETE)
 
 
-def _of_netcdf(error: RuntimeError) -> bool:
-    """Whether the C library of netCDF raised an error."""
-    return "HDF error" in str(error) or "NetCDF" in str(error)
+def _of_files(error: RuntimeError) -> bool:
+    """Whether the C library of netCDF, or a codec of zarr, raised an error."""
+    return any(word in str(error) for word in ("HDF error", "NetCDF", "decompress"))
 
 
 @contextmanager
@@ -199,6 +199,7 @@ def load_scene(
     run: Mapping[str, Any] | None = None,
 ) -> "Scene":
     """A scene with the --set options and the run settings of the command line."""
+    from rigidmc.files.kinds import is_zarr
     from rigidmc.scene.scene import Scene, scene_of
 
     pairs = []
@@ -209,7 +210,8 @@ def load_scene(
             raise OptionError("", "--set", setting, rule)
         pairs.append((key.strip(), value.strip()))
     with about(source):
-        if source.lower().endswith(".nc") and not os.path.isdir(source):
+        file = source.lower().endswith(".nc") and not os.path.isdir(source)
+        if file or is_zarr(source):
             # this checks the whole result, Scene.load only its scene
             with opened(source) as result:
                 scene = scene_of(result, pairs, allow_code)
@@ -241,13 +243,15 @@ def refuse_outputs(
     bounds: str | None = None,
     animation: str | None = None,
     scene: str | None = None,
+    study: str | None = None,
     size: int = 100_000,
 ) -> None:
     """Refuse, before any work, outputs that could not be written after it: files that exist, files
-    that cannot be created, and names whose ending belongs to another kind of file. No two kinds
-    share an ending, so no two outputs share a name. Pictures and animations need matplotlib.
+    that cannot be created, and names whose ending belongs to another kind of file. No two kinds of
+    a command share an ending, so no two outputs share a name. Pictures and animations need
+    matplotlib.
 
-    size : bytes of the largest output, if known
+    study : output of a study, which is netCDF;  size : bytes of the largest output, if known
     """
     from rigidmc.files.outputs import refuse_existing
 
@@ -257,6 +261,7 @@ def refuse_outputs(
         "tables of bounds": bounds,
         "animations": animation,
         "scenes": scene,
+        "netCDF files": study,
     }
     for kind, path in kinds.items():
         if path is not None:
@@ -294,8 +299,6 @@ def save_picture(figure: "Figure", path: str, force: bool) -> None:
 
 def written(paths: Iterable[str | None]) -> list[str]:
     """A line for each file that was written."""
-    return [
-        f"  wrote {path} ({os.path.getsize(path) / 1e6:,.1f} MB)"
-        for path in paths
-        if path is not None
-    ]
+    from rigidmc.files.outputs import size_of
+
+    return [f"  wrote {path} ({size_of(path) / 1e6:,.1f} MB)" for path in paths if path is not None]

@@ -90,7 +90,9 @@ def make_map(
             return
         if listed is not None:
             raise OptionError("", "NAME", listed, "goes with `rigidmc map list NAME`")
-        refuse_outputs(force, output, plot, size=8 * max(resolution, 1) ** 2 * (4 + 3 * len(of)))
+        refuse_outputs(
+            force, plot=plot, study=output, size=8 * max(resolution, 1) ** 2 * (4 + 3 * len(of))
+        )
         if _of_package(name, x, y, of, settings):
             from rigidmc.studies.maps.catalogue import case_map
 

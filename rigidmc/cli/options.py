@@ -142,12 +142,12 @@ SceneArgument = Annotated[
     str,
     typer.Argument(
         metavar="SCENE",
-        help="A TOML file, the name of a shipped scene, or a result file (.nc).",
+        help="A TOML file, the name of a shipped scene, or a result (.nc, .zarr).",
         autocompletion=completing(shipped),
     ),
 ]
 ResultArgument = Annotated[
-    str, typer.Argument(metavar="FILE", help="A result (.nc), or a run directory.")
+    str, typer.Argument(metavar="FILE", help="A result (.nc, .zarr), or a run directory.")
 ]
 RunArgument = Annotated[
     str, typer.Argument(metavar="RUN", help="A run directory, made by `rigidmc run SCENE -o RUN/`.")
@@ -170,13 +170,20 @@ AllowCode = Annotated[
 Output = Annotated[
     str | None, typer.Option("-o", "--output", metavar="FILE", help="netCDF file to write.")
 ]
+FORMATS = (
+    "File to write: netCDF (.nc), zarr (.zarr), or a table with a row per member (.csv, .parquet)"
+)
+ResultOutput = Annotated[
+    str | None,
+    typer.Option("-o", "--output", metavar="FILE", help=f"{FORMATS}."),
+]
 OutputOrRun = Annotated[
     str | None,
     typer.Option(
         "-o",
         "--output",
         metavar="FILE",
-        help="netCDF file to write; with RUN/, a run directory, which survives a kill.",
+        help=f"{FORMATS}; with RUN/, a run directory, which survives a kill.",
     ),
 ]
 Plot = Annotated[

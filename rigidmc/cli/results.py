@@ -1,4 +1,4 @@
-"""rigidmc rerun, summary, plot, animate: look at a result."""
+"""rigidmc rerun, summary, plot, export, animate: look at a result."""
 
 import sys
 from typing import Annotated, Any
@@ -18,11 +18,12 @@ from rigidmc.cli.common import (
     written,
 )
 from rigidmc.cli.options import (
+    FORMATS,
     AllowCode,
     Force,
-    Output,
     Plot,
     ResultArgument,
+    ResultOutput,
     count_option,
     takes_settings,
     time_option,
@@ -41,7 +42,7 @@ def rerun(
     file: ResultArgument,
     member: Member,
     run: dict[str, Any],
-    output: Output = None,
+    output: ResultOutput = None,
     plot: Plot = None,
     force: Force = False,
     allow_code: AllowCode = False,
@@ -107,6 +108,24 @@ def plot(
                     save_picture(picture_named(picture)(dataset), output, force)
         except ValueError as error:
             fail(error, INVALID)
+        print(*written([output]))
+
+
+@app.command(rich_help_panel=LOOK)
+def export(
+    file: ResultArgument,
+    output: Annotated[str, typer.Option("-o", "--output", metavar="FILE", help=f"{FORMATS}.")],
+    force: Force = False,
+    allow_code: AllowCode = False,
+) -> None:
+    """Write a result in another format. A table has the columns that each member has one number of:
+    start, last state, drifts, status, statistics."""
+    with reported():
+        from rigidmc.storage.export import write
+
+        refuse_outputs(force, output)
+        with opened(file, allow_code) as dataset:
+            write(dataset, output, force)
         print(*written([output]))
 
 

@@ -82,7 +82,7 @@ def run_scene(
         options: dict[str, Any] = dict(
             zip(OF_DIRECTORIES, (max_wall, shards, shard_size, cluster), strict=True)
         )
-        if output is not None and (output.endswith(os.sep) or os.path.isdir(output)):
+        if output is not None and names_a_run(output):
             _refuse_with_directory(output, plot, until, force)
             code = _in_directory(loaded, output, threads, allow_code, **options)
             raise typer.Exit(code)
@@ -90,6 +90,7 @@ def run_scene(
             if value is not None:
                 key = f"--{name.replace('_', '-')}"
                 raise OptionError("", key, value, "needs a run directory: -o RUN/")
+        output = output and output.rstrip(os.sep)
         refuse_outputs(force, output, plot)
         if until is None:
             from rigidmc.runs.simulate import simulate
@@ -107,6 +108,12 @@ def run_scene(
         flagged = dataset.sizes["member"] - dataset.encoding["rigidmc"]["flagged"]["ok"]
         dataset.close()
     raise typer.Exit(code or (FLAGGED if flagged else OK))
+
+
+def names_a_run(output: str) -> bool:
+    """Whether an output is a run directory: a folder, but no zarr store."""
+    folder = output.endswith(os.sep) or os.path.isdir(output)
+    return folder and not output.lower().rstrip(os.sep).endswith(".zarr")
 
 
 def _refuse_with_directory(output: str, plot: str | None, until: str | None, force: bool) -> None:

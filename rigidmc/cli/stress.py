@@ -86,7 +86,7 @@ def stress(
     """Hard cases on this machine, each against its bound; or how far your own scene can be trusted.
     Exit code 4 if something fails."""
     with reported():
-        refuse_outputs(force, output, plot, write_bounds)
+        refuse_outputs(force, plot=plot, study=output, bounds=write_bounds)
         if scene is not None:
             from rigidmc.studies import trust
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 
 from rigidmc.errors import FileError
+from rigidmc.files.kinds import is_zarr
 from rigidmc.files.outputs import Path
 from rigidmc.files.trial import refuse_unreadable
 from rigidmc.threads import Task, threads_of
@@ -76,8 +77,11 @@ def open_trusted(path: Path) -> xr.Dataset:
 
 
 def open_undecoded(path: str) -> xr.Dataset:
-    """A file from outside as a Dataset that is read lazily. Its attributes are not trusted, so
-    nothing is decoded. Raises FileError if it is a folder, not netCDF, or damaged."""
+    """A netCDF file or a zarr store from outside as a Dataset that is read lazily. Its attributes
+    are not trusted, so nothing is decoded. Raises FileError for any other folder or file, and for
+    a damaged one."""
+    if is_zarr(path):
+        return _open_zarr(path)
     if os.path.isdir(path):
         raise FileError("", "file", None, "is a folder, and no result of rigidmc", file=path)
     refuse_unreadable(path)
@@ -85,6 +89,22 @@ def open_undecoded(path: str) -> xr.Dataset:
         with _opening:
             return xr.open_dataset(path, engine="netcdf4", decode_cf=False)
     except (ValueError, TypeError, RuntimeError, KeyError, IndexError) as error:
+        rule = f"is damaged, or no result of rigidmc: {error}"
+        raise FileError("", "file", None, rule, file=path) from None
+
+
+def _open_zarr(path: str) -> xr.Dataset:
+    try:
+        import zarr  # noqa: F401
+    except ImportError as error:
+        rule = f"is read with zarr: pip install 'rigidmc[zarr]' ({error})"
+        raise FileError("", "file", None, rule, file=path) from None
+    try:
+        # consolidated metadata may be missing, and listing a folder is quick
+        return xr.open_dataset(
+            path, engine="zarr", chunks=None, decode_cf=False, consolidated=False
+        )
+    except Exception as error:  # zarr, its codecs and its parsers raise many kinds
         rule = f"is damaged, or no result of rigidmc: {error}"
         raise FileError("", "file", None, rule, file=path) from None
 

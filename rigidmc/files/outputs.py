@@ -17,32 +17,16 @@ import shutil
 import time
 from collections.abc import Callable, Iterator
 
-from rigidmc.errors import NoRoom, OptionError, OutputExists
+from rigidmc.errors import NoRoom, OutputExists
+from rigidmc.files.kinds import check_suffix, is_zarr
 
 Path = str | os.PathLike[str]
 
-KINDS = {  # of what is written, with their endings
-    "results": (".nc",),
-    "pictures": (".png", ".pdf", ".svg"),
-    "animations": (".gif", ".mp4", ".webm"),
-    "pages": (".html",),
-    "tables of bounds": (".csv",),
-    "scenes": (".toml",),
-}
 _PART = re.compile(r"\.part-(.+)-([0-9]+)-([0-9]+)(\.[A-Za-z0-9]{1,8})?")
 _numbers = itertools.count()
 _parts: set[str] = set()  # the parts that this process writes
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_parts.clear)
-
-
-def check_suffix(path: Path, kind: str) -> None:
-    """Raise OptionError if a file name lacks an ending of its kind: it would belie the content."""
-    suffix, endings = os.path.splitext(path)[1], KINDS[kind]
-    if suffix.lower() not in endings:
-        more = "; `rigidmc run SCENE -o RUN/` makes a run directory" if kind == "results" else ""
-        rule = f"a name for {kind} ends in {', '.join(endings)}, not in '{suffix}'{more}"
-        raise OptionError("", "output", os.fspath(path), rule)
 
 
 def refuse_existing(path: Path, force: bool, kind: str = "results", size: float = 100_000) -> None:
@@ -61,9 +45,10 @@ def refuse_existing(path: Path, force: bool, kind: str = "results", size: float 
         raise OutputExists(
             f"{path} exists; nothing was written (use --force, or force=True, to replace it)"
         )
-    if os.path.isdir(path) or not os.path.basename(path):
+    store = os.fspath(path).lower().endswith(".zarr") and is_zarr(path)
+    if (os.path.isdir(path) and not store) or not os.path.basename(path):
         raise IsADirectoryError(f"{path}: names a folder, not a file; nothing was written")
-    if os.path.exists(path) and not os.path.isfile(path):
+    if os.path.exists(path) and not (os.path.isfile(path) or store):
         raise OutputExists(f"{path}: is no file that could be replaced; nothing was written")
     check_suffix(path, kind)
     refuse_unwritable(os.path.dirname(path) or os.curdir, size)
@@ -133,8 +118,9 @@ class Part:
         final = self.final if final is None else final
         try:
             with naming(final, self.path):
-                with open(self.path, "rb+") as file:  # Windows makes only writable files durable
-                    os.fsync(file.fileno())
+                for file in _files_of(self.path):
+                    with open(file, "rb+") as one:  # Windows makes only writable files durable
+                        os.fsync(one.fileno())
                 if self.before is not None:
                     self.before()
                 self._rename(final)
@@ -144,7 +130,9 @@ class Part:
 
     def _rename(self, final: str) -> None:
         try:
-            if self.force:
+            if self.force and os.path.isdir(self.path) and os.path.lexists(final):
+                self._replace_by_folder(final)
+            elif self.force:
                 os.replace(self.path, final)
             else:
                 _rename_to_free(self.path, final)
@@ -156,6 +144,17 @@ class Part:
             raise OutputExists(
                 f"{final} appeared meanwhile and was not overwritten: the result is {other}"
             ) from None
+
+    def _replace_by_folder(self, final: str) -> None:
+        """Systems replace no folder that has files: what exists is put aside for a moment."""
+        old = Part(final)
+        os.replace(final, old.path)
+        try:
+            os.replace(self.path, final)
+        except BaseException:
+            os.replace(old.path, final)
+            raise
+        old.discard()
 
     def discard(self) -> None:
         """Delete an unfinished file and free its space, even if a library still has it open."""
@@ -202,6 +201,14 @@ def make_durable(folder: str) -> None:
             os.fsync(file)
         finally:
             os.close(file)
+
+
+def _files_of(path: str) -> Iterator[str]:
+    """A file itself, or all files of a folder."""
+    if not os.path.isdir(path):
+        yield path
+    for folder, _, names in os.walk(path):
+        yield from (os.path.join(folder, name) for name in names)
 
 
 def _rename_to_free(part: str, path: str) -> None:
@@ -285,6 +292,11 @@ def _drop(part: str) -> None:
                 with contextlib.suppress(OSError):
                     os.truncate(part, 0)
             os.unlink(part)
+
+
+def size_of(path: Path) -> int:
+    """Bytes of a file, or of all files of a folder."""
+    return sum(map(os.path.getsize, _files_of(os.fspath(path))))
 
 
 def content_of(folder: Path, name: str) -> bytes:

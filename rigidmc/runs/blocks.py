@@ -21,8 +21,9 @@ from rigidmc.planning.stage import stage
 from rigidmc.planning.units import Internal, in_user_units
 from rigidmc.progress import Progress, reporter
 from rigidmc.scene.scene import Scene
+from rigidmc.storage.export import is_streamed
 from rigidmc.storage.schema import member_variables
-from rigidmc.storage.sinks import File, Memory
+from rigidmc.storage.sinks import Export, File, Memory
 
 
 class Sink(Protocol):
@@ -64,7 +65,8 @@ def run(
     original, shown = in_user_units(scene, plan, units)
     sink: Sink = Memory(original, shown, dict(attrs or {}))
     if output is not None:
-        sink = File(output, original, shown, force, dict(attrs or {}))
+        kind = File if is_streamed(output) else Export
+        sink = kind(output, original, shown, force, dict(attrs or {}))
     began = time.perf_counter()
     try:
         flagged = compute(scene, plan, program, threads, sink, progress, units)

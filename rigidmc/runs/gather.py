@@ -163,7 +163,7 @@ def consolidate(
     """Write a whole run as one file, equal to that of a run to a file; FileError if shards are
     missing."""
     directory, output = RunDirectory(path), os.fspath(output)
-    refuse_existing(output, force)
+    refuse_existing(output, force, "netCDF files")
     run = planned(directory, allow_code)
     if (missing := directory.missing()).size:
         rule = f"{missing.size:,} of {directory.count:,} shards are missing: resume it first"

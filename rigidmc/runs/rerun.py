@@ -10,7 +10,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, SceneError, SceneWarning
-from rigidmc.files.outputs import Path, refuse_existing, write_bytes
+from rigidmc.files.kinds import is_zarr
+from rigidmc.files.outputs import Path, refuse_existing
 from rigidmc.observables import OBSERVABLES, outputs
 from rigidmc.observables.keep import summaries
 from rigidmc.planning.plan import prepare
@@ -19,8 +20,8 @@ from rigidmc.runs.simulate import simulate
 from rigidmc.scene.amounts import counted, seconds
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.scene.settings import Run
+from rigidmc.storage.export import write
 from rigidmc.storage.reader import open_result
-from rigidmc.storage.writer import encoded
 
 # variables of a member that the steps and saves decide; every other variable without times is part
 # of its start
@@ -45,7 +46,7 @@ def rerun(
     Parameters
     ----------
     source : path_like or xarray.Dataset
-        a result: a file (.nc), a run directory or a Dataset
+        a result: a file (.nc, .zarr), a run directory or a Dataset
     member : int or range
         its index, or a range of indices
     every : float or str, optional [s]
@@ -57,7 +58,7 @@ def rerun(
     allow_code : bool, optional
         as of `Scene.load`
     output : path_like, optional
-        write this netCDF file too
+        write this file too, of a kind that `simulate` writes
     force : bool, optional
         replace an output that exists
     **options : object
@@ -91,7 +92,8 @@ def rerun(
         refuse_existing(os.fspath(output), force)
     if not isinstance(source, xr.Dataset):
         path = os.fspath(source)
-        with open_run(path, allow_code) if os.path.isdir(path) else open_result(path) as result:
+        run = os.path.isdir(path) and not is_zarr(path)
+        with open_run(path, allow_code) if run else open_result(path) as result:
             return rerun(result, member, every, save, allow_code, output, force, **options)
     scene = scene_of(source, allow_code=allow_code)
     name = source.encoding.get("source", "the result")
@@ -103,7 +105,7 @@ def rerun(
     again = simulate(scene, members=members, **options)
     again.attrs["rerun"] = _compared(again, source.sel(member=list(members)), name)
     if output is not None:
-        write_bytes(os.fspath(output), encoded(again), force)
+        write(again, output, force)
     return again
 
 

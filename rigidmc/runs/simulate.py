@@ -22,6 +22,7 @@ from rigidmc.scene.amounts import counted
 from rigidmc.scene.once import once
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.settings import takes_settings
+from rigidmc.storage.export import is_streamed
 
 
 @takes_settings
@@ -60,7 +61,8 @@ def simulate(
     progress : bool or callable, optional
         True for a progress bar; or a function of (member-steps done, all member-steps)
     output : path_like, optional
-        netCDF file to write block by block, in memory that does not grow; it is opened lazily
+        netCDF file (.nc) to write block by block, in memory that does not grow; it is opened
+        lazily. Or .zarr, .csv, .parquet, written at the end: see `rigidmc.storage.export`
     force : bool, optional
         replace an output that exists
     block : int, optional
@@ -93,13 +95,14 @@ def simulate(
     if output is not None:
         refuse_existing(output, force)
     with announcing(progress):
-        ready = settled(scene, threads, output is not None, block)
+        file = output if output is not None and is_streamed(output) else None
+        ready = settled(scene, threads, file is not None, block)
         for note in notes(scene, ready.plan, ready.units):
             _warn(note)
-        refuse_hopeless(ready.scene, ready.plan, threads, output)
+        refuse_hopeless(ready.scene, ready.plan, threads, file)
         facts, expected = dict(attrs or {}), None
         if ready.chosen is not None:
-            expected = predicted_seconds(ready.scene, ready.plan, threads, output, ready.chosen)
+            expected = predicted_seconds(ready.scene, ready.plan, threads, file, ready.chosen)
             facts = {**ready.chosen.attributes(), **facts}
             if ready.chosen.short:
                 _warn(ready.chosen.short)

@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from rigidmc.errors import FileError, SceneError
+from rigidmc.files.kinds import is_zarr
 from rigidmc.files.reading import toml
 from rigidmc.scene.changes import changed
 from rigidmc.scene.settings import Run, Table, complaint
@@ -31,10 +32,10 @@ class _File(Table):
 
 
 def located(source: str | os.PathLike[str]) -> str:
-    """The path of a scene file, the name of a shipped scene, or the path of a result (.nc), of the
-    source that a user names; FileError for a folder that is no run directory."""
+    """The path of a scene file, the name of a shipped scene, or the path of a result (.nc, .zarr),
+    of the source that a user names; FileError for a folder that is no run directory."""
     source = os.fspath(source)
-    if not os.path.isdir(source):
+    if not os.path.isdir(source) or is_zarr(source):
         return source
     if not os.path.isfile(os.path.join(source, "scene.toml")):
         raise FileError("", "scene", None, "is a folder, and no run directory", file=source)

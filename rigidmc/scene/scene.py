@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rigidmc.errors import RigidmcError
+from rigidmc.files.kinds import is_zarr
 from rigidmc.scene.checks import check
 from rigidmc.scene.file import Settings, located, parts_of
 from rigidmc.scene.parts import Parts
@@ -80,7 +81,7 @@ class Scene(Parts):
         (Gravity(g=1.62),)
         """
         file = located(source)
-        if file.lower().endswith(".nc"):
+        if file.lower().endswith(".nc") or is_zarr(file):
             return scene_of(file, settings, allow_code)
         title = os.path.basename(file).removesuffix(".toml")
         return loads(read_source(file), file, settings, title=title, allow_code=allow_code)
@@ -161,7 +162,7 @@ def scene_of(
     settings: Settings = (),
     allow_code: bool | None = False,
 ) -> Scene:
-    """The scene of a result, which is a Dataset or the path of a netCDF file.
+    """The scene of a result, which is a Dataset or the path of one, netCDF or zarr.
 
     A scene with one row per member gets these rows from the result. `settings` and `allow_code` are
     as for `loads`.

@@ -77,6 +77,9 @@ def as_result(dataset: xr.Dataset, path: str) -> tuple[xr.Dataset, list[str]]:
     words = [name for name, (_, values, _) in expected.items() if values.dtype.kind == "U"]
     result = dataset.drop_vars([*strange, *(name for name in words if name in dataset.variables)])
     result = result.assign_coords({name: expected[name] for name in words})
+    # in the order of the scene: zarr lists them by name
+    ordered = {name: result.variables[name] for name in known if name in result.variables}
+    result = xr.Dataset(ordered, result.coords, result.attrs)
     for key, variable in result.variables.items():
         name = str(key)
         attrs = expected[name][2] if name in expected else known[name].attrs

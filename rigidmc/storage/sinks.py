@@ -1,4 +1,5 @@
-"""Where the results of blocks go as they are done: one Dataset in memory, or a netCDF file."""
+"""Where the results of blocks go as they are done: one Dataset in memory, which may be written at
+the end, or a netCDF file."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -13,17 +14,19 @@ from rigidmc.files.netcdf import open_trusted
 from rigidmc.files.outputs import Path
 from rigidmc.observables import OBSERVABLES
 from rigidmc.scene.scene import Scene
+from rigidmc.storage.export import write
 from rigidmc.storage.layout import Block, Layout
 from rigidmc.storage.schema import (
     attributes,
     coordinates,
     ensemble_variables,
     flagged_variables,
+    is_rounded,
     lengths,
     member_variables,
     saved_variables,
 )
-from rigidmc.storage.writer import Writer
+from rigidmc.storage.writer import Writer, rounded
 
 Arrays = dict[str, NDArray[Any]]
 Place = tuple[NDArray[np.float64], int, int]  # an array, its width, and the column of a block in it
@@ -179,6 +182,27 @@ class Memory:
     def discard(self) -> None:
         """Let the memory go."""
         self.out = np.empty(0)
+
+
+class Export(Memory):
+    """Collects blocks in one Dataset, and writes it as zarr or as a table when it is whole."""
+
+    def __init__(
+        self, path: Path, scene: Scene, plan: Layout, force: bool, more: Mapping[str, Any]
+    ) -> None:
+        super().__init__(scene, plan, more)
+        self.path, self.force = path, force
+
+    def finish(self) -> xr.Dataset:
+        """Write the result and return it, with as many digits as a netCDF file has."""
+        dataset, digits = super().finish(), self.scene.run.digits
+        for name, (dims, dtype, _) in saved_variables(self.scene).items():
+            if digits is not None and is_rounded(self.scene, dims, dtype):
+                variable = dataset[name]
+                variable.values = rounded(variable.values, digits)
+                variable.attrs["significant_digits"] = digits
+        write(dataset, self.path, self.force)
+        return dataset
 
 
 def buffer(plan: Layout, count: int) -> Place:

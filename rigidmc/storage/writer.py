@@ -37,6 +37,16 @@ def encoded(dataset: xr.Dataset) -> bytes:
     return bytes(dataset.to_netcdf(engine="netcdf4", encoding=words))
 
 
+def rounded(values: NDArray[Any], digits: int) -> NDArray[Any]:
+    """Values as they are stored if only some digits are wanted: the last bits are zeros, which
+    compress well. netCDF's own rounding makes -0 of inf."""
+    drop = 52 - math.ceil(digits * math.log2(10.0))
+    if drop < 1:
+        return values
+    bits = (np.ascontiguousarray(values).view("i8") + (1 << (drop - 1))) & -(1 << drop)
+    return np.where(np.isfinite(values) & np.isfinite(bits.view("f8")), bits.view("f8"), values)
+
+
 class Writer:
     """A result file that grows by blocks of members; memory does not grow with it."""
 
@@ -56,7 +66,7 @@ class Writer:
             has a checksum, so that reading a flipped bit is an error.
         """
         if named is None:
-            refuse_existing(path, force)
+            refuse_existing(path, force, "netCDF files")
         # without locks the C library only says "Permission denied"
         refuse_lockless(os.path.dirname(os.path.abspath(path)))
         self.path, self._named = path, named
@@ -157,16 +167,8 @@ class Writer:
             alone(put)
 
     def _rounded(self, name: str, values: NDArray[Any]) -> NDArray[Any]:
-        """Values as they are stored: if only some digits are wanted, the last bits are zeros, which
-        compress well. netCDF's own rounding makes -0 of inf."""
         digits = self._digits.get(name)
-        if digits is None:
-            return values
-        drop = 52 - math.ceil(digits * math.log2(10.0))
-        if drop < 1:
-            return values
-        bits = (np.ascontiguousarray(values).view("i8") + (1 << (drop - 1))) & -(1 << drop)
-        return np.where(np.isfinite(values) & np.isfinite(bits.view("f8")), bits.view("f8"), values)
+        return values if digits is None else rounded(values, digits)
 
     def finish(self) -> None:
         """Close the file, make it durable and give it its name."""

@@ -5,6 +5,7 @@ Methods import what they need: this module is imported with rigidmc, which must 
 
 from collections.abc import Callable
 from functools import partial
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -325,6 +326,13 @@ class Rigid:
 
         result: xr.Dataset = rerun(self._dataset, member, **options)
         return result
+
+    def export(self, path: str | PathLike[str], force: bool = False) -> None:
+        """Write netCDF, zarr, or a table with one row per member (.csv, .parquet), see
+        `rigidmc.storage.export`."""
+        from rigidmc.storage.export import write
+
+        write(self._dataset, path, force)
 
     def summary(self) -> str:
         r"""Tell a result in a few lines of text.

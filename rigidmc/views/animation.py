@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from numpy.typing import NDArray
 
-from rigidmc.files.outputs import Part, check_suffix, naming, refuse_existing
+from rigidmc.files.kinds import check_suffix
+from rigidmc.files.outputs import Part, naming, refuse_existing
 from rigidmc.mechanics import rotation
 from rigidmc.scene.scene import scene_of
 from rigidmc.views.figure import GREY, INK, LIGHT, PATH

@@ -13,7 +13,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
-from rigidmc.files.outputs import check_suffix, refuse_existing, write_bytes
+from rigidmc.files.kinds import check_suffix
+from rigidmc.files.outputs import refuse_existing, write_bytes
 
 INK, GREY, LIGHT = "#222222", "#777777", "#c8c8c8"  # lines and text, from strong to faint
 PATH = "#d94801"  # single members and what stands out
