@@ -33,6 +33,15 @@ from rigidmc.errors import OptionError, unknown
 from rigidmc.views.pictures import PICTURES
 from rigidmc.views.pictures import picture as picture_named
 
+Of = Annotated[
+    list[str],
+    typer.Option(
+        "--of",
+        metavar="MEASURE",
+        help='Estimate and 95 % interval, as for `map`: "p(flips >= 1)", "mean(flip_wait)",'
+        ' "median(megno)", "quantile(megno, 0.9)". May be given again.',
+    ),
+]
 Member = Annotated[int, count_option("--member", 0, help="Index of the member.")]
 
 
@@ -67,15 +76,18 @@ def rerun(
 
 
 @app.command(rich_help_panel=LOOK)
-def summary(file: ResultArgument) -> None:
+def summary(file: ResultArgument, of: Of = []) -> None:  # noqa: B006
     """Say what is in a result: flagged members, and of each number that members have its mean with
-    a confidence interval, its median and its range."""
+    a confidence interval, its median and its range. Or answer questions: --of."""
     with reported():
         from rigidmc.views.summary import summary as lines
 
         try:
             with opened(file) as dataset:
-                print(lines(dataset))
+                print(lines(dataset, of=of))
+        except OptionError as error:
+            error.key, error.file = "--of", file
+            raise
         except ValueError as error:
             fail(error, INVALID)
 

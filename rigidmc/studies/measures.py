@@ -93,10 +93,12 @@ def observing(scene: Scene, texts: Iterable[str]) -> Scene:
     return more
 
 
-def measure(text: str, variables: Mapping[str, tuple[str, ...]]) -> Measure:
-    """The Measure that a text asks for; SceneError if it asks for none.
+def measure(
+    text: str, variables: Mapping[str, tuple[str, ...]], may_save_more: bool = True
+) -> Measure:
+    """The Measure that a text asks for; OptionError if it asks for none.
 
-    variables : {name: dims} of a result
+    variables : {name: dims} of a result;  may_save_more : whether it is still to be computed
     """
     matches = ((kind, form.fullmatch(text.strip())) for kind, form in _FORMS.items())
     kind, match = next(((kind, m) for kind, m in matches if m), ("", None))
@@ -104,7 +106,7 @@ def measure(text: str, variables: Mapping[str, tuple[str, ...]]) -> Measure:
         raise OptionError("", "measure", text, RULE)
     parts = match.groupdict()
     name, axis = parts["name"], parts["axis"]
-    dims = _dims(text, name, variables)
+    dims = _dims(text, name, variables, may_save_more)
     if (dims == ("axis", "member")) != bool(axis):
         rule = f"three components: give one, as in {name}[3]" if not axis else "no components"
         raise OptionError("", "measure", text, f"{name} has {rule}")
@@ -116,13 +118,19 @@ def measure(text: str, variables: Mapping[str, tuple[str, ...]]) -> Measure:
     return Measure(text.strip(), kind, name, int(axis) if axis else None, relation, number)
 
 
-def _dims(text: str, name: str, variables: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
-    """The dimensions of a result with one number, or three components, per member; SceneError."""
+def _dims(
+    text: str, name: str, variables: Mapping[str, tuple[str, ...]], may_save_more: bool
+) -> tuple[str, ...]:
+    """The dimensions of a result with one number, or three components, per member; OptionError."""
     shapes = (("member",), ("axis", "member"))
     able = {name: dims for name, dims in variables.items() if dims in shapes}
     if name in able:
         return able[name]
     known = [n for n in able if not n.startswith(("start_", "status"))]
+    if not may_save_more:
+        rule = f"the result has no such number of its members; known: {', '.join(known)}"
+        more = f"{rule}; `rigidmc run SCENE --save NAME` saves more"
+        raise OptionError("", "measure", text, more, nearest(name, known))
     free = [k for k in WATCHED.values() if not k._fields or k._field_defaults]
     known += [n for kind in free for n in kind.outputs]
     known = list(dict.fromkeys([*known, *WATCHED_STATISTICS]))

@@ -3,7 +3,7 @@
 Methods import what they need: this module is imported with rigidmc, which must stay quick.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from os import PathLike
 from typing import Any
@@ -334,14 +334,20 @@ class Rigid:
 
         write(self._dataset, path, force)
 
-    def summary(self) -> str:
+    def summary(self, of: str | Iterable[str] = ()) -> str:
         r"""Tell a result in a few lines of text.
+
+        Parameters
+        ----------
+        of : str or iterable of str, optional
+            measures to tell in their place, such as "p(flips >= 1)"
 
         Returns
         -------
         str
             the flagged members; of each number per member its mean with the confidence interval,
-            its median, the middle 90 %, and for how many members the event never happened
+            its median, the middle 90 %, and for how many members the event never happened; or
+            the measures with their confidence intervals
 
         Examples
         --------
@@ -352,12 +358,29 @@ class Rigid:
         """
         from rigidmc.views.summary import summary
 
-        return summary(self._dataset)
+        return summary(self._dataset, of=of)
 
     def view(self, output: Any = None, **options: Any) -> Any:
-        """The result as one HTML page in which members turn, see `rigidmc.views.viewer.page.view`.
+        """Make one HTML page in which members turn, see `rigidmc.views.viewer.page.view`.
 
-        A notebook shows the page; `output` writes it.
+        Parameters
+        ----------
+        output : path_like, optional
+            HTML file to write
+        **options : object
+            members, until, force and allow_code
+
+        Returns
+        -------
+        Page
+            which a notebook shows
+
+        Examples
+        --------
+        >>> ds = rm.simulate(rm.Scene.load("dzhanibekov"), members=4, t_end=1.0, every=0.5)
+        >>> page = ds.rigid.view(members=[0])
+        >>> page.text.startswith("<!doctype html>")
+        True
         """
         from rigidmc.views.viewer.page import view
 

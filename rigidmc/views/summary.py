@@ -1,21 +1,26 @@
 """A result in a few lines: flagged members, and each number per member with its interval."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.engine.layout import STATUSES
+from rigidmc.errors import OptionError
 from rigidmc.files.reading import toml
 from rigidmc.scene.stored import scene_text
 from rigidmc.studies import intervals
+from rigidmc.studies.measures import measure
 
 _PLAIN = ("status", "status_step", "status_time", "mass", "steps")  # not summarised
 
 
-def summary(dataset: xr.Dataset, confidence: float = 0.95) -> str:
+def summary(dataset: xr.Dataset, confidence: float = 0.95, of: str | Iterable[str] = ()) -> str:
     """Lines of text on a result of `rigidmc.simulate`.
+
+    of : measures, such as "p(flips >= 1)"; then the lines are about these, see
+        `rigidmc.studies.measures`
 
     The flagged members; of each number per member its mean with the confidence interval, its
     median, the middle 90 %, and for how many members the event never happened.
@@ -25,7 +30,9 @@ def summary(dataset: xr.Dataset, confidence: float = 0.95) -> str:
     independent = points == "independent"
     good = dataset.status.values == 0
     lines = [_heading(dataset, settings["members"]), _flagged(dataset)]
-    for label, numbers in _numbers(dataset):
+    if texts := (of,) if isinstance(of, str) else tuple(of):
+        lines += [_measured(dataset, text, confidence if independent else None) for text in texts]
+    for label, numbers in () if texts else _numbers(dataset):
         line = _line(label, numbers, numbers.values[good], confidence if independent else None)
         lines += [line] if line else []
     if not independent:
@@ -33,6 +40,8 @@ def summary(dataset: xr.Dataset, confidence: float = 0.95) -> str:
             f"  its members are {points} points, whose spread tells no interval:"
             " see rigidmc.randomised"
         )
+    if texts:
+        return "\n".join(lines)
     saved = [str(name) for name, v in dataset.data_vars.items() if "time" in v.dims]
     lines.append(f"  saved at {dataset.sizes['time']:,} times: {', '.join(saved) or 'nothing'}")
     if thinned := [str(name) for name, v in dataset.data_vars.items() if "thinned_time" in v.dims]:
@@ -48,6 +57,25 @@ def _heading(dataset: xr.Dataset, planned: int) -> str:
     members = f"{count:,}{f' of {planned:,}' if count < planned else ''} members"
     end = f"{float(dataset.time.values[-1]):g} s"
     return f"{attrs.get('title', 'result')}: {members} to {end} with {attrs['integrator']}, {step}"
+
+
+def _measured(dataset: xr.Dataset, text: str, confidence: float | None) -> str:
+    """A measure of the good members on a line; OptionError for what is no measure of the result.
+
+    confidence : None if the spread of the members gives no interval
+    """
+    dims = {str(name): tuple(map(str, v.dims)) for name, v in dataset.data_vars.items()}
+    try:
+        asked = measure(text, dims, may_save_more=False)
+    except OptionError as error:
+        error.key = "of"
+        raise
+    good = dataset.status.values == 0
+    value, low, high = asked.interval(asked.values(dataset), good, confidence or 0.95)
+    if not np.isfinite(value):
+        return f"  {text}: of no member"
+    ends = f", {100 * confidence:g} % between {low:.6g} and {high:.6g}" if confidence else ""
+    return f"  {text}: {value:.6g}{ends}"
 
 
 def _flagged(dataset: xr.Dataset) -> str:
