@@ -65,5 +65,7 @@ def scenes(
         if name is not None:
             print(read_source(name), end="")
             return
-        for word in shipped():
-            print(f"{word:18s} {Scene.load(word).summary}")
+        names = shipped()
+        width = max(map(len, names))
+        for word in names:
+            print(f"{word:{width}s} {Scene.load(word).summary}")

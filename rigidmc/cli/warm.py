@@ -39,16 +39,17 @@ def warm(
         from rigidmc.scene.shipped import shipped
 
         loaded = [(name, load_scene(name, settings, allow_code)) for name in scenes or shipped()]
+        width = max(len(name) for name, _ in loaded)
         for name, scene in loaded:
             with about(name):
                 programs = precompile.warm(scene, all_integrators)
             new = [one.integrator for one in programs if one.compiled and not one.skipped]
             seconds = sum(one.seconds for one in programs if not one.skipped)
             print(
-                f"{name:18s} "
+                f"{name:{width}s} "
                 + (f"{seconds:6.1f} s for {', '.join(new)}" if new else "nothing to compile"),
                 flush=True,
             )
             for one in programs:
                 if one.skipped:
-                    print(f"{'':18s} skipped {one.integrator}: {one.skipped}")
+                    print(f"{'':{width}s} skipped {one.integrator}: {one.skipped}")

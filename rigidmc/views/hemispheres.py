@@ -20,6 +20,13 @@ from rigidmc.views.sphere import central_axis, density, lambert, polhodes
 COARSE = 0.8  # mean cosine of the angle between two steps of a path; below it a path is dots,
 # because lines would cut its corners
 
+# Rims of a cap [deg]: seconds, minutes, degrees
+CAPS = (
+    *(angle / 3600 for angle in (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30)),
+    *(angle / 60 for angle in (1, 2, 5, 10, 20, 30)),
+    *(1, 2, 5, 10, 20, 30, 45, 60),
+)
+
 Vectors = NDArray[np.float64]  # (time, axis, member)
 
 
@@ -97,7 +104,9 @@ def _hemispheres(
         words = "no direction: every member is at rest"
         axes.text(0.5, 0.5, words, ha="center", transform=axes.transAxes)
         return
-    sides, angle = _visible(np.append(v[:, 2], paths[:, 2]))
+    sides, angle = _visible(
+        np.concatenate([np.moveaxis(w, 1, 0).reshape(3, -1) for w in (v, paths)], 1)
+    )
     limit = 2.0 * np.sin(np.radians(angle) / 2.0)
     shown = density(v, sides, limit)
     first, last = np.floor(np.log10(np.nanmin(shown))), np.ceil(np.log10(np.nanmax(shown)))
@@ -110,7 +119,7 @@ def _hemispheres(
     axes.set(
         xlim=(-1.2 * limit, centre + 1.2 * limit), ylim=(-1.2 * limit, 1.2 * limit), aspect="equal"
     )
-    _legend(axes, None if angle == 90 else f"rim: {angle}° from centre", len(sides) > 1)
+    _legend(axes, None if angle == 90 else f"rim: {_angle(angle)} from centre", len(sides) > 1)
     bar = figure_of(axes).colorbar(
         image, ax=axes, location="bottom", shrink=0.5, aspect=40, pad=0.01
     )
@@ -118,13 +127,25 @@ def _hemispheres(
     bar.ax.tick_params(labelsize=8)
 
 
-def _visible(heights: NDArray[np.float64]) -> tuple[list[int], int]:
-    """(sides, angle of the rim [deg]) of two discs, or of the one cap that contains all heights."""
-    lowest, highest = np.nanmin(heights), np.nanmax(heights)
-    sides = [1, -1] if lowest <= 0.0 <= highest else [1 if lowest > 0.0 else -1]
-    inner = max(lowest, -highest, 0.0)
-    caps = (1, 2, 5, 10, 20, 30, 45, 60)
-    return sides, next((a for a in caps if np.cos(np.radians(a)) <= inner + 1e-12), 90)
+def _visible(directions: NDArray[np.float64]) -> tuple[list[int], float]:
+    """(sides, angle of the rim [deg]) of two discs, or of the one cap that contains all directions
+    (right, up, toward)."""
+    right, up, toward = directions
+    if np.nanmin(toward) <= 0.0 <= np.nanmax(toward):
+        return [1, -1], 90
+    widest = np.degrees(np.nanmax(np.arctan2(np.hypot(right, up), np.abs(toward))))
+    rim = next((angle for angle in CAPS if widest <= angle * (1.0 + 1e-9)), 90)
+    return [1 if np.nanmin(toward) > 0.0 else -1], rim
+
+
+def _angle(degrees: float) -> str:
+    """An angle in degrees, minutes or seconds of arc."""
+    unit, sign = next(
+        (u, s)
+        for u, s in ((1, "°"), (60, "\N{PRIME}"), (3600, "\N{DOUBLE PRIME}"))
+        if degrees * u >= 1 - 1e-9 or u == 3600
+    )
+    return f"{degrees * unit:g}{sign}"
 
 
 def _disc(

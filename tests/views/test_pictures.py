@@ -11,6 +11,7 @@ pytest.importorskip("matplotlib")
 
 from matplotlib.figure import Figure
 
+import rigidmc as rm
 from rigidmc.views import ensemble, sphere
 from rigidmc.views.figure import save
 from rigidmc.views.sample import DRAWN, MEMBERS, TIMES, sample, vectors
@@ -283,6 +284,18 @@ def test_axis_sphere_shows_the_third_column_of_a_on_one_cap(tops):
     assert row.min() < 0.1 * sphere.BINS  # ... from near the rim at -y: (0, -sin, cos) ...
     assert abs(row.max() - sphere.BINS / 2) < 3  # ... to the vertical
     assert figure.axes[0].get_title() == "Axis 3 of the body in space, t = 0 to 45 s"
+
+
+@pytest.mark.parametrize(
+    ("angle", "words"),
+    [(9e-7, "0.2\N{DOUBLE PRIME}"), (2e-4, "1\N{PRIME}"), (0.01, "1°"), (1.0, "60°")],
+)
+def test_the_rim_of_a_cap_is_the_next_round_angle(angle, words):
+    start = rm.Start(momentum=rm.Cone(3, 1.0, angle))
+    scene = rm.Scene(rm.Body.from_moments((1.0, 1.0, 1.5)), start=start)
+    ds = rm.simulate(scene, members=32, dt=0.1, t_end=1.0, save=("omega",))
+    figure = draw(ensemble.momentum_sphere(ds))
+    assert figure.axes[0].get_legend().get_title().get_text() == f"rim: {words} from centre"
 
 
 def test_summary_composes_all_and_heads_them(free, tops):
