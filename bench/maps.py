@@ -22,7 +22,7 @@ from rigidmc.studies.intervals import mean, probability
 from rigidmc.studies.maps.catalogue import MAPS
 
 SIDES = {"intermediate_axis": 512}
-ASKED = {"intermediate_axis": 30.0, "heavy_chaos": 180.0}
+ASKED = {"intermediate_axis": 30.0, "heavy_chaos": 30.0}
 
 # free tops to 50 turns, flips counted, no trajectories: final numbers of each member to a file
 MILLIONS = """

@@ -53,7 +53,13 @@ Measures = Annotated[
         " may be repeated.",
     ),
 ]
-Resolution = Annotated[int, count_option("--resolution", help="Pixels along each side.")]
+Resolution = Annotated[
+    int | None,
+    count_option(
+        "--resolution",
+        help="Pixels along each side; by default 256 for a map of the package, 128 for a scene.",
+    ),
+]
 Members = Annotated[
     int | None,
     count_option(
@@ -73,7 +79,7 @@ def make_map(
     x: Across = None,
     y: Upwards = None,
     of: Measures = [],  # noqa: B006
-    resolution: Resolution = 256,
+    resolution: Resolution = None,
     members: Members = None,
     settings: Set = [],  # noqa: B006
     allow_code: AllowCode = False,
@@ -90,19 +96,21 @@ def make_map(
             return
         if listed is not None:
             raise OptionError("", "NAME", listed, "goes with `rigidmc map list NAME`")
-        refuse_outputs(
-            force, plot=plot, study=output, size=8 * max(resolution, 1) ** 2 * (4 + 3 * len(of))
-        )
-        if _of_package(name, x, y, of, settings):
-            from rigidmc.studies.maps.catalogue import case_map
+        from rigidmc.studies.maps import catalogue, stability_map
 
-            dataset = case_map(name, resolution, members, threads, _show, **run)
+        of_package = _of_package(name, x, y, of, settings)
+        if resolution is None:
+            resolution = catalogue.RESOLUTION if of_package else stability_map.RESOLUTION
+        size = 8 * max(resolution, 1) ** 2 * (4 + 3 * len(of))
+        refuse_outputs(force, plot=plot, study=output, size=size)
+        if of_package:
+            dataset = catalogue.case_map(name, resolution, members, threads, _show, **run)
         else:
-            from rigidmc.studies.maps.stability_map import stability_map
-
             scene = load_scene(name, settings, allow_code)
             sides = _side(x or "", "--x"), _side(y or "", "--y")
-            dataset = stability_map(scene, *sides, of, resolution, members, threads, _show, **run)
+            dataset = stability_map.stability_map(
+                scene, *sides, of, resolution, members, threads, _show, **run
+            )
 
         def draw(dataset: "xr.Dataset") -> "Figure":
             from rigidmc.views import maps
@@ -123,12 +131,13 @@ def _of_package(
 ) -> bool:
     """Whether a map of the package is asked for; OptionError if neither it nor a map of a scene is
     described completely."""
+    from rigidmc.scene.shipped import shipped
     from rigidmc.studies.maps.catalogue import MAPS
 
     plain = not (x or y or of or settings)
     if name in MAPS and plain:
         return True
-    if plain:
+    if plain and name not in shipped():
         raise unknown("", "map", name, "map", MAPS, OptionError)
     missing = [key for key, value in (("--x", x), ("--y", y), ("--of", of)) if not value]
     if missing and name in MAPS:
@@ -138,7 +147,8 @@ def _of_package(
         )
         raise OptionError("", "map", name, rule)
     if missing:
-        rule = f"is missing: a map of a scene needs it; maps of the package: {', '.join(MAPS)}"
+        own = ", ".join(MAPS)
+        rule = f"is missing: a map of a scene needs --x, --y and --of; maps of the package: {own}"
         raise OptionError("", ", ".join(missing), None, rule)
     return False
 

@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
 
 from rigidmc.studies.maps.case import MapCase
 from rigidmc.studies.maps.catalogue import MAPS
@@ -58,6 +59,8 @@ def stability_map(ds: xr.Dataset, shown: str | None = None, figure: Figure | Non
             handles.append(_hatched(axes, edges, mask.values, face, hatch, words))
     if case and case.contours and min(ds.sizes["x"], ds.sizes["y"]) > 1:
         handles.append(_contours(axes, ds, *case.contours))
+    elif not case and name.startswith("p("):
+        handles += _half(axes, ds, name)
     axes.set_xlabel(case.labels[0] if case else label(ds.x))
     axes.set_ylabel(case.labels[1] if case else label(ds.y))
     bar = figure.colorbar(image, ax=axes, pad=0.02, ticks=ticks[0] if ticks else None)
@@ -125,6 +128,31 @@ def _contours(
         for text in axes.texts:
             text.set_path_effects([withStroke(linewidth=3.0, foreground="white")])
     return Line2D([], [], color="black", lw=1.4, label=words)
+
+
+def _half(axes: Axes, ds: xr.Dataset, name: str) -> list[Line2D]:
+    """A line on which half of the members do; the handle for the legend.
+
+    The shares are averaged over 3 x 3 pixels, so that the line follows the border, not single
+    pixels.
+    """
+    values = ds[name].values
+    known = np.isfinite(values)
+    weights = uniform_filter(known.astype(float), 3, mode="nearest")
+    sums = uniform_filter(np.where(known, values, 0.0), 3, mode="nearest")
+    smooth = np.divide(sums, weights, out=np.full(values.shape, np.nan), where=known)
+    if min(values.shape) < 2 or not np.nanmin(smooth) < 0.5 < np.nanmax(smooth):
+        return []
+    lines = axes.contour(
+        ds.x.values,
+        ds.y.values,
+        np.ma.masked_invalid(smooth),
+        [0.5],
+        colors="black",
+        linewidths=1.4,
+    )
+    lines.set(path_effects=[withStroke(linewidth=2.6, foreground="white")])
+    return [Line2D([], [], color="black", lw=1.4, label="half of the members")]
 
 
 def _middles(lines: QuadContourSet, axes: Axes) -> list[tuple[float, float]]:

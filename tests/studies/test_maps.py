@@ -119,6 +119,36 @@ def test_the_picture_has_axes_units_and_a_legend(flips, tmp_path):
     ]
 
 
+def test_a_share_has_a_line_where_half_of_the_members_do():
+    scene = rm.Scene(
+        rm.Body.from_moments((0.5, 1.0, 1.4)),
+        start=rm.Start(omega=(0.1, rm.uniform(0.0, 1.0), 0.1)),
+    )
+    axes = ("start.omega.1", 0.1, 1.0), ("start.omega.3", 0.1, 1.0)
+    ds = rm.stability_map(scene, *axes, "p(flips >= 1)", 8, 4, dt=0.1, t_end=0.2)
+    assert ds.sizes == {"x": 8, "y": 8}
+    rise = np.broadcast_to(np.linspace(0.0, 1.0, 8), (8, 8)).copy()
+    rise[3, 6], rise[0, 7] = 0.0, np.nan  # one pixel of noise, and one without a member
+    (name,) = (n for n in map(str, ds.data_vars) if n.startswith("p(") and n.endswith(")"))
+    axes = stability_map(ds.assign({name: ds[name].copy(data=rise)})).axes[0]
+    words = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert words[-1] == "half of the members"
+    (line,) = (
+        c for c in axes.collections if c.get_paths() and hasattr(c, "levels") and c.levels[0] == 0.5
+    )
+    x = np.concatenate([path.vertices[:, 0] for path in line.get_paths()])
+    assert np.ptp(x) < 2.0 * float(ds.x[1] - ds.x[0])  # straight up but for the noise
+    none = stability_map(ds.assign({name: ds[name].copy(data=0.2 * rise)})).axes[0]
+    assert none.get_legend() is None or "half" not in str(none.get_legend().get_texts())
+
+
+def test_the_default_resolution_is_that_of_the_map_or_of_scenes():
+    from inspect import signature
+
+    assert signature(case_map).parameters["resolution"].default == 256
+    assert signature(rm.stability_map).parameters["resolution"].default == 128
+
+
 def test_failed_members_are_never_stable():
     """Too long a step flags every member: the map says so and has no number for them."""
     scene = rm.Scene(
@@ -268,6 +298,7 @@ def test_what_is_no_measure_is_told(text):
     ("arguments", "words"),
     [
         (["nosuch"], "no such map"),
+        (["tennis_racket"], "--x, --y, --of: is missing: a map of a scene needs"),
         (["dzhanibekov", "--x", "body.moments.1=0:1"], "--y"),
         (
             [
@@ -437,5 +468,12 @@ def test_every_map(name):
         assert (error < 0.01).mean() > 0.99
     if name == "disturbance":
         assert ds.error.values[ds.y.values > 1e-3].max() < 1e-8  # measured 1.3e-9
+    if name == "damped_axis":
+        # at 256 pixels the last one arrives at 124 s of 400
+        assert (ds.end.values != 0.0).all() and ds["mean(passage_first)"].values.max() < 200.0
+    if name == "heavy_chaos":
+        megno = ds["mean(megno)"].values
+        share = (megno[np.isfinite(megno)] > 3.0).mean()
+        assert 0.45 < share < 0.65  # measured 0.55 at 48 and at 256 pixels
     if name == "kovalevskaya":
         assert np.nanmax(ds["mean(megno)"].values) < 3.0

@@ -20,6 +20,7 @@ _FILES = (  # in `cases`; each has a function of the same name that returns its 
     "kovalevskaya",
     "kapitza",
 )
+RESOLUTION = 256  # pixels per side
 MAPS: dict[str, Callable[[], MapCase]] = {
     name: getattr(import_module(f"rigidmc.studies.maps.cases.{name}"), name) for name in _FILES
 }
@@ -27,7 +28,7 @@ MAPS: dict[str, Callable[[], MapCase]] = {
 
 def case_map(
     name: str,
-    resolution: int | tuple[int, int] = 256,
+    resolution: int | tuple[int, int] = RESOLUTION,
     members: int | None = None,
     threads: int | None = None,
     progress: Callable[[int, int], object] | None = None,

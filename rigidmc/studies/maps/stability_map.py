@@ -28,6 +28,7 @@ from rigidmc.version import VERSION
 
 CHUNK = 2**17  # members at once: 20 to 40 MB, and 40 waits for the last block in a map of 4e6
 REPLICAS = 16  # members per pixel
+RESOLUTION = 128  # pixels per side: 262,144 members with REPLICAS
 MOST = 4096  # pixels per side
 
 Resolution = int | tuple[int, int]
@@ -59,7 +60,7 @@ def stability_map(
     x: Side,
     y: Side,
     of: str | Sequence[str],
-    resolution: Resolution = 256,
+    resolution: Resolution = RESOLUTION,
     members: int | None = None,
     threads: int | None = None,
     progress: Progress | None = None,

@@ -31,5 +31,5 @@ def heavy_chaos(moments: Vector = (2.0, 2.2, 1.0), centre: Vector = (1.0, 0.0, 0
             "energy [J]",
             "MEGNO: 2 regular, more chaotic",
         ),
-        settings={"integrator": "srkn11", "dt": 0.25, "t_end": 1400.0},
+        settings={"integrator": "rk8", "dt": 0.25, "t_end": 1400.0},
     )
