@@ -469,8 +469,9 @@ def test_every_map(name):
     if name == "disturbance":
         assert ds.error.values[ds.y.values > 1e-3].max() < 1e-8  # measured 1.3e-9
     if name == "damped_axis":
-        # at 256 pixels the last one arrives at 124 s of 400
-        assert (ds.end.values != 0.0).all() and ds["mean(passage_first)"].values.max() < 200.0
+        assert (ds.end.values != 0.0).all()
+        # of 400 s; measured 124 at 256 pixels
+        assert np.nanmax(ds["mean(passage_first)"].values) < 200.0
     if name == "heavy_chaos":
         megno = ds["mean(megno)"].values
         share = (megno[np.isfinite(megno)] > 3.0).mean()
