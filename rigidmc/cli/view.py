@@ -78,11 +78,24 @@ def _indices(text: str | None) -> list[int] | None:
         raise OptionError("", "--members", text, rule) from None
 
 
+def _map(source: str) -> "xr.Dataset | None":
+    """The map in a netCDF file; None for everything else, which `opened` tries."""
+    from rigidmc.files.netcdf import open_undecoded
+    from rigidmc.views.viewer.maps import is_map
+
+    if os.path.isdir(source) or not os.path.isfile(source):
+        return None
+    try:
+        with open_undecoded(source) as dataset:
+            return dataset.load() if is_map(dataset) else None
+    except (OSError, ValueError):
+        return None
+
+
 def _result(source: str, allow_code: bool) -> "xr.Dataset":
     """A result, or that of a scene whose first MEMBERS members are run now."""
-    directory = os.path.isdir(source)
-    if directory or source.lower().endswith(".nc"):
-        return opened(source, allow_code)
+    if os.path.isdir(source) or source.lower().endswith((".nc", ".zarr")):
+        return _map(source) or opened(source, allow_code)
     from rigidmc.runs.simulate import simulate
 
     scene = load_scene(source, (), allow_code)

@@ -100,6 +100,7 @@ def _set(data: dict[str, Any], dotted: str, value: str) -> None:
         if "not valid" not in error.rule:
             raise
         data[key] = value
-    if key in BODIES and tables[-1:] == ["body"]:
-        for other in set(BODIES) - {key}:
+    if tables[-1:] == ["body"] and key in (*BODIES, "mass", "centre"):
+        # another body than the one that has this shape
+        for other in {"shape", *(BODIES if key in BODIES else ())} - {key}:
             data.pop(other, None)

@@ -50,7 +50,10 @@ def with_parameter(scene: Scene, name: str, value: Any, key: str = "parameter") 
     table, first, *rest = name.split(".")
     if table in ("body", "start"):
         part = getattr(scene, table)
-        part = replace(part, **{first: _put(getattr(part, first), rest, value)})
+        changed = {first: _put(getattr(part, first), rest, value)}
+        if table == "body":
+            changed["shape"] = ()  # another body than the one that has this shape
+        part = replace(part, **changed)
         return replace(scene, **{table: part})
     effects = tuple(
         _put(effect, rest, value) if label == first else effect

@@ -44,7 +44,7 @@ def stability_map(ds: xr.Dataset, shown: str | None = None, figure: Figure | Non
     figure = figure or new_figure(fill(_title(ds, case), 95), (9.0, 7.2))
     axes, values = figure.add_subplot(), ds[name].values
     edges = [_edges(ds[key]) for key in ("x", "y")]
-    colours, norm, ticks = _colours(name, values, case)
+    colours, norm, ticks = colours_of(name, values, case)
     axes.set(**{f"{key}scale": "log" for key in ("x", "y") if ds[key].attrs["log"]})
     image = axes.pcolormesh(*edges, values, cmap=colours, norm=norm, rasterized=True)
     axes.set_facecolor(BLANK)
@@ -181,7 +181,7 @@ def _edges(coordinate: xr.DataArray) -> NDArray[np.float64]:
     return np.exp(edges) if coordinate.attrs["log"] else edges
 
 
-def _colours(
+def colours_of(
     name: str, values: NDArray[np.float64], case: MapCase | None
 ) -> tuple[str | Colormap, Normalize, Ticks | None]:
     """(colour map, norm, ticks) of a variable."""

@@ -5,6 +5,7 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.errors import SceneError
+from rigidmc.scene.parameters import with_parameter
 from rigidmc.scene.scene import Scene, scene_of
 
 TOML = """
@@ -86,6 +87,15 @@ def test_a_mistake_in_a_shape_is_named(table, words):
     with pytest.raises(SceneError) as caught:
         load(f"[[body.shape]]\n{table}")
     assert words in str(caught.value) and "top.toml" in str(caught.value)
+
+
+def test_another_body_loses_the_shape():
+    scene = Scene.load("tennis_racket")
+    assert scene.body.shape
+    assert with_parameter(scene, "body.moments.2", 0.0165).body.shape == ()
+    assert Scene.load("tennis_racket", [("body.moments", "[1, 2, 2.5]")]).body.shape == ()
+    assert Scene.load("tennis_racket", [("body.mass", "0.4")]).body.shape == ()
+    assert with_parameter(scene, "start.omega.2", 5.0).body.shape == scene.body.shape
 
 
 def test_too_many_parts_are_refused():

@@ -7,8 +7,10 @@ import shutil
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import rigidmc as rm
+from rigidmc.cli import app
 from rigidmc.errors import OptionError, OutputExists
 from rigidmc.runs.frames import frames
 from rigidmc.views.viewer.motion import density, short
@@ -97,6 +99,58 @@ def test_flagged_members_are_among_those_shown():
 def test_the_accessor_shows_a_page(spun):
     shown = spun.rigid.view(members=[1])
     assert shown._repr_html_().startswith("<iframe srcdoc=")
+
+
+@pytest.fixture(scope="module")
+def map_page(tmp_path_factory):
+    scene = rm.Scene(
+        rm.Body.box(1.0, SIZE),
+        start=rm.Start(omega=(rm.normal(0.0, 0.1), 1.0, 2.0), attitude=(1.0, 0.0, 0.0, 0.0)),
+    )
+    sides = ("start.omega.2", 0.5, 1.5), ("start.omega.3", 1.0, 5.0)
+    ds = rm.stability_map(
+        scene, *sides, "mean(l2_drift_max)", (5, 3), members=2, dt=0.05, t_end=2.0, integrator="rk4"
+    )
+    path = tmp_path_factory.mktemp("map") / "map.html"
+    view(ds, path)
+    return path, ds, scene
+
+
+def test_the_page_of_a_map_knows_pixels_and_members(map_page):
+    path, ds, _ = map_page
+    known = data_of(path.read_text())
+    assert [side["values"] for side in known["map"]["sides"]] == [
+        ds.x.values.tolist(),
+        ds.y.values.tolist(),
+    ]
+    assert len(known["members"]) == 15 and known["map"]["members"] == 2
+    one = known["members"][7]
+    assert one["pixel"] == [1, 2] and one["index"] == 14
+    (measure,) = known["map"]["measures"]
+    values = np.frombuffer(base64.b64decode(measure["values"]["f4"]), "<f4")
+    assert values == pytest.approx(ds["mean(l2_drift_max)"].values.ravel(), rel=1e-6)
+
+
+def test_the_command_writes_pages_of_results_scenes_and_maps(spun, map_page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    rm.simulate(spun.rigid.scene(), output="top.nc").close()
+    map_page[1].to_netcdf("map.nc")
+    for words in (["top.nc", "--members", "0"], ["map.nc", "-o", "m.html"]):
+        done = CliRunner().invoke(app, ["view", *words])
+        assert done.exit_code == 0, done.output
+    assert data_of((tmp_path / "m.html").read_text())["map"]["members"] == 2
+    title = next(path for path in tmp_path.iterdir() if path.name.startswith("a <box>"))
+    assert len(data_of(title.read_text())["members"]) == 1
+    again = CliRunner().invoke(app, ["view", "top.nc"])
+    assert again.exit_code == 6 and "exists" in again.stderr
+    for words, rule in (
+        (["nowhere.nc"], "no such file"),
+        (["tenis_racket"], "tennis_racket"),
+        (["top.nc", "--members", "0,x"], "separated by commas"),
+        (["top.nc", "-o", "top.png"], ".html"),
+    ):
+        done = CliRunner().invoke(app, ["view", *words, "--force"])
+        assert done.exit_code in (3, 74) and rule in done.stderr, (words, done.stderr)
 
 
 # ---- in the browser ------------------------------------------------------------------------
@@ -214,6 +268,25 @@ def test_nothing_is_wider_than_the_window(browser, page, width):
     for name in ("#play", "#slider", "#member", "#speed"):
         box = opened.locator(name).bounding_box()
         assert box["x"] >= 0 and box["x"] + box["width"] <= width
+    opened.close()
+
+
+def test_a_pixel_tells_its_numbers_and_shows_its_member(browser, map_page):
+    path, ds, _ = map_page
+    opened = browser.new_page(viewport={"width": 1280, "height": 900})
+    opened.goto(path.as_uri())
+    opened.evaluate("ready")
+    box = opened.evaluate("pixels.box")
+    # the middle of the pixel in row 1, column 3 of 3 x 5
+    x = box["left"] + (box["right"] - box["left"]) * 3.5 / 5
+    y = box["bottom"] - (box["bottom"] - box["top"]) * 1.5 / 3
+    opened.locator("#pixels").click(position={"x": x, "y": y})
+    words = opened.locator("#pixel").text_content()
+    assert f"start.omega.2 = {ds.x.values[3]:.4g}, start.omega.3 = {ds.y.values[1]:.4g}" in words
+    assert f"{ds['mean(l2_drift_max)'].values[1, 3]:.4g}"[:5] in words and "2 of 2" in words
+    assert opened.evaluate("DATA.members[page.member].pixel") == [1, 3]
+    spin = opened.evaluate("VALUES.omega(DATA.members[page.member], 0, 2)")
+    assert spin == pytest.approx(ds.y.values[1], rel=1e-4)
     opened.close()
 
 

@@ -20,6 +20,7 @@ from rigidmc.runs.frames import frames
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.views.sample import vectors
 from rigidmc.views.surfaces import ball, surface_of
+from rigidmc.views.viewer.maps import is_map, map_data
 from rigidmc.views.viewer.motion import density, drifts, motion, reach, status_of
 
 SHOWN, MOST = 4, 12  # members of a page by default, and at most
@@ -36,6 +37,8 @@ def view(
     """A result as a page: members turn in space beside their momentum spheres, with omega, Euler
     angles and drifts against time, and the density of the ensemble.
 
+    ds : a result, or a map of `rigidmc.stability_map`, whose pixels tell their numbers and show a
+        member turning
     members : indices; by default SHOWN of them, evenly spaced, and the first that is flagged
     until : end of the motion that is shown [s]; by default that of the run, or as far as 4,000
         frames reach
@@ -51,10 +54,12 @@ def view(
     except ImportError as error:
         rule = f"pages are drawn by k3d: pip install 'rigidmc[view]' ({error})"
         raise FileError("", "view", None, rule) from None
-    chosen = _chosen(ds, members)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SceneWarning)  # the run has told them
-        page = Page(_written(ds, chosen, until, allow_code))
+        if is_map(ds):
+            page = Page(_of_map(ds, allow_code))
+        else:
+            page = Page(_written(ds, _chosen(ds, members), until, allow_code))
     if output is not None:
         write_bytes(output, page.text.encode(), force)
     return page
@@ -120,6 +125,19 @@ def _written(ds: xr.Dataset, members: list[int], until: float | None, allow_code
             ),
         },
     )
+
+
+def _of_map(ds: xr.Dataset, allow_code: bool) -> str:
+    """The text of the page of a map."""
+    scene, data, bodies = map_data(ds, allow_code)
+    a = ds.attrs
+    about = (
+        f"{ds.sizes['x']} x {ds.sizes['y']} pixels of {a['members']} members, {a['integrator']},"
+        f" t_end = {a['t_end']:g} s. {scene.summary}"
+    )
+    plots = _plots(scene, bodies, np.ones(3))
+    quantity = "euler" if scene.effects else "omega"
+    return _filled(a.get("title", "map"), about, data | {"plots": plots, "quantity": quantity})
 
 
 def _plots(scene: Scene, bodies: list[list[float]], l: NDArray[np.float64]) -> dict[str, str]:
