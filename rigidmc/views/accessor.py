@@ -5,6 +5,7 @@ Methods import what they need: this module is imported with rigidmc, which must 
 
 from collections.abc import Callable, Iterable
 from functools import partial
+from html import escape
 from os import PathLike
 from typing import Any
 
@@ -50,6 +51,9 @@ class Rigid:
     def __init__(self, dataset: xr.Dataset) -> None:
         self._dataset = dataset
         self.plot = Pictures(dataset)
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(self.summary())}</pre>"
 
     def scene(self, allow_code: bool = False) -> Any:
         """The scene that the result was computed from.

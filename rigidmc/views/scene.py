@@ -22,7 +22,7 @@ from rigidmc.runs.capacity import free_memory, in_words, sizes
 from rigidmc.runs.shards import members_of
 from rigidmc.scene.conservation import conservation
 from rigidmc.scene.laws.protocol import Law
-from rigidmc.scene.mass_distribution import IDENTITY
+from rigidmc.scene.mass_distribution import IDENTITY, MassDistribution
 from rigidmc.scene.parameters import parameters
 from rigidmc.scene.quantities import Distribution, Grid
 from rigidmc.scene.scene import Scene
@@ -48,18 +48,40 @@ def describe(scene: Scene, threads: int) -> str:
     return "\n".join(lines)
 
 
-def _physics(scene: Scene) -> list[str]:
-    """Title, source, body and start."""
-    lines, body, start = [f"{scene.title}: {scene.summary}".rstrip(": ")], scene.body, scene.start
-    if scene.source:
-        lines.append(f"source       {scene.source}")
-    lines.append(
+def outline(scene: Scene) -> list[str]:
+    """What a scene is, without what must be measured: its first line is the title."""
+    lines = _physics(scene)
+    if scene.run.integrator == "auto":  # chosen by measuring
+        return lines
+    plan = prepare(scene)
+    prices = [
+        f"{label} {torque_operations(effect)}"
+        for label, effect in labelled(scene.effects)
+        if type(effect) in EFFECTS.values()
+    ]
+    price = [f"price        {'; '.join(prices)}"] if prices else []
+    members = [f"members      {plan.members:,}, seed {scene.run.seed}"]
+    return [*lines, *_compiled(scene, plan), *price, *_steps(scene, plan), *members]
+
+
+def body_lines(body: MassDistribution) -> list[str]:
+    """Moments, mass, centre and principal axes."""
+    lines = [
         f"body         moments {_words(body.moments)} kg m2, mass {_words(body.mass)} kg,"
         f" centre {_words(body.centre)} m"
-    )
+    ]
     if body.axes != IDENTITY:
         rows = "; ".join(" ".join(f"{x:.4g}" for x in row) for row in body.axes)
         lines.append(f"             principal axes (columns) {rows}")
+    return lines
+
+
+def _physics(scene: Scene) -> list[str]:
+    """Title, source, body and start."""
+    lines, start = [f"{scene.title}: {scene.summary}".rstrip(": ")], scene.start
+    if scene.source:
+        lines.append(f"source       {scene.source}")
+    lines += body_lines(scene.body)
     name = "omega" if start.momentum is None else "momentum"
     spin = f"{name} {_words(getattr(start, name))} {OBSERVABLES[name].units}"
     named = {"uniform": "uniform on SO(3)", "ensemble": "of the momentum's ensemble"}

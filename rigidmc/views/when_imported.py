@@ -12,6 +12,7 @@ from types import ModuleType
 from typing import Any
 
 ACCESSOR = "rigidmc.views.accessor"
+NOTEBOOK = "rigidmc.views.notebook"
 
 
 class _Finder:
@@ -49,7 +50,12 @@ class _Loader:
 
 
 def register() -> None:
-    """Register the accessor now if xarray is imported, otherwise as soon as it is."""
+    """Register the accessor now if xarray is imported, otherwise as soon as it is; and tell a
+    notebook how to show scenes and bodies."""
+    if "IPython" in sys.modules:
+        shell = sys.modules["IPython"].get_ipython()
+        if shell is not None:
+            import_module(NOTEBOOK).install(shell)
     if "xarray" in sys.modules:
         import_module(ACCESSOR)
     elif _Finder not in sys.meta_path:

@@ -1,0 +1,48 @@
+"""Scenes, bodies and results in notebooks."""
+
+import subprocess
+import sys
+
+import pytest
+
+import rigidmc as rm
+from rigidmc.views.notebook import body_html, scene_html
+
+
+def test_a_scene_tells_body_start_effects_with_price_and_settings():
+    text = scene_html(rm.Scene.load("heavy_top"))
+    for words in ("heavy_top", "moments", "normal(200, 5)", "gravity(g = 9.81)", "operations"):
+        assert words in text
+    for label in ("body", "start", "conserved", "steps", "saves", "members", "price"):
+        assert f">{label}</th>" in text
+    assert "auto" not in scene_html(rm.Scene.load("heavy_top").with_run(tolerance=1e-6))
+
+
+def test_a_body_tells_moments_and_which_rotations_are_stable():
+    text = body_html(rm.Body.box(1.0, (1.0, 0.5, 0.2)))
+    assert "about axis 2 unstable" in text and ">principal</th>" in text and "smallest" in text
+    assert "<b>" not in body_html(rm.Body.from_moments((rm.normal(1.0, 0.1), 1.5, 2.0)))
+    assert "normal(1, 0.1)" in body_html(rm.Body.from_moments((rm.normal(1.0, 0.1), 1.5, 2.0)))
+
+
+def test_titles_are_text_and_no_markup():
+    scene = rm.Scene(rm.Body.box(1.0, (1, 2, 3)), start=rm.Start(omega=(0, 0, 1)), title="<b>")
+    assert "&lt;b&gt;" in scene_html(scene) and "<b>" not in scene_html(scene)
+
+
+def test_a_result_tells_its_summary():
+    ds = rm.simulate(rm.Scene.load("dzhanibekov"), members=4, t_end=1.0, every=0.5)
+    assert ds.rigid._repr_html_().startswith("<pre>dzhanibekov: 4 members")
+
+
+def test_a_shell_shows_scenes_without_importing_them_first():
+    pytest.importorskip("IPython")
+    code = (
+        "from IPython.core.interactiveshell import InteractiveShell as S; s = S.instance();"
+        " import rigidmc as rm, sys; print('rigidmc.scene.scene' in sys.modules);"
+        " show = s.display_formatter.format;"
+        " print('<table>' in show(rm.Scene.load('dzhanibekov'))[0]['text/html']);"
+        " print('<table>' in show(rm.Body.box(1.0, (1, 2, 3)))[0]['text/html'])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout.split() == ["False", "True", "True"], done.stderr
