@@ -6,10 +6,12 @@
     ```
 
 draws the picture in `_build/pictures` and shows it with its command; a picture that is there is not
-drawn again. `{output} integrators` shows what a command prints.
+drawn again. `{page}` shows a page of `rigidmc view` in a frame; `{output} integrators` shows what a
+command prints.
 """
 
 import shlex
+import shutil
 from contextlib import chdir
 from pathlib import Path
 
@@ -67,6 +69,35 @@ class Picture(Directive):
         return [title, figure, *caption.children, code]
 
 
+class Page(Directive):
+    """A page of `rigidmc view` in a frame, and the commands that write it."""
+
+    required_arguments, final_argument_whitespace, has_content = 1, True, True
+
+    def run(self):
+        *before, last = self.content
+        if not (FOLDER / shlex.split(last)[-1]).exists():
+            for command in before:
+                ran(command)
+        name = Path(drawn(last)).name
+        frame = (
+            f'<iframe src="pages/{name}" title="{self.arguments[0]}" loading="lazy"'
+            ' style="width: 100%; height: 780px; border: 1px solid #ccc"></iframe>'
+            f'<p><a href="pages/{name}">the page alone</a></p>'
+        )
+        text = "\n".join(f"rigidmc {command}" for command in self.content)
+        code = nodes.literal_block(text, text, language="text")
+        return [nodes.raw("", frame, format="html"), code]
+
+
+def copy_pages(app, error):
+    """Put the pages beside those of the site."""
+    if error is None:
+        (Path(app.outdir) / "pages").mkdir(exist_ok=True)
+        for page in FOLDER.glob("*.html"):
+            shutil.copy(page, Path(app.outdir) / "pages" / page.name)
+
+
 class Output(Directive):
     """What a command prints."""
 
@@ -79,5 +110,7 @@ class Output(Directive):
 
 def setup(app):
     app.add_directive("picture", Picture)
+    app.add_directive("page", Page)
+    app.connect("build-finished", copy_pages)
     app.add_directive("output", Output)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
