@@ -66,6 +66,8 @@ class Stage {
     stage.node = $(name);
     stage.k3d = await k3d.CreateK3DAndLoadBinarySnapshot(bytes(DATA.plots[name]), stage.node);
     stage.world = stage.k3d.getWorld();
+    // labels of a grid that is not shown: thousands of elements
+    stage.world.overlayDOMNode.remove();
     stage.objects = {};
     for (const [id, object] of Object.entries(stage.world.ObjectsById)) {
       const name = stage.world.ObjectsListJson[id].name;
@@ -146,6 +148,7 @@ class Stage {
       tag.style.color = colour;
       this.node.append(tag);
     }
+    this.world.camera.updateMatrixWorld();
     const p = this.world.camera.position.clone().set(...at).project(this.world.camera);
     const x = shift + (0.5 + 0.5 * p.x) * this.node.clientWidth, y = (0.5 - 0.5 * p.y) * this.node.clientHeight;
     tag.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px) translate(-50%, -50%)`;
@@ -538,9 +541,15 @@ async function start() {
     event.preventDefault();
     keys[event.key]();
   });
-  for (const stage of Object.values(stages))
-    for (const kind of ["pointermove", "wheel", "pointerup"])
-      stage.node.addEventListener(kind, () => { if (!page.playing) requestAnimationFrame(draw); });
+  // K3D moves its cameras itself
+  const eyes = () => Object.values(stages).map(stage => [
+    ...stage.world.camera.matrixWorld.elements, ...stage.world.camera.projectionMatrix.elements].join()).join();
+  let seen = "";
+  setInterval(() => {
+    const now = eyes();
+    if (now !== seen && !page.playing) draw();
+    seen = now;
+  }, 40);
   let waiting;
   addEventListener("resize", () => { clearTimeout(waiting); waiting = setTimeout(() => choose(page.member), 150); });
   $("quantity").value = DATA.quantity;
