@@ -7,6 +7,8 @@ from typer.core import TyperGroup
 
 PANELS = ("Start", "Look", "Study", "Long runs", "Reference")
 START, LOOK, STUDY, LONG_RUNS, REFERENCE = PANELS
+# what users want first comes first; others follow as they are registered
+FIRST = ("run", "show", "check", "scenes", "new", "body", "view", "plot", "animate", "summary")
 
 
 def unwrapped(text: str) -> str:
@@ -16,7 +18,7 @@ def unwrapped(text: str) -> str:
 
 
 class Commands(TyperGroup):
-    """The commands by panel; `run` is the first, the others as they are registered."""
+    """The commands by panel, those of FIRST before others."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
@@ -24,8 +26,9 @@ class Commands(TyperGroup):
             command.help = unwrapped(command.help or "")
 
     def list_commands(self, ctx: Any) -> list[str]:
-        def place(name: str) -> tuple[int, bool]:
+        def place(name: str) -> tuple[int, int]:
             panel: Any = getattr(self.commands[name], "rich_help_panel", None)
-            return (*PANELS, panel).index(panel), name != "run"  # without a panel: at the end
+            # a command without a panel: at the end
+            return (*PANELS, panel).index(panel), (*FIRST, name).index(name)
 
         return sorted(self.commands, key=place)

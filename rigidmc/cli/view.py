@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rigidmc.cli.common import about, app, load_scene, opened, reported, written
-from rigidmc.cli.options import AllowCode, Force, time_option
+from rigidmc.cli.options import AllowCode, Force, completing, shipped, time_option
 from rigidmc.cli.panels import LOOK
 from rigidmc.errors import OptionError
 from rigidmc.files.outputs import refuse_existing
@@ -21,7 +21,9 @@ MEMBERS = 500  # of a scene that is run for its page
 Source = Annotated[
     str,
     typer.Argument(
-        metavar="FILE|RUN|SCENE", help="A result (.nc), a run directory, a map, or a scene."
+        metavar="FILE|RUN|SCENE",
+        help="A result (.nc, .zarr), a run directory, a map, or a scene.",
+        autocompletion=completing(shipped),
     ),
 ]
 Shown = Annotated[
