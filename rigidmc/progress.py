@@ -71,6 +71,10 @@ def reporter(progress: Progress, members: int, steps: int) -> Iterator[Report]:
         report.poll()
     elif not progress:
         yield Report(total, lambda done, total: None)
+    elif in_notebook():
+        report = Report(total, _notebook(steps))
+        yield report
+        report.poll()
     elif sys.stderr.isatty():
         with _bar(total, steps) as report:
             yield report
@@ -107,6 +111,32 @@ def _bar(total: int, steps: int) -> Iterator[Report]:
             bar.update(task, completed=done, rate=f"{rate / steps:,.0f} members/s")
 
         yield Report(total, show)
+
+
+def in_notebook() -> bool:
+    """Whether a Jupyter kernel runs this."""
+    shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    return shell is not None and hasattr(shell, "kernel")
+
+
+def _notebook(steps: int) -> Show:
+    """A bar below the cell, drawn anew up to five times a second."""
+    from IPython.display import HTML, display
+
+    began = last = time.perf_counter()
+    place = display(HTML(""), display_id=True)
+
+    def show(done: int, total: int) -> None:
+        nonlocal last
+        now = time.perf_counter()
+        if now - last > 0.2 or done >= total:
+            last = now
+            rate = done / max(1e-9, now - began)
+            left = (total - done) / max(1e-9, rate)
+            words = f"{100 * done / total:.0f} %, {rate / steps:,.0f} members/s, {left:.0f} s left"
+            place.update(HTML(f'<progress value="{done}" max="{total}"></progress> {words}'))
+
+    return show
 
 
 def _lines() -> Show:

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rigidmc.cli.common import about, app, load_scene, opened, reported, written
-from rigidmc.cli.options import AllowCode, Force, completing, shipped, time_option
+from rigidmc.cli.options import AllowCode, Force, completing, time_option
 from rigidmc.cli.panels import LOOK
 from rigidmc.errors import OptionError
 from rigidmc.files.outputs import refuse_existing
+from rigidmc.scene.shipped import shipped
 
 if TYPE_CHECKING:
     import xarray as xr

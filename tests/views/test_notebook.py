@@ -6,6 +6,7 @@ import sys
 import pytest
 
 import rigidmc as rm
+from rigidmc import progress
 from rigidmc.views.notebook import body_html, scene_html
 
 
@@ -46,3 +47,17 @@ def test_a_shell_shows_scenes_without_importing_them_first():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.stdout.split() == ["False", "True", "True"], done.stderr
+
+
+def test_progress_in_a_notebook_is_a_bar(monkeypatch):
+    display = pytest.importorskip("IPython.display")
+    shown = []
+
+    class Place:
+        def update(self, html):
+            shown.append(html.data)
+
+    monkeypatch.setattr(display, "display", lambda *_, **__: Place())
+    monkeypatch.setattr(progress, "in_notebook", lambda: True)
+    rm.simulate(rm.Scene.load("dzhanibekov"), members=64, t_end=1.0, every=0.5, progress=True)
+    assert shown[-1].startswith('<progress value="6400" max="6400">') and "100 %" in shown[-1]
