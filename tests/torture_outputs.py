@@ -68,7 +68,7 @@ def made(folder, process):
 @contextlib.contextmanager
 def computed_once():
     """Compute studies once, then attack their outputs."""
-    from rigidmc.runs import rerun as again
+    from rigidmc.runs import frames as again
     from rigidmc.studies import accuracy
     from rigidmc.studies.maps import catalogue
     from rigidmc.studies.stress import run as hard_cases

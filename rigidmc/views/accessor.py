@@ -332,8 +332,30 @@ class Rigid:
         return result
 
     def export(self, path: str | PathLike[str], force: bool = False) -> None:
-        """Write netCDF, zarr, or a table with one row per member (.csv, .parquet), see
-        `rigidmc.storage.export`."""
+        """Write the result in the format of a file's ending, completely or not at all.
+
+        Parameters
+        ----------
+        path : path_like
+            .nc, .zarr, or a table of one row per member: .csv or .parquet
+        force : bool, optional
+            replace a file that exists
+
+        Raises
+        ------
+        OptionError
+            for another ending, or for one whose package is not installed
+        OutputExists
+            for a file that exists
+
+        Examples
+        --------
+        >>> ds = rm.simulate(rm.Scene.load("dzhanibekov"), members=4, t_end=1.0, every=0.5)
+        >>> ds.rigid.export("members.csv")
+        >>> import pandas as pd
+        >>> len(pd.read_csv("members.csv"))
+        4
+        """
         from rigidmc.storage.export import write
 
         write(self._dataset, path, force)
