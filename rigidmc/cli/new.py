@@ -47,8 +47,16 @@ def sizes(text: str, key: str = "--size") -> dict[str, Any]:
 
 
 def lean_of(text: str, key: str = "--lean") -> float | str:
-    """An angle [rad], or "uniform"; OptionError."""
-    return text if text == "uniform" else numbers(text, key, 1)[0]
+    """An angle [rad], also as 20deg, or "uniform"; OptionError."""
+    if text == "uniform":
+        return text
+    degrees = text.removesuffix("deg")
+    angle = (
+        math.radians(numbers(degrees, key, 1)[0]) if degrees != text else numbers(text, key, 1)[0]
+    )
+    if not -math.pi <= angle <= math.pi:
+        raise OptionError("", key, text, "an angle in rad is at most pi; degrees are written 20deg")
+    return angle
 
 
 def gravity_of(text: str, key: str = "--gravity") -> float:

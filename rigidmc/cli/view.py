@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rigidmc.cli.common import about, app, load_scene, opened, reported, written
-from rigidmc.cli.options import AllowCode, Force, completing, time_option
+from rigidmc.cli.options import AllowCode, Force, Set, completing, time_option
 from rigidmc.cli.panels import LOOK
 from rigidmc.errors import OptionError
 from rigidmc.files.outputs import refuse_existing
@@ -36,7 +36,7 @@ Shown = Annotated[
 Page = Annotated[
     str | None,
     typer.Option(
-        "-o", "--output", metavar="FILE", help="Page to write (.html); by default TITLE.html."
+        "-o", "--output", metavar="FILE", help="Page to write (.html); by default NAME.html."
     ),
 ]
 Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
@@ -50,6 +50,7 @@ def view(
     until: Annotated[
         float | None, time_option("--until", help="End of the motion that is shown.")
     ] = None,
+    settings: Set = [],  # noqa: B006
     show: Open = False,
     force: Force = False,
     allow_code: AllowCode = False,
@@ -58,8 +59,9 @@ def view(
     slider, omega, Euler angles and drifts. The page works without a network."""
     with reported(), about(source):
         chosen = _indices(members)
-        dataset = _result(source, allow_code)
-        name = output or f"{dataset.attrs.get('title', 'rigidmc').replace(os.sep, '_')}.html"
+        dataset = _result(source, settings, allow_code)
+        stem = os.path.splitext(os.path.basename(source.rstrip(os.sep)))[0]
+        name = output or f"{stem}.html"
         refuse_existing(name, force, "pages")
         from rigidmc.views.viewer.page import view as page_of
 
@@ -95,12 +97,15 @@ def _map(source: str) -> "xr.Dataset | None":
         return None
 
 
-def _result(source: str, allow_code: bool) -> "xr.Dataset":
+def _result(source: str, settings: list[str], allow_code: bool) -> "xr.Dataset":
     """A result, or that of a scene whose first MEMBERS members are run now."""
     if os.path.isdir(source) or source.lower().endswith((".nc", ".zarr")):
-        return _map(source) or opened(source, allow_code)
+        if settings:
+            raise OptionError("", "--set", settings[0], "is for scenes; a result has been computed")
+        found = _map(source)
+        return found if found is not None else opened(source, allow_code)
     from rigidmc.runs.simulate import simulate
 
-    scene = load_scene(source, (), allow_code)
+    scene = load_scene(source, settings, allow_code)
     few = min(scene.run.members, MEMBERS)
     return simulate(scene.with_run(members=few, save=("momentum",), keep="full"), progress=True)

@@ -87,19 +87,33 @@ def _run(table: dict[str, Any], overridden: set[str], of_result: bool) -> Run:
     return changed(run, {k: v for k, v in settings.items() if k in overridden})
 
 
+def _put(components: list[Any], dotted: str, value: Any) -> None:
+    """The component that the last word of a key names, as start.omega.3; SceneError."""
+    word = dotted.split(".")[-1]
+    if not word.isdigit() or not 1 <= int(word) <= len(components):
+        rule = f"expected a component from 1 to {len(components)}"
+        raise SceneError("", dotted, value, rule)
+    components[int(word) - 1] = value
+
+
 def _set(data: dict[str, Any], dotted: str, value: str) -> None:
-    """data[a][b] = value for the key a.b; the value is TOML, or else a plain word."""
+    """data[a][b] = value for the key a.b, or a component for a.b.3; the value is TOML, or else a
+    plain word."""
     *tables, key = dotted.split(".")
-    for table in tables:
-        data = data.setdefault(table, {})
-        if not isinstance(data, dict):
-            raise SceneError("", dotted, value, f"'{table}' is not a table")
     try:
-        data[key] = toml(f"value = {value}")["value"]
+        given = toml(f"value = {value}")["value"]
     except SceneError as error:
         if "not valid" not in error.rule:
             raise
-        data[key] = value
+        given = value
+    for table in tables:
+        data = data.setdefault(table, {})
+        if isinstance(data, list) and table == tables[-1]:
+            _put(data, dotted, given)
+            return
+        if not isinstance(data, dict):
+            raise SceneError("", dotted, value, f"'{table}' is not a table")
+    data[key] = given
     if tables[-1:] == ["body"] and key in (*BODIES, "mass", "centre"):
         # another body than the one that has this shape
         for other in {"shape", *(BODIES if key in BODIES else ())} - {key}:

@@ -160,7 +160,10 @@ def _decimal(value: float) -> float:
 def _start(motion: Motion) -> dict[str, Any]:
     """The table [start]."""
     spread = _decimal(motion.spread * math.hypot(*motion.spin))
-    spin = [{"normal": [w, spread]} if spread else w for w in motion.spin]
+    # a heavy top is spun about its own axis and let go; a free body flips only if it is disturbed
+    spin = [
+        {"normal": [w, spread]} if spread and (w or not motion.gravity) else w for w in motion.spin
+    ]
     if motion.lean is None:
         return {"omega": spin}
     lean = motion.lean if isinstance(motion.lean, str) else [0.0, motion.lean, 0.0]

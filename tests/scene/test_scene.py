@@ -206,6 +206,14 @@ def test_a_misspelt_name_gets_the_nearest():
         rm.Scene.load("heavytop")
 
 
+def test_a_setting_names_a_component():
+    scene = rm.Scene.load("heavy_top", [("start.omega.3", "300"), ("body.pivot.3", "-0.05")])
+    assert scene.start.omega == (0.0, 0.0, 300.0) and scene.body.centre[2] == pytest.approx(0.05)
+    for key in ("start.omega.4", "start.omega.x", "start.omega.3.1"):
+        with pytest.raises(rm.SceneError, match=r"component|table"):
+            rm.Scene.load("heavy_top", [(key, "1")])
+
+
 def test_settings_override():
     scene = rm.Scene.load(
         "bruels_cardona",

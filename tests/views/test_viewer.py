@@ -139,8 +139,7 @@ def test_the_command_writes_pages_of_results_scenes_and_maps(spun, map_page, tmp
         done = CliRunner().invoke(app, ["view", *words])
         assert done.exit_code == 0, done.output
     assert data_of((tmp_path / "m.html").read_text())["map"]["members"] == 2
-    title = next(path for path in tmp_path.iterdir() if path.name.startswith("a <box>"))
-    assert len(data_of(title.read_text())["members"]) == 1
+    assert len(data_of((tmp_path / "top.html").read_text())["members"]) == 1
     again = CliRunner().invoke(app, ["view", "top.nc"])
     assert again.exit_code == 6 and "exists" in again.stderr
     for words, rule in (
@@ -148,6 +147,7 @@ def test_the_command_writes_pages_of_results_scenes_and_maps(spun, map_page, tmp
         (["tenis_racket"], "tennis_racket"),
         (["top.nc", "--members", "0,x"], "separated by commas"),
         (["top.nc", "-o", "top.png"], ".html"),
+        (["top.nc", "--set", "start.omega.3=1"], "is for scenes"),
     ):
         done = CliRunner().invoke(app, ["view", *words, "--force"])
         assert done.exit_code in (3, 74) and rule in done.stderr, (words, done.stderr)

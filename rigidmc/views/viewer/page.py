@@ -18,7 +18,7 @@ from rigidmc.errors import FileError, OptionError, SceneWarning
 from rigidmc.files.outputs import refuse_existing, write_bytes
 from rigidmc.runs.frames import frames
 from rigidmc.scene.scene import Scene, scene_of
-from rigidmc.views.sample import vectors
+from rigidmc.views.sample import members_in_words, vectors
 from rigidmc.views.surfaces import ball, surface_of
 from rigidmc.views.viewer.maps import is_map, map_data
 from rigidmc.views.viewer.motion import density, drifts, motion, reach, status_of
@@ -118,7 +118,7 @@ def _written(ds: xr.Dataset, members: list[int], until: float | None, allow_code
         _about(ds, scene),
         {
             "members": facts,
-            "quantity": "euler" if scene.effects else "omega",
+            "quantity": "theta" if scene.effects else "omega",
             "density": density(ds, ball(1.0).corners) if crowd else None,
             "plots": _plots(
                 scene, bodies, vectors(ds.sel(member=members[:1]), "momentum")[0][0, :, 0]
@@ -132,11 +132,11 @@ def _of_map(ds: xr.Dataset, allow_code: bool) -> str:
     scene, data, bodies = map_data(ds, allow_code)
     a = ds.attrs
     about = (
-        f"{ds.sizes['x']} x {ds.sizes['y']} pixels of {a['members']} members, {a['integrator']},"
-        f" t_end = {a['t_end']:g} s. {scene.summary}"
+        f"{ds.sizes['x']} x {ds.sizes['y']} pixels of {members_in_words(a['members'])},"
+        f" {a['integrator']}, t_end = {a['t_end']:g} s. {scene.summary}"
     )
     plots = _plots(scene, bodies, np.ones(3))
-    quantity = "euler" if scene.effects else "omega"
+    quantity = "theta" if scene.effects else "omega"
     return _filled(a.get("title", "map"), about, data | {"plots": plots, "quantity": quantity})
 
 
@@ -160,7 +160,7 @@ def _about(ds: xr.Dataset, scene: Scene) -> str:
     """One line on the run."""
     effects = ", ".join(type(effect).__name__ for effect in scene.effects) or "no torque"
     return (
-        f"{ds.sizes['member']:,} members, {effects}, {ds.attrs['integrator']},"
+        f"{members_in_words(ds.sizes['member'])}, {effects}, {ds.attrs['integrator']},"
         f" t_end = {scene.run.t_end:g} s. {scene.summary}".rstrip()
     )
 

@@ -116,7 +116,7 @@ def sphere_plot(moments: Sequence[Floats], start: Floats) -> Any:
     start : a direction (3,) in the octant from which the sphere is seen
     """
     plot = empty(np.copysign((2.3, 1.6, 1.4), start))
-    globe = ball(0.985)
+    globe = ball(0.995)
     plot += k3d.mesh(
         globe.corners.astype(np.float32),
         globe.faces.astype(np.uint32),

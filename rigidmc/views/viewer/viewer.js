@@ -399,11 +399,12 @@ class Pixels {
 
 const page = { t: 0, member: 0, playing: false, speed: 1, frames: 0 };
 const charts = { motion: new Chart("motion", false), drift: new Chart("drift", true) };
-const NAMES = { omega: ["ω₁", "ω₂", "ω₃"], euler: ["φ", "θ", "ψ"], u: ["1", "2", "3"] };
+const NAMES = { theta: ["θ"], omega: ["ω₁", "ω₂", "ω₃"], euler: ["φ", "θ", "ψ"], u: ["1", "2", "3"] };
 let stages, pixels;
 
 const degrees = x => x * 180 / Math.PI;
 const VALUES = {
+  theta: (m, i) => VALUES.euler(m, i, 1),
   u: (m, i, k) => m.u[3 * i + k],
   omega: (m, i, k) => m.largest * m.size[i] * m.u[3 * i + k] / m.moments[k],
   // TdC (3.36): axis 3 of the body in space has the polar angles theta and phi - 90 degrees
@@ -419,7 +420,7 @@ function unwrap(values) {
 function quantity() {
   const m = DATA.members[page.member], key = $("quantity").value;
   const t = Array.from({ length: m.frames }, (_, i) => m.end * i / (m.frames - 1 || 1));
-  const series = [0, 1, 2].map(k => ({ values: t.map((_, i) => VALUES[key](m, i, k)) }));
+  const series = NAMES[key].map((_, k) => ({ values: t.map((_, i) => VALUES[key](m, i, k)) }));
   if (key === "euler") series.forEach(s => unwrap(s.values));
   charts.motion.draw(m.end, t, series);
   legend("names", NAMES[key]);
