@@ -648,3 +648,23 @@ def test_a_tolerance_chooses_no_step_that_hides_what_is_watched():
         for one, made in ((plan, alone), (watched, ds))
     ]
     assert turns[1] <= 0.3 * (1 + 1e-9) < turns[0]  # measured 0.298 and 0.54
+
+
+@pytest.mark.parametrize(
+    ("word", "names"),
+    [
+        ("flips", ("flips", "flip_first")),
+        ("nutation", ("nutation_min", "nutation_max")),
+        ("energy_mean", ("energy_mean",)),
+        ("megno", ("megno", "lyapunov")),
+    ],
+)
+def test_the_ledger_of_work_changes_nothing_that_is_watched(word, names):
+    """The rows of what is watched follow those of the works in a block."""
+    body = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3))
+    start = rm.Start(omega=(0.5, rm.normal(0.7, 0.1), 5.0), attitude=(0.1, 0.4, 0.0))
+    scene = rm.Scene(body, (rm.Gravity(9.81), rm.ViscousDamping(0.1)), start)
+    run = {"dt": 0.01, "t_end": 2.0, "every": 0.5, "members": 40}
+    alone, booked = (rm.simulate(scene, save=save, **run) for save in ((word,), (word, "work")))
+    for name in names:
+        assert np.array_equal(alone[name].values, booked[name].values, equal_nan=True), name
