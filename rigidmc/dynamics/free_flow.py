@@ -85,7 +85,7 @@ def share(m, u):
 
 
 def slopes(a):
-    """(dg1/dx, dg3/dy) of an Arc."""
+    """(dg1/dx, dg3/dy) of an Arc at constant S: g1 = 1 - sqrt(1 - x S^2), g3 with y likewise."""
     half = 0.5 * a.s * a.s
     return half / (1.0 - a.g1), half / (1.0 - a.g3)
 

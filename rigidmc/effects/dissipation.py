@@ -28,6 +28,12 @@ class EnergyDissipation(NamedTuple):
     The direction of L in space wanders by about `loss` rad in each turn; that of a real body with
     moving parts inside stays. Its kick is a rule of order 2 that rotates L: `|L|` stays to
     rounding.
+
+    A wobble about the axis of the largest moment I_3 dies away as exp(-t/T)::
+
+        1/T = (loss |L|/2) (1/I_1 + 1/I_2 - 2/I_3)
+
+    so a symmetric body with a quality factor Q of its wobble has loss = 1/(2 Q).
     Source: the double bracket of Bloch, Krishnaprasad, Marsden & Ratiu, Commun. Math. Phys. 175
     (1996) 1, section 4.
 

@@ -123,8 +123,8 @@ def _inner_friction(seen: Seen) -> Iterator[str]:
     kinds = {type(effect): label for label, effect in seen.effects}
     if EnergyDissipation in kinds and Rotor in kinds:
         yield (
-            f"[effects.{kinds[EnergyDissipation]}] keeps |I omega|, as in a body without rotor:"
-            " with one |I omega + H| should stay, and drifts"
+            f"[effects.{kinds[EnergyDissipation]}] keeps |I omega|; in a body with a rotor"
+            " |I omega + H| is what stays, and here it drifts"
         )
 
 

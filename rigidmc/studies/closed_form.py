@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from rigidmc.engine.layout import STATUSES
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.mechanics.free_top import Kind, Motion
-from rigidmc.mechanics.lagrange_top import Nutation
+from rigidmc.mechanics.lagrange_top import Nutation, sleeping_growth
 from rigidmc.mechanics.rotation import attitude_error
-from rigidmc.planning.closed_form import NONE, closed_form
+from rigidmc.planning.closed_form import NONE, Case, closed_form
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.scene import Scene
 
@@ -34,6 +34,7 @@ def compare(scene: Scene, at: float, members: int) -> list[str]:
         f"{scene.title}: {case.name}, closed form at t = {at:g} s, {members:,} member{plural}",
         _kinds(motions, good),
         *_facts(motions, scene.run.first),
+        *_sleep(case, motions),
     ]
     if not at > 0:
         shown = np.argmax(good)
@@ -82,6 +83,27 @@ def _numbers(motion: Kind | Nutation) -> Iterator[tuple[str, NDArray[np.float64]
         yield "precession", np.degrees(motion.precession), "deg a period"
         yield "theta from", np.degrees(motion.high), "deg"
         yield "theta to", np.degrees(motion.low), "deg"
+
+
+def _sleep(case: Case, motions: Motions) -> Iterator[str]:
+    """A line on upright Lagrange tops: the spin above which they sleep, and how many do."""
+    counts, spins, fastest = {"stable": 0, "unstable": 0}, [], 0.0
+    for (form, _, part), (_, motion) in zip(case.parts(), motions, strict=True):
+        if isinstance(motion, Kind):
+            continue
+        moments = np.roll(part.moments, 3 - form, -1)
+        spin, weight = part.momentum[:, form - 1] / moments[:, 2], part.weight
+        up = (motion.kind == "sleeping") & (motion.energy > 0.5 * moments[:, 2] * spin**2)
+        growth = sleeping_growth(moments, np.abs(weight), spin)[up]
+        counts["stable"] += int((growth == 0.0).sum())
+        counts["unstable"] += int((growth > 0.0).sum())
+        spins += list(2.0 * np.sqrt(moments[up, 0] * np.abs(weight[up])) / moments[up, 2])
+        fastest = max(fastest, growth.max(initial=0.0))
+    if spins:
+        words = ", ".join(f"{word} ({count:,})" for word, count in counts.items() if count)
+        grows = f", a tilt grows by up to {fastest:.6g} 1/s" if fastest else ""
+        above = " to ".join(dict.fromkeys(f"{spin:.6g}" for spin in (min(spins), max(spins))))
+        yield f"upright      {words}; stable from a spin of {above} rad/s on{grows}"
 
 
 def _beside(motion: Motion, result: xr.Dataset) -> list[str]:

@@ -50,6 +50,22 @@ def test_free_scene_agrees_with_its_exact_integration():
     assert attitude < 5e-12  # 1.7e-13
 
 
+@pytest.mark.parametrize(
+    ("spin", "attitude", "words"),
+    [
+        (7.1, (1.0, 0.0, 0.0, 0.0), "stable (4); stable from a spin of 7.00357 rad/s on"),
+        (6.9, (1.0, 0.0, 0.0, 0.0), "unstable (4); stable from a spin of 7.00357 rad/s on, a tilt"),
+        (6.9, (0.0, 1.0, 0.0, 0.0), None),  # it hangs
+        (7.1, (0.8, 0.6, 0.0, 0.0), None),
+    ],
+)
+def test_an_upright_top_is_told_to_sleep_or_not(spin, attitude, words):
+    """2 sqrt(I1 m g l)/I3 = 7.003574 rad/s."""
+    scene = Scene(LAGRANGE, Gravity(9.81), Start(omega=(0.0, 0.0, spin), attitude=attitude))
+    lines = [line for line in compare(scene.with_run(dt=1e-3), 0.01, 4) if "upright" in line]
+    assert lines == [] if words is None else words in lines[0]
+
+
 def test_heavy_symmetric_scene_agrees_with_rk4():
     scene = Scene(
         LAGRANGE,

@@ -16,7 +16,7 @@ def test_inner_friction_beside_a_rotor_is_noted():
         scene = rm.Scene(body, effects, start)
         run = {"dt": 0.5, "t_end": 600.0, "save": ("momentum",)}
         if len(effects) == 2:
-            with pytest.warns(rm.SceneWarning, match=r"\|I omega \+ H\| should stay"):
+            with pytest.warns(rm.SceneWarning, match=r"\|I omega \+ H\| is what stays"):
                 ds = rm.simulate(scene, **run)
         else:
             ds = rm.simulate(scene, **run)
