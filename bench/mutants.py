@@ -53,6 +53,7 @@ TESTS = (
     "tests/effects",
     "tests/observables/test_observables.py",
     "tests/integrators/test_steps.py",
+    "tests/engine/test_events.py",
 )
 COMPILED_TESTS = (
     "tests/engine/test_numbers.py",

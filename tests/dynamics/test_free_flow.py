@@ -9,7 +9,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from rigidmc.dynamics.arc import arc, doubled, increment, squares
+from rigidmc.dynamics.arc import Arc, arc, doubled, increment, squares
 from rigidmc.dynamics.euler import MassProperties, kinetic_energy
 from rigidmc.dynamics.free_flow import free_flow, motion, slopes
 from rigidmc.dynamics.so3 import add, gain, moved, multiply
@@ -54,6 +54,18 @@ def errors(moments, momentum, h, **how):
 
 def half_radian(moments, momentum):
     return 0.5 / max(abs(l / i) for l, i in zip(momentum, moments, strict=True))
+
+
+def test_slopes_are_those_of_the_arc_at_constant_s():
+    """Against mpmath: measured 2.2e-16 of both; 0.41 and 0.63 with the wrong sign of g1 or g3."""
+    s, x, y = 0.8, 0.7, 1.1
+
+    def less_than_root(z):
+        return 1 - mp.sqrt(1 - z * mp.mpf(s) ** 2)
+
+    a = Arc(s, float(less_than_root(x)), float(less_than_root(y)))
+    for slope, z in zip(slopes(a), (x, y), strict=True):
+        assert abs(slope / float(mp.diff(less_than_root, z)) - 1.0) < 1e-15
 
 
 @pytest.mark.parametrize("name", HARD)

@@ -17,6 +17,7 @@ from rigidmc.effects.ledger import spent
 from rigidmc.effects.parameters import filled, numbers
 from rigidmc.effects.protocol import depends_on_momentum
 from rigidmc.effects.sums import total_energy
+from rigidmc.engine import threads
 from rigidmc.integrators import INTEGRATORS, accepting
 from tests.effects.test_effects import EXAMPLES, MOMENTS, STATIC
 from tests.kernels import one_step, prepare
@@ -201,6 +202,23 @@ def test_works_in_member_steps_other_units_and_for_frozen_members():
     assert list(sick.status.values) == [0, 1, 0]
     assert not sick.work[..., 1].values.any()
     assert np.array_equal(sick.work[..., 0], sick.work[..., 2])
+
+
+def test_works_of_frozen_members_live_on_between_calls(monkeypatch):
+    """A run is made in calls of 3e6 member-steps: the last good works of a member must go with it
+    (a mutant lost them, and no test of a run in one call could see it)."""
+    start = rm.Start(omega=(0.3, rm.normal(0.5, 0.2), rm.normal(20.0, 5.0)))
+    effects = (rm.BodyTorque((0.0, 0.0, 2.0)), ViscousDamping(0.01))
+    scene = rm.Scene(rm.Body.from_moments((1.0, 1.4, 2.0)), effects, start)
+    ways = {"integrator": "rk4", "dt": 0.05, "t_end": 40.0, "members": 24, "save": ("work",)}
+    with pytest.warns(rm.SceneWarning, match="per step"):
+        whole = rm.simulate(scene, **ways)
+    monkeypatch.setattr(threads, "CALL", 7 * 24)
+    with pytest.warns(rm.SceneWarning, match="per step"):
+        parts = rm.simulate(scene, **ways)
+    assert whole.status.values.all()  # all turn too fast for the step after 320 to 768 of 800 steps
+    for name in whole.data_vars:
+        assert whole[name].values.tobytes() == parts[name].values.tobytes(), name
 
 
 def test_works_leave_the_vertical_momentum_to_its_limit():

@@ -5,7 +5,6 @@ Draws and events included. `python -m bench bits` runs all cases.
 
 import numpy as np
 import pytest
-from scipy.special import ndtri
 
 from bench.bits import elsewhere, sums
 from rigidmc.dynamics import functions
@@ -31,28 +30,6 @@ def test_the_comparison_sees_one_bit(monkeypatch):
         "rigidmc.scene.quantities.normal_quantile", lambda u: np.nextafter(quantile(u), 9.0)
     )
     assert sums((0,), ("exact",)) != here
-
-
-def test_quantiles_of_normal_deviates():
-    u = np.concatenate(
-        [np.random.default_rng(1).uniform(size=5000), 10.0 ** -np.linspace(0.1, 300.0, 5000)]
-    )
-    assert np.abs(functions.normal_quantile(u) / ndtri(u) - 1.0).max() < 2e-15  # measured 8.9e-16
-    assert functions.normal_quantile(np.array([0.5]))[0] == 0.0
-
-
-def test_functions_of_arrays_are_those_of_numbers():
-    x = np.random.default_rng(2).uniform(-3.0, 3.0, 200)
-    for function in (
-        functions.sine,
-        functions.exponential_of,
-        functions.hyperbolic_tangent,
-        functions.arctangent,
-        functions.hyperbolic_sine,
-    ):
-        assert function(x).tolist() == [function(float(one)) for one in x]
-    # measured 4e-19
-    assert np.abs(functions.logarithm_of_one_and(1e-3 * x) - np.log1p(1e-3 * x)).max() < 1e-18
 
 
 def test_a_cholesky_factor_is_one():

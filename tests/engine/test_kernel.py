@@ -260,10 +260,10 @@ def test_bad_members_are_flagged_and_frozen_and_harm_no_other():
     ]
     for m in (nan, inf, invalid):
         assert same(sick[:7, m], before[:7, m])  # unchanged
-        assert sick[K.GOOD_STEP, m] == 0
+        assert sick[K.GOOD_STEP, m] == sick[K.FAULT_STEP, m] == 0
         assert np.isnan(sick[K.DRIFT, m])
     last = int(sick[K.GOOD_STEP, growing])
-    assert 100 < last < steps  # measured 176
+    assert 100 < last < sick[K.FAULT_STEP, growing] < steps  # measured 176 and 192
     again = np.ascontiguousarray(before[:, growing // 32 * 32 : growing // 32 * 32 + 32])
     run(again, RK4, EFFECTS, H, last, EVERYTHING, 50)
     assert again[K.STATUS, growing % 32] == 0
@@ -274,6 +274,23 @@ def test_bad_members_are_flagged_and_frozen_and_harm_no_other():
     assert (
         out[slot:, 3:6, growing] == sick[K.MOMENTUM : K.REST, growing]
     ).all()  # saved frozen from then on
+
+
+@pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # of long steps
+@pytest.mark.parametrize("size", [1e-2, 1e2])
+def test_the_vertical_momentum_is_judged_by_the_largest_that_energies_allow(size):
+    """Tops of 1/100 and of 100 times the mass move alike: five of 24 exceed the limit."""
+
+    def flagged(size):
+        moments, start = [size * i for i in (1.0, 1.4, 2.0)], rm.normal(3.0, 0.5)
+        body = rm.Body.from_moments(moments, mass=size, centre=(0.1, 0.2, 0.3))
+        omega = 0.3, rm.normal(0.5, 0.2), start
+        scene = rm.Scene(body, rm.Gravity(9.81), rm.Start(omega=omega, attitude="uniform"))
+        ways = {"dt": 0.1, "t_end": 40.0, "members": 24, "momentum_limit": 1e-4}
+        return rm.simulate(scene, "rk4", energy_limit=1.0, **ways).status_step.values
+
+    one, other = flagged(1.0), flagged(size)
+    assert one.tolist() == other.tolist() and (one > 0).sum() == 5
 
 
 @pytest.mark.parametrize("name", ["rk4", "rk8", "exact", "rotations"])

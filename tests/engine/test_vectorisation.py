@@ -16,6 +16,7 @@ import pytest
 from rigidmc.dynamics.so3 import cross, up
 from rigidmc.effects import Gravity, ViscousDamping
 from rigidmc.engine.compose import inline
+from rigidmc.engine.machine import vector_bits
 from rigidmc.integrators import INTEGRATORS, Turns, form, rk4
 from rigidmc.integrators.rk4 import RK4, ScaledRK4
 from tests.assembly import ARITHMETIC, LIBM, STORE, Case, blocks_of, case, counted, loop_of
@@ -199,7 +200,8 @@ def test_a_step_costs_no_more_than_it_should(code):
     slots = {name: found["slots"] for name, found in code.items()}
     # measured 554: each side of the drift has its own times
     assert slots["strang gravity damping"] < 575
-    assert slots["strang gravity"] < 465  # measured 450.5
+    # measured 450.5 with vectors of 512 bits, 472 with 256 (Zen 3)
+    assert slots["strang gravity"] < (465 if vector_bits() == 512 else 487)
     # steps of a free body share almost everything: 429 by a whole drift each
     assert slots["exact"] < 121  # measured 115.5
     assert slots["exact momentum"] < 56  # measured 53; 165.5

@@ -408,6 +408,14 @@ def test_impossible_summaries_are_refused(scene, words):
         rm.simulate(scene())
 
 
+def test_one_observable_needs_no_tuple():
+    scene = rm.Scene(rm.Body((1.0, 2.0, 3.0)), start=rm.Start(omega=(0.01, 1.0, 0.0)))
+    alone, listed = (scene.with_run(save=save) for save in (rm.Flips(axis=3), (rm.Flips(axis=3),)))
+    assert alone.run.save == listed.run.save and alone.observables == listed.observables
+    with pytest.raises(rm.SceneError, match="such as rigidmc"):
+        scene.with_run(save=("omega", 5))
+
+
 def test_observables_stay_in_scene_files():
     scene = scene_with(
         "omega", rm.Passage(-3, 0.5, "reaches", "momentum", True), rm.Passage(1, 1.0)
