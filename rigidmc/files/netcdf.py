@@ -84,6 +84,9 @@ def open_undecoded(path: str) -> xr.Dataset:
         return _open_zarr(path)
     if os.path.isdir(path):
         raise FileError("", "file", None, "is a folder, and no result of rigidmc", file=path)
+    if path.lower().endswith((".csv", ".parquet")):
+        rule = "is a table, which pandas reads; a result that rigidmc reads ends in .nc or .zarr"
+        raise FileError("", "file", None, rule, file=path)
     refuse_unreadable(path)
     try:
         with _opening:

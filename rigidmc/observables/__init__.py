@@ -32,6 +32,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from rigidmc.dynamics.methods import argument_names, implements, word_of
+from rigidmc.errors import SceneError
 from rigidmc.observables.protocol import Ensemble, Outputs, size
 from rigidmc.observables.running import STATISTICS
 
@@ -70,10 +71,19 @@ def recorded(save: Sequence[str], given: Sequence[Any]) -> tuple[str, ...]:
     return tuple(dict.fromkeys((*saved(save), *hidden)))
 
 
+def is_summary(value: Any) -> bool:
+    """Whether a value is an observable over all steps, such as Flips()."""
+    return any(known is type(value) for known in WATCHED.values())
+
+
 def word_of_watched(summary: Any) -> str:
-    """The name in WATCHED of a class or of an instance."""
+    """The name in WATCHED of a class or of an instance; SceneError for anything else."""
     kind = summary if isinstance(summary, type) else type(summary)
-    return next(name for name, known in WATCHED.items() if known is kind)
+    for name, known in WATCHED.items():
+        if known is kind:
+            return name
+    rule = "expected names of observables, or observables over all steps such as rigidmc.Flips()"
+    raise SceneError("run", "save", summary, rule)
 
 
 def watched(save: Sequence[str], given: Sequence[Any]) -> list[tuple[str, Any]]:

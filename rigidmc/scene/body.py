@@ -100,9 +100,16 @@ class Body(MassDistribution, metaclass=_Hints):
         >>> [round(moment, 12) for moment in body.moments]
         [1.5, 2.5, 3.0]
         """
-        matrix = np.asarray(tensor, dtype=float)
+        try:
+            matrix = np.asarray(tensor, dtype=float)
+        except (TypeError, ValueError):
+            matrix = np.empty(())
         if matrix.shape != (3, 3):
-            raise SceneError("body", "tensor", matrix.tolist(), "expected 3x3 finite numbers")
+            rule = (
+                f"expected 3x3 finite numbers, not {matrix.shape or 'laws or words'}; bodies that"
+                " differ are given by moments, as the how-to page on tables shows"
+            )
+            raise SceneError("body", "tensor", None, rule)
         try:
             moments, axes = inertia.principal_axes(matrix)
         except SceneError as error:

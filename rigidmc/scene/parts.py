@@ -13,7 +13,15 @@ from rigidmc.effects.parameters import numbers, shape
 from rigidmc.effects.protocol import Effect, is_effect
 from rigidmc.errors import SceneError, unknown
 from rigidmc.integrators import INTEGRATORS
-from rigidmc.observables import KNOWN, WATCHED, recorded, saved, watched, word_of_watched
+from rigidmc.observables import (
+    KNOWN,
+    WATCHED,
+    is_summary,
+    recorded,
+    saved,
+    watched,
+    word_of_watched,
+)
 from rigidmc.observables.histogram import Histogram
 from rigidmc.observables.keep import check_keep, kept, summaries
 from rigidmc.observables.protocol import Ensemble, OverSteps
@@ -238,7 +246,8 @@ class Parts:
         given = {k: v for k, v in settings.items() if v is not None}
         observables = self.observables
         if "save" in given:
-            save = (given["save"],) if isinstance(given["save"], str) else tuple(given["save"])
+            alone = isinstance(given["save"], str) or is_summary(given["save"])
+            save = (given["save"],) if alone else tuple(given["save"])
             built = tuple(one for one in save if not isinstance(one, str))
             observables += tuple(one for one in built if one not in observables)
             words = (one if isinstance(one, str) else word_of_watched(one) for one in save)
