@@ -31,9 +31,19 @@ MARKERS = ("o", "s", "^", "v", "<", "x", "P", "X", "D", ">", "p", "h", "d", "*",
 DASHES = ("-", "--", ":", "-.")
 
 
+class Picture(Figure):
+    """A figure that notebooks show, also where nothing has imported pyplot: that tells them how to
+    show a plain Figure."""
+
+    def _repr_png_(self) -> bytes:
+        data = io.BytesIO()
+        self.savefig(data, format="png", dpi=100)
+        return data.getvalue()
+
+
 def new_figure(title: str, size: tuple[float, float]) -> Figure:
     """An empty figure with a heading; size in inches."""
-    figure = Figure(size, layout="constrained")
+    figure = Picture(size, layout="constrained")
     FigureCanvasAgg(figure)
     # a scene's title is plain text, no formula
     figure.suptitle(title, fontsize=11, parse_math=False)

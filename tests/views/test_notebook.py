@@ -4,9 +4,12 @@ import subprocess
 import sys
 
 import pytest
+from IPython.core.formatters import DisplayFormatter
+from matplotlib.figure import Figure
 
 import rigidmc as rm
 from rigidmc import progress
+from rigidmc.views.figure import new_figure
 from rigidmc.views.notebook import body_html, scene_html
 
 
@@ -61,3 +64,11 @@ def test_progress_in_a_notebook_is_a_bar(monkeypatch):
     monkeypatch.setattr(progress, "in_notebook", lambda: True)
     rm.simulate(rm.Scene.load("dzhanibekov"), members=64, t_end=1.0, every=0.5, progress=True)
     assert shown[-1].startswith('<progress value="6400" max="6400">') and "100 %" in shown[-1]
+
+
+def test_a_picture_is_shown_where_nothing_imported_pyplot():
+    """IPython shows a plain Figure as its name until pyplot has told it how."""
+    shown, _ = DisplayFormatter().format(new_figure("a picture", (2.0, 1.0)))
+    assert shown["image/png"].startswith(b"\x89PNG")
+    plain, _ = DisplayFormatter().format(Figure())
+    assert "image/png" not in plain
