@@ -126,7 +126,9 @@ def kills(count, folder, some, members=400_000, size=4):
     racket = [*WORDS[:3], str(members), *WORDS[4:-2], str(size), "-o"]
     kinds = []
     table = ["run", file.name, "--members", str(members // 4), "--shard-size", str(size / 4), "-o"]
-    for name, command in (("racket", racket), ("table", table)):
+    pixels = ["map", "sleeping_top", "--resolution", str(int((members / 4) ** 0.5)), "--members"]
+    pixels += ["4", "--shard-size", str(size / 4), "-o"]
+    for name, command in (("racket", racket), ("table", table), ("map", pixels)):
         whole, again = os.path.join(folder, name), os.path.join(folder, f"{name}-again")
         assert done(*command, whole + "/") == 0  # compiles
         began = time.monotonic()
@@ -144,7 +146,7 @@ def kills(count, folder, some, members=400_000, size=4):
     for i in range(4 * count + 10):  # most of them are killed more than once
         if told["kills"] == count:
             break
-        path, (command, length, expected) = os.path.join(folder, f"run{i}"), kinds[i % 2]
+        path, (command, length, expected) = os.path.join(folder, f"run{i}"), kinds[i % 3]
         words = [*command, path + "/"]
         while told["kills"] < count:
             child = process(*words)

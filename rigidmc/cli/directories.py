@@ -1,7 +1,9 @@
 """rigidmc resume, status, verify, consolidate, extend, merge: runs in a directory."""
 
+import os
 import sys
-from typing import Annotated, Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -20,6 +22,9 @@ from rigidmc.cli.options import (
 from rigidmc.cli.panels import LONG_RUNS
 from rigidmc.errors import OptionError
 
+if TYPE_CHECKING:
+    from rigidmc.storage.run_directory import RunDirectory
+
 
 def shards_of(text: str | None) -> range | None:
     """The range of FROM:TO; OptionError."""
@@ -31,6 +36,65 @@ def shards_of(text: str | None) -> range | None:
         rule = "expected FROM:TO, such as 0:100 for the first hundred"
         raise OptionError("", "--shards", text, rule)
     return range(int(low), int(high))
+
+
+class Ways(NamedTuple):
+    """The options of `run` and `map` that only run directories have."""
+
+    max_wall: float | None
+    shards: str | None
+    shard_size: float | None
+    cluster: str | None
+
+
+def names_a_run(output: str) -> bool:
+    """Whether an output is a run directory: a folder, but no zarr store."""
+    folder = output.endswith(os.sep) or os.path.isdir(output)
+    return folder and not output.lower().rstrip(os.sep).endswith(".zarr")
+
+
+def refuse_ways(ways: Ways) -> None:
+    """OptionError for an option that needs a run directory."""
+    for name, value in ways._asdict().items():
+        if value is not None:
+            key = f"--{name.replace('_', '-')}"
+            raise OptionError("", key, value, "needs a run directory: -o RUN/")
+
+
+def refuse_force(output: str, force: bool) -> None:
+    """OptionError for --force with a run directory."""
+    if force:
+        rule = f"replaces files, not folders: remove {output} yourself"
+        raise OptionError("", "--force", None, rule)
+
+
+def begun(
+    make: Callable[[float, range | None, int | None], "RunDirectory"],
+    ways: Ways,
+    threads: int | None,
+    allow_code: bool,
+) -> int:
+    """Make a run directory and compute its shards; the exit code.
+
+    make : of the bytes of a shard, the range of shards and the number of threads
+    """
+    from rigidmc.runs.cluster import checked
+    from rigidmc.runs.shards import SHARD
+
+    max_wall, shards, shard_size, cluster = ways
+    kind, count = ("", "") if cluster is None else checked(cluster)
+    if shard_size is not None and not shard_size < 1e6:
+        raise OptionError("", "--shard-size", shard_size, "expected megabytes, at most 1e6")
+    size = SHARD if shard_size is None else 1e6 * shard_size
+    directory = make(size, shards_of(shards), int(count) if kind == "local" else threads)
+    return continued(
+        directory.path,
+        threads,
+        max_wall=max_wall,
+        shards=shards,
+        allow_code=allow_code,
+        cluster=cluster,
+    )
 
 
 def continued(
@@ -193,7 +257,10 @@ def consolidate(
 @app.command(rich_help_panel=LONG_RUNS)
 def extend(
     run: RunArgument,
-    members: Annotated[int, count_option("--members", help="New number of members in all.")],
+    members: Annotated[
+        int,
+        count_option("--members", help="New number of members in all; of a map, of each pixel."),
+    ],
     threads: Threads = None,
     accept: Accept = False,
     max_wall: MaxWall = None,
@@ -204,9 +271,12 @@ def extend(
     with reported():
         from rigidmc.runs import resume as runs
         from rigidmc.runs.cluster import checked
+        from rigidmc.studies.maps.stored import is_map, members_of_pixels
 
         if cluster is not None:
             checked(cluster)
+        if is_map(run):
+            members = members_of_pixels(run, members)
         runs.extend(run, members, accept, allow_code)
         code = continued(run, threads, accept, max_wall, None, allow_code, cluster)
     raise typer.Exit(code)

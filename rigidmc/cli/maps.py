@@ -1,18 +1,33 @@
 """rigidmc map."""
 
 import sys
-from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rigidmc.cli.common import FLAGGED, OK, about, app, keep, load_scene, refuse_outputs, reported
+from rigidmc.cli.common import (
+    FLAGGED,
+    INCOMPLETE,
+    OK,
+    about,
+    app,
+    keep,
+    refuse_outputs,
+    reported,
+)
+from rigidmc.cli.directories import Ways, begun, names_a_run, refuse_force, refuse_ways
+from rigidmc.cli.map_request import Request
 from rigidmc.cli.options import (
     AllowCode,
+    Cluster,
     Force,
-    Output,
+    MaxWall,
+    OutputOrRun,
     Plot,
     Set,
+    Shards,
+    ShardSize,
     Threads,
     count_option,
     takes_settings,
@@ -27,8 +42,9 @@ if TYPE_CHECKING:
 Name = Annotated[
     str,
     typer.Argument(
-        metavar="NAME|SCENE",
-        help="A map of the package (rigidmc map list), a TOML file, or a shipped scene.",
+        metavar="NAME|SCENE|FILE|MAP/",
+        help="A map of the package (rigidmc map list), a TOML file, a shipped scene; or a map that"
+        " exists, as a file (.nc) or a run directory.",
     ),
 ]
 Listed = Annotated[
@@ -84,80 +100,73 @@ def make_map(
     settings: Set = [],  # noqa: B006
     allow_code: AllowCode = False,
     threads: Threads = None,
-    output: Output = None,
+    output: OutputOrRun = None,
     plot: Plot = None,
     force: Force = False,
+    max_wall: MaxWall = None,
+    shards: Shards = None,
+    shard_size: ShardSize = None,
+    cluster: Cluster = None,
 ) -> None:
     """Map two parameters of a scene against what its members do, with replicas and a confidence
-    interval for every pixel."""
+    interval for every pixel. With -o MAP/ the map is a run directory, which survives a kill:
+    `rigidmc map MAP/` draws what is there."""
     with reported(), about(name):
         if name == "list":
             _list(listed)
             return
         if listed is not None:
             raise OptionError("", "NAME", listed, "goes with `rigidmc map list NAME`")
-        from rigidmc.studies.maps import catalogue, stability_map
+        from rigidmc.studies.maps.catalogue import with_theory
+        from rigidmc.studies.maps.stability_map import mapped
+        from rigidmc.studies.maps.stored import create_map, is_map, open_map
 
-        of_package = _of_package(name, x, y, of, settings)
-        if resolution is None:
-            resolution = catalogue.RESOLUTION if of_package else stability_map.RESOLUTION
-        size = 8 * max(resolution, 1) ** 2 * (4 + 3 * len(of))
-        refuse_outputs(force, plot=plot, study=output, size=size)
-        if of_package:
-            dataset = catalogue.case_map(name, resolution, members, threads, _show, **run)
+        request = Request(name, x, y, of, resolution, members, settings, run)
+        ways = Ways(max_wall, shards, shard_size, cluster)
+        folder = output is not None and names_a_run(output)
+        if is_map(name):
+            request.refuse_all(ways)
+            refuse_outputs(force, plot=plot, study=output)
+            dataset = open_map(name, allow_code)
+        elif output is not None and folder:
+            refuse_outputs(force, plot=plot)
+            refuse_force(output, force)
+            make = partial(create_map, request.prepared(threads, allow_code), output)
+            if begun(make, ways, threads, allow_code) == INCOMPLETE:
+                raise typer.Exit(INCOMPLETE)
+            dataset, output = open_map(output, allow_code), None
         else:
-            scene = load_scene(name, settings, allow_code)
-            sides = _side(x or "", "--x"), _side(y or "", "--y")
-            dataset = stability_map.stability_map(
-                scene, *sides, of, resolution, members, threads, _show, **run
-            )
-
-        def draw(dataset: "xr.Dataset") -> "Figure":
-            from rigidmc.views import maps
-
-            return maps.stability_map(dataset)
-
-        lines = list[str]()
-        try:
-            lines = keep(dataset, output, plot, force, draw)
-        finally:  # the summary is printed also if a file cannot be written
-            _summarise(dataset)
-            print("\n".join(lines), end="\n" * bool(lines))
+            refuse_ways(ways)
+            refuse_outputs(force, plot=plot, study=output, size=request.size())
+            ready = request.prepared(threads, allow_code)
+            dataset = with_theory(mapped(ready, threads, _show), ready.question.name)
+        _told(dataset, output, plot, force)
+    if "missing" in dataset.attrs:
+        raise typer.Exit(INCOMPLETE)
     raise typer.Exit(FLAGGED if int(dataset.failed.sum()) else OK)
 
 
-def _of_package(
-    name: str, x: str | None, y: str | None, of: Sequence[str], settings: Sequence[str]
-) -> bool:
-    """Whether a map of the package is asked for; OptionError if neither it nor a map of a scene is
-    described completely."""
-    from rigidmc.scene.shipped import shipped
-    from rigidmc.studies.maps.catalogue import MAPS
+def _told(dataset: "xr.Dataset", output: str | None, plot: str | None, force: bool) -> None:
+    """Write a map and its picture, and print what it says."""
 
-    plain = not (x or y or of or settings)
-    if name in MAPS and plain:
-        return True
-    if plain and name not in shipped():
-        raise unknown("", "map", name, "map", MAPS, OptionError)
-    missing = [key for key, value in (("--x", x), ("--y", y), ("--of", of)) if not value]
-    if missing and name in MAPS:
-        rule = (
-            "a map of the package has its own x, y, measures and scene; give --resolution,"
-            " --members, --dt and the like, or a scene with all of --x, --y and --of"
-        )
-        raise OptionError("", "map", name, rule)
-    if missing:
-        own = ", ".join(MAPS)
-        rule = f"is missing: a map of a scene needs --x, --y and --of; maps of the package: {own}"
-        raise OptionError("", ", ".join(missing), None, rule)
-    return False
+    def draw(dataset: "xr.Dataset") -> "Figure":
+        from rigidmc.views import maps
+
+        return maps.stability_map(dataset)
+
+    lines = list[str]()
+    try:
+        lines = keep(dataset, output, plot, force, draw)
+    finally:  # the summary is printed also if a file cannot be written
+        _summarise(dataset)
+        print("\n".join(lines), end="\n" * bool(lines))
 
 
 def _show(done: int, total: int) -> None:
-    """Show how many pixels are done, on a terminal."""
+    """Show how many members are done, on a terminal."""
     if sys.stderr.isatty():
         end = "" if done < total else "\n"
-        line = f"\r{100 * done / total:3.0f} % of {total:,} pixels"
+        line = f"\r{100 * done / total:3.0f} % of {total:,} members"
         print(line, end=end, file=sys.stderr, flush=True)
 
 
@@ -184,31 +193,20 @@ def _list(name: str | None) -> None:
             print(f"\n{case.scene.dumps()}", end="")
 
 
-def _side(text: str, key: str) -> tuple[str, float, float, bool]:
-    """(parameter, low, high, whether in even ratios) of KEY=LOW:HIGH[:log]; OptionError."""
-    name, equals, ends = text.partition("=")
-    parts = ends.split(":")
-    try:
-        low, high = float(parts[0]), float(parts[1])
-    except (ValueError, IndexError):
-        low = high = float("nan")
-    if not equals or len(parts) not in (2, 3) or parts[2:] not in ([], ["log"]) or low != low:
-        rule = "expected KEY=LOW:HIGH or KEY=LOW:HIGH:log, e.g. body.moments.1=0.1:0.9"
-        raise OptionError("", key, text, rule)
-    return name.strip(), low, high, len(parts) == 3
-
-
 def _summarise(dataset: "xr.Dataset") -> None:
     """Print what the map cost, the range of each measure, and how well it is known."""
     pixels, none = dataset.good.size, int(((dataset.good == 0) & (dataset.failed == 0)).sum())
     failed, count = int(dataset.failed.sum()), dataset.attrs["members"]
-    seconds = dataset.attrs["seconds"]
+    seconds, missing = dataset.attrs.get("seconds"), dataset.attrs.get("missing", 0)
+    took = f": {seconds:.1f} s, {pixels * count / seconds:,.0f} members/s" if seconds else ""
     print(f"{dataset.attrs['title']}")
     print(
         f"  {dataset.sizes['x']} x {dataset.sizes['y']} pixels of {count} members with"
-        f" {dataset.attrs['integrator']}: {seconds:.1f} s,"
-        f" {pixels * count / seconds:,.0f} members/s"
+        f" {dataset.attrs['integrator']}{took}"
     )
+    if missing:
+        share = 100 * (1 - missing / (pixels * count))
+        print(f"  {share:.3g} % of the members are there; `rigidmc resume` goes on")
     for name, values in dataset.data_vars.items():
         counts = name in ("good", "failed", "none") or str(name).endswith(("_low", "_high"))
         if not counts and bool(values.notnull().any()):

@@ -3,6 +3,7 @@
 import os
 import sys
 import time
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -20,7 +21,7 @@ from rigidmc.cli.common import (
     save_picture,
     written,
 )
-from rigidmc.cli.directories import continued, shards_of
+from rigidmc.cli.directories import Ways, begun, names_a_run, refuse_force, refuse_ways
 from rigidmc.cli.options import (
     AllowCode,
     Cluster,
@@ -54,7 +55,6 @@ Until = Annotated[
     ),
 ]
 Most = Annotated[int, count_option("--most", 32, help="With --until: most members to run.")]
-OF_DIRECTORIES = ("max_wall", "shards", "shard_size", "cluster")
 
 
 @app.command("run", rich_help_panel=START)
@@ -79,17 +79,16 @@ def run_scene(
     began = time.perf_counter()
     with reported(), about(scene):
         loaded = load_scene(scene, settings, allow_code, run)
-        options: dict[str, Any] = dict(
-            zip(OF_DIRECTORIES, (max_wall, shards, shard_size, cluster), strict=True)
-        )
+        ways = Ways(max_wall, shards, shard_size, cluster)
         if output is not None and names_a_run(output):
-            _refuse_with_directory(output, plot, until, force)
-            code = _in_directory(loaded, output, threads, allow_code, **options)
-            raise typer.Exit(code)
-        for name, value in options.items():
-            if value is not None:
-                key = f"--{name.replace('_', '-')}"
-                raise OptionError("", key, value, "needs a run directory: -o RUN/")
+            from rigidmc.runs.create import create
+
+            if plot is not None or until is not None:
+                rule = "a run directory takes neither --plot nor --until: consolidate it first"
+                raise OptionError("", "--output", output, rule)
+            refuse_force(output, force)
+            raise typer.Exit(begun(partial(create, loaded, output), ways, threads, allow_code))
+        refuse_ways(ways)
         output = output and output.rstrip(os.sep)
         refuse_outputs(force, output, plot)
         if until is None:
@@ -108,53 +107,6 @@ def run_scene(
         flagged = dataset.sizes["member"] - dataset.encoding["rigidmc"]["flagged"]["ok"]
         dataset.close()
     raise typer.Exit(code or (FLAGGED if flagged else OK))
-
-
-def names_a_run(output: str) -> bool:
-    """Whether an output is a run directory: a folder, but no zarr store."""
-    folder = output.endswith(os.sep) or os.path.isdir(output)
-    return folder and not output.lower().rstrip(os.sep).endswith(".zarr")
-
-
-def _refuse_with_directory(output: str, plot: str | None, until: str | None, force: bool) -> None:
-    """OptionError for options that a run directory does not take."""
-    if plot is not None or until is not None:
-        rule = "a run directory takes neither --plot nor --until: consolidate it first"
-        raise OptionError("", "--output", output, rule)
-    if force:
-        rule = f"replaces files, not folders: remove {output} yourself"
-        raise OptionError("", "--force", None, rule)
-
-
-def _in_directory(
-    scene: "Scene",
-    output: str,
-    threads: int | None,
-    allow_code: bool,
-    max_wall: float | None,
-    shards: str | None,
-    shard_size: float | None,
-    cluster: str | None,
-) -> int:
-    """Run a scene in a new run directory; the exit code."""
-    from rigidmc.runs.cluster import checked
-    from rigidmc.runs.create import create
-    from rigidmc.runs.shards import SHARD
-
-    kind, count = ("", "") if cluster is None else checked(cluster)
-    if shard_size is not None and not shard_size < 1e6:
-        raise OptionError("", "--shard-size", shard_size, "expected megabytes, at most 1e6")
-    size = SHARD if shard_size is None else 1e6 * shard_size
-    workers = int(count) if kind == "local" else threads
-    directory = create(scene, output, size, shards_of(shards), workers)
-    return continued(
-        directory.path,
-        threads,
-        max_wall=max_wall,
-        shards=shards,
-        allow_code=allow_code,
-        cluster=cluster,
-    )
 
 
 def _until(

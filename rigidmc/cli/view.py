@@ -84,17 +84,10 @@ def _indices(text: str | None) -> list[int] | None:
 
 
 def _map(source: str) -> "xr.Dataset | None":
-    """The map in a netCDF file; None for everything else, which `opened` tries."""
-    from rigidmc.files.netcdf import open_undecoded
-    from rigidmc.views.viewer.maps import is_map
+    """The map in a file or a run directory; None for everything else, which `opened` tries."""
+    from rigidmc.studies.maps.stored import is_map, open_map
 
-    if os.path.isdir(source) or not os.path.isfile(source):
-        return None
-    try:
-        with open_undecoded(source) as dataset:
-            return dataset.load() if is_map(dataset) else None
-    except (OSError, ValueError):
-        return None
+    return open_map(source) if is_map(source) else None
 
 
 def _result(source: str, settings: list[str], allow_code: bool) -> "xr.Dataset":

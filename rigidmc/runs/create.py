@@ -6,7 +6,7 @@ import math
 import os
 import tomllib
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -44,12 +44,14 @@ def create(
     size: float = SHARD,
     only: range | None = None,
     threads: int | None = None,
+    about: Mapping[str, str] = {},
 ) -> RunDirectory:
     """Make a run directory for a scene.
 
     size : approximate bytes of a shard, which has at least one block of members
     only : the range of shards that will be computed
     threads : how many will compute, which decides how much memory is needed
+    about : more attributes of the result
 
     Raises OutputExists if the folder contains anything, OptionError if the run has no shard in
     `only`, NoRoom if memory or disk is too small.
@@ -76,13 +78,13 @@ def create(
     threads = threads or threads_available()
     more = memory_of_shards(run.original, run.shown, min(shard, members), threads)
     refuse_hopeless(run.original, run.shown, threads, path, more)
-    facts = _facts(run, shard, block)
+    facts = _facts(run, shard, block, about)
     with new_directory(path) as folder:
         _write(folder, run, facts)
     return RunDirectory(path)
 
 
-def _facts(run: Ready, shard: int, block: int) -> dict[str, Any]:
+def _facts(run: Ready, shard: int, block: int, about: Mapping[str, str]) -> dict[str, Any]:
     """The facts of run.json, with the hashes of scene and columns still empty."""
     scene = run.original
     versions, machine = this_machine(*["scipy"] * bool(scene.drawn_through()))
@@ -96,7 +98,7 @@ def _facts(run: Ready, shard: int, block: int) -> dict[str, Any]:
         "scene": "",
         "columns": "",
         "code": {file: hash_of_file(file) for file in sources},
-        "attributes": {} if run.chosen is None else run.chosen.attributes(),
+        "attributes": {**({} if run.chosen is None else run.chosen.attributes()), **about},
         "seed": scene.run.seed,
         "first": scene.run.first,
         "members": scene.run.members,

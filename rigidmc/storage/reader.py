@@ -19,7 +19,10 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     try:
         scene_text(dataset)
         if "status" not in dataset:
-            rule = "a map or a study, not a result with members; xarray.open_dataset reads it"
+            rule = (
+                "a map or a study, not a result with members; xarray.open_dataset reads it, and"
+                " `rigidmc map FILE` a map"
+            )
             raise FileError("", "file", None, rule, file=path)
         result, strange = as_result(dataset, path)
     except BaseException:

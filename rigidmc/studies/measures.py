@@ -1,4 +1,4 @@
-"""What an ensemble is asked: "p(flips >= 1)", "mean(flip_wait)", "quantile(megno, 0.9)"."""
+"""What an ensemble is asked: "p(flips >= 1)", "mean(flip_wait | flips >= 2)"."""
 
 import operator
 import re
@@ -14,14 +14,24 @@ from rigidmc.observables import WATCHED, WATCHED_STATISTICS, word_of_watched
 from rigidmc.scene.scene import Scene
 from rigidmc.studies import intervals
 
-_VARIABLE = r"(?P<name>[A-Za-z_][A-Za-z0-9_]*)(\[(?P<axis>[123])\])?"
-_NUMBER = r"(?P<number>[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?)"
+_NUMBER = r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?"
+
+
+def _variable(of: str = "") -> str:
+    return rf"(?P<{of}name>[A-Za-z_][A-Za-z0-9_]*)(\[(?P<{of}axis>[123])\])?"
+
+
+def _comparison(of: str = "") -> str:
+    return rf"{_variable(of)}\s*(?P<{of}relation>>=|<=|>|<|==)\s*(?P<{of}number>{_NUMBER})"
+
+
+_GIVEN = rf"(\|\s*{_comparison('given_')}\s*)?"
 _FORMS = {
-    "p": re.compile(rf"p\(\s*{_VARIABLE}\s*(?P<relation>>=|<=|>|<|==)\s*{_NUMBER}\s*\)"),
-    "mean": re.compile(rf"mean\(\s*{_VARIABLE}\s*\)"),
-    "quantile": re.compile(rf"quantile\(\s*{_VARIABLE}\s*,\s*{_NUMBER}\s*\)"),
-    "median": re.compile(rf"median\(\s*{_VARIABLE}\s*\)"),
-    "": re.compile(_VARIABLE),
+    "p": re.compile(rf"p\(\s*{_comparison()}\s*{_GIVEN}\)"),
+    "mean": re.compile(rf"mean\(\s*{_variable()}\s*{_GIVEN}\)"),
+    "quantile": re.compile(rf"quantile\(\s*{_variable()}\s*,\s*(?P<number>{_NUMBER})\s*{_GIVEN}\)"),
+    "median": re.compile(rf"median\(\s*{_variable()}\s*{_GIVEN}\)"),
+    "": re.compile(_variable()),
 }
 _RELATIONS: dict[str, Callable[[Any, float], Any]] = {
     ">=": operator.ge,
@@ -32,14 +42,30 @@ _RELATIONS: dict[str, Callable[[Any, float], Any]] = {
 }
 RULE = (
     "expected p(NAME >= NUMBER), mean(NAME), median(NAME), quantile(NAME, SHARE) or NAME,"
-    " of a result with one number per member"
+    " of a result with one number per member; with a condition as in mean(NAME | OTHER >= NUMBER)"
 )
+
+
+class Condition(NamedTuple):
+    """A relation of the result name[axis] and a number, such as flips >= 1."""
+
+    name: str
+    axis: int | None
+    relation: str
+    number: float
+
+    def holds(self, dataset: xr.Dataset) -> NDArray[np.bool_]:
+        """Whether it holds for each member (n,): not for nan, an event that did not happen."""
+        values = _values(dataset, self.name, self.axis)
+        found: NDArray[np.bool_] = _RELATIONS[self.relation](values, self.number)
+        return found
 
 
 class Measure(NamedTuple):
     """A question to the members about the result name[axis].
 
     kind : "p" (with relation and number), "mean", or "quantile" (with number)
+    given : the members that are asked; None for all
     """
 
     text: str
@@ -48,30 +74,43 @@ class Measure(NamedTuple):
     axis: int | None = None
     relation: str = ""
     number: float = 0.0
+    given: Condition | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The results that are needed."""
+        return (self.name,) if self.given is None else (self.name, self.given.name)
 
     def values(self, dataset: xr.Dataset) -> NDArray[np.float64]:
-        """The numbers of the members (n,).
+        """The numbers of the members (n,), nan for those that are not asked.
 
         For p 1 if the relation holds, else 0; also 0 for nan, an event that did not happen.
         """
-        result = dataset[self.name]
-        values = (result.sel(axis=self.axis) if self.axis else result).values
-        if self.kind != "p":
-            return values
-        holds: NDArray[np.float64] = _RELATIONS[self.relation](values, self.number).astype(float)
-        return holds
+        if self.kind == "p":
+            own = Condition(self.name, self.axis, self.relation, self.number)
+            values = own.holds(dataset).astype(float)
+        else:
+            values = _values(dataset, self.name, self.axis)
+        return values if self.given is None else np.where(self.given.holds(dataset), values, np.nan)
 
     def interval(
         self, values: NDArray[np.float64], good: NDArray[np.bool_], confidence: float = 0.95
     ) -> intervals.Interval:
         """The Interval of the good ones of values (..., n); nan if there is none."""
         if self.kind == "p":
-            successes = np.where(good, values, 0.0).sum(-1)
-            return intervals.probability(successes, good.sum(-1), confidence)
+            asked = good & ~np.isnan(values)
+            successes = np.where(asked, values, 0.0).sum(-1)
+            return intervals.probability(successes, asked.sum(-1), confidence)
         values = np.where(good, values, np.nan)
         if self.kind == "mean":
             return intervals.mean(values, confidence=confidence)
         return intervals.quantiles(values, self.number, confidence)
+
+
+def _values(dataset: xr.Dataset, name: str, axis: int | None) -> NDArray[np.float64]:
+    result = dataset[name]
+    values: NDArray[np.float64] = (result.sel(axis=axis) if axis else result).values
+    return values
 
 
 def observing(scene: Scene, texts: Iterable[str]) -> Scene:
@@ -105,17 +144,37 @@ def measure(
     if match is None:
         raise OptionError("", "measure", text, RULE)
     parts = match.groupdict()
-    name, axis = parts["name"], parts["axis"]
+    number = float(parts.get("number") or (0.5 if kind == "median" else 0.0))
+    if kind == "quantile" and not 0.0 < number < 1.0:
+        raise OptionError("", "measure", text, "a quantile has a share between 0 and 1")
+    for of in ("", "given_"):
+        if name := parts.get(f"{of}name"):
+            _check_axis(text, name, parts[f"{of}axis"], variables, may_save_more)
+    given = None
+    if name := parts.get("given_name"):
+        relation, than = parts["given_relation"], float(parts["given_number"])
+        given = Condition(name, _axis(parts["given_axis"]), relation, than)
+    kind = {"median": "quantile", "": "mean"}.get(kind, kind)
+    relation = parts.get("relation") or ""
+    return Measure(text.strip(), kind, parts["name"], _axis(parts["axis"]), relation, number, given)
+
+
+def _axis(text: str | None) -> int | None:
+    return int(text) if text else None
+
+
+def _check_axis(
+    text: str,
+    name: str,
+    axis: str | None,
+    variables: Mapping[str, tuple[str, ...]],
+    may_save_more: bool,
+) -> None:
+    """OptionError for a result that there is not, and for one without, or with too many axes."""
     dims = _dims(text, name, variables, may_save_more)
     if (dims == ("axis", "member")) != bool(axis):
         rule = f"three components: give one, as in {name}[3]" if not axis else "no components"
         raise OptionError("", "measure", text, f"{name} has {rule}")
-    number = float(parts.get("number") or (0.5 if kind == "median" else 0.0))
-    if kind == "quantile" and not 0.0 < number < 1.0:
-        raise OptionError("", "measure", text, "a quantile has a share between 0 and 1")
-    kind = {"median": "quantile", "": "mean"}.get(kind, kind)
-    relation = parts.get("relation") or ""
-    return Measure(text.strip(), kind, name, int(axis) if axis else None, relation, number)
 
 
 def _dims(

@@ -386,6 +386,45 @@ class Rigid:
 
         return summary(self._dataset, of=of)
 
+    def measure(self, of: str, by: str | None = None, confidence: float = 0.95) -> Any:
+        """Estimate a measure of the good members.
+
+        Parameters
+        ----------
+        of : str
+            such as "p(flips >= 1)" or "mean(flip_wait | flips >= 2)", see
+            `rigidmc.studies.measures`
+        by : str, optional
+            a result with one number per member; members for which it is the same are a group
+        confidence : float, optional
+            of the intervals
+
+        Returns
+        -------
+        Interval or xarray.Dataset
+            value, low, high; of each group, with its `members`, over `by`. The ends are nan if the
+            members are no independent draws
+
+        Raises
+        ------
+        OptionError
+            for what is no measure of the result, and for an unknown `by`
+
+        Examples
+        --------
+        >>> scene = rm.Scene.load("dzhanibekov").with_run(dt=0.02, t_end=6.0)
+        >>> ds = rm.simulate(scene, members=64, save=("flips",))
+        >>> ds.rigid.measure("p(flips >= 2)").value
+        0.734375
+        >>> ds.rigid.measure("mean(flip_first)", by="flips").members.values.tolist()
+        [17, 47]
+        """
+        from rigidmc.studies.estimates import estimate, estimate_by
+
+        if by is None:
+            return estimate(self._dataset, of, confidence)
+        return estimate_by(self._dataset, of, by, confidence)
+
     def view(self, output: Any = None, **options: Any) -> Any:
         """Make one HTML page in which members turn, see `rigidmc.views.viewer.page.view`.
 

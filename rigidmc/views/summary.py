@@ -11,7 +11,7 @@ from rigidmc.errors import OptionError
 from rigidmc.files.reading import toml
 from rigidmc.scene.stored import scene_text
 from rigidmc.studies import intervals
-from rigidmc.studies.measures import measure
+from rigidmc.studies.estimates import are_independent, estimate
 
 _PLAIN = ("status", "status_step", "status_time", "mass", "steps")  # not summarised
 
@@ -26,18 +26,17 @@ def summary(dataset: xr.Dataset, confidence: float = 0.95, of: str | Iterable[st
     median, the middle 90 %, and for how many members the event never happened.
     """
     settings = toml(scene_text(dataset))["run"]
-    points = settings.get("points", "independent")
-    independent = points == "independent"
+    independent = are_independent(dataset)
     good = dataset.status.values == 0
     lines = [_heading(dataset, settings["members"]), _flagged(dataset)]
     if texts := (of,) if isinstance(of, str) else tuple(of):
-        lines += [_measured(dataset, text, confidence if independent else None) for text in texts]
+        lines += [_measured(dataset, text, confidence) for text in texts]
     for label, numbers in () if texts else _numbers(dataset):
         line = _line(label, numbers, numbers.values[good], confidence if independent else None)
         lines += [line] if line else []
     if not independent:
         lines.append(
-            f"  its members are {points} points, whose spread tells no interval:"
+            f"  its members are {settings['points']} points, whose spread tells no interval:"
             " see rigidmc.randomised"
         )
     if texts:
@@ -59,22 +58,16 @@ def _heading(dataset: xr.Dataset, planned: int) -> str:
     return f"{attrs.get('title', 'result')}: {members} to {end} with {attrs['integrator']}, {step}"
 
 
-def _measured(dataset: xr.Dataset, text: str, confidence: float | None) -> str:
-    """A measure of the good members on a line; OptionError for what is no measure of the result.
-
-    confidence : None if the spread of the members gives no interval
-    """
-    dims = {str(name): tuple(map(str, v.dims)) for name, v in dataset.data_vars.items()}
+def _measured(dataset: xr.Dataset, text: str, confidence: float) -> str:
+    """A measure of the good members on a line; OptionError for what is no measure of the result."""
     try:
-        asked = measure(text, dims, may_save_more=False)
+        value, low, high = estimate(dataset, text, confidence)
     except OptionError as error:
         error.key = "of"
         raise
-    good = dataset.status.values == 0
-    value, low, high = asked.interval(asked.values(dataset), good, confidence or 0.95)
     if not np.isfinite(value):
         return f"  {text}: of no member"
-    ends = f", {100 * confidence:g} % between {low:.6g} and {high:.6g}" if confidence else ""
+    ends = f", {100 * confidence:g} % between {low:.6g} and {high:.6g}" if low == low else ""
     return f"  {text}: {value:.6g}{ends}"
 
 

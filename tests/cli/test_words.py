@@ -20,7 +20,7 @@ from rigidmc.scene.parameters import parameters
 from rigidmc.scene.settings import Run
 from rigidmc.scene.shipped import shipped
 from rigidmc.studies.maps.catalogue import MAPS
-from rigidmc.studies.maps.stability_map import on_map
+from rigidmc.studies.maps.question import question
 
 BODY = rm.Body.from_moments((1.0, 2.0, 2.5))
 HEAVY = rm.Body.from_moments((1.0, 2.0, 2.5), mass=2.0, centre=(0.0, 0.0, 0.1))
@@ -90,12 +90,8 @@ def test_counts_and_times_are_taken_in_files_in_python_and_on_the_command_line()
     )
     assert Run(members=2e3, t_end="1 min").members == 2000
     assert scene.with_run(members=np.float64(64.0), t_end="90 s").run.t_end == 90.0
-    assert (
-        on_map(
-            scene, ("body.moments.1", 0.8, 1.0), ("body.moments.2", 1.8, 2.0), 8.0, 1e0
-        ).run.members
-        == 64
-    )
+    sides = ("body.moments.1", 0.8, 1.0), ("body.moments.2", 1.8, 2.0)
+    assert question(*sides, "p(flips >= 1)", 8.0, 1e0).of_scene(scene).run.members == 64
     assert (
         rm.Scene(BODY, observables=(rm.Histogram("energy", 0.0, 1.0, bins=1e2),))
         .observables[0]
@@ -217,7 +213,8 @@ def test_good_scenes_give_no_note(tmp_path):
         assert noted(scene) == () and noted(rm.Scene.loads(scene.dumps())) == (), name
     for name, make in MAPS.items():
         case = make()
-        scene = on_map(case.scene, case.x, case.y, 64, 1).with_run(**case.settings)
+        asked = question(case.x, case.y, case.of, 64, 1)
+        scene = asked.of_scene(case.scene).with_run(**case.settings)
         assert notes(scene, prepare(scene)._replace(notes=())) == (), name
     # warnings are errors here: neither the run nor any of its other members warns
     path = str(tmp_path / "a.nc")

@@ -7,6 +7,7 @@ import pkgutil
 
 import numpy as np
 import pytest
+import xarray as xr
 from typer.testing import CliRunner
 
 import rigidmc as rm
@@ -32,6 +33,15 @@ def flips():
     return case_map("intermediate_axis", SIDE, EACH, threads=2)
 
 
+def members_of(scene, i, j):
+    """The members of a pixel, run alone."""
+    alone = [
+        rm.simulate(scene, members=range(m, m + 1))
+        for m in range(i * SIDE + j, SIDE * SIDE * EACH, SIDE * SIDE)
+    ]
+    return xr.concat(alone, "member")
+
+
 def test_every_file_of_a_map_is_in_the_catalogue():
     assert set(MAPS) == {found.name for found in pkgutil.iter_modules(cases.__path__)}
 
@@ -39,8 +49,7 @@ def test_every_file_of_a_map_is_in_the_catalogue():
 def test_a_pixel_is_a_run_of_its_members(flips):
     scene = rm.Scene.loads(flips.attrs["scene"])
     for i, j in ((0, 3), (5, 9), (11, 2)):
-        low = (i * SIDE + j) * EACH
-        one = rm.simulate(scene, members=range(low, low + EACH))
+        one = members_of(scene, i, j)
         good = one.status.values == 0
         assert (
             flips.good.values[i, j] == good.sum()
@@ -79,8 +88,7 @@ def test_flips_come_at_the_pace_of_the_closed_form(flips):
 def test_intervals_hold_the_mean_of_many(flips):
     i, j = 3, 8
     scene = rm.Scene.loads(flips.attrs["scene"])
-    low = (i * SIDE + j) * EACH
-    members = rm.simulate(scene, members=range(low, low + EACH)).flips.values
+    members = members_of(scene, i, j).flips.values
     half = flips["mean(flips)_high"].values[i, j] - flips["mean(flips)"].values[i, j]
     # Student's t, 3 degrees of freedom
     assert half == pytest.approx(3.182 * members.std(ddof=1) / 2.0, rel=1e-3)
@@ -270,6 +278,9 @@ VARIABLES = {
         "p( omega_max[2] < -1.5e-3 )",
         "median(flips)",
         "quantile(flips, 0.9)",
+        "mean(flips | omega_max[2] >= 1)",
+        "p(flips >= 1 | omega_max[2] < 2.5)",
+        "quantile(omega_max[1], 0.9 | flips == 2)",
     ],
 )
 def test_measures(text):
@@ -287,6 +298,11 @@ def test_measures(text):
         "mean(flips, 2)",
         "quantile(flips, 2)",
         "p(flips => 1)",
+        "flips | flips > 1",
+        "mean(flips | flips)",
+        "mean(flips | omega_max > 1)",
+        "mean(flips | tilt > 1)",
+        "mean(flips | flips > 1 | flips < 2)",
     ],
 )
 def test_what_is_no_measure_is_told(text):

@@ -125,7 +125,7 @@ def test_the_page_of_a_map_knows_pixels_and_members(map_page):
     ]
     assert len(known["members"]) == 15 and known["map"]["members"] == 2
     one = known["members"][7]
-    assert one["pixel"] == [1, 2] and one["index"] == 14
+    assert one["pixel"] == [1, 2] and one["index"] == 7
     (measure,) = known["map"]["measures"]
     values = np.frombuffer(base64.b64decode(measure["values"]["f4"]), "<f4")
     assert values == pytest.approx(ds["mean(l2_drift_max)"].values.ravel(), rel=1e-6)

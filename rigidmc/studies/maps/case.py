@@ -7,8 +7,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.scene.scene import Scene
+from rigidmc.studies.maps.question import Side
 
-Side = tuple[str, float, float] | tuple[str, float, float, bool]  # parameter, low, high[, log]
 Derived = dict[str, tuple[NDArray[Any], dict[str, str]]]  # {name: (values, attributes)}
 
 
@@ -20,7 +20,7 @@ def nothing(ds: xr.Dataset) -> Derived:
 class MapCase(NamedTuple):
     """A map: its scene and settings, x and y, the measures, and what theory says.
 
-    x, y : (parameter, low, high[, log]), see `stability_map.on_map`
+    x, y : (parameter, low, high[, log]), see `question`
     of : the measures, see `rigidmc.studies.measures`;  members : per pixel
     settings : of the run;  source : of the theory
     derived : function of the Dataset that returns more variables: theory, and combined measures

@@ -8,7 +8,8 @@ import xarray as xr
 
 from rigidmc.errors import OptionError, unknown
 from rigidmc.studies.maps.case import MapCase
-from rigidmc.studies.maps.stability_map import stability_map
+from rigidmc.studies.maps.question import Resolution, question
+from rigidmc.studies.maps.stability_map import Prepared, Progress, mapped, prepared
 
 _FILES = (  # in `cases`; each has a function of the same name that returns its MapCase
     "intermediate_axis",
@@ -28,16 +29,28 @@ MAPS: dict[str, Callable[[], MapCase]] = {
 
 def case_map(
     name: str,
-    resolution: int | tuple[int, int] = RESOLUTION,
+    resolution: Resolution = RESOLUTION,
     members: int | None = None,
     threads: int | None = None,
-    progress: Callable[[int, int], object] | None = None,
+    progress: Progress | None = None,
     **settings: Any,
 ) -> xr.Dataset:
     """The Dataset of one of MAPS, with the variables of theory.
 
     settings : of the run, which replace those of the map if not None;  others : see `stability_map`
     """
+    ready = prepared_case(name, resolution, members, threads, **settings)
+    return with_theory(mapped(ready, threads, progress), name)
+
+
+def prepared_case(
+    name: str,
+    resolution: Resolution = RESOLUTION,
+    members: int | None = None,
+    threads: int | None = None,
+    **settings: Any,
+) -> Prepared:
+    """One of MAPS before its first step; the arguments are those of `case_map`."""
     if name not in MAPS:
         raise unknown("", "map", name, "map", MAPS, OptionError)
     case = MAPS[name]()
@@ -45,17 +58,16 @@ def case_map(
     standard = {
         key: value for key, value in case.settings.items() if key != "dt" or "turn" not in given
     }
-    ds = stability_map(
-        case.scene,
-        case.x,
-        case.y,
-        case.of,
-        resolution,
-        case.members if members is None else members,
-        threads,
-        progress,
-        **standard | given,
-    )
+    members = case.members if members is None else members
+    asked = question(case.x, case.y, case.of, resolution, members, name=name)
+    return prepared(asked, case.scene, threads, **standard | given)
+
+
+def with_theory(ds: xr.Dataset, name: str) -> xr.Dataset:
+    """A map of the package with its theory and title; the map itself if its name is "" or none."""
+    if name not in MAPS:
+        return ds
+    case = MAPS[name]()
     for key, (values, attrs) in case.derived(ds).items():
         ds[key] = (("y", "x"), values, attrs)
     ds.attrs |= {"title": case.title, "map": name, "theory": case.source}

@@ -29,7 +29,7 @@ def map_data(ds: xr.Dataset, allow_code: bool) -> tuple[Scene, dict[str, Any], l
     facts, bodies = [], list[list[float]]()
     end, rate = _end(ds, scene, places)
     for i, j in places:
-        member = (i * ds.sizes["x"] + j) * int(ds.attrs["members"])
+        member = i * ds.sizes["x"] + j
         shown = integrated(scene, member, FRAMES, end, _step(scene))
         if int(shown.status.values[0]) == 2:
             continue
@@ -59,7 +59,7 @@ def _end(ds: xr.Dataset, scene: Scene, places: list[tuple[int, int]]) -> tuple[f
     """(time that FRAMES reach, turn rate of the fastest of some members)."""
     rates = []
     for i, j in (places[0], places[len(places) // 2], places[-1]):
-        member = (i * ds.sizes["x"] + j) * int(ds.attrs["members"])
+        member = i * ds.sizes["x"] + j
         start = integrated(scene, member, 1, min(scene.run.t_end, scene.run.dt), _step(scene))
         rates.append(reach(start, 1.0)[2])
     rate = max(rates)

@@ -1,0 +1,102 @@
+"""What `rigidmc map` is asked: the options that describe a new map."""
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rigidmc.cli.common import load_scene
+from rigidmc.cli.directories import Ways
+from rigidmc.errors import OptionError, unknown
+
+if TYPE_CHECKING:
+    from rigidmc.studies.maps.stability_map import Prepared
+
+
+class Request(NamedTuple):
+    """The options of `rigidmc map` that describe a new map, None or empty where none is given."""
+
+    name: str
+    x: str | None
+    y: str | None
+    of: list[str]
+    resolution: int | None
+    members: int | None
+    settings: list[str]
+    run: dict[str, Any]
+
+    def refuse_all(self, ways: Ways) -> None:
+        """OptionError for any option of a new map beside a map that exists."""
+        own = {key: getattr(self, key) for key in ("x", "y", "of", "resolution", "members")}
+        given = {**own, "set": self.settings, **self.run, **ways._asdict()}
+        for key, value in given.items():
+            if value not in (None, []):
+                rule = f"is for a new map, and {self.name} is one that exists"
+                raise OptionError("", f"--{key.replace('_', '-')}", value, rule)
+
+    def of_package(self) -> bool:
+        """Whether a map of the package is asked for; OptionError if neither it nor a map of a scene
+        is described completely."""
+        from rigidmc.scene.shipped import shipped
+        from rigidmc.studies.maps.catalogue import MAPS
+
+        plain = not (self.x or self.y or self.of or self.settings)
+        if self.name in MAPS and plain:
+            return True
+        if plain and self.name not in shipped():
+            raise unknown("", "map", self.name, "map", MAPS, OptionError)
+        missing = [
+            key for key, value in (("--x", self.x), ("--y", self.y), ("--of", self.of)) if not value
+        ]
+        if missing and self.name in MAPS:
+            rule = (
+                "a map of the package has its own x, y, measures and scene; give --resolution,"
+                " --members, --dt and the like, or a scene with all of --x, --y and --of"
+            )
+            raise OptionError("", "map", self.name, rule)
+        if missing:
+            own = ", ".join(MAPS)
+            rule = (
+                f"is missing: a map of a scene needs --x, --y and --of; maps of the package: {own}"
+            )
+            raise OptionError("", ", ".join(missing), None, rule)
+        return False
+
+    def sides(self) -> int:
+        """Pixels per side."""
+        from rigidmc.studies.maps import catalogue, stability_map
+
+        if self.resolution is not None:
+            return self.resolution
+        return catalogue.RESOLUTION if self.of_package() else stability_map.RESOLUTION
+
+    def size(self) -> int:
+        """Bytes of the file of the map."""
+        return 8 * max(self.sides(), 1) ** 2 * (4 + 3 * len(self.of))
+
+    def prepared(self, threads: int | None, allow_code: bool) -> "Prepared":
+        """The map before its first step."""
+        from rigidmc.studies.maps import catalogue, stability_map
+        from rigidmc.studies.maps.question import question
+
+        if self.of_package():
+            of_case = self.name, self.sides(), self.members, threads
+            return catalogue.prepared_case(*of_case, **self.run)
+        scene = load_scene(self.name, self.settings, allow_code)
+        across, upwards = _side(self.x or "", "--x"), _side(self.y or "", "--y")
+        replicas = self.members
+        if replicas is None:
+            replicas = stability_map.replicas_of(scene, across, upwards)
+        asked = question(across, upwards, self.of, self.sides(), replicas)
+        return stability_map.prepared(asked, scene, threads, **self.run)
+
+
+def _side(text: str, key: str) -> tuple[str, float, float, bool]:
+    """(parameter, low, high, whether in even ratios) of KEY=LOW:HIGH[:log]; OptionError."""
+    name, equals, ends = text.partition("=")
+    parts = ends.split(":")
+    try:
+        low, high = float(parts[0]), float(parts[1])
+    except (ValueError, IndexError):
+        low = high = float("nan")
+    if not equals or len(parts) not in (2, 3) or parts[2:] not in ([], ["log"]) or low != low:
+        rule = "expected KEY=LOW:HIGH or KEY=LOW:HIGH:log, e.g. body.moments.1=0.1:0.9"
+        raise OptionError("", key, text, rule)
+    return name.strip(), low, high, len(parts) == 3

@@ -1,0 +1,84 @@
+"""Measures of a result that exists, of all its members or of groups of them."""
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from rigidmc.errors import OptionError, nearest
+from rigidmc.files.reading import toml
+from rigidmc.scene.stored import scene_text
+from rigidmc.studies.intervals import Interval
+from rigidmc.studies.measures import Measure, measure
+
+MOST_GROUPS = 10_000
+
+
+def are_independent(dataset: xr.Dataset) -> bool:
+    """Whether the members of a result are drawn independently, so that their spread tells how well
+    a measure is known."""
+    settings = toml(scene_text(dataset))["run"]
+    return bool(settings.get("points", "independent") == "independent")
+
+
+def estimate(dataset: xr.Dataset, text: str, confidence: float = 0.95) -> Interval:
+    """A measure of the good members with its confidence interval.
+
+    The ends are nan if the members are no independent draws. Raises OptionError for what is no
+    measure of the result.
+    """
+    asked, good = _asked(dataset, text), dataset.status.values == 0
+    found = _interval(dataset, asked, asked.values(dataset), good, confidence)
+    return Interval(*map(float, found))
+
+
+def estimate_by(dataset: xr.Dataset, text: str, by: str, confidence: float = 0.95) -> xr.Dataset:
+    """A measure of each group of good members: those for which the result `by` is the same.
+
+    Returns a Dataset over `by` of value, low, high and members. Raises OptionError for an unknown
+    result, and for more than MOST_GROUPS groups.
+    """
+    asked, good = _asked(dataset, text), dataset.status.values == 0
+    labels = _labels(dataset, by)
+    groups, group = np.unique(labels[good], return_inverse=True)
+    if groups.size > MOST_GROUPS:
+        rule = f"takes {groups.size:,} values: at most {MOST_GROUPS:,} groups are told apart"
+        raise OptionError("", "by", by, rule)
+    order, counts = np.argsort(group, kind="stable"), np.bincount(group, minlength=groups.size)
+    values = np.full((groups.size, counts.max(initial=0)), np.nan)
+    there = np.arange(values.shape[1]) < counts[:, None]
+    values[there] = asked.values(dataset)[good][order]
+    found = _interval(dataset, asked, values, there, confidence)
+    attrs = {"long_name": text, "confidence": confidence}
+    variables = {
+        name: ((by,), numbers, attrs) for name, numbers in zip(found._fields, found, strict=True)
+    }
+    members = ((by,), counts, {"long_name": "good members of the group"})
+    return xr.Dataset({**variables, "members": members}, {by: groups})
+
+
+def _asked(dataset: xr.Dataset, text: str) -> Measure:
+    dims = {str(name): tuple(map(str, v.dims)) for name, v in dataset.data_vars.items()}
+    return measure(text, dims, may_save_more=False)
+
+
+def _labels(dataset: xr.Dataset, by: str) -> NDArray[np.generic]:
+    known = [str(name) for name, v in dataset.variables.items() if v.dims == ("member",)]
+    if by not in known:
+        rule = f"no such number of the members; known: {', '.join(known)}"
+        raise OptionError("", "by", by, rule, nearest(by, known))
+    labels: NDArray[np.generic] = dataset[by].values
+    return labels
+
+
+def _interval(
+    dataset: xr.Dataset,
+    asked: Measure,
+    values: NDArray[np.float64],
+    good: NDArray[np.bool_],
+    confidence: float,
+) -> Interval:
+    found = asked.interval(values, good, confidence)
+    if are_independent(dataset):
+        return found
+    unknown = np.full(np.shape(found.value), np.nan)
+    return Interval(found.value, unknown, unknown)

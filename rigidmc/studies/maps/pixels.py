@@ -1,0 +1,143 @@
+"""The pixels of a map: from numbers of the members to intervals, and to a Dataset."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from rigidmc.engine.layout import STATUSES
+from rigidmc.scene.scene import Scene
+from rigidmc.storage.schema import Variable
+from rigidmc.studies.maps.question import Question, units_of
+from rigidmc.studies.measures import Measure
+from rigidmc.version import VERSION
+
+ASKED = "asked"  # the attribute of a map with its question
+COUNTS = {  # of the members of a pixel
+    "good": "good members",
+    "failed": "members that failed",
+    "none": "members for which there is no such body or start",
+}
+_NOT_THERE = -1  # the status of a member that has not been computed
+_AT_ONCE = 2**17  # numbers whose intervals are taken at once: a sorted copy of them is 1 MB
+
+
+class Pixels(NamedTuple):
+    """What the members of pixels say.
+
+    intervals : {measure: (3, pixels)}: value, low, high
+    counts : (3, pixels): members that are good, that failed, that have no body or start
+    """
+
+    intervals: dict[str, NDArray[np.float64]]
+    counts: NDArray[np.int32]
+
+
+class Collected:
+    """The numbers of the members of a range of pixels, (replicas, pixels)."""
+
+    def __init__(
+        self, question: Question, measures: Sequence[Measure], pixels: range | None = None
+    ) -> None:
+        self.question, self.measures = question, measures
+        self.pixels = range(question.pixels) if pixels is None else pixels
+        shape = question.replicas, len(self.pixels)
+        self._status = np.full(shape, _NOT_THERE, "i1")
+        self._values = {
+            # for p it is 0, 1 or nan: a quarter of the memory
+            one.text: np.zeros(shape, "f2" if one.kind == "p" else "f8")
+            for one in measures
+        }
+
+    def take(self, first: int, dataset: xr.Dataset) -> None:
+        """Take the numbers of members from `first` on: of one replica, or of all pixels."""
+        replica, pixel = divmod(first, self.question.pixels)
+        low = replica * len(self.pixels) + pixel - self.pixels.start
+        place = slice(low, low + dataset.sizes["member"])
+        self._status.reshape(-1)[place] = dataset.status.values
+        for one in self.measures:
+            self._values[one.text].reshape(-1)[place] = one.values(dataset)
+
+    def missing(self) -> int:
+        """How many members have not been computed."""
+        return int(np.count_nonzero(self._status == _NOT_THERE))
+
+    def pixel_values(self) -> Pixels:
+        """The intervals and counts of the pixels."""
+        size = len(self.pixels)
+        intervals = {one.text: np.full((3, size), np.nan) for one in self.measures}
+        counts, step = np.zeros((3, size), "i4"), max(1, _AT_ONCE // self.question.replicas)
+        for low in range(0, size, step):
+            part = slice(low, low + step)
+            status = self._status[:, part].T
+            none, good = status == STATUSES["invalid_input"], status == 0
+            failed = ~good & ~none & (status != _NOT_THERE)
+            counts[:, part] = good.sum(1), failed.sum(1), none.sum(1)
+            for one in self.measures:
+                values = self._values[one.text][:, part].T.astype(float)
+                found = one.interval(values, good, self.question.confidence)
+                intervals[one.text][:, part] = found
+        return Pixels(intervals, counts)
+
+
+def joined(parts: Sequence[Pixels]) -> Pixels:
+    """The Pixels of ranges that follow one another."""
+    intervals = {
+        text: np.concatenate([part.intervals[text] for part in parts], axis=1)
+        for text in parts[0].intervals
+    }
+    return Pixels(intervals, np.concatenate([part.counts for part in parts], axis=1))
+
+
+def names_of(measure: Measure) -> tuple[str, str, str]:
+    """The variables of a measure: its value, and the ends of its interval."""
+    name = measure.text.replace(" ", "")
+    return name, f"{name}_low", f"{name}_high"
+
+
+def map_dataset(
+    question: Question,
+    scene: Scene,
+    known: Mapping[str, Variable],
+    measures: Sequence[Measure],
+    pixels: Pixels,
+) -> xr.Dataset:
+    """The Dataset of a map.
+
+    known : the variables of the members of the scene
+    """
+    shape, variables = (question.rows, question.columns), {}
+    for one in measures:
+        attrs = known[one.name].attrs
+        units = "1" if one.kind == "p" else attrs.get("units", "1")
+        text = f"{one.text}: {attrs.get('long_name', '')}"
+        share = f"of its interval of {100 * question.confidence:g} %"
+        ends = "", f", low end {share}", f", high end {share}"
+        for name, values, end in zip(names_of(one), pixels.intervals[one.text], ends, strict=True):
+            about = {"units": units, "long_name": text + end}
+            variables[name] = (("y", "x"), values.reshape(shape), about)
+    for (name, text), count in zip(COUNTS.items(), pixels.counts, strict=True):
+        about = {"units": "1", "long_name": text}
+        variables[name] = (("y", "x"), count.reshape(shape), about)
+    facts = {
+        "title": scene.title,
+        "source": f"rigidmc {VERSION}",
+        "scene": scene.dumps(),
+        "members": question.replicas,
+        "confidence": question.confidence,
+        "integrator": scene.run.integrator,
+        "t_end": scene.run.t_end,
+        ASKED: question.text(),
+    }
+    return xr.Dataset(variables, _coordinates(question, scene), facts)
+
+
+def _coordinates(question: Question, scene: Scene) -> dict[str, Any]:
+    found = {}
+    sides = zip(("x", "y"), (question.x, question.y), question.grids(), strict=True)
+    for key, (name, _, _, log), grid in sides:
+        attrs = {"long_name": name, "units": units_of(scene, name), "log": int(log)}
+        found[key] = ((key,), grid.values(), attrs)
+    return found

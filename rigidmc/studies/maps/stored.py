@@ -1,0 +1,162 @@
+"""Maps that are stored: in a run directory, which loses nothing when it is killed, or in a file."""
+
+import os
+import warnings
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from rigidmc.errors import FileError, OptionError, SceneWarning
+from rigidmc.files.netcdf import open_undecoded, read
+from rigidmc.files.outputs import Path
+from rigidmc.runs.create import create
+from rigidmc.runs.reopen import planned
+from rigidmc.runs.shards import SHARD
+from rigidmc.scene.scene import loads
+from rigidmc.scene.stored import scene_text
+from rigidmc.storage.run_directory import RunDirectory
+from rigidmc.storage.schema import lengths
+from rigidmc.studies.maps.catalogue import with_theory
+from rigidmc.studies.maps.pixels import ASKED, COUNTS, Collected, Pixels, names_of
+from rigidmc.studies.maps.question import MOST, Question, stored_question
+from rigidmc.studies.maps.stability_map import Prepared, described, finished
+
+MAP = "map"  # of the question, among the attributes in run.json
+
+
+def create_map(
+    ready: Prepared,
+    path: Path,
+    size: float = SHARD,
+    only: range | None = None,
+    threads: int | None = None,
+) -> RunDirectory:
+    """Make a run directory for a map; the arguments and errors are those of `create`."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SceneWarning)  # `prepared` gave the notes
+        return create(ready.scene, path, size, only, threads, {MAP: ready.question.text()})
+
+
+def is_map(path: Path) -> bool:
+    """Whether a path is a map: a netCDF file, or a run directory."""
+    if os.path.isdir(path):
+        run = os.path.isfile(os.path.join(path, "run.json"))
+        return run and MAP in RunDirectory(path).facts["attributes"]
+    if not (os.path.isfile(path) and os.fspath(path).lower().endswith(".nc")):
+        return False
+    with open_undecoded(os.fspath(path)) as file:
+        return ASKED in file.attrs
+
+
+def open_map(path: Path, allow_code: bool = False) -> xr.Dataset:
+    """Open a map.
+
+    Parameters
+    ----------
+    path : path_like
+        a netCDF file of a map, or the run directory of one, also of one that has not ended
+    allow_code : bool, optional
+        whether to run the Python files of a user's own effects
+
+    Returns
+    -------
+    xarray.Dataset
+        as of `stability_map`. If members of a run directory are missing, pixels have the others,
+        and `missing` in the attributes counts them
+
+    Raises
+    ------
+    FileError
+        for anything else, and for a run directory without a shard
+
+    Examples
+    --------
+    >>> scene = rm.Scene(rm.Body.from_moments((1.0, 2.0, 3.0)))
+    >>> sides = ("body.moments.1", 1.0, 3.0), ("start.omega.2", 0.1, 1.0)
+    >>> rm.stability_map(scene, *sides, "p(flips >= 1)", 2, t_end=1.0).to_netcdf("map.nc")
+    >>> dict(rm.open_map("map.nc").sizes)
+    {'y': 2, 'x': 2}
+    """
+    if os.path.isdir(path):
+        return map_of_run(path, allow_code)
+    return _map_in_file(os.fspath(path), allow_code)
+
+
+def _map_in_file(path: str, allow_code: bool) -> xr.Dataset:
+    """The map in a file: its numbers, laid out as what it asks of its scene demands."""
+    with open_undecoded(path) as file:
+        asked = stored_question(str(file.attrs.get(ASKED, "")), path)
+        scene = loads(scene_text(file), path, allow_code=allow_code)
+        ready = described(asked, scene, False)
+        shape = asked.rows, asked.columns
+
+        def numbers(name: str, kinds: str) -> NDArray[Any]:
+            variable = file.variables.get(name)
+            if variable is None or variable.shape != shape or variable.dtype.kind not in kinds:
+                raise FileError("", name, None, f"expected {shape} numbers", file=path)
+            return np.asarray(variable.values).reshape(-1)
+
+        intervals = {
+            one.text: np.stack([numbers(name, "f") for name in names_of(one)])
+            for one in ready.measures
+        }
+        counts = np.stack([numbers(name, "iu") for name in COUNTS]).astype("i4")
+        more = {key: file.attrs[key] for key in ("seconds", "missing") if key in file.attrs}
+        sound = all(isinstance(value, (float, int, np.number)) for value in more.values())
+    if not sound:
+        raise FileError("", "seconds", None, "expected a number", file=path)
+    found = finished(ready, Pixels(intervals, counts))
+    return with_theory(found, asked.name).assign_attrs(more)
+
+
+def question_of(directory: RunDirectory) -> Question:
+    """What the map of a run directory asks; FileError if it is no map."""
+    text = directory.facts["attributes"].get(MAP)
+    if text is None:
+        raise FileError("", "map", None, "is the run of a scene, and no map", file=directory.path)
+    asked = stored_question(str(text), directory.path)
+    return asked._replace(replicas=-(-int(directory.facts["members"]) // asked.pixels))
+
+
+def members_of_pixels(path: Path, replicas: int) -> int:
+    """How many members a map has with so many in each pixel."""
+    if replicas > (most := 2**53 // MOST**2):
+        raise OptionError("", "members", replicas, f"a pixel has at most {most:,} members")
+    return replicas * question_of(RunDirectory(path)).pixels
+
+
+def map_of_run(path: Path, allow_code: bool = False) -> xr.Dataset:
+    """The Dataset of a map from the shards that exist, see `rigidmc.stability_map`.
+
+    A pixel has the members that are there; `missing` in the attributes counts the others, if any.
+    Raises FileError for a directory that is no map, or has no shard yet.
+    """
+    directory = RunDirectory(path)
+    asked, shards = question_of(directory), directory.shards()
+    directory.refuse_strays()
+    run = planned(directory, allow_code)
+    ready = described(asked, run.original, run.shown.carried)
+    collected = Collected(asked, ready.measures)
+    names = {name: ready.known[name] for one in ready.measures for name in one.names}
+    sizes = lengths(run.shown)
+    for i, shard in sorted(shards.items()):
+        members = directory.members(i)
+        there = read(shard, "member", "status", *names, mark=directory.mark)
+        variables: dict[str, Any] = {"status": (("member",), there["status"])}
+        variables |= {name: (v.dims, there[name]) for name, v in names.items()}
+        wanted = {**sizes, "member": len(members)}
+        fits = all(
+            np.shape(values) == tuple(wanted[dim] for dim in dims)
+            for dims, values in variables.values()
+        )
+        if not fits or there["member"].ravel()[:1].tolist() != [members.start]:
+            rule = "has the members of another shard; `rigidmc verify` tells more"
+            raise FileError("", "shard", i, rule, file=shard)
+        collected.take(members.start, xr.Dataset(variables, {"axis": [1, 2, 3]}))
+    if not shards:
+        raise FileError("", "run", directory.path, "no shard is there yet: resume it first")
+    found = with_theory(finished(ready, collected.pixel_values()), asked.name)
+    missing = collected.missing()
+    return found.assign_attrs(missing=missing) if missing else found

@@ -1,0 +1,179 @@
+"""Maps in run directories and in files: the same numbers, whatever ended the run, and refusals."""
+
+import json
+
+import netCDF4
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import rigidmc as rm
+from rigidmc.cli import app
+from rigidmc.errors import FileError, OptionError
+from rigidmc.runs import resume
+from rigidmc.storage.run_directory import RunDirectory
+from rigidmc.storage.run_facts import read_facts, rendered
+from rigidmc.studies.maps.question import question, stored_question
+from rigidmc.studies.maps.stability_map import prepared
+from rigidmc.studies.maps.stored import create_map, is_map, members_of_pixels
+
+# of long steps, which maps take on purpose
+pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
+SCENE = rm.Scene(
+    rm.Body.from_moments((0.5, 1.0, 1.4)),
+    start=rm.Start(omega=(rm.normal(0.0, 0.05), 1.0, rm.normal(0.0, 0.05))),
+)
+# I1 <= I2 + I3 does not hold on the right
+SIDES = ("body.moments.1", 0.2, 2.6), ("start.omega.2", 0.5, 1.5)
+OF = ("p(flips >= 1)", "median(flip_wait)")
+RUN = {"integrator": "rk8", "dt": 0.5, "t_end": 30.0}
+SHAPE, REPLICAS = (60, 40), 8  # 19,200 members: 5 blocks
+
+
+def in_memory(replicas=REPLICAS):
+    return rm.stability_map(SCENE, *SIDES, OF, SHAPE, replicas, **RUN)
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return in_memory()
+
+
+def started(path, replicas=REPLICAS):
+    """A map in 5 shards, none of which is there."""
+    return create_map(prepared(question(*SIDES, OF, SHAPE, replicas), SCENE, **RUN), path, 1.0)
+
+
+def invoke(*words):
+    return CliRunner().invoke(app, ["map", *map(str, words)])
+
+
+def test_a_map_in_a_directory_is_the_one_in_memory(whole, tmp_path):
+    directory = started(tmp_path / "map")
+    assert directory.count == 5
+    resume.resume(tmp_path / "map")
+    found = rm.open_map(tmp_path / "map")
+    assert found.identical(whole.drop_attrs(deep=False).assign_attrs(found.attrs))
+    assert set(whole.attrs) - set(found.attrs) == {"seconds"}
+    assert all(found.attrs[name] == whole.attrs[name] for name in ("asked", "members", "title"))
+    assert bool((found.none > 0).any())  # bodies that cannot be are on the map
+    assert is_map(tmp_path / "map")
+
+
+def test_shards_in_any_order_are_replicas_of_every_pixel(whole, tmp_path):
+    started(tmp_path / "map")
+    resume.resume(tmp_path / "map", only=range(3, 5))
+    part = rm.open_map(tmp_path / "map")
+    there = part.good + part.failed + part.none
+    # shards 3 and 4 are members 12,192 to 19,199: 2.9 replicas of 2,400 pixels
+    assert part.attrs["missing"] == 19_200 - int(there.sum()) == 12_192
+    assert int(there.min()) == 2 and int(there.max()) == 3
+    resume.resume(tmp_path / "map", only=range(4))
+    found = rm.open_map(tmp_path / "map")
+    assert found.drop_attrs().identical(whole.drop_attrs())
+
+
+def test_more_replicas_are_those_of_a_larger_map(whole, tmp_path):
+    started(tmp_path / "map", 3)
+    resume.resume(tmp_path / "map")
+    resume.extend(tmp_path / "map", members_of_pixels(tmp_path / "map", REPLICAS))
+    resume.resume(tmp_path / "map")
+    found = rm.open_map(tmp_path / "map")
+    assert found.drop_attrs().identical(whole.drop_attrs())
+    assert found.attrs["members"] == REPLICAS
+
+
+def test_pixels_in_parts_are_the_same(whole, monkeypatch):
+    for chunk in (1000, 2400, 5000):  # some pixels, all of one replica, of two
+        monkeypatch.setattr("rigidmc.studies.maps.stability_map.CHUNK", chunk)
+        assert in_memory().drop_attrs().identical(whole.drop_attrs()), chunk
+
+
+def test_a_map_in_a_file_is_read_back(whole, tmp_path):
+    whole.to_netcdf(tmp_path / "map.nc")
+    found = rm.open_map(tmp_path / "map.nc")
+    assert found.identical(whole) and is_map(tmp_path / "map.nc")
+    rm.simulate(SCENE, members=4, t_end=1.0, output=tmp_path / "run.nc").close()
+    assert not is_map(tmp_path / "run.nc")
+    with pytest.raises(FileError, match="no map that can be read"):
+        rm.open_map(tmp_path / "run.nc")
+
+
+def asking(file, **other):
+    """Change what the map in a file asks."""
+    file.asked = json.dumps({**json.loads(file.asked), **other})
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda f: f.renameVariable("good", "bad"), "good"),
+        (lambda f: f.renameVariable("p(flips>=1)_low", "low"), "flips>=1.*_low"),
+        (lambda f: f.setncattr("asked", "[]"), "no map that can be read"),
+        (lambda f: f.setncattr("scene", "[body]"), "start: is missing"),
+        (lambda f: f.setncattr("seconds", "long"), "expected a number"),
+        (lambda f: asking(f, columns=65), "expected .* numbers"),
+        (lambda f: asking(f, columns=10**9), "no map that can be read"),
+        (lambda f: asking(f, replicas=0), "no map that can be read"),
+        (lambda f: asking(f, of=["mean(tilt)"]), "tilt"),
+        (lambda f: asking(f, x=["body.moments.1", 2.0, 1.0, False]), "low < high"),
+    ],
+)
+def test_a_file_that_is_no_map_is_refused(whole, tmp_path, change, words):
+    whole.to_netcdf(tmp_path / "map.nc")
+    with netCDF4.Dataset(tmp_path / "map.nc", "a") as file:
+        change(file)
+    with pytest.raises(rm.RigidmcError, match=words):
+        rm.open_map(tmp_path / "map.nc")
+
+
+def test_directories_that_are_no_map_are_refused(tmp_path):
+    started(tmp_path / "map")
+    with pytest.raises(FileError, match="no shard is there yet"):
+        rm.open_map(tmp_path / "map")
+    facts = read_facts(str(tmp_path / "map" / "run.json"))
+    facts["attributes"]["map"] = "{}"
+    (tmp_path / "map" / "run.json").write_text(rendered(facts))
+    with pytest.raises(FileError, match="no map that can be read"):
+        rm.open_map(tmp_path / "map")
+    del facts["attributes"]["map"]
+    (tmp_path / "map" / "run.json").write_text(rendered(facts))
+    with pytest.raises(FileError, match="is the run of a scene, and no map"):
+        rm.open_map(tmp_path / "map")
+    with pytest.raises(FileError, match="no map that can be read"):
+        stored_question(json.dumps({"columns": 10**9}), "map")
+    with pytest.raises(OptionError, match="at most"):
+        members_of_pixels(tmp_path / "map", 10**12)
+
+
+def test_the_command_line_keeps_a_map_in_a_directory(tmp_path):
+    path, words = tmp_path / "map", ("sleeping_top", "--resolution", 64, "--members", 2)
+    told = invoke(*words, "-o", f"{path}/", "--shards", "0:1", "--shard-size", 0.01)
+    assert told.exit_code == 5 and "resume" in told.stdout
+    told = invoke(path, "--plot", tmp_path / "part.png")
+    assert told.exit_code == 5 and "% of the members are there" in told.stdout
+    assert CliRunner().invoke(app, ["resume", str(path)]).exit_code == 0
+    assert CliRunner().invoke(app, ["verify", str(path)]).exit_code == 0
+    assert invoke(path, "-o", tmp_path / "one.nc").exit_code == 0
+    assert invoke(*words, "-o", tmp_path / "two.nc").exit_code == 0
+    one, two = (rm.open_map(tmp_path / f"{name}.nc") for name in ("one", "two"))
+    assert one.identical(two.drop_attrs(deep=False).assign_attrs(one.attrs))
+    assert invoke(tmp_path / "one.nc", "--plot", tmp_path / "one.png").exit_code == 0
+    assert RunDirectory(path).count > 1
+    for more in (("--resolution", 32), ("--x", "a=0:1"), ("--dt", 0.1), ("--shards", "0:1")):
+        told = invoke(path, *more)
+        assert told.exit_code == 3 and "is for a new map" in told.stderr
+    assert invoke(*words, "--shards", "0:1").exit_code == 3
+    assert invoke(*words, "-o", f"{path}/").exit_code != 0  # it exists
+    assert CliRunner().invoke(app, ["extend", str(path), "--members", "3"]).exit_code == 0
+    assert int(rm.open_map(path).good.min()) == 3
+    assert invoke(path, "--force").exit_code == 0  # nothing is written
+    assert np.isfinite(rm.open_map(path)["p(passages>=1)"]).all()
+
+
+def test_a_result_is_a_scene_for_a_map(tmp_path):
+    rm.simulate(SCENE, members=4, t_end=1.0, output=tmp_path / "run.nc").close()
+    sides = ("--x", "body.moments.1=0.4:0.6", "--y", "start.omega.2=0.9:1.1", "--of", OF[0])
+    words = ("--resolution", 2, "--members", 2, "--t-end", 2)
+    told = invoke(tmp_path / "run.nc", *sides, *words)
+    assert told.exit_code == 0 and "2 x 2 pixels of 2 members" in told.stdout
