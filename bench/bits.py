@@ -26,7 +26,7 @@ PROCESSORS = {
 QUICK = ("rk4", "exact", "strang")  # integrators of a quick run; strang takes the bath
 
 
-def cases(integrators=None):
+def cases(integrators=None, motions=None):
     """[(name, Scene, options of its run)]: free, heavy, driven, in a bath, by every integrator."""
     import rigidmc as rm
     from rigidmc.integrators import accepting
@@ -59,6 +59,8 @@ def cases(integrators=None):
     }  # fmt: skip
     rows = []
     for word, (effects, start, watched) in scenes.items():
+        if motions is not None and word not in motions:
+            continue
         scene = rm.Scene(body, effects, start).with_run(
             t_end=2.0,
             every=0.5,
@@ -90,14 +92,14 @@ def cases(integrators=None):
     return rows
 
 
-def sums(widths, integrators=None):
+def sums(widths, integrators=None, motions=None):
     """{case: [sha256 of its result for each width]}."""
     import rigidmc as rm
     from rigidmc.engine import program
 
     lanes_for, digests = program.lanes_for, {}
     try:
-        for word, scene, options in cases(integrators):
+        for word, scene, options in cases(integrators, motions):
             label = (
                 f"{word}, "
                 f"{', '.join(str(v) for v in options.values() if isinstance(v, (str, float)))}"
@@ -122,7 +124,7 @@ def sums(widths, integrators=None):
     return digests
 
 
-def elsewhere(processor, widths, integrators=None):
+def elsewhere(processor, widths, integrators=None, motions=None):
     """`sums` in a process with code for another processor and a cache of its own."""
     environment = {**os.environ, **PROCESSORS[processor]}
     if environment.get("NPY_DISABLE_CPU_FEATURES") == "all":
@@ -138,7 +140,7 @@ def elsewhere(processor, widths, integrators=None):
     with tempfile.TemporaryDirectory(prefix="rigidmc-bench-") as cache:
         done = subprocess.run(
             [sys.executable, "-c", code],
-            input=json.dumps([widths, integrators]),
+            input=json.dumps([widths, integrators, motions]),
             env={**environment, "RIGIDMC_CACHE_DIR": cache},
             capture_output=True,
             text=True,

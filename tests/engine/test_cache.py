@@ -33,15 +33,23 @@ import json, logging, os, sys
 logging.basicConfig(format="%(name)s %(levelname)s %(message)s")
 from typing import NamedTuple
 import numpy as np
+from numba import njit
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.effects import ViscousDamping
 from rigidmc.engine import beside, cpu, frame, pieces, program
 from rigidmc.engine import layout as K
+from rigidmc.engine.cache import cached
 from rigidmc.integrators import form
 from rigidmc.integrators.rk4 import RK4
 
 if sys.argv[1] == "import only":
     print(json.dumps({"home": os.path.dirname(cpu.__file__)}))
+    sys.exit()
+if sys.argv[1] == "small":
+    made = cached(njit(lambda x: 2.0 * x))
+    made(1.5)
+    hits = sum(made.stats.cache_hits.values())
+    print(json.dumps({"hits": hits, "home": os.path.dirname(cpu.__file__)}))
     sys.exit()
 
 class Own(NamedTuple):
@@ -149,7 +157,7 @@ WARNING = "rigidmc WARNING kernels are compiled anew in every process"
 
 def test_without_a_folder_there_is_a_warning_and_no_cache(place):
     (place / "file").write_text("")
-    found, log = ran(place, "none", place / "file" / "cache")
+    found, log = ran(place, "small", place / "file" / "cache")
     assert found["hits"] == 0
     assert log.count("\n") == 1
     assert WARNING in log
@@ -162,14 +170,15 @@ def test_a_folder_that_is_read_only_or_not_private_is_refused(place, mode):
         pytest.skip("root may write anywhere")
     (place / "cache").mkdir(mode=0o700)
     (place / "cache").chmod(mode)
-    _, log = ran(place, "none")
+    _, log = ran(place, "small")
     assert WARNING in log
     assert mode == 0o500 or "not private" in log
 
 
 def test_a_private_folder_is_accepted_silently(place):
     (place / "cache").mkdir(mode=0o700)
-    assert ran(place, "none")[1] == ""
+    assert ran(place, "small")[1] == ""
+    assert len(kernels_in(place / "cache")) == 1
 
 
 def test_a_user_effect_works_and_is_never_taken_from_the_cache(place):

@@ -1,6 +1,7 @@
 """One of each kind is added to a copy of the package: one file and one line, and the generic tests,
 the command line and scene files know it."""
 
+import json
 import os
 import shutil
 import subprocess
@@ -282,10 +283,14 @@ def run(folder, *arguments, jit=False):
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
 
 
-def rigidmc(folder, *words):
-    ended = run(folder, "-c", "from rigidmc.cli import main; main()", *map(str, words))
-    assert ended.returncode == 0, ended.stderr + ended.stdout
-    return ended.stdout
+COMMANDS = """
+import json, sys
+from typer.testing import CliRunner
+from rigidmc.cli import app
+ended = [CliRunner().invoke(app, words) for words in json.loads(sys.argv[1])]
+assert all(one.exit_code == 0 for one in ended), [one.output for one in ended]
+print(json.dumps([one.output for one in ended]))
+"""
 
 
 def test_the_generic_tests_take_what_is_new(extended):
@@ -327,16 +332,24 @@ def test_scene_files_and_python_take_what_is_new(extended):
 
 
 def test_the_command_line_takes_what_is_new(extended):
-    for kind, word in (
-        ("effects", "torsion_spring"), ("integrators", "cash_karp"),
-        ("observables", "vertical_momentum"), ("observables", "horizontal"),
-    ):  # fmt: skip
-        assert word in rigidmc(extended, kind) and word in rigidmc(extended, kind, word)
-    assert "A new map" in rigidmc(extended, "map", "list")
-    assert "hello, {'dt': 0.5}" in rigidmc(extended, "hello", "--dt", "500 ms")
-    assert "hello" in rigidmc(extended, "--help")
-    told = rigidmc(
-        extended, "stress", "--group", "H16", "--integrator", "cash_karp", "--threads", 1
-    )
-    assert "a new case" in told and "1 good" in told
-    assert "2 x 2 pixels" in rigidmc(extended, "map", "new_map", "--resolution", 2, "--members", 1)
+    expected = {
+        "effects": "torsion_spring",
+        "effects torsion_spring": "torsion_spring",
+        "integrators": "cash_karp",
+        "integrators cash_karp": "cash_karp",
+        "observables": "vertical_momentum",
+        "observables vertical_momentum": "vertical_momentum",
+        "observables horizontal": "horizontal",
+        "map list": "A new map",
+        "hello --dt 500ms": "hello, {'dt': 0.5}",
+        "--help": "hello",
+        "stress --group H16 --integrator cash_karp --threads 1": "a new case",
+        "map new_map --resolution 2 --members 1": "2 x 2 pixels",
+    }
+    ended = run(extended, "-c", COMMANDS, json.dumps([words.split() for words in expected]))
+    assert ended.returncode == 0, ended.stderr
+    told = dict(zip(expected, json.loads(ended.stdout.splitlines()[-1]), strict=True))
+    for words, word in expected.items():
+        assert word in told[words], words
+    assert "horizontal" in told["observables"]
+    assert "1 good" in told["stress --group H16 --integrator cash_karp --threads 1"]
