@@ -1,0 +1,266 @@
+"""What follows from the saved states of a result: momentum, angles, phase, energy, polhodes."""
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from rigidmc.dynamics.methods import implements
+
+
+class States:
+    """The physics of the states that a result holds; methods import what they need."""
+
+    def __init__(self, dataset: xr.Dataset) -> None:
+        self._dataset = dataset
+
+    def scene(self, allow_code: bool = False) -> Any:
+        """The scene that the result was computed from.
+
+        Parameters
+        ----------
+        allow_code : bool, optional
+            whether to run the Python files from which it takes effects
+
+        Returns
+        -------
+        Scene
+            the scene
+
+        Examples
+        --------
+        >>> ds = rm.simulate(rm.Scene.load("dzhanibekov"), members=4, t_end=1.0)
+        >>> ds.rigid.scene().run.members
+        4
+        """
+        from rigidmc.scene.scene import scene_of
+
+        return scene_of(self._dataset, allow_code=allow_code)
+
+    def _whole(self) -> xr.Dataset:
+        """The Dataset; ValueError if time or member was selected away."""
+        for dim in ("time", "member"):
+            if dim not in self._dataset.dims:
+                raise ValueError(
+                    f"the dimension {dim} is gone: select with a list, as in ds.isel({dim}=[0])"
+                )
+        return self._dataset
+
+    def momentum(self) -> xr.DataArray:
+        """Angular momentum in body axes, saved or from omega.
+
+        Returns
+        -------
+        xarray.DataArray (time, axis, member) [kg m^2/s]
+            L_i = I_i omega_i
+
+        Raises
+        ------
+        ValueError
+            if neither was saved at all times
+
+        Examples
+        --------
+        >>> ds = rm.simulate(rm.Scene.load("dzhanibekov"), members=4, t_end=1.0, every=0.5)
+        >>> ds.rigid.momentum().shape
+        (3, 3, 4)
+        """
+        ds = self._whole()
+        if "momentum" in ds:
+            return ds["momentum"]
+        if "omega" not in ds:
+            raise ValueError(
+                "neither momentum nor omega was saved at all times:"
+                ' run with save=("omega",) and keep="full"'
+            )
+        return (
+            (ds["omega"] * ds["moments"])
+            .transpose("time", "axis", "member")
+            .assign_attrs(units="kg m2 s-1", long_name="angular momentum, body axes")
+        )
+
+    def euler(self) -> xr.Dataset:
+        """Euler angles of the saved attitudes, TdC (3.36).
+
+        Returns
+        -------
+        xarray.Dataset
+            phi, theta, psi (time, member) [rad]
+
+        Raises
+        ------
+        ValueError
+            if the attitude was not saved
+
+        Examples
+        --------
+        >>> scene = rm.Scene.load("dzhanibekov").with_run(members=4, t_end=1.0, every=0.5)
+        >>> ds = rm.simulate(scene, save=("omega", "attitude"))
+        >>> ds.rigid.euler().theta[:, 0].values.round(3).tolist()
+        [0.0, 0.011, 0.064]
+        """
+        from rigidmc.mechanics.rotation import euler
+
+        if "attitude" not in self._dataset:
+            raise ValueError(
+                "the attitude was not saved at all times:"
+                ' run with save=("attitude",) and keep="full"'
+            )
+        q = self._dataset.attitude.transpose("time", "member", "quat")
+        words = {"phi": "precession", "theta": "nutation", "psi": "proper rotation"}
+        angles = np.moveaxis(euler(q.values), -1, 0)
+        variables = {
+            name: (("time", "member"), values, {"units": "rad", "long_name": f"angle of {word}"})
+            for (name, word), values in zip(words.items(), angles, strict=True)
+        }
+        return xr.Dataset(variables, {name: q[name] for name in ("time", "member")})
+
+    def phase(self) -> xr.DataArray:
+        """Phase of the free motion, as a share of its period 4 K(m)/lambda.
+
+        Under torques it is the phase of the free motion that would start there. See
+        `rigidmc.mechanics.free_top.Kind`.
+
+        Returns
+        -------
+        xarray.DataArray (time, member)
+            from 0 to 1
+
+        Raises
+        ------
+        ValueError
+            if neither momentum nor omega was saved at all times
+
+        Examples
+        --------
+        >>> ds = rm.simulate(rm.Scene.load("dzhanibekov"), members=4, t_end=1.0, every=0.5)
+        >>> ds.rigid.phase()[:, 0].values.round(3).tolist()
+        [0.248, 0.316, 0.384]
+        """
+        from rigidmc.mechanics.free_top import free_motion
+
+        l = self.momentum().transpose("time", "member", "axis")
+        moments = np.broadcast_to(self._dataset.moments.transpose("member", "axis").values, l.shape)
+        return xr.DataArray(
+            free_motion(moments, l.values).phase,
+            {name: l[name] for name in ("time", "member")},
+            ("time", "member"),
+            attrs={"units": "1", "long_name": "phase of the free motion, of its period"},
+        )
+
+    def energy(self) -> xr.DataArray:
+        """Energy, saved or from saved states, TdC (3.16), (3.33).
+
+        With the potential energy V of the effects::
+
+            E = 1/2 L . I^-1 L + V(q)
+
+        Returns
+        -------
+        xarray.DataArray (time, member) [J]
+            E
+
+        Raises
+        ------
+        ValueError
+            if it needs an attitude that was not saved
+
+        Examples
+        --------
+        >>> ds = rm.simulate(rm.Scene.load("dzhanibekov"), members=4, t_end=1.0, every=0.5)
+        >>> (1e6 * ds.rigid.energy())[:, 0].values.round(1).tolist()
+        [575.4, 575.4, 575.4]
+        """
+        ds = self._whole()
+        if "energy" in ds:
+            return ds["energy"]
+        energy = 0.5 * (self.momentum() ** 2 / ds["moments"]).sum("axis")
+        if any(implements(effect, "energy") for effect in self.scene().effects):
+            energy = energy + xr.DataArray(self._potential(), dims=("time", "member"))
+        return energy.rename("energy").assign_attrs(units="J", long_name="energy")
+
+    def _potential(self) -> NDArray[np.float64]:
+        """Potential energy of the effects (time, member) [J]."""
+        from rigidmc.engine.forces import energies
+        from rigidmc.planning.rates import physics
+        from rigidmc.planning.stage import stage
+
+        ds, scene = self._dataset, self.scene()
+        if "attitude" not in ds:
+            raise ValueError("the energy of its effects needs the attitude, which was not saved")
+        q = np.moveaxis(ds.attitude.transpose("time", "quat", "member").values, 1, 0)
+        # a selection may hold any members: stage each run of consecutive ones
+        gaps = np.flatnonzero(np.diff(ds.member.values) != 1) + 1
+        parts = []
+        for run in np.split(np.arange(ds.sizes["member"]), gaps):
+            block, _ = stage(scene, int(ds.member[run[0]]), run.size, True)
+            body, effects = physics(scene.effects, block)
+            potential = energies(effects, body, tuple(q[..., run]))
+            parts.append(np.broadcast_to(potential, (q.shape[1], run.size)))
+        return np.concatenate(parts, axis=1)
+
+    def drift(self) -> xr.DataArray:
+        """Drift of the energy since the first save, relative to its value there.
+
+        If that is 0, relative to the largest energy in size.
+
+        Returns
+        -------
+        xarray.DataArray (time, member)
+            (E - E(0))/E(0)
+
+        Examples
+        --------
+        >>> ds = rm.simulate(rm.Scene.load("dzhanibekov"), members=4, t_end=1.0, every=0.5)
+        >>> bool(abs(ds.rigid.drift()).max() < 1e-8)
+        True
+        """
+        energy = self.energy()
+        scale = abs(energy.isel(time=0))
+        scale = scale.where(scale > 0.0, abs(energy).max("time"))
+        drift: xr.DataArray = (energy - energy.isel(time=0)) / scale
+        return drift.rename("drift").assign_attrs(
+            units="1", long_name="relative drift of the energy"
+        )
+
+    def polhode(self, member: int, points: int = 400) -> xr.DataArray:
+        """The curve of constant energy and `|L|` through a member's start.
+
+        The momentum of a free body stays on it.
+
+        Parameters
+        ----------
+        member : int
+            its index
+        points : int, optional
+            number of points
+
+        Returns
+        -------
+        xarray.DataArray (points, axis) [kg m^2/s]
+            angular momenta in body axes
+
+        Raises
+        ------
+        ValueError
+            for a member that the result does not have
+
+        Examples
+        --------
+        >>> ds = rm.simulate(rm.Scene.load("dzhanibekov"), members=4, t_end=1.0, every=0.5)
+        >>> ds.rigid.polhode(0, points=100).shape
+        (100, 3)
+        """
+        from rigidmc.views.sphere import polhodes
+
+        members = self._dataset.member.values
+        if member not in members:
+            raise ValueError(f"no member {member}; the members are {members[0]} to {members[-1]}")
+        one = self._dataset.sel(member=[member])
+        start = one.start_momentum if "start_momentum" in one else one.start_omega * one.moments
+        l = start.transpose("axis", "member").values
+        size = np.linalg.norm(l, axis=0)
+        curve = polhodes(l / size, one.moments.values, points)[..., 0] * size[0]
+        attrs = {"units": "kg m2 s-1", "long_name": f"polhode of member {member}"}
+        return xr.DataArray(curve, dims=("point", "axis"), attrs=attrs)
