@@ -1,5 +1,7 @@
 """Measures of a result that exists, of all its members or of groups of them."""
 
+from typing import Any
+
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -44,7 +46,7 @@ def estimate_by(dataset: xr.Dataset, text: str, by: str, confidence: float = 0.9
         rule = f"takes {groups.size:,} values: at most {MOST_GROUPS:,} groups are told apart"
         raise OptionError("", "by", by, rule)
     order, counts = np.argsort(group, kind="stable"), np.bincount(group, minlength=groups.size)
-    values = np.full((groups.size, counts.max(initial=0)), np.nan)
+    values = np.full((groups.size, counts.max(initial=0)), np.nan, asked.dtype)
     there = np.arange(values.shape[1]) < counts[:, None]
     values[there] = asked.values(dataset)[good][order]
     found = _interval(dataset, asked, values, there, confidence)
@@ -73,7 +75,7 @@ def _labels(dataset: xr.Dataset, by: str) -> NDArray[np.generic]:
 def _interval(
     dataset: xr.Dataset,
     asked: Measure,
-    values: NDArray[np.float64],
+    values: NDArray[Any],
     good: NDArray[np.bool_],
     confidence: float,
 ) -> Interval:

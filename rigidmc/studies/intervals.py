@@ -9,7 +9,7 @@ which is how far scipy's root finding goes.
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import special, stats
 
 from rigidmc.errors import OptionError, unknown
@@ -81,6 +81,31 @@ def mean(values: ArrayLike, axis: int = -1, confidence: float = 0.95) -> Interva
         t = stats.t.ppf(0.5 + 0.5 * confidence, np.maximum(n - 1, 1))
         half = np.where(n > 1, t * np.sqrt(variance / n), np.nan)
     return Interval(value, value - half, value + half)
+
+
+def correlation(
+    one: NDArray[np.float64], other: NDArray[np.float64], confidence: float = 0.95
+) -> Interval:
+    """Pearson's coefficient of correlation along the last axis, with Fisher's interval.
+
+    r = sum (a - <a>)(b - <b>) / sqrt(sum (a - <a>)^2 sum (b - <b>)^2),
+    tanh(artanh(r) +- z / sqrt(n - 3))
+
+    The interval holds for pairs that are nearly normal. Pairs with a non-finite number are left
+    out. nan for fewer than two pairs or numbers that are all the same; ends are nan for fewer than
+    four.
+    Source: Fisher, Metron 1 (1921) 3.
+    """
+    _check(confidence)
+    there = np.isfinite(one) & np.isfinite(other)
+    n = there.sum(-1)
+    with np.errstate(all="ignore"):
+        a, b = (np.where(there, x, 0.0) for x in (one, other))
+        a, b = (np.where(there, x - (x.sum(-1) / n)[..., None], 0.0) for x in (a, b))
+        size = np.sqrt((a * a).sum(-1)) * np.sqrt((b * b).sum(-1))
+        r = np.clip((a * b).sum(-1) / size, -1.0, 1.0)
+        width = special.ndtri(0.5 + 0.5 * confidence) / np.sqrt(np.where(n > 3, n - 3.0, np.nan))
+        return Interval(r, *np.tanh(np.arctanh(r) + np.multiply.outer((-1.0, 1.0), width)))
 
 
 def controlled(

@@ -1,4 +1,4 @@
-"""What an ensemble is asked: "p(flips >= 1)", "mean(flip_wait | flips >= 2)"."""
+"""What an ensemble is asked: "p(flips >= 1)", "mean(flip_wait | flips >= 2)", and so on."""
 
 import operator
 import re
@@ -31,6 +31,9 @@ _FORMS = {
     "mean": re.compile(rf"mean\(\s*{_variable()}\s*{_GIVEN}\)"),
     "quantile": re.compile(rf"quantile\(\s*{_variable()}\s*,\s*(?P<number>{_NUMBER})\s*{_GIVEN}\)"),
     "median": re.compile(rf"median\(\s*{_variable()}\s*{_GIVEN}\)"),
+    "correlation": re.compile(
+        rf"correlation\(\s*{_variable()}\s*,\s*{_variable('other_')}\s*{_GIVEN}\)"
+    ),
     "": re.compile(_variable()),
 }
 _RELATIONS: dict[str, Callable[[Any, float], Any]] = {
@@ -41,76 +44,95 @@ _RELATIONS: dict[str, Callable[[Any, float], Any]] = {
     "==": operator.eq,
 }
 RULE = (
-    "expected p(NAME >= NUMBER), mean(NAME), median(NAME), quantile(NAME, SHARE) or NAME,"
+    "expected p(NAME >= NUMBER), mean(NAME), median(NAME), quantile(NAME, SHARE),"
+    " correlation(NAME, NAME) or NAME,"
     " of a result with one number per member; with a condition as in mean(NAME | OTHER >= NUMBER)"
 )
 
 
-class Condition(NamedTuple):
-    """A relation of the result name[axis] and a number, such as flips >= 1."""
+class Result(NamedTuple):
+    """A result name[axis] with one number per member, or one of its three components."""
 
     name: str
-    axis: int | None
+    axis: int | None = None
+
+    def values(self, dataset: xr.Dataset) -> NDArray[np.float64]:
+        """The numbers of the members (n,)."""
+        result = dataset[self.name]
+        values: NDArray[np.float64] = (result.sel(axis=self.axis) if self.axis else result).values
+        return values
+
+
+class Condition(NamedTuple):
+    """A relation of a result and a number, such as flips >= 1."""
+
+    result: Result
     relation: str
     number: float
 
     def holds(self, dataset: xr.Dataset) -> NDArray[np.bool_]:
         """Whether it holds for each member (n,): not for nan, an event that did not happen."""
-        values = _values(dataset, self.name, self.axis)
+        values = self.result.values(dataset)
         found: NDArray[np.bool_] = _RELATIONS[self.relation](values, self.number)
         return found
 
 
 class Measure(NamedTuple):
-    """A question to the members about the result name[axis].
+    """A question to the members about a result.
 
-    kind : "p" (with relation and number), "mean", or "quantile" (with number)
+    kind : "p" (with relation and number), "mean", "quantile" (with number), or "correlation" (with
+        other, the second result)
     given : the members that are asked; None for all
     """
 
     text: str
     kind: str
-    name: str
-    axis: int | None = None
+    result: Result
     relation: str = ""
     number: float = 0.0
+    other: Result | None = None
     given: Condition | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
         """The results that are needed."""
-        return (self.name,) if self.given is None else (self.name, self.given.name)
+        more = self.other, self.given and self.given.result
+        return (self.result.name, *(one.name for one in more if one is not None))
 
-    def values(self, dataset: xr.Dataset) -> NDArray[np.float64]:
+    @property
+    def dtype(self) -> str:
+        """Of `values`; 0, 1 and nan take a quarter of the memory of other numbers."""
+        return {"p": "f2", "correlation": "c16"}.get(self.kind, "f8")
+
+    def values(self, dataset: xr.Dataset) -> NDArray[Any]:
         """The numbers of the members (n,), nan for those that are not asked.
 
-        For p 1 if the relation holds, else 0; also 0 for nan, an event that did not happen.
+        For p 1 if the relation holds, else 0; also 0 for nan, an event that did not happen. For a
+        correlation the two results of a member as one complex number.
         """
+        values: NDArray[Any] = self.result.values(dataset)
         if self.kind == "p":
-            own = Condition(self.name, self.axis, self.relation, self.number)
-            values = own.holds(dataset).astype(float)
-        else:
-            values = _values(dataset, self.name, self.axis)
-        return values if self.given is None else np.where(self.given.holds(dataset), values, np.nan)
+            values = Condition(self.result, self.relation, self.number).holds(dataset)
+        elif self.other is not None:
+            values = values + 1j * self.other.values(dataset)
+        if self.given is not None:
+            values = np.where(self.given.holds(dataset), values, np.nan)
+        return values.astype(self.dtype)
 
     def interval(
-        self, values: NDArray[np.float64], good: NDArray[np.bool_], confidence: float = 0.95
+        self, values: NDArray[Any], good: NDArray[np.bool_], confidence: float = 0.95
     ) -> intervals.Interval:
         """The Interval of the good ones of values (..., n); nan if there is none."""
         if self.kind == "p":
             asked = good & ~np.isnan(values)
-            successes = np.where(asked, values, 0.0).sum(-1)
+            successes = (asked & (values == 1.0)).sum(-1)
             return intervals.probability(successes, asked.sum(-1), confidence)
         values = np.where(good, values, np.nan)
+        if self.kind == "correlation":
+            return intervals.correlation(values.real, values.imag, confidence)
         if self.kind == "mean":
             return intervals.mean(values, confidence=confidence)
         return intervals.quantiles(values, self.number, confidence)
-
-
-def _values(dataset: xr.Dataset, name: str, axis: int | None) -> NDArray[np.float64]:
-    result = dataset[name]
-    values: NDArray[np.float64] = (result.sel(axis=axis) if axis else result).values
-    return values
 
 
 def observing(scene: Scene, texts: Iterable[str]) -> Scene:
@@ -147,20 +169,19 @@ def measure(
     number = float(parts.get("number") or (0.5 if kind == "median" else 0.0))
     if kind == "quantile" and not 0.0 < number < 1.0:
         raise OptionError("", "measure", text, "a quantile has a share between 0 and 1")
-    for of in ("", "given_"):
+    results = {}
+    for of in ("", "other_", "given_"):
         if name := parts.get(f"{of}name"):
-            _check_axis(text, name, parts[f"{of}axis"], variables, may_save_more)
+            axis = parts[f"{of}axis"]
+            _check_axis(text, name, axis, variables, may_save_more)
+            results[of] = Result(name, int(axis) if axis else None)
     given = None
-    if name := parts.get("given_name"):
-        relation, than = parts["given_relation"], float(parts["given_number"])
-        given = Condition(name, _axis(parts["given_axis"]), relation, than)
+    if "given_" in results:
+        than = float(parts["given_number"])
+        given = Condition(results["given_"], parts["given_relation"], than)
     kind = {"median": "quantile", "": "mean"}.get(kind, kind)
-    relation = parts.get("relation") or ""
-    return Measure(text.strip(), kind, parts["name"], _axis(parts["axis"]), relation, number, given)
-
-
-def _axis(text: str | None) -> int | None:
-    return int(text) if text else None
+    relation, other = parts.get("relation") or "", results.get("other_")
+    return Measure(text.strip(), kind, results[""], relation, number, other, given)
 
 
 def _check_axis(

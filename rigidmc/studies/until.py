@@ -200,7 +200,7 @@ def _grown(
 def _check_first(until: str, wanted: Goal, interval: Interval, size: int) -> None:
     """SceneError if the first round shows that no number of members reaches the goal."""
     if not np.isfinite(interval.value):
-        rule = f"none of the first {size:,} members has a {wanted.measure.name}"
+        rule = f"none of the first {size:,} members has a {wanted.measure.result.name}"
         raise OptionError("run", "until", until, rule)
     if wanted.half_at(interval.value) == 0.0:
         rule = f"is 0 for the first {size:,} members: no number of them brings it to a share of 0"

@@ -190,6 +190,8 @@ def colours_of(
         return VALUES, Normalize(0.0, 1.0), None
     if name.startswith("p("):  # a share
         return DENSITY, Normalize(0.0, 1.0), None
+    if name.startswith("correlation("):
+        return VALUES, Normalize(-1.0, 1.0), None
     if case and case.ticks and name == case.shown:
         places = sorted(case.ticks)
         bounds = [places[0] - 0.5, *(place + 0.5 for place in places)]

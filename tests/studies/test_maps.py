@@ -284,7 +284,7 @@ VARIABLES = {
     ],
 )
 def test_measures(text):
-    assert measure(text, VARIABLES).name in ("flips", "omega_max")
+    assert measure(text, VARIABLES).result.name in ("flips", "omega_max")
 
 
 @pytest.mark.parametrize(
@@ -303,6 +303,8 @@ def test_measures(text):
         "mean(flips | omega_max > 1)",
         "mean(flips | tilt > 1)",
         "mean(flips | flips > 1 | flips < 2)",
+        "correlation(flips)",
+        "correlation(flips, omega_max)",
     ],
 )
 def test_what_is_no_measure_is_told(text):

@@ -45,11 +45,7 @@ class Collected:
         self.pixels = range(question.pixels) if pixels is None else pixels
         shape = question.replicas, len(self.pixels)
         self._status = np.full(shape, _NOT_THERE, "i1")
-        self._values = {
-            # for p it is 0, 1 or nan: a quarter of the memory
-            one.text: np.zeros(shape, "f2" if one.kind == "p" else "f8")
-            for one in measures
-        }
+        self._values = {one.text: np.zeros(shape, one.dtype) for one in measures}
 
     def take(self, first: int, dataset: xr.Dataset) -> None:
         """Take the numbers of members from `first` on: of one replica, or of all pixels."""
@@ -76,7 +72,7 @@ class Collected:
             failed = ~good & ~none & (status != _NOT_THERE)
             counts[:, part] = good.sum(1), failed.sum(1), none.sum(1)
             for one in self.measures:
-                values = self._values[one.text][:, part].T.astype(float)
+                values = self._values[one.text][:, part].T
                 found = one.interval(values, good, self.question.confidence)
                 intervals[one.text][:, part] = found
         return Pixels(intervals, counts)
@@ -110,8 +106,8 @@ def map_dataset(
     """
     shape, variables = (question.rows, question.columns), {}
     for one in measures:
-        attrs = known[one.name].attrs
-        units = "1" if one.kind == "p" else attrs.get("units", "1")
+        attrs = known[one.result.name].attrs
+        units = "1" if one.kind in ("p", "correlation") else attrs.get("units", "1")
         text = f"{one.text}: {attrs.get('long_name', '')}"
         share = f"of its interval of {100 * question.confidence:g} %"
         ends = "", f", low end {share}", f", high end {share}"
