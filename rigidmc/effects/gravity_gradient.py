@@ -80,6 +80,12 @@ class GravityGradient(NamedTuple):
         return 0.25 * (abs(c[0]) + abs(c[1]) + abs(c[2]))
 
 
+def place(orbit, t):
+    """(cosine, sine) of the true anomaly of a GravityGradient at t."""
+    _, x, y = _pull(orbit.mu, orbit.distance, orbit.eccentricity, orbit.anomaly, t)
+    return x, y
+
+
 def _differences(body, size):
     """size (I3 - I2), cyclic, by the coefficients of Euler's equations, so that nothing cancels."""
     d = -size * (1.0 / (body.i1 * body.i2 * body.i3))

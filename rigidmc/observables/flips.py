@@ -1,6 +1,7 @@
 """Flips: how often a body turns over about its middle axis, when, and how long it waits between."""
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -70,7 +71,7 @@ class Flips(NamedTuple):
             rule = "expected an angle between 0 and pi/2 [rad]"
             raise SceneError(TABLE, "within", self.within, rule)
 
-    def compiled(self, moments: Array, complete: bool) -> "Component":
+    def compiled(self, moments: Array, complete: bool, effects: Sequence[Any]) -> "Component":
         """The event for bodies of these moments (3, n); complete : whether these are all bodies."""
         axes = [self.axis - 1]
         if self.axis == 0:

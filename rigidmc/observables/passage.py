@@ -1,15 +1,18 @@
 """First passage: when an axis of the body leaves, or reaches, a cone."""
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from rigidmc.dynamics.so3 import dot, up
+from rigidmc.dynamics.so3 import dot, into_body, up
 from rigidmc.errors import SceneError, unknown
+from rigidmc.observables import directions
+from rigidmc.observables.directions import on_orbit
 from rigidmc.observables.protocol import Array, Record, event
 
 TABLE = "observables.passage"
-ABOUT, WAY = ("vertical", "momentum"), ("leaves", "reaches")
-_CONE = "the cone of {angle:g} rad about the {about}"
+WAY, AT_START = ("leaves", "reaches"), ("count", "ignore")
+_CONE = "the cone of {angle:g} rad about the {about}{start}"
 
 
 @event(
@@ -20,12 +23,11 @@ _CONE = "the cone of {angle:g} rad about the {about}"
     }
 )
 class Passage(NamedTuple):
-    """When a principal axis of the body leaves, or reaches, a cone about the vertical or about L.
+    """When a principal axis of the body leaves, or reaches, a cone about a direction.
 
     The axis is checked at the end of each step: a passage that comes and goes within a step is
-    missed (43 of 801 passages of heavy tops with steps of 1.6 rad). A member that is there at the
-    start has passed at t = 0. The level is a difference of cosines: for cones under 1e-4 rad it
-    costs the time 1e-16/angle^2 of its digits.
+    missed (43 of 801 passages of heavy tops with steps of 1.6 rad). The level is a difference of
+    cosines: for cones under 1e-4 rad it costs the time 1e-16/angle^2 of its digits.
 
     Parameters
     ----------
@@ -35,10 +37,16 @@ class Passage(NamedTuple):
         half the opening of the cone
     way : str, optional
         whether the axis "leaves" or "reaches" the cone
-    about : str, optional
-        axis of the cone: "vertical", the space z axis, or "momentum", the angular momentum
+    about : str or sequence of 3 floats, optional
+        axis of the cone: "vertical", the space z axis; "momentum", the angular momentum; a
+        direction in space such as (1, 0, 0); or, on the orbit of a `GravityGradient`,
+        "local_vertical", from the central body outward, "along_track", at a right angle to it in
+        the plane of the orbit, and "orbit_normal"
     stop : bool, optional
         whether the member stays as it is at the end of the step in which that happened
+    at_start : str, optional
+        whether a member that has passed at the start counts as passed at t = 0, "count", or only
+        once it has come back and passes again, "ignore"
 
     Examples
     --------
@@ -51,8 +59,9 @@ class Passage(NamedTuple):
     axis: int
     angle: float
     way: str = "leaves"
-    about: str = "vertical"
+    about: str | Sequence[float] = "vertical"
     stop: bool = False
+    at_start: str = "count"
 
     def check(self) -> None:
         """Raise SceneError for an axis, an angle or a word that is not allowed."""
@@ -63,19 +72,33 @@ class Passage(NamedTuple):
         if not real or not 0.0 < self.angle < math.pi:
             rule = "expected an angle between 0 and pi [rad]"
             raise SceneError(TABLE, "angle", self.angle, rule)
-        for key, word, known in (("way", self.way, WAY), ("about", self.about, ABOUT)):
+        directions.check(TABLE, "about", self.about)
+        for key, word, known in (
+            ("way", self.way, WAY),
+            ("at_start", self.at_start, AT_START),
+        ):
             if word not in known:
                 raise unknown(TABLE, key, word, "word", known)
         if not isinstance(self.stop, bool):
             raise SceneError(TABLE, "stop", self.stop, "expected true or false")
 
-    def compiled(self, moments: Array, complete: bool) -> "Vertical | AlongMomentum":
-        """The event, the same for all bodies."""
+    def compiled(
+        self, moments: Array, complete: bool, effects: Sequence[Any]
+    ) -> "Vertical | AlongMomentum | AlongFixed | AlongOrbit":
+        """The event, the same for all bodies; SceneError without the orbit that it needs."""
         marks = tuple((0.0,) if abs(self.axis) == i else () for i in (1, 2, 3))
-        kind = Vertical if self.about == "vertical" else AlongMomentum
         outward = -1.0 if self.way == "leaves" else 1.0
-        end = outward * math.copysign(1.0, self.axis)
-        return kind(marks, end, outward * math.cos(self.angle), (0.0,) * self.stop)
+        cosine, end = outward * math.cos(self.angle), outward * math.copysign(1.0, self.axis)
+        level = marks, end, cosine, (0.0,) * self.stop, (0.0,) * (self.at_start == "ignore")
+        if not isinstance(self.about, str):
+            size = math.hypot(*self.about)
+            return AlongFixed(*level, *(x / size for x in self.about))
+        if self.about in directions.ORBIT:
+            which = directions.orbit(TABLE, "about", self.about, effects)
+            if self.about != "orbit_normal":  # the space z axis
+                ahead = (0.0,) * (self.about == "along_track")
+                return AlongOrbit(*level, (0.0,) * which, ahead)
+        return AlongMomentum(*level) if self.about == "momentum" else Vertical(*level)
 
     def words(self) -> dict[str, Any]:
         """The axis, the way, and the cone."""
@@ -83,7 +106,8 @@ class Passage(NamedTuple):
             "axis": f"axis {self.axis}",
             "way": self.way,
             "angle": float(self.angle),
-            "about": "vertical" if self.about == "vertical" else "angular momentum",
+            "about": directions.words(self.about),
+            "start": ", starts beyond it left out" * (self.at_start == "ignore"),
         }
 
     def results(self, record: Record) -> dict[str, Array]:
@@ -101,15 +125,20 @@ class Vertical(NamedTuple):
         level = sign (e . z) - cosine, which rises through 0 at the event
 
     axis : (0.0,) for the axis, () for the others;  stop : see `rigidmc.observables.protocol.stops`
+    ignored : (0.0,) if a start beyond the cone does not count
     """
 
     axis: tuple[tuple[float, ...], ...]
     sign: float
     cosine: float
     stop: tuple[float, ...] = ()
+    ignored: tuple[float, ...] = ()
 
     def level(self, q):
         return self.sign * along(self.axis, up(q)) - self.cosine
+
+    def past(self, level):
+        return counts(self.ignored, level)
 
     def stops(self):
         return self.stop
@@ -122,12 +151,68 @@ class AlongMomentum(NamedTuple):
     sign: float
     cosine: float
     stop: tuple[float, ...] = ()
+    ignored: tuple[float, ...] = ()
 
     def level(self, l):
         return self.sign * along(self.axis, l) - self.cosine * math.sqrt(dot(l, l))
 
+    def past(self, level):
+        return counts(self.ignored, level)
+
     def stops(self):
         return self.stop
+
+
+class AlongFixed(NamedTuple):
+    """The same about a unit vector (x, y, z) in space."""
+
+    axis: tuple[tuple[float, ...], ...]
+    sign: float
+    cosine: float
+    stop: tuple[float, ...]
+    ignored: tuple[float, ...]
+    x: float
+    y: float
+    z: float
+
+    def level(self, q):
+        seen = into_body(q, (self.x, self.y, self.z))
+        return self.sign * along(self.axis, seen) - self.cosine
+
+    def past(self, level):
+        return counts(self.ignored, level)
+
+    def stops(self):
+        return self.stop
+
+
+class AlongOrbit(NamedTuple):
+    """The same about a direction of the orbit; which, ahead : see `directions.on_orbit`."""
+
+    axis: tuple[tuple[float, ...], ...]
+    sign: float
+    cosine: float
+    stop: tuple[float, ...]
+    ignored: tuple[float, ...]
+    which: tuple[float, ...]
+    ahead: tuple[float, ...]
+
+    def level(self, effects, t, q):
+        seen = into_body(q, on_orbit(effects, self.which, self.ahead, t))
+        return self.sign * along(self.axis, seen) - self.cosine
+
+    def past(self, level):
+        return counts(self.ignored, level)
+
+    def stops(self):
+        return self.stop
+
+
+def counts(ignored, level):
+    """Whether a start with that level counts as passed."""
+    if len(ignored) > 0:
+        return level != level
+    return level >= 0.0
 
 
 def along(marks, v):

@@ -103,8 +103,11 @@ class Event(OverSteps, Protocol):
     `compiled` gives the NamedTuple that has `level`, and perhaps `armed`, `past` and `stops`.
     """
 
-    def compiled(self, moments: Array, complete: bool) -> Any:
-        """The event for bodies of these moments (3, n); complete : whether these are all bodies."""
+    def compiled(self, moments: Array, complete: bool, effects: Sequence[Any]) -> Any:
+        """The event for bodies of these moments (3, n) under these effects.
+
+        complete : whether these are all bodies
+        """
 
     def results(self, record: Record) -> dict[str, Array]:
         """The outputs."""
@@ -164,7 +167,7 @@ def _no_words(self: Any) -> dict[str, Any]:
     return {}
 
 
-def _as_it_stands(self: Any, moments: Array, complete: bool) -> Any:
+def _as_it_stands(self: Any, moments: Array, complete: bool, effects: Sequence[Any]) -> Any:
     """The class itself has `level`."""
     return self
 

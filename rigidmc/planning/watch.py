@@ -66,9 +66,9 @@ def watch(scene: Scene) -> Watch:
     events = tuple((label, one) for label, one in observables if isinstance(one, Event))
     shadow = tuple((label, one) for label, one in observables if isinstance(one, Neighbour))
     running = tuple((label, one) for label, one in observables if isinstance(one, Running))
-    bodies = _bodies(scene) if events else ()
+    moments, complete = _bodies(scene) if events else (np.empty((3, 0)), True)
     return Watch(
-        tuple(one.compiled(*bodies) for _, one in events),
+        tuple(one.compiled(moments, complete, scene.effects) for _, one in events),
         tuple((one, (0.0,) * one.marks) for _, one in running),
         (0.0,) * len(shadow[:1]),
         events,

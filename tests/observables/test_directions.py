@@ -1,0 +1,115 @@
+"""Passages about directions in space: against counts from saved attitudes, by other formulas."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import rigidmc as rm
+from rigidmc.errors import SceneError
+
+ECCENTRICITY, ANOMALY, ANGLE = 0.3, 0.4, math.radians(60.0)
+ORBIT = rm.GravityGradient(3.986e14, 1.2e7, ECCENTRICITY, ANOMALY)
+RATE = math.sqrt(ORBIT.mu / ORBIT.distance**3)
+DIRECTIONS = "local_vertical", "along_track", (0.0, 2.0, 0.0)
+WATCHED = (
+    *(rm.Passage(1, ANGLE, about=about) for about in DIRECTIONS),
+    rm.Passage(-1, ANGLE, "reaches", "local_vertical", at_start="ignore"),
+)
+SCENE = rm.Scene(
+    rm.Body.from_moments((1.0, 1.4, 1.2)),
+    (rm.ViscousDamping(1e-9), ORBIT),  # the orbit is not the first effect
+    rm.Start(
+        omega=(rm.normal(0.0, 1e-4), rm.normal(0.0, 1e-4), rm.normal(RATE, 2e-3)),
+        attitude="uniform",
+    ),
+    observables=WATCHED,
+)
+
+
+@pytest.fixture(scope="module")
+def result():
+    save = ("passage", "attitude")
+    return rm.simulate(SCENE, "rk4", dt=20.0, t_end=26000.0, every=20.0, members=64, save=save)
+
+
+def directions(t):
+    """{name: unit vectors (times, 3)}; Kepler's equation by 50 fixed-point steps."""
+    mean = RATE * t + ANOMALY
+    anomaly = mean.copy()
+    for _ in range(50):
+        anomaly = mean + ECCENTRICITY * np.sin(anomaly)
+    x = np.cos(anomaly) - ECCENTRICITY
+    y = math.sqrt(1.0 - ECCENTRICITY**2) * np.sin(anomaly)
+    radial = np.stack([x, y, 0.0 * t], -1) / np.hypot(x, y)[:, None]
+    normal = np.tile([0.0, 0.0, 1.0], (t.size, 1))
+    return {
+        "local_vertical": radial,
+        "along_track": np.cross(normal, radial),
+        (0.0, 2.0, 0.0): np.tile([0.0, 1.0, 0.0], (t.size, 1)),
+    }
+
+
+def cosines(result, about):
+    """Of axis 1 and a direction, (times, members)."""
+    q = result.attitude.transpose("time", "member", "quat").values
+    turned = Rotation.from_quat(q.reshape(-1, 4)[:, [1, 2, 3, 0]]).apply([1.0, 0.0, 0.0])
+    return (turned.reshape(*q.shape[:2], 3) * directions(result.time.values)[about][:, None]).sum(2)
+
+
+def counted(beyond):
+    """(passages, those without the start) of a condition (times, members)."""
+    later = (beyond[1:] & ~beyond[:-1]).sum(0)
+    return later + beyond[0], later
+
+
+@pytest.mark.parametrize(("i", "about"), list(enumerate(DIRECTIONS)))
+def test_passages_are_those_of_the_saved_attitudes(result, i, about):
+    found = result[f"passages_{i + 1}" if i else "passages"].values
+    expected, _ = counted(cosines(result, about) < math.cos(ANGLE))
+    assert np.array_equal(found, expected) and expected.sum() > 100
+    for other in set(DIRECTIONS) - {about}:  # any other direction gives other numbers
+        assert np.mean(found != counted(cosines(result, other) < math.cos(ANGLE))[0]) > 0.4
+
+
+def test_a_start_beyond_may_be_left_out(result):
+    cosine = cosines(result, "local_vertical")
+    count, expected = counted(-cosine > math.cos(ANGLE))
+    assert np.array_equal(result.passages_4.values, expected)
+    assert np.sum(count != expected) > 5  # measured 16
+    assert not (result.passage_first_4.values == 0.0).any()
+    assert "about the local vertical, starts beyond it left out" in result.passages_4.long_name
+    began = cosine[0] < math.cos(ANGLE)
+    assert (result.passage_first.values[began] == 0.0).all()
+
+
+def test_the_normal_of_an_orbit_is_the_vertical():
+    one, other = (
+        rm.Passage(2, ANGLE, about=about).compiled(np.empty((3, 0)), True, (ORBIT,))
+        for about in ("orbit_normal", "vertical")
+    )
+    assert one == other and type(one) is type(other)
+
+
+def test_scene_files_take_them():
+    loaded = rm.Scene.loads(SCENE.dumps())
+    assert [tuple(one.about) for one in loaded.observables] == [tuple(o.about) for o in WATCHED]
+    assert [one.at_start for one in loaded.observables] == [one.at_start for one in WATCHED]
+
+
+@pytest.mark.parametrize("about", ["sideways", (1.0, 2.0), (0.0, 0.0, 0.0), ("a", 1, 2), math.nan])
+def test_what_is_no_direction_is_told(about):
+    with pytest.raises(SceneError, match=r"observables\.passage.*about.*local_vertical"):
+        rm.Scene(SCENE.body, observables=(rm.Passage(1, 1.0, about=about),))
+
+
+def test_a_word_for_the_start_is_count_or_ignore():
+    with pytest.raises(SceneError, match=r"at_start.*count, ignore"):
+        rm.Scene(SCENE.body, observables=(rm.Passage(1, 1.0, at_start="skip"),))
+
+
+def test_without_an_orbit_there_is_no_local_vertical():
+    scene = rm.Scene(SCENE.body, observables=(rm.Passage(1, 1.0, about="local_vertical"),))
+    with pytest.raises(SceneError, match=r"it needs \[effects.gravity_gradient\]"):
+        rm.simulate(scene, dt=1.0, t_end=2.0, members=2, save=("passage",))
