@@ -119,8 +119,6 @@ def any_of(mask):
 @coded(any_of)
 def _any_of(typing_context, mask):
     def generate(context, builder, sig, args):
-        if isinstance(mask, types.Boolean):
-            return args[0]
         bits = builder.bitcast(args[0], ir.IntType(mask.count))
         return builder.icmp_unsigned("!=", bits, ir.Constant(bits.type, 0))
 

@@ -54,3 +54,5 @@ def test_the_logarithm_of_one_and_a_little():
     x = np.random.default_rng(2).uniform(-3e-3, 3e-3, 200)
     found = functions.logarithm_of_one_and(x)
     assert np.abs(found - np.log1p(x)).max() < 1e-18  # measured 4e-19
+    tiny = np.array([0.0, 5e-324, 1e-300, -1e-20, 1.1e-16, -5e-17])  # 1 + x rounds to 1
+    assert functions.logarithm_of_one_and(tiny).tolist() == tiny.tolist()
