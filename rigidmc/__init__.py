@@ -37,9 +37,9 @@ _HOMES = {
     "free_motion": "mechanics.free_top",
     "lagrange_top": "mechanics.lagrange_top",
     "lagrange_motion": "mechanics.lagrange_top",
-    "normal": "scene.quantities",
-    "uniform": "scene.quantities",
-    "distribution": "scene.quantities",
+    "normal": "scene.distributions",
+    "uniform": "scene.distributions",
+    "distribution": "scene.distributions",
     "grid": "scene.quantities",
     "Flips": "observables",
     "Passage": "observables",
@@ -73,11 +73,11 @@ if TYPE_CHECKING:  # the same names for type checkers and editors
     from rigidmc.runs.simulate import simulate as simulate
     from rigidmc.runs.warm import warm as warm
     from rigidmc.scene.body import Body as Body
+    from rigidmc.scene.distributions import distribution as distribution
+    from rigidmc.scene.distributions import normal as normal
+    from rigidmc.scene.distributions import uniform as uniform
     from rigidmc.scene.laws import *  # noqa: F403
-    from rigidmc.scene.quantities import distribution as distribution
     from rigidmc.scene.quantities import grid as grid
-    from rigidmc.scene.quantities import normal as normal
-    from rigidmc.scene.quantities import uniform as uniform
     from rigidmc.scene.scene import Scene as Scene
     from rigidmc.scene.settings import Run as Run
     from rigidmc.scene.start import Start as Start

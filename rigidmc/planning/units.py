@@ -15,8 +15,9 @@ from rigidmc.effects.protocol import facts
 from rigidmc.errors import SceneError
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.stage import source, stage
+from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.laws.protocol import Law
-from rigidmc.scene.quantities import Distribution, Grid, is_shared
+from rigidmc.scene.quantities import Grid, is_shared
 from rigidmc.scene.scene import Scene
 
 # exponents of kilogram, metre and second; amperes stay as they are

@@ -16,11 +16,12 @@ from rigidmc.integrators import refusal
 from rigidmc.mechanics.inertia import broken
 from rigidmc.observables.protocol import Ensemble, Neighbour
 from rigidmc.scene.changes import idle
+from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.laws import Correlated
 from rigidmc.scene.laws.protocol import Law
 from rigidmc.scene.limits import ALLOWED, PILOT, limits, outside
 from rigidmc.scene.parts import Parts
-from rigidmc.scene.quantities import Distribution, Grid, draw, rows
+from rigidmc.scene.quantities import Grid, draw, rows
 
 
 def check(scene: Parts) -> None:

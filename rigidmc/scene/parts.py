@@ -27,10 +27,11 @@ from rigidmc.observables.keep import check_keep, kept, summaries
 from rigidmc.observables.protocol import Ensemble, OverSteps
 from rigidmc.scene.body import Body
 from rigidmc.scene.changes import changed
+from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.laws.protocol import Law
 from rigidmc.scene.limits import PILOT, check_histogram, limits, outside
 from rigidmc.scene.once import KEPT
-from rigidmc.scene.quantities import Distribution, Grid, is_open, quantity, rows, vector
+from rigidmc.scene.quantities import Grid, is_open, quantity, rows, vector
 from rigidmc.scene.settings import Run
 from rigidmc.scene.start import Start
 

@@ -1,18 +1,18 @@
 """How members differ: numbers, distributions, grids or one row per member, each a function of
 (seed, name, member) alone."""
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.dynamics.functions import normal_quantile, power
+from rigidmc.dynamics.functions import power
 from rigidmc.engine.streams import uniforms
-from rigidmc.errors import RigidmcError, SceneError, unknown
+from rigidmc.errors import RigidmcError, SceneError
 from rigidmc.scene.amounts import counted
+from rigidmc.scene.distributions import Distribution, is_number
 
 Array = NDArray[np.float64]
 
@@ -24,47 +24,6 @@ class PointSet(Protocol):
 
 
 Source = int | PointSet  # what numbers are drawn from: a seed, or points
-
-
-@dataclass(frozen=True)
-class Distribution:
-    """A probability distribution of one number.
-
-    name : "normal", "uniform", or a continuous distribution of scipy.stats
-    parameters : (mean, standard deviation), (low, high), or pairs (keyword, value) for scipy
-
-    Numbers are drawn by inverting the distribution function, so that any point set in (0, 1) can
-    drive it.
-    """
-
-    name: str
-    parameters: tuple[Any, ...]
-
-    @property
-    def by_scipy(self) -> bool:
-        """Whether scipy computes the quantiles; another version of scipy may round differently."""
-        return self.name not in ("normal", "uniform")
-
-    def ppf(self, u: Array) -> Array:
-        """Quantiles of u, an array in (0, 1)."""
-        if self.by_scipy:
-            quantiles: Array = _scipy(self.name)(**dict(self.parameters)).ppf(u)
-            return quantiles
-        a, b = map(float, self.parameters)
-        return a + b * normal_quantile(u) if self.name == "normal" else a + (b - a) * u
-
-    def times(self, by: float) -> "Distribution":
-        """The distribution of the number times a positive factor."""
-        if not self.by_scipy:
-            return Distribution(self.name, tuple(by * p for p in self.parameters))
-        parameters = {"loc": 0.0, "scale": 1.0} | dict(self.parameters)
-        parameters["loc"] *= by
-        parameters["scale"] *= by
-        return Distribution(self.name, tuple(parameters.items()))
-
-    def as_table(self) -> dict[str, Any]:
-        """The distribution as it is written in a scene file."""
-        return {self.name: dict(self.parameters) if self.by_scipy else list(self.parameters)}
 
 
 @dataclass(frozen=True)
@@ -143,7 +102,7 @@ def grid(low: float, high: float, count: int, stride: int = 1, log: bool = False
     [0.125, 0.375, 0.625, 0.875]
     """
     given = {"grid": [low, high, count], "stride": stride, "log": log}
-    if not (_is_number(low) and _is_number(high) and low < high) or (log and not low > 0):
+    if not (is_number(low) and is_number(high) and low < high) or (log and not low > 0):
         above = ", above 0 if log = true" if log else ""
         rule = f"expected grid = [low, high, count] with low < high{above}"
         raise SceneError("", "grid", given, rule)
@@ -155,158 +114,12 @@ def grid(low: float, high: float, count: int, stride: int = 1, log: bool = False
     return Grid(float(low), float(high), int(count), int(stride), bool(log))
 
 
-def _scipy(name: str) -> Any:
-    """A continuous distribution of scipy.stats; None if it has none of that name."""
-    import scipy.stats
-
-    family = getattr(scipy.stats, name, None)
-    return family if isinstance(family, scipy.stats.rv_continuous) else None
-
-
-def is_distribution(name: str) -> bool:
-    """Whether there is a distribution of that name."""
-    return name in ("normal", "uniform") or _scipy(name) is not None
-
-
-def normal(mean: float, standard_deviation: float) -> Distribution:
-    """Make a normal distribution N(mean, standard_deviation^2).
-
-    Parameters
-    ----------
-    mean : float
-        of the numbers, in units of the quantity
-    standard_deviation : float
-        of the numbers, positive, in the same units
-
-    Returns
-    -------
-    Distribution
-        from which each member draws a number
-
-    Raises
-    ------
-    SceneError
-        for a standard deviation that is not positive
-
-    Examples
-    --------
-    >>> start = rm.Start(omega=(rm.normal(0.0, 1e-3), 1.0, 0.0))
-    >>> rm.normal(2.0, 0.1).ppf(np.array([0.5])).tolist()
-    [2.0]
-    """
-    return distribution("normal", mean, standard_deviation)
-
-
-def uniform(low: float, high: float) -> Distribution:
-    """Make a uniform distribution on (low, high).
-
-    Parameters
-    ----------
-    low : float
-        lower end, in units of the quantity
-    high : float
-        upper end, in the same units
-
-    Returns
-    -------
-    Distribution
-        from which each member draws a number
-
-    Raises
-    ------
-    SceneError
-        unless low < high
-
-    Examples
-    --------
-    >>> rm.uniform(1.0, 3.0).ppf(np.array([0.25])).tolist()
-    [1.5]
-    """
-    return distribution("uniform", low, high)
-
-
-def distribution(name: str, /, *values: float, **parameters: float) -> Distribution:
-    """Make a distribution by its name.
-
-    Parameters
-    ----------
-    name : str
-        "normal", "uniform", or a continuous one of scipy.stats
-    *values : float
-        (mean, sd) of "normal", (low, high) of "uniform"
-    **parameters : float
-        keywords of one of scipy.stats, such as loc, scale and its shapes
-
-    Returns
-    -------
-    Distribution
-        from which each member draws a number
-
-    Raises
-    ------
-    SceneError
-        for an unknown name, or parameters outside the domain of the distribution
-
-    Examples
-    --------
-    >>> decay = rm.distribution("expon", scale=2.0)
-    >>> decay.ppf(np.array([0.5])).round(6).tolist()  # 2 ln 2
-    [1.386294]
-    """
-    given = {name: list(values) or parameters}
-    if name not in ("normal", "uniform"):
-        return _scipy_distribution(name, given, parameters if not values else None)
-    allowed = len(values) == 2 and not parameters and all(_is_number(v) for v in values)
-    if name == "normal" and not (allowed and values[1] > 0):
-        rule = "expected normal = [mean, standard deviation > 0], finite numbers"
-        raise SceneError("", "distribution", given, rule)
-    if name == "uniform" and not (allowed and values[1] > values[0]):
-        rule = "expected uniform = [low, high] with low < high, finite numbers"
-        raise SceneError("", "distribution", given, rule)
-    return Distribution(name, tuple(float(v) for v in values))
-
-
-def _scipy_distribution(
-    name: str, given: dict[str, Any], parameters: Mapping[str, float] | None
-) -> Distribution:
-    """A distribution of scipy.stats; SceneError."""
-    family = _scipy(name)
-    if family is None:
-        import scipy.stats
-
-        known = [word for word in dir(scipy.stats) if _scipy(word) is not None]
-        error = unknown("", "distribution", name, "distribution", ["normal", "uniform", *known])
-        error.rule = (
-            "no such distribution; known: normal = [mean, sd], uniform = [low, high], and the"
-            " continuous ones of scipy.stats"
-        )
-        raise error
-    shapes = [word.strip() for word in (family.shapes or "").split(",") if word.strip()]
-    allowed = [*shapes, "loc", "scale"]
-    numbers = parameters is not None and all(_is_number(v) for v in parameters.values())
-    if parameters is None or not numbers or not parameters.keys() <= set(allowed):
-        rule = f"scipy's {name} takes a table of numbers with the keys {', '.join(allowed)}"
-        raise SceneError("", "distribution", given, rule)
-    missing = [word for word in shapes if word not in parameters]
-    law = Distribution(name, tuple((key, float(value)) for key, value in parameters.items()))
-    if missing or not np.isfinite(law.ppf(np.array([0.25, 0.75]))).all():
-        what = ", ".join(missing) or "a parameter"
-        rule = f"{what} is missing or outside the domain of the distribution"
-        raise SceneError("", "distribution", given, rule)
-    return law
-
-
-def _is_number(value: Any) -> bool:
-    known = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
-    return known and math.isfinite(value)
-
-
 def quantity(value: Any, table: str, key: str) -> Any:
     """A number, a Distribution, a Grid, or a 1-D array with one entry per member; SceneError for
     anything else."""
     if isinstance(value, (Distribution, Grid)):
         return value
-    if _is_number(value):
+    if is_number(value):
         return float(value)
     if isinstance(value, np.ndarray) and value.ndim == 1 and np.issubdtype(value.dtype, np.number):
         if not value.size:

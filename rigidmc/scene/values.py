@@ -8,9 +8,10 @@ import numpy as np
 
 from rigidmc.errors import RigidmcError, SceneError, nearest, unknown
 from rigidmc.scene.columns import column
+from rigidmc.scene.distributions import Distribution, distribution, is_distribution
 from rigidmc.scene.laws import LAWS, law_of_table, laws_of
 from rigidmc.scene.laws.protocol import Law
-from rigidmc.scene.quantities import Distribution, Grid, distribution, grid, is_distribution
+from rigidmc.scene.quantities import Grid, grid
 
 
 class Columns(NamedTuple):

@@ -21,10 +21,11 @@ from rigidmc.planning.tolerance.effect_costs import prices, some_of
 from rigidmc.runs.capacity import free_memory, in_words, sizes
 from rigidmc.runs.shards import members_of
 from rigidmc.scene.conservation import conservation
+from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.laws.protocol import Law
 from rigidmc.scene.mass_distribution import IDENTITY, MassDistribution
 from rigidmc.scene.parameters import parameters
-from rigidmc.scene.quantities import Distribution, Grid
+from rigidmc.scene.quantities import Grid
 from rigidmc.scene.scene import Scene
 
 

@@ -19,9 +19,10 @@ from rigidmc.dynamics.functions import (
 )
 from rigidmc.dynamics.so3 import arctan2, expm1
 from rigidmc.mechanics.rotation import product, quaternion, quaternion_from_euler
+from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.laws.directions import directions
 from rigidmc.scene.laws.protocol import Array, Facts, Law, concentration, plain
-from rigidmc.scene.quantities import Distribution, Source, draw
+from rigidmc.scene.quantities import Source, draw
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,9 @@ import math
 import numpy as np
 
 from rigidmc.dynamics.so3 import sincos
+from rigidmc.scene.distributions import uniform
 from rigidmc.scene.laws.protocol import Array
-from rigidmc.scene.quantities import Source, draw, uniform
+from rigidmc.scene.quantities import Source, draw
 
 
 def uniform_attitudes(u: Array, v: Array, w: Array) -> Array:

@@ -8,9 +8,10 @@ import numpy as np
 from rigidmc.dynamics.functions import exponential_of
 from rigidmc.engine.streams import uniforms
 from rigidmc.errors import SceneError
+from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.laws.directions import directions, uniform_attitudes
 from rigidmc.scene.laws.protocol import Array, Density, Ensemble, Facts, number, plain
-from rigidmc.scene.quantities import Distribution, Source, draw, is_seed
+from rigidmc.scene.quantities import Source, draw, is_seed
 
 # uniform attitudes tried for each member: if one in a hundred is accepted, none of 1e17 members
 # is left without

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.errors import SceneError
-from rigidmc.scene.quantities import Distribution, Source, quantity
+from rigidmc.scene.distributions import Distribution
+from rigidmc.scene.quantities import Source, quantity
 
 Array = NDArray[np.float64]
 Density = Callable[[Array], Array]  # of attitudes (4, n)

@@ -8,9 +8,10 @@ import numpy as np
 
 from rigidmc.dynamics.functions import cosine, sine
 from rigidmc.errors import SceneError
+from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.laws.directions import directions
 from rigidmc.scene.laws.protocol import Array, Facts, Law, number, numbers
-from rigidmc.scene.quantities import Distribution, Source, draw
+from rigidmc.scene.quantities import Source, draw
 
 AROUND = Distribution("uniform", (0.0, 2.0 * math.pi))
 

@@ -12,8 +12,8 @@ from rigidmc.planning.notes import notes
 from rigidmc.planning.plan import prepare
 from rigidmc.planning.tolerance.choose import resolved
 from rigidmc.runs.simulate import simulate
+from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.laws.protocol import Law
-from rigidmc.scene.quantities import Distribution
 from rigidmc.scene.scene import Scene
 from rigidmc.storage.schema import Variable, member_variables
 from rigidmc.studies.maps.pixels import Collected, Pixels, joined, map_dataset

@@ -7,7 +7,7 @@ from rigidmc.effects.gravity import Gravity
 from rigidmc.effects.pivot import MovingPivot
 from rigidmc.observables.passage import Passage
 from rigidmc.scene.body import Body
-from rigidmc.scene.quantities import normal
+from rigidmc.scene.distributions import normal
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
 from rigidmc.studies.maps.case import Derived, MapCase

@@ -8,7 +8,7 @@ import xarray as xr
 from rigidmc.effects.gravity import Gravity
 from rigidmc.observables.passage import Passage
 from rigidmc.scene.body import Body
-from rigidmc.scene.quantities import uniform
+from rigidmc.scene.distributions import uniform
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
 from rigidmc.studies.maps.case import Derived, MapCase
