@@ -40,6 +40,7 @@ _HOMES = {
     "normal": "scene.distributions",
     "uniform": "scene.distributions",
     "distribution": "scene.distributions",
+    "mixture": "scene.distributions",
     "grid": "scene.quantities",
     "Flips": "observables",
     "Passage": "observables",
@@ -74,6 +75,7 @@ if TYPE_CHECKING:  # the same names for type checkers and editors
     from rigidmc.runs.warm import warm as warm
     from rigidmc.scene.body import Body as Body
     from rigidmc.scene.distributions import distribution as distribution
+    from rigidmc.scene.distributions import mixture as mixture
     from rigidmc.scene.distributions import normal as normal
     from rigidmc.scene.distributions import uniform as uniform
     from rigidmc.scene.laws import *  # noqa: F403

@@ -24,9 +24,6 @@ class Distribution:
 
     name : "normal", "uniform", or a continuous distribution of scipy.stats
     parameters : (mean, standard deviation), (low, high), or pairs (keyword, value) for scipy
-
-    Numbers are drawn by inverting the distribution function, so that any point set in (0, 1) can
-    drive it.
     """
 
     name: str
@@ -57,6 +54,177 @@ class Distribution:
     def as_table(self) -> dict[str, Any]:
         """The distribution as it is written in a scene file."""
         return {self.name: dict(self.parameters) if self.by_scipy else list(self.parameters)}
+
+    def words(self) -> str:
+        """The distribution as people read it."""
+        pairs = [f"{k} = {v:g}" for k, v in self.parameters] if self.by_scipy else None
+        return f"{self.name}({', '.join(pairs or [f'{p:g}' for p in self.parameters])})"
+
+    def least(self) -> float:
+        """The 1e-9 quantile, which stands for the least number where there is none."""
+        return float(self.ppf(np.array([1e-9]))[0])
+
+    def between(self, low: float, high: float) -> "Distribution":
+        """Make the same distribution truncated to (low, high).
+
+        The numbers are those of the distribution that lie between, as if others were drawn again:
+        F^-1(F(low) + u (F(high) - F(low))), F the distribution function.
+
+        Parameters
+        ----------
+        low : float
+            lower bound, in units of the quantity; -inf for none
+        high : float
+            upper bound, in the same units; inf for none
+
+        Returns
+        -------
+        Distribution
+            from which each member draws a number
+
+        Raises
+        ------
+        SceneError
+            unless low < high, and where fewer than 1e-300 of the numbers lie between
+
+        Examples
+        --------
+        >>> rm.normal(1.0, 0.2).between(0.5, np.inf).ppf(np.array([0.5])).round(6).tolist()
+        [1.001557]
+        """
+        given = {**self.as_table(), "between": [low, high]}
+        reals = all(is_number(x) or x in (-math.inf, math.inf) for x in (low, high))
+        if not reals or not low < high:
+            raise SceneError("", "between", given, "expected between = [low, high] with low < high")
+        if self.name == "uniform":
+            low, high = max(low, self.parameters[0]), min(high, self.parameters[1])
+        law = Truncated("truncated", (self, float(low), float(high)))
+        if not law.share() > 1e-300:
+            raise SceneError("", "between", given, "the distribution has no numbers between these")
+        # a uniform one has bits of its own, which are the same for every version of scipy
+        return uniform(low, high) if self.name == "uniform" else law
+
+    def frozen(self) -> Any:
+        """The distribution as scipy knows it."""
+        if self.by_scipy:
+            return _scipy(self.name)(**dict(self.parameters))
+        a, b = self.parameters
+        return _scipy("norm")(a, b) if self.name == "normal" else _scipy("uniform")(a, b - a)
+
+
+@dataclass(frozen=True)
+class Truncated(Distribution):
+    """A distribution of which only the numbers between two bounds are drawn.
+
+    parameters : (distribution, low, high)
+    """
+
+    @property
+    def by_scipy(self) -> bool:
+        """Distribution function and quantiles are scipy's."""
+        return True
+
+    def share(self) -> float:
+        """The share of the numbers of the whole distribution that lie between the bounds."""
+        _, below, above, _ = self._ends()
+        return abs(above - below)
+
+    def ppf(self, u: Array) -> Array:
+        """Quantiles of u, an array in (0, 1)."""
+        law, below, above, upper = self._ends()
+        at = below + u * (above - below)
+        numbers: Array = np.clip(law.isf(at) if upper else law.ppf(at), *self.parameters[1:])
+        return numbers
+
+    def _ends(self) -> tuple[Any, float, float, bool]:
+        """(scipy's distribution, its probability at each bound, whether that is of numbers above).
+
+        Beyond the median 1 - F has the digits that F has lost: a normal distribution truncated to
+        more than 9 standard deviations would have none left.
+        """
+        inner, low, high = self.parameters
+        law = inner.frozen()
+        upper = bool(law.cdf(low) > 0.5)
+        tail = law.sf if upper else law.cdf
+        return law, float(tail(low)), float(tail(high)), upper
+
+    def times(self, by: float) -> "Truncated":
+        """The distribution of the number times a positive factor."""
+        inner, low, high = self.parameters
+        return Truncated(self.name, (inner.times(by), by * low, by * high))
+
+    def as_table(self) -> dict[str, Any]:
+        """The distribution as it is written in a scene file."""
+        inner, low, high = self.parameters
+        return {**inner.as_table(), "between": [low, high]}
+
+    def words(self) -> str:
+        """The distribution as people read it."""
+        inner, low, high = self.parameters
+        return f"{inner.words()} between {low:g} and {high:g}"
+
+    def between(self, low: float, high: float) -> Distribution:
+        """Make the same distribution with narrower bounds; see Distribution."""
+        inner, least, most = self.parameters
+        cut: Distribution = inner.between(max(low, least), min(high, most))
+        return cut
+
+
+@dataclass(frozen=True)
+class Mixture(Distribution):
+    """Numbers of several distributions, each with a weight.
+
+    parameters : pairs (weight, distribution)
+    """
+
+    def shares(self) -> Array:
+        """The weights, divided by their sum."""
+        weights = [weight for weight, _ in self.parameters]
+        return np.array(weights) / math.fsum(weights)
+
+    @property
+    def by_scipy(self) -> bool:
+        """Whether scipy computes quantiles of a part."""
+        return any(law.by_scipy for _, law in self.parameters)
+
+    def ppf(self, u: Array) -> Array:
+        """The number of each u, an array in (0, 1): u tells the part, and its place in it.
+
+        These are numbers of the mixture, not its quantiles.
+        """
+        shares = self.shares()
+        ends = np.cumsum(shares)
+        which = np.minimum(np.searchsorted(ends, u, side="right"), len(shares) - 1)
+        inside = (u - (ends - shares)[which]) / shares[which]
+        inside = np.clip(inside, 0.5**53, 1.0 - 0.5**53)  # rounding may reach an end of (0, 1)
+        values = np.empty_like(u)
+        for i, (_, law) in enumerate(self.parameters):
+            values[which == i] = law.ppf(inside[which == i])
+        return values
+
+    def times(self, by: float) -> "Mixture":
+        """The distribution of the number times a positive factor."""
+        return Mixture(self.name, tuple((w, law.times(by)) for w, law in self.parameters))
+
+    def as_table(self) -> dict[str, Any]:
+        """The distribution as it is written in a scene file."""
+        parts = [{"weight": weight, **law.as_table()} for weight, law in self.parameters]
+        return {"mixture": parts}
+
+    def words(self) -> str:
+        """The distribution as people read it."""
+        pairs = zip(self.shares(), self.parameters, strict=True)
+        return " or ".join(f"{share:.3g} {law.words()}" for share, (_, law) in pairs)
+
+    def least(self) -> float:
+        """The least of the parts."""
+        least: float = min(law.least() for _, law in self.parameters)
+        return least
+
+    def between(self, low: float, high: float) -> Distribution:
+        """Refused: a mixture has no quantiles in closed form."""
+        given = {**self.as_table(), "between": [low, high]}
+        raise SceneError("", "between", given, "give the bounds to the parts of the mixture")
 
 
 def _scipy(name: str) -> Any:
@@ -203,3 +371,39 @@ def _scipy_distribution(
 def is_number(value: Any) -> bool:
     known = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
     return known and math.isfinite(value)
+
+
+def mixture(*parts: tuple[float, Distribution]) -> Distribution:
+    """Make a mixture of distributions.
+
+    Its density is sum_k w_k f_k, the weights divided by their sum.
+
+    Parameters
+    ----------
+    *parts : tuple (float, Distribution)
+        weight, positive, and distribution of each part; at least two
+
+    Returns
+    -------
+    Distribution
+        from which each member draws a number
+
+    Raises
+    ------
+    SceneError
+        for fewer than two parts, a weight that is not positive, a part that is no distribution
+
+    Examples
+    --------
+    >>> two = rm.mixture((9.0, rm.normal(0.0, 0.01)), (1.0, rm.uniform(-1.0, 1.0)))
+    >>> two.ppf(np.array([0.45, 0.975])).round(6).tolist()  # 0.975 is at 3/4 of the second part
+    [0.0, 0.5]
+    """
+    rule = "expected two or more parts, each a weight > 0 and a distribution"
+    pairs = [part for part in parts if isinstance(part, (tuple, list)) and len(part) == 2]
+    known = all(
+        is_number(weight) and weight > 0 and isinstance(law, Distribution) for weight, law in pairs
+    )
+    if not known or len(pairs) != len(parts) or len(parts) < 2:
+        raise SceneError("", "mixture", [str(part) for part in parts], rule)
+    return Mixture("mixture", tuple((float(weight), law) for weight, law in pairs))

@@ -8,7 +8,12 @@ import numpy as np
 
 from rigidmc.errors import RigidmcError, SceneError, nearest, unknown
 from rigidmc.scene.columns import column
-from rigidmc.scene.distributions import Distribution, distribution, is_distribution
+from rigidmc.scene.distributions import (
+    Distribution,
+    distribution,
+    is_distribution,
+    mixture,
+)
 from rigidmc.scene.laws import LAWS, law_of_table, laws_of
 from rigidmc.scene.laws.protocol import Law
 from rigidmc.scene.quantities import Grid, grid
@@ -52,8 +57,9 @@ def only(table: Any, allowed: Iterable[str], name: str, required: Iterable[str] 
 def parse(value: Any, table: str, key: str, stored: Columns) -> Any:
     """A value of a scene file as a quantity.
 
-    Numbers, lists, { distribution = parameters }, { grid = [low, high, count] }, { law = table },
-    { table = file, columns = names } and { stored = name, axis = i }
+    Numbers, lists, { distribution = parameters }, the same with between = [low, high],
+    { mixture = [{ weight = w, distribution = parameters }, ...] }, { grid = [low, high, count] },
+    { law = table }, { table = file, columns = names } and { stored = name, axis = i }
     """
     if isinstance(value, list):
         return [parse(v, table, key, stored) for v in value]
@@ -69,9 +75,14 @@ def parse(value: Any, table: str, key: str, stored: Columns) -> Any:
             raise SceneError(table, key, value, "expected grid = [low, high, count]")
         more = {k: v for k, v in value.items() if k != "grid"}
         return _named(table, key, value, grid, *value["grid"], **more)
+    if "between" in value:
+        return _truncated(value, table, key, stored)
+    if "mixture" in value:
+        return _mixture(value, table, key, stored)
     if len(value) != 1:
         rule = "expected a number or one distribution, e.g. { normal = [0.0, 0.001] }"
-        raise SceneError(table, key, value, rule)
+        words = [nearest(word, ["between", "mixture", "grid"]) for word in value]
+        raise SceneError(table, key, value, rule, next(filter(None, words), None))
     ((name, parameters),) = value.items()
     law = law_of_table(name, parameters, key, lambda part: parse(part, table, key, stored))
     if law is not None:
@@ -82,6 +93,30 @@ def parse(value: Any, table: str, key: str, stored: Columns) -> Any:
         return _named(table, key, value, distribution, name, **parameters)
     several = parameters if isinstance(parameters, list) else [parameters]
     return _named(table, key, value, distribution, name, *several)
+
+
+def _truncated(value: dict[str, Any], table: str, key: str, stored: Columns) -> Distribution:
+    """A distribution with bounds; SceneError."""
+    bounds, inner = value["between"], {k: v for k, v in value.items() if k != "between"}
+    law = parse(inner, table, key, stored) if inner else None
+    if not isinstance(law, Distribution) or not isinstance(bounds, list) or len(bounds) != 2:
+        rule = "expected one distribution with bounds, { normal = [1, 0.1], between = [0.5, 1.5] }"
+        raise SceneError(table, key, value, rule)
+    return _named(table, key, value, law.between, *bounds)
+
+
+def _mixture(value: dict[str, Any], table: str, key: str, stored: Columns) -> Distribution:
+    """A mixture of distributions; SceneError."""
+    only(value, ("mixture",), f"{table}.{key}")
+    parts = value["mixture"]
+    if not isinstance(parts, list) or not all(isinstance(p, dict) and "weight" in p for p in parts):
+        rule = "expected mixture = [{ weight = 9, normal = [0, 1] }, { weight = 1, ... }]"
+        raise SceneError(table, key, value, rule)
+    pairs = []
+    for part in parts:
+        law = parse({k: v for k, v in part.items() if k != "weight"}, table, key, stored)
+        pairs.append((part["weight"], law))
+    return _named(table, key, value, mixture, *pairs)
 
 
 def _no_such_law(name: str, value: Any, table: str, key: str) -> SceneError:

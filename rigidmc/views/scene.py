@@ -243,8 +243,5 @@ def _words(value: Any) -> str:
     if isinstance(value, Grid):
         return f"grid({value.low:g} to {value.high:g}, {value.count})"
     if isinstance(value, Distribution):
-        plain = value.name in ("normal", "uniform")
-        given = value.parameters if plain else [f"{k} = {v:g}" for k, v in value.parameters]
-        words = [p if isinstance(p, str) else f"{p:g}" for p in given]
-        return f"{value.name}({', '.join(words)})"
+        return value.words()
     return f"{value:.6g}" if isinstance(value, float) else f"one of {value.size:,} rows"

@@ -103,7 +103,7 @@ def number(value: Any, where: str, name: str, least: float = -np.inf) -> Any:
         raise SceneError(where, name, None, "expected a number, a distribution or a grid")
     value = quantity(value, where, name)
     if isinstance(value, Distribution):
-        low = 0.0 if value.name == "normal" else float(value.ppf(np.array([1e-9]))[0])
+        low = 0.0 if value.name == "normal" else value.least()
     else:
         low = value if isinstance(value, float) else value.low
     if low < least:
