@@ -47,7 +47,7 @@ def test_another_processor_with_other_libraries_changes_no_bit():
 def test_the_comparison_sees_one_bit(monkeypatch):
     quantile = functions.normal_quantile
     monkeypatch.setattr(
-        "rigidmc.scene.quantities.normal_quantile", lambda u: np.nextafter(quantile(u), 9.0)
+        "rigidmc.scene.distributions.normal_quantile", lambda u: np.nextafter(quantile(u), 9.0)
     )
     assert changed(sums((0,), ("exact",)))
 
