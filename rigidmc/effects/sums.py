@@ -4,8 +4,18 @@ The functions recurse over the tuple, so that only the effects of a scene are co
 l : (x, y, z), or with the works of the effects behind them (`rigidmc.effects.ledger`)
 """
 
-from rigidmc.dynamics.euler import angular_velocity
-from rigidmc.dynamics.so3 import add, difference, dot, first_three, gain, joined, scale, whole
+from rigidmc.dynamics.euler import angular_velocity, half_rotation, spun
+from rigidmc.dynamics.so3 import (
+    add,
+    difference,
+    dot,
+    first_three,
+    gain,
+    joined,
+    scale,
+    spin,
+    whole,
+)
 from rigidmc.effects.ledger import worked, worked_along
 from rigidmc.effects.protocol import energy, energy_scale, impel, kick, shake, torque, torque_rate
 
@@ -60,6 +70,13 @@ def push(effects, body, t, h, q, l, change):
         pushed = impelled(effects, body, t, q, at, (h, h, h), first_three(change))
         return pushed + worked(effects, body, t, h, q, at, angular_velocity(body, at), change[3:])
     return impelled(effects, body, t, q, l, (h, h, h), change)
+
+
+def changes(rates, effects, body, t, h, q, l):
+    """(h dq/dt, h dL/dt) in a state; rates : Rates of the body over h."""
+    return spin(q, half_rotation(rates, l)), push(
+        effects, body, t, h, q, l, spun(rates, (0.0, 0.0, 0.0), l)
+    )
 
 
 def kicked(effects, body, t, h, q, l):

@@ -183,7 +183,10 @@ def steps(frame, begun, first, last):
             number = (begun + stop) // OFTEN * 1.0
             call(frame.meet, (parts, state, work, near, frame.near_at, stop * 1.0, number))
         if frame.looks != 0:
-            call(frame.watch, (parts, state, work, flat.trace, frame.watched, now, stop))
+            call(
+                frame.watch,
+                (parts, state, work, flat.trace, frame.watched, now, stop, frame.nodes),
+            )
         now = stop
 
 
@@ -228,7 +231,7 @@ def put_aside(frame, state, now, out):
 
     True if there are any.  out : 0 to bring them back
     """
-    lanes, any_done, place = frame.lanes, False, 7 * TRACE * frame.lanes
+    lanes, any_done, place = frame.lanes, False, 7 * (TRACE + 1) * frame.lanes
     flat = flat_memory(frame)
     trace, work = flat.trace, flat.work
     for k in range(lanes):

@@ -11,7 +11,7 @@ import numpy as np
 
 from rigidmc.dynamics.so3 import opposite, select, select_each
 from rigidmc.engine.compose import inline_all
-from rigidmc.engine.intrinsics import in_precision, like
+from rigidmc.engine.intrinsics import any_of, in_precision, like
 from rigidmc.engine.kinds import filled, parts_of
 from rigidmc.engine.layout import (
     BEGAN,
@@ -58,7 +58,8 @@ def begin_events(events, body, effects, t, q, l, state, row):
     there = past(events[0], now)
     first = select(armed(events[0], body, q, l, now, now != now), now, 0.0)
     put((first, select(there, 1.0, 0.0), t, t, 0.0, t, t), state, row)
-    put((t, now, now) + q + l + (t, now, now) + q + l, state, row + RECORDS)
+    noted = (t, 0.0, now, 0.0, now) + q + l
+    put(noted + noted, state, row + RECORDS)
     return begin_events(events[1:], body, effects, t, q, l, state, row + EVENT)
 
 
@@ -125,31 +126,68 @@ def held(events, state, row, q, l):
         return q, l
     if len(stops(events[0])) == 0:
         return held(events[1:], state, row + EVENT, q, l)
-    here, at = state[row + COUNT] > 0.0, row + RECORDS + 3
+    here, at = state[row + COUNT] > 0.0, row + RECORDS + 5
     q, l = select_each(here, four_at(state, at), q), select_each(here, three_at(state, at + 4), l)
     return held(events[1:], state, row + EVENT, q, l)
 
 
-def note(events, moves, t, h, q, l, before, now, state, row):
-    """Write down the events of a step that ended at t in (q, L), of members that move.
+def passed(events, moves, step, before, state, row):
+    """The levels of events after a step of which only the end is watched."""
+    if len(events) == 0:
+        return ()
+    now = levels_of(events, step.body, step.effects, step.t, step.q, step.l)
+    backs, back = all_begun(before), (0.0, 0.0)
+    return settled(events, moves, step, backs, before, back, step.q, step.l, now, state, row)
+
+
+def all_begun(levels):
+    """For each level a whole step back, and no part of a step more."""
+    if len(levels) == 0:
+        return ()
+    return ((1.0, 0.0),) + all_begun(levels[1:])
+
+
+def settled(events, moves, step, backs, before, back, q, l, now, state, row):
+    """The levels of events after a part of a step that ends in (q, L); what happened is written
+    down. Arguments as of `note`."""
+    if any_of(any_happened(before, now)):
+        note(events, moves, step, backs, before, back, now, state, row)
+    return armed_again(events, moves, step.body, q, l, before, now)
+
+
+def note(events, moves, step, backs, before, back, now, state, row):
+    """Write down the events between two states of a step, of members that move.
+
+    step : its Step;  backs, back : of the two states the parts of a step from its end back to
+        them, and how much further the event may be; the first may differ by event
+    before, now : the levels in the states
 
     A stopped member makes steps until the next look: it does not move, and nothing is written.
     """
     if len(events) == 0:
         return 0
-    count, last = state[row + COUNT], state[row + TAU]
     hit = happened(before[0], now[0]) & moves
-    apart = now[0] - before[0]
-    tau = t - h * (now[0] / select(apart == 0.0, 1.0, apart))
+    note_one(hit, step, backs[0], before[0], back, now[0], state, row)
+    return note(events[1:], moves, step, backs[1:], before[1:], back, now[1:], state, row + EVENT)
+
+
+def note_one(hit, step, first_back, before, back, now, state, row):
+    """Write down an event of the members that it hit; arguments as of `note`."""
+    t, h, q, l = step.t, step.h, step.q, step.l
+    count, last = state[row + COUNT], state[row + TAU]
+    apart = now - before
+    share = now / select(apart == 0.0, 1.0, apart)
+    tau = t - h * (back[0] + (first_back[0] - back[0]) * share)
     wait = select(hit & (count > 0.0), tau - last, 0.0)
     state[row + SQUARES] = state[row + SQUARES] + wait * wait
     state[row + TAU] = select(hit, tau, last)
     state[row + COUNT] = select(hit, count + 1.0, count)
     first = hit & (count == 0.0)
     state[row + FIRST_TAU] = select(first, tau, state[row + FIRST_TAU])
-    write(first, (t, before[0], now[0]) + q + l, state, row + RECORDS)
-    write(hit, (t, before[0], now[0]) + q + l, state, row + RECORDS + RECORD)
-    return note(events[1:], moves, t, h, q, l, before[1:], now[1:], state, row + EVENT)
+    noted = (t, back[0] - back[1], now, first_back[0] + first_back[1], before) + q + l
+    write(first, noted, state, row + RECORDS)
+    write(hit, noted, state, row + RECORDS + RECORD)
+    return 0
 
 
 def write(condition, values, state, row):
@@ -167,8 +205,8 @@ def seek(kinds, numbers, parts, state, work, spare, aside, row, which, tried):
     integrator, effects, events = parts_of(kinds, numbers)
     at = row + which // 2 * EVENT + RECORDS + which % 2 * RECORD
     body, present = body_at(state, BODY_AT), filled(effects, state, EFFECTS_AT)
-    t, before, there, h = state[at], state[at + 1], state[at + 2], like(work[LENGTH], state)
-    ends = 0.0 * h, there, h / h, before
+    t, h, ends = state[at], like(work[LENGTH], state), four_at(state, at + 1)
+    there, before = ends[1], ends[3]
     if tried > 0:
         share = like(aside[TRUE + 4], state)
         by = -share * h
@@ -181,7 +219,7 @@ def seek(kinds, numbers, parts, state, work, spare, aside, row, which, tried):
     by = -share * h
     put(in_precision(ends + (share,), aside), aside, TRUE)
     part = like(parts[0], state) * by, like(parts[1], state) * by, like(parts[2], state) * by
-    q, l = four_at(state, at + 3), three_at(state, at + 7)
+    q, l = four_at(state, at + 5), three_at(state, at + 9)
     q, l = opened(integrator, body, present, t + parts[3] * by, part, q, l)
     put_opened(q, l, spare)
     put(in_precision((t, by), aside), aside, BEGAN)

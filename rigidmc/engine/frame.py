@@ -42,6 +42,7 @@ class Shape(NamedTuple):
     works_at, works : the first row of the works, and how many works are kept
     watched, near_at : the first row of what is watched, and of the neighbour
     looks, shadow : whether steps are watched, and whether there is a neighbour
+    nodes : states that are watched in a step, the last of them at its end
     records : of events, two each;  tries : steps back to find the time of an event
     noisy : whether effects are random
     """
@@ -53,6 +54,7 @@ class Shape(NamedTuple):
     watched: int
     near_at: int
     looks: int
+    nodes: int
     shadow: int
     records: int
     tries: int
@@ -105,7 +107,7 @@ class Room(NamedTuple):
     parts, part_rows : the parts of a step, and how many rows they are
     block, rows, width : the block, its rows and its members
     state, near : two states;  work, aside : what is known of members, and room for a second one
-    trace : the states after TRACE steps, and one more;  saved : a save
+    trace : the states before and after TRACE steps, and one more;  saved : a save
     past : whether saves may go past the cache
     """
 

@@ -80,7 +80,9 @@ TAU = _event.take(1)  # when it last happened, by linear interpolation
 FIRST_TAU = _event.take(1)  # when it first happened, by linear interpolation
 SQUARES = _event.take(1)  # sum of the squares of the times between
 TIMES = _event.take(2)  # when it first and last happened, exactly
-RECORD = 10  # time of the step's end, levels before and there, the state there
+# time of the step's end; the ends between which the level passes through 0 as parts of a step back
+# from there, and the levels at them, the later end first; the state at the step's end
+RECORD = 12
 RECORDS = _event.take(2 * RECORD)  # of the first and of the last
 EVENT = _event.end
 

@@ -39,7 +39,8 @@ def march(
 ):  # fmt: skip
     """Make the steps from `first` to `last` of a round, of `count` - 1 parts each.
 
-    trace, traced : where the state after each step goes, seven rows a step, unless traced is 0
+    trace, traced : where the state at the start and after each step goes, seven rows each, unless
+        traced is 0
     key, other, streams : the two words of the seed, and the stream of each random effect
     rounds : the number of the round; with the number of the step it makes each step's noise its own
     """
@@ -49,6 +50,8 @@ def march(
     moving = all_moving(groups, groups, 0, compensated, more, row, state)
     fixed = all_fixed(integrator, effects, parts, moving, groups, 0, state, work)
     only = part_at(1, parts)
+    if traced != 0:
+        all_traced(groups, groups, 0, moving, trace, 0)
     for s in range(first, last):
         number = (np.uint64(rounds) << np.uint64(32)) | np.uint64(s)
         present = all_shaken(fixed, (key, other), number, streams)
@@ -56,7 +59,7 @@ def march(
             shares, when = part_of(several, only, p, parts)
             moving = all_stepped(integrator, attitude, present, s + when, shares, moving)
         if traced != 0:
-            all_traced(groups, groups, 0, moving, trace, 7 * (s - first))
+            all_traced(groups, groups, 0, moving, trace, 7 * (s - first + 1))
     all_put(groups, groups, 0, moving, compensated, row, state)
     return 0
 

@@ -48,6 +48,8 @@ class Program:
     lanes : how many members are worked on side by side, by default what suits this processor; one
         if the code of a user's own effect takes only one
     ask : compile nothing; `missing` then tells what would be compiled
+    nodes : states that are watched in a step, by dense output but for the last; 0 for the states
+        after steps and nothing in between
     """
 
     def __init__(
@@ -55,7 +57,7 @@ class Program:
         attitude: bool = True, compensated: bool = False, dtype: DTypeLike = "float64",
         limits: Sequence[float] = (), ledger: Sequence[Any] = (), events: Sequence[Any] = (),
         running: Sequence[Any] = (), shadow: Sequence[float] = (), lanes: int | None = None,
-        ask: bool = False,
+        ask: bool = False, nodes: int = 0,
     ) -> None:  # fmt: skip
         if compensated and implements(form.integrator, "with_sums"):
             form = form._replace(
@@ -77,6 +79,7 @@ class Program:
             watched=rows.in_state(rows.events),
             near_at=rows.in_state(rows.neighbour),
             looks=int(bool(events or running)),
+            nodes=nodes,
             shadow=len(shadow),
             records=2 * len(events),
             tries=0 if random else event.TRIES,
@@ -100,7 +103,8 @@ class Program:
         several = (0.0,) * (len(self.form.parts) > 2)
         moved = (integrator, effects, *marks, (0.0,) * len(ledger), groups, several)
         looked = (integrator, effects, *marks, limits, ledger)
-        watched = (integrator, effects, events, running)
+        nodes = self.shape.nodes
+        watched = (integrator, effects, events, running, (0.0,) * min(nodes, 2))
 
         def asked(wanted: Any, function: Any, parts: Any, arguments: str) -> Any:
             return (function, parts, self.dtype, self.lanes, arguments) if wanted else None
@@ -114,7 +118,7 @@ class Program:
             look=asked(True, member.look, looked, "pswff"),
             record=asked(observables, member.record, (observables, effects, ledger), "wpiifi"),
             begin_watch=asked(some, watching.begin_watch, watched, "pswi"),
-            watch=asked(some, watching.watch, watched, "pswsiii"),
+            watch=asked(some, watching.watch, watched, "pswsiiii"),
             seek=asked(events, event.seek, (integrator, effects, events), "pswswiii"),
             begin_near=asked(shadow, neighbour.begin_near, (integrator, effects), "pswsi"),
             meet=asked(shadow, neighbour.meet, (integrator, effects), "pswsiff"),
@@ -180,7 +184,7 @@ class Program:
             near=aligned(state_rows * lanes, self.dtype),
             work=aligned((KNOWN + rows) * lanes, float),
             aside=aligned(KNOWN * lanes, float),
-            trace=aligned((7 * TRACE + START + self.shape.works) * lanes, self.dtype),
+            trace=aligned((7 * (TRACE + 1) + START + self.shape.works) * lanes, self.dtype),
             saved=aligned(max(1, self.shape.values) * lanes, float),
             past=int(all(place % LINE == 0 for place in places_of_saves)),
         )

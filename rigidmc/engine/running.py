@@ -2,26 +2,23 @@
 
 Both are rows of a state from `row` on: EVENT rows for each event, see `rigidmc.engine.events`, then
 as many rows for each running observable as it has marks. Steps are made first, a few dozen at a
-time, and watched afterwards: no step depends on what is watched. Pieces as those of
-`rigidmc.engine.member`.
+time, and watched afterwards: no step depends on what is watched. Between the ends of a step there
+is a dense output, see `rigidmc.engine.within`. Pieces as those of `rigidmc.engine.member`.
 """
 
 import sys
 
-from rigidmc.dynamics.so3 import joined, select_each
+from rigidmc.dynamics.so3 import first_three, joined
 from rigidmc.engine.compose import inline_all
+from rigidmc.engine.dense import Step
 from rigidmc.engine.events import (
-    any_happened,
-    armed_again,
     begin_events,
     held,
     levels_at,
-    levels_of,
-    note,
     put_levels,
     stopped,
 )  # fmt: skip
-from rigidmc.engine.intrinsics import any_of, in_precision, like
+from rigidmc.engine.intrinsics import in_precision, like
 from rigidmc.engine.kinds import filled, parts_of
 from rigidmc.engine.layout import (
     ATTITUDE,
@@ -40,13 +37,14 @@ from rigidmc.engine.layout import (
     body_at,
 )  # fmt: skip
 from rigidmc.engine.memory import four_at, put, three_at, tuple_at
+from rigidmc.engine.within import node_at, through
 from rigidmc.integrators.protocol import closed, keeps
-from rigidmc.observables.protocol import begin, update
+from rigidmc.observables.protocol import begin
 
 
 def begin_watch(kinds, numbers, parts, state, work, row):
     """Set the rows of what is watched at the start."""
-    _, effects, events, running = parts_of(kinds, numbers)
+    _, effects, events, running, _ = parts_of(kinds, numbers)
     body, present = body_at(state, BODY_AT), filled(effects, state, EFFECTS_AT)
     q = in_precision(four_at(work, KNOWN + GOOD), state)
     l = in_precision(three_at(work, KNOWN + GOOD + 4), state)
@@ -56,41 +54,44 @@ def begin_watch(kinds, numbers, parts, state, work, row):
     return 0
 
 
-def watch(kinds, numbers, parts, state, work, trace, row, first, last):
-    """Watch the steps from `first` to `last` of a round, whose states are in `trace`."""
-    integrator, effects, events, running = parts_of(kinds, numbers)
+def watch(kinds, numbers, parts, state, work, trace, row, first, last, nodes):
+    """Watch the steps from `first` to `last` of a round, whose states are in `trace`.
+
+    nodes : states that are watched in a step, the last of them at its end
+    """
+    integrator, effects, events, running, dense = parts_of(kinds, numbers)
     body, present = body_at(state, BODY_AT), filled(effects, state, EFFECTS_AT)
-    began, length = work[BEGAN], work[LENGTH]
-    h, each = like(length, state), like(work[EACH], state)
-    part = (
-        like(parts[0] * length, state),
-        like(parts[1] * length, state),
-        like(parts[2] * length, state),
-    )
-    more = tuple_at(keeps(integrator), state, REST)
+    h, each = like(work[LENGTH], state), like(work[EACH], state)
     levels, kept = levels_at(events, state, row), kept_at(running, state, row + EVENT * len(events))
+    t, q, l = traced(integrator, body, present, parts, state, work, trace, first, first)
+    node = node_at(dense, events, running, Step(body, present, t, h, q, l, q, l))
     for s in range(first, last):
-        t, at = like(began + (s + 1.0) * length, state), 7 * (s - first)
-        lead = like(began + (s + 1.0 + parts[3]) * length, state)
-        l = joined(three_at(trace, at + 4), more)
-        q, l = closed(integrator, body, present, lead, part, four_at(trace, at), l)
+        p, m = q, l
+        t, q, l = traced(integrator, body, present, parts, state, work, trace, s + 1, first)
         moves = (each > s) & (stopped(events, state, row) <= 0.0)
-        kept = updated(running, moves, kept, body, present, t, q, l)
-        levels = watched(events, moves, body, present, t, h, q, l, levels, state, row)
+        step = Step(body, present, t, h, q, l, p, m)
+        levels, kept, node = through(
+            dense, events, running, moves, step, nodes, levels, kept, node, state, row
+        )
     put_levels(levels, state, row)
     put_kept(kept, state, row + EVENT * len(events))
     hold(events, state, work, row)
     return 0
 
 
-def watched(events, moves, body, effects, t, h, q, l, before, state, row):
-    """The levels of events after a step that ended at t; events of that step are written down."""
-    if len(events) == 0:
-        return ()
-    now = levels_of(events, body, effects, t, q, l)
-    if any_of(any_happened(before, now)):
-        note(events, moves, t, h, q, l, before, now, state, row)
-    return armed_again(events, moves, body, q, l, before, now)
+def traced(integrator, body, effects, parts, state, work, trace, s, first):
+    """(t, q, L) after step s of a round, from the trace of the steps from `first` on."""
+    began, length = work[BEGAN], work[LENGTH]
+    part = (
+        like(parts[0] * length, state),
+        like(parts[1] * length, state),
+        like(parts[2] * length, state),
+    )
+    at, more = 7 * (s - first), tuple_at(keeps(integrator), state, REST)
+    lead = like(began + (s * 1.0 + parts[3]) * length, state)
+    l = joined(three_at(trace, at + 4), more)
+    q, l = closed(integrator, body, effects, lead, part, four_at(trace, at), l)
+    return like(began + (s * 1.0) * length, state), q, first_three(l)
 
 
 def hold(events, state, work, row):
@@ -115,15 +116,6 @@ def kept_at(running, state, row):
         return ()
     first = filled(running[0][1], state, row)
     return (first,) + kept_at(running[1:], state, row + len(running[0][1]))
-
-
-def updated(running, moves, kept, body, effects, t, q, l):
-    """The numbers of running observables after a step, changed for members that move."""
-    if len(running) == 0:
-        return ()
-    new = update(running[0][0], kept[0], body, effects, t, q, l)
-    rest = updated(running[1:], moves, kept[1:], body, effects, t, q, l)
-    return (select_each(moves, new, kept[0]),) + rest
 
 
 def put_kept(kept, state, row):

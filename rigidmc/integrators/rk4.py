@@ -24,9 +24,9 @@ from rigidmc.dynamics.so3 import (
     whole,
 )
 from rigidmc.effects.ledger import worked
-from rigidmc.effects.sums import impelled, push
+from rigidmc.effects.sums import changes, impelled, push
 from rigidmc.integrators.form import Form
-from rigidmc.integrators.rk8 import changes, combined
+from rigidmc.integrators.rk8 import combined
 
 _START = (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 

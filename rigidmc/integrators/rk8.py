@@ -2,9 +2,9 @@
 
 from typing import NamedTuple
 
-from rigidmc.dynamics.euler import half_rotation, scaled, spun
-from rigidmc.dynamics.so3 import axpy, axpy4, gain, gain4, spin, whole
-from rigidmc.effects.sums import push
+from rigidmc.dynamics.euler import scaled
+from rigidmc.dynamics.so3 import axpy, axpy4, gain, gain4, whole
+from rigidmc.effects.sums import changes
 
 # Coefficients of the 12-stage method of DOP853, without the columns that are zero; `step` says
 # which stages a row belongs to.
@@ -69,13 +69,6 @@ _B = (
     0.20136540080403034,
     0.04471061572777259,
 )
-
-
-def changes(rates, effects, body, t, h, q, l):
-    """(h dq/dt, h dL/dt) at a stage, as one pair."""
-    return spin(q, half_rotation(rates, l)), push(
-        effects, body, t, h, q, l, spun(rates, (0.0, 0.0, 0.0), l)
-    )
 
 
 def combined(y, a, k):

@@ -39,8 +39,7 @@ class Flips(NamedTuple):
     (flip_interval of `rigidmc exact`), TdC (3.35) in closed form; a free top that wobbles about
     another axis never flips.
 
-    The component is checked at the end of each step: a change that comes and goes within a step is
-    missed.
+    What comes and goes within a step counts too. With noise only the ends of steps are known.
 
     Parameters
     ----------

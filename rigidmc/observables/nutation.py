@@ -20,9 +20,9 @@ from rigidmc.observables.protocol import Array, running
 class Nutation(NamedTuple):
     """The smallest and largest angle theta between axis 3 of the body and the vertical.
 
-    They are those at the start and after every step, TdC (3.36). An extreme between two steps is
-    missed: the worst error among 50 heavy tops to t = 25 is 0.32 rad with steps of 1.6 rad, 0.06
-    rad with steps of 0.3 rad, 0.02 rad with steps of 0.15 rad.
+    They are those of the whole motion, TdC (3.36), also within steps: of 1,000 heavy tops to t = 25
+    by rk8 in steps of 1.6 rad 999 have both angles within 9e-4 rad, and one, whose motion rk8 has
+    lost by then, within 6e-3 rad. With noise they are those at the ends of steps.
 
     The numbers are sin^2(theta/2): near 0 it has all its digits, where a cosine has half of them.
     """
@@ -34,6 +34,12 @@ class Nutation(NamedTuple):
     def update(self, kept, q):
         square = q[1] * q[1] + q[2] * q[2]
         return select(square < kept[0], square, kept[0]), select(square > kept[1], square, kept[1])
+
+    def turning(self, q):
+        return (q[1] * q[1] + q[2] * q[2],)
+
+    def sought(self, kept):
+        return ((kept[0], kept[1]),)
 
     def results(self, kept: Array, steps: Array) -> dict[str, Array]:
         """The outputs from the numbers (2, n)."""
@@ -48,9 +54,9 @@ class Nutation(NamedTuple):
 class Precession(NamedTuple):
     """The angle phi by which axis 3 of the body has turned about the vertical, TdC (3.36).
 
-    Whole turns are counted. Between two steps the axis is taken to go the shorter way round. If it
-    turns by half a turn or more about the vertical in one step, as it may when it passes near the
-    vertical, whole turns are lost (for 12 of 50 heavy tops with steps of 1.6 rad).
+    Whole turns are counted. Between two states that are watched the axis is taken to go the shorter
+    way round; where it passes near the vertical within a step, it is watched there too. Of 1,000
+    heavy tops to t = 25 by rk8 in steps of 1.6 rad none is off by a turn.
 
     The numbers are the horizontal components (x, y) of the axis, how often it has crossed y = 0,
     with the sign of its sense, and (x, y) at the start.
@@ -65,6 +71,13 @@ class Precession(NamedTuple):
         way = select(kept[0] * y - kept[1] * x > 0.0, 1.0, -1.0)
         return x, y, kept[2] + select((kept[1] < 0.0) != (y < 0.0), way, 0.0), kept[3], kept[4]
 
+    def turning(self, q):
+        x, y = over_plane(q)
+        return (x * x + y * y,)
+
+    def sought(self):
+        return ((CLOSE, math.inf),)
+
     def results(self, kept: Array, steps: Array) -> dict[str, Array]:
         """The outputs from the numbers (5, n)."""
         x, y, halves, x0, y0 = kept
@@ -72,6 +85,11 @@ class Precession(NamedTuple):
         turns = 0.5 * (halves - (y0 < 0.0) + (y < 0.0))
         # y + 0.0 turns -0.0 into 0.0, whose arctangent is the wanted one
         return {"precession": 2.0 * math.pi * turns + arctan2(y + 0.0, x) - arctan2(y0 + 0.0, x0)}
+
+
+# Squared distance from the vertical within which axis 3 may pass it on either side between two
+# nodes, 0.8 rad apart, for all that these tell.
+CLOSE = 0.1
 
 
 def over_plane(q):

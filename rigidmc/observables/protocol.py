@@ -4,16 +4,17 @@ A class is a NamedTuple with one of the decorators below, which states its facts
 and refuses a class that lacks the rest. Its fields are the numbers of a table [observables.NAME] in
 a scene.
 
-`value`, `begin`, `update`, `level`, `armed`, `past` and `stops` are called from compiled code. As
-the methods of effects, they name the arguments that they depend on and are given no others: body,
-effects, t, q, l, and `value` also start and works. They are plain arithmetic, see
-`rigidmc.dynamics.methods`. All other methods are Python and take arrays, members last.
+`value`, `begin`, `update`, `turning`, `sought`, `averages`, `steady`, `level`, `armed`, `past` and
+`stops` are called from compiled code. As the methods of effects, they name the arguments that they
+depend on and are given no others: body, effects, t, q, l, and `value` also start and works. They
+are plain arithmetic, see `rigidmc.dynamics.methods`. All other methods are Python and take arrays,
+members last.
 """
 
 import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
+from typing import Any, NamedTuple, Protocol, TypeVar, cast, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -158,6 +159,11 @@ class Ensemble(OverSteps, Protocol):
         """Counts (times, bins + 2) of values (times, members): below, in each bin, above."""
 
 
+def _conserved(self):
+    """The mark of an observable that is conserved."""
+    return (0.0,)
+
+
 def _no_check(self: Any) -> None:
     """All numbers are allowed."""
 
@@ -202,6 +208,8 @@ def _decorator(protocol: type) -> Callable[..., Callable[[Kind], Kind]]:
             for name, default in _DEFAULTS[protocol].items():
                 if not hasattr(kind, name):
                     setattr(kind, name, default)
+            if facts.get("conserved"):
+                cast(Any, kind).steady = _conserved
             if missing := [name for name in _members(protocol) if not hasattr(kind, name)]:
                 words = ", ".join(missing)
                 raise TypeError(f"{kind.__name__} has no {words}: see {protocol.__name__}")
@@ -245,6 +253,33 @@ def begin(running, body, effects, t, q, l):
 def update(running, kept, body, effects, t, q, l):
     """The numbers after a step that ended at t; kept : before it."""
     return kept
+
+
+@method
+def turning(observable, body, effects, t, q, l):
+    """Numbers whose extremes between two looks count: a tuple."""
+    return ()
+
+
+@method
+def sought(observable, kept):
+    """For each number of `turning` (low, high): the running observable is updated at a smallest one
+    below `low`, and at a largest one above `high`."""
+    return ()
+
+
+@method
+def averages(observable):
+    """(0.0,) if a running observable is a mean over time, else (): means are updated at states
+    within a step too, which lie equally far apart."""
+    return ()
+
+
+@method
+def steady(observable):
+    """(0.0,) if an observable is conserved, else (): statistics of it are those of the ends of
+    steps, because a state within a step is known to fewer digits."""
+    return ()
 
 
 @method

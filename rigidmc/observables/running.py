@@ -1,15 +1,17 @@
 """Running statistics over the steps of a member: minimum, maximum, mean, variance.
 
-They see the start and the end of each step: an extreme within a step is missed by up to x'' h^2/8,
-and a mean has the error of the trapezoidal rule, of order h^2.
+Extremes are those of the motion between the steps too, to 1e-4 of the rate of change over a step or
+better; means have the error of the trapezoidal rule on two states or more a step. What is
+conserved, such as the energy of a heavy top, is looked at where steps end.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from rigidmc.dynamics.so3 import select
-from rigidmc.observables.protocol import Array, running, size, value
+from rigidmc.observables.protocol import Array, running, size, steady, value
 
 _NO_START = (0.0, 0.0, 0.0, 0.0)
 
@@ -31,6 +33,34 @@ def larger(a, b):
     if len(a) == 0:
         return ()
     return (select(b[0] > a[0], b[0], a[0]),) + larger(a[1:], b[1:])
+
+
+def below(kept):
+    """(x, inf) of each number: what is smaller is sought."""
+    if len(kept) == 0:
+        return ()
+    return ((kept[0], math.inf),) + below(kept[1:])
+
+
+def above(kept):
+    """(-inf, x) of each number: what is larger is sought."""
+    if len(kept) == 0:
+        return ()
+    return ((-math.inf, kept[0]),) + above(kept[1:])
+
+
+def free(steady, values):
+    """The values, none of what is steady."""
+    if len(steady) > 0:
+        return ()
+    return values
+
+
+def changing(steady):
+    """(0.0,) for what is not steady."""
+    if len(steady) > 0:
+        return ()
+    return (0.0,)
 
 
 def summed(sums, values, shifts):
@@ -76,7 +106,7 @@ def by_rows(of: Any, rows: int, kept: Array) -> Array:
 
 @running(word="smallest", squares=False)
 class Minimum(NamedTuple):
-    """The smallest of the values at the start and after every step."""
+    """The smallest of the values, at the start, after and within every step."""
 
     of: Any
 
@@ -91,6 +121,12 @@ class Minimum(NamedTuple):
     def update(self, kept, body, effects, t, q, l):
         return smaller(kept, seen(self.of, body, effects, t, q, l))
 
+    def turning(self, body, effects, t, q, l):
+        return free(steady(self.of), seen(self.of, body, effects, t, q, l))
+
+    def sought(self, kept):
+        return free(steady(self.of), below(kept))
+
     def results(self, kept: Array, steps: Array) -> dict[str, Array]:
         """The smallest values."""
         return {"min": by_rows(self.of, 1, kept)[0]}
@@ -98,7 +134,7 @@ class Minimum(NamedTuple):
 
 @running(word="largest", squares=False)
 class Maximum(NamedTuple):
-    """The largest of the values at the start and after every step."""
+    """The largest of the values, at the start, after and within every step."""
 
     of: Any
 
@@ -113,6 +149,12 @@ class Maximum(NamedTuple):
     def update(self, kept, body, effects, t, q, l):
         return larger(kept, seen(self.of, body, effects, t, q, l))
 
+    def turning(self, body, effects, t, q, l):
+        return free(steady(self.of), seen(self.of, body, effects, t, q, l))
+
+    def sought(self, kept):
+        return free(steady(self.of), above(kept))
+
     def results(self, kept: Array, steps: Array) -> dict[str, Array]:
         """The largest values."""
         return {"max": by_rows(self.of, 1, kept)[0]}
@@ -120,7 +162,7 @@ class Maximum(NamedTuple):
 
 @running(word="mean over time of", squares=False)
 class Mean(NamedTuple):
-    """The mean over time by the trapezoidal rule on the steps.
+    """The mean over time by the trapezoidal rule.
 
     The numbers are the first value, the sum of differences from it, and the last value.
     """
@@ -141,6 +183,9 @@ class Mean(NamedTuple):
         shifts = head(values, kept)
         return shifts + summed(head(values, rest(values, kept)), values, shifts) + values
 
+    def averages(self):
+        return changing(steady(self.of))
+
     def results(self, kept: Array, steps: Array) -> dict[str, Array]:
         """The mean; without steps it is the first value."""
         first, total, last = by_rows(self.of, 3, kept)
@@ -150,7 +195,7 @@ class Mean(NamedTuple):
 
 @running(word="variance over time of", squares=True)
 class Variance(NamedTuple):
-    """The variance over time by the trapezoidal rule on the steps.
+    """The variance over time by the trapezoidal rule.
 
     The numbers are the first value, the sums of differences from it and of their squares, and the
     last value.
@@ -176,6 +221,9 @@ class Variance(NamedTuple):
             + squared(head(values, rest(values, sums)), values, shifts)
             + values
         )
+
+    def averages(self):
+        return changing(steady(self.of))
 
     def results(self, kept: Array, steps: Array) -> dict[str, Array]:
         """The variance; without steps it is 0."""

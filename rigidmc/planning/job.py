@@ -76,6 +76,7 @@ def program_of(scene: Scene, plan: Plan, ask: bool = False) -> Program | None:
             running,
             shadow,
             ask=ask,
+            nodes=plan.nodes,
         )
     except NumbaError as error:
         if not own:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rigidmc.dynamics.methods import implements
 from rigidmc.effects import labelled
-from rigidmc.effects.protocol import facts, is_conservative
+from rigidmc.effects.protocol import facts, is_conservative, is_random
 from rigidmc.engine import layout
 from rigidmc.engine.layout import whole_lanes
 from rigidmc.errors import SceneError
@@ -31,10 +31,11 @@ from rigidmc.scene.scene import Scene
 # member, not 47.
 BLOCK = 4064
 SLAB = 32 * 2**20  # bytes of saved values that a block may hold on its way to a file
-# [rad] that a member may move in a step if something is watched: of 50 heavy tops to t = 25 watched
-# after steps of 1.6 rad, nutation was up to 0.43 rad off, 43 of 801 passages were missed and
-# precession was off by whole turns in 12
-WATCHED_TURN = 0.3
+ARC = 1.6  # [rad] that a member may move between two states of a step that are watched
+LARGEST_TURN = 3.0  # [rad] in a step that is watched: beyond it the attitude within is 1e-3 off
+# [rad] with noise, where only the ends of steps are known: of 50 heavy tops to t = 25 watched after
+# steps of 1.6 rad, nutation was up to 0.43 rad off and 43 of 801 passages were missed
+RANDOM_TURN = 0.3
 MOST_SAVES = 10**7  # their times alone are 80 MB
 
 
@@ -55,6 +56,7 @@ class Plan(NamedTuple):
         remainders
     notes : what the user should know;  limits : what flags a member, () if nothing does
     labels : of the effects whose works are saved;  watch : what is kept of every step
+    nodes : states that are watched in a step, the last at its end; 0 if only the end is known
     saved : {observable: rows of its values} of what is recorded at saves
     """
 
@@ -79,6 +81,7 @@ class Plan(NamedTuple):
     limits: Limits | tuple[()]
     labels: tuple[str, ...]
     watch: Watch
+    nodes: int
     saved: dict[str, slice]
 
     @property
@@ -134,7 +137,7 @@ def prepare(
     notes = grid.notes + _step_notes(scene, grid)
     # torques may bring a member to theta
     reach = grid.theta if scene.effects else grid.angle
-    notes += watched_notes(watched, reach, grid.member_steps, grid.dt)
+    notes += watched_notes(scene, watched, reach, grid.dt)
     if grid.member_steps and (driving := spinning_up(scene)):
         rule = (
             f"steps are those of the start, and {', '.join(driving)} may spin members up; one that "
@@ -169,6 +172,7 @@ def prepare(
         limits=limits(scene, carried, grid.theta, mean, form, spin) if form else (),
         labels=booked_labels(scene),
         watch=watched,
+        nodes=nodes(scene, watched, reach),
         saved=saved,
     )
     return plan if block else plan._replace(block=_block(plan, threads, streaming))
@@ -205,18 +209,31 @@ def _step_notes(scene: Scene, grid: _Steps) -> tuple[str, ...]:
     )
 
 
-def watched_notes(watched: Watch, theta: float, own: bool, dt: float) -> tuple[str, ...]:
-    """A note if steps of `theta` [rad] are too long for what is watched after each.
+def nodes(scene: Scene, watched: Watch, theta: float) -> int:
+    """How many states of a step are watched if members move by up to `theta` [rad] in it.
 
-    member_steps : whether members have steps of their own;  dt : the step [s]
+    0 stands for its end and nothing else: noise leaves nothing to interpolate.
     """
-    labels = watched.each_step
-    if not labels or theta <= WATCHED_TURN * (1.0 + 1e-9):
+    if not watched.each_step or any(map(is_random, scene.effects)):
+        return 0
+    return max(1, math.ceil(min(theta, LARGEST_TURN) / ARC * (1.0 - 1e-9)))
+
+
+def longest_watched(scene: Scene) -> float:
+    """How far a member of a scene may move in a step that is watched [rad]."""
+    return RANDOM_TURN if any(map(is_random, scene.effects)) else LARGEST_TURN
+
+
+def watched_notes(scene: Scene, watched: Watch, theta: float, dt: float) -> tuple[str, ...]:
+    """A note if steps `dt` [s] of `theta` [rad] are too long for what is watched in each."""
+    labels, most = watched.each_step, longest_watched(scene)
+    if not labels or theta <= most * (1.0 + 1e-9):
         return ()
-    would = f"turn <= {WATCHED_TURN:g}" if own else f"dt <= {dt * WATCHED_TURN / theta:.2g} s"
+    own = scene.run.turn is not None
+    would = f"turn <= {most:g}" if own else f"dt <= {dt * most / theta:.2g} s"
     return (
-        f"a member may move by {theta:.2g} rad in a step, and {', '.join(labels)} see the ends of "
-        f"steps only; {would} would do",
+        f"a member may move by {theta:.2g} rad in a step, too far for {', '.join(labels)}; {would}"
+        " would do",
     )
 
 

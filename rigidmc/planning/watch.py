@@ -20,8 +20,10 @@ from rigidmc.observables.protocol import (
     Neighbour,
     Running,
     armed,
+    averages,
     begin,
     level,
+    turning,
     update,
     value,
 )
@@ -118,7 +120,9 @@ def needs_attitude(scene: Scene, watched: Watch) -> bool:
     return (
         any(depends(value, OBSERVABLES[name](), **_SAVED, works=works) for name in scene.recorded())
         or any(
-            depends(begin, one, **_VALUES) or depends(update, one, **_VALUES, kept=marks)
+            depends(begin, one, **_VALUES)
+            or depends(turning, one, **_VALUES)
+            or depends(update, one, **_VALUES, kept=marks)
             for one, marks in watched.running
         )
         or any(
@@ -129,12 +133,12 @@ def needs_attitude(scene: Scene, watched: Watch) -> bool:
 
 
 def results(
-    scene: Scene, watched: Watch, block: NDArray[np.float64], h: Any, total: Any
+    scene: Scene, watched: Watch, block: NDArray[np.float64], h: Any, total: Any, nodes: int = 0
 ) -> dict[str, NDArray[np.float64]]:
     """{variable: values of each member} of the Watch of a scene, nan if a member is not ok.
 
     block : its rows at the end of a run;  h : step of each member [s];  total : steps of each
-        member
+        member;  nodes : as of a Plan
     """
     healthy = block[layout.STATUS] == 0.0
     rows = places_of(scene, watched)
@@ -153,7 +157,8 @@ def results(
             steps = np.where(np.isfinite(record.seen), np.rint(record.seen / h), steps)
     at = rows.running
     for (label, one), (_, marks) in zip(watched.of_running, watched.running, strict=True):
-        add(label, one, one.results(block[at : at + len(marks)], steps).values())
+        seen = 2.0 * nodes * steps if nodes and averages(one) else steps
+        add(label, one, one.results(block[at : at + len(marks)], seen).values())
         at += len(marks)
     for label, one in watched.of_shadow:
         distances = block[rows.neighbour + SUMS : rows.neighbour + SHADOW]

@@ -141,7 +141,7 @@ def _results(job: Job, scene: Scene, plan: Plan) -> dict[str, np.ndarray]:
     return {
         "energy_drift_max": rows[layout.DRIFT],
         "l2_drift_max": rows[layout.DRIFT + 1],
-        **watch.results(scene, plan.watch, rows, plan.dt / steps, plan.steps * steps),
+        **watch.results(scene, plan.watch, rows, plan.dt / steps, plan.steps * steps, plan.nodes),
         "status_step": np.where(flagged, fault, -1.0),
         "status_time": np.where(flagged, fault * (plan.dt / steps), np.nan),
         "status": status,

@@ -30,7 +30,9 @@ BOUNDS = {
     # measured 210, 1515, 297
     ("midpoint", True, "omega,attitude"): {"begin": 231, "march": 1667, "look": 327},
     # measured 100, 259, 165
-    ("rk4", True, "flips"): {"begin_watch": 110, "watch": 285, "seek": 182},
+    # measured 104, 832, 171
+    ("rk4", True, "flips"): {"begin_watch": 114, "watch": 915, "seek": 188},
+    ("rk4", True, "omega_max"): {"watch": 744},  # measured 676
     ("rk4", True, "energy_mean"): {"begin_watch": 102, "watch": 158},  # measured 92, 143
     ("rk4", True, "megno"): {"begin_near": 115, "meet": 182},  # measured 104, 165
 }  # fmt: skip

@@ -20,7 +20,7 @@ def test_rows_follow_each_other_without_gaps():
     assert len(layout.MassProperties._fields) == layout.EFFECTS - layout.BODY
     assert layout.START == layout.REST + 7 and layout.GOOD + 7 == layout.STEPS
     assert layout.RECORDS + 2 * layout.RECORD == layout.EVENT
-    assert layout.RECORD == 3 + 7  # time and two levels, attitude and momentum
+    assert layout.RECORD == 5 + 7  # time, two states and levels, attitude and momentum
 
 
 @pytest.mark.parametrize("save", SAVES)

@@ -18,6 +18,7 @@ from rigidmc.errors import SceneError
 from rigidmc.mechanics.free_top import free_motion, free_top
 from rigidmc.observables import outputs
 from rigidmc.observables.chaos import NEAR
+from rigidmc.planning import plan as plan_module
 from rigidmc.planning.closed_form import closed_form
 from rigidmc.planning.plan import prepare
 from rigidmc.planning.rates import rates
@@ -171,7 +172,7 @@ def test_first_passage_is_as_exact_as_the_integrator(lagrange, integrator, step,
     ).all() and later.sum() > 80
     start = up(tuple(case.attitude.T))[2]
     assert ((first == 0.0) == (start <= math.cos(1.2))).all()
-    t = np.linspace(0.0, 10.0, 501)
+    t = np.linspace(0.0, 10.0, 10_001)
     w, x, y, z = np.moveaxis(case.motion(t).attitude, -1, 0)
     theta, phi = (
         np.arccos(np.clip(w * w - x * x - y * y + z * z, -1.0, 1.0)),
@@ -180,9 +181,9 @@ def test_first_passage_is_as_exact_as_the_integrator(lagrange, integrator, step,
     if integrator == "rk8":
         assert (passed == (theta >= 1.2).any(0)).all()
         assert (
-            np.abs(ds.nutation_min.values - theta.min(0)).max() < 1e-9
-            and np.abs(ds.nutation_max.values - theta.max(0)).max() < 1e-9
-        )
+            np.abs(ds.nutation_min.values - theta.min(0)).max() < 5e-5
+            and np.abs(ds.nutation_max.values - theta.max(0)).max() < 5e-5
+        )  # measured 1.2e-5: of the times of the closed form, near the vertical
         assert (
             np.abs(ds.precession.values - (phi[-1] - phi[0])).max() < 1e-9
             and np.abs(ds.precession.values).max() > 30.0
@@ -202,23 +203,26 @@ def test_first_passage_is_as_exact_as_the_integrator(lagrange, integrator, step,
 
 
 def test_statistics_are_those_of_the_trajectory():
+    """Of closed forms, in steps of up to 0.4 rad: extremes within steps count."""
     scene = rm.Scene(
         rm.Body.from_moments((1.0, 2.0, 3.0)),
         start=rm.Start(omega=(rm.normal(0, 0.3), 1.0, rm.normal(0, 0.3))),
     )
     of = ("omega_min", "omega_max", "omega_mean", "omega_variance", "energy_variance")
-    ds = rm.simulate(scene, members=64, dt=0.05, t_end=10.0, every=0.05, save=("omega", *of))
-    w = ds.omega.values
-    assert np.array_equal(ds.omega_min.values, w.min(0)) and np.array_equal(
-        ds.omega_max.values, w.max(0)
-    )
-    mean = np.trapezoid(w, axis=0) / 200.0
-    assert np.abs(ds.omega_mean.values - mean).max() < 1e-14  # measured 8e-16
-    # measured 3e-15
-    assert (
-        np.abs(ds.omega_variance.values - (np.trapezoid(w * w, axis=0) / 200.0 - mean**2)).max()
-        < 3e-14
-    )
+    ds = rm.simulate(scene, "rk8", members=64, dt=0.25, t_end=10.0, save=of)
+    t = np.linspace(0.0, 10.0, 4001)
+    moments = np.array([1.0, 2.0, 3.0])
+    start = ds.start_omega.values.T * moments
+    each = [free_top(moments, l, IDENTITY, t)[0] / moments for l in start]
+    w = np.moveaxis(np.array(each), 0, -1)  # (times, axes, members)
+    # measured 9e-7 and 4e-7: of the times of the closed forms
+    assert np.abs(ds.omega_min.values - w.min(0)).max() < 1e-5
+    assert np.abs(ds.omega_max.values - w.max(0)).max() < 1e-5
+    mean = np.trapezoid(w, t, axis=0) / 10.0
+    square = np.trapezoid(w * w, t, axis=0) / 10.0
+    # of the trapezoidal rule in steps of 0.125 s; measured 2.1e-4 and 4.5e-4
+    assert np.abs(ds.omega_mean.values - mean).max() < 1e-3
+    assert np.abs(ds.omega_variance.values - (square - mean**2)).max() < 1e-3
     assert ds.energy_variance.attrs["units"] == "J2" and ds.omega_mean.dims == ("axis", "member")
     assert (
         ds.omega_variance.attrs["units"] == "rad2 s-2" and ds.energy_variance.values.max() < 1e-12
@@ -565,8 +569,8 @@ def test_statistics_of_members_with_steps_of_their_own():
 
 
 def test_what_is_watched_is_the_state_at_the_time_of_a_step():
-    """A splitting opens its last kick, which here depends on time: the extremes of all steps are
-    those of the saves, if each step is saved."""
+    """A splitting opens its last kick, which here depends on time: the extremes are those of the
+    saves, if each step is saved, but for what is within a step."""
     torque = rm.PeriodicTorque((3.0, -2.0, 4.0), 5.0, 0.7)
     body, start = rm.Body.from_moments((1.0, 1.5, 2.0)), rm.Start(omega=(0.4, 1.0, 0.3))
     scene = rm.Scene(body, (torque,), start)
@@ -579,8 +583,9 @@ def test_what_is_watched_is_the_state_at_the_time_of_a_step():
         members=1,
         save=("omega", "omega_max", "omega_min"),
     )
-    assert np.array_equal(ds.omega_max, ds.omega.max("time"))
-    assert np.array_equal(ds.omega_min, ds.omega.min("time"))
+    more = ds.omega_max - ds.omega.max("time"), ds.omega.min("time") - ds.omega_min
+    for one in more:  # measured 2.3e-3; a state half a kick ahead would be 0.05 off
+        assert (one.values >= 0.0).all() and one.values.max() < 0.01
 
 
 @pytest.mark.parametrize(
@@ -642,15 +647,75 @@ WATCHED = rm.Scene(
 
 @pytest.mark.parametrize("save", ["nutation", "flips", "omega_max"])
 def test_steps_that_hide_what_is_watched_are_noted(save):
-    with pytest.warns(rm.SceneWarning, match=f"{save} see the ends of steps only"):
-        rm.simulate(WATCHED, "rk8", turn=0.9, t_end=1.0, members=32, save=(save,))
-    # no warning, which would be an error
-    rm.simulate(WATCHED, "rk8", turn=0.3, t_end=1.0, members=32, save=(save,))
-    rm.simulate(WATCHED, "rk8", turn=1.0, t_end=1.0, members=32, save=("omega",))
+    """Without noise those of more than 3 rad, with noise those of more than 0.3 rad."""
+    noisy = replace(WATCHED, effects=(*WATCHED.effects, rm.Bath(0.1, 1.0)))
+    for scene, longest in ((WATCHED, 3.0), (noisy, 0.3)):
+        for share, noted in ((0.99, False), (1.1, True)):
+            run = {"integrator": "rk8", "turn": share * longest, "t_end": 1.0, "members": 32}
+            if scene is noisy:
+                run["integrator"] = "strang"
+            notes = prepare(scene.with_run(save=(save,), **run)).notes
+            assert any(f"too far for {save}; turn <= {longest:g}" in n for n in notes) == noted
+    assert not any("too far" in n for n in prepare(WATCHED.with_run(turn=4.0)).notes)
+
+
+TOPS = rm.Scene(
+    rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3)),
+    (rm.Gravity(9.81),),
+    rm.Start(omega=tuple(rm.normal(0.0, 2.0) for _ in range(3)), attitude="uniform"),
+)
+MANY = ("nutation", "precession", "flips", rm.Passage(3, 1.2))
+
+
+@pytest.fixture(scope="module")
+def in_small_steps():
+    """400 heavy tops to t = 25, in steps of 1 ms."""
+    return rm.simulate(TOPS, "rk8", dt=1e-3, t_end=25.0, members=400, seed=3, save=MANY, threads=2)
+
+
+@pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # long steps
+@pytest.mark.parametrize("turn", [0.3, 1.6, 2.4])
+def test_what_is_watched_does_not_depend_on_the_step(in_small_steps, turn):
+    """The worst of 400 tops; of rk8 itself, as far as one can tell.
+
+    In steps watched at their ends nutation was up to 0.43 rad off, a passage in 19 was missed, and
+    every fourth precession was off by a turn, at 1.6 rad.
+    """
+    ds = rm.simulate(TOPS, "rk8", turn=turn, t_end=25.0, members=400, seed=3, save=MANY, threads=2)
+    small = in_small_steps
+
+    def off(name):
+        return float(np.abs(ds[name] - small[name]).max())
+
+    bounds = {0.3: (4e-6, 1e-6, 1e-12), 1.6: (2e-3, 0.1, 1e-6), 2.4: (0.02, 7.0, 1e-4)}[turn]
+    # measured 4.0e-7, 2.8e-4 and 2.5e-3 rad
+    assert max(off("nutation_min"), off("nutation_max")) < bounds[0]
+    assert off("precession") < bounds[1]  # measured 1.5e-8, 2.2e-3 and one turn in 400
+    assert off("passage_first") < bounds[2]  # measured 5e-14, 4.6e-8 and 1.4e-6 s
+    assert small.passages.sum() == 3810 and (ds.passages == small.passages).all()
+    missed = np.abs(ds.flips - small.flips).sum()  # an axis may come near L between two nodes
+    assert small.flips.sum() == 3150 and missed < 30  # measured 2, 14 and 8
+
+
+@pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # long steps
+def test_short_excursions_within_long_steps_are_found():
+    """Cones that 200 tops leave for about 10 ms at their farthest, in steps of 1.6 rad (0.3 s)."""
+    run = {"integrator": "rk8", "t_end": 10.0, "members": 200, "seed": 5, "threads": 2}
+    small = rm.simulate(TOPS, dt=1e-3, save=("nutation",), **run)
+    found = []
+    for i in range(0, 200, 10):
+        farthest = float(small.nutation_max[i])
+        # within t of its farthest the axis is omega^2 t^2/2 nearer, omega about 3 rad/s
+        cone = rm.Passage(3, farthest - 0.5 * 3.0**2 * 0.005**2)
+        one = {**run, "members": range(i, i + 1)}
+        there = rm.simulate(TOPS, turn=1.6, save=(cone,), **one)
+        found.append(int(there.passages[0]) > 0)
+    assert np.mean(found) >= 0.9  # measured EXC
 
 
 def test_a_tolerance_chooses_no_step_that_hides_what_is_watched(monkeypatch):
-    """Without watched quantities the steps of rk8 grow to 0.54 rad."""
+    """Were steps that are watched to be of 0.3 rad at most: those of rk8 grow to 0.54 rad."""
+    monkeypatch.setattr(plan_module, "LARGEST_TURN", 0.3)
     monkeypatch.setattr(choose, "CONTENDERS", ("rk8",))  # all contenders take 60 s of compiling
     alone = rm.simulate(WATCHED, tolerance=1e-4, t_end=10.0, members=64, save=("attitude",))
     ds = rm.simulate(WATCHED, tolerance=1e-4, t_end=10.0, members=64, save=("attitude", "nutation"))

@@ -9,7 +9,7 @@ import numpy as np
 from rigidmc.errors import OptionError, SceneError, unknown
 from rigidmc.integrators import INTEGRATORS, accepting
 from rigidmc.planning.form import form_of
-from rigidmc.planning.plan import WATCHED_TURN
+from rigidmc.planning.plan import longest_watched
 from rigidmc.planning.tolerance.costs import Costs
 from rigidmc.planning.tolerance.deviation import QUANTITIES, errors
 from rigidmc.planning.tolerance.pilot import MOST_STEPS, Pilot, first_steps, follow
@@ -98,8 +98,8 @@ def ladder(
     """Ways of one integrator from long steps to short ones, until the error falls below `finest` or
     falls no more, or until too_dear(way).
 
-    If steps are watched, none turns by more than WATCHED_TURN: the error at the end does not tell
-    how short steps must be for events and extremes.
+    If steps are watched, none turns by more than `longest_watched`: the error at the end does not
+    tell how short steps must be for events and extremes.
     """
     if integrator == "closed":
         return [_measured_closed(costs, true, dtype)]
@@ -132,5 +132,5 @@ def _first_multiple(pilot: Pilot, integrator: str) -> float:
         in_pieces = pilot.member_steps and len(whole.parts) > 2
         multiple = math.ceil(pilot.turn(pilot.base)) if in_pieces else 1.0
     if watch(pilot.scene).each_step:
-        multiple = max(multiple, math.ceil(pilot.turn(pilot.base) / WATCHED_TURN))
+        multiple = max(multiple, math.ceil(pilot.turn(pilot.base) / longest_watched(pilot.scene)))
     return multiple

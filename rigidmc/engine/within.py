@@ -1,0 +1,184 @@
+"""What is watched within a step: nodes, and the parts of a step between them.
+
+A step is watched at some of its states, its nodes, the last of them at its end. Where a number that
+counts turns round between two nodes, the state there is watched too, see `rigidmc.engine.turning`.
+"""
+
+import sys
+from typing import Any, NamedTuple
+
+from rigidmc.dynamics.so3 import joined, select_each
+from rigidmc.engine.compose import inline_all
+from rigidmc.engine.dense import AHEAD, ahead, between, ended, smooth, time
+from rigidmc.engine.events import passed, settled, stopped
+from rigidmc.engine.intrinsics import like
+from rigidmc.engine.turning import (
+    Part,
+    all_begun,
+    all_extreme,
+    all_touched,
+    numbers_at,
+    turned,
+    wider,
+)
+from rigidmc.observables.protocol import averages, update
+
+
+class Node(NamedTuple):
+    """What is known at a state that is watched.
+
+    numbers : those that may turn round: levels of events, then `turning` of running observables
+    slopes : how fast they change over a step
+    """
+
+    numbers: Any
+    slopes: Any
+
+
+def node_at(dense, events, running, step):
+    """The Node at the end of a step, () if there is no dense output."""
+    if len(dense) == 0:
+        return ()
+    then, late = ahead(ended(step)), step.t + AHEAD * step.h
+    return node_of(events, running, step, step.t, late, (step.q, step.l), then)
+
+
+def node_of(events, running, step, t, late, here, then):
+    """The Node of a state at time t; late, then : time and state AHEAD of a step later."""
+    now = numbers_at(events, running, step, t, here[0], here[1])
+    return Node(now, rates(numbers_at(events, running, step, late, then[0], then[1]), now))
+
+
+def rates(then, now):
+    """The changes over a step at the rates between `now` and `then`, AHEAD later."""
+    if len(now) == 0:
+        return ()
+    return ((then[0] - now[0]) * (1.0 / AHEAD),) + rates(then[1:], now[1:])
+
+
+def through(dense, events, running, moves, step, nodes, levels, kept, node, state, row):
+    """(levels, kept, Node) at the end of a step, from those at its start.
+
+    dense : () if only the end of the step is watched; (0.0,) if there is no inner node
+    """
+    if len(dense) == 0:
+        kept = updated(running, moves, step, step.t, step.q, step.l, kept)
+        return passed(events, moves, step, levels, state, row), kept, node
+    end = node_at(dense, events, running, step)
+    before, levels, kept, node = inner(
+        dense, events, running, moves, step, nodes, levels, kept, node, state, row
+    )
+    part = Part(before, 1.0, step.t, step.q, step.l)
+    levels, kept = across(events, running, moves, step, part, node, end, levels, kept, state, row)
+    return levels, updated(running, moves, step, step.t, step.q, step.l, kept), end
+
+
+def inner(dense, events, running, moves, step, nodes, levels, kept, node, state, row):
+    """(part of the step done, levels, kept, Node) at the last node within a step."""
+    if len(dense) == 1:
+        return 0.0, levels, kept, node
+    x, path = 0.0 * step.h, smooth(step)
+    for j in range(1, nodes):
+        before, x = x, like(j / nodes, state)
+        (q, l), then = between(path, x), between(path, x + AHEAD)
+        part = Part(before, x, time(step, x), q, l)
+        now = node_of(events, running, step, part.t, time(step, x + AHEAD), (q, l), then)
+        levels, kept = across(
+            events, running, moves, step, part, node, now, levels, kept, state, row
+        )
+        kept = averaged(running, moves, step, part.t, q, l, kept)
+        node = now
+    return x, levels, kept, node
+
+
+def across(events, running, moves, step, part, before, now, levels, kept, state, row):
+    """(levels, kept) after a Part; before, now : the Nodes at its ends.
+
+    Running observables are updated where numbers turn round and in the middle, not at the end.
+    """
+    kept = halved(any_averages(running), running, moves, step, part, kept)
+    going = moves & (stopped(events, state, row) <= 0.0)
+    touched = all_touched(
+        events, going, step, part, levels, before.numbers, before.slopes, now.numbers, now.slopes
+    )
+    extreme = all_extreme(
+        running, moves, part, kept, after(levels, before.numbers), after(levels, before.slopes),
+        after(levels, now.numbers), after(levels, now.slopes),
+    )  # fmt: skip
+    backs, levels, kept = turned(
+        events, running, joined(touched, extreme), step, part, before, now,
+        all_begun(levels, part), levels, kept, state, row,
+    )  # fmt: skip
+    return all_settled(events, going, step, part, now, backs, levels, state, row), kept
+
+
+def all_settled(events, moves, step, part, now, backs, levels, state, row):
+    """The levels of events at the end of a Part; what happened in it is written down."""
+    if len(events) == 0:
+        return ()
+    back, at_end = (1.0 - part.b, wider(part.b)), head(levels, now.numbers)
+    return settled(events, moves, step, backs, levels, back, part.q, part.l, at_end, state, row)
+
+
+def after(marks, values):
+    """The values after as many as there are marks."""
+    if len(marks) == 0:
+        return values
+    return after(marks[1:], values[1:])
+
+
+def head(marks, values):
+    """As many of the values as there are marks."""
+    if len(marks) == 0:
+        return ()
+    return (values[0],) + head(marks[1:], values[1:])
+
+
+def updated(running, moves, step, t, q, l, kept):
+    """The numbers of running observables after a state, changed for members that move."""
+    if len(running) == 0:
+        return ()
+    new = update(running[0][0], kept[0], step.body, step.effects, t, q, l)
+    rest = updated(running[1:], moves, step, t, q, l, kept[1:])
+    return (select_each(moves, new, kept[0]),) + rest
+
+
+def averaged(running, moves, step, t, q, l, kept):
+    """The same of those that are means over time; the others stay."""
+    if len(running) == 0:
+        return ()
+    first = averaged_one(averages(running[0][0]), running[0][0], moves, step, t, q, l, kept[0])
+    return (first,) + averaged(running[1:], moves, step, t, q, l, kept[1:])
+
+
+def averaged_one(averages, one, moves, step, t, q, l, kept):
+    """The numbers of one, which is a mean if there is a mark."""
+    if len(averages) == 0:
+        return kept
+    return select_each(moves, update(one, kept, step.body, step.effects, t, q, l), kept)
+
+
+def any_averages(running):
+    """(0.0,) if any running observable is a mean over time."""
+    if len(running) == 0:
+        return ()
+    return either(averages(running[0][0]), any_averages(running[1:]))
+
+
+def either(marks, others):
+    """Marks, or others if there are none."""
+    if len(marks) == 0:
+        return others
+    return marks
+
+
+def halved(averages, running, moves, step, part, kept):
+    """The numbers of means over time after the middle of a Part."""
+    if len(averages) == 0:
+        return kept
+    middle = 0.0 * step.h + 0.5 * (part.a + part.b)
+    q, l = between(smooth(step), middle)
+    return averaged(running, moves, step, time(step, middle), q, l, kept)
+
+
+inline_all(sys.modules[__name__])
