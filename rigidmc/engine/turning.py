@@ -15,6 +15,7 @@ from rigidmc.engine.events import guess, levels_of, narrowed, note_one
 from rigidmc.engine.intrinsics import any_of
 from rigidmc.engine.layout import EVENT
 from rigidmc.observables.protocol import armed, sought, turning, update
+from rigidmc.observables.running import rest
 
 SECANTS = 2  # slopes that are tried; the turning point is then known to 1e-4 of a step
 # How much lower than a parabola says a smallest value may be: an eighth of the height of the
@@ -96,18 +97,11 @@ def all_extreme(running, moves, part, kept, values, slopes, others, falls):
         return ()
     limits = sought(running[0][0], kept[0])
     first = extreme(limits, moves, part, values, slopes, others, falls)
-    rest = all_extreme(
-        running[1:], moves, part, kept[1:], beyond(limits, values), beyond(limits, slopes),
-        beyond(limits, others), beyond(limits, falls),
+    left = all_extreme(
+        running[1:], moves, part, kept[1:], rest(limits, values), rest(limits, slopes),
+        rest(limits, others), rest(limits, falls),
     )  # fmt: skip
-    return joined(first, rest)
-
-
-def beyond(marks, values):
-    """The values after as many as there are marks."""
-    if len(marks) == 0:
-        return values
-    return beyond(marks[1:], values[1:])
+    return joined(first, left)
 
 
 def extreme(limits, moves, part, values, slopes, others, falls):

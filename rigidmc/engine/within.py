@@ -22,6 +22,7 @@ from rigidmc.engine.turning import (
     wider,
 )
 from rigidmc.observables.protocol import averages, update
+from rigidmc.observables.running import head, rest
 
 
 class Node(NamedTuple):
@@ -102,8 +103,8 @@ def across(events, running, moves, step, part, before, now, levels, kept, state,
         events, going, step, part, levels, before.numbers, before.slopes, now.numbers, now.slopes
     )
     extreme = all_extreme(
-        running, moves, part, kept, after(levels, before.numbers), after(levels, before.slopes),
-        after(levels, now.numbers), after(levels, now.slopes),
+        running, moves, part, kept, rest(levels, before.numbers), rest(levels, before.slopes),
+        rest(levels, now.numbers), rest(levels, now.slopes),
     )  # fmt: skip
     backs, levels, kept = turned(
         events, running, joined(touched, extreme), step, part, before, now,
@@ -118,20 +119,6 @@ def all_settled(events, moves, step, part, now, backs, levels, state, row):
         return ()
     back, at_end = (1.0 - part.b, wider(part.b)), head(levels, now.numbers)
     return settled(events, moves, step, backs, levels, back, part.q, part.l, at_end, state, row)
-
-
-def after(marks, values):
-    """The values after as many as there are marks."""
-    if len(marks) == 0:
-        return values
-    return after(marks[1:], values[1:])
-
-
-def head(marks, values):
-    """As many of the values as there are marks."""
-    if len(marks) == 0:
-        return ()
-    return (values[0],) + head(marks[1:], values[1:])
 
 
 def updated(running, moves, step, t, q, l, kept):
