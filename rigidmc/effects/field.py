@@ -89,17 +89,20 @@ class RotatingField(NamedTuple):
     rate: Number
 
     def torque(self, t, q):
-        s, c = sincos(self.rate * t)
-        x, y, z = self.field
-        return cross(self.dipole, into_body(q, (c * x - s * y, s * x + c * y, z)))
+        return cross(self.dipole, into_body(q, turned(self.field, self.rate, t)))
 
     def torque_rate(self, t, q, w):
-        s, c = sincos(self.rate * t)
-        x, y, z = self.field
-        return cross(self.dipole, cross(into_body(q, (c * x - s * y, s * x + c * y, z)), w))
+        return cross(self.dipole, cross(into_body(q, turned(self.field, self.rate, t)), w))
 
     def energy_scale(self):
         return _sizes(self.dipole, self.field)
+
+
+def turned(field, rate, t):
+    """R_z(rate t) field."""
+    s, c = sincos(rate * t)
+    x, y, z = field
+    return c * x - s * y, s * x + c * y, z
 
 
 def _sizes(a, b):

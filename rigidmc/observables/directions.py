@@ -4,11 +4,12 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from rigidmc.effects.field import RotatingField, UniformField, turned
 from rigidmc.effects.gravity_gradient import GravityGradient, place
 from rigidmc.errors import SceneError, unknown
 
 ORBIT = ("local_vertical", "along_track", "orbit_normal")
-WORDS = ("vertical", "momentum", *ORBIT)
+WORDS = ("vertical", "momentum", "field", *ORBIT)
 RULE = (
     f"expected {', '.join(map(repr, WORDS[:-1]))} or '{WORDS[-1]}', or a direction in space of"
     " three numbers, such as [1, 0, 0]"
@@ -30,12 +31,17 @@ def _is_finite(x: Any) -> bool:
     return isinstance(x, (int, float)) and not isinstance(x, bool) and math.isfinite(x)
 
 
-def orbit(table: str, key: str, about: str, effects: Sequence[Any]) -> int:
-    """The place of the effect that has the orbit; SceneError if there is none."""
-    found = [i for i, one in enumerate(effects) if isinstance(one, GravityGradient)]
+def source(table: str, key: str, about: str, effects: Sequence[Any]) -> int:
+    """The place of the effect that has the orbit or the field; SceneError if there is none."""
+    field = about == "field"
+    kinds = (UniformField, RotatingField) if field else (GravityGradient,)
+    found = [i for i, one in enumerate(effects) if isinstance(one, kinds)]
     if not found:
-        rule = "there is no orbit: it needs [effects.gravity_gradient]"
+        names = "uniform_field] or [effects.rotating_field" if field else "gravity_gradient"
+        rule = f"there is no {'field' if field else 'orbit'}: it needs [effects.{names}]"
         raise SceneError(table, key, about, rule)
+    if field and len(found) > 1:
+        raise SceneError(table, key, about, "expected one field; the scene has several")
     return found[0]
 
 
@@ -59,3 +65,16 @@ def on_orbit(effects, which, ahead, t):
     if len(ahead) > 0:
         return -sine, cosine, 0.0
     return cosine, sine, 0.0
+
+
+def on_field(effects, which, turns, t):
+    """The field in space at time t, not of length 1.
+
+    which : (0.0,) as often as there are effects before the one that has the field
+    turns : (0.0,) for a field that rotates
+    """
+    if len(which) > 0:
+        return on_field(effects[1:], which[1:], turns, t)
+    if len(turns) > 0:
+        return turned(effects[0].field, effects[0].rate, t)
+    return effects[0].field

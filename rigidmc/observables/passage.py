@@ -5,9 +5,10 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from rigidmc.dynamics.so3 import dot, into_body, up
+from rigidmc.effects.field import RotatingField
 from rigidmc.errors import SceneError, unknown
 from rigidmc.observables import directions
-from rigidmc.observables.directions import on_orbit
+from rigidmc.observables.directions import on_field, on_orbit
 from rigidmc.observables.protocol import Array, Record, event
 
 TABLE = "observables.passage"
@@ -41,7 +42,8 @@ class Passage(NamedTuple):
         axis of the cone: "vertical", the space z axis; "momentum", the angular momentum; a
         direction in space such as (1, 0, 0); or, on the orbit of a `GravityGradient`,
         "local_vertical", from the central body outward, "along_track", at a right angle to it in
-        the plane of the orbit, and "orbit_normal"
+        the plane of the orbit, and "orbit_normal"; or "field", the direction of the field of
+        `UniformField` or `RotatingField` (a member whose field is 0 is beyond any cone)
     stop : bool, optional
         whether the member stays as it is at the end of the step in which that happened
     at_start : str, optional
@@ -84,8 +86,8 @@ class Passage(NamedTuple):
 
     def compiled(
         self, moments: Array, complete: bool, effects: Sequence[Any]
-    ) -> "Vertical | AlongMomentum | AlongFixed | AlongOrbit":
-        """The event, the same for all bodies; SceneError without the orbit that it needs."""
+    ) -> "Vertical | AlongMomentum | AlongFixed | AlongOrbit | AlongField":
+        """The event, the same for all bodies; SceneError without the orbit or field it needs."""
         marks = tuple((0.0,) if abs(self.axis) == i else () for i in (1, 2, 3))
         outward = -1.0 if self.way == "leaves" else 1.0
         cosine, end = outward * math.cos(self.angle), outward * math.copysign(1.0, self.axis)
@@ -94,10 +96,14 @@ class Passage(NamedTuple):
             size = math.hypot(*self.about)
             return AlongFixed(*level, *(x / size for x in self.about))
         if self.about in directions.ORBIT:
-            which = directions.orbit(TABLE, "about", self.about, effects)
+            which = directions.source(TABLE, "about", self.about, effects)
             if self.about != "orbit_normal":  # the space z axis
                 ahead = (0.0,) * (self.about == "along_track")
                 return AlongOrbit(*level, (0.0,) * which, ahead)
+        if self.about == "field":
+            which = directions.source(TABLE, "about", self.about, effects)
+            turns = (0.0,) * isinstance(effects[which], RotatingField)
+            return AlongField(*level, (0.0,) * which, turns)
         return AlongMomentum(*level) if self.about == "momentum" else Vertical(*level)
 
     def words(self) -> dict[str, Any]:
@@ -200,6 +206,32 @@ class AlongOrbit(NamedTuple):
     def level(self, effects, t, q):
         seen = into_body(q, on_orbit(effects, self.which, self.ahead, t))
         return self.sign * along(self.axis, seen) - self.cosine
+
+    def past(self, level):
+        return counts(self.ignored, level)
+
+    def stops(self):
+        return self.stop
+
+
+class AlongField(NamedTuple):
+    """The same about a field B: level = sign (e . B) - cosine |B|.
+
+    which, turns : see `directions.on_field`
+    """
+
+    axis: tuple[tuple[float, ...], ...]
+    sign: float
+    cosine: float
+    stop: tuple[float, ...]
+    ignored: tuple[float, ...]
+    which: tuple[float, ...]
+    turns: tuple[float, ...]
+
+    def level(self, effects, t, q):
+        field = on_field(effects, self.which, self.turns, t)
+        seen = into_body(q, field)
+        return self.sign * along(self.axis, seen) - self.cosine * math.sqrt(dot(field, field))
 
     def past(self, level):
         return counts(self.ignored, level)

@@ -113,3 +113,46 @@ def test_without_an_orbit_there_is_no_local_vertical():
     scene = rm.Scene(SCENE.body, observables=(rm.Passage(1, 1.0, about="local_vertical"),))
     with pytest.raises(SceneError, match=r"it needs \[effects.gravity_gradient\]"):
         rm.simulate(scene, dt=1.0, t_end=2.0, members=2, save=("passage",))
+
+
+B = (0.3, 0.4, 1.2)
+TURNS = 1.7  # [rad/s]
+
+
+@pytest.mark.parametrize("rate", [0.0, TURNS])
+def test_a_passage_about_a_field_follows_it(rate):
+    dipole = (0.1, 0.0, 0.2)
+    field = rm.RotatingField(dipole, B, rate) if rate else rm.UniformField(dipole, B)
+    body = rm.Body.from_moments((1.0, 1.4, 1.2))
+    start = rm.Start(omega=(rm.normal(0.0, 1.0),) * 3, attitude="uniform")
+    seen = rm.Passage(-2, ANGLE, "reaches", "field")
+    scene = rm.Scene(body, (rm.BodyTorque((0.0, 0.0, 0.01)), field), start, observables=(seen,))
+    run = rm.simulate(
+        scene, "rk4", dt=0.01, t_end=20.0, every=0.01, members=64, save=("passage", "attitude")
+    )
+    q = run.attitude.transpose("time", "member", "quat").values
+    axes = Rotation.from_quat(q.reshape(-1, 4)[:, [1, 2, 3, 0]]).apply([0.0, -1.0, 0.0])
+    count = {}
+    for turn in (0.0, TURNS):
+        turned = Rotation.from_rotvec(np.outer(turn * run.time.values, (0.0, 0.0, 1.0))).apply(
+            np.array(B) / 1.3
+        )
+        beyond = (axes.reshape(*q.shape[:2], 3) * turned[:, None]).sum(2) > math.cos(ANGLE)
+        count[turn] = counted(beyond)[0]
+    # a passage that comes and goes within 10 ms is in the result alone: none is, or few are
+    assert np.abs(run.passages.values - count[rate]).sum() <= 2 and count[rate].sum() > 100
+    assert np.mean(run.passages.values != count[TURNS - rate]) > 0.4  # the other field
+    assert "about the field" in run.passages.long_name
+
+
+def test_a_field_must_be_there_and_be_one():
+    def refused(*effects):
+        seen = rm.Passage(1, 1.0, about="field")
+        scene = rm.Scene(SCENE.body, effects, observables=(seen,))
+        with pytest.raises(SceneError) as told:
+            rm.simulate(scene, dt=1.0, t_end=2.0, members=2, save=("passage",))
+        return str(told.value)
+
+    one = rm.UniformField((0.0, 0.0, 1.0), B)
+    assert "it needs [effects.uniform_field]" in refused(ORBIT)
+    assert "expected one field" in refused(one, one)
