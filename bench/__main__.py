@@ -17,6 +17,7 @@ BENCHES = {
     "checks": "bench.checks",
     "effects": "bench.effects",
     "sets": "bench.sets",
+    "watching": "bench.watching",
     "bath": "bench.bath",
     "exact": "bench.exact",
     "tolerance": "bench.tolerance",

@@ -185,7 +185,8 @@ def note_one(hit, step, first_back, before, back, now, state, row):
     first = hit & (count == 0.0)
     state[row + FIRST_TAU] = select(first, tau, state[row + FIRST_TAU])
     noted = (t, back[0] - back[1], now, first_back[0] + first_back[1], before) + q + l
-    write(first, noted, state, row + RECORDS)
+    if any_of(first):
+        write(first, noted, state, row + RECORDS)
     write(hit, noted, state, row + RECORDS + RECORD)
     return 0
 
