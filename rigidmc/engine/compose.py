@@ -7,9 +7,11 @@ else. Numba's disk cache works, because no function is ever an argument.
 """
 
 import inspect
+import re
 import sys
 from collections.abc import Callable
 from functools import cache
+from itertools import pairwise
 from types import ModuleType
 from typing import Any, cast
 
@@ -32,16 +34,14 @@ _done: set[ModuleType] = set()  # modules of the package
 
 
 def reason(error: Exception) -> str:
-    """The innermost cause of a failed compilation and its place, on one line."""
-    frame = (
-        "During", "Failed", "There are", "- ", ">>>", "Overload", "With argument", "Rejected",
-        "File", "def ", "<source",
-    )  # fmt: skip
+    """The innermost cause of a failed compilation, with its file and line, on one line."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    causes = [line for line in lines if not line.startswith(frame)]
-    places = [line for line in lines if line.startswith("File ")]
-    place = f" ({places[-1].rstrip(':')})" if places else ""
-    return (causes[-1] if causes else lines[0])[:200] + place
+    failed = [i + 1 for i, line in enumerate(lines) if "Failed in nopython mode" in line]
+    inner = lines[failed[-1] :] if failed else lines
+    place = next((line.rstrip(":") for line in inner if line.startswith("File ")), "")
+    code = next((before for before, line in pairwise(inner) if line == "^"), "")
+    cause = re.sub(r"\((<module '\w+').*>\)", r"(\1>)", inner[0])[:200]
+    return cause + (f" ({place}: {code})" if place else "")
 
 
 def inline(function: Function) -> Function:

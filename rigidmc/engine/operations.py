@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 from numba import njit, typeof
 
 from rigidmc.dynamics.euler import MassProperties
+from rigidmc.dynamics.trials import RULE
 from rigidmc.effects import EFFECTS
 from rigidmc.effects.parameters import blank
 from rigidmc.effects.protocol import energy, energy_scale, kick, shake, torque, torque_rate
 from rigidmc.effects.sums import total_torque
-from rigidmc.effects.user import RULE
 from rigidmc.engine.compose import NumbaError
 from rigidmc.engine.formulas import WIDTH
 from rigidmc.engine.kinds import filled, parts_of

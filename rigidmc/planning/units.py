@@ -13,6 +13,7 @@ from rigidmc.effects import name_of
 from rigidmc.effects.parameters import filled, numbers
 from rigidmc.effects.protocol import facts
 from rigidmc.errors import SceneError
+from rigidmc.observables import is_own
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.stage import source, stage
 from rigidmc.scene.distributions import Distribution
@@ -148,6 +149,8 @@ def internal(scene: Scene) -> Internal | None:
     try:
         _scaled_effects(scene.effects, 1.0, 1.0, 1.0)
     except SceneError:  # a user's own effect, without units
+        return None
+    if any(map(is_own, scene.observables)):  # nobody tells the units of their numbers
         return None
     moments, mass, centre = (x[..., 0] for x in scene.body.sample(scene.run.seed, 0, 1))
     inertia = _exponent(np.max(moments))

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from rigidmc.effects import EFFECTS
-from rigidmc.effects.user import source_of
 from rigidmc.engine.machine import this_machine, threads_available
 from rigidmc.errors import OptionError, OutputExists, SceneWarning
+from rigidmc.files.code import source_of
 from rigidmc.files.locks import refuse_lockless
 from rigidmc.files.outputs import (
     Path,

@@ -11,10 +11,13 @@ from rigidmc.effects import labelled
 from rigidmc.effects.parameters import shape
 from rigidmc.effects.protocol import Effect, is_random
 from rigidmc.effects.user_checks import check_user_effect
+from rigidmc.effects.user_checks import sample as plain_numbers
 from rigidmc.errors import SceneError
 from rigidmc.integrators import refusal
 from rigidmc.mechanics.inertia import broken
-from rigidmc.observables.protocol import Ensemble, Neighbour
+from rigidmc.observables import OUTCOMES, is_own, outputs
+from rigidmc.observables.protocol import DIMENSIONS, Ensemble, Neighbour
+from rigidmc.observables.user_checks import check_user_observable
 from rigidmc.scene.changes import idle
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.laws import Correlated
@@ -70,6 +73,9 @@ def _check_sampled(scene: Parts) -> None:
     """Raise SceneError for impossible values among the first members."""
     for effect in scene.effects:
         check_user_effect(effect)
+    for one in scene.observables:
+        check_user_observable(one, tuple(map(plain_numbers, scene.effects)))
+    _check_variables(scene)
     if sum(is_random(effect) for effect in scene.effects) > 1:
         rule = (
             "give one bath: two act as one with gamma = gamma_1 + gamma_2 and"
@@ -128,6 +134,19 @@ def _check_parameters(scene: Parts, label: str, effect: Effect) -> None:
             raise SceneError(table, effect._fields[0], None, rule)
 
 
+def _check_variables(scene: Parts) -> None:
+    """Raise SceneError if an observable of your own gives a variable that there is already."""
+    taken = {*OUTCOMES, *DIMENSIONS, "member", "time", "moments", "mass", "centre"}
+    every: list[tuple[Any, list[str]]] = [(scene.observable(n), [n]) for n in scene.saved()]
+    every += [(one, list(outputs(label, one))) for label, one in scene.watched()]
+    for one, names in sorted(every, key=lambda pair: is_own(pair[0])):
+        for name in names:
+            if name in taken:
+                rule = f"gives the variable '{name}', which a result has already: rename it"
+                raise SceneError("observables", type(one).__name__, None, rule)
+            taken.add(name)
+
+
 def _check_watched(scene: Parts) -> None:
     """Raise SceneError for observables over all steps that do not go with the run settings."""
     labels, observables = zip(*scene.watched(), strict=True) if scene.watched() else ((), ())
@@ -139,8 +158,11 @@ def _check_watched(scene: Parts) -> None:
 def _unwatchable(scene: Parts, observables: Sequence[Any]) -> str:
     """Why observables over all steps do not go with the run settings; "" if they do."""
     run, stops = scene.run, [one for one in observables if one.stop]
-    if run.integrator == "closed" and any(not isinstance(one, Ensemble) for one in observables):
-        return "closed forms make no steps that could be watched: use exact"
+    if run.integrator == "closed":
+        if any(not isinstance(one, Ensemble) for one in observables):
+            return "closed forms make no steps that could be watched: use exact"
+        if any(map(is_own, scene.recorded().values())):
+            return "closed forms know no observables of your own: use exact"
     if len(stops) > 1:
         return "at most one event can stop a member"
     if stops and "work" in run.save:

@@ -1,6 +1,6 @@
 """The parts of a scene: a body, what acts on it, how its members start, and how it is run."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from numbers import Real
@@ -15,16 +15,20 @@ from rigidmc.errors import SceneError, unknown
 from rigidmc.integrators import INTEGRATORS
 from rigidmc.observables import (
     KNOWN,
+    OBSERVABLES,
     WATCHED,
-    is_summary,
+    is_observable,
+    is_own,
+    known,
+    named,
     recorded,
     saved,
     watched,
-    word_of_watched,
+    word_of_observable,
 )
 from rigidmc.observables.histogram import Histogram
 from rigidmc.observables.keep import check_keep, kept, summaries
-from rigidmc.observables.protocol import Ensemble, OverSteps
+from rigidmc.observables.protocol import Ensemble, Observable, OverSteps
 from rigidmc.scene.body import Body
 from rigidmc.scene.changes import changed
 from rigidmc.scene.distributions import Distribution
@@ -60,7 +64,8 @@ class Parts:
     source : str, optional
         text for people
     observables : tuple of observables, optional
-        those over all steps that have parameters, such as Passage(axis=3, angle=0.5)
+        those over all steps that have parameters, such as Passage(axis=3, angle=0.5), and those of
+        your own
 
     Raises
     ------
@@ -92,6 +97,9 @@ class Parts:
         effects: Iterable[Any] = self.effects if several else (self.effects,)
         effects = canonical(tuple(_checked_effect(e, self.run.anti_damping) for e in effects))
         observables = sorted(map(_checked_observable, self.observables), key=_place)
+        for one in observables:
+            if isinstance(one, Histogram):
+                check_histogram(one, observables)
         object.__setattr__(self, "effects", effects)
         object.__setattr__(self, "observables", tuple(observables))
         rows(*self.quantities())
@@ -222,7 +230,7 @@ class Parts:
         ----------
         **settings : object
             of `Run`; those that are None stay as they are. `save` may name observables, or contain
-            them: Passage(axis=3, angle=0.5)
+            them: Passage(axis=3, angle=0.5), or one of your own
 
         Returns
         -------
@@ -247,17 +255,20 @@ class Parts:
         given = {k: v for k, v in settings.items() if v is not None}
         observables = self.observables
         if "save" in given:
-            alone = isinstance(given["save"], str) or is_summary(given["save"])
+            alone = isinstance(given["save"], str) or is_observable(given["save"])
             save = (given["save"],) if alone else tuple(given["save"])
-            built = tuple(one for one in save if not isinstance(one, str))
-            observables += tuple(one for one in built if one not in observables)
-            words = (one if isinstance(one, str) else word_of_watched(one) for one in save)
+            for one in save:
+                # tuples of two classes are equal if their numbers are
+                same = any(type(one) is type(other) and one == other for other in observables)
+                named_alone = isinstance(one, str) or type(one) in OBSERVABLES.values()
+                observables += () if named_alone or same else (one,)
+            words = (one if isinstance(one, str) else word_of_observable(one) for one in save)
             given["save"] = tuple(dict.fromkeys(words))
         run = changed(self.run, given)
         if run.integrator not in (*INTEGRATORS, "auto"):
             raise unknown("run", "integrator", run.integrator, "integrator", (*INTEGRATORS, "auto"))
         _check_saved(run.save, observables)
-        check_keep(run.keep)
+        check_keep(run.keep, observables)
         return replace(self, run=run, observables=observables)
 
     def saved(self) -> tuple[str, ...]:
@@ -273,22 +284,42 @@ class Parts:
         >>> rm.Scene(rm.Body((1.0, 2.0, 2.5))).with_run(save=("energy", "flips")).saved()
         ('energy',)
         """
-        return saved(self.run.save)
+        return saved(self.run.save, self.observables)
 
-    def recorded(self) -> tuple[str, ...]:
-        """The names of the saved observables, and of those that histograms need.
+    def observable(self, name: str) -> Any:
+        """The observable at save times of a name, shipped or of your own.
+
+        Parameters
+        ----------
+        name : str
+            as `saved` has it
 
         Returns
         -------
-        tuple of str
-            names
+        observable
+            with its numbers
+
+        Examples
+        --------
+        >>> rm.Scene(rm.Body((1.0, 2.0, 2.5))).observable("omega").units
+        'rad s-1'
+        """
+        return named(self.observables, name)
+
+    def recorded(self) -> dict[str, Any]:
+        """The saved observables, and those that histograms need.
+
+        Returns
+        -------
+        dict of str
+            {name: observable}
 
         Examples
         --------
         >>> spins = rm.Histogram("omega[3]", low=-1.0, high=1.0)
         >>> scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)), observables=(spins,))
-        >>> scene.with_run(save=("energy", "histogram")).recorded()
-        ('energy', 'omega')
+        >>> list(scene.with_run(save=("energy", "histogram")).recorded())
+        ['energy', 'omega']
         """
         return recorded(self.run.save, self.observables)
 
@@ -306,7 +337,7 @@ class Parts:
         >>> scene.kept()
         {'energy': 'final'}
         """
-        return kept(self.run.keep, self.saved())
+        return kept(self.run.keep, self.saved(), self.observables)
 
     def histograms(self) -> list[tuple[str, Any]]:
         """The counts over all members that the scene takes.
@@ -372,38 +403,48 @@ def _checked_effect(effect: Any, driven: bool) -> Effect:
 
 
 def _place(observable: Any) -> int:
-    """The place of an observable in the order of WATCHED."""
-    return list(WATCHED).index(word_of_watched(observable))
+    """The place of an observable in the order of WATCHED; those of the user's own come last."""
+    word = word_of_observable(observable)
+    return list(WATCHED).index(word) if word in WATCHED else len(WATCHED)
 
 
-def _checked_observable(observable: Any) -> OverSteps:
-    """An observable over all steps with its parameters checked; SceneError."""
-    if type(observable) not in WATCHED.values():
-        known = ", ".join(kind.__name__ for kind in WATCHED.values())
-        rule = f"expected one of {known}, with its parameters"
+def _checked_observable(observable: Any) -> OverSteps | Observable:
+    """An observable with its parameters checked; SceneError."""
+    if not is_observable(observable) or type(observable) in OBSERVABLES.values():
+        shipped = ", ".join(kind.__name__ for kind in WATCHED.values())
+        rule = f"expected one of {shipped}, or one of your own, with its parameters"
         raise SceneError("observables", "observable", observable, rule)
+    word = word_of_observable(observable)
+    if is_own(observable) and word in KNOWN:
+        rule = f"'{word}' is an observable of the package: give the class another name"
+        raise SceneError("observables", type(observable).__name__, None, rule)
     whole = {}  # 1e2 bins are 100 bins
     for name, kind in type(observable).__annotations__.items():
         value = getattr(observable, name)
         real = isinstance(value, Real) and not isinstance(value, bool)
         if kind is int and real and float(value) == float(value) // 1:
             whole[name] = int(value)
-    checked: OverSteps = observable._replace(**whole)
-    checked.check()
-    if isinstance(checked, Histogram):
-        check_histogram(checked)
+    checked: OverSteps | Observable = observable._replace(**whole)
+    if not isinstance(checked, Observable):
+        checked.check()
     return checked
 
 
-def _check_saved(names: Iterable[str], observables: Iterable[Any]) -> None:
-    """SceneError for unknown names, and for observables whose parameters are missing."""
-    given = {word_of_watched(one) for one in observables}
+def _check_saved(names: Iterable[str], observables: Sequence[Any]) -> None:
+    """SceneError for unknown names, for observables whose parameters are missing, and for two
+    classes of one name."""
+    given: dict[str, type] = {}
+    for one in observables:
+        word, kind = word_of_observable(one), type(one)
+        if given.setdefault(word, kind) is not kind:
+            rule = f"there are two classes whose name is '{word}': give one of them another name"
+            raise SceneError("observables", kind.__name__, None, rule)
     for name in names:
-        if name not in KNOWN:
-            raise unknown("run", "save", name, "observable", KNOWN)
-        kind = WATCHED.get(name)
-        if kind is not None and name not in given:
-            missing = [f for f in kind._fields if f not in kind._field_defaults]
+        if name not in (names_known := known(observables)):
+            raise unknown("run", "save", name, "observable", names_known)
+        shipped = WATCHED.get(name)
+        if shipped is not None and name not in given:
+            missing = [f for f in shipped._fields if f not in shipped._field_defaults]
             if missing:
                 rule = f"needs a table [observables.{name}] with {', '.join(missing)}"
                 raise SceneError("run", "save", name, rule)

@@ -10,8 +10,8 @@ from typing import Any
 from rigidmc.effects import EFFECTS
 from rigidmc.effects.parameters import given
 from rigidmc.effects.protocol import Effect
-from rigidmc.effects.user import class_of
 from rigidmc.errors import SceneError, unknown
+from rigidmc.files.code import class_of
 from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.observables import WATCHED
 from rigidmc.scene.body import Body

@@ -6,8 +6,8 @@ import tomli_w
 
 from rigidmc.effects import EFFECTS, labelled, name_of
 from rigidmc.effects.parameters import given
-from rigidmc.effects.user import source_of
-from rigidmc.observables import word_of_watched
+from rigidmc.files.code import source_of
+from rigidmc.observables import is_own, word_of_observable
 from rigidmc.scene.mass_distribution import IDENTITY
 from rigidmc.scene.parts import Parts
 from rigidmc.scene.values import plain
@@ -20,7 +20,10 @@ def dumps(scene: Parts) -> str:
     tables: dict[str, Any] = {key: text for key, text in texts.items() if text != ""}
     tables |= {"body": _body(scene), "effects": _effects(scene)}
     if scene.observables:
-        pairs = [(word_of_watched(one), one._asdict()) for one in scene.observables]
+        pairs = [
+            (word_of_observable(one), {**_module(one, is_own(one)), **one._asdict()})
+            for one in scene.observables
+        ]
         tables["observables"] = _grouped(pairs)
     tables |= {"start": _start(scene), "run": _run(scene)}
     return tomli_w.dumps(tables)
@@ -39,12 +42,16 @@ def _body(scene: Parts) -> dict[str, Any]:
 def _effects(scene: Parts) -> dict[str, Any]:
     pairs = []
     for label, effect in labelled(scene.effects):
-        users = type(effect) not in EFFECTS.values()
-        file = source_of(type(effect)) if users else None
-        table = {} if file is None else {"module": file}
+        table = _module(effect, type(effect) not in EFFECTS.values())
         table |= {k: plain(getattr(effect, k), f"{label}_{k}") for k in given(effect)}
         pairs.append((name_of(effect), table))
     return _grouped(pairs)
+
+
+def _module(part: Any, users: bool) -> dict[str, str]:
+    """{"module": file} of a part of the user's own; {} if it is in no file."""
+    file = source_of(type(part)) if users else None
+    return {} if file is None else {"module": file}
 
 
 def _start(scene: Parts) -> dict[str, Any]:

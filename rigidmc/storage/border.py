@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from rigidmc.effects import labelled
 from rigidmc.engine.layout import STATUSES
 from rigidmc.errors import FileError, RigidmcError
-from rigidmc.observables import OBSERVABLES
 from rigidmc.scene.conservation import booked_labels
 from rigidmc.scene.scene import Scene, loads
 from rigidmc.scene.settings import Run
@@ -107,7 +106,7 @@ def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[_Sizes, dict[str, Variab
     """(sizes of a result, {name: Variable} of all variables that results of a scene may have, the
     names that they must have)."""
     bins = tuple(
-        (f"{label}_bin", one.edges(), OBSERVABLES[one.name].units)
+        (f"{label}_bin", one.edges(), scene.observable(one.name).units)
         for label, one in scene.histograms()
     )
     sizes = _Sizes(

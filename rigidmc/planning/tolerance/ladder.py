@@ -8,6 +8,7 @@ import numpy as np
 
 from rigidmc.errors import OptionError, SceneError, unknown
 from rigidmc.integrators import INTEGRATORS, accepting
+from rigidmc.observables import is_own
 from rigidmc.planning.form import form_of
 from rigidmc.planning.plan import longest_watched
 from rigidmc.planning.tolerance.costs import Costs
@@ -37,7 +38,8 @@ def candidates(
         for name in accepting(scene.effects, works="work" in scene.run.save)
         if name != "closed" or true.source.startswith("closed")
     ]
-    if watch(scene).each_step:  # closed forms make no steps
+    # closed forms make no steps, and no code of the user's own takes arrays
+    if watch(scene).each_step or any(map(is_own, scene.recorded().values())):
         able = [name for name in able if name != "closed"]
     if integrators:
         integrators = tuple(integrators)
