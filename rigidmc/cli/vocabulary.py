@@ -231,7 +231,7 @@ def integrators(
         from rigidmc.integrators import INTEGRATORS, description
 
         if name is not None:
-            text = description(name) if name in INTEGRATORS else ""
+            text = description(INTEGRATORS[name]) if name in INTEGRATORS else ""
             _explain(name, INTEGRATORS, "integrator", text, _of_integrator)
             return
         costs: dict[str, dict[str, float]] = {}
@@ -241,7 +241,7 @@ def integrators(
             costs = step_costs()
         for word, kind in INTEGRATORS.items():
             keeps = ", ".join(kind.conserves) or "nothing"
-            print(f"{word:10s} {description(word).splitlines()[0]}")
+            print(f"{word:10s} {description(kind).splitlines()[0]}")
             print(
                 f"{'':10s} {_order(kind)}; takes {kind.accepts}; conserves {keeps} of a free body"
             )

@@ -113,8 +113,9 @@ def compile_method(call: Any) -> None:
 def inline_all(module: ModuleType) -> None:
     """Let compiled code call every plain function of a module, and those that these may call.
 
-    The latter are the functions of all modules of the same package from which the module imports a
-    function, and so on; modules of the engine are left out, because each calls this for itself.
+    The latter are the functions of all modules of the same package, or of rigidmc, from which the
+    module imports a function, and so on; modules of the engine are left out, because each calls
+    this for itself.
     """
     package, pending, seen = module.__name__.partition(".")[0], [module], set(_done)
     methods: list[Any] = list(METHODS)
@@ -127,7 +128,8 @@ def inline_all(module: ModuleType) -> None:
             if not inspect.isfunction(function) or function in methods:
                 continue
             home = function.__module__
-            same = home.partition(".")[0] == package and not home.startswith("rigidmc.engine.")
+            same = home.partition(".")[0] in (package, "rigidmc")
+            same = same and not home.startswith("rigidmc.engine.")
             if home == module.__name__:
                 inline(function)
             elif same and home in sys.modules:

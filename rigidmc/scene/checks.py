@@ -14,12 +14,14 @@ from rigidmc.effects.user_checks import check_user_effect
 from rigidmc.effects.user_checks import sample as plain_numbers
 from rigidmc.errors import SceneError
 from rigidmc.integrators import refusal
+from rigidmc.integrators.user_checks import check_user_integrator
 from rigidmc.mechanics.inertia import broken
 from rigidmc.observables import OUTCOMES, is_own, outputs
 from rigidmc.observables.protocol import DIMENSIONS, Ensemble, Neighbour
 from rigidmc.observables.user_checks import check_user_observable
 from rigidmc.scene.changes import idle
 from rigidmc.scene.distributions import Distribution
+from rigidmc.scene.given import named_integrators
 from rigidmc.scene.laws import Correlated
 from rigidmc.scene.laws.protocol import Law
 from rigidmc.scene.limits import ALLOWED, PILOT, limits, outside
@@ -42,7 +44,9 @@ def check(scene: Parts) -> None:
         rule = "needs float64: sums in float32 keep their remainders, and sums of work cannot"
         raise SceneError("run", "save", "work", rule)
     if run.integrator != "auto":
-        refused = refusal(run.integrator, scene.effects, run.compensated, works)
+        refused = refusal(
+            run.integrator, scene.effects, run.compensated, works, scene.known_integrators()
+        )
         if refused:
             raise SceneError("run", "integrator", run.integrator, refused)
     _check_watched(scene)
@@ -75,6 +79,8 @@ def _check_sampled(scene: Parts) -> None:
         check_user_effect(effect)
     for one in scene.observables:
         check_user_observable(one, tuple(map(plain_numbers, scene.effects)))
+    for word, integrator in named_integrators(scene.integrators).items():
+        check_user_integrator(integrator, word)
     _check_variables(scene)
     if sum(is_random(effect) for effect in scene.effects) > 1:
         rule = (

@@ -1,25 +1,20 @@
 """The parts of a scene: a body, what acts on it, how its members start, and how it is run."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
-from numbers import Real
 from typing import Any, Self
 
-import numpy as np
-
-from rigidmc.effects import EFFECTS, canonical, name_of
-from rigidmc.effects.parameters import numbers, shape
-from rigidmc.effects.protocol import Effect, is_effect
+from rigidmc.dynamics.methods import word_of
+from rigidmc.effects import canonical
+from rigidmc.effects.parameters import numbers
+from rigidmc.effects.protocol import is_effect
 from rigidmc.errors import SceneError, unknown
 from rigidmc.integrators import INTEGRATORS
+from rigidmc.integrators.protocol import Integrator
 from rigidmc.observables import (
-    KNOWN,
     OBSERVABLES,
-    WATCHED,
     is_observable,
-    is_own,
-    known,
     named,
     recorded,
     saved,
@@ -28,14 +23,21 @@ from rigidmc.observables import (
 )
 from rigidmc.observables.histogram import Histogram
 from rigidmc.observables.keep import check_keep, kept, summaries
-from rigidmc.observables.protocol import Ensemble, Observable, OverSteps
+from rigidmc.observables.protocol import Ensemble
 from rigidmc.scene.body import Body
 from rigidmc.scene.changes import changed
 from rigidmc.scene.distributions import Distribution
+from rigidmc.scene.given import (
+    check_saved,
+    checked_effect,
+    checked_observable,
+    named_integrators,
+    place,
+)
 from rigidmc.scene.laws.protocol import Law
-from rigidmc.scene.limits import PILOT, check_histogram, limits, outside
+from rigidmc.scene.limits import PILOT, check_histogram
 from rigidmc.scene.once import KEPT
-from rigidmc.scene.quantities import Grid, is_open, quantity, rows, vector
+from rigidmc.scene.quantities import Grid, rows
 from rigidmc.scene.settings import Run
 from rigidmc.scene.start import Start
 
@@ -66,6 +68,8 @@ class Parts:
     observables : tuple of observables, optional
         those over all steps that have parameters, such as Passage(axis=3, angle=0.5), and those of
         your own
+    integrators : tuple of integrators, optional
+        of your own, which `run.integrator` and studies may name
 
     Raises
     ------
@@ -87,6 +91,7 @@ class Parts:
     summary: str = ""
     source: str = ""
     observables: tuple[Any, ...] = ()
+    integrators: tuple[Any, ...] = ()
 
     def __post_init__(self) -> None:
         for key, kind in (("body", Body), ("start", Start), ("run", Run)):
@@ -95,13 +100,15 @@ class Parts:
                 raise SceneError("", key, value, f"expected a {kind.__name__}")
         several = isinstance(self.effects, (list, tuple)) and not is_effect(self.effects)
         effects: Iterable[Any] = self.effects if several else (self.effects,)
-        effects = canonical(tuple(_checked_effect(e, self.run.anti_damping) for e in effects))
-        observables = sorted(map(_checked_observable, self.observables), key=_place)
+        effects = canonical(tuple(checked_effect(e, self.run.anti_damping) for e in effects))
+        observables = sorted(map(checked_observable, self.observables), key=place)
         for one in observables:
             if isinstance(one, Histogram):
                 check_histogram(one, observables)
         object.__setattr__(self, "effects", effects)
         object.__setattr__(self, "observables", tuple(observables))
+        own = named_integrators(self.integrators)
+        object.__setattr__(self, "integrators", tuple(own.values()))
         rows(*self.quantities())
 
     def __getstate__(self) -> dict[str, Any]:
@@ -230,7 +237,7 @@ class Parts:
         ----------
         **settings : object
             of `Run`; those that are None stay as they are. `save` may name observables, or contain
-            them: Passage(axis=3, angle=0.5), or one of your own
+            them: Passage(axis=3, angle=0.5), or one of your own, and so may `integrator`
 
         Returns
         -------
@@ -264,12 +271,74 @@ class Parts:
                 observables += () if named_alone or same else (one,)
             words = (one if isinstance(one, str) else word_of_observable(one) for one in save)
             given["save"] = tuple(dict.fromkeys(words))
-        run = changed(self.run, given)
-        if run.integrator not in (*INTEGRATORS, "auto"):
-            raise unknown("run", "integrator", run.integrator, "integrator", (*INTEGRATORS, "auto"))
-        _check_saved(run.save, observables)
+        scene = self
+        if not isinstance(given.get("integrator", ""), str):
+            scene, (given["integrator"],) = self.with_integrators([given["integrator"]])
+        run, integrators = changed(self.run, given), (*scene.known_integrators(), "auto")
+        if run.integrator not in integrators:
+            raise unknown("run", "integrator", run.integrator, "integrator", integrators)
+        check_saved(run.save, observables)
         check_keep(run.keep, observables)
-        return replace(self, run=run, observables=observables)
+        return replace(scene, run=run, observables=observables)
+
+    def with_integrators(self, given: Iterable[Any]) -> tuple[Self, list[str]]:
+        """Make the same scene with integrators of your own beside those that it has.
+
+        Parameters
+        ----------
+        given : iterable of str or integrators
+            names stay as they are; an integrator takes the place of another one of its name
+
+        Returns
+        -------
+        Scene
+            the scene
+        list of str
+            the names of all that are given
+
+        Raises
+        ------
+        SceneError
+            for what is no integrator
+
+        Examples
+        --------
+        >>> rm.Scene(rm.Body((1.0, 2.0, 2.5))).with_integrators(["rk4"])[1]
+        ['rk4']
+        """
+        given = list(given)
+        own = named_integrators(one for one in given if not isinstance(one, str))
+        names = [one if isinstance(one, str) else word_of(type(one)) for one in given]
+        if not own:
+            return self, names
+        more = {**named_integrators(self.integrators), **own}
+        return replace(self, integrators=tuple(more.values())), names
+
+    def known_integrators(self) -> dict[str, Integrator]:
+        """The integrators that the scene may name.
+
+        Returns
+        -------
+        dict
+            {name: integrator}, those of your own last
+
+        Examples
+        --------
+        >>> list(rm.Scene(rm.Body((1.0, 2.0, 2.5))).known_integrators())[0]
+        'rk4'
+        """
+        return {**INTEGRATORS, **named_integrators(self.integrators)}
+
+    @property
+    def integrator(self) -> Integrator:
+        """The integrator that the scene names.
+
+        Examples
+        --------
+        >>> rm.Scene(rm.Body((1.0, 2.0, 2.5))).integrator.order
+        4
+        """
+        return self.known_integrators()[self.run.integrator]
 
     def saved(self) -> tuple[str, ...]:
         """The names of the observables that are recorded at save times.
@@ -381,70 +450,3 @@ def _mapped(value: Any, change: Change) -> Any:
         parts = [_mapped(x, change) for x in value]
         return type(value)(*parts) if is_effect(value) else tuple(parts)
     return change(value)
-
-
-def _checked_effect(effect: Any, driven: bool) -> Effect:
-    """An effect with its parameters checked; SceneError. driven : whether damping may be
-    negative"""
-    if not is_effect(effect):
-        known = ", ".join(kind.__name__ for kind in EFFECTS.values())
-        rule = f"expected an effect with its parameters, one of {known}"
-        raise SceneError("effects", "effect", effect, rule)
-    table, values = f"effects.{name_of(effect)}", []
-    for name, value in zip(effect._fields, effect, strict=True):
-        size, (low, high) = shape(effect, name), limits(effect, name, driven)
-        one = quantity(value, table, name) if size is None else vector(value, table, name, size)
-        for part in (one,) if size is None else one:
-            if not is_open(part) and not (low <= np.min(part) and np.max(part) <= high):
-                wrong = float(np.min(part) if np.min(part) < low else np.max(part))
-                raise SceneError(table, name, wrong, outside(effect, low, high))
-        values.append(one)
-    return type(effect)(*values)
-
-
-def _place(observable: Any) -> int:
-    """The place of an observable in the order of WATCHED; those of the user's own come last."""
-    word = word_of_observable(observable)
-    return list(WATCHED).index(word) if word in WATCHED else len(WATCHED)
-
-
-def _checked_observable(observable: Any) -> OverSteps | Observable:
-    """An observable with its parameters checked; SceneError."""
-    if not is_observable(observable) or type(observable) in OBSERVABLES.values():
-        shipped = ", ".join(kind.__name__ for kind in WATCHED.values())
-        rule = f"expected one of {shipped}, or one of your own, with its parameters"
-        raise SceneError("observables", "observable", observable, rule)
-    word = word_of_observable(observable)
-    if is_own(observable) and word in KNOWN:
-        rule = f"'{word}' is an observable of the package: give the class another name"
-        raise SceneError("observables", type(observable).__name__, None, rule)
-    whole = {}  # 1e2 bins are 100 bins
-    for name, kind in type(observable).__annotations__.items():
-        value = getattr(observable, name)
-        real = isinstance(value, Real) and not isinstance(value, bool)
-        if kind is int and real and float(value) == float(value) // 1:
-            whole[name] = int(value)
-    checked: OverSteps | Observable = observable._replace(**whole)
-    if not isinstance(checked, Observable):
-        checked.check()
-    return checked
-
-
-def _check_saved(names: Iterable[str], observables: Sequence[Any]) -> None:
-    """SceneError for unknown names, for observables whose parameters are missing, and for two
-    classes of one name."""
-    given: dict[str, type] = {}
-    for one in observables:
-        word, kind = word_of_observable(one), type(one)
-        if given.setdefault(word, kind) is not kind:
-            rule = f"there are two classes whose name is '{word}': give one of them another name"
-            raise SceneError("observables", kind.__name__, None, rule)
-    for name in names:
-        if name not in (names_known := known(observables)):
-            raise unknown("run", "save", name, "observable", names_known)
-        shipped = WATCHED.get(name)
-        if shipped is not None and name not in given:
-            missing = [f for f in shipped._fields if f not in shipped._field_defaults]
-            if missing:
-                rule = f"needs a table [observables.{name}] with {', '.join(missing)}"
-                raise SceneError("run", "save", name, rule)

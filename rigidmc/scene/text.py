@@ -8,6 +8,7 @@ from rigidmc.effects import EFFECTS, labelled, name_of
 from rigidmc.effects.parameters import given
 from rigidmc.files.code import source_of
 from rigidmc.observables import is_own, word_of_observable
+from rigidmc.scene.given import named_integrators
 from rigidmc.scene.mass_distribution import IDENTITY
 from rigidmc.scene.parts import Parts
 from rigidmc.scene.values import plain
@@ -25,6 +26,13 @@ def dumps(scene: Parts) -> str:
             for one in scene.observables
         ]
         tables["observables"] = _grouped(pairs)
+    if scene.integrators:
+        tables["integrators"] = {
+            word: {**_module(one, True), **one._asdict()}
+            for word, one in zip(
+                named_integrators(scene.integrators), scene.integrators, strict=True
+            )
+        }
     tables |= {"start": _start(scene), "run": _run(scene)}
     return tomli_w.dumps(tables)
 

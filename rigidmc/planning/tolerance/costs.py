@@ -65,7 +65,7 @@ class Costs:
         scene = self.pilot.stepped(steps)[0].with_run(integrator=integrator)
         h = scene.run.t_end / steps
         form, *_ = form_of(scene, h)
-        compensated = keeps_remainders(integrator, scene.effects, dtype)
+        compensated = keeps_remainders(scene.integrator, scene.effects, dtype)
         key = type(form.integrator), form.integrator, len(form.parts), dtype
         return self._once(
             key, lambda: self._stepped(form, dtype, OBSERVED, compensated=compensated)
