@@ -73,7 +73,12 @@ KNOWN = (*OBSERVABLES, *WATCHED, *WATCHED_STATISTICS)
 def is_observable(value: Any) -> bool:
     """Whether a value is an observable of any kind, such as Flips(): an instance, not its class."""
     kinds = Observable, Event, Running, Neighbour, Ensemble
-    return isinstance(value, tuple) and isinstance(value, kinds)
+    return isinstance(value, tuple) and (isinstance(value, kinds) or is_opaque(value))
+
+
+def is_opaque(value: Any) -> bool:
+    """Whether a value stands for an observable of the user's own whose code is not run."""
+    return implements(value, "stand_in")
 
 
 def is_own(value: Any) -> bool:
@@ -102,12 +107,16 @@ def numbered(given: Iterable[Any]) -> list[tuple[str, Any]]:
 
 def own(given: Iterable[Any]) -> dict[str, Any]:
     """{label: observable} of those given that can be recorded at save times."""
-    return {label: one for label, one in numbered(given) if isinstance(one, Observable)}
+    return {
+        label: one
+        for label, one in numbered(given)
+        if isinstance(one, Observable) and not is_opaque(one)
+    }
 
 
 def named(given: Iterable[Any], name: str) -> Any:
     """The observable at save times of this name or label."""
-    return OBSERVABLES[name]() if name in OBSERVABLES else own(given)[name]
+    return OBSERVABLES[name]() if name in OBSERVABLES else dict(numbered(given))[name]
 
 
 def statistics(given: Iterable[Any]) -> Statistics:
@@ -117,7 +126,9 @@ def statistics(given: Iterable[Any]) -> Statistics:
 
 def known(given: Iterable[Any]) -> tuple[str, ...]:
     """All names that a scene may save."""
-    more = dict.fromkeys((*map(word_of_observable, given), *statistics(given)))
+    opaque = [word_of_observable(one) for one in given if is_opaque(one)]
+    perhaps = (f"{word}_{statistic}" for word in opaque for statistic in STATISTICS)
+    more = dict.fromkeys((*map(word_of_observable, given), *statistics(given), *perhaps))
     return (*KNOWN, *(name for name in more if name not in KNOWN))
 
 
@@ -155,7 +166,8 @@ def watched(save: Sequence[str], given: Sequence[Any]) -> list[tuple[str, Any]]:
     given : observables with their numbers; all of them are watched but those at save times
     """
     labelled: list[tuple[str, Any]] = []
-    over = [(label, one) for label, one in numbered(given) if not isinstance(one, Observable)]
+    at_times = own(given)
+    over = [(s, one) for s, one in numbered(given) if s not in at_times and not is_opaque(one)]
     extra = statistics(given)
     for name in dict.fromkeys((*save, *(word_of_observable(one) for _, one in over))):
         if name in extra:

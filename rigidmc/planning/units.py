@@ -17,6 +17,7 @@ from rigidmc.observables import is_own
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.stage import source, stage
 from rigidmc.scene.distributions import Distribution
+from rigidmc.scene.laws import LAWS
 from rigidmc.scene.laws.protocol import Law
 from rigidmc.scene.quantities import Grid, is_shared
 from rigidmc.scene.scene import Scene
@@ -150,7 +151,8 @@ def internal(scene: Scene) -> Internal | None:
         _scaled_effects(scene.effects, 1.0, 1.0, 1.0)
     except SceneError:  # a user's own effect, without units
         return None
-    if any(map(is_own, scene.observables)):  # nobody tells the units of their numbers
+    # nobody tells the units of the numbers of an observable, or of a law without `sized`
+    if any(map(is_own, scene.observables)) or any(map(_is_unsized, scene.quantities())):
         return None
     moments, mass, centre = (x[..., 0] for x in scene.body.sample(scene.run.seed, 0, 1))
     inertia = _exponent(np.max(moments))
@@ -196,11 +198,19 @@ def _sized(values: Any, by: float, energy: float) -> Any:
     """Three quantities, or a law of a vector, with sizes times `by` and energies times `energy`."""
     if not isinstance(values, Law):
         return tuple(_times(x, by) for x in values)
+    if _is_unsized(values):
+        rule = f"the scene cannot be put in other units: {values.word} has no `sized`"
+        raise SceneError("start", values.word, None, rule)
     changed = {}
     for name, power in values.sized.items():
         scale = energy if power == "energy" else by**power
         changed[name] = _all_times(getattr(values, name), scale)
     return replace(values, **changed)
+
+
+def _is_unsized(value: Any) -> bool:
+    """Whether a law of the user's own does not tell how its fields scale."""
+    return isinstance(value, Law) and type(value) not in LAWS and not value.sized
 
 
 def _all_times(value: Any, by: float) -> Any:

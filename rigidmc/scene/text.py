@@ -4,12 +4,12 @@ from typing import Any
 
 import tomli_w
 
+from rigidmc.dynamics.methods import word_of
 from rigidmc.effects import EFFECTS, labelled, name_of
 from rigidmc.effects.parameters import given
-from rigidmc.files.code import source_of
 from rigidmc.observables import is_own, word_of_observable
-from rigidmc.scene.given import named_integrators
 from rigidmc.scene.mass_distribution import IDENTITY
+from rigidmc.scene.own import module_of
 from rigidmc.scene.parts import Parts
 from rigidmc.scene.values import plain
 
@@ -22,16 +22,13 @@ def dumps(scene: Parts) -> str:
     tables |= {"body": _body(scene), "effects": _effects(scene)}
     if scene.observables:
         pairs = [
-            (word_of_observable(one), {**_module(one, is_own(one)), **one._asdict()})
+            (word_of_observable(one), {**(module_of(one) if is_own(one) else {}), **one._asdict()})
             for one in scene.observables
         ]
         tables["observables"] = _grouped(pairs)
     if scene.integrators:
         tables["integrators"] = {
-            word: {**_module(one, True), **one._asdict()}
-            for word, one in zip(
-                named_integrators(scene.integrators), scene.integrators, strict=True
-            )
+            word_of(type(one)): {**module_of(one), **one._asdict()} for one in scene.integrators
         }
     tables |= {"start": _start(scene), "run": _run(scene)}
     return tomli_w.dumps(tables)
@@ -50,16 +47,10 @@ def _body(scene: Parts) -> dict[str, Any]:
 def _effects(scene: Parts) -> dict[str, Any]:
     pairs = []
     for label, effect in labelled(scene.effects):
-        table = _module(effect, type(effect) not in EFFECTS.values())
+        table = {} if type(effect) in EFFECTS.values() else module_of(effect)
         table |= {k: plain(getattr(effect, k), f"{label}_{k}") for k in given(effect)}
         pairs.append((name_of(effect), table))
     return _grouped(pairs)
-
-
-def _module(part: Any, users: bool) -> dict[str, str]:
-    """{"module": file} of a part of the user's own; {} if it is in no file."""
-    file = source_of(type(part)) if users else None
-    return {} if file is None else {"module": file}
 
 
 def _start(scene: Parts) -> dict[str, Any]:
