@@ -9,7 +9,7 @@ else. Numba's disk cache works, because no function is ever an argument.
 import inspect
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 from itertools import pairwise
 from types import ModuleType
@@ -30,7 +30,7 @@ from rigidmc.engine.pipeline import INLINE
 Function = Callable[..., Any]
 
 _inlined: set[Function] = set()
-_done: set[ModuleType] = set()  # modules of the package
+_done: set[str] = set()  # modules of the package
 
 
 def reason(error: Exception) -> str:
@@ -88,8 +88,8 @@ def compile_method(call: Any) -> None:
         named = available if method is None else arguments(method)
         places = [available.index(argument) for argument in named]
         function = default if method is None else inline(method)
-        if method is not None and method.__module__ in sys.modules:
-            inline_all(sys.modules[method.__module__])
+        if method is not None:
+            inline_names(method.__module__, method.__globals__)
         typing_context.refresh()
         kind = typing_context.resolve_value_type(function)
         given = [part, *(values[i] for i in places)]
@@ -117,23 +117,27 @@ def inline_all(module: ModuleType) -> None:
     module imports a function, and so on; modules of the engine are left out, because each calls
     this for itself.
     """
-    package, pending, seen = module.__name__.partition(".")[0], [module], set(_done)
+    inline_names(module.__name__, vars(module))
+
+
+def inline_names(module: str, names: Mapping[str, Any]) -> None:
+    """The same for a module by its name and what it has; a user's may be known to nobody else."""
+    package, pending, seen = module.partition(".")[0], [(module, names)], set(_done)
     methods: list[Any] = list(METHODS)
     while pending:
-        module = pending.pop()
+        module, names = pending.pop()
         if module in seen:
             continue
         seen.add(module)
-        for function in list(vars(module).values()):
+        for function in list(names.values()):
             if not inspect.isfunction(function) or function in methods:
                 continue
             home = function.__module__
-            same = home.partition(".")[0] in (package, "rigidmc")
-            same = same and not home.startswith("rigidmc.engine.")
-            if home == module.__name__:
+            same = str(home).partition(".")[0] in (package, "rigidmc")
+            if home == module:
                 inline(function)
-            elif same and home in sys.modules:
-                pending.append(sys.modules[home])
+            elif same and not home.startswith("rigidmc.engine.") and home in sys.modules:
+                pending.append((home, vars(sys.modules[home])))
     if package == "rigidmc":  # a user's module may get more functions later
         _done.update(seen)
 

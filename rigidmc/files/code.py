@@ -54,7 +54,7 @@ def _run(file: str, path: str, table: str) -> ModuleType:
     name = f"own_code_{len(_modules)}"
     spec: Any = importlib.util.spec_from_file_location(name, file)
     module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # where the engine looks for functions that a method calls
+    sys.modules[name] = module  # as of any other module: classes find their own there
     try:
         spec.loader.exec_module(module)
     except Exception as error:  # the user's code may raise anything
