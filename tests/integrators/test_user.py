@@ -110,11 +110,11 @@ def test_an_integrator_runs_with_its_order_and_a_changed_one_is_compiled_anew():
         np.abs(rm.simulate(TOP, Ralston(), dt=dt, **run).omega - true).max().item()
         for dt in (0.02, 0.01)
     )
-    assert 3.5 < coarse / fine < 4.5  # measured 4.02
+    assert 3.5 < coarse / fine < 4.5  # measured 3.99
     source = inspect.getsource(Ralston).replace("(1 / 4, 3 / 4)", "(0.0, 1.0)")
     names = {**globals(), "NamedTuple": NamedTuple}
     exec(source.replace("2 / 3", "1 / 2").replace("2 * h / 3", "h / 2"), names)  # midpoint rule
     other = rm.simulate(TOP, names["Ralston"](), dt=0.02, **run)
     assert other.attrs["integrator"] == "ralston"
     moved = np.abs(other.omega - true).max().item()
-    assert moved != coarse and moved < 10.0 * coarse
+    assert 1.01 < moved / coarse < 1.1  # measured 1.027: another method of its order

@@ -47,7 +47,7 @@ def test_two_of_a_class_and_statistics_are_those_of_the_states():
     ds = rm.simulate(TOP, **SHORT, save=save)
     true = height(ds)
     for name, at in (("height", 2.0), ("height_2", 3.0)):
-        assert np.abs(ds[name].values - at * true).max() < 1e-14  # measured 9e-16
+        assert np.abs(ds[name].values - at * true).max() < 5e-15  # measured 1.6e-15
         assert ds[name].attrs["long_name"] == f"height of the point {at:g} m up axis 3"
     assert (ds.height_2_max.values >= ds.height_2.values.max(0)).all()
     assert ds.rises.dims == ("member",)
@@ -142,7 +142,7 @@ def test_a_class_that_changes_is_compiled_anew_and_a_call_of_no_kernel_is_named(
         ds = rm.simulate(TOP, **SHORT, save=("momentum", kind()))
         values.append((ds.own / ds.momentum.sel(axis=1)).values)
     assert np.ptp(values[0]) < 1e-15 and abs(values[0][0, 0] - 2.0) < 1e-15  # measured 0
-    assert abs(values[1][0, 0] + 3.0) < 1e-15  # measured 0
+    assert np.abs(values[1] + 3.0).max() < 2e-15  # measured 4.4e-16
     bad = a_value("def value(self, l): return (float(math.comb(5, 2)) * l[0],)")
     with pytest.raises(rm.SceneError, match=r"\[observables\] Own: cannot be compiled: .*'comb'"):
         rm.simulate(TOP, **SHORT, save=(bad(),))

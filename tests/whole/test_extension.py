@@ -383,7 +383,7 @@ def test_each_part_of_ones_own_takes_fifteen_lines_and_five_of_a_scene_file():
     assert max(len(table.splitlines()) for table in tables) <= 8
 
 
-def test_a_script_and_a_scene_file_run_the_same_parts_to_the_bit(own, monkeypatch):
+def test_a_script_and_a_scene_file_run_the_same_parts(own, monkeypatch):
     """One of each kind: compiled from the script, uncompiled from the file and the command line."""
     monkeypatch.chdir(own)
     names = {"__name__": "mine"}
@@ -392,11 +392,11 @@ def test_a_script_and_a_scene_file_run_the_same_parts_to_the_bit(own, monkeypatc
     exec(compile(code, str(own / "script.py"), "exec"), names)
     ds = names["ds"]
     ends = names["TorsionSpring"](3.0)
-    assert ds.energy_drift_max.max() < 1e-6  # measured 1.7e-8: torque and energy are of one effect
+    assert ds.energy_drift_max.max() < 1e-9  # measured 2.5e-10: torque and energy are of one effect
     assert type(names["scene"].effects[0]) is type(ends)
     assert (ds.height.values <= 2.0).all() and ds.height.attrs["units"] == "m"
     assert (ds.fastest.values >= np.abs(ds.omega.sel(axis=1)).max("time").values).all()
-    assert np.abs((ds.start_omega**2).sum("axis") - 0.25).max() < 1e-15  # measured 6e-17
+    assert np.abs((ds.start_omega**2).sum("axis") - 0.25).max() < 1e-15  # measured 5.6e-17
 
     command = "run scene.toml --allow-code -o own.nc", "integrators --scene scene.toml --allow-code"
     ended = run_in(own, *command)
@@ -405,7 +405,7 @@ def test_a_script_and_a_scene_file_run_the_same_parts_to_the_bit(own, monkeypatc
     with rm.open(own / "own.nc") as again:  # without the code
         for name in ("omega", "height", "height_max", "rises", "fastest"):
             assert again[name].dims == ds[name].dims
-            assert np.abs(again[name] - ds[name]).max() < 1e-14, name  # measured 0
+            assert np.abs(again[name] - ds[name]).max() < 5e-15, name  # measured 1.2e-15
         assert again.height.attrs == ds.height.attrs
         with pytest.raises(rm.SceneError, match="is code, and scene files execute nothing"):
             rm.rerun(again, 2)
