@@ -270,4 +270,6 @@ def _constant(scene: Scene) -> frozenset[str]:
         f"start_{spin}": getattr(scene.start, spin),
         "start_attitude": scene.start.attitude,
     }
+    if scene.body.given == "tensor":  # each member has axes of its own
+        return frozenset()
     return frozenset(name for name, value in variables.items() if is_shared(value))

@@ -18,6 +18,7 @@ from rigidmc.planning.plan import Plan
 from rigidmc.planning.stage import source, stage
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.laws import LAWS
+from rigidmc.scene.laws.bodies import UncertainInertia
 from rigidmc.scene.laws.protocol import Law
 from rigidmc.scene.quantities import Grid, is_shared
 from rigidmc.scene.scene import Scene
@@ -69,9 +70,11 @@ def scaled(scene: Scene, mass: float = 1.0, length: float = 1.0, time: float = 1
     """
     effects = _scaled_effects(scene.effects, mass, length, time)
     inertia = mass * length**2
+    law = scene.body.moments
+    whole = isinstance(law, UncertainInertia)
     body = replace(
         scene.body,
-        moments=_sized(scene.body.moments, inertia, 1.0),
+        moments=law.resized(mass, length) if whole else _sized(law, inertia, 1.0),
         mass=_times(scene.body.mass, mass),
         centre=tuple(_times(x, length) for x in scene.body.centre),
     )

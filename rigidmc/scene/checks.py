@@ -104,6 +104,12 @@ def _check_bodies(scene: Parts) -> None:
     """
     if any(isinstance(q, Grid) for q in scene.body.quantities()):
         return
+    if scene.body.given == "tensor" and rows(*scene.start.quantities()) is not None:
+        rule = (
+            "beside an uncertain tensor it is no table: its axes differ from member to member; give"
+            " laws, or moments and starts of each member"
+        )
+        raise SceneError("start", scene.start.which, None, rule)
     moments, mass, _ = scene.body.sample(scene.run.seed, 0, PILOT)
     bad = np.flatnonzero(broken(moments) | ~(mass > 0))
     if bad.size > (PILOT // 2 if isinstance(scene.body.moments, Correlated) else 0):

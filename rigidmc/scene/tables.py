@@ -49,6 +49,8 @@ def body_of(table: dict[str, Any], stored: Columns) -> Body:
         more = {k: parse(table[k], "body", k, stored) for k in ("mass", "centre") if k in table}
         if key == "moments":
             body = Body.from_moments(parse(table[key], "body", key, stored), **more)
+        elif isinstance(table[key], dict):
+            body = Body.from_tensor(parse(table[key], "body", key, stored), **more)
         else:
             body = Body.from_tensor(numbers(table[key], "body", key), **more)
     if "axes" in table:

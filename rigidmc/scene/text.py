@@ -36,8 +36,9 @@ def dumps(scene: Parts) -> str:
 
 def _body(scene: Parts) -> dict[str, Any]:
     body = scene.body
-    table = {key: plain(getattr(body, key), key) for key in ("moments", "mass", "centre")}
-    if body.axes != IDENTITY:
+    table = {body.given: plain(body.moments, "moments")}
+    table |= {key: plain(getattr(body, key), key) for key in ("mass", "centre")}
+    if body.given == "moments" and body.axes != IDENTITY:
         table["axes"] = [list(row) for row in body.axes]
     if body.shape:
         table["shape"] = [part.as_table() for part in body.shape]

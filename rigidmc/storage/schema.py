@@ -205,12 +205,15 @@ def _body_variables(scene: Scene) -> dict[str, Variable]:
     """Moments; steps of members that have their own; mass and centre if effects may need them."""
     text = "principal moments of inertia about the fixed point"
     variables = {"moments": _by_member(text, "kg m2", ("axis",))}
+    turned = scene.body.given == "tensor"
+    if turned:
+        text = "attitude of the principal axes of the member in those of the mean tensor"
+        variables["principal_axes"] = _by_member(text, "1", ("quat",))
     if scene.run.turn is not None and scene.run.integrator != "closed":
         about = {"long_name": "steps of the member, each as long as the others"}
         variables["steps"] = Variable(("member",), "i8", about)
-    if any(implements(e, "energy") for e in scene.effects) or not is_shared(
-        scene.body.mass, scene.body.centre
-    ):
+    shared = is_shared(scene.body.mass, scene.body.centre) and not turned
+    if any(implements(e, "energy") for e in scene.effects) or not shared:
         variables["mass"] = _by_member("mass", "kg")
         variables["centre"] = _by_member("centre of mass, principal axes", "m", ("axis",))
     return variables

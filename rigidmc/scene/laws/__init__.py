@@ -6,6 +6,7 @@ below."""
 from rigidmc.scene.laws.vectors import Cone as Cone
 from rigidmc.scene.laws.vectors import Sphere as Sphere
 from rigidmc.scene.laws.bodies import SecondMoments as SecondMoments
+from rigidmc.scene.laws.bodies import UncertainInertia as UncertainInertia
 from rigidmc.scene.laws.vectors import Correlated as Correlated
 from rigidmc.scene.laws.ensembles import Shell as Shell
 from rigidmc.scene.laws.ensembles import GibbsMomentum as GibbsMomentum
