@@ -4,9 +4,12 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from rigidmc.effects.protocol import is_random
 from rigidmc.errors import SceneError, unknown
 from rigidmc.observables import directions
-from rigidmc.observables.directions import Direction, length, seen
+from rigidmc.observables.directions import Direction, Marks, length, seen
 from rigidmc.observables.protocol import Array, Record, event
 
 TABLE = "observables.passage"
@@ -47,6 +50,10 @@ class Passage(NamedTuple):
     at_start : str, optional
         whether a member that has passed at the start counts as passed at t = 0, "count", or only
         once it has come back and passes again, "ignore"
+    hold : float, optional [s]
+        how long the axis has to stay where it has passed to: a shorter stay does not count, and
+        `stop` acts at the end of the step in which the time is over. The time of a passage is that
+        at which its stay began
 
     Examples
     --------
@@ -62,6 +69,7 @@ class Passage(NamedTuple):
     about: str | Sequence[float] = "vertical"
     stop: bool = False
     at_start: str = "count"
+    hold: float = 0.0
 
     def check(self) -> None:
         """Raise SceneError for an axis, an angle or a word that is not allowed."""
@@ -79,11 +87,15 @@ class Passage(NamedTuple):
         ):
             if word not in known:
                 raise unknown(TABLE, key, word, "word", known)
+        real = isinstance(self.hold, (int, float)) and not isinstance(self.hold, bool)
+        if not real or not 0.0 <= self.hold < math.inf:
+            raise SceneError(TABLE, "hold", self.hold, "expected a time of 0 or more [s]")
         if not isinstance(self.stop, bool):
             raise SceneError(TABLE, "stop", self.stop, "expected true or false")
 
     def compiled(self, moments: Array, complete: bool, effects: Sequence[Any]) -> "Cone":
         """The event, the same for all bodies; SceneError without the orbit or field it needs."""
+        smooth = not any(map(is_random, effects))
         outward = -1.0 if self.way == "leaves" else 1.0
         return Cone(
             tuple((0.0,) if abs(self.axis) == i else () for i in (1, 2, 3)),
@@ -92,6 +104,7 @@ class Passage(NamedTuple):
             (0.0,) * self.stop,
             (0.0,) * (self.at_start == "ignore"),
             directions.compiled(TABLE, "about", self.about, effects),
+            (float(self.hold), 0.0)[: 1 + smooth] if self.hold else (),
         )
 
     def words(self) -> dict[str, Any]:
@@ -101,16 +114,17 @@ class Passage(NamedTuple):
             "way": self.way,
             "angle": float(self.angle),
             "about": directions.words(self.about),
-            "start": ", starts beyond it left out" * (self.at_start == "ignore"),
+            "start": ", starts beyond it left out" * (self.at_start == "ignore")
+            + f", and stays for {self.hold:g} s" * bool(self.hold),
         }
 
     def results(self, record: Record) -> dict[str, Array]:
         """The outputs."""
-        return {
-            "passages": record.count,
-            "passage_first": record.first,
-            "passage_last": record.last,
-        }
+        first, last = record.first, record.last
+        if self.hold:
+            some = record.count > 0.0
+            first, last = (np.where(some, t, np.nan) for t in (record.first_tau, record.tau))
+        return {"passages": record.count, "passage_first": first, "passage_last": last}
 
 
 class Cone(NamedTuple):
@@ -120,6 +134,7 @@ class Cone(NamedTuple):
 
     axis : (0.0,) for the axis, () for the others;  stop : see `rigidmc.observables.protocol.stops`
     ignored : (0.0,) if a start beyond the cone does not count
+    hold : see `rigidmc.observables.protocol.holds`
     """
 
     axis: tuple[tuple[float, ...], ...]
@@ -128,16 +143,30 @@ class Cone(NamedTuple):
     stop: tuple[float, ...]
     ignored: tuple[float, ...]
     direction: Direction
+    hold: Marks
 
     def level(self, effects, t, q, l):
         d = seen(self.direction, effects, t, q, l)
         return self.sign * along(self.axis, d) - self.cosine * length(self.direction, d)
 
+    def armed(self, level):
+        return may_pass(self.hold, level)
+
     def past(self, level):
         return counts(self.ignored, level)
 
+    def holds(self):
+        return self.hold
+
     def stops(self):
         return self.stop
+
+
+def may_pass(hold, level):
+    """Whether an event may happen next: one that has to last may also end."""
+    if len(hold) > 0:
+        return level == level
+    return level < 0.0
 
 
 def counts(ignored, level):

@@ -13,7 +13,7 @@ from rigidmc.effects import name_of
 from rigidmc.effects.parameters import filled, numbers
 from rigidmc.effects.protocol import facts
 from rigidmc.errors import SceneError
-from rigidmc.observables import is_own
+from rigidmc.observables import Passage, is_own
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.stage import source, stage
 from rigidmc.scene.distributions import Distribution
@@ -90,7 +90,12 @@ def scaled(scene: Scene, mass: float = 1.0, length: float = 1.0, time: float = 1
     run |= {"dt": scene.run.dt * time} if scene.run.turn is None else {}
     if scene.run.turn_rate is not None and scene.run.turn is None:
         run["turn_rate"] = scene.run.turn_rate / time
-    return replace(scene, body=body, effects=effects, start=start).with_run(**run)
+    observables = tuple(
+        one._replace(hold=one.hold * time) if isinstance(one, Passage) else one
+        for one in scene.observables
+    )
+    changed = replace(scene, body=body, effects=effects, start=start, observables=observables)
+    return changed.with_run(**run)
 
 
 def _scaled_effects(
