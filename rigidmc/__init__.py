@@ -56,6 +56,7 @@ _HOMES = {
 if TYPE_CHECKING:  # the same names for type checkers and editors
     from xarray import Dataset
 
+    from rigidmc import protocols as protocols
     from rigidmc.effects import *  # noqa: F403
     from rigidmc.errors import FileError as FileError
     from rigidmc.errors import OptionError as OptionError
@@ -136,6 +137,8 @@ def _registered() -> dict[str, str]:
 def __getattr__(name: str) -> Any:
     if name == "__all__":
         return [*_HOMES, "open", *_registered()]
+    if name == "protocols":  # what parts of a user's own are made of
+        return import_module("rigidmc.protocols")
     home = _HOMES.get(name)
     if home is None and not name.startswith("_"):  # Python itself asks for names with underscores
         home = _registered().get(name)
@@ -151,7 +154,7 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return [*__getattr__("__all__"), "__version__"]
+    return [*__getattr__("__all__"), "__version__", "protocols"]
 
 
 register()

@@ -165,7 +165,7 @@ Set = Annotated[
 ]
 AllowCode = Annotated[
     bool,
-    typer.Option("--allow-code", help="Run the Python files that contain the scene's own effects."),
+    typer.Option("--allow-code", help="Run the Python files that define the scene's own parts."),
 ]
 Output = Annotated[
     str | None, typer.Option("-o", "--output", metavar="FILE", help="netCDF file to write.")

@@ -1,19 +1,23 @@
 """rigidmc effects, observables, integrators: list all of a kind, or explain one."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from math import inf
 from typing import Annotated, Any
 
 import typer
 
-from rigidmc.cli.common import app, reported
+from rigidmc.cli.common import app, load_scene, reported
 from rigidmc.cli.docstrings import explained
+from rigidmc.cli.options import AllowCode
 from rigidmc.cli.panels import REFERENCE
 from rigidmc.errors import OptionError, unknown
 
 Name = Annotated[
     str | None,
     typer.Argument(metavar="[NAME]", help="The one to explain; without it all are listed."),
+]
+OfScene = Annotated[
+    str | None, typer.Option("--scene", metavar="SCENE", help="With the integrators of this scene.")
 ]
 Facts = Iterator[tuple[str, str]]
 MeasureEffects = Annotated[
@@ -224,24 +228,29 @@ def _default(kind: Any, field: str) -> str:
 def integrators(
     name: Name = None,
     measure: MeasureIntegrators = False,
+    scene: OfScene = None,
+    allow_code: AllowCode = False,
 ) -> None:
     """List the integrators: order, torques a step, what they conserve, which torques they take;
     with --measure what a step costs here. NAME: its source."""
     with reported():
         from rigidmc.integrators import INTEGRATORS, description
 
+        kinds = dict(INTEGRATORS)
+        if scene is not None:
+            kinds = load_scene(scene, allow_code=allow_code).known_integrators()
         if name is not None:
-            text = description(name) if name in INTEGRATORS else ""
-            _explain(name, INTEGRATORS, "integrator", text, _of_integrator)
+            text = description(kinds[name]) if name in kinds else ""
+            _explain(name, kinds, "integrator", text, lambda word: _of_integrator(word, kinds))
             return
         costs: dict[str, dict[str, float]] = {}
         if measure:
             from rigidmc.planning.tolerance.costs import step_costs
 
             costs = step_costs()
-        for word, kind in INTEGRATORS.items():
+        for word, kind in kinds.items():
             keeps = ", ".join(kind.conserves) or "nothing"
-            print(f"{word:10s} {description(word).splitlines()[0]}")
+            print(f"{word:10s} {description(kind).splitlines()[0]}")
             print(
                 f"{'':10s} {_order(kind)}; takes {kind.accepts}; conserves {keeps} of a free body"
             )
@@ -257,11 +266,9 @@ def _order(kind: Any) -> str:
     return f"{order}, {torques}, {'' if kind.reversible else 'not '}reversible"
 
 
-def _of_integrator(name: str) -> Facts:
+def _of_integrator(name: str, kinds: Mapping[str, Any]) -> Facts:
     """(label, fact) of an integrator."""
-    from rigidmc.integrators import INTEGRATORS
-
-    kind = INTEGRATORS[name]
+    kind = kinds[name]
     yield "in a scene", f'[run] integrator = "{name}"'
     yield "facts", _order(kind)
     yield "takes", kind.accepts

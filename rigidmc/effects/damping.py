@@ -86,6 +86,7 @@ class AxialDamping(NamedTuple):
 @effect(
     units={"matrix": "kg m2 s-1"},
     shapes={"matrix": 6},
+    in_body=("matrix",),
     limits={"matrix": (-math.inf, math.inf)},
     example=((0.5, 0.4, 0.6, 0.1, -0.05, 0.15),),
     kick_order=2,

@@ -12,6 +12,7 @@ _ANY = (-math.inf, math.inf)
 @effect(
     units={"dipole": "A m2", "field": "T"},
     shapes={"dipole": 3, "field": 3},
+    in_body=("dipole",),
     limits={"dipole": _ANY, "field": _ANY},
     example=((0.3, -0.1, 0.5), (1.0, 2.0, -0.5)),
 )
@@ -58,6 +59,7 @@ class UniformField(NamedTuple):
 @effect(
     units={"dipole": "A m2", "field": "T", "rate": "rad s-1"},
     shapes={"dipole": 3, "field": 3},
+    in_body=("dipole",),
     limits={"dipole": _ANY, "field": _ANY, "rate": _ANY},
     example=((0.3, -0.1, 0.5), (1.0, 2.0, -0.5), 1.7),
 )

@@ -54,6 +54,8 @@ class Facts(NamedTuple):
     units : of each parameter, "1" if it has none
     shapes : length of each parameter that is a vector
     limits : (least, largest) of each parameter
+    in_body : parameters that are fixed in the body, vectors or symmetric tensors (xx, yy, zz, yz,
+        zx, xy): turned into the principal axes of each member if these differ
     hidden : parameters that the engine fills in, not the user
     example : parameters of a typical effect, with which the tests try it
     stochastic : whether it needs noise
@@ -67,6 +69,7 @@ class Facts(NamedTuple):
     units: dict[str, str] = {}
     shapes: dict[str, int] = {}
     limits: dict[str, tuple[float, float]] = {}
+    in_body: tuple[str, ...] = ()
     hidden: tuple[str, ...] = ()
     example: tuple[Any, ...] = ()
     stochastic: bool = False

@@ -12,6 +12,7 @@ from rigidmc.effects.protocol import Vector, effect
 @effect(
     units={"momentum": "kg m2 s-1", "motor": "N m"},
     shapes={"momentum": 3, "motor": 3},
+    in_body=("momentum", "motor"),
     limits={"momentum": (-math.inf, math.inf), "motor": (-math.inf, math.inf)},
     example=((0.5, -0.3, 0.8), (0.05, 0.02, -0.04)),
     kick_order=2,  # exact without a motor

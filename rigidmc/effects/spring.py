@@ -12,6 +12,7 @@ _ANY = (-math.inf, math.inf)
 @effect(
     units={"stiffness": "N m-1", "at": "m", "to": "m", "length": "m"},
     shapes={"at": 3, "to": 3},
+    in_body=("at",),
     limits={"stiffness": (0.0, math.inf), "at": _ANY, "to": _ANY, "length": (0.0, math.inf)},
     example=(3.0, (0.4, -0.2, 0.3), (0.5, 0.6, -1.0), 0.2),
 )

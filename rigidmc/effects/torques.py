@@ -12,6 +12,7 @@ _ANY = (-math.inf, math.inf)
 @effect(
     units={"size": "N m"},
     shapes={"size": 3},
+    in_body=("size",),
     limits={"size": _ANY},
     example=((0.1, -0.2, 0.3),),
 )
@@ -82,6 +83,7 @@ class SpaceTorque(NamedTuple):
 @effect(
     units={"size": "N m", "frequency": "rad s-1", "phase": "rad"},
     shapes={"size": 3},
+    in_body=("size",),
     limits={"size": _ANY, "frequency": _ANY, "phase": _ANY},
     example=((0.1, -0.2, 0.3), 2.0, 0.7),
 )

@@ -7,9 +7,11 @@ else. Numba's disk cache works, because no function is ever an argument.
 """
 
 import inspect
+import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
+from itertools import pairwise
 from types import ModuleType
 from typing import Any, cast
 
@@ -28,20 +30,18 @@ from rigidmc.engine.pipeline import INLINE
 Function = Callable[..., Any]
 
 _inlined: set[Function] = set()
-_done: set[ModuleType] = set()  # modules of the package
+_done: set[str] = set()  # modules of the package
 
 
 def reason(error: Exception) -> str:
-    """The innermost cause of a failed compilation and its place, on one line."""
-    frame = (
-        "During", "Failed", "There are", "- ", ">>>", "Overload", "With argument", "Rejected",
-        "File", "def ", "<source",
-    )  # fmt: skip
+    """The innermost cause of a failed compilation, with its file and line, on one line."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    causes = [line for line in lines if not line.startswith(frame)]
-    places = [line for line in lines if line.startswith("File ")]
-    place = f" ({places[-1].rstrip(':')})" if places else ""
-    return (causes[-1] if causes else lines[0])[:200] + place
+    failed = [i + 1 for i, line in enumerate(lines) if "Failed in nopython mode" in line]
+    inner = lines[failed[-1] :] if failed else lines
+    place = next((line.rstrip(":") for line in inner if line.startswith("File ")), "")
+    code = next((before for before, line in pairwise(inner) if line == "^"), "")
+    cause = re.sub(r"\((<module '\w+').*>\)", r"(\1>)", inner[0])[:200]
+    return cause + (f" ({place}: {code})" if place else "")
 
 
 def inline(function: Function) -> Function:
@@ -88,8 +88,8 @@ def compile_method(call: Any) -> None:
         named = available if method is None else arguments(method)
         places = [available.index(argument) for argument in named]
         function = default if method is None else inline(method)
-        if method is not None and method.__module__ in sys.modules:
-            inline_all(sys.modules[method.__module__])
+        if method is not None:
+            inline_names(method.__module__, method.__globals__)
         typing_context.refresh()
         kind = typing_context.resolve_value_type(function)
         given = [part, *(values[i] for i in places)]
@@ -113,25 +113,31 @@ def compile_method(call: Any) -> None:
 def inline_all(module: ModuleType) -> None:
     """Let compiled code call every plain function of a module, and those that these may call.
 
-    The latter are the functions of all modules of the same package from which the module imports a
-    function, and so on; modules of the engine are left out, because each calls this for itself.
+    The latter are the functions of all modules of the same package, or of rigidmc, from which the
+    module imports a function, and so on; modules of the engine are left out, because each calls
+    this for itself.
     """
-    package, pending, seen = module.__name__.partition(".")[0], [module], set(_done)
+    inline_names(module.__name__, vars(module))
+
+
+def inline_names(module: str, names: Mapping[str, Any]) -> None:
+    """The same for a module by its name and what it has; a user's may be known to nobody else."""
+    package, pending, seen = module.partition(".")[0], [(module, names)], set(_done)
     methods: list[Any] = list(METHODS)
     while pending:
-        module = pending.pop()
+        module, names = pending.pop()
         if module in seen:
             continue
         seen.add(module)
-        for function in list(vars(module).values()):
+        for function in list(names.values()):
             if not inspect.isfunction(function) or function in methods:
                 continue
             home = function.__module__
-            same = home.partition(".")[0] == package and not home.startswith("rigidmc.engine.")
-            if home == module.__name__:
+            same = str(home).partition(".")[0] in (package, "rigidmc")
+            if home == module:
                 inline(function)
-            elif same and home in sys.modules:
-                pending.append(sys.modules[home])
+            elif same and not home.startswith("rigidmc.engine.") and home in sys.modules:
+                pending.append((home, vars(sys.modules[home])))
     if package == "rigidmc":  # a user's module may get more functions later
         _done.update(seen)
 

@@ -33,8 +33,10 @@ from rigidmc.engine.layout import (
     put_opened,
 )  # fmt: skip
 from rigidmc.engine.memory import four_at, put, three_at
+from rigidmc.engine.roots import guess, narrowed
+from rigidmc.engine.stays import at_start, lasting, note_end, write
 from rigidmc.integrators.protocol import closed, opened
-from rigidmc.observables.protocol import Record, armed, level, past, stops
+from rigidmc.observables.protocol import Record, armed, holds, level, past, stops
 
 # Steps back: regula falsi after Illinois has order 3 in three steps, and after five steps the error
 # is 1e-15 of a step.
@@ -55,9 +57,9 @@ def begin_events(events, body, effects, t, q, l, state, row):
     if len(events) == 0:
         return 0
     now = level(events[0], body, effects, t, q, l)
-    there = past(events[0], now)
+    count, since = at_start(holds(events[0]), past(events[0], now), t)
     first = select(armed(events[0], body, q, l, now, now != now), now, 0.0)
-    put((first, select(there, 1.0, 0.0), t, t, 0.0, t, t), state, row)
+    put((first, count, t, t, since, t, t), state, row)
     noted = (t, 0.0, now, 0.0, now) + q + l
     put(noted + noted, state, row + RECORDS)
     return begin_events(events[1:], body, effects, t, q, l, state, row + EVENT)
@@ -152,7 +154,16 @@ def settled(events, moves, step, backs, before, back, q, l, now, state, row):
     down. Arguments as of `note`."""
     if any_of(any_happened(before, now)):
         note(events, moves, step, backs, before, back, now, state, row)
+    all_lasting(events, moves, step, back[0], now, state, row)
     return armed_again(events, moves, step.body, q, l, before, now)
+
+
+def all_lasting(events, moves, step, back, now, state, row):
+    """Count the events that have lasted by the end of a part of a step."""
+    if len(events) == 0:
+        return 0
+    lasting(holds(events[0]), moves, step, back, now[0], state, row)
+    return all_lasting(events[1:], moves, step, back, now[1:], state, row + EVENT)
 
 
 def note(events, moves, step, backs, before, back, now, state, row):
@@ -167,12 +178,24 @@ def note(events, moves, step, backs, before, back, now, state, row):
     if len(events) == 0:
         return 0
     hit = happened(before[0], now[0]) & moves
-    note_one(hit, step, backs[0], before[0], back, now[0], state, row)
+    note_one(events[0], hit, step, backs[0], before[0], back, now[0], state, row)
     return note(events[1:], moves, step, backs[1:], before[1:], back, now[1:], state, row + EVENT)
 
 
-def note_one(hit, step, first_back, before, back, now, state, row):
+def note_one(event, hit, step, first_back, before, back, now, state, row):
     """Write down an event of the members that it hit; arguments as of `note`."""
+    return note_by(holds(event), event, hit, step, first_back, before, back, now, state, row)
+
+
+def note_by(wait, event, hit, step, first_back, before, back, now, state, row):
+    """`note_one` of an event that has to last if there is a `wait`."""
+    if len(wait) == 0:
+        return note_pass(hit, step, first_back, before, back, now, state, row)
+    return note_end(wait, event, hit, step, first_back, before, back, now, state, row)
+
+
+def note_pass(hit, step, first_back, before, back, now, state, row):
+    """`note_one` of an event that counts when its level passes through 0."""
     t, h, q, l = step.t, step.h, step.q, step.l
     count, last = state[row + COUNT], state[row + TAU]
     apart = now - before
@@ -189,11 +212,6 @@ def note_one(hit, step, first_back, before, back, now, state, row):
         write(first, noted, state, row + RECORDS)
     write(hit, noted, state, row + RECORDS + RECORD)
     return 0
-
-
-def write(condition, values, state, row):
-    """Write a tuple to rows if the condition holds."""
-    return put(select_each(condition, values, filled(values, state, row)), state, row)
 
 
 def seek(kinds, numbers, parts, state, work, spare, aside, row, which, tried):
@@ -236,27 +254,6 @@ def level_of(events, which, body, effects, t, q, l):
     if which == 0:
         return level(events[0], body, effects, t, q, l)
     return level_of(events[1:], which - 1, body, effects, t, q, l)
-
-
-def guess(ends):
-    """Where the level is 0 by a straight line between two steps back, and within the step.
-
-    ends = (share of the step, level there, share, level there)
-    """
-    low, below, high, above = ends
-    apart = above - below
-    share = low - (high - low) * (below / select(apart == 0.0, 1.0, apart))
-    return select(apart == 0.0, low, min(max(share, min(low, high)), max(low, high)))
-
-
-def narrowed(ends, share, here):
-    """The next ends after Illinois, one of them `share` with the level `here`.
-
-    An end that stays has its level halved.
-    """
-    low, below, high, above = ends
-    between = here * above < 0.0  # the level is 0 between `share` and the newer end
-    return select(between, high, low), select(between, above, 0.5 * below), share, here
 
 
 inline_all(sys.modules[__name__])

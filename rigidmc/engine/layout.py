@@ -80,6 +80,7 @@ TAU = _event.take(1)  # when it last happened, by linear interpolation
 FIRST_TAU = _event.take(1)  # when it first happened, by linear interpolation
 SQUARES = _event.take(1)  # sum of the squares of the times between
 TIMES = _event.take(2)  # when it first and last happened, exactly
+SINCE = SQUARES  # of an event that has to last: see `rigidmc.engine.stays`
 # time of the step's end; the ends between which the level passes through 0 as parts of a step back
 # from there, and the levels at them, the later end first; the state at the step's end
 RECORD = 12

@@ -7,16 +7,16 @@ from typing import Any, NamedTuple
 from numba import njit, typeof
 
 from rigidmc.dynamics.euler import MassProperties
+from rigidmc.dynamics.trials import RULE
 from rigidmc.effects import EFFECTS
 from rigidmc.effects.parameters import blank
 from rigidmc.effects.protocol import energy, energy_scale, kick, shake, torque, torque_rate
 from rigidmc.effects.sums import total_torque
-from rigidmc.effects.user import RULE
 from rigidmc.engine.compose import NumbaError
 from rigidmc.engine.formulas import WIDTH
 from rigidmc.engine.kinds import filled, parts_of
 from rigidmc.engine.memory import four_at, put, three_at
-from rigidmc.engine.pieces import dispatcher_of, signature_of
+from rigidmc.engine.pieces import config, dispatcher_of, signature_of
 from rigidmc.engine.pipeline import FLAGS
 from rigidmc.errors import SceneError
 from rigidmc.integrators.protocol import constants, opened, step
@@ -70,6 +70,8 @@ def torque_operations(effect: Any) -> Operations:
 
 def why_refused(effect: Any) -> str:
     """Why the torque of a user's effect cannot go into a kernel: "takes memory", or ""."""
+    if config.DISABLE_JIT:
+        return ""
     return "takes memory" if "NRT_" in _torque_code(effect) else ""
 
 

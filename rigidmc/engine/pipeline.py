@@ -147,7 +147,9 @@ class Pipeline(compiler.CompilerBase):
 
     def define_pipelines(self) -> list[Any]:
         passes = compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
-        needless = NEEDLESS if self.state.func_id.func.__module__.startswith("rigidmc.") else ()
+        needless = (
+            NEEDLESS if str(self.state.func_id.func.__module__).startswith("rigidmc.") else ()
+        )
         passes.passes = [
             (FusingLowering if kind is NativeLowering else kind, what)
             for kind, what in passes.passes

@@ -21,7 +21,7 @@ from rigidmc.engine.layout import BODY, BODY_AT, KNOWN, LANES, START, places
 from rigidmc.engine.machine import vector_bits
 from rigidmc.engine.march import march
 from rigidmc.engine.memory import aligned
-from rigidmc.engine.operations import why_one_at_a_time
+from rigidmc.engine.own_parts import slow_parts
 from rigidmc.engine.pieces import NOTHING, Asked, Piece, config, is_ready, piece, run
 from rigidmc.engine.pipeline import LINE
 from rigidmc.integrators.protocol import group_count
@@ -65,7 +65,8 @@ class Program:
                 parts=form.parts * (np.arange(len(form.parts)) > 0)[:, None],
             )
         self.form, self.effects, self.dtype = form, effects, np.dtype(dtype).name
-        one = config.DISABLE_JIT or any(map(why_one_at_a_time, effects))
+        watches = *observables, *events, *(one for one, _ in running)
+        one = config.DISABLE_JIT or slow_parts(form.integrator, effects, watches)
         self.lanes = 1 if one else lanes or lanes_for(dtype)
         self.parts = np.ascontiguousarray(form.parts, dtype=float).ravel()
 

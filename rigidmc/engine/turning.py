@@ -266,7 +266,7 @@ def noted(events, k, there, step, x, q, l, backs, levels, state, row):
     if k == 0:
         turn = levels_of(events[:1], step.body, step.effects, time(step, x), q, l)[0]
         hit = there & (turn * start <= 0.0) & (start != 0.0)
-        note_one(hit, step, (back, more), start, (1.0 - x, 0.0), turn, state, row)
+        note_one(events[0], hit, step, (back, more), start, (1.0 - x, 0.0), turn, state, row)
         anew = hit | (there & (start == 0.0))
         again = select(armed(events[0], step.body, q, l, turn, turn != turn), turn, 0.0)
         back, more = select(anew, 1.0 - x, back), select(anew, 0.0, more)

@@ -4,7 +4,7 @@
 add one.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import import_module
 from math import inf
 from typing import Any
@@ -35,31 +35,35 @@ INTEGRATORS: dict[str, Integrator] = {
 }
 
 
-def description(name: str) -> str:
+def description(kind: Integrator) -> str:
     """What an integrator is and what it is for, with its source."""
-    kind = INTEGRATORS[name]
     return kind.text or kind.__doc__ or ""
 
 
 def refusal(
-    name: str, effects: Sequence[Any], compensated: bool = False, works: bool = False
+    name: str,
+    effects: Sequence[Any],
+    compensated: bool = False,
+    works: bool = False,
+    known: Mapping[str, Integrator] = INTEGRATORS,
 ) -> str | None:
     """Why an integrator does not take these effects, with the nearest ones that do; else None.
 
     compensated : whether sums are to keep their remainders
     works : whether the works of the effects are to be kept
+    known : the integrators by name, those of a scene
 
     Whether `closed` covers a body depends on its moments too, see `rigidmc.planning.closed_form`.
     """
-    why = _refusal(INTEGRATORS[name], effects, compensated, works)
+    why = _refusal(known[name], effects, compensated, works)
     if why is None:
         return None
     able = [
         other
-        for other in accepting(effects, compensated, works)
-        if not isinstance(INTEGRATORS[other], ClosedForm)
+        for other in accepting(effects, compensated, works, known)
+        if not isinstance(known[other], ClosedForm)
     ]
-    able.sort(key=lambda other: _distance(INTEGRATORS[name], INTEGRATORS[other]))
+    able.sort(key=lambda other: _distance(known[name], known[other]))
     return f"{why}; use {' or '.join(able[:2])}" if able else why
 
 
@@ -72,17 +76,20 @@ def _distance(one: Integrator, other: Integrator) -> tuple[float, bool]:
     return apart, one.splitting != other.splitting
 
 
-def accepting(effects: Sequence[Any], compensated: bool = False, works: bool = False) -> list[str]:
+def accepting(
+    effects: Sequence[Any],
+    compensated: bool = False,
+    works: bool = False,
+    known: Mapping[str, Integrator] = INTEGRATORS,
+) -> list[str]:
     """The names of the integrators that take these effects; for the options see `refusal`."""
     return [
-        name
-        for name, kind in INTEGRATORS.items()
-        if _refusal(kind, effects, compensated, works) is None
+        name for name, kind in known.items() if _refusal(kind, effects, compensated, works) is None
     ]
 
 
 def keeps_remainders(
-    name: str, effects: Sequence[Any], dtype: str, compensated: bool = False
+    kind: Integrator, effects: Sequence[Any], dtype: str, compensated: bool = False
 ) -> bool:
     """Whether sums keep their remainders: if asked for, and in float32 whenever the integrator can.
 
@@ -91,9 +98,7 @@ def keeps_remainders(
     (rk4: 2e-3 after 10 s in 1.3e5 steps). With them it does not grow (6e-7), and rk4 takes 1.3
     times as long.
     """
-    return compensated or (
-        dtype == "float32" and _refusal(INTEGRATORS[name], effects, True, False) is None
-    )
+    return compensated or (dtype == "float32" and _refusal(kind, effects, True, False) is None)
 
 
 def _refusal(

@@ -16,6 +16,17 @@ SLACK = 1e-12  # relative: a flat plate obeys I3 = I1 + I2 only to rounding
 _SIX = ([0, 1, 2, 1, 2, 0], [0, 1, 2, 2, 0, 1])  # xx, yy, zz, yz, zx, xy
 
 
+def elements(tensor: Any) -> tuple[Any, ...]:
+    """xx, yy, zz, yz, zx, xy of a symmetric tensor, by rows."""
+    return tuple(tensor[i][j] for i, j in zip(*_SIX, strict=True))
+
+
+def symmetric(six: Any) -> NDArray[np.float64]:
+    """Tensors (n, 3, 3) of elements (6, n)."""
+    xx, yy, zz, yz, zx, xy = six
+    return np.stack([np.stack(row, -1) for row in ((xx, xy, zx), (xy, yy, yz), (zx, yz, zz))], -2)
+
+
 def broken(moments: Any) -> Any:
     """Whether (...) no body has the moments (3, ...).
 

@@ -7,6 +7,8 @@ WATCHED              over all steps, one result per member: events (`level`), ru
                      (`begin` and `update`), `megno`; over all members at save times: `histogram`
 WATCHED_STATISTICS   omega_min, omega_max, omega_mean, omega_variance and so on: of each of
                      OBSERVABLES that asks for neither start nor works
+
+A scene may have observables of the user's own, "given" below: their words are names beside these.
 """
 
 # One line for each observable, in the order in which lists and results have them. The word of an
@@ -28,12 +30,20 @@ from rigidmc.observables.chaos import Megno as Megno
 from rigidmc.observables.histogram import Histogram as Histogram
 # isort: on
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from rigidmc.dynamics.methods import argument_names, implements, word_of
 from rigidmc.errors import SceneError
-from rigidmc.observables.protocol import Ensemble, Outputs, size
+from rigidmc.observables.protocol import (
+    Ensemble,
+    Event,
+    Neighbour,
+    Observable,
+    Outputs,
+    Running,
+    size,
+)
 from rigidmc.observables.running import STATISTICS
 
 _KINDS = {word_of(kind): kind for kind in globals().values() if hasattr(kind, "_fields")}
@@ -41,65 +51,131 @@ OBSERVABLES: dict[str, Any] = {
     word: kind for word, kind in _KINDS.items() if implements(kind, "value")
 }
 WATCHED: dict[str, Any] = {word: kind for word, kind in _KINDS.items() if word not in OBSERVABLES}
-WATCHED_STATISTICS: dict[str, tuple[str, Any]] = {  # {name: (name of the observable, statistic)}
-    f"{name}_{word}": (name, statistic)
-    for name, kind in OBSERVABLES.items()
-    for word, statistic in STATISTICS.items()
-    if not argument_names(kind, "value") & {"start", "works"}
-}
+# Variables that every result has, whatever is saved and watched.
+OUTCOMES = ("energy_drift_max", "l2_drift_max", "status", "status_step", "status_time", "steps")
+Statistics = dict[str, tuple[str, Any]]  # {name: (name of the observable, statistic)}
+
+
+def _statistics(kinds: Mapping[str, Any]) -> Statistics:
+    """The running statistics of observables at save times, {name: class or instance}."""
+    return {
+        f"{name}_{word}": (name, statistic)
+        for name, kind in kinds.items()
+        for word, statistic in STATISTICS.items()
+        if not argument_names(kind, "value") & {"start", "works"}
+    }
+
+
+WATCHED_STATISTICS: Statistics = _statistics(OBSERVABLES)
 KNOWN = (*OBSERVABLES, *WATCHED, *WATCHED_STATISTICS)
 
 
-def value_rows(names: Iterable[str], effects: int) -> dict[str, slice]:
-    """{observable: rows of its values} at one save, one after the other; names of what is recorded
-    at save times, and the number of effects of the scene."""
+def is_observable(value: Any) -> bool:
+    """Whether a value is an observable of any kind, such as Flips(): an instance, not its class."""
+    kinds = Observable, Event, Running, Neighbour, Ensemble
+    return isinstance(value, tuple) and (isinstance(value, kinds) or is_opaque(value))
+
+
+def is_opaque(value: Any) -> bool:
+    """Whether a value stands for an observable of the user's own whose code is not run."""
+    return implements(value, "stand_in")
+
+
+def is_own(value: Any) -> bool:
+    """Whether an observable is of a class of the user's own."""
+    return all(known is not type(value) for known in (*OBSERVABLES.values(), *WATCHED.values()))
+
+
+def word_of_observable(value: Any) -> str:
+    """The name of an observable; SceneError for anything else."""
+    if not is_observable(value):
+        rule = "expected names of observables, or observables such as rigidmc.Flips()"
+        raise SceneError("run", "save", value, rule)
+    return word_of(type(value))
+
+
+def numbered(given: Iterable[Any]) -> list[tuple[str, Any]]:
+    """[(label, observable)]: the name of each, numbered from the second of a name on."""
+    count: dict[str, int] = {}
+    labels = []
+    for one in given:
+        name = word_of_observable(one)
+        count[name] = count.get(name, 0) + 1
+        labels.append((name if count[name] == 1 else f"{name}_{count[name]}", one))
+    return labels
+
+
+def own(given: Iterable[Any]) -> dict[str, Any]:
+    """{label: observable} of those given that can be recorded at save times."""
+    return {
+        label: one
+        for label, one in numbered(given)
+        if isinstance(one, Observable) and not is_opaque(one)
+    }
+
+
+def named(given: Iterable[Any], name: str) -> Any:
+    """The observable at save times of this name or label."""
+    return OBSERVABLES[name]() if name in OBSERVABLES else dict(numbered(given))[name]
+
+
+def statistics(given: Iterable[Any]) -> Statistics:
+    """WATCHED_STATISTICS, and those of what is given."""
+    return {**WATCHED_STATISTICS, **_statistics(own(given))}
+
+
+def known(given: Iterable[Any]) -> tuple[str, ...]:
+    """All names that a scene may save."""
+    opaque = [word_of_observable(one) for one in given if is_opaque(one)]
+    perhaps = (f"{word}_{statistic}" for word in opaque for statistic in STATISTICS)
+    more = dict.fromkeys((*map(word_of_observable, given), *statistics(given), *perhaps))
+    return (*KNOWN, *(name for name in more if name not in KNOWN))
+
+
+def value_rows(observables: Mapping[str, Any], effects: int) -> dict[str, slice]:
+    """{observable: rows of its values} at one save, one after the other; {name: observable} of what
+    is recorded at save times, and the number of effects of the scene."""
     rows, end = {}, 0
-    for name in names:
-        rows[name] = slice(end, end := end + size(OBSERVABLES[name].dims, effects))
+    for name, one in observables.items():
+        rows[name] = slice(end, end := end + size(one.dims, effects))
     return rows
 
 
-def saved(save: Iterable[str]) -> tuple[str, ...]:
-    """The named observables that are recorded at save times."""
-    return tuple(name for name in save if name in OBSERVABLES)
+def saved(save: Iterable[str], given: Sequence[Any] = ()) -> tuple[str, ...]:
+    """The named observables that are recorded at save times, each by its label."""
+    labels = own(given)
+    names: dict[str, None] = {}
+    for name in save:
+        if name in OBSERVABLES:
+            names[name] = None
+        names |= {label: None for label, one in labels.items() if word_of(type(one)) == name}
+    return tuple(names)
 
 
-def recorded(save: Sequence[str], given: Sequence[Any]) -> tuple[str, ...]:
-    """The observables that a kernel records at save times: the saved ones, then those that only
+def recorded(save: Sequence[str], given: Sequence[Any]) -> dict[str, Any]:
+    """{name: observable} of what a kernel records at save times: what is saved, then what only
     histograms need."""
     hidden = (one.name for _, one in watched(save, given) if isinstance(one, Ensemble))
-    return tuple(dict.fromkeys((*saved(save), *hidden)))
-
-
-def is_summary(value: Any) -> bool:
-    """Whether a value is an observable over all steps, such as Flips()."""
-    return any(known is type(value) for known in WATCHED.values())
-
-
-def word_of_watched(summary: Any) -> str:
-    """The name in WATCHED of a class or of an instance; SceneError for anything else."""
-    kind = summary if isinstance(summary, type) else type(summary)
-    for name, known in WATCHED.items():
-        if known is kind:
-            return name
-    rule = "expected names of observables, or observables over all steps such as rigidmc.Flips()"
-    raise SceneError("run", "save", summary, rule)
+    return {name: named(given, name) for name in dict.fromkeys((*saved(save, given), *hidden))}
 
 
 def watched(save: Sequence[str], given: Sequence[Any]) -> list[tuple[str, Any]]:
     """[(label, observable)] of the observables over all steps.
 
     save : names; a name with numbers in `given` has those, a name without has its defaults
-    given : observables with their numbers; all of them are watched
+    given : observables with their numbers; all of them are watched but those at save times
     """
     labelled: list[tuple[str, Any]] = []
-    for name in dict.fromkeys((*save, *(word_of_watched(one) for one in given))):
-        if name in WATCHED_STATISTICS:
-            observable, statistic = WATCHED_STATISTICS[name]
-            labelled.append((name, statistic(OBSERVABLES[observable]())))
-        elif name in WATCHED:
-            same = [one for one in given if word_of_watched(one) == name] or [WATCHED[name]()]
-            labelled += [(f"{name}_{i}" if i > 1 else name, one) for i, one in enumerate(same, 1)]
+    at_times = own(given)
+    over = [(s, one) for s, one in numbered(given) if s not in at_times and not is_opaque(one)]
+    extra = statistics(given)
+    for name in dict.fromkeys((*save, *(word_of_observable(one) for _, one in over))):
+        if name in extra:
+            observable, statistic = extra[name]
+            labelled.append((name, statistic(named(given, observable))))
+            continue
+        same = [(label, one) for label, one in over if word_of_observable(one) == name]
+        labelled += same or ([(name, WATCHED[name]())] if name in WATCHED else [])
     return labelled
 
 
@@ -108,14 +184,20 @@ def outputs(label: str, one: Any) -> Outputs:
 
     label : as `watched` has it; the ends of variables are those of labels: passage_2, passages_2
     """
-    if label in WATCHED_STATISTICS:
+    if type(one) in STATISTICS.values():
         units = " ".join(map(_squared, one.of.units.split())) if one.squares else one.of.units
-        return {label: (units, f"{one.word} {one.of.long_name}, over the steps", one.of.dims)}
-    end, words = label.removeprefix(word_of_watched(one)), one.words()
+        return {label: (units, f"{one.word} {title(one.of)}, over the steps", one.of.dims)}
+    end, words = label.removeprefix(word_of_observable(one)), one.words()
     return {
         name + end: (units, text.format(**words), dims)
         for name, (units, text, dims) in one.outputs.items()
     }
+
+
+def title(one: Any) -> str:
+    """The long_name of an observable at save times, with its numbers where {field} names them."""
+    text: str = one.long_name
+    return text.format(**one._asdict())
 
 
 def _squared(unit: str) -> str:

@@ -2,12 +2,14 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
+from rigidmc.dynamics.so3 import dot, first_three, into_body, up
 from rigidmc.effects.field import RotatingField, UniformField, turned
 from rigidmc.effects.gravity_gradient import GravityGradient, place
 from rigidmc.errors import SceneError, unknown
 
+Marks = tuple[float, ...]
 ORBIT = ("local_vertical", "along_track", "orbit_normal")
 WORDS = ("vertical", "momentum", "field", *ORBIT)
 RULE = (
@@ -51,6 +53,73 @@ def words(about: Any) -> str:
         named = {"momentum": "angular momentum", "along_track": "direction along the track"}
         return named.get(about, about.replace("_", " "))
     return f"direction ({', '.join(f'{x:g}' for x in about)})"
+
+
+class Direction(NamedTuple):
+    """A direction as compiled code takes it; without any mark the vertical.
+
+    momentum, orbit, field : (0.0,) for the angular momentum, for one of the orbit, for the field
+    which : (0.0,) as often as there are effects before the one that has the orbit or the field
+    other : (0.0,) for the direction along the track, and for a field that rotates
+    vector : (x, y, z) of a fixed unit vector in space, else ()
+    """
+
+    momentum: Marks = ()
+    orbit: Marks = ()
+    field: Marks = ()
+    which: Marks = ()
+    other: Marks = ()
+    vector: Marks = ()
+
+
+def compiled(table: str, key: str, about: Any, effects: Sequence[Any]) -> Direction:
+    """The Direction that `about` means; SceneError without the orbit or the field it needs."""
+    mark: Marks = (0.0,)
+    if not isinstance(about, str):
+        size = math.hypot(*about)
+        return Direction(vector=tuple(x / size for x in about))
+    if about in (*ORBIT, "field"):
+        which = source(table, key, about, effects)
+        if about == "field":
+            turns = mark * isinstance(effects[which], RotatingField)
+            return Direction(field=mark, which=mark * which, other=turns)
+        if about != "orbit_normal":  # the space z axis
+            ahead = mark * (about == "along_track")
+            return Direction(orbit=mark, which=mark * which, other=ahead)
+    return Direction(momentum=mark * (about == "momentum"))
+
+
+def seen(direction, effects, t, q, l):
+    """A vector along a Direction, in body components."""
+    momentum, orbit, field, which, other, vector = direction
+    return marked(momentum, orbit, field, which, other, vector, effects, t, q, l)
+
+
+def marked(momentum, orbit, field, which, other, vector, effects, t, q, l):
+    """`seen` of the Direction with these marks."""
+    if len(momentum) > 0:
+        return first_three(l)
+    if len(orbit) > 0:
+        return into_body(q, on_orbit(effects, which, other, t))
+    if len(field) > 0:
+        return into_body(q, on_field(effects, which, other, t))
+    if len(vector) > 0:
+        return into_body(q, vector)
+    return up(q)
+
+
+def length(direction, v):
+    """The length of a vector along a Direction, 1 for all but momenta and fields."""
+    return length_of(direction.momentum, direction.field, v)
+
+
+def length_of(momentum, field, v):
+    """`length` of the Direction with these marks."""
+    if len(momentum) > 0:
+        return math.sqrt(dot(v, v))
+    if len(field) > 0:
+        return math.sqrt(dot(v, v))
+    return 1.0
 
 
 def on_orbit(effects, which, ahead, t):

@@ -10,14 +10,14 @@ Of flagged members every save is kept, whatever is kept of the others: omega_fla
 flagged), and flagged_member has their indices.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.errors import SceneError, unknown
-from rigidmc.observables import OBSERVABLES, WATCHED_STATISTICS
+from rigidmc.observables import OBSERVABLES, is_opaque, numbered, own, statistics
 from rigidmc.observables.running import STATISTICS
 
 WORDS = ("none", "final", "summary", "thinned", "full")
@@ -25,28 +25,34 @@ Keep = str | Mapping[str, str]  # one word for all observables, or {name: word}
 Values = dict[str, NDArray[Any]]
 
 
-def check_keep(keep: Keep) -> None:
-    """Raise SceneError if the setting `keep` names an unknown observable or an unknown word."""
+def check_keep(keep: Keep, given: Sequence[Any] = ()) -> None:
+    """Raise SceneError if the setting `keep` names an unknown observable or an unknown word.
+
+    given : the observables of the scene, with their numbers
+    """
+    opaque = [label for label, one in numbered(given) if is_opaque(one)]
+    names, summed = (*OBSERVABLES, *own(given), *opaque), statistics(given)
     named = {None: keep} if isinstance(keep, str) else keep
     for name, word in named.items():
         key = "keep" if name is None else f"keep.{name}"
-        if name is not None and name not in OBSERVABLES:
-            raise unknown("run", key, name, "observable at save times", OBSERVABLES)
+        if name is not None and name not in names:
+            raise unknown("run", key, name, "observable at save times", names)
         if word not in WORDS:
             raise unknown("run", key, word, "way to keep it", WORDS)
-        if word == "summary" and name is not None and f"{name}_mean" not in WATCHED_STATISTICS:
+        if word == "summary" and name is not None and f"{name}_mean" not in summed:
             rule = "it has no summary over the steps: keep it final, thinned or full"
             raise SceneError("run", key, word, rule)
 
 
-def kept(keep: Keep, saved: Iterable[str]) -> dict[str, str]:
+def kept(keep: Keep, saved: Iterable[str], given: Sequence[Any] = ()) -> dict[str, str]:
     """{name: word} of the saved observables.
 
     If all are summarised, an observable that has no summary keeps its last save.
     """
+    summed = statistics(given)
     words = {name: keep if isinstance(keep, str) else keep.get(name, "full") for name in saved}
     return {
-        name: "final" if word == "summary" and f"{name}_mean" not in WATCHED_STATISTICS else word
+        name: "final" if word == "summary" and f"{name}_mean" not in summed else word
         for name, word in words.items()
     }
 

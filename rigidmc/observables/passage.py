@@ -4,11 +4,12 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from rigidmc.dynamics.so3 import dot, into_body, up
-from rigidmc.effects.field import RotatingField
+import numpy as np
+
+from rigidmc.effects.protocol import is_random
 from rigidmc.errors import SceneError, unknown
 from rigidmc.observables import directions
-from rigidmc.observables.directions import on_field, on_orbit
+from rigidmc.observables.directions import Direction, Marks, length, seen
 from rigidmc.observables.protocol import Array, Record, event
 
 TABLE = "observables.passage"
@@ -49,6 +50,10 @@ class Passage(NamedTuple):
     at_start : str, optional
         whether a member that has passed at the start counts as passed at t = 0, "count", or only
         once it has come back and passes again, "ignore"
+    hold : float, optional [s]
+        how long the axis has to stay where it has passed to: a shorter stay does not count, and
+        `stop` acts at the end of the step in which the time is over. The time of a passage is that
+        at which its stay began
 
     Examples
     --------
@@ -64,6 +69,7 @@ class Passage(NamedTuple):
     about: str | Sequence[float] = "vertical"
     stop: bool = False
     at_start: str = "count"
+    hold: float = 0.0
 
     def check(self) -> None:
         """Raise SceneError for an axis, an angle or a word that is not allowed."""
@@ -81,30 +87,25 @@ class Passage(NamedTuple):
         ):
             if word not in known:
                 raise unknown(TABLE, key, word, "word", known)
+        real = isinstance(self.hold, (int, float)) and not isinstance(self.hold, bool)
+        if not real or not 0.0 <= self.hold < math.inf:
+            raise SceneError(TABLE, "hold", self.hold, "expected a time of 0 or more [s]")
         if not isinstance(self.stop, bool):
             raise SceneError(TABLE, "stop", self.stop, "expected true or false")
 
-    def compiled(
-        self, moments: Array, complete: bool, effects: Sequence[Any]
-    ) -> "Vertical | AlongMomentum | AlongFixed | AlongOrbit | AlongField":
+    def compiled(self, moments: Array, complete: bool, effects: Sequence[Any]) -> "Cone":
         """The event, the same for all bodies; SceneError without the orbit or field it needs."""
-        marks = tuple((0.0,) if abs(self.axis) == i else () for i in (1, 2, 3))
+        smooth = not any(map(is_random, effects))
         outward = -1.0 if self.way == "leaves" else 1.0
-        cosine, end = outward * math.cos(self.angle), outward * math.copysign(1.0, self.axis)
-        level = marks, end, cosine, (0.0,) * self.stop, (0.0,) * (self.at_start == "ignore")
-        if not isinstance(self.about, str):
-            size = math.hypot(*self.about)
-            return AlongFixed(*level, *(x / size for x in self.about))
-        if self.about in directions.ORBIT:
-            which = directions.source(TABLE, "about", self.about, effects)
-            if self.about != "orbit_normal":  # the space z axis
-                ahead = (0.0,) * (self.about == "along_track")
-                return AlongOrbit(*level, (0.0,) * which, ahead)
-        if self.about == "field":
-            which = directions.source(TABLE, "about", self.about, effects)
-            turns = (0.0,) * isinstance(effects[which], RotatingField)
-            return AlongField(*level, (0.0,) * which, turns)
-        return AlongMomentum(*level) if self.about == "momentum" else Vertical(*level)
+        return Cone(
+            tuple((0.0,) if abs(self.axis) == i else () for i in (1, 2, 3)),
+            outward * math.copysign(1.0, self.axis),
+            outward * math.cos(self.angle),
+            (0.0,) * self.stop,
+            (0.0,) * (self.at_start == "ignore"),
+            directions.compiled(TABLE, "about", self.about, effects),
+            (float(self.hold), 0.0)[: 1 + smooth] if self.hold else (),
+        )
 
     def words(self) -> dict[str, Any]:
         """The axis, the way, and the cone."""
@@ -113,111 +114,27 @@ class Passage(NamedTuple):
             "way": self.way,
             "angle": float(self.angle),
             "about": directions.words(self.about),
-            "start": ", starts beyond it left out" * (self.at_start == "ignore"),
+            "start": ", starts beyond it left out" * (self.at_start == "ignore")
+            + f", and stays for {self.hold:g} s" * bool(self.hold),
         }
 
     def results(self, record: Record) -> dict[str, Array]:
         """The outputs."""
-        return {
-            "passages": record.count,
-            "passage_first": record.first,
-            "passage_last": record.last,
-        }
+        first, last = record.first, record.last
+        if self.hold:
+            some = record.count > 0.0
+            first, last = (np.where(some, t, np.nan) for t in (record.first_tau, record.tau))
+        return {"passages": record.count, "passage_first": first, "passage_last": last}
 
 
-class Vertical(NamedTuple):
-    """An axis e of the body against a cone about the vertical.
+class Cone(NamedTuple):
+    """An axis e of the body against a cone about a vector d.
 
-        level = sign (e . z) - cosine, which rises through 0 at the event
+        level = sign (e . d) - cosine |d|, which rises through 0 at the event
 
     axis : (0.0,) for the axis, () for the others;  stop : see `rigidmc.observables.protocol.stops`
     ignored : (0.0,) if a start beyond the cone does not count
-    """
-
-    axis: tuple[tuple[float, ...], ...]
-    sign: float
-    cosine: float
-    stop: tuple[float, ...] = ()
-    ignored: tuple[float, ...] = ()
-
-    def level(self, q):
-        return self.sign * along(self.axis, up(q)) - self.cosine
-
-    def past(self, level):
-        return counts(self.ignored, level)
-
-    def stops(self):
-        return self.stop
-
-
-class AlongMomentum(NamedTuple):
-    """The same about the angular momentum: level = sign L_i - cosine |L|."""
-
-    axis: tuple[tuple[float, ...], ...]
-    sign: float
-    cosine: float
-    stop: tuple[float, ...] = ()
-    ignored: tuple[float, ...] = ()
-
-    def level(self, l):
-        return self.sign * along(self.axis, l) - self.cosine * math.sqrt(dot(l, l))
-
-    def past(self, level):
-        return counts(self.ignored, level)
-
-    def stops(self):
-        return self.stop
-
-
-class AlongFixed(NamedTuple):
-    """The same about a unit vector (x, y, z) in space."""
-
-    axis: tuple[tuple[float, ...], ...]
-    sign: float
-    cosine: float
-    stop: tuple[float, ...]
-    ignored: tuple[float, ...]
-    x: float
-    y: float
-    z: float
-
-    def level(self, q):
-        seen = into_body(q, (self.x, self.y, self.z))
-        return self.sign * along(self.axis, seen) - self.cosine
-
-    def past(self, level):
-        return counts(self.ignored, level)
-
-    def stops(self):
-        return self.stop
-
-
-class AlongOrbit(NamedTuple):
-    """The same about a direction of the orbit; which, ahead : see `directions.on_orbit`."""
-
-    axis: tuple[tuple[float, ...], ...]
-    sign: float
-    cosine: float
-    stop: tuple[float, ...]
-    ignored: tuple[float, ...]
-    which: tuple[float, ...]
-    ahead: tuple[float, ...]
-
-    def level(self, effects, t, q):
-        seen = into_body(q, on_orbit(effects, self.which, self.ahead, t))
-        return self.sign * along(self.axis, seen) - self.cosine
-
-    def past(self, level):
-        return counts(self.ignored, level)
-
-    def stops(self):
-        return self.stop
-
-
-class AlongField(NamedTuple):
-    """The same about a field B: level = sign (e . B) - cosine |B|.
-
-    which, turns : see `directions.on_field`
+    hold : see `rigidmc.observables.protocol.holds`
     """
 
     axis: tuple[tuple[float, ...], ...]
@@ -225,19 +142,31 @@ class AlongField(NamedTuple):
     cosine: float
     stop: tuple[float, ...]
     ignored: tuple[float, ...]
-    which: tuple[float, ...]
-    turns: tuple[float, ...]
+    direction: Direction
+    hold: Marks
 
-    def level(self, effects, t, q):
-        field = on_field(effects, self.which, self.turns, t)
-        seen = into_body(q, field)
-        return self.sign * along(self.axis, seen) - self.cosine * math.sqrt(dot(field, field))
+    def level(self, effects, t, q, l):
+        d = seen(self.direction, effects, t, q, l)
+        return self.sign * along(self.axis, d) - self.cosine * length(self.direction, d)
+
+    def armed(self, level):
+        return may_pass(self.hold, level)
 
     def past(self, level):
         return counts(self.ignored, level)
 
+    def holds(self):
+        return self.hold
+
     def stops(self):
         return self.stop
+
+
+def may_pass(hold, level):
+    """Whether an event may happen next: one that has to last may also end."""
+    if len(hold) > 0:
+        return level == level
+    return level < 0.0
 
 
 def counts(ignored, level):

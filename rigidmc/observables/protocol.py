@@ -4,11 +4,11 @@ A class is a NamedTuple with one of the decorators below, which states its facts
 and refuses a class that lacks the rest. Its fields are the numbers of a table [observables.NAME] in
 a scene.
 
-`value`, `begin`, `update`, `turning`, `sought`, `averages`, `steady`, `level`, `armed`, `past` and
-`stops` are called from compiled code. As the methods of effects, they name the arguments that they
-depend on and are given no others: body, effects, t, q, l, and `value` also start and works. They
-are plain arithmetic, see `rigidmc.dynamics.methods`. All other methods are Python and take arrays,
-members last.
+`value`, `begin`, `update`, `turning`, `sought`, `averages`, `steady`, `level`, `armed`, `past`,
+`holds` and `stops` are called from compiled code. As the methods of effects, they name the
+arguments that they depend on and are given no others: body, effects, t, q, l, and `value` also
+start and works. They are plain arithmetic, see `rigidmc.dynamics.methods`. All other methods are
+Python and take arrays, members last.
 """
 
 import inspect
@@ -301,6 +301,13 @@ def armed(event, body, q, l, level, armed):
 def past(event, level):
     """Whether the event counts as happened at the start, by default if its level is not below 0."""
     return level >= 0.0
+
+
+@method
+def holds(event):
+    """() if an event counts when its level passes through 0. (T,) if it counts only once the level
+    has been above 0 for T seconds; with a second number also within steps, by dense output."""
+    return ()
 
 
 @method

@@ -13,7 +13,6 @@ from rigidmc.engine import layout
 from rigidmc.errors import SceneError
 from rigidmc.mechanics.free_top import Motion, free_motion, free_top
 from rigidmc.mechanics.lagrange_top import lagrange_motion, lagrange_top
-from rigidmc.observables import OBSERVABLES
 from rigidmc.observables.protocol import value
 from rigidmc.planning.rates import Array, physics
 from rigidmc.planning.stage import Start, stage
@@ -196,7 +195,7 @@ def closed_values(scene: Scene, block: Array, start: Start, times: Array, dt: fl
     block[layout.GOOD_STEP] = steps[last[-1]]
     bad_save = np.minimum(healthy.sum(0), len(times) - 1)
     block[layout.FAULT_STEP] = np.where(healthy[-1], -1.0, steps[bad_save])
-    observables = [OBSERVABLES[name]() for name in scene.recorded()]
+    observables = list(scene.recorded().values())
     with np.errstate(all="ignore"):
         rows = [
             [v for o in observables for v in value(o, body, effects, t, a, b, first, ())]

@@ -9,7 +9,7 @@ from rigidmc.effects.sums import total_energy_scale
 from rigidmc.engine import layout
 from rigidmc.engine.layout import whole_lanes
 from rigidmc.errors import SceneError
-from rigidmc.integrators import INTEGRATORS, Form, Turns, form
+from rigidmc.integrators import Form, Turns, form
 from rigidmc.planning.rates import Array, own_steps, physics, rates
 from rigidmc.planning.stage import first_members
 from rigidmc.planning.watch import Watch, needs_attitude, watch
@@ -41,7 +41,7 @@ def form_of(scene: Scene, dt: float) -> tuple[Form, float | None, float]:
     the integrator.
     """
     run = scene.run
-    kind, rate, turns = INTEGRATORS[run.integrator], None, Turns()
+    kind, rate, turns = scene.integrator, None, Turns()
     if implements(kind, "prepared"):
         bound = _turn_rates(scene)
         rate = bound.free if run.turn_rate is None else run.turn_rate

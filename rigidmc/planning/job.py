@@ -5,16 +5,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.dynamics.trials import RULE
 from rigidmc.effects import EFFECTS
 from rigidmc.effects.parameters import blank
-from rigidmc.effects.user import RULE
 from rigidmc.engine import layout
 from rigidmc.engine.compose import NumbaError, reason
 from rigidmc.engine.frame import Noise
 from rigidmc.engine.operations import refuse_memory
 from rigidmc.engine.program import NO_NOISE, Program
 from rigidmc.errors import SceneError
-from rigidmc.observables import OBSERVABLES
+from rigidmc.observables import is_own
 from rigidmc.planning.closed_form import closed_values
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.rates import Array, by_steps
@@ -59,14 +59,13 @@ def program_of(scene: Scene, plan: Plan, ask: bool = False) -> Program | None:
     """
     if plan.form is None:
         return None
-    own = [e for e in scene.effects if type(e) not in EFFECTS.values()]
     try:
-        refuse_memory(own)
+        refuse_memory(scene.effects)
         events, running, shadow = plan.watch.compiled
         return Program(
             plan.form,
             blank(scene.effects),
-            tuple(OBSERVABLES[name]() for name in scene.recorded()),
+            tuple(scene.recorded().values()),
             plan.carried,
             plan.compensated,
             plan.dtype,
@@ -79,11 +78,16 @@ def program_of(scene: Scene, plan: Plan, ask: bool = False) -> Program | None:
             nodes=plan.nodes,
         )
     except NumbaError as error:
-        if not own:
+        own = {
+            "effects": [e for e in scene.effects if type(e) not in EFFECTS.values()],
+            "observables": list(filter(is_own, scene.observables)),
+        }
+        names = {key: ", ".join(type(one).__name__ for one in ones) for key, ones in own.items()}
+        table = ", ".join(table for table, words in names.items() if words)
+        if not table:
             raise
-        names = ", ".join(type(e).__name__ for e in own)
         rule = f"cannot be compiled: {reason(error)}; {RULE}"
-        raise SceneError("effects", names, None, rule) from error
+        raise SceneError(table, ", ".join(filter(None, names.values())), None, rule) from error
 
 
 def job_of(

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rigidmc.integrators import INTEGRATORS, Form
+from rigidmc.integrators import Form
 from rigidmc.integrators.drifts import PANEL_TURN, Exact, Split
 from rigidmc.scene.conservation import conservation
 from rigidmc.scene.scene import Scene
@@ -69,7 +69,7 @@ def limits(
     run = scene.run
     if not run.checks:
         return ()
-    kind, conserved = INTEGRATORS[run.integrator], conservation(scene)
+    kind, conserved = scene.integrator, conservation(scene)
     drift = _largest_drift(run.dtype, kind.order, theta, steps)
     # what drives a body may make it much faster than the pilot is at the start
     energy = COARSE if "work" in run.save else drift
@@ -99,7 +99,7 @@ def _largest_drift(dtype: str, order: float, theta: float, steps: float) -> floa
 
 def _largest_turn(scene: Scene, form: Form | None, spin: float) -> float:
     """The largest turn of a step [rad] that the integrator of a scene stands."""
-    kind, turn = INTEGRATORS[scene.run.integrator], scene.run.turn
+    kind, turn = scene.integrator, scene.run.turn
     drift = getattr(form.integrator, "drift", None) if form else None
     largest = math.pi if drift is None else SPLIT if isinstance(drift, Split) else math.inf
     largest = kind.largest_turn or largest

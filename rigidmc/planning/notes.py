@@ -15,11 +15,13 @@ from rigidmc.effects.bath import Bath
 from rigidmc.effects.dissipation import EnergyDissipation
 from rigidmc.effects.gravity import Gravity
 from rigidmc.effects.gravity_gradient import GravityGradient
-from rigidmc.effects.parameters import filled, shape
+from rigidmc.effects.parameters import blank, filled, shape
 from rigidmc.effects.protocol import facts
 from rigidmc.effects.rotor import Rotor
 from rigidmc.engine.compose import NumbaError
-from rigidmc.engine.operations import why_one_at_a_time, why_refused
+from rigidmc.engine.operations import why_refused
+from rigidmc.engine.own_parts import slow_parts
+from rigidmc.errors import SceneError
 from rigidmc.mechanics.inertia import broken
 from rigidmc.planning.idle_notes import idle_effects, idle_limits, idle_settings, is_shipped
 from rigidmc.planning.plan import Plan
@@ -100,14 +102,18 @@ def _idle(seen: Seen) -> Iterator[str]:
 
 
 def _one_at_a_time(seen: Seen) -> Iterator[str]:
-    own = [effect for effect in seen.scene.effects if not is_shipped(effect)]
-    with suppress(NumbaError):  # an effect that cannot be compiled at all is refused later
-        for effect in own:
-            if not why_refused(effect) and (why := why_one_at_a_time(effect)):
-                yield (
-                    f"{type(effect).__name__} {why}: members are not worked on side by side, and "
-                    "the step is much slower than it might be"
-                )
+    events, running, _ = seen.plan.watch.compiled
+    watches = *seen.scene.recorded().values(), *events, *(one for one, _ in running)
+    form, effects = seen.plan.form, blank(seen.scene.effects)
+    # what cannot be compiled at all is refused later
+    with suppress(NumbaError, SceneError):
+        if form is None or any(why_refused(e) for e in effects if not is_shipped(e)):
+            return
+        for name, why in slow_parts(form.integrator, effects, watches):
+            yield (
+                f"{name} {why}: members are not worked on side by side, and "
+                "the step is much slower than it might be"
+            )
 
 
 def _anti_damping(seen: Seen) -> Iterator[str]:

@@ -12,7 +12,7 @@ from rigidmc.effects.protocol import facts, is_conservative, is_random
 from rigidmc.engine import layout
 from rigidmc.engine.layout import whole_lanes
 from rigidmc.errors import SceneError
-from rigidmc.integrators import INTEGRATORS, Form, keeps_remainders
+from rigidmc.integrators import Form, keeps_remainders
 from rigidmc.observables import value_rows
 from rigidmc.observables.keep import thinned
 from rigidmc.planning.closed_form import closed_form
@@ -167,7 +167,7 @@ def prepare(
         angle=grid.angle,
         turn_rate=rate,
         dtype=run.dtype,
-        compensated=keeps_remainders(run.integrator, scene.effects, run.dtype, run.compensated),
+        compensated=keeps_remainders(scene.integrator, scene.effects, run.dtype, run.compensated),
         notes=notes,
         limits=limits(scene, carried, grid.theta, mean, form, spin) if form else (),
         labels=booked_labels(scene),
@@ -195,7 +195,7 @@ def _steps(scene: Scene, carried: bool) -> _Steps:
 
 def _step_notes(scene: Scene, grid: _Steps) -> tuple[str, ...]:
     """A note if steps are so long that the errors are large."""
-    kind = INTEGRATORS[scene.run.integrator]
+    kind = scene.integrator
     # a splitting turns exactly, however fast: it only sees the torque less often
     most = 3.0 if kind.splitting else 1.0
     if grid.angle <= most or kind.order == math.inf:
@@ -270,4 +270,6 @@ def _constant(scene: Scene) -> frozenset[str]:
         f"start_{spin}": getattr(scene.start, spin),
         "start_attitude": scene.start.attitude,
     }
+    if scene.body.given == "tensor":  # each member has axes of its own
+        return frozenset()
     return frozenset(name for name, value in variables.items() if is_shared(value))

@@ -1,5 +1,6 @@
 """From a scene to rows for the kernel: the members of a block at their start."""
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -7,8 +8,10 @@ import numpy as np
 
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.dynamics.methods import implements
+from rigidmc.dynamics.so3 import multiply
 from rigidmc.effects import labelled
 from rigidmc.effects.parameters import parameter_count, shape
+from rigidmc.effects.protocol import facts as effect_facts
 from rigidmc.effects.protocol import is_random
 from rigidmc.effects.sums import total_energy_scale
 from rigidmc.engine import layout
@@ -17,9 +20,10 @@ from rigidmc.engine.frame import Noise
 from rigidmc.engine.streams import key_of, stream_of, uniforms
 from rigidmc.errors import SceneError
 from rigidmc.mechanics.inertia import broken
+from rigidmc.mechanics.turned_axes import quaternions, tensors_into, vectors_into
 from rigidmc.planning.rates import Array, own_steps, physics, rates
 from rigidmc.scene.laws.directions import uniform_attitudes
-from rigidmc.scene.laws.protocol import Facts, Law
+from rigidmc.scene.laws.protocol import Ensemble, Facts, Law
 from rigidmc.scene.limits import PILOT
 from rigidmc.scene.points import Antithetic, Points, Recorder, points
 from rigidmc.scene.quantities import draw
@@ -116,7 +120,7 @@ def _filled(scene: Scene) -> tuple[slice, ...]:
 def _fill(block: Array, scene: Scene, seed: Source, first: int, carried: bool) -> Start:
     """Set the rows of `_filled` for members from index `first` on; what these are made from."""
     count = block.shape[1]
-    moments, mass, centre = scene.body.sample(seed, first, count)
+    moments, mass, centre, turn = scene.body.sample_turned(seed, first, count)
     effects = {
         f"{label}_{field}": draw(
             value if shape(e, field) else (value,), seed, f"effects.{label}.{field}", first, count
@@ -130,15 +134,23 @@ def _fill(block: Array, scene: Scene, seed: Source, first: int, carried: bool) -
         row[:] = values
     if effects:
         end = layout.EFFECTS + parameter_count(*scene.effects)
-        block[layout.EFFECTS : end] = np.concatenate(list(effects.values()))
+        block[layout.EFFECTS : end] = np.concatenate(
+            list(effects.values()) if turn is None else _turned_parameters(scene, effects, turn)
+        )
     block[layout.STATUS], block[layout.STEPS] = layout.STATUSES["ok"], 1.0
     block[layout.ATTITUDE : layout.MOMENTUM] = np.array([[1.0], [0.0], [0.0], [0.0]])
     if carried:
         known = facts(scene, block, moments)
         attitude = scene.start.quaternions(seed, first, count, known)
+        if turn is not None and scene.start.attitude != "ensemble":
+            attitude = multiply(tuple(attitude), quaternions(turn))
         block[layout.ATTITUDE : layout.MOMENTUM] = attitude
     word, spin = scene.start.spin(seed, first, count, facts(scene, block, moments))
+    if turn is not None and not isinstance(getattr(scene.start, word), Ensemble):
+        spin = vectors_into(turn, spin)
     start = {"moments": moments, "mass": mass, "centre": centre, f"start_{word}": spin}
+    if turn is not None:
+        start["principal_axes"] = np.stack(quaternions(turn))
     start |= {name: values if len(values) > 1 else values[0] for name, values in effects.items()}
     if carried:
         start["start_attitude"] = block[layout.ATTITUDE : layout.MOMENTUM].copy()
@@ -149,6 +161,19 @@ def _fill(block: Array, scene: Scene, seed: Source, first: int, carried: bool) -
     bad = broken(moments) | ~(mass > 0) | np.isnan(spin).any(0) | np.isnan(block[layout.ATTITUDE])
     block[layout.STATUS, bad] = layout.STATUSES["invalid_input"]
     return start
+
+
+def _turned_parameters(scene: Scene, drawn: Mapping[str, Array], turn: Array) -> list[Array]:
+    """The drawn parameters of effects, those that are fixed in the body along the members' axes."""
+    turned = []
+    for label, effect in labelled(scene.effects):
+        for field in effect._fields:
+            values = drawn[f"{label}_{field}"]
+            if field in effect_facts(effect).in_body:
+                into = vectors_into if len(values) == 3 else tensors_into
+                values = into(turn, values)
+            turned.append(values)
+    return turned
 
 
 def facts(scene: Scene, block: Array, moments: Array) -> Facts:

@@ -13,9 +13,12 @@ from rigidmc.effects import name_of
 from rigidmc.effects.parameters import filled, numbers
 from rigidmc.effects.protocol import facts
 from rigidmc.errors import SceneError
+from rigidmc.observables import Passage, is_own
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.stage import source, stage
 from rigidmc.scene.distributions import Distribution
+from rigidmc.scene.laws import LAWS
+from rigidmc.scene.laws.bodies import UncertainInertia
 from rigidmc.scene.laws.protocol import Law
 from rigidmc.scene.quantities import Grid, is_shared
 from rigidmc.scene.scene import Scene
@@ -67,9 +70,11 @@ def scaled(scene: Scene, mass: float = 1.0, length: float = 1.0, time: float = 1
     """
     effects = _scaled_effects(scene.effects, mass, length, time)
     inertia = mass * length**2
+    law = scene.body.moments
+    whole = isinstance(law, UncertainInertia)
     body = replace(
         scene.body,
-        moments=_sized(scene.body.moments, inertia, 1.0),
+        moments=law.resized(mass, length) if whole else _sized(law, inertia, 1.0),
         mass=_times(scene.body.mass, mass),
         centre=tuple(_times(x, length) for x in scene.body.centre),
     )
@@ -85,7 +90,12 @@ def scaled(scene: Scene, mass: float = 1.0, length: float = 1.0, time: float = 1
     run |= {"dt": scene.run.dt * time} if scene.run.turn is None else {}
     if scene.run.turn_rate is not None and scene.run.turn is None:
         run["turn_rate"] = scene.run.turn_rate / time
-    return replace(scene, body=body, effects=effects, start=start).with_run(**run)
+    observables = tuple(
+        one._replace(hold=one.hold * time) if isinstance(one, Passage) else one
+        for one in scene.observables
+    )
+    changed = replace(scene, body=body, effects=effects, start=start, observables=observables)
+    return changed.with_run(**run)
 
 
 def _scaled_effects(
@@ -149,6 +159,9 @@ def internal(scene: Scene) -> Internal | None:
         _scaled_effects(scene.effects, 1.0, 1.0, 1.0)
     except SceneError:  # a user's own effect, without units
         return None
+    # nobody tells the units of the numbers of an observable, or of a law without `sized`
+    if any(map(is_own, scene.observables)) or any(map(_is_unsized, scene.quantities())):
+        return None
     moments, mass, centre = (x[..., 0] for x in scene.body.sample(scene.run.seed, 0, 1))
     inertia = _exponent(np.max(moments))
     exponents = _spin_exponents(scene, moments)
@@ -193,11 +206,19 @@ def _sized(values: Any, by: float, energy: float) -> Any:
     """Three quantities, or a law of a vector, with sizes times `by` and energies times `energy`."""
     if not isinstance(values, Law):
         return tuple(_times(x, by) for x in values)
+    if _is_unsized(values):
+        rule = f"the scene cannot be put in other units: {values.word} has no `sized`"
+        raise SceneError("start", values.word, None, rule)
     changed = {}
     for name, power in values.sized.items():
         scale = energy if power == "energy" else by**power
         changed[name] = _all_times(getattr(values, name), scale)
     return replace(values, **changed)
+
+
+def _is_unsized(value: Any) -> bool:
+    """Whether a law of the user's own does not tell how its fields scale."""
+    return isinstance(value, Law) and type(value) not in LAWS and not value.sized
 
 
 def _all_times(value: Any, by: float) -> Any:

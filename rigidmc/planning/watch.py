@@ -12,7 +12,7 @@ from rigidmc.effects.parameters import parameter_count
 from rigidmc.engine import layout
 from rigidmc.engine.events import record_of
 from rigidmc.engine.layout import EVENT, SHADOW, SUMS, Places, places, watch_rows
-from rigidmc.observables import OBSERVABLES, outputs
+from rigidmc.observables import outputs
 from rigidmc.observables.chaos import OFTEN
 from rigidmc.observables.protocol import (
     Ensemble,
@@ -77,7 +77,7 @@ def watch(scene: Scene) -> Watch:
         running,
         shadow,
         tuple(
-            (f"{label}_bin", one.edges(), OBSERVABLES[one.name].units)
+            (f"{label}_bin", one.edges(), scene.observable(one.name).units)
             for label, one in scene.histograms()
         ),
     )
@@ -118,7 +118,7 @@ def needs_attitude(scene: Scene, watched: Watch) -> bool:
         return True
     works = (0.0,) * len(scene.effects)
     return (
-        any(depends(value, OBSERVABLES[name](), **_SAVED, works=works) for name in scene.recorded())
+        any(depends(value, o, **_SAVED, works=works) for o in scene.recorded().values())
         or any(
             depends(begin, one, **_VALUES)
             or depends(turning, one, **_VALUES)

@@ -13,7 +13,6 @@ from rigidmc.engine import layout
 from rigidmc.engine.layout import whole_lanes
 from rigidmc.engine.program import Program
 from rigidmc.engine.threads import run_blocks
-from rigidmc.observables import OBSERVABLES
 from rigidmc.planning import watch
 from rigidmc.planning.job import Job, closed_job, job_of, program_of
 from rigidmc.planning.plan import Plan
@@ -158,7 +157,7 @@ def _in_original_units(
         saves = job.out.reshape(plan.times.size, plan.values, job.width)
         columns = slice(job.column, job.column + job.block.shape[1])
         for name, rows in plan.saved.items():
-            saves[:, rows, columns] *= units.factor(OBSERVABLES[name].units)
+            saves[:, rows, columns] *= units.factor(scene.observable(name).units)
     known = member_variables(scene, plan.carried)
     return {
         name: values * units.factor(known[name].attrs.get("units", "1"))

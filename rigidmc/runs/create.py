@@ -11,10 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from rigidmc.effects import EFFECTS
-from rigidmc.effects.user import source_of
 from rigidmc.engine.machine import this_machine, threads_available
 from rigidmc.errors import OptionError, OutputExists, SceneWarning
+from rigidmc.files.code import source_of
 from rigidmc.files.locks import refuse_lockless
 from rigidmc.files.outputs import (
     Path,
@@ -29,6 +28,7 @@ from rigidmc.planning.stage import stage
 from rigidmc.runs.capacity import refuse_hopeless
 from rigidmc.runs.reopen import Ready, ready, scene_in
 from rigidmc.runs.shards import SHARD, members_of, memory_of_shards
+from rigidmc.scene.own import own_parts
 from rigidmc.scene.quantities import rows
 from rigidmc.scene.scene import Scene
 from rigidmc.storage.run_directory import RunDirectory, hash_of, hash_of_file
@@ -88,11 +88,7 @@ def _facts(run: Ready, shard: int, block: int, about: Mapping[str, str]) -> dict
     """The facts of run.json, with the hashes of scene and columns still empty."""
     scene = run.original
     versions, machine = this_machine(*["scipy"] * bool(scene.drawn_through()))
-    sources = [
-        file
-        for e in scene.effects
-        if type(e) not in EFFECTS.values() and (file := source_of(type(e))) is not None
-    ]
+    sources = [file for part in own_parts(scene) if (file := source_of(type(part))) is not None]
     return {
         "format": FORMAT,
         "scene": "",

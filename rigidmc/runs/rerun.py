@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rigidmc.errors import OptionError, SceneError, SceneWarning
 from rigidmc.files.kinds import is_zarr
 from rigidmc.files.outputs import Path, refuse_existing
-from rigidmc.observables import OBSERVABLES, outputs
+from rigidmc.observables import OBSERVABLES, OUTCOMES, outputs, own
 from rigidmc.observables.keep import summaries
 from rigidmc.planning.plan import prepare
 from rigidmc.runs.open import open_run
@@ -25,7 +25,6 @@ from rigidmc.storage.reader import open_result
 
 # variables of a member that the steps and saves decide; every other variable without times is part
 # of its start
-OUTCOMES = ("energy_drift_max", "l2_drift_max", "status", "status_step", "status_time", "steps")
 
 
 def rerun(
@@ -95,7 +94,7 @@ def rerun(
         run = os.path.isdir(path) and not is_zarr(path)
         with open_run(path, allow_code) if run else open_result(path) as result:
             return rerun(result, member, every, save, allow_code, output, force, **options)
-    scene = scene_of(source, allow_code=allow_code)
+    original = scene = scene_of(source, allow_code=allow_code)
     name = source.encoding.get("source", "the result")
     members = chosen_members(member, scene.run, source, name)
     between = scene.run.every
@@ -103,7 +102,7 @@ def rerun(
         between = _whole_steps(scene.run, seconds(every, "every", "run"))
     scene = _saving(scene, save, between, members, every)
     again = simulate(scene, members=members, **options)
-    again.attrs["rerun"] = _compared(again, source.sel(member=list(members)), name)
+    again.attrs["rerun"] = _compared(again, source.sel(member=list(members)), original, name)
     if output is not None:
         write(again, output, force)
     return again
@@ -179,7 +178,8 @@ def _saving(
 def _everything(scene: Scene) -> tuple[str, ...]:
     """Names of all observables at save times, of work only if the scene books it, and of those over
     all steps that the scene has."""
-    over = (name for name in (*scene.run.save, *summaries(scene.kept())) if name not in OBSERVABLES)
+    more = dict.fromkeys((*own(scene.observables), *scene.run.save, *summaries(scene.kept())))
+    over = (name for name in more if name not in OBSERVABLES)
     return (*(name for name in OBSERVABLES if name != "work" or "work" in scene.run.save), *over)
 
 
@@ -196,9 +196,11 @@ class Pair(NamedTuple):
     times: NDArray[np.float64] | None
 
 
-def _compared(again: xr.Dataset, result: xr.Dataset, source: str) -> str:
-    """At how many times the saves of both are equal to the bit, in words; warns if they differ."""
-    scene = scene_of(result, allow_code=None)
+def _compared(again: xr.Dataset, result: xr.Dataset, scene: Scene, source: str) -> str:
+    """At how many times the saves of both are equal to the bit, in words; warns if they differ.
+
+    scene : of the result
+    """
     digits = scene.run.digits
     times: NDArray[np.float64] = np.empty(0)
     names, apart = list[str](), dict[str, float]()

@@ -28,7 +28,7 @@ from rigidmc.storage.export import is_streamed
 @takes_settings
 def simulate(
     scene: Scene,
-    integrator: str | None = None,
+    integrator: Any = None,
     *,
     members: int | range | None = None,
     threads: int | None = None,
@@ -50,8 +50,9 @@ def simulate(
     ----------
     scene : Scene
         what is run
-    integrator : str, optional
-        a name of `rigidmc integrators`, or "auto" for the cheapest one that keeps a tolerance; the
+    integrator : str or integrator, optional
+        a name of `rigidmc integrators`, or "auto" for the cheapest one that keeps a tolerance, or
+        one of your own; the
         choice rests on times measured here, and the result's attributes tell it
     members : int or range, optional
         number of members, or a range of member indices; the bits of a member depend on scene, seed

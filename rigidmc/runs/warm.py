@@ -4,7 +4,6 @@ is kept in the disk cache."""
 import time
 from typing import NamedTuple
 
-from rigidmc.effects import EFFECTS, name_of
 from rigidmc.engine.compile_time import compiled
 from rigidmc.engine.layout import whole_lanes
 from rigidmc.errors import RigidmcError
@@ -14,6 +13,8 @@ from rigidmc.planning.job import program_of
 from rigidmc.planning.settle import settled
 from rigidmc.planning.stage import stage
 from rigidmc.progress import announcing
+from rigidmc.scene.laws.protocol import Law
+from rigidmc.scene.own import own_parts
 from rigidmc.scene.scene import Scene
 
 
@@ -74,8 +75,9 @@ def warm(scene: Scene, all_integrators: bool = False, progress: bool = False) ->
 def _warmed(scene: Scene) -> Warmed:
     began, name, before = time.perf_counter(), scene.run.integrator, len(compiled)
     scene, plan, *_ = settled(scene)
-    if user := [name_of(e) for e in scene.effects if type(e) not in EFFECTS.values()]:
-        rule = f"{', '.join(user)}: effects of your own are compiled in every process"
+    compiled_ones = (part for part in own_parts(scene) if not isinstance(part, Law))
+    if user := [type(part).__name__ for part in compiled_ones]:
+        rule = f"{', '.join(user)}: parts of your own are compiled in every process"
         return Warmed(name, 0.0, (), rule)
     if plan.form is None:
         block, start = stage(scene, plan.first, whole_lanes(1), plan.carried, None, plan.watch.rows)

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from rigidmc.errors import SceneError, nearest, unknown
 from rigidmc.mechanics import inertia, rotation, solids
 from rigidmc.scene import shape
+from rigidmc.scene.laws.bodies import UncertainInertia
 from rigidmc.scene.mass_distribution import MassDistribution
 from rigidmc.scene.quantities import is_shared, quantity, vector
 
@@ -67,7 +68,7 @@ class Body(MassDistribution, metaclass=_Hints):
 
     @classmethod
     def from_tensor(
-        cls, tensor: ArrayLike, mass: Any = 1.0, centre: Any = (0.0, 0.0, 0.0)
+        cls, tensor: ArrayLike | UncertainInertia, mass: Any = 1.0, centre: Any = (0.0, 0.0, 0.0)
     ) -> "Body":
         """Make a body from its inertia tensor, turned to principal axes, TdC (3.19)-(3.23).
 
@@ -77,7 +78,7 @@ class Body(MassDistribution, metaclass=_Hints):
 
         Parameters
         ----------
-        tensor : array_like (3, 3) [kg m^2]
+        tensor : array_like (3, 3) or UncertainInertia [kg m^2]
             about the fixed point, symmetric
         mass : float, optional [kg]
             of the body
@@ -100,6 +101,8 @@ class Body(MassDistribution, metaclass=_Hints):
         >>> [round(moment, 12) for moment in body.moments]
         [1.5, 2.5, 3.0]
         """
+        if isinstance(tensor, UncertainInertia):
+            return cls(tensor, mass, centre)
         try:
             matrix = np.asarray(tensor, dtype=float)
         except (TypeError, ValueError):
@@ -107,7 +110,7 @@ class Body(MassDistribution, metaclass=_Hints):
         if matrix.shape != (3, 3):
             rule = (
                 f"expected 3x3 finite numbers, not {matrix.shape or 'laws or words'}; bodies that"
-                " differ are given by moments, as the how-to page on tables shows"
+                " differ are given by moments, or by rm.UncertainInertia"
             )
             raise SceneError("body", "tensor", None, rule)
         try:

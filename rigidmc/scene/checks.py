@@ -11,12 +11,17 @@ from rigidmc.effects import labelled
 from rigidmc.effects.parameters import shape
 from rigidmc.effects.protocol import Effect, is_random
 from rigidmc.effects.user_checks import check_user_effect
+from rigidmc.effects.user_checks import sample as plain_numbers
 from rigidmc.errors import SceneError
 from rigidmc.integrators import refusal
+from rigidmc.integrators.user_checks import check_user_integrator
 from rigidmc.mechanics.inertia import broken
-from rigidmc.observables.protocol import Ensemble, Neighbour
+from rigidmc.observables import OUTCOMES, is_own, outputs
+from rigidmc.observables.protocol import DIMENSIONS, Ensemble, Neighbour
+from rigidmc.observables.user_checks import check_user_observable
 from rigidmc.scene.changes import idle
 from rigidmc.scene.distributions import Distribution
+from rigidmc.scene.given import named_integrators
 from rigidmc.scene.laws import Correlated
 from rigidmc.scene.laws.protocol import Law
 from rigidmc.scene.limits import ALLOWED, PILOT, limits, outside
@@ -39,7 +44,9 @@ def check(scene: Parts) -> None:
         rule = "needs float64: sums in float32 keep their remainders, and sums of work cannot"
         raise SceneError("run", "save", "work", rule)
     if run.integrator != "auto":
-        refused = refusal(run.integrator, scene.effects, run.compensated, works)
+        refused = refusal(
+            run.integrator, scene.effects, run.compensated, works, scene.known_integrators()
+        )
         if refused:
             raise SceneError("run", "integrator", run.integrator, refused)
     _check_watched(scene)
@@ -70,6 +77,11 @@ def _check_sampled(scene: Parts) -> None:
     """Raise SceneError for impossible values among the first members."""
     for effect in scene.effects:
         check_user_effect(effect)
+    for one in scene.observables:
+        check_user_observable(one, tuple(map(plain_numbers, scene.effects)))
+    for word, integrator in named_integrators(scene.integrators).items():
+        check_user_integrator(integrator, word)
+    _check_variables(scene)
     if sum(is_random(effect) for effect in scene.effects) > 1:
         rule = (
             "give one bath: two act as one with gamma = gamma_1 + gamma_2 and"
@@ -92,6 +104,12 @@ def _check_bodies(scene: Parts) -> None:
     """
     if any(isinstance(q, Grid) for q in scene.body.quantities()):
         return
+    if scene.body.given == "tensor" and rows(*scene.start.quantities()) is not None:
+        rule = (
+            "beside an uncertain tensor it is no table: its axes differ from member to member; give"
+            " laws, or moments and starts of each member"
+        )
+        raise SceneError("start", scene.start.which, None, rule)
     moments, mass, _ = scene.body.sample(scene.run.seed, 0, PILOT)
     bad = np.flatnonzero(broken(moments) | ~(mass > 0))
     if bad.size > (PILOT // 2 if isinstance(scene.body.moments, Correlated) else 0):
@@ -128,6 +146,19 @@ def _check_parameters(scene: Parts, label: str, effect: Effect) -> None:
             raise SceneError(table, effect._fields[0], None, rule)
 
 
+def _check_variables(scene: Parts) -> None:
+    """Raise SceneError if an observable of your own gives a variable that there is already."""
+    taken = {*OUTCOMES, *DIMENSIONS, "member", "time", "moments", "mass", "centre"}
+    every: list[tuple[Any, list[str]]] = [(scene.observable(n), [n]) for n in scene.saved()]
+    every += [(one, list(outputs(label, one))) for label, one in scene.watched()]
+    for one, names in sorted(every, key=lambda pair: is_own(pair[0])):
+        for name in names:
+            if name in taken:
+                rule = f"gives the variable '{name}', which a result has already: rename it"
+                raise SceneError("observables", type(one).__name__, None, rule)
+            taken.add(name)
+
+
 def _check_watched(scene: Parts) -> None:
     """Raise SceneError for observables over all steps that do not go with the run settings."""
     labels, observables = zip(*scene.watched(), strict=True) if scene.watched() else ((), ())
@@ -139,8 +170,11 @@ def _check_watched(scene: Parts) -> None:
 def _unwatchable(scene: Parts, observables: Sequence[Any]) -> str:
     """Why observables over all steps do not go with the run settings; "" if they do."""
     run, stops = scene.run, [one for one in observables if one.stop]
-    if run.integrator == "closed" and any(not isinstance(one, Ensemble) for one in observables):
-        return "closed forms make no steps that could be watched: use exact"
+    if run.integrator == "closed":
+        if any(not isinstance(one, Ensemble) for one in observables):
+            return "closed forms make no steps that could be watched: use exact"
+        if any(map(is_own, scene.recorded().values())):
+            return "closed forms know no observables of your own: use exact"
     if len(stops) > 1:
         return "at most one event can stop a member"
     if stops and "work" in run.save:

@@ -12,7 +12,14 @@ from rigidmc.files.kinds import is_zarr
 from rigidmc.files.reading import toml
 from rigidmc.scene.changes import changed
 from rigidmc.scene.settings import Run, Table, complaint
-from rigidmc.scene.tables import BODIES, body_of, effects_of, observables_of, start_of
+from rigidmc.scene.tables import (
+    BODIES,
+    body_of,
+    effects_of,
+    integrators_of,
+    observables_of,
+    start_of,
+)
 from rigidmc.scene.values import Columns
 
 Settings = Sequence[tuple[str, str]]  # (dotted key, value as TOML or as a plain word)
@@ -27,6 +34,7 @@ class _File(Table):
     body: dict[str, Any]
     effects: dict[str, Any] = {}
     observables: dict[str, Any] = {}
+    integrators: dict[str, Any] = {}
     start: dict[str, Any]
     run: dict[str, Any] = {}
 
@@ -55,16 +63,16 @@ def parts_of(
     for key, value in settings:
         _set(data, key, value)
     overridden = {key.split(".")[1] for key, _ in settings if key.startswith("run.")}
-    columns = Columns(stored, os.path.dirname(file))
+    folder = os.path.dirname(file)
+    columns = Columns(stored, folder, folder if allow_code else allow_code)
     try:
         tables = _File(**data)
     except ValidationError as error:
         raise complaint(error, "", _File, data) from None
     return {
-        "effects": effects_of(
-            tables.effects, columns, columns.folder if allow_code else allow_code
-        ),
-        "observables": observables_of(tables.observables),
+        "effects": effects_of(tables.effects, columns),
+        "observables": observables_of(tables.observables, columns.code),
+        "integrators": integrators_of(tables.integrators, columns.code),
         "run": _run(tables.run, overridden, stored is not None),
         "start": start_of(tables.start, columns),
         "body": body_of(tables.body, columns),

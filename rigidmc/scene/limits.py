@@ -1,10 +1,13 @@
 """The limits of parameters, and of what a histogram may count."""
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
 from rigidmc.effects.protocol import Effect, facts
 from rigidmc.errors import SceneError, unknown
-from rigidmc.observables import OBSERVABLES
+from rigidmc.observables import OBSERVABLES, is_opaque, named, own, word_of_observable
 from rigidmc.observables.histogram import Histogram
 from rigidmc.observables.protocol import size
 
@@ -14,13 +17,18 @@ PILOT = 4096
 ALLOWED = "needs anti_damping = true under [run]"
 
 
-def check_histogram(one: Histogram) -> None:
-    """Raise SceneError if a histogram names no observable, or a wrong component."""
+def check_histogram(one: Histogram, given: Sequence[Any]) -> None:
+    """Raise SceneError if a histogram names no observable, or a wrong component.
+
+    given : the observables of the scene, with their numbers
+    """
     table = "observables.histogram"
-    if one.name not in OBSERVABLES or one.name == "work":
-        known = [name for name in OBSERVABLES if name != "work"]
+    if any(is_opaque(x) and word_of_observable(x) == one.name for x in given):
+        return
+    known = [name for name in (*OBSERVABLES, *own(given)) if name != "work"]
+    if one.name not in known:
         raise unknown(table, "of", one.name, "observable", known)
-    count = size(OBSERVABLES[one.name].dims)
+    count = size(named(given, one.name).dims)
     if (count > 1) != one.of.endswith("]") or one.component >= count:
         rule = f"{one.name} has no components"
         if count > 1:

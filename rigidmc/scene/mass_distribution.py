@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.errors import SceneError
-from rigidmc.mechanics import inertia, rotation
+from rigidmc.mechanics import inertia, rotation, turned_axes
 from rigidmc.mechanics.inertia import broken
 from rigidmc.scene.laws import checked
+from rigidmc.scene.laws.bodies import UncertainInertia
 from rigidmc.scene.laws.protocol import Law, numbers_of
 from rigidmc.scene.quantities import Source, draw, is_open, is_shared, quantity, vector
 from rigidmc.scene.shape import Shape
@@ -28,7 +29,8 @@ class MassDistribution:
     ----------
     moments : quantities (3,), array_like (members, 3) or law [kg m^2]
         principal moments (I1, I2, I3) about the fixed point. The laws are SecondMoments, whose
-        bodies always exist, and Correlated, a measured inertia with its covariance
+        bodies always exist, Correlated, measured moments with their covariance, and
+        UncertainInertia, a measured tensor with its covariance
     mass : quantity, optional [kg]
         of the body
     centre : quantities (3,), optional [m]
@@ -61,10 +63,12 @@ class MassDistribution:
     def __post_init__(self) -> None:
         whole = isinstance(self.moments, Law)
         check = checked if whole else vector
-        object.__setattr__(self, "moments", check(self.moments, "body", "moments"))
+        object.__setattr__(self, "moments", check(self.moments, "body", self.given))
         object.__setattr__(self, "mass", quantity(self.mass, "body", "mass"))
         object.__setattr__(self, "centre", vector(self.centre, "body", "centre"))
-        if self.axes != IDENTITY and not is_shared(self.centre):
+        if isinstance(self.moments, UncertainInertia):
+            self._check_uncertain(self.moments)
+        elif self.axes != IDENTITY and not is_shared(self.centre):
             rule = "a body given by a tensor takes plain numbers; give principal moments instead"
             raise SceneError("body", "centre", None, rule)
         if not is_open(self.mass) and not np.min(self.mass) > 0:
@@ -72,6 +76,27 @@ class MassDistribution:
             raise SceneError("body", "mass", shown, "the mass must be positive")
         if not whole:
             self._check_moments()
+
+    @property
+    def given(self) -> str:
+        """The key of a scene file by which its inertia is given, "moments" or "tensor".
+
+        Examples
+        --------
+        >>> rm.Body((1.0, 2.0, 2.5)).given
+        'moments'
+        """
+        return "tensor" if isinstance(self.moments, UncertainInertia) else "moments"
+
+    def _check_uncertain(self, law: UncertainInertia) -> None:
+        """Take the axes of the mean tensor; SceneError for a mean body that cannot be."""
+        for key in ("mass", "centre"):
+            if not is_shared(getattr(self, key)):
+                rule = "beside an uncertain tensor it is a plain number, the mean"
+                raise SceneError("body", key, None, rule)
+        law.bodies(0, "body.tensor", 0, 1, self.mass, self.centre)
+        _, axes = inertia.principal_axes(law.mean)
+        object.__setattr__(self, "axes", tuple(map(tuple, axes.tolist())))
 
     def _check_moments(self) -> None:
         """SceneError for moments that no body can have; distributions are checked when drawn."""
@@ -292,6 +317,37 @@ class MassDistribution:
         >>> moments.shape, mass.shape, centre.shape
         ((3, 5), (5,), (3, 5))
         """
+        return self.sample_turned(source, first, count)[:3]
+
+    def sample_turned(
+        self, source: Source, first: int, count: int
+    ) -> tuple[Array, Array, Array, Array | None]:
+        """Moments, mass, centre of mass, and principal axes of members first ... first + count - 1.
+
+        Parameters
+        ----------
+        source : int or point set
+            the seed, or the points from which numbers are drawn
+        first : int
+            index of the first member
+        count : int
+            number of members
+
+        Returns
+        -------
+        moments, mass, centre : numpy.ndarray
+            as of `sample`
+        turn : numpy.ndarray (3, 3, count) or None
+            its columns are the principal axes in those of the mean tensor; None if all members
+            have the same axes
+
+        Examples
+        --------
+        >>> rm.Body((1.0, 2.0, 2.5)).sample_turned(0, 0, 5)[3] is None
+        True
+        """
+        if isinstance(self.moments, UncertainInertia):
+            return self._turned(self.moments, source, first, count)
         if isinstance(self.moments, Law):
             moments = self.moments.sample(source, "body.moments", first, count, None)
         else:
@@ -299,8 +355,22 @@ class MassDistribution:
         mass = draw((self.mass,), source, "body.mass", first, count)[0]
         centre = draw(self.centre, source, "body.centre", first, count)
         if self.axes != IDENTITY:
-            # written out: a BLAS product may round differently with the number of members
-            centre = np.stack(
-                [sum(self.axes[j][i] * centre[j] for j in range(3)) for i in range(3)]
-            )
-        return moments, mass, centre
+            centre = self._along_axes(centre)
+        return moments, mass, centre, None
+
+    def _along_axes(self, vectors: Array) -> Array:
+        """Vectors (3, n) of the described axes, along the principal ones."""
+        # written out: a BLAS product may round differently with the number of members
+        return np.stack([sum(self.axes[j][i] * vectors[j] for j in range(3)) for i in range(3)])
+
+    def _turned(
+        self, law: UncertainInertia, source: Source, first: int, count: int
+    ) -> tuple[Array, Array, Array, Array]:
+        """`sample_turned` of a law of tensors."""
+        *six, x, y, z, mass = law.bodies(
+            source, "body.tensor", first, count, self.mass, self.centre
+        )
+        moments, axes = inertia.principal_axes(inertia.symmetric(six))
+        moments, turn = turned_axes.named(moments, axes, self.axes)
+        centre = self._along_axes(np.stack([x, y, z]))
+        return moments, mass, turned_axes.vectors_into(turn, centre), turn

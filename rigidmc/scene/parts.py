@@ -3,35 +3,41 @@
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
-from numbers import Real
 from typing import Any, Self
 
-import numpy as np
-
-from rigidmc.effects import EFFECTS, canonical, name_of
-from rigidmc.effects.parameters import numbers, shape
-from rigidmc.effects.protocol import Effect, is_effect
+from rigidmc.dynamics.methods import word_of
+from rigidmc.effects import canonical
+from rigidmc.effects.parameters import numbers
+from rigidmc.effects.protocol import is_effect
 from rigidmc.errors import SceneError, unknown
 from rigidmc.integrators import INTEGRATORS
+from rigidmc.integrators.protocol import Integrator
 from rigidmc.observables import (
-    KNOWN,
-    WATCHED,
-    is_summary,
+    OBSERVABLES,
+    is_observable,
+    named,
     recorded,
     saved,
     watched,
-    word_of_watched,
+    word_of_observable,
 )
 from rigidmc.observables.histogram import Histogram
 from rigidmc.observables.keep import check_keep, kept, summaries
-from rigidmc.observables.protocol import Ensemble, OverSteps
+from rigidmc.observables.protocol import Ensemble
 from rigidmc.scene.body import Body
 from rigidmc.scene.changes import changed
 from rigidmc.scene.distributions import Distribution
+from rigidmc.scene.given import (
+    check_saved,
+    checked_effect,
+    checked_observable,
+    named_integrators,
+    place,
+)
 from rigidmc.scene.laws.protocol import Law
-from rigidmc.scene.limits import PILOT, check_histogram, limits, outside
+from rigidmc.scene.limits import PILOT, check_histogram
 from rigidmc.scene.once import KEPT
-from rigidmc.scene.quantities import Grid, is_open, quantity, rows, vector
+from rigidmc.scene.quantities import Grid, rows
 from rigidmc.scene.settings import Run
 from rigidmc.scene.start import Start
 
@@ -60,7 +66,10 @@ class Parts:
     source : str, optional
         text for people
     observables : tuple of observables, optional
-        those over all steps that have parameters, such as Passage(axis=3, angle=0.5)
+        those over all steps that have parameters, such as Passage(axis=3, angle=0.5), and those of
+        your own
+    integrators : tuple of integrators, optional
+        of your own, which `run.integrator` and studies may name
 
     Raises
     ------
@@ -82,6 +91,7 @@ class Parts:
     summary: str = ""
     source: str = ""
     observables: tuple[Any, ...] = ()
+    integrators: tuple[Any, ...] = ()
 
     def __post_init__(self) -> None:
         for key, kind in (("body", Body), ("start", Start), ("run", Run)):
@@ -90,10 +100,15 @@ class Parts:
                 raise SceneError("", key, value, f"expected a {kind.__name__}")
         several = isinstance(self.effects, (list, tuple)) and not is_effect(self.effects)
         effects: Iterable[Any] = self.effects if several else (self.effects,)
-        effects = canonical(tuple(_checked_effect(e, self.run.anti_damping) for e in effects))
-        observables = sorted(map(_checked_observable, self.observables), key=_place)
+        effects = canonical(tuple(checked_effect(e, self.run.anti_damping) for e in effects))
+        observables = sorted(map(checked_observable, self.observables), key=place)
+        for one in observables:
+            if isinstance(one, Histogram):
+                check_histogram(one, observables)
         object.__setattr__(self, "effects", effects)
         object.__setattr__(self, "observables", tuple(observables))
+        own = named_integrators(self.integrators)
+        object.__setattr__(self, "integrators", tuple(own.values()))
         rows(*self.quantities())
 
     def __getstate__(self) -> dict[str, Any]:
@@ -222,7 +237,7 @@ class Parts:
         ----------
         **settings : object
             of `Run`; those that are None stay as they are. `save` may name observables, or contain
-            them: Passage(axis=3, angle=0.5)
+            them: Passage(axis=3, angle=0.5), or one of your own, and so may `integrator`
 
         Returns
         -------
@@ -247,18 +262,83 @@ class Parts:
         given = {k: v for k, v in settings.items() if v is not None}
         observables = self.observables
         if "save" in given:
-            alone = isinstance(given["save"], str) or is_summary(given["save"])
+            alone = isinstance(given["save"], str) or is_observable(given["save"])
             save = (given["save"],) if alone else tuple(given["save"])
-            built = tuple(one for one in save if not isinstance(one, str))
-            observables += tuple(one for one in built if one not in observables)
-            words = (one if isinstance(one, str) else word_of_watched(one) for one in save)
+            for one in save:
+                # tuples of two classes are equal if their numbers are
+                same = any(type(one) is type(other) and one == other for other in observables)
+                named_alone = isinstance(one, str) or type(one) in OBSERVABLES.values()
+                observables += () if named_alone or same else (one,)
+            words = (one if isinstance(one, str) else word_of_observable(one) for one in save)
             given["save"] = tuple(dict.fromkeys(words))
-        run = changed(self.run, given)
-        if run.integrator not in (*INTEGRATORS, "auto"):
-            raise unknown("run", "integrator", run.integrator, "integrator", (*INTEGRATORS, "auto"))
-        _check_saved(run.save, observables)
-        check_keep(run.keep)
-        return replace(self, run=run, observables=observables)
+        scene = self
+        if not isinstance(given.get("integrator", ""), str):
+            scene, (given["integrator"],) = self.with_integrators([given["integrator"]])
+        run, integrators = changed(self.run, given), (*scene.known_integrators(), "auto")
+        if run.integrator not in integrators:
+            raise unknown("run", "integrator", run.integrator, "integrator", integrators)
+        check_saved(run.save, observables)
+        check_keep(run.keep, observables)
+        return replace(scene, run=run, observables=observables)
+
+    def with_integrators(self, given: Iterable[Any]) -> tuple[Self, list[str]]:
+        """Make the same scene with integrators of your own beside those that it has.
+
+        Parameters
+        ----------
+        given : iterable of str or integrators
+            names stay as they are; an integrator takes the place of another one of its name
+
+        Returns
+        -------
+        Scene
+            the scene
+        list of str
+            the names of all that are given
+
+        Raises
+        ------
+        SceneError
+            for what is no integrator
+
+        Examples
+        --------
+        >>> rm.Scene(rm.Body((1.0, 2.0, 2.5))).with_integrators(["rk4"])[1]
+        ['rk4']
+        """
+        given = list(given)
+        own = named_integrators(one for one in given if not isinstance(one, str))
+        names = [one if isinstance(one, str) else word_of(type(one)) for one in given]
+        if not own:
+            return self, names
+        more = {**named_integrators(self.integrators), **own}
+        return replace(self, integrators=tuple(more.values())), names
+
+    def known_integrators(self) -> dict[str, Integrator]:
+        """The integrators that the scene may name.
+
+        Returns
+        -------
+        dict
+            {name: integrator}, those of your own last
+
+        Examples
+        --------
+        >>> list(rm.Scene(rm.Body((1.0, 2.0, 2.5))).known_integrators())[0]
+        'rk4'
+        """
+        return {**INTEGRATORS, **named_integrators(self.integrators)}
+
+    @property
+    def integrator(self) -> Integrator:
+        """The integrator that the scene names.
+
+        Examples
+        --------
+        >>> rm.Scene(rm.Body((1.0, 2.0, 2.5))).integrator.order
+        4
+        """
+        return self.known_integrators()[self.run.integrator]
 
     def saved(self) -> tuple[str, ...]:
         """The names of the observables that are recorded at save times.
@@ -273,22 +353,42 @@ class Parts:
         >>> rm.Scene(rm.Body((1.0, 2.0, 2.5))).with_run(save=("energy", "flips")).saved()
         ('energy',)
         """
-        return saved(self.run.save)
+        return saved(self.run.save, self.observables)
 
-    def recorded(self) -> tuple[str, ...]:
-        """The names of the saved observables, and of those that histograms need.
+    def observable(self, name: str) -> Any:
+        """The observable at save times of a name, shipped or of your own.
+
+        Parameters
+        ----------
+        name : str
+            as `saved` has it
 
         Returns
         -------
-        tuple of str
-            names
+        observable
+            with its numbers
+
+        Examples
+        --------
+        >>> rm.Scene(rm.Body((1.0, 2.0, 2.5))).observable("omega").units
+        'rad s-1'
+        """
+        return named(self.observables, name)
+
+    def recorded(self) -> dict[str, Any]:
+        """The saved observables, and those that histograms need.
+
+        Returns
+        -------
+        dict of str
+            {name: observable}
 
         Examples
         --------
         >>> spins = rm.Histogram("omega[3]", low=-1.0, high=1.0)
         >>> scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)), observables=(spins,))
-        >>> scene.with_run(save=("energy", "histogram")).recorded()
-        ('energy', 'omega')
+        >>> list(scene.with_run(save=("energy", "histogram")).recorded())
+        ['energy', 'omega']
         """
         return recorded(self.run.save, self.observables)
 
@@ -306,7 +406,7 @@ class Parts:
         >>> scene.kept()
         {'energy': 'final'}
         """
-        return kept(self.run.keep, self.saved())
+        return kept(self.run.keep, self.saved(), self.observables)
 
     def histograms(self) -> list[tuple[str, Any]]:
         """The counts over all members that the scene takes.
@@ -350,60 +450,3 @@ def _mapped(value: Any, change: Change) -> Any:
         parts = [_mapped(x, change) for x in value]
         return type(value)(*parts) if is_effect(value) else tuple(parts)
     return change(value)
-
-
-def _checked_effect(effect: Any, driven: bool) -> Effect:
-    """An effect with its parameters checked; SceneError. driven : whether damping may be
-    negative"""
-    if not is_effect(effect):
-        known = ", ".join(kind.__name__ for kind in EFFECTS.values())
-        rule = f"expected an effect with its parameters, one of {known}"
-        raise SceneError("effects", "effect", effect, rule)
-    table, values = f"effects.{name_of(effect)}", []
-    for name, value in zip(effect._fields, effect, strict=True):
-        size, (low, high) = shape(effect, name), limits(effect, name, driven)
-        one = quantity(value, table, name) if size is None else vector(value, table, name, size)
-        for part in (one,) if size is None else one:
-            if not is_open(part) and not (low <= np.min(part) and np.max(part) <= high):
-                wrong = float(np.min(part) if np.min(part) < low else np.max(part))
-                raise SceneError(table, name, wrong, outside(effect, low, high))
-        values.append(one)
-    return type(effect)(*values)
-
-
-def _place(observable: Any) -> int:
-    """The place of an observable in the order of WATCHED."""
-    return list(WATCHED).index(word_of_watched(observable))
-
-
-def _checked_observable(observable: Any) -> OverSteps:
-    """An observable over all steps with its parameters checked; SceneError."""
-    if type(observable) not in WATCHED.values():
-        known = ", ".join(kind.__name__ for kind in WATCHED.values())
-        rule = f"expected one of {known}, with its parameters"
-        raise SceneError("observables", "observable", observable, rule)
-    whole = {}  # 1e2 bins are 100 bins
-    for name, kind in type(observable).__annotations__.items():
-        value = getattr(observable, name)
-        real = isinstance(value, Real) and not isinstance(value, bool)
-        if kind is int and real and float(value) == float(value) // 1:
-            whole[name] = int(value)
-    checked: OverSteps = observable._replace(**whole)
-    checked.check()
-    if isinstance(checked, Histogram):
-        check_histogram(checked)
-    return checked
-
-
-def _check_saved(names: Iterable[str], observables: Iterable[Any]) -> None:
-    """SceneError for unknown names, and for observables whose parameters are missing."""
-    given = {word_of_watched(one) for one in observables}
-    for name in names:
-        if name not in KNOWN:
-            raise unknown("run", "save", name, "observable", KNOWN)
-        kind = WATCHED.get(name)
-        if kind is not None and name not in given:
-            missing = [f for f in kind._fields if f not in kind._field_defaults]
-            if missing:
-                rule = f"needs a table [observables.{name}] with {', '.join(missing)}"
-                raise SceneError("run", "save", name, rule)

@@ -58,8 +58,8 @@ class Scene(Parts):
         settings : sequence of (str, value), optional
             dotted keys and values that override values of the file
         allow_code : bool, optional
-            whether to run the Python files from which it takes effects. [effects.Wind] with
-            module = "wind.py", beside the scene file, is the class Wind of that file. Without
+            whether to run the Python files from which it takes parts of its own. [effects.Wind]
+            with module = "wind.py", beside the scene file, is the class Wind of that file. Without
             allow_code such a scene is refused: scene files execute nothing
 
         Returns

@@ -1,20 +1,21 @@
 """The tables of a scene file as the parts of a scene: body, effects, observables, start."""
 
 import inspect
-from collections import namedtuple
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from rigidmc.dynamics.methods import implements
 from rigidmc.effects import EFFECTS
 from rigidmc.effects.parameters import given
 from rigidmc.effects.protocol import Effect
-from rigidmc.effects.user import class_of
 from rigidmc.errors import SceneError, unknown
+from rigidmc.integrators import INTEGRATORS
 from rigidmc.mechanics.solids import SOLIDS
 from rigidmc.observables import WATCHED
 from rigidmc.scene.body import Body
+from rigidmc.scene.own import Code, own_class, stand_in
 from rigidmc.scene.shape import shape_of
 from rigidmc.scene.start import Start
 from rigidmc.scene.values import Columns, numbers, only, parse
@@ -48,6 +49,8 @@ def body_of(table: dict[str, Any], stored: Columns) -> Body:
         more = {k: parse(table[k], "body", k, stored) for k in ("mass", "centre") if k in table}
         if key == "moments":
             body = Body.from_moments(parse(table[key], "body", key, stored), **more)
+        elif isinstance(table[key], dict):
+            body = Body.from_tensor(parse(table[key], "body", key, stored), **more)
         else:
             body = Body.from_tensor(numbers(table[key], "body", key), **more)
     if "axes" in table:
@@ -75,13 +78,11 @@ def start_of(table: dict[str, Any], stored: Columns) -> Start:
     return Start(**{key: parse(value, "start", key, stored) for key, value in table.items()})
 
 
-def effects_of(
-    tables: dict[str, Any], stored: Columns, folder: str | bool | None
-) -> tuple[Effect, ...]:
-    """The effects of the tables [effects.NAME]; for `folder` see `_kind`."""
+def effects_of(tables: dict[str, Any], stored: Columns) -> tuple[Effect, ...]:
+    """The effects of the tables [effects.NAME]."""
     effects = []
     for name, table in _each(tables, "effects"):
-        kind, where = _kind(name, table, folder), f"effects.{name}"
+        kind, where = _kind("effects", name, table, EFFECTS, stored.code), f"effects.{name}"
         fields = given(kind)
         required = [field for field in fields if field not in kind._field_defaults]
         more = () if name in EFFECTS else ("module",)
@@ -91,17 +92,36 @@ def effects_of(
     return tuple(effects)
 
 
-def observables_of(tables: dict[str, Any]) -> tuple[Any, ...]:
-    """The observables over all steps of the tables [observables.NAME]."""
-    observables = []
-    for name, table in _each(tables, "observables"):
-        if name not in WATCHED:
-            raise unknown("observables", name, None, "observable over all steps", WATCHED)
-        kind = WATCHED[name]
-        required = [field for field in kind._fields if field not in kind._field_defaults]
-        only(table, kind._fields, f"observables.{name}", required)
-        observables.append(kind(**table))
-    return tuple(observables)
+def observables_of(tables: dict[str, Any], code: Code) -> tuple[Any, ...]:
+    """The observables of the tables [observables.NAME]; code : see `rigidmc.scene.own`."""
+    return tuple(
+        _built("observables", name, table, WATCHED, code)
+        for name, table in _each(tables, "observables")
+    )
+
+
+def integrators_of(tables: dict[str, Any], code: Code) -> tuple[Any, ...]:
+    """The integrators of the user's own, of the tables [integrators.NAME]."""
+    return tuple(
+        _built("integrators", name, table, {}, code) for name, table in _each(tables, "integrators")
+    )
+
+
+def _built(kind: str, name: str, table: Any, shipped: dict[str, Any], code: Code) -> Any:
+    """What a table [kind.NAME] of plain numbers makes."""
+    made = _kind(kind, name, table, shipped, code)
+    more = () if name in shipped else ("module",)
+    required = [field for field in made._fields if field not in made._field_defaults]
+    only(table, (*made._fields, *more), f"{kind}.{name}", required)
+    values = {key: value for key, value in table.items() if key not in more}
+    if more:  # compiled code takes tuples
+        values = {key: _tuple(value) for key, value in values.items()}
+    return made(**values)
+
+
+def _tuple(value: Any) -> Any:
+    """A value with tuples in the place of lists."""
+    return tuple(map(_tuple, value)) if isinstance(value, list) else value
 
 
 def _each(tables: dict[str, Any], key: str) -> Iterator[tuple[str, Any]]:
@@ -117,43 +137,20 @@ def _each(tables: dict[str, Any], key: str) -> Iterator[tuple[str, Any]]:
     return iter(every)
 
 
-def _kind(name: str, table: Any, folder: str | bool | None) -> type[Effect]:
-    """The class of an effect by its word, or from the Python file that defines it.
-
-    folder : folder of the Python files that may be run; False if none may be run; None if classes
-        without physics stand in for their classes
-    """
-    if name in EFFECTS:
-        kind: type[Effect] = EFFECTS[name]
-        return kind
-    module = table.get("module") if isinstance(table, dict) else None
-    if not isinstance(module, str):
-        error = unknown("effects", name, None, "effect", EFFECTS)
-        error.rule += '; an effect of your own needs module = "file.py"'
+def _kind(kind: str, name: str, table: Any, shipped: dict[str, Any], code: Code) -> Any:
+    """The class of a table [kind.NAME], by its word or from the Python file that defines it."""
+    if name in shipped:
+        return shipped[name]
+    one = {"effects": "effect", "observables": "observable over all steps"}.get(kind, "integrator")
+    if not isinstance(table, dict) or "module" not in table:
+        error = unknown(kind, name, None, one, shipped or INTEGRATORS)
+        error.rule += f'; an {one.split()[0]} of your own needs module = "file.py"'
         raise error
-    if folder is None:
-        return _stand_in(name, table)
-    if not isinstance(folder, str):
-        rule = (
-            "is code, and scene files execute nothing; look at it, then allow it with --allow-code"
-            " (in Python allow_code=True)"
-        )
-        raise SceneError(f"effects.{name}", "module", module, rule)
-    users: type[Effect] = class_of(folder, module, name, f"effects.{name}")
-    return users
-
-
-def _stand_in(name: str, table: dict[str, Any]) -> type[Effect]:
-    """A class with the parameters of a table and without physics, in place of code that is not
-    run."""
-    fields = [key for key in table if key != "module"]
-    try:
-        made = namedtuple(name, fields)  # type: ignore[misc]  # fields are known at run time
-    except ValueError as error:
-        rule = f"cannot be a class with these parameters: {error}"
-        raise SceneError("effects", name, None, rule) from None
-    kind: Any = made
-    kind.shapes = {key: len(value) for key, value in table.items() if isinstance(value, list)}
-    kind.torque = kind.energy = kind.stand_in = lambda self: 0.0
-    stand_in: type[Effect] = kind
-    return stand_in
+    where = f"{kind}.{name}"
+    found = own_class(name, table["module"], where, code)
+    if found is None:
+        return stand_in(kind, name, table)
+    if not implements(found, "_fields"):
+        rule = f"{found.__name__} is no NamedTuple, as an {one.split()[0]} has to be"
+        raise SceneError(where, "module", table["module"], rule)
+    return found

@@ -4,11 +4,12 @@ from typing import Any
 
 import tomli_w
 
+from rigidmc.dynamics.methods import word_of
 from rigidmc.effects import EFFECTS, labelled, name_of
 from rigidmc.effects.parameters import given
-from rigidmc.effects.user import source_of
-from rigidmc.observables import word_of_watched
+from rigidmc.observables import is_own, word_of_observable
 from rigidmc.scene.mass_distribution import IDENTITY
+from rigidmc.scene.own import module_of
 from rigidmc.scene.parts import Parts
 from rigidmc.scene.values import plain
 
@@ -20,16 +21,24 @@ def dumps(scene: Parts) -> str:
     tables: dict[str, Any] = {key: text for key, text in texts.items() if text != ""}
     tables |= {"body": _body(scene), "effects": _effects(scene)}
     if scene.observables:
-        pairs = [(word_of_watched(one), one._asdict()) for one in scene.observables]
+        pairs = [
+            (word_of_observable(one), {**(module_of(one) if is_own(one) else {}), **one._asdict()})
+            for one in scene.observables
+        ]
         tables["observables"] = _grouped(pairs)
+    if scene.integrators:
+        tables["integrators"] = {
+            word_of(type(one)): {**module_of(one), **one._asdict()} for one in scene.integrators
+        }
     tables |= {"start": _start(scene), "run": _run(scene)}
     return tomli_w.dumps(tables)
 
 
 def _body(scene: Parts) -> dict[str, Any]:
     body = scene.body
-    table = {key: plain(getattr(body, key), key) for key in ("moments", "mass", "centre")}
-    if body.axes != IDENTITY:
+    table = {body.given: plain(body.moments, "moments")}
+    table |= {key: plain(getattr(body, key), key) for key in ("mass", "centre")}
+    if body.given == "moments" and body.axes != IDENTITY:
         table["axes"] = [list(row) for row in body.axes]
     if body.shape:
         table["shape"] = [part.as_table() for part in body.shape]
@@ -39,9 +48,7 @@ def _body(scene: Parts) -> dict[str, Any]:
 def _effects(scene: Parts) -> dict[str, Any]:
     pairs = []
     for label, effect in labelled(scene.effects):
-        users = type(effect) not in EFFECTS.values()
-        file = source_of(type(effect)) if users else None
-        table = {} if file is None else {"module": file}
+        table = {} if type(effect) in EFFECTS.values() else module_of(effect)
         table |= {k: plain(getattr(effect, k), f"{label}_{k}") for k in given(effect)}
         pairs.append((name_of(effect), table))
     return _grouped(pairs)

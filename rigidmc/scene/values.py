@@ -6,6 +6,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from rigidmc.dynamics.methods import word_of
 from rigidmc.errors import RigidmcError, SceneError, nearest, unknown
 from rigidmc.scene.columns import column
 from rigidmc.scene.distributions import (
@@ -16,6 +17,7 @@ from rigidmc.scene.distributions import (
 )
 from rigidmc.scene.laws import LAWS, law_of_table, laws_of
 from rigidmc.scene.laws.protocol import Law
+from rigidmc.scene.own import Code, law_stand_in, module_of, own_class
 from rigidmc.scene.quantities import Grid, grid
 
 
@@ -24,10 +26,12 @@ class Columns(NamedTuple):
 
     of_result : a function that gives the rows of a name in a result; None if there is no result
     folder : folder of the tables
+    code : whose Python files may be run, see `rigidmc.scene.own`
     """
 
     of_result: Callable[[str], np.ndarray | None] | None
     folder: str
+    code: Code = False
 
 
 def numbers(value: Any, table: str, key: str) -> Any:
@@ -79,6 +83,8 @@ def parse(value: Any, table: str, key: str, stored: Columns) -> Any:
         return _truncated(value, table, key, stored)
     if "mixture" in value:
         return _mixture(value, table, key, stored)
+    if "module" in value:
+        return _own_law(value, table, key, stored)
     if len(value) != 1:
         rule = "expected a number or one distribution, e.g. { normal = [0.0, 0.001] }"
         words = [nearest(word, ["between", "mixture", "grid"]) for word in value]
@@ -93,6 +99,24 @@ def parse(value: Any, table: str, key: str, stored: Columns) -> Any:
         return _named(table, key, value, distribution, name, **parameters)
     several = parameters if isinstance(parameters, list) else [parameters]
     return _named(table, key, value, distribution, name, *several)
+
+
+def _own_law(value: dict[str, Any], table: str, key: str, stored: Columns) -> Law:
+    """A law of the user's own, { my_law = { ... }, module = "file.py" }; SceneError."""
+    names = [name for name in value if name != "module"]
+    if len(names) != 1:
+        rule = 'expected one law of your own, { my_law = { ... }, module = "file.py" }'
+        raise SceneError(table, key, value, rule)
+    name, parameters = names[0], value[names[0]]
+    kind = own_class(name, value["module"], f"{table}.{key}", stored.code)
+    if kind is None:
+        kind = law_stand_in(name, parameters, key)
+    if not issubclass(kind, Law):
+        rule = f"{kind.__name__} is no law: a frozen dataclass, a subclass of Law"
+        raise SceneError(table, key, None, rule)
+    law = law_of_table(name, parameters, key, lambda x: parse(x, table, key, stored), kind)
+    assert law is not None
+    return law
 
 
 def _truncated(value: dict[str, Any], table: str, key: str, stored: Columns) -> Distribution:
@@ -128,7 +152,7 @@ def _no_such_law(name: str, value: Any, table: str, key: str) -> SceneError:
         rule = f"'{name}' is a law of {' and '.join(elsewhere)}"
     rule += (
         f"; laws of {key}: {', '.join(known)}; distributions: normal, uniform and the continuous"
-        " ones of scipy.stats"
+        ' ones of scipy.stats; a law of your own needs module = "file.py"'
     )
     return SceneError(table, key, value, rule, nearest(name, [*known, "normal", "uniform"]))
 
@@ -197,8 +221,10 @@ def plain(value: Any, name: str, axis: int | None = None) -> Any:
     name, axis : of the rows in a result, to which an array becomes a reference
     """
     if isinstance(value, Law):
-        fields = value.as_dict().items()
-        return {value.word: {k: plain(v, name) for k, v in fields if v is not None}}
+        fields = {k: plain(v, name) for k, v in value.as_dict().items() if v is not None}
+        if type(value) in LAWS:
+            return {value.word: fields}
+        return {word_of(type(value)): fields, **module_of(value)}
     if isinstance(value, tuple):
         return [plain(v, name, i + 1) for i, v in enumerate(value)]
     if isinstance(value, (Distribution, Grid)):

@@ -1,7 +1,7 @@
 """Checks whether a file is a result: its variables, dimensions, types and units must be those that
 the scene in it demands."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from rigidmc.effects import labelled
 from rigidmc.engine.layout import STATUSES
 from rigidmc.errors import FileError, RigidmcError
-from rigidmc.observables import OBSERVABLES
+from rigidmc.observables import is_opaque
+from rigidmc.observables.protocol import DIMENSIONS
 from rigidmc.scene.conservation import booked_labels
 from rigidmc.scene.scene import Scene, loads
 from rigidmc.scene.settings import Run
@@ -25,6 +26,8 @@ from rigidmc.storage.schema import (
     member_variables,
     saved_variables,
 )
+
+_OVER = ("time", "thinned_time", "member", "flagged")
 
 
 class _Bins(NamedTuple):
@@ -107,7 +110,7 @@ def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[_Sizes, dict[str, Variab
     """(sizes of a result, {name: Variable} of all variables that results of a scene may have, the
     names that they must have)."""
     bins = tuple(
-        (f"{label}_bin", one.edges(), OBSERVABLES[one.name].units)
+        (f"{label}_bin", one.edges(), _units(scene, one.name, f"{label}_bin", dataset))
         for label, one in scene.histograms()
     )
     sizes = _Sizes(
@@ -133,10 +136,30 @@ def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[_Sizes, dict[str, Variab
         # only the code tells the units
         words = {"long_name": known[name].attrs["long_name"]}
         known[name] = known[name]._replace(attrs=words)
+    if any(map(is_opaque, scene.observables)):  # only the code tells their variables
+        known |= _of_opaque(dataset, known)
     # only the code tells whether an effect has an energy; if none has, mass and centre may be
     # missing
     free = ("mass", "centre") if opaque else ()
     return sizes, known, [name for name in always if name not in free]
+
+
+def _units(scene: Scene, name: str, bins: str, dataset: xr.Dataset) -> str:
+    """The units of an observable, from the bins of its histogram if its code is not run."""
+    given = dataset[bins].attrs.get("units", "") if bins in dataset.variables else ""
+    return scene.observable(name).units or str(given)
+
+
+def _of_opaque(dataset: xr.Dataset, known: Mapping[str, Variable]) -> dict[str, Variable]:
+    """The variables by members that may be those of observables whose code is not run."""
+    more = {}
+    for name, variable in dataset.data_vars.items():
+        dims = tuple(map(str, variable.dims))
+        by_members = dims[-1:] in (("member",), ("flagged",)) and variable.dtype.kind == "f"
+        if name not in known and by_members and {*dims} <= {*DIMENSIONS, *_OVER}:
+            words = {k: str(variable.attrs.get(k, "")) for k in ("units", "long_name")}
+            more[str(name)] = Variable(dims, "f8", words)
+    return more
 
 
 def _refuse_unlike(

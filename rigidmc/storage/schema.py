@@ -13,7 +13,7 @@ from rigidmc.effects.parameters import shape
 from rigidmc.effects.protocol import facts
 from rigidmc.engine.cpu import LOOK
 from rigidmc.engine.layout import STATUSES
-from rigidmc.observables import OBSERVABLES, outputs
+from rigidmc.observables import OBSERVABLES, outputs, title
 from rigidmc.observables.protocol import DIMENSIONS
 from rigidmc.scene.conservation import booked, conservation
 from rigidmc.scene.once import once
@@ -73,8 +73,8 @@ def saved_variables(scene: Scene) -> dict[str, Variable]:
     """Variables of what is recorded at save times, see `rigidmc.observables.keep`."""
     conserved, variables = conservation(scene), {}
     for name in scene.saved():
-        kind = OBSERVABLES[name]
-        attrs = {"units": kind.units, "long_name": kind.long_name}
+        kind = scene.observable(name)
+        attrs = {"units": kind.units, "long_name": title(kind)}
         if kind.conserved:
             attrs["conserved"] = conserved[kind.conserved]
         if name == "work":
@@ -86,7 +86,7 @@ def saved_variables(scene: Scene) -> dict[str, Variable]:
         elif word == "thinned":
             variables[f"{name}_thinned"] = Variable(("thinned_time", *dims), "f8", attrs)
         elif word == "final":
-            attrs |= {"long_name": f"{kind.long_name}, at the end"}
+            attrs |= {"long_name": f"{title(kind)}, at the end"}
             variables[f"{name}_final"] = Variable(dims, "f8", attrs)
     return variables
 
@@ -110,8 +110,8 @@ def flagged_variables(scene: Scene) -> dict[str, Variable]:
     text = {"long_name": "index of a member whose status is not ok"}
     variables = {"flagged_member": Variable(("flagged",), "i8", text)}
     for name in names:
-        kind = OBSERVABLES[name]
-        text = {"units": kind.units, "long_name": f"{kind.long_name}, of flagged members"}
+        kind = scene.observable(name)
+        text = {"units": kind.units, "long_name": f"{title(kind)}, of flagged members"}
         variables[f"{name}_flagged"] = Variable(("time", *kind.dims, "flagged"), "f8", text)
     return variables
 
@@ -134,7 +134,7 @@ def ensemble_variables(scene: Scene) -> dict[str, Variable]:
     variables = {}
     for label, one in scene.histograms():
         component = f", component {one.component + 1}" if one.of.endswith("]") else ""
-        text = f"members by {OBSERVABLES[one.name].long_name}{component}"
+        text = f"members by {title(scene.observable(one.name))}{component}"
         about = {"units": "1", "long_name": text}
         variables[label] = Variable(("time", f"{label}_bin"), "i8", about)
         for word in ("below", "above"):
@@ -205,12 +205,15 @@ def _body_variables(scene: Scene) -> dict[str, Variable]:
     """Moments; steps of members that have their own; mass and centre if effects may need them."""
     text = "principal moments of inertia about the fixed point"
     variables = {"moments": _by_member(text, "kg m2", ("axis",))}
+    turned = scene.body.given == "tensor"
+    if turned:
+        text = "attitude of the principal axes of the member in those of the mean tensor"
+        variables["principal_axes"] = _by_member(text, "1", ("quat",))
     if scene.run.turn is not None and scene.run.integrator != "closed":
         about = {"long_name": "steps of the member, each as long as the others"}
         variables["steps"] = Variable(("member",), "i8", about)
-    if any(implements(e, "energy") for e in scene.effects) or not is_shared(
-        scene.body.mass, scene.body.centre
-    ):
+    shared = is_shared(scene.body.mass, scene.body.centre) and not turned
+    if any(implements(e, "energy") for e in scene.effects) or not shared:
         variables["mass"] = _by_member("mass", "kg")
         variables["centre"] = _by_member("centre of mass, principal axes", "m", ("axis",))
     return variables

@@ -12,7 +12,6 @@ from rigidmc.engine.layout import whole_lanes
 from rigidmc.engine.memory import aligned
 from rigidmc.files.netcdf import open_trusted
 from rigidmc.files.outputs import Path
-from rigidmc.observables import OBSERVABLES
 from rigidmc.scene.scene import Scene
 from rigidmc.storage.export import write
 from rigidmc.storage.layout import Block, Layout
@@ -32,10 +31,10 @@ Arrays = dict[str, NDArray[Any]]
 Place = tuple[NDArray[np.float64], int, int]  # an array, its width, and the column of a block in it
 
 
-def _split(values: NDArray[Any], saved: Mapping[str, slice]) -> Arrays:
+def _split(scene: Scene, values: NDArray[Any], saved: Mapping[str, slice]) -> Arrays:
     """{name: view} of the rows of values (time, row, member) of each observable."""
     return {
-        name: values[:, rows if OBSERVABLES[name].dims else rows.start]
+        name: values[:, rows if scene.observable(name).dims else rows.start]
         for name, rows in saved.items()
     }
 
@@ -114,7 +113,7 @@ class Memory:
         self.scene, self.plan, self.more = scene, plan, more
         self.counts, self.flagged = Counts(scene), list[Arrays]()
         all_kept = set(scene.kept().values()) <= {"full"}
-        self.direct = direct and scene.recorded() == scene.saved() and all_kept
+        self.direct = direct and tuple(scene.recorded()) == scene.saved() and all_kept
         self.width = whole_lanes(plan.members)
         size = plan.times.size * self.plan.values * self.width if self.direct else 0
         self.out = aligned(size, float, np.empty)
@@ -140,7 +139,7 @@ class Memory:
         if self.plan.values and (self.counts.histograms or not self.direct):
             values = job.out.reshape(self.plan.times.size, self.plan.values, -1)
             values = values[..., job.column : job.column + job.size]
-            parts = _split(values, self.plan.saved)
+            parts = _split(self.scene, values, self.plan.saved)
             self.counts.add(job, parts, results["status"])
             status = results["status"][: job.size]
             self.flagged.append(flagged_values(self.scene, job.first, parts, status))
@@ -161,7 +160,7 @@ class Memory:
         if self.direct:
             values = self.out.reshape(self.plan.times.size, self.plan.values, self.width)
             values = values[..., : self.plan.members]
-            arrays |= _split(values, self.plan.saved)
+            arrays |= _split(self.scene, values, self.plan.saved)
         return arrays
 
     def finish(self) -> xr.Dataset:
@@ -237,7 +236,7 @@ class File:
         values = {name: array for name, array in results.items() if name in self.names}
         if self.plan.values:
             saved = job.out.reshape(self.plan.times.size, self.plan.values, job.width)
-            parts = _split(saved, self.plan.saved)
+            parts = _split(self.scene, saved, self.plan.saved)
             self.counts.add(job, parts, results["status"])
             status = results["status"][: job.size]
             self.flagged.append(flagged_values(self.scene, job.first, parts, status))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import OptionError
-from rigidmc.integrators import INTEGRATORS, refusal
+from rigidmc.integrators import refusal
 from rigidmc.planning.tolerance.choose import check_pilot
 from rigidmc.planning.tolerance.compile_ahead import compile_ahead
 from rigidmc.planning.tolerance.costs import Costs
@@ -57,8 +57,9 @@ def accuracy(
     ----------
     scene : Scene
         what is run
-    integrators : sequence of str, optional
-        names, default all that take the scene
+    integrators : sequence of str or integrators, optional
+        names, and integrators of your own; by default all that take the scene, with those that the
+        scene has
     tolerances : sequence of float, optional
         for which the cheapest way is given
     members : int, optional
@@ -97,8 +98,11 @@ def accuracy(
     Traceback (most recent call last):
     rigidmc.errors.OptionError: integrators = 'exact': ...
     """
+    if integrators is not None:
+        scene, integrators = scene.with_integrators(integrators)
+    known = scene.known_integrators()
     for name in integrators or ():
-        if name in INTEGRATORS and (why := refusal(name, scene.effects)):
+        if name in known and (why := refusal(name, scene.effects, known=known)):
             raise OptionError("", "integrators", name, why)
     first = pilot(scene, counted(members, "members"))
     check_pilot(scene, first)
@@ -136,7 +140,8 @@ def _ways(
         return bool(rivals) and costs.per_member(way) > DEAREST * min(rivals)
 
     # high orders first: they limit what the others may cost
-    pairs = sorted(candidates(scene, true, integrators), key=lambda c: -INTEGRATORS[c[0]].order)
+    known = scene.known_integrators()
+    pairs = sorted(candidates(scene, true, integrators), key=lambda c: -known[c[0]].order)
     compile_ahead(first, pairs)
     for integrator, dtype in pairs:
         rungs = ladder(costs, true, integrator, dtype, FINEST, too_dear=too_dear)

@@ -14,7 +14,7 @@ from rigidmc.dynamics.so3 import multiply
 from rigidmc.effects.protocol import facts
 from rigidmc.engine import layout
 from rigidmc.errors import SceneError
-from rigidmc.integrators import INTEGRATORS, accepting
+from rigidmc.integrators import accepting
 from rigidmc.mechanics.rotation import attitude_error
 from rigidmc.planning.closed_form import closed_form
 from rigidmc.planning.plan import Plan
@@ -89,7 +89,7 @@ class Runs:
         yield Check(f"another integrator ({name})", "accuracy", self.error(states))
         if self.integrator == "closed":
             return
-        order = INTEGRATORS[self.integrator].order
+        order = self.pilot.scene.known_integrators()[self.integrator].order
         left = 1.0 if order == math.inf else 2.0**order / (2.0**order - 1.0)
         half = self.follow(self.pilot, self.integrator, 2 * self.steps)
         yield Check("half the step", "accuracy", left * self.error(half))

@@ -9,12 +9,13 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, unknown
-from rigidmc.integrators import INTEGRATORS, accepting, refusal
+from rigidmc.integrators import accepting, refusal
 from rigidmc.planning.tolerance.choose import check_pilot
 from rigidmc.planning.tolerance.deviation import drift_along
 from rigidmc.planning.tolerance.pilot import ROUNDING, pilot
 from rigidmc.scene.amounts import counted, seconds
 from rigidmc.scene.conservation import conservation
+from rigidmc.scene.given import named_integrators
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.accuracy import WORDS
 
@@ -33,19 +34,24 @@ def long_drift(
 ) -> xr.Dataset:
     """Drift of energy, |L|^2 and L_z over very many steps: a Dataset over `integrator` and `step`.
 
-    integrators : names, default those of LONG that take the scene;  dt : step [s], default the
-    scene's;  members : the first of the scene;  `step` : powers of two up to `steps`
+    integrators : names or integrators, default those of LONG and of the scene that take it
+    dt : step [s], default the scene's;  members : the first of the scene
+    `step` : powers of two up to `steps`
 
     Variables: energy_drift, l2_drift, lz_drift, the largest drift so far of the worst member,
     relative to the sizes in play; energy_law, l2_law, lz_law, the law by which each grows with the
     steps ("bounded", "sqrt" or "linear"), and energy_power, ..., the fitted exponent.
     Raises SceneError as `accuracy`.
     """
-    names = list(integrators or [name for name in LONG if name in accepting(scene.effects)])
+    scene, given = scene.with_integrators(integrators or ())
+    known = scene.known_integrators()
+    able = accepting(scene.effects, known=known)
+    own = named_integrators(scene.integrators)
+    names = given or [name for name in (*LONG, *own) if name in able]
     for name in names:
-        if name not in INTEGRATORS:
-            raise unknown("", "integrators", name, "integrator", INTEGRATORS, OptionError)
-        if why := refusal(name, scene.effects):
+        if name not in known:
+            raise unknown("", "integrators", name, "integrator", known, OptionError)
+        if why := refusal(name, scene.effects, known=known):
             raise OptionError("", "integrators", name, why)
     dt = seconds(dt or scene.run.dt, "dt")
     steps, members = counted(steps, "steps"), counted(members, "members")

@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, nearest
-from rigidmc.observables import WATCHED, WATCHED_STATISTICS, word_of_watched
+from rigidmc.observables import WATCHED, WATCHED_STATISTICS, statistics, word_of_observable
 from rigidmc.scene.scene import Scene
 from rigidmc.studies import intervals
 
@@ -140,12 +140,12 @@ def observing(scene: Scene, texts: Iterable[str]) -> Scene:
 
     Only observables without obligatory parameters are added.
     """
-    observable = {name: name for name in WATCHED_STATISTICS}
+    observable = {name: name for name in statistics(scene.observables)}
     for name, kind in WATCHED.items():
         if len(kind._field_defaults) == len(kind._fields):
             observable |= dict.fromkeys(kind.outputs, name)
     words = [word for text in texts for word in re.findall(r"[A-Za-z_]\w*", text)]
-    present = {word_of_watched(one) for one in scene.observables} | set(scene.run.save)
+    present = {word_of_observable(one) for one in scene.observables} | set(scene.run.save)
     named = dict.fromkeys(observable[word] for word in words if word in observable)
     missing = [name for name in named if name not in present]
     if not missing:

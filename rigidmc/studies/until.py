@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, SceneError, SceneWarning
 from rigidmc.files.outputs import refuse_existing
-from rigidmc.observables import OBSERVABLES
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.quantities import rows
@@ -154,7 +153,8 @@ def simulate_until(
 
 def _without_saves(scene: Scene) -> Scene:
     """The scene that keeps final numbers of its members only."""
-    save = tuple(name for name in scene.run.save if name not in OBSERVABLES)
+    at_times = scene.saved()
+    save = tuple(name for name in scene.run.save if name not in at_times)
     lean: Scene = scene.with_run(save=save)
     return lean
 

@@ -47,6 +47,54 @@ class States:
                 )
         return self._dataset
 
+    def described(self, name: str) -> xr.DataArray:
+        """Resolve saved states in the axes in which the body was described.
+
+        Results are in the principal axes, those of the member if the tensor is uncertain.
+
+        Parameters
+        ----------
+        name : str
+            of a variable of the result: "omega", "momentum", "attitude", "start_omega" and so on
+
+        Returns
+        -------
+        xarray.DataArray
+            vectors in the described axes, or attitudes of these
+
+        Raises
+        ------
+        ValueError
+            for a variable that is neither a vector in the body nor an attitude
+
+        Examples
+        --------
+        >>> law = rm.UncertainInertia(np.diag([2.0, 2.5, 3.0]), 0.01 * np.eye(6))
+        >>> scene = rm.Scene(rm.Body.from_tensor(law), start=rm.Start(omega=(0.2, 0.3, 1.0)))
+        >>> ds = rm.simulate(scene, members=4, dt=0.1, t_end=1.0)
+        >>> ds.rigid.described("start_omega").isel(member=0).values.round(12).tolist()
+        [0.2, 0.3, 1.0]
+        """
+        from rigidmc.dynamics.so3 import conjugate
+        from rigidmc.mechanics.rotation import product, quaternion, to_space
+
+        ds, body = self._dataset, self.scene().body
+        given = ds.get(name)
+        if given is None or not {"axis", "quat"} & {*given.dims} or name == "moments":
+            rule = "no vector in the body and no attitude of this result"
+            raise ValueError(f"{name}: {rule}")
+        kind = "quat" if "quat" in given.dims else "axis"
+        values = given.transpose(..., "member", kind)
+        turn = quaternion(np.array(body.axes))
+        if "principal_axes" in ds:
+            turn = product(turn, ds.principal_axes.transpose("member", "quat").values)
+        if kind == "axis":
+            found = to_space(turn, values.values)
+        else:
+            found = product(values.values, np.stack(conjugate(np.moveaxis(turn, -1, 0)), -1))
+        text = f"{given.attrs.get('long_name', name)}; in the described axes"
+        return values.copy(data=found).assign_attrs(long_name=text).transpose(*given.dims)
+
     def momentum(self) -> xr.DataArray:
         """Angular momentum in body axes, saved or from omega.
 

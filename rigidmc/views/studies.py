@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rigidmc.studies.accuracy import count, horizon_text
 from rigidmc.studies.stress.run import AMBER, VERDICTS
 from rigidmc.views.figure import ALARM, COLOURS, GREY, INK, LIGHT, MARKERS, new_figure
-from rigidmc.views.styles import STYLES
+from rigidmc.views.styles import style_of
 
 
 def work_precision(study: xr.Dataset, figure: Figure | None = None) -> Figure:
@@ -69,7 +69,7 @@ def count_of(study: xr.Dataset) -> str:
 
 def _work_precision_lines(axes: Axes, rows: xr.Dataset, name: str) -> None:
     """The lines of one integrator, in float64 and float32."""
-    style = STYLES[name]
+    style = style_of(name)
     for kind, fill_color in (("float64", style.color), ("float32", "white")):
         part = rows.isel(row=rows["dtype"].values == kind)
         if part.sizes["row"]:
@@ -138,7 +138,7 @@ def long_drift(study: xr.Dataset, figure: Figure | None = None) -> Figure:
     for place, name in enumerate(shown):
         axes = figure.add_subplot(1, len(shown), place + 1)
         for i, integrator in enumerate(study.integrator.values):
-            style = STYLES[integrator]
+            style = style_of(integrator)
             axes.plot(
                 study.step.values,
                 np.maximum(study[f"{name}_drift"].values[i], 1e-17),

@@ -32,3 +32,8 @@ def styles() -> dict[str, Style]:
 
 
 STYLES = styles()
+
+
+def style_of(name: str) -> Style:
+    """The style of an integrator; those of the user's own share one."""
+    return STYLES.get(name, Style("0.15", "*", "-"))

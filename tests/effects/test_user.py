@@ -270,7 +270,7 @@ def test_code_from_a_scene_file_runs_only_where_it_is_allowed(folder, capfd):
     ("vane.py", "vain.py", "there is no file .*vain.py"),
     ("vane.py", "scene.toml", "is no Python file"),
     ("effects.Vane", "effects.Vain",
-     r"has no NamedTuple Vain; it has Vane \(did you mean 'Vane'\?\)"),
+     r"has no class Vain; it has Vane \(did you mean 'Vane'\?\)"),
     ("size =", "sice =",
      r"\[effects.Vane\] sice: no such key; known: size, speed, module \(did you mean 'size'"),
     ('module = "vane.py"\n', "",

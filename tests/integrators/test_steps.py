@@ -155,7 +155,7 @@ def test_every_integrator_has_its_facts():
         assert isinstance(kind.compensated, bool)
         assert set(kind.conserves) <= {"|q|", "|L|^2", "T", "L in space"}
         assert kind.accepts.startswith(ACCEPTS)
-        assert "Source:" in description(name)
+        assert "Source:" in description(INTEGRATORS[name])
 
 
 TIMES: list[float] = []

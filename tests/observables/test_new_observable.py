@@ -1,10 +1,9 @@
-"""A new observable is one file: functions beside it compile, and results get its dimension."""
+"""An observable is one file: functions beside it compile, and results get its dimension."""
 
 import numpy as np
 import pytest
 
 import rigidmc as rm
-from rigidmc.observables import KNOWN, OBSERVABLES, WATCHED
 from rigidmc.observables.protocol import DIMENSIONS, Dimension, running
 
 HELPERS = """
@@ -52,10 +51,7 @@ def new(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(tmp_path))
     import new_package.new as module
 
-    monkeypatch.setitem(OBSERVABLES, "squares", module.Squares)
-    monkeypatch.setitem(WATCHED, "across", module.Across)
     monkeypatch.setitem(DIMENSIONS, "part", Dimension(("along", "across"), "part of L"))
-    monkeypatch.setattr("rigidmc.scene.parts.KNOWN", (*KNOWN, "squares", "across"))
     return module
 
 
@@ -63,9 +59,8 @@ def test_one_file_is_all_that_an_observable_and_an_event_need(new):
     scene = rm.Scene(
         rm.Body.from_moments((1.0, 2.0, 3.0)), start=rm.Start(momentum=(0.1, 1.0, 0.001))
     )
-    ds = rm.simulate(
-        scene, members=3, dt=0.05, t_end=40.0, every=0.05, save=("momentum", "squares", "across")
-    )
+    save = "momentum", new.Squares(), new.Across()
+    ds = rm.simulate(scene, members=3, dt=0.05, t_end=40.0, every=0.05, save=save)
     l = ds.momentum.values
     expected = np.stack([l[:, 0] ** 2, l[:, 1] ** 2 + l[:, 2] ** 2], 1)
     assert ds.squares.dims == ("time", "part", "member") and list(ds.part.values) == [

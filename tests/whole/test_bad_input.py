@@ -157,7 +157,7 @@ def test_nothing_is_executed_but_what_was_allowed():
             if names & NEVER:
                 found.append((path.relative_to(PACKAGE).as_posix(), *(names & NEVER)))
     assert sorted(found) == [
-        ("effects/user.py", "exec_module"),
+        ("files/code.py", "exec_module"),
         ("views/when_imported.py", "exec_module"),
     ]
 

@@ -1,14 +1,19 @@
 """One of each kind is added to a copy of the package: one file and one line, and the generic tests,
-the command line and scene files know it."""
+the command line and scene files know it. And one of each kind of a user's own, as the documentation
+shows them: a script and a scene file take them without a change of the package."""
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+import rigidmc as rm
 
 ROOT = Path(__file__).parents[2]
 
@@ -353,3 +358,98 @@ def test_the_command_line_takes_what_is_new(extended):
         assert word in told[words], words
     assert "horizontal" in told["observables"]
     assert "1 good" in told["stress --group H16 --integrator cash_karp --threads 1"]
+
+
+def blocks(language):
+    """The blocks of a language on the page about parts of one's own."""
+    page = (ROOT / "docs/how_to/own_parts.md").read_text("utf-8")
+    return re.findall(rf"```{language}\n(.*?)```", page, re.S)
+
+
+@pytest.fixture
+def own(tmp_path):
+    """A folder with mine.py and scene.toml as the page has them."""
+    *parts, _ = blocks("python")
+    (tmp_path / "mine.py").write_text("\n\n".join(parts))
+    (scene,) = blocks("toml")
+    (tmp_path / "scene.toml").write_text(scene)
+    return tmp_path
+
+
+def test_each_part_of_ones_own_takes_fifteen_lines_and_five_of_a_scene_file():
+    _, *parts, _ = blocks("python")
+    assert len(parts) == 6 and max(len(part.splitlines()) for part in parts) <= 15
+    tables = blocks("toml")[0].split("\n\n")
+    assert max(len(table.splitlines()) for table in tables) <= 8
+
+
+def test_a_script_and_a_scene_file_run_the_same_parts(own, monkeypatch):
+    """One of each kind: compiled from the script, uncompiled from the file and the command line."""
+    monkeypatch.chdir(own)
+    names = {"__name__": "mine"}
+    code = "\n\n".join(blocks("python"))
+    (own / "script.py").write_text(code)
+    exec(compile(code, str(own / "script.py"), "exec"), names)
+    ds = names["ds"]
+    ends = names["TorsionSpring"](3.0)
+    assert ds.energy_drift_max.max() < 1e-9  # measured 2.5e-10: torque and energy are of one effect
+    assert type(names["scene"].effects[0]) is type(ends)
+    assert (ds.height.values <= 2.0).all() and ds.height.attrs["units"] == "m"
+    assert (ds.fastest.values >= np.abs(ds.omega.sel(axis=1)).max("time").values).all()
+    assert np.abs((ds.start_omega**2).sum("axis") - 0.25).max() < 1e-15  # measured 5.6e-17
+
+    command = "run scene.toml --allow-code -o own.nc", "integrators --scene scene.toml --allow-code"
+    ended = run_in(own, *command)
+    assert ended.returncode == 0, ended.stderr
+    assert "kutta38" in json.loads(ended.stdout.splitlines()[-1])[1]
+    with rm.open(own / "own.nc") as again:  # without the code
+        for name in ("omega", "height", "height_max", "rises", "fastest"):
+            assert again[name].dims == ds[name].dims
+            assert np.abs(again[name] - ds[name]).max() < 5e-15, name  # measured 1.2e-15
+        assert again.height.attrs == ds.height.attrs
+        with pytest.raises(rm.SceneError, match="is code, and scene files execute nothing"):
+            rm.rerun(again, 2)
+        (own / "mine.py").unlink()
+        with pytest.raises(rm.SceneError, match=r"there is no file .*mine\.py"):
+            rm.rerun(again, 2, allow_code=True)
+
+
+def run_in(folder, *commands):
+    """Commands of rigidmc in a folder, uncompiled."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "NUMBA_DISABLE_JIT": "1"}
+    words = json.dumps([command.split() for command in commands])
+    command = [sys.executable, "-c", COMMANDS, words]
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+
+
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ("[integrators.kutta38]\nmodule", "[integrators.kutta83]\nmodule",
+     r"\[integrators.kutta83\] module = 'mine.py': has no class kutta83.*did you mean 'Kutta38'"),
+    ('[observables.rises]\nmodule = "mine.py"', "[observables.rises]",
+     "rises: no such observable.*an observable of your own needs module"),
+    ("at = 2.0", "to = 2.0", r"\[observables.height\] to: no such key; known: at, module"),
+    ('integrator = "kutta38"', 'integrator = "kutta39"', "no such integrator.*'kutta38'"),
+    ("ring = {", "rings = {", "has no class rings.*did you mean 'Ring'"),
+    ('{ size = 0.5 }, module = "mine.py" }', "{ size = 0.5 } }", "a law of your own needs module"),
+    ('"rises", ', '"risen", ', r"save = 'risen': no such observable.*did you mean 'rises'"),
+    ("[observables.rises]", "[observables.kutta38]", "Kutta38.*or one of your own, with its param"),
+    ("[integrators.kutta38]", "[integrators.ring]", "Ring is no NamedTuple, as an integrator has"),
+    ("ring = { size", "fastest = { size", "Fastest is no law: a frozen dataclass"),
+])  # fmt: skip
+def test_mistakes_about_parts_of_ones_own_are_named(own, old, new, words):
+    text = (own / "scene.toml").read_text()
+    assert old in text
+    (own / "scene.toml").write_text(text.replace(old, new))
+    with pytest.raises(rm.SceneError, match=words):
+        rm.Scene.load(own / "scene.toml", allow_code=True)
+
+
+def test_no_part_of_ones_own_runs_unless_it_is_allowed(own):
+    for table in ("effects", "observables", "integrators", "start"):
+        text = (own / "scene.toml").read_text()
+        others = re.sub(rf"\[(?!{table})(effects|observables|integrators)\.[^[]*", "", text)
+        if table != "start":
+            others = re.sub("omega = .*", "omega = [0.0, 0.5, 0.0]", others)
+        others = re.sub(r"\[run\].*", "", others, flags=re.S)
+        with pytest.raises(rm.SceneError, match=rf"{table}.*is code.*--allow-code"):
+            rm.Scene.loads(others)

@@ -20,6 +20,7 @@ from rigidmc.planning.tolerance.ladder import candidates, ladder, measured
 from rigidmc.planning.tolerance.pilot import Pilot, pilot
 from rigidmc.planning.tolerance.truth import AGREED, Truth, check_agreement, integrated, truth
 from rigidmc.planning.tolerance.way import Way
+from rigidmc.scene.given import named_integrators
 from rigidmc.scene.scene import Scene
 
 # members: the 99 % quantile is then below the second largest error with 96 % certainty
@@ -136,7 +137,8 @@ def choose(
     if known > tolerance:
         why = f"the truth itself is known to {known:.1e} only ({true.source})"
         raise _unreachable(scene, tolerance, first, known, why)
-    ways, nearest = _ways(scene, costs, true, tolerance, integrators or CONTENDERS)
+    contenders = integrators or (*CONTENDERS, *named_integrators(scene.integrators))
+    ways, nearest = _ways(scene, costs, true, tolerance, contenders)
     if not ways:
         raise _unreachable(scene, tolerance, first, nearest, "no integrator comes nearer")
     ways.sort(key=costs.per_member)

@@ -14,7 +14,6 @@ from rigidmc.engine.frame import Run, Saves
 from rigidmc.engine.machine import threads_available
 from rigidmc.engine.program import NO_SAVES, Program
 from rigidmc.integrators import Form, accepting, keeps_remainders
-from rigidmc.observables import OBSERVABLES
 from rigidmc.observables.protocol import size
 from rigidmc.planning.closed_form import closed_values
 from rigidmc.planning.form import form_of
@@ -66,7 +65,7 @@ class Costs:
         scene = self.pilot.stepped(steps)[0].with_run(integrator=integrator)
         h = scene.run.t_end / steps
         form, *_ = form_of(scene, h)
-        compensated = keeps_remainders(integrator, scene.effects, dtype)
+        compensated = keeps_remainders(scene.integrator, scene.effects, dtype)
         key = type(form.integrator), form.integrator, len(form.parts), dtype
         return self._once(
             key, lambda: self._stepped(form, dtype, OBSERVED, compensated=compensated)
@@ -90,7 +89,7 @@ class Costs:
         def record() -> float:
             scene = self.pilot.scene.with_run(integrator="rk4")
             form, *_ = form_of(scene, 1.0)
-            observables = tuple(OBSERVABLES[name]() for name in scene.saved() if name != "work")
+            observables = tuple(scene.observable(n) for n in scene.saved() if n != "work")
             plain, saving = (
                 self._stepped(form, "float64", observables, stride=stride) for stride in (32, 1)
             )

@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from rigidmc.errors import OptionError, SceneError, unknown
-from rigidmc.integrators import INTEGRATORS, accepting
+from rigidmc.integrators import accepting
+from rigidmc.observables import is_own
 from rigidmc.planning.form import form_of
 from rigidmc.planning.plan import longest_watched
 from rigidmc.planning.tolerance.costs import Costs
@@ -32,21 +33,23 @@ def candidates(
     A free body needs no splitting, which would be the exact motion at more cost. Raises OptionError
     for an unknown integrator.
     """
+    kinds = scene.known_integrators()
     able = [
         name
-        for name in accepting(scene.effects, works="work" in scene.run.save)
+        for name in accepting(scene.effects, works="work" in scene.run.save, known=kinds)
         if name != "closed" or true.source.startswith("closed")
     ]
-    if watch(scene).each_step:  # closed forms make no steps
+    # closed forms make no steps, and no code of the user's own takes arrays
+    if watch(scene).each_step or any(map(is_own, scene.recorded().values())):
         able = [name for name in able if name != "closed"]
     if integrators:
         integrators = tuple(integrators)
         for name in integrators:
-            if name not in INTEGRATORS:
-                raise unknown("", "integrators", name, "integrator", INTEGRATORS, OptionError)
+            if name not in kinds:
+                raise unknown("", "integrators", name, "integrator", kinds, OptionError)
         able = [name for name in integrators if name in able]
     if not scene.effects:
-        able = [name for name in able if not INTEGRATORS[name].splitting or name == "rotations"]
+        able = [name for name in able if not kinds[name].splitting or name == "rotations"]
     # first what needs no compiling: it bounds what others may cost
     able.sort(key=lambda name: name != "closed")
     both = [
@@ -103,7 +106,7 @@ def ladder(
     """
     if integrator == "closed":
         return [_measured_closed(costs, true, dtype)]
-    exact = INTEGRATORS[integrator].order == math.inf
+    exact = costs.pilot.scene.known_integrators()[integrator].order == math.inf
     ways: list[Way] = []
     multiple = _first_multiple(costs.pilot, integrator)
     best, idle = math.inf, 0
@@ -125,7 +128,7 @@ def ladder(
 def _first_multiple(pilot: Pilot, integrator: str) -> float:
     """How many times the pilot's base the longest steps are that are tried."""
     multiple = max(1.0, first_steps(pilot) / pilot.base / 24.0)
-    if INTEGRATORS[integrator].order == math.inf:
+    if pilot.scene.known_integrators()[integrator].order == math.inf:
         # one step between checks, or pieces of each member's own
         scene = pilot.stepped(pilot.base)[0].with_run(integrator=integrator)
         whole, *_ = form_of(scene, pilot.scene.run.t_end)

@@ -154,7 +154,7 @@ def states_along(
     disturb : called with each part of the block at the start and after every stride but the last
     """
     form, *_ = form_of(scene, run.h)
-    compensated = keeps_remainders(scene.run.integrator, scene.effects, dtype, compensated)
+    compensated = keeps_remainders(scene.integrator, scene.effects, dtype, compensated)
     program = Program(form, blank(scene.effects), OBSERVED, pilot.carried, compensated, dtype)
     width, saves = block.shape[1], (run.total + run.stride - 1) // run.stride + 1
     share = layout.LANES * max(1, math.ceil(width / layout.LANES / threads_available()))

@@ -6,6 +6,7 @@ below."""
 from rigidmc.scene.laws.vectors import Cone as Cone
 from rigidmc.scene.laws.vectors import Sphere as Sphere
 from rigidmc.scene.laws.bodies import SecondMoments as SecondMoments
+from rigidmc.scene.laws.bodies import UncertainInertia as UncertainInertia
 from rigidmc.scene.laws.vectors import Correlated as Correlated
 from rigidmc.scene.laws.ensembles import Shell as Shell
 from rigidmc.scene.laws.ensembles import GibbsMomentum as GibbsMomentum
@@ -18,6 +19,7 @@ from typing import Any
 
 from rigidmc.errors import SceneError, unknown
 from rigidmc.scene.laws.protocol import Law
+from rigidmc.scene.laws.user_checks import check_user_law
 
 LAWS: list[type[Law]] = [
     kind
@@ -34,18 +36,23 @@ def laws_of(key: str) -> dict[str, type[Law]]:
 def checked(law: Law, table: str, key: str) -> Law:
     """A law with its parameters checked; SceneError."""
     kinds = laws_of(key)
+    if type(law) not in LAWS:
+        return check_user_law(law, table, key)
     if type(law) not in kinds.values():
         rule = f"expected one of {', '.join(kinds)}, or three components"
         raise SceneError(table, key, law, rule)
     return law.checked(f"{table}.{key}.{law.word}")
 
 
-def law_of_table(word: str, table: Any, key: str, parse: Callable[[Any], Any]) -> Law | None:
+def law_of_table(
+    word: str, table: Any, key: str, parse: Callable[[Any], Any], own: type[Law] | None = None
+) -> Law | None:
     """The law of a table in a scene file; None if the word names no law of this key.
 
     parse : function that turns a value of the file into a quantity
+    own : the class, if it is one of the user's own
     """
-    kind = laws_of(key).get(word)
+    kind = own or laws_of(key).get(word)
     if kind is None:
         return None
     where, fields = f"{key}.{word}", kind.names()

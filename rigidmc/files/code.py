@@ -1,36 +1,23 @@
-"""Effects that a user wrote: found in a Python file, run only if the user allowed it."""
+"""Classes that a user wrote: found in a Python file, which is run only if the user allowed it."""
 
 import importlib.util
+import inspect
 import os
+import sys
 import traceback
 from types import ModuleType
 from typing import Any
 
-from rigidmc.dynamics.methods import implements
-from rigidmc.effects.protocol import Effect
 from rigidmc.errors import SceneError, nearest
-
-# How many numbers each method of an effect returns.
-RESULT_SIZES = {
-    "torque": 3,
-    "kick": 3,
-    "shake": 3,
-    "torque_rate": 3,
-    "energy": 1,
-    "energy_scale": 1,
-}
-RULE = (
-    "kernels take floats and small tuples in and out: no arrays, no lists, no calls but of math, "
-    "and no loop whose length depends on numbers"
-)
 
 _modules: dict[tuple[str, int], ModuleType] = {}  # by path and time of the last change
 
 
-def class_of(folder: str, path: str, name: str, table: str) -> type[Effect]:
-    """The class of an effect in a Python file, which is run: call it only if the user allowed it.
+def class_of(folder: str, path: str, name: str, table: str) -> type[Any]:
+    """A class in a Python file, which is run: call it only if the user allowed it.
 
     folder : of the scene file, to which `path` is relative
+    name : of the class, or the same in snake_case
     table : of the scene file, for messages
 
     Raises SceneError if the file does not exist, is no Python file, fails, or lacks the class.
@@ -43,23 +30,35 @@ def class_of(folder: str, path: str, name: str, table: str) -> type[Effect]:
     key = file, os.stat(file).st_mtime_ns
     if key not in _modules:
         _modules[key] = _run(file, path, table)
-    classes = {
+    module = _modules[key]
+    classes: dict[str, type[Any]] = {
         word: value
-        for word, value in vars(_modules[key]).items()
-        if isinstance(value, type) and hasattr(value, "_fields")
+        for word, value in vars(module).items()
+        if isinstance(value, type) and value.__module__ == module.__name__
     }
-    if name not in classes:
-        rule = f"has no NamedTuple {name}; it has {', '.join(classes) or 'none'}"
+    found = classes.get(name) or {_plain(word): kind for word, kind in classes.items()}.get(
+        _plain(name)
+    )
+    if found is None:
+        rule = f"has no class {name}; it has {', '.join(classes) or 'none'}"
         raise SceneError(table, "module", path, rule, nearest(name, list(classes)))
-    return classes[name]
+    return found
+
+
+def _plain(name: str) -> str:
+    """A name without case and underscores: my_law and MyLaw are one."""
+    return name.replace("_", "").lower()
 
 
 def _run(file: str, path: str, table: str) -> ModuleType:
-    spec: Any = importlib.util.spec_from_file_location(f"own_effects_{len(_modules)}", file)
+    name = f"own_code_{len(_modules)}"
+    spec: Any = importlib.util.spec_from_file_location(name, file)
     module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # as of any other module: classes find their own there
     try:
         spec.loader.exec_module(module)
     except Exception as error:  # the user's code may raise anything
+        del sys.modules[name]
         frames = reversed(traceback.extract_tb(error.__traceback__))
         line = next((f.lineno for f in frames if f.filename == file), None)
         where = f" (line {line})" if line else ""
@@ -68,8 +67,12 @@ def _run(file: str, path: str, table: str) -> ModuleType:
     return module
 
 
-def source_of(kind: type[Effect]) -> str | None:
+def source_of(kind: type[Any]) -> str | None:
     """The file of a user's class; None if it is in no file (a notebook, or the shell)."""
-    method = next(getattr(kind, name) for name in RESULT_SIZES if implements(kind, name))
-    file: str = method.__code__.co_filename
-    return os.path.abspath(file) if os.path.isfile(file) else None
+    methods = [
+        value
+        for name, value in vars(kind).items()
+        if inspect.isfunction(value) and not name.startswith("_")
+    ]
+    files = (method.__code__.co_filename for method in methods)
+    return next((os.path.abspath(file) for file in files if os.path.isfile(file)), None)

@@ -1,0 +1,94 @@
+"""What a part of your own is made of: decorators, protocols, and the functions it may call.
+
+Effects        a NamedTuple with `torque`; `effect` states its facts, `Effect` lists its methods
+Observables    a NamedTuple with `value` (`observable`), `level` (`event`), or `begin` and `update`
+               (`running`); `Observable`, `Event` and `Running` list facts and methods
+Integrators    a NamedTuple with `step` and its facts, see `Integrator`
+Laws           a frozen dataclass, a subclass of `Law`; `draw`, `number` and `numbers` serve it
+
+Compiled methods are plain arithmetic, functions of `math`, the functions below, and functions of
+your own file that are made of the same. docs/how_to/own_parts.md has one part of each kind.
+"""
+
+from rigidmc.dynamics.euler import scaled
+from rigidmc.dynamics.so3 import (
+    add,
+    arctan2,
+    axpy,
+    axpy4,
+    conjugate,
+    cross,
+    difference,
+    dot,
+    exponential,
+    into_body,
+    larger,
+    multiply,
+    normalised,
+    opposite,
+    scale,
+    select,
+    select_each,
+    sincos,
+    smaller,
+    spin,
+    up,
+)
+from rigidmc.effects.protocol import Effect, Number, Vector, effect
+from rigidmc.effects.sums import changes
+from rigidmc.integrators.protocol import Integrator
+from rigidmc.integrators.rk8 import combined
+from rigidmc.observables.protocol import (
+    Event,
+    Observable,
+    Record,
+    Running,
+    event,
+    observable,
+    running,
+)
+from rigidmc.scene.laws.protocol import Law, number, numbers
+from rigidmc.scene.quantities import draw
+
+__all__ = [
+    "Effect",
+    "Event",
+    "Integrator",
+    "Law",
+    "Number",
+    "Observable",
+    "Record",
+    "Running",
+    "Vector",
+    "add",
+    "arctan2",
+    "axpy",
+    "axpy4",
+    "changes",
+    "combined",
+    "conjugate",
+    "cross",
+    "difference",
+    "dot",
+    "draw",
+    "effect",
+    "event",
+    "exponential",
+    "into_body",
+    "larger",
+    "multiply",
+    "normalised",
+    "number",
+    "numbers",
+    "observable",
+    "opposite",
+    "running",
+    "scale",
+    "scaled",
+    "select",
+    "select_each",
+    "sincos",
+    "smaller",
+    "spin",
+    "up",
+]

@@ -1,0 +1,100 @@
+"""What a user gives as parts of a scene: effects, observables and integrators, checked."""
+
+from collections.abc import Iterable, Sequence
+from numbers import Real
+from typing import Any
+
+import numpy as np
+
+from rigidmc.dynamics.methods import word_of
+from rigidmc.effects import EFFECTS, name_of
+from rigidmc.effects.parameters import shape
+from rigidmc.effects.protocol import Effect, is_effect
+from rigidmc.errors import SceneError, unknown
+from rigidmc.integrators.protocol import Integrator
+from rigidmc.integrators.user_checks import known_facts
+from rigidmc.observables import (
+    KNOWN,
+    OBSERVABLES,
+    WATCHED,
+    is_observable,
+    is_own,
+    known,
+    word_of_observable,
+)
+from rigidmc.observables.protocol import Observable, OverSteps
+from rigidmc.scene.limits import limits, outside
+from rigidmc.scene.quantities import is_open, quantity, vector
+
+
+def named_integrators(given: Iterable[Any]) -> dict[str, Integrator]:
+    """{name: integrator} of integrators of the user's own; SceneError."""
+    pairs = ((word_of(one if isinstance(one, type) else type(one)), one) for one in given)
+    return {word: known_facts(one, word) for word, one in pairs}
+
+
+def checked_effect(effect: Any, driven: bool) -> Effect:
+    """An effect with its parameters checked; SceneError. driven : whether damping may be
+    negative"""
+    if not is_effect(effect):
+        known = ", ".join(kind.__name__ for kind in EFFECTS.values())
+        rule = f"expected an effect with its parameters, one of {known}"
+        raise SceneError("effects", "effect", effect, rule)
+    table, values = f"effects.{name_of(effect)}", []
+    for name, value in zip(effect._fields, effect, strict=True):
+        size, (low, high) = shape(effect, name), limits(effect, name, driven)
+        one = quantity(value, table, name) if size is None else vector(value, table, name, size)
+        for part in (one,) if size is None else one:
+            if not is_open(part) and not (low <= np.min(part) and np.max(part) <= high):
+                wrong = float(np.min(part) if np.min(part) < low else np.max(part))
+                raise SceneError(table, name, wrong, outside(effect, low, high))
+        values.append(one)
+    return type(effect)(*values)
+
+
+def place(observable: Any) -> int:
+    """The place of an observable in the order of WATCHED; those of the user's own come last."""
+    word = word_of_observable(observable)
+    return list(WATCHED).index(word) if word in WATCHED else len(WATCHED)
+
+
+def checked_observable(observable: Any) -> OverSteps | Observable:
+    """An observable with its parameters checked; SceneError."""
+    if not is_observable(observable) or type(observable) in OBSERVABLES.values():
+        shipped = ", ".join(kind.__name__ for kind in WATCHED.values())
+        rule = f"expected one of {shipped}, or one of your own, with its parameters"
+        raise SceneError("observables", "observable", observable, rule)
+    word = word_of_observable(observable)
+    if is_own(observable) and word in KNOWN:
+        rule = f"'{word}' is an observable of the package: give the class another name"
+        raise SceneError("observables", type(observable).__name__, None, rule)
+    whole = {}  # 1e2 bins are 100 bins
+    for name, kind in type(observable).__annotations__.items():
+        value = getattr(observable, name)
+        real = isinstance(value, Real) and not isinstance(value, bool)
+        if kind is int and real and float(value) == float(value) // 1:
+            whole[name] = int(value)
+    checked: OverSteps | Observable = observable._replace(**whole)
+    if not isinstance(checked, Observable):
+        checked.check()
+    return checked
+
+
+def check_saved(names: Iterable[str], observables: Sequence[Any]) -> None:
+    """SceneError for unknown names, for observables whose parameters are missing, and for two
+    classes of one name."""
+    given: dict[str, type] = {}
+    for one in observables:
+        word, kind = word_of_observable(one), type(one)
+        if given.setdefault(word, kind) is not kind:
+            rule = f"there are two classes whose name is '{word}': give one of them another name"
+            raise SceneError("observables", kind.__name__, None, rule)
+    for name in names:
+        if name not in (names_known := known(observables)):
+            raise unknown("run", "save", name, "observable", names_known)
+        shipped = WATCHED.get(name)
+        if shipped is not None and name not in given:
+            missing = [f for f in shipped._fields if f not in shipped._field_defaults]
+            if missing:
+                rule = f"needs a table [observables.{name}] with {', '.join(missing)}"
+                raise SceneError("run", "save", name, rule)
