@@ -21,15 +21,24 @@ class Request(NamedTuple):
     members: int | None
     settings: list[str]
     run: dict[str, Any]
+    zoom: str | None = None
 
-    def refuse_all(self, ways: Ways) -> None:
-        """OptionError for any option of a new map beside a map that exists."""
+    def draws(self, ways: Ways) -> bool:
+        """Whether a map that exists is to be drawn as it is; OptionError for an option of a new map
+        beside one that exists, and for a part of a map that does not."""
+        from rigidmc.studies.maps.stored import is_map
+
+        exists = is_map(self.name)
+        if self.zoom is not None and not exists:
+            rule = f"is a part of a map that exists, and {self.name} is no file or directory of one"
+            raise OptionError("", "--zoom", self.zoom, rule)
         own = {key: getattr(self, key) for key in ("x", "y", "of", "resolution", "members")}
-        given = {**own, "set": self.settings, **self.run, **ways._asdict()}
-        for key, value in given.items():
-            if value not in (None, []):
+        given = {**own, "set": self.settings, **self.run}
+        for key, value in {**given, **({} if self.zoom else ways._asdict())}.items():
+            if exists and value not in (None, []):
                 rule = f"is for a new map, and {self.name} is one that exists"
                 raise OptionError("", f"--{key.replace('_', '-')}", value, rule)
+        return exists and self.zoom is None
 
     def of_package(self) -> bool:
         """Whether a map of the package is asked for; OptionError if neither it nor a map of a scene
@@ -68,14 +77,19 @@ class Request(NamedTuple):
         return catalogue.RESOLUTION if self.of_package() else stability_map.RESOLUTION
 
     def size(self) -> int:
-        """Bytes of the file of the map."""
+        """Bytes of the file of the map; 0 for a part of a map, which is as large as that."""
+        if self.zoom is not None:
+            return 0
         return 8 * max(self.sides(), 1) ** 2 * (4 + 3 * len(self.of))
 
     def prepared(self, threads: int | None, allow_code: bool) -> "Prepared":
         """The map before its first step."""
         from rigidmc.studies.maps import catalogue, stability_map
         from rigidmc.studies.maps.question import question
+        from rigidmc.studies.maps.zoom import zoomed
 
+        if self.zoom is not None:
+            return zoomed(self.name, *_part(self.zoom), threads, allow_code)
         if self.of_package():
             of_case = self.name, self.sides(), self.members, threads
             return catalogue.prepared_case(*of_case, **self.run)
@@ -100,3 +114,14 @@ def _side(text: str, key: str) -> tuple[str, float, float, bool]:
         rule = "expected KEY=LOW:HIGH or KEY=LOW:HIGH:log, e.g. body.moments.1=0.1:0.9"
         raise OptionError("", key, text, rule)
     return name.strip(), low, high, len(parts) == 3
+
+
+def _part(text: str) -> tuple[tuple[float, float], tuple[float, float]]:
+    """((low, high), (low, high)) of LOW:HIGH,LOW:HIGH; OptionError."""
+    try:
+        x, y = (side.split(":") for side in text.split(","))
+        (left, right), (low, high) = map(float, x), map(float, y)
+    except ValueError:
+        rule = "expected the ends across and upwards, LOW:HIGH,LOW:HIGH, e.g. 0.1:0.2,1:1.5"
+        raise OptionError("", "--zoom", text, rule) from None
+    return (left, right), (low, high)

@@ -83,6 +83,13 @@ Members = Annotated[
         help="Members of a pixel; by default the map's own, or 16, or 1 if only x and y differ.",
     ),
 ]
+Zoom = Annotated[
+    str | None,
+    typer.Option(
+        metavar="LOW:HIGH,LOW:HIGH",
+        help="Draw this part of a map that exists anew, across and upwards in its units.",
+    ),
+]
 SETTINGS = ("integrator", "dt", "turn", "t_end", "tolerance", "seed", "dtype", "compensated")
 
 
@@ -97,6 +104,7 @@ def make_map(
     of: Measures = [],  # noqa: B006
     resolution: Resolution = None,
     members: Members = None,
+    zoom: Zoom = None,
     settings: Set = [],  # noqa: B006
     allow_code: AllowCode = False,
     threads: Threads = None,
@@ -119,13 +127,12 @@ def make_map(
             raise OptionError("", "NAME", listed, "goes with `rigidmc map list NAME`")
         from rigidmc.studies.maps.catalogue import with_theory
         from rigidmc.studies.maps.stability_map import mapped
-        from rigidmc.studies.maps.stored import create_map, is_map, open_map
+        from rigidmc.studies.maps.stored import create_map, open_map
 
-        request = Request(name, x, y, of, resolution, members, settings, run)
+        request = Request(name, x, y, of, resolution, members, settings, run, zoom)
         ways = Ways(max_wall, shards, shard_size, cluster)
         folder = output is not None and names_a_run(output)
-        if is_map(name):
-            request.refuse_all(ways)
+        if request.draws(ways):
             refuse_outputs(force, plot=plot, study=output)
             dataset = open_map(name, allow_code)
         elif output is not None and folder:

@@ -111,7 +111,7 @@ def stored_question(text: str, path: str) -> Question:
         if found.pixels > MOST**2 or min(found.columns, found.rows, found.replicas) < 1:
             raise ValueError("impossible sizes")
     except ValueError:  # also of pydantic
-        rule = "run.json has no map that can be read"
+        rule = "there is no map that can be read"
         raise FileError("", "map", None, rule, file=path) from None
     return found
 

@@ -12,10 +12,9 @@ from rigidmc.errors import FileError, OptionError, SceneWarning
 from rigidmc.files.netcdf import open_undecoded, read
 from rigidmc.files.outputs import Path
 from rigidmc.runs.create import create
-from rigidmc.runs.reopen import planned
+from rigidmc.runs.reopen import planned, scene_of_run
 from rigidmc.runs.shards import SHARD
-from rigidmc.scene.scene import loads
-from rigidmc.scene.stored import scene_text
+from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.storage.run_directory import RunDirectory
 from rigidmc.storage.schema import lengths
 from rigidmc.studies.maps.catalogue import with_theory
@@ -84,11 +83,23 @@ def open_map(path: Path, allow_code: bool = False) -> xr.Dataset:
     return _map_in_file(os.fspath(path), allow_code)
 
 
+def asked_of(source: Path | xr.Dataset, allow_code: bool = False) -> tuple[Question, Scene]:
+    """What a map asks, and of which scene: a file, a run directory or a Dataset; FileError."""
+    if isinstance(source, xr.Dataset):
+        name = str(source.encoding.get("source", "the Dataset"))
+        asked = stored_question(str(source.attrs.get(ASKED, "")), name)
+        return asked, scene_of(source, allow_code=allow_code)
+    if os.path.isdir(source):
+        directory = RunDirectory(source)
+        return question_of(directory), scene_of_run(directory, allow_code)
+    with open_undecoded(os.fspath(source)) as file:
+        return asked_of(file, allow_code)
+
+
 def _map_in_file(path: str, allow_code: bool) -> xr.Dataset:
     """The map in a file: its numbers, laid out as what it asks of its scene demands."""
     with open_undecoded(path) as file:
-        asked = stored_question(str(file.attrs.get(ASKED, "")), path)
-        scene = loads(scene_text(file), path, allow_code=allow_code)
+        asked, scene = asked_of(file, allow_code)
         ready = described(asked, scene, False)
         shape = asked.rows, asked.columns
 
