@@ -126,7 +126,7 @@ class _Chunks:
 
     def _shard(self, j: int, name: str) -> tuple[str, str, str, int]:
         """The first arguments of `_read`."""
-        return self.paths[j], self._mark, name, self.members[j].start
+        return self.paths[j], self._mark, name, int(self.members[j][0])
 
 
 def _read(

@@ -5,10 +5,10 @@ import xarray as xr
 from rigidmc.errors import OptionError
 from rigidmc.files.outputs import Path
 from rigidmc.studies.maps.catalogue import with_theory
+from rigidmc.studies.maps.question import Whole
 from rigidmc.studies.maps.stability_map import Prepared, Progress, mapped, prepared
 from rigidmc.studies.maps.stored import asked_of
 
-Whole = tuple[str, float, float, bool]
 Ends = tuple[float, float]
 
 
