@@ -75,7 +75,7 @@ Adaptive = Annotated[
     typer.Option(
         "--adaptive",
         help="Compute a coarse grid, and more pixels where neighbours are of different classes or"
-        " an interval holds the border between two; the others show the nearest.",
+        " an interval holds the border between two; the others show one nearby.",
     ),
 ]
 Border = Annotated[

@@ -50,7 +50,8 @@ def stability_map(ds: xr.Dataset, shown: str | None = None, figure: Figure | Non
     count = len(parts) + marked
     columns = count if count < 4 else math.ceil(math.sqrt(count))
     rows = -(-count // columns)
-    size = (9.0, 7.2) if count == 1 else (4.6 * columns + 1.4, 4.2 * rows + 1.0)
+    width, height = (7.6, 7.2) if rows == 1 else (4.6, 4.2 + 1.0 / rows)
+    size = width * columns + 1.4, height * rows
     figure = figure or new_figure(fill(_title(ds, case), 95), size)
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     scale = colours_of(name, ds[name].values, case)
@@ -76,7 +77,7 @@ def stability_map(ds: xr.Dataset, shown: str | None = None, figure: Figure | Non
         bar.ax.set_yticklabels(ticks[1])
     if handles:
         words: dict[str, Any] = {"handles": handles, "ncols": len(handles), "frameon": False}
-        if len(parts) > 1:
+        if count > 1:
             figure.legend(loc="outside lower center", **words)
         else:
             panels.flat[0].legend(loc="upper center", bbox_to_anchor=(0.5, -0.09), **words)

@@ -204,7 +204,7 @@ def test_what_an_adaptive_map_cannot_do_is_refused(tmp_path):
 @pytest.mark.parametrize("kind", ["map", "adaptive"])
 def test_fifty_kills(kind, tmp_path):
     """As `python tests/torture.py --kills 50 --kinds map`, and of adaptive maps."""
-    told = torture.kills(50, str(tmp_path), random.Random(7), names=[kind])
+    told = torture.kills(50, str(tmp_path), random.Random(7), 100_000, 1, [kind])
     assert told["kills"] == 50 and told["torn shards seen"] == 0
     assert told["sha256 equal"] == told["runs resumed to the end"] == told["runs"] >= 1
 

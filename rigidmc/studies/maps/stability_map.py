@@ -76,9 +76,10 @@ def stability_map(
         how many, 6 by default
     adaptive : bool or tuple, optional
         True to compute the pixels near borders between classes alone, and a coarse grid: the others
-        show the nearest one that is computed. Classes are those of the first measure, divided at
-        0.5 for a share and at 4 for a MEGNO, else eight equal parts of its range; or of the
-        measures in a tuple of (measure, values that divide its classes)
+        show one nearby that is computed, and `computed` in the result tells which are. Classes are
+        those of the first measure, divided at 0.5 for a share and at 4 for a MEGNO, else eight
+        equal parts of its range; or of the measures in a tuple of (measure, values that divide its
+        classes)
     **settings : object
         of `simulate`
 
