@@ -136,6 +136,8 @@ def test_pixels_that_are_not_sure_are_computed_more_finely():
     some = np.where(np.arange(128) < 64, 0.3, 0.1)
     many, _ = levels(asked, values, values - some, values + 0.1)
     assert sum(few) < 0.02 * values.size and sum(many) > 0.5 * values.size
+    agreed, _ = levels(asked, values + 0.3, values - 0.4)  # all of a few members do
+    assert sum(agreed) == sum(few)
 
 
 def test_a_map_in_a_directory_is_the_one_in_memory(adaptive, tmp_path):

@@ -129,8 +129,8 @@ def _unlike(classes: NDArray[np.float64]) -> Bools:
 def _classes(asked: Question, pixels: Pixels) -> tuple[NDArray[np.float64], Bools]:
     """((measures, pixels) the classes of the pixels, whether each is sure of all of its own).
 
-    A pixel is sure if no border is within its interval. The intervals of single members, of shares,
-    would hold a border everywhere: there all are sure.
+    A pixel is sure if no border is within its interval, or if there is none, or if all of its
+    members agree on a share: the intervals of a few would hold a border everywhere.
     """
     found, sure = [np.where(pixels.counts[0] > 0, 0.0, _NEVER)], np.ones(asked.pixels, bool)
     for text, borders in asked.borders or ():
@@ -141,8 +141,8 @@ def _classes(asked: Question, pixels: Pixels) -> tuple[NDArray[np.float64], Bool
             for one in (value, low, high)
         )
         found.append(among)
-        if asked.replicas > 1:
-            sure &= (least == most) | np.isnan(low) | np.isnan(high)
+        agreed = text.startswith("p(") & ((value == 0.0) | (value == 1.0))
+        sure &= agreed | (least == most) | np.isnan(low) | np.isnan(high)
     return np.array(found), sure
 
 
