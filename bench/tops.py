@@ -88,6 +88,7 @@ def advance_own(parts, steps_form, effects, turn, t_end, pool, dtype="float64"):
             Job(
                 0,
                 0,
+                np.empty(0, np.int64),
                 {},
                 program,
                 NO_NOISE,

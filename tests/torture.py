@@ -3,8 +3,9 @@
 python tests/torture.py --kills 200 --faults all --corrupt 500 --lost 6 --outputs all --cache 9
 
 --kills N    Start a run, kill it with SIGKILL at a random moment, resume it until it is complete.
-             The sha256 of its shards are those of an unbroken run. Every other run has rows of
-             its own for each member, from a table, and keeps summaries and thinned digits.
+             The sha256 of its shards are those of an unbroken run. Some runs have rows of their
+             own for each member, from a table, and keep summaries and thinned digits; some are
+             maps, and some adaptive maps. --kinds map,adaptive takes these alone.
 --faults N   At every open, fsync, rename, link and unlink and every variable that `run`, `extend`
              and `merge` write (at N of each, or all): a full disk, a broken disk, or a delay.
              Also a limit on the size of files, wherever the C library then is. Exit 74 and one
@@ -25,6 +26,7 @@ python tests/torture.py --kills 200 --faults all --corrupt 500 --lost 6 --output
 
 import argparse
 import contextlib
+import functools
 import hashlib
 import itertools
 import multiprocessing
@@ -73,9 +75,12 @@ digits = 6
 
 
 def sums(path):
-    """{shard: sha256} of a run."""
+    """{shard: sha256} of a run, and of what tells its members if it has chosen ones."""
     folder = os.path.join(path, "shards")
     found = {}
+    if os.path.isfile(chosen := os.path.join(path, "members.i64")):
+        with open(chosen, "rb") as file:
+            found["members"] = hashlib.sha256(file.read()).hexdigest()
     for name in sorted(os.listdir(folder)) if os.path.isdir(folder) else []:
         with open(os.path.join(folder, name), "rb") as file:
             found[name] = hashlib.sha256(file.read()).hexdigest()
@@ -95,8 +100,8 @@ def quietly(*words):
     app(words)
 
 
-def kills(count, folder, some, members=400_000, size=4):
-    """Kill runs `count` times in all; {what: how often}.
+def kills(count, folder, some, members=400_000, size=4, names=None):
+    """Kill runs `count` times in all; {what: how often}. names : of the commands, all by default
 
     The processes are forked from one that has imported everything, which saves two seconds each in
     which there is nothing to kill.
@@ -128,7 +133,10 @@ def kills(count, folder, some, members=400_000, size=4):
     table = ["run", file.name, "--members", str(members // 4), "--shard-size", str(size / 4), "-o"]
     pixels = ["map", "sleeping_top", "--resolution", str(int((members / 4) ** 0.5)), "--members"]
     pixels += ["4", "--shard-size", str(size / 4), "-o"]
-    for name, command in (("racket", racket), ("table", table), ("map", pixels)):
+    finer = ["map", "sleeping_top", "--resolution", str(int(members**0.5)), "--members", "4"]
+    finer += ["--adaptive", "-o"]
+    commands = {"racket": racket, "table": table, "map": pixels, "adaptive": finer}
+    for name, command in commands.items() if names is None else ((n, commands[n]) for n in names):
         whole, again = os.path.join(folder, name), os.path.join(folder, f"{name}-again")
         assert done(*command, whole + "/") == 0  # compiles
         began = time.monotonic()
@@ -146,7 +154,7 @@ def kills(count, folder, some, members=400_000, size=4):
     for i in range(4 * count + 10):  # most of them are killed more than once
         if told["kills"] == count:
             break
-        path, (command, length, expected) = os.path.join(folder, f"run{i}"), kinds[i % 3]
+        path, (command, length, expected) = os.path.join(folder, f"run{i}"), kinds[i % len(kinds)]
         words = [*command, path + "/"]
         while told["kills"] < count:
             child = process(*words)
@@ -158,7 +166,7 @@ def kills(count, folder, some, members=400_000, size=4):
             told["kills"] += 1
             is_run = os.path.isfile(os.path.join(path, "run.json"))
             there = sums(path) if is_run else {}
-            told["before any shard"] += not there
+            told["before any shard"] += not {*there} - {"members"}
             told["torn shards seen"] += sum(
                 expected.get(name) != s for name, s in there.items() if name.endswith(".nc")
             )
@@ -437,13 +445,14 @@ def main():
         "--outputs", type=lambda text: 10**6 if text == "all" else int(text), default=0
     )
     words.add_argument("--cache", type=int, default=0)
+    words.add_argument("--kinds", type=lambda text: text.split(","))
     words.add_argument("--seed", type=int, default=1)
     given = words.parse_args()
     some = random.Random(given.seed)
     from tests.torture_outputs import outputs
 
     for name, work, count in (
-        ("kills", kills, given.kills),
+        ("kills", functools.partial(kills, names=given.kinds), given.kills),
         ("faults", faults, given.faults),
         ("corrupt", corrupt, given.corrupt),
         ("lost", lost, given.lost),

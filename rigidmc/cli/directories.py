@@ -107,12 +107,12 @@ def continued(
     cluster: str | None = None,
 ) -> int:
     """Compute the missing shards of a run and say which are done; the exit code."""
-    from rigidmc.runs import resume as runs
     from rigidmc.storage import run_directory
+    from rigidmc.studies.maps.growing import resume_growing
 
-    directory, flagged = runs.resume(
+    directory, flagged = resume_growing(
         run,
-        threads,
+        threads=threads,
         progress=True,
         accept=accept,
         max_wall=max_wall,
@@ -129,9 +129,14 @@ def continued(
     words = ", ".join(f"{n:,} {word}" for word, n in flagged.items() if n and word != "ok")
     older = f"; of all: {status['flagged']:,}" if status["members_done"] > computed else ""
     print(f"  flagged among these: {words or 'none'}{older}")
-    if status["done"] < status["shards"]:
+    if not whole(status):
         print("  not done: `rigidmc resume` goes on")
     return outcome(status)
+
+
+def whole(status: dict[str, Any]) -> bool:
+    """Whether all shards of a run are there, and no more are to come."""
+    return status["done"] == status["shards"] and not status["growing"]
 
 
 def outcome(status: dict[str, Any]) -> int:
@@ -139,7 +144,7 @@ def outcome(status: dict[str, Any]) -> int:
     if status["strays"]:
         rule = "files among the shards are not of this run; `rigidmc verify` names them"
         fail(f"{status['strays']:,} {rule}", INVALID)
-    if status["done"] < status["shards"]:
+    if not whole(status):
         return INCOMPLETE
     return FLAGGED if status["flagged"] else OK
 
@@ -191,6 +196,8 @@ def status(run: RunArgument) -> None:
         f"{run}: {facts['done']:,} of {facts['shards']:,} shards,"
         f" {facts['members_done']:,} of {facts['members']:,} members"
     )
+    if facts["growing"]:
+        print("  an adaptive map: these members may ask for more")
     print(f"  flagged so far: {facts['flagged']:,} members")
     versions = ", ".join(f"{name} {number}" for name, number in facts["versions"].items())
     print(f"  code generated for {facts['machine']}, by {versions}")
@@ -231,7 +238,7 @@ def verify(run: RunArgument, spot: Spot = 3, allow_code: AllowCode = False) -> N
             f" some members of {min(spot, facts['done'])} random shards were computed again and are"
             " equal"
         )
-    raise typer.Exit(OK if facts["done"] == facts["shards"] else INCOMPLETE)
+    raise typer.Exit(OK if whole(facts) else INCOMPLETE)
 
 
 @app.command(rich_help_panel=LONG_RUNS)

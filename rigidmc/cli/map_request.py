@@ -6,7 +6,10 @@ from rigidmc.cli.common import load_scene
 from rigidmc.cli.directories import Ways
 from rigidmc.errors import OptionError, unknown
 
+OWN = ("x", "y", "z", "layers", "of", "resolution", "members", "border")
+
 if TYPE_CHECKING:
+    from rigidmc.studies.maps.question import Borders
     from rigidmc.studies.maps.stability_map import Prepared
 
 
@@ -21,15 +24,36 @@ class Request(NamedTuple):
     members: int | None
     settings: list[str]
     run: dict[str, Any]
+    zoom: str | None = None
+    z: str | None = None
+    layers: int | None = None
+    adaptive: bool = False
+    border: list[float] = []
 
-    def refuse_all(self, ways: Ways) -> None:
-        """OptionError for any option of a new map beside a map that exists."""
-        own = {key: getattr(self, key) for key in ("x", "y", "of", "resolution", "members")}
-        given = {**own, "set": self.settings, **self.run, **ways._asdict()}
-        for key, value in given.items():
-            if value not in (None, []):
+    def draws(self, ways: Ways) -> bool:
+        """Whether a map that exists is to be drawn as it is; OptionError for an option of a new map
+        beside one that exists, and for a part of a map that does not."""
+        from rigidmc.studies.maps.stored import is_map
+
+        exists = is_map(self.name)
+        if self.zoom is not None and not exists:
+            rule = f"is a part of a map that exists, and {self.name} is no file or directory of one"
+            raise OptionError("", "--zoom", self.zoom, rule)
+        own = {key: getattr(self, key) for key in OWN}
+        given = {**own, "adaptive": self.adaptive or None, "set": self.settings, **self.run}
+        for key, value in {**given, **({} if self.zoom else ways._asdict())}.items():
+            if exists and value not in (None, []):
                 rule = f"is for a new map, and {self.name} is one that exists"
                 raise OptionError("", f"--{key.replace('_', '-')}", value, rule)
+        if self.border and not self.adaptive:
+            raise OptionError("", "--border", self.border, "goes with --adaptive")
+        if self.adaptive and (ways.shards or ways.shard_size):
+            key, value = (
+                ("--shards", ways.shards) if ways.shards else ("--shard-size", ways.shard_size)
+            )
+            rule = "the shards of an adaptive map follow from its pixels, and each level needs all"
+            raise OptionError("", key, value, rule)
+        return exists and self.zoom is None
 
     def of_package(self) -> bool:
         """Whether a map of the package is asked for; OptionError if neither it nor a map of a scene
@@ -39,6 +63,11 @@ class Request(NamedTuple):
 
         plain = not (self.x or self.y or self.of or self.settings)
         if self.name in MAPS and plain:
+            if self.z is not None:
+                rule = (
+                    "a map of the package has two sides; give a scene with --x, --y, --z and --of"
+                )
+                raise OptionError("", "--z", self.z, rule)
             return True
         if plain and self.name not in shipped():
             raise unknown("", "map", self.name, "map", MAPS, OptionError)
@@ -68,24 +97,39 @@ class Request(NamedTuple):
         return catalogue.RESOLUTION if self.of_package() else stability_map.RESOLUTION
 
     def size(self) -> int:
-        """Bytes of the file of the map."""
-        return 8 * max(self.sides(), 1) ** 2 * (4 + 3 * len(self.of))
+        """Bytes of the file of the map; 0 for a part of a map, which is as large as that."""
+        from rigidmc.studies.maps.question import LAYERS
+
+        if self.zoom is not None:
+            return 0
+        layers = 1 if self.z is None else self.layers or LAYERS
+        return 8 * max(self.sides(), 1) ** 2 * layers * (4 + 3 * len(self.of))
 
     def prepared(self, threads: int | None, allow_code: bool) -> "Prepared":
         """The map before its first step."""
         from rigidmc.studies.maps import catalogue, stability_map
-        from rigidmc.studies.maps.question import question
+        from rigidmc.studies.maps.question import adapted, question
+        from rigidmc.studies.maps.zoom import zoomed
 
+        if self.zoom is not None:
+            return zoomed(self.name, *_part(self.zoom), threads, allow_code)
         if self.of_package():
-            of_case = self.name, self.sides(), self.members, threads
+            first = catalogue.MAPS[self.name]().of[0]
+            of_case = self.name, self.sides(), self.members, threads, self._borders(first)
             return catalogue.prepared_case(*of_case, **self.run)
         scene = load_scene(self.name, self.settings, allow_code)
         across, upwards = _side(self.x or "", "--x"), _side(self.y or "", "--y")
+        third = None if self.z is None else _side(self.z, "--z")
         replicas = self.members
         if replicas is None:
             replicas = stability_map.replicas_of(scene, across, upwards)
-        asked = question(across, upwards, self.of, self.sides(), replicas)
+        sizes = self.sides(), replicas, third, self.layers
+        asked = adapted(question(across, upwards, self.of, *sizes), self._borders(self.of[0]))
         return stability_map.prepared(asked, scene, threads, **self.run)
+
+    def _borders(self, first: str) -> "bool | Borders":
+        """Whether the map is adaptive, or borders between the classes of its first measure."""
+        return ((first, tuple(self.border)),) if self.border else self.adaptive
 
 
 def _side(text: str, key: str) -> tuple[str, float, float, bool]:
@@ -100,3 +144,14 @@ def _side(text: str, key: str) -> tuple[str, float, float, bool]:
         rule = "expected KEY=LOW:HIGH or KEY=LOW:HIGH:log, e.g. body.moments.1=0.1:0.9"
         raise OptionError("", key, text, rule)
     return name.strip(), low, high, len(parts) == 3
+
+
+def _part(text: str) -> tuple[tuple[float, float], tuple[float, float]]:
+    """((low, high), (low, high)) of LOW:HIGH,LOW:HIGH; OptionError."""
+    try:
+        x, y = (side.split(":") for side in text.split(","))
+        (left, right), (low, high) = map(float, x), map(float, y)
+    except ValueError:
+        rule = "expected the ends across and upwards, LOW:HIGH,LOW:HIGH, e.g. 0.1:0.2,1:1.5"
+        raise OptionError("", "--zoom", text, rule) from None
+    return (left, right), (low, high)

@@ -61,6 +61,31 @@ Across = Annotated[
 Upwards = Annotated[
     str | None, typer.Option(metavar="KEY=LOW:HIGH", help="Scene parameter upwards.")
 ]
+Third = Annotated[
+    str | None,
+    typer.Option(
+        metavar="KEY=LOW:HIGH", help="A third scene parameter: a stack of maps, one for each value."
+    ),
+]
+Layers = Annotated[
+    int | None, count_option("--layers", help="Number of maps in the stack; by default 6.")
+]
+Adaptive = Annotated[
+    bool,
+    typer.Option(
+        "--adaptive",
+        help="Compute a coarse grid, and more pixels where neighbours are of different classes or"
+        " an interval holds the border between two; the others show one nearby.",
+    ),
+]
+Border = Annotated[
+    list[float],
+    typer.Option(
+        metavar="NUMBER",
+        help="With --adaptive: a value of the first measure between two classes; may be repeated."
+        " By default 0.5 of a share, 4 of a MEGNO, else eight equal parts of its range.",
+    ),
+]
 Measures = Annotated[
     list[str],
     typer.Option(
@@ -83,6 +108,13 @@ Members = Annotated[
         help="Members of a pixel; by default the map's own, or 16, or 1 if only x and y differ.",
     ),
 ]
+Zoom = Annotated[
+    str | None,
+    typer.Option(
+        metavar="LOW:HIGH,LOW:HIGH",
+        help="Draw this part of a map that exists anew, across and upwards in its units.",
+    ),
+]
 SETTINGS = ("integrator", "dt", "turn", "t_end", "tolerance", "seed", "dtype", "compensated")
 
 
@@ -97,6 +129,11 @@ def make_map(
     of: Measures = [],  # noqa: B006
     resolution: Resolution = None,
     members: Members = None,
+    z: Third = None,
+    layers: Layers = None,
+    adaptive: Adaptive = False,
+    border: Border = [],  # noqa: B006
+    zoom: Zoom = None,
     settings: Set = [],  # noqa: B006
     allow_code: AllowCode = False,
     threads: Threads = None,
@@ -119,13 +156,13 @@ def make_map(
             raise OptionError("", "NAME", listed, "goes with `rigidmc map list NAME`")
         from rigidmc.studies.maps.catalogue import with_theory
         from rigidmc.studies.maps.stability_map import mapped
-        from rigidmc.studies.maps.stored import create_map, is_map, open_map
+        from rigidmc.studies.maps.stored import create_map, open_map
 
-        request = Request(name, x, y, of, resolution, members, settings, run)
+        third = z, layers, adaptive, border
+        request = Request(name, x, y, of, resolution, members, settings, run, zoom, *third)
         ways = Ways(max_wall, shards, shard_size, cluster)
         folder = output is not None and names_a_run(output)
-        if is_map(name):
-            request.refuse_all(ways)
+        if request.draws(ways):
             refuse_outputs(force, plot=plot, study=output)
             dataset = open_map(name, allow_code)
         elif output is not None and folder:
@@ -195,20 +232,28 @@ def _list(name: str | None) -> None:
 
 def _summarise(dataset: "xr.Dataset") -> None:
     """Print what the map cost, the range of each measure, and how well it is known."""
-    pixels, none = dataset.good.size, int(((dataset.good == 0) & (dataset.failed == 0)).sum())
-    failed, count = int(dataset.failed.sum()), dataset.attrs["members"]
+    there = dataset["computed"] if "computed" in dataset else 1 + 0 * dataset.good
+    pixels, none = int(there.sum()), int(((dataset.good == 0) & (dataset.failed == 0)).sum())
+    failed, count = int((dataset.failed * there).sum()), dataset.attrs["members"]
     seconds, missing = dataset.attrs.get("seconds"), dataset.attrs.get("missing", 0)
     took = f": {seconds:.1f} s, {pixels * count / seconds:,.0f} members/s" if seconds else ""
     print(f"{dataset.attrs['title']}")
+    stack = f" x {dataset.sizes['z']}" if "z" in dataset.sizes else ""
     print(
-        f"  {dataset.sizes['x']} x {dataset.sizes['y']} pixels of {count} members with"
+        f"  {dataset.sizes['x']} x {dataset.sizes['y']}{stack} pixels of {count} members with"
         f" {dataset.attrs['integrator']}{took}"
     )
-    if missing:
+    if "computed" in dataset:
+        print(f"  {100 * pixels / there.size:.3g} % of the pixels were computed")
+    if missing and "computed" in dataset:
+        print(f"  at least {missing:,} members are missing; `rigidmc resume` goes on")
+    elif missing:
         share = 100 * (1 - missing / (pixels * count))
         print(f"  {share:.3g} % of the members are there; `rigidmc resume` goes on")
     for name, values in dataset.data_vars.items():
-        counts = name in ("good", "failed", "none") or str(name).endswith(("_low", "_high"))
+        counts = name in ("good", "failed", "none", "computed") or str(name).endswith(
+            ("_low", "_high")
+        )
         if not counts and bool(values.notnull().any()):
             print(
                 f"  {name:28s} {float(values.min()):.4g} to {float(values.max()):.4g},"

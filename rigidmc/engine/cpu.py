@@ -95,6 +95,7 @@ def enter(frame, low):
     """Bring the rows of the members from `low` on side by side."""
     flat, lanes, member_steps, h = flat_memory(frame), frame.lanes, frame.member_steps, frame.h
     order, rows, members = memory(frame.order, lanes), frame.rows, frame.width
+    indices = memory(frame.members, lanes)
     time = frame.first // frame.slots * h if member_steps != 0 else 0.0
     call(
         frame.enter,
@@ -102,7 +103,7 @@ def enter(frame, low):
     )
     for k in range(lanes if frame.noisy != 0 else 0):
         place = order[low + k] if member_steps != 0 else low + k
-        flat.work[INDEX * lanes + k] = as_float(np.uint64(frame.member + place + 1))
+        flat.work[INDEX * lanes + k] = as_float(np.uint64(indices[place] + 1))
 
 
 def begin(frame, low):

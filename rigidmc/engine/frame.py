@@ -80,12 +80,13 @@ class Run(NamedTuple):
 
 
 class Noise(NamedTuple):
-    """Whose noise: two words of the seed, the stream of each random effect, the first member."""
+    """Whose noise: two words of the seed, the stream of each random effect, the indices of the
+    members of the block."""
 
     key: Any
     other: Any
     streams: Array
-    member: int
+    members: Array
 
 
 class Saves(NamedTuple):

@@ -28,7 +28,7 @@ from rigidmc.integrators.protocol import group_count
 from rigidmc.observables.protocol import size
 
 MARCH = "piswsikkuiii"  # the arguments of `march`, see `piece`
-NO_NOISE = Noise(np.uint64(0), np.uint64(0), np.zeros(1, np.uint64), 0)
+NO_NOISE = Noise(np.uint64(0), np.uint64(0), np.zeros(1, np.uint64), np.zeros(0, np.int64))
 NO_SAVES = Saves(np.empty(0), 0, 0, np.empty(0, np.int64))
 
 
@@ -172,7 +172,8 @@ class Program:
     ) -> None:  # fmt: skip
         """Take a block through the steps of a Run; see `rigidmc.engine.cpu.advance`."""
         lanes, (rows, members) = self.lanes, block.shape
-        noise, saves = noise or NO_NOISE, saves or NO_SAVES
+        noise = noise or NO_NOISE._replace(members=np.arange(members))
+        saves = saves or NO_SAVES
         state_rows = BODY_AT + rows - BODY
         places_of_saves = 8 * lanes, saves.out.ctypes.data, 8 * saves.columns, 8 * saves.column
         room = Room(

@@ -26,7 +26,8 @@ from rigidmc.scene.scene import Scene
 class Job(NamedTuple):
     """One block on its way: its members, its rows, and where its values go.
 
-    first, size : index of the first member, and how many there are without the padding
+    first, size : place of the first member, and how many there are without the padding;  members :
+        their indices, with the padding
     start : what the members were made from;  program : None if nothing is left to do
     order : of the members in the block if they have steps of their own
     out, width, column : array for the values, its columns, and the block's first column
@@ -35,6 +36,7 @@ class Job(NamedTuple):
 
     first: int
     size: int
+    members: NDArray[np.int64]
     start: Start
     program: Program | None
     noise: Noise
@@ -96,14 +98,15 @@ def job_of(
     program: Program,
     first: int,
     count: int,
+    members: NDArray[np.int64],
     block: Array,
     start: Start,
     out: Array,
     width: int,
     column: int,
 ) -> Job:
-    """A block of `count` members from index `first` on, whose values go to the columns of `out`
-    from `column` on; `width` : columns of `out`."""
+    """A block of `count` members from place `first` on, whose values go to the columns of `out`
+    from `column` on; `members` : their indices;  `width` : columns of `out`."""
     order, slots = None, 1
     if plan.member_steps:
         order = by_steps(block)
@@ -112,9 +115,10 @@ def job_of(
     return Job(
         first=first,
         size=count,
+        members=members,
         start=start,
         program=program,
-        noise=noise(scene, first),
+        noise=noise(scene, members),
         block=block,
         order=order,
         out=out,
@@ -133,6 +137,7 @@ def closed_job(
     plan: Plan,
     first: int,
     count: int,
+    members: NDArray[np.int64],
     block: Array,
     start: Start,
     out: Array,
@@ -147,6 +152,7 @@ def closed_job(
     return Job(
         first=first,
         size=count,
+        members=members,
         start=start,
         program=None,
         noise=NO_NOISE,

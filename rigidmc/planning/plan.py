@@ -42,7 +42,8 @@ MOST_SAVES = 10**7  # their times alone are 80 MB
 class Plan(NamedTuple):
     """What a run will do, resolved.
 
-    first, members : index of the first member, and how many there are
+    first, members : place of the first member, and how many there are
+    which : the indices of the members at places 0, 1, ...; None if they are these numbers
     steps, dt, stride : steps to the end, their length [s], steps between saves; with member steps
         these are of rounds, in each of which a member makes some steps
     member_steps : whether members have steps of their own;  mean_steps : of a member to the end
@@ -83,6 +84,17 @@ class Plan(NamedTuple):
     watch: Watch
     nodes: int
     saved: dict[str, slice]
+    which: NDArray[np.int64] | None = None
+
+    def indices(self, first: int, count: int) -> NDArray[np.int64]:
+        """The indices of `count` members from place `first` on; beyond the end, of the last."""
+        if self.which is None:
+            return np.arange(first, first + count)
+        return self.which[np.minimum(np.arange(first, first + count), self.which.size - 1)]
+
+    def of(self, which: NDArray[np.int64]) -> "Plan":
+        """The plan of some of the members, by their indices."""
+        return self._replace(first=0, members=which.size, which=which)
 
     @property
     def values(self) -> int:
@@ -162,7 +174,7 @@ def prepare(
         thinned=few,
         form=form,
         carried=carried,
-        block=block or 0,  # or what `_block` makes of this plan, below
+        block=block or 0,  # or what `block_of` makes of this plan, below
         constant=_constant(scene),
         angle=grid.angle,
         turn_rate=rate,
@@ -175,7 +187,7 @@ def prepare(
         nodes=nodes(scene, watched, reach),
         saved=saved,
     )
-    return plan if block else plan._replace(block=_block(plan, threads, streaming))
+    return plan if block else plan._replace(block=block_of(plan, threads, streaming))
 
 
 def _steps(scene: Scene, carried: bool) -> _Steps:
@@ -250,7 +262,7 @@ def spinning_up(scene: Scene) -> list[str]:
     ]
 
 
-def _block(plan: Plan, threads: int, streaming: bool) -> int:
+def block_of(plan: Plan, threads: int, streaming: bool) -> int:
     """Members of a block: few enough to occupy all threads, and fewer on their way to a file."""
     blocks = (1 if plan.member_steps else 4) * threads
     block = min(BLOCK, whole_lanes(math.ceil(plan.members / blocks)))

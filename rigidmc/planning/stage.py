@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.dynamics.methods import implements
@@ -31,6 +32,9 @@ from rigidmc.scene.scene import Scene
 
 CACHED = 2**26  # bytes of members that are kept from plan to run: 180,000 members
 
+APART = 256  # members that are staged for nothing take less time than another call
+RANGE = 2**14  # members staged at once at most: 8 MB
+
 Start = dict[str, Array]  # what members were made from, by the names of the result
 Source = int | Antithetic | Points | Recorder  # what members are drawn from
 
@@ -56,6 +60,30 @@ def stage(
     if span is not None:
         block[layout.STEPS] = own_steps(rates(scene.effects, block), span, scene.run.turn)
     return block, start
+
+
+def stage_some(
+    scene: Scene,
+    members: NDArray[np.int64],
+    carried: bool,
+    span: float | None = None,
+    more: int = 0,
+) -> tuple[Array, Start]:
+    """As `stage`, of members by their indices, in any order.
+
+    Draws come by ranges of members, so those between are staged too, unless they are many.
+    """
+    apart = np.diff(members)
+    cut = (apart < 0) | (apart > APART) | (np.diff(members // RANGE) != 0)
+    blocks, starts = list[Array](), list[Start]()
+    for part in np.split(members, np.flatnonzero(cut) + 1):
+        low, columns = int(part[0]), part - part[0]
+        block, start = stage(scene, low, int(columns[-1]) + 1, carried, span, more)
+        # block[:, columns] would have another memory layout
+        blocks.append(np.take(block, columns, axis=1))
+        starts.append({name: values[..., columns] for name, values in start.items()})
+    start = {name: np.concatenate([one[name] for one in starts], axis=-1) for name in starts[0]}
+    return np.concatenate(blocks, axis=1), start
 
 
 class Members(NamedTuple):
@@ -243,12 +271,12 @@ def block_rows(scene: Scene) -> int:
     return layout.places(parameter_count(*scene.effects), len(ledger(scene))).end
 
 
-def noise(scene: Scene, first: int) -> Noise:
-    """What decides the noise of random effects, for members from index `first` on."""
+def noise(scene: Scene, members: NDArray[np.int64]) -> Noise:
+    """What decides the noise of random effects, for members by their indices."""
     streams = [
         stream_of(f"effects.{label}.noise")
         for label, effect in labelled(scene.effects)
         if is_random(effect)
     ]
     key, other = key_of(scene.run.seed)
-    return Noise(key, other, np.array(streams or [0], np.uint64), first)
+    return Noise(key, other, np.array(streams or [0], np.uint64), members)

@@ -16,7 +16,7 @@ from rigidmc.engine.threads import run_blocks
 from rigidmc.planning import watch
 from rigidmc.planning.job import Job, closed_job, job_of, program_of
 from rigidmc.planning.plan import Plan
-from rigidmc.planning.stage import stage
+from rigidmc.planning.stage import stage, stage_some
 from rigidmc.planning.units import Internal, in_user_units
 from rigidmc.progress import Progress, reporter
 from rigidmc.scene.scene import Scene
@@ -104,10 +104,13 @@ def compute(
     def make(i: int) -> Job:
         low = i * plan.block
         count = min(plan.block, plan.members - low)
-        span = plan.dt if plan.member_steps else None
-        lanes = whole_lanes(count)
-        block, start = stage(scene, plan.first + low, lanes, plan.carried, span, plan.watch.rows)
-        place = (plan.first + low, count, block, start, *sink.room(low, count))
+        members = plan.indices(plan.first + low, whole_lanes(count))
+        staged = plan.carried, plan.dt if plan.member_steps else None, plan.watch.rows
+        if plan.which is None:
+            block, start = stage(scene, plan.first + low, members.size, *staged)
+        else:
+            block, start = stage_some(scene, members, *staged)
+        place = (plan.first + low, count, members, block, start, *sink.room(low, count))
         if scene.run.integrator == "closed":
             return closed_job(scene, plan, *place)
         assert program is not None  # only closed forms have none

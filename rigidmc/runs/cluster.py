@@ -39,7 +39,7 @@ from rigidmc.planning.job import program_of
 from rigidmc.progress import Progress, reporter
 from rigidmc.runs.reopen import planned, refuse_others
 from rigidmc.runs.shards import Numbers, compute_shards
-from rigidmc.storage.run_directory import RunDirectory
+from rigidmc.storage.run_directory import CHOSEN, RunDirectory
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 AHEAD = 2
 LOST = 20  # times that a shard is begun anew because its worker was lost
 QUIET = 60.0  # seconds without any worker, or until another computer's file is visible here
-FILES = ("run.json", "scene.toml", "columns.nc")  # of a run directory, what a worker needs
+FILES = ("run.json", "scene.toml", "columns.nc", CHOSEN)  # of a run directory, what a worker needs
 
 SETTINGS = {  # of a cluster on this machine
     # dask gives up at the third loss, as if the task were to blame
@@ -116,7 +116,7 @@ def compute_on(
             _store(computed, cluster, directory)
             for word, count in computed.flagged.items():
                 flagged[word] += count
-            report.step(len(directory.members(computed.i)))
+            report.step(len(directory.places(computed.i)))
             report.poll()
     return flagged
 
@@ -150,7 +150,7 @@ def _connected(cluster: str, directory: RunDirectory) -> "Iterator[Client]":
 class _Tasks:
     """The shards of a run as tasks of a cluster, of which few are handed out at a time.
 
-    texts : run.json, scene.toml and columns.nc;  options : allow_code and accept of `shard`
+    texts : the contents of FILES;  options : allow_code and accept of `shard`
     """
 
     def __init__(
@@ -253,7 +253,7 @@ def shard(
 ) -> Computed:
     """Compute shard i of a run: what a worker does.
 
-    path, texts : of the run directory, and its run.json, scene.toml and columns.nc
+    path, texts : of the run directory, and its the contents of FILES
     """
     if content_of(path, "run.json") == texts[0]:
         flagged = _compute(path, i, allow_code, accept)

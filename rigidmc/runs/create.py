@@ -7,10 +7,12 @@ import os
 import tomllib
 import warnings
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from rigidmc.engine.layout import LANES
 from rigidmc.engine.machine import this_machine, threads_available
 from rigidmc.errors import OptionError, OutputExists, SceneWarning
 from rigidmc.files.code import source_of
@@ -26,16 +28,34 @@ from rigidmc.planning.notes import notes
 from rigidmc.planning.plan import BLOCK
 from rigidmc.planning.stage import stage
 from rigidmc.runs.capacity import refuse_hopeless
-from rigidmc.runs.reopen import Ready, ready, scene_in
+from rigidmc.runs.reopen import Ready, of_members, ready, scene_in
 from rigidmc.runs.shards import SHARD, members_of, memory_of_shards
 from rigidmc.scene.own import own_parts
 from rigidmc.scene.quantities import rows
 from rigidmc.scene.scene import Scene
-from rigidmc.storage.run_directory import RunDirectory, hash_of, hash_of_file
+from rigidmc.storage.run_directory import (
+    CHOSEN,
+    RunDirectory,
+    facts_of_chosen,
+    hash_of,
+    hash_of_file,
+)
 from rigidmc.storage.run_facts import FORMAT, MOST, rendered
 from rigidmc.storage.schema import attributes
 from rigidmc.storage.sinks import Arrays
 from rigidmc.storage.writer import write_columns
+
+
+class Chosen(NamedTuple):
+    """Members that a run begins with; `rigidmc.runs.resume.grow` adds more.
+
+    members : their indices, in whole shards of `shard` members, a multiple of LANES
+    level : of these members, which is noted in run.json for who finds the next
+    """
+
+    members: NDArray[np.int64]
+    shard: int
+    level: int
 
 
 def create(
@@ -45,6 +65,7 @@ def create(
     only: range | None = None,
     threads: int | None = None,
     about: Mapping[str, str] = {},
+    chosen: Chosen | None = None,
 ) -> RunDirectory:
     """Make a run directory for a scene.
 
@@ -52,6 +73,7 @@ def create(
     only : the range of shards that will be computed
     threads : how many will compute, which decides how much memory is needed
     about : more attributes of the result
+    chosen : the members that the run has, if it has chosen ones
 
     Raises OutputExists if the folder contains anything, OptionError if the run has no shard in
     `only`, NoRoom if memory or disk is too small.
@@ -70,8 +92,13 @@ def create(
     run = ready(scene)
     for note in notes(scene, run.plan, run.units):
         warnings.warn(note, SceneWarning, stacklevel=2)
+    if chosen is not None:
+        run = of_members(run, chosen.members)
     block, shard = members_of(run.original, run.shown, size)
-    members = run.original.run.members
+    if chosen is not None:
+        shard = chosen.shard
+        block = LANES * max(n for n in range(1, block // LANES + 1) if shard % (LANES * n) == 0)
+    members = run.shown.members
     count = -(-members // shard)
     refuse_beyond(only, count)
     refuse_many(count)
@@ -79,7 +106,11 @@ def create(
     more = memory_of_shards(run.original, run.shown, min(shard, members), threads)
     refuse_hopeless(run.original, run.shown, threads, path, more)
     facts = _facts(run, shard, block, about)
+    if chosen is not None:
+        facts |= {"first": 0, **facts_of_chosen(chosen.members), "growing": chosen.level}
     with new_directory(path) as folder:
+        if chosen is not None:
+            write_bytes(os.path.join(folder, CHOSEN), chosen.members.astype("<i8").tobytes())
         _write(folder, run, facts)
     return RunDirectory(path)
 

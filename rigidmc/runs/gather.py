@@ -21,7 +21,7 @@ from rigidmc.runs.shards import fault_of
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.scene import Scene
-from rigidmc.storage.run_directory import RunDirectory, flagged_of
+from rigidmc.storage.run_directory import CHOSEN, RunDirectory, flagged_of
 from rigidmc.storage.schema import (
     ensemble_variables,
     flagged_variables,
@@ -50,7 +50,8 @@ def verify(
     sound = sorted(set(shards) - set(bad))
     for i in sorted(random.sample(sound, min(spot, len(sound)))):
         members = directory.members(i)
-        for member in sorted({members[0], random.choice(members), members[-1]}):
+        some = members[0], members[random.randrange(len(members))], members[-1]
+        for member in sorted(set(map(int, some))):
             if fault := _unlike(scene, shards[i], member, threads):
                 faults.append(fault)
                 break
@@ -111,7 +112,7 @@ def merge(path: Path, others: Sequence[Path]) -> tuple[RunDirectory, int]:
     if is_free(path):
         refuse_unusable(path)
         with new_directory(path) as folder:
-            for name in ("columns.nc", "scene.toml", "run.json"):
+            for name in ("columns.nc", CHOSEN, "scene.toml", "run.json"):
                 if os.path.isfile(os.path.join(parts[0].path, name)):
                     write_bytes(os.path.join(folder, name), content_of(parts[0].path, name))
     directory = RunDirectory(path)
@@ -146,7 +147,8 @@ def _copy_shards(source: RunDirectory, target: RunDirectory) -> int:
 
 def _refuse_unlike(one: RunDirectory, other: RunDirectory) -> None:
     """Raise FileError if two directories are not of the same run."""
-    apart = [key for key, value in one.facts.items() if other.facts[key] != value]
+    keys = {**one.facts, **other.facts}
+    apart = [key for key in keys if one.facts.get(key) != other.facts.get(key)]
     apart += [
         name
         for name in ("scene.toml", "columns.nc")
@@ -187,11 +189,11 @@ def _write_shards(writer: Writer, directory: RunDirectory, run: Ready) -> None:
     summed, of_flagged = ensemble_variables(scene), flagged_variables(scene)
     sums, pieces = dict[str, np.ndarray](), list[Arrays]()
     for i in range(directory.count):
-        members = directory.members(i)
+        places = directory.places(i)
         if fault := fault_of(directory, i, shards[i]):
             rule = f"{fault}; `rigidmc resume --repair` computes it again"
             raise FileError("", "run", directory.path, rule)
-        writer.write(members.start, len(members), read(shards[i], *by_member))
+        writer.write(places.start, len(places), read(shards[i], *by_member))
         for name, values in (read(shards[i], *summed) if summed else {}).items():
             sums[name] = sums.get(name, 0) + values
         if of_flagged and flagged_of(shards[i]):

@@ -62,10 +62,7 @@ def open_run(path: Path, allow_code: bool = False) -> xr.Dataset:
     variables = {name: shards.joined(name, variable) for name, variable in by_member.items()}
     for name, variable in ensemble_variables(scene).items():
         variables[name] = shards.summed(name, variable)
-    known = coordinates(plan)
-    dims, _, about = known["member"]
-    indices = np.concatenate([np.arange(r.start, r.stop) for r in shards.members])
-    known["member"] = (dims, indices, about)
+    known = coordinates(plan, np.concatenate([np.asarray(members) for members in shards.members]))
     attrs = {**attributes(scene, plan), **directory.facts["attributes"]}
     dataset = xr.Dataset(variables, known, attrs)
     dataset.encoding["source"] = os.path.abspath(directory.path)
@@ -129,7 +126,7 @@ class _Chunks:
 
     def _shard(self, j: int, name: str) -> tuple[str, str, str, int]:
         """The first arguments of `_read`."""
-        return self.paths[j], self._mark, name, self.members[j].start
+        return self.paths[j], self._mark, name, int(self.members[j][0])
 
 
 def _read(

@@ -4,6 +4,9 @@ import os
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rigidmc.engine.machine import this_machine
 from rigidmc.errors import FileError, SceneError
 from rigidmc.files.netcdf import read
@@ -39,6 +42,11 @@ def ready(scene: Scene, threads: int = 1, block: int | None = None) -> Ready:
     return Ready(scene, plan, units, *in_user_units(scene, plan, units), chosen)
 
 
+def of_members(run: Ready, members: NDArray[np.int64]) -> Ready:
+    """The run of some of its members, by their indices."""
+    return run._replace(plan=run.plan.of(members), shown=run.shown.of(members))
+
+
 def planned(
     directory: RunDirectory, allow_code: bool = False, threads: int = 1, block: int | None = None
 ) -> Ready:
@@ -50,6 +58,8 @@ def planned(
     """
     scene = scene_of_run(directory, allow_code)
     run = ready(scene, threads, block or directory.facts["block"])
+    if directory.chosen is not None:
+        run = of_members(run, directory.chosen)
     if directory.facts["shard"] % run.plan.block:
         rule = f"has to divide the {directory.facts['shard']:,} members of a shard"
         raise SceneError("run", "block", run.plan.block, rule)
@@ -74,8 +84,9 @@ def scene_of_run(directory: RunDirectory, allow_code: bool = False) -> Scene:
     if hash_of(scene) != facts["scene"]:
         rule = "is not the scene that the run was started with and its shards were computed from"
         raise FileError("", "scene.toml", None, rule, file=directory.path)
-    whole: Scene = scene.with_run(members=facts["members"], first=facts["first"])
-    return whole
+    if not facts.get("chosen"):  # scene.toml has the members before the run was extended
+        scene = scene.with_run(members=facts["members"], first=facts["first"])
+    return scene
 
 
 def scene_in(folder: str, facts: dict[str, Any], allow_code: bool) -> Scene:

@@ -19,7 +19,7 @@ from rigidmc.runs.reopen import Ready, planned, refuse_others, scene_of_run
 from rigidmc.runs.shards import compute_shards, memory_of_shards
 from rigidmc.scene.amounts import counted, seconds
 from rigidmc.scene.quantities import rows
-from rigidmc.storage.run_directory import RunDirectory
+from rigidmc.storage.run_directory import CHOSEN, RunDirectory, facts_of_chosen
 from rigidmc.storage.run_facts import rendered
 
 
@@ -132,6 +132,25 @@ def _noted(directory: RunDirectory, compute: Callable[[], dict[str, int]]) -> di
     return flagged
 
 
+def grow(directory: RunDirectory, members: NDArray[np.int64], level: int) -> RunDirectory:
+    """Give a run of chosen members more of them, by their indices; at level 0 it is whole.
+
+    All shards must be whole before. The longer list of members is on disk before run.json tells
+    that there are more, and holds the old one.
+    """
+    facts, chosen = directory.facts, directory.chosen
+    assert chosen is not None and (not members.size or facts["members"] % facts["shard"] == 0)
+    more = np.concatenate([chosen, members])
+    with directory.locked():
+        if members.size:
+            name = os.path.join(directory.path, CHOSEN)
+            write_bytes(name, more.astype("<i8").tobytes(), force=True)
+        text = rendered({**facts, **facts_of_chosen(more), "growing": level})
+        write_bytes(os.path.join(directory.path, "run.json"), text.encode(), force=True)
+        directory.note(event="extended", members=more.size)
+    return RunDirectory(directory.path)
+
+
 def extend(
     path: Path, members: int, accept: bool = False, allow_code: bool = False
 ) -> RunDirectory:
@@ -143,6 +162,9 @@ def extend(
     directory = RunDirectory(path)
     facts, members = directory.facts, counted(members, "members")
     refuse_others(directory, accept)
+    if directory.chosen is not None:
+        rule = "the members were chosen by what others of them say: start a new run"
+        raise OptionError("run", "members", members, rule)
     if members <= facts["members"]:
         raise OptionError("run", "members", members, f"the run has {facts['members']:,} already")
     if facts["first"] + members > 2**53:

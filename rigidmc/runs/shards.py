@@ -63,7 +63,7 @@ def fault_of(directory: RunDirectory, i: int, path: str) -> str:
     if (
         shard["member"].shape != shape
         or shard["status"].shape != shape
-        or shard["member"][0] != members[0]
+        or not np.array_equal(shard["member"], np.asarray(members))
     ):
         return f"{path}: is not shard {i} of this run: it has other members"
     count = np.count_nonzero(shard["status"])
@@ -140,15 +140,13 @@ class Shards:
         """Add a finished block to its shard; a whole shard goes to the writing thread."""
         facts = self.directory.facts
         i = (job.first - facts["first"]) // facts["shard"]
-        members = self.directory.members(i)
+        places = self.directory.places(i)
         if i not in self._open:
-            plan = self.plan._replace(
-                first=members.start, members=len(members), block=facts["block"]
-            )
+            plan = self.plan._replace(first=places.start, members=len(places), block=facts["block"])
             self._open[i], self._filled[i] = Memory(self.scene, plan, {}, False), 0
         self._open[i].take(job, results)
         self._filled[i] += job.size
-        if self._filled[i] == len(members):
+        if self._filled[i] == len(places):
             del self._filled[i]
             self._put((i, self._open.pop(i)))
 

@@ -7,12 +7,15 @@ import warnings
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.files.outputs import refuse_existing
 from rigidmc.planning.notes import notes
+from rigidmc.planning.plan import block_of
 from rigidmc.planning.settle import settled
 from rigidmc.progress import Progress, announcing
 from rigidmc.runs.blocks import run
@@ -30,7 +33,7 @@ def simulate(
     scene: Scene,
     integrator: Any = None,
     *,
-    members: int | range | None = None,
+    members: int | range | NDArray[np.int64] | None = None,
     threads: int | None = None,
     progress: Progress = False,
     output: str | os.PathLike[str] | None = None,
@@ -54,9 +57,9 @@ def simulate(
         a name of `rigidmc integrators`, or "auto" for the cheapest one that keeps a tolerance, or
         one of your own; the
         choice rests on times measured here, and the result's attributes tell it
-    members : int or range, optional
-        number of members, or a range of member indices; the bits of a member depend on scene, seed
-        and its index alone
+    members : int, range or ndarray of int, optional
+        number of members, or a range of member indices, or rising indices; the bits of a member
+        depend on scene, seed and its index alone
     threads : int, optional
         number of threads; by default one for each core that the process may use
     progress : bool or callable, optional
@@ -91,6 +94,10 @@ def simulate(
     >>> ds.omega.dims, ds.omega.shape
     (('time', 'axis', 'member'), (3, 3, 4))
     """
+    which = None
+    if isinstance(members, np.ndarray):
+        which = _indices(members)
+        members = range(int(which[0]), int(which[-1]) + 1)
     scene = _with_settings(scene, members, {**settings, "integrator": integrator})
     threads = threads_available() if threads is None else counted(threads, "threads")
     if output is not None:
@@ -98,6 +105,10 @@ def simulate(
     with announcing(progress):
         file = output if output is not None and is_streamed(output) else None
         ready = settled(scene, threads, file is not None, block)
+        if which is not None:
+            plan = ready.plan.of(which)
+            size = block or block_of(plan, threads, file is not None)
+            ready = ready._replace(plan=plan._replace(block=size))
         for note in notes(scene, ready.plan, ready.units):
             _warn(note)
         refuse_hopeless(ready.scene, ready.plan, threads, file)
@@ -113,6 +124,14 @@ def simulate(
         if expected is not None:
             dataset.encoding["rigidmc"]["predicted_seconds"] = expected
         return dataset
+
+
+def _indices(members: NDArray[Any]) -> NDArray[np.int64]:
+    """The indices of members as they are asked for; SceneError unless they rise from 0 or more."""
+    sound = members.ndim == 1 and members.size and members.dtype.kind in "iu"
+    if not sound or members[0] < 0 or not (np.diff(members) > 0).all():
+        raise SceneError("run", "members", None, "expected indices of members that rise")
+    return members.astype(np.int64)
 
 
 def _with_settings(scene: Scene, members: int | range | None, settings: Mapping[str, Any]) -> Scene:

@@ -6,6 +6,8 @@
     scene.toml     the scene, resolved; columns.nc holds those of its quantities that have one row
     per
                    member
+    members.i64    the indices of the members of a run that has chosen ones, in the order of its
+    shards
     shards/        one netCDF4 file for each range of members; its bytes depend on scene and seed
     alone,
                    and its name tells how many members are flagged and the file's hash
@@ -25,6 +27,7 @@ import platform
 import re
 import time
 from collections.abc import Iterator, Sized
+from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
@@ -40,6 +43,7 @@ from rigidmc.storage.run_facts import Count, read_facts
 
 _SHARD = re.compile(r"([0-9]{8})-([0-9]{1,12})-([0-9a-f]{16})\.nc")
 _OLD = 3600.0  # seconds after which an unfinished file of another computer counts as abandoned
+CHOSEN = "members.i64"
 _JOURNAL = 2**20  # bytes read from the end of a journal; each resume adds two lines of 300 bytes
 
 
@@ -92,11 +96,33 @@ class RunDirectory:
         """How many shards the whole run has."""
         return -(-int(self.facts["members"]) // int(self.facts["shard"]))
 
-    def members(self, i: int) -> range:
-        """The range of members of shard i."""
+    @cached_property
+    def chosen(self) -> NDArray[np.int64] | None:
+        """The indices of the members; None if they are a range. FileError if they were changed.
+
+        A run that was killed while it grew may have more of them on disk than run.json tells.
+        """
+        if not self.facts.get("chosen"):
+            return None
+        name = os.path.join(self.path, CHOSEN)
+        if not os.path.isfile(name):
+            raise FileError("", CHOSEN, None, "is missing", file=self.path)
+        count = min(int(self.facts["members"]), os.stat(name).st_size // 8)
+        members = np.fromfile(name, "<i8", count)
+        if facts_of_chosen(members)["chosen"] != self.facts["chosen"]:
+            raise FileError("", CHOSEN, None, "was changed: its sum is another", file=self.path)
+        return members.astype(np.int64)
+
+    def places(self, i: int) -> range:
+        """The range of places of the members of shard i."""
         first, end = self.facts["first"], self.facts["first"] + self.facts["members"]
         low = first + i * self.facts["shard"]
         return range(low, min(low + self.facts["shard"], end))
+
+    def members(self, i: int) -> range | NDArray[np.int64]:
+        """The indices of the members of shard i: their places, unless the run has chosen ones."""
+        places = self.places(i)
+        return places if self.chosen is None else self.chosen[places.start : places.stop]
 
     def members_of(self, shards: Sized) -> int:
         """How many members some shards have together, given by their numbers."""
@@ -203,6 +229,12 @@ class RunDirectory:
             clear(folder, _OLD)
 
 
+def facts_of_chosen(members: NDArray[np.int64]) -> dict[str, Any]:
+    """What run.json tells of chosen members, which CHOSEN holds as eight bytes each."""
+    data = members.astype("<i8").tobytes()
+    return {"members": members.size, "chosen": hashlib.sha256(data).hexdigest()}
+
+
 def _opener(path: str, flags: int) -> int:
     """Open a file of a run for writing. A link, which may lead out of the run, is refused; a pipe
     does not block."""
@@ -230,20 +262,21 @@ def damaged(path: str) -> bool:
 
 def status(path: Path) -> dict[str, Any]:
     """What of a run is done, by the names of its shards alone: {"shards", "done", "members",
-    "members_done", "flagged", "strays", "rate", "seconds_left", "machine", "versions"}.
+    "members_done", "flagged", "strays", "growing", "rate", "seconds_left", "machine", "versions"}.
 
-    The strays are counted, see `RunDirectory.listed`. The rate [1/s] is that of the last time that
-    the run was begun: from the journal if that has ended, else from the times of the shards that
+    The strays are counted, see `RunDirectory.listed`. Members of a run that is
+    growing may ask for more when all are there. The rate [1/s] is that of the last time that the
+    run was begun: from the journal if that has ended, else from the times of the shards that
     appeared.
     """
     directory = RunDirectory(path)
     (shards, strays), journal = directory.listed(), directory.journal()
-    members = sum(len(directory.members(i)) for i in shards)
+    members = sum(len(directory.places(i)) for i in shards)
     begun = max((line["time"] for line in journal if line["event"] == "begun"), default=math.inf)
     appeared = list[tuple[float, int]]()
     for i, shard in shards.items():
         with contextlib.suppress(FileNotFoundError):  # deleted meanwhile
-            appeared.append((os.stat(shard).st_mtime, len(directory.members(i))))
+            appeared.append((os.stat(shard).st_mtime, len(directory.places(i))))
     new = sum(count for at, count in appeared if at > begun)
     seconds = max((at for at, _ in appeared), default=0.0) - begun
     for line in journal:
@@ -259,6 +292,7 @@ def status(path: Path) -> dict[str, Any]:
         "members_done": members,
         "flagged": sum(map(flagged_of, shards.values())),
         "strays": len(strays),
+        "growing": bool(directory.facts.get("growing")),
         "rate": rate,
         "seconds_left": left / rate if rate else None,
         "machine": directory.facts["machine"],

@@ -1,4 +1,8 @@
-"""run.json: what of a run never changes, and how many members the run has."""
+"""run.json: what of a run never changes, and how many members the run has.
+
+A run of chosen members has the hash of their indices in `chosen`, and in `growing` the level of the
+last ones while what they say may ask for more, else 0.
+"""
 
 import hashlib
 import json
@@ -32,6 +36,8 @@ class _Facts(BaseModel):
     block: Annotated[int, Field(ge=1, le=2**20)]
     versions: dict[str, str]
     machine: str
+    chosen: Annotated[str, Field(pattern="^([0-9a-f]{64})?$")] = ""
+    growing: Count = 0
 
 
 def read_facts(path: str) -> dict[str, Any]:

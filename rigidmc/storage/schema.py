@@ -2,6 +2,7 @@
 netCDF file are the same."""
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -39,8 +40,8 @@ def _by_member(long_name: str, units: str, dims: tuple[str, ...] = (), **more: s
     return Variable((*dims, "member"), "f8", {"units": units, "long_name": long_name, **more})
 
 
-def coordinates(plan: Shape) -> dict[str, Coordinate]:
-    """Coordinates of a result as {name: (dims, values, attrs)}."""
+def coordinates(plan: Shape, members: Sequence[int] | NDArray[Any] = ()) -> dict[str, Coordinate]:
+    """Coordinates of a result as {name: (dims, values, attrs)}; members : their indices."""
     effects: dict[str, Coordinate] = {}
     if plan.labels:
         about = {"long_name": "effect of the scene"}
@@ -54,7 +55,7 @@ def coordinates(plan: Shape) -> dict[str, Coordinate]:
         middles, width = 0.5 * (edges[1:] + edges[:-1]), edges[1] - edges[0]
         text = {"units": units, "long_name": "middle of the bin", "width": width}
         bins[name] = ((name,), middles, text)
-    indices = np.arange(plan.first, plan.first + plan.members)
+    indices = np.asarray(members, np.int64)
     return {
         **effects,
         **bins,

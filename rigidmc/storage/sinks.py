@@ -52,15 +52,17 @@ def kept_values(scene: Scene, plan: Layout, parts: Arrays) -> Arrays:
     return kept
 
 
-def flagged_values(scene: Scene, first: int, parts: Arrays, status: NDArray[Any]) -> Arrays:
-    """{variable: array, flagged members last} of the flagged members of a block from index `first`
-    on; {} if all values of all members are kept anyway."""
+def flagged_values(
+    scene: Scene, members: NDArray[np.int64], parts: Arrays, status: NDArray[Any]
+) -> Arrays:
+    """{variable: array, flagged members last} of the flagged members of a block, given by the
+    indices of all; {} if all values of all members are kept anyway."""
     names = [name for name, word in scene.kept().items() if word != "full"]
     if not names:
         return {}
     bad = np.flatnonzero(status)
     return {
-        "flagged_member": first + bad,
+        "flagged_member": members[bad],
         **{f"{name}_flagged": parts[name][..., bad] for name in names},
     }
 
@@ -142,7 +144,7 @@ class Memory:
             parts = _split(self.scene, values, self.plan.saved)
             self.counts.add(job, parts, results["status"])
             status = results["status"][: job.size]
-            self.flagged.append(flagged_values(self.scene, job.first, parts, status))
+            self.flagged.append(flagged_values(self.scene, job.members, parts, status))
             if not self.direct:
                 for name, kept in kept_values(self.scene, self.plan, parts).items():
                     self.arrays[name][..., part] = kept
@@ -174,7 +176,7 @@ class Memory:
         }
         return xr.Dataset(
             {name: (v.dims, arrays[name], v.attrs) for name, v in variables.items()},
-            coordinates(self.plan),
+            coordinates(self.plan, self.plan.indices(self.plan.first, self.plan.members)),
             {**attributes(self.scene, self.plan), **self.more},
         )
 
@@ -239,7 +241,7 @@ class File:
             parts = _split(self.scene, saved, self.plan.saved)
             self.counts.add(job, parts, results["status"])
             status = results["status"][: job.size]
-            self.flagged.append(flagged_values(self.scene, job.first, parts, status))
+            self.flagged.append(flagged_values(self.scene, job.members, parts, status))
             values |= kept_values(self.scene, self.plan, parts)
         self.writer.write(job.first, job.size, values)
 

@@ -71,7 +71,7 @@ class Writer:
         refuse_lockless(os.path.dirname(os.path.abspath(path)))
         self.path, self._named = path, named
         self._file: Any = None
-        self._first, self._digits = plan.first, dict[str, int]()
+        self._plan, self._digits = plan, dict[str, int]()
         attrs = attributes(scene, plan) if attrs is None else attrs
         self._part = Part(path, force)
         try:
@@ -93,7 +93,7 @@ class Writer:
             **flagged_variables(scene),
         }
         # the indices are written with the members, so that memory does not grow with them
-        known = coordinates(plan._replace(members=0))
+        known = coordinates(plan)
         sizes = lengths(plan)
         used = [*known, *(dim for v in variables.values() for dim in v.dims)]
         for dim in dict.fromkeys(used):
@@ -145,11 +145,12 @@ class Writer:
         variable.set_auto_maskandscale(False)  # a third of the time of a write
 
     def write(self, first: int, count: int, values: Arrays) -> None:
-        """Write {name: array, members last} for `count` members from index `first` on."""
-        part = slice(first - self._first, first - self._first + count)
+        """Write {name: array, members last} for `count` members from place `first` on."""
+        low = first - self._plan.first
+        part = slice(low, low + count)
 
         def put() -> None:
-            self._file.variables["member"][part] = np.arange(first, first + count)
+            self._file.variables["member"][part] = self._plan.indices(first, count)
             for name, array in values.items():
                 self._file.variables[name][..., part] = self._rounded(name, array[..., :count])
 

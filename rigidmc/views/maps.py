@@ -1,11 +1,13 @@
 """Pictures of maps."""
 
+import math
 from textwrap import fill
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, LogNorm, Normalize
 from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
@@ -27,12 +29,14 @@ LOGARITHMIC = {"megno": (1.5, 200.0, (2, 5, 10, 20, 50, 100, 200))}
 
 Edges = list[NDArray[np.float64]]  # of the pixels, along x and along y
 Ticks = tuple[list[float], list[str]]
+Scale = tuple[str | Colormap, Normalize, Ticks | None]  # colour map, norm, ticks
 
 
 def stability_map(ds: xr.Dataset, shown: str | None = None, figure: Figure | None = None) -> Figure:
     """A map: one variable as an image, theory as lines over it.
 
-    Pixels without a body are hatched, pixels in which members failed are red.
+    Pixels without a body are hatched, pixels in which members failed are red. A stack of maps has a
+    panel for each layer; an adaptive map has another with the pixels that were computed.
     ds : of `rigidmc.stability_map`
     shown : the variable to draw; default the first, or that of a map of the package
     """
@@ -41,12 +45,52 @@ def stability_map(ds: xr.Dataset, shown: str | None = None, figure: Figure | Non
     if name not in ds:
         known = ", ".join(map(str, ds.data_vars))
         raise ValueError(f"{name}: the map has no such variable; it has {known}")
-    figure = figure or new_figure(fill(_title(ds, case), 95), (9.0, 7.2))
-    axes, values = figure.add_subplot(), ds[name].values
-    edges = [_edges(ds[key]) for key in ("x", "y")]
-    colours, norm, ticks = colours_of(name, values, case)
+    parts = [ds.isel(z=k) for k in range(ds.sizes["z"])] if "z" in ds.dims else [ds]
+    marked = "computed" in ds and len(parts) == 1
+    count = len(parts) + marked
+    columns = count if count < 4 else math.ceil(math.sqrt(count))
+    rows = -(-count // columns)
+    width, height = (7.6, 7.2) if rows == 1 else (4.6, 4.2 + 1.0 / rows)
+    size = width * columns + 1.4, height * rows
+    figure = figure or new_figure(fill(_title(ds, case), 95), size)
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    scale = colours_of(name, ds[name].values, case)
+    handles: list[Any] = []
+    for axes, part in zip(panels.flat, parts, strict=False):
+        image, more = _panel(axes, part, name, case, scale)
+        handles += [one for one in more if one.get_label() not in {h.get_label() for h in handles}]
+        if "z" in ds.dims:
+            axes.set_title(f"{part.z.attrs['long_name']} = {float(part.z):.4g}", fontsize=9)
+    if marked:
+        _mark(panels.flat[1], ds)
+    for axes in panels.flat[count:]:
+        axes.set_axis_off()
+    for axes in panels[-1]:
+        axes.set_xlabel(case.labels[0] if case else label(ds.x))
+    for axes in panels[:, 0]:
+        axes.set_ylabel(case.labels[1] if case else label(ds.y))
+    ticks = scale[2]
+    where = panels if len(parts) > 1 else panels.flat[0]
+    bar = figure.colorbar(image, ax=where, pad=0.02, ticks=ticks[0] if ticks else None)
+    bar.set_label(_bar_label(ds[name], case))
+    if ticks:
+        bar.ax.set_yticklabels(ticks[1])
+    if handles:
+        words: dict[str, Any] = {"handles": handles, "ncols": len(handles), "frameon": False}
+        if count > 1:
+            figure.legend(loc="outside lower center", **words)
+        else:
+            panels.flat[0].legend(loc="upper center", bbox_to_anchor=(0.5, -0.09), **words)
+    return figure
+
+
+def _panel(
+    axes: Axes, ds: xr.Dataset, name: str, case: MapCase | None, scale: Scale
+) -> tuple[QuadMesh, list[Any]]:
+    """Draw a map; its image, and the handles for the legend."""
+    values, edges = ds[name].values, [_edges(ds[key]) for key in ("x", "y")]
     axes.set(**{f"{key}scale": "log" for key in ("x", "y") if ds[key].attrs["log"]})
-    image = axes.pcolormesh(*edges, values, cmap=colours, norm=norm, rasterized=True)
+    image = axes.pcolormesh(*edges, values, cmap=scale[0], norm=scale[1], rasterized=True)
     axes.set_facecolor(BLANK)
     handles: list[Any] = []
     if (np.isnan(values) & (ds.good.values > 0)).any():
@@ -61,21 +105,14 @@ def stability_map(ds: xr.Dataset, shown: str | None = None, figure: Figure | Non
         handles.append(_contours(axes, ds, *case.contours))
     elif not case and name.startswith("p("):
         handles += _half(axes, ds, name)
-    axes.set_xlabel(case.labels[0] if case else label(ds.x))
-    axes.set_ylabel(case.labels[1] if case else label(ds.y))
-    bar = figure.colorbar(image, ax=axes, pad=0.02, ticks=ticks[0] if ticks else None)
-    bar.set_label(_bar_label(ds[name], case))
-    if ticks:
-        bar.ax.set_yticklabels(ticks[1])
-    if handles:
-        axes.legend(
-            handles=handles,
-            loc="upper center",
-            bbox_to_anchor=(0.5, -0.09),
-            ncols=len(handles),
-            frameon=False,
-        )
-    return figure
+    return image, handles
+
+
+def _mark(axes: Axes, ds: xr.Dataset) -> None:
+    """Draw the pixels that were computed."""
+    edges, computed = [_edges(ds[key]) for key in ("x", "y")], ds["computed"].values
+    axes.pcolormesh(*edges, computed, cmap=ListedColormap(["white", MEDIAN]), rasterized=True)
+    axes.set_title(f"computed: {100 * computed.mean():.3g} % of the pixels", fontsize=10)
 
 
 def label(coordinate: xr.DataArray) -> str:
@@ -181,9 +218,7 @@ def _edges(coordinate: xr.DataArray) -> NDArray[np.float64]:
     return np.exp(edges) if coordinate.attrs["log"] else edges
 
 
-def colours_of(
-    name: str, values: NDArray[np.float64], case: MapCase | None
-) -> tuple[str | Colormap, Normalize, Ticks | None]:
+def colours_of(name: str, values: NDArray[np.float64], case: MapCase | None) -> Scale:
     """(colour map, norm, ticks) of a variable."""
     finite = values[np.isfinite(values)]
     if not finite.size:

@@ -53,7 +53,30 @@ def test_bits_do_not_depend_on_how_it_is_run(scene, tmp_path):
     assert same(whole, rm.simulate(scene, **fewer), slice(0, 77))
     part = {**SETTINGS, "members": range(101, 165)}
     assert same(whole, rm.simulate(scene, **part), slice(101, 165))
+    for picked in (np.array([3, 4, 150, 299]), np.arange(1, 300, 7)):
+        given = {**SETTINGS, "members": picked, "output": tmp_path / "b.nc", "force": True}
+        part = rm.simulate(scene, **given)
+        assert same(whole, part, picked) and part.member.values.tolist() == picked.tolist()
+        part.close()
     assert not same(whole, rm.simulate(scene, **{**SETTINGS, "seed": 6}))
+
+
+@pytest.mark.parametrize("bad", [[], [3, 3], [4, 3], [-1, 2], [0.5, 1.0], [[1, 2]]])
+def test_indices_of_members_rise(bad):
+    with pytest.raises(rm.SceneError, match="indices of members that rise"):
+        rm.simulate(FREE, **{**SETTINGS, "members": np.array(bad)})
+
+
+def test_noise_goes_by_the_index_of_a_member(monkeypatch):
+    """Also across the ranges that are staged at once."""
+    scene = rm.Scene.load("brownian_rotor")
+    settings = {"t_end": 2e-3, "dt": 2e-5, "save": ("omega",)}
+    whole = rm.simulate(scene, members=2000, **settings)
+    monkeypatch.setattr("rigidmc.planning.stage.RANGE", 64)
+    picked = np.array([0, 1, 63, 64, 65, 500, 1999])
+    part = rm.simulate(scene, members=picked, **settings)
+    assert np.array_equal(part.omega.values, whole.omega.values[..., picked])
+    assert not np.array_equal(part.omega.values, whole.omega.values[..., : picked.size])
 
 
 def test_bits_in_another_process(tmp_path):

@@ -177,3 +177,37 @@ def test_a_result_is_a_scene_for_a_map(tmp_path):
     words = ("--resolution", 2, "--members", 2, "--t-end", 2)
     told = invoke(tmp_path / "run.nc", *sides, *words)
     assert told.exit_code == 0 and "2 x 2 pixels of 2 members" in told.stdout
+
+
+def test_a_part_of_a_map_is_a_map_of_that_part(whole, tmp_path):
+    ends = (0.4, 0.9), (0.8, 1.2)
+    sides = [(name, *pair) for (name, _, _), pair in zip(SIDES, ends, strict=True)]
+    expected = rm.stability_map(SCENE, *sides, OF, SHAPE, REPLICAS, **RUN)
+    found = rm.zoom_map(whole, *ends)
+    assert found.drop_attrs().identical(expected.drop_attrs())
+    assert found.attrs["scene"] == expected.attrs["scene"]
+    whole.to_netcdf(tmp_path / "map.nc")
+    started(tmp_path / "map")  # no shard of it is needed
+    for source in (tmp_path / "map.nc", tmp_path / "map"):
+        told = invoke(source, "--zoom", "0.4:0.9,0.8:1.2", "-o", tmp_path / "part.nc", "--force")
+        assert told.exit_code == 0, told.stderr
+        assert rm.open_map(tmp_path / "part.nc").drop_attrs().identical(expected.drop_attrs())
+    told = invoke(tmp_path / "map.nc", "--zoom", "0.4:0.9,0.8:1.2", "-o", f"{tmp_path}/part/")
+    assert told.exit_code == 0
+    assert rm.open_map(tmp_path / "part").drop_attrs().identical(expected.drop_attrs())
+
+
+def test_parts_that_are_none_are_refused(whole, tmp_path):
+    whole.to_netcdf(tmp_path / "map.nc")
+    for words, rule in (
+        ((tmp_path / "map.nc", "--zoom", "0.4:0.9"), "LOW:HIGH,LOW:HIGH"),
+        ((tmp_path / "map.nc", "--zoom", "0.9:0.4,0.8:1.2"), "low < high"),
+        ((tmp_path / "map.nc", "--zoom", "0.4:0.9,0.8:1.2", "--resolution", 8), "is for a new map"),
+        (("sleeping_top", "--zoom", "0.4:0.9,0.8:1.2"), "a part of a map that exists"),
+    ):
+        told = invoke(*words)
+        assert told.exit_code == 3 and rule in " ".join(told.stderr.split()), told.stderr
+    with pytest.raises(OptionError, match=r"\(low, high\)"):
+        rm.zoom_map(whole, 0.4, (0.8, 1.2))
+    with pytest.raises(FileError, match="no map that can be read"):
+        rm.zoom_map(whole.drop_attrs(), (0.4, 0.9), (0.8, 1.2))

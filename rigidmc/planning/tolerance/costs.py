@@ -30,7 +30,7 @@ from rigidmc.scene.start import Start
 
 def cost_per_step(scene: Scene, plan: Plan, members: int = 256, seconds: float = 0.05) -> float:
     """Nanoseconds per member-step on one thread, measured on the first members of the scene."""
-    program, random = program_of(scene, plan), noise(scene, plan.first)
+    program, random = program_of(scene, plan), noise(scene, plan.indices(plan.first, members))
     assert program is not None, "closed forms make no steps"
     best, steps, own = math.inf, 16, int(plan.member_steps)
     for _ in range(12):

@@ -7,7 +7,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.scene.scene import Scene
-from rigidmc.studies.maps.question import Side
+from rigidmc.studies.maps.question import Borders, Side
 
 Derived = dict[str, tuple[NDArray[Any], dict[str, str]]]  # {name: (values, attributes)}
 
@@ -28,6 +28,7 @@ class MapCase(NamedTuple):
     contours : (variable, levels, legend) of the lines drawn over it
     labels : of the x axis, the y axis, and of the colours if the long name of `shown` is too long
     ticks : {value: word} if `shown` takes a few values only
+    borders : between the classes of an adaptive map, see `rigidmc.studies.maps.refine`
     """
 
     title: str
@@ -43,3 +44,4 @@ class MapCase(NamedTuple):
     derived: Callable[[xr.Dataset], Derived] = nothing
     contours: tuple[str, tuple[float, ...], str] | None = None
     ticks: Mapping[float, str] = {}
+    borders: Borders = ()

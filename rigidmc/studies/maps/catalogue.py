@@ -8,7 +8,7 @@ import xarray as xr
 
 from rigidmc.errors import OptionError, unknown
 from rigidmc.studies.maps.case import MapCase
-from rigidmc.studies.maps.question import Resolution, question
+from rigidmc.studies.maps.question import Borders, Resolution, adapted, question
 from rigidmc.studies.maps.stability_map import Prepared, Progress, mapped, prepared
 
 _FILES = (  # in `cases`; each has a function of the same name that returns its MapCase
@@ -33,13 +33,14 @@ def case_map(
     members: int | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
+    adaptive: bool | Borders = False,
     **settings: Any,
 ) -> xr.Dataset:
     """The Dataset of one of MAPS, with the variables of theory.
 
     settings : of the run, which replace those of the map if not None;  others : see `stability_map`
     """
-    ready = prepared_case(name, resolution, members, threads, **settings)
+    ready = prepared_case(name, resolution, members, threads, adaptive, **settings)
     return with_theory(mapped(ready, threads, progress), name)
 
 
@@ -48,6 +49,7 @@ def prepared_case(
     resolution: Resolution = RESOLUTION,
     members: int | None = None,
     threads: int | None = None,
+    adaptive: bool | Borders = False,
     **settings: Any,
 ) -> Prepared:
     """One of MAPS before its first step; the arguments are those of `case_map`."""
@@ -60,6 +62,7 @@ def prepared_case(
     }
     members = case.members if members is None else members
     asked = question(case.x, case.y, case.of, resolution, members, name=name)
+    asked = adapted(asked, case.borders if adaptive is True else adaptive)
     return prepared(asked, case.scene, threads, **standard | given)
 
 

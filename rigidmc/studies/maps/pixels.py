@@ -20,6 +20,7 @@ COUNTS = {  # of the members of a pixel
     "failed": "members that failed",
     "none": "members for which there is no such body or start",
 }
+COMPUTED = "computed"  # the variable of an adaptive map
 _NOT_THERE = -1  # the status of a member that has not been computed
 _AT_ONCE = 2**17  # numbers whose intervals are taken at once: a sorted copy of them is 1 MB
 
@@ -34,6 +35,11 @@ class Pixels(NamedTuple):
     intervals: dict[str, NDArray[np.float64]]
     counts: NDArray[np.int32]
 
+    def at(self, source: NDArray[np.int64]) -> "Pixels":
+        """Of each pixel the values of the one in its place in `source`."""
+        intervals = {text: values[:, source] for text, values in self.intervals.items()}
+        return Pixels(intervals, self.counts[:, source])
+
 
 class Collected:
     """The numbers of the members of a range of pixels, (replicas, pixels)."""
@@ -47,11 +53,10 @@ class Collected:
         self._status = np.full(shape, _NOT_THERE, "i1")
         self._values = {one.text: np.zeros(shape, one.dtype) for one in measures}
 
-    def take(self, first: int, dataset: xr.Dataset) -> None:
-        """Take the numbers of members from `first` on: of one replica, or of all pixels."""
-        replica, pixel = divmod(first, self.question.pixels)
-        low = replica * len(self.pixels) + pixel - self.pixels.start
-        place = slice(low, low + dataset.sizes["member"])
+    def take(self, dataset: xr.Dataset) -> None:
+        """Take the numbers of members."""
+        replica, pixel = np.divmod(dataset.member.values, self.question.pixels)
+        place = replica * len(self.pixels) + pixel - self.pixels.start
         self._status.reshape(-1)[place] = dataset.status.values
         for one in self.measures:
             self._values[one.text].reshape(-1)[place] = one.values(dataset)
@@ -99,12 +104,14 @@ def map_dataset(
     known: Mapping[str, Variable],
     measures: Sequence[Measure],
     pixels: Pixels,
+    computed: NDArray[np.bool_] | None = None,
 ) -> xr.Dataset:
     """The Dataset of a map.
 
-    known : the variables of the members of the scene
+    known : the variables of the members of the scene;  computed : whether a pixel was computed, of
+        an adaptive map
     """
-    shape, variables = (question.rows, question.columns), {}
+    shape, dims, variables = question.shape, tuple(question.sides), dict[str, Any]()
     for one in measures:
         attrs = known[one.result.name].attrs
         units = "1" if one.kind in ("p", "correlation") else attrs.get("units", "1")
@@ -113,10 +120,13 @@ def map_dataset(
         ends = "", f", low end {share}", f", high end {share}"
         for name, values, end in zip(names_of(one), pixels.intervals[one.text], ends, strict=True):
             about = {"units": units, "long_name": text + end}
-            variables[name] = (("y", "x"), values.reshape(shape), about)
+            variables[name] = (dims, values.reshape(shape), about)
     for (name, text), count in zip(COUNTS.items(), pixels.counts, strict=True):
         about = {"units": "1", "long_name": text}
-        variables[name] = (("y", "x"), count.reshape(shape), about)
+        variables[name] = (dims, count.reshape(shape), about)
+    if computed is not None:
+        about = {"long_name": "1 if the pixel was computed, 0 if it shows one nearby that was"}
+        variables[COMPUTED] = (dims, computed.astype("i1").reshape(shape), about)
     facts = {
         "title": scene.title,
         "source": f"rigidmc {VERSION}",
@@ -132,8 +142,8 @@ def map_dataset(
 
 def _coordinates(question: Question, scene: Scene) -> dict[str, Any]:
     found = {}
-    sides = zip(("x", "y"), (question.x, question.y), question.grids(), strict=True)
-    for key, (name, _, _, log), grid in sides:
+    for key, grid in question.grids().items():
+        name, *_, log = question.sides[key]
         attrs = {"long_name": name, "units": units_of(scene, name), "log": int(log)}
         found[key] = ((key,), grid.values(), attrs)
     return found

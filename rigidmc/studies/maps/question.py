@@ -14,57 +14,70 @@ from rigidmc.scene.quantities import Grid, grid
 from rigidmc.scene.scene import Scene
 
 MOST = 4096  # pixels per side
+LAYERS, MOST_LAYERS = 6, 64
 
 Side = tuple[str, float, float] | tuple[str, float, float, bool]  # parameter, low, high[, log]
+Whole = tuple[str, float, float, bool]  # a side with all its parts
 Resolution = int | tuple[int, int]
+Borders = tuple[tuple[str, tuple[float, ...]], ...]  # (measure, values between its classes)
 
 
 class Question(NamedTuple):
     """What is mapped.
 
-    Pixel (i, j) has the number p = i columns + j, and its member r is member r pixels + p of the
-    scene: the members of a run that has not ended are spread over all pixels, and more members
-    are more replicas of each.
+    Pixel (i, j) has the number p = i columns + j, or p = (k rows + i) columns + j in layer k of
+    several, and its member r is member r pixels + p of the scene: the members of a run that has not
+    ended are spread over all pixels, and more members are more replicas of each.
 
-    x, y : (parameter, low, high, whether in even ratios)
+    x, y : (parameter, low, high, whether in even ratios);  z : of the layers, None if there is one
     of : the measures, see `rigidmc.studies.measures`
-    columns, rows : pixels along x and y;  replicas : members of a pixel
+    columns, rows, layers : pixels along x, y and z;  replicas : members of a pixel
     confidence : of the intervals
     name : of the map of the package, or ""
+    borders : of an adaptive map, see `rigidmc.studies.maps.refine`; None if all pixels are computed
     """
 
-    x: tuple[str, float, float, bool]
-    y: tuple[str, float, float, bool]
+    x: Whole
+    y: Whole
     of: tuple[str, ...]
     columns: int
     rows: int
     replicas: int
     confidence: float = 0.95
     name: str = ""
+    z: Whole | None = None
+    layers: int = 1
+    borders: Borders | None = None
+
+    @property
+    def sides(self) -> dict[str, Whole]:
+        """The sides by their dimensions, the slowest first."""
+        return {**({} if self.z is None else {"z": self.z}), "y": self.y, "x": self.x}
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Pixels along the sides, in that order."""
+        return (self.layers,) * (self.z is not None) + (self.rows, self.columns)
 
     @property
     def pixels(self) -> int:
-        return self.columns * self.rows
+        return self.columns * self.rows * self.layers
 
     @property
     def members(self) -> int:
         return self.pixels * self.replicas
 
-    def grids(self) -> tuple[Grid, Grid]:
-        """The values of x and y of the members; OptionError for ends that are not in order."""
-        x, y = (
-            _grid(key, side, count, stride)
-            for key, side, count, stride in (
-                ("x", self.x, self.columns, 1),
-                ("y", self.y, self.rows, self.columns),
-            )
-        )
-        return x, y
+    def grids(self) -> dict[str, Grid]:
+        """The values of the sides of the members; OptionError for ends that are not in order."""
+        strides = {"x": 1, "y": self.columns, "z": self.columns * self.rows}
+        counts = zip(self.sides.items(), self.shape, strict=True)
+        return {key: _grid(key, side, count, strides[key]) for (key, side), count in counts}
 
     def of_scene(self, scene: Scene) -> Scene:
         """The scene whose members are those of the map; OptionError for unknown parameters."""
-        x, y = self.grids()
-        scene = with_parameter(with_parameter(scene, self.x[0], x, "x"), self.y[0], y, "y")
+        grids = self.grids()
+        for key in reversed(grids):
+            scene = with_parameter(scene, self.sides[key][0], grids[key], key)
         whole: Scene = scene.with_run(members=self.members, first=0)
         return whole
 
@@ -77,7 +90,14 @@ _QUESTION = TypeAdapter(Question)
 
 
 def question(
-    x: Side, y: Side, of: str | Sequence[str], resolution: Resolution, replicas: int, **more: Any
+    x: Side,
+    y: Side,
+    of: str | Sequence[str],
+    resolution: Resolution,
+    replicas: int,
+    z: Side | None = None,
+    layers: int | None = None,
+    **more: Any,
 ) -> Question:
     """The Question of a user; OptionError for sides, measures and sizes that are none."""
     texts = (of,) if isinstance(of, str) else tuple(of)
@@ -86,6 +106,13 @@ def question(
     across, upwards = _whole_side("x", x), _whole_side("y", y)
     if x[0] == y[0]:
         raise OptionError("", "y", y[0], "is already the parameter of x")
+    if z is None and layers is not None:
+        raise OptionError("", "layers", layers, "are those of a third parameter: give z")
+    if z is not None:
+        more["z"] = _whole_side("z", z)
+        more["layers"] = counted(LAYERS if layers is None else layers, "layers", 1, MOST_LAYERS)
+        if z[0] in (x[0], y[0]):
+            raise OptionError("", "z", z[0], "is already the parameter of x or y")
     shape = resolution if isinstance(resolution, (list, tuple)) else (resolution, resolution)
     if len(shape) != 2:
         rule = "expected pixels per side, or (columns, rows)"
@@ -94,7 +121,14 @@ def question(
     return Question(across, upwards, texts, columns, rows, counted(replicas, "members"), **more)
 
 
-def _whole_side(key: str, side: Side) -> tuple[str, float, float, bool]:
+def adapted(asked: Question, adaptive: bool | Borders) -> Question:
+    """The question of an adaptive map, with borders if they are given, or of one that is none."""
+    if isinstance(adaptive, bool):
+        return asked._replace(borders=() if adaptive else None)
+    return asked._replace(borders=adaptive)
+
+
+def _whole_side(key: str, side: Side) -> Whole:
     """A side with all its parts; OptionError."""
     if isinstance(side, str) or len(side) not in (3, 4) or not isinstance(side[0], str):
         rule = "expected (parameter, low, high) or (parameter, low, high, True)"
@@ -108,15 +142,16 @@ def stored_question(text: str, path: str) -> Question:
     """The Question in the facts of a run directory; FileError if it is none."""
     try:
         found = _QUESTION.validate_json(text)
-        if found.pixels > MOST**2 or min(found.columns, found.rows, found.replicas) < 1:
+        least = min(found.columns, found.rows, found.layers, found.replicas)
+        if found.pixels > MOST**2 or least < 1 or (found.z is None and found.layers != 1):
             raise ValueError("impossible sizes")
     except ValueError:  # also of pydantic
-        rule = "run.json has no map that can be read"
+        rule = "there is no map that can be read"
         raise FileError("", "map", None, rule, file=path) from None
     return found
 
 
-def _grid(key: str, side: tuple[str, float, float, bool], count: int, stride: int) -> Grid:
+def _grid(key: str, side: Whole, count: int, stride: int) -> Grid:
     """The values of a parameter along a side; OptionError for ends that are not in order."""
     name, low, high, log = side
     try:

@@ -5,7 +5,9 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, SceneError, SceneWarning
 from rigidmc.planning.notes import notes
@@ -17,7 +19,8 @@ from rigidmc.scene.laws.protocol import Law
 from rigidmc.scene.scene import Scene
 from rigidmc.storage.schema import Variable, member_variables
 from rigidmc.studies.maps.pixels import Collected, Pixels, joined, map_dataset
-from rigidmc.studies.maps.question import Question, Resolution, Side, question
+from rigidmc.studies.maps.question import Borders, Question, Resolution, Side, adapted, question
+from rigidmc.studies.maps.refine import BEGUN, borders_of, members_of, refined
 from rigidmc.studies.measures import Measure, measure, observing
 
 CHUNK = 2**17  # members at once: 20 to 40 MB, and 40 waits for the last block in a map of 4e6
@@ -37,6 +40,9 @@ def stability_map(
     threads: int | None = None,
     progress: Progress | None = None,
     confidence: float = 0.95,
+    z: Side | None = None,
+    layers: int | None = None,
+    adaptive: bool | Borders = False,
     **settings: Any,
 ) -> xr.Dataset:
     """Map a measure over two parameters of a scene.
@@ -64,6 +70,16 @@ def stability_map(
         a function of (members done, all)
     confidence : float, optional
         of the intervals
+    z : tuple, optional
+        a third parameter, as x and y: a stack of maps
+    layers : int, optional
+        how many, 6 by default
+    adaptive : bool or tuple, optional
+        True to compute the pixels near borders between classes alone, and a coarse grid: the others
+        show one nearby that is computed, and `computed` in the result tells which are. Classes are
+        those of the first measure, divided at 0.5 for a share and at 4 for a MEGNO, else eight
+        equal parts of its range; or of the measures in a tuple of (measure, values that divide its
+        classes)
     **settings : object
         of `simulate`
 
@@ -93,8 +109,8 @@ def stability_map(
     """
     if members is None:
         members = replicas_of(scene, x, y)
-    asked = question(x, y, of, resolution, members, confidence=confidence)
-    return mapped(prepared(asked, scene, threads, **settings), threads, progress)
+    asked = question(x, y, of, resolution, members, z, layers, confidence=confidence)
+    return mapped(prepared(adapted(asked, adaptive), scene, threads, **settings), threads, progress)
 
 
 class Prepared(NamedTuple):
@@ -144,6 +160,8 @@ def described(asked: Question, scene: Scene, carried: bool) -> Prepared:
     """
     variables = {name: v.dims for name, v in member_variables(scene, False).items()}
     measures = [measure(text, variables) for text in asked.of]
+    if asked.borders is not None:
+        asked = asked._replace(borders=borders_of(measures, asked.borders))
     return Prepared(asked, scene, measures, member_variables(scene, carried))
 
 
@@ -152,19 +170,30 @@ def mapped(
 ) -> xr.Dataset:
     """The Dataset of a map, computed in memory."""
     began = time.perf_counter()
-    pixels = joined(list(_computed(ready, threads, progress)))
-    return finished(ready, pixels).assign_attrs(seconds=time.perf_counter() - began)
+    if ready.question.borders is not None:
+        found = finished(ready, _refined(ready, threads, progress))
+    else:
+        found = finished(ready, joined(list(_computed(ready, threads, progress))))
+    return found.assign_attrs(seconds=time.perf_counter() - began)
 
 
-def finished(ready: Prepared, pixels: Pixels) -> xr.Dataset:
-    """The Dataset of the pixels; OptionError if none has a body and a start."""
+def finished(
+    ready: Prepared, pixels: Pixels, computed: NDArray[np.bool_] | None = None
+) -> xr.Dataset:
+    """The Dataset of the pixels; OptionError if none has a body and a start.
+
+    computed : whether a pixel of an adaptive map was, if the others show their neighbours already
+    """
     asked = ready.question
     if not pixels.counts[:2].any():
         (x, *ends), (y, *others) = asked.x[:3], asked.y[:3]
         between = f"between {ends[0]:g} and {ends[1]:g}, and {others[0]:g} and {others[1]:g} of {y}"
         rule = f"{between} no pixel has a body and a start: moments must obey I_i <= I_j + I_k"
         raise OptionError("", "x", x, rule)
-    return map_dataset(asked, ready.scene, ready.known, ready.measures, pixels)
+    if asked.borders is not None and computed is None:
+        state = refined(asked, pixels)
+        pixels, computed = pixels.at(state.source), state.known
+    return map_dataset(asked, ready.scene, ready.known, ready.measures, pixels, computed)
 
 
 def _with_integrator(scene: Scene, threads: int | None) -> Scene:
@@ -175,6 +204,25 @@ def _with_integrator(scene: Scene, threads: int | None) -> Scene:
     step = {"dt": run.dt} if run.turn is None else {"turn": run.turn}
     chosen: Scene = scene.with_run(integrator=run.integrator, dtype=run.dtype, **step)
     return chosen
+
+
+def _refined(ready: Prepared, threads: int | None, progress: Progress | None) -> Pixels:
+    """The pixels of an adaptive map, integrated level by level."""
+    asked, done = ready.question, 0
+    collected, level = Collected(asked, ready.measures), BEGUN
+    while True:
+        state = refined(asked, pixels := collected.pixel_values(), level)
+        if not (level := state.level):
+            return pixels
+        members = members_of(asked, state.wanted)
+        for low in range(0, members.size, CHUNK):
+            part = members[low : low + CHUNK]
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", SceneWarning)  # the notes were given before
+                collected.take(simulate(ready.scene, members=part, threads=threads))
+            done += part.size
+            if progress is not None:
+                progress(done, done + members.size - low - part.size)
 
 
 def _computed(ready: Prepared, threads: int | None, progress: Progress | None) -> Iterator[Pixels]:
@@ -191,7 +239,7 @@ def _computed(ready: Prepared, threads: int | None, progress: Progress | None) -
             members = range(first, first + more * asked.pixels + len(here))
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", SceneWarning)  # the notes were given before
-                collected.take(first, simulate(ready.scene, members=members, threads=threads))
+                collected.take(simulate(ready.scene, members=members, threads=threads))
             done += len(members)
             if progress is not None:
                 progress(done, asked.members)

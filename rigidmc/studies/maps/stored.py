@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 from rigidmc.errors import FileError, OptionError, SceneWarning
 from rigidmc.files.netcdf import open_undecoded, read
 from rigidmc.files.outputs import Path
-from rigidmc.runs.create import create
-from rigidmc.runs.reopen import planned
+from rigidmc.runs.create import Chosen, create
+from rigidmc.runs.reopen import planned, scene_of_run
 from rigidmc.runs.shards import SHARD
-from rigidmc.scene.scene import loads
-from rigidmc.scene.stored import scene_text
+from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.storage.run_directory import RunDirectory
 from rigidmc.storage.schema import lengths
 from rigidmc.studies.maps.catalogue import with_theory
-from rigidmc.studies.maps.pixels import ASKED, COUNTS, Collected, Pixels, names_of
+from rigidmc.studies.maps.pixels import ASKED, COMPUTED, COUNTS, Collected, Pixels, names_of
 from rigidmc.studies.maps.question import MOST, Question, stored_question
+from rigidmc.studies.maps.refine import BEGUN, members_of, refined, unit
 from rigidmc.studies.maps.stability_map import Prepared, described, finished
 
 MAP = "map"  # of the question, among the attributes in run.json
@@ -36,7 +36,14 @@ def create_map(
     """Make a run directory for a map; the arguments and errors are those of `create`."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SceneWarning)  # `prepared` gave the notes
-        return create(ready.scene, path, size, only, threads, {MAP: ready.question.text()})
+        asked, about = ready.question, {MAP: ready.question.text()}
+        if asked.borders is None:
+            return create(ready.scene, path, size, only, threads, about)
+        nothing = Collected(asked, ready.measures).pixel_values()
+        first = refined(asked, nothing, BEGUN)
+        shard = unit(asked) * asked.replicas
+        chosen = Chosen(members_of(asked, first.wanted), shard, first.level)
+        return create(ready.scene, path, size, None, threads, about, chosen)
 
 
 def is_map(path: Path) -> bool:
@@ -84,13 +91,25 @@ def open_map(path: Path, allow_code: bool = False) -> xr.Dataset:
     return _map_in_file(os.fspath(path), allow_code)
 
 
+def asked_of(source: Path | xr.Dataset, allow_code: bool = False) -> tuple[Question, Scene]:
+    """What a map asks, and of which scene: a file, a run directory or a Dataset; FileError."""
+    if isinstance(source, xr.Dataset):
+        name = str(source.encoding.get("source", "the Dataset"))
+        asked = stored_question(str(source.attrs.get(ASKED, "")), name)
+        return asked, scene_of(source, allow_code=allow_code)
+    if os.path.isdir(source):
+        directory = RunDirectory(source)
+        return question_of(directory), scene_of_run(directory, allow_code)
+    with open_undecoded(os.fspath(source)) as file:
+        return asked_of(file, allow_code)
+
+
 def _map_in_file(path: str, allow_code: bool) -> xr.Dataset:
     """The map in a file: its numbers, laid out as what it asks of its scene demands."""
     with open_undecoded(path) as file:
-        asked = stored_question(str(file.attrs.get(ASKED, "")), path)
-        scene = loads(scene_text(file), path, allow_code=allow_code)
+        asked, scene = asked_of(file, allow_code)
         ready = described(asked, scene, False)
-        shape = asked.rows, asked.columns
+        shape = asked.shape
 
         def numbers(name: str, kinds: str) -> NDArray[Any]:
             variable = file.variables.get(name)
@@ -103,11 +122,12 @@ def _map_in_file(path: str, allow_code: bool) -> xr.Dataset:
             for one in ready.measures
         }
         counts = np.stack([numbers(name, "iu") for name in COUNTS]).astype("i4")
+        computed = None if asked.borders is None else numbers(COMPUTED, "iu") > 0
         more = {key: file.attrs[key] for key in ("seconds", "missing") if key in file.attrs}
         sound = all(isinstance(value, (float, int, np.number)) for value in more.values())
     if not sound:
         raise FileError("", "seconds", None, "expected a number", file=path)
-    found = finished(ready, Pixels(intervals, counts))
+    found = finished(ready, Pixels(intervals, counts), computed)
     return with_theory(found, asked.name).assign_attrs(more)
 
 
@@ -117,6 +137,8 @@ def question_of(directory: RunDirectory) -> Question:
     if text is None:
         raise FileError("", "map", None, "is the run of a scene, and no map", file=directory.path)
     asked = stored_question(str(text), directory.path)
+    if asked.borders is not None:
+        return asked
     return asked._replace(replicas=-(-int(directory.facts["members"]) // asked.pixels))
 
 
@@ -124,7 +146,11 @@ def members_of_pixels(path: Path, replicas: int) -> int:
     """How many members a map has with so many in each pixel."""
     if replicas > (most := 2**53 // MOST**2):
         raise OptionError("", "members", replicas, f"a pixel has at most {most:,} members")
-    return replicas * question_of(RunDirectory(path)).pixels
+    asked = question_of(RunDirectory(path))
+    if asked.borders is not None:
+        rule = "an adaptive map chose its pixels by the members that these have: start a new map"
+        raise OptionError("", "members", replicas, rule)
+    return replicas * asked.pixels
 
 
 def map_of_run(path: Path, allow_code: bool = False) -> xr.Dataset:
@@ -134,29 +160,38 @@ def map_of_run(path: Path, allow_code: bool = False) -> xr.Dataset:
     Raises FileError for a directory that is no map, or has no shard yet.
     """
     directory = RunDirectory(path)
-    asked, shards = question_of(directory), directory.shards()
     directory.refuse_strays()
-    run = planned(directory, allow_code)
+    ready, collected = there(directory, allow_code)
+    if not directory.shards():
+        raise FileError("", "run", directory.path, "no shard is there yet: resume it first")
+    asked, pixels = ready.question, collected.pixel_values()
+    found = with_theory(finished(ready, pixels), asked.name)
+    missing = collected.missing()
+    if asked.borders is not None:
+        missing -= asked.members - int(directory.facts["members"])
+        if not missing and (level := directory.facts.get("growing")):
+            missing = refined(asked, pixels, level).wanted.size * asked.replicas
+    return found.assign_attrs(missing=missing) if missing else found
+
+
+def there(directory: RunDirectory, allow_code: bool = False) -> tuple[Prepared, Collected]:
+    """The map of a run directory, and the numbers of its members from the shards that exist."""
+    asked, run = question_of(directory), planned(directory, allow_code)
     ready = described(asked, run.original, run.shown.carried)
     collected = Collected(asked, ready.measures)
     names = {name: ready.known[name] for one in ready.measures for name in one.names}
     sizes = lengths(run.shown)
-    for i, shard in sorted(shards.items()):
-        members = directory.members(i)
-        there = read(shard, "member", "status", *names, mark=directory.mark)
-        variables: dict[str, Any] = {"status": (("member",), there["status"])}
-        variables |= {name: (v.dims, there[name]) for name, v in names.items()}
+    for i, shard in sorted(directory.shards().items()):
+        members = np.asarray(directory.members(i))
+        values = read(shard, "member", "status", *names, mark=directory.mark)
+        variables: dict[str, Any] = {"status": (("member",), values["status"])}
+        variables |= {name: (v.dims, values[name]) for name, v in names.items()}
         wanted = {**sizes, "member": len(members)}
         fits = all(
-            np.shape(values) == tuple(wanted[dim] for dim in dims)
-            for dims, values in variables.values()
+            np.shape(one) == tuple(wanted[dim] for dim in dims) for dims, one in variables.values()
         )
-        if not fits or there["member"].ravel()[:1].tolist() != [members.start]:
+        if not fits or not np.array_equal(values["member"], members):
             rule = "has the members of another shard; `rigidmc verify` tells more"
             raise FileError("", "shard", i, rule, file=shard)
-        collected.take(members.start, xr.Dataset(variables, {"axis": [1, 2, 3]}))
-    if not shards:
-        raise FileError("", "run", directory.path, "no shard is there yet: resume it first")
-    found = with_theory(finished(ready, collected.pixel_values()), asked.name)
-    missing = collected.missing()
-    return found.assign_attrs(missing=missing) if missing else found
+        collected.take(xr.Dataset(variables, {"member": members, "axis": [1, 2, 3]}))
+    return ready, collected

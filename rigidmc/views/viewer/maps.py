@@ -7,6 +7,7 @@ import xarray as xr
 from matplotlib import colormaps
 from numpy.typing import NDArray
 
+from rigidmc.errors import OptionError
 from rigidmc.runs.frames import integrated
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.views.maps import colours_of
@@ -24,6 +25,9 @@ def is_map(ds: xr.Dataset) -> bool:
 
 def map_data(ds: xr.Dataset, allow_code: bool) -> tuple[Scene, dict[str, Any], list[list[float]]]:
     """(scene, what the page knows of a map, moments of its bodies)."""
+    if "z" in ds.coords:
+        rule = "a stack of maps has no page: draw it with `rigidmc map FILE --plot`"
+        raise OptionError("", "view", None, rule)
     scene = scene_of(ds, allow_code=allow_code)
     places = _places(ds)
     facts, bodies = [], list[list[float]]()

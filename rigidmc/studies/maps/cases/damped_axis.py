@@ -13,6 +13,8 @@ from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
 from rigidmc.studies.maps.case import Derived, MapCase
 
+SHARES = "p(passages >= 1)", "p(passages_2 >= 1)"
+
 
 def damped_axis() -> MapCase:
     # rings are wide enough for 256 pixels up to 0.05 rad from axis 1
@@ -27,11 +29,12 @@ def damped_axis() -> MapCase:
         scene=scene,
         x=("start.momentum.azimuth", 0.0, 2.0 * math.pi),
         y=("start.momentum.angle", 0.0, math.pi),
-        of=("p(passages >= 1)", "p(passages_2 >= 1)", "mean(passage_first)"),
+        of=(*SHARES, "mean(passage_first)"),
         members=1,
         derived=_derived,
         shown="end",
         ticks={-1: "-3", 0: "none", 1: "+3"},
+        borders=tuple((share, (0.5,)) for share in SHARES),
         contours=("theory", (1.0,), "separatrices 2 T I$_2$ = L$^2$"),
         labels=(
             "azimuth of L at the start [rad]",
