@@ -270,6 +270,14 @@ def refuse_outputs(
         plots_module()
 
 
+def show_done(done: int, total: int) -> None:
+    """Show how many members are done, on a terminal."""
+    if sys.stderr.isatty():
+        end = "" if done < total else "\n"
+        line = f"\r{100 * done / total:3.0f} % of {total:,} members"
+        print(line, end=end, file=sys.stderr, flush=True)
+
+
 def keep(
     dataset: "xr.Dataset",
     output: str | None,

@@ -1,6 +1,5 @@
 """rigidmc map."""
 
-import sys
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,6 +14,7 @@ from rigidmc.cli.common import (
     keep,
     refuse_outputs,
     reported,
+    show_done,
 )
 from rigidmc.cli.directories import Ways, begun, names_a_run, refuse_force, refuse_ways
 from rigidmc.cli.map_request import Request
@@ -176,7 +176,7 @@ def make_map(
             refuse_ways(ways)
             refuse_outputs(force, plot=plot, study=output, size=request.size())
             ready = request.prepared(threads, allow_code)
-            dataset = with_theory(mapped(ready, threads, _show), ready.question.name)
+            dataset = with_theory(mapped(ready, threads, show_done), ready.question.name)
         _told(dataset, output, plot, force)
     if "missing" in dataset.attrs:
         raise typer.Exit(INCOMPLETE)
@@ -197,14 +197,6 @@ def _told(dataset: "xr.Dataset", output: str | None, plot: str | None, force: bo
     finally:  # the summary is printed also if a file cannot be written
         _summarise(dataset)
         print("\n".join(lines), end="\n" * bool(lines))
-
-
-def _show(done: int, total: int) -> None:
-    """Show how many members are done, on a terminal."""
-    if sys.stderr.isatty():
-        end = "" if done < total else "\n"
-        line = f"\r{100 * done / total:3.0f} % of {total:,} members"
-        print(line, end=end, file=sys.stderr, flush=True)
 
 
 def _list(name: str | None) -> None:

@@ -26,7 +26,7 @@ from rigidmc.planning.rates import Array, own_steps, physics, rates
 from rigidmc.scene.laws.directions import uniform_attitudes
 from rigidmc.scene.laws.protocol import Ensemble, Facts, Law
 from rigidmc.scene.limits import PILOT
-from rigidmc.scene.points import Antithetic, Points, Recorder, points
+from rigidmc.scene.points import Antithetic, Dimension, Points, Recorder, Saltelli, points
 from rigidmc.scene.quantities import draw
 from rigidmc.scene.scene import Scene
 
@@ -36,7 +36,7 @@ APART = 256  # members that are staged for nothing take less time than another c
 RANGE = 2**14  # members staged at once at most: 8 MB
 
 Start = dict[str, Array]  # what members were made from, by the names of the result
-Source = int | Antithetic | Points | Recorder  # what members are drawn from
+Source = int | Antithetic | Saltelli | Points | Recorder  # what members are drawn from
 
 
 def stage(
@@ -110,7 +110,7 @@ def first_members(scene: Scene, count: int, carried: bool) -> Members:
 
 
 _known: WeakKeyDictionary[Scene, Members] = WeakKeyDictionary()
-_sources: WeakKeyDictionary[Scene, Points] = WeakKeyDictionary()
+_sources: WeakKeyDictionary[Scene, Points | Saltelli] = WeakKeyDictionary()
 
 
 def source(scene: Scene) -> Source:
@@ -121,12 +121,45 @@ def source(scene: Scene) -> Source:
     if run.points == "antithetic":
         return Antithetic(run.seed)
     if scene not in _sources:
-        recorder = Recorder()
-        # with the attitude, so that no point depends on what is saved
-        _staged(scene, recorder, 1, True)
         strata = run.strata or run.first + run.members
-        _sources[scene] = points(run.seed, run.points, tuple(recorder.dimensions), strata)
+        if run.points == "saltelli":
+            _sources[scene] = Saltelli(run.seed, groups(scene)[1])
+        else:
+            _sources[scene] = points(run.seed, run.points, drawn(scene), strata)
     return _sources[scene]
+
+
+def drawn(scene: Scene) -> tuple[Dimension, ...]:
+    """The random numbers that a member of a scene draws."""
+    recorder = Recorder()
+    # with the attitude, so that no point depends on what is saved
+    _staged(scene, recorder, 1, True)
+    return tuple(recorder.dimensions)
+
+
+def groups(scene: Scene) -> tuple[list[str], dict[Dimension, int]]:
+    """(the names of the uncertain numbers of a scene, {dimension: place of its name}).
+
+    A number has the name that a map gives it, such as start.omega.2. The numbers that a law of a
+    whole vector or of the attitude draws are one group, with the name of what it draws.
+    """
+    names = {dimension: _name(scene, *dimension) for dimension in drawn(scene)}
+    places = {name: i for i, name in enumerate(dict.fromkeys(names.values()))}
+    return list(places), {dimension: places[name] for dimension, name in names.items()}
+
+
+def _name(scene: Scene, stream: str, draw: int, word: int) -> str:
+    """The name of what the number `word` of a draw from a random stream is for."""
+    table, first, *rest = stream.split(".")
+    if table == "effects":
+        effect = dict(labelled(scene.effects))[first]
+        return f"{stream}.{4 * draw + word + 1}" if shape(effect, rest[0]) else stream
+    whole = f"{table}.{first}"
+    if first == "attitude":
+        angles = scene.start.by_euler_angles
+        return f"{whole}.{('phi', 'theta', 'psi')[word]}" if angles else whole
+    value = getattr(getattr(scene, table), first, None)
+    return f"{whole}.{4 * draw + word + 1}" if isinstance(value, tuple) else whole
 
 
 def _staged(scene: Scene, seed: Source, count: int, carried: bool) -> tuple[Array, Start]:

@@ -1,5 +1,5 @@
 """Points that fill a cube more evenly than independent ones: scrambled Sobol sequences and Latin
-hypercubes of scipy.stats.qmc, and antithetic pairs.
+hypercubes of scipy.stats.qmc, and antithetic pairs; and the design of a sensitivity study.
 
 They stand in place of the seed where members are drawn. Each number that a member draws is one
 dimension, in the order in which the numbers are drawn. Member i has point i, so that its numbers
@@ -9,7 +9,7 @@ are a function of (seed, scene, i) alone; in a Latin hypercube also of the numbe
 import inspect
 import threading
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -49,6 +49,32 @@ class Antithetic:
         pairs = uniforms(self.seed, name, first // 2, (first + count + 1) // 2 - first // 2, draw)
         both = np.stack([pairs, 1.0 - pairs], axis=-1).reshape(4, -1)
         return np.ascontiguousarray(both[:, first % 2 : first % 2 + count])
+
+
+class Saltelli:
+    """Saltelli's design: families of d + 2 members, for d numbers or groups of numbers.
+
+    The first two members of a family draw independent numbers a and b of a seed; of the others,
+    member 2 + k has those of a, and group k of b.
+    Source: Saltelli et al., Comput. Phys. Commun. 181 (2010) 259.
+
+    group : {dimension: number of its group, from 0 on}
+    """
+
+    def __init__(self, seed: int, group: Mapping[Dimension, int]) -> None:
+        self.seed, self.group = seed, group
+        self.size = 2 + len(set(group.values()))
+
+    def words(self, name: str, first: int, count: int, draw: int, used: Sequence[int]) -> Array:
+        member = np.arange(first, first + count)
+        family, place = member // self.size, member % self.size
+        low, high = int(family[0]), int(family[-1]) + 1
+        pairs = uniforms(self.seed, name, 2 * low, 2 * (high - low), draw)
+        words = np.full((4, count), 0.5)
+        for i in used:
+            second = (place == 1) | (place == 2 + self.group[name, draw, i])
+            words[i] = pairs[i, 2 * (family - low) + second]
+        return words
 
 
 class Points:

@@ -1,0 +1,253 @@
+"""Which uncertain number of a scene matters: Sobol indices of a measure, with intervals."""
+
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy import stats
+
+from rigidmc.errors import OptionError, SceneWarning
+from rigidmc.observables import OBSERVABLES
+from rigidmc.planning.stage import groups
+from rigidmc.runs.simulate import simulate
+from rigidmc.scene.amounts import counted
+from rigidmc.scene.scene import Scene, loads
+from rigidmc.scene.stored import scene_text
+from rigidmc.storage.schema import member_variables
+from rigidmc.studies.intervals import Interval
+from rigidmc.studies.measures import Measure, measure, observing
+
+Array = NDArray[np.float64]
+FAMILIES = 4096
+CHUNK = 2**17  # members at once
+KINDS = ("p", "mean")  # measures that are means over members
+WORDS = {
+    "first": "share of the variance that the number causes alone",
+    "total": "share of the variance in which the number takes part",
+}
+ENDS = {"value": "", "low": ": lower end", "high": ": upper end"}
+
+
+def sensitivity(
+    scene: Scene,
+    of: str | Sequence[str],
+    families: int = FAMILIES,
+    threads: int | None = None,
+    confidence: float = 0.95,
+    progress: Callable[[int, int], object] | None = None,
+    **settings: Any,
+) -> xr.Dataset:
+    """Tell which uncertain numbers of a scene a measure depends on, by Sobol indices.
+
+    With X_k one of d independent uncertain numbers and Y what a member shows::
+
+        first_k = Var(E(Y | X_k)) / Var(Y),   total_k = 1 - Var(E(Y | all X but X_k)) / Var(Y)
+
+    The first is the share of the variance that X_k causes alone, the second the share in which it
+    takes part. From families of d + 2 members, see `rigidmc.scene.points.Saltelli`, with a and b
+    the first two values of a family and c_k that of member 2 + k::
+
+        first_k = <b (c_k - a)> / V,   total_k = <(a - c_k)^2> / (2 V),   V = <a^2 + b^2> / 2
+
+    where a, b, c_k are less their mean. The intervals are those of ratios of two means. Noise of
+    random effects counts as one more uncertain number, which takes part in every total index.
+    Source: Saltelli et al., Comput. Phys. Commun. 181 (2010) 259, table 2 (b) and (f).
+
+    Parameters
+    ----------
+    scene : Scene
+        what is run; its distributions and laws are the uncertain numbers
+    of : str or sequence of str
+        one measure or several, a mean or a probability, such as "p(flips >= 1)"
+    families : int, optional
+        how many; a family has two members more than there are uncertain numbers
+    threads : int, optional
+        as of `simulate`
+    confidence : float, optional
+        of the intervals
+    progress : callable, optional
+        a function of (members done, all)
+    **settings : object
+        of `simulate`
+
+    Returns
+    -------
+    xarray.Dataset
+        over measure and number: `first` and `total`, with the ends `_low` and `_high` of their
+        intervals; over measure the mean of the measure, its variance, and how many families count:
+        those without a flagged member and without a member that has no value
+
+    Raises
+    ------
+    OptionError
+        for measures that are no means, or that the scene does not have
+    SceneError
+        if nothing in the scene is drawn
+
+    Examples
+    --------
+    A constant torque N about axis 3 turns a disc for 2 s; its mean spin is omega + N/I:
+
+    >>> torque = rm.BodyTorque((0.0, 0.0, rm.normal(0.0, 0.4)))
+    >>> start = rm.Start(omega=(0.0, 0.0, rm.normal(1.0, 0.6)))
+    >>> scene = rm.Scene(rm.Body((1.0, 1.0, 2.0)), torque, start)
+    >>> found = rm.sensitivity(scene, "mean(omega_mean[3])", 2000, t_end=2.0, dt=0.1)
+    >>> found.number.values.tolist()
+    ['effects.body_torque.size.3', 'start.omega.3']
+    >>> bool(found.total[0, 1] > found.total[0, 0])  # shares 0.9 and 0.1
+    True
+    """
+    scene, asked = designed(scene, of, families, **settings)
+    values = np.concatenate(list(_computed(scene, asked, threads, progress)), axis=1)
+    return _dataset(scene, asked, values.reshape(len(asked), families, -1), confidence)
+
+
+def designed(
+    scene: Scene, of: str | Sequence[str], families: int, **settings: Any
+) -> tuple[Scene, list[Measure]]:
+    """(the scene whose members are those of a study, its measures); arguments as `sensitivity`."""
+    texts = (of,) if isinstance(of, str) else tuple(of)
+    scene = observing(scene.with_run(**settings, points="saltelli"), texts)
+    save = tuple(name for name in scene.run.save if name not in OBSERVABLES)
+    count = counted(families, "families") * (2 + len(groups(scene)[0]))
+    scene = scene.with_run(save=save, members=count, first=0)
+    variables = {name: v.dims for name, v in member_variables(scene, False).items()}
+    return scene, [_mean_of(text, variables) for text in texts]
+
+
+def sensitivity_of(
+    result: xr.Dataset, of: str | Sequence[str], confidence: float = 0.95
+) -> xr.Dataset:
+    """Tell what `sensitivity` tells, of a result whose scene has points = "saltelli".
+
+    The families of which some members are not there, in a run that has not ended, are left out.
+    Raises OptionError for another result, and as `sensitivity`.
+    """
+    scene = loads(scene_text(result), "", allow_code=False)
+    if scene.run.points != "saltelli":
+        rule = 'a sensitivity study needs members drawn with [run] points = "saltelli"'
+        raise OptionError("run", "points", scene.run.points, rule)
+    texts = (of,) if isinstance(of, str) else tuple(of)
+    variables = {str(name): tuple(map(str, v.dims)) for name, v in result.data_vars.items()}
+    asked = [_mean_of(text, variables, may_save_more=False) for text in texts]
+    size, members = 2 + len(groups(scene)[0]), result.member.values
+    values = np.full((len(asked), int(members.max()) // size + 1, size), np.nan)
+    values.reshape(len(asked), -1)[:, members] = _values(result, asked)
+    return _dataset(scene, asked, values, confidence)
+
+
+def indices(values: Array, confidence: float = 0.95) -> tuple[Interval, Interval]:
+    """(first, total): the Sobol indices of d numbers as Intervals of arrays (d,).
+
+    values : (families, d + 2), see `sensitivity`; families with a nan are left out
+    """
+    y = values[np.isfinite(values).all(axis=1)]
+    with np.errstate(all="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # a mean of nothing is nan
+        y = y - y[:, :2].mean()
+        a, b, c = y[:, :1], y[:, 1:2], y[:, 2:]
+        size = 0.5 * (a * a + b * b)
+        return (
+            _ratio(b * (c - a), size, confidence),
+            _ratio(0.5 * (a - c) ** 2, size, confidence),
+        )
+
+
+def _ratio(above: Array, below: Array, confidence: float) -> Interval:
+    """The ratio of the means of two columns, with its interval to first order in their errors."""
+    n = above.shape[0]
+    value = above.mean(axis=0) / below.mean()
+    spread = (above - value * below).std(axis=0, ddof=1) / abs(below.mean())
+    half = stats.t.ppf(0.5 + 0.5 * confidence, max(n - 1, 1)) * spread / np.sqrt(n)
+    return Interval(value, value - half, value + half)
+
+
+def _mean_of(
+    text: str, variables: dict[str, tuple[str, ...]], may_save_more: bool = True
+) -> Measure:
+    """The Measure of a text; OptionError unless it is a mean over members."""
+    asked = measure(text, variables, may_save_more)
+    if asked.kind not in KINDS:
+        rule = "has no variance over members to share: take mean(NAME) or p(NAME >= NUMBER)"
+        raise OptionError("", "of", text, rule)
+    return asked
+
+
+def _computed(
+    scene: Scene,
+    asked: Sequence[Measure],
+    threads: int | None,
+    progress: Callable[[int, int], object] | None,
+) -> Iterator[Array]:
+    """The values of the measures (measures, members), CHUNK members at a time."""
+    count = scene.run.members
+    for low in range(0, count, CHUNK):
+        high = min(low + CHUNK, count)
+        with warnings.catch_warnings():
+            if low:
+                warnings.simplefilter("ignore", SceneWarning)  # notes are given once
+            part = simulate(scene, members=range(low, high), threads=threads)
+        yield _values(part, asked)
+        if progress is not None:
+            progress(high, count)
+
+
+def _values(result: xr.Dataset, asked: Sequence[Measure]) -> Array:
+    """The values of the measures (measures, members), nan for flagged members."""
+    good = result.status.values == 0
+    return np.stack([np.where(good, one.values(result).astype(float), np.nan) for one in asked])
+
+
+def _dataset(
+    scene: Scene, asked: Sequence[Measure], values: Array, confidence: float
+) -> xr.Dataset:
+    """The Dataset of values (measures, families, members of a family)."""
+    over, found = ("measure", "number"), [indices(one, confidence) for one in values]
+    variables: dict[str, Any] = {}
+    for i, (name, words) in enumerate(WORDS.items()):
+        for end, more in ENDS.items():
+            numbers = np.stack([getattr(one[i], end) for one in found])
+            key = name if end == "value" else f"{name}_{end}"
+            variables[key] = over, numbers, {"long_name": words + more, "units": "1"}
+    counts = np.logical_and.reduce(np.isfinite(values), axis=2)
+    kept = [one[there][:, :2] for one, there in zip(values, counts, strict=True)]
+    with np.errstate(all="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        means, variances = ([f(one) for one in kept] for f in (np.mean, np.var))
+    variables["mean"] = ("measure", means, {"long_name": "the measure"})
+    variables["variance"] = ("measure", variances, {"long_name": "its variance over members"})
+    variables["families"] = ("measure", counts.sum(axis=1), {"long_name": "families that count"})
+    texts = [one.text for one in asked]
+    attrs = {
+        "title": scene.title,
+        "confidence": confidence,
+        "members": values[0].size,
+        "left_out": int((~counts).sum(axis=1).max()),
+        "scene": scene.dumps(),
+    }
+    return xr.Dataset(variables, {"measure": texts, "number": groups(scene)[0]}, attrs)
+
+
+def table(study: xr.Dataset) -> list[str]:
+    """The study in lines of text, the number that matters most first."""
+    lines = [study.attrs["title"]]
+    for text in study.measure.values:
+        one = study.sel(measure=text)
+        lines += [
+            f"  {text} = {float(one['mean']):.6g}, {int(one.families):,} families of"
+            f" {2 + study.sizes['number']} members",
+            f"  {'':32s} {'alone':>22s} {'with others':>22s}",
+        ]
+        for i in np.argsort(-one.total.values, kind="stable"):
+            cells = [
+                f"{float(one[name][i]):.3f} ({float(one[f'{name}_low'][i]):.3f} to"
+                f" {float(one[f'{name}_high'][i]):.3f})"
+                for name in ("first", "total")
+            ]
+            lines.append(f"  {study.number.values[i]!s:32s} {cells[0]:>22s} {cells[1]:>22s}")
+    if left := study.attrs["left_out"]:
+        lines.append(f"  families with a member that is flagged or has no value: {left:,}")
+    return lines

@@ -1,0 +1,126 @@
+"""Sobol indices: Ishigami's function, a top that is linear in Gaussian numbers, scipy, coverage."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import rigidmc as rm
+from rigidmc.errors import OptionError
+from rigidmc.planning.stage import groups, stage
+from rigidmc.runs.create import create
+from rigidmc.runs.resume import resume
+from rigidmc.scene.points import Saltelli
+from rigidmc.studies.sensitivity import indices, sensitivity_of, table
+from rigidmc.views.sensitivity import sensitivity_bars
+
+GROUP = {("x", 0, i): i for i in range(3)}
+# with a = 7, b = 0.1; Ishigami & Homma, ISUMA (1990) 398
+PARTS = np.array([0.5 * (1.0 + 0.1 * np.pi**4 / 5.0) ** 2, 49.0 / 8.0, 0.0])
+BOTH = 0.01 * np.pi**8 * (1.0 / 18.0 - 1.0 / 50.0)  # of x_1 and x_3 together
+FIRST = PARTS / (PARTS.sum() + BOTH)
+TOTAL = (PARTS + BOTH * np.array([1.0, 0.0, 1.0])) / (PARTS.sum() + BOTH)
+
+
+def ishigami(seed, families):
+    """Its values (families, 5) on the points of a study."""
+    words = Saltelli(seed, GROUP).words("x", 0, 5 * families, 0, (0, 1, 2))[:3]
+    x = np.pi * (2.0 * words - 1.0)
+    y = np.sin(x[0]) + 7.0 * np.sin(x[1]) ** 2 + 0.1 * x[2] ** 4 * np.sin(x[0])
+    return y.reshape(families, 5)
+
+
+def test_ishigami():
+    first, total = indices(ishigami(1, 2**16))
+    # measured 0.004 and 0.008
+    assert np.abs(first.value - FIRST).max() < 0.01 and np.abs(total.value - TOTAL).max() < 0.01
+    swapped = ishigami(1, 2**16)[:, [0, 1, 3, 2, 4]]  # another number's members
+    assert np.abs(indices(swapped)[0].value - FIRST).max() > 0.1
+
+
+def test_indices_are_those_of_scipy():
+    y = ishigami(3, 1024)
+    given = {"f_A": y[None, :, 0], "f_B": y[None, :, 1], "f_AB": y[:, 2:].T[:, None, :]}
+    theirs = stats.sobol_indices(func=given, n=1024)
+    first, total = indices(y)
+    assert np.abs(first.value - theirs.first_order).max() < 1e-13  # measured 2e-16
+    assert np.abs(total.value - theirs.total_order).max() < 1e-13
+
+
+def test_intervals_cover():
+    """Of 1,000 studies, each of six intervals: 93 to 97 %."""
+    inside = np.zeros((2, 3))
+    for seed in range(1000):
+        first, total = indices(ishigami(seed, 1024))
+        inside[0] += (first.low <= FIRST) & (first.high >= FIRST)
+        inside[1] += (total.low <= TOTAL) & (total.high >= TOTAL)
+    assert (inside >= 930).all() and (inside <= 970).all()  # measured 940 to 955
+
+
+def test_the_second_member_and_one_group_differ():
+    words = Saltelli(5, GROUP).words("x", 3, 12, 0, (0, 1, 2))[:3]  # from member 3 on
+    whole = Saltelli(5, GROUP).words("x", 0, 20, 0, (0, 1, 2))[:3]
+    assert np.array_equal(words, whole[:, 3:15])
+    families = whole.reshape(3, 4, 5)
+    for k in range(3):
+        like_first = families[:, :, 2 + k] == families[:, :, 0]
+        assert (like_first == (np.arange(3) != k)[:, None]).all()
+        assert np.array_equal(families[k, :, 2 + k], families[k, :, 1])
+
+
+TORQUE = rm.BodyTorque((0.0, 0.0, rm.normal(0.0, 0.4)))
+START = rm.Start(omega=(0.0, 0.0, rm.normal(1.0, 0.6)))
+LINEAR = rm.Scene(rm.Body((1.0, 1.0, 2.0)), TORQUE, START).with_run(
+    integrator="rk4", t_end=2.0, dt=0.1
+)
+
+
+def test_a_linear_top():
+    """The mean spin over 2 s is omega + N/2: shares 0.36 and 0.04 of a variance of 0.4."""
+    study = rm.sensitivity(LINEAR, "mean(omega_mean[3])", 5000, threads=1)
+    assert study.number.values.tolist() == ["effects.body_torque.size.3", "start.omega.3"]
+    for name in ("first", "total"):
+        one = study.isel(measure=0)
+        off = np.abs(one[name].values - (0.1, 0.9))
+        assert (off < one[f"{name}_high"] - one[f"{name}_low"]).all()
+        assert off.max() < 0.04  # measured 0.013
+    assert float(study["mean"][0]) == pytest.approx(1.0, abs=0.03)
+    assert float(study.variance[0]) == pytest.approx(0.4, abs=0.02)
+
+
+def test_laws_and_attitudes_are_groups():
+    start = rm.Start(omega=rm.Cone(2, 1.0, 0.1), attitude=(0.0, rm.normal(0.4, 0.1), 0.0))
+    scene = rm.Scene(rm.Body((1.0, rm.uniform(1.2, 1.4), 2.0)), rm.Gravity(9.81), start)
+    assert groups(scene)[0] == ["body.moments.2", "start.attitude.theta", "start.omega"]
+    drawn = scene.with_run(points="saltelli")
+    made = stage(drawn, 0, 10, True)[1]
+    omega = made["start_omega"].reshape(3, 2, 5)
+    assert (omega[:, :, [2, 3]] == omega[:, :, :1]).all()  # moments and attitude change there
+    assert (omega[:, :, 4] == omega[:, :, 1]).all()
+
+
+def test_a_run_directory_tells_the_same_also_in_part(tmp_path):
+    text = "p(omega_mean[3] > 1)"
+    whole = rm.sensitivity(LINEAR, text, 10_000)
+    scene = LINEAR.with_run(points="saltelli", members=40_000, save=("omega_mean",))
+    path = tmp_path / "run"
+    create(scene, path, size=200_000)
+    resume(path, only=range(2))
+    with pytest.warns(rm.SceneWarning, match="of 40,000 members"):
+        part = sensitivity_of(rm.open(path), text)
+    assert 0 < int(part.families[0]) < 10_000
+    resume(path)
+    again = sensitivity_of(rm.open(path), text)
+    assert again["first"].equals(whole["first"]) and again.total_high.equals(whole.total_high)
+    assert "10,000 families of 4 members" in "\n".join(table(again))
+    assert sensitivity_bars(again).axes[0].get_xlabel().startswith(text)
+
+
+def test_what_is_no_study_is_refused():
+    with pytest.raises(OptionError, match="take mean"):
+        rm.sensitivity(LINEAR, "median(omega_mean[3])", 10)
+    plain = rm.simulate(LINEAR, members=4, save=("omega_mean",))
+    with pytest.raises(OptionError, match="saltelli"):
+        sensitivity_of(plain, "mean(omega_mean[3])")
+    fixed = rm.Scene(rm.Body((1.0, 1.0, 2.0)), start=rm.Start(omega=(0.0, 0.0, 1.0)))
+    with pytest.raises(rm.SceneError, match="nothing in the scene is drawn"):
+        rm.sensitivity(fixed, "mean(energy_drift_max)", 10, t_end=1.0)
