@@ -1,41 +1,54 @@
 """Truths independent of the package: a 40-digit Taylor series, textbook integrators in NumPy."""
 
+from operator import mul
+
 import mpmath as mp
 import numpy as np
 from scipy.integrate import solve_ivp
 
 DIGITS = 40
+BITS = 160  # behind the point of the Taylor series' numbers, which are integers times 2^-BITS
 
 
 def taylor(moments, momentum, time, attitude=(1, 0, 0, 0), weight=(0, 0, 0), damping=0, degree=36):
     """(q, L) as lists of 40-digit numbers: L' = L x w - weight x u - damping L, q' = 1/2 q (0, w),
     u = A^T e_z.
 
-    Each step is the Taylor polynomial of the solution; Cauchy products give its coefficients from
-    those of lower order.
+    Each step is the Taylor polynomial of the solution; Cauchy products give its coefficients, times
+    powers of the step, from those of lower order. Integers take a sixth of the time of mpmath's
+    numbers; their units are the largest momentum of the start and the smallest moment.
     """
-    with mp.workdps(DIGITS):
-        inverse = [1 / mp.mpf(i) for i in moments]
-        q, l, c = ([mp.mpf(x) for x in values] for values in (attitude, momentum, weight))
+    with mp.workprec(2 * BITS):
+        size = max(abs(mp.mpf(x)) for x in momentum) or mp.mpf(1)
+        unit = min(map(mp.mpf, moments)) / size  # of time
+        inverse = [unit * size / mp.mpf(i) for i in moments]
+        q, l = [mp.mpf(x) for x in attitude], [mp.mpf(x) / size for x in momentum]
+        c, damping = [unit * mp.mpf(x) / size for x in weight], unit * mp.mpf(damping)
+        time = mp.mpf(time) / unit
         rate = (
             sum(abs(x * i) for x, i in zip(l, inverse, strict=True))
             + mp.sqrt(sum(map(abs, c)) * max(inverse))
             + abs(damping)
         )
         steps = int(mp.ceil(abs(time) * rate / mp.mpf("0.3"))) + 1
-        h = mp.mpf(time) / steps
+        h, damping = _fixed(time / steps), _fixed(damping)
+        inverse, c, q, l = ([_fixed(x) for x in values] for values in (inverse, c, q, l))
         for _ in range(steps):
-            q, l = _taylor_step(inverse, c, mp.mpf(damping), q, l, h, degree)
-        return q, l
+            q, l = _taylor_step(inverse, c, damping, q, l, h, degree)
+        return [mp.ldexp(x, -BITS) for x in q], [mp.ldexp(x, -BITS) * size for x in l]
+
+
+def _fixed(x):
+    return int(mp.nint(mp.ldexp(mp.mpf(x), BITS)))
 
 
 def _taylor_step(inverse, c, damping, q, l, h, degree):
     q, l = [[x] for x in q], [[x] for x in l]
-    w = [[x[0] * i] for x, i in zip(l, inverse, strict=True)]
+    w = [[x[0] * i >> BITS] for x, i in zip(l, inverse, strict=True)]
     for k in range(degree):
 
         def times(a, b, k=k):
-            return mp.fdot(a[: k + 1], b[k::-1])
+            return sum(map(mul, a[: k + 1], b[k::-1])) >> BITS
 
         def cross(a, b):
             return [times(a[i], b[j]) - times(a[j], b[i]) for i, j in ((1, 2), (2, 0), (0, 1))]
@@ -48,17 +61,16 @@ def _taylor_step(inverse, c, damping, q, l, h, degree):
         vector = [times(q[0], w[i]) + x for i, x in enumerate(cross(q[1:], w))]
         slope = [-times(q[1], w[0]) - times(q[2], w[1]) - times(q[3], w[2]), *vector]
         torque = [
-            c[j] * u[i] - c[i] * u[j] - damping * l[m][k]
+            c[j] * u[i] - c[i] * u[j] - damping * l[m][k] >> BITS
             for m, (i, j) in enumerate(((1, 2), (2, 0), (0, 1)))
         ]
         force = [a + b for a, b in zip(cross(l, w), torque, strict=True)]
         for a, slope_a in zip(q, slope, strict=True):
-            a.append(slope_a / (2 * (k + 1)))
+            a.append((slope_a * h >> BITS) // (2 * (k + 1)))
         for a, b, force_a, i in zip(l, w, force, inverse, strict=True):
-            a.append(force_a / (k + 1))
-            b.append(a[-1] * i)
-    powers = [h**k for k in range(degree + 1)]
-    return [mp.fdot(a, powers) for a in q], [mp.fdot(a, powers) for a in l]
+            a.append((force_a * h >> BITS) // (k + 1))
+            b.append(a[-1] * i >> BITS)
+    return [sum(a) for a in q], [sum(a) for a in l]
 
 
 def true_end(problem, time=None, damping=0.0):

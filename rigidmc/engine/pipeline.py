@@ -2,7 +2,7 @@
 is optimised once."""
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import Any
 
 import llvmlite.binding as llvm
@@ -11,9 +11,10 @@ from numba.core import compiler
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler_machinery import register_pass
 from numba.core.lowering import Lower
-from numba.core.typed_passes import NativeLowering
+from numba.core.typed_passes import NativeLowering, NopythonTypeInference
 
 from rigidmc.engine.fused import fuse
+from rigidmc.engine.lean import LeanInference, LeanLower, LeanPasses
 from rigidmc.engine.machine import vector_bits
 
 LINE = (
@@ -21,16 +22,26 @@ LINE = (
 )
 
 
-class FusingLower(Lower):
-    """Numba's own lowering of a function, then `fuse`."""
+class Fusing:
+    """A lowering of a function, then `fuse`."""
+
+    module: Any
 
     def lower_normal_function(self, fndesc: Any) -> None:
-        super().lower_normal_function(fndesc)
+        super().lower_normal_function(fndesc)  # type: ignore[misc]
         for function in self.module.functions:
             fuse(function)
             if function.blocks:
                 function.attributes.add("nounwind")  # without it the next is not written
                 function.attributes.alignstack = LINE
+
+
+class FusingLower(Fusing, Lower):
+    """Numba's own lowering of a user's function, then `fuse`."""
+
+
+class FusingLeanLower(Fusing, LeanLower):
+    """The same for a function of the package."""
 
 
 class Inlined(JITCodeLibrary):
@@ -130,6 +141,17 @@ class FusingLowering(NativeLowering):
         return FusingLower
 
 
+@register_pass(mutates_CFG=True, analysis_only=False)
+class LeanFusingLowering(FusingLowering):
+    """The same for a function of the package."""
+
+    _name = "rigidmc_lean_fusing_lowering"
+
+    @property
+    def lowering_class(self) -> type:
+        return FusingLeanLower
+
+
 # Passes for closures, `with`, arrays, exceptions and Numba's other ways to inline. The package's
 # functions use none of them: an eighth of the time.
 NEEDLESS = {
@@ -142,16 +164,19 @@ NEEDLESS = {
 class Pipeline(compiler.CompilerBase):
     """Numba's own pipeline with `FusingLowering` in the place of its lowering.
 
-    For functions of the package it leaves out what they do not need.
+    For functions of the package it leaves out what they do not need, see `rigidmc.engine.lean`.
     """
 
     def define_pipelines(self) -> list[Any]:
         passes = compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
-        needless = (
-            NEEDLESS if str(self.state.func_id.func.__module__).startswith("rigidmc.") else ()
-        )
+        others: dict[type, type] = {NativeLowering: FusingLowering}
+        needless: Collection[str] = ()
+        if str(self.state.func_id.func.__module__).startswith("rigidmc."):
+            passes.__class__, needless = LeanPasses, NEEDLESS
+            self.state.targetctx.enable_nrt = False  # none of their values counts references
+            others = {NativeLowering: LeanFusingLowering, NopythonTypeInference: LeanInference}
         passes.passes = [
-            (FusingLowering if kind is NativeLowering else kind, what)
+            (others.get(kind, kind), what)
             for kind, what in passes.passes
             if kind.__name__ not in needless
         ]
