@@ -55,6 +55,8 @@ class Facts(NamedTuple):
     shapes : length of each parameter that is a vector
     limits : (least, largest) of each parameter
     hidden : parameters that the engine fills in, not the user
+    shared : hidden parameters that are those of another kind of effect in the scene, as
+        {"wheel": ("rotor", "momentum")}; of several their sum, the default if there is none
     example : parameters of a typical effect, with which the tests try it
     stochastic : whether it needs noise
     damps : whether it drives the body if its parameters are negative
@@ -68,6 +70,7 @@ class Facts(NamedTuple):
     shapes: dict[str, int] = {}
     limits: dict[str, tuple[float, float]] = {}
     hidden: tuple[str, ...] = ()
+    shared: dict[str, tuple[str, str]] = {}
     example: tuple[Any, ...] = ()
     stochastic: bool = False
     damps: bool = False

@@ -7,7 +7,7 @@ import numpy as np
 
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.dynamics.methods import implements
-from rigidmc.effects import labelled
+from rigidmc.effects import labelled, shared
 from rigidmc.effects.parameters import parameter_count, shape
 from rigidmc.effects.protocol import is_random
 from rigidmc.effects.sums import total_energy_scale
@@ -130,7 +130,10 @@ def _fill(block: Array, scene: Scene, seed: Source, first: int, carried: bool) -
         row[:] = values
     if effects:
         end = layout.EFFECTS + parameter_count(*scene.effects)
-        block[layout.EFFECTS : end] = np.concatenate(list(effects.values()))
+        acting = dict(effects)
+        for name, sources in shared(scene.effects).items():
+            acting[name] = np.sum([effects[one] for one in sources], axis=0)
+        block[layout.EFFECTS : end] = np.concatenate(list(acting.values()))
     block[layout.STATUS], block[layout.STEPS] = layout.STATUSES["ok"], 1.0
     block[layout.ATTITUDE : layout.MOMENTUM] = np.array([[1.0], [0.0], [0.0], [0.0]])
     if carried:
