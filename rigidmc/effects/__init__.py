@@ -54,7 +54,8 @@ def description(kind: type[Effect]) -> tuple[str, str, str]:
     used = argument_names(kind, "torque", "energy", "kick")
     said = {
         "needs the attitude": "q" in used,
-        "depends on time": "t" in used,
+        # a shared parameter may: the momentum of a wheel with a motor
+        "depends on time": "t" in used and not facts(kind).shared,
         "depends on L": "l" in used,
         "is random": facts(kind).stochastic,
         "has an energy": implements(kind, "energy"),
@@ -73,6 +74,18 @@ def labelled(effects: Iterable[Any]) -> list[tuple[str, Any]]:
         count[name] = count.get(name, 0) + 1
         labels.append((name if count[name] == 1 else f"{name}_{count[name]}", effect))
     return labels
+
+
+def shared(effects: Iterable[Any]) -> dict[str, list[str]]:
+    """{parameter: those that it is the sum of}, as label_field, for each parameter that an effect
+    shares with another kind of effect that is there."""
+    known = labelled(effects)
+    found = {}
+    for label, effect in known:
+        for field, (kind, other) in facts(effect).shared.items():
+            if sources := [f"{where}_{other}" for where, one in known if name_of(one) == kind]:
+                found[f"{label}_{field}"] = sources
+    return found
 
 
 def canonical(effects: Iterable[Any]) -> tuple[Any, ...]:

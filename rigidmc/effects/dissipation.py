@@ -4,14 +4,20 @@ import math
 from typing import NamedTuple
 
 from rigidmc.dynamics.euler import angular_velocity
-from rigidmc.dynamics.so3 import cross, dot, scale, select
+from rigidmc.dynamics.so3 import add, axpy, cross, difference, dot, scale, select
 from rigidmc.effects.flows import turned_vector
-from rigidmc.effects.protocol import Number, effect
+from rigidmc.effects.protocol import Number, Vector, effect
+
+_NONE = (0.0, 0.0, 0.0)
 
 
 @effect(
-    units={"loss": "1"},
-    limits={"loss": (-math.inf, math.inf)},
+    units={"loss": "1", "wheel": "kg m2 s-1", "motor": "N m"},
+    shapes={"wheel": 3, "motor": 3},
+    limits={"loss": (-math.inf, math.inf), "wheel": (0.0, 0.0), "motor": (0.0, 0.0)},
+    hidden=("wheel", "motor"),
+    in_body=("wheel", "motor"),
+    shared={"wheel": ("rotor", "momentum"), "motor": ("rotor", "motor")},
     example=(0.05,),
     damps=True,
     keeps_l2=True,
@@ -23,24 +29,30 @@ class EnergyDissipation(NamedTuple):
 
     Torque and power::
 
-        tau = loss L x (L x omega)/|L|,   dE/dt = -loss |L x omega|^2/|L|
+        tau = loss G x (G x omega)/|G|,   dE/dt = -loss |G x omega|^2/|G|
 
-    The direction of L in space wanders by about `loss` rad in each turn; that of a real body with
-    moving parts inside stays. Its kick is a rule of order 2 that rotates L: `|L|` stays to
-    rounding.
+    G is the momentum of the whole: L, or L + H beside a `Rotor` that holds H. The direction of G in
+    space wanders by about `loss` rad in each turn; that of a real body with moving parts inside
+    stays. Its kick is a rule of order 2 that rotates G: `|G|` stays to rounding.
 
-    A wobble about the axis of the largest moment I_3 dies away as exp(-t/T)::
+    A wobble about axis 3, with the spin w and a wheel along that axis, changes as exp(-t/T)::
 
-        1/T = (loss |L|/2) (1/I_1 + 1/I_2 - 2/I_3)
+        1/T = (loss/2) (|G|/I_1 + |G|/I_2 - 2 w)
 
-    so a symmetric body with a quality factor Q of its wobble has loss = 1/(2 Q).
+    Without a wheel it dies away if I_3 is the largest moment, and a symmetric body with a quality
+    factor Q of its wobble has loss = 1/(2 Q). With one it dies away if |G|/w is larger than I_1 and
+    I_2.
     Source: the double bracket of Bloch, Krishnaprasad, Marsden & Ratiu, Commun. Math. Phys. 175
-    (1996) 1, section 4.
+    (1996) 1, section 4; Hughes, Spacecraft Attitude Dynamics (1986), 7, for gyrostats.
 
     Parameters
     ----------
     loss : quantity
-        speed at which L drifts to the major axis, as a share of its free rate
+        speed at which G drifts to the major axis, as a share of its free rate
+    wheel : quantities (3,) [kg m^2/s]
+        momentum of the rotors of the scene at t = 0: filled in, not given
+    motor : quantities (3,) [N m]
+        torque of their motors: filled in, not given
 
     Examples
     --------
@@ -49,14 +61,23 @@ class EnergyDissipation(NamedTuple):
     """
 
     loss: Number
+    wheel: Vector = _NONE
+    motor: Vector = _NONE
 
-    def torque(self, body, l):
-        square = dot(l, l)
-        size = math.sqrt(select(square > 0.0, square, 1.0))
-        return scale(self.loss / size, cross(l, cross(l, angular_velocity(body, l))))
+    def torque(self, body, t, l):
+        g = add(l, axpy(self.wheel, t, self.motor))
+        return scale(self.loss / _size(g), cross(g, cross(g, angular_velocity(body, l))))
 
-    def kick(self, body, h, l):
-        square = dot(l, l)
-        by = -h * self.loss / math.sqrt(select(square > 0.0, square, 1.0))
-        half = turned_vector(scale(0.5 * by, cross(l, angular_velocity(body, l))), l)
-        return turned_vector(scale(by, cross(half, angular_velocity(body, half))), l)
+    def kick(self, body, t, h, l):
+        wheel = axpy(self.wheel, t, self.motor)
+        g = add(l, wheel)
+        by = -h * self.loss / _size(g)
+        half = turned_vector(scale(0.5 * by, cross(g, angular_velocity(body, l))), g)
+        slope = cross(half, angular_velocity(body, difference(half, wheel)))
+        return difference(turned_vector(scale(by, slope), g), wheel)
+
+
+def _size(v):
+    """|v|, or 1 if v is 0."""
+    square = dot(v, v)
+    return math.sqrt(select(square > 0.0, square, 1.0))

@@ -57,6 +57,8 @@ class Facts(NamedTuple):
     in_body : parameters that are fixed in the body, vectors or symmetric tensors (xx, yy, zz, yz,
         zx, xy): turned into the principal axes of each member if these differ
     hidden : parameters that the engine fills in, not the user
+    shared : hidden parameters that are those of another kind of effect in the scene, as
+        {"wheel": ("rotor", "momentum")}; of several their sum, the default if there is none
     example : parameters of a typical effect, with which the tests try it
     stochastic : whether it needs noise
     damps : whether it drives the body if its parameters are negative
@@ -71,6 +73,7 @@ class Facts(NamedTuple):
     limits: dict[str, tuple[float, float]] = {}
     in_body: tuple[str, ...] = ()
     hidden: tuple[str, ...] = ()
+    shared: dict[str, tuple[str, str]] = {}
     example: tuple[Any, ...] = ()
     stochastic: bool = False
     damps: bool = False

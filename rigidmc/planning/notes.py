@@ -12,12 +12,10 @@ from numpy.typing import NDArray
 from rigidmc.dynamics.methods import implements
 from rigidmc.effects import labelled
 from rigidmc.effects.bath import Bath
-from rigidmc.effects.dissipation import EnergyDissipation
 from rigidmc.effects.gravity import Gravity
 from rigidmc.effects.gravity_gradient import GravityGradient
 from rigidmc.effects.parameters import blank, filled, shape
 from rigidmc.effects.protocol import facts
-from rigidmc.effects.rotor import Rotor
 from rigidmc.engine.compose import NumbaError
 from rigidmc.engine.operations import why_refused
 from rigidmc.engine.own_parts import slow_parts
@@ -123,15 +121,6 @@ def _anti_damping(seen: Seen) -> Iterator[str]:
         yield "[run] anti_damping = true: damping may be negative, which drives the body"
     else:
         yield "[run] anti_damping = true has no effect: the scene has no damping"
-
-
-def _inner_friction(seen: Seen) -> Iterator[str]:
-    kinds = {type(effect): label for label, effect in seen.effects}
-    if EnergyDissipation in kinds and Rotor in kinds:
-        yield (
-            f"[effects.{kinds[EnergyDissipation]}] keeps |I omega|; in a body with a rotor"
-            " |I omega + H| is what stays, and here it drifts"
-        )
 
 
 def _gravity_upwards(seen: Seen) -> Iterator[str]:
@@ -266,7 +255,6 @@ def _hot(seen: Seen) -> Iterator[str]:
 LOOKS: tuple[Callable[[Seen], Iterator[str]], ...] = (
     _idle,
     _one_at_a_time,
-    _inner_friction,
     _gravity_upwards,
     _orbit_inside,
     _angles,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.dynamics.methods import implements
 from rigidmc.dynamics.so3 import multiply
-from rigidmc.effects import labelled
+from rigidmc.effects import labelled, shared
 from rigidmc.effects.parameters import parameter_count, shape
 from rigidmc.effects.protocol import facts as effect_facts
 from rigidmc.effects.protocol import is_random
@@ -195,8 +195,11 @@ def _fill(block: Array, scene: Scene, seed: Source, first: int, carried: bool) -
         row[:] = values
     if effects:
         end = layout.EFFECTS + parameter_count(*scene.effects)
+        acting = dict(effects)
+        for name, sources in shared(scene.effects).items():
+            acting[name] = np.sum([effects[one] for one in sources], axis=0)
         block[layout.EFFECTS : end] = np.concatenate(
-            list(effects.values()) if turn is None else _turned_parameters(scene, effects, turn)
+            list(acting.values()) if turn is None else _turned_parameters(scene, acting, turn)
         )
     block[layout.STATUS], block[layout.STEPS] = layout.STATUSES["ok"], 1.0
     block[layout.ATTITUDE : layout.MOMENTUM] = np.array([[1.0], [0.0], [0.0], [0.0]])

@@ -44,6 +44,8 @@ def limits(effect: Effect | type[Effect], name: str, driven: bool) -> tuple[floa
 
 def outside(effect: Effect, low: float, high: float) -> str:
     """The rule that a parameter outside its limits breaks."""
+    if low == high:  # of a hidden parameter
+        return "is filled in, not given"
     more = ""
     if low == 0.0 and facts(effect).damps:
         more = f"; below 0 it drives the body, which {ALLOWED}"

@@ -98,14 +98,16 @@ REFERENCE = {  # torque in space components: functions of effect, t, A, omega in
     "matrix_damping": lambda e, t, a, w, b: -a @ symmetric(e.matrix) @ a.T @ w,
     "quadratic_drag": lambda e, t, a, w, b: -e.drag * np.linalg.norm(w) * w,
     "dry_friction": lambda e, t, a, w, b: -e.friction * w / math.hypot(np.linalg.norm(w), e.rest),
-    "energy_dissipation": lambda e, t, a, w, b: dissipated(e, a @ np.diag(b.moments) @ a.T @ w, w),
+    "energy_dissipation": lambda e, t, a, w, b: dissipated(e, t, a, w, b),
 }
 
 
-def dissipated(e, l, w):
-    """Minus loss times the component of omega across L, times |L|."""
-    n = l / np.linalg.norm(l)
-    return -e.loss * np.linalg.norm(l) * (w - n * (n @ w))
+def dissipated(e, t, a, w, b):
+    """Minus loss times the component of omega across the momentum of the whole, times its size."""
+    wheel = np.array(e.wheel) + t * np.array(e.motor)
+    g = a @ (np.diag(b.moments) @ a.T @ w + wheel)
+    n = g / np.linalg.norm(g)
+    return -e.loss * np.linalg.norm(g) * (w - n * (n @ w))
 
 
 def moved(effects, body, q, l, end):

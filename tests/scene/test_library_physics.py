@@ -66,6 +66,36 @@ def test_the_earth_wobbles_as_euler_and_chandler_say():
     )  # measured 432.97
 
 
+# dual_spin
+
+
+def settled(ds, moments):
+    """(momentum of the rotor over that at the limit, angle of L + H from axis 3 at the end [deg],
+    the angle that theory tells, change of |L + H|), each member."""
+    a, _, c = moments
+    rotor = ds.rotor_momentum.sel(axis=3).values
+    whole = (ds.omega * ds.moments).transpose("time", "axis", "member").values
+    whole[:, 2] += rotor
+    size = np.linalg.norm(whole, axis=1)
+    theory = np.arccos(np.minimum(rotor * a / ((a - c) * size[0]), 1.0))
+    angle = np.arctan2(np.hypot(*whole[-1, :2]), whole[-1, 2])
+    return rotor / ((a - c) * 0.5), np.degrees(angle), np.degrees(theory), size[-1] / size[0] - 1.0
+
+
+def test_a_rotor_with_enough_momentum_holds_a_long_satellite():
+    """Least energy at a given |L + H|: about axis 3 if |L + H|/omega > I1, else beside it, where
+    cos(angle) = H I1/((I1 - I3) |L + H|)."""
+    scene, ds = solve("dual_spin", members=200)
+    share, angle, theory, change = settled(ds, scene.body.moments)
+    clear = np.abs(share - 1.0) > 0.05  # nearer to the limit it takes longer than the scene lasts
+    assert 160 < clear.sum() < 195 and (theory[share < 0.95] > 5.0).all()
+    assert angle[clear] == pytest.approx(theory[clear], abs=0.02)  # measured 2.1e-3
+    assert np.abs(change).max() < 1e-10  # measured 6.5e-12
+    long_ = solve("dual_spin", ("body.cylinder.height", "3.2"), members=50)[1]  # by 7 %
+    share, angle, theory, _ = settled(long_, scene.body.moments)
+    assert np.abs(angle - theory)[share < 0.95].max() > 1.0  # measured 7.5
+
+
 # gyroscope
 
 
