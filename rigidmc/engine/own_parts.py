@@ -19,7 +19,7 @@ from rigidmc.engine.memory import four_at, put, three_at
 from rigidmc.engine.operations import why_one_at_a_time
 from rigidmc.engine.pieces import config, dispatcher_of, kind_of, signature_of
 from rigidmc.errors import SceneError
-from rigidmc.integrators.protocol import closed, constants, keeps, opened, step
+from rigidmc.integrators.protocol import closed, constants, opened, step
 from rigidmc.observables.protocol import (
     armed,
     averages,
@@ -127,19 +127,12 @@ def _made(kinds, numbers, at):
     present = filled(effects, at, 30)
     body, q, l, t, h = filled(_BODY, at, 8), four_at(at, 0), three_at(at, 4), at[7], at[29]
     part = h, h, h
-    q, l = opened(integrator, body, present, t, part, q, l + like_kept(keeps(integrator), h))
+    q, l = opened(integrator, body, present, t, part, q, l)
     once = constants(integrator, body, part, l)
     q, l = step(integrator, body, present, t, h, part, q, l, once)
     q, l = closed(integrator, body, present, t, part, q, l)
     put(q + first_three(l), at, 0)
     return 0
-
-
-def like_kept(kept, h):
-    """As many zeros as a state keeps behind L."""
-    if len(kept) == 0:
-        return ()
-    return (0.0 * h,) + like_kept(kept[1:], h)
 
 
 inline_all(sys.modules[__name__])

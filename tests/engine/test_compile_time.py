@@ -145,7 +145,7 @@ def test_integrators_that_cannot_run_a_scene_are_skipped(monkeypatch):
     assert set(found) == set(some) and not found["rk4"].skipped
     assert "takes no torque" in found["exact"].skipped and "closed form" in found["closed"].skipped
     assert (
-        "Push: effects of your own are compiled in every process" in rm.warm(own_scene())[0].skipped
+        "Push: parts of your own are compiled in every process" in rm.warm(own_scene())[0].skipped
     )
 
 

@@ -30,6 +30,19 @@ def run(scene):
         return rm.simulate(scene)
 
 
+def with_wheels(effects):
+    """Effects as [(name, effect)]; inner friction takes the momentum of the rotors beside it."""
+    rotors = [one for name, one in effects if name == "rotor"]
+    if not rotors:
+        return effects
+    whole = {
+        field: tuple(np.sum([getattr(one, of) for one in rotors], axis=0))
+        for field, of in (("wheel", "momentum"), ("motor", "motor"))
+    }
+    friction = "energy_dissipation"
+    return [(n, one._replace(**whole) if n == friction else one) for n, one in effects]
+
+
 def truths(scene, ds):
     """[(A, L)] of the members at the end, from the inputs in the result."""
     found = []
@@ -51,6 +64,7 @@ def truths(scene, ds):
                     else np.array(value if shape(e, field) else [value], float)
                 ).tolist()
             effects.append((label.rstrip("_0123456789"), filled(type(e), values)))
+        effects = with_wheels(effects)
         momentum = (
             one.start_momentum.values
             if "start_momentum" in one
