@@ -33,14 +33,15 @@ class EnergyDissipation(NamedTuple):
 
     G is the momentum of the whole: L, or L + H beside a `Rotor` that holds H. The direction of G in
     space wanders by about `loss` rad in each turn; that of a real body with moving parts inside
-    stays. Its kick is a rule of order 2 that rotates G: `|G|` stays to rounding.
+    stays. Its kick is a rule of order 2 that rotates G: the size of G stays to rounding.
 
     A wobble about axis 3, with the spin w and a wheel along that axis, changes as exp(-t/T)::
 
         1/T = (loss/2) (|G|/I_1 + |G|/I_2 - 2 w)
 
     Without a wheel it dies away if I_3 is the largest moment, and a symmetric body with a quality
-    factor Q of its wobble has loss = 1/(2 Q). With one it dies away if |G|/w is larger than I_1 and
+    factor Q of its wobble has loss = 1/(2 Q). With one it dies away if the size of G, divided by w,
+    is larger than I_1 and
     I_2.
     Source: the double bracket of Bloch, Krishnaprasad, Marsden & Ratiu, Commun. Math. Phys. 175
     (1996) 1, section 4; Hughes, Spacecraft Attitude Dynamics (1986), 7, for gyrostats.
