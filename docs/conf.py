@@ -20,6 +20,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "numpydoc",
     "commands",
+    "links",
     "names",
     "pictures",
 ]
@@ -47,5 +48,6 @@ html_theme_options = {
 }
 html_show_sourcelink = False
 html_sidebars = {
-    name: [] for name in ("first_ensemble", "gallery", "comparison", "contributing", "changelog")
+    name: []
+    for name in ("first_ensemble", "gallery", "viewer", "comparison", "contributing", "changelog")
 }

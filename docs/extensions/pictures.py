@@ -10,8 +10,10 @@ drawn again. `{page}` shows a page of `rigidmc view` in a frame; `{output} integ
 command prints.
 """
 
+import re
 import shlex
 import shutil
+import textwrap
 from contextlib import chdir
 from pathlib import Path
 
@@ -25,6 +27,7 @@ from rigidmc.cli import app as application
 
 log = logging.getLogger(__name__)
 FOLDER = Path(__file__).parent.parent / "_build" / "pictures"
+COLUMNS = 78  # of code beside both side bars, at 1280 pixels
 
 
 def ran(command):
@@ -35,6 +38,28 @@ def ran(command):
     if done.exit_code != 0:
         raise RuntimeError(f"rigidmc {command}: {done.output} {done.exception}")
     return done.stdout
+
+
+def typed(commands):
+    """Commands as they are typed, on lines of COLUMNS that end in a backslash."""
+    lines = []
+    for command in commands:
+        line, *options = re.split(r" (?=-)", f"rigidmc {command}")
+        for option in options:
+            if len(line) + len(option) + 3 > COLUMNS:
+                lines.append(f"{line} \\")
+                line = "   "
+            line = f"{line} {option}"
+        lines.append(line)
+    text = "\n".join(lines)
+    return nodes.literal_block(text, text, language="text")
+
+
+def hung(line):
+    """A line of a listing within COLUMNS, wrapped below its second column."""
+    name = re.match(r" +|\S+ +|", line)[0]
+    indent = " " * len(name) if len(name) > 6 else ""
+    return textwrap.fill(line, COLUMNS, subsequent_indent=indent, break_on_hyphens=False)
 
 
 def drawn(command):
@@ -61,12 +86,10 @@ class Picture(Directive):
                 ran(command)
         figure = nodes.figure()
         figure += nodes.image(uri=drawn(last), alt=self.arguments[0])
-        text = "\n".join(f"rigidmc {command}" for command in lines[:count])
-        code = nodes.literal_block(text, text, language="text")
         caption = nodes.container()
         self.state.nested_parse(StringList(lines[count:]), self.content_offset, caption)
         title = nodes.rubric(text=self.arguments[0])
-        return [title, figure, *caption.children, code]
+        return [title, figure, *caption.children, typed(lines[:count])]
 
 
 class Page(Directive):
@@ -82,12 +105,13 @@ class Page(Directive):
         name = Path(drawn(last)).name
         frame = (
             f'<iframe src="pages/{name}" title="{self.arguments[0]}" loading="lazy"'
-            ' style="width: 100%; height: 780px; border: 1px solid #ccc"></iframe>'
+            ' style="width: 100%; height: 780px; border: 1px solid #ccc"'
+            # as high as its page, where the browser tells that: not from a file
+            ' onload="const d = this.contentDocument;'
+            " if (d) this.style.height = d.documentElement.scrollHeight + 10 + 'px'\"></iframe>"
             f'<p><a href="pages/{name}">the page alone</a></p>'
         )
-        text = "\n".join(f"rigidmc {command}" for command in self.content)
-        code = nodes.literal_block(text, text, language="text")
-        return [nodes.raw("", frame, format="html"), code]
+        return [nodes.raw("", frame, format="html"), typed(self.content)]
 
 
 def copy_pages(app, error):
@@ -104,7 +128,7 @@ class Output(Directive):
     required_arguments, final_argument_whitespace = 1, True
 
     def run(self):
-        text = ran(self.arguments[0])
+        text = "\n".join(map(hung, ran(self.arguments[0]).splitlines()))
         return [nodes.literal_block(text, text, language="text")]
 
 
