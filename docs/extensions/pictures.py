@@ -129,7 +129,7 @@ class Output(Directive):
 
     def run(self):
         text = "\n".join(map(hung, ran(self.arguments[0]).splitlines()))
-        return [nodes.literal_block(text, text, language="text")]
+        return [nodes.literal_block(text, text, language="text", classes=["listing"])]
 
 
 def setup(app):

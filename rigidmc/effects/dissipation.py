@@ -40,9 +40,8 @@ class EnergyDissipation(NamedTuple):
         1/T = (loss/2) (|G|/I_1 + |G|/I_2 - 2 w)
 
     Without a wheel it dies away if I_3 is the largest moment, and a symmetric body with a quality
-    factor Q of its wobble has loss = 1/(2 Q). With one it dies away if the size of G, divided by w,
-    is larger than I_1 and
-    I_2.
+    factor Q of its wobble has loss = 1/(2 Q). With one it dies away if `|G|/w` is larger than I_1
+    and I_2.
     Source: the double bracket of Bloch, Krishnaprasad, Marsden & Ratiu, Commun. Math. Phys. 175
     (1996) 1, section 4; Hughes, Spacecraft Attitude Dynamics (1986), 7, for gyrostats.
 
