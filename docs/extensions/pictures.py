@@ -107,8 +107,8 @@ class Page(Directive):
             f'<iframe src="pages/{name}" title="{self.arguments[0]}" loading="lazy"'
             ' style="width: 100%; height: 780px; border: 1px solid #ccc"'
             # as high as its page, where the browser tells that: not from a file
-            ' onload="const d = this.contentDocument;'
-            " if (d) this.style.height = d.documentElement.scrollHeight + 10 + 'px'\"></iframe>"
+            ' onload="const body = this.contentDocument?.body; if (body) new ResizeObserver('
+            "() => { this.style.height = body.scrollHeight + 4 + 'px' }).observe(body)\"></iframe>"
             f'<p><a href="pages/{name}">the page alone</a></p>'
         )
         return [nodes.raw("", frame, format="html"), typed(self.content)]

@@ -109,10 +109,12 @@ def _frontier(axes: Axes, rows: xr.Dataset) -> None:
         if what != last and free:  # labels must not hide each other
             labelled.append(here)
             step = f"{dt:.2g} s" if np.isnan(turn) else f"{turn:.2g} rad"
+            rightmost = i == corners[0]  # the legend is beside it
             axes.annotate(
                 what if name == "closed" else f"{what}, {step}",
                 (error[i], speed[i]),
-                xytext=(3, 9),
+                xytext=(3, -16 if rightmost else 9),
+                ha="right" if rightmost else "left",
                 textcoords="offset points",
                 fontsize=8,
                 color=INK,
