@@ -1,14 +1,10 @@
 """The machine code of steps: packed arithmetic on the widest registers, no call, no idle work."""
 
 import inspect
-import json
 import math
 import platform
 import re
-import subprocess
-import sys
 import textwrap
-from pathlib import Path
 from typing import NamedTuple
 
 import pytest
@@ -124,32 +120,20 @@ RARE = (  # with  pytest -m slow
 BROKEN = {"rk4 gamma": case("rk4", (Gamma(),))}
 
 
-def report(names):
-    print(json.dumps({name: counted((CASES | BROKEN)[name]) for name in names}))
+def counts(names):
+    return {name: counted((CASES | BROKEN)[name]) for name in names}
 
 
 @pytest.fixture(scope="module")
 def code():
-    """Counts for all cases except the rare ones, compiled in two fresh processes."""
-    return compiled([name for name in (*CASES, *BROKEN) if name not in RARE])
+    """Counts for all cases except the rare ones."""
+    return counts(name for name in (*CASES, *BROKEN) if name not in RARE)
 
 
 @pytest.fixture(scope="module")
 def rare():
     """Counts for the rare cases."""
-    return compiled(RARE)
-
-
-def compiled(names):
-    root = Path(__file__).parents[2]
-    script = "import sys; from tests.engine.test_vectorisation import report; report(sys.argv[1:])"
-    runs = [
-        subprocess.Popen([sys.executable, "-c", script, *part], cwd=root, stdout=subprocess.PIPE)
-        for part in (names[::2], names[1::2])
-    ]
-    outputs = [run.communicate()[0] for run in runs]
-    assert not any(run.returncode for run in runs)
-    return {name: counts for output in outputs for name, counts in json.loads(output).items()}
+    return counts(RARE)
 
 
 @pytest.mark.parametrize("name", [name for name in CASES if name not in RARE])
