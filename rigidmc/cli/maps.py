@@ -1,7 +1,7 @@
 """rigidmc map."""
 
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -17,6 +17,20 @@ from rigidmc.cli.common import (
     show_done,
 )
 from rigidmc.cli.directories import Ways, begun, names_a_run, refuse_force, refuse_ways
+from rigidmc.cli.map_options import (
+    Across,
+    Adaptive,
+    Border,
+    Layers,
+    Listed,
+    Measures,
+    Members,
+    Name,
+    Resolution,
+    Third,
+    Upwards,
+    Zoom,
+)
 from rigidmc.cli.map_request import Request
 from rigidmc.cli.options import (
     AllowCode,
@@ -29,7 +43,6 @@ from rigidmc.cli.options import (
     Shards,
     ShardSize,
     Threads,
-    count_option,
     takes_settings,
 )
 from rigidmc.cli.panels import STUDY
@@ -39,82 +52,6 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-Name = Annotated[
-    str,
-    typer.Argument(
-        metavar="NAME|SCENE|FILE|MAP/",
-        help="A map of the package (rigidmc map list), a TOML file, a shipped scene; or a map that"
-        " exists, as a file (.nc) or a run directory.",
-    ),
-]
-Listed = Annotated[
-    str | None,
-    typer.Argument(metavar="[NAME]", help="With `rigidmc map list`: the map to explain."),
-]
-Across = Annotated[
-    str | None,
-    typer.Option(
-        metavar="KEY=LOW:HIGH",
-        help="Scene parameter across, e.g. body.moments.1=0:1; with :log in even ratios.",
-    ),
-]
-Upwards = Annotated[
-    str | None, typer.Option(metavar="KEY=LOW:HIGH", help="Scene parameter upwards.")
-]
-Third = Annotated[
-    str | None,
-    typer.Option(
-        metavar="KEY=LOW:HIGH", help="A third scene parameter: a stack of maps, one for each value."
-    ),
-]
-Layers = Annotated[
-    int | None, count_option("--layers", help="Number of maps in the stack; by default 6.")
-]
-Adaptive = Annotated[
-    bool,
-    typer.Option(
-        "--adaptive",
-        help="Compute a coarse grid, and more pixels where neighbours are of different classes or"
-        " an interval holds the border between two; the others show one nearby.",
-    ),
-]
-Border = Annotated[
-    list[float],
-    typer.Option(
-        metavar="NUMBER",
-        help="With --adaptive: a value of the first measure between two classes; may be repeated."
-        " By default 0.5 of a share, 4 of a MEGNO, else eight equal parts of its range.",
-    ),
-]
-Measures = Annotated[
-    list[str],
-    typer.Option(
-        metavar="MEASURE",
-        help='What a pixel shows: "p(flips >= 1)", "mean(megno)", "quantile(flip_wait, 0.9)";'
-        " may be repeated.",
-    ),
-]
-Resolution = Annotated[
-    int | None,
-    count_option(
-        "--resolution",
-        help="Pixels along each side; by default 256 for a map of the package, 128 for a scene.",
-    ),
-]
-Members = Annotated[
-    int | None,
-    count_option(
-        "--members",
-        help="Members of a pixel; by default the map's own, or 16, or 1 if only x and y differ.",
-    ),
-]
-Zoom = Annotated[
-    str | None,
-    typer.Option(
-        metavar="LOW:HIGH,LOW:HIGH",
-        help="Draw this part of a map that exists anew, across and upwards in its units.",
-    ),
-]
 SETTINGS = ("integrator", "dt", "turn", "t_end", "tolerance", "seed", "dtype", "compensated")
 
 
