@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
+from rigidmc.runs.resume import resume
 
 ROOT = Path(__file__).parents[2]
 
@@ -398,10 +399,14 @@ def test_a_script_and_a_scene_file_run_the_same_parts(own, monkeypatch):
     assert (ds.fastest.values >= np.abs(ds.omega.sel(axis=1)).max("time").values).all()
     assert np.abs((ds.start_omega**2).sum("axis") - 0.25).max() < 1e-15  # measured 5.6e-17
 
-    command = "run scene.toml --allow-code -o own.nc", "integrators --scene scene.toml --allow-code"
-    ended = run_in(own, *command)
+    commands = (
+        "run scene.toml --allow-code -o own.nc",
+        "run scene.toml --allow-code -o own/ --members 1 --t-end 0.02 --every 0.02",
+        "integrators --scene scene.toml --allow-code",
+    )
+    ended = run_in(own, *commands)
     assert ended.returncode == 0, ended.stderr
-    assert "kutta38" in json.loads(ended.stdout.splitlines()[-1])[1]
+    assert "kutta38" in json.loads(ended.stdout.splitlines()[-1])[2]
     with rm.open(own / "own.nc") as again:  # without the code
         for name in ("omega", "height", "height_max", "rises", "fastest"):
             assert again[name].dims == ds[name].dims
@@ -409,6 +414,9 @@ def test_a_script_and_a_scene_file_run_the_same_parts(own, monkeypatch):
         assert again.height.attrs == ds.height.attrs
         with pytest.raises(rm.SceneError, match="is code, and scene files execute nothing"):
             rm.rerun(again, 2)
+        (own / "mine.py").write_text((own / "mine.py").read_text() + "# changed\n")
+        with pytest.raises(rm.FileError, match=r"mine\.py': is not the file that the run was"):
+            resume(own / "own", allow_code=True)
         (own / "mine.py").unlink()
         with pytest.raises(rm.SceneError, match=r"there is no file .*mine\.py"):
             rm.rerun(again, 2, allow_code=True)
