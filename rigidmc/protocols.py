@@ -1,10 +1,10 @@
 """What a part of your own is made of: decorators, protocols, and the functions it may call.
 
-Effects        a NamedTuple with `torque`; `effect` states its facts, `Effect` lists its methods
-Observables    a NamedTuple with `value` (`observable`), `level` (`event`), or `begin` and `update`
-               (`running`); `Observable`, `Event` and `Running` list facts and methods
-Integrators    a NamedTuple with `step` and its facts, see `Integrator`
-Laws           a frozen dataclass, a subclass of `Law`; `draw`, `number` and `numbers` serve it
+- An effect is a NamedTuple with `torque`; `effect` states its facts, `Effect` lists its methods.
+- An observable is a NamedTuple with `value` (decorator `observable`), `level` (`event`), or `begin`
+  and `update` (`running`); `Observable`, `Event` and `Running` list facts and methods.
+- An integrator is a NamedTuple with `step` and its facts, see `Integrator`.
+- A law is a frozen dataclass, a subclass of `Law`; `draw`, `number` and `numbers` serve it.
 
 Compiled methods are plain arithmetic, functions of `math`, the functions below, and functions of
 your own file that are made of the same. docs/how_to/own_parts.md has one part of each kind.

@@ -17,7 +17,7 @@ Kind = TypeVar("Kind", bound=type)
 
 
 class Effect(Protocol):
-    """A NamedTuple whose fields are its parameters, with one or more of these methods:
+    """A NamedTuple whose fields are its parameters, with one or more of these methods::
 
         torque(self, [body, t, q, l])       torque on the body, principal axes [N m]
         kick(self, [body, t, h, q, l])      L after its flow over h; splittings need it if the

@@ -9,25 +9,25 @@ from rigidmc.dynamics.methods import method
 class Integrator(Protocol):
     """What a scene names as its integrator: facts, and how to get the program of a step.
 
-    Facts that each states:
+    Facts that each states::
 
-    order : of the error in the step, inf if there is none but rounding
-    evaluations : of the torque in a step
-    reversible : whether steps of -h undo steps of h
-    conserves : what is conserved of a free body, of "|q|", "|L|^2", "T" and "L in space"
-    accepts : which torques, in words
-    compensated : whether its sums can keep their remainders
+        order : of the error in the step, inf if there is none but rounding
+        evaluations : of the torque in a step
+        reversible : whether steps of -h undo steps of h
+        conserves : what is conserved of a free body, of "|q|", "|L|^2", "T" and "L in space"
+        accepts : which torques, in words
+        compensated : whether its sums can keep their remainders
 
-    Facts with a default, here:
+    Facts with a default, here::
 
-    splitting : whether it alternates free motion with kicks
-    gradient : coefficient of the force gradient, of h^2
-    largest_turn : angle by which a step may turn a body [rad]; None: by less than pi
-    least_spin, largest_spin : angles per step [rad] between which `prepared` follows the spin
-    text : docstring of one integrator, if its class makes several
+        splitting : whether it alternates free motion with kicks
+        gradient : coefficient of the force gradient, of h^2
+        largest_turn : angle by which a step may turn a body [rad]; None: by less than pi
+        least_spin, largest_spin : angles per step [rad] between which `prepared` follows the spin
+        text : docstring of one integrator, if its class makes several
 
     The program of a step is a NamedTuple with the methods below (`step`, ...). It is the integrator
-    itself, or comes in a Form from one of these:
+    itself, or comes in a Form from one of these::
 
         form(self) -> Form
         prepared(self, turns, effects) -> Form    if it depends on the angle of a step, a `Turns`

@@ -35,11 +35,13 @@ class Facts(NamedTuple):
 class Law:
     """A vector drawn as a whole. The fields of a law are numbers, distributions and grids.
 
-    word : its name in a scene file, by default that of the class in snake_case, as in
-        omega = { cone = { axis = 2, size = 1.0, angle = 0.01 } }
-    of : the keys of a scene that take it, of omega, momentum, moments and attitude
-    sized : {field: power}, how a field scales with the vector; "energy" for a field in joules
-    by_scipy : whether scipy computes it, whose versions may round differently
+    What its class states::
+
+        word : its name in a scene file, by default that of the class in snake_case, as in
+            omega = { cone = { axis = 2, size = 1.0, angle = 0.01 } }
+        of : the keys of a scene that take it, of omega, momentum, moments and attitude
+        sized : {field: power}, how a field scales with the vector; "energy" for a field in joules
+        by_scipy : whether scipy computes it, whose versions may round differently
     """
 
     word: ClassVar[str]
