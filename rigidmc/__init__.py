@@ -45,7 +45,9 @@ _HOMES = {
     "mixture": "scene.distributions",
     "grid": "scene.quantities",
     "Flips": "observables",
+    "OrbitAngles": "observables",
     "Passage": "observables",
+    "PointingAngle": "observables",
     "Histogram": "observables",
     "RigidmcError": "errors",
     "SceneError": "errors",
@@ -72,7 +74,9 @@ if TYPE_CHECKING:  # the same names for type checkers and editors
     from rigidmc.mechanics.lagrange_top import lagrange_top as lagrange_top
     from rigidmc.observables import Flips as Flips
     from rigidmc.observables import Histogram as Histogram
+    from rigidmc.observables import OrbitAngles as OrbitAngles
     from rigidmc.observables import Passage as Passage
+    from rigidmc.observables import PointingAngle as PointingAngle
     from rigidmc.runs.rerun import rerun as rerun
     from rigidmc.runs.simulate import simulate as simulate
     from rigidmc.runs.warm import warm as warm

@@ -145,12 +145,18 @@ def observables(
     """List what can be saved and watched: its parameters and results; with --measure what each
     watched one adds to a step here. NAME: all about it."""
     with reported():
-        from rigidmc.observables import KNOWN, OBSERVABLES, WATCHED, WATCHED_STATISTICS
+        from rigidmc.observables import (
+            KNOWN,
+            OBSERVABLES,
+            WATCHED,
+            WATCHED_STATISTICS,
+            WITH_TABLE,
+        )
         from rigidmc.observables.running import STATISTICS
 
         if name is not None:
             running = {word: kind for word, (_, kind) in WATCHED_STATISTICS.items()}
-            kinds = {**OBSERVABLES, **WATCHED, **running}
+            kinds = {**OBSERVABLES, **WITH_TABLE, **WATCHED, **running}
             text = getattr(kinds.get(name), "__doc__", "")
             _explain(name, KNOWN, "observable", text, _of_observable)
             return
@@ -164,6 +170,10 @@ def observables(
         print("at save times (save = [...]):")
         for word, kind in OBSERVABLES.items():
             print(f"{word:12s} {_first_line(kind)} [{kind.units}]")
+        for word, kind in WITH_TABLE.items():
+            parameters = ", ".join(_default(kind, f) for f in kind._fields)
+            print(f"{word:12s} {_first_line(kind)} [{kind.units}]")
+            print(f"{'':12s} parameters, in a table [observables.{word}]: {parameters}")
         print("\nover all steps, one result per member (save = [...]; parameters in a table")
         print("[observables.NAME]):")
         for word, kind in WATCHED.items():
@@ -192,9 +202,16 @@ def _watching_costs() -> dict[str, dict[str, float]]:
 
 def _of_observable(name: str) -> Facts:
     """(label, fact) of an observable."""
-    from rigidmc.observables import OBSERVABLES, WATCHED, WATCHED_STATISTICS, outputs
+    from rigidmc.observables import OBSERVABLES, WATCHED, WATCHED_STATISTICS, WITH_TABLE, outputs
+    from rigidmc.observables.running import STATISTICS
 
-    if name in OBSERVABLES:
+    if name in WITH_TABLE:
+        kind = WITH_TABLE[name]
+        fields = ", ".join(_default(kind, field) for field in kind._fields)
+        yield "in a scene", f'save = ["{name}"] with [observables.{name}] {fields}'
+        yield "over all steps", ", ".join(f"{name}_{word}" for word in STATISTICS)
+        yield "result", f"{name} [{kind.units}]{_by(kind.dims)}"
+    elif name in OBSERVABLES:
         kind = OBSERVABLES[name]
         over = (
             ", ".join(word for word, (of, _) in WATCHED_STATISTICS.items() if of == name)

@@ -3,6 +3,7 @@
 Four kinds, see `rigidmc.observables.protocol`:
 
 OBSERVABLES          recorded at save times; a class with `value`
+WITH_TABLE           recorded at save times, with numbers from a table [observables.NAME]
 WATCHED              over all steps, one result per member: events (`level`), running observables
                      (`begin` and `update`), `megno`; over all members at save times: `histogram`
 WATCHED_STATISTICS   omega_min, omega_max, omega_mean, omega_variance and so on: of each of
@@ -24,6 +25,8 @@ from rigidmc.observables.invariants import L2Drift as L2Drift
 from rigidmc.observables.work import Work as Work
 from rigidmc.observables.flips import Flips as Flips
 from rigidmc.observables.passage import Passage as Passage
+from rigidmc.observables.pointing_angle import PointingAngle as PointingAngle
+from rigidmc.observables.orbit_angles import OrbitAngles as OrbitAngles
 from rigidmc.observables.nutation import Nutation as Nutation
 from rigidmc.observables.nutation import Precession as Precession
 from rigidmc.observables.chaos import Megno as Megno
@@ -47,10 +50,10 @@ from rigidmc.observables.protocol import (
 from rigidmc.observables.running import STATISTICS
 
 _KINDS = {word_of(kind): kind for kind in globals().values() if hasattr(kind, "_fields")}
-OBSERVABLES: dict[str, Any] = {
-    word: kind for word, kind in _KINDS.items() if implements(kind, "value")
-}
-WATCHED: dict[str, Any] = {word: kind for word, kind in _KINDS.items() if word not in OBSERVABLES}
+_AT_SAVES = {word: kind for word, kind in _KINDS.items() if implements(kind, "value")}
+OBSERVABLES: dict[str, Any] = {w: kind for w, kind in _AT_SAVES.items() if not kind._fields}
+WITH_TABLE: dict[str, Any] = {w: kind for w, kind in _AT_SAVES.items() if kind._fields}
+WATCHED: dict[str, Any] = {word: kind for word, kind in _KINDS.items() if word not in _AT_SAVES}
 # Variables that every result has, whatever is saved and watched.
 OUTCOMES = ("energy_drift_max", "l2_drift_max", "status", "status_step", "status_time", "steps")
 Statistics = dict[str, tuple[str, Any]]  # {name: (name of the observable, statistic)}
@@ -67,7 +70,7 @@ def _statistics(kinds: Mapping[str, Any]) -> Statistics:
 
 
 WATCHED_STATISTICS: Statistics = _statistics(OBSERVABLES)
-KNOWN = (*OBSERVABLES, *WATCHED, *WATCHED_STATISTICS)
+KNOWN = (*OBSERVABLES, *WITH_TABLE, *WATCHED, *WATCHED_STATISTICS)
 
 
 def is_observable(value: Any) -> bool:
@@ -83,7 +86,8 @@ def is_opaque(value: Any) -> bool:
 
 def is_own(value: Any) -> bool:
     """Whether an observable is of a class of the user's own."""
-    return all(known is not type(value) for known in (*OBSERVABLES.values(), *WATCHED.values()))
+    shipped = (*OBSERVABLES.values(), *WITH_TABLE.values(), *WATCHED.values())
+    return all(known is not type(value) for known in shipped)
 
 
 def word_of_observable(value: Any) -> str:
@@ -116,7 +120,14 @@ def own(given: Iterable[Any]) -> dict[str, Any]:
 
 def named(given: Iterable[Any], name: str) -> Any:
     """The observable at save times of this name or label."""
-    return OBSERVABLES[name]() if name in OBSERVABLES else dict(numbered(given))[name]
+    if name in alone(given):
+        return {**OBSERVABLES, **WITH_TABLE}[name]()
+    return dict(numbered(given))[name]
+
+
+def alone(given: Iterable[Any]) -> tuple[str, ...]:
+    """The names of shipped observables at save times of which none is given with its numbers."""
+    return (*OBSERVABLES, *(name for name in WITH_TABLE if name not in own(given)))
 
 
 def statistics(given: Iterable[Any]) -> Statistics:
@@ -128,7 +139,8 @@ def known(given: Iterable[Any]) -> tuple[str, ...]:
     """All names that a scene may save."""
     opaque = [word_of_observable(one) for one in given if is_opaque(one)]
     perhaps = (f"{word}_{statistic}" for word in opaque for statistic in STATISTICS)
-    more = dict.fromkeys((*map(word_of_observable, given), *statistics(given), *perhaps))
+    words = (*map(word_of_observable, given), *own(given))
+    more = dict.fromkeys((*words, *statistics(given), *perhaps))
     return (*KNOWN, *(name for name in more if name not in KNOWN))
 
 
@@ -146,9 +158,9 @@ def saved(save: Iterable[str], given: Sequence[Any] = ()) -> tuple[str, ...]:
     labels = own(given)
     names: dict[str, None] = {}
     for name in save:
-        if name in OBSERVABLES:
+        if name in alone(given):
             names[name] = None
-        names |= {label: None for label, one in labels.items() if word_of(type(one)) == name}
+        names |= {k: None for k, one in labels.items() if name in (k, word_of(type(one)))}
     return tuple(names)
 
 
@@ -197,7 +209,21 @@ def outputs(label: str, one: Any) -> Outputs:
 def title(one: Any) -> str:
     """The long_name of an observable at save times, with its numbers where {field} names them."""
     text: str = one.long_name
-    return text.format(**one._asdict())
+    return text.format(**(one.words() if implements(one, "words") else one._asdict()))
+
+
+def under(one: Any, effects: Sequence[Any]) -> Any:
+    """An observable, or the statistic of one, as it is compiled under the effects of a scene."""
+    if type(one) in STATISTICS.values():
+        return one._replace(of=under(one.of, effects))
+    return one.under(effects) if implements(one, "under") else one
+
+
+def dimensions(recorded: Mapping[str, Any], watched: Iterable[tuple[str, Any]]) -> tuple[str, ...]:
+    """The dimensions of what is recorded and watched; for both see the functions above."""
+    dims = [one.dims for one in recorded.values()]
+    dims += [found[2] for pair in watched for found in outputs(*pair).values()]
+    return tuple(dict.fromkeys(name for each in dims for name in each))
 
 
 def _squared(unit: str) -> str:

@@ -24,9 +24,20 @@ def check(table: str, key: str, about: Any) -> None:
         if about not in WORDS:
             raise unknown(table, key, about, "direction", WORDS)
         return
-    numbers = isinstance(about, Sequence) and len(about) == 3 and all(map(_is_finite, about))
-    if not numbers or not any(about):
+    if not is_vector(about):
         raise SceneError(table, key, about, RULE)
+
+
+def is_vector(value: Any) -> bool:
+    """Whether a value is three numbers that have a direction."""
+    several = isinstance(value, Sequence) and not isinstance(value, str) and len(value) == 3
+    return several and all(map(_is_finite, value)) and any(value)
+
+
+def unit(axis: int) -> tuple[float, float, float]:
+    """The unit vector of an axis 1, 2 or 3 of the body, or of its other end -1, -2 or -3."""
+    one, two, three = (math.copysign(abs(axis) == i, axis) for i in (1, 2, 3))
+    return one, two, three
 
 
 def _is_finite(x: Any) -> bool:
@@ -128,12 +139,17 @@ def on_orbit(effects, which, ahead, t):
     which : (0.0,) as often as there are effects before the one that has the orbit
     ahead : (0.0,) for the direction along the track, at a right angle to the other
     """
-    if len(which) > 0:
-        return on_orbit(effects[1:], which[1:], ahead, t)
-    cosine, sine = place(effects[0], t)
+    cosine, sine = place_on(effects, which, t)
     if len(ahead) > 0:
         return -sine, cosine, 0.0
     return cosine, sine, 0.0
+
+
+def place_on(effects, which, t):
+    """(cosine, sine) of the true anomaly; which : as of `on_orbit`."""
+    if len(which) > 0:
+        return place_on(effects[1:], which[1:], t)
+    return place(effects[0], t)
 
 
 def on_field(effects, which, turns, t):

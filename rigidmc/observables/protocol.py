@@ -4,8 +4,8 @@ A class is a NamedTuple with one of the decorators below, which states its facts
 and refuses a class that lacks the rest. Its fields are the numbers of a table [observables.NAME] in
 a scene.
 
-`value`, `begin`, `update`, `turning`, `sought`, `averages`, `steady`, `level`, `armed`, `past`,
-`holds` and `stops` are called from compiled code. As the methods of effects, they name the
+`value`, `monotone`, `begin`, `update`, `turning`, `sought`, `averages`, `steady`, `level`, `armed`,
+`past`, `holds` and `stops` are called from compiled code. As the methods of effects, they name the
 arguments that they depend on and are given no others: body, effects, t, q, l, and `value` also
 start and works. They are plain arithmetic, see `rigidmc.dynamics.methods`. All other methods are
 Python and take arrays, members last.
@@ -36,6 +36,7 @@ class Dimension(NamedTuple):
 DIMENSIONS = {
     "axis": Dimension((1, 2, 3), "principal axis of the body"),
     "quat": Dimension(("w", "x", "y", "z"), "component of the quaternion, scalar first"),
+    "angle": Dimension(("roll", "pitch", "yaw"), "angle of the body in the frame of its orbit"),
 }  # the dimension "effect" has as many components as the scene has effects
 
 
@@ -266,6 +267,13 @@ def sought(observable, kept):
     """For each number of `turning` (low, high): the running observable is updated at a smallest one
     below `low`, and at a largest one above `high`."""
     return ()
+
+
+@method
+def monotone(observable, values):
+    """Numbers that rise with each of the values of an observable and are smooth: extremes of the
+    values are sought by these."""
+    return values
 
 
 @method

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rigidmc.dynamics.so3 import select
-from rigidmc.observables.protocol import Array, running, size, steady, value
+from rigidmc.observables.protocol import Array, monotone, running, size, steady, value
 
 _NO_START = (0.0, 0.0, 0.0, 0.0)
 
@@ -54,6 +54,11 @@ def free(steady, values):
     if len(steady) > 0:
         return ()
     return values
+
+
+def smooth(of, values):
+    """Numbers with the extremes of an observable, none if it is steady."""
+    return free(steady(of), monotone(of, values))
 
 
 def changing(steady):
@@ -122,10 +127,10 @@ class Minimum(NamedTuple):
         return smaller(kept, seen(self.of, body, effects, t, q, l))
 
     def turning(self, body, effects, t, q, l):
-        return free(steady(self.of), seen(self.of, body, effects, t, q, l))
+        return smooth(self.of, seen(self.of, body, effects, t, q, l))
 
     def sought(self, kept):
-        return free(steady(self.of), below(kept))
+        return below(smooth(self.of, kept))
 
     def results(self, kept: Array, steps: Array) -> dict[str, Array]:
         """The smallest values."""
@@ -150,10 +155,10 @@ class Maximum(NamedTuple):
         return larger(kept, seen(self.of, body, effects, t, q, l))
 
     def turning(self, body, effects, t, q, l):
-        return free(steady(self.of), seen(self.of, body, effects, t, q, l))
+        return smooth(self.of, seen(self.of, body, effects, t, q, l))
 
     def sought(self, kept):
-        return free(steady(self.of), above(kept))
+        return above(smooth(self.of, kept))
 
     def results(self, kept: Array, steps: Array) -> dict[str, Array]:
         """The largest values."""

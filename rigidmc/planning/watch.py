@@ -12,7 +12,7 @@ from rigidmc.effects.parameters import parameter_count
 from rigidmc.engine import layout
 from rigidmc.engine.events import record_of
 from rigidmc.engine.layout import EVENT, SHADOW, SUMS, Places, places, watch_rows
-from rigidmc.observables import outputs
+from rigidmc.observables import dimensions, outputs, under
 from rigidmc.observables.chaos import OFTEN
 from rigidmc.observables.protocol import (
     Ensemble,
@@ -36,7 +36,7 @@ Labelled = tuple[tuple[str, Any], ...]  # (label, observable) of each
 
 class Watch(NamedTuple):
     """Events, running observables and neighbour as the kernel takes them, and [(label, observable)]
-    of each; bins : (dimension, edges, units) of each histogram."""
+    of each; bins : (dimension, edges, units) of each histogram;  dims : of all that is kept."""
 
     events: tuple[Any, ...] = ()
     running: tuple[Any, ...] = ()
@@ -45,6 +45,7 @@ class Watch(NamedTuple):
     of_running: Labelled = ()
     of_shadow: Labelled = ()
     bins: tuple[tuple[str, NDArray[np.float64], str], ...] = ()
+    dims: tuple[str, ...] = ()
 
     @property
     def compiled(self) -> tuple[tuple[Any, ...], tuple[Any, ...], tuple[float, ...]]:
@@ -71,7 +72,7 @@ def watch(scene: Scene) -> Watch:
     moments, complete = _bodies(scene) if events else (np.empty((3, 0)), True)
     return Watch(
         tuple(one.compiled(moments, complete, scene.effects) for _, one in events),
-        tuple((one, (0.0,) * one.marks) for _, one in running),
+        tuple((under(one, scene.effects), (0.0,) * one.marks) for _, one in running),
         (0.0,) * len(shadow[:1]),
         events,
         running,
@@ -80,6 +81,7 @@ def watch(scene: Scene) -> Watch:
             (f"{label}_bin", one.edges(), scene.observable(one.name).units)
             for label, one in scene.histograms()
         ),
+        dimensions(scene.recorded(), scene.watched()),
     )
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from rigidmc.dynamics.methods import word_of
+from rigidmc.dynamics.methods import implements, word_of
 from rigidmc.effects import EFFECTS, name_of
 from rigidmc.effects.parameters import shape
 from rigidmc.effects.protocol import Effect, is_effect
@@ -17,6 +17,7 @@ from rigidmc.observables import (
     KNOWN,
     OBSERVABLES,
     WATCHED,
+    WITH_TABLE,
     is_observable,
     is_own,
     known,
@@ -53,15 +54,16 @@ def checked_effect(effect: Any, driven: bool) -> Effect:
 
 
 def place(observable: Any) -> int:
-    """The place of an observable in the order of WATCHED; those of the user's own come last."""
+    """The place of an observable in the order of KNOWN; those of the user's own come last."""
     word = word_of_observable(observable)
-    return list(WATCHED).index(word) if word in WATCHED else len(WATCHED)
+    return KNOWN.index(word) if word in KNOWN else len(KNOWN)
 
 
 def checked_observable(observable: Any) -> OverSteps | Observable:
     """An observable with its parameters checked; SceneError."""
     if not is_observable(observable) or type(observable) in OBSERVABLES.values():
-        shipped = ", ".join(kind.__name__ for kind in WATCHED.values())
+        kinds = (*WITH_TABLE.values(), *WATCHED.values())
+        shipped = ", ".join(kind.__name__ for kind in kinds)
         rule = f"expected one of {shipped}, or one of your own, with its parameters"
         raise SceneError("observables", "observable", observable, rule)
     word = word_of_observable(observable)
@@ -75,8 +77,8 @@ def checked_observable(observable: Any) -> OverSteps | Observable:
         if kind is int and real and float(value) == float(value) // 1:
             whole[name] = int(value)
     checked: OverSteps | Observable = observable._replace(**whole)
-    if not isinstance(checked, Observable):
-        checked.check()
+    if not isinstance(checked, Observable) or implements(checked, "check"):
+        checked.check()  # type: ignore[union-attr]
     return checked
 
 
@@ -92,7 +94,7 @@ def check_saved(names: Iterable[str], observables: Sequence[Any]) -> None:
     for name in names:
         if name not in (names_known := known(observables)):
             raise unknown("run", "save", name, "observable", names_known)
-        shipped = WATCHED.get(name)
+        shipped = {**WITH_TABLE, **WATCHED}.get(name)
         if shipped is not None and name not in given:
             missing = [f for f in shipped._fields if f not in shipped._field_defaults]
             if missing:

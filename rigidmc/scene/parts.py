@@ -18,6 +18,7 @@ from rigidmc.observables import (
     named,
     recorded,
     saved,
+    under,
     watched,
     word_of_observable,
 )
@@ -376,7 +377,7 @@ class Parts:
         return named(self.observables, name)
 
     def recorded(self) -> dict[str, Any]:
-        """The saved observables, and those that histograms need.
+        """The saved observables, and those that histograms need, as they are compiled.
 
         Returns
         -------
@@ -390,7 +391,8 @@ class Parts:
         >>> list(scene.with_run(save=("energy", "histogram")).recorded())
         ['energy', 'omega']
         """
-        return recorded(self.run.save, self.observables)
+        found = recorded(self.run.save, self.observables)
+        return {name: under(one, self.effects) for name, one in found.items()}
 
     def kept(self) -> dict[str, str]:
         """How much is kept of each saved observable, see `rigidmc.observables.keep`.

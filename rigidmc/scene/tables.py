@@ -13,7 +13,7 @@ from rigidmc.effects.protocol import Effect
 from rigidmc.errors import SceneError, unknown
 from rigidmc.integrators import INTEGRATORS
 from rigidmc.mechanics.solids import SOLIDS
-from rigidmc.observables import WATCHED
+from rigidmc.observables import WATCHED, WITH_TABLE
 from rigidmc.scene.body import Body
 from rigidmc.scene.own import Code, own_class, stand_in
 from rigidmc.scene.shape import shape_of
@@ -95,7 +95,7 @@ def effects_of(tables: dict[str, Any], stored: Columns) -> tuple[Effect, ...]:
 def observables_of(tables: dict[str, Any], code: Code) -> tuple[Any, ...]:
     """The observables of the tables [observables.NAME]; code : see `rigidmc.scene.own`."""
     return tuple(
-        _built("observables", name, table, WATCHED, code)
+        _built("observables", name, table, {**WITH_TABLE, **WATCHED}, code)
         for name, table in _each(tables, "observables")
     )
 
@@ -113,10 +113,8 @@ def _built(kind: str, name: str, table: Any, shipped: dict[str, Any], code: Code
     more = () if name in shipped else ("module",)
     required = [field for field in made._fields if field not in made._field_defaults]
     only(table, (*made._fields, *more), f"{kind}.{name}", required)
-    values = {key: value for key, value in table.items() if key not in more}
-    if more:  # compiled code takes tuples
-        values = {key: _tuple(value) for key, value in values.items()}
-    return made(**values)
+    # compiled code takes tuples
+    return made(**{key: _tuple(value) for key, value in table.items() if key not in more})
 
 
 def _tuple(value: Any) -> Any:

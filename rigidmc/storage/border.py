@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rigidmc.effects import labelled
 from rigidmc.engine.layout import STATUSES
 from rigidmc.errors import FileError, RigidmcError
-from rigidmc.observables import is_opaque
+from rigidmc.observables import dimensions, is_opaque
 from rigidmc.observables.protocol import DIMENSIONS
 from rigidmc.scene.conservation import booked_labels
 from rigidmc.scene.scene import Scene, loads
@@ -32,6 +32,7 @@ _OVER = ("time", "thinned_time", "member", "flagged")
 
 class _Bins(NamedTuple):
     bins: tuple[tuple[str, NDArray[np.float64], str], ...]
+    dims: tuple[str, ...]
 
 
 class _Sizes(NamedTuple):
@@ -117,7 +118,7 @@ def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[_Sizes, dict[str, Variab
         times=np.empty(dataset.sizes["time"]),
         thinned=np.zeros(dataset.sizes.get("thinned_time", 0), int),
         labels=booked_labels(scene),
-        watch=_Bins(bins),
+        watch=_Bins(bins, dimensions(scene.recorded(), scene.watched())),
     )
     always = member_variables(scene, False)
     known = {

@@ -7,10 +7,13 @@ from numpy.typing import NDArray
 
 
 class Bins(Protocol):
-    """The histograms of a scene: (dimension, edges, units) of each."""
+    """The histograms of a scene, (dimension, edges, units) of each, and the dimensions of all that
+    is kept."""
 
     @property
     def bins(self) -> tuple[tuple[str, NDArray[np.float64], str], ...]: ...
+    @property
+    def dims(self) -> tuple[str, ...]: ...
 
 
 class Shape(Protocol):

@@ -65,6 +65,7 @@ def coordinates(plan: Shape, members: Sequence[int] | NDArray[Any] = ()) -> dict
         **{
             name: ((name,), np.array(labels), {"long_name": text})
             for name, (labels, text) in DIMENSIONS.items()
+            if name in ("axis", "quat", *plan.watch.dims)
         },
     }
 

@@ -89,7 +89,7 @@ class Costs:
         def record() -> float:
             scene = self.pilot.scene.with_run(integrator="rk4")
             form, *_ = form_of(scene, 1.0)
-            observables = tuple(scene.observable(n) for n in scene.saved() if n != "work")
+            observables = tuple(o for n, o in scene.recorded().items() if n != "work")
             plain, saving = (
                 self._stepped(form, "float64", observables, stride=stride) for stride in (32, 1)
             )
