@@ -1,6 +1,6 @@
 """What the package asks of a law, and the checks of parameters that laws share."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import MISSING, dataclass, fields, replace
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -134,6 +134,27 @@ def numbers(values: Any, where: str, name: str, size: int) -> tuple[Any, ...]:
     if isinstance(values, str) or not hasattr(values, "__len__") or len(values) != size:
         raise SceneError(where, name, values, f"expected {size} numbers")
     return tuple(number(x, where, name) for x in values)
+
+
+def matrix(value: Any, where: str, name: str, sizes: Sequence[int]) -> tuple[Any, ...]:
+    """A symmetric matrix without negative eigenvalues, of one of these sizes, as a tuple of rows;
+    SceneError."""
+    wanted = " or ".join(f"{size}x{size}" for size in sizes)
+    rule = f"expected a symmetric matrix of {wanted} finite numbers without negative eigenvalues"
+    try:
+        array = np.asarray(value, float)
+    except (TypeError, ValueError):
+        raise SceneError(where, name, None, rule) from None
+    if array.shape not in {(size, size) for size in sizes} or not np.isfinite(array).all():
+        raise SceneError(where, name, array.tolist(), rule)
+    scale = np.sqrt(np.abs(array.diagonal()))
+    scale = np.outer(scale, scale)
+    if (np.abs(array - array.T) > 1e-9 * scale).any():
+        raise SceneError(where, name, array.tolist(), rule)
+    ones = np.where(scale > 0.0, array / np.where(scale > 0.0, scale, 1.0), 0.0)
+    if np.linalg.eigvalsh(ones).min() < -1e-9 or (array[scale == 0.0] != 0.0).any():
+        raise SceneError(where, name, array.tolist(), rule)
+    return tuple(map(tuple, (0.5 * (array + array.T)).tolist()))
 
 
 def plain(values: Any, where: str, name: str, size: int) -> tuple[float, ...]:
