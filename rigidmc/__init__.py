@@ -42,7 +42,7 @@ _HOMES = {
     "normal": "scene.distributions",
     "uniform": "scene.distributions",
     "distribution": "scene.distributions",
-    "mixture": "scene.distributions",
+    "mixture": "scene.mixtures",
     "grid": "scene.quantities",
     "Flips": "observables",
     "OrbitAngles": "observables",
@@ -82,10 +82,10 @@ if TYPE_CHECKING:  # the same names for type checkers and editors
     from rigidmc.runs.warm import warm as warm
     from rigidmc.scene.body import Body as Body
     from rigidmc.scene.distributions import distribution as distribution
-    from rigidmc.scene.distributions import mixture as mixture
     from rigidmc.scene.distributions import normal as normal
     from rigidmc.scene.distributions import uniform as uniform
     from rigidmc.scene.laws import *  # noqa: F403
+    from rigidmc.scene.mixtures import mixture as mixture
     from rigidmc.scene.quantities import grid as grid
     from rigidmc.scene.scene import Scene as Scene
     from rigidmc.scene.settings import Run as Run

@@ -9,14 +9,10 @@ import numpy as np
 from rigidmc.dynamics.methods import word_of
 from rigidmc.errors import RigidmcError, SceneError, nearest, unknown
 from rigidmc.scene.columns import column
-from rigidmc.scene.distributions import (
-    Distribution,
-    distribution,
-    is_distribution,
-    mixture,
-)
+from rigidmc.scene.distributions import Distribution, distribution, is_distribution
 from rigidmc.scene.laws import LAWS, law_of_table, laws_of
 from rigidmc.scene.laws.protocol import Law
+from rigidmc.scene.mixtures import mixture
 from rigidmc.scene.own import Code, law_stand_in, module_of, own_class
 from rigidmc.scene.quantities import Grid, grid
 
