@@ -7,7 +7,8 @@ nothing can be declared wrongly.
 
 import inspect
 import re
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterable
 from functools import lru_cache
 from typing import Any, Protocol, cast
 
@@ -60,6 +61,16 @@ def method(default: Callable[..., Any]) -> Method:
 def word_of(kind: type) -> str:
     """The word for a class in scene files: its name in snake_case, gravity_gradient or l2_drift."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", kind.__name__).lower()
+
+
+def numbered(words: Iterable[str]) -> list[str]:
+    """Words, each numbered from its second time on: ["rotor", "gravity", "rotor_2"]."""
+    count: Counter[str] = Counter()
+    labels = []
+    for word in words:
+        count[word] += 1
+        labels.append(word if count[word] == 1 else f"{word}_{count[word]}")
+    return labels
 
 
 def implements(part: object, name: str) -> bool:

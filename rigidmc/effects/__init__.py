@@ -30,7 +30,7 @@ from rigidmc.effects.bath import Bath as Bath
 from collections.abc import Iterable
 from typing import Any
 
-from rigidmc.dynamics.methods import argument_names, implements, word_of
+from rigidmc.dynamics.methods import argument_names, implements, numbered, word_of
 from rigidmc.effects.parameters import given, shape
 from rigidmc.effects.protocol import Effect, facts
 
@@ -67,13 +67,8 @@ def description(kind: type[Effect]) -> tuple[str, str, str]:
 
 def labelled(effects: Iterable[Any]) -> list[tuple[str, Any]]:
     """[(label, effect)]: the word of the effect, numbered from the second of a class on."""
-    count: dict[str, int] = {}
-    labels = []
-    for effect in effects:
-        name = name_of(effect)
-        count[name] = count.get(name, 0) + 1
-        labels.append((name if count[name] == 1 else f"{name}_{count[name]}", effect))
-    return labels
+    known = tuple(effects)
+    return list(zip(numbered(map(name_of, known)), known, strict=True))
 
 
 def shared(effects: Iterable[Any]) -> dict[str, list[str]]:

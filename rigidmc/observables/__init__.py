@@ -36,7 +36,7 @@ from rigidmc.observables.histogram import Histogram as Histogram
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from rigidmc.dynamics.methods import argument_names, implements, word_of
+from rigidmc.dynamics.methods import argument_names, implements, numbered, word_of
 from rigidmc.errors import SceneError
 from rigidmc.observables.protocol import (
     Ensemble,
@@ -98,22 +98,17 @@ def word_of_observable(value: Any) -> str:
     return word_of(type(value))
 
 
-def numbered(given: Iterable[Any]) -> list[tuple[str, Any]]:
+def labelled(given: Iterable[Any]) -> list[tuple[str, Any]]:
     """[(label, observable)]: the name of each, numbered from the second of a name on."""
-    count: dict[str, int] = {}
-    labels = []
-    for one in given:
-        name = word_of_observable(one)
-        count[name] = count.get(name, 0) + 1
-        labels.append((name if count[name] == 1 else f"{name}_{count[name]}", one))
-    return labels
+    known = tuple(given)
+    return list(zip(numbered(map(word_of_observable, known)), known, strict=True))
 
 
 def own(given: Iterable[Any]) -> dict[str, Any]:
     """{label: observable} of those given that can be recorded at save times."""
     return {
         label: one
-        for label, one in numbered(given)
+        for label, one in labelled(given)
         if isinstance(one, Observable) and not is_opaque(one)
     }
 
@@ -122,7 +117,7 @@ def named(given: Iterable[Any], name: str) -> Any:
     """The observable at save times of this name or label."""
     if name in alone(given):
         return {**OBSERVABLES, **WITH_TABLE}[name]()
-    return dict(numbered(given))[name]
+    return dict(labelled(given))[name]
 
 
 def alone(given: Iterable[Any]) -> tuple[str, ...]:
@@ -177,18 +172,18 @@ def watched(save: Sequence[str], given: Sequence[Any]) -> list[tuple[str, Any]]:
     save : names; a name with numbers in `given` has those, a name without has its defaults
     given : observables with their numbers; all of them are watched but those at save times
     """
-    labelled: list[tuple[str, Any]] = []
+    found: list[tuple[str, Any]] = []
     at_times = own(given)
-    over = [(s, one) for s, one in numbered(given) if s not in at_times and not is_opaque(one)]
+    over = [(s, one) for s, one in labelled(given) if s not in at_times and not is_opaque(one)]
     extra = statistics(given)
     for name in dict.fromkeys((*save, *(word_of_observable(one) for _, one in over))):
         if name in extra:
             observable, statistic = extra[name]
-            labelled.append((name, statistic(named(given, observable))))
+            found.append((name, statistic(named(given, observable))))
             continue
         same = [(label, one) for label, one in over if word_of_observable(one) == name]
-        labelled += same or ([(name, WATCHED[name]())] if name in WATCHED else [])
-    return labelled
+        found += same or ([(name, WATCHED[name]())] if name in WATCHED else [])
+    return found
 
 
 def outputs(label: str, one: Any) -> Outputs:

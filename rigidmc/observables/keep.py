@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.errors import SceneError, unknown
-from rigidmc.observables import OBSERVABLES, is_opaque, numbered, own, statistics
+from rigidmc.observables import OBSERVABLES, is_opaque, labelled, own, statistics
 from rigidmc.observables.running import STATISTICS
 
 WORDS = ("none", "final", "summary", "thinned", "full")
@@ -30,7 +30,7 @@ def check_keep(keep: Keep, given: Sequence[Any] = ()) -> None:
 
     given : the observables of the scene, with their numbers
     """
-    opaque = [label for label, one in numbered(given) if is_opaque(one)]
+    opaque = [label for label, one in labelled(given) if is_opaque(one)]
     names, summed = (*OBSERVABLES, *own(given), *opaque), statistics(given)
     named = {None: keep} if isinstance(keep, str) else keep
     for name, word in named.items():
