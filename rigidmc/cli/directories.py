@@ -16,8 +16,10 @@ from rigidmc.cli.options import (
     MaxWall,
     RunArgument,
     Shards,
+    ShardSize,
     Threads,
     count_option,
+    gathering,
 )
 from rigidmc.cli.panels import LONG_RUNS
 from rigidmc.errors import OptionError
@@ -45,6 +47,13 @@ class Ways(NamedTuple):
     shards: str | None
     shard_size: float | None
     cluster: str | None
+
+
+takes_ways = gathering(  # decorates a command that has a parameter `ways`
+    "ways",
+    {"max_wall": MaxWall, "shards": Shards, "shard_size": ShardSize, "cluster": Cluster},
+    lambda given: Ways(**given),
+)
 
 
 def names_a_run(output: str) -> bool:

@@ -16,7 +16,14 @@ from rigidmc.cli.common import (
     reported,
     show_done,
 )
-from rigidmc.cli.directories import Ways, begun, names_a_run, refuse_force, refuse_ways
+from rigidmc.cli.directories import (
+    Ways,
+    begun,
+    names_a_run,
+    refuse_force,
+    refuse_ways,
+    takes_ways,
+)
 from rigidmc.cli.map_options import (
     Across,
     Adaptive,
@@ -34,14 +41,10 @@ from rigidmc.cli.map_options import (
 from rigidmc.cli.map_request import Request
 from rigidmc.cli.options import (
     AllowCode,
-    Cluster,
     Force,
-    MaxWall,
     OutputOrRun,
     Plot,
     Set,
-    Shards,
-    ShardSize,
     Threads,
     takes_settings,
 )
@@ -57,9 +60,11 @@ SETTINGS = ("integrator", "dt", "turn", "t_end", "tolerance", "seed", "dtype", "
 
 @app.command("map", rich_help_panel=STUDY)
 @takes_settings(*SETTINGS)
+@takes_ways
 def make_map(
     name: Name,
     run: dict[str, Any],
+    ways: Ways,
     listed: Listed = None,
     x: Across = None,
     y: Upwards = None,
@@ -77,10 +82,6 @@ def make_map(
     output: OutputOrRun = None,
     plot: Plot = None,
     force: Force = False,
-    max_wall: MaxWall = None,
-    shards: Shards = None,
-    shard_size: ShardSize = None,
-    cluster: Cluster = None,
 ) -> None:
     """Map two parameters of a scene against what its members do, with replicas and a confidence
     interval for every pixel. With -o MAP/ the map is a run directory, which survives a kill:
@@ -97,7 +98,6 @@ def make_map(
 
         third = z, layers, adaptive, border
         request = Request(name, x, y, of, resolution, members, settings, run, zoom, *third)
-        ways = Ways(max_wall, shards, shard_size, cluster)
         folder = output is not None and names_a_run(output)
         if request.draws(ways):
             refuse_outputs(force, plot=plot, study=output)

@@ -2,7 +2,7 @@
 
 import functools
 import inspect
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Annotated, Any
 
 import typer
@@ -115,24 +115,40 @@ def takes_settings(*names: str, but: Collection[str] = ()) -> Callable[[Command]
     """Decorate a command that has a parameter `run`: give it an option for each run setting of
     `names` (all by default, except those of `but`). `run` is the dict of the given settings."""
     chosen = [name for name in names or Run.model_fields if name not in but]
+    return gathering(
+        "run",
+        {name: setting(name) for name in chosen},
+        lambda given: {k: v for k, v in given.items() if v is not None},
+    )
+
+
+def gathering(
+    into: str, options: Mapping[str, Any], made: Callable[[dict[str, Any]], Any]
+) -> Callable[[Command], Command]:
+    """Decorate a command that has a parameter `into`: give it options in its place, of which `made`
+    makes its value.
+
+    options : {name: annotation}; None where they are not given
+    """
 
     def decorate(command: Command) -> Command:
         signature = inspect.signature(command)
         kind = inspect.Parameter.KEYWORD_ONLY
-        others = [p.replace(kind=kind) for p in signature.parameters.values() if p.name != "run"]
-        options = [
-            inspect.Parameter(name, kind, default=None, annotation=setting(name)) for name in chosen
+        others = [p.replace(kind=kind) for p in signature.parameters.values() if p.name != into]
+        more = [
+            inspect.Parameter(name, kind, default=None, annotation=annotation)
+            for name, annotation in options.items()
         ]
 
         @functools.wraps(command)
         def gathered(**given: Any) -> None:
-            run = {name: given.pop(name) for name in chosen}
-            command(run={k: v for k, v in run.items() if v is not None}, **given)
+            value = made({name: given.pop(name) for name in options})
+            command(**{into: value}, **given)
 
         # `inspect` documents this attribute, and mypy does not know it
-        shown = signature.replace(parameters=[*others, *options])
+        shown = signature.replace(parameters=[*others, *more])
         gathered.__signature__ = shown  # type: ignore[attr-defined]
-        gathered.__annotations__ = {p.name: p.annotation for p in (*others, *options)}
+        gathered.__annotations__ = {p.name: p.annotation for p in (*others, *more)}
         return gathered
 
     return decorate

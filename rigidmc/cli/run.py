@@ -21,18 +21,21 @@ from rigidmc.cli.common import (
     save_picture,
     written,
 )
-from rigidmc.cli.directories import Ways, begun, names_a_run, refuse_force, refuse_ways
+from rigidmc.cli.directories import (
+    Ways,
+    begun,
+    names_a_run,
+    refuse_force,
+    refuse_ways,
+    takes_ways,
+)
 from rigidmc.cli.options import (
     AllowCode,
-    Cluster,
     Force,
-    MaxWall,
     OutputOrRun,
     Plot,
     SceneArgument,
     Set,
-    Shards,
-    ShardSize,
     Threads,
     count_option,
     takes_settings,
@@ -59,9 +62,11 @@ Most = Annotated[int, count_option("--most", 32, help="With --until: most member
 
 @app.command("run", rich_help_panel=START)
 @takes_settings()
+@takes_ways
 def run_scene(
     scene: SceneArgument,
     run: dict[str, Any],
+    ways: Ways,
     settings: Set = [],  # noqa: B006
     allow_code: AllowCode = False,
     threads: Threads = None,
@@ -70,16 +75,11 @@ def run_scene(
     force: Force = False,
     until: Until = None,
     most: Most = 10_000_000,
-    max_wall: MaxWall = None,
-    shards: Shards = None,
-    shard_size: ShardSize = None,
-    cluster: Cluster = None,
 ) -> None:
     """Run a scene: integrate its ensemble, write the result and a picture, and say what it cost."""
     began = time.perf_counter()
     with reported(), about(scene):
         loaded = load_scene(scene, settings, allow_code, run)
-        ways = Ways(max_wall, shards, shard_size, cluster)
         if output is not None and names_a_run(output):
             from rigidmc.runs.create import create
 

@@ -17,17 +17,20 @@ from rigidmc.cli.common import (
     reported,
     show_done,
 )
-from rigidmc.cli.directories import Ways, begun, names_a_run, refuse_force, refuse_ways
+from rigidmc.cli.directories import (
+    Ways,
+    begun,
+    names_a_run,
+    refuse_force,
+    refuse_ways,
+    takes_ways,
+)
 from rigidmc.cli.options import (
     AllowCode,
-    Cluster,
     Force,
-    MaxWall,
     OutputOrRun,
     Plot,
     Set,
-    Shards,
-    ShardSize,
     Threads,
     count_option,
     takes_settings,
@@ -66,9 +69,11 @@ SETTINGS = ("integrator", "dt", "turn", "t_end", "tolerance", "seed", "dtype", "
 
 @app.command(rich_help_panel=STUDY)
 @takes_settings(*SETTINGS)
+@takes_ways
 def sensitivity(
     name: Name,
     run: dict[str, Any],
+    ways: Ways,
     of: Measures,
     families: Families = None,
     settings: Set = [],  # noqa: B006
@@ -77,10 +82,6 @@ def sensitivity(
     output: OutputOrRun = None,
     plot: Plot = None,
     force: Force = False,
-    max_wall: MaxWall = None,
-    shards: Shards = None,
-    shard_size: ShardSize = None,
-    cluster: Cluster = None,
 ) -> None:
     """Which uncertain number of a scene matters: the share of a measure's variance that each causes
     alone, and in which it takes part (Sobol indices), with intervals. With -o RUN/ the members are
@@ -88,7 +89,6 @@ def sensitivity(
     with reported(), about(name):
         from rigidmc.studies import sensitivity as study
 
-        ways = Ways(max_wall, shards, shard_size, cluster)
         folder = output is not None and names_a_run(output)
         refuse_outputs(force, plot=plot, study=None if folder else output)
         count = study.FAMILIES if families is None else families
