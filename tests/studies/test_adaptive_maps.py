@@ -68,8 +68,8 @@ def test_the_pixels_that_are_computed_are_those_of_the_whole_map(whole, adaptive
     for name in whole.data_vars:
         one, other = adaptive[name].values[computed], whole[name].values[computed]
         assert np.array_equal(one, other, equal_nan=True), name
-    assert 0.1 < computed.mean() < 0.5
-    assert share_of_wrong(adaptive, whole) < 0.01
+    assert 0.1 < computed.mean() < 0.5  # measured 0.25
+    assert share_of_wrong(adaptive, whole) < 0.001  # measured 2.5e-4, the coarse grid 0.061
     # what is not computed shows a pixel that is: the coarse grid alone is wrong more often
     rows, columns = (np.arange(size) // STRIDE * STRIDE for size in whole.good.shape)
     coarse = whole.isel(y=rows, x=columns)

@@ -55,7 +55,7 @@ def test_a_stack_may_be_adaptive(stack):
     computed = found.computed.values > 0
     name = "p(flips>=1)"
     assert np.array_equal(found[name].values[computed], stack[name].values[computed], True)
-    assert 0.2 < computed.mean() < 0.8
+    assert 0.2 < computed.mean() < 0.8  # measured 0.41
 
 
 def test_a_stack_has_a_panel_for_each_layer(stack):
