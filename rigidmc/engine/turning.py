@@ -38,7 +38,7 @@ WIDER = 0.01
 ANY = 1e300  # a limit that every number keeps
 
 
-class Turn(NamedTuple):
+class Extremum(NamedTuple):
     """A number that may turn round between two nodes.
 
     mark : whether that may count;  way : 1 for a smallest value, -1 for a largest
@@ -93,7 +93,7 @@ def wider(x):
 
 
 def all_touched(events, moves, step, part, levels, values, slopes, others, falls):
-    """The Turn of each event in a Part: its level may turn round beyond 0, or where it arms.
+    """The Extremum of each event in a Part: its level may turn round beyond 0, or where it arms.
 
     levels : at the first node, 0 if the event cannot happen
     values, slopes, others, falls : levels and their slopes at the first node and at the second
@@ -106,7 +106,7 @@ def all_touched(events, moves, step, part, levels, values, slopes, others, falls
     arms = (a[1] > 0.0) & (b[1] < 0.0) & (levels[0] == 0.0)
     arms = arms & armed(events[0], step.body, part.q, part.l, peak, peak != peak)
     mark = ((b[0] > 0.0) & dips(a, b, part) | arms) & moves
-    first = Turn(mark, select(slopes[0] < 0.0, 1.0, -1.0), select(arms, ANY, 0.0))
+    first = Extremum(mark, select(slopes[0] < 0.0, 1.0, -1.0), select(arms, ANY, 0.0))
     rest = all_touched(
         events[1:], moves, step, part, levels[1:], values[1:], slopes[1:], others[1:], falls[1:]
     )
@@ -114,7 +114,7 @@ def all_touched(events, moves, step, part, levels, values, slopes, others, falls
 
 
 def all_extreme(running, moves, part, kept, values, slopes, others, falls):
-    """The Turn of each number of running observables in a Part: its extreme may count.
+    """The Extremum of each number of running observables in a Part: its extreme may count.
 
     values, slopes, others, falls : the numbers and their slopes at the first node and at the second
     """
@@ -138,7 +138,7 @@ def extreme(limits, moves, part, values, slopes, others, falls):
     a = way * values[0] - limit, way * slopes[0]
     mark = dips(a, (way * others[0] - limit, way * falls[0]), part) & moves
     rest = extreme(limits[1:], moves, part, values[1:], slopes[1:], others[1:], falls[1:])
-    return (Turn(mark, way, limit),) + rest
+    return (Extremum(mark, way, limit),) + rest
 
 
 def dips(a, b, part):
@@ -178,34 +178,34 @@ def lowest(a, b, part):
     return part.b - width * back, value
 
 
-def turned(events, running, turns, step, part, before, now, backs, levels, kept, state, row):
+def turned(events, running, extrema, step, part, before, now, backs, levels, kept, state, row):
     """(backs, levels, kept) after the states in a Part where numbers turn round.
 
-    turns : the Turn of each number;  before, now : Nodes
+    extrema : the Extremum of each number;  before, now : Nodes
     backs, levels : where events begin in the Part, as `note` takes it
     """
-    if len(turns) == 0:
+    if len(extrema) == 0:
         return backs, levels, kept
-    if any_of(any_mark(turns)):
-        for k in range(len(turns)):
-            turn = picked(turns, k)
-            a = picked(before.numbers, k), turn.way * picked(before.slopes, k)
-            b = picked(now.numbers, k), turn.way * picked(now.slopes, k)
-            x, least = lowest((turn.way * a[0], a[1]), (turn.way * b[0], b[1]), part)
+    if any_of(any_mark(extrema)):
+        for k in range(len(extrema)):
+            one = picked(extrema, k)
+            a = picked(before.numbers, k), one.way * picked(before.slopes, k)
+            b = picked(now.numbers, k), one.way * picked(now.slopes, k)
+            x, least = lowest((one.way * a[0], a[1]), (one.way * b[0], b[1]), part)
             doubt = LESS_DOUBT * (part.b - part.a) * (b[1] - a[1])
-            there = turn.mark & (least - doubt < turn.limit)
+            there = one.mark & (least - doubt < one.limit)
             if any_of(there):
-                x, q, l = turning_state(events, running, step, part, k, turn.way, a[1], b[1], x)
+                x, q, l = turning_state(events, running, step, part, k, one.way, a[1], b[1], x)
                 kept = put_in(running, k - len(levels), there, step, x, q, l, kept)
                 backs, levels = noted(events, k, there, step, x, q, l, backs, levels, state, row)
     return backs, levels, kept
 
 
-def any_mark(turns):
-    """Whether any of the turns is marked."""
-    if len(turns) == 1:
-        return turns[0].mark
-    return turns[0].mark | any_mark(turns[1:])
+def any_mark(extrema):
+    """Whether any of the extrema is marked."""
+    if len(extrema) == 1:
+        return extrema[0].mark
+    return extrema[0].mark | any_mark(extrema[1:])
 
 
 def picked(values, k):
