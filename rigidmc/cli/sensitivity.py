@@ -95,13 +95,14 @@ def sensitivity(
         if os.path.isdir(name) or name.lower().endswith(".nc"):
             given = {"families": families, "set": settings or None, **run, **ways._asdict()}
             _refuse_all(given)
-            dataset = study.sensitivity_of(opened(name, allow_code), of)
+            dataset = study.sensitivity_of(opened(name, allow_code), of, allow_code=allow_code)
         elif output is not None and folder:
             refuse_force(output, force)
             scene, _ = study.designed(load_scene(name, settings, allow_code), of, count, **run)
             if begun(_maker(scene, output), ways, threads, allow_code) == INCOMPLETE:
                 raise typer.Exit(INCOMPLETE)
-            dataset, output = study.sensitivity_of(opened(output, allow_code), of), None
+            dataset = study.sensitivity_of(opened(output, allow_code), of, allow_code=allow_code)
+            output = None
         else:
             refuse_ways(ways)
             scene = load_scene(name, settings, allow_code)

@@ -14,8 +14,7 @@ from rigidmc.observables import OBSERVABLES
 from rigidmc.planning.stage import groups
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.amounts import counted
-from rigidmc.scene.scene import Scene, loads
-from rigidmc.scene.stored import scene_text
+from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.storage.schema import member_variables
 from rigidmc.studies.intervals import Interval
 from rigidmc.studies.measures import Measure, measure, observing
@@ -119,14 +118,20 @@ def designed(
 
 
 def sensitivity_of(
-    result: xr.Dataset, of: str | Sequence[str], confidence: float = 0.95
+    result: xr.Dataset,
+    of: str | Sequence[str],
+    confidence: float = 0.95,
+    allow_code: bool = False,
 ) -> xr.Dataset:
     """Tell what `sensitivity` tells, of a result whose scene has points = "saltelli".
 
+    allow_code : whether to run the Python files of a user's own parts
+
     The families of which some members are not there, in a run that has not ended, are left out.
-    Raises OptionError for another result, and as `sensitivity`.
+    Raises OptionError for another result, SceneError for code that is not allowed, and as
+    `sensitivity`.
     """
-    scene = loads(scene_text(result), "", allow_code=False)
+    scene = scene_of(result, allow_code=allow_code)
     if scene.run.points != "saltelli":
         rule = 'a sensitivity study needs members drawn with [run] points = "saltelli"'
         raise OptionError("run", "points", scene.run.points, rule)

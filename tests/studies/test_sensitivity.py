@@ -1,5 +1,8 @@
 """Sobol indices: Ishigami's function, a top that is linear in Gaussian numbers, scipy, coverage."""
 
+from dataclasses import replace
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -113,6 +116,26 @@ def test_a_run_directory_tells_the_same_also_in_part(tmp_path):
     assert again["first"].equals(whole["first"]) and again.total_high.equals(whole.total_high)
     assert "10,000 families of 4 members" in "\n".join(table(again))
     assert sensitivity_bars(again).axes[0].get_xlabel().startswith(text)
+
+
+class Brake(NamedTuple):
+    """An effect of a user's own."""
+
+    size: float
+
+    def torque(self, l):
+        return (-self.size * l[0], -self.size * l[1], -self.size * l[2])
+
+
+def test_a_study_of_code_needs_the_code():
+    scene = replace(LINEAR, effects=(Brake(0.1),)).with_run(save=("omega_mean",))
+    result = rm.simulate(scene, points="saltelli", members=300)
+    text = "mean(omega_mean[3])"
+    with pytest.raises(rm.SceneError, match="allow-code"):
+        sensitivity_of(result, text)
+    study = sensitivity_of(result, text, allow_code=True)
+    assert study.number.values.tolist() == ["start.omega.3"]
+    assert study.total.values == pytest.approx(1.0, abs=0.3)  # measured 1.12: nothing else is drawn
 
 
 def test_what_is_no_study_is_refused():
