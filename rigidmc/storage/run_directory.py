@@ -1,16 +1,13 @@
 """A run as a directory: run.json and scene.toml say what the run is, its shards say what is done.
 
-    run.json       what never changes: scene's hash, seed, members of a shard and of a block,
-    versions,
-                   type of processor; and how many members the run has
+    run.json       what never changes: hash of the scene, seed, members of a shard and of a block,
+                   versions, type of processor; and how many members the run has
     scene.toml     the scene, resolved; columns.nc holds those of its quantities that have one row
-    per
-                   member
+                   per member
     members.i64    the indices of the members of a run that has chosen ones, in the order of its
-    shards
+                   shards
     shards/        one netCDF4 file for each range of members; its bytes depend on scene and seed
-    alone,
-                   and its name tells how many members are flagged and the file's hash
+                   alone, and its name tells how many members are flagged and the hash of the file
     journal.jsonl  what happened: when, where, how fast; nothing depends on it
     lock           held by the process that writes
 
@@ -264,10 +261,9 @@ def status(path: Path) -> dict[str, Any]:
     """What of a run is done, by the names of its shards alone: {"shards", "done", "members",
     "members_done", "flagged", "strays", "growing", "rate", "seconds_left", "machine", "versions"}.
 
-    The strays are counted, see `RunDirectory.listed`. Members of a run that is
-    growing may ask for more when all are there. The rate [1/s] is that of the last time that the
-    run was begun: from the journal if that has ended, else from the times of the shards that
-    appeared.
+    The strays are counted, see `RunDirectory.listed`. A run that is growing may ask for more
+    members when all are there. The rate [1/s] is that of the last time that the run was begun: from
+    the journal if that has ended, else from the times of the shards that appeared.
     """
     directory = RunDirectory(path)
     (shards, strays), journal = directory.listed(), directory.journal()
