@@ -98,7 +98,7 @@ def leave(kinds, numbers, block, rows, members, low, works, works_at, done, stat
 
 def begin(kinds, numbers, parts, state, work):
     """Note energy and momentum of the start, judge it, and open the state for the integrator."""
-    integrator, effects, _, _, limits, ledger = parts_of(kinds, numbers)
+    integrator, effects, limits, ledger = parts_of(kinds, numbers)
     body, present = body_at(work, KNOWN + BODY), filled(effects, work, KNOWN + EFFECTS)
     q, l, h = four_at(work, KNOWN + ATTITUDE), three_at(work, KNOWN + MOMENTUM), work[LENGTH]
     kinetic, squared = kinetic_energy(body, l), dot(l, l)

@@ -24,7 +24,7 @@ from rigidmc.engine.memory import aligned
 from rigidmc.engine.own_parts import slow_parts
 from rigidmc.engine.pieces import NOTHING, Asked, Piece, config, is_ready, piece, run
 from rigidmc.engine.pipeline import LINE
-from rigidmc.integrators.protocol import group_count
+from rigidmc.integrators.protocol import group_count, keeping
 from rigidmc.observables.protocol import size
 
 MARCH = "piswsikkuiii"  # the arguments of `march`, see `piece`
@@ -103,9 +103,7 @@ class Program:
         groups = (0.0,) * min(self.lanes, group_count(integrator))
         several = (0.0,) * (len(self.form.parts) > 2)
         moved = (integrator, effects, *marks, (0.0,) * len(ledger), groups, several)
-        looked = (integrator, effects, *marks, limits, ledger)
-        nodes = self.shape.nodes
-        watched = (integrator, effects, events, running, (0.0,) * min(nodes, 2))
+        kept, dense = keeping(integrator), (0.0,) * min(self.shape.nodes, 2)
 
         def asked(wanted: Any, function: Any, parts: Any, arguments: str) -> Any:
             return (function, parts, self.dtype, self.lanes, arguments) if wanted else None
@@ -114,15 +112,15 @@ class Program:
         pieces = Pieces(
             enter=asked(True, member.enter, (), "piiiiffsw"),
             leave=asked(True, member.leave, (), "piiiiiisw"),
-            begin=asked(True, member.begin, looked, "psw"),
+            begin=asked(True, member.begin, (kept, effects, limits, ledger), "psw"),
             march=asked(True, march, moved, MARCH),
-            look=asked(True, member.look, looked, "pswff"),
+            look=asked(True, member.look, (kept, effects, *marks, limits, ledger), "pswff"),
             record=asked(observables, member.record, (observables, effects, ledger), "wpiifi"),
-            begin_watch=asked(some, watching.begin_watch, watched, "pswi"),
-            watch=asked(some, watching.watch, watched, "pswsiiii"),
-            seek=asked(events, event.seek, (integrator, effects, events), "pswswiii"),
-            begin_near=asked(shadow, neighbour.begin_near, (integrator, effects), "pswsi"),
-            meet=asked(shadow, neighbour.meet, (integrator, effects), "pswsiff"),
+            begin_watch=asked(some, watching.begin_watch, (effects, events, running), "pswi"),
+            watch=asked(some, watching.watch, (kept, effects, events, running, dense), "pswsiiii"),
+            seek=asked(events, event.seek, (kept, effects, events), "pswswiii"),
+            begin_near=asked(shadow, neighbour.begin_near, (kept, effects), "pswsi"),
+            meet=asked(shadow, neighbour.meet, (kept, effects), "pswsiff"),
         )
         return {**pieces._asdict(), "advance": (advance, (), self.dtype, 0, frame_type(self.dtype))}
 

@@ -44,7 +44,7 @@ from rigidmc.observables.protocol import begin
 
 def begin_watch(kinds, numbers, parts, state, work, row):
     """Set the rows of what is watched at the start."""
-    _, effects, events, running, _ = parts_of(kinds, numbers)
+    effects, events, running = parts_of(kinds, numbers)
     body, present = body_at(state, BODY_AT), filled(effects, state, EFFECTS_AT)
     q = in_precision(four_at(work, KNOWN + GOOD), state)
     l = in_precision(three_at(work, KNOWN + GOOD + 4), state)

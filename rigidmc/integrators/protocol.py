@@ -1,9 +1,9 @@
 """What an integrator is: its facts, with their defaults, and what the engine asks of its steps."""
 
 from math import inf
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
-from rigidmc.dynamics.methods import method
+from rigidmc.dynamics.methods import implements, method
 
 
 class Integrator(Protocol):
@@ -104,3 +104,16 @@ def opened(integrator, body, effects, t, part, q, l):
 def closed(integrator, body, effects, t, part, q, l):
     """(q, L) from the form in which it is kept between steps; undoes `opened`."""
     return q, l
+
+
+class AsItIs(NamedTuple):
+    """Stands for every program that keeps (q, L) between steps as they are."""
+
+
+def keeping(integrator: Any) -> Any:
+    """What says in which form a program keeps (q, L) between steps: the program, or AsItIs.
+
+    What is compiled for AsItIs serves most integrators.
+    """
+    changes = any(implements(integrator, verb) for verb in ("keeps", "opened", "closed"))
+    return integrator if changes else AsItIs()
