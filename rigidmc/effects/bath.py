@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from rigidmc.dynamics.so3 import expm1
+from rigidmc.dynamics.so3 import expm1, root
 from rigidmc.effects.protocol import Number, Vector, effect
 
 
@@ -60,7 +60,7 @@ class Bath(NamedTuple):
         one, two, three = body.i2 * body.i3, body.i3 * body.i1, body.i1 * body.i2
         share = spread / (body.i1 * one)  # spread I_1 = share / (I_2 I_3): one division for three
         return (
-            l[0] + less * l[0] + math.sqrt(share * one) * self.noise[0],
-            l[1] + less * l[1] + math.sqrt(share * two) * self.noise[1],
-            l[2] + less * l[2] + math.sqrt(share * three) * self.noise[2],
+            l[0] + less * l[0] + root(share * one) * self.noise[0],
+            l[1] + less * l[1] + root(share * two) * self.noise[1],
+            l[2] + less * l[2] + root(share * three) * self.noise[2],
         )

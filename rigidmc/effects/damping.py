@@ -4,7 +4,7 @@ import math
 from typing import Any, NamedTuple
 
 from rigidmc.dynamics.euler import angular_velocity
-from rigidmc.dynamics.so3 import axpy, dot, expm1, scale
+from rigidmc.dynamics.so3 import axpy, dot, expm1, root, scale
 from rigidmc.effects.flows import faded, solved, symmetric_times
 from rigidmc.effects.protocol import Number, Vector, effect
 
@@ -173,12 +173,12 @@ class QuadraticDrag(NamedTuple):
 
     def torque(self, body, l):
         w = angular_velocity(body, l)
-        return scale(-self.drag * math.sqrt(dot(w, w)), w)
+        return scale(-self.drag * root(dot(w, w)), w)
 
     def kick(self, body, h, l):
         w = angular_velocity(body, l)
-        w = angular_velocity(body, faded(body, 0.5 * h * self.drag * math.sqrt(dot(w, w)), l))
-        return faded(body, h * self.drag * math.sqrt(dot(w, w)), l)
+        w = angular_velocity(body, faded(body, 0.5 * h * self.drag * root(dot(w, w)), l))
+        return faded(body, h * self.drag * root(dot(w, w)), l)
 
 
 @effect(
@@ -218,10 +218,10 @@ class DryFriction(NamedTuple):
 
     def torque(self, body, l):
         w = angular_velocity(body, l)
-        return scale(-self.friction / math.sqrt(dot(w, w) + self.rest * self.rest), w)
+        return scale(-self.friction / root(dot(w, w) + self.rest * self.rest), w)
 
     def kick(self, body, h, l):
         w = angular_velocity(body, l)
-        half = 0.5 * h * self.friction / math.sqrt(dot(w, w) + self.rest * self.rest)
+        half = 0.5 * h * self.friction / root(dot(w, w) + self.rest * self.rest)
         w = angular_velocity(body, faded(body, half, l))
-        return faded(body, h * self.friction / math.sqrt(dot(w, w) + self.rest * self.rest), l)
+        return faded(body, h * self.friction / root(dot(w, w) + self.rest * self.rest), l)

@@ -4,7 +4,7 @@ import math
 from typing import NamedTuple
 
 from rigidmc.dynamics.euler import angular_velocity
-from rigidmc.dynamics.so3 import add, axpy, cross, difference, dot, scale, select
+from rigidmc.dynamics.so3 import add, axpy, cross, difference, dot, root, scale, select
 from rigidmc.effects.flows import turned_vector
 from rigidmc.effects.protocol import Number, Vector, effect
 
@@ -80,4 +80,4 @@ class EnergyDissipation(NamedTuple):
 def _size(v):
     """|v|, or 1 if v is 0."""
     square = dot(v, v)
-    return math.sqrt(select(square > 0.0, square, 1.0))
+    return root(select(square > 0.0, square, 1.0))

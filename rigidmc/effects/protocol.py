@@ -90,9 +90,18 @@ def effect(**stated: Any) -> Callable[[Kind], Kind]:
     def put(kind: Kind) -> Kind:
         for name, value in stated.items():
             setattr(kind, name, value)
+        if stated.get("hidden"):
+            kind.__repr__ = _shown  # type: ignore[assignment, method-assign]
         return kind
 
     return put
+
+
+def _shown(effect: Any) -> str:
+    """An effect as a NamedTuple shows itself, without the parameters that the engine fills in."""
+    given = (name for name in effect._fields if name not in effect.hidden)
+    words = ", ".join(f"{name}={getattr(effect, name)!r}" for name in given)
+    return f"{type(effect).__name__}({words})"
 
 
 def facts(effect: Effect | type[Effect]) -> Facts:

@@ -4,7 +4,7 @@ import math
 from typing import NamedTuple
 
 from rigidmc.dynamics.euler import angular_velocity
-from rigidmc.dynamics.so3 import axpy, cross, select
+from rigidmc.dynamics.so3 import axpy, cross, root, select
 from rigidmc.effects.flows import turned_vector
 from rigidmc.effects.protocol import Vector, effect
 
@@ -59,7 +59,7 @@ class Rotor(NamedTuple):
 
     def kick(self, body, t, h, l):
         # with y_i = L_i sqrt(1/I_i):  dy/dt = g x y,  g_i = H_i / sqrt(I_j I_k)
-        one, two, three = math.sqrt(body.i1), math.sqrt(body.i2), math.sqrt(body.i3)
+        one, two, three = root(body.i1), root(body.i2), root(body.i3)
         wheel = axpy(self.momentum, t, self.motor)
         x, y, z = axpy(l, -0.5 * h, self.motor)
         x, y, z = turned_vector(

@@ -38,8 +38,8 @@ class Spring(NamedTuple):
     Examples
     --------
     >>> spring = rm.Spring(stiffness=10.0, at=(0.5, 0.0, 0.0), to=(0.0, 2.0, 0.0))
-    >>> spring.torque((1.0, 0.0, 0.0, 0.0))
-    (0.0, 0.0, 10.0)
+    >>> print(*spring.torque((1.0, 0.0, 0.0, 0.0)))
+    0.0 0.0 10.0
     """
 
     stiffness: Number
@@ -50,14 +50,14 @@ class Spring(NamedTuple):
     def torque(self, q):
         end = into_body(q, self.to)
         d = difference(self.at, end)
-        pull = self.stiffness * (1.0 - self.length / math.sqrt(dot(d, d) + 1e-300))
+        pull = self.stiffness * (1.0 - self.length / root(dot(d, d) + 1e-300))
         return scale(pull, cross(self.at, end))
 
     def torque_rate(self, q, w):
         end = into_body(q, self.to)
         d, moves = difference(self.at, end), cross(end, w)
         square = dot(d, d) + 1e-300
-        slack = self.length / math.sqrt(square)
+        slack = self.length / root(square)
         pull, change = (
             self.stiffness * (1.0 - slack),
             self.stiffness * slack * (-dot(d, moves)) / square,
@@ -71,7 +71,7 @@ class Spring(NamedTuple):
 
     def energy(self, q):
         d = difference(self.at, into_body(q, self.to))
-        stretch = math.sqrt(dot(d, d)) - self.length
+        stretch = root(dot(d, d)) - self.length
         return 0.5 * self.stiffness * stretch * stretch
 
     def energy_scale(self):
