@@ -31,6 +31,7 @@ _HOMES = {
     "stability_map": "studies.maps.stability_map",
     "open_map": "studies.maps.stored",
     "zoom_map": "studies.maps.zoom",
+    "section": "studies.sections.section",
     "sensitivity": "studies.sensitivity",
     "simulate_until": "studies.until",
     "randomised": "studies.until",
@@ -94,6 +95,7 @@ if TYPE_CHECKING:  # the same names for type checkers and editors
     from rigidmc.studies.maps.stability_map import stability_map as stability_map
     from rigidmc.studies.maps.stored import open_map as open_map
     from rigidmc.studies.maps.zoom import zoom_map as zoom_map
+    from rigidmc.studies.sections.section import section as section
     from rigidmc.studies.sensitivity import sensitivity as sensitivity
     from rigidmc.studies.until import randomised as randomised
     from rigidmc.studies.until import simulate_until as simulate_until

@@ -14,6 +14,7 @@ from rigidmc.cli import (  # noqa: F401
     results,
     run,
     scenes,
+    section,
     sensitivity,
     stress,
     view,

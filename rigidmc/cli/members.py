@@ -1,0 +1,125 @@
+"""A study of members that exist already, that a run directory computes, or that it computes now."""
+
+import os
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import typer
+
+from rigidmc.cli.common import INCOMPLETE, keep, load_scene, opened, refuse_outputs
+from rigidmc.cli.directories import Ways, begun, names_a_run, refuse_force, refuse_ways
+from rigidmc.cli.options import (
+    AllowCode,
+    Cluster,
+    Force,
+    MaxWall,
+    OutputOrRun,
+    Plot,
+    Set,
+    Shards,
+    ShardSize,
+    Threads,
+    gathering,
+)
+from rigidmc.errors import OptionError
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+    from rigidmc.scene.scene import Scene
+
+
+class Study(NamedTuple):
+    """What a study of members can do.
+
+    designed : the scene whose members it studies, from a scene
+    now : the study of a scene, whose members it computes
+    of : the study of a result
+    """
+
+    designed: "Callable[[Scene], Scene]"
+    now: "Callable[[Scene], xr.Dataset]"
+    of: "Callable[[xr.Dataset], xr.Dataset]"
+
+
+class Where(NamedTuple):
+    """How members are computed and where they go, as options.
+
+    settings : of --set;  output : a file, or a run directory;  ways : that only these have
+    """
+
+    settings: list[str]
+    allow_code: bool
+    threads: int | None
+    output: str | None
+    plot: str | None
+    force: bool
+    ways: Ways
+
+
+def _where(given: dict[str, Any]) -> Where:
+    """The Where of the options."""
+    ways = Ways(*(given.pop(name) for name in Ways._fields))
+    settings, output = list(given["settings"] or ()), given["output"]
+    flags = bool(given["allow_code"]), bool(given["force"])
+    return Where(settings, flags[0], given["threads"], output, given["plot"], flags[1], ways)
+
+
+takes_members = gathering(  # decorates a command that has a parameter `where`
+    "where",
+    {
+        "settings": Set, "allow_code": AllowCode, "threads": Threads, "output": OutputOrRun,
+        "plot": Plot, "force": Force, "max_wall": MaxWall, "shards": Shards,
+        "shard_size": ShardSize, "cluster": Cluster,
+    },
+    _where,
+)  # fmt: skip
+
+
+def studied(name: str, where: Where, study: Study, **new: Any) -> "tuple[xr.Dataset, str | None]":
+    """(a study, the file to write it to).
+
+    name : of a scene, a result or a run directory;  new : options of members to be computed
+    """
+    output, ways, allow_code = where.output, where.ways, where.allow_code
+    folder = output if output is not None and names_a_run(output) else None
+    refuse_outputs(where.force, plot=where.plot, study=None if folder else output)
+    if os.path.isdir(name) or name.lower().endswith(".nc"):
+        _refuse({"set": where.settings or None, **new, **ways._asdict()})
+        return study.of(opened(name, allow_code)), output
+    if folder is None:
+        refuse_ways(ways)
+        return study.now(load_scene(name, where.settings, allow_code)), output
+    refuse_force(folder, where.force)
+    scene = study.designed(load_scene(name, where.settings, allow_code))
+    if begun(_maker(scene, folder), ways, where.threads, allow_code) == INCOMPLETE:
+        raise typer.Exit(INCOMPLETE)
+    return study.of(opened(folder, allow_code)), None
+
+
+def shown(
+    dataset: "xr.Dataset", file: str | None, where: Where, lines: list[str],
+    draw: "Callable[[xr.Dataset], Figure]",
+) -> None:  # fmt: skip
+    """Write a study and its picture, and print its lines, also if a file cannot be written."""
+    try:
+        lines += keep(dataset, file, where.plot, where.force, draw)
+    finally:
+        print("\n".join(lines))
+
+
+def _refuse(given: dict[str, Any]) -> None:
+    """OptionError for an option of new members beside those that exist."""
+    for key, value in given.items():
+        if value is not None:
+            rule = "is for a new study, and the members of this one exist"
+            raise OptionError("", f"--{key.replace('_', '-')}", value, rule)
+
+
+def _maker(scene: "Scene", path: str) -> Any:
+    """The function that makes the run directory of a study."""
+    from rigidmc.runs.create import create
+
+    return partial(create, scene, path)

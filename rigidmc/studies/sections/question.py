@@ -1,0 +1,97 @@
+"""What a section asks for: "omega[1] = 0", or "every orbit"."""
+
+import math
+import re
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigidmc.dynamics.methods import argument_names
+from rigidmc.effects import labelled
+from rigidmc.effects.protocol import is_random
+from rigidmc.errors import OptionError, SceneError, nearest
+from rigidmc.observables import OBSERVABLES, own
+from rigidmc.observables.protocol import DIMENSIONS
+from rigidmc.scene.scene import Scene
+
+Array = NDArray[np.float64]
+WAYS = ("rises", "falls", "both")
+_CROSSING = re.compile(
+    r"\s*(?P<name>[A-Za-z_]\w*)(\[(?P<component>\w+)\])?\s*=\s*"
+    r"(?P<value>[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?)\s*"
+)
+_PERIOD = re.compile(r"\s*every\s+(?P<period>orbit|(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?)\s*(s\s*)?")
+RULE = 'expected "NAME = NUMBER" or "NAME[3] = NUMBER", "every NUMBER" [s] or "every orbit"'
+
+
+class Crossing(NamedTuple):
+    """Where an observable, or a component of it, passes a value.
+
+    row : of the component among the numbers of the observable;  way : of WAYS
+    """
+
+    text: str
+    name: str
+    row: int
+    value: float
+    way: str
+
+    def happens(self, before: Array, after: Array) -> NDArray[np.bool_]:
+        """Whether levels, values less `value`, pass 0 between two saves."""
+        up, down = (before < 0.0) & (after >= 0.0), (before > 0.0) & (after <= 0.0)
+        found: NDArray[np.bool_] = {"rises": up, "falls": down, "both": up | down}[self.way]
+        return found
+
+
+def crossing_of(scene: Scene, at: str, way: str) -> Crossing:
+    """The Crossing of a text; OptionError."""
+    if way not in WAYS:
+        raise OptionError("", "way", way, f"expected {', '.join(WAYS)}", nearest(way, WAYS))
+    match = _CROSSING.fullmatch(at)
+    if match is None:
+        raise OptionError("", "at", at, RULE)
+    if noisy := [label for label, effect in labelled(scene.effects) if is_random(effect)]:
+        rule = "a path with noise is not known between saves: no section"
+        raise SceneError("effects", noisy[0], None, rule)
+    name, component = match["name"], match["component"]
+    names = dict.fromkeys((*OBSERVABLES, *own(scene.observables), *scene.recorded()))
+    known = [word for word in names if of_the_state(scene, word)]
+    if name not in known:
+        rule = f"no such observable of the state at save times; known: {', '.join(known)}"
+        raise OptionError("", "at", at, rule, nearest(name, known))
+    dims = scene.observable(name).dims
+    labels = [str(label) for label in DIMENSIONS[dims[0]].labels] if dims else []
+    if (component is None) == bool(labels) or (labels and component not in labels):
+        rule = f"one of its components {', '.join(labels)}" if labels else "no component"
+        raise OptionError("", "at", at, f"{name} has {rule}: {RULE}")
+    row = labels.index(component) if labels else 0
+    return Crossing(at.strip(), name, row, float(match["value"]), way)
+
+
+def of_the_state(scene: Scene, name: str) -> bool:
+    """Whether an observable follows from the state and the time, and not from the start too."""
+    observable = scene.observable(name)
+    needs = argument_names(observable, "value")
+    return not needs & {"start", "works"} and "effect" not in observable.dims
+
+
+def period_of(scene: Scene, at: str) -> float | None:
+    """The time between two points of "every NUMBER" [s]; None for a crossing, or OptionError."""
+    if (match := _PERIOD.fullmatch(at)) is None:
+        return None
+    word = match["period"]
+    if word != "orbit":
+        period = float(word)
+        if not 0.0 < period < math.inf:
+            raise OptionError("", "at", at, RULE)
+        return period
+    for label, effect in labelled(scene.effects):
+        if label == "gravity_gradient":
+            mu, distance = effect.mu, effect.distance
+            if isinstance(mu, float) and isinstance(distance, float):
+                return 2.0 * math.pi * math.sqrt(distance**3 / mu)
+            rule = "members have orbits of their own: give a time"
+            raise OptionError("", "at", at, rule)
+    rule = "the scene has no gravity_gradient, and so no orbit"
+    raise OptionError("", "at", at, rule)

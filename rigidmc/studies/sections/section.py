@@ -1,0 +1,218 @@
+"""Poincare sections: the states of members where a quantity passes a value, or once in a period."""
+
+import math
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from rigidmc.errors import OptionError, SceneWarning, nearest
+from rigidmc.observables.protocol import DIMENSIONS
+from rigidmc.runs.simulate import simulate
+from rigidmc.scene.scene import Scene, scene_of
+from rigidmc.studies.sections.points import STATE, crossed, periodic
+from rigidmc.studies.sections.question import WAYS, crossing_of, of_the_state, period_of
+
+Array = NDArray[np.float64]
+BYTES = 2**27  # of saved states at once
+
+
+def section(
+    scene: Scene,
+    at: str,
+    way: str = "rises",
+    threads: int | None = None,
+    progress: Callable[[int, int], object] | None = None,
+    **settings: Any,
+) -> xr.Dataset:
+    """Tell the states of the members wherever a quantity passes a value: a Poincare section.
+
+    A member is integrated as always. Between two saves at which the quantity lies on both sides of
+    the value, the crossing is sought by Chandrupatla's method, with steps of rk8 from the earlier
+    save. Two crossings between two saves are not seen.
+    Source: Henon, Physica D 5 (1982) 412; Chandrupatla, Adv. Eng. Softw. 28 (1997) 145.
+
+    Parameters
+    ----------
+    scene : Scene
+        what is run; without noise
+    at : str
+        "omega[1] = 0": any observable that the scene can save, or a component of it; "every 12.5":
+        a time [s], from the start on; "every orbit": once in each orbit of a `GravityGradient`
+    way : str, optional
+        whether the quantity "rises" there, "falls", or "both"
+    threads : int, optional
+        as of `simulate`
+    progress : callable, optional
+        a function of (members done, all)
+    **settings : object
+        of `simulate`; `every` is the time between two looks for a crossing, by default one step
+
+    Returns
+    -------
+    xarray.Dataset
+        over point, in the order of members and times: `member`, `time`, attitude, momentum, and
+        whatever the scene saves
+
+    Raises
+    ------
+    OptionError
+        for a quantity that is not known at save times
+    SceneError
+        for random effects: between saves a path with noise is not known
+
+    Examples
+    --------
+    A body that turns about its long axis, whenever axis 1 comes past the same side:
+
+    >>> scene = rm.Scene(rm.Body((1.0, 2.0, 3.0)), start=rm.Start(omega=(1.0, 0.2, 0.1)))
+    >>> found = rm.section(scene, "omega[2] = 0", members=1, dt=0.01, t_end=50.0)
+    >>> found.time.diff("point").values.round(9).tolist()  # its period
+    [10.858161105, 10.858161105, 10.858161105]
+    """
+    scene = designed(scene, at, **settings)
+    return _joined(scene, at, way, _chunks(scene, threads, progress), threads)
+
+
+def designed(scene: Scene, at: str, **settings: Any) -> Scene:
+    """The scene whose members are those of a section, with the saves that it needs.
+
+    Arguments as of `section`.
+    """
+    scene = scene.with_run(**settings)
+    if period := period_of(scene, at):
+        count = max(1, math.floor(scene.run.t_end / period * (1.0 + 1e-9)))
+        dt = period / math.ceil(period / scene.run.dt * (1.0 - 1e-9))  # whole steps in a period
+        return _saving(scene, every=period, t_end=count * period, dt=dt)
+    name = crossing_of(scene, at, WAYS[0]).name
+    every = settings.get("every") or (scene.run.every if scene.run.turn else scene.run.dt)
+    return _saving(scene, name, every=every)
+
+
+def section_of(
+    result: xr.Dataset,
+    at: str,
+    way: str = "rises",
+    threads: int | None = None,
+    allow_code: bool = False,
+) -> xr.Dataset:
+    """Tell what `section` tells, of a result that has attitude, momentum and the quantity.
+
+    allow_code : whether to run the Python files of a user's own parts
+
+    Raises OptionError if the result lacks one of them, and as `section`.
+    """
+    scene = scene_of(result, allow_code=allow_code)
+    names = STATE if period_of(scene, at) else (*STATE, crossing_of(scene, at, way).name)
+    for name in names:
+        if name not in result or "time" not in result[name].dims:
+            rule = f"needs {name} at save times; `rigidmc run SCENE --save {','.join(names)}`"
+            raise OptionError("", "at", at, f"a section {rule}", nearest(name, list(result)))
+    size = max(1, BYTES // (8 * 12 * max(1, result.sizes["time"])))
+    count = result.sizes["member"]
+    parts = (result.isel(member=slice(low, low + size)) for low in range(0, count, size))
+    return _joined(scene, at, way, parts, threads)
+
+
+def _saving(scene: Scene, *more: str, **settings: Any) -> Scene:
+    """A scene that saves the state, what it saves at times now, and more."""
+    names = (name for name in scene.run.save if name in scene.recorded())
+    save = tuple(dict.fromkeys((*STATE, *more, *names)))
+    wider: Scene = scene.with_run(save=save, keep="full", **settings)
+    return wider
+
+
+def _chunks(
+    scene: Scene, threads: int | None, progress: Callable[[int, int], object] | None
+) -> Iterator[xr.Dataset]:
+    """The results of the members of a scene, as many at a time as BYTES hold."""
+    first, count = scene.run.first, scene.run.members
+    run = scene.run
+    saves = math.ceil(run.t_end / (run.every or run.dt)) + 1
+    size = max(1, BYTES // (8 * 12 * saves))
+    for low in range(0, count, size):
+        high = min(low + size, count)
+        with warnings.catch_warnings():
+            if low:
+                warnings.simplefilter("ignore", SceneWarning)  # notes are given once
+            part = simulate(scene, members=range(first + low, first + high), threads=threads)
+        yield part
+        if progress is not None:
+            progress(high, count)
+
+
+def _joined(
+    scene: Scene, at: str, way: str, parts: Iterator[xr.Dataset], threads: int | None
+) -> xr.Dataset:
+    """The points of some results, one after the other."""
+    found, flagged = [], 0
+    crossing = None if period_of(scene, at) else crossing_of(scene, at, way)
+    wider = _saving(scene, *((crossing.name,) if crossing else ()))
+    observed = {name: one for name, one in wider.recorded().items() if of_the_state(scene, name)}
+    for part in parts:
+        flagged += int((part.status != 0).sum())
+        if crossing is None:
+            found.append(periodic(part, observed))
+        else:
+            found.append(crossed(scene, part, crossing, observed, threads))
+    return _dataset(scene, at, way if crossing else "", observed, found, flagged)
+
+
+def _dataset(
+    scene: Scene,
+    at: str,
+    way: str,
+    observed: Mapping[str, Any],
+    found: Sequence[Mapping[str, Array]],
+    flagged: int,
+) -> xr.Dataset:
+    """The Dataset of points."""
+
+    def joined(name: str) -> Array:
+        return np.concatenate([one[name] for one in found], axis=-1)
+
+    variables: dict[str, Any] = {
+        "member": ("point", joined("member"), {"long_name": "index of the member"}),
+        "time": ("point", joined("time"), {"long_name": "time of the point", "units": "s"}),
+    }
+    coords: dict[str, Any] = {}
+    for name, one in observed.items():
+        if name not in found[0]:
+            continue
+        values = joined(name)
+        words = (
+            {key: str(word) for key, word in one.words().items()} if hasattr(one, "words") else {}
+        )
+        attrs = {"long_name": one.long_name.format(**words), "units": one.units}
+        variables[name] = (*one.dims, "point"), values if one.dims else values[0], attrs
+        coords |= {dim: list(DIMENSIONS[dim].labels) for dim in one.dims}
+    attrs = {
+        "title": scene.title,
+        "at": at.strip(),
+        "way": way,
+        "members": int(scene.run.members),
+        "flagged": flagged,
+        "scene": scene.dumps(),
+    }
+    return xr.Dataset(variables, coords, attrs)
+
+
+def table(study: xr.Dataset) -> list[str]:
+    """The study in lines of text."""
+    each = np.bincount(np.unique(study.member.values, return_inverse=True)[1])
+    lines = [
+        study.attrs["title"],
+        f"  {study.sizes['point']:,} points, {study.attrs['at']}"
+        + f" as it {study.attrs['way']}" * (study.attrs["way"] in WAYS[:2])
+        + f", of {each.size:,} of {study.attrs['members']:,} members",
+    ]
+    if each.size:
+        lines.append(f"  points of a member: {each.min():,} to {each.max():,}")
+    if study.attrs["flagged"]:
+        lines.append(
+            f"  flagged members, whose later points are missing: {study.attrs['flagged']:,}"
+        )
+    return lines
