@@ -1,4 +1,4 @@
-"""float32 and compensated sums against 40-digit truths: errors, and their growth with steps."""
+"""float32 and compensated sums against 26-digit truths: errors, and their growth with steps."""
 
 from functools import cache
 

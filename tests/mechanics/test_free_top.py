@@ -1,4 +1,4 @@
-"""The exact free top against 40-digit Taylor series and 50-digit classical forms.
+"""The exact free top against 26-digit Taylor series and 50-digit classical forms.
 
 Also the facts that it states about a motion, and bad input.
 """
