@@ -9,6 +9,7 @@ from rigidmc.cli import (  # noqa: F401
     body,
     directories,
     doctor,
+    frequencies,
     maps,
     new,
     results,

@@ -1,7 +1,7 @@
 """Which uncertain number of a scene matters: Sobol indices of a measure, with intervals."""
 
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,13 +9,13 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy import stats
 
-from rigidmc.errors import OptionError, SceneWarning
+from rigidmc.errors import OptionError
 from rigidmc.observables import OBSERVABLES
 from rigidmc.planning.stage import groups
-from rigidmc.runs.simulate import simulate
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.storage.schema import member_variables
+from rigidmc.studies.chunks import chunks
 from rigidmc.studies.intervals import Interval
 from rigidmc.studies.measures import Measure, measure, observing
 
@@ -100,7 +100,8 @@ def sensitivity(
     True
     """
     scene, asked = designed(scene, of, families, **settings)
-    values = np.concatenate(list(_computed(scene, asked, threads, progress)), axis=1)
+    parts = chunks(scene, CHUNK, threads, progress)
+    values = np.concatenate([_values(part, asked) for part in parts], axis=1)
     return _dataset(scene, asked, values.reshape(len(asked), families, -1), confidence)
 
 
@@ -179,25 +180,6 @@ def _mean_of(
         rule = "has no variance over members to share: take mean(NAME) or p(NAME >= NUMBER)"
         raise OptionError("", "of", text, rule)
     return asked
-
-
-def _computed(
-    scene: Scene,
-    asked: Sequence[Measure],
-    threads: int | None,
-    progress: Callable[[int, int], object] | None,
-) -> Iterator[Array]:
-    """The values of the measures (measures, members), CHUNK members at a time."""
-    count = scene.run.members
-    for low in range(0, count, CHUNK):
-        high = min(low + CHUNK, count)
-        with warnings.catch_warnings():
-            if low:
-                warnings.simplefilter("ignore", SceneWarning)  # notes are given once
-            part = simulate(scene, members=range(low, high), threads=threads)
-        yield _values(part, asked)
-        if progress is not None:
-            progress(high, count)
 
 
 def _values(result: xr.Dataset, asked: Sequence[Measure]) -> Array:

@@ -20,6 +20,7 @@ from rigidmc.integrators import INTEGRATORS
 from rigidmc.observables.protocol import size
 from rigidmc.planning.stage import stage_some
 from rigidmc.scene.scene import Scene
+from rigidmc.studies.components import rows
 from rigidmc.studies.sections.question import Crossing
 
 Array = NDArray[np.float64]
@@ -34,7 +35,7 @@ def periodic(part: xr.Dataset, observed: Mapping[str, Any]) -> dict[str, Array]:
     times, members = part.time.values, part.member.values
     there = _good(part)
     m, k = np.nonzero(there.T)
-    columns = {name: _rows(part, name)[k, :, m].T for name in observed if name in part}
+    columns = {name: rows(part, name)[k, :, m].T for name in observed if name in part}
     return {"member": members[m], "time": times[k], **columns}
 
 
@@ -45,12 +46,6 @@ def _good(part: xr.Dataset) -> NDArray[np.bool_]:
     return there
 
 
-def _rows(part: xr.Dataset, name: str) -> Array:
-    """An observable as (time, numbers, member)."""
-    values: Array = part[name].transpose("time", ..., "member").values
-    return values.reshape(values.shape[0], -1, values.shape[-1])
-
-
 def crossed(
     scene: Scene,
     part: xr.Dataset,
@@ -59,12 +54,12 @@ def crossed(
     threads: int | None,
 ) -> dict[str, Array]:
     """The points of a result where an observable passes a value."""
-    level = _rows(part, crossing.name)[:, crossing.row] - crossing.value
+    level = crossing.of.values(part) - crossing.value
     good = _good(part)
     found = crossing.happens(level[:-1], level[1:]) & good[1:]
     m, k = np.nonzero(found.T)
     times, members = part.time.values, part.member.values
-    start = np.concatenate([_rows(part, name)[k, :, m].T for name in STATE])
+    start = np.concatenate([rows(part, name)[k, :, m].T for name in STATE])
     moving = _moving(scene, members, observed, times[k], start, m, threads)
     at = _place(observed, crossing)
 
@@ -96,8 +91,8 @@ def crossed(
 def _place(observed: Mapping[str, Any], crossing: Crossing) -> int:
     """The row of the quantity among those of all observables."""
     names = list(observed)
-    before = names[: names.index(crossing.name)]
-    return sum(size(observed[name].dims) for name in before) + crossing.row
+    before = names[: names.index(crossing.of.name)]
+    return sum(size(observed[name].dims) for name in before) + crossing.of.row
 
 
 def _moving(

@@ -7,33 +7,23 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.dynamics.methods import argument_names
 from rigidmc.effects import labelled
 from rigidmc.effects.protocol import is_random
 from rigidmc.errors import OptionError, SceneError, nearest
-from rigidmc.observables import OBSERVABLES, own
-from rigidmc.observables.protocol import DIMENSIONS
 from rigidmc.scene.scene import Scene
+from rigidmc.studies.components import Component, component_of
 
 Array = NDArray[np.float64]
 WAYS = ("rises", "falls", "both")
-_CROSSING = re.compile(
-    r"\s*(?P<name>[A-Za-z_]\w*)(\[(?P<component>\w+)\])?\s*=\s*"
-    r"(?P<value>[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?)\s*"
-)
+_CROSSING = re.compile(r"\s*(?P<of>[^=<>]+)=\s*(?P<value>[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?)\s*")
 _PERIOD = re.compile(r"\s*every\s+(?P<period>orbit|(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?)\s*(s\s*)?")
 RULE = 'expected "NAME = NUMBER" or "NAME[3] = NUMBER", "every NUMBER" [s] or "every orbit"'
 
 
 class Crossing(NamedTuple):
-    """Where an observable, or a component of it, passes a value.
+    """Where an observable, or a component of it, passes a value.  way : of WAYS"""
 
-    row : of the component among the numbers of the observable;  way : of WAYS
-    """
-
-    text: str
-    name: str
-    row: int
+    of: Component
     value: float
     way: str
 
@@ -54,26 +44,7 @@ def crossing_of(scene: Scene, at: str, way: str) -> Crossing:
     if noisy := [label for label, effect in labelled(scene.effects) if is_random(effect)]:
         rule = "a path with noise is not known between saves: no section"
         raise SceneError("effects", noisy[0], None, rule)
-    name, component = match["name"], match["component"]
-    names = dict.fromkeys((*OBSERVABLES, *own(scene.observables), *scene.recorded()))
-    known = [word for word in names if of_the_state(scene, word)]
-    if name not in known:
-        rule = f"no such observable of the state at save times; known: {', '.join(known)}"
-        raise OptionError("", "at", at, rule, nearest(name, known))
-    dims = scene.observable(name).dims
-    labels = [str(label) for label in DIMENSIONS[dims[0]].labels] if dims else []
-    if (component is None) == bool(labels) or (labels and component not in labels):
-        rule = f"one of its components {', '.join(labels)}" if labels else "no component"
-        raise OptionError("", "at", at, f"{name} has {rule}: {RULE}")
-    row = labels.index(component) if labels else 0
-    return Crossing(at.strip(), name, row, float(match["value"]), way)
-
-
-def of_the_state(scene: Scene, name: str) -> bool:
-    """Whether an observable follows from the state and the time, and not from the start too."""
-    observable = scene.observable(name)
-    needs = argument_names(observable, "value")
-    return not needs & {"start", "works"} and "effect" not in observable.dims
+    return Crossing(component_of(scene, match["of"], "at"), float(match["value"]), way)
 
 
 def period_of(scene: Scene, at: str) -> float | None:

@@ -1,7 +1,6 @@
 """Poincare sections: the states of members where a quantity passes a value, or once in a period."""
 
 import math
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -9,12 +8,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rigidmc.errors import OptionError, SceneWarning, nearest
+from rigidmc.errors import OptionError, nearest
 from rigidmc.observables.protocol import DIMENSIONS
-from rigidmc.runs.simulate import simulate
 from rigidmc.scene.scene import Scene, scene_of
+from rigidmc.studies.chunks import chunks, pieces, saves_of
+from rigidmc.studies.components import of_the_state
 from rigidmc.studies.sections.points import STATE, crossed, periodic
-from rigidmc.studies.sections.question import WAYS, crossing_of, of_the_state, period_of
+from rigidmc.studies.sections.question import WAYS, crossing_of, period_of
 
 Array = NDArray[np.float64]
 BYTES = 2**27  # of saved states at once
@@ -74,7 +74,9 @@ def section(
     [10.858161105, 10.858161105, 10.858161105]
     """
     scene = designed(scene, at, **settings)
-    return _joined(scene, at, way, _chunks(scene, threads, progress), threads)
+    return _joined(
+        scene, at, way, chunks(scene, _size(saves_of(scene)), threads, progress), threads
+    )
 
 
 def designed(scene: Scene, at: str, **settings: Any) -> Scene:
@@ -87,7 +89,7 @@ def designed(scene: Scene, at: str, **settings: Any) -> Scene:
         count = max(1, math.floor(scene.run.t_end / period * (1.0 + 1e-9)))
         dt = period / math.ceil(period / scene.run.dt * (1.0 - 1e-9))  # whole steps in a period
         return _saving(scene, every=period, t_end=count * period, dt=dt)
-    name = crossing_of(scene, at, WAYS[0]).name
+    name = crossing_of(scene, at, WAYS[0]).of.name
     every = settings.get("every") or (scene.run.every if scene.run.turn else scene.run.dt)
     return _saving(scene, name, every=every)
 
@@ -106,15 +108,18 @@ def section_of(
     Raises OptionError if the result lacks one of them, and as `section`.
     """
     scene = scene_of(result, allow_code=allow_code)
-    names = STATE if period_of(scene, at) else (*STATE, crossing_of(scene, at, way).name)
+    names = STATE if period_of(scene, at) else (*STATE, crossing_of(scene, at, way).of.name)
     for name in names:
         if name not in result or "time" not in result[name].dims:
             rule = f"needs {name} at save times; `rigidmc run SCENE --save {','.join(names)}`"
             raise OptionError("", "at", at, f"a section {rule}", nearest(name, list(result)))
-    size = max(1, BYTES // (8 * 12 * max(1, result.sizes["time"])))
-    count = result.sizes["member"]
-    parts = (result.isel(member=slice(low, low + size)) for low in range(0, count, size))
+    parts = pieces(result, _size(result.sizes["time"]))
     return _joined(scene, at, way, parts, threads)
+
+
+def _size(saves: int) -> int:
+    """How many members are looked at at once."""
+    return max(1, BYTES // (8 * 12 * max(1, saves)))
 
 
 def _saving(scene: Scene, *more: str, **settings: Any) -> Scene:
@@ -125,32 +130,13 @@ def _saving(scene: Scene, *more: str, **settings: Any) -> Scene:
     return wider
 
 
-def _chunks(
-    scene: Scene, threads: int | None, progress: Callable[[int, int], object] | None
-) -> Iterator[xr.Dataset]:
-    """The results of the members of a scene, as many at a time as BYTES hold."""
-    first, count = scene.run.first, scene.run.members
-    run = scene.run
-    saves = math.ceil(run.t_end / (run.every or run.dt)) + 1
-    size = max(1, BYTES // (8 * 12 * saves))
-    for low in range(0, count, size):
-        high = min(low + size, count)
-        with warnings.catch_warnings():
-            if low:
-                warnings.simplefilter("ignore", SceneWarning)  # notes are given once
-            part = simulate(scene, members=range(first + low, first + high), threads=threads)
-        yield part
-        if progress is not None:
-            progress(high, count)
-
-
 def _joined(
     scene: Scene, at: str, way: str, parts: Iterator[xr.Dataset], threads: int | None
 ) -> xr.Dataset:
     """The points of some results, one after the other."""
     found, flagged = [], 0
     crossing = None if period_of(scene, at) else crossing_of(scene, at, way)
-    wider = _saving(scene, *((crossing.name,) if crossing else ()))
+    wider = _saving(scene, *((crossing.of.name,) if crossing else ()))
     observed = {name: one for name, one in wider.recorded().items() if of_the_state(scene, name)}
     for part in parts:
         flagged += int((part.status != 0).sum())
