@@ -162,8 +162,8 @@ def test_threads_and_run_directories_change_no_bit(tmp_path):
 
 def test_questions_that_have_no_answer():
     wrong = {
-        "omega = 0": "omega has one of its components 1, 2, 3",
-        "energy[1] = 0": "energy has no component",
+        "omega = 0": "omega has the components 1, 2, 3",
+        "energy[1] = 0": "energy has no components",
         "omga[1] = 0": "did you mean 'omega'",
         "energy_drift = 0": "no such observable of the state",
         "omega[1] > 0": 'expected "NAME = NUMBER"',
