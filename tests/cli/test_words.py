@@ -266,6 +266,14 @@ def test_mistakes_that_run_are_noted(bad, good, words):
     )
 
 
+def test_a_map_notes_centres_too_far_for_the_moments():
+    sides = ("start.omega.2", 1.0, 2.0), ("body.centre.3", 0.0, 1.0)
+    scene = question(*sides, "status", 64, 1).of_scene(_scene(HEAVY, (rm.Gravity(9.81),)))
+    # c^2 <= S_3/m = (1 + 2 - 2.5)/2/2 = 0.125: of 64 rows those above 0.354, 41 of 64, cannot exist
+    (note,) = (note for note in noted(scene) if "[body]" in note)
+    assert note.startswith("[body] centre: 2,624 of 4,096 bodies spread over the map cannot exist")
+
+
 def test_kelvin_are_no_joules():
     grain = rm.Body.solid("ball", mass=1e-15, radius=5e-7)
     for kT, count in ((300.0, 1), (4.14e-21, 0)):
