@@ -303,6 +303,15 @@ def test_run_show_and_check_print_the_same_notes(tmp_path):
 # files and names
 
 
+def test_a_scene_in_the_place_of_a_result_is_told(tmp_path):
+    file = tmp_path / "a.toml"
+    file.write_text(TEXT)
+    for words in (("animate", file, "-o", "x.gif", "--member", 0), ("summary", "dzhanibekov")):
+        told = invoke(*words)
+        assert told.exit_code == 3 and "is a scene, no result" in told.stderr
+        assert f"rigidmc view {words[1]}" in told.stderr
+
+
 @pytest.mark.parametrize("words", [
     ("run", "dzhanibekov", "-o", "x.txt"), ("run", "dzhanibekov", "-o", "x.h5"),
     ("run", "dzhanibekov", "-o", "x"), ("run", "dzhanibekov", "--plot", "x.jpg"),
