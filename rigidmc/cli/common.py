@@ -227,7 +227,7 @@ def opened(path: str, allow_code: bool = False) -> "xr.Dataset":
     from rigidmc.scene.shipped import shipped
 
     there = os.path.exists(path)
-    if there and path.lower().endswith(".toml") or (not there and path in shipped()):
+    if (there and path.lower().endswith(".toml")) or (not there and path in shipped()):
         rule = (
             f"is a scene, no result: run it first, `rigidmc run {path} -o RESULT.nc`, or see it"
             f" turn by `rigidmc view {path}`"
