@@ -194,7 +194,7 @@ def _bodies(seen: Seen) -> Iterator[str]:
     moments, mass, centre = seen.scene.coarse().body.sample(seed, 0, PILOT)
     impossible = broken(moments)
     if mapped:
-        which = f"{PILOT:,} bodies spread over the map"  # whose blank parts are impossible
+        which = f"{PILOT:,} bodies spread over the grid"  # blank parts of a map are impossible
     else:
         which = f"the first {PILOT:,} bodies"
         if impossible.any():

@@ -271,7 +271,7 @@ def test_a_map_notes_centres_too_far_for_the_moments():
     scene = question(*sides, "status", 64, 1).of_scene(_scene(HEAVY, (rm.Gravity(9.81),)))
     # c^2 <= S_3/m = (1 + 2 - 2.5)/2/2 = 0.125: of 64 rows those above 0.354, 41 of 64, cannot exist
     (note,) = (note for note in noted(scene) if "[body]" in note)
-    assert note.startswith("[body] centre: 2,624 of 4,096 bodies spread over the map cannot exist")
+    assert note.startswith("[body] centre: 2,624 of 4,096 bodies spread over the grid cannot exist")
 
 
 def test_kelvin_are_no_joules():
