@@ -13,6 +13,7 @@ import typer
 
 from rigidmc.cli.panels import Commands
 from rigidmc.errors import (
+    FileError,
     NoRoom,
     OptionError,
     OutputExists,
@@ -221,9 +222,17 @@ def load_scene(
 
 
 def opened(path: str, allow_code: bool = False) -> "xr.Dataset":
-    """A result as a Dataset: a file or a run directory."""
+    """A result as a Dataset: a file or a run directory; FileError that helps for a scene."""
     import rigidmc
+    from rigidmc.scene.shipped import shipped
 
+    there = os.path.exists(path)
+    if (there and path.lower().endswith(".toml")) or (not there and path in shipped()):
+        rule = (
+            f"is a scene, no result: run it first, `rigidmc run {path} -o RESULT.nc`, or see it"
+            f" turn by `rigidmc view {path}`"
+        )
+        raise FileError("", "result", path, rule)
     return rigidmc.open(path, allow_code)
 
 

@@ -41,6 +41,8 @@ class Request(NamedTuple):
             raise OptionError("", "--zoom", self.zoom, rule)
         own = {key: getattr(self, key) for key in OWN}
         given = {**own, "adaptive": self.adaptive or None, "set": self.settings, **self.run}
+        if self.zoom is not None:  # which is a new map of the same question
+            del given["resolution"]
         for key, value in {**given, **({} if self.zoom else ways._asdict())}.items():
             if exists and value not in (None, []):
                 rule = f"is for a new map, and {self.name} is one that exists"
@@ -112,7 +114,7 @@ class Request(NamedTuple):
         from rigidmc.studies.maps.zoom import zoomed
 
         if self.zoom is not None:
-            return zoomed(self.name, *_part(self.zoom), threads, allow_code)
+            return zoomed(self.name, *_part(self.zoom), threads, allow_code, self.resolution)
         if self.of_package():
             first = catalogue.MAPS[self.name]().of[0]
             of_case = self.name, self.sides(), self.members, threads, self._borders(first)

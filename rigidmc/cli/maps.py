@@ -161,6 +161,8 @@ def _list(name: str | None) -> None:
 
 def _summarise(dataset: "xr.Dataset") -> None:
     """Print what the map cost, the range of each measure, and how well it is known."""
+    from rigidmc.views.sample import members_in_words
+
     there = dataset["computed"] if "computed" in dataset else 1 + 0 * dataset.good
     pixels, none = int(there.sum()), int(((dataset.good == 0) & (dataset.failed == 0)).sum())
     failed, count = int((dataset.failed * there).sum()), dataset.attrs["members"]
@@ -169,8 +171,8 @@ def _summarise(dataset: "xr.Dataset") -> None:
     print(f"{dataset.attrs['title']}")
     stack = f" x {dataset.sizes['z']}" if "z" in dataset.sizes else ""
     print(
-        f"  {dataset.sizes['x']} x {dataset.sizes['y']}{stack} pixels of {count} members with"
-        f" {dataset.attrs['integrator']}{took}"
+        f"  {dataset.sizes['x']} x {dataset.sizes['y']}{stack} pixels of"
+        f" {members_in_words(count)} with {dataset.attrs['integrator']}{took}"
     )
     if "computed" in dataset:
         print(f"  {100 * pixels / there.size:.3g} % of the pixels were computed")

@@ -162,13 +162,15 @@ def _summarise(dataset: "xr.Dataset", wall: float, files: list[str]) -> None:
 
 
 def _print_drift(drift: "xr.DataArray", word: str) -> None:
-    """Print the median and the worst drift of a quantity."""
+    """Print the median and the worst drift of a quantity, or its change if nothing keeps it."""
     import numpy as np
 
     values = drift.values[np.isfinite(drift.values)]
     if values.size:
         conserved = drift.attrs["conserved"]
-        note = "" if conserved == "yes" else f"   (not conserved: {conserved[4:]})"
-        print(
-            f"  drift of {word:6s}  median {np.median(values):.1e}   worst {values.max():.1e}{note}"
-        )
+        if conserved == "yes":
+            kind, note = "drift", ""
+        else:
+            kind, note = "change", f"   (not conserved: {conserved[4:]})"
+        numbers = f"median {np.median(values):.1e}   worst {values.max():.1e}"
+        print(f"  {f'{kind} of {word}':18s}{numbers}{note}")

@@ -58,13 +58,15 @@ def view(
     """Write one HTML page in which members turn in space beside their momentum spheres, with a
     slider, omega, Euler angles and drifts. The page works without a network."""
     with reported(), about(source):
+        from rigidmc.views.viewer.page import check_k3d
+        from rigidmc.views.viewer.page import view as page_of
+
         chosen = _indices(members)
-        dataset = _result(source, settings, allow_code)
         stem = os.path.splitext(os.path.basename(source.rstrip(os.sep)))[0]
         name = output or f"{stem}.html"
         refuse_existing(name, force, "pages")
-        from rigidmc.views.viewer.page import view as page_of
-
+        check_k3d()
+        dataset = _result(source, settings, allow_code)
         page_of(dataset, name, chosen, until, force, allow_code)
         dataset.close()
         print(*written([name]))

@@ -24,17 +24,7 @@ _TURNS = {1: (0.5, 0.5, 0.5, 0.5), 2: (0.5, -0.5, -0.5, -0.5), 3: (1.0, 0.0, 0.0
 
 
 class Nutation(NamedTuple):
-    """What kind of motion a Lagrange top makes; arrays of the leading shape of the tops.
-
-    kind : "at rest", "sleeping", "steady precession", "homoclinic", "pendulum", "cusps", "loops",
-        "monotone precession", or "invalid" for bad input
-    p_phi, p_psi : the constants L_z and L_3 [kg m^2/s] of TdC (3.40), (3.41)
-    energy : E [J], with the potential k cos theta
-    low, high : the largest and smallest theta [rad], between which the axis nutates
-    m, mc : modulus (parameter) and 1 - m;  rate : p [rad/s]; the argument of sn is p t + d
-    period : of the nutation, 2 K(m)/p [s]; inf if the axis does not return
-    precession, spin : change of phi and of psi in a period [rad]
-    """
+    """What kind of motion a Lagrange top makes; `lagrange_motion` says what its fields are."""
 
     kind: NDArray[np.str_]
     p_phi: NDArray[np.float64]
@@ -190,8 +180,17 @@ def lagrange_motion(
     Returns
     -------
     Nutation
-        arrays (...): kind, p_phi, p_psi, energy, low, high, m, mc, rate, period, precession, spin,
-        see `rigidmc.mechanics.lagrange_top.Nutation`
+        a NamedTuple of arrays (...):
+
+        - kind: "at rest", "sleeping", "steady precession", "homoclinic", "pendulum", "cusps",
+          "loops", "monotone precession" (waves), or "invalid" for bad input
+        - p_phi, p_psi: the constants L_z and L_3 [kg m^2/s] of TdC (3.40), (3.41)
+        - energy: E [J], with the potential k cos theta
+        - low, high: theta [rad] at the lowest and at the highest point of the axis: low is the
+          largest theta, high the smallest
+        - m, mc: modulus (parameter) and 1 - m; rate: p [rad/s], the argument of sn is p t + d
+        - period: of the nutation, 2 K(m)/p [s]; inf if the axis does not return
+        - precession, spin: change of phi and of psi in a period [rad]
 
     Raises
     ------

@@ -186,25 +186,33 @@ def _bodies(seen: Seen) -> Iterator[str]:
 
         diag(S) - m c c^T,  S_i = (I_j + I_k - I_i)/2
 
-    This matrix has no negative eigenvalue if m sum c_i^2/S_i <= 1.
+    This matrix has no negative eigenvalue if m sum c_i^2/S_i <= 1. Such bodies run: torques know
+    m c alone, and units in which m = 1 and m g c = 1 may leave no room for the centre.
     """
-    if any(isinstance(q, Grid) for q in seen.scene.body.quantities()):
-        return  # they are the blank parts of a map
-    moments, mass, centre = seen.scene.body.sample(seen.scene.run.seed, 0, PILOT)
-    count = int(np.count_nonzero(broken(moments)))
-    if count:
-        yield (
-            f"[body] moments: {count:,} of the first {PILOT:,} bodies cannot exist (I_i > I_j + "
-            "I_k) and are flagged invalid_input"
-        )
+    seed = seen.scene.run.seed
+    mapped = any(isinstance(q, Grid) for q in seen.scene.body.quantities())
+    moments, mass, centre = seen.scene.coarse().body.sample(seed, 0, PILOT)
+    impossible = broken(moments)
+    if mapped:
+        which = f"{PILOT:,} bodies spread over the grid"  # blank parts of a map are impossible
+    else:
+        which = f"the first {PILOT:,} bodies"
+        if impossible.any():
+            yield (
+                f"[body] moments: {np.count_nonzero(impossible):,} of {which} cannot exist (I_i > "
+                "I_j + I_k) and are flagged invalid_input"
+            )
     second = 0.5 * moments.sum(0) - moments
     with np.errstate(all="ignore"):
         share = mass * np.where(centre == 0.0, 0.0, centre**2 / second).sum(0)
-        bad = (share > 1.0 + 1e-9) & ~broken(moments)
+        bad = (share > 1.0 + 1e-9) & ~impossible
     if bad.any():
-        rule = "with these moments the centre of mass cannot lie that far from the fixed point"
-        count = int(bad.sum())
-        yield f"[body] centre: {count:,} of the first {PILOT:,} bodies cannot exist: {rule}"
+        yield (
+            f"[body] centre: {np.count_nonzero(bad):,} of {which} cannot exist: with these moments "
+            "and this mass the centre of mass cannot lie that far from the fixed point (m sum "
+            "c_i^2/(I_j + I_k - I_i) <= 1/2); they are computed all the same, since the motion "
+            "depends on the moments and on m c alone"
+        )
 
 
 def _density(seen: Seen) -> Iterator[str]:

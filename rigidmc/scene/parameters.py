@@ -3,22 +3,33 @@ effects.gravity.g: what a map may vary."""
 
 from collections.abc import Sequence
 from dataclasses import replace
+from inspect import signature
 from typing import Any
+
+import numpy as np
 
 from rigidmc.effects import labelled
 from rigidmc.effects.parameters import given, shape
-from rigidmc.errors import unknown
+from rigidmc.errors import SceneError, unknown
+from rigidmc.mechanics.solids import SOLIDS
+from rigidmc.scene.body import Body
 from rigidmc.scene.laws.protocol import Law
+from rigidmc.scene.quantities import Grid
 from rigidmc.scene.scene import Scene
 
 _ANGLES = {"phi": 0, "theta": 1, "psi": 2}
+_BY_MASS = [name for name, make in SOLIDS.items() if "mass" in signature(make).parameters]
 _FIXED = ("axis", "covariance", "direction")  # fields of laws that no map varies
 
 
 def parameters(scene: Scene) -> list[str]:
     """The names of all numbers of a scene that may differ from member to member."""
-    names = [*_of("body.moments", scene.body.moments), "body.mass"]
-    names += [f"body.centre.{i}" for i in (1, 2, 3)]
+    solid = _solid_of(scene.body)
+    if solid is not None:
+        names = [f"body.{solid}.mass"]
+    else:
+        names = [*_of("body.moments", scene.body.moments), "body.mass"]
+        names += [f"body.centre.{i}" for i in (1, 2, 3)]
     which = scene.start.which
     names += _of(f"start.{which}", getattr(scene.start, which))
     if scene.start.by_euler_angles:
@@ -45,9 +56,12 @@ def _of(name: str, value: Any) -> list[str]:
 def with_parameter(scene: Scene, name: str, value: Any, key: str = "parameter") -> Scene:
     """The scene with a number, distribution or grid in place of one of its parameters; SceneError
     with the nearest name. key : what the error calls the parameter"""
+    table, first, *rest = name.split(".")
+    solid = _solid_of(scene.body) if table == "body" else None
+    if solid is not None:
+        return replace(scene, body=_of_mass(scene.body, solid, name, value, key))
     if name not in parameters(scene):
         raise unknown("", key, name, "scene parameter", parameters(scene))
-    table, first, *rest = name.split(".")
     if table in ("body", "start"):
         part = getattr(scene, table)
         changed = {first: _put(getattr(part, first), rest, value)}
@@ -60,6 +74,42 @@ def with_parameter(scene: Scene, name: str, value: Any, key: str = "parameter") 
         for label, effect in labelled(scene.effects)
     )
     return replace(scene, effects=effects)
+
+
+def _solid_of(body: Any) -> str | None:
+    """The name of the solid of some mass that a body is, wherever its pivot; None for any other.
+
+    A shape beside moments of its own, which is only drawn, makes no solid of a body.
+    """
+    part = body.shape[0] if len(body.shape) == 1 else None
+    if part is None or part.solid not in _BY_MASS:
+        return None
+    moments, mass, centre = (values[..., 0] for values in body.sample(0, 0, 1))
+    made = Body.solid(part.solid, mass=float(mass), **part.sizes)
+    if any(part.at):
+        made = made.pivoted_at(tuple(-x for x in part.at))
+    long = np.sqrt(max(made.moments) / mass)
+    off = moments / max(made.moments) - np.array(made.moments) / max(made.moments)
+    away = (centre - made.to_principal(made.centre)) / long
+    same = max(np.abs(off).max(), np.abs(away).max()) < 1e-12  # rounding of a grid and of a shift
+    return part.solid if same else None
+
+
+def _of_mass(body: Any, solid: str, name: str, value: Any, key: str) -> Any:
+    """The solid with another mass, a number or a grid, on which its moments depend; SceneError
+    for every other parameter of a solid."""
+    right = f"body.{solid}.mass"
+    if name != right:
+        rule = (
+            f"a {solid} has its mass, centre and moments by its sizes: a map varies {right} alone,"
+            " and the moments with it; to vary others give moments, mass and centre in place of"
+            f" the {solid}"
+        )
+        raise SceneError("", key, name, rule, right)
+    moments, mass, _ = body.sample(0, 0, 1)
+    each = (moments[:, 0] / mass[0]).tolist()
+    by_mass = value.times if isinstance(value, Grid) else value.__mul__
+    return replace(body, moments=tuple(map(by_mass, each)), mass=value)
 
 
 def _put(whole: Any, path: Sequence[str], value: Any) -> Any:

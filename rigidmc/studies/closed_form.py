@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from rigidmc.engine.layout import STATUSES
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.mechanics.free_top import Kind, Motion
-from rigidmc.mechanics.lagrange_top import Nutation, sleeping_growth
-from rigidmc.mechanics.rotation import attitude_error
+from rigidmc.mechanics.lagrange_top import Nutation, sleeping_growth, steady_precession
+from rigidmc.mechanics.rotation import attitude_error, matrix
 from rigidmc.planning.closed_form import NONE, Case, closed_form
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.scene import Scene
@@ -34,6 +34,7 @@ def compare(scene: Scene, at: float, members: int) -> list[str]:
         f"{scene.title}: {case.name}, closed form at t = {at:g} s, {members:,} member{plural}",
         _kinds(motions, good),
         *_facts(motions, scene.run.first),
+        *_steady(case, motions, scene.run.first),
         *_sleep(case, motions),
     ]
     if not at > 0:
@@ -48,10 +49,12 @@ def _kinds(motions: Motions, good: NDArray[np.bool_]) -> str:
     """A line on the kinds of motion, the most frequent first."""
     names = np.concatenate([motion.kind for _, motion in motions])
     kinds, counts = np.unique(names, return_counts=True)
-    words = [f"{kinds[i]} ({counts[i]:,})" for i in np.argsort(-counts)]
+    if good.size == 1:
+        return f"motion       {kinds[0]}"
+    words = [f"{kinds[i]}: {counts[i]:,}" for i in np.argsort(-counts)]
     if not good.all():
-        words.append(f"none: no body or no start ({(~good).sum():,})")
-    return f"motion       {', '.join(words)}"
+        words.append(f"no body or no start: {(~good).sum():,}")
+    return f"motion       {'; '.join(words)}"
 
 
 def _facts(motions: Motions, first: int) -> list[str]:
@@ -83,6 +86,27 @@ def _numbers(motion: Kind | Nutation) -> Iterator[tuple[str, NDArray[np.float64]
         yield "precession", np.degrees(motion.precession), "deg a period"
         yield "theta from", np.degrees(motion.high), "deg"
         yield "theta to", np.degrees(motion.low), "deg"
+
+
+def _steady(case: Case, motions: Motions, first: int) -> Iterator[str]:
+    """Lines on the precessions without nutation, and the least spin of a sleeping top, of the first
+    Lagrange top; Goldstein, Classical Mechanics, section 5.7, and TdC (3.77)."""
+    for (form, members, part), (_, motion) in zip(case.parts(), motions, strict=True):
+        if isinstance(motion, Kind) or motion.kind[0] in ("at rest", "sleeping", "pendulum"):
+            continue
+        moments, weight = np.roll(part.moments[0], 3 - form), part.weight[0]
+        spin = part.momentum[0, form - 1] / moments[2]
+        theta = float(np.arccos(np.clip(matrix(part.attitude[0])[2, form - 1], -1.0, 1.0)))
+        slow, fast = steady_precession(moments, weight, spin, theta)
+        if np.isfinite(slow):
+            words = f"slow {slow:.6g}, fast {fast:.6g} rad/s"
+        else:
+            least = 2.0 * np.sqrt(moments[0] * weight * np.cos(theta)) / moments[2]
+            words = f"none below a spin of {least:.6g} rad/s"
+        degrees, member = np.degrees(theta), first + members[0]
+        yield f"steady       {words}: precession of member {member} at {degrees:.6g} deg"
+        least = 2.0 * np.sqrt(moments[0] * abs(weight)) / moments[2]
+        yield f"sleep        from a spin of {least:.6g} rad/s on it would; it has {spin:.6g}"
 
 
 def _sleep(case: Case, motions: Motions) -> Iterator[str]:

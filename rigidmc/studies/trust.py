@@ -143,7 +143,8 @@ def table(study: xr.Dataset) -> list[str]:
         lines.append(f"{a['flagged']} of {a['members']} members turn non-finite and are left out")
     if a["chaotic_share"] > 0.0:
         share = f"{100 * a['chaotic_share']:.0f} % of the members"
-        lines.append(f"errors grow exponentially in {share}")
+        words = "errors grew faster than a power of time (chaos, or a separatrix nearby)"
+        lines.append(f"in {share} {words}")
     return [*lines, f"verdict: {a['verdict']}"]
 
 

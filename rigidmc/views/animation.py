@@ -12,18 +12,28 @@ from matplotlib import animation
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from numpy.typing import NDArray
 
 from rigidmc.files.kinds import check_suffix
 from rigidmc.files.outputs import Part, naming, refuse_existing
 from rigidmc.mechanics import rotation
 from rigidmc.scene.scene import scene_of
-from rigidmc.views.figure import GREY, INK, LIGHT, PATH
-from rigidmc.views.surfaces import TONES, Surface, body_surface, member_body
+from rigidmc.views.figure import COLOURS, GREY, INK, LIGHT, PATH
+from rigidmc.views.surfaces import TONES, Surface, body_surface, cut, member_body
 
+ELEVATION, AZIMUTH = np.radians([20.0, -50.0])  # of the viewer, who is far away
+VIEWER = np.array(
+    [
+        np.cos(ELEVATION) * np.cos(AZIMUTH),
+        np.cos(ELEVATION) * np.sin(AZIMUTH),
+        np.sin(ELEVATION),
+    ]
+)
 LAMP = np.array([0.3, -0.5, 0.8]) / np.sqrt(0.98)  # direction of the light
 SMOOTH = 4  # saves per frame: the path on the sphere is drawn through all of them
+TRACE, TRACED = 400, COLOURS[4]  # saves in which the trace of axis 3 fades, and its colour
+LONGEST = 0.2  # edge of a triangle, of the body's size: faces are painted by their mean depth
 
 Draw = Callable[[int], None]
 
@@ -55,7 +65,7 @@ def animate(
     progress : a function of (frames done, all)
 
     Left: the body in space as the solid it was declared as, or as the ellipsoid of its moments, on
-    a stick from its fixed point, with the vertical and the angular momentum.
+    a stick from its fixed point, with the trace of axis 3, the vertical and the angular momentum.
     Right: the angular momentum in body axes on the momentum sphere, with its path so far.
     Raises as `check_writer`, and OutputExists if the file exists and `force` is False.
     """
@@ -110,6 +120,7 @@ def scene(ds: xr.Dataset) -> tuple[Figure, Draw]:
     body = scene_of(ds, allow_code=None).body
     parts = (
         _body(left, body_surface(ds, body), member_body(ds, body)[2], rotation.matrix(q)),
+        _trace(left, rotation.matrix(q)[:, :, 2]),
         _momentum(left, rotation.matrix(q), l, size),
         _sphere(right, unit),
     )
@@ -129,7 +140,8 @@ def _axes(figure: Figure, left: float, title: str) -> Any:
     axes.set(xlim=(-1.0, 1.0), ylim=(-1.0, 1.0), zlim=(-1.0, 1.0), box_aspect=(1, 1, 1))
     axes.set_axis_off()
     axes.set_title(title, fontsize=10, y=0.98)
-    axes.view_init(elev=20.0, azim=-50.0)
+    axes.set_proj_type("ortho")
+    axes.view_init(elev=np.degrees(ELEVATION), azim=np.degrees(AZIMUTH))
     return axes
 
 
@@ -138,23 +150,42 @@ def _body(
 ) -> Draw:
     """The body and its stick from the fixed point to the centre of mass.
 
+    Surfaces are closed: faces that point away from the viewer are hidden, and left out.
     turn : rotation matrices (times, 3, 3)
     """
     scale = 1.0 / np.abs(surface.corners).max()
-    triangles = scale * surface.corners[surface.faces]
+    triangles, tones = cut(scale * surface.corners[surface.faces], surface.tones, LONGEST)
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
-    colours = np.array([to_rgb(tone) for tone in TONES])[surface.tones]
-    solid = Poly3DCollection(triangles, linewidths=0.0, antialiased=False)
+    colours = np.array([to_rgb(tone) for tone in TONES])[tones]
+    # edges in the colours of the faces leave no gaps between slender triangles
+    solid = Poly3DCollection(triangles, linewidths=0.8, joinstyle="round")
     axes.add_collection3d(solid)
     stick = axes.plot([], [], [], "-", color=INK, lw=2.0)[0]
     axes.plot([0.0], [0.0], [0.0], "o", color=INK, ms=4)
 
     def draw(i: int) -> None:
-        solid.set_verts(list(triangles @ turn[i].T))
-        shade = 0.65 + 0.35 * np.clip(normals @ turn[i].T @ LAMP, 0.0, 1.0)
-        solid.set_facecolor(colours * shade[:, None])
+        seen = normals @ turn[i].T @ VIEWER > 0.0
+        solid.set_verts(list(triangles[seen] @ turn[i].T))
+        shade = 0.65 + 0.35 * np.clip(normals[seen] @ turn[i].T @ LAMP, 0.0, 1.0)
+        solid.set_color(colours[seen] * shade[:, None])
         stick.set_data_3d(*np.outer([0.0, scale], turn[i] @ centre).T)
+
+    return draw
+
+
+def _trace(axes: Any, axis: NDArray[np.float64]) -> Draw:
+    """The fading trace of the body's axis 3, unit vectors (times, 3) in space."""
+    line = Line3DCollection([], linewidths=1.2)
+    axes.add_collection3d(line, autolim=False)
+    words = "— trace of axis 3"
+    axes.text2D(0.04, 0.02, words, color=TRACED, transform=axes.transAxes, fontsize=9)
+
+    def draw(i: int) -> None:
+        points = 1.2 * axis[max(0, i - TRACE) : i + 1]
+        age = np.arange(len(points) - 1, 0, -1) / TRACE
+        line.set_segments(list(np.stack([points[:-1], points[1:]], 1)))
+        line.set_color([(*to_rgb(TRACED), 1.0 - share) for share in age])
 
     return draw
 

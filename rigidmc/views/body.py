@@ -97,26 +97,28 @@ def describe(body: Body, title: str) -> list[str]:
 
 
 def _stability(moments: NDArray[np.float64], known: dict[str, Any]) -> list[str]:
-    """Which rotations of a free body are stable, and how fast a disturbance grows."""
+    """Which rotations are stable without torque, and how fast a disturbance grows."""
     low, middle, high = known["order"]
     growth, shape = known["growth_per_turn_rate"], known["shape"]
     if growth > 1e-6:
         turns = np.log(10.0) / growth / (2.0 * np.pi)
         return [
-            f"rotations    about axes {low} and {high} stable, about axis {middle} unstable:"
-            f" a disturbance grows as exp({growth:.6g} omega t),",
+            f"rotations    without torque: about axes {low} and {high} stable, about axis {middle}"
+            f" unstable: a disturbance grows as exp({growth:.6g} omega t),",
             f"             by ten every {turns:.3g} turns",
         ]
     if shape.startswith("spherical"):
-        return ["rotations    about any axis: steady, and a disturbance does not grow"]
+        return [
+            "rotations    without torque: about any axis steady, and a disturbance does not grow"
+        ]
     if shape.startswith("symmetric"):
         oblate = moments[middle - 1] - moments[low - 1] < moments[high - 1] - moments[middle - 1]
         return [
-            f"rotations    about axis {high if oblate else low} stable; about any axis across it"
-            " steady, but a disturbance moves on at a constant rate"
+            f"rotations    without torque: about axis {high if oblate else low} stable; about any"
+            " axis across it steady, but a disturbance moves on at a constant rate"
         ]
     return [
-        f"rotations    two moments all but equal: the growth about axis {middle},"
+        f"rotations    without torque: two moments all but equal: the growth about axis {middle},"
         f" {growth:.2g} omega, is slow"
     ]
 

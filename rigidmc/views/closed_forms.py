@@ -22,6 +22,10 @@ from rigidmc.planning.closed_form import NONE, Case
 from rigidmc.views.figure import GREY, INK, MEDIAN, PATH, figure_of, new_figure
 from rigidmc.views.unit_sphere import CIRCLE, draw_curve, draw_sphere, polhodes, screen
 
+NARROW = 0.02  # rad: the least width of a nutation that the scale of a picture follows
+
+UPRIGHT = 0.05  # of the largest sin theta: below it phi and psi run fast and in opposite ways
+
 
 def axis_path(
     moments: ArrayLike,
@@ -74,10 +78,13 @@ def potential(
     high, low = float(nutation.high), float(nutation.low)
     # the energy of the spin is constant: without it the scale shows the nutation
     spin = 0.5 * float(p_psi) ** 2 / np.asarray(moments)[2]
-    margin = 0.35 * max(low - high, 0.02)
+    margin = 0.35 * max(low - high, NARROW)
     theta = np.linspace(max(high - margin, 1e-6), min(low + margin, np.pi - 1e-6), 1001)
     u = effective_potential(moments, weight, p_phi, p_psi, theta) - spin
     energy, floor = float(nutation.energy) - spin, u.min()
+    size = max(float(np.median(np.abs(u))), abs(energy))
+    unit = 10.0 ** np.floor(np.log10(size)) if size > 0.0 else 1.0
+    u, energy, floor = u / unit, energy / unit, floor / unit
     axes.plot(np.degrees(theta), u, color=MEDIAN, linewidth=2.0, label="effective potential")
     axes.axhline(energy, color=PATH, linewidth=1.5, label="energy")
     words = f"turning angles {np.degrees(high):.4g}, {np.degrees(low):.4g} deg"
@@ -87,8 +94,12 @@ def potential(
     degrees = np.degrees(theta)
     axes.fill_between(degrees, u, energy, where=inside, color=PATH, alpha=0.15, linewidth=0)
     height = max(energy - floor, 1e-12 * max(abs(energy), 1e-300))
+    if low - high < NARROW:  # the energy is all but that of the floor: the well gives the scale
+        height = max(height, 0.5 * (u[[0, -1]].min() - floor))
     axes.set(xlim=degrees[[0, -1]], ylim=(floor - 0.25 * height, energy + 1.1 * height))
-    axes.set(xlabel="theta [deg]", ylabel="energy less that of the spin [J]")
+    label = "energy less that of the spin" + (f" [{unit:.0e} J]" if unit != 1.0 else " [J]")
+    axes.set(xlabel="theta [deg]", ylabel=label)
+    axes.ticklabel_format(useOffset=False)
     _finish(axes, "Effective potential of the nutation")
     return figure_of(axes)
 
@@ -99,19 +110,26 @@ def euler_angles(
     """Euler angles z-x-z of attitudes (n, 4) against t (n,).
 
     theta, and phi and psi less their mean rates, which the legend shows. Near theta = 0 and pi
-    only phi + psi or phi - psi has a meaning; there phi and psi run fast and in opposite ways.
+    only phi + psi or phi - psi has a meaning: there phi and psi are left out, unless the body stays
+    there.
     """
     axes = axes if axes is not None else new_figure("", (6.0, 4.6)).add_subplot()
     w, x, y, z = np.moveaxis(attitude, -1, 0)
     theta = 2.0 * np.arctan2(np.hypot(x, y), np.hypot(w, z))
-    plus, minus = (np.unwrap(2.0 * np.arctan2(*v)) for v in ((z, w), (y, x)))
+    tilted = np.sin(theta) > UPRIGHT * np.sin(theta).max()
+    tilted |= np.count_nonzero(tilted) < 2
+    plus, minus = np.full((2, t.size), np.nan)
+    for angle, *parts in ((plus, z, w), (minus, y, x)):
+        angle[tilted] = np.unwrap(2.0 * np.arctan2(*(part[tilted] for part in parts)))
+    first, last = np.flatnonzero(tilted)[[0, -1]]
     for name, values, style, color in (
         ("theta", theta, "-", MEDIAN),
         ("phi", 0.5 * (plus + minus), "--", PATH),
         ("psi", 0.5 * (plus - minus), ":", INK),
     ):
-        rate = 0.0 if name == "theta" else (values[-1] - values[0]) / (t[-1] - t[0])
-        label = name if rate == 0.0 else f"{name} - {rate:.4g} rad/s t"
+        rate = 0.0 if name == "theta" else (values[last] - values[first]) / (t[last] - t[first])
+        sign = "-" if rate > 0.0 else "+"
+        label = name if rate == 0.0 else f"{name} {sign} {abs(rate):.4g} rad/s t"
         angle = np.degrees(values - rate * (t - t[0]))
         axes.plot(t, angle, style, color=color, linewidth=1.8, label=label)
     axes.set(xlabel="time [s]", ylabel="angle [deg]", xlim=(t[0], t[-1]))

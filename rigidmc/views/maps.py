@@ -20,6 +20,7 @@ from scipy.ndimage import uniform_filter
 from rigidmc.studies.maps.case import MapCase
 from rigidmc.studies.maps.catalogue import MAPS
 from rigidmc.views.figure import ALARM, DENSITY, GREY, MEDIAN, VALUES, new_figure
+from rigidmc.views.sample import members_in_words
 
 BLANK = "#dddddd"  # pixels in which the measured event did not happen
 # low, middle and high of three values, dark to light
@@ -126,7 +127,8 @@ def _title(ds: xr.Dataset, case: MapCase | None) -> str:
     if case:
         return title
     a = ds.attrs
-    return f"{title}: {a['members']} members to a pixel, to {a['t_end']:g} s with {a['integrator']}"
+    members = members_in_words(a["members"])
+    return f"{title}: {members} to a pixel, to {a['t_end']:g} s with {a['integrator']}"
 
 
 def _bar_label(variable: xr.DataArray, case: MapCase | None) -> str:

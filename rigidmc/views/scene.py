@@ -18,7 +18,7 @@ from rigidmc.planning.plan import Plan, prepare
 from rigidmc.planning.tolerance.choose import resolved
 from rigidmc.planning.tolerance.costs import cost_per_step
 from rigidmc.planning.tolerance.effect_costs import prices, some_of
-from rigidmc.runs.capacity import free_memory, in_words, sizes
+from rigidmc.runs.capacity import BASE, free_memory, in_words, sizes
 from rigidmc.runs.shards import members_of
 from rigidmc.scene.conservation import conservation
 from rigidmc.scene.distributions import Distribution
@@ -146,8 +146,8 @@ def _room(scene: Scene, plan: Plan, threads: int) -> list[str]:
     shards = f"{-(-plan.members // shard):,} shards of {shard:,} members"
     return [
         f"members      {plan.members:,} in blocks of {plan.block:,} on {threads} threads",
-        f"memory       {in_words(memory)} as a Dataset in memory,"
-        f" {in_words(with_file)} with -o FILE{has}",
+        f"memory       {in_words(memory)} as a Dataset in memory, {in_words(with_file)} with"
+        f" -o FILE, {in_words(BASE)} of it for interpreter and libraries{has}",
         f"file         {in_words(file)}{' before it is compressed' if packed else ''}",
         f"directory    {shards} with -o RUN/",
     ]

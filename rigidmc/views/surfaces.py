@@ -102,6 +102,26 @@ def _united(parts: list[Surface]) -> Surface:
     )
 
 
+def cut(
+    triangles: Floats, tones: NDArray[np.int_], longest: float
+) -> tuple[Floats, NDArray[np.int_]]:
+    """The same triangles (n, 3, 3) and their tones, halved until no edge is longer than that."""
+    while True:
+        edges = np.linalg.norm(np.roll(triangles, -1, 1) - triangles, axis=2)
+        long = edges.max(1) > longest
+        if not long.any():
+            return triangles, tones
+        first = edges[long].argmax(1)[:, None]
+        a, b, c = (
+            np.take_along_axis(triangles[long], ((first + i) % 3)[..., None], 1)[:, 0]
+            for i in range(3)
+        )
+        middle = 0.5 * (a + b)
+        halves = np.stack([a, middle, c], 1), np.stack([middle, b, c], 1)
+        triangles = np.concatenate([triangles[~long], *halves])
+        tones = np.concatenate([tones[~long], tones[long], tones[long]])
+
+
 def revolved(*outline: tuple[float, float], around: int = AROUND) -> Surface:
     """The surface of revolution about axis 3 of an outline of points (r, z), up its outer side.
 

@@ -266,6 +266,14 @@ def test_mistakes_that_run_are_noted(bad, good, words):
     )
 
 
+def test_a_map_notes_centres_too_far_for_the_moments():
+    sides = ("start.omega.2", 1.0, 2.0), ("body.centre.3", 0.0, 1.0)
+    scene = question(*sides, "status", 64, 1).of_scene(_scene(HEAVY, (rm.Gravity(9.81),)))
+    # c^2 <= S_3/m = (1 + 2 - 2.5)/2/2 = 0.125: of 64 rows those above 0.354, 41 of 64, cannot exist
+    (note,) = (note for note in noted(scene) if "[body]" in note)
+    assert note.startswith("[body] centre: 2,624 of 4,096 bodies spread over the grid cannot exist")
+
+
 def test_kelvin_are_no_joules():
     grain = rm.Body.solid("ball", mass=1e-15, radius=5e-7)
     for kT, count in ((300.0, 1), (4.14e-21, 0)):
@@ -293,6 +301,15 @@ def test_run_show_and_check_print_the_same_notes(tmp_path):
 
 
 # files and names
+
+
+def test_a_scene_in_the_place_of_a_result_is_told(tmp_path):
+    file = tmp_path / "a.toml"
+    file.write_text(TEXT)
+    for words in (("animate", file, "-o", "x.gif", "--member", 0), ("summary", "dzhanibekov")):
+        told = invoke(*words)
+        assert told.exit_code == 3 and "is a scene, no result" in told.stderr
+        assert f"rigidmc view {words[1]}" in told.stderr
 
 
 @pytest.mark.parametrize("words", [

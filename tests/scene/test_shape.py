@@ -1,11 +1,13 @@
 """The shape of a body: kept by scenes, files and results; a mistake in it is named."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import rigidmc as rm
 from rigidmc.errors import SceneError
-from rigidmc.scene.parameters import with_parameter
+from rigidmc.scene.parameters import parameters, with_parameter
 from rigidmc.scene.scene import Scene, scene_of
 
 TOML = """
@@ -96,6 +98,28 @@ def test_another_body_loses_the_shape():
     assert Scene.load("tennis_racket", [("body.moments", "[1, 2, 2.5]")]).body.shape == ()
     assert Scene.load("tennis_racket", [("body.mass", "0.4")]).body.shape == ()
     assert with_parameter(scene, "start.omega.2", 5.0).body.shape == scene.body.shape
+
+
+def test_a_map_varies_the_mass_of_a_solid_and_its_moments_with_it():
+    scene = Scene.load("heavy_top")
+    assert "body.cylinder.mass" in parameters(scene) and "body.mass" not in parameters(scene)
+    body = with_parameter(scene, "body.cylinder.mass", rm.grid(0.05, 1.0, 8)).body
+    moments, masses, centre = body.sample(0, 0, 8)
+    for i, mass in enumerate(masses.tolist()):
+        true = rm.Body.cylinder(mass, 0.03, 0.008).pivoted_at((0.0, 0.0, -0.04))
+        assert np.abs(moments[:, i] / true.moments - 1.0).max() < 1e-15  # measured 2.2e-16
+        assert tuple(centre[:, i]) == true.centre
+    again = with_parameter(scene, "body.cylinder.mass", 0.4).body
+    assert again.mass == 0.4 and again.shape == body.shape == scene.body.shape
+    for name in ("body.mass", "body.centre.3", "body.moments.1", "body.cylinder.radius"):
+        with pytest.raises(SceneError, match=r"did you mean 'body\.cylinder\.mass'"):
+            with_parameter(scene, name, 0.4)
+
+
+def test_a_solid_drawn_for_other_moments_makes_no_solid_of_a_body():
+    scene = Scene.load("heavy_top")
+    other = replace(scene, body=replace(scene.body, moments=(3e-4, 3e-4, 8e-5)))
+    assert "body.mass" in parameters(other) and "body.cylinder.mass" not in parameters(other)
 
 
 def test_too_many_parts_are_refused():

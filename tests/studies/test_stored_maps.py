@@ -186,6 +186,8 @@ def test_a_part_of_a_map_is_a_map_of_that_part(whole, tmp_path):
     found = rm.zoom_map(whole, *ends)
     assert found.drop_attrs().identical(expected.drop_attrs())
     assert found.attrs["scene"] == expected.attrs["scene"]
+    finer = rm.stability_map(SCENE, *sides, OF, (3, 2), REPLICAS, **RUN)
+    assert rm.zoom_map(whole, *ends, resolution=(3, 2)).drop_attrs().identical(finer.drop_attrs())
     whole.to_netcdf(tmp_path / "map.nc")
     started(tmp_path / "map")  # no shard of it is needed
     for source in (tmp_path / "map.nc", tmp_path / "map"):
@@ -202,7 +204,9 @@ def test_parts_that_are_none_are_refused(whole, tmp_path):
     for words, rule in (
         ((tmp_path / "map.nc", "--zoom", "0.4:0.9"), "LOW:HIGH,LOW:HIGH"),
         ((tmp_path / "map.nc", "--zoom", "0.9:0.4,0.8:1.2"), "low < high"),
-        ((tmp_path / "map.nc", "--zoom", "0.4:0.9,0.8:1.2", "--resolution", 8), "is for a new map"),
+        ((tmp_path / "map.nc", "--zoom", "0.4:0.9,0.8:1.2", "--members", 8), "is for a new map"),
+        ((tmp_path / "map.nc", "--zoom", "0.4:2.7,0.8:1.2"), "goes from 0.2 to 2.6"),
+        ((tmp_path / "map.nc", "--zoom", "0.4:0.9,0.4:1.2"), "goes from 0.5 to 1.5"),
         (("sleeping_top", "--zoom", "0.4:0.9,0.8:1.2"), "a part of a map that exists"),
     ):
         told = invoke(*words)

@@ -83,6 +83,9 @@ def test_what_a_page_refuses(spun, page, tmp_path):
         view(spun, members=[3])
     with pytest.raises(OptionError, match="1 to 12"):
         view(spun, members=[])
+    end = float(spun.time.values[-1])
+    with pytest.raises(OptionError, match=f"the run ends at {end:g} s"):
+        view(spun, until=2.0 * end)
 
 
 def test_flagged_members_are_among_those_shown():

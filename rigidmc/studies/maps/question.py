@@ -113,12 +113,18 @@ def question(
         more["layers"] = counted(LAYERS if layers is None else layers, "layers", 1, MOST_LAYERS)
         if z[0] in (x[0], y[0]):
             raise OptionError("", "z", z[0], "is already the parameter of x or y")
+    columns, rows = columns_and_rows(resolution)
+    return Question(across, upwards, texts, columns, rows, counted(replicas, "members"), **more)
+
+
+def columns_and_rows(resolution: Resolution) -> tuple[int, int]:
+    """Pixels across and upwards of a resolution; OptionError."""
     shape = resolution if isinstance(resolution, (list, tuple)) else (resolution, resolution)
     if len(shape) != 2:
         rule = "expected pixels per side, or (columns, rows)"
         raise OptionError("", "resolution", resolution, rule)
     columns, rows = (counted(side, "resolution", 1, MOST) for side in shape)
-    return Question(across, upwards, texts, columns, rows, counted(replicas, "members"), **more)
+    return columns, rows
 
 
 def adapted(asked: Question, adaptive: bool | Borders) -> Question:

@@ -1,11 +1,11 @@
-"""A part of a map, drawn anew at the same resolution."""
+"""A part of a map, drawn anew."""
 
 import xarray as xr
 
 from rigidmc.errors import OptionError
 from rigidmc.files.outputs import Path
 from rigidmc.studies.maps.catalogue import with_theory
-from rigidmc.studies.maps.question import Whole
+from rigidmc.studies.maps.question import Resolution, Whole, columns_and_rows
 from rigidmc.studies.maps.stability_map import Prepared, Progress, mapped, prepared
 from rigidmc.studies.maps.stored import asked_of
 
@@ -19,9 +19,10 @@ def zoom_map(
     threads: int | None = None,
     progress: Progress | None = None,
     allow_code: bool = False,
+    resolution: Resolution | None = None,
 ) -> xr.Dataset:
     """Draw a part of a map anew: other ends of its sides, and the same scene, settings, measures
-    and numbers of pixels and members.
+    and members of a pixel.
 
     Parameters
     ----------
@@ -37,6 +38,8 @@ def zoom_map(
         a function of (members done, all)
     allow_code : bool, optional
         whether to run the Python files of a user's own effects
+    resolution : int or tuple of int, optional
+        pixels per side, or (columns, rows); by default those of the map
 
     Returns
     -------
@@ -46,7 +49,8 @@ def zoom_map(
     Raises
     ------
     OptionError
-        for ends that are not in order, or of which the scene can have none
+        for ends that are not in order, that lie outside the map, or of which the scene can have
+        none
     FileError
         for a source that is no map
 
@@ -58,7 +62,7 @@ def zoom_map(
     >>> rm.zoom_map(whole, (1.0, 1.5), (0.5, 1.0)).x.values.tolist()
     [1.125, 1.375]
     """
-    ready = zoomed(source, x, y, threads, allow_code)
+    ready = zoomed(source, x, y, threads, allow_code, resolution)
     return with_theory(mapped(ready, threads, progress), ready.question.name)
 
 
@@ -68,18 +72,25 @@ def zoomed(
     y: Ends,
     threads: int | None = None,
     allow_code: bool = False,
+    resolution: Resolution | None = None,
 ) -> Prepared:
     """A part of a map before its first step; the arguments and errors are those of `zoom_map`."""
     asked, scene = asked_of(source, allow_code)
     across, upwards = _side("x", asked.x, x), _side("y", asked.y, y)
     asked = asked._replace(x=across, y=upwards)
+    if resolution is not None:
+        columns, rows = columns_and_rows(resolution)
+        asked = asked._replace(columns=columns, rows=rows)
     return prepared(asked, scene, threads, save=scene.run.save)
 
 
 def _side(key: str, side: Whole, ends: Ends) -> Whole:
-    """A side with other ends; OptionError if they are no two numbers."""
+    """A side with other ends; OptionError if they are no two numbers of the side."""
     try:
         low, high = map(float, ends)
     except (TypeError, ValueError):
         raise OptionError("", key, ends, f"expected (low, high) of {side[0]}") from None
+    if low < side[1] or high > side[2]:
+        rule = f"is no part of the map, whose {side[0]} goes from {side[1]:g} to {side[2]:g}"
+        raise OptionError("", key, f"{low:g} to {high:g}", rule)
     return side[0], low, high, side[3]

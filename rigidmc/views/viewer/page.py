@@ -49,11 +49,7 @@ def view(
     """
     if output is not None:
         refuse_existing(output, force, "pages")
-    try:
-        import k3d  # noqa: F401
-    except ImportError as error:
-        rule = f"pages are drawn by k3d: pip install 'rigidmc[view]' ({error})"
-        raise FileError("", "view", None, rule) from None
+    check_k3d()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SceneWarning)  # the run has told them
         if is_map(ds):
@@ -63,6 +59,15 @@ def view(
     if output is not None:
         write_bytes(output, page.text.encode(), force)
     return page
+
+
+def check_k3d() -> None:
+    """Raise FileError if k3d, which draws, is not installed."""
+    try:
+        import k3d  # noqa: F401
+    except ImportError as error:
+        rule = f"pages are drawn by k3d: pip install 'rigidmc[view]' ({error})"
+        raise FileError("", "view", None, rule) from None
 
 
 class Page:
@@ -102,8 +107,12 @@ def _written(ds: xr.Dataset, members: list[int], until: float | None, allow_code
     """The text of the page."""
     scene = scene_of(ds, allow_code=allow_code)
     facts, bodies = [], list[list[float]]()
+    last = float(ds.time.values[-1])
+    end = last if until is None else until
+    if end > last * (1.0 + 1e-9):
+        rule = f"the run ends at {last:g} s; of a scene --set run.t_end={end:g} makes it longer"
+        raise OptionError("", "until", end, rule)
     for member in members:
-        end = float(ds.time.values[-1]) if until is None else min(until, float(ds.time.values[-1]))
         count, reached, rate = reach(ds.sel(member=[member]), end)
         shown = frames(ds, member, count, allow_code, until=reached)
         known = motion(shown, scene.body) | {"rate": rate, "status": status_of(ds, member)}

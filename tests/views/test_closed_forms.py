@@ -1,0 +1,59 @@
+"""Pictures and lines of closed forms: steady tops, and angles of bodies that stand upright."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("matplotlib")
+
+import rigidmc as rm
+from rigidmc.mechanics.lagrange_top import steady_precession
+from rigidmc.studies.closed_form import compare
+from rigidmc.views.closed_forms import euler_angles, potential
+
+SCENE = rm.Scene.load("heavy_top").with_run(members=1)
+MOMENTS, THETA, SPIN = np.array(SCENE.body.moments), 0.4, 200.0
+WEIGHT = SCENE.body.mass * 9.81 * SCENE.body.centre[2]
+ATTITUDE = (np.cos(0.5 * THETA), np.sin(0.5 * THETA), 0.0, 0.0)
+
+
+def test_the_potential_of_a_steady_top_is_a_well():
+    slow = float(steady_precession(MOMENTS, WEIGHT, SPIN, THETA)[0])
+    momentum = MOMENTS * (0.0, slow * np.sin(THETA), SPIN)
+    assert rm.lagrange_motion(MOMENTS, WEIGHT, momentum, ATTITUDE).kind == "steady precession"
+    axes = potential(MOMENTS, WEIGHT, momentum, ATTITUDE).axes[0]
+    theta, u = axes.lines[0].get_data()
+    low, high = axes.get_ylim()
+    inside = theta[(u > low) & (u < high)]
+    # 0.8 degrees are drawn; before, the height was 1e-12 of the energy and the well a line
+    assert np.ptp(inside) > 0.5  # measured 0.59
+    axes.figure.canvas.draw()
+    assert axes.yaxis.get_offset_text().get_text() == ""
+
+
+def test_phi_and_psi_are_left_out_where_theta_is_0():
+    scene = rm.Scene.load("dzhanibekov")
+    t = np.linspace(0.0, 12.0, 1600)
+    motion = rm.free_top(scene.body.moments, np.array(scene.body.moments) * (0.01, 0.0, 6.28),
+                         (1.0, 0.0, 0.0, 0.0), t)  # fmt: skip
+    theta, phi, psi = (line.get_ydata() for line in euler_angles(motion.attitude, t).axes[0].lines)
+    assert np.isnan(phi[0]) and np.isnan(psi[0]) and np.isfinite(theta).all()
+    there = np.isfinite(phi)
+    assert 200 < there.sum() < 1500
+    sine = np.sin(np.radians(theta))
+    assert (sine[there] > 0.05 * sine.max()).all() and (sine[~there] <= 0.05 * sine.max()).all()
+    # a body that stays upright shows them all the same
+    for line in euler_angles(np.tile([1.0, 0.0, 0.0, 0.0], (9, 1)), t[:9]).axes[0].lines:
+        assert np.isfinite(line.get_ydata()).all()
+
+
+def test_exact_tells_the_rates_of_steady_precession():
+    def told(spin):
+        scene = rm.Scene.load("heavy_top", [("start.omega", f"[0.0, 0.0, {spin}]")])
+        return "\n".join(compare(scene, -1.0, 1))
+
+    slow, fast = np.sort(np.roots([MOMENTS[0] * np.cos(THETA), -MOMENTS[2] * SPIN, WEIGHT]))
+    assert f"slow {slow:.6g}, fast {fast:.6g} rad/s" in told(SPIN)
+    least = 2.0 * np.sqrt(MOMENTS[0] * WEIGHT) / MOMENTS[2]
+    assert f"from a spin of {least:.6g} rad/s on it would; it has 200" in told(SPIN)
+    assert f"none below a spin of {least * np.sqrt(np.cos(THETA)):.6g} rad/s" in told(90.0)
+    assert "motion       cusps\n" in told(SPIN)
