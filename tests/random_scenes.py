@@ -152,7 +152,10 @@ def _body(kind, some):
     return rm.Body.from_moments(
         moments,
         _law(some, 1.0, 0.1),
-        tuple(_law(some, x, 0.05) for x in some.uniform(-0.3, 0.3, 3)),
+        # on an orbit a body turns about its centre of mass
+        tuple(_law(some, x, 0.05) for x in some.uniform(-0.3, 0.3, 3))
+        if "gravity_gradient" not in kind.effects
+        else (0.0, 0.0, 0.0),
     )
 
 

@@ -22,6 +22,9 @@ _TURN = 6.283185307179586
 class GravityGradient(NamedTuple):
     """Gravity gradient on a Kepler orbit in the plane z = 0, about the body's centre of mass.
 
+    The fixed point has to be the centre of mass: pivot = "centre" in [body], or
+    `Body.about_centre`, moves it there.
+
     Torque::
 
         tau = 3 mu/r^3 u x I u,   u = A^T r/r

@@ -406,6 +406,10 @@ class Body(MassDistribution, metaclass=_Hints):
         >>> rod.pivoted_at((0.0, 0.0, -1.5)).moments
         (39.0, 39.0, 6.0)
         """
+        if isinstance(point, str):
+            raise SceneError(
+                "body", "pivot", point, 'expected three numbers, or "centre"', "centre"
+            )
         point = vector(point, "body", "pivot")
         if not is_shared(self.moments, self.mass, self.centre, point):
             rule = (
@@ -421,12 +425,18 @@ class Body(MassDistribution, metaclass=_Hints):
         return replace(body, shape=parts)
 
     def about_centre(self) -> "Body":
-        """Move the fixed point to the centre of mass, TdC (3.28).
+        """Move the fixed point to the centre of mass, TdC (3.28): a satellite turns about it.
 
         Returns
         -------
         Body
-            the same body turning about its centre of mass
+            the same body turning about its centre of mass; if the tensor is uncertain, each draw
+            about its own
+
+        Raises
+        ------
+        SceneError
+            for a body of other laws or arrays
 
         Examples
         --------
@@ -434,6 +444,10 @@ class Body(MassDistribution, metaclass=_Hints):
         >>> rod.pivoted_at((0.0, 0.0, -1.5)).about_centre().moments
         (12.0, 12.0, 6.0)
         """
+        if isinstance(self.moments, UncertainInertia):
+            law = self.moments
+            law = law if law.centre is not None else replace(law, centre=self.centre)
+            return replace(self, moments=law, centre=(0.0, 0.0, 0.0))
         return self.pivoted_at(self.centre)
 
     def joined(

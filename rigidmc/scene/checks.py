@@ -8,6 +8,7 @@ import numpy as np
 
 from rigidmc.dynamics.methods import implements
 from rigidmc.effects import labelled
+from rigidmc.effects.gravity_gradient import GravityGradient
 from rigidmc.effects.parameters import shape
 from rigidmc.effects.protocol import Effect, is_random
 from rigidmc.effects.user_checks import check_user_effect
@@ -26,7 +27,7 @@ from rigidmc.scene.laws import Correlated
 from rigidmc.scene.laws.protocol import Law
 from rigidmc.scene.limits import ALLOWED, PILOT, limits, outside
 from rigidmc.scene.parts import Parts
-from rigidmc.scene.quantities import Grid, draw, rows
+from rigidmc.scene.quantities import Grid, draw, is_shared, rows
 
 
 def check(scene: Parts) -> None:
@@ -93,6 +94,7 @@ def _check_sampled(scene: Parts) -> None:
         rule = f"the scene has arrays with rows for {count} members only"
         raise SceneError("run", "members", last, rule)
     _check_bodies(scene)
+    _check_orbit(scene)
     for label, effect in labelled(scene.effects):
         _check_parameters(scene, label, effect)
 
@@ -119,6 +121,31 @@ def _check_bodies(scene: Parts) -> None:
             " moments must be positive and obey I_i <= I_j + I_k"
         )
         raise SceneError("body", "moments", None, rule)
+
+
+def _check_orbit(scene: Parts) -> None:
+    """Raise SceneError if a body on an orbit is not to turn about its centre of mass.
+
+    Moments about another point are too large by up to m c^2, and turn the axes.
+    """
+    if not any(isinstance(effect, GravityGradient) for effect in scene.effects):
+        return
+    moments, mass, centre = scene.body.sample(scene.run.seed, 0, PILOT)
+    off = mass * (centre * centre).sum(0) > 1e-12 * moments.max(0)
+    if off.any():
+        law = scene.body.given == "tensor"
+        rule = (
+            "a body on an orbit (gravity_gradient) turns about its centre of mass, and this is off"
+            " the fixed point: "
+        )
+        known = is_shared(scene.body.moments, scene.body.mass, scene.body.centre)
+        rule += (
+            'say pivot = "centre" in [body], or body.about_centre() in Python, which moves the'
+            " fixed point and the tensor there" + (", of each draw its own" if law else "")
+            if law or known
+            else "give moments about the centre of mass and leave centre out"
+        )
+        raise SceneError("body", "centre", centre[:, off][:, 0].tolist(), rule)
 
 
 def _check_parameters(scene: Parts, label: str, effect: Effect) -> None:

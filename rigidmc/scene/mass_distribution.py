@@ -94,8 +94,11 @@ class MassDistribution:
             if not is_shared(getattr(self, key)):
                 rule = "beside an uncertain tensor it is a plain number, the mean"
                 raise SceneError("body", key, None, rule)
+        if law.centre is not None and any(self.centre):
+            rule = "the tensor has a centre of its own, about which the body turns: leave this out"
+            raise SceneError("body", "centre", list(self.centre), rule)
         law.bodies(0, "body.tensor", 0, 1, self.mass, self.centre)
-        _, axes = inertia.principal_axes(law.mean)
+        _, axes = inertia.principal_axes(law.mean_tensor(self.mass))
         object.__setattr__(self, "axes", tuple(map(tuple, axes.tolist())))
 
     def _check_moments(self) -> None:

@@ -58,7 +58,10 @@ def body_of(table: dict[str, Any], stored: Columns) -> Body:
         body = replace(body, axes=tuple(map(tuple, axes)))
     if "shape" in table:
         body = replace(body, shape=shape_of(table["shape"]))
-    return body.pivoted_at(table["pivot"]) if "pivot" in table else body
+    if "pivot" not in table:
+        return body
+    pivot = table["pivot"]
+    return body.about_centre() if pivot == "centre" else body.pivoted_at(pivot)
 
 
 def _shaped(table: dict[str, Any], key: str) -> Body:

@@ -1,0 +1,129 @@
+"""Bodies on an orbit turn about their centre of mass, each uncertain one about its own."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+import rigidmc as rm
+from rigidmc.errors import SceneError
+from rigidmc.mechanics.inertia import symmetric
+from rigidmc.planning.stage import stage
+from rigidmc.planning.units import scaled
+
+# a slender satellite with products of inertia, its centre known to 1 cm along its length
+MEAN = np.array([[10.0, 0.2, 0.0], [0.2, 56.0, 0.3], [0.0, 0.3, 60.0]])
+DEVIATIONS = np.array([0.3, 1.2, 1.3, 0.4, 0.3, 0.3, 0.01, 0.003, 0.003])
+CENTRE, MASS, MU, DISTANCE = (0.3, 0.02, -0.05), 80.0, 3.986004418e14, 6.878137e6
+RATE = np.sqrt(MU / DISTANCE**3)
+PULL = rm.GravityGradient(MU, DISTANCE)
+END = 1400.0  # s, a quarter of an orbit
+
+
+def given():
+    """The body about the origin of its tensor, of which the centre of mass is off."""
+    return rm.Body.from_tensor(rm.UncertainInertia(MEAN, np.diag(DEVIATIONS**2)), MASS, CENTRE)
+
+
+def spin(body):
+    """Along the orbit normal, in the axes in which a start is given."""
+    return rm.Start(
+        omega=tuple(body.to_principal((0.0, 0.0, RATE)).tolist()),
+        attitude=tuple(body.principal_attitude((1.0, 0.0, 0.0, 0.0)).tolist()),
+    )
+
+
+def described(tensor):
+    """Attitude at the end by Euler's equations with a full tensor, in the described axes."""
+
+    def rates(t, y):
+        q, x, w = y[0], y[1:4], y[4:]
+        turn = Rotation.from_quat(y[:4], scalar_first=True).as_matrix()
+        u = turn.T @ [np.cos(RATE * t), np.sin(RATE * t), 0.0]
+        torque = 3.0 * RATE**2 * np.cross(u, tensor @ u)
+        dq = 0.5 * np.array([-x @ w, *(q * w + np.cross(x, w))])
+        return [*dq, *np.linalg.solve(tensor, torque - np.cross(w, tensor @ w))]
+
+    y = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, RATE]
+    end = solve_ivp(rates, (0.0, END), y, rtol=1e-11, atol=1e-13).y[:4, -1]
+    return end / np.linalg.norm(end)
+
+
+def apart(one, other):
+    """The angle between two attitudes [rad]."""
+    return 2.0 * min(np.linalg.norm(one - other), np.linalg.norm(one + other))
+
+
+def test_each_draw_turns_about_its_own_centre_of_mass():
+    body = given().about_centre()
+    scene = rm.Scene(body, PULL, spin(body))
+    ds = rm.simulate(
+        scene, "rk8", dt=5.0, t_end=END, every=END, members=3, seed=7, save=("attitude",)
+    )
+    assert not ds.centre.values.any()
+    ends = ds.rigid.described("attitude").isel(time=-1).values.T
+    drawn = given().moments.bodies(7, "body.tensor", 0, 3, MASS, CENTRE)
+    errors, wrong = [], []
+    for end, (*six, x, y, z, mass) in zip(ends, drawn.T, strict=True):
+        tensor, c = symmetric(np.array(six)[:, None])[0], np.array([x, y, z])
+        errors.append(apart(end, described(tensor - mass * (c @ c * np.eye(3) - np.outer(c, c)))))
+        wrong.append(apart(end, described(tensor)))
+    assert max(errors) < 1e-11  # measured 1.4e-12
+    assert min(wrong) > 0.02  # measured 0.057, by the tensor about the origin
+
+
+def test_a_mean_centre_and_each_centre_are_not_the_same():
+    """The reduced bodies exist, and have the moments of numpy's own reduction."""
+    moments, _, centre = given().about_centre().sample(7, 0, 1000)
+    drawn = given().moments.bodies(7, "body.tensor", 0, 1000, MASS, CENTRE)
+    c, mass = drawn[6:9].T, drawn[9]
+    square = (c * c).sum(1)[:, None, None] * np.eye(3) - c[:, :, None] * c[:, None, :]
+    true = np.linalg.eigvalsh(symmetric(drawn[:6]) - mass[:, None, None] * square).T
+    assert np.abs(np.sort(moments, 0) / true - 1.0).max() < 1e-13  # measured 1.3e-15
+    middle = (CENTRE @ np.array(CENTRE)) * np.eye(3) - np.outer(CENTRE, CENTRE)
+    same = np.linalg.eigvalsh(symmetric(drawn[:6]) - MASS * middle).T
+    assert np.abs(np.sort(moments, 0) / same - 1.0).max() > 1e-3  # measured 0.035
+    assert not centre.any()
+
+
+def test_files_and_other_units_keep_the_centre():
+    scene = rm.Scene(given().about_centre(), PULL)
+    start = stage(scene, 0, 16, True)[1]
+    again = rm.Scene.loads(scene.dumps())
+    assert again.dumps() == scene.dumps()
+    pivot = rm.Scene(given(), PULL).dumps().replace("[body]", '[body]\npivot = "centre"')
+    for same in (again, rm.Scene.loads(pivot)):
+        assert np.array_equal(stage(same, 0, 16, True)[1]["moments"], start["moments"])
+    other = stage(scaled(scene, 4.0, 2.0, 2.0), 0, 16, True)[1]
+    assert np.allclose(other["moments"], 16.0 * start["moments"], rtol=1e-13, atol=0)
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        (given(), "about_centre"),
+        (rm.Body.from_tensor(rm.UncertainInertia(MEAN, np.diag(DEVIATIONS**2)), MASS), "of each"),
+        (rm.Body.box(mass=1.0, size=(1.0, 2.0, 3.0)).pivoted_at((0.1, 0.0, 0.0)), 'pivot = "centr'),
+        (rm.Body.from_moments((rm.normal(1.0, 0.01), 2.0, 2.5), 1.0, (0.1, 0, 0)), "give moments"),
+    ],
+    ids=["uncertain", "uncertain about 0", "solid", "moments"],
+)
+def test_an_orbit_refuses_a_centre_off_the_fixed_point(body, words):
+    with pytest.raises(SceneError, match=rf"\[body\] centre = .*turns about.*{words}"):
+        rm.Scene(body, PULL).with_run(dt=1.0, t_end=10.0).check()
+    rm.Scene(body, rm.Gravity(9.81)).with_run(dt=1.0, t_end=10.0).check()
+
+
+def test_a_plain_body_moves_to_its_centre():
+    box = rm.Body.box(mass=1.0, size=(1.0, 2.0, 3.0))
+    text = rm.Scene(box, PULL).dumps()
+    moved = "[body]\nbox = { mass = 1.0, size = [1, 2, 3] }\npivot = 'centre'\n"
+    loaded = rm.Scene.loads(moved + text[text.index("[effects") :])
+    assert loaded.body.moments == box.moments
+    with pytest.raises(SceneError, match=r"pivot = .*did you mean .centre"):
+        rm.Scene.loads(moved.replace("'centre'", "'center'") + text[text.index("[effects") :])
+    law = rm.UncertainInertia(MEAN, np.diag(DEVIATIONS**2), centre=CENTRE)
+    with pytest.raises(SceneError, match="leave this out"):
+        rm.Body.from_tensor(law, MASS, CENTRE)
+    with pytest.raises(SceneError, match=r"centre.*3 numbers"):
+        rm.Body.from_tensor(rm.UncertainInertia(MEAN, np.diag(DEVIATIONS**2), centre=0.1))
