@@ -143,6 +143,22 @@ def _orbit_inside(seen: Seen) -> Iterator[str]:
                 )
 
 
+def _not_turned(seen: Seen) -> Iterator[str]:
+    """Vectors of own effects that do not say whether they are fixed in bodies of different axes."""
+    if seen.scene.body.given != "tensor":
+        return
+    for label, effect in seen.effects:
+        if is_shipped(effect) or hasattr(effect, "in_body"):
+            continue
+        for name in effect._fields:
+            if shape(effect, name) == 3:
+                yield (
+                    f"[effects.{label}] {name} is not turned into the principal axes of each"
+                    f' member: @effect(in_body=("{name}",)) turns a vector that is fixed in the'
+                    " body, and in_body=() says that none is"
+                )
+
+
 def _angles(seen: Seen) -> Iterator[str]:
     start, seed = seen.scene.coarse().start, seen.scene.run.seed
     circle = 2.0 * math.pi * (1.0 + 1e-9)
@@ -265,6 +281,7 @@ LOOKS: tuple[Callable[[Seen], Iterator[str]], ...] = (
     _one_at_a_time,
     _gravity_upwards,
     _orbit_inside,
+    _not_turned,
     _angles,
     _quaternions,
     _bodies,

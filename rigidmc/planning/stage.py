@@ -189,6 +189,8 @@ def _fill(block: Array, scene: Scene, seed: Source, first: int, carried: bool) -
         for label, e in labelled(scene.effects)
         for field, value in zip(e._fields, e, strict=True)
     }
+    if turn is not None:
+        effects = _turned(scene, effects, turn)
     with np.errstate(all="ignore"):
         body = MassProperties.of(tuple(moments), tuple(mass * centre))
     for row, values in zip(block[layout.BODY : layout.EFFECTS], body, strict=True):
@@ -198,9 +200,7 @@ def _fill(block: Array, scene: Scene, seed: Source, first: int, carried: bool) -
         acting = dict(effects)
         for name, sources in shared(scene.effects).items():
             acting[name] = np.sum([effects[one] for one in sources], axis=0)
-        block[layout.EFFECTS : end] = np.concatenate(
-            list(acting.values()) if turn is None else _turned_parameters(scene, acting, turn)
-        )
+        block[layout.EFFECTS : end] = np.concatenate(list(acting.values()))
     block[layout.STATUS], block[layout.STEPS] = layout.STATUSES["ok"], 1.0
     block[layout.ATTITUDE : layout.MOMENTUM] = np.array([[1.0], [0.0], [0.0], [0.0]])
     if carried:
@@ -227,16 +227,14 @@ def _fill(block: Array, scene: Scene, seed: Source, first: int, carried: bool) -
     return start
 
 
-def _turned_parameters(scene: Scene, drawn: Mapping[str, Array], turn: Array) -> list[Array]:
+def _turned(scene: Scene, drawn: Mapping[str, Array], turn: Array) -> dict[str, Array]:
     """The drawn parameters of effects, those that are fixed in the body along the members' axes."""
-    turned = []
+    turned = dict(drawn)
     for label, effect in labelled(scene.effects):
-        for field in effect._fields:
+        for field in effect_facts(effect).in_body:
             values = drawn[f"{label}_{field}"]
-            if field in effect_facts(effect).in_body:
-                into = vectors_into if len(values) == 3 else tensors_into
-                values = into(turn, values)
-            turned.append(values)
+            into = vectors_into if len(values) == 3 else tensors_into
+            turned[f"{label}_{field}"] = into(turn, values)
     return turned
 
 

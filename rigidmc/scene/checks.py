@@ -10,7 +10,7 @@ from rigidmc.dynamics.methods import implements
 from rigidmc.effects import labelled
 from rigidmc.effects.gravity_gradient import GravityGradient
 from rigidmc.effects.parameters import shape
-from rigidmc.effects.protocol import Effect, is_random
+from rigidmc.effects.protocol import Effect, facts, is_random
 from rigidmc.effects.user_checks import check_user_effect
 from rigidmc.effects.user_checks import sample as plain_numbers
 from rigidmc.errors import SceneError
@@ -112,6 +112,12 @@ def _check_bodies(scene: Parts) -> None:
             " laws, or moments and starts of each member"
         )
         raise SceneError("start", scene.start.which, None, rule)
+    for label, effect in labelled(scene.effects) if scene.body.given == "tensor" else ():
+        for name in facts(effect).in_body:
+            if rows(*getattr(effect, name)) is not None:
+                # results have it in the axes of the members
+                rule = "beside an uncertain tensor what is fixed in the body is no table: give laws"
+                raise SceneError(f"effects.{label}", name, None, rule)
     moments, mass, _ = scene.body.sample(scene.run.seed, 0, PILOT)
     bad = np.flatnonzero(broken(moments) | ~(mass > 0))
     if bad.size > (PILOT // 2 if isinstance(scene.body.moments, Correlated) else 0):

@@ -9,6 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.effects import labelled
+from rigidmc.effects.parameters import shape
 from rigidmc.engine.layout import STATUSES
 from rigidmc.errors import FileError, RigidmcError
 from rigidmc.observables import dimensions, is_opaque
@@ -24,6 +25,7 @@ from rigidmc.storage.schema import (
     flagged_variables,
     lengths,
     member_variables,
+    parameter_variable,
     saved_variables,
 )
 
@@ -131,6 +133,16 @@ def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[_Sizes, dict[str, Variab
     opaque = [
         (label, effect) for label, effect in labelled(scene.effects) if hasattr(effect, "stand_in")
     ]
+    if scene.body.given == "tensor":  # only the code tells which vectors are turned into each body
+        known = {
+            **{
+                f"{label}_{name}": parameter_variable(label, name, size, "1")
+                for label, effect in opaque
+                for name in effect._fields
+                if (size := shape(effect, name)) in (3, 6)
+            },
+            **known,
+        }
     for name in {
         f"{label}_{field}" for label, effect in opaque for field in effect._fields
     } & known.keys():

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rigidmc.dynamics.methods import implements
 from rigidmc.effects import labelled
 from rigidmc.effects.parameters import shape
-from rigidmc.effects.protocol import facts
+from rigidmc.effects.protocol import Effect, facts
 from rigidmc.engine.cpu import LOOK
 from rigidmc.engine.layout import STATUSES
 from rigidmc.observables import OBSERVABLES, outputs, title
@@ -154,17 +154,32 @@ def member_variables(scene: Scene, carried: bool) -> dict[str, Variable]:
     variables = {**_health_variables(scene), **_body_variables(scene)}
     for label, effect in labelled(scene.effects):
         for name, value in zip(effect._fields, effect, strict=True):
-            size = shape(effect, name)
-            if not is_shared(*(value if size else (value,))):
+            size, turned = shape(effect, name), is_turned(scene, effect, name)
+            if turned or not is_shared(*(value if size else (value,))):
+                axes = ", principal axes of the member" if turned else ""
                 units = facts(effect).units.get(name, "1")
-                dims: tuple[str, ...] = (
-                    () if size is None else ("axis",) if size == 3 else ("component",)
-                )
-                variables[f"{label}_{name}"] = _by_member(f"{name} of {label}", units, dims)
+                variables[f"{label}_{name}"] = parameter_variable(label, name, size, units, axes)
     for label, one in scene.watched():
         for name, (units, text, dims) in outputs(label, one).items():
             variables[name] = _by_member(text, units, dims)
     return {**variables, **_start_variables(scene, carried)}
+
+
+def is_turned(scene: Scene, effect: Effect, name: str) -> bool:
+    """Whether a parameter is fixed in the body, and members have principal axes of their own: then
+    a result has it in these, also if all members are given the same one."""
+    fixed = name in facts(effect).in_body and name not in facts(effect).hidden
+    if not fixed or scene.body.given != "tensor":
+        return False
+    return not all(isinstance(x, float) and x == 0.0 for x in getattr(effect, name))
+
+
+def parameter_variable(
+    label: str, name: str, size: int | None, units: str, axes: str = ""
+) -> Variable:
+    """The variable of a parameter of an effect that differs from member to member."""
+    dims: tuple[str, ...] = () if size is None else ("axis",) if size == 3 else ("component",)
+    return _by_member(f"{name} of {label}{axes}", units, dims)
 
 
 def _health_variables(scene: Scene) -> dict[str, Variable]:

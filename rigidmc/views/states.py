@@ -55,7 +55,8 @@ class States:
         Parameters
         ----------
         name : str
-            of a variable of the result: "omega", "momentum", "attitude", "start_omega" and so on
+            of a variable of the result: "omega", "momentum", "attitude", "start_omega", the fixed
+            vector of an effect, such as "rotor_momentum", and so on
 
         Returns
         -------
@@ -77,8 +78,10 @@ class States:
         """
         from rigidmc.dynamics.so3 import conjugate
         from rigidmc.mechanics.rotation import product, quaternion, to_space
+        from rigidmc.scene.scene import scene_of
 
-        ds, body = self._dataset, self.scene().body
+        ds = self._dataset
+        body = scene_of(ds, allow_code=None).body  # needs no physics
         given = ds.get(name)
         if given is None or not {"axis", "quat"} & {*given.dims} or name == "moments":
             rule = "no vector in the body and no attitude of this result"

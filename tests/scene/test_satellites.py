@@ -1,15 +1,20 @@
 """Bodies on an orbit turn about their centre of mass, each uncertain one about its own."""
 
+import warnings
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import rigidmc as rm
-from rigidmc.errors import SceneError
+from rigidmc.engine import layout
+from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.mechanics.inertia import symmetric
 from rigidmc.planning.stage import stage
 from rigidmc.planning.units import scaled
+from rigidmc.protocols import Vector, effect
 
 # a slender satellite with products of inertia, its centre known to 1 cm along its length
 MEAN = np.array([[10.0, 0.2, 0.0], [0.2, 56.0, 0.3], [0.0, 0.3, 60.0]])
@@ -127,3 +132,66 @@ def test_a_plain_body_moves_to_its_centre():
         rm.Body.from_tensor(law, MASS, CENTRE)
     with pytest.raises(SceneError, match=r"centre.*3 numbers"):
         rm.Body.from_tensor(rm.UncertainInertia(MEAN, np.diag(DEVIATIONS**2), centre=0.1))
+
+
+def test_results_have_fixed_vectors_in_the_axes_of_each_member(tmp_path):
+    """|L + H| is constant with the H of the result, and not with the one that was given."""
+    wheel, motor = (0.0, 0.0, 0.1), (0.0, 0.0, rm.normal(0.0, 1e-9))
+    body = rm.Body.from_tensor(rm.UncertainInertia(MEAN, np.diag(DEVIATIONS[:6] ** 2)))
+    scene = rm.Scene(body, rm.Rotor(wheel, motor), rm.Start(omega=(1e-3, -2e-3, 3e-3)))
+    file = tmp_path / "wheel.nc"
+    rm.simulate(
+        scene, "rk8", dt=10.0, t_end=1000.0, every=10.0, members=8, seed=1, output=file
+    ).close()
+    with rm.open(file) as ds:
+        moment = (ds.moments * ds.omega).transpose("time", "axis", "member")
+
+        def drift(h):
+            size = np.sqrt(((moment + h) ** 2).sum("axis"))
+            return float(abs(size / size[0] - 1.0).max())
+
+        given = ds.rotor_momentum.copy(data=np.tile(np.array([wheel]).T, 8))
+        assert drift(ds.rotor_momentum) < 3e-5  # measured 7.7e-6, by the motor
+        assert drift(given) > 1e-3  # measured 0.10
+        found, own = ds.rigid.described("rotor_momentum"), body.to_own(wheel)
+        assert np.allclose(found.T, own, rtol=0, atol=1e-15)  # measured 4e-17
+        assert "principal axes of the member" in ds.rotor_momentum.long_name
+        assert "rotor_motor" in ds
+    table = rm.Rotor((np.zeros(8), np.zeros(8), np.ones(8)))
+    with pytest.raises(SceneError, match=r"\[effects.rotor\] momentum.*no table"):
+        rm.Scene(body, table).with_run(members=8, dt=0.1, t_end=1.0).check()
+
+
+class Thrust(NamedTuple):
+    size: Vector
+
+    def torque(self):
+        return self.size
+
+
+class Wind(Thrust):
+    """States that nothing is fixed in the body."""
+
+
+class Thruster(Thrust):
+    """States what is."""
+
+
+@pytest.mark.parametrize(
+    ("kind", "stated"), [(Thrust, None), (Wind, ()), (Thruster, ("size",))], ids=lambda x: str(x)
+)
+def test_an_own_vector_is_turned_if_it_says_so(kind, stated):
+    more = {} if stated is None else {"in_body": stated}
+    kind = effect(units={"size": "N m"}, shapes={"size": 3}, **more)(kind)
+    body = rm.Body.from_tensor(rm.UncertainInertia(MEAN, np.diag(DEVIATIONS[:6] ** 2)))
+    force = (1e-4, 0.0, 3e-4)
+    scene = rm.Scene(body, kind(force)).with_run(members=4, dt=10.0, t_end=100.0)
+    rows = slice(layout.EFFECTS, layout.EFFECTS + 3)
+    acting = stage(scene, 0, 4, True)[0][rows]
+    turned = stage(rm.Scene(body, rm.BodyTorque(force)).with_run(), 0, 4, True)[0][rows]
+    assert np.abs(turned - np.array([force]).T).max() > 1e-6
+    assert np.array_equal(acting, turned if stated else np.tile(np.array([force]).T, 4))
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always", SceneWarning)
+        rm.simulate(scene, "rk4")
+    assert any("size is not turned" in str(one.message) for one in told) == (stated is None)

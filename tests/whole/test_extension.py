@@ -379,7 +379,7 @@ def own(tmp_path):
 
 def test_each_part_of_ones_own_takes_fifteen_lines_and_five_of_a_scene_file():
     _, *parts, _ = blocks("python")
-    assert len(parts) == 6 and max(len(part.splitlines()) for part in parts) <= 15
+    assert len(parts) == 7 and max(len(part.splitlines()) for part in parts) <= 15
     tables = blocks("toml")[0].split("\n\n")
     assert max(len(table.splitlines()) for table in tables) <= 8
 
