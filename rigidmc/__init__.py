@@ -111,7 +111,8 @@ def open(path: str | PathLike[str], allow_code: bool = False) -> "Dataset":
     path : path_like
         a netCDF file, a zarr store or a run directory
     allow_code : bool, optional
-        whether to run the Python files of a user's own effects, in a run directory
+        whether `rerun` and other methods that integrate may run the Python files of a user's own
+        parts; what is stored opens without
 
     Returns
     -------
@@ -136,6 +137,7 @@ def open(path: str | PathLike[str], allow_code: bool = False) -> "Dataset":
         result = import_module("rigidmc.runs.open").open_run(path, allow_code)
     else:
         result = import_module("rigidmc.storage.reader").open_result(path)
+        result.encoding["allow_code"] = allow_code
     return result
 
 

@@ -125,7 +125,12 @@ def _facts(run: Ready, shard: int, block: int, about: Mapping[str, str]) -> dict
         "scene": "",
         "columns": "",
         "code": {file: hash_of_file(file) for file in sources},
-        "attributes": {**({} if run.chosen is None else run.chosen.attributes()), **about},
+        "attributes": {
+            # a run opens without the user's code, which alone tells these
+            **(_told(scene, run) if sources else {}),
+            **({} if run.chosen is None else run.chosen.attributes()),
+            **about,
+        },
         "seed": scene.run.seed,
         "first": scene.run.first,
         "members": scene.run.members,
@@ -134,6 +139,12 @@ def _facts(run: Ready, shard: int, block: int, about: Mapping[str, str]) -> dict
         "versions": versions,
         "machine": machine,
     }
+
+
+def _told(scene: Scene, run: Ready) -> dict[str, Any]:
+    """The attributes of a result but for its scene, which scene.toml has."""
+    told = attributes(scene, run.shown)
+    return {name: value for name, value in told.items() if name != "scene"}
 
 
 def _write(folder: str, run: Ready, facts: dict[str, Any]) -> None:

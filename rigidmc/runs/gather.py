@@ -39,11 +39,11 @@ def verify(
 
     Checks the checksum of every shard, the number of flagged members in its name, and the scene.
     Of `spot` random shards, three members are computed again, to the bit: the first, the last and
-    a random one.
+    a random one. Without any, parts of a user's own need no `allow_code`.
     """
     spot = counted(spot, "spot", 0)
     directory = RunDirectory(path)
-    scene = scene_of_run(directory, allow_code)
+    scene = scene_of_run(directory, allow_code if spot or allow_code else None)
     shards, strays = directory.listed()
     bad = {i: fault for i, shard in shards.items() if (fault := fault_of(directory, i, shard))}
     faults = [*bad.values(), *(f"{path}: is no shard of this run" for path in strays)]

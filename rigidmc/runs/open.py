@@ -3,17 +3,19 @@
 import hashlib
 import os
 import warnings
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.errors import FileError, SceneWarning
-from rigidmc.files.netcdf import read
+from rigidmc.files.netcdf import open_undecoded, read
 from rigidmc.files.outputs import Path
 from rigidmc.files.trial import refuse_unreadable
-from rigidmc.runs.reopen import Ready, planned
+from rigidmc.runs.reopen import Ready, planned, scene_of_run, text_of_run
+from rigidmc.storage.border import as_result
 from rigidmc.storage.run_directory import RunDirectory, flagged_of
 from rigidmc.storage.schema import (
     Variable,
@@ -33,7 +35,8 @@ def open_run(path: Path, allow_code: bool = False) -> xr.Dataset:
     they are asked for.
 
     Needs dask, which comes with rigidmc[cluster]; without it `consolidate` makes one file.
-    Histograms are sums over the shards.
+    Histograms are sums over the shards. Without `allow_code` a run with parts of a user's own opens
+    too: its layout is then that of its first shard, and no code is run.
     """
     try:
         import dask.array  # noqa: F401
@@ -41,32 +44,80 @@ def open_run(path: Path, allow_code: bool = False) -> xr.Dataset:
         rule = f"is read through dask: pip install 'rigidmc[cluster]', or consolidate it ({error})"
         raise FileError("", "run", os.fspath(path), rule) from None
     directory = RunDirectory(path)
-    run = planned(directory, allow_code)
-    scene, plan = run.original, run.shown
+    own = bool(directory.facts["code"]) and not allow_code
+    run = None if own else planned(directory, allow_code)
     directory.refuse_strays()
-    shards = _Chunks(directory, run)
+    shards = _Chunks(directory)
     if not shards.paths:
         raise FileError("", "run", directory.path, "no shard is there yet: resume it first")
     if len(shards.paths) < directory.count:
         there = sum(len(members) for members in shards.members)
         warnings.warn(
-            f"{directory.path}: {there:,} of {scene.run.members:,} members are there",
+            f"{directory.path}: {there:,} of {directory.facts['members']:,} members are there",
             SceneWarning,
             stacklevel=3,
         )
-    by_member = {
+    members = np.concatenate([np.asarray(members) for members in shards.members])
+    layout = _of_shard(directory, shards.paths[0]) if run is None else _of_plan(run, members)
+    layout.coordinates["member"] = (("member",), members, layout.coordinates["member"][2])
+    variables = {
+        name: (shards.joined if {*variable.dims} & {*_GROW} else shards.summed)(
+            name, variable, layout.sizes
+        )
+        for name, variable in layout.variables.items()
+    }
+    attrs = {**layout.attributes, **directory.facts["attributes"]}
+    dataset = xr.Dataset(variables, layout.coordinates, attrs)
+    dataset.encoding |= {"source": os.path.abspath(directory.path), "allow_code": allow_code}
+    return dataset
+
+
+_GROW = ("member", "flagged")  # the dimensions that grow with the shards
+
+
+class _Layout(NamedTuple):
+    """The variables of a run, the sizes of their dimensions, its coordinates and attributes."""
+
+    variables: dict[str, Variable]
+    sizes: Mapping[Any, Any]
+    coordinates: dict[str, Any]
+    attributes: dict[str, Any]
+
+
+def _of_plan(run: Ready, members: NDArray[np.int64]) -> _Layout:
+    scene, plan = run.original, run.shown
+    variables = {
         **member_variables(scene, plan.carried),
         **saved_variables(scene),
         **flagged_variables(scene),
+        **ensemble_variables(scene),
     }
-    variables = {name: shards.joined(name, variable) for name, variable in by_member.items()}
-    for name, variable in ensemble_variables(scene).items():
-        variables[name] = shards.summed(name, variable)
-    known = coordinates(plan, np.concatenate([np.asarray(members) for members in shards.members]))
-    attrs = {**attributes(scene, plan), **directory.facts["attributes"]}
-    dataset = xr.Dataset(variables, known, attrs)
-    dataset.encoding["source"] = os.path.abspath(directory.path)
-    return dataset
+    for name, (dims, dtype, attrs) in variables.items():
+        if is_rounded(scene, dims, dtype):
+            more = {**attrs, "significant_digits": scene.run.digits}
+            variables[name] = Variable(dims, dtype, more)
+    known = coordinates(plan, members)
+    return _Layout(variables, lengths(plan), known, attributes(scene, plan))
+
+
+def _of_shard(directory: RunDirectory, path: str) -> _Layout:
+    """The layout of a run whose code is not run, from one of its shards."""
+    scene = scene_of_run(directory, None)  # which checks it
+    names = ("members", "first") if directory.chosen is None else ()
+    text = text_of_run(directory, **{name: int(directory.facts[name]) for name in names})
+    with open_undecoded(path) as shard:
+        result, _ = as_result(shard.assign_attrs(scene=text), path)
+        variables = {
+            str(name): Variable(tuple(map(str, v.dims)), v.dtype.str[1:], dict(v.attrs))
+            for name, v in result.data_vars.items()
+        }
+        known = {str(k): (v.dims, v.values, dict(v.attrs)) for k, v in result.coords.items()}
+        told = {name: value for name, value in result.attrs.items() if name != "run"}
+        told["title"] = scene.title
+        return _Layout(variables, dict(result.sizes), known, told)
+
+
+_Chunked = tuple[tuple[str, ...], Any, dict[str, Any]]  # dims, array, attrs
 
 
 class _Chunks:
@@ -75,7 +126,7 @@ class _Chunks:
     paths, members : of each shard, in the order of their members
     """
 
-    def __init__(self, directory: RunDirectory, run: Ready) -> None:
+    def __init__(self, directory: RunDirectory) -> None:
         shards = directory.shards()
         self.paths = [os.path.abspath(shards[i]) for i in sorted(shards)]
         self.members = [directory.members(i) for i in sorted(shards)]
@@ -83,38 +134,32 @@ class _Chunks:
             "member": [len(members) for members in self.members],
             "flagged": [flagged_of(path) for path in self.paths],
         }
-        self._run, self._mark = run, directory.mark
+        self._mark = directory.mark
         # the names of shards tell contents, so arrays of other contents have other labels in dask
         self._contents = hashlib.sha256("\n".join(self.paths).encode()).hexdigest()[:16]
 
-    def joined(self, name: str, variable: Variable) -> tuple[tuple[str, ...], Any, dict[str, Any]]:
+    def joined(self, name: str, variable: Variable, lengths: Mapping[Any, Any]) -> _Chunked:
         """(dims, array, attrs) of a variable by members or flagged members, joined over shards."""
         import dask.array as da
 
         dims, dtype, attrs = variable
         counts = self._counts
         along = next(dim for dim in dims if dim in counts)
-        plan = self._run.shown
-        sizes = tuple(
-            tuple(counts[dim]) if dim in counts else (lengths(plan)[dim],) for dim in dims
-        )
+        sizes = tuple(tuple(counts[dim]) if dim in counts else (lengths[dim],) for dim in dims)
         label, graph = f"{name}-{self._contents}", {}
         for j, count in enumerate(counts[along]):
             key = (label, *[j if dim == along else 0 for dim in dims])
             shape = [s[j if dim == along else 0] for dim, s in zip(dims, sizes, strict=True)]
             task = (_read, *self._shard(j, name), shape, dtype)
             graph[key] = task if count else (np.empty, shape, dtype)
-        if is_rounded(self._run.original, dims, dtype):
-            attrs = {**attrs, "significant_digits": self._run.original.run.digits}
         return dims, da.Array(graph, label, sizes, np.dtype(dtype)), attrs
 
-    def summed(self, name: str, variable: Variable) -> tuple[tuple[str, ...], Any, dict[str, Any]]:
+    def summed(self, name: str, variable: Variable, lengths: Mapping[Any, Any]) -> _Chunked:
         """(dims, array, attrs) of a variable that is summed over the shards."""
         import dask.array as da
 
         dims, dtype, attrs = variable
-        fixed = lengths(self._run.shown)
-        shape = [fixed[dim] for dim in dims]
+        shape = [lengths[dim] for dim in dims]
         label, count = f"{name}-{self._contents}", len(self.paths)
         graph = {
             (label, j, *[0] * len(shape)): (_read_one, *self._shard(j, name), shape, dtype)

@@ -55,7 +55,7 @@ def rerun(
     save : iterable of str, optional
         names of observables; default all, but work only if the result has it
     allow_code : bool, optional
-        as of `Scene.load`
+        as of `Scene.load`; not needed for a result that was opened with it
     output : path_like, optional
         write this file too, of a kind that `simulate` writes
     force : bool, optional

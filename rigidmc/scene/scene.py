@@ -165,7 +165,7 @@ def scene_of(
     """The scene of a result, which is a Dataset or the path of one, netCDF or zarr.
 
     A scene with one row per member gets these rows from the result. `settings` and `allow_code` are
-    as for `loads`.
+    as for `loads`; a Dataset that was opened with `allow_code` keeps it.
     """
     import xarray as xr  # with netCDF4 half a second
 
@@ -176,6 +176,8 @@ def scene_of(
         # by xarray: netCDF4 1.7.5 crashes when it opens once more what xarray has open
         with open_undecoded(os.fspath(source)) as dataset:
             return scene_of(dataset, settings, allow_code)
+    if allow_code is False:
+        allow_code = bool(source.encoding.get("allow_code"))
     file = source.encoding.get("source", "result")
     rows = stored_rows(source, file)
     return loads(scene_text(source), file, settings, rows, allow_code=allow_code)

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
+from rigidmc.runs.gather import verify
 from rigidmc.runs.resume import resume
 
 ROOT = Path(__file__).parents[2]
@@ -414,7 +415,19 @@ def test_a_script_and_a_scene_file_run_the_same_parts(own, monkeypatch):
         assert again.height.attrs == ds.height.attrs
         with pytest.raises(rm.SceneError, match="is code, and scene files execute nothing"):
             rm.rerun(again, 2)
+        told = rm.open(own / "own", allow_code=True)
+        assert told.rigid.scene().known_integrators()["kutta38"].order == 4  # asks no second time
         (own / "mine.py").write_text((own / "mine.py").read_text() + "# changed\n")
+        with rm.open(own / "own") as bare:
+            for name in told.variables:
+                assert bare[name].dims == told[name].dims and bare[name].dtype == told[name].dtype
+                assert bare[name].values.tobytes() == told[name].values.tobytes(), name
+                assert bare[name].attrs.get("units") == told[name].attrs.get("units"), name
+            assert bare.attrs == told.attrs
+            assert "fastest" in bare.rigid.summary()
+            with pytest.raises(rm.SceneError, match="is code, and scene files execute nothing"):
+                bare.rigid.scene()
+        assert verify(own / "own", spot=0) == []
         with pytest.raises(rm.FileError, match="is not the file that the run was started with"):
             resume(own / "own", allow_code=True)
         (own / "mine.py").unlink()
