@@ -156,6 +156,29 @@ def test_the_command_writes_pages_of_results_scenes_and_maps(spun, map_page, tmp
         assert done.exit_code in (3, 74) and rule in done.stderr, (words, done.stderr)
 
 
+@pytest.fixture(scope="module")
+def orbit_page(tmp_path_factory):
+    """Two satellites on orbits of their own, one of them shown for 80 s of 20,000."""
+    start = rm.Start(omega=(0.0, 0.0, 0.02), attitude=(1.0, 0.0, 0.0, 0.0))
+    orbit = rm.GravityGradient(mu=rm.grid(4e-3, 9e-3, 2), distance=1.0)
+    scene = rm.Scene(rm.Body.box(1.0, SIZE), orbit, start)
+    ds = rm.simulate(scene, dt=1.0, t_end=20000.0, every=100.0, members=2, save=("momentum",))
+    path = tmp_path_factory.mktemp("orbit") / "orbit.html"
+    view(ds, path, members=[1], until=80.0)
+    return path
+
+
+def test_a_page_knows_the_local_vertical(orbit_page):
+    text = orbit_page.read_text()
+    assert "t_end = 20000 s, shown to 80 s" in text
+    one = data_of(text)["members"][0]
+    found = np.frombuffer(base64.b64decode(one["radius"]["i2"]), "<i2").reshape(-1, 2) / 32767
+    angle = np.sqrt(7.75e-3) * np.linspace(0.0, one["end"], len(found))
+    assert (
+        np.abs(found - np.stack([np.cos(angle), np.sin(angle)], 1)).max() < 3e-5
+    )  # measured 1.5e-5, half a bit
+
+
 # ---- in the browser ------------------------------------------------------------------------
 
 
@@ -294,6 +317,37 @@ def test_a_pixel_tells_its_numbers_and_shows_its_member(browser, map_page):
 
 
 @pytest.mark.slow
+def test_the_local_vertical_turns_with_the_orbit(browser, orbit_page):
+    tab = browser.new_page(viewport={"width": 1280, "height": 900})
+    tab.goto(orbit_page.as_uri())
+    tab.evaluate("ready")
+    tab.evaluate("seek(10.0)")
+    third = tab.evaluate(
+        "Array.from(stages.body.objects.radius[0].matrix.elements).slice(8, 11).map(x => x / 1.25)"
+    )
+    angle = np.sqrt(7.75e-3) * 10.0
+    assert third == pytest.approx((np.cos(angle), np.sin(angle), 0.0), abs=2e-4)
+    assert "local vertical" in tab.locator(".weight").inner_text()
+    tab.close()
+
+
+def test_without_webgl_the_page_says_so_and_draws_its_charts(browser, orbit_page):
+    tab = browser.new_page(viewport={"width": 1280, "height": 900})
+    troubles = []
+    tab.on("pageerror", lambda error: troubles.append(str(error)))
+    tab.add_init_script("HTMLCanvasElement.prototype.getContext = () => null;")
+    tab.goto(orbit_page.as_uri())
+    tab.evaluate("ready")
+    assert "needs WebGL" in tab.locator("#body").inner_text()
+    tab.evaluate("seek(5.0)")
+    assert tab.locator("#motion path").count() == 1
+    assert "5.000 s" in tab.locator("#clock").inner_text()
+    assert tab.evaluate("[0, 2e4, 1.5e5, 2.5e-4].map(nice)") == ["0", "20000", "1.5e5", "2.5e-4"]
+    tab.locator("#member").evaluate("node => node.onchange({ target: node })")
+    assert troubles == []
+    tab.close()
+
+
 def test_thirty_frames_a_second(tab):
     """Alone on the machine: two cores that draw without a graphics card."""
     tab.evaluate("play(true)")

@@ -37,7 +37,7 @@ def map_data(ds: xr.Dataset, allow_code: bool) -> tuple[Scene, dict[str, Any], l
         shown = integrated(scene, member, FRAMES, end, _step(scene))
         if int(shown.status.values[0]) == 2:
             continue
-        known = motion(shown, scene.body) | {"pixel": (i, j), "rate": rate}
+        known = motion(shown, scene) | {"pixel": (i, j), "rate": rate}
         if known["moments"] not in bodies and len(bodies) < BODIES:
             bodies.append(known["moments"])
         family = bodies.index(known["moments"]) if known["moments"] in bodies else -1

@@ -2,15 +2,19 @@
 its drifts; and of the ensemble: how dense the directions of its momenta are."""
 
 import base64
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from rigidmc.effects import labelled
+from rigidmc.effects.gravity_gradient import GravityGradient, place
+from rigidmc.effects.protocol import Effect
 from rigidmc.engine.layout import STATUSES
 from rigidmc.runs.rerun import rerun
-from rigidmc.scene.mass_distribution import MassDistribution
+from rigidmc.scene.scene import Scene
 from rigidmc.views.sample import sample, vectors
 from rigidmc.views.surfaces import form_of, member_body, surface_of
 
@@ -47,8 +51,9 @@ def reach(start: xr.Dataset, end: float, most: int = MOST) -> tuple[int, float, 
     return count, min(end, count * 2.5 * TURN / rate) if rate > 0.0 else end, rate
 
 
-def motion(shown: xr.Dataset, body: MassDistribution) -> dict[str, Any]:
+def motion(shown: xr.Dataset, scene: Scene) -> dict[str, Any]:
     """What the page knows of the frames of a member; its body has a largest distance of 1."""
+    body = scene.body
     l = shown.momentum.transpose("time", "axis", "member").values[..., 0]
     q = shown.attitude.transpose("time", "quat", "member").values[..., 0]
     size = np.linalg.norm(l, axis=1)
@@ -67,7 +72,20 @@ def motion(shown: xr.Dataset, body: MassDistribution) -> dict[str, Any]:
         "q": short(_continuous(q)),
         "u": short(l / np.where(size > 0.0, size, 1.0)[:, None]),
         "size": short(size / largest),
+        **radius(shown, scene.effects),
     }
+
+
+def radius(shown: xr.Dataset, effects: Iterable[Effect]) -> dict[str, Any]:
+    """{"radius": cosine and sine of the true anomaly at each frame} of a member on an orbit: the
+    local vertical, away from the central body; {} without an orbit."""
+    for label, effect in labelled(effects):
+        if isinstance(effect, GravityGradient):
+            fields = {name: f"{label}_{name}" for name in effect._fields}
+            own = {k: float(shown[v].values[0]) for k, v in fields.items() if v in shown}
+            orbit = effect._replace(**own)
+            return {"radius": short([place(orbit, t) for t in shown.time.values.tolist()])}
+    return {}
 
 
 def status_of(ds: xr.Dataset, member: int) -> str:

@@ -115,7 +115,7 @@ def _written(ds: xr.Dataset, members: list[int], until: float | None, allow_code
     for member in members:
         count, reached, rate = reach(ds.sel(member=[member]), end)
         shown = frames(ds, member, count, allow_code, until=reached)
-        known = motion(shown, scene.body) | {"rate": rate, "status": status_of(ds, member)}
+        known = motion(shown, scene) | {"rate": rate, "status": status_of(ds, member)}
         known["whole"] = known["end"] >= 0.999 * end
         known["drift"] = drifts(ds, member, known["end"], allow_code)
         if known["moments"] not in bodies:
@@ -124,7 +124,7 @@ def _written(ds: xr.Dataset, members: list[int], until: float | None, allow_code
     crowd = ds.sizes["member"] > len(members)
     return _filled(
         ds.attrs.get("title", "rigidmc"),
-        _about(ds, scene),
+        _about(ds, scene, until),
         {
             "members": facts,
             "quantity": "theta" if scene.effects else "omega",
@@ -165,12 +165,15 @@ def _plots(scene: Scene, bodies: list[list[float]], l: NDArray[np.float64]) -> d
     }
 
 
-def _about(ds: xr.Dataset, scene: Scene) -> str:
+def _about(ds: xr.Dataset, scene: Scene, until: float | None) -> str:
     """One line on the run."""
+    end = f"t_end = {scene.run.t_end:g} s"
+    if until is not None and until < scene.run.t_end:
+        end += f", shown to {until:g} s"
     effects = ", ".join(type(effect).__name__ for effect in scene.effects) or "no torque"
     return (
         f"{members_in_words(ds.sizes['member'])}, {effects}, {ds.attrs['integrator']},"
-        f" t_end = {scene.run.t_end:g} s. {scene.summary}".rstrip()
+        f" {end}. {scene.summary}".rstrip()
     )
 
 

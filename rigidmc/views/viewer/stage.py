@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.effects.field import UniformField
 from rigidmc.effects.gravity import Gravity
+from rigidmc.effects.gravity_gradient import GravityGradient
 from rigidmc.effects.protocol import Effect
 from rigidmc.scene.quantities import is_shared
 from rigidmc.views.sphere import family
@@ -70,7 +71,7 @@ def line(points: Floats, color: int, name: str) -> Any:
     return k3d.line(np.asarray(points, dtype=np.float32), shader="simple", color=color, name=name)
 
 
-def body_plot(surface: Surface, effects: Iterable[Effect]) -> Any:
+def body_plot(surface: Surface, effects: Sequence[Effect]) -> Any:
     """A body at the origin with its axes; the vertical, the momentum, and what pulls.
 
     The page gives the body the form of a member, fills the trace of axis 3, and turns it all.
@@ -84,6 +85,8 @@ def body_plot(surface: Surface, effects: Iterable[Effect]) -> Any:
     plot += plain(ball(0.025, 16), INK, "fixed point")
     plot += line(np.array([[0.0, 0.0, -1.3], [0.0, 0.0, 1.3]]), GREY, "vertical")
     plot += plain(revolved(*ARROW, around=16), PATH, "momentum")
+    if any(isinstance(effect, GravityGradient) for effect in effects):
+        plot += plain(revolved(*ARROW, around=16), PULL, "radius")  # the page turns it
     for name, direction in _pulls(effects):
         arrow = revolved(*ARROW, around=16)
         corners = 0.5 * arrow.corners @ _along(direction).T + np.array([1.15, 0.0, 0.6])

@@ -14,7 +14,7 @@ const sized = (v, size) => { const n = Math.hypot(...v) || 1; return v.map(x => 
 
 for (const m of DATA.members) {
   m.frames = m.q.shape[0];
-  for (const key of ["q", "u", "size"]) m[key] = floats(m[key]);
+  for (const key of ["q", "u", "size", "radius"]) if (m[key]) m[key] = floats(m[key]);
   if (m.drift) for (const key of ["t", "energy_drift", "l2_drift"]) m.drift[key] = floats(m.drift[key]);
 }
 if (DATA.density) {
@@ -55,7 +55,7 @@ function stateAt(m, t) {
   const place = clamp(t / m.end, 0, 1) * (m.frames - 1);
   const i = Math.min(Math.floor(place), Math.max(m.frames - 2, 0)), w = place - i;
   const q = sized(between(m.q, 4, i, w), 1), u = sized(between(m.u, 3, i, w), 1);
-  return { i, q, u, size: between(m.size, 1, i, w)[0], turn: matrix(q) };
+  return { i, w, q, u, size: between(m.size, 1, i, w)[0], turn: matrix(q) };
 }
 
 // ---- the two stages ------------------------------------------------------------------------
@@ -172,7 +172,24 @@ class Stage {
     if (this.stale !== false || seen !== this.seen) this.render();
     this.seen = seen;
   }
+  get eye() {
+    const { matrixWorld, projectionMatrix } = this.world.camera;
+    return [...matrixWorld.elements, ...projectionMatrix.elements].join();
+  }
   paper(dark) { this.k3d.setClearColor(dark ? 0x16181c : 0xffffff); this.stale = true; }
+}
+
+// In place of a stage where the browser cannot draw it: the charts need no WebGL.
+class Blank {
+  constructor(name) {
+    $(name).textContent = "This picture needs WebGL 2, which this browser lacks or has turned off.";
+    $(name).classList.add("blank");
+    this.objects = { body: [], trace: [], globe: [] };
+  }
+  fill() {} form() {} move() {} show() {} render() {} renderIfStale() {} paper() {}
+  tag() { return { style: {} }; }
+  hides() { return false; }
+  get eye() { return ""; }
 }
 
 // The light on a body: each triangle is as bright as it faces the lamp. Its corners come in threes.
@@ -205,7 +222,7 @@ function paint(stage, t) {
   while (k + 1 < d.t.length && d.t[k + 1] <= t * (1 + 1e-6)) k++;
   if (k === painted) return;
   painted = k;
-  stage.objects.globe[0].traverse(object => {
+  for (const globe of stage.objects.globe) globe.traverse(object => {
     const colour = object.geometry && object.geometry.attributes.color;
     if (!colour) return;
     const n = d.bytes.length / d.t.length, at = object.geometry.attributes.position.array;
@@ -227,7 +244,8 @@ function ticks(low, high, count) {
   for (let k = Math.ceil(low / step); k * step <= high + 1e-9 * step; k++) list.push(k * step);
   return list;
 }
-const nice = x => x === 0 ? "0" : Math.abs(x) >= 1e4 || Math.abs(x) < 1e-3 ? x.toExponential(0) : String(+x.toPrecision(6));
+const nice = x => x === 0 ? "0" : Math.abs(x) >= 1e5 || Math.abs(x) < 1e-3
+  ? (+x.toPrecision(6)).toExponential().replace("e+", "e") : String(+x.toPrecision(6));
 
 // indices of the smallest and the largest value of each of some stretches
 function thinned(values, most) {
@@ -265,7 +283,7 @@ class Chart {
       parts.push(`<line class="rule" x1="${this.left}" x2="${this.right}" y1="${y(v)}" y2="${y(v)}"/>` +
         `<text x="${this.left - 5}" y="${y(v) + 4}" text-anchor="end">${this.log ? (v <= -17 ? "0" : "1e" + v) : nice(v)}</text>`);
     for (const s of ticks(0, end, width < 500 ? 4 : 7))
-      parts.push(`<text x="${x(s)}" y="${height - 5}" text-anchor="middle">${nice(s)}</text>`);
+      parts.push(`<text x="${x(s)}" y="${height - 5}" text-anchor="${x(s) > this.right - 16 ? "end" : "middle"}">${nice(s)}</text>`);
     parts.push(`<text x="${this.right}" y="${bottom - 4}" text-anchor="end">t [s]</text>`);
     series.forEach((s, k) => {
       let d = "";
@@ -457,6 +475,11 @@ function draw() {
   sphere.tag("", s.u).style.opacity = sphere.hides(s.u) ? 0.4 : 1;
   body.tag("L", sized(toward, 1.3 * s.size), "var(--path)", -14);
   body.tag("z", [0, 0, 1.4], "var(--grey)");
+  if (m.radius) {
+    const out = sized([...between(m.radius, 2, s.i, s.w), 0], 1);
+    body.move("radius", along(out), 1.25);
+    body.tag("r", out.map(x => 1.33 * x), "var(--weight)");
+  }
   for (const [name, word] of [["gravity", "g"], ["field", "B"]])
     if (body.objects[name]) body.tag(word, [1.15, 0, 0.7], "var(--weight)");
   charts.motion.cursor(page.t);
@@ -518,12 +541,15 @@ function dress(dark) {
 }
 
 async function start() {
-  stages = { body: await Stage.load("body"), sphere: await Stage.load("sphere") };
+  const draws = document.createElement("canvas").getContext("webgl2");
+  stages = {};
+  for (const name of ["body", "sphere"]) stages[name] = draws ? await Stage.load(name) : new Blank(name);
   $("member").innerHTML = DATA.members.map((m, k) =>
     `<option value="${k}">${m.index}${m.status === "ok" ? "" : " ⚑ " + m.status}</option>`).join("");
   $("crowd").textContent = DATA.density ? `Blue: how dense ${DATA.density.members.toLocaleString("en")} members are there.` : "";
-  const pull = stages.body.objects.gravity ? "gravity" : stages.body.objects.field ? "field" : "";
-  document.querySelector(".weight").textContent = pull && `Green: ${pull}.`;
+  const pulls = [["radius", "local vertical of the orbit (r)"], ["gravity", "gravity"], ["field", "field"]]
+    .filter(([name]) => stages.body.objects[name]).map(([, words]) => words);
+  document.querySelector(".weight").textContent = pulls.length ? `Green: ${pulls.join(", ")}.` : "";
   $("member").onchange = event => choose(Number(event.target.value));
   $("speed").onchange = event => { page.speed = Number(event.target.value); };
   $("quantity").onchange = () => { quantity(); draw(); };
@@ -543,8 +569,7 @@ async function start() {
     keys[event.key]();
   });
   // K3D moves its cameras itself
-  const eyes = () => Object.values(stages).map(stage => [
-    ...stage.world.camera.matrixWorld.elements, ...stage.world.camera.projectionMatrix.elements].join()).join();
+  const eyes = () => Object.values(stages).map(stage => stage.eye).join();
   let seen = "";
   setInterval(() => {
     const now = eyes();
