@@ -134,7 +134,7 @@ def known(given: Iterable[Any]) -> tuple[str, ...]:
     """All names that a scene may save."""
     opaque = [word_of_observable(one) for one in given if is_opaque(one)]
     perhaps = (f"{word}_{statistic}" for word in opaque for statistic in STATISTICS)
-    words = (*map(word_of_observable, given), *own(given))
+    words = (*map(word_of_observable, given), *dict(labelled(given)))
     more = dict.fromkeys((*words, *statistics(given), *perhaps))
     return (*KNOWN, *(name for name in more if name not in KNOWN))
 

@@ -44,6 +44,10 @@ def checked_effect(effect: Any, driven: bool) -> Effect:
     table, values = f"effects.{name_of(effect)}", []
     for name, value in zip(effect._fields, effect, strict=True):
         size, (low, high) = shape(effect, name), limits(effect, name, driven)
+        if size is None and isinstance(value, (tuple, list)):
+            how = f'@effect(shapes={{"{name}": {len(value)}}})'
+            rule = f"a field that is a tuple needs its length: {how}"
+            raise SceneError(table, name, list(value), rule)
         one = quantity(value, table, name) if size is None else vector(value, table, name, size)
         for part in (one,) if size is None else one:
             if not is_open(part) and not (low <= np.min(part) and np.max(part) <= high):

@@ -1,6 +1,7 @@
 """What accuracy costs: every integrator that takes a scene, over a ladder of steps."""
 
 import math
+import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -107,7 +108,8 @@ def accuracy(
     first = pilot(scene, counted(members, "members"))
     check_pilot(scene, first)
     say = progress or (lambda line: None)
-    true, costs = truth(first), Costs(first)
+    say(f"first the truth for {first.members:,} members, then each integrator in many steps")
+    true, costs = truth(first, say), Costs(first)
     say(f"truth: {true.source}, known to {upper_quantile(true.error):.1e}")
     ways = _ways(scene, first, true, costs, integrators, say)
     study = _dataset(ways, costs, tolerances, threads or threads_available())
@@ -143,12 +145,15 @@ def _ways(
     known = scene.known_integrators()
     pairs = sorted(candidates(scene, true, integrators), key=lambda c: -known[c[0]].order)
     compile_ahead(first, pairs)
-    for integrator, dtype in pairs:
+    began = time.perf_counter()
+    for done, (integrator, dtype) in enumerate(pairs, 1):
         rungs = ladder(costs, true, integrator, dtype, FINEST, too_dear=too_dear)
         ways += rungs
         if rungs:
             best = min(way.upper for way in rungs)
-            say(f"{integrator:9s} {dtype}: {len(rungs):2d} steps tried, best error {best:.1e}")
+            left = (time.perf_counter() - began) * (len(pairs) / done - 1.0)
+            text = f"{integrator:9s} {dtype}: {len(rungs):2d} steps tried, best error {best:.1e}"
+            say(f"{text}; {done} of {len(pairs)}, about {left:.2g} s left")
     return ways
 
 

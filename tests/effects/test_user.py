@@ -335,3 +335,8 @@ def test_functions_of_the_library_in_float32():
     )
     error = np.abs(double.momentum - single.momentum).max()
     assert 1e-9 < error < 3e-7  # measured 3.4e-8, of 2.5: and it is not float64
+
+
+def test_a_tuple_without_its_length_is_told_how_to_give_it():
+    with pytest.raises(rm.SceneError, match=r"g = .*@effect\(shapes=\{\"g\": 3\}\)"):
+        scene(Weight((1.0, 2.0, 3.0)))

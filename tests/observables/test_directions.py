@@ -156,3 +156,13 @@ def test_a_field_must_be_there_and_be_one():
     one = rm.UniformField((0.0, 0.0, 1.0), B)
     assert "it needs [effects.uniform_field]" in refused(ORBIT)
     assert "expected one field" in refused(one, one)
+
+
+def test_two_passages_are_saved_by_their_labels():
+    two = rm.Passage(1, 0.5), rm.Passage(2, 0.5)
+    scene = rm.Scene(rm.Body((1.0, 2.0, 2.5)), observables=two)
+    both = [label for label, _ in scene.with_run(save=("passage", "passage_2")).watched()]
+    assert both == ["passage", "passage_2"]
+    assert [label for label, _ in scene.with_run(save=("passage_2",)).watched()] == both
+    with pytest.raises(rm.SceneError, match="no such observable"):
+        scene.with_run(save=("passage_3",))

@@ -26,7 +26,14 @@ ORDERS = {"rk4": 4, "rk8": 8, "chin4": 4}
 
 @pytest.fixture(scope="module")
 def study():
-    return rm.accuracy(LAGRANGE, CHOSEN, (1e-3, 1e-5, 1e-8, 1e-15), members=64)
+    told = list[str]()
+    found = rm.accuracy(
+        LAGRANGE, CHOSEN, (1e-3, 1e-5, 1e-8, 1e-15), members=64, progress=told.append
+    )
+    # how far it is, before the first wait and after each ladder
+    assert told[0].startswith("first the truth for 64 members")
+    assert all(f"; {k} of 5, about" in line for k, line in enumerate(told[2:], 1)) and len(told) > 6
+    return found
 
 
 def rows(study, name, dtype="float64"):

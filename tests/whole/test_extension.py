@@ -380,7 +380,7 @@ def own(tmp_path):
 
 def test_each_part_of_ones_own_takes_fifteen_lines_and_five_of_a_scene_file():
     _, *parts, _ = blocks("python")
-    assert len(parts) == 7 and max(len(part.splitlines()) for part in parts) <= 15
+    assert len(parts) == 8 and max(len(part.splitlines()) for part in parts) <= 15
     tables = blocks("toml")[0].split("\n\n")
     assert max(len(table.splitlines()) for table in tables) <= 8
 
@@ -399,6 +399,15 @@ def test_a_script_and_a_scene_file_run_the_same_parts(own, monkeypatch):
     assert (ds.height.values <= 2.0).all() and ds.height.attrs["units"] == "m"
     assert (ds.fastest.values >= np.abs(ds.omega.sel(axis=1)).max("time").values).all()
     assert np.abs((ds.start_omega**2).sum("axis") - 0.25).max() < 1e-15  # measured 5.6e-17
+
+    captured = names["Captured"](stay=1.0)
+    kept, seen = captured.begin(), []
+    # too short a stay, a fall that does not count, a stay, a tilt that is no fall, and a fall
+    for t, tilt in ((0.5, 0.0), (1.0, 2.0), (1.5, 0.2), (2.5, 0.2), (3.0, 1.0), (3.5, 2.0)):
+        kept = captured.update(kept, t, (np.cos(0.5 * tilt), np.sin(0.5 * tilt), 0.0, 0.0))
+        seen.append(kept[2:])
+    assert seen == [(-1.0, 0.0)] * 3 + [(2.5, 0.0)] * 2 + [(2.5, 1.0)]
+    assert ds.lost.dims == ("member",)
 
     commands = (
         "run scene.toml --allow-code -o own.nc",

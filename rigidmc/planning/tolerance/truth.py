@@ -1,5 +1,7 @@
 """What members are measured against: a closed form, or what two integrators agree on."""
 
+import time
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -32,19 +34,21 @@ class Truth(NamedTuple):
     error: Array
 
 
-def truth(pilot: Pilot) -> Truth:
+def truth(pilot: Pilot, say: Callable[[str], object] | None = None) -> Truth:
     """The Truth of a pilot: its closed form, which rk8 confirms, else two methods that agree;
-    SceneError if nothing agrees."""
+    SceneError if nothing agrees. say : is told how far two methods are"""
     try:
         case = closed_form(pilot.scene, pilot.members, pilot.first)
     except SceneError as error:
-        true = integrated(pilot)
+        true = integrated(pilot, say=say)
         why = str(error).split("covers it: ")[-1].split("; covered")[0]
         return true._replace(source=f"{true.source}; no closed form: {why}")
     return _confirmed(pilot, _closed_truth(pilot, case))
 
 
-def integrated(pilot: Pilot, agreed: float = AGREED) -> Truth:
+def integrated(
+    pilot: Pilot, agreed: float = AGREED, say: Callable[[str], object] | None = None
+) -> Truth:
     """The Truth of a pilot by rk8 and another method in more and more steps, until they agree to
     `agreed` or come no nearer."""
     # if rounding does not matter, kernels without remainders serve, which are compiled anyway
@@ -53,6 +57,7 @@ def integrated(pilot: Pilot, agreed: float = AGREED) -> Truth:
     other = next(name for name in ("exact", "srkn11", "cf4") if name in able)
     steps, last = first_steps(pilot), None
     while True:
+        began = time.perf_counter()
         ends = [
             follow(pilot, name, count, compensated=compensated)
             for name, count in (("rk8", steps), (other, 16 * steps if other == "cf4" else steps))
@@ -65,6 +70,10 @@ def integrated(pilot: Pilot, agreed: float = AGREED) -> Truth:
             or steps > MOST_STEPS / 32
         ):
             break
+        if say is not None:
+            wait = 2.0 * (time.perf_counter() - began)
+            text = f"rk8 and {other} in {steps:,} steps agree to {worst:.1e}"
+            say(f"{text}; twice as many take about {wait:.2g} s")
         last, steps = (worst, apart, ends, steps), 2 * steps
     if last is not None and last[0] < worst:
         worst, apart, ends, steps = last
