@@ -153,7 +153,7 @@ def _ways(
             best = min(way.upper for way in rungs)
             left = (time.perf_counter() - began) * (len(pairs) / done - 1.0)
             text = f"{integrator:9s} {dtype}: {len(rungs):2d} steps tried, best error {best:.1e}"
-            say(f"{text}; {done} of {len(pairs)}, about {left:.2g} s left")
+            say(f"{text}; {done} of {len(pairs)}, about {left:.0f} s left")
     return ways
 
 

@@ -73,7 +73,7 @@ def integrated(
         if say is not None:
             wait = 2.0 * (time.perf_counter() - began)
             text = f"rk8 and {other} in {steps:,} steps agree to {worst:.1e}"
-            say(f"{text}; twice as many take about {wait:.2g} s")
+            say(f"{text}; twice as many take about {wait:.0f} s")
         last, steps = (worst, apart, ends, steps), 2 * steps
     if last is not None and last[0] < worst:
         worst, apart, ends, steps = last
