@@ -13,6 +13,7 @@ from rigidmc.engine import layout
 from rigidmc.engine.layout import whole_lanes
 from rigidmc.errors import SceneError
 from rigidmc.integrators import Form, keeps_remainders
+from rigidmc.integrators.protocol import keeps_its_own
 from rigidmc.observables import value_rows
 from rigidmc.observables.keep import thinned
 from rigidmc.planning.closed_form import closed_form
@@ -179,7 +180,8 @@ def prepare(
         angle=grid.angle,
         turn_rate=rate,
         dtype=run.dtype,
-        compensated=keeps_remainders(scene.integrator, scene.effects, run.dtype, run.compensated),
+        compensated=not (form and keeps_its_own(form.integrator))
+        and keeps_remainders(scene.integrator, scene.effects, run.dtype, run.compensated),
         notes=notes,
         limits=limits(scene, carried, grid.theta, mean, form, spin) if form else (),
         labels=booked_labels(scene),
