@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.engine.machine import threads_available
-from rigidmc.errors import OptionError
+from rigidmc.errors import OptionError, unknown
 from rigidmc.integrators import refusal
 from rigidmc.planning.tolerance.choose import check_pilot
 from rigidmc.planning.tolerance.compile_ahead import compile_ahead
@@ -74,9 +74,10 @@ def accuracy(
     xarray.Dataset
         over `row`: integrator, dtype, dt [s], steps, turn, error_Q_S with Q of state, momentum,
         attitude, energy, l2, lz and S of median, p99, worst, upper (which 99 % of all members stay
-        below with 95 % certainty), ns_per_member_step and ns_per_member on one thread,
-        members_per_second; over `tolerance`: `cheapest`, the cheapest row that reaches it, -1 if
-        none does. The attributes name the truth, its own error, and the horizon of rounding
+        below with 95 % certainty), inf of steps so long that members fail;
+        ns_per_member_step and ns_per_member on one thread, members_per_second; over `tolerance`:
+        `cheapest`, the cheapest row that reaches it, -1 if none does. The attributes name the
+        truth, its own error, and the horizon of rounding
 
     Raises
     ------
@@ -102,7 +103,9 @@ def accuracy(
         scene, integrators = scene.with_integrators(integrators)
     known = scene.known_integrators()
     for name in integrators or ():
-        if name in known and (why := refusal(name, scene.effects, known=known)):
+        if name not in known:  # before the truth, which takes seconds
+            raise unknown("", "integrators", name, "integrator", known, OptionError)
+        if why := refusal(name, scene.effects, known=known):
             raise OptionError("", "integrators", name, why)
     first = pilot(scene, counted(members, "members"))
     check_pilot(scene, first)
@@ -145,10 +148,13 @@ def _ways(
     compile_ahead(first, pairs)
     for integrator, dtype in pairs:
         rungs = ladder(costs, true, integrator, dtype, FINEST, too_dear=too_dear)
-        ways += rungs
         if rungs:
-            best = min(way.upper for way in rungs)
-            say(f"{integrator:9s} {dtype}: {len(rungs):2d} steps tried, best error {best:.1e}")
+            best, tried = min(way.upper for way in rungs), len(rungs)
+            dear = best > FINEST and too_dear(rungs[-1])
+            ended = f"; stopped: others cost 1/{DEAREST:g} or less" if dear else ""
+            words = f"{tried:2d} step{'s' * (tried > 1)} tried, best error {best:.1e}{ended}"
+            say(f"{integrator:9s} {dtype}: {words}")
+        ways += rungs
     return ways
 
 
@@ -219,7 +225,7 @@ def _finite_or_inf(statistic: Statistic, errors: NDArray[np.float64]) -> float:
     """A statistic; inf between inf and inf, nan if no error is known."""
     if np.isnan(errors).all():
         return math.nan
-    return float(np.nan_to_num(statistic(errors), nan=np.inf))
+    return float(np.nan_to_num(statistic(errors), nan=np.inf, posinf=np.inf))
 
 
 def _cheapest(
@@ -279,9 +285,9 @@ def table(study: xr.Dataset) -> list[str]:
 
 
 def _gain(study: xr.Dataset, row: int, tolerance: float) -> str:
-    """How much cheaper than rk4 a row is, in words."""
+    """How much cheaper than rk4 a row is, in words; nothing if rk4 was not tried."""
     names, cost = study.integrator.values, study.ns_per_member.values
-    if names[row] == "rk4":
+    if names[row] == "rk4" or "rk4" not in names:
         return ""
     able = (names == "rk4") & (study.error_state_upper.values <= tolerance)
     if not able.any():
@@ -314,4 +320,4 @@ def count(number: float) -> str:
             return f"{number / size:.0f}{word}"
         if number >= size:
             return f"{number / size:.2g}{word}"
-    return f"{number:.2g}"
+    return f"{number:.0f}" if number >= 99.5 else f"{number:.2g}"
