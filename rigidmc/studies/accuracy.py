@@ -20,7 +20,7 @@ from rigidmc.planning.tolerance.ladder import candidates, ladder
 from rigidmc.planning.tolerance.pilot import ROUNDING, Pilot, pilot
 from rigidmc.planning.tolerance.truth import Truth, truth
 from rigidmc.planning.tolerance.way import Way
-from rigidmc.scene.amounts import counted
+from rigidmc.scene.amounts import counted, in_two_digits
 from rigidmc.scene.scene import Scene
 from rigidmc.version import VERSION
 
@@ -278,7 +278,7 @@ def table(study: xr.Dataset) -> list[str]:
         else:
             step = f"at turn {float(row.turn):.2g}"
         single = " in float32" if row["dtype"].values == "float32" else ""
-        speed = f"{count(float(row.members_per_second))} members/s"
+        speed = f"{in_two_digits(float(row.members_per_second))} members/s"
         gain = _gain(study, int(i), tolerance)
         lines.append(f"for {tolerance:.0e}: {names[i]}{single} {step}, {speed}{gain}")
     return [*lines, horizon_text(study)]
@@ -311,13 +311,3 @@ def horizon_text(study: xr.Dataset) -> str:
         )
     exponent = math.floor(math.log10(max(first, 1e-300)))
     return f"{growth}, nowhere exponentially: no horizon within 1e{exponent} s"
-
-
-def count(number: float) -> str:
-    """A large number with two digits."""
-    for size, word in ((1e6, " M"), (1e3, " k")):
-        if number >= 99.5 * size:
-            return f"{number / size:.0f}{word}"
-        if number >= size:
-            return f"{number / size:.2g}{word}"
-    return f"{number:.0f}" if number >= 99.5 else f"{number:.2g}"

@@ -11,6 +11,7 @@ from rigidmc.integrators import INTEGRATORS
 from rigidmc.planning.tolerance.deviation import errors
 from rigidmc.planning.tolerance.pilot import follow, pilot
 from rigidmc.planning.tolerance.truth import truth
+from rigidmc.scene.amounts import in_two_digits
 from rigidmc.studies import accuracy, drift
 from rigidmc.views import studies
 from rigidmc.views.styles import STYLES
@@ -134,7 +135,7 @@ def test_failed_steps_have_errors_of_inf():
 def test_counts_in_words():
     numbers = (0.5, 3.0, 99.4, 100.0, 999.0, 1e3, 1.26e3, 1e5, 3.4e6)
     words = ("0.5", "3", "99", "100", "999", "1 k", "1.3 k", "100 k", "3.4 M")
-    assert tuple(map(accuracy.count, numbers)) == words
+    assert tuple(map(in_two_digits, numbers)) == words
 
 
 def test_what_cannot_be_studied(monkeypatch):
