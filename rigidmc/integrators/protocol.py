@@ -14,7 +14,8 @@ class Integrator(Protocol):
         order : of the error in the step, inf if there is none but rounding
         evaluations : of the torque in a step
         reversible : whether steps of -h undo steps of h
-        conserves : what is conserved of a free body, of "|q|", "|L|^2", "T" and "L in space"
+        conserves : what is conserved of a free body, of "|q|", "|L|^2", "T" and "L in space", to
+            rounding at any step; a step that normalises q restores |q|, and does not conserve it
         accepts : which torques, in words
         compensated : whether its sums can keep their remainders
 
