@@ -71,8 +71,8 @@ def refuse_ways(ways: Ways) -> None:
 
 
 def refuse_force(output: str, force: bool) -> None:
-    """OptionError for --force with a run directory."""
-    if force:
+    """OptionError for --force with a run directory that exists."""
+    if force and os.path.exists(output):
         rule = f"replaces files, not folders: remove {output} yourself"
         raise OptionError("", "--force", None, rule)
 

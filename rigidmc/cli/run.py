@@ -130,6 +130,8 @@ def _until(
 
 def _summarise(dataset: "xr.Dataset", wall: float, files: list[str]) -> None:
     """Print what was run, what it cost, how well energy and |L|^2 are kept, and who is flagged."""
+    from rigidmc.scene.amounts import in_two_digits
+
     cost = dataset.encoding["rigidmc"]
     count, steps, seconds = dataset.sizes["member"], cost["steps"], cost["run_seconds"]
     each = (
@@ -141,8 +143,8 @@ def _summarise(dataset: "xr.Dataset", wall: float, files: list[str]) -> None:
         f"{dataset.attrs['title']}: {count:,} members x {each} with {dataset.attrs['integrator']}"
     )
     print(
-        f"  {seconds:.2f} s, {count * steps / seconds / 1e6:.0f} M member-steps/s,"
-        f" {count / seconds:,.0f} members/s; compiled in {cost['compile_seconds']:.2f} s;"
+        f"  {seconds:.2f} s, {in_two_digits(count * steps / seconds)} member-steps/s,"
+        f" {in_two_digits(count / seconds)} members/s; compiled in {cost['compile_seconds']:.2f} s;"
         f" {wall:.2f} s in all"
     )
     for name, word in (

@@ -133,6 +133,7 @@ _STYLES = {
     "good": "green",
     "close": "bold yellow",
     "not up to it": "dim",
+    "not judged": "cyan",
     "above": "bold white on red",
     "crashed": "bold white on red",
 }
@@ -168,10 +169,13 @@ def show(study: "xr.Dataset", console: "Console | None" = None) -> None:
         )
     count = {word: int((verdict == place).sum()) for place, word in enumerate(VERDICTS)}
     parts = [f"{count[word]:,} {word}" for word in VERDICTS[1:] if count[word]]
+    idle = int((verdict == 0).all(axis=1).sum())
+    claimed = f" ({idle} claimed by no integrator here)" if idle else ""
     console.print(
-        f"{study.sizes['case']} cases, {int((verdict > 0).sum()):,} runs: {', '.join(parts)}"
-        f" (close: above {AMBER:g} of the bound);"
-        f" {float(np.nansum(study.seconds.values)):.0f} s of work"
+        f"{study.sizes['case']} cases{claimed}, {int((verdict > 0).sum()):,} runs:"
+        f" {', '.join(parts)} (close: above {AMBER:g} of the bound;"
+        f" {'not judged: no bound; ' * bool(count['not judged'])}"
+        f"{float(np.nansum(study.seconds.values)):.0f} s of work)"
     )
 
 
@@ -186,7 +190,7 @@ def _sheet(study: "xr.Dataset", ratio: np.ndarray) -> "Table":
     sheet = Table(
         "case",
         *study.integrator.values,
-        title="error over bound (. not claimed, X crashed)",
+        title="error over bound (. not claimed, ? not judged: no bound, X crashed)",
         title_justify="left",
         pad_edge=False,
         padding=(0, 1, 0, 0),
@@ -231,8 +235,8 @@ def _cell(verdict: str, ratio: float) -> "Text":
 
     if verdict == "not claimed":
         return Text(".", style="dim")
-    if verdict == "crashed":
-        return Text("X", style=_STYLES[verdict])
+    if verdict in ("crashed", "not judged"):
+        return Text("X" if verdict == "crashed" else "?", style=_STYLES[verdict])
     words = f"{ratio:.2f}" if ratio < 10 else f"{ratio:.0e}"
     words = "0" if ratio == 0.0 else "<.01" if ratio < 0.01 else words
     return Text(words + ("!" if verdict == "above" else ""), style=_STYLES[verdict])

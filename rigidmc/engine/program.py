@@ -24,7 +24,7 @@ from rigidmc.engine.memory import aligned
 from rigidmc.engine.own_parts import slow_parts
 from rigidmc.engine.pieces import NOTHING, Asked, Piece, config, is_ready, piece, run
 from rigidmc.engine.pipeline import LINE
-from rigidmc.integrators.protocol import group_count, keeping
+from rigidmc.integrators.protocol import group_count, keeping, keeps_its_own
 from rigidmc.observables.protocol import size
 
 MARCH = "piswsikkuiii"  # the arguments of `march`, see `piece`
@@ -59,6 +59,7 @@ class Program:
         running: Sequence[Any] = (), shadow: Sequence[float] = (), lanes: int | None = None,
         ask: bool = False, nodes: int = 0,
     ) -> None:  # fmt: skip
+        compensated = compensated and not keeps_its_own(form.integrator)
         if compensated and implements(form.integrator, "with_sums"):
             form = form._replace(
                 integrator=form.integrator.with_sums(),

@@ -39,10 +39,6 @@ class FreeSteps(NamedTuple):
 
     drift: Exact
 
-    def with_sums(self) -> Splitting:
-        """The integrator of steps with remainders."""
-        return Splitting(self.drift)
-
     def keeps(self):
         """The attitude and the momentum of the start."""
         return (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -81,8 +77,9 @@ class FreeMotion:
     """The closed-form motion of a free body: any step, no error but rounding. Refuses torques.
 
     Energy and |L|^2 stay constant to the last digit for any number of steps; with two equal
-    moments, or if sums keep remainders, their rounding errors make a random walk. Long steps are
-    cut into pieces that turn by at most 1 rad; bodies with two equal moments need no cut.
+    moments their rounding errors make a random walk. `compensated` matters for these bodies alone:
+    the steps of all others keep the remainder of the phase and return to T and |L|^2. Long steps
+    are cut into pieces that turn by at most 1 rad; bodies with two equal moments need no cut.
     Source: Celledoni, Fasso, Saefstroem & Zanna, SIAM J. Sci. Comput. 30 (2008) 2084; see
     `rigidmc.dynamics.free_flow`.
     """

@@ -20,7 +20,7 @@ class RKMK4(NamedTuple):
     """Runge-Kutta-Munthe-Kaas of order 4: classical Runge-Kutta on rotation vector and L.
 
     For any torque. About half the error of rk4 at the same step, at about twice the cost; energy
-    and |L|^2 drift as h^4 t.
+    and |L|^2 drift as h^5 t.
     Source: Munthe-Kaas, Appl. Numer. Math. 29 (1999) 115; truncated dexp^-1 as in Hairer, Lubich &
     Wanner 2006, IV.8.
     """
@@ -60,7 +60,7 @@ def _force(body, effects, t, q, l):
 class CF4(NamedTuple):
     """Commutator-free Lie-group method of order 4: five exponentials; L by classical Runge-Kutta.
 
-    For any torque. Error and cost are like those of rkmk4; energy and |L|^2 drift as h^4 t.
+    For any torque. Error and cost are like those of rkmk4; energy and |L|^2 drift as h^5 t.
     Source: Celledoni, Marthinsen & Owren, Future Gener. Comput. Syst. 19 (2003) 341, the method
     with stage 4 from stage 2.
     """
@@ -106,7 +106,7 @@ def _low_storage(body, effects, t, h, a, b, u, v, r, q, l, dl):
 class CK45(NamedTuple):
     """Commutator-free Lie-group method of order 4 in low storage: one exponential a stage.
 
-    For any torque. A third of the error of rkmk4 at the same step; energy and |L|^2 drift as h^4 t.
+    For any torque. A third of the error of rkmk4 at the same step; energy and |L|^2 drift as h^5 t.
     Source: Carpenter & Kennedy, NASA TM-109112 (1994), RK4(3)5[2N]; on groups Bazavov, arXiv
     2007.04225.
     """

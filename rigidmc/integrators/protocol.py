@@ -14,7 +14,8 @@ class Integrator(Protocol):
         order : of the error in the step, inf if there is none but rounding
         evaluations : of the torque in a step
         reversible : whether steps of -h undo steps of h
-        conserves : what is conserved of a free body, of "|q|", "|L|^2", "T" and "L in space"
+        conserves : what is conserved of a free body, of "|q|", "|L|^2", "T" and "L in space", to
+            rounding at any step; a step that normalises q restores |q|, and does not conserve it
         accepts : which torques, in words
         compensated : whether its sums can keep their remainders
 
@@ -32,7 +33,8 @@ class Integrator(Protocol):
         form(self) -> Form
         prepared(self, turns, effects) -> Form    if it depends on the angle of a step, a `Turns`
 
-    A program whose sums keep no remainders has `with_sums(self)`, which gives one whose sums do.
+    A program whose sums keep no remainders has `with_sums(self)`, which gives one whose sums do. A
+    program with `keeps` looks after its own rounding: it is the same whether sums are compensated.
     """
 
     order: float
@@ -108,6 +110,11 @@ def closed(integrator, body, effects, t, part, q, l):
 
 class AsItIs(NamedTuple):
     """Stands for every program that keeps (q, L) between steps as they are."""
+
+
+def keeps_its_own(integrator: Any) -> bool:
+    """Whether a program keeps more of a state than (q, L), so that compensated sums add nothing."""
+    return implements(integrator, "keeps")
 
 
 def keeping(integrator: Any) -> Any:

@@ -36,6 +36,13 @@ def idle_settings(run: Run) -> Iterator[str]:
         )
 
 
+def idle_sums(run: Run, plan: Plan) -> Iterator[str]:
+    """Sums that are to keep remainders, of steps that look after their rounding themselves."""
+    if run.compensated and not plan.compensated:
+        why = f"the steps of {run.integrator} look after their rounding themselves"
+        yield f"[run] compensated = True has no effect: {why}"
+
+
 def idle_limits(scene: Scene, plan: Plan) -> Iterator[str]:
     """Limits on drifts of quantities that a scene does not conserve."""
     run, conserved = scene.run, conservation(scene)

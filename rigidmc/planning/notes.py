@@ -21,7 +21,13 @@ from rigidmc.engine.operations import why_refused
 from rigidmc.engine.own_parts import slow_parts
 from rigidmc.errors import SceneError
 from rigidmc.mechanics.inertia import broken
-from rigidmc.planning.idle_notes import idle_effects, idle_limits, idle_settings, is_shipped
+from rigidmc.planning.idle_notes import (
+    idle_effects,
+    idle_limits,
+    idle_settings,
+    idle_sums,
+    is_shipped,
+)
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.units import Internal
 from rigidmc.scene.laws import GibbsMomentum
@@ -94,6 +100,7 @@ def _seen(scene: Scene, plan: Plan) -> Seen:
 
 def _idle(seen: Seen) -> Iterator[str]:
     yield from idle_settings(seen.scene.run)
+    yield from idle_sums(seen.scene.run, seen.plan)
     yield from idle_limits(seen.scene, seen.plan)
     yield from _anti_damping(seen)
     yield from idle_effects(seen.effects, seen.moments, seen.centre)

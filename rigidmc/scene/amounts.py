@@ -103,3 +103,13 @@ def counted_text(text: str, key: str, least: int = 1, most: int | None = None) -
 def _is_number(value: Any) -> TypeGuard[float]:
     """Whether a value is a real number; numbers of numpy are, truth values are not."""
     return isinstance(value, Real) and not isinstance(value, bool)
+
+
+def in_two_digits(number: float) -> str:
+    """A number with two digits or three: 0.5, 99, 1.3 k, 100 k, 3.4 M."""
+    for size, word in ((1e6, " M"), (1e3, " k")):
+        if number >= 99.5 * size:
+            return f"{number / size:.0f}{word}"
+        if number >= size:
+            return f"{number / size:.2g}{word}"
+    return f"{number:.0f}" if number >= 99.5 else f"{number:.2g}"

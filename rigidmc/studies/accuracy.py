@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.engine.machine import threads_available
-from rigidmc.errors import OptionError
+from rigidmc.errors import OptionError, unknown
 from rigidmc.integrators import refusal
 from rigidmc.planning.tolerance.choose import check_pilot
 from rigidmc.planning.tolerance.compile_ahead import compile_ahead
@@ -21,7 +21,7 @@ from rigidmc.planning.tolerance.ladder import candidates, ladder
 from rigidmc.planning.tolerance.pilot import ROUNDING, Pilot, pilot
 from rigidmc.planning.tolerance.truth import Truth, truth
 from rigidmc.planning.tolerance.way import Way
-from rigidmc.scene.amounts import counted
+from rigidmc.scene.amounts import counted, in_two_digits
 from rigidmc.scene.scene import Scene
 from rigidmc.version import VERSION
 
@@ -75,9 +75,10 @@ def accuracy(
     xarray.Dataset
         over `row`: integrator, dtype, dt [s], steps, turn, error_Q_S with Q of state, momentum,
         attitude, energy, l2, lz and S of median, p99, worst, upper (which 99 % of all members stay
-        below with 95 % certainty), ns_per_member_step and ns_per_member on one thread,
-        members_per_second; over `tolerance`: `cheapest`, the cheapest row that reaches it, -1 if
-        none does. The attributes name the truth, its own error, and the horizon of rounding
+        below with 95 % certainty), inf of steps so long that members fail;
+        ns_per_member_step and ns_per_member on one thread, members_per_second; over `tolerance`:
+        `cheapest`, the cheapest row that reaches it, -1 if none does. The attributes name the
+        truth, its own error, and the horizon of rounding
 
     Raises
     ------
@@ -103,7 +104,9 @@ def accuracy(
         scene, integrators = scene.with_integrators(integrators)
     known = scene.known_integrators()
     for name in integrators or ():
-        if name in known and (why := refusal(name, scene.effects, known=known)):
+        if name not in known:  # before the truth, which takes seconds
+            raise unknown("", "integrators", name, "integrator", known, OptionError)
+        if why := refusal(name, scene.effects, known=known):
             raise OptionError("", "integrators", name, why)
     first = pilot(scene, counted(members, "members"))
     check_pilot(scene, first)
@@ -148,12 +151,16 @@ def _ways(
     began = time.perf_counter()
     for done, (integrator, dtype) in enumerate(pairs, 1):
         rungs = ladder(costs, true, integrator, dtype, FINEST, too_dear=too_dear)
-        ways += rungs
         if rungs:
-            best = min(way.upper for way in rungs)
+            best, tried = min(way.upper for way in rungs), len(rungs)
+            dear = best > FINEST and too_dear(rungs[-1])
+            ended = f"; stopped: others cost 1/{DEAREST:g} or less" if dear else ""
             left = (time.perf_counter() - began) * (len(pairs) / done - 1.0)
-            text = f"{integrator:9s} {dtype}: {len(rungs):2d} steps tried, best error {best:.1e}"
-            say(f"{text}; {done} of {len(pairs)}, about {left:.0f} s left")
+            words = f"{tried:2d} step{'s' * (tried > 1)} tried, best error {best:.1e}{ended}"
+            say(
+                f"{integrator:9s} {dtype}: {words}; {done} of {len(pairs)}, about {left:.0f} s left"
+            )
+        ways += rungs
     return ways
 
 
@@ -224,7 +231,7 @@ def _finite_or_inf(statistic: Statistic, errors: NDArray[np.float64]) -> float:
     """A statistic; inf between inf and inf, nan if no error is known."""
     if np.isnan(errors).all():
         return math.nan
-    return float(np.nan_to_num(statistic(errors), nan=np.inf))
+    return float(np.nan_to_num(statistic(errors), nan=np.inf, posinf=np.inf))
 
 
 def _cheapest(
@@ -277,16 +284,16 @@ def table(study: xr.Dataset) -> list[str]:
         else:
             step = f"at turn {float(row.turn):.2g}"
         single = " in float32" if row["dtype"].values == "float32" else ""
-        speed = f"{count(float(row.members_per_second))} members/s"
+        speed = f"{in_two_digits(float(row.members_per_second))} members/s"
         gain = _gain(study, int(i), tolerance)
         lines.append(f"for {tolerance:.0e}: {names[i]}{single} {step}, {speed}{gain}")
     return [*lines, horizon_text(study)]
 
 
 def _gain(study: xr.Dataset, row: int, tolerance: float) -> str:
-    """How much cheaper than rk4 a row is, in words."""
+    """How much cheaper than rk4 a row is, in words; nothing if rk4 was not tried."""
     names, cost = study.integrator.values, study.ns_per_member.values
-    if names[row] == "rk4":
+    if names[row] == "rk4" or "rk4" not in names:
         return ""
     able = (names == "rk4") & (study.error_state_upper.values <= tolerance)
     if not able.any():
@@ -310,13 +317,3 @@ def horizon_text(study: xr.Dataset) -> str:
         )
     exponent = math.floor(math.log10(max(first, 1e-300)))
     return f"{growth}, nowhere exponentially: no horizon within 1e{exponent} s"
-
-
-def count(number: float) -> str:
-    """A large number with two digits."""
-    for size, word in ((1e6, " M"), (1e3, " k")):
-        if number >= 99.5 * size:
-            return f"{number / size:.0f}{word}"
-        if number >= size:
-            return f"{number / size:.2g}{word}"
-    return f"{number:.2g}"

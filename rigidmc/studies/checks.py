@@ -182,5 +182,7 @@ def _distance(one: States, two: States) -> Errors:
         size = np.maximum.accumulate(np.sqrt((two.l**2).sum(1)))
         off = np.sqrt(((one.l - two.l) ** 2).sum(1)) / np.where(size > 0.0, size, 1.0)
         angle = attitude_error(np.moveaxis(one.q, 1, -1), np.moveaxis(two.q, 1, -1))
-    largest: Errors = np.maximum.accumulate(np.nan_to_num(np.maximum(off, angle), nan=math.inf))
+    largest: Errors = np.maximum.accumulate(
+        np.nan_to_num(np.maximum(off, angle), nan=math.inf, posinf=math.inf)
+    )
     return largest

@@ -235,6 +235,10 @@ def table(study: xr.Dataset) -> list[str]:
                 for name in ("first", "total")
             ]
             lines.append(f"  {study.number.values[i]!s:32s} {cells[0]:>22s} {cells[1]:>22s}")
+        if (one["first"] > one["total"]).any():
+            lines.append(
+                "  a share alone above that with others is noise of sampling: add families"
+            )
     if left := study.attrs["left_out"]:
         lines.append(f"  families with a member that is flagged or has no value: {left:,}")
     return lines

@@ -9,6 +9,7 @@ from rigidmc.effects.parameters import given
 from rigidmc.engine.compile_time import listed, rounded, seconds
 from rigidmc.engine.operations import torque_operations, why_one_at_a_time
 from rigidmc.engine.program import Program
+from rigidmc.integrators.protocol import keeps_its_own
 from rigidmc.observables import OBSERVABLES
 from rigidmc.observables.protocol import Ensemble
 from rigidmc.planning.job import program_of
@@ -203,7 +204,7 @@ def single_precision(plan: Plan) -> str:
         f"rounding a body's numbers to 6e-8 misplaces it by {error:.1e} rad"
         f" in a turn of {angle:.3g} rad, whatever the step"
     )
-    if not plan.compensated:
+    if not plan.compensated and not (plan.form and keeps_its_own(plan.form.integrator)):
         # rk4 over 10 s without remainders: 7.2e-6 in 512 steps, 1.9e-3 in 131,072
         drift = 1.5e-8 * plan.mean_steps
         error = max(error, drift)

@@ -12,7 +12,8 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
-from rigidmc.studies.accuracy import count, horizon_text
+from rigidmc.scene.amounts import in_two_digits
+from rigidmc.studies.accuracy import horizon_text
 from rigidmc.studies.stress.run import AMBER, VERDICTS
 from rigidmc.views.figure import ALARM, COLOURS, GREY, INK, LIGHT, MARKERS, new_figure
 from rigidmc.views.styles import style_of
@@ -38,7 +39,7 @@ def work_precision(study: xr.Dataset, figure: Figure | None = None) -> Figure:
     what = "error of momentum [of its size] and attitude [rad]"
     axes.set(xscale="log", yscale="log", xlabel=f"{what}, that 99 % of the members stay below")
     axes.set_ylabel(f"members to t_end per second on {study.attrs['threads']} threads")
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: count(v)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: in_two_digits(v)))
     axes.invert_xaxis()
     known = study.attrs["truth_error"]
     if known > error[shown].min() / 30.0:
@@ -109,18 +110,16 @@ def _frontier(axes: Axes, rows: xr.Dataset) -> None:
         if what != last and free:  # labels must not hide each other
             labelled.append(here)
             step = f"{dt:.2g} s" if np.isnan(turn) else f"{turn:.2g} rad"
-            rightmost = i == corners[0]  # the legend is beside it
             axes.annotate(
                 what if name == "closed" else f"{what}, {step}",
                 (error[i], speed[i]),
-                xytext=(3, -16 if rightmost else 9),
-                ha="right" if rightmost else "left",
+                xytext=(3, 9),  # at the upper right of the frontier no line passes
                 textcoords="offset points",
                 fontsize=8,
                 color=INK,
             )
         last = what
-    axes.margins(x=0.06, y=0.12)
+    axes.margins(x=0.13, y=0.12)  # for the rightmost label
 
 
 def long_drift(study: xr.Dataset, figure: Figure | None = None) -> Figure:
@@ -162,6 +161,7 @@ _VERDICTS = {
     "good": ("#d9ead3", "good"),
     "close": ("#f6b26b", f"above {AMBER:g} of its bound"),
     "not up to it": ("#999999", "not up to it"),
+    "not judged": ("#cfe2f3", "no bound"),
     "above": (ALARM, "above its bound"),
     "crashed": ("#000000", "crashed"),
 }

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 import rigidmc as rm
 from rigidmc.cli import app
+from rigidmc.cli.directories import refuse_force
 
 COMMAND = [sys.executable, "-c", "from rigidmc.cli import main; main()"]
 
@@ -384,3 +385,10 @@ def test_stress_of_a_scene(tmp_path):
         4,
         "the step is too long",
     )
+
+
+def test_force_is_refused_for_run_directories_that_exist(tmp_path):
+    refuse_force(str(tmp_path / "new"), True)
+    refuse_force(str(tmp_path), False)
+    with pytest.raises(rm.OptionError, match="replaces files, not folders"):
+        refuse_force(str(tmp_path), True)

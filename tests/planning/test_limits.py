@@ -13,6 +13,7 @@ import rigidmc as rm
 from rigidmc.engine import cpu
 from rigidmc.engine import layout as K
 from rigidmc.integrators import INTEGRATORS
+from rigidmc.planning import plan
 from rigidmc.planning.limits import Limits
 from rigidmc.studies.problems import PROBLEMS
 from tests.kernels import block_of, prepare, run
@@ -196,3 +197,13 @@ def test_members_without_such_a_torque_never_turn_by_more_than_was_asked():
     assert (ds.status == 0).all()
     # measured 0.20
     assert float((np.sqrt((ds.omega_max**2).sum("axis")) * 5.0 / ds.steps).max()) < 0.3
+
+
+@pytest.mark.parametrize(("name", "turn", "told"), [
+    ("rk4", 0.9, ""), ("rk4", 1.5, "more than 1:"), ("cf4", 1.5, "more than 1:"), ("rk8", 1.5, ""),
+    ("rk8", 2.69, ""), ("rk8", 2.9, "more than 2.7:"), ("strang", 2.9, ""), ("exact", 9.0, ""),
+])  # fmt: skip
+def test_the_note_on_long_steps_goes_by_the_order(name, turn, told):
+    scene = rm.Scene(BODY, (), rm.Start(omega=(0.0, 0.0, 1.0)))
+    notes = plan.prepare(scene.with_run(integrator=name, dt=turn, t_end=10.0 * turn)).notes
+    assert any(told in note for note in notes) if told else not notes

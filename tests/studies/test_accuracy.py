@@ -11,6 +11,7 @@ from rigidmc.integrators import INTEGRATORS
 from rigidmc.planning.tolerance.deviation import errors
 from rigidmc.planning.tolerance.pilot import follow, pilot
 from rigidmc.planning.tolerance.truth import truth
+from rigidmc.scene.amounts import in_two_digits
 from rigidmc.studies import accuracy, drift
 from rigidmc.views import studies
 from rigidmc.views.styles import STYLES
@@ -122,7 +123,30 @@ def test_members_of_different_speed_step_on_their_own():
     assert order > 2.0  # rows of float32 bend it
 
 
-def test_what_cannot_be_studied():
+def test_gains_are_over_what_was_tried(study):
+    """Of 1e-8: rk4 reaches it, does not (in one step), or was not tried."""
+    fast = int(study.cheapest[1])
+    assert "x cheaper than rk4" in accuracy._gain(study, fast, 1e-5)
+    assert accuracy._gain(study, fast, 1e-15) == "; rk4 does not reach it"
+    without = study.isel(row=study.integrator.values != "rk4")
+    assert accuracy._gain(without, 0, 1e-5) == ""
+
+
+def test_failed_steps_have_errors_of_inf():
+    for statistic in (np.median, np.max, lambda errors: np.quantile(errors, 0.99)):
+        with np.errstate(invalid="ignore"):
+            assert accuracy._finite_or_inf(statistic, np.array([1.0, np.inf, np.inf])) == np.inf
+    assert accuracy._finite_or_inf(np.max, np.array([1.0, 3.0])) == 3.0
+
+
+def test_counts_in_words():
+    numbers = (0.5, 3.0, 99.4, 100.0, 999.0, 1e3, 1.26e3, 1e5, 3.4e6)
+    words = ("0.5", "3", "99", "100", "999", "1 k", "1.3 k", "100 k", "3.4 M")
+    assert tuple(map(in_two_digits, numbers)) == words
+
+
+def test_what_cannot_be_studied(monkeypatch):
+    monkeypatch.setattr(accuracy, "truth", lambda first: pytest.fail("the truth takes seconds"))
     with pytest.raises(rm.OptionError, match="no such integrator; known: rk4, rk8"):
         rm.accuracy(LAGRANGE, ("rk5",))
     damped = rm.Scene(LAGRANGE.body, (rm.Gravity(3.0), rm.ViscousDamping(0.1)), START).with_run(

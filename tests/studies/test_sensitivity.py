@@ -115,6 +115,8 @@ def test_a_run_directory_tells_the_same_also_in_part(tmp_path):
     again = sensitivity_of(rm.open(path), text)
     assert again["first"].equals(whole["first"]) and again.total_high.equals(whole.total_high)
     assert "10,000 families of 4 members" in "\n".join(table(again))
+    assert "noise of sampling" not in "\n".join(table(again.assign(total=again["first"] + 0.01)))
+    assert "noise of sampling" in "\n".join(table(again.assign(total=again["first"] - 0.01)))
     assert sensitivity_bars(again).axes[0].get_xlabel().startswith(text)
 
 

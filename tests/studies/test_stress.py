@@ -88,6 +88,8 @@ def test_a_study_reports_cases_above_their_bound(tmp_path):
     assert not H.failed(first)
     assert first.sizes["case"] == sum(case.group == "H5" for case in cases())
     error = float(first.error.sel(case="needle", integrator="exact"))
+    assert H._verdict(cases()[0], "rk4", 1e-3, math.inf) == "not judged"  # a new integrator's
+    assert H._verdict(cases()[0], "rk4", 0.0, math.inf) == "good"
     second = H.stress(["H5"], names, bounds={("needle", "exact"): 0.1 * error}, threads=1)
     above = np.argwhere(second.verdict.values == H.VERDICTS.index("above"))
     assert [(str(second.case.values[i]), str(second.integrator.values[j])) for i, j in above] == [

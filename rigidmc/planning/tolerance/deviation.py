@@ -49,7 +49,9 @@ def errors(pilot: Pilot, states: States, true: States) -> dict[str, Array]:
             checks["l2"].append(np.abs(dot(l, l) - dot(true_l, true_l)) / size**2)
             checks["lz"].append(np.abs(lz) / size if pilot.carried else zeros)
     return {
-        name: np.where(states.status == 0, np.max(np.nan_to_num(x, nan=np.inf), axis=0), np.inf)
+        name: np.where(
+            states.status == 0, np.max(np.nan_to_num(x, nan=np.inf, posinf=np.inf), axis=0), np.inf
+        )
         for name, x in checks.items()
     }
 
@@ -84,7 +86,9 @@ def drift_along(
             with np.errstate(all="ignore"):
                 scale = np.where(scales[name] > 0.0, scales[name], 1.0)
                 drift = np.abs(values - first[name]) / scale
-            drift = np.nan_to_num(np.where(states.status == 0, drift, np.inf), nan=np.inf)
+            drift = np.nan_to_num(
+                np.where(states.status == 0, drift, np.inf), nan=np.inf, posinf=np.inf
+            )
             worst, seen = np.maximum.accumulate(drift.max(1)), largest[name]
             for n in at:
                 if after[0] <= n <= total:

@@ -126,7 +126,7 @@ def check_agreement(apart: Array, known: Array, true: Truth, other: str) -> None
     limit = 10.0 * known + 1e4 * true.error + 1e-11
     wrong = ~(apart <= limit)
     if wrong.any():
-        at = int(np.argmax(np.where(wrong, np.nan_to_num(apart, nan=np.inf), -1.0)))
+        at = int(np.argmax(np.where(wrong, np.nan_to_num(apart, nan=np.inf, posinf=np.inf), -1.0)))
         rule = (
             f"the {true.source.split(',')[0]} and {other} disagree for {int(wrong.sum()):,} of "
             f"{wrong.size:,} members, by {apart[at]:.1e}, but their errors explain only "

@@ -80,7 +80,7 @@ def staged_physics(scene: Scene, members: int) -> tuple[Any, Any]:
 
 def worst(ds: xr.Dataset, values: ArrayLike) -> float:
     """The largest of one value per member; inf if a member is flagged or its value is nan."""
-    finite = np.nan_to_num(values, nan=math.inf)
+    finite = np.nan_to_num(values, nan=math.inf, posinf=math.inf)
     return float(np.max(np.where(ds.status.values == 0, finite, math.inf)))
 
 

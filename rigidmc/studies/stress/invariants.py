@@ -40,7 +40,9 @@ def constant(
         for values, scale in quantities(body, effects, q, l):
             values = np.reshape(values, (-1, *np.shape(values)[-2:]))
             change = np.abs(values - values[:, :1]).max((0, 1))
-            relative = np.nan_to_num(change / np.where(scale > 0.0, scale, 1.0), nan=math.inf)
+            relative = np.nan_to_num(
+                change / np.where(scale > 0.0, scale, 1.0), nan=math.inf, posinf=math.inf
+            )
             largest = np.maximum(largest, relative)
         return worst(ds, largest)
 

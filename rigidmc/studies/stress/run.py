@@ -23,7 +23,7 @@ from rigidmc.version import VERSION
 
 QUICK = ("rk4", "rk8", "srkn11", "exact", "closed")  # the integrators of `--quick`
 AMBER = 0.3  # an error above this share of its bound is "close"
-VERDICTS = ("not claimed", "good", "close", "not up to it", "above", "crashed")
+VERDICTS = ("not claimed", "good", "close", "not up to it", "not judged", "above", "crashed")
 SHORT = 0.02  # share of the steps of long cases that `--quick` takes
 _COLUMNS = ["group", "case", "integrator", "bound", "measured"]
 
@@ -48,7 +48,8 @@ def stress(
 
     Variables: error, bound, measured (the error on the machine on which the bounds were measured),
     seconds, verdict (see `flag_meanings`; "not up to it" is an integrator that claims a case and is
-    known to fail it), reason (the message of a crash); over `case`: group, why, truth.
+    known to fail it, "not judged" a run without a bound), reason (the message of a crash); over
+    `case`: group, why, truth.
     Raises OptionError for unknown names and for bounds that are negative or not finite.
     """
     names, chosen = list(integrators or (QUICK if quick else INTEGRATORS)), list(groups or GROUPS)
@@ -217,4 +218,6 @@ def _verdict(case: Case, name: str, error: float, bound: float) -> str:
         return "above"
     if name in case.weak:
         return "not up to it"
+    if bound == math.inf and error > 0.0:
+        return "not judged"
     return "good" if error <= AMBER * bound or error == 0.0 else "close"

@@ -76,7 +76,13 @@ def flagged_or_close(scene: Scene, t_end: float, **options: Any) -> ErrorOf:
         except RigidmcError as refusal:  # midpoint, whose equation has no solution at this step
             return 0.0 if "can be solved" in str(refusal) else math.inf
         off = distance(ds.attitude.values, ds.momentum.values, *closed_states(scene, ds)).max(0)
-        return float(np.max(np.where(ds.status.values == 0, np.nan_to_num(off, nan=math.inf), 0.0)))
+        return float(
+            np.max(
+                np.where(
+                    ds.status.values == 0, np.nan_to_num(off, nan=math.inf, posinf=math.inf), 0.0
+                )
+            )
+        )
 
     return error
 

@@ -50,7 +50,7 @@ def cases() -> Iterator[Case]:
     )
     yield Case(
         "drift of Runge-Kutta methods, 1e6 steps",
-        "1e6 steps of 0.02 rad: energy and |L|^2 drift as h^order t",
+        "1e6 steps of 0.02 rad: energy and |L|^2 drift as h^(order + 1) t",
         "invariants",
         constant(scene, 0.02 * 1e6 / 3.0, conserved, saves=16, steps=STEPS),
         claims=loses_free_invariants,
