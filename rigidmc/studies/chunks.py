@@ -22,6 +22,8 @@ def chunks(
     progress : a function of (members done, all)
     """
     first, count = scene.run.first, scene.run.members
+    if scene.run.points == "latin_hypercube" and scene.run.strata is None:
+        scene = scene.with_run(strata=first + count)  # those of all members, not of a part
     for low in range(0, count, size):
         high = min(low + size, count)
         with warnings.catch_warnings():

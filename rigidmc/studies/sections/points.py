@@ -1,6 +1,5 @@
 """The points of a section, from the states that a run has saved."""
 
-import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -60,7 +59,7 @@ def crossed(
     m, k = np.nonzero(found.T)
     times, members = part.time.values, part.member.values
     start = np.concatenate([rows(part, name)[k, :, m].T for name in STATE])
-    moving = _moving(scene, members, observed, times[k], start, m, threads)
+    moving = _moving(scene, members, observed, times, k, start, m, threads)
     at = _place(observed, crossing)
 
     def remaining(share: Array, which: Array) -> Array:
@@ -99,14 +98,16 @@ def _moving(
     scene: Scene,
     members: NDArray[np.int64],
     observed: Mapping[str, Any],
-    t: Array,
+    times: Array,
+    k: NDArray[np.intp],
     start: Array,
     m: NDArray[np.intp],
     threads: int | None,
 ) -> Callable[[Array, Any], Array]:
     """A function of (times h, which): what `Moved.values` gives h after the states `which`.
 
-    t, start, m : times, states (7, n) and places of the members of all states
+    k, start, m : saves, states (7, n) and places of the members of all states
+    The steps of a point depend on itself alone, and so do its bits.
     """
     refuse_memory(scene.effects)
     block, _ = stage_some(scene, members, True)
@@ -121,16 +122,18 @@ def _moving(
     )  # fmt: skip
     width = 7 + sum(size(one.dims) for one in observables)
     slowest = block[layout.BODY : layout.BODY + 3].min(axis=0)[m]
-    rate = np.sqrt((start[4:] ** 2).sum(axis=0)) / slowest if m.size else np.zeros(1)
+    turn = np.sqrt((start[4:] ** 2).sum(axis=0)) / slowest * (times[k + 1] - times[k])
+    steps = np.maximum(1, np.ceil(turn / ARC)).astype(int)
 
     def moving(h: Array, which: Any) -> Array:
-        count = max(1, math.ceil(float((np.abs(h) * rate[which]).max(initial=0.0)) / ARC))
-        now, state = t[which], start[:, which]
-        values = np.empty((width, h.size))
-        for _ in range(count):
-            columns = np.concatenate([now[None], h[None] / count, state])
-            values = evaluate(kind, width, columns, table, m[which], threads)
-            now, state = now + h / count, values[:7]
+        count, now = steps[which], times[k[which]]
+        values = np.concatenate([start[:, which], np.empty((width - 7, h.size))])
+        for done in range(count.max(initial=0)):
+            left = np.flatnonzero(count > done)
+            step = h[left] / count[left]
+            columns = np.concatenate([now[None, left], step[None], values[:7, left]])
+            values[:, left] = evaluate(kind, width, columns, table, m[which][left], threads)
+            now[left] += step
         return values
 
     return moving
