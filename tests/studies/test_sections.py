@@ -139,6 +139,7 @@ def test_an_angle_that_jumps_does_not_pass():
     )
     rises = rm.section(scene, "orbit_angles[roll] = 0", way="rises")
     both = rm.section(scene, "orbit_angles[roll] = 0", way="both")
+    assert both.orbit_angles.attrs["long_name"].endswith("axes 1, 2, 3 on the orbit")
     roll = both.orbit_angles.sel(angle="roll").values
     assert np.abs(roll).max() < 1e-12  # measured 1.4e-16; a jump is at pi
     assert both.sizes["point"] >= rises.sizes["point"] >= 1

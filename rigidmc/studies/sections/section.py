@@ -134,17 +134,19 @@ def _joined(
     scene: Scene, at: str, way: str, parts: Iterator[xr.Dataset], threads: int | None
 ) -> xr.Dataset:
     """The points of some results, one after the other."""
-    found, flagged = [], 0
+    found, flagged, attrs = [], 0, dict[str, Any]()
     crossing = None if period_of(scene, at) else crossing_of(scene, at, way)
     wider = _saving(scene, *((crossing.of.name,) if crossing else ()))
     observed = {name: one for name, one in wider.recorded().items() if of_the_state(scene, name)}
     for part in parts:
         flagged += int((part.status != 0).sum())
+        attrs |= {name: part[name].attrs for name in observed if name in part}
         if crossing is None:
             found.append(periodic(part, observed))
         else:
             found.append(crossed(scene, part, crossing, observed, threads))
-    return _dataset(scene, at, way if crossing else "", observed, found, flagged)
+    observed = {name: one for name, one in observed.items() if name in attrs}
+    return _dataset(scene, at, way if crossing else "", observed, attrs, found, flagged)
 
 
 def _dataset(
@@ -152,10 +154,11 @@ def _dataset(
     at: str,
     way: str,
     observed: Mapping[str, Any],
+    about: Mapping[str, Any],
     found: Sequence[Mapping[str, Array]],
     flagged: int,
 ) -> xr.Dataset:
-    """The Dataset of points."""
+    """The Dataset of points.  about : attributes of what is observed, those of the result"""
 
     def joined(name: str) -> Array:
         return np.concatenate([one[name] for one in found], axis=-1)
@@ -166,14 +169,8 @@ def _dataset(
     }
     coords: dict[str, Any] = {}
     for name, one in observed.items():
-        if name not in found[0]:
-            continue
         values = joined(name)
-        words = (
-            {key: str(word) for key, word in one.words().items()} if hasattr(one, "words") else {}
-        )
-        attrs = {"long_name": one.long_name.format(**words), "units": one.units}
-        variables[name] = (*one.dims, "point"), values if one.dims else values[0], attrs
+        variables[name] = (*one.dims, "point"), values if one.dims else values[0], about[name]
         coords |= {dim: list(DIMENSIONS[dim].labels) for dim in one.dims}
     attrs = {
         "title": scene.title,
