@@ -32,6 +32,7 @@ _HOMES = {
     "open_map": "studies.maps.stored",
     "zoom_map": "studies.maps.zoom",
     "frequencies": "studies.frequencies",
+    "rare": "studies.rare.rare",
     "section": "studies.sections.section",
     "sensitivity": "studies.sensitivity",
     "simulate_until": "studies.until",
@@ -97,6 +98,7 @@ if TYPE_CHECKING:  # the same names for type checkers and editors
     from rigidmc.studies.maps.stability_map import stability_map as stability_map
     from rigidmc.studies.maps.stored import open_map as open_map
     from rigidmc.studies.maps.zoom import zoom_map as zoom_map
+    from rigidmc.studies.rare.rare import rare as rare
     from rigidmc.studies.sections.section import section as section
     from rigidmc.studies.sensitivity import sensitivity as sensitivity
     from rigidmc.studies.until import randomised as randomised

@@ -12,6 +12,7 @@ from rigidmc.cli import (  # noqa: F401
     frequencies,
     maps,
     new,
+    rare,
     results,
     run,
     scenes,

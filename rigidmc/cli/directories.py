@@ -117,10 +117,13 @@ def continued(
 ) -> int:
     """Compute the missing shards of a run and say which are done; the exit code."""
     from rigidmc.storage import run_directory
+    from rigidmc.studies import tasks
     from rigidmc.studies.maps.growing import resume_growing
 
-    directory, flagged = resume_growing(
-        run,
+    directory = run_directory.RunDirectory(run)
+    study = tasks.kind_of(directory)
+    directory, flagged = (resume_growing if study is None else tasks.resume)(
+        directory,
         threads=threads,
         progress=True,
         accept=accept,
@@ -206,7 +209,7 @@ def status(run: RunArgument) -> None:
         f" {facts['members_done']:,} of {facts['members']:,} members"
     )
     if facts["growing"]:
-        print("  an adaptive map: these members may ask for more")
+        print("  what these say may ask for more")
     print(f"  flagged so far: {facts['flagged']:,} members")
     versions = ", ".join(f"{name} {number}" for name, number in facts["versions"].items())
     print(f"  code generated for {facts['machine']}, by {versions}")
@@ -232,11 +235,11 @@ def verify(run: RunArgument, spot: Spot = 3, allow_code: AllowCode = False) -> N
     Exit code 0 if all shards are there and sound, 5 if they are sound and some are missing, 3 if
     something is wrong."""
     with reported():
-        from rigidmc.runs import gather
         from rigidmc.storage import run_directory
+        from rigidmc.studies import tasks
 
         facts = run_directory.status(run)
-        faults = gather.verify(run, spot, allow_code)
+        faults = tasks.verified(run, spot, allow_code)
         for line in faults:
             print(line, file=sys.stderr)
         if faults:

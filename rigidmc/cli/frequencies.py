@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rigidmc.cli.common import about, app, reported, show_done
-from rigidmc.cli.members import Study, Where, shown, studied, takes_members
+from rigidmc.cli.members import Where, of_members, shown, studied, takes_members
 from rigidmc.cli.options import count_option, takes_settings
 from rigidmc.cli.panels import STUDY
 
@@ -54,10 +54,11 @@ def frequencies(
         from rigidmc.studies import frequencies as study
 
         count, code = study.TERMS if terms is None else terms, where.allow_code
-        does = Study(
+        does = of_members(
             designed=lambda scene: study.designed(scene, of, **run),
             now=lambda scene: study.frequencies(scene, of, count, where.threads, show_done, **run),
             of=lambda result: study.frequencies_of(result, of, count, code),
+            allow_code=code,
         )
         dataset, file = studied(name, where, does, **run)
         shown(dataset, file, where, study.table(dataset), partial(_draw, x=x, y=y))

@@ -1,4 +1,4 @@
-"""A study of members that exist already, that a run directory computes, or that it computes now."""
+"""A study of what exists already, of what a run directory computes, or of what it computes now."""
 
 import os
 from collections.abc import Callable
@@ -29,19 +29,37 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from rigidmc.scene.scene import Scene
+    from rigidmc.storage.run_directory import RunDirectory
 
 
 class Study(NamedTuple):
-    """What a study of members can do.
+    """What a study can do.
 
-    designed : the scene whose members it studies, from a scene
     now : the study of a scene, whose members it computes
-    of : the study of a result
+    make : what makes its run directory of a scene, see `begun`, from the scene and the path
+    of : the study of a result or a run directory, by its path
     """
 
-    designed: "Callable[[Scene], Scene]"
     now: "Callable[[Scene], xr.Dataset]"
-    of: "Callable[[xr.Dataset], xr.Dataset]"
+    make: "Callable[[Scene, str], Callable[[float, range | None, int | None], RunDirectory]]"
+    of: "Callable[[str], xr.Dataset]"
+
+
+def of_members(
+    designed: "Callable[[Scene], Scene]",
+    now: "Callable[[Scene], xr.Dataset]",
+    of: "Callable[[xr.Dataset], xr.Dataset]",
+    allow_code: bool,
+) -> Study:
+    """A study whose run directory has members.
+
+    designed : the scene of these, from a scene;  of : the study of a result
+    """
+    return Study(
+        now,
+        lambda scene, path: _maker(designed(scene), path),
+        lambda path: of(opened(path, allow_code)),
+    )
 
 
 class Where(NamedTuple):
@@ -88,15 +106,15 @@ def studied(name: str, where: Where, study: Study, **new: Any) -> "tuple[xr.Data
     refuse_outputs(where.force, plot=where.plot, study=None if folder else output)
     if os.path.isdir(name) or name.lower().endswith(".nc"):
         _refuse({"set": where.settings or None, **new, **ways._asdict()})
-        return study.of(opened(name, allow_code)), output
+        return study.of(name), output
     if folder is None:
         refuse_ways(ways)
         return study.now(load_scene(name, where.settings, allow_code)), output
     refuse_force(folder, where.force)
-    scene = study.designed(load_scene(name, where.settings, allow_code))
-    if begun(_maker(scene, folder), ways, where.threads, allow_code) == INCOMPLETE:
+    make = study.make(load_scene(name, where.settings, allow_code), folder)
+    if begun(make, ways, where.threads, allow_code) == INCOMPLETE:
         raise typer.Exit(INCOMPLETE)
-    return study.of(opened(folder, allow_code)), None
+    return study.of(folder), None
 
 
 def shown(

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rigidmc.cli.common import about, app, reported, show_done
-from rigidmc.cli.members import Study, Where, shown, studied, takes_members
+from rigidmc.cli.members import Where, of_members, shown, studied, takes_members
 from rigidmc.cli.options import takes_settings
 from rigidmc.cli.panels import STUDY
 
@@ -61,10 +61,11 @@ def section(
         from rigidmc.studies.sections import section as study
 
         threads, code = where.threads, where.allow_code
-        does = Study(
+        does = of_members(
             designed=lambda scene: study.designed(scene, at, **run),
             now=lambda scene: study.section(scene, at, way, threads, show_done, **run),
             of=lambda result: study.section_of(result, at, way, threads, code),
+            allow_code=code,
         )
         dataset, file = studied(name, where, does, **run)
         shown(dataset, file, where, study.table(dataset), partial(_draw, x=x, y=y))

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rigidmc.cli.common import about, app, reported, show_done
-from rigidmc.cli.members import Study, Where, shown, studied, takes_members
+from rigidmc.cli.members import Where, of_members, shown, studied, takes_members
 from rigidmc.cli.options import count_option, takes_settings
 from rigidmc.cli.panels import STUDY
 
@@ -52,12 +52,13 @@ def sensitivity(
 
         threads, code = where.threads, where.allow_code
         count = study.FAMILIES if families is None else families
-        does = Study(
+        does = of_members(
             designed=lambda scene: study.designed(scene, of, count, **run)[0],
             now=lambda scene: study.sensitivity(
                 scene, of, count, threads, progress=show_done, **run
             ),
             of=lambda result: study.sensitivity_of(result, of, allow_code=code),
+            allow_code=code,
         )
         dataset, file = studied(name, where, does, families=families, **run)
         shown(dataset, file, where, study.table(dataset), _draw)

@@ -26,7 +26,7 @@ from rigidmc.planning.rates import Array, own_steps, physics, rates
 from rigidmc.scene.laws.directions import uniform_attitudes
 from rigidmc.scene.laws.protocol import Ensemble, Facts, Law
 from rigidmc.scene.limits import PILOT
-from rigidmc.scene.points import Antithetic, Dimension, Points, Recorder, Saltelli, points
+from rigidmc.scene.points import Antithetic, Dimension, Given, Points, Recorder, Saltelli, points
 from rigidmc.scene.quantities import draw
 from rigidmc.scene.scene import Scene
 
@@ -36,7 +36,8 @@ APART = 256  # members that are staged for nothing take less time than another c
 RANGE = 2**14  # members staged at once at most: 8 MB
 
 Start = dict[str, Array]  # what members were made from, by the names of the result
-Source = int | Antithetic | Saltelli | Points | Recorder  # what members are drawn from
+# what members are drawn from
+Source = int | Antithetic | Saltelli | Given | Points | Recorder
 
 
 def stage(
@@ -133,7 +134,7 @@ def drawn(scene: Scene) -> tuple[Dimension, ...]:
     """The random numbers that a member of a scene draws."""
     recorder = Recorder()
     # with the attitude, so that no point depends on what is saved
-    _staged(scene, recorder, 1, True)
+    staged(scene, recorder, 1, True)
     return tuple(recorder.dimensions)
 
 
@@ -162,9 +163,11 @@ def _name(scene: Scene, stream: str, draw: int, word: int) -> str:
     return f"{whole}.{4 * draw + word + 1}" if isinstance(value, tuple) else whole
 
 
-def _staged(scene: Scene, seed: Source, count: int, carried: bool) -> tuple[Array, Start]:
+def staged(
+    scene: Scene, seed: Source, count: int, carried: bool, more: int = 0
+) -> tuple[Array, Start]:
     """The first `count` members, drawn from `seed`; see `stage`."""
-    block = np.zeros((block_rows(scene), count))
+    block = np.zeros((block_rows(scene) + more, count))
     return block, _fill(block, scene, seed, 0, carried)
 
 
@@ -270,7 +273,7 @@ def check_starts(scene: Scene) -> None:
 def _check_ensemble(scene: Scene) -> None:
     """Raise SceneError if the attitudes of an ensemble are too rare among uniform ones to be drawn
     by rejection."""
-    block, start = _staged(scene.with_run(), scene.run.seed, PILOT, False)
+    block, start = staged(scene.with_run(), scene.run.seed, PILOT, False)
     known = facts(scene, block, start["moments"])
     law: Any = scene.start.momentum
     share = law.share(scene.run.seed, 0, PILOT, known)

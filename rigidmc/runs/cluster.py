@@ -63,6 +63,9 @@ SETTINGS = {  # of a cluster on this machine
 }
 
 
+Work = Callable[[str, int, bool, bool], dict[str, int]]  # (path, i, allow_code, accept)
+
+
 class Computed(NamedTuple):
     """A shard that a worker has computed.
 
@@ -94,6 +97,7 @@ def compute_on(
     stop: float | None = None,
     allow_code: bool = False,
     accept: bool = False,
+    work: Work | None = None,
 ) -> dict[str, int]:
     """Compute some shards of a run whose lock this process holds; {status: members}.
 
@@ -101,6 +105,7 @@ def compute_on(
         on this machine; they need a main module that can be imported
         (`if __name__ == "__main__":`)
     stop : time limit on the clock of time.monotonic(); no shard begins that would end later
+    work : what computes a shard of a folder, by default its members
 
     Raises OptionError if there is no dask or no such cluster, OSError if the cluster is lost, and
     what workers raise.
@@ -111,7 +116,7 @@ def compute_on(
         _connected(cluster, directory) as client,
         reporter(progress, directory.members_of(numbers), 1) as report,
     ):
-        tasks = _Tasks(client, cluster, directory, texts, numbers, stop, (allow_code, accept))
+        tasks = _Tasks(client, cluster, directory, texts, numbers, stop, (allow_code, accept, work))
         for computed in tasks.results(report.poll):
             _store(computed, cluster, directory)
             for word, count in computed.flagged.items():
@@ -150,7 +155,7 @@ def _connected(cluster: str, directory: RunDirectory) -> "Iterator[Client]":
 class _Tasks:
     """The shards of a run as tasks of a cluster, of which few are handed out at a time.
 
-    texts : the contents of FILES;  options : allow_code and accept of `shard`
+    texts : the contents of FILES;  options : allow_code, accept and work of `shard`
     """
 
     def __init__(
@@ -161,7 +166,7 @@ class _Tasks:
         texts: tuple[bytes, ...],
         numbers: Numbers,
         stop: float | None,
-        options: tuple[bool, bool],
+        options: tuple[bool, bool, Work | None],
     ) -> None:
         self._client, self._cluster, self._stop, self._options = client, cluster, stop, options
         self._path = os.path.abspath(directory.path)
@@ -249,14 +254,20 @@ def _appeared(path: str) -> bool:
 
 
 def shard(
-    path: str, texts: tuple[bytes, ...], i: int, allow_code: bool = False, accept: bool = False
+    path: str,
+    texts: tuple[bytes, ...],
+    i: int,
+    allow_code: bool = False,
+    accept: bool = False,
+    work: Work | None = None,
 ) -> Computed:
     """Compute shard i of a run: what a worker does.
 
-    path, texts : of the run directory, and its the contents of FILES
+    path, texts : of the run directory, and its the contents of FILES;  work : as of `compute_on`
     """
+    compute = work or _compute
     if content_of(path, "run.json") == texts[0]:
-        flagged = _compute(path, i, allow_code, accept)
+        flagged = compute(path, i, allow_code, accept)
         return Computed(i, flagged, os.path.basename(RunDirectory(path).shards()[i]), None)
     with tempfile.TemporaryDirectory(prefix="rigidmc-") as folder:
         os.mkdir(os.path.join(folder, "shards"))
@@ -264,7 +275,7 @@ def shard(
             if text:
                 with open(os.path.join(folder, name), "wb") as file:
                     file.write(text)
-        flagged = _compute(folder, i, allow_code, accept)
+        flagged = compute(folder, i, allow_code, accept)
         (written,) = RunDirectory(folder).shards().values()
         return Computed(i, flagged, os.path.basename(written), content_of(*os.path.split(written)))
 

@@ -80,13 +80,7 @@ def create(
     """
     if not isinstance(size, (int, float)) or not 0.0 < size < math.inf:
         raise OptionError("", "size", size, "expected the bytes of a shard")
-    path = place_of(path)
-    if not is_free(path):
-        hint = ""
-        if os.path.isfile(os.path.join(path, "run.json")):
-            hint = "; `rigidmc resume` goes on with it"
-        raise OutputExists(f"{path} exists; nothing was written{hint}")
-    refuse_unusable(path)
+    path = free_place(path)
     if scene.run.points == "latin_hypercube" and scene.run.strata is None:
         scene = scene.with_run(strata=scene.run.first + scene.run.members)
     run = ready(scene)
@@ -105,6 +99,13 @@ def create(
     threads = threads or threads_available()
     more = memory_of_shards(run.original, run.shown, min(shard, members), threads)
     refuse_hopeless(run.original, run.shown, threads, path, more)
+    return written(path, run, shard, block, about, chosen)
+
+
+def written(
+    path: str, run: Ready, shard: int, block: int, about: Mapping[str, str], chosen: Chosen | None
+) -> RunDirectory:
+    """Write the files of a new run at a free place; about, chosen : as of `create`."""
     facts = _facts(run, shard, block, about)
     if chosen is not None:
         facts |= {"first": 0, **facts_of_chosen(chosen.members), "growing": chosen.level}
@@ -195,6 +196,19 @@ def new_directory(path: str) -> Iterator[str]:
                 raise
             raise OutputExists(f"{path} appeared meanwhile; nothing was overwritten") from None
         make_durable(os.path.dirname(os.path.abspath(path)))
+
+
+def free_place(path: Path) -> str:
+    """The path of a new run directory; OutputExists if anything is there, OSError if the folder
+    cannot be used."""
+    path = place_of(path)
+    if not is_free(path):
+        hint = ""
+        if os.path.isfile(os.path.join(path, "run.json")):
+            hint = "; `rigidmc resume` goes on with it"
+        raise OutputExists(f"{path} exists; nothing was written{hint}")
+    refuse_unusable(path)
+    return path
 
 
 def place_of(path: Path) -> str:

@@ -20,6 +20,8 @@ from rigidmc.planning.units import Internal, in_user_units
 from rigidmc.scene.scene import Scene, loads
 from rigidmc.storage.run_directory import RunDirectory, hash_of, hash_of_file
 
+STUDY = "study"  # the attribute that tells which study, and what it asks: its name, then JSON
+
 
 class Ready(NamedTuple):
     """A run that is ready for its first step.
@@ -58,6 +60,7 @@ def planned(
     Raises FileError for a scene that was changed, SceneError for a block that does not divide the
     members of a shard.
     """
+    refuse_study(directory)
     scene = scene_of_run(directory, allow_code)
     run = ready(scene, threads, block or directory.facts["block"])
     if directory.chosen is not None:
@@ -66,6 +69,16 @@ def planned(
         rule = f"has to divide the {directory.facts['shard']:,} members of a shard"
         raise SceneError("run", "block", run.plan.block, rule)
     return run
+
+
+def refuse_study(directory: RunDirectory) -> None:
+    """FileError for a run whose shards are tasks of a study, see `rigidmc.runs.tasks`."""
+    if STUDY in directory.facts["attributes"]:
+        name = directory.facts["attributes"][STUDY].partition(" ")[0]
+        rule = (
+            f"has no members but the tasks of a study: `rigidmc {name} {directory.path}` tells it"
+        )
+        raise FileError("", "run", None, rule, file=directory.path)
 
 
 def scene_of_run(directory: RunDirectory, allow_code: bool | None = False) -> Scene:

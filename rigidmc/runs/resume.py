@@ -15,7 +15,7 @@ from rigidmc.progress import Progress, announcing
 from rigidmc.runs.capacity import refuse_hopeless
 from rigidmc.runs.cluster import checked, compute_on
 from rigidmc.runs.create import refuse_beyond, refuse_many
-from rigidmc.runs.reopen import Ready, planned, refuse_others, scene_of_run
+from rigidmc.runs.reopen import Ready, planned, refuse_others, refuse_study, scene_of_run
 from rigidmc.runs.shards import compute_shards, memory_of_shards
 from rigidmc.scene.amounts import counted, seconds
 from rigidmc.scene.quantities import rows
@@ -59,7 +59,7 @@ def resume(
     if cluster is not None:
         checked(cluster)
     with directory.locked():
-        numbers = _missing(directory, only)
+        numbers = missing_of(directory, only)
         run = planned(directory, allow_code, threads or 1, block)
         many = threads or threads_available()
         if numbers.size:
@@ -81,10 +81,10 @@ def resume(
                 return compute_shards(directory, run, program, numbers, many, progress, stop)
             return compute_on(cluster, directory, numbers, progress, stop, allow_code, accept)
 
-        return directory, _noted(directory, compute)
+        return directory, noted(directory, compute)
 
 
-def _missing(directory: RunDirectory, only: range | None) -> NDArray[np.int64]:
+def missing_of(directory: RunDirectory, only: range | None) -> NDArray[np.int64]:
     """The numbers of the missing shards, or of those in a range."""
     missing = directory.missing()
     if only is None:
@@ -112,7 +112,7 @@ def _refuse_hopeless(
     refuse_hopeless(run.original, run.shown._replace(members=left), threads, place, more)
 
 
-def _noted(directory: RunDirectory, compute: Callable[[], dict[str, int]]) -> dict[str, int]:
+def noted(directory: RunDirectory, compute: Callable[[], dict[str, int]]) -> dict[str, int]:
     """Call a function that computes shards, and note in the journal how it ended."""
     started = time.monotonic()
     try:
@@ -160,6 +160,7 @@ def extend(
     accept, allow_code : as of `resume`. Whatever is wrong is raised before anything changes.
     """
     directory = RunDirectory(path)
+    refuse_study(directory)
     facts, members = directory.facts, counted(members, "members")
     refuse_others(directory, accept)
     if directory.chosen is not None:

@@ -77,6 +77,21 @@ class Saltelli:
         return words
 
 
+class Given:
+    """Numbers in (0, 1) that a study has chosen: member i has column i of `numbers` (d, members),
+    whose rows are the `dimensions` that a Recorder noted."""
+
+    def __init__(self, dimensions: Sequence[Dimension], numbers: Array) -> None:
+        self.place = {dimension: i for i, dimension in enumerate(dimensions)}
+        self.numbers = numbers
+
+    def words(self, name: str, first: int, count: int, draw: int, used: Sequence[int]) -> Array:
+        words = np.full((4, count), 0.5)
+        for i in used:
+            words[i] = self.numbers[self.place[name, draw, i], first : first + count]
+        return words
+
+
 class Points:
     """The points of an ensemble.
 

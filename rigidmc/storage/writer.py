@@ -189,14 +189,23 @@ class Writer:
             close_once(file)
 
 
-def write_columns(path: Path, columns: Arrays) -> None:
-    """Write {name: array}, members last, as a small file of its own."""
+def write_columns(
+    path: Path,
+    columns: Arrays,
+    attrs: Mapping[str, str] = {},
+    named: Callable[[str], str] | None = None,
+) -> None:
+    """Write {name: array} as a small file of its own; dimensions are named by their lengths.
+
+    named : the final path, from that of the written file
+    """
 
     def write_to(part: str) -> None:
         file = netCDF4.Dataset(part, "w", format="NETCDF4")
         try:
+            file.setncatts(attrs)
             for name, values in columns.items():
-                dims = [f"{size}" for size in values.shape[:-1]] + ["member"]
+                dims = [f"{size}" for size in values.shape]
                 for dim, size in zip(dims, values.shape, strict=True):
                     if dim not in file.dimensions:
                         file.createDimension(dim, size)
@@ -204,5 +213,11 @@ def write_columns(path: Path, columns: Arrays) -> None:
         finally:
             close_once(file)
 
-    with Part(path) as part, naming_failures(path):
-        alone(write_to, part)
+    part = Part(path)
+    try:
+        with naming_failures(path):
+            alone(write_to, part.path)
+        part.finish(named and named(part.path))
+    except BaseException:
+        part.discard()
+        raise

@@ -4,7 +4,6 @@ import time
 from typing import Any
 
 from rigidmc.errors import OptionError
-from rigidmc.files.outputs import Path
 from rigidmc.runs.resume import grow, resume
 from rigidmc.scene.amounts import seconds
 from rigidmc.storage.run_directory import RunDirectory
@@ -13,7 +12,7 @@ from rigidmc.studies.maps.stored import there
 
 
 def resume_growing(
-    path: Path,
+    directory: RunDirectory,
     max_wall: float | str | None = None,
     only: range | None = None,
     allow_code: bool = False,
@@ -24,7 +23,6 @@ def resume_growing(
 
     Raises OptionError for a range of shards of an adaptive map.
     """
-    directory = RunDirectory(path)
     if only is not None and directory.chosen is not None:
         rule = "all shards of an adaptive map must be there before the next are known: leave it out"
         raise OptionError("", "--shards", f"{only.start}:{only.stop}", rule)

@@ -1,0 +1,150 @@
+"""Run directories whose shards are the tasks of a study: numbers that are a function of scene,
+request and number of the task alone. Tasks stand in run.json in place of members."""
+
+import json
+import os
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigidmc.engine.layout import STATUSES
+from rigidmc.engine.machine import threads_available
+from rigidmc.errors import FileError
+from rigidmc.files.netcdf import read
+from rigidmc.files.outputs import Path
+from rigidmc.files.reading import json_of
+from rigidmc.progress import Progress, reporter
+from rigidmc.runs.cluster import Work, checked, compute_on
+from rigidmc.runs.create import Chosen, free_place, written
+from rigidmc.runs.reopen import STUDY, ready, refuse_others
+from rigidmc.runs.resume import missing_of, noted
+from rigidmc.runs.shards import Numbers
+from rigidmc.scene.amounts import counted, seconds
+from rigidmc.scene.scene import Scene
+from rigidmc.storage.run_directory import RunDirectory
+from rigidmc.storage.writer import write_columns
+
+Request = Mapping[str, Any]  # what a study asks, as JSON has it
+Found = dict[str, NDArray[Any]]  # the numbers of a task
+Task = Callable[[int, int], Found]  # (number of the task, threads)
+
+
+def create_tasks(
+    scene: Scene, path: Path, name: str, request: Request, tasks: Sequence[int], level: int
+) -> RunDirectory:
+    """Make a run directory for a study.
+
+    name : of the study;  tasks : the first ones;  level : 0 if these are all, see `Chosen`
+    Raises OutputExists if the folder contains anything.
+    """
+    place = free_place(path)
+    chosen = Chosen(np.asarray(tasks, np.int64), 1, level)
+    about = {STUDY: f"{name} {json.dumps(request, sort_keys=True)}"}
+    return written(place, ready(scene), 1, 1, about, chosen)
+
+
+def study_of(directory: RunDirectory) -> tuple[str, dict[str, Any]] | None:
+    """(name of the study, what it asks) of a run directory; None if it has members."""
+    text = str(directory.facts["attributes"].get(STUDY, ""))
+    if not text:
+        return None
+    name, _, request = text.partition(" ")
+    asked: Any = json_of(request)
+    return name, asked
+
+
+def compute_task(directory: RunDirectory, i: int, task: Task, threads: int) -> None:
+    """Compute shard i of a study and write it."""
+    number = int(directory.members(i)[0])
+    found = {"member": np.array([number]), "status": np.zeros(1, "i1"), **task(number, threads)}
+
+    def named(file: str) -> str:
+        return directory.shard_path(i, 0, file)
+
+    write_columns(directory.temporary(i), found, {"run": directory.mark}, named)
+
+
+def compute_tasks(
+    directory: RunDirectory,
+    task: Task,
+    numbers: Numbers,
+    threads: int,
+    progress: Progress = False,
+    stop: float | None = None,
+) -> dict[str, int]:
+    """Compute the shards of these numbers, one after the other; {status: tasks}.
+
+    stop : as of `rigidmc.runs.shards.compute_shards`
+    """
+    began, done = time.monotonic(), 0
+    with reporter(progress, len(numbers), 1) as report:
+        for i in map(int, numbers):
+            took = (time.monotonic() - began) / max(done, 1)
+            if stop is not None and time.monotonic() + took > stop:
+                break
+            compute_task(directory, i, task, threads)
+            done += 1
+            report.step(1)
+            report.poll()
+    return {**dict.fromkeys(STATUSES, 0), "ok": done}
+
+
+def resume_tasks(
+    directory: RunDirectory,
+    task: Task,
+    work: Work,
+    threads: int | None = None,
+    progress: Progress = False,
+    accept: bool = False,
+    max_wall: float | str | None = None,
+    only: range | None = None,
+    allow_code: bool = False,
+    cluster: str | None = None,
+) -> dict[str, int]:
+    """Compute the missing tasks of a study; {status: tasks}. Arguments as of
+    `rigidmc.runs.resume.resume`.
+
+    work : what a worker of a cluster does
+    """
+    began = time.monotonic()
+    refuse_others(directory, accept)
+    many = threads_available() if threads is None else counted(threads, "threads")
+    stop = None if max_wall is None else began + seconds(max_wall, "max_wall")
+    if cluster is not None:
+        checked(cluster)
+    with directory.locked():
+        numbers = missing_of(directory, only)
+        directory.note(event="begun", shards=len(numbers), threads=threads, cluster=cluster)
+
+        def compute() -> dict[str, int]:
+            if cluster is None:
+                return compute_tasks(directory, task, numbers, many, progress, stop)
+            return compute_on(cluster, directory, numbers, progress, stop, allow_code, accept, work)
+
+        return noted(directory, compute)
+
+
+def found_in(directory: RunDirectory) -> dict[int, Found]:
+    """{number: numbers} of the tasks that are done; FileError for shards of another run."""
+    directory.refuse_strays()
+    found: dict[int, Found] = {}
+    for i, shard in sorted(directory.shards().items()):
+        values = read(shard, mark=directory.mark)
+        number = int(directory.members(i)[0])
+        if values.get("member", np.empty(0)).tolist() != [number]:
+            rule = "has another task; `rigidmc verify` tells more"
+            raise FileError("", "shard", i, rule, file=shard)
+        found[number] = {k: v for k, v in values.items() if k not in ("member", "status")}
+    return found
+
+
+def unlike(directory: RunDirectory, i: int, task: Task, threads: int) -> str:
+    """Which numbers of task i differ if it is computed again, in words; "" if none do."""
+    path = directory.shards()[i]
+    stored, again = read(path), task(int(directory.members(i)[0]), threads)
+    wrong = [name for name, x in again.items() if stored[name].tobytes() != x.tobytes()]
+    differs = f"differs if it is computed again: {', '.join(wrong)}"
+    return f"{os.path.basename(path)}: {differs}" if wrong else ""

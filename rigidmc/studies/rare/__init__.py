@@ -1,0 +1,1 @@
+"""Rare events: what almost never happens, far below what plain sampling sees."""

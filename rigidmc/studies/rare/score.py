@@ -1,0 +1,126 @@
+"""How near a member has come to the event that is asked for, as a number that never falls."""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigidmc.effects.protocol import is_random
+from rigidmc.engine import layout
+from rigidmc.errors import OptionError
+from rigidmc.observables import outputs
+from rigidmc.observables.protocol import Event, Record
+from rigidmc.runs.moving import Moving
+from rigidmc.scene.scene import Scene
+from rigidmc.storage.schema import member_variables
+from rigidmc.studies.measures import Result, measure, observing
+
+Array = NDArray[np.float64]
+RULE = (
+    "of a noisy scene a study asks for what only grows: p(NAME_max >= NUMBER),"
+    " p(NAME_min <= NUMBER), or how often or when first an event happens,"
+    ' as in "p(passages >= 1)" and "p(passage_first < 60)"'
+)
+WHOLE = "as p(NAME >= NUMBER) or p(NAME <= NUMBER), without a condition"
+
+
+class Score(NamedTuple):
+    """The score of members, and where the event begins.
+
+    An event of the scene, such as a passage, scores by how often it has happened, and how near its
+    level is to 0::
+
+        score = count + 1/(1 + |level|)
+
+    anything else by its number, with the sign that lets the score rise towards the event.
+
+    result : what is asked;  sign : 1 or -1;  goal, strict : the event is score >= goal, or > goal
+    event : place of the event of the scene, None for a number
+    """
+
+    text: str
+    result: Result
+    sign: float
+    goal: float
+    strict: bool
+    event: int | None = None
+
+    def reached(self, score: Array) -> NDArray[np.bool_]:
+        """Whether members with these scores have the event."""
+        return score > self.goal if self.strict else score >= self.goal
+
+    def of(self, moving: Moving, block: Array, part: int) -> Array:
+        """The scores of the members of a block after a part of the run; -inf if flagged."""
+        if self.event is None:
+            values = moving.results(block, part)[self.result.name]
+            if self.result.axis is not None:
+                values = values[self.result.axis - 1]
+            return np.where(np.isnan(values), -np.inf, self.sign * values)
+        count, level = moving.event(self.event, block)
+        nearness = np.where(level == 0.0, 0.0, 1.0 / (1.0 + np.abs(level)))
+        return np.where(block[layout.STATUS] == 0.0, count + nearness, -np.inf)
+
+
+def scored(scene: Scene, of: str) -> tuple[Scene, Score]:
+    """(the scene whose members a study moves, the Score of what it asks).
+
+    Raises OptionError for a text that asks for no event, or for one that has no score.
+    """
+    scene = observing(scene.with_run(points="independent"), (of,))
+    variables = {name: v.dims for name, v in member_variables(scene, False).items()}
+    asked = measure(of, variables)
+    if asked.kind != "p" or asked.given is not None or asked.relation == "==":
+        raise OptionError("", "of", of, f"is no event: give it {WHOLE}")
+    watched = [(label, one) for label, one in scene.watched() if isinstance(one, Event)]
+    at_times = set(scene.saved())
+    keeps = tuple(name for name in scene.run.save if name not in at_times)
+    scene = scene.with_run(save=keeps, first=0, every=None)
+    more, strict = asked.relation[0] == ">", len(asked.relation) == 1
+    for i, (label, one) in enumerate(watched):
+        for name, kind in zip(outputs(label, one), _kinds(one), strict=True):
+            if name == asked.result.name and kind == "count" and more:
+                # a score between n and n + 1 has n of them
+                goal = math.floor(asked.number) + 1.0 if strict else math.ceil(asked.number) + 0.0
+                return scene, Score(of, asked.result, 1.0, goal, False, i)
+            if name == asked.result.name and kind == "first" and not more:
+                if getattr(one, "hold", 0.0):
+                    rule = f"a stay that begins by then may last longer: ask p({label}s >= 1)"
+                    raise OptionError("", "of", of, rule)
+                return _until(scene, of, asked.number), Score(of, asked.result, 1.0, 1.0, False, i)
+    grows = asked.result.name.endswith("_max" if more else "_min")
+    if is_noisy(scene) and not grows:
+        raise OptionError("", "of", of, RULE)
+    sign = 1.0 if more else -1.0
+    _refuse_unwatched(scene, of, asked.result.name)
+    return scene, Score(of, asked.result, sign, sign * asked.number, strict)
+
+
+def is_noisy(scene: Scene) -> bool:
+    """Whether an effect of a scene is random."""
+    return any(map(is_random, scene.effects))
+
+
+def _kinds(one: Any) -> list[str]:
+    """What each output of an event is: "count", "first", or "" for another."""
+    record = Record(*(np.array([x]) for x in (3.0, 5.0, 7.0, 7.25, 5.25, 11.0, 5.5)))
+    words = {3.0: "count", 5.0: "first", 5.25: "first"}
+    return [words.get(float(x[0]), "") for x in one.results(record).values()]
+
+
+def _until(scene: Scene, of: str, end: float) -> Scene:
+    """The scene that ends where the event no longer counts; OptionError."""
+    if not 0.0 < end <= scene.run.t_end * (1.0 + 1e-9):
+        rule = f"the run ends at t_end = {scene.run.t_end:g} s: give it a later end"
+        raise OptionError("", "of", of, rule)
+    return scene.with_run(t_end=end)
+
+
+def _refuse_unwatched(scene: Scene, of: str, name: str) -> None:
+    """OptionError for a number that is not watched over the steps."""
+    known = [word for label, one in scene.watched() for word in outputs(label, one)]
+    if name not in known:
+        rule = (
+            f"is nothing that is watched over the steps; watched: {', '.join(known) or 'nothing'}"
+        )
+        raise OptionError("", "of", of, rule)

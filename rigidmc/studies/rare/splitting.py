@@ -1,0 +1,126 @@
+"""Adaptive multilevel splitting: the members of a noisy scene that come nearest to an event are
+branched, and the others are given up."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigidmc.engine.streams import uniforms
+from rigidmc.runs.moving import Moving
+from rigidmc.scene.scene import Scene
+from rigidmc.studies.rare.score import Score
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+PARTS = 128  # of the run, after which members are looked at and may branch
+# Share of the members given up at a level. The variance is 14 % above that of a vanishing share
+# (5 % with 0.1), and levels, each of which costs a fixed time, are 2.7 times fewer than with 0.1.
+KILLED = 0.25
+MOST = 10_000  # levels
+
+
+class Found(NamedTuple):
+    """What a repetition has found.
+
+    p : the probability;  levels, shares : scores, and the probability to score more than each
+    steps : made by all members;  flagged : members that were found not to be ok
+    deep : whether the probability is below the target, so that no more levels were tried
+    """
+
+    p: float
+    levels: Array
+    shares: Array
+    steps: float
+    flagged: int
+    deep: bool
+
+    def numbers(self) -> dict[str, Any]:
+        """As arrays, to be stored."""
+        return {name: np.asarray(value, float) for name, value in self._asdict().items()}
+
+
+class Paths:
+    """Members on their way, with their state and score after each part of the run.
+
+    states : (parts + 1, members, rows);  scores : (parts + 1, members), the largest so far
+    """
+
+    def __init__(self, moving: Moving, score: Score, count: int, seed: int) -> None:
+        self.moving, self.score = moving, score
+        self.steps, self.used = 0.0, count
+        block, parts = moving.start(seed, count), moving.ends.size - 1
+        self.states = np.empty((parts + 1, count, block.shape[0]))
+        self.states[0] = block[:, :count].T
+        self.scores = np.full((parts + 1, count), -np.inf)
+        everyone = np.arange(count)
+        self._go_on(everyone, everyone, np.zeros(count, int))
+
+    def branch(self, ended: Indices, parents: Indices, level: float) -> None:
+        """Let `ended` follow their parents until these score more than `level`, then go on with
+        noise of their own."""
+        at = (self.scores[:, parents] > level).argmax(axis=0)
+        order = np.argsort(at, kind="stable")
+        ended, parents, at = ended[order], parents[order], at[order]
+        self.states[:, ended] = self.states[:, parents]
+        self.scores[:, ended] = self.scores[:, parents]
+        self._go_on(ended, np.arange(self.used, self.used + ended.size), at)
+        self.used += ended.size
+
+    def _go_on(self, which: Indices, members: Indices, at: Indices) -> None:
+        """Move members, each from part `at` on; these rise.
+
+        which : their columns;  members : their indices
+        """
+        ends = self.moving.ends
+        for part in range(int(at[0]), ends.size - 1):
+            count = int(np.searchsorted(at, part, "right"))
+            mine = which[:count]
+            now = self.moving.moved(self.states[part, mine].T, members[:count], part)
+            self.states[part + 1, mine] = now.T
+            self.steps += count * float(ends[part + 1] - ends[part])
+        # of all parts at once, which takes a tenth of the time; a score of a maximum needs no part
+        rows, column = np.nonzero(np.arange(1, ends.size)[:, None] > at)
+        states = self.states[rows + 1, which[column]].T
+        new = self.scores[1:, which]
+        new[rows, column] = self.score.of(self.moving, np.ascontiguousarray(states), ends.size - 2)
+        self.scores[1:, which] = np.maximum.accumulate(new, axis=0)
+
+
+def split(
+    scene: Scene, score: Score, members: int, target: float, threads: int, seed: int
+) -> Found:
+    """The probability of an event by adaptive multilevel splitting.
+
+    Level by level, the lowest quarter of the members is given up, with all that score the same.
+    Each is replaced by a copy of a random other member up to the part of the run at whose end this
+    one scores more than the level; from there the copy has noise of its own. Of n members, with k_i
+    given up at level i::
+
+        p = (share of the event at the end) prod_i (1 - k_i/n)
+
+    is unbiased for any number of members and parts.
+    Source: Cerou & Guyader, Stoch. Anal. Appl. 25 (2007) 417; Brehier, Gazeau, Goudenege, Lelievre
+    & Rousset, Ann. Appl. Probab. 26 (2016) 3559.
+    """
+    moving = Moving(scene.with_run(seed=seed), PARTS, threads)
+    paths = Paths(moving, score, members, seed)
+    share, levels, shares, flagged = 1.0, list[float](), list[float](), 0
+    for number in range(MOST):
+        last = paths.scores[-1]
+        reached = score.reached(last)
+        level = np.partition(last, int(KILLED * members))[int(KILLED * members)]
+        ended = np.flatnonzero((last <= level) & ~reached)
+        if score.reached(np.array(level)) or ended.size == 0 or ended.size == members:
+            break
+        share *= 1.0 - ended.size / members
+        levels.append(float(level))
+        shares.append(share)
+        if share < target:
+            break
+        flagged += int(np.isneginf(last).sum())
+        alive = np.flatnonzero(np.isin(np.arange(members), ended, invert=True))
+        chosen = uniforms(seed, "rare.parents", 0, ended.size, number)[0]
+        paths.branch(ended, alive[(chosen * alive.size).astype(int)], float(level))
+    p = 0.0 if share < target else share * float(reached.mean())
+    return Found(p, np.array(levels), np.array(shares), paths.steps, flagged, share < target)

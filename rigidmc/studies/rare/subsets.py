@@ -1,0 +1,116 @@
+"""Subset simulation: the random numbers from which the members of a scene are made walk towards
+those whose members come nearest to an event."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
+
+from rigidmc.engine.streams import uniforms
+from rigidmc.planning.stage import drawn
+from rigidmc.runs.moving import Moving
+from rigidmc.scene.points import Dimension, Given
+from rigidmc.scene.scene import Scene
+from rigidmc.studies.rare.score import Score
+from rigidmc.studies.rare.splitting import Found
+
+Array = NDArray[np.float64]
+KEPT = 0.1  # share of the members from which the next level goes on
+# Share of the walks' steps that are taken. The best for one direction, 0.44: Papaioannou et al.
+ACCEPTED = 0.44
+FARTHEST = 8.2  # standard deviations: beyond it the largest number below 1 is met
+MOST = 100  # levels
+
+
+class Members:
+    """Members made from normal deviates z (d, n), one for each number that a member draws."""
+
+    def __init__(self, moving: Moving, score: Score, seed: int) -> None:
+        self.moving, self.score, self.seed = moving, score, seed
+        self.dimensions: tuple[Dimension, ...] = drawn(moving.scene)
+        self.steps, self.flagged, self._indices = 0.0, 0, np.empty(0, np.int64)
+
+    def normals(self, count: int, name: str, number: int) -> Array:
+        """Independent deviates (d, count), as a function of seed, name and number."""
+        d = len(self.dimensions)
+        draws = [uniforms(self.seed, f"{name}.{number}", 0, count, i) for i in range(-(-d // 4))]
+        deviates: Array = ndtri(np.concatenate(draws)[:d])
+        return deviates
+
+    def scores(self, z: Array) -> Array:
+        """The scores of the members that are made from z, at their best."""
+        moving, count = self.moving, z.shape[1]
+        block = moving.start(Given(self.dimensions, ndtr(z)), count)[:, :count]
+        members, best = np.zeros(count, np.int64), np.full(count, -np.inf)
+        for part in range(moving.ends.size - 1):
+            block = moving.moved(block, members, part)
+            now = self.score.of(moving, block, part)
+            best = now if self.score.event is None else np.maximum(best, now)
+        self.steps += count * float(moving.ends[-1])
+        self.flagged += int(np.isneginf(best).sum())
+        return best
+
+
+def descend(
+    scene: Scene, score: Score, members: int, target: float, threads: int, seed: int, parts: int
+) -> Found:
+    """The probability of an event by subset simulation.
+
+    Level by level, the best tenth of the members is kept, with all that score the same. From each
+    of them a walk through the normal deviates z goes on, until there are as many members again::
+
+        z' = (1 - s^2)^(1/2) z + s n,   taken if its member scores no less than the level
+
+    which leaves the normal law under that condition as it is. s is a multiple, of at most 1, of
+    the spread of the kept members in each direction, and follows the share of steps that are taken.
+    The product of the shares kept has a bias of the order 1/n, since levels and walks share
+    members.
+    Source: Au & Beck, Probab. Eng. Mech. 16 (2001) 263; Papaioannou, Betz, Zwirglmaier & Straub,
+    Probab. Eng. Mech. 41 (2015) 89.
+
+    parts : of the run, after each of which the score of an event is taken
+    """
+    moving = Moving(scene.with_run(seed=seed), parts, threads)
+    made = Members(moving, score, seed)
+    z = made.normals(members, "rare.start", 0)
+    scores, share, pace = made.scores(z), 1.0, 1.0
+    levels, shares = list[float](), list[float]()
+    for number in range(MOST):
+        reached = score.reached(scores)
+        level = np.partition(scores, -int(KEPT * members))[-int(KEPT * members)]
+        kept = scores >= level
+        if score.reached(np.array(level)) or kept.all() or np.isneginf(level):
+            break
+        if levels and not level > levels[-1]:  # as many as ever score the same
+            break
+        share *= float(kept.mean())
+        levels.append(float(level))
+        shares.append(share)
+        if share < target:
+            break
+        z, scores, pace = _walked(made, z[:, kept], scores[kept], level, members, pace, number)
+    p = 0.0 if share < target else share * float(reached.mean())
+    return Found(p, np.array(levels), np.array(shares), made.steps, made.flagged, share < target)
+
+
+def _walked(
+    made: Members, z: Array, scores: Array, level: float, members: int, pace: float, number: int
+) -> tuple[Array, Array, float]:
+    """(z, scores, pace) of `members` that score `level` or more, by walks from those that do.
+
+    pace : how wide the steps are, in spreads of the kept members
+    """
+    spread = np.minimum(1.0, z.std(axis=1, keepdims=True))
+    all_z, all_scores, walk = [z], [scores], 0
+    while (missing := members - sum(one.size for one in all_scores)) > 0:
+        z, scores = z[:, :missing], scores[:missing]
+        width = np.minimum(1.0, pace * spread)
+        normals = made.normals(scores.size, f"rare.walk.{number}", walk)
+        tried = np.clip(np.sqrt(1.0 - width**2) * z + width * normals, -FARTHEST, FARTHEST)
+        found = made.scores(tried)
+        taken = found >= level
+        z, scores = np.where(taken, tried, z), np.where(taken, found, scores)
+        walk += 1
+        pace = float(np.clip(pace * np.exp((taken.mean() - ACCEPTED) / np.sqrt(walk)), 1e-3, 10.0))
+        all_z.append(z)
+        all_scores.append(scores)
+    return np.concatenate(all_z, axis=1), np.concatenate(all_scores), pace

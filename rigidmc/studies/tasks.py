@@ -1,0 +1,184 @@
+"""Studies that are made of tasks: computed now, or in a run directory, which loses nothing.
+
+A study of this kind is a module with a `KIND`, and one line in STUDIES.
+"""
+
+import importlib
+import random
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rigidmc.engine.machine import threads_available
+from rigidmc.errors import FileError, OptionError
+from rigidmc.files.outputs import Path
+from rigidmc.progress import Progress, reporter
+from rigidmc.runs.gather import verify
+from rigidmc.runs.reopen import refuse_others, scene_of_run
+from rigidmc.runs.resume import grow
+from rigidmc.runs.tasks import (
+    Found,
+    Request,
+    compute_tasks,
+    create_tasks,
+    found_in,
+    resume_tasks,
+    study_of,
+    unlike,
+)
+from rigidmc.scene.amounts import seconds
+from rigidmc.scene.scene import Scene
+from rigidmc.storage.run_directory import RunDirectory
+
+STUDIES = {"rare": "rigidmc.studies.rare.rare"}
+
+
+class Kind(NamedTuple):
+    """What a study of tasks is made of.
+
+    name : its command
+    task : (scene, request, number of the task, threads) -> its numbers, a pure function of all but
+        the threads
+    grows : whether what tasks say decides which are next
+    more : (scene, request, {number: numbers} of the tasks so far) -> the numbers of the next tasks,
+        [] at the end; none is done at the beginning
+    """
+
+    name: str
+    grows: bool
+    task: Callable[[Scene, Request, int, int], Found]
+    more: Callable[[Scene, Request, dict[int, Found]], Sequence[int]]
+
+
+def computed(
+    kind: Kind, scene: Scene, request: Request, threads: int | None, progress: Progress = False
+) -> dict[int, Found]:
+    """{number: numbers} of all tasks of a study, computed now.
+
+    progress : as of `simulate`, with tasks in place of member-steps
+    """
+    found: dict[int, Found] = {}
+    many = threads or threads_available()
+    while tasks := kind.more(scene, request, found):
+        with reporter(progress, len(tasks), 1) as report:
+            for number in tasks:
+                found[number] = kind.task(scene, request, number, many)
+                report.step(1)
+                report.poll()
+    return found
+
+
+def create(kind: Kind, scene: Scene, request: Request, path: Path) -> RunDirectory:
+    """Make a run directory for a study; see `rigidmc.runs.tasks.create_tasks`."""
+    first = kind.more(scene, request, {})
+    return create_tasks(scene, path, kind.name, request, first, int(kind.grows))
+
+
+def kind_of(directory: RunDirectory) -> tuple[Kind, dict[str, Any]] | None:
+    """(Kind, what is asked) of a run directory; None if it has members; FileError."""
+    study = study_of(directory)
+    if study is None:
+        return None
+    name, request = study
+    if name not in STUDIES:
+        rule = f"is no study of this version; known: {', '.join(STUDIES)}"
+        raise FileError("", "study", name, rule, file=directory.path)
+    kind: Kind = importlib.import_module(STUDIES[name]).KIND
+    return kind, request
+
+
+def resume(
+    directory: RunDirectory,
+    max_wall: float | str | None = None,
+    only: range | None = None,
+    allow_code: bool = False,
+    **options: Any,
+) -> tuple[RunDirectory, dict[str, int]]:
+    """Compute the tasks of a study until what is there asks for no more; (RunDirectory, {status:
+    tasks} of what was computed). Options as of `rigidmc.runs.resume.resume`.
+
+    Raises OptionError for a range of tasks of which more are to come.
+    """
+    kind, request = _known(directory)
+    scene = scene_of_run(directory, allow_code)
+    stop = None if max_wall is None else time.monotonic() + seconds(max_wall, "max_wall")
+    flagged: dict[str, int] = {}
+    left: float | None = None if stop is None else stop - time.monotonic()
+    while True:
+        now = resume_tasks(
+            directory,
+            lambda number, threads: kind.task(scene, request, number, threads),
+            work,
+            max_wall=left,
+            only=only,
+            allow_code=allow_code,
+            **options,
+        )
+        flagged = {word: flagged.get(word, 0) + count for word, count in now.items()}
+        left = None if stop is None else stop - time.monotonic()
+        if directory.missing().size or not directory.facts["growing"]:
+            return directory, flagged
+        more = np.asarray(kind.more(scene, request, found_in(directory)), np.int64)
+        if more.size and only is not None:
+            rule = "all tasks must be there before the next are known: leave it out"
+            raise OptionError("", "--shards", f"{only.start}:{only.stop}", rule)
+        directory = grow(directory, more, int(more.size > 0))
+        if not more.size or (left is not None and left <= 0.0):
+            return directory, flagged
+
+
+def found(path: Path, name: str, allow_code: bool = False) -> tuple[Scene, Any, dict[int, Found]]:
+    """(scene, request, {number: numbers}) of the tasks of a study in a run directory that are done.
+
+    name : which study it has to be;  raises FileError for anything else, and if none is done
+    """
+    directory = RunDirectory(path)
+    study = kind_of(directory)
+    if study is None or study[0].name != name:
+        rule = f"is no run of `rigidmc {name} SCENE -o RUN/`"
+        raise FileError("", "run", None, rule, file=directory.path)
+    done = found_in(directory)
+    if not done:
+        raise FileError("", "run", directory.path, "no task is done yet: resume it first")
+    return scene_of_run(directory, allow_code), study[1], done
+
+
+def work(path: str, i: int, allow_code: bool, accept: bool) -> dict[str, int]:
+    """Compute one task of a run directory: what a worker of a cluster does."""
+    directory = RunDirectory(path)
+    refuse_others(directory, accept)
+    kind, request = _known(directory)
+    scene = scene_of_run(directory, allow_code)
+    return compute_tasks(
+        directory, lambda number, threads: kind.task(scene, request, number, threads), [i], 1
+    )
+
+
+def verified(
+    path: Path, spot: int = 3, allow_code: bool = False, threads: int | None = None
+) -> list[str]:
+    """As `rigidmc.runs.gather.verify`, also of a study, of which tasks are computed again."""
+    directory = RunDirectory(path)
+    study = kind_of(directory)
+    if study is None:
+        return verify(path, spot, allow_code, threads)
+    kind, request = study
+    faults = verify(path, 0, allow_code)
+    if faults or not spot:
+        return faults
+    scene, many = scene_of_run(directory, allow_code), threads or threads_available()
+    done = sorted(directory.shards())
+    again = (
+        unlike(directory, i, lambda number, n: kind.task(scene, request, number, n), many)
+        for i in sorted(random.sample(done, min(spot, len(done))))
+    )
+    return [fault for fault in again if fault]
+
+
+def _known(directory: RunDirectory) -> tuple[Kind, dict[str, Any]]:
+    """As `kind_of`, of a run directory that has a study."""
+    study = kind_of(directory)
+    assert study is not None
+    return study

@@ -1,0 +1,163 @@
+"""Rare events: a Gaussian tail, a chain whose law is known by quadrature, run directories."""
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+import rigidmc as rm
+from rigidmc.errors import FileError, OptionError
+from rigidmc.studies import tasks
+from rigidmc.studies.rare import splitting, subsets
+from rigidmc.studies.rare.rare import KIND, asked, rare, rare_of, table
+from rigidmc.studies.rare.score import scored
+from rigidmc.views.rare import rare_curve
+
+# the steps of the chain are those of its quadrature, however long
+pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
+
+GAMMA, STEP, STEPS, INERTIA = 0.7, 0.1, 40, 2.0
+SPREAD = (1.0 / INERTIA) ** 0.5  # of omega_3 at rest with a bath of kT = 1
+LEVEL = 4.9 * SPREAD
+
+
+def spun(deviation=1.0):
+    """A disc thrown with a normal spin about its axis."""
+    start = rm.Start(omega=(0.0, 0.0, rm.normal(0.0, deviation)))
+    return rm.Scene(rm.Body((1.0, 1.0, 2.0)), start=start).with_run(dt=0.1, t_end=0.1)
+
+
+def bathed():
+    """A disc in a bath: omega_3 is an Ornstein-Uhlenbeck process, which the splitting has
+    exactly."""
+    scene = rm.Scene(
+        rm.Body((1.0, 1.0, INERTIA)), rm.Bath(GAMMA, 1.0), rm.Start(omega=(0.0, 0.0, 0.0))
+    )
+    return scene.with_run(integrator="strang", dt=STEP, t_end=STEP * STEPS, checks=False)
+
+
+def passed():
+    """The probability that omega_3 has passed LEVEL after a step, by quadrature over the density
+    of those that have not."""
+    x, weight = np.polynomial.legendre.leggauss(400)
+    low = -8.0 * SPREAD
+    x, weight = (x + 1.0) / 2.0 * (LEVEL - low) + low, weight * (LEVEL - low) / 2.0
+    kept = np.exp(-GAMMA * STEP)
+    width = SPREAD * np.sqrt(1.0 - kept * kept)
+    moves = norm.pdf(x[:, None], kept * x[None, :], width)
+    density, p = norm.pdf(x, 0.0, width), norm.sf(LEVEL / width)
+    for _ in range(STEPS - 1):
+        p += (weight * density * norm.sf((LEVEL - kept * x) / width)).sum()
+        density = moves @ (weight * density)
+    return p
+
+
+def test_gaussian_tail():
+    p = 1e-9
+    found = rare(spun(), f"p(omega_max[3] >= {norm.isf(p):.17g})", 1e-12, 1000, 16)
+    assert found.p_low < p < found.p_high
+    assert abs(float(found.p) / p - 1.0) < 0.4  # measured 0.01
+    assert float(found.gain) > 1e5  # measured 4e5
+    low = rare(spun(), f"p(omega_min[3] <= {-norm.isf(1e-4):.17g})", 1e-9, 400, 8)
+    assert low.p_low < 1e-4 < low.p_high
+
+
+def test_walks_keep_the_condition(monkeypatch):
+    """Walks that take every step leave the event again, and the tail comes out too thin."""
+    found = rare(spun(), f"p(omega_max[3] >= {norm.isf(1e-6):.17g})", 1e-12, 400, 4)
+    assert 3e-7 < float(found.p) < 3e-6  # measured 1.1e-6
+
+    def taken(made, z, scores, level, members, pace, number):
+        z = made.normals(members, "broken", number)
+        return z, made.scores(z), pace
+
+    monkeypatch.setattr(subsets, "_walked", taken)
+    broken = rare(spun(), f"p(omega_max[3] >= {norm.isf(1e-6):.17g})", 1e-12, 400, 4)
+    assert not 1e-7 < float(broken.p) < 1e-5
+
+
+def test_splitting(monkeypatch):
+    p = passed()
+    assert p == pytest.approx(5.4721e-6, rel=1e-4)
+    of = f"p(omega_max[3] >= {LEVEL:.17g})"
+    found = rare(bathed(), of, 1e-9, 300, 8)
+    assert found.p_low < p < found.p_high
+    assert float(found.gain) > 100.0  # measured 300 and more
+
+    def copies(self, ended, parents, level):  # without noise of their own
+        self.states[:, ended], self.scores[:, ended] = (
+            self.states[:, parents],
+            self.scores[:, parents],
+        )
+
+    monkeypatch.setattr(splitting.Paths, "branch", copies)
+    broken = rare(bathed(), of, 1e-9, 300, 8)
+    assert float(broken.p) == 0.0 or not broken.p_low < p < broken.p_high
+
+
+def test_events():
+    """How often and when an event happens are one question; its score leads there."""
+    cone = rm.Passage(axis=3, angle=0.6)
+    scene = rm.Scene(
+        rm.Body.from_moments((1.0, 1.6, 2.0), mass=1.0, centre=(0.0, 0.0, -0.5)),
+        (rm.Gravity(9.81), rm.Bath(1.0, 0.3)),
+        rm.Start(omega=(0.0, 0.0, 0.0)),
+        observables=(cone,),
+    ).with_run(integrator="strang", dt=0.05, t_end=4.0, save=("passage",))
+    often = rare(scene, "p(passages >= 1)", 1e-9, 300, 4)
+    first = rare(scene, "p(passage_first < 4)", 1e-9, 300, 4)
+    widest = rare(scene, "p(nutation_max >= 0.6)", 1e-9, 300, 4)
+    assert often.probability.values.tolist() == first.probability.values.tolist()
+    assert often.p_low < widest.p_high and widest.p_low < often.p_high
+    plain = rm.simulate(scene, members=20_000).passages.values
+    assert abs((plain >= 1).mean() - float(often.p)) < 3.0 * float(often.p_high - often.p_low)
+    with pytest.raises(OptionError, match="the run ends at t_end"):
+        scored(scene, "p(passage_first < 5)")
+
+
+def test_run_directory(tmp_path):
+    """The repetitions of a run directory are those of a study now, to the bit, on any threads."""
+    scene, of = bathed(), "p(omega_max[3] >= 2.2)"
+    now = rare(scene, of, 1e-6, 100, 3, threads=2)
+    designed, request = asked(scene, of, 1e-6, 100, 3)
+    directory = tasks.create(KIND, designed, request, tmp_path / "run")
+    with pytest.raises(FileError, match="no task is done yet"):
+        rare_of(directory.path)
+    directory, done = tasks.resume(directory, threads=1, only=range(2))
+    assert done["ok"] == 2 and rare_of(directory.path).sizes["repetition"] == 2
+    assert "1 repetitions are missing" in table(rare_of(directory.path))[-1]
+    directory, done = tasks.resume(directory, threads=2)
+    assert done["ok"] == 1 and tasks.verified(directory.path, spot=1) == []
+    assert rare_of(directory.path).identical(now)
+    with pytest.raises(FileError, match="rigidmc rare"):
+        rm.open(directory.path)
+    shard = next(iter(directory.shards().values()))
+    with open(shard, "r+b") as file:
+        file.seek(2000)
+        file.write(b"torn")
+    assert "is not what was written" in tasks.verified(directory.path)[0]
+
+
+def test_what_is_no_event():
+    for of, rule in (
+        ("mean(omega_max[3])", "is no event"),
+        ("p(omega_max[3] >= 1 | omega_min[3] >= 0)", "is no event"),
+        ("p(energy_drift_max >= 1)", "nothing that is watched"),
+    ):
+        with pytest.raises(OptionError, match=rule):
+            scored(spun(), of)
+    with pytest.raises(OptionError, match="what only grows"):
+        scored(bathed(), "p(omega_mean[3] >= 1)")
+    still = rm.Scene(rm.Body((1.0, 1.0, 2.0)), start=rm.Start(omega=(0.0, 0.0, 1.0)))
+    with pytest.raises(OptionError, match="nothing is random"):
+        rare(still, "p(omega_max[3] >= 1)")
+    with pytest.raises(OptionError, match="between 0 and 1"):
+        rare(spun(), "p(omega_max[3] >= 1)", 2.0)
+
+
+def test_table_and_picture():
+    found = rare(spun(), "p(omega_max[3] >= 4)", 1e-9, 100, 4)
+    assert "subset simulation: 4 repetitions of 100 members" in table(found)[2]
+    figure = rare_curve(found)
+    assert figure.axes[0].get_yscale() == "log" and len(figure.axes[0].lines) >= 4
+    deep = rare(spun(), "p(omega_max[3] >= 7)", 1e-5, 100, 4)
+    assert "is less than 1e-05, the target" in table(deep)[1] and float(deep.p) == 0.0
