@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Callable
-from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
@@ -29,6 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from rigidmc.scene.scene import Scene
+    from rigidmc.storage.run_directory import RunDirectory
 
 
 class Study(NamedTuple):
@@ -36,7 +36,7 @@ class Study(NamedTuple):
 
     designed : the scene whose members it studies, from a scene
     now : the study of a scene, whose members it computes
-    of : the study of a result
+    of : the study of a result, also of one with few of the members
     """
 
     designed: "Callable[[Scene], Scene]"
@@ -91,10 +91,12 @@ def studied(name: str, where: Where, study: Study, **new: Any) -> "tuple[xr.Data
         return study.of(opened(name, allow_code)), output
     if folder is None:
         refuse_ways(ways)
-        return study.now(load_scene(name, where.settings, allow_code)), output
+        scene = load_scene(name, where.settings, allow_code)
+        _priced(study.designed(scene), study, where.threads)
+        return study.now(scene), output
     refuse_force(folder, where.force)
     scene = study.designed(load_scene(name, where.settings, allow_code))
-    if begun(_maker(scene, folder), ways, where.threads, allow_code) == INCOMPLETE:
+    if begun(_maker(scene, study, folder), ways, where.threads, allow_code) == INCOMPLETE:
         raise typer.Exit(INCOMPLETE)
     return study.of(opened(folder, allow_code)), None
 
@@ -118,8 +120,21 @@ def _refuse(given: dict[str, Any]) -> None:
             raise OptionError("", f"--{key.replace('_', '-')}", value, rule)
 
 
-def _maker(scene: "Scene", path: str) -> Any:
-    """The function that makes the run directory of a study."""
+def _priced(scene: "Scene", study: Study, threads: int | None, folder: str | None = None) -> None:
+    """Tell on standard error what a study will cost."""
+    from rigidmc.progress import say
+    from rigidmc.studies.price import price
+
+    say(str(price(scene, study.of, threads, folder)))
+
+
+def _maker(scene: "Scene", study: Study, path: str) -> Any:
+    """The function that makes the run directory of a study, and tells what it will cost."""
     from rigidmc.runs.create import create
 
-    return partial(create, scene, path)
+    def make(size: float, only: range | None, threads: int | None) -> "RunDirectory":
+        directory = create(scene, path, size, only, threads)
+        _priced(scene, study, threads, path)
+        return directory
+
+    return make

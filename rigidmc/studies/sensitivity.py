@@ -1,7 +1,7 @@
 """Which uncertain number of a scene matters: Sobol indices of a measure, with intervals."""
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from scipy import stats
 from rigidmc.errors import OptionError
 from rigidmc.observables import OBSERVABLES
 from rigidmc.planning.stage import groups
+from rigidmc.progress import Progress
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.storage.schema import member_variables
@@ -36,7 +37,7 @@ def sensitivity(
     families: int = FAMILIES,
     threads: int | None = None,
     confidence: float = 0.95,
-    progress: Callable[[int, int], object] | None = None,
+    progress: Progress = None,
     **settings: Any,
 ) -> xr.Dataset:
     """Tell which uncertain numbers of a scene a measure depends on, by Sobol indices.
@@ -69,8 +70,9 @@ def sensitivity(
         as of `simulate`
     confidence : float, optional
         of the intervals
-    progress : callable, optional
-        a function of (members done, all)
+    progress : bool or callable, optional
+        True for what the study will cost, told before the first member, and a bar; or a function
+        of (members done, all)
     **settings : object
         of `simulate`
 

@@ -69,7 +69,7 @@ def test_means_cover():
 def test_intervals_cover(name):
     """As `python -m bench coverage`: 93 to 97 %, over 1,000 repeated studies or more."""
     found = shares(name)
-    assert found.min() >= 0.93 and found.max() <= 0.97  # measured 0.940 to 0.957
+    assert found.min() >= 0.93 and found.max() <= 0.97  # measured 0.937 to 0.957
 
 
 @pytest.mark.parametrize("q", [0.1, 0.5, 0.99])
