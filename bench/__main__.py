@@ -24,6 +24,7 @@ BENCHES = {
     "maps": "bench.maps",
     "runs": "bench.runs",
     "peers": "bench.peers",
+    "coverage": "bench.coverage",
 }
 HERE = os.path.dirname(os.path.abspath(__file__))
 

@@ -5,7 +5,8 @@ python tests/torture.py --kills 200 --faults all --corrupt 500 --lost 6 --output
 --kills N    Start a run, kill it with SIGKILL at a random moment, resume it until it is complete.
              The sha256 of its shards are those of an unbroken run. Some runs have rows of their
              own for each member, from a table, and keep summaries and thinned digits; some are
-             maps, and some adaptive maps. --kinds map,adaptive takes these alone.
+             maps, adaptive maps, and members of studies, whose study of the run says the same
+             in the end. --kinds map,adaptive takes these alone.
 --faults N   At every open, fsync, rename, link and unlink and every variable that `run`, `extend`
              and `merge` write (at N of each, or all): a full disk, a broken disk, or a delay.
              Also a limit on the size of files, wherever the C library then is. Exit 74 and one
@@ -38,6 +39,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from typing import NamedTuple
 
 # the folder of this script is tests/
 sys.path[:0] = [os.path.dirname(os.path.dirname(os.path.abspath(__file__)))]
@@ -72,6 +74,60 @@ keep = { omega = "thinned", energy = "summary" }
 thin = 20
 digits = 6
 """
+
+
+class Kind(NamedTuple):
+    """A kind of run directory.
+
+    words : of the command line; the directory follows
+    study : of the command that writes a study of the directory, if there is one: its name and
+        options; directory and file are put between and after them
+    """
+
+    words: list[str]
+    study: tuple[str, ...] = ()
+
+
+def kinds_of(members, size, table):
+    """{name: Kind} of runs of about so many members, in shards of `size` MB; a new kind is one
+    entry here.  table : a scene with rows of its own for members / 4
+    """
+    racket = [*WORDS[:3], str(members), *WORDS[4:-2], str(size), "-o"]
+    quarter, side = str(members // 4), ["--shard-size", str(size / 4), "-o"]
+    crossed, heard = ("section", "--at", "omega[1] = 0"), ("frequencies", "--of", "omega[1]")
+    shares = "sensitivity", "--of", "mean(omega_mean[2])"
+    few = ["--members", str(members // 16), "--t-end", "14", "--every", "0.2"]
+    pixels = ["--members", "4", "--resolution"]
+    return {
+        "racket": Kind(racket),
+        "table": Kind(["run", table, "--members", quarter, *side]),
+        "map": Kind(["map", "sleeping_top", *pixels, str(int((members / 4) ** 0.5)), *side]),
+        "adaptive": Kind(
+            ["map", "sleeping_top", *pixels, str(int(members**0.5)), "--adaptive", "-o"]
+        ),
+        "sensitivity": Kind(
+            [*named("tennis_racket", shares), "--families", quarter, *side], shares
+        ),
+        "section": Kind(
+            [*named("tennis_racket", crossed), "--members", quarter, "--every", "0.5", *side],
+            crossed,
+        ),
+        "frequencies": Kind([*named("tennis_racket", heard), *few, *side], heard),
+    }
+
+
+def named(what, study):
+    """The words of a study of a scene or a run."""
+    return [study[0], what, *study[1:]]
+
+
+def told_by(path):
+    """sha256 of the arrays and attributes of a netCDF file."""
+    import xarray as xr
+
+    with xr.open_dataset(path) as found:
+        parts = [(n, v.dims, v.values.tolist(), v.attrs) for n, v in found.variables.items()]
+    return hashlib.sha256(repr((parts, found.attrs)).encode()).hexdigest()
 
 
 def sums(path):
@@ -128,38 +184,48 @@ def kills(count, folder, some, members=400_000, size=4, names=None):
         )
     with open(os.path.join(folder, "table.toml"), "w") as file:
         file.write(TABLE)
-    racket = [*WORDS[:3], str(members), *WORDS[4:-2], str(size), "-o"]
-    kinds = []
-    table = ["run", file.name, "--members", str(members // 4), "--shard-size", str(size / 4), "-o"]
-    pixels = ["map", "sleeping_top", "--resolution", str(int((members / 4) ** 0.5)), "--members"]
-    pixels += ["4", "--shard-size", str(size / 4), "-o"]
-    finer = ["map", "sleeping_top", "--resolution", str(int(members**0.5)), "--members", "4"]
-    finer += ["--adaptive", "-o"]
-    commands = {"racket": racket, "table": table, "map": pixels, "adaptive": finer}
-    for name, command in commands.items() if names is None else ((n, commands[n]) for n in names):
+    known, kinds, lengths = kinds_of(members, size, file.name), [], []
+
+    def study_of(kind, path):
+        """What the study of a run tells, None if its kind has none."""
+        if not kind.study:
+            return None
+        written = os.path.join(folder, "study.nc")
+        assert done(*named(path, kind.study), "-o", written, "--force") == 0
+        return told_by(written)
+
+    for name in names or known:
         whole, again = os.path.join(folder, name), os.path.join(folder, f"{name}-again")
-        assert done(*command, whole + "/") == 0  # compiles
+        assert done(*known[name].words, whole + "/") == 0  # compiles
         began = time.monotonic()
-        assert done(*command, again + "/") == 0
+        assert done(*known[name].words, again + "/") == 0
+        lengths.append(time.monotonic() - began)
         assert sums(again) == sums(whole) and len(sums(whole)) > 5
-        kinds.append((command, time.monotonic() - began, sums(whole)))
+        expected = study_of(known[name], whole)
+        assert study_of(known[name], again) == expected
+        kinds.append((known[name], sums(whole), expected))
     told = {
         "kills": 0,
         "before any shard": 0,
         "runs": 0,
         "runs resumed to the end": 0,
         "sha256 equal": 0,
+        "studies": 0,
+        "studies equal": 0,
         "torn shards seen": 0,
     }
     for i in range(4 * count + 10):  # most of them are killed more than once
         if told["kills"] == count:
             break
-        path, (command, length, expected) = os.path.join(folder, f"run{i}"), kinds[i % len(kinds)]
-        words = [*command, path + "/"]
+        path, which = os.path.join(folder, f"run{i}"), i % len(kinds)
+        kind, expected, study = kinds[which]
+        words = [*kind.words, path + "/"]
         while told["kills"] < count:
-            child = process(*words)
-            child.join(some.uniform(0.2, 1.1) * length)
+            began, child = time.monotonic(), process(*words)
+            child.join(some.uniform(0.2, 1.1) * lengths[which])
             if child.exitcode is not None:
+                if words[0] != "resume":  # less than on a machine that was busy
+                    lengths[which] = min(lengths[which], time.monotonic() - began)
                 break
             child.kill()
             child.join()
@@ -176,6 +242,8 @@ def kills(count, folder, some, members=400_000, size=4, names=None):
             told["runs"] += 1
             told["runs resumed to the end"] += done("resume", path) == 0
             told["sha256 equal"] += sums(path) == expected
+            told["studies"] += study is not None
+            told["studies equal"] += study is not None and study_of(kind, path) == study
         shutil.rmtree(path, ignore_errors=True)
     return told
 

@@ -55,10 +55,10 @@ def frequencies(
 
         count, code = study.TERMS if terms is None else terms, where.allow_code
         does = of_members(
+            where,
             designed=lambda scene: study.designed(scene, of, **run),
             now=lambda scene: study.frequencies(scene, of, count, where.threads, show_done, **run),
             of=lambda result: study.frequencies_of(result, of, count, code),
-            allow_code=code,
         )
         dataset, file = studied(name, where, does, **run)
         shown(dataset, file, where, study.table(dataset), partial(_draw, x=x, y=y))

@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Callable
-from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
@@ -45,23 +44,6 @@ class Study(NamedTuple):
     of: "Callable[[str], xr.Dataset]"
 
 
-def of_members(
-    designed: "Callable[[Scene], Scene]",
-    now: "Callable[[Scene], xr.Dataset]",
-    of: "Callable[[xr.Dataset], xr.Dataset]",
-    allow_code: bool,
-) -> Study:
-    """A study whose run directory has members.
-
-    designed : the scene of these, from a scene;  of : the study of a result
-    """
-    return Study(
-        now,
-        lambda scene, path: _maker(designed(scene), path),
-        lambda path: of(opened(path, allow_code)),
-    )
-
-
 class Where(NamedTuple):
     """How members are computed and where they go, as options.
 
@@ -94,6 +76,43 @@ takes_members = gathering(  # decorates a command that has a parameter `where`
     },
     _where,
 )  # fmt: skip
+
+
+def of_members(
+    where: Where,
+    designed: "Callable[[Scene], Scene]",
+    now: "Callable[[Scene], xr.Dataset]",
+    of: "Callable[[xr.Dataset], xr.Dataset]",
+) -> Study:
+    """A study of members, which tells beforehand what they will cost.
+
+    designed : the scene of these, from a scene;  now : the study of a scene;  of : that of a
+    result, also of one with few of the members
+    """
+
+    def priced(scene: "Scene", folder: str | None = None) -> None:
+        from rigidmc.progress import say
+        from rigidmc.studies.price import price
+
+        say(str(price(scene, of, where.threads, folder)))
+
+    def computed(scene: "Scene") -> "xr.Dataset":
+        priced(designed(scene))
+        return now(scene)
+
+    def maker(scene: "Scene", path: str) -> Any:
+        from rigidmc.runs.create import create
+
+        members = designed(scene)
+
+        def make(size: float, only: range | None, threads: int | None) -> "RunDirectory":
+            directory = create(members, path, size, only, threads)
+            priced(members, path)
+            return directory
+
+        return make
+
+    return Study(computed, maker, lambda path: of(opened(path, where.allow_code)))
 
 
 def studied(name: str, where: Where, study: Study, **new: Any) -> "tuple[xr.Dataset, str | None]":
@@ -134,10 +153,3 @@ def _refuse(given: dict[str, Any]) -> None:
         if value is not None:
             rule = "is for a new study, and the members of this one exist"
             raise OptionError("", f"--{key.replace('_', '-')}", value, rule)
-
-
-def _maker(scene: "Scene", path: str) -> Any:
-    """The function that makes the run directory of a study."""
-    from rigidmc.runs.create import create
-
-    return partial(create, scene, path)

@@ -62,10 +62,10 @@ def section(
 
         threads, code = where.threads, where.allow_code
         does = of_members(
+            where,
             designed=lambda scene: study.designed(scene, at, **run),
             now=lambda scene: study.section(scene, at, way, threads, show_done, **run),
             of=lambda result: study.section_of(result, at, way, threads, code),
-            allow_code=code,
         )
         dataset, file = studied(name, where, does, **run)
         shown(dataset, file, where, study.table(dataset), partial(_draw, x=x, y=y))

@@ -53,12 +53,12 @@ def sensitivity(
         threads, code = where.threads, where.allow_code
         count = study.FAMILIES if families is None else families
         does = of_members(
+            where,
             designed=lambda scene: study.designed(scene, of, count, **run)[0],
             now=lambda scene: study.sensitivity(
                 scene, of, count, threads, progress=show_done, **run
             ),
             of=lambda result: study.sensitivity_of(result, of, allow_code=code),
-            allow_code=code,
         )
         dataset, file = studied(name, where, does, families=families, **run)
         shown(dataset, file, where, study.table(dataset), _draw)

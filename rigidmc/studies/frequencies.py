@@ -1,6 +1,6 @@
 """Frequency analysis: the fundamental frequencies of members, and how far they wander."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.optimize import elementwise
 
 from rigidmc.errors import OptionError, nearest
+from rigidmc.progress import Progress
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.studies.chunks import chunks, pieces, saves_of
 from rigidmc.studies.components import component_of
@@ -26,7 +27,7 @@ def frequencies(
     of: str,
     terms: int = TERMS,
     threads: int | None = None,
-    progress: Callable[[int, int], object] | None = None,
+    progress: Progress = None,
     **settings: Any,
 ) -> xr.Dataset:
     """Tell of which frequencies the motion of each member is made.
@@ -50,8 +51,9 @@ def frequencies(
         how many oscillations
     threads : int, optional
         as of `simulate`
-    progress : callable, optional
-        a function of (members done, all)
+    progress : bool or callable, optional
+        True for what the study will cost, told before the first member, and a bar; or a function
+        of (members done, all)
     **settings : object
         of `simulate`; saves have to be less than half a period apart
 
@@ -79,7 +81,12 @@ def frequencies(
     [1.6]
     """
     scene = designed(scene, of, **settings)
-    return _joined(scene, of, terms, chunks(scene, _size(saves_of(scene)), threads, progress))
+
+    def joined(parts: Iterable[xr.Dataset]) -> xr.Dataset:
+        return _joined(scene, of, terms, parts)
+
+    size = _size(saves_of(scene))
+    return joined(chunks(scene, size, threads, progress, lambda part: joined([part])))
 
 
 def designed(scene: Scene, of: str, **settings: Any) -> Scene:

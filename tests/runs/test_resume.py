@@ -192,6 +192,17 @@ def test_some_kills(tmp_path):
 
 
 @LINUX
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["sensitivity", "section", "frequencies"])
+def test_twenty_kills_of_a_study(kind, tmp_path):
+    """As `python tests/torture.py --kills 20 --kinds section`."""
+    told = torture.kills(20, str(tmp_path), random.Random(9), names=[kind])
+    assert told["kills"] == 20 and told["torn shards seen"] == 0
+    assert told["sha256 equal"] == told["runs resumed to the end"] == told["runs"] >= 1
+    assert told["studies equal"] == told["studies"] == told["runs"]
+
+
+@LINUX
 def test_a_fault_of_every_kind(tmp_path):
     """As `python tests/torture.py --faults all`."""
     told = torture.faults(1, str(tmp_path), random.Random(6))

@@ -5,6 +5,7 @@ import pytest
 from scipy import stats
 
 import rigidmc as rm
+from bench.coverage import INTERVALS, shares
 from rigidmc.studies import intervals as statistics
 from rigidmc.studies.intervals import mean, probability, quantile
 
@@ -61,6 +62,14 @@ def test_means_cover():
         0.95, 59, *stats.norm.fit(np.arange(60.0))[:1], scale=stats.sem(np.arange(60.0))
     )
     assert mean(np.arange(60.0))[1:] == pytest.approx(theirs, rel=1e-13)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", INTERVALS)
+def test_intervals_cover(name):
+    """As `python -m bench coverage`: 93 to 97 %, over 1,000 repeated studies or more."""
+    found = shares(name)
+    assert found.min() >= 0.93 and found.max() <= 0.97  # measured 0.937 to 0.957
 
 
 @pytest.mark.parametrize("q", [0.1, 0.5, 0.99])

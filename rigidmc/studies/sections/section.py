@@ -1,7 +1,7 @@
 """Poincare sections: the states of members where a quantity passes a value, or once in a period."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, nearest
 from rigidmc.observables.protocol import DIMENSIONS
+from rigidmc.progress import Progress
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.studies.chunks import chunks, pieces, saves_of
 from rigidmc.studies.components import of_the_state
@@ -25,7 +26,7 @@ def section(
     at: str,
     way: str = "rises",
     threads: int | None = None,
-    progress: Callable[[int, int], object] | None = None,
+    progress: Progress = None,
     **settings: Any,
 ) -> xr.Dataset:
     """Tell the states of the members wherever a quantity passes a value: a Poincare section.
@@ -46,8 +47,9 @@ def section(
         whether the quantity "rises" there, "falls", or "both"
     threads : int, optional
         as of `simulate`
-    progress : callable, optional
-        a function of (members done, all)
+    progress : bool or callable, optional
+        True for what the study will cost, told before the first member, and a bar; or a function
+        of (members done, all)
     **settings : object
         of `simulate`; `every` is the time between two looks for a crossing, by default one step
 
@@ -74,9 +76,12 @@ def section(
     [10.858161105, 10.858161105, 10.858161105]
     """
     scene = designed(scene, at, **settings)
-    return _joined(
-        scene, at, way, chunks(scene, _size(saves_of(scene)), threads, progress), threads
-    )
+
+    def joined(parts: Iterable[xr.Dataset]) -> xr.Dataset:
+        return _joined(scene, at, way, parts, threads)
+
+    size = _size(saves_of(scene))
+    return joined(chunks(scene, size, threads, progress, lambda part: joined([part])))
 
 
 def designed(scene: Scene, at: str, **settings: Any) -> Scene:
@@ -131,7 +136,7 @@ def _saving(scene: Scene, *more: str, **settings: Any) -> Scene:
 
 
 def _joined(
-    scene: Scene, at: str, way: str, parts: Iterator[xr.Dataset], threads: int | None
+    scene: Scene, at: str, way: str, parts: Iterable[xr.Dataset], threads: int | None
 ) -> xr.Dataset:
     """The points of some results, one after the other."""
     found, flagged, attrs = [], 0, dict[str, Any]()

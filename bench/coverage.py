@@ -1,0 +1,161 @@
+"""How often intervals of 95 % cover the truth, over repeated studies whose truth is known.
+
+A new interval is one entry of INTERVALS.
+"""
+
+from functools import partial
+
+import numpy as np
+from scipy import stats
+
+import rigidmc as rm
+from bench import harness
+from rigidmc.scene.points import Saltelli
+from rigidmc.studies import intervals
+from rigidmc.studies.sensitivity import indices
+
+FEW = 50  # studies of a quick run
+
+# Ishigami's function with a = 7, b = 0.1; Ishigami & Homma, ISUMA (1990) 398
+GROUP = {("x", 0, i): i for i in range(3)}
+PARTS = np.array([0.5 * (1.0 + 0.1 * np.pi**4 / 5.0) ** 2, 49.0 / 8.0, 0.0])
+BOTH = 0.01 * np.pi**8 * (1.0 / 18.0 - 1.0 / 50.0)  # of x_1 and x_3 together
+FIRST = PARTS / (PARTS.sum() + BOTH)
+TOTAL = (PARTS + BOTH * np.array([1.0, 0.0, 1.0])) / (PARTS.sum() + BOTH)
+
+# the mean spin of this disc over 2 s is omega + N/2
+TORQUE = rm.BodyTorque((0.0, 0.0, rm.normal(0.0, 0.4)))
+START = rm.Start(omega=(0.0, 0.0, rm.normal(1.0, 0.6)))
+LINEAR = rm.Scene(rm.Body((1.0, 1.0, 2.0)), TORQUE, START).with_run(
+    integrator="rk4", t_end=2.0, dt=0.1
+)
+SHARES = np.array([0.1, 0.9])  # of torque and spin, of a variance of 0.4
+FAST = 1.0 + 0.4**0.5 * stats.norm.isf(0.1)  # one disc in ten has more spin [rad/s]
+
+
+def ishigami(seed, families):
+    """The values (families, 5) of Ishigami's function on the points of a sensitivity study."""
+    words = Saltelli(seed, GROUP).words("x", 0, 5 * families, 0, (0, 1, 2))[:3]
+    x = np.pi * (2.0 * words - 1.0)
+    y = np.sin(x[0]) + 7.0 * np.sin(x[1]) ** 2 + 0.1 * x[2] ** 4 * np.sin(x[0])
+    return y.reshape(families, 5)
+
+
+def inside(found, truth):
+    """1 for each interval that has its truth, else 0."""
+    return ((found.low <= truth) & (truth <= found.high)).astype(int)
+
+
+def of_ishigami(families, studies):
+    """(how many intervals of first_1, _2, _3, total_1, _2, _3 have the truth, studies)."""
+    covered = 0
+    for seed in range(studies):
+        first, total = indices(ishigami(seed, families))
+        covered += np.concatenate([inside(first, FIRST), inside(total, TOTAL)])
+    return covered, studies
+
+
+def of_a_top(text, first, total, families, studies):
+    """The same for a measure of discs that are linear in Gaussian numbers, which are run."""
+    covered, ends = np.zeros((2, len(first)), int), ("", "_low", "_high")
+    for seed in range(studies):
+        found = rm.sensitivity(LINEAR.with_run(seed=seed), text, families, threads=1).isel(
+            measure=0
+        )
+        for i, (name, truth) in enumerate((("first", first), ("total", total))):
+            one = intervals.Interval(*(found[f"{name}{end}"].values for end in ends))
+            covered[i] += inside(one, truth)
+    return covered.ravel(), studies
+
+
+def of_fast_tops():
+    """(first, total): the exact indices of whether a disc is one of the fastest tenth.
+
+    P(both of two discs that share the number k) is that of two normals with correlation share_k.
+    """
+    z = stats.norm.isf(0.1)
+    pairs = [stats.multivariate_normal([0.0, 0.0], [[1.0, r], [r, 1.0]]) for r in SHARES]
+    both = np.array([pair.cdf([-z, -z]) for pair in pairs])
+    first = (both - 0.01) / 0.09
+    return first, 1.0 - first[::-1]
+
+
+def of_probability(p, trials, studies):
+    """The same for Wilson's interval."""
+    k = np.random.default_rng(1).binomial(trials, p, studies)
+    return inside(intervals.probability(k, trials), p).sum(), studies
+
+
+def of_mean(studies):
+    """The same for Student's interval, of 60 values of a skew law."""
+    x = np.random.default_rng(2).gamma(4.0, size=(studies, 60))
+    return inside(intervals.mean(x), 4.0).sum(), studies
+
+
+def of_median(studies):
+    """The same for the median of 300 values of a skew law."""
+    x = np.random.default_rng(3).exponential(size=(studies, 300))
+    return inside(intervals.quantiles(x, 0.5), np.log(2.0)).sum(), studies
+
+
+def of_correlation(r, studies):
+    """The same for Fisher's interval, of 60 pairs."""
+    x, y = np.random.default_rng(4).normal(size=(2, studies, 60))
+    return inside(intervals.correlation(x, r * x + (1.0 - r * r) ** 0.5 * y), r).sum(), studies
+
+
+MEAN, FASTEST = "mean(omega_mean[3])", f"p(omega_mean[3] > {FAST})"
+# {what: (function of a number of studies, which returns (how many intervals cover, studies), and
+# that number)}. How many cover may be an array, for several intervals of each study.
+INTERVALS = {
+    "Sobol indices, Ishigami, 1,024 families": (partial(of_ishigami, 1024), 1000),
+    "Sobol indices, Ishigami, 512 families": (partial(of_ishigami, 512), 2000),
+    "Sobol indices, linear top, 1,024 families": (
+        partial(of_a_top, MEAN, SHARES, SHARES, 1024), 1000),
+    "Sobol indices, linear top, 512 families": (
+        partial(of_a_top, MEAN, SHARES, SHARES, 512), 2000),
+    "Sobol indices, fastest tenth, 1,024 families": (
+        partial(of_a_top, FASTEST, *of_fast_tops(), 1024), 1000),
+    "probability 0.1 of 400 (Wilson)": (partial(of_probability, 0.1, 400), 10_000),
+    "probability 0.5 of 400 (Wilson)": (partial(of_probability, 0.5, 400), 10_000),
+    "mean of 60 (Student)": (of_mean, 10_000),
+    "median of 300 (ranks)": (of_median, 2000),
+    "correlation 0.6 of 60 pairs (Fisher)": (partial(of_correlation, 0.6), 10_000),
+}  # fmt: skip
+
+
+def shares(name, studies=None):
+    """The shares of the intervals of an entry that cover the truth, an array."""
+    function, count = INTERVALS[name]
+    covered, studies = function(studies or count)
+    return np.atleast_1d(covered) / studies
+
+
+def run(quick):
+    """All rows of the bench."""
+    rows = []
+    for name, (_, count) in INTERVALS.items():
+        found = shares(name, FEW if quick else count)
+        row = {"kind": "coverage", "what": name, "studies": FEW if quick else count}
+        rows.append({**row, "covered": found.tolist()})
+    return rows + [
+        harness.target(
+            f"{row['what']}: farthest from 95 %",
+            2.0,
+            100.0 * max(abs(share - 0.95) for share in row["covered"]),
+            "points",
+            at_most=True,
+        )
+        for row in rows
+    ]
+
+
+def report(rows):
+    """Print the tables."""
+    cells = [
+        (r["what"], f"{r['studies']:,}", ", ".join(f"{100 * share:.1f}" for share in r["covered"]))
+        for r in rows
+        if r["kind"] == "coverage"
+    ]
+    harness.table("intervals of 95 %", ["intervals", "studies", "covered [%]"], cells)
+    harness.report_targets(rows)
