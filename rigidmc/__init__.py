@@ -31,6 +31,7 @@ _HOMES = {
     "stability_map": "studies.maps.stability_map",
     "open_map": "studies.maps.stored",
     "zoom_map": "studies.maps.zoom",
+    "basins": "studies.basins",
     "frequencies": "studies.frequencies",
     "section": "studies.sections.section",
     "sensitivity": "studies.sensitivity",
@@ -93,6 +94,7 @@ if TYPE_CHECKING:  # the same names for type checkers and editors
     from rigidmc.scene.settings import Run as Run
     from rigidmc.scene.start import Start as Start
     from rigidmc.studies.accuracy import accuracy as accuracy
+    from rigidmc.studies.basins import basins as basins
     from rigidmc.studies.frequencies import frequencies as frequencies
     from rigidmc.studies.maps.stability_map import stability_map as stability_map
     from rigidmc.studies.maps.stored import open_map as open_map

@@ -6,6 +6,7 @@ from typing import Any
 
 from rigidmc.cli import (  # noqa: F401
     accuracy,
+    basins,
     body,
     directories,
     doctor,

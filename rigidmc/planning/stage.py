@@ -26,7 +26,16 @@ from rigidmc.planning.rates import Array, own_steps, physics, rates
 from rigidmc.scene.laws.directions import uniform_attitudes
 from rigidmc.scene.laws.protocol import Ensemble, Facts, Law
 from rigidmc.scene.limits import PILOT
-from rigidmc.scene.points import Antithetic, Dimension, Points, Recorder, Saltelli, points
+from rigidmc.scene.points import (
+    DESIGNS,
+    Antithetic,
+    Dimension,
+    Neighbours,
+    Points,
+    Recorder,
+    Saltelli,
+    points,
+)
 from rigidmc.scene.quantities import draw
 from rigidmc.scene.scene import Scene
 
@@ -36,7 +45,7 @@ APART = 256  # members that are staged for nothing take less time than another c
 RANGE = 2**14  # members staged at once at most: 8 MB
 
 Start = dict[str, Array]  # what members were made from, by the names of the result
-Source = int | Antithetic | Saltelli | Points | Recorder  # what members are drawn from
+Source = int | Antithetic | Saltelli | Neighbours | Points | Recorder  # what members are drawn from
 
 
 def stage(
@@ -110,7 +119,7 @@ def first_members(scene: Scene, count: int, carried: bool) -> Members:
 
 
 _known: WeakKeyDictionary[Scene, Members] = WeakKeyDictionary()
-_sources: WeakKeyDictionary[Scene, Points | Saltelli] = WeakKeyDictionary()
+_sources: WeakKeyDictionary[Scene, Points | Saltelli | Neighbours] = WeakKeyDictionary()
 
 
 def source(scene: Scene) -> Source:
@@ -122,8 +131,8 @@ def source(scene: Scene) -> Source:
         return Antithetic(run.seed)
     if scene not in _sources:
         strata = run.strata or run.first + run.members
-        if run.points == "saltelli":
-            _sources[scene] = Saltelli(run.seed, groups(scene)[1])
+        if run.points in DESIGNS:
+            _sources[scene] = DESIGNS[run.points](run.seed, groups(scene)[1])
         else:
             _sources[scene] = points(run.seed, run.points, drawn(scene), strata)
     return _sources[scene]

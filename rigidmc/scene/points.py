@@ -1,5 +1,6 @@
 """Points that fill a cube more evenly than independent ones: scrambled Sobol sequences and Latin
-hypercubes of scipy.stats.qmc, and antithetic pairs; and the design of a sensitivity study.
+hypercubes of scipy.stats.qmc, and antithetic pairs; and the designs of studies, whose members come
+in families.
 
 They stand in place of the seed where members are drawn. Each number that a member draws is one
 dimension, in the order in which the numbers are drawn. Member i has point i, so that its numbers
@@ -24,6 +25,9 @@ Dimension = tuple[str, int, int]  # name of the random stream, draw, word
 # bits of a Sobol point, hence 2^30 points (scipy 1.17 cannot skip ahead with more than 32 bits);
 # half a step is added, so that no number is 0
 BITS = 30
+
+# of neighbours, in probability: the last is 6e-8, of which a number of float64 has eight digits
+DISTANCES = tuple(0.25**k for k in range(1, 13))
 
 
 class Recorder:
@@ -75,6 +79,40 @@ class Saltelli:
             second = (place == 1) | (place == 2 + self.group[name, draw, i])
             words[i] = pairs[i, 2 * (family - low) + second]
         return words
+
+
+class Neighbours:
+    """Families of a member and its neighbours at each of DISTANCES, for d numbers or groups.
+
+    The first member of a family draws independent numbers u of a seed; the others have those, but
+    in group `family % d` u + distance, or u - distance where the sum is not below 1. Distances are
+    those of probabilities: of a uniform law they are shares of its range.
+
+    group : {dimension: number of its group, from 0 on}
+    """
+
+    size = 1 + len(DISTANCES)
+
+    def __init__(self, seed: int, group: Mapping[Dimension, int]) -> None:
+        self.seed, self.group, self.groups = seed, group, len(set(group.values()))
+
+    def words(self, name: str, first: int, count: int, draw: int, used: Sequence[int]) -> Array:
+        member = np.arange(first, first + count)
+        family, place = member // self.size, member % self.size
+        low, high = int(family[0]), int(family[-1]) + 1
+        own = uniforms(self.seed, name, low, high - low, draw)[:, family - low]
+        distance, words = np.array((0.0, *DISTANCES))[place], np.full((4, count), 0.5)
+        for i in used:
+            moved = self.group[name, draw, i] == family % self.groups
+            near = np.where(own[i] + distance < 1.0, own[i] + distance, own[i] - distance)
+            words[i] = np.where(moved, near, own[i])
+        return words
+
+
+DESIGNS: dict[str, type[Saltelli] | type[Neighbours]] = {
+    "saltelli": Saltelli,
+    "neighbours": Neighbours,
+}
 
 
 class Points:

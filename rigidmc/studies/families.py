@@ -1,0 +1,52 @@
+"""Members that come in families, by a design of `rigidmc.scene.points`."""
+
+from collections.abc import Sequence
+from typing import Any, cast
+
+import xarray as xr
+
+from rigidmc.errors import OptionError
+from rigidmc.observables import OBSERVABLES
+from rigidmc.planning.stage import source
+from rigidmc.scene.amounts import counted
+from rigidmc.scene.points import Neighbours, Saltelli
+from rigidmc.scene.scene import Scene, scene_of
+from rigidmc.storage.schema import member_variables
+from rigidmc.studies.measures import observing
+
+Asked = tuple[Scene, tuple[str, ...], dict[str, tuple[str, ...]]]  # scene, texts, {name: dims}
+
+
+def size(scene: Scene) -> int:
+    """How many members a family of a scene has."""
+    return cast(Saltelli | Neighbours, source(scene)).size
+
+
+def made(
+    scene: Scene, of: str | Sequence[str], points: str, families: int, **settings: Any
+) -> Asked:
+    """What measures ask of a scene with so many families, all of them drawn by a design.
+
+    points : the name of the design;  settings : of the run
+    """
+    texts = (of,) if isinstance(of, str) else tuple(of)
+    scene = observing(scene.with_run(**settings, points=points), texts)
+    save = tuple(name for name in scene.run.save if name not in OBSERVABLES)
+    count = counted(families, "families") * size(scene)
+    scene = scene.with_run(save=save, members=count, first=0)
+    return scene, texts, {name: v.dims for name, v in member_variables(scene, False).items()}
+
+
+def stored(
+    result: xr.Dataset, of: str | Sequence[str], points: str, study: str, allow_code: bool
+) -> Asked:
+    """What measures ask of a result; OptionError unless it is of members of a design.
+
+    points : the name of the design;  study : what it is for
+    """
+    scene = scene_of(result, allow_code=allow_code)
+    if scene.run.points != points:
+        rule = f'a study of {study} needs members drawn with [run] points = "{points}"'
+        raise OptionError("run", "points", scene.run.points, rule)
+    texts = (of,) if isinstance(of, str) else tuple(of)
+    return scene, texts, {str(n): tuple(map(str, v.dims)) for n, v in result.data_vars.items()}
