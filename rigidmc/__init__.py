@@ -33,6 +33,7 @@ _HOMES = {
     "zoom_map": "studies.maps.zoom",
     "basins": "studies.basins",
     "frequencies": "studies.frequencies",
+    "ftle": "studies.ftle",
     "section": "studies.sections.section",
     "sensitivity": "studies.sensitivity",
     "simulate_until": "studies.until",
@@ -96,6 +97,7 @@ if TYPE_CHECKING:  # the same names for type checkers and editors
     from rigidmc.studies.accuracy import accuracy as accuracy
     from rigidmc.studies.basins import basins as basins
     from rigidmc.studies.frequencies import frequencies as frequencies
+    from rigidmc.studies.ftle import ftle as ftle
     from rigidmc.studies.maps.stability_map import stability_map as stability_map
     from rigidmc.studies.maps.stored import open_map as open_map
     from rigidmc.studies.maps.zoom import zoom_map as zoom_map

@@ -11,6 +11,7 @@ from rigidmc.cli import (  # noqa: F401
     directories,
     doctor,
     frequencies,
+    ftle,
     maps,
     new,
     results,

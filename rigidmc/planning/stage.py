@@ -29,11 +29,10 @@ from rigidmc.scene.limits import PILOT
 from rigidmc.scene.points import (
     DESIGNS,
     Antithetic,
+    Design,
     Dimension,
-    Neighbours,
     Points,
     Recorder,
-    Saltelli,
     points,
 )
 from rigidmc.scene.quantities import draw
@@ -45,7 +44,7 @@ APART = 256  # members that are staged for nothing take less time than another c
 RANGE = 2**14  # members staged at once at most: 8 MB
 
 Start = dict[str, Array]  # what members were made from, by the names of the result
-Source = int | Antithetic | Saltelli | Neighbours | Points | Recorder  # what members are drawn from
+Source = int | Antithetic | Design | Points | Recorder  # what members are drawn from
 
 
 def stage(
@@ -119,7 +118,7 @@ def first_members(scene: Scene, count: int, carried: bool) -> Members:
 
 
 _known: WeakKeyDictionary[Scene, Members] = WeakKeyDictionary()
-_sources: WeakKeyDictionary[Scene, Points | Saltelli | Neighbours] = WeakKeyDictionary()
+_sources: WeakKeyDictionary[Scene, Points | Design] = WeakKeyDictionary()
 
 
 def source(scene: Scene) -> Source:

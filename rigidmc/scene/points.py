@@ -10,7 +10,7 @@ are a function of (seed, scene, i) alone; in a Latin hypercube also of the numbe
 import inspect
 import threading
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -28,6 +28,10 @@ BITS = 30
 
 # of neighbours, in probability: the last is 6e-8, of which a number of float64 has eight digits
 DISTANCES = tuple(0.25**k for k in range(1, 13))
+
+# of tangents, in probability: rounding of a thousand steps is 1e-5 of it, and what grows by a
+# million is still small
+NEAREST = 0.5**28
 
 
 class Recorder:
@@ -109,12 +113,6 @@ class Neighbours:
         return words
 
 
-DESIGNS: dict[str, type[Saltelli] | type[Neighbours]] = {
-    "saltelli": Saltelli,
-    "neighbours": Neighbours,
-}
-
-
 class Points:
     """The points of an ensemble.
 
@@ -181,9 +179,40 @@ def _engine(name: str, dimensions: int, rng: np.random.Generator, **options: Any
     return kind(dimensions, **{key: rng}, **options)
 
 
+class Tangents:
+    """Families of a member and a neighbour at NEAREST along each of the d numbers.
+
+    The first member of a family has a Sobol point u; member 1 + k has those numbers, but number k
+    has u + NEAREST, or u - NEAREST where u is not below 0.5.
+
+    group : {dimension: anything}
+    """
+
+    def __init__(self, seed: int, group: Mapping[Dimension, int]) -> None:
+        self.base, self.size = points(seed, "sobol", tuple(group)), 1 + len(group)
+
+    def words(self, name: str, first: int, count: int, draw: int, used: Sequence[int]) -> Array:
+        member = np.arange(first, first + count)
+        family, place = member // self.size, member % self.size
+        low, high = int(family[0]), int(family[-1]) + 1
+        words = self.base.words(name, low, high - low, draw, used)[:, family - low]
+        for i in used:
+            moved = place == 1 + self.base.place[name, draw, i]
+            words[i] += np.where(moved, np.where(words[i] < 0.5, NEAREST, -NEAREST), 0.0)
+        return words
+
+
 @lru_cache(maxsize=8)
 def points(
     seed: int, kind: str, dimensions: tuple[Dimension, ...], strata: int | None = None
 ) -> Points:
     """The Points with these properties, computed once."""
     return Points(seed, kind, dimensions, strata)
+
+
+Design = Saltelli | Neighbours | Tangents
+DESIGNS: dict[str, Callable[[int, Mapping[Dimension, int]], Design]] = {
+    "saltelli": Saltelli,
+    "neighbours": Neighbours,
+    "tangents": Tangents,
+}

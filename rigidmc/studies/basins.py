@@ -9,14 +9,12 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from rigidmc.effects import labelled
-from rigidmc.effects.protocol import is_random
-from rigidmc.errors import OptionError, SceneError
+from rigidmc.errors import OptionError
 from rigidmc.planning.stage import groups
 from rigidmc.scene.points import DISTANCES, Neighbours
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.chunks import chunks, pieces
-from rigidmc.studies.families import made, stored
+from rigidmc.studies.families import made, refuse_noise, started, stored
 from rigidmc.studies.intervals import Interval, probability
 from rigidmc.studies.measures import Measure, measure
 
@@ -24,7 +22,6 @@ Array = NDArray[np.float64]
 FAMILIES = 4096
 CHUNK = 2**17  # members at once
 LEAST = 10  # uncertain families that make a share worth a place in the fit
-ANGLES = {"phi": 0, "theta": 1, "psi": 2}
 
 
 def basins(
@@ -102,10 +99,7 @@ def designed(
     scene: Scene, of: str | Sequence[str], families: int, **settings: Any
 ) -> tuple[Scene, list[Measure]]:
     """(the scene whose members are those of a study, its measures); arguments as `basins`."""
-    for label, effect in labelled(scene.effects):
-        if is_random(effect):
-            rule = "noise ends neighbours anywhere: basins are those of a scene without"
-            raise SceneError("effects", label, None, rule)
+    refuse_noise(scene)
     scene, texts, variables = made(scene, of, "neighbours", families, **settings)
     return scene, [_share_of(text, variables) for text in texts]
 
@@ -200,20 +194,6 @@ def _ends(part: xr.Dataset, asked: Sequence[Measure]) -> Array:
     return found
 
 
-def _started(part: xr.Dataset, name: str) -> tuple[Array, str]:
-    """(a number of the start of members (n,), its units); nan for a law of several numbers."""
-    table, first, *rest = name.split(".")
-    key = first if table == "body" else f"start_{first}"
-    if table == "effects":
-        key = f"{first}_{rest.pop(0)}"
-    variable = part.get("start_euler" if key == "start_attitude" else key)
-    if variable is None or (variable.ndim > 1) != bool(rest):
-        return np.full(part.sizes["member"], np.nan), "1"
-    values = variable.transpose(..., "member").values.reshape(-1, part.sizes["member"])
-    row = ANGLES.get(rest[0]) if rest else 0
-    return values[int(rest[0]) - 1 if row is None else row], variable.attrs["units"]
-
-
 def _dataset(
     scene: Scene, asked: Sequence[Measure], parts: Iterable[xr.Dataset], confidence: float
 ) -> xr.Dataset:
@@ -228,7 +208,7 @@ def _dataset(
         ends[member] = _ends(part, asked)
         own = member % size == 0
         for i, name in enumerate(names):
-            values, units[i] = _started(part, name)
+            values, units[i] = started(part, name)
             start[member[own] // size, i] = values[own]
     families = ends.reshape(count, size)
     there = np.isfinite(families).all(axis=1)

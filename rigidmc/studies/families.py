@@ -3,23 +3,29 @@
 from collections.abc import Sequence
 from typing import Any, cast
 
+import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
-from rigidmc.errors import OptionError
+from rigidmc.effects import labelled
+from rigidmc.effects.protocol import is_random
+from rigidmc.errors import OptionError, SceneError
 from rigidmc.observables import OBSERVABLES
 from rigidmc.planning.stage import source
 from rigidmc.scene.amounts import counted
-from rigidmc.scene.points import Neighbours, Saltelli
+from rigidmc.scene.points import Design
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.storage.schema import member_variables
 from rigidmc.studies.measures import observing
 
+Array = NDArray[np.float64]
 Asked = tuple[Scene, tuple[str, ...], dict[str, tuple[str, ...]]]  # scene, texts, {name: dims}
+_ANGLES = {"phi": 0, "theta": 1, "psi": 2}
 
 
 def size(scene: Scene) -> int:
     """How many members a family of a scene has."""
-    return cast(Saltelli | Neighbours, source(scene)).size
+    return cast(Design, source(scene)).size
 
 
 def made(
@@ -50,3 +56,25 @@ def stored(
         raise OptionError("run", "points", scene.run.points, rule)
     texts = (of,) if isinstance(of, str) else tuple(of)
     return scene, texts, {str(n): tuple(map(str, v.dims)) for n, v in result.data_vars.items()}
+
+
+def refuse_noise(scene: Scene) -> None:
+    """SceneError for random effects, which take neighbours anywhere."""
+    for label, effect in labelled(scene.effects):
+        if is_random(effect):
+            rule = "noise takes neighbours anywhere: this is a study of scenes without"
+            raise SceneError("effects", label, None, rule)
+
+
+def started(part: xr.Dataset, name: str) -> tuple[Array, str]:
+    """(a number of the start of members (n,), its units); nan for a law of several numbers."""
+    table, first, *rest = name.split(".")
+    key = first if table == "body" else f"start_{first}"
+    if table == "effects":
+        key = f"{first}_{rest.pop(0)}"
+    variable = part.get("start_euler" if key == "start_attitude" else key)
+    if variable is None or (variable.ndim > 1) != bool(rest):
+        return np.full(part.sizes["member"], np.nan), "1"
+    values = variable.transpose(..., "member").values.reshape(-1, part.sizes["member"])
+    row = _ANGLES.get(rest[0]) if rest else 0
+    return values[int(rest[0]) - 1 if row is None else row], variable.attrs["units"]

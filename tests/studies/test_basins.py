@@ -119,7 +119,7 @@ def test_what_is_no_study_of_basins_is_refused():
     with pytest.raises(OptionError, match="neighbours"):
         basins_of(rm.simulate(PLANE, members=4, save=("omega_last",)), UP)
     noisy = rm.Scene(PLANE.body, rm.Bath(1.0, 0.1), START)
-    with pytest.raises(SceneError, match="bath: noise ends neighbours anywhere"):
+    with pytest.raises(SceneError, match="bath: noise takes neighbours anywhere"):
         rm.basins(noisy, UP, 10)
     fixed = rm.Scene(PLANE.body, start=rm.Start(omega=(0.0, 0.0, 1.0)))
     with pytest.raises(SceneError, match="nothing in the scene is drawn"):
