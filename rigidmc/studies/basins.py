@@ -130,8 +130,9 @@ def exponent(uncertain: NDArray[np.bool_], largest: float, confidence: float = 0
     The interval is that of the shares to first order in their errors, which are not independent:
     those of all distances are of the same families.
     """
-    count, share = uncertain.shape[1], uncertain.mean(axis=1)
-    if count == 0 or (_weights(share, count, largest) > 0.0).sum() < 3:
+    count = uncertain.shape[1]
+    share = uncertain.sum(axis=1) / max(1, count)
+    if (_weights(share, count, largest) > 0.0).sum() < 3:
         return Interval(math.nan, math.nan, math.nan)
     value, step = _slope(share, count, largest), 1e-6
     slopes = [

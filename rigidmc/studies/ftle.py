@@ -196,8 +196,8 @@ def table(study: xr.Dataset) -> list[str]:
     """The study in lines of text."""
     a, good = study.attrs, study.ftle.values[np.isfinite(study.ftle.values)]
     lines = [
-        f"{a['title']}: {good.size:,} starts, each with {a['numbers']} neighbours, to"
-        f" t = {a['t_end']:g} s; angular velocities times {a['unit']:.4g} s"
+        f"{a['title']}: {good.size:,} starts, each with a neighbour for each of its numbers"
+        f" ({a['numbers']}), to t = {a['t_end']:g} s; angular velocities times {a['unit']:.4g} s"
     ]
     if good.size:
         ends = np.quantile(good, [0.0, 0.05, 0.5, 0.95, 1.0])

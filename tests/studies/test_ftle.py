@@ -115,7 +115,9 @@ def test_the_ridge_of_a_pendulum_is_the_way_to_the_upright(tmp_path):
     resume(tmp_path / "run")
     again = ftle_of(rm.open(tmp_path / "run"), 1.0)
     assert again.ftle.equals(whole.ftle) and again.start.equals(whole.start)
-    assert "8,000 starts, each with 2 neighbours" in "\n".join(table(again))
+    assert "8,000 starts, each with a neighbour for each of its numbers (2)" in "\n".join(
+        table(again)
+    )
     axes = ftle_field(again).axes[0]
     assert axes.get_xlabel() == "start.attitude.theta [rad]"
     assert axes.get_ylabel() == "start.omega.1 [rad s-1]"
@@ -160,6 +162,9 @@ def test_what_has_no_tangents_is_refused():
         ftle_of(rm.simulate(PENDULUM, members=4, save=("omega_last",)))
     with pytest.raises(OptionError, match="unit"):
         rm.ftle(PENDULUM, 4, unit=-1.0)
+    grid = rm.Start(omega=(rm.uniform(0.0, 1.0), 0.0, rm.grid(0.0, 1.0, 4)))
+    with pytest.raises(SceneError, match="laws in place of grids"):
+        rm.ftle(rm.Scene(PENDULUM.body, start=grid), 4, t_end=1.0)
     heavy = rm.Scene(PENDULUM.body, rm.Gravity(rm.uniform(1.0, 2.0)), START)
     with pytest.raises(SceneError, match=r"effects.gravity.g: is uncertain"):
         rm.ftle(heavy, 4, t_end=1.0)
