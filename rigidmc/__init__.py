@@ -31,7 +31,9 @@ _HOMES = {
     "stability_map": "studies.maps.stability_map",
     "open_map": "studies.maps.stored",
     "zoom_map": "studies.maps.zoom",
+    "basins": "studies.basins",
     "frequencies": "studies.frequencies",
+    "ftle": "studies.ftle",
     "rare": "studies.rare.rare",
     "section": "studies.sections.section",
     "sensitivity": "studies.sensitivity",
@@ -94,7 +96,9 @@ if TYPE_CHECKING:  # the same names for type checkers and editors
     from rigidmc.scene.settings import Run as Run
     from rigidmc.scene.start import Start as Start
     from rigidmc.studies.accuracy import accuracy as accuracy
+    from rigidmc.studies.basins import basins as basins
     from rigidmc.studies.frequencies import frequencies as frequencies
+    from rigidmc.studies.ftle import ftle as ftle
     from rigidmc.studies.maps.stability_map import stability_map as stability_map
     from rigidmc.studies.maps.stored import open_map as open_map
     from rigidmc.studies.maps.zoom import zoom_map as zoom_map

@@ -6,10 +6,12 @@ from typing import Any
 
 from rigidmc.cli import (  # noqa: F401
     accuracy,
+    basins,
     body,
     directories,
     doctor,
     frequencies,
+    ftle,
     maps,
     new,
     rare,

@@ -6,8 +6,8 @@ OBSERVABLES          recorded at save times; a class with `value`
 WITH_TABLE           recorded at save times, with numbers from a table [observables.NAME]
 WATCHED              over all steps, one result per member: events (`level`), running observables
                      (`begin` and `update`), `megno`; over all members at save times: `histogram`
-WATCHED_STATISTICS   omega_min, omega_max, omega_mean, omega_variance and so on: of each of
-                     OBSERVABLES that asks for neither start nor works
+WATCHED_STATISTICS   omega_min, omega_max, omega_mean, omega_variance, omega_last and so on: of each
+                     of OBSERVABLES that asks for neither start nor works
 
 A scene may have observables of the user's own, "given" below: their words are names beside these.
 """

@@ -2,7 +2,7 @@
 
 full       omega(time, axis, member), every save
 thinned    omega_thinned(thinned_time, ...), every `thin`-th save, and the last
-summary    omega_min, omega_max, omega_mean, omega_variance, see `rigidmc.observables.running`
+summary    omega_min, omega_max, omega_mean and so on, see `rigidmc.observables.running`
 final      omega_final(axis, member), the last save
 none       nothing
 

@@ -1,4 +1,4 @@
-"""Running statistics over the steps of a member: minimum, maximum, mean, variance.
+"""Running statistics over the steps of a member: minimum, maximum, mean, variance, last value.
 
 Extremes are those of the motion between the steps too, to 1e-4 of the rate of change over a step or
 better; means have the error of the trapezoidal rule on two states or more a step. What is
@@ -241,4 +241,32 @@ class Variance(NamedTuple):
         return {"variance": variance}
 
 
-STATISTICS: dict[str, Any] = {"min": Minimum, "max": Maximum, "mean": Mean, "variance": Variance}
+@running(word="last", squares=False)
+class Last(NamedTuple):
+    """The values after the last step, which tell where a member has ended."""
+
+    of: Any
+
+    @property
+    def marks(self) -> int:
+        """The values."""
+        return size(self.of.dims)
+
+    def begin(self, body, effects, t, q, l):
+        return seen(self.of, body, effects, t, q, l)
+
+    def update(self, kept, body, effects, t, q, l):
+        return seen(self.of, body, effects, t, q, l)
+
+    def results(self, kept: Array, steps: Array) -> dict[str, Array]:
+        """The last values."""
+        return {"last": by_rows(self.of, 1, kept)[0]}
+
+
+STATISTICS: dict[str, Any] = {
+    "min": Minimum,
+    "max": Maximum,
+    "mean": Mean,
+    "variance": Variance,
+    "last": Last,
+}

@@ -26,7 +26,16 @@ from rigidmc.planning.rates import Array, own_steps, physics, rates
 from rigidmc.scene.laws.directions import uniform_attitudes
 from rigidmc.scene.laws.protocol import Ensemble, Facts, Law
 from rigidmc.scene.limits import PILOT
-from rigidmc.scene.points import Antithetic, Dimension, Given, Points, Recorder, Saltelli, points
+from rigidmc.scene.points import (
+    DESIGNS,
+    Antithetic,
+    Design,
+    Dimension,
+    Given,
+    Points,
+    Recorder,
+    points,
+)
 from rigidmc.scene.quantities import draw
 from rigidmc.scene.scene import Scene
 
@@ -37,7 +46,7 @@ RANGE = 2**14  # members staged at once at most: 8 MB
 
 Start = dict[str, Array]  # what members were made from, by the names of the result
 # what members are drawn from
-Source = int | Antithetic | Saltelli | Given | Points | Recorder
+Source = int | Antithetic | Design | Given | Points | Recorder
 
 
 def stage(
@@ -111,7 +120,7 @@ def first_members(scene: Scene, count: int, carried: bool) -> Members:
 
 
 _known: WeakKeyDictionary[Scene, Members] = WeakKeyDictionary()
-_sources: WeakKeyDictionary[Scene, Points | Saltelli] = WeakKeyDictionary()
+_sources: WeakKeyDictionary[Scene, Points | Design] = WeakKeyDictionary()
 
 
 def source(scene: Scene) -> Source:
@@ -123,8 +132,8 @@ def source(scene: Scene) -> Source:
         return Antithetic(run.seed)
     if scene not in _sources:
         strata = run.strata or run.first + run.members
-        if run.points == "saltelli":
-            _sources[scene] = Saltelli(run.seed, groups(scene)[1])
+        if run.points in DESIGNS:
+            _sources[scene] = DESIGNS[run.points](run.seed, groups(scene)[1])
         else:
             _sources[scene] = points(run.seed, run.points, drawn(scene), strata)
     return _sources[scene]

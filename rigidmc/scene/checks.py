@@ -27,6 +27,7 @@ from rigidmc.scene.laws import Correlated
 from rigidmc.scene.laws.protocol import Law
 from rigidmc.scene.limits import ALLOWED, PILOT, limits, outside
 from rigidmc.scene.parts import Parts
+from rigidmc.scene.points import DESIGNS
 from rigidmc.scene.quantities import Grid, draw, is_shared, rows
 
 
@@ -66,6 +67,9 @@ def _check_points(scene: Parts) -> None:
     )
     if run.points != "independent" and not drawn:
         rule = "nothing in the scene is drawn: all numbers are given"
+        raise SceneError("run", "points", run.points, rule)
+    if run.points in DESIGNS and any(isinstance(q, (Grid, np.ndarray)) for q in scene.quantities()):
+        rule = "members of a family differ by what is drawn: give laws in place of grids and tables"
         raise SceneError("run", "points", run.points, rule)
     if run.points == "sobol" and last > 2**30:
         raise SceneError("run", "members", last, "there are 2^30 Sobol points")

@@ -1,5 +1,6 @@
 """Points that fill a cube more evenly than independent ones: scrambled Sobol sequences and Latin
-hypercubes of scipy.stats.qmc, and antithetic pairs; and the design of a sensitivity study.
+hypercubes of scipy.stats.qmc, and antithetic pairs; and the designs of studies, whose members come
+in families.
 
 They stand in place of the seed where members are drawn. Each number that a member draws is one
 dimension, in the order in which the numbers are drawn. Member i has point i, so that its numbers
@@ -9,7 +10,7 @@ are a function of (seed, scene, i) alone; in a Latin hypercube also of the numbe
 import inspect
 import threading
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -24,6 +25,13 @@ Dimension = tuple[str, int, int]  # name of the random stream, draw, word
 # bits of a Sobol point, hence 2^30 points (scipy 1.17 cannot skip ahead with more than 32 bits);
 # half a step is added, so that no number is 0
 BITS = 30
+
+# of neighbours, in probability: the last is 6e-8, of which a number of float64 has eight digits
+DISTANCES = tuple(0.25**k for k in range(1, 13))
+
+# of tangents, in probability: rounding of a thousand steps is 1e-5 of it, and what grows by a
+# million is still small
+NEAREST = 0.5**28
 
 
 class Recorder:
@@ -89,6 +97,34 @@ class Given:
         words = np.full((4, count), 0.5)
         for i in used:
             words[i] = self.numbers[self.place[name, draw, i], first : first + count]
+        return words
+
+
+class Neighbours:
+    """Families of a member and its neighbours at each of DISTANCES, for d numbers or groups.
+
+    The first member of a family draws independent numbers u of a seed; the others have those, but
+    in group `family % d` u + distance, or u - distance where the sum is not below 1. Distances are
+    those of probabilities: of a uniform law they are shares of its range.
+
+    group : {dimension: number of its group, from 0 on}
+    """
+
+    size = 1 + len(DISTANCES)
+
+    def __init__(self, seed: int, group: Mapping[Dimension, int]) -> None:
+        self.seed, self.group, self.groups = seed, group, len(set(group.values()))
+
+    def words(self, name: str, first: int, count: int, draw: int, used: Sequence[int]) -> Array:
+        member = np.arange(first, first + count)
+        family, place = member // self.size, member % self.size
+        low, high = int(family[0]), int(family[-1]) + 1
+        own = uniforms(self.seed, name, low, high - low, draw)[:, family - low]
+        distance, words = np.array((0.0, *DISTANCES))[place], np.full((4, count), 0.5)
+        for i in used:
+            moved = self.group[name, draw, i] == family % self.groups
+            near = np.where(own[i] + distance < 1.0, own[i] + distance, own[i] - distance)
+            words[i] = np.where(moved, near, own[i])
         return words
 
 
@@ -158,9 +194,40 @@ def _engine(name: str, dimensions: int, rng: np.random.Generator, **options: Any
     return kind(dimensions, **{key: rng}, **options)
 
 
+class Tangents:
+    """Families of a member and a neighbour at NEAREST along each of the d numbers.
+
+    The first member of a family has a Sobol point u; member 1 + k has those numbers, but number k
+    has u + NEAREST, or u - NEAREST where u is not below 0.5.
+
+    group : {dimension: anything}
+    """
+
+    def __init__(self, seed: int, group: Mapping[Dimension, int]) -> None:
+        self.base, self.size = points(seed, "sobol", tuple(group)), 1 + len(group)
+
+    def words(self, name: str, first: int, count: int, draw: int, used: Sequence[int]) -> Array:
+        member = np.arange(first, first + count)
+        family, place = member // self.size, member % self.size
+        low, high = int(family[0]), int(family[-1]) + 1
+        words = self.base.words(name, low, high - low, draw, used)[:, family - low]
+        for i in used:
+            moved = place == 1 + self.base.place[name, draw, i]
+            words[i] += np.where(moved, np.where(words[i] < 0.5, NEAREST, -NEAREST), 0.0)
+        return words
+
+
 @lru_cache(maxsize=8)
 def points(
     seed: int, kind: str, dimensions: tuple[Dimension, ...], strata: int | None = None
 ) -> Points:
     """The Points with these properties, computed once."""
     return Points(seed, kind, dimensions, strata)
+
+
+Design = Saltelli | Neighbours | Tangents
+DESIGNS: dict[str, Callable[[int, Mapping[Dimension, int]], Design]] = {
+    "saltelli": Saltelli,
+    "neighbours": Neighbours,
+    "tangents": Tangents,
+}

@@ -47,7 +47,9 @@ Index = Annotated[int, BeforeValidator(_count), Field(ge=0)]
 Digits = Annotated[int, BeforeValidator(_count), Field(ge=1, le=15)]
 Positive = Annotated[float, Field(gt=0)]
 Share = Annotated[float, Field(gt=0, lt=1)]
-Points = Literal["independent", "sobol", "latin_hypercube", "antithetic", "saltelli"]
+Points = Literal[
+    "independent", "sobol", "latin_hypercube", "antithetic", "saltelli", "neighbours", "tangents"
+]
 Precision = Literal["float64", "float32"]
 
 

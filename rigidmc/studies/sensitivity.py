@@ -10,15 +10,13 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from rigidmc.errors import OptionError
-from rigidmc.observables import OBSERVABLES
 from rigidmc.planning.stage import groups
 from rigidmc.progress import Progress
-from rigidmc.scene.amounts import counted
-from rigidmc.scene.scene import Scene, scene_of
-from rigidmc.storage.schema import member_variables
+from rigidmc.scene.scene import Scene
 from rigidmc.studies.chunks import chunks
+from rigidmc.studies.families import made, stored
 from rigidmc.studies.intervals import Interval
-from rigidmc.studies.measures import Measure, measure, observing
+from rigidmc.studies.measures import Measure, measure
 
 Array = NDArray[np.float64]
 FAMILIES = 4096
@@ -113,12 +111,7 @@ def designed(
     scene: Scene, of: str | Sequence[str], families: int, **settings: Any
 ) -> tuple[Scene, list[Measure]]:
     """(the scene whose members are those of a study, its measures); arguments as `sensitivity`."""
-    texts = (of,) if isinstance(of, str) else tuple(of)
-    scene = observing(scene.with_run(**settings, points="saltelli"), texts)
-    save = tuple(name for name in scene.run.save if name not in OBSERVABLES)
-    count = counted(families, "families") * (2 + len(groups(scene)[0]))
-    scene = scene.with_run(save=save, members=count, first=0)
-    variables = {name: v.dims for name, v in member_variables(scene, False).items()}
+    scene, texts, variables = made(scene, of, "saltelli", families, **settings)
     return scene, [_mean_of(text, variables) for text in texts]
 
 
@@ -136,12 +129,7 @@ def sensitivity_of(
     Raises OptionError for another result, SceneError for code that is not allowed, and as
     `sensitivity`.
     """
-    scene = scene_of(result, allow_code=allow_code)
-    if scene.run.points != "saltelli":
-        rule = 'a sensitivity study needs members drawn with [run] points = "saltelli"'
-        raise OptionError("run", "points", scene.run.points, rule)
-    texts = (of,) if isinstance(of, str) else tuple(of)
-    variables = {str(name): tuple(map(str, v.dims)) for name, v in result.data_vars.items()}
+    scene, texts, variables = stored(result, of, "saltelli", "sensitivity", allow_code)
     asked = [_mean_of(text, variables, may_save_more=False) for text in texts]
     size, members = 2 + len(groups(scene)[0]), result.member.values
     values = np.full((len(asked), int(members.max()) // size + 1, size), np.nan)

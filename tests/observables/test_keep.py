@@ -74,6 +74,7 @@ def test_a_summary_is_over_the_steps():
     assert "omega" not in ds and np.array_equal(ds.l2_drift_final.values, every.l2_drift.values[-1])
     more = ds.omega_max.values[:, good] - every.omega.values.max(0)[:, good]
     assert (more >= 0.0).all() and 0.0 < more.max() < 1e-4  # extremes within steps: measured 1.3e-5
+    assert np.array_equal(ds.omega_last.values[:, good], every.omega.values[-1][:, good])
     # 0.02: over 41 states, not 40
     np.testing.assert_allclose(
         ds.omega_variance.values[:, good], every.omega.values.var(0)[:, good], 0.0, 0.03

@@ -172,7 +172,7 @@ def test_observables_that_need_the_attitude():
         "nutation",
         "precession",
         "megno",
-        *(f"attitude_{word}" for word in ("min", "max", "mean", "variance")),
+        *(f"attitude_{word}" for word in ("min", "max", "mean", "variance", "last")),
     }
     assert carries_attitude(bare.with_run(save=(rm.Passage(3, 0.5),)))
     assert not carries_attitude(bare.with_run(save=(rm.Passage(3, 0.5, about="momentum"),)))

@@ -54,6 +54,6 @@ Vectors as a whole:
                      { correlated = ... }: inertia that was measured
 [run]
   points                     "independent", "sobol", "latin_hypercube",
-                             "antithetic", "saltelli": what distributions are
-                             drawn by
+                             "antithetic", "saltelli", "neighbours",
+                             "tangents": what distributions are drawn by
 """

@@ -18,6 +18,7 @@ _FILES = (  # in `cases`; each has a function of the same name that returns its 
     "damped_axis",
     "sleeping_top",
     "heavy_chaos",
+    "chaos_share",
     "kovalevskaya",
     "kapitza",
 )
