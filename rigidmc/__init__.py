@@ -34,6 +34,7 @@ _HOMES = {
     "frequencies": "studies.frequencies",
     "section": "studies.sections.section",
     "sensitivity": "studies.sensitivity",
+    "multilevel": "studies.multilevel.study",
     "simulate_until": "studies.until",
     "randomised": "studies.until",
     "warm": "runs.warm",
@@ -97,6 +98,7 @@ if TYPE_CHECKING:  # the same names for type checkers and editors
     from rigidmc.studies.maps.stability_map import stability_map as stability_map
     from rigidmc.studies.maps.stored import open_map as open_map
     from rigidmc.studies.maps.zoom import zoom_map as zoom_map
+    from rigidmc.studies.multilevel.study import multilevel as multilevel
     from rigidmc.studies.sections.section import section as section
     from rigidmc.studies.sensitivity import sensitivity as sensitivity
     from rigidmc.studies.until import randomised as randomised

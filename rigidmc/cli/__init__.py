@@ -11,6 +11,7 @@ from rigidmc.cli import (  # noqa: F401
     doctor,
     frequencies,
     maps,
+    multilevel,
     new,
     results,
     run,

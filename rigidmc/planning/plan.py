@@ -61,7 +61,7 @@ class Plan(NamedTuple):
     nodes : states that are watched in a step, the last at its end; 0 if only the end is known
     saved : {observable: rows of its values} of what is recorded at saves
     paired : whether a step has the noise of two steps of half its length, as
-        coarse paths of a multilevel study have, see `rigidmc.studies.levels`
+        coarse paths of a multilevel study have, see `rigidmc.studies.multilevel.levels`
     """
 
     first: int
