@@ -40,9 +40,7 @@ Until = Annotated[
         help='A mean and its width: "mean(energy_final) +- 0.001", "mean(omega_mean\\[1]) +- 1 %".',
     ),
 ]
-Most = Annotated[
-    int, count_option("--most", help="Cost at most: members times steps, see the manual.")
-]
+Most = Annotated[int, count_option("--most", help="Cost at most, in steps of members.")]
 SETTINGS = ("integrator", "dt", "t_end", "seed", "dtype")
 
 

@@ -101,6 +101,8 @@ def table(study: xr.Dataset) -> list[str]:
         f"  cost: {cost:.3g} steps; {single.members:.2g} plain members of {single.steps:,} steps:"
         f" {single.cost:.2g}, {single.cost / cost:.2g} times as many"
     )
+    if single.cost < cost:
+        lines.append("  which is less: for this width `rigidmc run --until` with that step will do")
     if left := int(study.flagged.sum()):
         lines.append(f"  flagged members, which are left out: {left:,}")
     return lines
