@@ -19,6 +19,7 @@ BENCHES = {
     "sets": "bench.sets",
     "watching": "bench.watching",
     "bath": "bench.bath",
+    "multilevel": "bench.multilevel",
     "exact": "bench.exact",
     "tolerance": "bench.tolerance",
     "maps": "bench.maps",

@@ -37,6 +37,7 @@ _HOMES = {
     "rare": "studies.rare.rare",
     "section": "studies.sections.section",
     "sensitivity": "studies.sensitivity",
+    "multilevel": "studies.multilevel.study",
     "simulate_until": "studies.until",
     "randomised": "studies.until",
     "warm": "runs.warm",
@@ -102,6 +103,7 @@ if TYPE_CHECKING:  # the same names for type checkers and editors
     from rigidmc.studies.maps.stability_map import stability_map as stability_map
     from rigidmc.studies.maps.stored import open_map as open_map
     from rigidmc.studies.maps.zoom import zoom_map as zoom_map
+    from rigidmc.studies.multilevel.study import multilevel as multilevel
     from rigidmc.studies.rare.rare import rare as rare
     from rigidmc.studies.sections.section import section as section
     from rigidmc.studies.sensitivity import sensitivity as sensitivity

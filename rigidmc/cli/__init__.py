@@ -13,6 +13,7 @@ from rigidmc.cli import (  # noqa: F401
     frequencies,
     ftle,
     maps,
+    multilevel,
     new,
     rare,
     results,

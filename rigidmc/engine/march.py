@@ -29,7 +29,7 @@ from rigidmc.engine.layout import (
 )  # fmt: skip
 from rigidmc.engine.member import carried
 from rigidmc.engine.memory import put, stream
-from rigidmc.engine.noise import normals, philox
+from rigidmc.engine.noise import deviates
 from rigidmc.integrators.protocol import constants, keeps, step
 
 
@@ -44,7 +44,9 @@ def march(
     key, other, streams : the two words of the seed, and the stream of each random effect
     rounds : the number of the round; with the number of the step it makes each step's noise its own
     """
-    integrator, effects, attitude, compensated, ledger, groups, several = parts_of(kinds, numbers)
+    integrator, effects, attitude, compensated, ledger, groups, several, paired = parts_of(
+        kinds, numbers
+    )
     more = more_of(keeps(integrator), ledger)
     row = more_row(keeps(integrator), EFFECTS_AT + row_count(effects))
     moving = all_moving(groups, groups, 0, compensated, more, row, state)
@@ -54,7 +56,7 @@ def march(
         all_traced(groups, groups, 0, moving, trace, 0)
     for s in range(first, last):
         number = (np.uint64(rounds) << np.uint64(32)) | np.uint64(s)
-        present = all_shaken(fixed, (key, other), number, streams)
+        present = all_shaken(fixed, (key, other), number, streams, paired)
         for p in range(1, end_of(several, count)):
             shares, when = part_of(several, only, p, parts)
             moving = all_stepped(integrator, attitude, present, s + when, shares, moving)
@@ -125,14 +127,17 @@ def all_moving(left, groups, i, compensated, more, row, state):
     return (first,) + all_moving(left[1:], groups, i + 1, compensated, more, row, state)
 
 
-def all_shaken(fixed, key, number, streams):
-    """The Fixed of each group, the random effects with the deviates of a step."""
+def all_shaken(fixed, key, number, streams, paired):
+    """The Fixed of each group, the random effects with the deviates of a step.
+
+    paired : (0.0,) if a step has the noise of two steps of half its length, else ()
+    """
     if len(fixed) == 0:
         return ()
     body, effects, began, length, h, index, once = fixed[0]
-    present = shaken(effects, key, index, number, streams, 0, h)
+    present = shaken(effects, key, index, number, streams, 0, h, paired)
     first = Fixed(body, present, began, length, h, index, once)
-    return (first,) + all_shaken(fixed[1:], key, number, streams)
+    return (first,) + all_shaken(fixed[1:], key, number, streams, paired)
 
 
 def all_stepped(integrator, attitude, fixed, when, shares, moving):
@@ -166,7 +171,7 @@ def all_put(left, groups, i, moving, compensated, row, state):
     return all_put(left[1:], groups, i + 1, moving[1:], compensated, row, state)
 
 
-def shaken(effects, key, member, number, streams, i, state):
+def shaken(effects, key, member, number, streams, i, state, paired):
     """The effects, the random ones with the deviates of a member for a step.
 
     The deviates are a function of (seed, stream, member, step) and of nothing else.
@@ -174,12 +179,12 @@ def shaken(effects, key, member, number, streams, i, state):
     if len(effects) == 0:
         return ()
     noise = noise_of(effects[0])
-    first = renewed(effects[0], noise, key, member, number, streams, i, state)
+    first = renewed(effects[0], noise, key, member, number, streams, i, state, paired)
     i += len(noise) > 0
-    return (first,) + shaken(effects[1:], key, member, number, streams, i, state)
+    return (first,) + shaken(effects[1:], key, member, number, streams, i, state, paired)
 
 
-def renewed(effect, noise, key, member, number, streams, i, state):
+def renewed(effect, noise, key, member, number, streams, i, state, paired):
     """An effect with the deviates of a member for a step from stream i, as it is without noise.
 
     Numba knows the length of an argument before it compiles the rest of a function. What draws
@@ -187,8 +192,8 @@ def renewed(effect, noise, key, member, number, streams, i, state):
     """
     if len(noise) == 0:
         return effect
-    deviates = normals(philox(key, (as_word(member), number, streams[i], np.uint64(1))))
-    return with_noise(effect, in_precision(deviates, state))
+    three = deviates(paired, key, as_word(member), number, streams[i])
+    return with_noise(effect, in_precision(three, state))
 
 
 inline_all(sys.modules[__name__])

@@ -20,6 +20,7 @@ _W0, _W1 = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBB67AE8584CAA73B)
 _LOW, _HALF, _ONE = np.uint64(0xFFFFFFFF), np.uint64(32), np.uint64(1)
 _EXPONENT, _TWELVE = np.uint64(0x3FF0000000000000), np.uint64(12)
 _SIGN = np.uint64(0x8000000000000000)
+_ROOT_HALF = 0.70710678118654752440
 
 
 def product(a, b):
@@ -80,6 +81,20 @@ def normals(words):
     b = math.sqrt(-2.0 * logarithm(uniform(words[2])))
     x, y = direction(words[1])
     return a * x, a * y, b * direction(words[3])[0]
+
+
+def deviates(paired, key, member, number, stream):
+    """Three normal deviates of a member for the step `number`, which is less than 2^63.
+
+    paired : () or, for a step that has the noise of two steps of half its length, (0.0,): the sums
+        of the deviates of those steps, 2 number and 2 number + 1, over sqrt(2)
+    """
+    if len(paired) == 0:
+        return normals(philox(key, (member, number, stream, _ONE)))
+    first = number << _ONE
+    a, b, c = normals(philox(key, (member, first, stream, _ONE)))
+    x, y, z = normals(philox(key, (member, first | _ONE, stream, _ONE)))
+    return _ROOT_HALF * (a + x), _ROOT_HALF * (b + y), _ROOT_HALF * (c + z)
 
 
 inline_all(sys.modules[__name__])

@@ -50,6 +50,8 @@ class Program:
     ask : compile nothing; `missing` then tells what would be compiled
     nodes : states that are watched in a step, by dense output but for the last; 0 for the states
         after steps and nothing in between
+    paired : whether a step has the noise of two steps of half its length, which it then follows as
+        closely as a path with such steps can; steps are those of all members alike
     """
 
     def __init__(
@@ -57,7 +59,7 @@ class Program:
         attitude: bool = True, compensated: bool = False, dtype: DTypeLike = "float64",
         limits: Sequence[float] = (), ledger: Sequence[Any] = (), events: Sequence[Any] = (),
         running: Sequence[Any] = (), shadow: Sequence[float] = (), lanes: int | None = None,
-        ask: bool = False, nodes: int = 0,
+        ask: bool = False, nodes: int = 0, paired: bool = False,
     ) -> None:  # fmt: skip
         compensated = compensated and not keeps_its_own(form.integrator)
         if compensated and implements(form.integrator, "with_sums"):
@@ -88,6 +90,7 @@ class Program:
             noisy=int(random),
         )
         marks = (0.0,) * bool(attitude), (0.0,) * bool(compensated)
+        self.paired = (0.0,) * bool(paired)
         self.asked = self._asked(marks, observables, tuple(limits), ledger, events, running, shadow)
         if not ask:
             self._compile()
@@ -103,7 +106,7 @@ class Program:
         integrator, effects = self.form.integrator, self.effects
         groups = (0.0,) * min(self.lanes, group_count(integrator))
         several = (0.0,) * (len(self.form.parts) > 2)
-        moved = (integrator, effects, *marks, (0.0,) * len(ledger), groups, several)
+        moved = (integrator, effects, *marks, (0.0,) * len(ledger), groups, several, self.paired)
         kept, dense = keeping(integrator), (0.0,) * min(self.shape.nodes, 2)
 
         def asked(wanted: Any, function: Any, parts: Any, arguments: str) -> Any:

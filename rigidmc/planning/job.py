@@ -78,6 +78,7 @@ def program_of(scene: Scene, plan: Plan, ask: bool = False) -> Program | None:
             shadow,
             ask=ask,
             nodes=plan.nodes,
+            paired=plan.paired,
         )
     except NumbaError as error:
         own = {

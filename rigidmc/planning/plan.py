@@ -60,6 +60,8 @@ class Plan(NamedTuple):
     labels : of the effects whose works are saved;  watch : what is kept of every step
     nodes : states that are watched in a step, the last at its end; 0 if only the end is known
     saved : {observable: rows of its values} of what is recorded at saves
+    paired : whether a step has the noise of two steps of half its length, as
+        coarse paths of a multilevel study have, see `rigidmc.studies.multilevel.levels`
     """
 
     first: int
@@ -86,6 +88,7 @@ class Plan(NamedTuple):
     nodes: int
     saved: dict[str, slice]
     which: NDArray[np.int64] | None = None
+    paired: bool = False
 
     def indices(self, first: int, count: int) -> NDArray[np.int64]:
         """The indices of `count` members from place `first` on; beyond the end, of the last."""

@@ -12,12 +12,23 @@ import pytest
 from numba import njit
 from scipy import stats
 
+from rigidmc.dynamics.euler import MassProperties
 from rigidmc.dynamics.functions import as_float, as_word, logarithm
-from rigidmc.engine import pieces  # noqa: F401  (sets the vector width before anything is compiled)
+from rigidmc.effects import Bath
+from rigidmc.effects.parameters import blank
+from rigidmc.engine import (
+    frame,
+    layout,
+    pieces,  # noqa: F401  (sets the vector width before anything is compiled)
+    program,
+)
 from rigidmc.engine.formulas import evaluate
+from rigidmc.engine.noise import deviates as of_step
 from rigidmc.engine.noise import normals, philox, uniform
 from rigidmc.engine.pipeline import FLAGS
 from rigidmc.engine.streams import key_of, stream_of
+from rigidmc.integrators import INTEGRATORS, Turns, form
+from tests.kernels import make_block
 
 KEY, STREAM, STEP = key_of(5), np.uint64(stream_of("effects.bath.noise")), np.uint64(12345)
 ONE = np.uint64(1)
@@ -136,3 +147,39 @@ def test_the_smallest_number_is_8_sigma():
     assert low == 2.0**-53
     assert 8.5 < math.sqrt(-2.0 * logarithm(low)) < 8.6
     assert uniform(np.uint64(2**64 - 1)) == 1.0 - 2.0**-53
+
+
+PAIRED = (0.0,)
+
+
+def drawn(paired, number, member=7):
+    with np.errstate(over="ignore"):
+        word = np.uint64(member) + ONE
+        return np.array(of_step(paired, KEY, word, np.uint64(number), STREAM))
+
+
+def test_a_paired_step_has_the_noise_of_two():
+    both = (drawn((), 24690) + drawn((), 24691)) / math.sqrt(2.0)
+    assert drawn((), 12345) == pytest.approx(normals(words(7)))
+    assert np.abs(drawn(PAIRED, 12345) - both).max() < 1e-15  # measured 2e-16
+    assert np.abs(drawn(PAIRED, 12344) - both).max() > 0.1
+
+
+@pytest.mark.parametrize("paired", [False, True])
+def test_steps_with_the_noise_of_steps_of_half_the_length(paired):
+    """A free sphere in a bath is a sum of its deviates: after five steps of 0.2 s from rest."""
+    h, steps, members = 0.2, 5, 32
+    effects = (Bath(1.3, 0.7),)
+    body = MassProperties.of((1.0, 1.0, 1.0), (0.0, 0.0, 0.0))
+    block = make_block(body, effects, np.eye(4)[:1].T.repeat(members, 1), np.zeros((3, members)))
+    made = form(INTEGRATORS["strang"], Turns(1.0, 1.0), effects)
+    moves = program.Program(made, blank(effects), paired=paired)
+    noise = frame.Noise(*KEY, np.array([STREAM]), np.arange(members))
+    moves.advance(block, frame.Run(h, 1, steps, steps, 0, 0, steps), noise)
+    keeps, spread = math.exp(-1.3 * h), math.sqrt(0.7 * (1.0 - math.exp(-2.6 * h)))
+    momentum = np.zeros((3, members))
+    for s in range(steps):
+        three = [drawn(PAIRED if paired else (), s, member) for member in range(members)]
+        momentum = keeps * momentum + spread * np.array(three).T
+    off = np.abs(block[layout.MOMENTUM : layout.REST] - momentum).max()
+    assert off < 5e-15  # measured 5e-16

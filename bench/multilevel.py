@@ -1,0 +1,179 @@
+"""Multilevel Monte Carlo against plain members with a single step, and the truth of its intervals.
+
+A fast top in a cold bath, the mean of its omega_1 after 10 s. Steps of members and processor time,
+which also has their starts and what two deviates a step cost, at three widths; plain members have the step and the number that cost least for the same interval,
+which what the study has measured tells them. A second scene starts in thermal equilibrium and
+stays there, so that its mean energy is known: of many small studies the intervals are counted that
+have it.
+"""
+
+import math
+import time
+import warnings
+
+import numpy as np
+
+from bench import harness
+from rigidmc import (
+    Bath,
+    Body,
+    GibbsMomentum,
+    Gravity,
+    Pointing,
+    Scene,
+    SceneWarning,
+    Start,
+    multilevel,
+    simulate,
+)
+from rigidmc.studies.chunks import chunks
+from rigidmc.studies.multilevel.dataset import plain_members
+
+WIDTHS = (1e-3, 3e-4, 1e-4)  # rad/s; the spread over members is 0.093
+PLAIN = 3e-4  # the finest width at which all plain members are run
+CHUNK = 2**17  # plain members at once
+SAMPLE = 2**17  # plain members that tell the cost of more
+KT, WEIGHT = 0.7, 1.5  # of the top in equilibrium
+
+
+def top():
+    """A symmetric top of spin 4 rad/s that leans by 1 rad, in a bath of 0.3 % of its weight."""
+    body = Body.from_moments((1.0, 1.0, 1.5), mass=1.0, centre=(0.0, 0.0, 0.3))
+    effects = Gravity(5.0), Bath(gamma=0.2, kT=0.005)
+    start = Start(omega=(0.0, 0.0, 4.0), attitude=(0.0, 1.0, 0.0))
+    return Scene(body, effects, start).with_run(integrator="strang", dt=0.4, t_end=10.0, seed=1)
+
+
+def equilibrium():
+    """(a heavy body that starts in thermal equilibrium and stays in it, its mean energy)."""
+    body = Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.0, 0.0, 0.3))
+    x = WEIGHT / KT
+    start = Start(momentum=GibbsMomentum(KT), attitude=Pointing((0.0, 0.0, -1.0), kappa=x))
+    scene = Scene(body, (Gravity(WEIGHT / 0.3), Bath(1.0, KT)), start)
+    potential = WEIGHT * (1.0 / x - 1.0 / math.tanh(x))  # of Langevin
+    return scene.with_run(integrator="strang", dt=0.8, t_end=4.0), 1.5 * KT + potential
+
+
+def covered(studies, width=0.06, batch=256):
+    """(studies, 2): whether the truth lies in the interval, and in that of level 0 alone."""
+    scene, truth = equilibrium()
+    inside = []
+    for seed in range(studies):
+        found = multilevel(
+            scene, f"mean(energy_final) +- {width}", batch=batch, threads=1, seed=seed
+        )
+        first = found.isel(level=0)
+        off = abs(float(first["mean"]) - truth) / float(first.error)
+        inside.append([float(found.low) < truth < float(found.high), off < 1.96])
+    return np.array(inside)
+
+
+def by_levels(width):
+    """(study, processor seconds) at a width."""
+    began = time.process_time()
+    found = multilevel(top(), f"mean(omega_final[1]) +- {width}", threads=1)
+    return found, time.process_time() - began
+
+
+def steps_of(study):
+    """The steps that the members of a study make, of the fine paths and of the coarse ones."""
+    both = np.where(study.level > 0, 1.5, 1.0)
+    return float((study.members * study.steps * both).sum())
+
+
+def plain(study, width, most=None):
+    """A row about the plain members that give the interval of a study; `most` : of them are run and
+    stand for all."""
+    asked = plain_members(study, width)
+    run = min(most or asked.members, asked.members)
+    scene = top().with_run(
+        dt=10.0 / asked.steps, members=run, every=10.0, save=("omega",), keep="final"
+    )
+    simulate(scene, members=32, threads=1)  # compiles
+    began = time.process_time()
+    parts = chunks(scene, CHUNK, 1, None)
+    values = np.concatenate([part.omega_final.sel(axis=1).values for part in parts])
+    seconds = time.process_time() - began
+    return {
+        "kind": "plain",
+        "width": width,
+        "steps": asked.steps,
+        "members": asked.members,
+        "run": run,
+        "mean": float(values.mean()),
+        "error": float(values.std()) / math.sqrt(run),
+        "cost": float(asked.members * asked.steps),
+        "seconds": seconds * asked.members / run,
+    }
+
+
+def run(quick):
+    """All rows of the bench."""
+    warnings.simplefilter("ignore", SceneWarning)
+    by_levels(1e-2)  # compiles
+    rows = []
+    for width in WIDTHS[:2] if quick else WIDTHS:
+        study, seconds = by_levels(width)
+        rows.append(
+            {
+                "kind": "levels",
+                "width": width,
+                "levels": study.sizes["level"],
+                "mean": float(study.value),
+                "half": float(study.half[-1]),
+                "cost": steps_of(study),
+                "seconds": seconds,
+            }
+        )
+        rows.append(plain(study, width, SAMPLE if quick or width < PLAIN else None))
+    inside = covered(20 if quick else 1000)
+    ours = [row for row in rows if row["kind"] == "levels"]
+    theirs = [row for row in rows if row["kind"] == "plain"]
+    pairs = list(zip(ours, theirs, strict=True))
+    slope = np.polyfit(*(np.log([r[k] for r in ours]) for k in ("half", "seconds")), 1)[0]
+    steps = np.polyfit(*(np.log([r[k] for r in ours]) for k in ("half", "cost")), 1)[0]
+    return [
+        *rows,
+        {"kind": "covered", "studies": len(inside), "share": inside.mean(0).tolist()},
+        harness.target("order of the cost in the width, in steps", -2.2, steps),
+        harness.target("order of the cost in the width, in processor time", -2.2, slope),
+        *(
+            harness.target(
+                f"plain members over levels, +- {mine['width']:g} rad/s, in {word}",
+                10.0 if mine is ours[-1] else 1.0,
+                other[key] / mine[key],
+                "times",
+                note="" if other["run"] == other["members"] else "time of a sample",
+            )
+            for mine, other in pairs
+            for key, word in (("cost", "steps"), ("seconds", "processor time"))
+        ),
+        harness.target("intervals that have the truth, at least", 0.93, inside[:, 0].mean()),
+        harness.target(
+            "intervals that have the truth, at most", 0.97, inside[:, 0].mean(), at_most=True
+        ),
+    ]
+
+
+def report(rows):
+    """Print the tables."""
+    cells = [
+        (
+            row["kind"],
+            f"{row['width']:g}",
+            f"{row['mean']:.6f}",
+            f"{row['levels']} levels" if row["kind"] == "levels" else f"{row['steps']:,} steps",
+            f"{row['cost']:.3g}",
+            f"{row['seconds']:.1f}",
+        )
+        for row in rows
+        if row["kind"] in ("levels", "plain")
+    ]
+    columns = ["", "+- rad/s", "mean", "", "steps of members", "processor s"]
+    harness.table("mean of omega_1 after 10 s", columns, cells)
+    (row,) = (row for row in rows if row["kind"] == "covered")
+    print(
+        f"{100 * row['share'][0]:.1f} % of {row['studies']:,} intervals have the truth,"
+        f" {100 * row['share'][1]:.1f} % of those of the first level alone"
+    )
+    harness.report_targets(rows)

@@ -1,0 +1,151 @@
+"""The study: what it is asked and of which scene; see `multilevel`."""
+
+import warnings
+from typing import Any
+
+import xarray as xr
+
+from rigidmc.effects.protocol import is_random
+from rigidmc.engine.machine import threads_available
+from rigidmc.errors import OptionError, SceneError, SceneWarning
+from rigidmc.observables import alone, own
+from rigidmc.planning.notes import notes
+from rigidmc.planning.settle import settled
+from rigidmc.scene.amounts import counted
+from rigidmc.scene.quantities import rows
+from rigidmc.scene.scene import Scene
+from rigidmc.storage.schema import member_variables, saved_variables
+from rigidmc.studies.measures import observing
+from rigidmc.studies.multilevel.driver import Say, driven
+from rigidmc.studies.multilevel.levels import Asked, Request, asking
+from rigidmc.studies.until import goal
+
+BATCH = 8192  # members of a task, and of a level at first
+MOST = 10**12
+
+
+def multilevel(
+    scene: Scene,
+    until: str,
+    most: int = MOST,
+    batch: int = BATCH,
+    threads: int | None = None,
+    confidence: float = 0.95,
+    progress: Say | None = None,
+    **settings: Any,
+) -> xr.Dataset:
+    """Find a mean without the error of the step, by multilevel Monte Carlo.
+
+    The mean of paths of many steps is that of paths of few steps and the means of corrections::
+
+        E[X_L] = E[X_0] + sum over l of E[X_l - X_(l-1)]
+
+    X_l is what a member shows after n 2^l steps; n are the steps of the scene. The two paths of a
+    correction have the same start and the same noise, so that its variance falls as the square of
+    the step, and few members do. For an error eps the cost is of order eps^-2 in place of eps^-2.5
+    with a single step of an integrator of order 2. Levels are added until the error of the step,
+    which the last corrections tell, adds little to the interval, of which it is part. Formulas are
+    in `rigidmc.studies.multilevel.corrections`.
+    Source: Giles, Oper. Res. 56 (2008) 607.
+
+    Parameters
+    ----------
+    scene : Scene
+        what is run, mostly with a random effect; its step is that of the first level
+    until : str
+        a mean and half the width of its interval, such as "mean(energy_final) +- 0.001" or "+- 1 %"
+        of it. NAME_final is an observable at the end, NAME_mean over time
+    most : int, optional
+        cost at most, in steps of members; the start and end of a member count as 24
+    batch : int, optional
+        members that a level has at first and that are added to it at once
+    threads : int, optional
+        as of `simulate`
+    confidence : float, optional
+        of the interval
+    progress : callable, optional
+        a function of lines of text; the first ones tell the cost
+    **settings : object
+        of `simulate`
+
+    Returns
+    -------
+    xarray.Dataset
+        `value` with `low` and `high`; `sampling` and `bias`, half the width by each alone, whose
+        squares add up; over level steps, members, mean and variance of the corrections; over round
+        the width so far and its cost
+
+    Raises
+    ------
+    OptionError
+        for a measure that is no mean, a width that costs more than `most`, and a measure whose
+        error falls too slowly with the step
+    SceneError
+        for a scene without steps of one length, and for a step so long that members are flagged
+
+    Warns
+    -----
+    SceneWarning
+        if `most` ends the study before the width is reached
+
+    Examples
+    --------
+    The squared momentum of a free body in a bath, of which the spin was 0 at the start:
+
+    >>> bath = rm.Bath(gamma=0.5, kT=1.0)
+    >>> scene = rm.Scene(rm.Body((1.0, 1.0, 1.0)), bath, rm.Start(omega=(0.0, 0.0, 0.0)))
+    >>> found = rm.multilevel(scene, "mean(l2_final) +- 0.1", integrator="strang", t_end=2, dt=0.5)
+    >>> bool(found.low < 3.0 * (1.0 - np.exp(-2.0)) < found.high)
+    True
+    """
+    request, asked = designed(scene, until, most, batch, threads, confidence, **settings)
+    return driven(request, asked, asking(request), progress)
+
+
+def designed(
+    scene: Scene, until: str, most: int = MOST, batch: int = BATCH, threads: int | None = None,
+    confidence: float = 0.95, **settings: Any,
+) -> tuple[Request, Asked]:  # fmt: skip
+    """(what the tasks of a study have in common, what it is asked); arguments as `multilevel`."""
+    threads = threads_available() if threads is None else counted(threads, "threads")
+    most, batch = counted(most, "most"), counted(batch, "batch", 2)
+    scene = _with_steps(scene.with_run(**settings))
+    scene = _showing(scene, until).with_run(every=scene.run.t_end, first=0)
+    known = {**member_variables(scene, False), **saved_variables(scene)}
+    wanted = goal(until, {name: v.dims for name, v in known.items()})
+    if wanted.measure.kind != "mean" or wanted.measure.given is not None:
+        rule = "has no corrections that become small: take the mean(NAME) of all members"
+        raise OptionError("run", "until", until, rule)
+    random = any(map(is_random, scene.effects))
+    order = min(scene.integrator.order, 2 if random else 8)
+    ready = settled(scene, threads)
+    plan = ready.plan._replace(notes=())  # on long steps, of which the study takes care
+    for note in notes(ready.scene, plan, ready.units):
+        warnings.warn(note, SceneWarning, stacklevel=3)
+    request = Request(scene, wanted.measure, plan.steps, batch, threads)
+    return request, Asked(until, wanted, order, confidence, float(most))
+
+
+def _with_steps(scene: Scene) -> Scene:
+    """The scene; SceneError unless its members are independent and make steps of one length."""
+    run, count = scene.run, rows(*scene.quantities())
+    if run.points != "independent":
+        rule = "the levels of a study need independent members"
+        raise SceneError("run", "points", run.points, rule)
+    if run.turn is not None:
+        raise SceneError("run", "turn", run.turn, "a level has steps of one length: give dt")
+    if run.integrator in ("auto", "closed"):
+        rule = "levels are made of the steps of one integrator: name it"
+        raise SceneError("run", "integrator", run.integrator, rule)
+    if count is not None:
+        rule = f"there are {count:,} members in arrays, and every level draws members of its own"
+        raise SceneError("run", "members", None, rule)
+    return scene
+
+
+def _showing(scene: Scene, until: str) -> Scene:
+    """The scene that saves what a measure names and nothing else."""
+    names = (*alone(scene.observables), *own(scene.observables))
+    finals = tuple(name for name in names if f"{name}_final" in until)
+    shown: Scene = observing(scene.with_run(save=finals, keep="final"), [until])
+    return shown
