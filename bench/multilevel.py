@@ -1,10 +1,10 @@
 """Multilevel Monte Carlo against plain members with a single step, and the truth of its intervals.
 
-A fast top in a cold bath, the mean of its omega_1 after 10 s. Steps of members and processor time,
-which also has their starts and what two deviates a step cost, at three widths; plain members have the step and the number that cost least for the same interval,
-which what the study has measured tells them. A second scene starts in thermal equilibrium and
-stays there, so that its mean energy is known: of many small studies the intervals are counted that
-have it.
+A fast top in a cold bath, the mean of its omega_1 after 10 s, at three widths: steps, and
+processor time, which also has their starts and the noise of two steps. Plain members have the step
+and the number that cost least for the same interval, which what the study has measured tells them.
+A second scene starts in thermal equilibrium and stays there, so that its mean energy is known: of
+many small studies the intervals are counted that have it.
 """
 
 import math
