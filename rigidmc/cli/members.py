@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
     from rigidmc.scene.scene import Scene
     from rigidmc.storage.run_directory import RunDirectory
+    from rigidmc.studies.tasks import Kind
 
 
 class Study(NamedTuple):
@@ -113,6 +114,33 @@ def of_members(
         return make
 
     return Study(computed, maker, lambda path: of(opened(path, where.allow_code)))
+
+
+def of_tasks(
+    kind: "Kind",
+    asked: "Callable[[Scene], tuple[Scene, dict[str, Any]]]",
+    now: "Callable[[Scene], xr.Dataset]",
+    of: "Callable[[str], xr.Dataset]",
+) -> Study:
+    """A study whose run directory has tasks.
+
+    asked : the scene of these and what is asked, from a scene;  now : the study of a scene
+    of : that of a run directory
+    """
+
+    def maker(scene: "Scene", path: str) -> Any:
+        from rigidmc.runs.shards import SHARD
+        from rigidmc.studies import tasks
+
+        def make(size: float, only: range | None, threads: int | None) -> "RunDirectory":
+            if size != SHARD:
+                rule = "is for members; here a shard is a task of the study"
+                raise OptionError("", "--shard-size", size / 1e6, rule)
+            return tasks.create(kind, *asked(scene), path)
+
+        return make
+
+    return Study(now, maker, of)
 
 
 def studied(name: str, where: Where, study: Study, **new: Any) -> "tuple[xr.Dataset, str | None]":

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rigidmc.cli.common import about, app, reported
-from rigidmc.cli.members import Study, Where, shown, studied, takes_members
+from rigidmc.cli.members import Where, of_tasks, shown, studied, takes_members
 from rigidmc.cli.options import count_option, takes_settings
 from rigidmc.cli.panels import STUDY
 from rigidmc.errors import OptionError
@@ -13,8 +13,6 @@ from rigidmc.errors import OptionError
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
-
-    from rigidmc.scene.scene import Scene
 
 Name = Annotated[
     str,
@@ -67,11 +65,12 @@ def rare(
             "members": study.MEMBERS if members is None else members,
             "repetitions": study.REPETITIONS if repetitions is None else repetitions,
         }
-        does = Study(
+        does = of_tasks(
+            study.KIND,
+            asked=lambda scene: study.asked(scene.with_run(**run), _asked(of), **sizes),
             now=lambda scene: study.rare(
                 scene, _asked(of), threads=where.threads, progress=True, **sizes, **run
             ),
-            make=lambda scene, path: _maker(scene, path, _asked(of), sizes, run),
             of=lambda path: study.rare_of(path, allow_code=where.allow_code),
         )
         new = {"of": of, "target": target, "members": members, "repetitions": repetitions}
@@ -84,22 +83,6 @@ def _asked(of: str | None) -> str:
     if of is None:
         raise OptionError("", "--of", None, 'a new study needs an event, as in "p(flips >= 3)"')
     return of
-
-
-def _maker(scene: "Scene", path: str, of: str, sizes: dict[str, Any], run: dict[str, Any]) -> Any:
-    """What makes the run directory of a study; its tasks are the shards."""
-    from rigidmc.runs.shards import SHARD
-    from rigidmc.studies import tasks
-    from rigidmc.studies.rare import rare as study
-
-    def make(size: float, only: range | None, threads: int | None) -> Any:
-        if size != SHARD:
-            rule = "is for members; a repetition is a shard"
-            raise OptionError("", "--shard-size", size / 1e6, rule)
-        designed, request = study.asked(scene.with_run(**run), of, **sizes)
-        return tasks.create(study.KIND, designed, request, path)
-
-    return make
 
 
 def _draw(dataset: "xr.Dataset") -> "Figure":

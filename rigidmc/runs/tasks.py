@@ -29,7 +29,7 @@ from rigidmc.storage.writer import write_columns
 
 Request = Mapping[str, Any]  # what a study asks, as JSON has it
 Found = dict[str, NDArray[Any]]  # the numbers of a task
-Task = Callable[[int, int], Found]  # (number of the task, threads)
+Task = Callable[[Sequence[int], int], list[Found]]  # (numbers of tasks, threads)
 
 
 def create_tasks(
@@ -56,17 +56,6 @@ def study_of(directory: RunDirectory) -> tuple[str, dict[str, Any]] | None:
     return name, asked
 
 
-def compute_task(directory: RunDirectory, i: int, task: Task, threads: int) -> None:
-    """Compute shard i of a study and write it."""
-    number = int(directory.members(i)[0])
-    found = {"member": np.array([number]), "status": np.zeros(1, "i1"), **task(number, threads)}
-
-    def named(file: str) -> str:
-        return directory.shard_path(i, 0, file)
-
-    write_columns(directory.temporary(i), found, {"run": directory.mark}, named)
-
-
 def compute_tasks(
     directory: RunDirectory,
     task: Task,
@@ -74,22 +63,36 @@ def compute_tasks(
     threads: int,
     progress: Progress = False,
     stop: float | None = None,
+    together: int = 1,
 ) -> dict[str, int]:
-    """Compute the shards of these numbers, one after the other; {status: tasks}.
+    """Compute the shards of these numbers and write them; {status: tasks}.
 
-    stop : as of `rigidmc.runs.shards.compute_shards`
+    stop : as of `rigidmc.runs.shards.compute_shards`;  together : how many are computed at once
     """
     began, done = time.monotonic(), 0
     with reporter(progress, len(numbers), 1) as report:
-        for i in map(int, numbers):
+        for first in range(0, len(numbers), together):
+            group = [int(i) for i in numbers[first : first + together]]
             took = (time.monotonic() - began) / max(done, 1)
-            if stop is not None and time.monotonic() + took > stop:
+            if stop is not None and time.monotonic() + took * len(group) > stop:
                 break
-            compute_task(directory, i, task, threads)
-            done += 1
-            report.step(1)
+            places = [int(directory.members(i)[0]) for i in group]
+            for i, number, found in zip(group, places, task(places, threads), strict=True):
+                _write(directory, i, number, found)
+            done += len(group)
+            report.step(len(group))
             report.poll()
     return {**dict.fromkeys(STATUSES, 0), "ok": done}
+
+
+def _write(directory: RunDirectory, i: int, number: int, found: Found) -> None:
+    """Write the numbers of a task as shard i."""
+
+    def named(file: str) -> str:
+        return directory.shard_path(i, 0, file)
+
+    columns = {"member": np.array([number]), "status": np.zeros(1, "i1"), **found}
+    write_columns(directory.temporary(i), columns, {"run": directory.mark}, named)
 
 
 def resume_tasks(
@@ -103,11 +106,12 @@ def resume_tasks(
     only: range | None = None,
     allow_code: bool = False,
     cluster: str | None = None,
+    together: int = 1,
 ) -> dict[str, int]:
     """Compute the missing tasks of a study; {status: tasks}. Arguments as of
     `rigidmc.runs.resume.resume`.
 
-    work : what a worker of a cluster does
+    work : what a worker of a cluster does;  together : as of `compute_tasks`
     """
     began = time.monotonic()
     refuse_others(directory, accept)
@@ -121,7 +125,7 @@ def resume_tasks(
 
         def compute() -> dict[str, int]:
             if cluster is None:
-                return compute_tasks(directory, task, numbers, many, progress, stop)
+                return compute_tasks(directory, task, numbers, many, progress, stop, together)
             return compute_on(cluster, directory, numbers, progress, stop, allow_code, accept, work)
 
         return noted(directory, compute)
@@ -144,7 +148,7 @@ def found_in(directory: RunDirectory) -> dict[int, Found]:
 def unlike(directory: RunDirectory, i: int, task: Task, threads: int) -> str:
     """Which numbers of task i differ if it is computed again, in words; "" if none do."""
     path = directory.shards()[i]
-    stored, again = read(path), task(int(directory.members(i)[0]), threads)
+    stored, (again,) = read(path), task([int(directory.members(i)[0])], threads)
     wrong = [name for name, x in again.items() if stored[name].tobytes() != x.tobytes()]
     differs = f"differs if it is computed again: {', '.join(wrong)}"
     return f"{os.path.basename(path)}: {differs}" if wrong else ""

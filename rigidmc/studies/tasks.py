@@ -14,10 +14,12 @@ import numpy as np
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import FileError, OptionError
 from rigidmc.files.outputs import Path
-from rigidmc.progress import Progress, reporter
+from rigidmc.planning.settle import settled
+from rigidmc.planning.tolerance.costs import cost_per_step
+from rigidmc.progress import Progress, announcing, reporter, say
 from rigidmc.runs.gather import verify
 from rigidmc.runs.reopen import refuse_others, scene_of_run
-from rigidmc.runs.resume import grow
+from rigidmc.runs.resume import grow, missing_of
 from rigidmc.runs.tasks import (
     Found,
     Request,
@@ -28,45 +30,65 @@ from rigidmc.runs.tasks import (
     study_of,
     unlike,
 )
-from rigidmc.scene.amounts import seconds
+from rigidmc.scene.amounts import in_two_digits, seconds
 from rigidmc.scene.scene import Scene
 from rigidmc.storage.run_directory import RunDirectory
 
-STUDIES = {"rare": "rigidmc.studies.rare.rare"}
+STUDIES = {
+    "rare": "rigidmc.studies.rare.rare",
+    "multilevel": "rigidmc.studies.multilevel.study",
+}
 
 
 class Kind(NamedTuple):
     """What a study of tasks is made of.
 
     name : its command
-    task : (scene, request, number of the task, threads) -> its numbers, a pure function of all but
-        the threads
     grows : whether what tasks say decides which are next
-    more : (scene, request, {number: numbers} of the tasks so far) -> the numbers of the next tasks,
-        [] at the end; none is done at the beginning
+    together : how many tasks are computed at once
+    tasks : (scene, request, numbers of tasks, threads) -> what each finds, a pure function of all
+        but the threads and the other tasks
+    more : (scene, request, {number: what was found} of the tasks so far) -> the numbers of the next
+        tasks, [] at the end; none is done at the beginning
+    cost : (scene, request, numbers of tasks) -> the member-steps that they take
     """
 
     name: str
     grows: bool
-    task: Callable[[Scene, Request, int, int], Found]
+    together: int
+    tasks: Callable[[Scene, Request, Sequence[int], int], list[Found]]
     more: Callable[[Scene, Request, dict[int, Found]], Sequence[int]]
+    cost: Callable[[Scene, Request, Sequence[int]], float]
+
+    def price(self, scene: Scene, request: Request, numbers: Sequence[int], threads: int) -> str:
+        """What tasks will cost, in words, by steps that are measured now."""
+        steps, plan = self.cost(scene, request, numbers), settled(scene, threads).plan
+        took = 1e-9 * steps * cost_per_step(scene, plan) / threads
+        return (
+            f"{len(numbers):,} tasks x {steps / max(1, len(numbers)):,.0f} member-steps,"
+            f" {in_two_digits(steps)} in all: about {took:.2g} s on {threads} threads"
+        )
 
 
 def computed(
     kind: Kind, scene: Scene, request: Request, threads: int | None, progress: Progress = False
 ) -> dict[int, Found]:
-    """{number: numbers} of all tasks of a study, computed now.
+    """{number: what was found} of all tasks of a study, computed now.
 
-    progress : as of `simulate`, with tasks in place of member-steps
+    progress : as of `simulate`, with tasks in place of member-steps; True also for what they cost
     """
     found: dict[int, Found] = {}
     many = threads or threads_available()
-    while tasks := kind.more(scene, request, found):
-        with reporter(progress, len(tasks), 1) as report:
-            for number in tasks:
-                found[number] = kind.task(scene, request, number, many)
-                report.step(1)
-                report.poll()
+    with announcing(progress):
+        while numbers := kind.more(scene, request, found):
+            if progress is True:
+                say(kind.price(scene, request, numbers, many))
+            with reporter(progress, len(numbers), 1) as report:
+                for first in range(0, len(numbers), kind.together):
+                    group = numbers[first : first + kind.together]
+                    found |= zip(group, kind.tasks(scene, request, group, many), strict=True)
+                    report.step(len(group))
+                    report.poll()
     return found
 
 
@@ -107,13 +129,16 @@ def resume(
     flagged: dict[str, int] = {}
     left: float | None = None if stop is None else stop - time.monotonic()
     while True:
+        if options.get("progress") is True:
+            _tell(kind, scene, request, directory, only, options.get("threads"))
         now = resume_tasks(
             directory,
-            lambda number, threads: kind.task(scene, request, number, threads),
+            lambda numbers, threads: kind.tasks(scene, request, numbers, threads),
             work,
             max_wall=left,
             only=only,
             allow_code=allow_code,
+            together=kind.together,
             **options,
         )
         flagged = {word: flagged.get(word, 0) + count for word, count in now.items()}
@@ -127,6 +152,16 @@ def resume(
         directory = grow(directory, more, int(more.size > 0))
         if not more.size or (left is not None and left <= 0.0):
             return directory, flagged
+
+
+def _tell(
+    kind: Kind, scene: Scene, request: Request, directory: RunDirectory, only: range | None,
+    threads: int | None,
+) -> None:  # fmt: skip
+    """Say what the missing tasks will cost."""
+    numbers = [int(directory.members(int(i))[0]) for i in missing_of(directory, only)]
+    if numbers:
+        say(kind.price(scene, request, numbers, threads or threads_available()))
 
 
 def found(path: Path, name: str, allow_code: bool = False) -> tuple[Scene, Any, dict[int, Found]]:
@@ -152,7 +187,7 @@ def work(path: str, i: int, allow_code: bool, accept: bool) -> dict[str, int]:
     kind, request = _known(directory)
     scene = scene_of_run(directory, allow_code)
     return compute_tasks(
-        directory, lambda number, threads: kind.task(scene, request, number, threads), [i], 1
+        directory, lambda numbers, threads: kind.tasks(scene, request, numbers, threads), [i], 1
     )
 
 
@@ -171,7 +206,7 @@ def verified(
     scene, many = scene_of_run(directory, allow_code), threads or threads_available()
     done = sorted(directory.shards())
     again = (
-        unlike(directory, i, lambda number, n: kind.task(scene, request, number, n), many)
+        unlike(directory, i, lambda numbers, n: kind.tasks(scene, request, numbers, n), many)
         for i in sorted(random.sample(done, min(spot, len(done))))
     )
     return [fault for fault in again if fault]

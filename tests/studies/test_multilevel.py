@@ -13,12 +13,13 @@ from scipy import stats
 import rigidmc as rm
 from bench.multilevel import covered, equilibrium
 from rigidmc.errors import OptionError
+from rigidmc.studies import tasks
 from rigidmc.studies.multilevel import levels as levels_module
 from rigidmc.studies.multilevel.corrections import Level, cost_of, estimate, members_for, plain
-from rigidmc.studies.multilevel.dataset import plain_members, table
-from rigidmc.studies.multilevel.driver import driven
-from rigidmc.studies.multilevel.levels import APART, asking, key_of, task
-from rigidmc.studies.multilevel.study import designed
+from rigidmc.studies.multilevel.dataset import dataset, plain_members, table
+from rigidmc.studies.multilevel.driver import stand
+from rigidmc.studies.multilevel.levels import APART, TASKS, number_of, sums
+from rigidmc.studies.multilevel.study import KIND, asked, multilevel_of, understood
 from rigidmc.views.multilevel import multilevel_levels
 
 SCENE, TRUTH = equilibrium()
@@ -99,19 +100,21 @@ def test_batches_add_up_to_the_whole():
     assert level.variance == pytest.approx(values.var(ddof=1), rel=1e-12)
 
 
-def request(batch=512, threads=1, text=f"{MEASURE} +- 0.1", scene=SCENE, **settings):
-    return designed(scene, text, batch=batch, threads=threads, **settings)
+def request(batch=512, text=f"{MEASURE} +- 0.1", scene=SCENE, most=10**12, **settings):
+    """What the tasks of a study have in common, and what it is asked."""
+    scene, words = asked(scene.with_run(**settings), text, most, batch)
+    return understood(scene, **words)
 
 
 def same(one, other):
     return all(a[k] == b[k] for a, b in zip(one, other, strict=True) for k in a)
 
 
-def test_a_task_depends_on_its_key_alone():
-    keys = [key_of(1, 2), key_of(1, 3), key_of(0, 0), key_of(1, 5)]
-    one = [task(request()[0], key) for key in keys]
-    assert same(one, asking(request(threads=2)[0])(keys))
-    assert not same(one, [task(request(seed=2)[0], key) for key in keys])
+def test_a_task_depends_on_its_number_alone():
+    numbers = [number_of(1, 2), number_of(1, 3), number_of(0, 0), number_of(1, 5)]
+    one = [sums(request()[0], [number], 1)[0] for number in numbers]
+    assert same(one, sums(request()[0], numbers, 2))
+    assert not same(one, sums(request(seed=2)[0], numbers, 1))
 
 
 @pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")  # of long steps
@@ -123,15 +126,15 @@ def test_fine_paths_are_members_of_the_scene_and_levels_share_none():
     coarse = rm.simulate(
         SCENE, members=range(APART, APART + 512), **{**settings, "dt": 0.8}
     ).energy_final.values
-    (sums,) = asking(request()[0])([key_of(1, 0)])
-    assert sums["mean"] == pytest.approx(fine.mean() - coarse.mean(), abs=0.2)
-    assert sums["squares"] / 511 < 0.2 < (fine - coarse).var()  # measured 0.17 and 1.9
+    (found,) = sums(request()[0], [number_of(1, 0)], 1)
+    assert found["mean"] == pytest.approx(fine.mean() - coarse.mean(), abs=0.2)
+    assert found["squares"] / 511 < 0.2 < (fine - coarse).var()  # measured 0.17 and 1.9
 
 
 def spreads(levels=(0, 1, 2, 3)):
     """The variances of levels."""
-    sums = asking(request(4096)[0])([key_of(level, 0) for level in levels])
-    return np.array([one["squares"] / 4095 for one in sums])
+    each = sums(request(4096)[0], [number_of(level, 0) for level in levels], 1)
+    return np.array([one["squares"] / 4095 for one in each])
 
 
 def test_the_coupling_makes_corrections_small(monkeypatch):
@@ -174,43 +177,54 @@ def test_a_free_body_in_a_bath():
     assert (np.abs(found["mean"][1:]) < 3.5 * found.error[1:]).all()  # measured 0.7
 
 
-def fake(means, spread=1.0):
-    """What answers tasks with given corrections, and the keys that it was asked."""
-    asked = []
-
-    def ask(keys):
-        asked.extend(keys)
-        found = []
-        for key in keys:
-            level = int(key[6 : key.index("/")])
+def driven(known, means, spread=1.0):
+    """(how far a study is at the end, the numbers of its tasks, its lines) by corrections."""
+    found, numbers, lines = {}, [], []
+    while (now := stand(*known, found)).next:
+        numbers += now.next
+        lines.append(now.line)
+        for number in now.next:
+            level = number // TASKS
             squares = 512.0 * (spread if level == 0 else 0.01 * spread * 0.25**level)
-            sums = {"members": 512.0, "flagged": 0.0, "without": 0.0, "squares": squares}
-            found.append({**sums, "mean": means(level)})
-        return found
-
-    return ask, asked
+            some = {"members": 512.0, "flagged": 0.0, "without": 0.0, "squares": squares}
+            found[number] = {**some, "mean": means(level)}
+    return now, numbers, lines
 
 
 def test_levels_are_added_until_the_error_of_the_step_is_small():
-    settings = request(text=f"{MEASURE} +- 1e-2")
-    ask, keys = fake(lambda level: 0.5**level * 0.1)  # of order 1
-    found = driven(*settings, ask)
-    assert found.sizes["level"] > 4 and float(found.bias) < 0.01
-    assert len(set(keys)) == len(keys)
+    known = request(text=f"{MEASURE} +- 1e-2")
+    now, numbers, _ = driven(known, lambda level: 0.5**level * 0.1)  # of order 1
+    assert len(now.levels) > 4 and now.found.bias < 0.01
+    assert len(set(numbers)) == len(numbers)
     with pytest.raises(OptionError, match=r"order 0\.5 .*extremes"):
-        driven(*settings, fake(lambda level: 0.5 ** (0.5 * level))[0])
+        driven(known, lambda level: 0.5 ** (0.5 * level))
 
 
 def test_what_a_goal_costs_is_told_by_the_pilot():
-    lines = []
-    driven(*request(text=f"{MEASURE} +- 0.02"), fake(lambda level: 0.25**level)[0], lines.append)
-    assert "by sampling" in lines[0] and "steps more" in lines[0]
+    _, _, lines = driven(request(text=f"{MEASURE} +- 0.02"), lambda level: 0.25**level)
+    assert lines[0] == "" and "by sampling" in lines[1] and "members" in lines[1]
     with pytest.raises(OptionError, match=r"needs about .* more than the limit of 1e"):
-        driven(*request(text=f"{MEASURE} +- 1e-6", most=10**9), fake(lambda level: 0.25**level)[0])
+        driven(request(text=f"{MEASURE} +- 1e-6", most=10**9), lambda level: 0.25**level)
     late = request(text=f"{MEASURE} +- 0.01", most=3 * 10**6)
-    with pytest.warns(rm.SceneWarning, match="is not reached"):
-        found = driven(*late, fake(lambda level: 0.5**level)[0])
-    assert found.attrs["reached"] == 0
+    now, _, _ = driven(late, lambda level: 0.5**level)
+    assert now.short.startswith("needs about") and not now.next
+    assert dataset(*late, now).attrs["reached"] == 0
+
+
+def test_run_directory(tmp_path):
+    """The same study from a run directory whose tasks are computed in two goes."""
+    text = f"{MEASURE} +- 0.02"
+    directory = tasks.create(KIND, *asked(SCENE, text), tmp_path / "run")
+    with pytest.raises(rm.RigidmcError, match="no task is done"):
+        multilevel_of(directory.path)
+    directory, done = tasks.resume(directory, threads=1, only=range(2))
+    assert done["ok"] == 2
+    with pytest.raises(rm.RigidmcError, match="1 tasks of the first round"):
+        multilevel_of(directory.path)
+    directory, done = tasks.resume(directory, threads=2)
+    assert tasks.verified(directory.path, spot=1) == []
+    found, plain = multilevel_of(directory.path), rm.multilevel(SCENE, text, threads=1)
+    assert done["ok"] > 2 and found.identical(plain)
 
 
 @pytest.mark.parametrize(
@@ -236,7 +250,8 @@ def test_flagged_pairs_are_refused():
 
 
 def test_table_and_picture():
-    found = driven(*request(text=f"{MEASURE} +- 0.02"), fake(lambda level: 0.25**level)[0])
+    known = request(text=f"{MEASURE} +- 0.02")
+    found = dataset(*known, driven(known, lambda level: 0.25**level)[0])
     lines = table(found)
     assert lines[1].startswith("  mean(energy_final) = ") and "order 2.00" in lines[-2]
     assert "times as many" in lines[-1]

@@ -1,21 +1,20 @@
 """A study as a Dataset and as text."""
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import xarray as xr
 
 from rigidmc.storage.schema import member_variables, saved_variables
-from rigidmc.studies.multilevel.corrections import Estimate, Level, Plain, plain
+from rigidmc.studies.multilevel.corrections import Level, Plain, plain
+from rigidmc.studies.multilevel.driver import Stand
 from rigidmc.studies.multilevel.levels import Asked, Request
 
 
-def dataset(
-    request: Request, asked: Asked, levels: Sequence[Level], rounds: Sequence[tuple[float, float]],
-    found: Estimate,
-) -> xr.Dataset:  # fmt: skip
-    """The Dataset of a study."""
+def dataset(request: Request, asked: Asked, now: Stand) -> xr.Dataset:
+    """The Dataset of a study that is as far as `now`, whose first round has ended."""
+    levels, rounds, found = now.levels, now.rounds, now.found
+    assert found is not None
     name, order, scene = request.measure.result.name, asked.order, request.scene
     units = {**member_variables(scene, False), **saved_variables(scene)}[name].attrs["units"]
     of_levels = {
@@ -49,6 +48,7 @@ def dataset(
         "measure": request.measure.text,
         "until": asked.text,
         "reached": int(half <= asked.goal.half_at(found.value)),
+        "missing": len(now.next),
         "confidence": asked.confidence,
         "order": order,
         "order_seen": found.order,
@@ -103,6 +103,10 @@ def table(study: xr.Dataset) -> list[str]:
     )
     if single.cost < cost:
         lines.append("  which is less: for this width `rigidmc run --until` with that step will do")
+    if not attrs["reached"]:
+        lines.append(f"  {attrs['until']} is not reached")
+    if attrs["missing"]:
+        lines.append(f"  {attrs['missing']:,} tasks are missing: `rigidmc resume` goes on")
     if left := int(study.flagged.sum()):
         lines.append(f"  flagged members, which are left out: {left:,}")
     return lines

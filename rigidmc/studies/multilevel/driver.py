@@ -5,53 +5,68 @@ change the mean.
 """
 
 import math
-import time
-import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
-import xarray as xr
-
-from rigidmc.errors import OptionError, SceneError, SceneWarning
+from rigidmc.errors import OptionError, SceneError
 from rigidmc.studies.multilevel.corrections import SAMPLING, Estimate, Level, estimate, members_for
-from rigidmc.studies.multilevel.dataset import dataset
-from rigidmc.studies.multilevel.levels import Ask, Asked, Request, key_of
+from rigidmc.studies.multilevel.levels import Asked, Request, Sums, number_of
 
 LEVELS = 3  # at first: two corrections tell the order
 MOST_LEVELS = 12
 FLAGGED = 1e-3  # share of flagged pairs beyond which the first step is too long
-Say = Callable[[str], object]
 
 
-def driven(request: Request, asked: Asked, ask: Ask, progress: Say | None = None) -> xr.Dataset:
-    """The study whose tasks `ask` does; it depends on request and sums alone.
+class Stand(NamedTuple):
+    """How far a study is.
 
-    ask : the sums of tasks by their keys, see `rigidmc.studies.multilevel.levels.task`
+    levels : as of the last whole round;  rounds : (cost, half the width) after each
+    found : the estimate, None before the first round has ended
+    next : the numbers of the tasks that are next, [] at the end;  line : about these
+    short : why the study ends before its goal, or ""
     """
+
+    levels: list[Level]
+    rounds: list[tuple[float, float]]
+    found: Estimate | None
+    next: list[int]
+    line: str
+    short: str = ""
+
+
+def stand(request: Request, asked: Asked, sums: Mapping[int, Sums]) -> Stand:
+    """How far a study is by the sums of its tasks, on which it depends alone."""
     levels: list[Level] = []
-    rounds: list[tuple[float, float]] = []  # (cost, half the width) after each
-    for number in range(LEVELS):
-        began = time.perf_counter()
-        levels = _filled(request, [*levels, _level(request, number)], ask)
-    per_step = (time.perf_counter() - began) / levels[-1].cost  # the first levels compile
+    rounds: list[tuple[float, float]] = []
+    found, line, wanted = None, "", [float(request.batch)] * LEVELS
     while True:
+        more = levels + [_level(request, i) for i in range(len(levels), len(wanted))]
+        tasks = [_tasks(request, *each) for each in zip(more, wanted, strict=True)]
+        if left := [number for numbers in tasks for number in numbers if number not in sums]:
+            return Stand(levels, rounds, found, left, line)
+        levels = [
+            _filled(request, level, [sums[number] for number in numbers])
+            for level, numbers in zip(more, tasks, strict=True)
+        ]
         found = estimate(levels, asked.order, asked.confidence)
-        spent = sum(one.cost for one in levels)
-        rounds.append((spent, found.half))
+        rounds.append((_cost(levels), found.half))
         half = asked.goal.half_at(found.value)
         if found.half <= half:
-            return dataset(request, asked, levels, rounds, found)
+            return Stand(levels, rounds, found, [], "")
         wanted = _wanted(request, asked, levels, half)
         if all(n <= _taken(one) for n, one in zip(wanted, levels, strict=True)):
             _refuse_slow(asked, found, levels)
-            wanted.append(request.batch)
-        more = [*levels, _level(request, len(levels))][: len(wanted)]
-        cost = sum(n * one.price for n, one in zip(wanted, more, strict=True))
-        if cost > asked.most:
-            _too_dear(asked, found, cost, len(rounds) == 1)
-            return dataset(request, asked, levels, rounds, found)
-        if progress is not None:
-            progress(_plan(found, wanted, cost - spent, (cost - spent) * per_step))
-        levels = _filled(request, more, ask, wanted)
+            wanted.append(float(request.batch))
+        if short := _too_dear(request, asked, found, wanted):
+            if len(rounds) == 1:
+                raise OptionError("run", "until", asked.text, short)
+            return Stand(levels, rounds, found, [], "", short)
+        line = _plan(found, wanted)
+
+
+def _cost(levels: Sequence[Level]) -> float:
+    """In steps."""
+    return sum(one.cost for one in levels)
 
 
 def _level(request: Request, number: int) -> Level:
@@ -75,43 +90,42 @@ def _wanted(request: Request, asked: Asked, levels: Sequence[Level], half: float
     ]
 
 
-def _filled(
-    request: Request, levels: Sequence[Level], ask: Ask, wanted: Sequence[float] = ()
-) -> list[Level]:
-    """The levels with as many members as are wanted, one batch at least."""
-    size, full = request.batch, []
-    for one in levels:
-        taken = int(_taken(one)) // size
-        last = int(wanted[one.number]) // size if one.number < len(wanted) else 1
-        for sums in ask([key_of(one.number, batch) for batch in range(taken, last)]):
-            if sums["without"] > 0.0:
-                name = request.measure.result.name
-                rule = f"{int(sums['without']):,} of {size:,} members have no {name}"
-                raise OptionError("run", "until", request.measure.text, rule)
-            names = "members", "flagged", "mean", "squares"
-            one = one.with_more(*(float(sums[name]) for name in names))
-        if one.flagged > FLAGGED * _taken(one):
-            rule = f"{one.flagged:,.0f} of {_taken(one):,.0f} members of level {one.number} are"
-            rule += " flagged, whose steps are too long: begin with shorter ones"
-            raise SceneError("run", "dt", request.scene.run.dt, rule)
-        full.append(one)
-    return full
+def _tasks(request: Request, level: Level, wanted: float) -> list[int]:
+    """The numbers of the tasks that a level lacks of as many members as are wanted."""
+    batches = range(int(_taken(level)) // request.batch, int(wanted) // request.batch)
+    return [number_of(level.number, batch) for batch in batches]
 
 
-def _plan(found: Estimate, wanted: Sequence[float], cost: float, seconds: float) -> str:
+def _filled(request: Request, level: Level, more: Sequence[Sums]) -> Level:
+    """The level with the members of more tasks."""
+    for one in more:
+        if one["without"] > 0.0:
+            name = request.measure.result.name
+            rule = f"{int(one['without']):,} of {request.batch:,} members have no {name}"
+            raise OptionError("run", "until", request.measure.text, rule)
+        names = "members", "flagged", "mean", "squares"
+        level = level.with_more(*(float(one[name]) for name in names))
+    if level.flagged > FLAGGED * _taken(level):
+        rule = f"{level.flagged:,.0f} of {_taken(level):,.0f} members of level {level.number} are"
+        rule += " flagged, whose steps are too long: begin with shorter ones"
+        raise SceneError("run", "dt", request.scene.run.dt, rule)
+    return level
+
+
+def _plan(found: Estimate, wanted: Sequence[float]) -> str:
     """A line about what has been found and what is next."""
     members = " + ".join(f"{n:,.0f}" for n in wanted)
     ends = f"{found.value:.6g} +- {found.sampling:.2g} by sampling, {found.bias:.2g} by the step"
-    return f"{ends}; next {members} members: {cost:.2g} steps more, about {seconds:.2g} s"
+    return f"{ends}; the levels get {members} members"
 
 
-def _too_dear(asked: Asked, found: Estimate, cost: float, at_once: bool) -> None:
-    """A goal that costs more than may be spent: OptionError at once, later a warning."""
+def _too_dear(request: Request, asked: Asked, found: Estimate, wanted: Sequence[float]) -> str:
+    """Why a goal costs more than may be spent, or ""."""
+    cost = sum(n * _level(request, i).price for i, n in enumerate(wanted))
+    if cost <= asked.most:
+        return ""
     by = f"({found.value:.4g} +- {found.half:.2g} so far)"
-    rule = f"needs about {cost:.2g} steps of members {by}, more than the limit of {asked.most:.2g}"
-    if at_once:
-        raise OptionError("run", "until", asked.text, rule)
-    warnings.warn(f"{asked.text} is not reached: {rule}", SceneWarning, stacklevel=4)
+    return f"needs about {cost:.2g} steps of members {by}, more than the limit of {asked.most:.2g}"
 
 
 def _refuse_slow(asked: Asked, found: Estimate, levels: Sequence[Level]) -> None:

@@ -9,9 +9,8 @@ show by its square. Weights that follow the friction, exp(-gamma h) : 1 in place
 take out only the part of that which friction causes, not that of the torques.
 """
 
-import re
-from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,10 +23,9 @@ from rigidmc.studies.measures import Measure
 from rigidmc.studies.until import Goal
 
 APART = 2**40  # members between the first ones of two levels
+TASKS = 2**32  # numbers of tasks between those of two levels
 CHUNK = 2**17  # members at once: a call takes as long as 4000 members of few steps
-Sums = dict[str, NDArray[np.float64]]
-Ask = Callable[[Sequence[str]], list[Sums]]  # the sums of tasks, by their keys
-_KEY = re.compile(r"level-(\d+)/batch-(\d+)")
+Sums = Mapping[str, NDArray[Any]]
 
 
 class Request(NamedTuple):
@@ -40,7 +38,6 @@ class Request(NamedTuple):
     measure: Measure
     steps: int
     batch: int
-    threads: int
 
 
 class Asked(NamedTuple):
@@ -56,57 +53,40 @@ class Asked(NamedTuple):
     most: float
 
 
-def key_of(level: int, batch: int) -> str:
-    """The key of a task."""
-    return f"level-{level}/batch-{batch:06d}"
+def number_of(level: int, batch: int) -> int:
+    """The number of the task that is one batch of a level."""
+    return level * TASKS + batch
 
 
-def task(request: Request, key: str) -> Sums:
-    """The sums of one batch of a level, which depend on request and key alone, to the bit.
+def sums(request: Request, numbers: Sequence[int], threads: int) -> list[dict[str, NDArray[Any]]]:
+    """The sums of tasks, each of which depends on request and number alone, to the bit.
 
     members : that count;  flagged : paths that are flagged, or pairs of which one is
     without : members that are well and have no value
     mean, squares : of the corrections, and the sum of their squared distances from it
     """
-    level, batch = _place(key)
-    return _batches(request, level, batch, 1)[0]
+    parts = _together(numbers, max(1, CHUNK // request.batch))
+    return [one for part in parts for one in _batches(request, *part, threads)]
 
 
-def asking(request: Request) -> Ask:
-    """What computes tasks here and now, neighbouring ones of a level together."""
-
-    def ask(keys: Sequence[str]) -> list[Sums]:
-        parts = _together(keys, max(1, CHUNK // request.batch))
-        return [one for part in parts for one in _batches(request, *part)]
-
-    return ask
-
-
-def _place(key: str) -> tuple[int, int]:
-    """(level, batch) of a key."""
-    found = _KEY.fullmatch(key)
-    if found is None:
-        raise ValueError(f"{key} is no task of a multilevel study")
-    return int(found[1]), int(found[2])
-
-
-def _together(keys: Sequence[str], most: int) -> Iterator[tuple[int, int, int]]:
-    """(level, first batch, batches) of keys that follow each other, `most` of them at most."""
+def _together(numbers: Sequence[int], most: int) -> Iterator[tuple[int, int, int]]:
+    """(level, first batch, batches) of numbers that follow each other, `most` at most."""
     count = 0
-    for i, key in enumerate(keys):
-        level, batch = _place(key)
+    for i, number in enumerate(numbers):
         count += 1
-        goes_on = i + 1 < len(keys) and keys[i + 1] == key_of(level, batch + 1)
-        if not goes_on or count == most:
+        if count == most or i + 1 == len(numbers) or numbers[i + 1] != number + 1:
+            level, batch = divmod(number, TASKS)
             yield level, batch + 1 - count, count
             count = 0
 
 
-def _batches(request: Request, level: int, first: int, count: int) -> list[Sums]:
+def _batches(
+    request: Request, level: int, first: int, count: int, threads: int
+) -> list[dict[str, NDArray[Any]]]:
     """The sums of `count` batches of a level from batch `first` on."""
-    size, threads = request.batch, request.threads
+    size = request.batch
     values, good = np.zeros(count * size), np.ones(count * size, bool)
-    for sign, ready in zip((1.0, -1.0), paths(request, level), strict=False):
+    for sign, ready in zip((1.0, -1.0), paths(request, level, threads), strict=False):
         plan = ready.plan._replace(
             first=level * APART + first * size, members=count * size, paired=sign < 0.0
         )
@@ -117,10 +97,10 @@ def _batches(request: Request, level: int, first: int, count: int) -> list[Sums]
     return [_summed(*part) for part in parts]
 
 
-def paths(request: Request, level: int) -> tuple[Settled, ...]:
+def paths(request: Request, level: int, threads: int) -> tuple[Settled, ...]:
     """The runs of a level: of its fine paths, and from level 1 on of the coarse ones."""
     each = (request.steps << level, request.steps << level >> 1)[: 1 + (level > 0)]
-    return _settled(request.scene, each, request.threads)
+    return _settled(request.scene, each, threads)
 
 
 @once
@@ -129,7 +109,7 @@ def _settled(scene: Scene, steps: tuple[int, ...], threads: int) -> tuple[Settle
     return tuple(settled(scene.with_run(dt=end / each, members=CHUNK), threads) for each in steps)
 
 
-def _summed(values: NDArray[np.float64], good: NDArray[np.bool_]) -> Sums:
+def _summed(values: NDArray[np.float64], good: NDArray[np.bool_]) -> dict[str, NDArray[Any]]:
     """The sums of the members of a batch."""
     there = good & np.isfinite(values)
     kept = values[there]

@@ -1,23 +1,31 @@
 """The study: what it is asked and of which scene; see `multilevel`."""
 
 import warnings
+from collections.abc import Sequence
 from typing import Any
 
 import xarray as xr
 
 from rigidmc.effects.protocol import is_random
 from rigidmc.engine.machine import threads_available
-from rigidmc.errors import OptionError, SceneError, SceneWarning
+from rigidmc.errors import FileError, OptionError, SceneError, SceneWarning
+from rigidmc.files.outputs import Path
 from rigidmc.observables import alone, own
 from rigidmc.planning.notes import notes
 from rigidmc.planning.settle import settled
+from rigidmc.progress import Progress, say
+from rigidmc.runs import tasks as runs
 from rigidmc.scene.amounts import counted
+from rigidmc.scene.once import once
 from rigidmc.scene.quantities import rows
 from rigidmc.scene.scene import Scene
 from rigidmc.storage.schema import member_variables, saved_variables
+from rigidmc.studies import tasks
 from rigidmc.studies.measures import observing
-from rigidmc.studies.multilevel.driver import Say, driven
-from rigidmc.studies.multilevel.levels import Asked, Request, asking
+from rigidmc.studies.multilevel.corrections import Level
+from rigidmc.studies.multilevel.dataset import dataset
+from rigidmc.studies.multilevel.driver import stand
+from rigidmc.studies.multilevel.levels import CHUNK, TASKS, Asked, Request, sums
 from rigidmc.studies.until import goal
 
 BATCH = 8192  # members of a task, and of a level at first
@@ -31,7 +39,7 @@ def multilevel(
     batch: int = BATCH,
     threads: int | None = None,
     confidence: float = 0.95,
-    progress: Say | None = None,
+    progress: Progress = False,
     **settings: Any,
 ) -> xr.Dataset:
     """Find a mean without the error of the step, by multilevel Monte Carlo.
@@ -63,8 +71,9 @@ def multilevel(
         as of `simulate`
     confidence : float, optional
         of the interval
-    progress : callable, optional
-        a function of lines of text; the first ones tell the cost
+    progress : bool or callable, optional
+        True for lines about what each round will cost, and a bar; or a function of (tasks done,
+        all of the round)
     **settings : object
         of `simulate`
 
@@ -98,32 +107,91 @@ def multilevel(
     >>> bool(found.low < 3.0 * (1.0 - np.exp(-2.0)) < found.high)
     True
     """
-    request, asked = designed(scene, until, most, batch, threads, confidence, **settings)
-    return driven(request, asked, asking(request), progress)
+    scene, request = asked(scene.with_run(**settings), until, most, batch, confidence)
+    many = threads_available() if threads is None else counted(threads, "threads")
+    found = tasks.computed(KIND, scene, request, many, progress)
+    return _dataset(scene, request, found)
 
 
-def designed(
-    scene: Scene, until: str, most: int = MOST, batch: int = BATCH, threads: int | None = None,
-    confidence: float = 0.95, **settings: Any,
-) -> tuple[Request, Asked]:  # fmt: skip
-    """(what the tasks of a study have in common, what it is asked); arguments as `multilevel`."""
-    threads = threads_available() if threads is None else counted(threads, "threads")
-    most, batch = counted(most, "most"), counted(batch, "batch", 2)
-    scene = _with_steps(scene.with_run(**settings))
-    scene = _showing(scene, until).with_run(every=scene.run.t_end, first=0)
+def asked(
+    scene: Scene, until: str, most: int = MOST, batch: int = BATCH, confidence: float = 0.95
+) -> tuple[Scene, dict[str, Any]]:
+    """(the scene of a study, its request); arguments, errors and notes as of `multilevel`."""
+    scene = _showing(_with_steps(scene), until).with_run(first=0)
+    scene = scene.with_run(every=scene.run.t_end)
+    request: dict[str, Any] = {
+        "until": until,
+        "most": counted(most, "most"),
+        "batch": counted(batch, "batch", 2),
+        "confidence": confidence,
+    }
+    understood(scene, **request)
+    ready = settled(scene)
+    plan = ready.plan._replace(notes=())  # on long steps, of which the study takes care
+    for note in notes(ready.scene, plan, ready.units):
+        warnings.warn(note, SceneWarning, stacklevel=3)
+    return scene, request
+
+
+@once
+def understood(
+    scene: Scene, until: str, most: int, batch: int, confidence: float
+) -> tuple[Request, Asked]:
+    """(what the tasks of a study have in common, what it is asked); OptionError."""
     known = {**member_variables(scene, False), **saved_variables(scene)}
     wanted = goal(until, {name: v.dims for name, v in known.items()})
     if wanted.measure.kind != "mean" or wanted.measure.given is not None:
         rule = "has no corrections that become small: take the mean(NAME) of all members"
         raise OptionError("run", "until", until, rule)
-    random = any(map(is_random, scene.effects))
-    order = min(scene.integrator.order, 2 if random else 8)
-    ready = settled(scene, threads)
-    plan = ready.plan._replace(notes=())  # on long steps, of which the study takes care
-    for note in notes(ready.scene, plan, ready.units):
-        warnings.warn(note, SceneWarning, stacklevel=3)
-    request = Request(scene, wanted.measure, plan.steps, batch, threads)
+    order = min(scene.integrator.order, 2 if any(map(is_random, scene.effects)) else 8)
+    request = Request(scene, wanted.measure, settled(scene).plan.steps, batch)
     return request, Asked(until, wanted, order, confidence, float(most))
+
+
+def _tasks(
+    scene: Scene, request: runs.Request, numbers: Sequence[int], threads: int
+) -> list[runs.Found]:
+    """What batches of levels find; see `rigidmc.studies.tasks.Kind`."""
+    return sums(understood(scene, **request)[0], numbers, threads)
+
+
+def _more(scene: Scene, request: runs.Request, found: dict[int, runs.Found]) -> list[int]:
+    """The batches that are next; see `rigidmc.studies.tasks.Kind`."""
+    now = stand(*understood(scene, **request), found)
+    if now.line:
+        say(now.line)
+    return now.next
+
+
+def _cost(scene: Scene, request: runs.Request, numbers: Sequence[int]) -> float:
+    """The member-steps of batches; see `rigidmc.studies.tasks.Kind`."""
+    levels, known = (number // TASKS for number in numbers), understood(scene, **request)[0]
+    return sum(known.batch * Level(i, known.steps << i).price for i in levels)
+
+
+KIND = tasks.Kind("multilevel", True, CHUNK // BATCH, _tasks, _more, _cost)
+
+
+def multilevel_of(path: Path, allow_code: bool = False) -> xr.Dataset:
+    """What `multilevel` tells, of a run directory of such a study: of the rounds that are done.
+
+    allow_code : whether to run the Python files of a user's own parts
+    Raises FileError for anything else, and if the first round is not done.
+    """
+    return _dataset(*tasks.found(path, KIND.name, allow_code))
+
+
+def _dataset(scene: Scene, request: runs.Request, found: dict[int, runs.Found]) -> xr.Dataset:
+    """The Dataset of a study by what its tasks have found."""
+    known = understood(scene, **request)
+    now = stand(*known, found)
+    if now.found is None:
+        rule = f"{len(now.next):,} tasks of the first round are missing: resume it first"
+        raise FileError("", "run", None, rule)
+    if now.short:
+        text = f"{request['until']} is not reached: {now.short}"
+        warnings.warn(text, SceneWarning, stacklevel=3)
+    return dataset(*known, now)
 
 
 def _with_steps(scene: Scene) -> Scene:

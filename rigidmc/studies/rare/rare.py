@@ -2,6 +2,8 @@
 
 import math
 import warnings
+from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -76,7 +78,8 @@ def rare(
     confidence : float, optional
         of the interval
     progress : bool or callable, optional
-        as of `simulate`, with repetitions in place of member-steps
+        True for what the study will cost, told beforehand, and a bar; or a function of
+        (repetitions done, all)
     **settings : object
         of `simulate`
 
@@ -136,24 +139,22 @@ def asked(
     return moved.with_run(members=members), request
 
 
-def most_steps(scene: Scene, request: Request) -> float:
-    """How many member-steps a study takes if the event has the probability `target`, to a factor
-    of 2: of the levels of splitting, half a run each, of those of subsets a whole one."""
+def _cost(scene: Scene, request: Request, numbers: Sequence[int]) -> float:
+    """The member-steps of repetitions if the event has the probability `target`, to a factor of 2:
+    of the levels of splitting half a run each, of those of subsets a whole one."""
     members, depth = request["members"], -math.log(request["target"])
-    noisy = is_noisy(scene)
-    per_level, part = (KILLED, 0.5 * KILLED) if noisy else (1.0 - KEPT, 1.0 - KEPT)
-    levels = depth / -math.log(1.0 - per_level)
+    killed, part = (KILLED, 0.5 * KILLED) if is_noisy(scene) else (1.0 - KEPT, 1.0 - KEPT)
+    levels = depth / -math.log(1.0 - killed)
     steps = settled(scene).plan.steps
-    return float(request["repetitions"] * members * (1.0 + part * levels) * steps)
+    return float(len(numbers) * members * (1.0 + part * levels) * steps)
 
 
-def _task(scene: Scene, request: Request, number: int, threads: int) -> Found:
-    """One repetition; see `rigidmc.studies.tasks.Kind`."""
+def _tasks(scene: Scene, request: Request, numbers: Sequence[int], threads: int) -> list[Found]:
+    """What repetitions find; see `rigidmc.studies.tasks.Kind`."""
     moved, score = scored(scene, request["of"])
-    seed = scene.run.seed + number
-    given = moved, score, request["members"], request["target"], threads, seed
-    found = split(*given) if is_noisy(moved) else descend(*given, _parts(score))
-    return found.numbers()
+    given = moved, score, request["members"], request["target"], threads
+    way = split if is_noisy(moved) else partial(descend, parts=_parts(score))
+    return [way(*given, seed=scene.run.seed + number).numbers() for number in numbers]
 
 
 def _parts(score: Score) -> int:
@@ -166,7 +167,7 @@ def _more(scene: Scene, request: Request, found: dict[int, Found]) -> list[int]:
     return [i for i in range(request["repetitions"]) if i not in found]
 
 
-KIND = tasks.Kind("rare", False, _task, _more)
+KIND = tasks.Kind("rare", False, 1, _tasks, _more, _cost)
 
 
 def rare_of(path: Path, confidence: float = 0.95, allow_code: bool = False) -> xr.Dataset:
