@@ -44,8 +44,7 @@ def refuse_hopeless(
     """
     memory, lean, file = sizes(scene, plan, threads)
     needed = (memory if path is None else lean) - BASE + more
-    free = None if needed < LITTLE else free_memory()
-    if free is not None and needed > free:
+    if (free := short_of(needed)) is not None:
         cure = "keep less of what is saved (--keep final), save less, or run fewer members"
         if threads > 2 * (os.cpu_count() or 1):
             cure = f"take fewer than {threads:,} threads, {cure}"
@@ -68,6 +67,12 @@ def _refuse_full_disk(plan: Plan, folder: str, size: int) -> None:
             f" of which {in_words(free)} are free: keep less of what is saved (--keep final),"
             " fewer digits (--set run.digits=6), or run fewer members"
         )
+
+
+def short_of(needed: float) -> int | None:
+    """The free memory if fewer than `needed` bytes are free, else None."""
+    free = None if needed < LITTLE else free_memory()
+    return free if free is not None and needed > free else None
 
 
 def free_memory() -> int | None:

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import norm
 
 import rigidmc as rm
-from rigidmc.errors import FileError, OptionError
+from rigidmc.errors import FileError, NoRoom, OptionError
 from rigidmc.studies import tasks
 from rigidmc.studies.rare import splitting, subsets
 from rigidmc.studies.rare.rare import KIND, asked, rare, rare_of, table
@@ -161,3 +161,9 @@ def test_table_and_picture():
     assert figure.axes[0].get_yscale() == "log" and len(figure.axes[0].lines) >= 4
     deep = rare(spun(), "p(omega_max[3] >= 7)", 1e-5, 100, 4)
     assert "is less than 1e-05, the target" in table(deep)[1] and float(deep.p) == 0.0
+
+
+def test_members_without_room_are_refused():
+    """129 states of each member, and a copy, of some 50 rows: 100 kB a member."""
+    with pytest.raises(NoRoom, match="take fewer members"):
+        rare(bathed(), f"p(omega_max[3] >= {LEVEL:.17g})", 1e-9, 10**9, 2)

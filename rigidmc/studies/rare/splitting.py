@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.engine.streams import uniforms
+from rigidmc.errors import NoRoom
+from rigidmc.runs.capacity import in_words, short_of
 from rigidmc.runs.moving import Moving
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.rare.score import Score
@@ -49,7 +51,9 @@ class Paths:
     def __init__(self, moving: Moving, score: Score, count: int, seed: int) -> None:
         self.moving, self.score = moving, score
         self.steps, self.used = 0.0, count
-        block, parts = moving.start(seed, count), moving.ends.size - 1
+        parts = moving.ends.size - 1
+        _refuse_many(count, parts, moving.start(seed, 1).shape[0])
+        block = moving.start(seed, count)
         self.states = np.empty((parts + 1, count, block.shape[0]))
         self.states[0] = block[:, :count].T
         self.scores = np.full((parts + 1, count), -np.inf)
@@ -85,6 +89,16 @@ class Paths:
         new = self.scores[1:, which]
         new[rows, column] = self.score.of(self.moving, np.ascontiguousarray(states), ends.size - 2)
         self.scores[1:, which] = np.maximum.accumulate(new, axis=0)
+
+
+def _refuse_many(count: int, parts: int, rows: int) -> None:
+    """Raise NoRoom if the states of so many members, and a copy of them, need more than is free."""
+    needed = 2 * 8 * (parts + 1) * count * rows
+    if (free := short_of(needed)) is not None:
+        raise NoRoom(
+            f"{count:,} members need {in_words(needed)} of memory, of which {in_words(free)} are"
+            " free: take fewer members and more repetitions, which are as good"
+        )
 
 
 def split(
