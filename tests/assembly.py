@@ -93,7 +93,7 @@ def assembly_of(case, lanes):
     groups = (0.0,) * min(lanes, group_count(case.made.integrator))
     several = (0.0,) * (len(case.made.parts) > 2)
     made, effects, works = case.made.integrator, case.effects, case.works
-    parts = made, effects, case.attitude, case.compensated, works, groups, several
+    parts = made, effects, case.attitude, case.compensated, works, groups, several, ()
     compiled = dispatcher_of(march)
     compiled.compile(signature_of(parts, case.dtype, lanes, MARCH))
     (assembly,) = compiled.inspect_asm().values()
