@@ -19,7 +19,7 @@ BENCHES = {
     "sets": "bench.sets",
     "watching": "bench.watching",
     "bath": "bench.bath",
-    "multilevel": "bench.multilevel",
+    "rare": "bench.rare",
     "exact": "bench.exact",
     "tolerance": "bench.tolerance",
     "maps": "bench.maps",

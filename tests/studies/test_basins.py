@@ -4,38 +4,13 @@ import numpy as np
 import pytest
 
 import rigidmc as rm
+from bench.cantor import CANTOR, ends_of, found, gap
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.runs.create import create
 from rigidmc.runs.resume import resume
 from rigidmc.scene.points import DISTANCES, Neighbours
-from rigidmc.studies.basins import basins_of, exponent, table
+from rigidmc.studies.basins import basins_of, table
 from rigidmc.views.basins import basins_and_shares
-
-CANTOR = 1.0 - np.log(2.0) / np.log(3.0)  # 1 - dimension of the middle-thirds set
-
-
-def gap(x):
-    """In which generation a point leaves the middle-thirds set: gaps of even and odd ones are two
-    basins, and the set is their boundary."""
-    left, y = np.zeros(x.shape, int), x.copy()
-    for generation in range(1, 34):
-        y = 3.0 * y
-        third = np.floor(y)
-        y -= third
-        left = np.where((left == 0) & (third == 1.0), generation, left)
-    return left
-
-
-def ends_of(seed, families, basin):
-    """(families, 13): the basin of each member of a study of one number."""
-    words = Neighbours(seed, {("x", 0, 0): 0}).words("x", 0, 13 * families, 0, (0,))[0]
-    return basin(words.reshape(families, 13))
-
-
-def found(ends):
-    """The exponent of a study with two basins."""
-    share = ends[:, 0].mean()
-    return exponent((ends[:, 1:] != ends[:, :1]).T, 2.0 * share * (1.0 - share))
 
 
 def test_a_cantor_set_and_a_point():
@@ -53,14 +28,6 @@ def test_neighbours_are_of_other_starts_if_the_design_is_broken():
     ends[:, 1:] = np.roll(ends[:, 1:], 1, axis=0)  # those of the family before
     value = found(ends).value
     assert np.isnan(value) or abs(value) < 0.05  # no distance is nearer than another
-
-
-@pytest.mark.slow
-def test_the_interval_covers():
-    """Of 1,000 studies of the Cantor set, 93 to 97 % have the true exponent in their interval."""
-    each = [found(ends_of(seed, 4096, lambda x: gap(x) % 2)) for seed in range(1000)]
-    inside = sum(one.low <= CANTOR <= one.high for one in each)
-    assert 930 <= inside <= 970  # measured 950
 
 
 def test_one_group_is_moved_by_the_distance():

@@ -7,7 +7,7 @@ from scipy import stats
 import rigidmc as rm
 from bench.coverage import INTERVALS, shares
 from rigidmc.studies import intervals as statistics
-from rigidmc.studies.intervals import mean, probability, quantile
+from rigidmc.studies.intervals import mean, mean_of_skew, probability, quantile
 
 REPEATED = 2000
 
@@ -62,6 +62,19 @@ def test_means_cover():
         0.95, 59, *stats.norm.fit(np.arange(60.0))[:1], scale=stats.sem(np.arange(60.0))
     )
     assert mean(np.arange(60.0))[1:] == pytest.approx(theirs, rel=1e-13)
+
+
+def test_means_of_skew_laws_cover():
+    """Of 16 log-normal values whose spread is 0.6 of the mean; Student's interval covers less."""
+    width = np.log(1.36) ** 0.5
+    x = np.exp(np.random.default_rng(5).normal(-0.5 * width**2, width, (4000, 16)))
+    hit = np.mean([one.low < 1.0 < one.high for one in map(mean_of_skew, x)])
+    assert 0.94 < hit < 0.96  # measured 0.949
+    assert covered(mean(x), 1.0) < 0.935  # measured 0.932
+    alike = mean_of_skew(np.full(8, 0.3))
+    assert alike.low == pytest.approx(0.3) and alike.high == pytest.approx(0.3)
+    narrow = np.random.default_rng(6).normal(1.0, 1e-4, 16)
+    assert mean_of_skew(narrow)[1:] == pytest.approx(mean(narrow)[1:], abs=1e-7)
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ import pytest
 from scipy import stats
 
 import rigidmc as rm
-from bench.multilevel import covered, equilibrium
+from bench.multilevel import equilibrium
 from rigidmc.errors import OptionError
 from rigidmc.studies import tasks
 from rigidmc.studies.multilevel import levels as levels_module
@@ -258,11 +258,3 @@ def test_table_and_picture():
     assert plain_members(found, 0.02).steps > 5
     figure = multilevel_levels(found)
     assert [axes.get_xlabel()[:5] for axes in figure.axes] == ["level", "level", "cost:"]
-
-
-@pytest.mark.slow
-def test_intervals_cover():
-    """Of 1,000 studies in thermal equilibrium: 93 to 97 %, and not those of the first level."""
-    inside = covered(1000).mean(0)
-    assert 0.93 <= inside[0] <= 0.97  # measured 0.967
-    assert inside[1] < 0.2  # measured 0.076

@@ -1,10 +1,10 @@
 """Rare events: a Gaussian tail, a chain whose law is known by quadrature, run directories."""
 
-import numpy as np
 import pytest
 from scipy.stats import norm
 
 import rigidmc as rm
+from bench.rare_truths import LEVEL, bathed, passed, spun
 from rigidmc.errors import FileError, NoRoom, OptionError
 from rigidmc.studies import tasks
 from rigidmc.studies.rare import splitting, subsets
@@ -14,41 +14,6 @@ from rigidmc.views.rare import rare_curve
 
 # the steps of the chain are those of its quadrature, however long
 pytestmark = pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning")
-
-GAMMA, STEP, STEPS, INERTIA = 0.7, 0.1, 40, 2.0
-SPREAD = (1.0 / INERTIA) ** 0.5  # of omega_3 at rest with a bath of kT = 1
-LEVEL = 4.9 * SPREAD
-
-
-def spun(deviation=1.0):
-    """A disc thrown with a normal spin about its axis."""
-    start = rm.Start(omega=(0.0, 0.0, rm.normal(0.0, deviation)))
-    return rm.Scene(rm.Body((1.0, 1.0, 2.0)), start=start).with_run(dt=0.1, t_end=0.1)
-
-
-def bathed():
-    """A disc in a bath: omega_3 is an Ornstein-Uhlenbeck process, which the splitting has
-    exactly."""
-    scene = rm.Scene(
-        rm.Body((1.0, 1.0, INERTIA)), rm.Bath(GAMMA, 1.0), rm.Start(omega=(0.0, 0.0, 0.0))
-    )
-    return scene.with_run(integrator="strang", dt=STEP, t_end=STEP * STEPS, checks=False)
-
-
-def passed():
-    """The probability that omega_3 has passed LEVEL after a step, by quadrature over the density
-    of those that have not."""
-    x, weight = np.polynomial.legendre.leggauss(400)
-    low = -8.0 * SPREAD
-    x, weight = (x + 1.0) / 2.0 * (LEVEL - low) + low, weight * (LEVEL - low) / 2.0
-    kept = np.exp(-GAMMA * STEP)
-    width = SPREAD * np.sqrt(1.0 - kept * kept)
-    moves = norm.pdf(x[:, None], kept * x[None, :], width)
-    density, p = norm.pdf(x, 0.0, width), norm.sf(LEVEL / width)
-    for _ in range(STEPS - 1):
-        p += (weight * density * norm.sf((LEVEL - kept * x) / width)).sum()
-        density = moves @ (weight * density)
-    return p
 
 
 def test_gaussian_tail():

@@ -22,7 +22,7 @@ from rigidmc.runs.tasks import Found, Request
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.scene import Scene
 from rigidmc.studies import tasks
-from rigidmc.studies.intervals import mean
+from rigidmc.studies.intervals import mean_of_skew
 from rigidmc.studies.rare.score import Score, is_noisy, scored
 from rigidmc.studies.rare.splitting import KILLED, PARTS, split
 from rigidmc.studies.rare.subsets import KEPT, descend
@@ -187,7 +187,7 @@ def dataset(
     numbers = sorted(found)
     p = np.array([float(found[i]["p"]) for i in numbers])
     steps = np.array([float(found[i]["steps"]) for i in numbers])
-    value, low, high = (float(x) for x in mean(p, confidence=confidence))
+    value, low, high = mean_of_skew(p, confidence)
     if np.isfinite(low):
         low, high = max(low, 0.0), min(high, 1.0)
     depth = max(found[i]["levels"].size for i in numbers)

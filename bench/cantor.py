@@ -1,0 +1,32 @@
+"""Basins whose boundary is a middle-thirds set, of which the dimension is known."""
+
+import numpy as np
+
+from rigidmc.scene.points import Neighbours
+from rigidmc.studies.basins import exponent
+
+CANTOR = 1.0 - np.log(2.0) / np.log(3.0)  # 1 - dimension of the middle-thirds set
+
+
+def gap(x):
+    """In which generation a point leaves the middle-thirds set: gaps of even and odd ones are two
+    basins, and the set is their boundary."""
+    left, y = np.zeros(x.shape, int), x.copy()
+    for generation in range(1, 34):
+        y = 3.0 * y
+        third = np.floor(y)
+        y -= third
+        left = np.where((left == 0) & (third == 1.0), generation, left)
+    return left
+
+
+def ends_of(seed, families, basin):
+    """(families, 13): the basin of each member of a study of one number."""
+    words = Neighbours(seed, {("x", 0, 0): 0}).words("x", 0, 13 * families, 0, (0,))[0]
+    return basin(words.reshape(families, 13))
+
+
+def found(ends):
+    """The exponent of a study with two basins."""
+    share = ends[:, 0].mean()
+    return exponent((ends[:, 1:] != ends[:, :1]).T, 2.0 * share * (1.0 - share))

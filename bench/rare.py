@@ -1,0 +1,203 @@
+"""Which number matters, what almost never happens, and means without the error of the step: what
+each costs against plain members for the same interval.
+
+Rare events with a truth of their own: a Gaussian tail; a chain whose law is known by quadrature; a
+free body of which a thousand million plain members are run; a body in a bath that escapes over a
+barrier, with Kramers's rate.
+"""
+
+import math
+import time
+import warnings
+
+from scipy import stats
+
+import rigidmc as rm
+from bench import harness, multilevel, shares
+from bench.rare_truths import (
+    FAR,
+    SPREAD,
+    TIMES,
+    TURN,
+    bathed,
+    escape_rate,
+    escaping,
+    passed,
+    spun,
+    turning,
+)
+from rigidmc.studies.chunks import chunks
+
+REPETITIONS = 64  # of each study: the spread of so many is known to 9 %
+PLAIN = 10**9  # plain members of the body that turns over
+CHUNK = 2**18  # of them at once
+TAIL = 1e-9
+
+
+def studied(name, scene, of, truth, repetitions, members=1000):
+    """The row of a study of a rare event.
+
+    gain : member-steps of plain sampling for the same interval, by those of the study: of n plain
+        members the variance of the share is p (1 - p)/n, of r repetitions it is Var(p_i)/r
+    """
+    began = time.process_time()
+    found = rm.rare(scene, of, 1e-12, members, repetitions, threads=1)
+    p, each, steps = float(found.p), found.probability.values, found.member_steps.values
+    of_a_member = round(scene.run.t_end / scene.run.dt)
+    plain = p * (1.0 - p) * of_a_member
+    return {
+        "kind": "rare",
+        "what": name,
+        "p": p,
+        "low": float(found.p_low),
+        "high": float(found.p_high),
+        "truth": truth,
+        "steps": float(steps.sum()),
+        "gain": plain / (each.var(ddof=1) * steps.mean()),
+        "error": float(each.std(ddof=1) / math.sqrt(each.size)),
+        "seconds": time.process_time() - began,
+    }
+
+
+def turned(members):
+    """(how many of so many plain members of `turning` turn over in time, processor seconds)."""
+    scene = turning().with_run(members=members, save=("flips",), keep="final")
+    began = time.process_time()
+    count = sum(
+        int((part.flip_first.values < TURN).sum()) for part in chunks(scene, CHUNK, None, None)
+    )
+    return count, time.process_time() - began
+
+
+def escaped(depth, repetitions):
+    """(the row of `escaping`, its rate by the theory): the rate is the difference of the shares
+    that have escaped at two times, over that of the times, when those left are in equilibrium."""
+    rows = [
+        studied(
+            f"escape over {depth} kT within {end:g} s",
+            escaping(depth).with_run(t_end=end, seed=int(end)),
+            f"p(nutation_max >= {FAR})",
+            None,
+            repetitions,
+        )
+        for end in TIMES
+    ]
+    per = TIMES[1] - TIMES[0]
+    rate = (rows[1]["p"] - rows[0]["p"]) / per
+    error = math.hypot(rows[0]["error"], rows[1]["error"]) / per
+    rigid, factor = escape_rate(depth)
+    return [
+        *rows,
+        {
+            "kind": "escape",
+            "depth": depth,
+            "rate": rate,
+            "error": error,
+            "kramers": rigid * factor,
+            "without friction": rigid,
+        },
+    ]
+
+
+def rare_rows(quick):
+    """The rows about rare events."""
+    few = 8 if quick else REPETITIONS
+    members = 10**6 if quick else PLAIN
+    count, seconds = turned(members)
+    plain = {"kind": "counted", "members": members, "count": count, "seconds": seconds}
+    interval = stats.binomtest(count, members).proportion_ci(0.95, "wilson")
+    plain |= {"p": count / members, "low": interval.low, "high": interval.high}
+    normal = [
+        studied(
+            f"Gaussian tail, subsets, {p:g}",
+            spun(),
+            f"p(omega_max[3] >= {stats.norm.isf(p):.17g})",
+            p,
+            few,
+        )
+        for p in (TAIL, 1e-6)
+    ]
+    level = 5.25 * SPREAD
+    chain = studied(
+        "disc in a bath, splitting",
+        bathed(),
+        f"p(omega_max[3] >= {level:.17g})",
+        passed(level),
+        few,
+    )
+    body = studied(
+        "free body that turns over, subsets", turning(), f"p(flip_first < {TURN})", plain["p"], few
+    )
+    return [*normal, chain, body, plain, *escaped(14, few)]
+
+
+def rare_targets(rows):
+    """The targets of rare events."""
+    found = {row["what"]: row for row in rows if row["kind"] == "rare"}
+    (plain,) = (row for row in rows if row["kind"] == "counted")
+    (escape,) = (row for row in rows if row["kind"] == "escape")
+    targets = []
+    for what, row in found.items():
+        if row["truth"] is None:
+            continue
+        targets.append(harness.target(f"{what}: gain", 300.0, row["gain"], "times"))
+        errors = row["error"]
+        if "turns over" in what:
+            errors = math.hypot(errors, math.sqrt(plain["p"] / plain["members"]))
+        off = abs(row["p"] - row["truth"]) / errors
+        targets.append(
+            harness.target(f"{what}: from the truth", 3.0, off, "standard errors", at_most=True)
+        )
+    off = abs(escape["rate"] - escape["kramers"]) / escape["error"]
+    without = abs(escape["rate"] - escape["without friction"]) / escape["error"]
+    return [
+        *targets,
+        harness.target("escape: from Kramers's rate", 3.0, off, "standard errors", at_most=True),
+        harness.target("escape: from the rate without friction", 3.0, without, "standard errors"),
+    ]
+
+
+def run(quick):
+    """All rows of the bench."""
+    warnings.simplefilter("ignore", rm.SceneWarning)
+    rare = rare_rows(quick)
+    return [
+        *rare,
+        *rare_targets(rare),
+        *shares.run(quick),
+        *multilevel.run(quick),
+    ]
+
+
+def report(rows):
+    """Print the tables."""
+    cells = [
+        (
+            row["what"],
+            f"{row['p']:.3e}",
+            f"{row['low']:.2e} to {row['high']:.2e}",
+            "" if row["truth"] is None else f"{row['truth']:.3e}",
+            f"{row['steps']:.2g}",
+            f"{row['gain']:,.0f}",
+            f"{row['seconds']:.1f}",
+        )
+        for row in rows
+        if row["kind"] == "rare"
+    ]
+    columns = ["event", "p", "95 %", "truth", "member-steps", "plain takes, times", "processor s"]
+    harness.table("rare events", columns, cells)
+    for row in rows:
+        if row["kind"] == "counted":
+            print(
+                f"{row['members']:,} plain members: {row['count']:,} turn over in time,"
+                f" p = {row['p']:.3e} ({row['low']:.3e} to {row['high']:.3e}),"
+                f" {row['seconds']:,.0f} processor s"
+            )
+        if row["kind"] == "escape":
+            print(
+                f"escape over {row['depth']} kT: {row['rate']:.3e} +- {row['error']:.1e} 1/s,"
+                f" Kramers {row['kramers']:.3e}, without friction {row['without friction']:.3e}"
+            )
+    shares.report(rows)
+    multilevel.report(rows)
+    harness.report_targets(rows)
