@@ -28,6 +28,7 @@ from rigidmc.studies.rare.splitting import KILLED, PARTS, split
 from rigidmc.studies.rare.subsets import KEPT, descend
 
 TARGET, MEMBERS, REPETITIONS = 1e-9, 1000, 16
+WIDE = 1.0  # spread of the repetitions, of their mean, beyond which the interval covers less
 LEAST = 20  # members of a repetition: two of them go on from a level
 METHODS = {True: "adaptive multilevel splitting", False: "subset simulation"}  # by is_noisy
 
@@ -263,6 +264,11 @@ def table(study: xr.Dataset) -> list[str]:
     )
     if math.isfinite(gain := float(study.gain)):
         lines.append(f"  plain sampling would take {gain:,.3g} times as many for this interval")
+    if p > 0.0 and done > 1 and float(study.probability.std(ddof=1)) > WIDE * p:
+        lines.append(
+            "  the repetitions spread by more than their mean, and few of them carry it: take more"
+            " members, or a number that tells better how near they are"
+        )
     if done < wanted:
         lines.append(f"  {wanted - done:,} repetitions are missing: `rigidmc resume` goes on")
     if not study.below_target.values.all() and (deep := int(study.below_target.sum())):
