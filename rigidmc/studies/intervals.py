@@ -177,7 +177,8 @@ def mean_of_skew(values: ArrayLike, confidence: float = 0.95) -> Interval:
         ((1 + a h/3)^3 - 1)/a + a/6,   a = s/n^(1/2)
 
     has nearly Student's law. For c from 0.1 to 1 it covers 94 to 95 % of log-normal means, and 95
-    to 96 % of those of the gamma law.
+    to 96 % of those of the gamma law. Larger spreads count as 1: few values carry such a mean, and
+    no interval of them is to be trusted.
     Source: Hall, J. R. Stat. Soc. B 54 (1992) 221.
 
     values : (n,), not negative;  raises OptionError for an impossible confidence
@@ -186,7 +187,7 @@ def mean_of_skew(values: ArrayLike, confidence: float = 0.95) -> Interval:
     n = np.size(values)
     t = float(stats.t.ppf(0.5 + 0.5 * confidence, n - 1))
     error = (high - value) / t
-    spread = error * n**0.5 / value if value > 0.0 else 0.0
+    spread = min(error * n**0.5 / value, 1.0) if value > 0.0 else 0.0
     a = max((3.0 * spread + spread**3) / n**0.5, 1e-9)
     h = (3.0 / a * (np.cbrt(1.0 + a * (end - a / 6.0)) - 1.0) for end in (t, -t))
     return Interval(value, *(value - error * one for one in h))
