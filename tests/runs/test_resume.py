@@ -193,7 +193,9 @@ def test_some_kills(tmp_path):
 
 @LINUX
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["sensitivity", "section", "frequencies"])
+@pytest.mark.parametrize(
+    "kind", ["sensitivity", "section", "frequencies", "basins", "ftle", "rare", "multilevel"]
+)
 def test_twenty_kills_of_a_study(kind, tmp_path):
     """As `python tests/torture.py --kills 20 --kinds section`."""
     told = torture.kills(20, str(tmp_path), random.Random(9), names=[kind])
