@@ -1,11 +1,13 @@
 """Rare events: a Gaussian tail, a chain whose law is known by quadrature, run directories."""
 
+import numpy as np
 import pytest
 from scipy.stats import norm
 
 import rigidmc as rm
 from bench.rare_truths import LEVEL, bathed, passed, spun
 from rigidmc.errors import FileError, NoRoom, OptionError
+from rigidmc.runs.moving import Moving
 from rigidmc.studies import tasks
 from rigidmc.studies.rare import splitting, subsets
 from rigidmc.studies.rare.rare import KIND, asked, rare, rare_of, table
@@ -132,3 +134,12 @@ def test_members_without_room_are_refused():
     """129 states of each member, and a copy, of some 50 rows: 100 kB a member."""
     with pytest.raises(NoRoom, match="take fewer members"):
         rare(bathed(), f"p(omega_max[3] >= {LEVEL:.17g})", 1e-9, 10**9, 2)
+
+
+def test_members_may_branch_at_the_end():
+    """Parents that pass a level in the last part of the run: their copies have nothing to go."""
+    scene, score = scored(bathed(), f"p(omega_max[3] >= {LEVEL:.17g})")
+    paths = splitting.Paths(Moving(scene, 8, 1), score, 40, 1)
+    paths.scores[:-1], paths.scores[-1] = -1.0, 1.0
+    paths.branch(np.array([0, 1]), np.array([5, 6]), 0.5)
+    assert np.array_equal(paths.states[:, :2], paths.states[:, 5:7])

@@ -85,6 +85,8 @@ class Paths:
             self.steps += count * float(ends[part + 1] - ends[part])
         # of all parts at once, which takes a tenth of the time; a score of a maximum needs no part
         rows, column = np.nonzero(np.arange(1, ends.size)[:, None] > at)
+        if rows.size == 0:  # all of them branch where the run ends
+            return
         states = self.states[rows + 1, which[column]].T
         new = self.scores[1:, which]
         new[rows, column] = self.score.of(self.moving, np.ascontiguousarray(states), ends.size - 2)
