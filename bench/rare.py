@@ -49,12 +49,10 @@ def studied(name, scene, of, truth, repetitions, members=1000):
         "kind": "rare",
         "what": name,
         "p": p,
-        "low": float(found.p_low),
-        "high": float(found.p_high),
+        "error": float(each.std(ddof=1) / math.sqrt(each.size)),
         "truth": truth,
         "steps": float(steps.sum()),
         "gain": plain / (each.var(ddof=1) * steps.mean()),
-        "error": float(each.std(ddof=1) / math.sqrt(each.size)),
         "seconds": time.process_time() - began,
     }
 
@@ -175,7 +173,7 @@ def report(rows):
         (
             row["what"],
             f"{row['p']:.3e}",
-            f"{row['low']:.2e} to {row['high']:.2e}",
+            f"{row['error']:.1e}",
             "" if row["truth"] is None else f"{row['truth']:.3e}",
             f"{row['steps']:.2g}",
             f"{row['gain']:,.0f}",
@@ -184,7 +182,7 @@ def report(rows):
         for row in rows
         if row["kind"] == "rare"
     ]
-    columns = ["event", "p", "95 %", "truth", "member-steps", "plain takes, times", "processor s"]
+    columns = ["event", "p", "+-", "truth", "member-steps", "plain takes, times", "processor s"]
     harness.table("rare events", columns, cells)
     for row in rows:
         if row["kind"] == "counted":
