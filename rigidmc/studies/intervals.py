@@ -168,29 +168,28 @@ def quantile(values: ArrayLike, q: float, confidence: float = 0.95) -> Interval:
 
 
 def mean_of_skew(values: ArrayLike, confidence: float = 0.95) -> Interval:
-    """The mean of positive values whose law is about log-normal, with Hall's interval.
+    """The mean of positive values whose law is about log-normal, with an interval of its logarithm.
 
     Student's interval misses the mean of few values of a skew law, mostly from below: of 16 values
-    with a spread of 0.6 of the mean it covers 92 %. With h = (mean - true mean)/error and s = 3 c +
-    c^3, the skewness of the log-normal law whose spread is c of its mean, the number
+    with a spread of 0.6 of the mean it covers 92 %. With a spread of c of the mean the ends are
 
-        ((1 + a h/3)^3 - 1)/a + a/6,   a = s/n^(1/2)
+        mean exp(+-t (c^2/n + c^4/2(n - 1))^(1/2))
 
-    has nearly Student's law. For c from 0.1 to 1 it covers 94 to 95 % of log-normal means, and 95
-    to 96 % of those of the gamma law. Larger spreads count as 1: few values carry such a mean, and
-    no interval of them is to be trusted.
-    Source: Hall, J. R. Stat. Soc. B 54 (1992) 221.
+    where c^2 is about the variance of the logarithms, and the second term is its own error. Of 8
+    values or more with c up to 0.6 it covers 94 to 96 % of log-normal means and of those of the
+    gamma law, and for 16 of them is an eighth wider than Student's. For c = 1 it covers 93 to 97 %;
+    with a larger spread few values carry the mean, and no interval of them is to be trusted.
+    Source: Cox's method (Land, Technometrics 14 (1972) 145) with Student's t (Olsson, J. Stat.
+    Educ. 13 (2005) 1), here about the plain mean.
 
     values : (n,), not negative;  raises OptionError for an impossible confidence
     """
     value, _, high = (float(one) for one in mean(values, confidence=confidence))
     n = np.size(values)
-    t = float(stats.t.ppf(0.5 + 0.5 * confidence, n - 1))
-    error = (high - value) / t
-    spread = min(error * n**0.5 / value, 1.0) if value > 0.0 else 0.0
-    a = max((3.0 * spread + spread**3) / n**0.5, 1e-9)
-    h = (3.0 / a * (np.cbrt(1.0 + a * (end - a / 6.0)) - 1.0) for end in (t, -t))
-    return Interval(value, *(value - error * one for one in h))
+    half = (high - value) / value if value > 0.0 else 0.0  # t c/n^(1/2)
+    t = stats.t.ppf(0.5 + 0.5 * confidence, n - 1)
+    grown = half * np.sqrt(1.0 + (half / t) ** 2 * n * n / (2.0 * (n - 1.0)))
+    return Interval(value, value * float(np.exp(-grown)), value * float(np.exp(grown)))
 
 
 def quantiles(values: ArrayLike, q: float, confidence: float = 0.95) -> Interval:
