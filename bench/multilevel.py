@@ -107,7 +107,7 @@ def plain(study, width, most=None):
     }
 
 
-def run(quick):
+def measured(quick):
     """All rows of the bench."""
     warnings.simplefilter("ignore", SceneWarning)
     by_levels(1e-2)  # compiles
@@ -149,7 +149,7 @@ def run(quick):
     ]
 
 
-def report(rows):
+def show(rows):
     """Print the tables."""
     cells = [
         (

@@ -162,8 +162,8 @@ def run(quick):
     return [
         *rare,
         *rare_targets(rare),
-        *shares.run(quick),
-        *multilevel.run(quick),
+        *shares.measured(quick),
+        *multilevel.measured(quick),
     ]
 
 
@@ -196,6 +196,6 @@ def report(rows):
                 f"escape over {row['depth']} kT: {row['rate']:.3e} +- {row['error']:.1e} 1/s,"
                 f" Kramers {row['kramers']:.3e}, without friction {row['without friction']:.3e}"
             )
-    shares.report(rows)
-    multilevel.report(rows)
+    shares.show(rows)
+    multilevel.show(rows)
     harness.report_targets(rows)

@@ -84,7 +84,7 @@ def needed(found, truth):
     return MEMBERS * (1.96 * error / HALF) ** 2
 
 
-def run(quick):
+def measured(quick):
     """All rows of this part."""
     studies, draws = 40 if quick else STUDIES, np.random.default_rng(1)
     truth = np.concatenate([SHARES, SHARES])
@@ -118,7 +118,7 @@ def run(quick):
     ]
 
 
-def report(rows):
+def show(rows):
     """Print the table."""
 
     def text(count):
