@@ -2,7 +2,6 @@
 
 import warnings
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -54,11 +53,12 @@ def sensitivity(
 
     where a, b, c_k are less their mean. Each of these means is corrected by those that are known to
     be 0, <a b>, <b^2 - a^2> and <c_j^2 - a^2>, which takes the errors of large indices down to a
-    seventh. The intervals are Fieller's of ratios of two means; those of 95 % cover the index in 93
-    to 95 % of studies from 1,024 families on. Noise of random effects
-    counts as one more uncertain number, which takes part in every total index.
+    seventh. The intervals are Fieller's of ratios of two means, whose errors are the jackknife's;
+    those of 95 % cover the index in 94 to 95 % of studies from 512 families on. Noise of random
+    effects counts as one more uncertain number, which takes part in every total index.
     Source: Saltelli et al., Comput. Phys. Commun. 181 (2010) 259, table 2 (b) and (f); Lavenberg &
-    Welch, Manage. Sci. 27 (1981) 322; Fieller, J. R. Stat. Soc. B 16 (1954) 175.
+    Welch, Manage. Sci. 27 (1981) 322; MacKinnon & White, J. Econometrics 29 (1985) 305; Fieller,
+    J. R. Stat. Soc. B 16 (1954) 175.
 
     Parameters
     ----------
@@ -154,46 +154,50 @@ def indices(
         warnings.simplefilter("ignore", RuntimeWarning)  # a mean of nothing is nan
         y = y - y[:, :2].mean()
         a, b, c = y[:, :1], y[:, 1:2], y[:, 2:]
-        size = 0.5 * (a * a + b * b)
         zero = np.concatenate([a * b, b * b - a * a, c * c - a * a], axis=1)
         if not controls or y.shape[0] < FEW * zero.shape[1]:
             zero = zero[:, :0]
-        less = partial(_controlled, zero=zero)
-        return (
-            _ratio(less(b * (c - a)), less(size), zero.shape[1], confidence),
-            _ratio(less(0.5 * (a - c) ** 2), less(size), zero.shape[1], confidence),
-        )
+        size = 0.5 * (a * a + b * b)
+        alone = _means(np.concatenate([size, b * (c - a)], axis=1), zero)
+        shared = _means(np.concatenate([size, 0.5 * (a - c) ** 2], axis=1), zero)
+        free = y.shape[0] - 1 - zero.shape[1]
+        factor = stats.t.ppf(0.5 + 0.5 * confidence, max(free, 1)) ** 2
+        return _ratios(*alone, factor), _ratios(*shared, factor)
 
 
-def _controlled(x: Array, zero: Array) -> Array:
-    """Columns without what the columns of `zero`, whose means are known to be 0, tell of them by
-    least squares: with the same mean, and a smaller error of it.
+def _means(x: Array, zero: Array) -> tuple[Array, Array]:
+    """(means of columns, covariance of their errors): the means without what the columns of `zero`,
+    whose own means are known to be 0, tell of them by least squares.
 
-    Source: Lavenberg & Welch, Manage. Sci. 27 (1981) 322.
+    The covariance is the jackknife's, from leaving out one row at a time. That of a normal law is
+    too small for rows of skew numbers: with 512 families its intervals of 95 % cover in 93.
+
+    Source: Lavenberg & Welch, Manage. Sci. 27 (1981) 322; MacKinnon & White, J. Econometrics 29
+    (1985) 305.
     """
-    slopes = np.linalg.lstsq(zero - zero.mean(axis=0), x - x.mean(axis=0), rcond=None)[0]
-    less: Array = x - zero @ slopes
-    return less
+    z = np.insert(zero, 0, 1.0, axis=1)
+    inverse = np.linalg.pinv(z.T @ z)
+    slopes = inverse @ (z.T @ x)
+    pull = ((z @ inverse) * z).sum(axis=1)  # of a row on its own value
+    errors = (x - z @ slopes) * ((z @ inverse[0]) / (1.0 - pull))[:, None]
+    n = x.shape[0]
+    return slopes[0], (n - 1) / n * (errors.T @ errors)
 
 
-def _ratio(above: Array, below: Array, controls: int, confidence: float) -> Interval:
-    """The ratio of the means of two columns, with Fieller's interval: the ratios theta for which
-    Student's test takes the mean of above - theta below for 0. Its ends are nan if these are all.
+def _ratios(means: Array, errors: Array, factor: float) -> Interval:
+    """The ratios of all means to the first, with Fieller's intervals: the ratios theta for which
+    Student's test takes mean - theta first for 0. Their ends are nan if these are all.
 
-    controls : how many slopes the columns have been fitted with
+    factor : Student's quantile, squared
     Source: Fieller, J. R. Stat. Soc. B 16 (1954) 175.
     """
-    n, size = above.shape[0], below.mean()
-    free = n - 1 - controls
-    value = above.mean(axis=0) / size
-    rest = above - value * below
-    share = stats.t.ppf(0.5 + 0.5 * confidence, max(free, 1)) ** 2 / n * (n - 1) / free
-    known = size**2 - share * below.var(ddof=1)
+    size, above = means[0], means[1:]
+    known = size**2 - factor * errors[0, 0]
     known = np.where(known > 0.0, known, np.nan)
-    together = (rest * (below - size)).sum(axis=0) / (n - 1)
-    shift = -share * together / known
-    half = np.sqrt(shift**2 + share * rest.var(axis=0, ddof=1) / known)
-    return Interval(value, value + shift - half, value + shift + half)
+    middle = (above * size - factor * errors[0, 1:]) / known
+    least = (above**2 - factor * np.diag(errors)[1:]) / known
+    half = np.sqrt(middle**2 - least)
+    return Interval(above / size, middle - half, middle + half)
 
 
 def _mean_of(

@@ -39,7 +39,7 @@ def test_intervals_cover():
     """Of 1,000 studies, each of six intervals: 93 to 97 %; `tests/studies/test_intervals.py` has
     more of them."""
     found = shares("Sobol indices, Ishigami, 1,024 families")
-    assert (found >= 0.93).all() and (found <= 0.97).all()  # measured 0.941 to 0.957
+    assert (found >= 0.93).all() and (found <= 0.97).all()  # measured 0.936 to 0.955
     narrow = [indices(ishigami(seed, 1024), 0.9)[1] for seed in range(100)]
     assert (
         np.mean([(one.low <= TOTAL) & (one.high >= TOTAL) for one in narrow]) < 0.93
