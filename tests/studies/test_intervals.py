@@ -86,7 +86,7 @@ def test_means_of_skew_laws_cover():
 def test_intervals_cover(name):
     """As `python -m bench coverage`: 93 to 97 %, over 1,000 repeated studies or more."""
     found = shares(name)
-    assert found.min() >= 0.93 and found.max() <= 0.97  # measured 0.937 to 0.957
+    assert found.min() >= 0.93 and found.max() <= 0.97  # measured 0.935 to 0.967
 
 
 @pytest.mark.parametrize("q", [0.1, 0.5, 0.99])
