@@ -14,7 +14,6 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from rigidmc.engine.frame import frame_type
 from rigidmc.engine.machine import threads_available
 from rigidmc.engine.pieces import Asked, is_kept, piece
 
@@ -69,15 +68,14 @@ def _started(asked: Sequence[Asked]) -> subprocess.Popen[str] | None:
         return None
     assert process.stdin is not None
     with contextlib.suppress(OSError), process.stdin as pipe:
-        # the record that `advance` takes follows from its precision: None stands for it
-        json.dump(written, pipe, default=lambda record: None)
+        json.dump(written, pipe)
     return process
 
 
 def main() -> None:
     """Compile what is written on the standard input."""
     for function, parts, dtype, lanes, arguments in json.load(sys.stdin):
-        piece(_named(function), _read(parts), dtype, lanes, arguments or frame_type(dtype))
+        piece(_named(function), _read(parts), dtype, lanes, arguments)
 
 
 def _name(thing: Callable[..., Any]) -> str:

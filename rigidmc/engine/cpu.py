@@ -62,32 +62,38 @@ def advance(kinds, numbers, frame):
         `rigidmc.engine.layout` and changed in place; n is a multiple of LANES. Between calls it
         holds the state as the integrator keeps it between steps, after step `total` the true one
     """
-    flat = flat_memory(frame)
     for low in range(0, frame.width, frame.lanes):
-        enter(frame, low)
-        if frame.first == 0:
-            begin(frame, low)
-        elif frame.shadow != 0:
-            swap(frame, 0)
-        now, idle = frame.first, False
-        while now < frame.last:
-            # `begun` is the first step of the round; without member steps there is one round
-            begun = now // frame.slots * frame.slots if frame.member_steps != 0 else 0
-            stop = ending(frame, now, begun)
-            if frame.member_steps != 0 and now == begun:
-                for k in range(frame.lanes):
-                    flat.work[BEGAN * frame.lanes + k] = begun // frame.slots * frame.h
-            if not idle:
-                steps(frame, begun, now - begun, stop - begun)
-            now, slot = stop, stop - begun
-            saved = now == frame.total or now % frame.stride == 0
-            # no look where only a call ends: no result depends on calls
-            if saved or (slot % LOOK == 0 and (frame.member_steps == 0 or slot < frame.slots)):
-                rounds = begun // frame.slots * 1.0 if frame.member_steps != 0 else 0.0
-                idle = look(frame, rounds, slot)
-            if saved:
-                save(frame, low, now)
-        leave(frame, low)
+        live(frame, low)
+    return 0
+
+
+def live(frame, low):
+    """Take the members of a block from `low` on, as many as there are lanes."""
+    flat = flat_memory(frame)
+    enter(frame, low)
+    if frame.first == 0:
+        begin(frame, low)
+    elif frame.shadow != 0:
+        swap(frame, 0)
+    now, idle = frame.first, False
+    while now < frame.last:
+        # `begun` is the first step of the round; without member steps there is one round
+        begun = now // frame.slots * frame.slots if frame.member_steps != 0 else 0
+        stop = ending(frame, now, begun)
+        if frame.member_steps != 0 and now == begun:
+            for k in range(frame.lanes):
+                flat.work[BEGAN * frame.lanes + k] = begun // frame.slots * frame.h
+        if not idle:
+            steps(frame, begun, now - begun, stop - begun)
+        now, slot = stop, stop - begun
+        saved = now == frame.total or now % frame.stride == 0
+        # no look where only a call ends: no result depends on calls
+        if saved or (slot % LOOK == 0 and (frame.member_steps == 0 or slot < frame.slots)):
+            rounds = begun // frame.slots * 1.0 if frame.member_steps != 0 else 0.0
+            idle = look(frame, rounds, slot)
+        if saved:
+            save(frame, low, now)
+    leave(frame, low)
     return 0
 
 

@@ -7,11 +7,23 @@ go, and the memory to work in. Compiled code takes all of them as one record.
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import DTypeLike
 
-from rigidmc.engine.pieces import Piece
+Memory = Any  # an array, or its address on a device
 
-Array = NDArray[Any]
+
+class Piece(NamedTuple):
+    """A piece of compiled code: the addresses of the code and of its numbers.
+
+    Uncompiled it is the function, its Kinds, and the array of its numbers.
+    """
+
+    code: Any
+    kinds: Any
+    numbers: Any
+
+
+NOTHING = Piece(0, 0, 0)  # for a piece that a scene does not use
 
 
 class Pieces(NamedTuple):
@@ -85,8 +97,8 @@ class Noise(NamedTuple):
 
     key: Any
     other: Any
-    streams: Array
-    members: Array
+    streams: Memory
+    members: Memory
 
 
 class Saves(NamedTuple):
@@ -96,10 +108,10 @@ class Saves(NamedTuple):
         term is order[m]
     """
 
-    out: Array
+    out: Memory
     columns: int
     column: int
-    order: Array
+    order: Memory
 
 
 class Room(NamedTuple):
@@ -112,17 +124,17 @@ class Room(NamedTuple):
     past : whether saves may go past the cache
     """
 
-    parts: Array
+    parts: Memory
     part_rows: int
-    block: Array
+    block: Memory
     rows: int
     width: int
-    state: Array
-    near: Array
-    work: Array
-    aside: Array
-    trace: Array
-    saved: Array
+    state: Memory
+    near: Memory
+    work: Memory
+    aside: Memory
+    trace: Memory
+    saved: Memory
     past: int
 
 

@@ -9,7 +9,7 @@ import gc
 import sys
 import threading
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numba
 import numpy as np
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 import rigidmc.engine.compose
 import rigidmc.engine.functions  # noqa: F401  (what a user's effects may call)
 from rigidmc.engine import cache
+from rigidmc.engine.frame import Piece, frame_type
 from rigidmc.engine.intrinsics import coded
 from rigidmc.engine.kinds import Kinds, numbers_of
 from rigidmc.engine.machine import use_widest_vectors
@@ -38,28 +39,15 @@ _INT, _REAL, _PLAIN = types.int64, types.float64, Rows(types.float64, 0)
 _IN_C: dict[str, Any] = {"i": ctypes.c_int64, "k": ctypes.c_uint64, "f": ctypes.c_double}
 _by_types: dict[tuple[Any, ...], int] = {}  # addresses of pieces, by what they are compiled for
 _addresses: dict[tuple[Any, ...], int] = {}  # the same, found without asking Numba for types
+_codes: dict[tuple[Any, ...], tuple[str, str]] = {}
 _compiling = threading.Lock()
 _dispatchers: dict[Any, Any] = {}
 
 
-Asked = tuple[Any, Any, str, int, Any]  # the arguments of `piece`
+Asked = tuple[Any, Any, str, int, str]  # the arguments of `piece`
 
 
-class Piece(NamedTuple):
-    """A piece: the addresses of its code and of its numbers.
-
-    Uncompiled it is the function, its Kinds, and the array of its numbers.
-    """
-
-    code: Any
-    kinds: Any
-    numbers: Any
-
-
-NOTHING = Piece(0, 0, 0)  # for a piece that a scene does not use
-
-
-def signature_of(parts: Any, dtype: str, lanes: int, arguments: Any) -> Any:
+def signature_of(parts: Any, dtype: str, lanes: int, arguments: str) -> Any:
     """The types of a piece for NamedTuples `parts`, see `piece`."""
     real = types.float64 if dtype == "float64" else types.float32
     known = {
@@ -71,21 +59,20 @@ def signature_of(parts: Any, dtype: str, lanes: int, arguments: Any) -> Any:
         "i": _INT,
         "f": _REAL,
         "k": types.uint64,
+        "r": numba.from_dtype(frame_type(dtype)),
     }
-    if isinstance(arguments, str):
-        return _INT(typeof(Kinds(*parts)), _PLAIN, *(known[letter] for letter in arguments))
-    return _INT(typeof(Kinds(*parts)), _PLAIN, numba.from_dtype(arguments))
+    return _INT(typeof(Kinds(*parts)), _PLAIN, *(known[letter] for letter in arguments))
 
 
 def piece(
-    function: Function, parts: Any, dtype: str, lanes: int, arguments: Any
+    function: Function, parts: Any, dtype: str, lanes: int, arguments: str
 ) -> tuple[Piece, NDArray[np.float64]]:
     """(the Piece of function(kinds, numbers, *arguments) for NamedTuples `parts`, its numbers).
 
     The array of the numbers has to live as long as the piece is called.
     arguments : the types of the other arguments in letters: s for rows in the precision of the run,
         w for rows in float64, p for plain numbers in memory, n and u for integers and words in
-        memory, i for an integer, k for a word, f for a number; or the dtype of one record
+        memory, i for an integer, k for a word, f for a number, r for a record of `frame_type`
     """
     numbers = np.array(numbers_of(parts) or [0.0])
     if config.DISABLE_JIT:
@@ -96,7 +83,7 @@ def piece(
     return Piece(_addresses[key], 0, numbers.ctypes.data), numbers
 
 
-def is_ready(function: Function, parts: Any, dtype: str, lanes: int, arguments: Any) -> bool:
+def is_ready(function: Function, parts: Any, dtype: str, lanes: int, arguments: str) -> bool:
     """Whether the code of a `piece` is in memory or in the disk cache."""
     if config.DISABLE_JIT or (function, dtype, lanes, kind_of(parts), arguments) in _addresses:
         return True
@@ -105,7 +92,7 @@ def is_ready(function: Function, parts: Any, dtype: str, lanes: int, arguments: 
     return compiled or cache.is_cached(_cached_dispatcher(function), signature)
 
 
-def is_kept(function: Function, parts: Any, dtype: str, lanes: int, arguments: Any) -> bool:
+def is_kept(function: Function, parts: Any, dtype: str, lanes: int, arguments: str) -> bool:
     """Whether the disk cache keeps the code of a `piece`: another process may compile it then."""
     return not config.DISABLE_JIT and cache.is_kept(
         _cached_dispatcher(function), signature_of(parts, dtype, lanes, arguments)
@@ -172,8 +159,27 @@ def _address(function: Function, signature: Any) -> int:
     return _by_types[key]
 
 
+def code_of(
+    function: Function, parts: Any, dtype: str, lanes: int, arguments: str
+) -> tuple[str, str]:
+    """(the name of a `piece`'s function in LLVM's code, this code); the disk cache has none."""
+    key = function, dtype, lanes, kind_of(parts), arguments
+    with _compiling:
+        if key not in _codes:
+            signature = signature_of(parts, dtype, lanes, arguments)
+            result = _result(dispatcher_of(function), signature)
+            _codes[key] = result.fndesc.llvm_func_name, result.library.get_llvm_str()
+    return _codes[key]
+
+
 def _compiled(dispatcher: Any, signature: Any) -> int:
     """Compile a piece, or load it from the disk cache; the address of its code."""
+    result = _result(dispatcher, signature)
+    return int(result.library.get_pointer_to_function(result.fndesc.llvm_func_name))
+
+
+def _result(dispatcher: Any, signature: Any) -> Any:
+    """What Numba makes of a piece."""
     deepest, collects = sys.getrecursionlimit(), gc.isenabled()
     sys.setrecursionlimit(max(deepest, DEEPEST))
     gc.disable()  # saves a sixth of the time, for 70 MB
@@ -183,8 +189,7 @@ def _compiled(dispatcher: Any, signature: Any) -> int:
         sys.setrecursionlimit(deepest)
         if collects:
             gc.enable()
-    result = dispatcher.overloads[signature.args]
-    return int(result.library.get_pointer_to_function(result.fndesc.llvm_func_name))
+    return dispatcher.overloads[signature.args]
 
 
 def call(piece, arguments):

@@ -1,6 +1,6 @@
 """What moves the members of a scene: its pieces, compiled, and the memory that they work in."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -15,14 +15,24 @@ from rigidmc.engine import running as watching
 from rigidmc.engine.beside import beside, helped
 from rigidmc.engine.compile_time import announced, divided
 from rigidmc.engine.cpu import TRACE, advance
-from rigidmc.engine.frame import Noise, Pieces, Room, Run, Saves, Shape, frame_type
+from rigidmc.engine.frame import (
+    NOTHING,
+    Noise,
+    Piece,
+    Pieces,
+    Room,
+    Run,
+    Saves,
+    Shape,
+    frame_type,
+)  # fmt: skip
 from rigidmc.engine.kinds import row_count
 from rigidmc.engine.layout import BODY, BODY_AT, KNOWN, LANES, START, places
 from rigidmc.engine.machine import vector_bits
 from rigidmc.engine.march import march
 from rigidmc.engine.memory import aligned
 from rigidmc.engine.own_parts import slow_parts
-from rigidmc.engine.pieces import NOTHING, Asked, Piece, config, is_ready, piece, run
+from rigidmc.engine.pieces import Asked, config, is_ready, piece, run
 from rigidmc.engine.pipeline import LINE
 from rigidmc.integrators.protocol import group_count, keeping, keeps_its_own
 from rigidmc.observables.protocol import size
@@ -30,6 +40,7 @@ from rigidmc.observables.protocol import size
 MARCH = "piswsikkuiii"  # the arguments of `march`, see `piece`
 NO_NOISE = Noise(np.uint64(0), np.uint64(0), np.zeros(1, np.uint64), np.zeros(0, np.int64))
 NO_SAVES = Saves(np.empty(0), 0, 0, np.empty(0, np.int64))
+CALL = 3_000_000  # member-steps per call: 10 to 60 ms at 50 to 300 M/s on two threads
 
 
 class Program:
@@ -73,7 +84,9 @@ class Program:
         self.lanes = 1 if one else lanes or lanes_for(dtype)
         self.parts = np.ascontiguousarray(form.parts, dtype=float).ravel()
 
-        rows = places(row_count(effects), len(ledger), len(events), [len(m) for _, m in running])
+        marks = [len(m) for _, m in running]
+        rows = places(row_count(effects), len(ledger), len(events), marks, bool(shadow))
+        self.rows = rows.end
         random = any("noise" in effect._fields for effect in effects)
         self.shape = Shape(
             lanes=self.lanes,
@@ -89,9 +102,9 @@ class Program:
             tries=0 if random else event.TRIES,
             noisy=int(random),
         )
-        marks = (0.0,) * bool(attitude), (0.0,) * bool(compensated)
+        kept = (0.0,) * bool(attitude), (0.0,) * bool(compensated)
         self.paired = (0.0,) * bool(paired)
-        self.asked = self._asked(marks, observables, tuple(limits), ledger, events, running, shadow)
+        self.asked = self._asked(kept, observables, tuple(limits), ledger, events, running, shadow)
         if not ask:
             self._compile()
 
@@ -126,7 +139,7 @@ class Program:
             begin_near=asked(shadow, neighbour.begin_near, (kept, effects), "pswsi"),
             meet=asked(shadow, neighbour.meet, (kept, effects), "pswsiff"),
         )
-        return {**pieces._asdict(), "advance": (advance, (), self.dtype, 0, frame_type(self.dtype))}
+        return {**pieces._asdict(), "advance": (advance, (), self.dtype, 0, "r")}
 
     def _compile(self) -> None:
         """Compile the pieces that are missing, some of them in a second process."""
@@ -168,6 +181,20 @@ class Program:
         able = helped({name: asked for name in missing if (asked := self.asked[name])})
         return divided(self.label, missing, self.effects, able)
 
+    def through(
+        self, block: NDArray[np.float64], steps: Run, noise: Noise, saves: Saves
+    ) -> Iterator[int]:
+        """`advance` by calls that are no longer than a blink; the step after each of them.
+
+        No result depends on the calls. One that is called off leaves the block as it is then.
+        """
+        # a step in many parts takes as many times as long
+        most = max(1, CALL // (max(1, block.shape[1]) * (len(self.form.parts) - 1)))
+        for first in range(steps.first, steps.last, most):
+            last = min(steps.last, first + most)
+            self.advance(block, steps._replace(first=first, last=last), noise, saves)
+            yield last
+
     def advance(
         self, block: NDArray[np.float64], steps: Run, noise: Noise | None = None,
         saves: Saves | None = None,
@@ -176,7 +203,6 @@ class Program:
         lanes, (rows, members) = self.lanes, block.shape
         noise = noise or NO_NOISE._replace(members=np.arange(members))
         saves = saves or NO_SAVES
-        state_rows = BODY_AT + rows - BODY
         places_of_saves = 8 * lanes, saves.out.ctypes.data, 8 * saves.columns, 8 * saves.column
         room = Room(
             parts=self.parts,
@@ -184,15 +210,28 @@ class Program:
             block=block,
             rows=rows,
             width=members,
-            state=aligned(state_rows * lanes, self.dtype),
-            near=aligned(state_rows * lanes, self.dtype),
-            work=aligned((KNOWN + rows) * lanes, float),
-            aside=aligned(KNOWN * lanes, float),
-            trace=aligned((7 * (TRACE + 1) + START + self.shape.works) * lanes, self.dtype),
-            saved=aligned(max(1, self.shape.values) * lanes, float),
             past=int(all(place % LINE == 0 for place in places_of_saves)),
+            **{
+                name: aligned(count * lanes, kind)
+                for name, (count, kind) in self.working_memory(rows).items()
+            },
         )
         run(self._advance, "p", framed(self._frame, steps, noise, saves, room))
+
+    def working_memory(self, rows: int) -> dict[str, tuple[int, DTypeLike]]:
+        """{name in Room: (how many numbers, of which kind)} that a member works in.
+
+        rows : of its block
+        """
+        state = BODY_AT + rows - BODY, self.dtype
+        return {
+            "state": state,
+            "near": state,
+            "work": (KNOWN + rows, float),
+            "aside": (KNOWN, float),
+            "trace": (7 * (TRACE + 1) + START + self.shape.works, self.dtype),
+            "saved": (max(1, self.shape.values), float),
+        }
 
 
 def framed(frame: Any, *given: NamedTuple) -> Any:

@@ -5,7 +5,7 @@ Everything else happens between calls: progress, and calling the run off.
 
 import threading
 from collections.abc import Callable, Iterable
-from contextlib import suppress
+from contextlib import closing, suppress
 from queue import Empty, SimpleQueue
 from typing import Any
 
@@ -15,7 +15,6 @@ from rigidmc.engine.frame import Run, Saves
 from rigidmc.threads import Task, drop, threads_of
 
 EVERY = np.empty(0, np.int64)  # the order of members that are in their order
-CALL = 3_000_000  # member-steps per call: 10 to 60 ms at 50 to 300 M/s on two threads
 
 
 class Stopped(Exception):
@@ -37,17 +36,14 @@ def run_block(
         return job
     order = EVERY if job.order is None else job.order
     saves, member_steps = Saves(job.out, job.width, job.column, order), int(job.order is not None)
-    # a step in many parts takes as many times as long
-    steps = max(1, CALL // (size * (len(job.program.form.parts) - 1)))
-    while done < job.total:
-        if stop is not None and stop.is_set():
-            raise Stopped
-        last = min(job.total, done + steps)
-        part = Run(job.h, job.slots, job.stride, job.total, member_steps, done, last)
-        job.program.advance(block, part, job.noise, saves)
-        if progress is not None:
-            progress(size * (last - done) * rounds_a_step)
-        done = last
+    steps = Run(job.h, job.slots, job.stride, job.total, member_steps, 0, job.total)
+    with closing(job.program.through(block, steps, job.noise, saves)) as calls:
+        for last in calls:
+            if progress is not None:
+                progress(size * (last - done) * rounds_a_step)
+            if stop is not None and stop.is_set():
+                raise Stopped
+            done = last
     return job
 
 

@@ -17,7 +17,7 @@ from rigidmc.effects.ledger import spent
 from rigidmc.effects.parameters import filled, numbers
 from rigidmc.effects.protocol import depends_on_momentum
 from rigidmc.effects.sums import total_energy
-from rigidmc.engine import threads
+from rigidmc.engine import program
 from rigidmc.integrators import INTEGRATORS, accepting
 from tests.effects.test_effects import EXAMPLES, MOMENTS, STATIC
 from tests.kernels import one_step, prepare
@@ -213,7 +213,7 @@ def test_works_of_frozen_members_live_on_between_calls(monkeypatch):
     ways = {"integrator": "rk4", "dt": 0.05, "t_end": 40.0, "members": 24, "save": ("work",)}
     with pytest.warns(rm.SceneWarning, match="per step"):
         whole = rm.simulate(scene, **ways)
-    monkeypatch.setattr(threads, "CALL", 7 * 24)
+    monkeypatch.setattr(program, "CALL", 7 * 24)
     with pytest.warns(rm.SceneWarning, match="per step"):
         parts = rm.simulate(scene, **ways)
     assert whole.status.values.all()  # all turn too fast for the step after 320 to 768 of 800 steps

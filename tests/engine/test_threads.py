@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from rigidmc.engine import program as engine
 from rigidmc.engine import threads as blocks
 from rigidmc.integrators import form
 from rigidmc.integrators.rk4 import RK4
@@ -51,7 +52,7 @@ def test_bits_do_not_depend_on_the_partition(monkeypatch):
     whole, saves, steps = ran(96, 1)
     assert steps == MEMBERS * TOTAL
     # calls of 7 steps of the whole, of 21 of a third of it
-    monkeypatch.setattr(blocks, "CALL", 7 * 96)
+    monkeypatch.setattr(engine, "CALL", 7 * 96)
     for size, threads in ((96, 1), (32, 1), (32, 2)):
         block, out, steps = ran(size, threads)
         assert steps == MEMBERS * TOTAL

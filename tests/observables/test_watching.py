@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 import rigidmc as rm
 from rigidmc.dynamics.so3 import up
-from rigidmc.engine import threads
+from rigidmc.engine import program
 from rigidmc.errors import SceneError
 from rigidmc.mechanics.free_top import free_motion, free_top
 from rigidmc.observables import outputs
@@ -281,7 +281,7 @@ def test_calls_change_nothing_that_is_watched(monkeypatch):
     watched = ("megno", "flips", "nutation", "energy_mean", "omega_max")
     ways = {"integrator": "rk8", "dt": 0.1, "t_end": 20.0, "members": 64, "save": watched}
     whole = rm.simulate(scene, **ways)
-    monkeypatch.setattr(threads, "CALL", 7 * 64)
+    monkeypatch.setattr(program, "CALL", 7 * 64)
     parts = rm.simulate(scene, **ways)
     for name in whole.data_vars:
         assert whole[name].values.tobytes() == parts[name].values.tobytes(), name
