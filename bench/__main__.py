@@ -26,6 +26,7 @@ BENCHES = {
     "runs": "bench.runs",
     "peers": "bench.peers",
     "coverage": "bench.coverage",
+    "gpu": "bench.gpu",
 }
 HERE = os.path.dirname(os.path.abspath(__file__))
 

@@ -1,13 +1,10 @@
 """The same bits everywhere: sha256 of results over vector widths and over processors."""
 
-import hashlib
 import json
 import os
 import subprocess
 import sys
 import tempfile
-
-import numpy as np
 
 from bench import harness
 
@@ -26,99 +23,17 @@ PROCESSORS = {
 QUICK = ("rk4", "exact", "strang")  # integrators of a quick run; strang takes the bath
 
 
-def cases(integrators=None, motions=None):
-    """[(name, Scene, options of its run)]: free, heavy, driven, in a bath, by every integrator."""
-    import rigidmc as rm
-    from rigidmc.integrators import accepting
-
-    body = rm.Body.from_moments(
-        (rm.uniform(1.0, 1.2), rm.normal(1.4, 0.01), 2.0),
-        mass=rm.uniform(1.0, 2.0),
-        centre=(0.1, 0.2, rm.normal(0.3, 0.05)),
-    )
-    scenes = {
-        "free": ((), rm.Start(momentum=rm.Sphere(rm.uniform(1.0, 2.0)), attitude="uniform"),
-        (rm.Flips(2), "omega_max")),
-        "heavy": (
-            (rm.Gravity(9.81),),
-            rm.Start(omega=rm.Cone(3, rm.uniform(4.0, 6.0), rm.normal(0.1, 0.02)),
-            attitude=(rm.uniform(0.0, 6.0), rm.normal(0.5, 0.1), 0.0)),
-            (rm.Passage(3, 0.6, "leaves"), "nutation", "energy_mean"),
-        ),
-        "driven": (
-            (rm.Gravity(2.0), rm.ViscousDamping(0.1), rm.SpaceTorque((0.0, 0.2, 0.1)),
-            rm.RotatingField((0.1, 0.0, 0.2), (0.3, 0.0, 0.1), 1.5)),
-            rm.Start(omega=(rm.normal(0.0, 1.0), 0.5, 1.0), attitude="uniform"),
-            ("omega_max",),
-        ),
-        "in a bath": (
-            (rm.Gravity(1.0), rm.Bath(0.5, rm.uniform(0.5, 1.0))),
-            rm.Start(momentum=rm.GibbsMomentum(1.0), attitude="uniform"),
-            ("energy_variance",),
-        ),
-    }  # fmt: skip
-    rows = []
-    for word, (effects, start, watched) in scenes.items():
-        if motions is not None and word not in motions:
-            continue
-        scene = rm.Scene(body, effects, start).with_run(
-            t_end=2.0,
-            every=0.5,
-            members=37,
-            seed=5,
-            save=("attitude", "momentum", "energy", *watched),
-        )
-        for name in accepting(effects):
-            if name != "closed" and (integrators is None or name in integrators):
-                # which solves for less than 0.5 rad
-                rows.append(
-                    (word, scene, {"integrator": name, "dt": 0.02 if name == "midpoint" else 0.05})
-                )
-        if effects and word != "in a bath":
-            rows.append((word, scene, {"integrator": "rk4", "turn": 0.1}))
-        if word == "heavy":
-            rows.append((word, scene, {"integrator": "rk4", "dt": 0.05, "dtype": "float32"}))
-            rows.append(
-                (
-                    word,
-                    scene,
-                    {
-                        "integrator": "strang",
-                        "dt": 0.05,
-                        "save": (*scene.run.save, "work", "megno"),
-                    },
-                )
-            )
-    return rows
-
-
 def sums(widths, integrators=None, motions=None):
     """{case: [sha256 of its result for each width]}."""
-    import rigidmc as rm
     from rigidmc.engine import program
+    from rigidmc.studies.bits import cases, digest
 
     lanes_for, digests = program.lanes_for, {}
     try:
-        for word, scene, options in cases(integrators, motions):
-            label = (
-                f"{word}, "
-                f"{', '.join(str(v) for v in options.values() if isinstance(v, (str, float)))}"
-            )
-            label += (
-                " steps of their own"
-                if "turn" in options
-                else ", works and a neighbour"
-                if "save" in options
-                else ""
-            )
+        for case in cases(integrators, motions):
             for width in widths:
                 program.lanes_for = (lambda dtype, width=width: width) if width else lanes_for
-                result = rm.simulate(scene, threads=1, checks=False, **options)
-                parts = [
-                    np.ascontiguousarray(result[name].values).tobytes()
-                    for name in sorted(result.data_vars)
-                ]
-                digests.setdefault(label, []).append(hashlib.sha256(b"".join(parts)).hexdigest())
+                digests.setdefault(case.name, []).append(digest(case.scene))
     finally:
         program.lanes_for = lanes_for
     return digests

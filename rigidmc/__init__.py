@@ -26,6 +26,7 @@ _HOMES = {
     "Start": "scene.start",
     "Run": "scene.settings",
     "simulate": "runs.simulate",
+    "device": "engine.device",
     "rerun": "runs.rerun",
     "accuracy": "studies.accuracy",
     "stability_map": "studies.maps.stability_map",
@@ -58,6 +59,7 @@ _HOMES = {
     "RigidmcError": "errors",
     "SceneError": "errors",
     "OptionError": "errors",
+    "NoDevice": "errors",
     "FileError": "errors",
     "SceneWarning": "errors",
     "OutputExists": "errors",
@@ -68,7 +70,9 @@ if TYPE_CHECKING:  # the same names for type checkers and editors
 
     from rigidmc import protocols as protocols
     from rigidmc.effects import *  # noqa: F403
+    from rigidmc.engine.device import device as device
     from rigidmc.errors import FileError as FileError
+    from rigidmc.errors import NoDevice as NoDevice
     from rigidmc.errors import OptionError as OptionError
     from rigidmc.errors import OutputExists as OutputExists
     from rigidmc.errors import RigidmcError as RigidmcError

@@ -114,6 +114,18 @@ class NoRoom(OSError):
     """More memory or disk is needed than is free."""
 
 
+class NoDevice(OSError):
+    """No graphics processor that can be used, or one that fails on the way.
+
+    Examples
+    --------
+    >>> scene = rm.Scene.load("dzhanibekov").with_run(members=4, t_end=1.0)
+    >>> rm.simulate(scene, device="cuda:999")  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    rigidmc.errors.NoDevice: cuda...
+    """
+
+
 class SceneWarning(UserWarning):
     """A scene that runs, but perhaps not as meant.
 

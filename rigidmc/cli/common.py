@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 
 from rigidmc.cli.panels import Commands
+from rigidmc.engine.device import use
 from rigidmc.errors import (
     FileError,
     NoRoom,
@@ -101,6 +102,8 @@ def reported() -> Iterator[None]:
             fail(f"terminated; {LEFT}", TERMINATED)
         except AskedToStop:
             fail(f"asked to stop; {LEFT}", INCOMPLETE)
+        finally:
+            use("cpu")  # what --device chose is for one command
 
 
 def _of_files(error: RuntimeError) -> bool:

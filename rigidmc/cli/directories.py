@@ -12,6 +12,7 @@ from rigidmc.cli.options import (
     Accept,
     AllowCode,
     Cluster,
+    Device,
     Force,
     MaxWall,
     RunArgument,
@@ -173,6 +174,7 @@ Repair = Annotated[
 def resume(
     run: RunArgument,
     threads: Threads = None,
+    device: Device = None,
     accept: Accept = False,
     max_wall: MaxWall = None,
     shards: Shards = None,
@@ -281,6 +283,7 @@ def extend(
         count_option("--members", help="New number of members in all; of a map, of each pixel."),
     ],
     threads: Threads = None,
+    device: Device = None,
     accept: Accept = False,
     max_wall: MaxWall = None,
     cluster: Cluster = None,

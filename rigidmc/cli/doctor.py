@@ -5,15 +5,29 @@ from typing import Annotated
 
 import typer
 
-from rigidmc.cli.common import app
+from rigidmc.cli.common import FLAGGED, app, reported
 from rigidmc.cli.panels import REFERENCE
 
 
 @app.command(rich_help_panel=REFERENCE)
 def doctor(
     machine: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    cuda_check: Annotated[
+        bool,
+        typer.Option(
+            "--cuda-check",
+            help="Compare the bits of every integrator on graphics processors with those of this"
+            " processor, then measure steps a second. Exit code 4 if any bit differs.",
+        ),
+    ] = False,
 ) -> None:
-    """Say what this machine offers: cores, vector width, threads, kernel cache, versions."""
+    """Say what this machine offers: cores, vector width, threads, kernel cache, graphics
+    processors, versions."""
+    if cuda_check:
+        with reported():
+            if _different():
+                raise typer.Exit(FLAGGED)
+        return
     from rigidmc.views.machine import machine_facts
 
     facts = machine_facts()
@@ -22,3 +36,22 @@ def doctor(
         return
     for key, value in facts.items():
         print(f"{key:16s} {value}")
+
+
+def _different() -> int:
+    """Print how graphics processors compare with this one; how many cases have other bits."""
+    from rigidmc.engine.cuda_device import chosen
+    from rigidmc.studies.bits import compared, speeds
+
+    found = chosen(None)
+    for one in found:
+        print(f"cuda:{one.number}  {one.name}")
+    wrong, count = 0, 0
+    for name, same in compared("cuda"):
+        print(f"{'same bits ' if same else 'OTHER BITS'}  {name}", flush=True)
+        wrong, count = wrong + (not same), count + 1
+    print(f"{count - wrong} of {count} cases have the bits of this processor")
+    for name, steps, operations in speeds("cuda:0"):
+        share = operations / found[0].peak
+        print(f"{steps / 1e9:8.2f} G steps/s, {100 * share:.0f} % of the peak in float64  {name}")
+    return wrong

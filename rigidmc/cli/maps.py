@@ -41,6 +41,7 @@ from rigidmc.cli.map_options import (
 from rigidmc.cli.map_request import Request
 from rigidmc.cli.options import (
     AllowCode,
+    Device,
     Force,
     OutputOrRun,
     Plot,
@@ -79,6 +80,7 @@ def make_map(
     settings: Set = [],  # noqa: B006
     allow_code: AllowCode = False,
     threads: Threads = None,
+    device: Device = None,
     output: OutputOrRun = None,
     plot: Plot = None,
     force: Force = False,

@@ -11,6 +11,7 @@ from rigidmc.cli.directories import Ways, begun, names_a_run, refuse_force, refu
 from rigidmc.cli.options import (
     AllowCode,
     Cluster,
+    Device,
     Force,
     MaxWall,
     OutputOrRun,
@@ -71,7 +72,8 @@ def _where(given: dict[str, Any]) -> Where:
 takes_members = gathering(  # decorates a command that has a parameter `where`
     "where",
     {
-        "settings": Set, "allow_code": AllowCode, "threads": Threads, "output": OutputOrRun,
+        "settings": Set, "allow_code": AllowCode, "threads": Threads, "device": Device,
+        "output": OutputOrRun,
         "plot": Plot, "force": Force, "max_wall": MaxWall, "shards": Shards,
         "shard_size": ShardSize, "cluster": Cluster,
     },

@@ -7,8 +7,9 @@ from typing import Annotated, Any
 
 import typer
 
-from rigidmc.cli.common import INVALID, fail
-from rigidmc.errors import RigidmcError
+from rigidmc.cli.common import INVALID, IO, fail
+from rigidmc.engine.device import use
+from rigidmc.errors import NoDevice, RigidmcError
 from rigidmc.scene.amounts import counted_text, seconds
 from rigidmc.scene.settings import Count, Digits, Index, Run, Time, types
 from rigidmc.scene.shipped import shipped
@@ -42,6 +43,17 @@ def time_option(key: str, positive: bool = True, **option: Any) -> Any:
         return seconds(text, key, positive=positive)
 
     return typer.Option(key, parser=_checked(read), metavar="TIME", **option)
+
+
+def _moved_on(word: str) -> str:
+    """The parser of --device: what follows moves members there."""
+    try:
+        use(word)
+    except RigidmcError as error:
+        fail(error, INVALID)
+    except NoDevice as error:
+        fail(f"{error}; nothing was written", IO)
+    return word
 
 
 def words_of(text: str) -> tuple[str, ...]:
@@ -170,6 +182,15 @@ RunArgument = Annotated[
 ]
 Threads = Annotated[
     int | None, count_option("--threads", help="Number of threads; by default one for each core.")
+]
+Device = Annotated[
+    str | None,
+    typer.Option(
+        "--device",
+        metavar="DEVICE",
+        parser=_moved_on,
+        help="Where members move: cpu, cuda for all graphics processors, cuda:1 for one, or auto.",
+    ),
 ]
 Set = Annotated[
     list[str],

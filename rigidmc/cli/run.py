@@ -31,6 +31,7 @@ from rigidmc.cli.directories import (
 )
 from rigidmc.cli.options import (
     AllowCode,
+    Device,
     Force,
     OutputOrRun,
     Plot,
@@ -70,6 +71,7 @@ def run_scene(
     settings: Set = [],  # noqa: B006
     allow_code: AllowCode = False,
     threads: Threads = None,
+    device: Device = None,
     output: OutputOrRun = None,
     plot: Plot = None,
     force: Force = False,

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 import typer
 
 from rigidmc.cli.common import about, app, load_scene, reported
-from rigidmc.cli.options import AllowCode, SceneArgument, Set, Threads, takes_settings
+from rigidmc.cli.options import AllowCode, Device, SceneArgument, Set, Threads, takes_settings
 from rigidmc.cli.panels import START
 from rigidmc.scene import library
 
@@ -18,6 +18,7 @@ def show(
     settings: Set = [],  # noqa: B006
     allow_code: AllowCode = False,
     threads: Threads = None,
+    device: Device = None,
 ) -> None:
     """Say what a scene is, which effects are compiled, and what a run would take; run nothing."""
     with reported(), about(scene):

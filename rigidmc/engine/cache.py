@@ -1,10 +1,14 @@
 """A private disk cache of compiled code, which any change of the sources makes stale."""
 
+import contextlib
+import hashlib
 import os
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from rigidmc.engine.cache_folder import (
     cache_folder,
+    classes_of,
     forget_old,
     log_once,
     of_package,
@@ -44,3 +48,34 @@ def is_cached(kernel: Any, signature: Any) -> bool:
     files = kernel._cache._cache_file
     key = kernel._cache._index_key(signature, kernel.targetctx.codegen())
     return os.path.exists(files._data_path(files._name(key)))
+
+
+def text_path(signatures: Sequence[Any], more: str) -> str | None:
+    """The file of a text that follows from the types of pieces and from `more`, None if a user's
+    class is among the types; OSError if there is no cache."""
+    if not all(map(of_package, signatures)):
+        return None
+    homes = [kind.__module__ for one in signatures for kind in classes_of(one)]
+    name = hashlib.sha256(repr((signatures, homes, more)).encode()).hexdigest()
+    return os.path.join(private(os.path.join(private(cache_folder()), source_stamp())), name)
+
+
+def kept_text(signatures: Sequence[Any], more: str, make: Callable[[], str]) -> str:
+    """The text of `text_path`, made and put there if it is not there. Its sha256 stands first."""
+    path = text = None
+    try:
+        path = text_path(signatures, more)
+        if path is not None:
+            with contextlib.suppress(FileNotFoundError), open(path, encoding="ascii") as file:
+                known, _, text = file.read().partition("\n")
+                if known == hashlib.sha256(text.encode()).hexdigest():
+                    return text
+    except (OSError, ValueError) as error:
+        log_once(error)
+    text = make()
+    if path is not None:
+        with contextlib.suppress(OSError):
+            with open(f"{path}.{os.getpid()}", "w", encoding="ascii") as file:
+                file.write(f"{hashlib.sha256(text.encode()).hexdigest()}\n{text}")
+            os.replace(file.name, path)
+    return text

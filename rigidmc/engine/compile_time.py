@@ -24,6 +24,7 @@ PIECES = {
     "enter": 0.08, "leave": 0.08, "begin": 0.3, "look": 0.4, "record": 0.12, "advance": 0.85,
     "begin_watch": 0.27, "watch": 0.55, "seek": 0.27, "begin_near": 0.2, "meet": 0.3,
     "formulas": 0.8,  # 0.4 to 1.5
+    "kernel": 2.5,  # of a graphics processor, all pieces for one member: 2.2 (rk4) to 5.4 (rk8)
 }  # fmt: skip
 MARCH = {"rk8": 1.6}  # of a free body
 OTHERS = 0.8  # 0.7 (cf4, rk4); splittings 1.8, what their `begin` takes longer included

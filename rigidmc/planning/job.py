@@ -1,6 +1,7 @@
 """Blocks of members made ready, and the program that moves them."""
 
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,8 @@ from rigidmc.effects import EFFECTS
 from rigidmc.effects.parameters import blank
 from rigidmc.engine import layout
 from rigidmc.engine.compose import NumbaError, reason
+from rigidmc.engine.cuda import CudaProgram
+from rigidmc.engine.device import number_of
 from rigidmc.engine.frame import Noise
 from rigidmc.engine.operations import refuse_memory
 from rigidmc.engine.program import NO_NOISE, Program
@@ -64,7 +67,10 @@ def program_of(scene: Scene, plan: Plan, ask: bool = False) -> Program | None:
     try:
         refuse_memory(scene.effects)
         events, running, shadow = plan.watch.compiled
-        return Program(
+        kind: Any = Program
+        if plan.device != "cpu":
+            kind = partial(CudaProgram, number=number_of(plan.device))
+        found: Program = kind(
             plan.form,
             blank(scene.effects),
             tuple(scene.recorded().values()),
@@ -80,6 +86,7 @@ def program_of(scene: Scene, plan: Plan, ask: bool = False) -> Program | None:
             nodes=plan.nodes,
             paired=plan.paired,
         )
+        return found
     except NumbaError as error:
         own = {
             "effects": [e for e in scene.effects if type(e) not in EFFECTS.values()],

@@ -10,6 +10,8 @@ from rigidmc.dynamics.methods import implements
 from rigidmc.effects import labelled
 from rigidmc.effects.protocol import facts, is_conservative, is_random
 from rigidmc.engine import layout
+from rigidmc.engine.cuda_device import chosen
+from rigidmc.engine.device import device_now, number_of
 from rigidmc.engine.layout import whole_lanes
 from rigidmc.errors import SceneError
 from rigidmc.integrators import Form, keeps_remainders
@@ -32,6 +34,9 @@ from rigidmc.scene.scene import Scene
 # member, not 47.
 BLOCK = 4064
 SLAB = 32 * 2**20  # bytes of saved values that a block may hold on its way to a file
+# The same on graphics processors, one of which moves 50,000 members at once, as their registers
+# allow: a block is ten such waves, of which the last may be short.
+DEVICE_BLOCK, DEVICE_SLAB = 2**19, 2**27
 ARC = 1.6  # [rad] that a member may move between two states of a step that are watched
 LARGEST_TURN = 3.0  # [rad] in a step that is watched: beyond it the attitude within is 1e-3 off
 # [rad] with noise, where only the ends of steps are known: of 50 heavy tops to t = 25 watched after
@@ -62,6 +67,7 @@ class Plan(NamedTuple):
     saved : {observable: rows of its values} of what is recorded at saves
     paired : whether a step has the noise of two steps of half its length, as
         coarse paths of a multilevel study have, see `rigidmc.studies.multilevel.levels`
+    device : where members move, see `rigidmc.engine.device`
     """
 
     first: int
@@ -89,6 +95,7 @@ class Plan(NamedTuple):
     saved: dict[str, slice]
     which: NDArray[np.int64] | None = None
     paired: bool = False
+    device: str = "cpu"
 
     def indices(self, first: int, count: int) -> NDArray[np.int64]:
         """The indices of `count` members from place `first` on; beyond the end, of the last."""
@@ -104,6 +111,10 @@ class Plan(NamedTuple):
     def values(self) -> int:
         """How many numbers a member records at a save."""
         return max((rows.stop for rows in self.saved.values()), default=0)
+
+    def movers(self, threads: int) -> int:
+        """How many threads or graphics processors move members at once."""
+        return threads if self.device == "cpu" else len(chosen(number_of(self.device)))
 
     def bounds(self) -> dict[str, float]:
         """The finite limits among those that a scene may set, by their names there."""
@@ -191,6 +202,7 @@ def prepare(
         watch=watched,
         nodes=nodes(scene, watched, reach),
         saved=saved,
+        device="cpu" if form is None else device_now(),
     )
     return plan if block else plan._replace(block=block_of(plan, threads, streaming))
 
@@ -279,11 +291,19 @@ def spinning_up(scene: Scene) -> list[str]:
 def block_of(plan: Plan, threads: int, streaming: bool) -> int:
     """Members of a block: few enough to occupy all threads, and fewer on their way to a file."""
     blocks = (1 if plan.member_steps else 4) * threads
-    block = min(BLOCK, whole_lanes(math.ceil(plan.members / blocks)))
+    most, slab = (BLOCK, SLAB) if plan.device == "cpu" else (DEVICE_BLOCK, DEVICE_SLAB)
+    block = min(most, whole_lanes(math.ceil(plan.members / blocks)))
     if not streaming:
         return block
-    fitting = SLAB // (8 * max(1, plan.values) * plan.times.size)
+    fitting = slab // (8 * max(1, plan.values) * plan.times.size)
     return min(block, max(layout.LANES, fitting // layout.LANES * layout.LANES))
+
+
+def block_in(shard: int, most: int) -> int:
+    """Members of a block that divides a shard's, at most `most`."""
+    return layout.LANES * max(
+        n for n in range(1, most // layout.LANES + 1) if shard % (layout.LANES * n) == 0
+    )
 
 
 def _constant(scene: Scene) -> frozenset[str]:

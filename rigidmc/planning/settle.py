@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+from rigidmc.engine.device import device_now
 from rigidmc.planning.plan import Plan, prepare
 from rigidmc.planning.tolerance.choose import Chosen, resolved
 from rigidmc.planning.units import Internal, internal, scaled
@@ -29,16 +30,19 @@ def settled(
 ) -> Settled:
     """Rescale a scene if numbers could overflow, choose integrator and step if it asks for a
     tolerance, and make its Plan; SceneError."""
-    found = _settled(scene, threads, streaming, block)
+    found = _settled(scene, threads, streaming, block, device_now())
     return Settled(found[0] or scene, *found[1:])
 
 
 @once
 def _settled(
-    scene: Scene, threads: int, streaming: bool, block: int | None
+    scene: Scene, threads: int, streaming: bool, block: int | None, device: str
 ) -> tuple[Scene | None, Plan, Internal | None, Chosen | None]:
     """The fields of Settled. The scene is None if it is the scene itself, which would otherwise
-    hold itself and stay in memory until the garbage is collected."""
+    hold itself and stay in memory until the garbage is collected.
+
+    device : the one that runs take now, of which a Plan tells
+    """
     original, units = scene, internal(scene)
     if units is not None:
         scene = scaled(scene, units.mass, 1.0, units.time)

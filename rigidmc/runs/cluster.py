@@ -32,6 +32,8 @@ import time
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from rigidmc.engine.device import device as moved_on
+from rigidmc.engine.device import device_now
 from rigidmc.engine.layout import STATUSES
 from rigidmc.errors import OptionError
 from rigidmc.files.outputs import content_of, write_bytes
@@ -116,7 +118,8 @@ def compute_on(
         _connected(cluster, directory) as client,
         reporter(progress, directory.members_of(numbers), 1) as report,
     ):
-        tasks = _Tasks(client, cluster, directory, texts, numbers, stop, (allow_code, accept, work))
+        options = allow_code, accept, work, device_now()
+        tasks = _Tasks(client, cluster, directory, texts, numbers, stop, options)
         for computed in tasks.results(report.poll):
             _store(computed, cluster, directory)
             for word, count in computed.flagged.items():
@@ -155,7 +158,7 @@ def _connected(cluster: str, directory: RunDirectory) -> "Iterator[Client]":
 class _Tasks:
     """The shards of a run as tasks of a cluster, of which few are handed out at a time.
 
-    texts : the contents of FILES;  options : allow_code, accept and work of `shard`
+    texts : the contents of FILES;  options : allow_code, accept, work and device of `shard`
     """
 
     def __init__(
@@ -166,7 +169,7 @@ class _Tasks:
         texts: tuple[bytes, ...],
         numbers: Numbers,
         stop: float | None,
-        options: tuple[bool, bool, Work | None],
+        options: tuple[bool, bool, Work | None, str],
     ) -> None:
         self._client, self._cluster, self._stop, self._options = client, cluster, stop, options
         self._path = os.path.abspath(directory.path)
@@ -260,12 +263,21 @@ def shard(
     allow_code: bool = False,
     accept: bool = False,
     work: Work | None = None,
+    device: str = "cpu",
 ) -> Computed:
     """Compute shard i of a run: what a worker does.
 
     path, texts : of the run directory, and its the contents of FILES;  work : as of `compute_on`
+    device : where members move, as of `rigidmc.engine.device`
     """
-    compute = work or _compute
+    with moved_on(device):
+        return _shard(path, texts, i, work or _compute, allow_code, accept)
+
+
+def _shard(
+    path: str, texts: tuple[bytes, ...], i: int, compute: Work, allow_code: bool, accept: bool
+) -> Computed:
+    """`shard`, on the device that runs take."""
     if content_of(path, "run.json") == texts[0]:
         flagged = compute(path, i, allow_code, accept)
         return Computed(i, flagged, os.path.basename(RunDirectory(path).shards()[i]), None)

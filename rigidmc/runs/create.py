@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.engine.layout import LANES
 from rigidmc.engine.machine import this_machine, threads_available
 from rigidmc.errors import OptionError, OutputExists, SceneWarning
 from rigidmc.files.code import source_of
@@ -25,7 +24,7 @@ from rigidmc.files.outputs import (
     write_bytes,
 )
 from rigidmc.planning.notes import notes
-from rigidmc.planning.plan import BLOCK
+from rigidmc.planning.plan import BLOCK, block_in
 from rigidmc.planning.stage import stage
 from rigidmc.runs.capacity import refuse_hopeless
 from rigidmc.runs.reopen import Ready, of_members, ready, scene_in
@@ -91,7 +90,7 @@ def create(
     block, shard = members_of(run.original, run.shown, size)
     if chosen is not None:
         shard = chosen.shard
-        block = LANES * max(n for n in range(1, block // LANES + 1) if shard % (LANES * n) == 0)
+        block = block_in(shard, block)
     members = run.shown.members
     count = -(-members // shard)
     refuse_beyond(only, count)

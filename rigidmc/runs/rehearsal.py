@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 
+from rigidmc.engine.layout import LANES
 from rigidmc.files.outputs import folder_beside
 from rigidmc.planning.plan import Plan, prepare
 from rigidmc.planning.tolerance.choose import Chosen
@@ -25,25 +26,28 @@ def predicted_seconds(
     Runs of 8192 and of three times as many members tell the cost of a member. Their results go to
     memory or to a file of the same kind, which the measured time of a kernel leaves out.
     """
-    if plan.members < 8 * REHEARSED:
+    size = REHEARSED
+    if plan.device != "cpu":  # few members take as long there as many
+        size = max(LANES, min(plan.block, plan.members // 8))
+    elif plan.members < 8 * size:
         return plan.members / chosen.members_per_second
-    seconds = _rehearsed(scene, plan, threads, output)
-    small = float(np.median(seconds[REHEARSED][1:]))  # the first run warms up
-    large = float(np.median(seconds[3 * REHEARSED]))
+    seconds = _rehearsed(scene, plan, threads, output, size)
+    small = float(np.median(seconds[size][1:]))  # the first run warms up
+    large = float(np.median(seconds[3 * size]))
     # the difference leaves out what a run costs once
-    each = max(large - small, 0.2 * large) / (2 * REHEARSED)
-    return large + each * (plan.members - 3 * REHEARSED)
+    each = max(large - small, 0.2 * large) / (2 * size)
+    return large + each * (plan.members - 3 * size)
 
 
 def _rehearsed(
-    scene: Scene, plan: Plan, threads: int, output: str | os.PathLike[str] | None
+    scene: Scene, plan: Plan, threads: int, output: str | os.PathLike[str] | None, size: int
 ) -> dict[int, list[float]]:
-    """{members: [seconds of each run]} for the two sizes of rehearsal."""
+    """{members: [seconds of each run]} for `size` members and three times as many."""
     began, datasets = time.perf_counter(), []
-    taken: dict[int, list[float]] = {REHEARSED: [], 3 * REHEARSED: []}
+    taken: dict[int, list[float]] = {size: [], 3 * size: []}
     with folder_beside(output) if output else tempfile.TemporaryDirectory() as folder:
         for i in range(ROUNDS):
-            count = REHEARSED * (1 + 2 * (i % 2))
+            count = size * (1 + 2 * (i % 2))
             few = scene.with_run(members=count)
             file = os.path.join(folder, f"{i}.nc") if output else None
             plan_of_few = prepare(few, threads, output is not None, plan.block)

@@ -9,11 +9,12 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
+from rigidmc.engine.device import device_now
 from rigidmc.engine.machine import this_machine
 from rigidmc.errors import FileError, SceneError
 from rigidmc.files.netcdf import read
 from rigidmc.files.reading import text_of, toml
-from rigidmc.planning.plan import Plan
+from rigidmc.planning.plan import DEVICE_BLOCK, Plan, block_in
 from rigidmc.planning.settle import settled
 from rigidmc.planning.tolerance.choose import Chosen
 from rigidmc.planning.units import Internal, in_user_units
@@ -56,13 +57,17 @@ def planned(
 ) -> Ready:
     """The run of a directory, ready for its first step.
 
-    block : members of a block, by default those of run.json
+    block : members of a block, by default those of run.json, on graphics processors all of a shard
     Raises FileError for a scene that was changed, SceneError for a block that does not divide the
     members of a shard.
     """
     refuse_study(directory)
     scene = scene_of_run(directory, allow_code)
-    run = ready(scene, threads, block or directory.facts["block"])
+    if block is None:
+        shard = directory.facts["shard"]
+        on_cpu = device_now() == "cpu"
+        block = directory.facts["block"] if on_cpu else block_in(shard, DEVICE_BLOCK)
+    run = ready(scene, threads, block)
     if directory.chosen is not None:
         run = of_members(run, directory.chosen)
     if directory.facts["shard"] % run.plan.block:

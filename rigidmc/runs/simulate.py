@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from rigidmc.engine.device import device as moved_on
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.files.outputs import refuse_existing
@@ -40,6 +41,7 @@ def simulate(
     force: bool = False,
     block: int | None = None,
     attrs: Mapping[str, Any] | None = None,
+    device: str | None = None,
     **settings: Any,
 ) -> xr.Dataset:
     """Integrate an ensemble.
@@ -73,6 +75,8 @@ def simulate(
         members of a block, a multiple of 32; no result depends on it
     attrs : dict, optional
         more attributes of the result, words and numbers
+    device : str, optional
+        where members move: "cpu", "cuda", "cuda:1" or "auto", see `device`; no result depends on it
     {settings}
 
     Returns
@@ -86,6 +90,8 @@ def simulate(
         for a scene that cannot be run
     OutputExists
         for an output that exists
+    NoDevice
+        if there is no such device, or it fails
 
     Examples
     --------
@@ -102,7 +108,7 @@ def simulate(
     threads = threads_available() if threads is None else counted(threads, "threads")
     if output is not None:
         refuse_existing(output, force)
-    with announcing(progress):
+    with announcing(progress), moved_on(device):
         file = output if output is not None and is_streamed(output) else None
         ready = settled(scene, threads, file is not None, block)
         if which is not None:

@@ -63,7 +63,7 @@ class Kind(NamedTuple):
     def price(self, scene: Scene, request: Request, numbers: Sequence[int], threads: int) -> str:
         """What tasks will cost, in words, by steps that are measured now."""
         steps, plan = self.cost(scene, request, numbers), settled(scene, threads).plan
-        took = 1e-9 * steps * cost_per_step(scene, plan) / threads
+        took = 1e-9 * steps * cost_per_step(scene, plan) / plan.movers(threads)
         return (
             f"{len(numbers):,} tasks x {steps / max(1, len(numbers)):,.0f} member-steps,"
             f" {in_two_digits(steps)} in all: about {took:.2g} s on {threads} threads"

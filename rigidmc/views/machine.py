@@ -6,12 +6,14 @@ import sys
 from importlib.metadata import PackageNotFoundError, version
 
 from rigidmc.engine.cache_folder import cache_folder
+from rigidmc.engine.cuda_device import Device, devices
 from rigidmc.engine.machine import this_machine, threads_available, vector_bits
 from rigidmc.engine.program import lanes_for
+from rigidmc.errors import NoDevice
 
 PACKAGES = (
     "rigidmc", "numpy", "numba", "llvmlite", "xarray",
-    "netCDF4", "scipy", "pydantic", "matplotlib",
+    "netCDF4", "scipy", "pydantic", "matplotlib", "cuda-bindings",
 )  # fmt: skip
 
 
@@ -35,6 +37,7 @@ def machine_facts() -> dict[str, str | int]:
         "kernel cache": f"{folder} ({len(kernels)} kernels, {size:.1f} MB)",
         "python": sys.version.split()[0],
         "system": platform.platform(),
+        **_devices(),
     }
     for package in PACKAGES:
         try:
@@ -42,6 +45,25 @@ def machine_facts() -> dict[str, str | int]:
         except PackageNotFoundError:
             facts[package] = "not installed"
     return facts
+
+
+def _devices() -> dict[str, str]:
+    """{device: what it is} of graphics processors, or why there are none."""
+    try:
+        found = devices()
+    except NoDevice as error:
+        return {"cuda": str(error).removeprefix("cuda: ")}
+    return {f"cuda:{one.number}": _in_words(one) for one in found}
+
+
+def _in_words(one: Device) -> str:
+    """What a graphics processor is."""
+    capability, driver = (".".join(map(str, pair)) for pair in (one.capability, one.driver))
+    return (
+        f"{one.name}, compute capability {capability}, {one.processors} multiprocessors at"
+        f" {one.clock / 1e9:.2f} GHz, {one.memory / 2**30:.0f} GiB, {one.peak / 1e12:.3g} T"
+        f" operations in float64 a second at most, driver for CUDA {driver}"
+    )
 
 
 def _cpu() -> str:

@@ -7,6 +7,7 @@ import numpy as np
 from rigidmc.effects import EFFECTS, labelled
 from rigidmc.effects.parameters import given
 from rigidmc.engine.compile_time import listed, rounded, seconds
+from rigidmc.engine.cuda import CudaProgram
 from rigidmc.engine.operations import torque_operations, why_one_at_a_time
 from rigidmc.engine.program import Program
 from rigidmc.integrators.protocol import keeps_its_own
@@ -160,11 +161,12 @@ def _cost(scene: Scene, plan: Plan, threads: int) -> list[str]:
     assert program is not None  # closed forms are told apart before
     lines = [f"code         {to_compile(program)}"]
     cost = cost_per_step(scene, plan)
-    total = cost * 1e-9 * plan.members * plan.mean_steps / threads
-    lines.append(
-        f"cost         {cost:.2f} ns per member-step on one thread (measured now);"
-        f" about {total:.2g} s for the steps on {threads} threads"
-    )
+    total = cost * 1e-9 * plan.members * plan.mean_steps / plan.movers(threads)
+    one, every = f"{cost:.2f} ns per member-step on one thread", f"{threads} threads"
+    made = program_of(scene, plan)
+    if isinstance(made, CudaProgram):
+        one, every = f"{cost:.3g} ns per member-step on one device", made.on_devices()
+    lines.append(f"cost         {one} (measured now); about {total:.2g} s for the steps on {every}")
     works, quiet = "work" in scene.run.save, cost
     if plan.watch.rows or works:
         quiet = cost_per_step(*some_of(scene, plan, range(len(scene.effects))))

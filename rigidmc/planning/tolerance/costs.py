@@ -18,7 +18,7 @@ from rigidmc.observables.protocol import size
 from rigidmc.planning.closed_form import closed_values
 from rigidmc.planning.form import form_of
 from rigidmc.planning.job import program_of
-from rigidmc.planning.plan import BLOCK, Plan
+from rigidmc.planning.plan import BLOCK, DEVICE_BLOCK, Plan
 from rigidmc.planning.stage import noise, stage
 from rigidmc.planning.tolerance.pilot import OBSERVED, Pilot, pilot
 from rigidmc.planning.tolerance.way import Way
@@ -29,7 +29,12 @@ from rigidmc.scene.start import Start
 
 
 def cost_per_step(scene: Scene, plan: Plan, members: int = 256, seconds: float = 0.05) -> float:
-    """Nanoseconds per member-step on one thread, measured on the first members of the scene."""
+    """Nanoseconds per member-step on one thread, measured on the first members of the scene.
+
+    On graphics processors: on one of them, with as many members as a block has.
+    """
+    if plan.device != "cpu":
+        members = DEVICE_BLOCK
     program, random = program_of(scene, plan), noise(scene, plan.indices(plan.first, members))
     assert program is not None, "closed forms make no steps"
     best, steps, own = math.inf, 16, int(plan.member_steps)

@@ -1,0 +1,203 @@
+"""What graphics processors would run: the code of every integrator, and what it takes of a device.
+
+The code is compiled by the package as for a device, and assembled by `ptxas`, if there is one (of
+the package nvidia-cuda-nvcc-cu12). Where a device is at hand, its bits and speed are measured too.
+"""
+
+import glob
+import os
+import re
+import shutil
+import subprocess
+import sysconfig
+import tempfile
+import time
+from collections import Counter
+from typing import NamedTuple
+from unittest import mock
+
+import rigidmc as rm
+from bench import harness
+from rigidmc.effects import EFFECTS
+from rigidmc.effects.protocol import is_random
+from rigidmc.engine import cuda
+from rigidmc.engine.cuda_device import Device
+from rigidmc.integrators import accepting
+from rigidmc.planning.job import program_of
+from rigidmc.planning.plan import prepare
+from rigidmc.protocols import cross, effect, into_body, scale
+
+CAPABILITIES = (8, 0), (9, 0)
+ROUNDED = re.compile(r"^\s+(fma|add|sub|mul|div|rcp|sqrt)((?:\.\w+)*)\.f(?:64|32)\s", re.M)
+APPROXIMATE = re.compile(r"\.(approx|ftz|full)\b|\.contract|\b(ex2|lg2|sin|cos|tanh|rsqrt)\.")
+NO_SPILL = "rk4", "rk8", "strang", "exact"
+TOLD = "registers", "local", "spills", "spills in steps"
+NOBODY = Device(0, "no device", (9, 0), 132, 1.98e9, 2**37, (13, 0))
+
+
+@effect(units={"stiffness": "N m"})
+class TorsionSpring(NamedTuple):
+    """An effect of a user's own."""
+
+    stiffness: float
+
+    def torque(self, q):
+        return scale(self.stiffness, cross((1.0, 0.0, 0.0), into_body(q, (1.0, 0.0, 0.0))))
+
+
+def scenes(quick):
+    """{what acts: scene}, with events and statistics."""
+    body = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3))
+    start = rm.Start(omega=(0.1, 0.2, 5.0), attitude=(1.0, 0.0, 0.0, 0.0))
+    every = tuple(kind(*kind.example) for kind in EFFECTS.values() if not is_random(kind))
+    acting = {
+        "nothing": (),
+        "gravity": (rm.Gravity(9.81),),
+        "all effects": every,
+        "bath": (rm.Gravity(9.81), rm.Bath(0.5, 1.0)),
+        "own effect": (TorsionSpring(1.0),),
+    }
+    for word in ("all effects",) if quick else ():
+        del acting[word]
+    run = {"dt": 0.01, "t_end": 1.0, "every": 0.5, "checks": False}
+    return {
+        word: rm.Scene(body, effects, start).with_run(**run) for word, effects in acting.items()
+    }
+
+
+def ptxas():
+    """The path of an assembler, None if there is none."""
+    pattern = os.path.join(sysconfig.get_paths()["purelib"], "nvidia", "*", "bin", "ptxas")
+    return next(iter(glob.glob(pattern)), shutil.which("ptxas"))
+
+
+def assembled(text, capability):
+    """{what: bytes or registers} that an assembler tells of PTX; {} without one."""
+    tool = ptxas()
+    if tool is None:
+        return {}
+    with tempfile.TemporaryDirectory(prefix="rigidmc-bench-") as folder:
+        source = os.path.join(folder, "members.ptx")
+        with open(source, "w", encoding="ascii") as file:
+            file.write(text)
+        target = "-arch=sm_{}{}".format(*capability)
+        told = subprocess.run(
+            [tool, target, "-v", source, "-o", os.path.join(folder, "members.cubin")],
+            capture_output=True, text=True, check=True,
+        ).stderr  # fmt: skip
+    entry = re.search(r"properties for members\n\s*(\d+) bytes stack frame, (\d+) \D+(\d+)", told)
+    steps = re.search(r"properties for march\n\s*\d+ \D+(\d+) bytes spill stores, (\d+)", told)
+    spilled = [int(entry[2]), int(entry[3])] if steps is None else list(map(int, steps.groups()))
+    return {
+        "registers": int(re.search(r"Used (\d+) registers", told)[1]),
+        "local": int(entry[1]),
+        "spills": int(entry[2]) + int(entry[3]),
+        "spills in steps": sum(spilled),
+    }
+
+
+def inspected(what, name, scene, watched, capability):
+    """The row of a kernel."""
+    scene = scene.with_run(integrator=name, save=("omega", "attitude", *watched))
+    with mock.patch.object(cuda, "chosen", lambda number: (NOBODY,)):
+        plan = prepare(scene)._replace(device="cuda")
+        program = program_of(scene, plan, ask=True)
+        began = time.perf_counter()
+        text = program.ptx(capability)
+    counts = Counter(kind for kind, _ in ROUNDED.findall(text))
+    return {
+        "kind": "ptx",
+        "integrator": name,
+        "acting": what,
+        "watched": bool(watched),
+        "capability": "sm_{}{}".format(*capability),
+        "seconds": time.perf_counter() - began,
+        "fma": counts["fma"],
+        "add and mul": counts["add"] + counts["sub"] + counts["mul"],
+        "div": counts["div"] + counts["rcp"],
+        "sqrt": counts["sqrt"],
+        "approximate": len(APPROXIMATE.findall(text)),
+        "modes": sorted({mode for _, mode in ROUNDED.findall(text)}),
+        **assembled(text, capability),
+    }
+
+
+def on_devices():
+    """The rows of the devices of this machine, [] if there are none."""
+    from rigidmc.engine.cuda_device import devices
+    from rigidmc.studies.bits import compared, speeds
+
+    try:
+        first = devices()[0]
+    except rm.NoDevice:
+        return []
+    same = list(compared("cuda"))
+    rows = [
+        harness.target("cases with the bits of the processor", len(same), sum(s for _, s in same))
+    ]
+    for name, steps, operations in speeds("cuda:0"):
+        rows.append({"kind": "speed", "device": first.name, "what": name, "steps": steps,
+                     "share": operations / first.peak})  # fmt: skip
+    return rows
+
+
+def run(quick):
+    """All rows of the bench."""
+    rows = []
+    for what, scene in scenes(quick).items():
+        for name in accepting(scene.effects):
+            if name == "closed" or (quick and name not in NO_SPILL):
+                continue
+            for watched in ((), ("flips", "omega_max")):
+                for capability in CAPABILITIES:
+                    rows.append(inspected(what, name, scene, watched, capability))
+    plain = [row for row in rows if row["integrator"] in NO_SPILL and not row["watched"]]
+    few = [row for row in plain if row["acting"] in ("nothing", "gravity", "own effect")]
+    targets = [
+        harness.target(
+            "kernels with an approximate instruction", 0,
+            sum(row["approximate"] > 0 or row["modes"] != [".rn"] for row in rows), at_most=True,
+        ),
+    ]  # fmt: skip
+    if ptxas():
+        targets += [
+            harness.target(
+                "kernels of rk4, rk8, strang, exact that spill, free, heavy and with an own effect",
+                0, sum(row["spills"] > 0 for row in few), at_most=True,
+            ),
+            harness.target(
+                "kernels that spill in their steps", 0,
+                sum(row["spills in steps"] > 0 for row in rows), at_most=True,
+            ),
+        ]  # fmt: skip
+    return [*rows, *on_devices(), *targets]
+
+
+def report(rows):
+    """Print the results."""
+    told = [row for row in rows if row["kind"] == "ptx" and row["capability"] == "sm_90"]
+    head = ["integrator", "acting", "events", "fma", "add, mul", "div", "sqrt", "registers",
+            "local [B]", "spills [B]", "in steps [B]", "s"]  # fmt: skip
+    harness.table(
+        "code for devices of compute capability 9.0",
+        head,
+        [
+            [
+                row["integrator"], row["acting"], "yes" if row["watched"] else "", row["fma"],
+                row["add and mul"], row["div"], row["sqrt"],
+                *(row.get(word, "") for word in TOLD),
+                f"{row['seconds']:.1f}",
+            ]
+            for row in told
+        ],
+    )  # fmt: skip
+    speeds = [row for row in rows if row["kind"] == "speed"]
+    if speeds:
+        harness.table(
+            f"steps a second of {speeds[0]['device']}",
+            ["", "G steps/s", "share of the peak in float64"],
+            [[r["what"], f"{r['steps'] / 1e9:.2f}", f"{r['share']:.2f}"] for r in speeds],
+        )
+    else:
+        print("no device was at hand: the code was compiled and inspected, not run")
+    harness.report_targets(rows)

@@ -1,0 +1,184 @@
+"""Blocks of members on graphics processors, a thread a member, see `rigidmc.engine.cuda_code`.
+
+A block stays on the device from the first step of a run to the last. Launches are short, so that
+progress is told and a run can be called off between them. Each worker thread has a stream of its
+own: while one copies saves, or makes the next block ready, another's members move.
+"""
+
+import itertools
+import math
+import os
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigidmc.engine.cache import kept_text, text_path
+from rigidmc.engine.compile_time import announced
+from rigidmc.engine.cuda_code import KERNEL, kernel_of, ptx_of
+from rigidmc.engine.cuda_device import Seat, chosen
+from rigidmc.engine.frame import Noise, Piece, Pieces, Room, Run, Saves, frame_type
+from rigidmc.engine.kinds import numbers_of
+from rigidmc.engine.pieces import config, signature_of
+from rigidmc.engine.program import NO_NOISE, NO_SAVES, Program, framed
+from rigidmc.errors import NoDevice
+
+Array = NDArray[Any]
+LAUNCH = 0.05  # seconds of a launch
+# Steps of the first launch of a block; the time of each tells how many the next one makes, at most
+# so many times as many.
+FIRST, GROWTH = 16, 8.0
+SAVED = 256 * 2**20  # bytes of saved values on the device, at most
+NEWEST = 9, 0  # compute capability that code is made for; a later device takes this code too
+
+
+class CudaProgram(Program):
+    """A Program whose members live on devices; `advance` and `through` as there.
+
+    number : of the device;  None for all of them, which take blocks in turn
+    """
+
+    def __init__(self, *arguments: Any, number: int | None = None, **named: Any) -> None:
+        if config.DISABLE_JIT:
+            raise NoDevice("cuda: runs compiled code only, and NUMBA_DISABLE_JIT is set")
+        self.devices = chosen(number)
+        first = os.getpid() % len(self.devices)  # processes side by side begin with several
+        self._turn = itertools.cycle(self.devices[first:] + self.devices[:first])
+        self._seats = threading.local()
+        self._capability = min(NEWEST, *(one.capability for one in self.devices))
+        super().__init__(*arguments, **{**named, "lanes": 1})
+
+    def missing(self) -> list[str]:
+        """["kernel"] if it is neither in memory nor in the disk cache."""
+        with suppress(OSError):  # there is no cache
+            path = text_path(*self._key(self._capability))
+            if path is not None and os.path.exists(path):
+                return []
+        return ["kernel"]
+
+    def theirs(self) -> list[str]:
+        """None: one process makes the one kernel."""
+        return []
+
+    def _compile(self) -> None:
+        with announced(self.label, self.missing(), self.effects):
+            self._code = self.ptx(self._capability)
+        self._frame = np.zeros(1, frame_type(self.dtype))
+
+    def ptx(self, capability: tuple[int, int]) -> str:
+        """The code of its kernel for devices of a compute capability or a later one."""
+
+        def make() -> str:
+            return ptx_of(kernel_of(self.asked, self.shape, self._sizes()), capability)
+
+        return kept_text(*self._key(capability), make)
+
+    def _key(self, capability: tuple[int, int]) -> tuple[list[Any], str]:
+        """(types of the pieces, what else the code follows from)."""
+        types = [signature_of(*one[1:]) for one in self.asked.values() if one]
+        return types, f"{self.shape} {self._sizes()} {capability}"
+
+    def _sizes(self) -> dict[str, int]:
+        """{name in Room: bytes} of the memory that a member works in."""
+        return {
+            name: count * np.dtype(kind).itemsize
+            for name, (count, kind) in self.working_memory(self.rows).items()
+        }
+
+    def on_devices(self) -> str:
+        """The devices, and how many of their threads are at work at once, in words."""
+        seat, (first, *others) = self._seat(), self.devices
+        each = f"{first.name} x {1 + len(others)}" if others else first.name
+        resident = f"{seat.resident} of them at work on each multiprocessor"
+        return f"{each}, blocks of {seat.threads} threads, {resident}"
+
+    def _seat(self) -> Seat:
+        """The seat of this thread."""
+        if not hasattr(self._seats, "mine"):
+            parts = [one[1] if one else () for name, one in self.asked.items() if name != "advance"]
+            numbers = [np.array(numbers_of(part) or [0.0]) for part in parts]
+            self._seats.mine = Seat(next(self._turn), self._code, KERNEL, [*numbers, self.parts])
+        seat: Seat = self._seats.mine
+        return seat
+
+    def advance(
+        self, block: Array, steps: Run, noise: Noise | None = None, saves: Saves | None = None
+    ) -> None:
+        """As `Program.advance`."""
+        noise = noise or NO_NOISE._replace(members=np.arange(block.shape[1]))
+        for _ in self.through(block, steps, noise, saves or NO_SAVES):
+            pass
+
+    def through(self, block: Array, steps: Run, noise: Noise, saves: Saves) -> Iterator[int]:
+        """As `Program.through`."""
+        seat = self._seat()
+        seat.enter()
+        try:
+            yield from self._through(seat, block, steps, noise, saves)
+        finally:
+            seat.free()
+
+    def _through(
+        self, seat: Seat, block: Array, steps: Run, noise: Noise, saves: Saves
+    ) -> Iterator[int]:
+        members = block.shape[1]
+        count = self.shape.values * members if saves.columns else 0  # numbers of a save
+        most = min(-(-steps.total // steps.stride), max(1, SAVED // (8 * count or 1)))
+        frame, place = self._on_device(seat, block, noise)
+        order, frame_at = seat.put(saves.order), seat.room(frame.nbytes)
+        values = seat.room(8 * count * (most + 1))  # the start is a save more
+        first, length = steps.first, FIRST
+        while first < steps.last:
+            beyond = (first // steps.stride + most) * steps.stride
+            last = min(steps.last, first + length, beyond)
+            slots = saved_in(steps, first, last)
+            out = Saves(values - 8 * count * slots.start, members if count else 0, 0, order)
+            seat.write(frame_at, framed(frame, steps._replace(first=first, last=last), out))
+            began = time.perf_counter()
+            seat.launch(frame_at, members)
+            seat.wait()
+            took = time.perf_counter() - began
+            if count and slots:
+                self._keep(seat, values, slots, saves, members)
+            yield last
+            length = int(max(1.0, (last - first) * min(GROWTH, LAUNCH / max(took, 1e-6))))
+            first = last
+        seat.read(block, place)
+
+    def _on_device(self, seat: Seat, block: Array, noise: Noise) -> tuple[Any, int]:
+        """(the frame of a block that is now on the device, the address of the block there)."""
+        *pieces, parts = seat.numbers
+        place, (rows, members) = seat.put(block), block.shape
+        room = Room(
+            parts=parts,
+            part_rows=self.parts.size // 4,
+            block=place,
+            rows=rows,
+            width=members,
+            past=0,
+            **dict.fromkeys(self.working_memory(rows), 0),  # each thread has its own
+        )
+        known = Pieces(*(Piece(0, 0, numbers) for numbers in pieces))
+        whose = Noise(noise.key, noise.other, seat.put(noise.streams), seat.put(noise.members))
+        return framed(self._frame, known, self.shape, whose, room), place
+
+    def _keep(self, seat: Seat, values: int, slots: range, saves: Saves, members: int) -> None:
+        """Bring the saves of a launch from the device to where they go."""
+        shape = len(slots), self.shape.values, members
+        got = seat.pinned(math.prod(shape))
+        seat.read(got, values)
+        size = self.shape.values * saves.columns
+        out = saves.out.reshape(-1)[size * slots.start : size * slots.stop]
+        wide = out.reshape(*shape[:2], saves.columns)
+        wide[:, :, saves.column : saves.column + members] = got.reshape(shape)
+
+
+def saved_in(steps: Run, first: int, last: int) -> range:
+    """The numbers of the saves that steps from `first` to `last` make."""
+    begin = 0 if first == 0 else first // steps.stride + 1
+    final = -(-steps.total // steps.stride) if last == steps.total else last // steps.stride
+    return range(begin, final + 1)

@@ -1,0 +1,204 @@
+"""Graphics processors: the driver's answers, the devices, and the place of a thread on one."""
+
+import ctypes
+from collections.abc import Sequence
+from contextlib import suppress
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigidmc.errors import NoDevice, NoRoom
+
+Array = NDArray[Any]
+THREADS = 128, 64, 256, 32  # threads of a block of PTX, the best first if as many are at work
+OLDEST = 7, 0  # compute capability
+# Fused multiply-adds in float64 of a multiprocessor in a cycle, by compute capability; others 2
+FUSED = {(7, 0): 32, (8, 0): 32, (9, 0): 64, (10, 0): 64}
+
+
+class Device(NamedTuple):
+    """A device, by its number.
+
+    capability : of computing;  processors : how many;  clock : [Hz]
+    memory : bytes;  driver : the version of CUDA that the driver takes
+    """
+
+    number: int
+    name: str
+    capability: tuple[int, int]
+    processors: int
+    clock: float
+    memory: int
+    driver: tuple[int, int]
+
+    @property
+    def peak(self) -> float:
+        """Operations in float64 a second at most; a fused multiply-add is two.
+
+        Source: CUDA C++ Programming Guide, throughput of native arithmetic instructions.
+        """
+        return 2.0 * self.processors * self.clock * FUSED.get(self.capability, 2)
+
+
+def _library() -> Any:
+    """The functions of the driver; NoDevice if they or the driver are not there."""
+    try:
+        from cuda.bindings import driver
+    except ImportError:
+        raise NoDevice(
+            "cuda: needs the package cuda-bindings: pip install 'rigidmc[cuda]'"
+        ) from None
+    return driver
+
+
+def asked(name: str, *arguments: Any) -> Any:
+    """What a function of the driver answers; NoDevice or NoRoom with its reason if it fails."""
+    driver = _library()
+    try:
+        error, *answer = getattr(driver, name)(*arguments)
+    except RuntimeError as missing:  # the driver's library itself is not there
+        raise NoDevice(f"cuda: no driver of NVIDIA was found ({missing})") from None
+    if int(error) != 0:
+        word = driver.cuGetErrorName(error)[1]
+        reason = driver.cuGetErrorString(error)[1]
+        text = f"cuda: {name} failed: {_text(word)}, {_text(reason)}"
+        raise (NoRoom if b"OUT_OF_MEMORY" in (word or b"") else NoDevice)(text)
+    return answer[0] if len(answer) == 1 else answer
+
+
+def _text(word: bytes | None) -> str:
+    return (word or b"unknown").decode(errors="replace").rstrip("\0")
+
+
+@cache
+def devices() -> tuple[Device, ...]:
+    """The devices of this machine; NoDevice if there are none that can be used."""
+    asked("cuInit", 0)
+    version = asked("cuDriverGetVersion")
+    kind = _library().CUdevice_attribute
+    found = []
+    for number in range(asked("cuDeviceGetCount")):
+        one = asked("cuDeviceGet", number)
+
+        def told(word: str, one: Any = one) -> int:
+            return int(
+                asked("cuDeviceGetAttribute", getattr(kind, f"CU_DEVICE_ATTRIBUTE_{word}"), one)
+            )
+
+        found.append(
+            Device(
+                number,
+                _text(asked("cuDeviceGetName", 256, one)),
+                (told("COMPUTE_CAPABILITY_MAJOR"), told("COMPUTE_CAPABILITY_MINOR")),
+                told("MULTIPROCESSOR_COUNT"),
+                1e3 * told("CLOCK_RATE"),
+                int(asked("cuDeviceTotalMem", one)),
+                (version // 1000, version % 1000 // 10),
+            )
+        )
+    if not found:
+        raise NoDevice("cuda: the driver has no device")
+    return tuple(found)
+
+
+def chosen(number: int | None) -> tuple[Device, ...]:
+    """The devices that a run is to use: all, or the one of a number; NoDevice for others."""
+    every = devices()
+    if number is not None and number >= len(every):
+        raise NoDevice(f"cuda:{number}: the devices are cuda:0 to cuda:{len(every) - 1}")
+    some = every if number is None else every[number : number + 1]
+    if old := [one for one in some if one.capability < OLDEST]:
+        rule = "{}.{}, and code is made for {}.{} or later".format(*old[0].capability, *OLDEST)
+        raise NoDevice(f"cuda:{old[0].number}: {old[0].name} has compute capability {rule}")
+    return some
+
+
+class Seat:
+    """The place of a thread on a device: a stream, and a program's code and numbers there.
+
+    ptx, kernel : the code, and the name of the function that is launched
+    """
+
+    def __init__(self, device: Device, ptx: str, kernel: str, numbers: Sequence[Array]) -> None:
+        self.device = device
+        self._context = asked("cuDevicePrimaryCtxRetain", asked("cuDeviceGet", device.number))
+        self.enter()
+        self.stream = asked("cuStreamCreate", 1)  # which waits for no other
+        self._held = list[Any]()
+        self.module = asked("cuModuleLoadData", ptx.encode() + b"\0")
+        self.kernel = asked("cuModuleGetFunction", self.module, kernel.encode())
+        self.numbers = [self.put(one) for one in numbers]
+        self._kept, self._held = self._held, []
+        self.threads, self.resident = self._threads()
+        self._pinned: tuple[Array, int] = (np.empty(0), 0)
+
+    def enter(self) -> None:
+        """Let this thread use this device."""
+        asked("cuCtxSetCurrent", self._context)
+
+    def _threads(self) -> tuple[int, int]:
+        """(threads of a block, threads of a multiprocessor at work) for the most of the latter."""
+        name = "cuOccupancyMaxActiveBlocksPerMultiprocessor"
+        at_work = {size: size * int(asked(name, self.kernel, size, 0)) for size in THREADS}
+        best = max(at_work, key=lambda size: at_work[size])
+        return best, at_work[best]
+
+    def room(self, size: int) -> int:
+        """The address of so many bytes on the device, until `free`."""
+        self._held.append(asked("cuMemAlloc", max(1, size)))
+        return int(self._held[-1])
+
+    def put(self, array: Array) -> int:
+        """The address of a copy of an array on the device, until `free`."""
+        address = self.room(array.nbytes)
+        if array.nbytes:
+            self.write(address, array)
+        return address
+
+    def write(self, address: int, array: Array) -> None:
+        """Copy an array to the device."""
+        asked("cuMemcpyHtoDAsync", address, array.ctypes.data, array.nbytes, self.stream)
+        self.wait()
+
+    def read(self, array: Array, address: int) -> None:
+        """Copy from the device to an array."""
+        asked("cuMemcpyDtoHAsync", array.ctypes.data, address, array.nbytes, self.stream)
+        self.wait()
+
+    def pinned(self, count: int) -> Array:
+        """Memory of this machine for so many numbers, which a device writes to at full speed."""
+        if self._pinned[0].size < count:
+            if self._pinned[1]:
+                asked("cuMemFreeHost", self._pinned[1])
+            address = int(asked("cuMemAllocHost", 8 * count))
+            memory = (ctypes.c_double * count).from_address(address)
+            self._pinned = np.ctypeslib.as_array(memory), address
+        return self._pinned[0][:count]
+
+    def launch(self, frame: int, members: int) -> None:
+        """Let a thread for each member take it through the steps of a frame on the device."""
+        grid = -(-members // self.threads), 1, 1
+        given = (frame, 0, members), (ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64)
+        asked("cuLaunchKernel", self.kernel, *grid, self.threads, 1, 1, 0, self.stream, given, 0)
+
+    def wait(self) -> None:
+        """Until all that was asked of the device is done."""
+        asked("cuStreamSynchronize", self.stream)
+
+    def free(self) -> None:
+        """Give back the memory that was taken since the seat was made."""
+        while self._held:
+            with suppress(NoDevice):  # a device that is lost has said so before
+                asked("cuMemFree", self._held.pop())
+
+    def __del__(self) -> None:
+        with suppress(Exception):  # the driver may be gone at the end of the process
+            self.enter()
+            self._held += self._kept
+            self.free()
+            if self._pinned[1]:
+                asked("cuMemFreeHost", self._pinned[1])
+            asked("cuModuleUnload", self.module)
+            asked("cuStreamDestroy", self.stream)

@@ -1,0 +1,156 @@
+"""Runs whose bits are compared: over vector widths, over processors, and with graphics processors.
+
+Free and heavy tops, driven ones, and tops in a bath, by every integrator: with events, statistics,
+noise, works, neighbours, steps of members' own, and float32.
+"""
+
+import hashlib
+import time
+from collections.abc import Collection, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rigidmc.effects import Bath, Gravity, RotatingField, SpaceTorque, ViscousDamping
+from rigidmc.engine.device import device
+from rigidmc.engine.frame import Run
+from rigidmc.engine.operations import step_operations
+from rigidmc.integrators import accepting
+from rigidmc.observables import Flips, Passage
+from rigidmc.planning.job import program_of
+from rigidmc.planning.plan import DEVICE_BLOCK
+from rigidmc.planning.settle import settled
+from rigidmc.planning.stage import stage
+from rigidmc.runs.simulate import simulate
+from rigidmc.scene.body import Body
+from rigidmc.scene.distributions import normal, uniform
+from rigidmc.scene.laws import Cone, GibbsMomentum, Sphere
+from rigidmc.scene.scene import Scene
+from rigidmc.scene.start import Start
+
+MEMBERS = 37  # of a run: no multiple of the members that are worked on side by side
+
+
+class Case(NamedTuple):
+    """A run: its name, the word of its motion, its scene."""
+
+    name: str
+    motion: str
+    scene: Scene
+
+
+def cases(
+    integrators: Collection[str] | None = None, motions: Collection[str] | None = None
+) -> list[Case]:
+    """The runs, by default by all integrators and of all motions."""
+    found = list[Case]()
+    for motion, scene in _motions().items():
+        if motions is not None and motion not in motions:
+            continue
+        for name in accepting(scene.effects):
+            if name != "closed" and (integrators is None or name in integrators):
+                # midpoint solves for less than 0.5 rad
+                dt = 0.02 if name == "midpoint" else 0.05
+                found.append(_case(motion, scene, f"{name}, {dt}", integrator=name, dt=dt))
+        if motion in ("heavy", "driven"):
+            own = "rk4, 0.1 steps of their own"
+            found.append(_case(motion, scene, own, integrator="rk4", turn=0.1))
+        if motion == "heavy":
+            single = {"integrator": "rk4", "dt": 0.05, "dtype": "float32"}
+            found.append(_case(motion, scene, "rk4, 0.05, float32", **single))
+            save = (*scene.run.save, "work", "megno")
+            more = {"integrator": "strang", "dt": 0.05, "save": save}
+            found.append(_case(motion, scene, "strang, 0.05, works and a neighbour", **more))
+    return found
+
+
+def _case(motion: str, scene: Scene, name: str, **settings: Any) -> Case:
+    return Case(f"{motion}, {name}", motion, scene.with_run(**settings))
+
+
+def _motions() -> dict[str, Scene]:
+    """{word: scene}, without integrators."""
+    body = Body.from_moments(
+        (uniform(1.0, 1.2), normal(1.4, 0.01), 2.0),
+        mass=uniform(1.0, 2.0),
+        centre=(0.1, 0.2, normal(0.3, 0.05)),
+    )
+    free = Start(momentum=Sphere(uniform(1.0, 2.0)), attitude="uniform")
+    heavy = Start(
+        omega=Cone(3, uniform(4.0, 6.0), normal(0.1, 0.02)),
+        attitude=(uniform(0.0, 6.0), normal(0.5, 0.1), 0.0),
+    )
+    driven = Start(omega=(normal(0.0, 1.0), 0.5, 1.0), attitude="uniform")
+    bathed = Start(momentum=GibbsMomentum(1.0), attitude="uniform")
+    pulls = (
+        Gravity(2.0),
+        ViscousDamping(0.1),
+        SpaceTorque((0.0, 0.2, 0.1)),
+        RotatingField((0.1, 0.0, 0.2), (0.3, 0.0, 0.1), 1.5),
+    )
+    watched = Passage(3, 0.6, "leaves"), "nutation", "energy_mean"
+    scenes: dict[str, tuple[Any, Start, tuple[Any, ...]]] = {
+        "free": ((), free, (Flips(2), "omega_max")),
+        "heavy": ((Gravity(9.81),), heavy, watched),
+        "driven": (pulls, driven, ("omega_max",)),
+        "in a bath": ((Gravity(1.0), Bath(0.5, uniform(0.5, 1.0))), bathed, ("energy_variance",)),
+    }
+    return {
+        word: Scene(body, effects, start).with_run(
+            t_end=2.0,
+            every=0.5,
+            members=MEMBERS,
+            seed=5,
+            save=("attitude", "momentum", "energy", *more),
+        )
+        for word, (effects, start, more) in scenes.items()
+    }
+
+
+def digest(scene: Scene, threads: int | None = 1) -> str:
+    """The sha256 of all variables of the result of a scene."""
+    result = simulate(scene, threads=threads, checks=False)
+    names = sorted(str(name) for name in result.data_vars)
+    parts = (np.ascontiguousarray(result[name].values) for name in names)
+    return hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest()
+
+
+def compared(word: str) -> Iterator[tuple[str, bool]]:
+    """(name, whether a graphics processor gives the bits of this processor) of every case.
+
+    word : of the device, see `rigidmc.engine.device`
+    """
+    for case in cases():
+        here = digest(case.scene)
+        with device(word):
+            yield case.name, digest(case.scene) == here
+
+
+def speeds(word: str, members: int = DEVICE_BLOCK) -> Iterator[tuple[str, float, float]]:
+    """(name, steps of members a second, operations a second) of graphics processors.
+
+    The steps are those of a block that is on the device, saves and copies left out: the time of
+    twice as many steps, less that of as many.
+    """
+    for motion, name in (("free", "rk4"), ("heavy", "rk4"), ("free", "rk8"), ("free", "exact")):
+        scene = _motions()[motion].with_run(
+            integrator=name, dt=0.01, t_end=2e3, every=2e3, members=members, save=("energy",)
+        )
+        with device(word):
+            plan = settled(scene).plan
+            program = program_of(scene, plan)
+        assert program is not None
+        block, _ = stage(scene, 0, members, plan.carried, more=plan.watch.rows)
+        steps, took = 500, 0.0
+        while took < 0.2:  # [s], which launches of 50 ms and copies are short beside
+            steps *= 2
+            times = []
+            for count in (steps, 2 * steps):
+                run = Run(plan.dt, 1, 4 * steps, 4 * steps, 0, 0, count)
+                began = time.perf_counter()
+                program.advance(block.copy(), run)
+                times.append(time.perf_counter() - began)
+            took = times[1] - times[0]
+        rate = members * steps / took
+        each = step_operations(plan.form, scene.effects, plan.carried).all
+        yield f"{motion}, {name}", rate, rate * each

@@ -1,0 +1,359 @@
+"""Members on graphics processors, without one.
+
+What a device would run is compiled to PTX and read. The same kernel, compiled for this processor,
+goes through the same launches by a stand-in for the driver (`tests.fake_cuda`), and has to give the
+bits that another machine recorded. None of this says that a device was at hand.
+"""
+
+import math
+import re
+import sys
+from collections import Counter
+from types import SimpleNamespace
+from typing import NamedTuple
+from unittest.mock import Mock
+
+import llvmlite.binding as llvm
+import pytest
+import xarray as xr
+from typer.testing import CliRunner
+
+import rigidmc as rm
+from bench.bits import QUICK, sums
+from bench.gpu import APPROXIMATE, NO_SPILL, ROUNDED, inspected, ptxas, scenes
+from rigidmc.cli import app
+from rigidmc.engine import cuda, cuda_code, cuda_device, pieces
+from rigidmc.engine.device import device_now
+from rigidmc.errors import NoRoom
+from rigidmc.integrators import INTEGRATORS
+from rigidmc.planning.job import program_of
+from rigidmc.planning.plan import prepare
+from rigidmc.planning.tolerance import costs
+from rigidmc.protocols import effect
+from rigidmc.runs import cluster
+from rigidmc.runs.create import create
+from rigidmc.runs.resume import resume
+from rigidmc.studies import bits
+from rigidmc.studies.bits import cases
+from tests.engine.test_bits import changed
+from tests.fake_cuda import fake as fake
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::rigidmc.errors.SceneWarning"),
+    pytest.mark.skipif(bool(pieces.config.DISABLE_JIT), reason="nothing is compiled"),
+]
+SCENE = rm.Scene(
+    rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.1, 0.2, 0.3)),
+    (rm.Gravity(9.81),),
+    rm.Start(omega=(0.5, rm.normal(0.7, 0.1), 0.5), attitude=(1.0, 0.0, 0.0, 0.0)),
+).with_run(integrator="rk4", dt=0.02, t_end=2.0, every=0.5, members=70, save=("omega", "flips"))
+
+
+def invoked(*words):
+    return CliRunner().invoke(app, list(map(str, words)))
+
+
+def test_the_launches_give_the_recorded_bits(fake):
+    """Of all that runs on the processor: events, statistics, noise, steps of members' own, works,
+    neighbours, float32."""
+    driver = fake()
+    with rm.device("cuda"):
+        assert not changed(sums((0,), QUICK))
+    assert driver.launches
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in INTEGRATORS if name != "closed"])
+def test_the_launches_of_every_integrator_give_the_recorded_bits(name, fake):
+    fake()
+    with rm.device("cuda"):
+        assert not changed(sums((0,), (name,)))
+
+
+def test_the_comparison_sees_one_bit(fake, monkeypatch):
+    """A kernel that fuses one more product with a sum is not the processor's."""
+    fake()
+    made = cuda_code.kernel_of
+
+    def fusing(*given, **named):
+        text = re.sub(r"= fmul <1", "= fmul contract <1", str(made(*given, host=True)))
+        return llvm.parse_assembly(re.sub(r"= fadd <1", "= fadd contract <1", text))
+
+    monkeypatch.setattr(cuda, "kernel_of", fusing)
+    with rm.device("cuda"):
+        assert changed(sums((0,), ("rk4",), ("heavy",)))
+
+
+def kernels(integrators):
+    """{label: program} of the cases of `bench.bits` by these integrators, nothing compiled."""
+    found = {}
+    with rm.device("cuda"):
+        for case in cases(integrators):
+            found[case.name] = program_of(case.scene, prepare(case.scene), ask=True)
+    return found
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_ptx_has_only_operations_of_ieee_754(name, fake):
+    """Rounded to nearest, and fused where the processor's code fuses them. No function is called
+    that is not part of the code."""
+    fake(compiled=False)
+    for label, program in kernels((name,)).items():
+        for capability in ((8, 0), (9, 0)):
+            ptx = program.ptx(capability)
+            assert f".target sm_{capability[0]}{capability[1]}" in ptx
+            assert ".visible .entry members(" in ptx
+            assert not APPROXIMATE.findall(ptx), label
+            modes = {mode for _, mode in ROUNDED.findall(ptx)}
+            assert modes == {".rn"}, (label, modes)
+            called = set(re.findall(r"call\.uni[^;]*?\b(\w+),?\s*\(", ptx))
+            assert called <= {"march"}, (label, called)
+    assert APPROXIMATE.search("\tsqrt.approx.f64 %fd1, %fd2;")
+    assert ROUNDED.findall("\tfma.f64 %fd1, %fd2, %fd3, %fd4;") == [("fma", "")]
+
+
+OF_LLVM = re.compile(r"= (?:tail )?(?:call [^@]*@llvm\.(fma|sqrt)\.|f(add|sub|mul|div) )")
+
+
+@pytest.mark.parametrize("name", [*QUICK, "rk8"])
+def test_ptx_has_the_operations_of_the_processor(name, fake):
+    """As many fused multiply-adds, divisions and roots in the steps, and as many products and sums
+    together: in PTX 2 x is x + x, and 1/x is rcp, with the same bits."""
+    fake(compiled=False)
+    machine = cuda_code.machine_for((9, 0))
+    for label, program in kernels((name,)).items():
+        _, text = pieces.code_of(*program.asked["march"])
+        here = Counter(one or other for one, other in OF_LLVM.findall(text))
+        module = llvm.parse_assembly(cuda_code.MACHINE.sub("", text))
+        ptx = machine.emit_assembly(cuda_code.optimised(module, machine))
+        there = Counter(kind for kind, _ in ROUNDED.findall(ptx))
+        sort = {"fma": 0, "div": 1, "rcp": 1, "sqrt": 2}
+        for counts in (here, there):
+            for kind, count in list(counts.items()):
+                counts[sort.get(kind, 3)] += count
+        assert [here[i] for i in range(4)] == [there[i] for i in range(4)], label
+        assert here["fma"] > 0
+
+
+def test_launches_are_short_and_change_no_bit(fake, monkeypatch):
+    """A run in many launches, with room for one save, and on two devices by three threads."""
+    alone = rm.simulate(SCENE)
+    driver = fake(devices=2)
+    monkeypatch.setattr(cuda, "LAUNCH", 1e-4)
+    monkeypatch.setattr(cuda, "SAVED", 8)
+    ds = rm.simulate(SCENE, device="cuda", threads=3, block=32)
+    for name in alone.data_vars:
+        assert ds[name].values.tobytes() == alone[name].values.tobytes(), name
+    assert len(driver.launches) > 12  # measured 77
+    assert driver.used == {0, 1}
+    assert device_now() == "cpu"
+
+
+def test_a_run_begun_on_a_device_goes_on_without_one(fake, tmp_path):
+    """And the other way round: shards of both have the same names, which have their sums."""
+    folders = [tmp_path / name for name in ("cpu", "cuda", "both")]
+    fake()
+    for folder in folders:
+        create(SCENE.with_run(members=9000), folder, 1e3)
+    resume(folders[0])
+    with rm.device("cuda"):
+        resume(folders[1])
+        resume(folders[2], only=range(1))
+    resume(folders[2])
+    names = [sorted(path.name for path in (folder / "shards").iterdir()) for folder in folders]
+    assert names[0] == names[1] == names[2] and len(names[0]) > 2
+
+
+@effect(units={"size": "N m"})
+class Branching(NamedTuple):
+    """An effect that no vector can run."""
+
+    size: float
+
+    def torque(self, q):
+        if q[0] > 0.5:
+            return (self.size, 0.0, 0.0)
+        return (0.0, self.size * q[1], 0.0)
+
+
+@effect(units={"size": "N m"})
+class Foreign(NamedTuple):
+    """An effect that calls the C library, with one number at a time."""
+
+    size: float
+
+    def torque(self, t):
+        if t > 0.5:
+            return (self.size, 0.0, 0.0)
+        return (0.0, math.erf(t), 0.0)
+
+
+@pytest.mark.skipif(ptxas() is None, reason="nvidia-cuda-nvcc-cu12 is for Linux on x86 alone")
+@pytest.mark.parametrize("name", NO_SPILL)
+def test_the_steps_spill_no_register(name):
+    """`python -m bench gpu` has the table of all integrators and effects."""
+    row = inspected("nothing", name, scenes(True)["nothing"], (), (9, 0))
+    assert row["spills"] == 0 and 64 < row["registers"] < 256  # measured 150, 201, 190, 174
+    assert row["fma"] > 50 and row["modes"] == [".rn"]
+
+
+@pytest.mark.parametrize(
+    "fault, error, words",
+    [
+        ({"devices": 0}, rm.NoDevice, "has no device"),
+        ({"memory": 2**12}, NoRoom, "out of memory"),
+        ({"fail_at": 1}, rm.NoDevice, "cuLaunchKernel failed: CUDA_ERROR_LAUNCH_FAILED"),
+    ],
+)
+def test_faults_are_one_message(fault, error, words, fake, tmp_path):
+    fake(**fault)
+    with pytest.raises(error, match=words):
+        rm.simulate(SCENE, device="cuda", block=32, threads=1, output=tmp_path / "a.nc")
+    assert not list(tmp_path.iterdir())
+
+
+def test_words_of_devices(fake, monkeypatch):
+    fake(devices=2)
+    with rm.device("auto") as word:
+        assert word == "cuda" == device_now()
+        with rm.device("cuda:1"):
+            assert device_now() == "cuda:1"
+        with rm.device(None):
+            assert device_now() == "cuda"
+    with pytest.raises(rm.NoDevice, match="cuda:2: the devices are cuda:0 to cuda:1"):
+        rm.simulate(SCENE, device="cuda:2")
+    for word in ("gpu", "cuda:x", "CUDA", ""):
+        with pytest.raises(
+            rm.OptionError, match=r"device = .*expected cpu, cuda, cuda:NUMBER or auto"
+        ):
+            rm.simulate(SCENE, device=word)
+    fake(devices=0)
+    with rm.device("auto") as word:
+        assert word == "cpu"
+
+
+def test_without_the_driver(monkeypatch):
+    """And without the package that finds it."""
+    cuda_device.devices.cache_clear()
+    missing = SimpleNamespace(cuInit=Mock(side_effect=RuntimeError("libcuda.so.1 is missing")))
+    monkeypatch.setattr(cuda_device, "_library", lambda: missing)
+    with pytest.raises(rm.NoDevice, match=r"no driver of NVIDIA was found \(libcuda.so.1"):
+        rm.simulate(SCENE, device="cuda")
+    monkeypatch.undo()
+    monkeypatch.setitem(sys.modules, "cuda.bindings", None)
+    with pytest.raises(rm.NoDevice, match=r"pip install 'rigidmc\[cuda\]'"):
+        rm.simulate(SCENE, device="cuda")
+
+
+def test_old_devices_are_refused(fake, monkeypatch):
+    fake()
+    monkeypatch.setattr(cuda_device, "OLDEST", (9, 1))
+    with pytest.raises(rm.NoDevice, match=r"compute capability 9\.0, and code is made for 9\.1"):
+        rm.simulate(SCENE, device="cuda")
+
+
+def test_code_that_no_device_has_is_refused(fake):
+    fake(compiled=False)
+    with pytest.raises(rm.OptionError, match="calls erf, which no device has"):
+        rm.simulate(rm.Scene(SCENE.body, (Foreign(0.1),), SCENE.start, SCENE.run), device="cuda")
+
+
+def test_an_effect_that_branches_runs_on_a_device(fake):
+    scene = rm.Scene(SCENE.body, (Branching(0.1),), SCENE.start, SCENE.run)
+    alone = rm.simulate(scene)
+    fake()
+    assert rm.simulate(scene, device="cuda").omega.values.tobytes() == alone.omega.values.tobytes()
+
+
+def test_the_code_is_kept(fake, monkeypatch, tmp_path):
+    monkeypatch.setenv("RIGIDMC_CACHE_DIR", str(tmp_path))
+    fake(compiled=False)
+    program = kernels(("rk4",))["free, rk4, 0.05"]
+    assert program.missing() == ["kernel"]
+    text = program.ptx((9, 0))
+    assert not program.missing()
+    monkeypatch.setattr(cuda, "ptx_of", None)
+    assert program.ptx((9, 0)) == text
+    (file,) = (path for path in tmp_path.rglob("*") if path.is_file())
+    file.write_text(file.read_text().replace("fma.rn", "fma.rz", 1))
+    monkeypatch.undo()
+    monkeypatch.setenv("RIGIDMC_CACHE_DIR", str(tmp_path))
+    assert program.ptx((9, 0)) == text
+
+
+def test_doctor_compares_and_measures(fake, monkeypatch):
+    fake()
+    shown = invoked("doctor").output
+    assert "cuda:0           Fake 0, compute capability 9.0, 132 multiprocessors" in shown
+    some = bits.cases(("rk4",), ("free",))
+    monkeypatch.setattr(bits, "cases", lambda: some)
+    monkeypatch.setattr(bits, "speeds", lambda word: [("free, rk4", 7.5e10, 7.5e10 * 196)])
+    found = invoked("doctor", "--cuda-check")
+    assert found.exit_code == 0
+    assert "same bits   free, rk4, 0.05" in found.output
+    assert "75.00 G steps/s, 44 % of the peak in float64  free, rk4" in found.output
+    monkeypatch.setattr(bits, "digest", lambda scene: object())
+    assert invoked("doctor", "--cuda-check").exit_code == 4
+
+
+def test_commands_take_a_device(fake, monkeypatch, tmp_path):
+    """`run`, `show` and a study; what follows is on the processor again."""
+    driver = fake()
+    scene = tmp_path / "tops.toml"
+    scene.write_text(SCENE.dumps())
+    words = ("run", scene, "--members", 96, "--shard-size", 0.001, "-o")
+    assert invoked(*words, f"{tmp_path}/there/", "--device", "cuda").exit_code == 0
+    assert driver.launches and device_now() == "cpu"
+    moved = len(driver.launches)
+    assert invoked(*words, f"{tmp_path}/here/").exit_code == 0 and len(driver.launches) == moved
+    names = [sorted(p.name for p in (tmp_path / x / "shards").iterdir()) for x in ("here", "there")]
+    assert names[0] == names[1]
+
+    monkeypatch.setattr(costs, "DEVICE_BLOCK", 32)
+    shown = invoked("show", scene, "--device", "cuda:0").output
+    assert "ns per member-step on one device" in shown
+    assert "Fake 0, blocks of 128 threads, 384 of them at work on each multiprocessor" in shown
+
+    alike = "sensitivity", scene, "--of", "mean(omega_max[1])", "--families", 16, "-o"
+    for where, more in (("here", ()), ("there", ("--device", "cuda"))):
+        file = tmp_path / f"{where}.nc"
+        assert invoked(*alike, file, *more, "--set", "run.save=['omega_max']").exit_code == 0
+    files = [xr.open_dataset(tmp_path / f"{where}.nc") for where in ("here", "there")]
+    with files[0] as here, files[1] as there:
+        assert here.total.values.tobytes() == there.total.values.tobytes()
+
+
+@pytest.mark.parametrize(
+    "word, code, rule",
+    [
+        ("gpu", 3, "device = 'gpu': expected cpu, cuda, cuda:NUMBER or auto"),
+        ("cuda:1", 74, "cuda:1: the devices are cuda:0 to cuda:0; nothing was written"),
+    ],
+)
+def test_a_wrong_device_is_one_message(word, code, rule, fake, tmp_path):
+    fake()
+    found = invoked("run", "dzhanibekov", "--device", word, "-o", tmp_path / "a.nc")
+    assert found.exit_code == code and rule in found.output and "Traceback" not in found.output
+    assert not list(tmp_path.iterdir()) and device_now() == "cpu"
+
+
+def test_a_device_that_is_lost_leaves_a_run_that_goes_on(fake, tmp_path):
+    scene = tmp_path / "tops.toml"
+    scene.write_text(SCENE.dumps())
+    words = ("run", scene, "--members", 9000, "--shard-size", 0.001, "-o", f"{tmp_path}/run/")
+    fake(fail_at=3)
+    found = invoked(*words, "--device", "cuda", "--threads", 1)
+    assert found.exit_code == 74 and "CUDA_ERROR_LAUNCH_FAILED" in found.output
+    assert invoked("resume", tmp_path / "run").exit_code == 0
+    with rm.open(tmp_path / "run") as ds:
+        alone = rm.simulate(SCENE, members=9000)
+        assert ds.omega.values.tobytes() == alone.omega.values.tobytes()
+
+
+def test_a_cluster_moves_members_on_devices(fake, tmp_path, monkeypatch):
+    """What a worker is asked names the device."""
+    driver = fake()
+    create(SCENE, tmp_path / "run", 1e3)
+    texts = tuple(cluster.content_of(str(tmp_path / "run"), name) for name in cluster.FILES)
+    done = cluster.shard(str(tmp_path / "run"), texts, 0, device="cuda")
+    assert driver.launches and sum(done.flagged.values()) == 70
