@@ -239,6 +239,35 @@ def maps(rows, machine):
     return with_note(drawn, f"{words}; {_machine(machine)}.")
 
 
+def gpu(rows, machine):
+    """What the kernels of every integrator take of a graphics processor."""
+    kernels = {
+        (row["integrator"], row["acting"]): row
+        for row in rows
+        if row["kind"] == "ptx" and row["capability"] == "sm_90" and not row["watched"]
+    }
+    names = list(dict.fromkeys(name for name, _ in kernels))
+    acting = list(dict.fromkeys(word for _, word in kernels))
+    lines = [
+        (
+            name,
+            *(kernels[name, "nothing"][word] for word in ("fma", "add and mul", "div", "sqrt")),
+            *(kernels.get((name, word), {}).get("registers", "") for word in acting),
+        )
+        for name in names
+    ]
+    aside = sorted(row["spills in steps"] for row in kernels.values() if row["spills in steps"])
+    words = (
+        "Instructions in float64 of a kernel without effects (fused multiply-adds, sums and"
+        " products, divisions, roots, those of start and looks included), and registers of a thread"
+        " by what acts, as `ptxas` tells for compute capability 9.0. Code that was compiled and"
+        " inspected, not run. Within its steps no kernel puts numbers aside for want of registers,"
+        f" but those with all effects at once: {aside[0]:,} to {aside[-1]:,} bytes"
+    )
+    drawn = table(("", "fma", "add, mul", "div", "sqrt", *acting), lines)
+    return with_note(drawn, f"{words}.")
+
+
 def _machine(machine):
     return f"{machine['cores']} cores of {machine['cpu']}, {machine['vector_bits']}-bit vectors"
 
@@ -255,7 +284,14 @@ def _count(number):
     return f"{number:.2g}"
 
 
-DRAWN = {"accuracy": accuracy, "peers": peers, "throughput": throughput, "maps": maps, "runs": runs}
+DRAWN = {
+    "accuracy": accuracy,
+    "peers": peers,
+    "throughput": throughput,
+    "maps": maps,
+    "runs": runs,
+    "gpu": gpu,
+}
 
 if __name__ == "__main__":
     main()

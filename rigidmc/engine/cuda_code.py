@@ -79,16 +79,15 @@ def kernel_of(
         module.link_in(llvm.parse_assembly(MACHINE.sub("", text)))
     for variable in module.global_variables:
         variable.linkage = "internal"  # Numba's, which nothing uses
-    # What watches steps takes registers, which `march` has for itself if it is called: rk8 with
-    # gravity and events takes all 255, and puts nothing aside within its steps.
-    apart = {"march"} if shape.looks else set[str]()
-    found = {function: name for name, function in names.items()}
+    # The pieces stay functions: inlined, those that watch leave `march` too few registers, and it
+    # would put numbers aside within its steps (strang in a bath 316 bytes).
+    called = {function: name for name, function in names.items()}
     for function in module.functions:
         if function.is_declaration or function.name == KERNEL:
             continue
         function.linkage = "internal"
-        function.name = found.get(function.name, function.name)
-        function.add_function_attribute("noinline" if function.name in apart else "alwaysinline")
+        function.add_function_attribute("noinline" if function.name in called else "alwaysinline")
+        function.name = called.get(function.name, function.name)
     return module
 
 
@@ -145,7 +144,7 @@ end:
 
 
 def optimised(module: llvm.ModuleRef, machine: llvm.TargetMachine) -> llvm.ModuleRef:
-    """A module as one function, optimised for a machine."""
+    """A module, optimised for a machine."""
     module.triple = machine.triple
     module.data_layout = str(machine.target_data)
     options = llvm.create_pipeline_tuning_options(speed_level=3)

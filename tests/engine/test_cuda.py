@@ -107,7 +107,7 @@ def test_ptx_has_only_operations_of_ieee_754(name, fake):
             modes = {mode for _, mode in ROUNDED.findall(ptx)}
             assert modes == {".rn"}, (label, modes)
             called = set(re.findall(r"call\.uni[^;]*?\b(\w+),?\s*\(", ptx))
-            assert called <= {"march"}, (label, called)
+            assert called <= set(program.asked), (label, called)
     assert APPROXIMATE.search("\tsqrt.approx.f64 %fd1, %fd2;")
     assert ROUNDED.findall("\tfma.f64 %fd1, %fd2, %fd3, %fd4;") == [("fma", "")]
 
@@ -193,7 +193,7 @@ class Foreign(NamedTuple):
 def test_the_steps_spill_no_register(name):
     """`python -m bench gpu` has the table of all integrators and effects."""
     row = inspected("nothing", name, scenes(True)["nothing"], (), (9, 0))
-    assert row["spills"] == 0 and 64 < row["registers"] < 256  # measured 150, 201, 190, 174
+    assert row["spills"] == 0 and 64 < row["registers"] < 256  # measured 150, 238, 200, 203
     assert row["fma"] > 50 and row["modes"] == [".rn"]
 
 
