@@ -86,6 +86,12 @@ class FakeDriver(types.ModuleType):
         self.used.add(context)
         return (OK,)
 
+    def cuCtxPushCurrent(self, context):
+        return (OK,)
+
+    def cuCtxPopCurrent(self):
+        return OK, 0
+
     def cuStreamCreate(self, flags):
         return OK, object()
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from rigidmc.engine.cache import kept_text, text_path
 from rigidmc.engine.compile_time import announced
 from rigidmc.engine.cuda_code import KERNEL, kernel_of, ptx_of
-from rigidmc.engine.cuda_device import Seat, chosen
+from rigidmc.engine.cuda_device import TARGETS, Device, Loaded, Seat, chosen
 from rigidmc.engine.frame import Noise, Piece, Pieces, Room, Run, Saves, frame_type
 from rigidmc.engine.kinds import numbers_of
 from rigidmc.engine.pieces import config, signature_of
@@ -32,8 +32,7 @@ LAUNCH = 0.05  # seconds of a launch
 # Steps of the first launch of a block; the time of each tells how many the next one makes, at most
 # so many times as many.
 FIRST, GROWTH = 16, 8.0
-SAVED = 256 * 2**20  # bytes of saved values on the device, at most
-NEWEST = 9, 0  # compute capability that code is made for; a later device takes this code too
+SAVED = 64 * 2**20  # bytes of saved values of a block on the device, at most
 
 
 class CudaProgram(Program):
@@ -49,7 +48,9 @@ class CudaProgram(Program):
         first = os.getpid() % len(self.devices)  # processes side by side begin with several
         self._turn = itertools.cycle(self.devices[first:] + self.devices[:first])
         self._seats = threading.local()
-        self._capability = min(NEWEST, *(one.capability for one in self.devices))
+        self._loading, self._loaded = threading.Lock(), dict[Device, Loaded]()
+        least = min(one.capability for one in self.devices)
+        self._capability = max(one for one in TARGETS if one <= least)
         super().__init__(*arguments, **{**named, "lanes": 1})
 
     def missing(self) -> list[str]:
@@ -93,17 +94,25 @@ class CudaProgram(Program):
         """The devices, and how many of their threads are at work at once, in words."""
         seat, (first, *others) = self._seat(), self.devices
         each = f"{first.name} x {1 + len(others)}" if others else first.name
-        resident = f"{seat.resident} of them at work on each multiprocessor"
-        return f"{each}, blocks of {seat.threads} threads, {resident}"
+        resident = f"{seat.loaded.resident} of them at work on each multiprocessor"
+        return f"{each}, blocks of {seat.loaded.threads} threads, {resident}"
 
     def _seat(self) -> Seat:
         """The seat of this thread."""
         if not hasattr(self._seats, "mine"):
-            parts = [one[1] if one else () for name, one in self.asked.items() if name != "advance"]
-            numbers = [np.array(numbers_of(part) or [0.0]) for part in parts]
-            self._seats.mine = Seat(next(self._turn), self._code, KERNEL, [*numbers, self.parts])
+            with self._loading:
+                device = next(self._turn)
+                if device not in self._loaded:
+                    self._loaded[device] = self._load(device)
+            self._seats.mine = Seat(self._loaded[device])
         seat: Seat = self._seats.mine
         return seat
+
+    def _load(self, device: Device) -> Loaded:
+        """The code on a device, and the numbers of the pieces and of the parts of a step."""
+        parts = [one[1] if one else () for name, one in self.asked.items() if name != "advance"]
+        numbers = [np.array(numbers_of(part) or [0.0]) for part in parts]
+        return Loaded(device, self._code, KERNEL, [*numbers, self.parts])
 
     def advance(
         self, block: Array, steps: Run, noise: Noise | None = None, saves: Saves | None = None
@@ -116,7 +125,7 @@ class CudaProgram(Program):
     def through(self, block: Array, steps: Run, noise: Noise, saves: Saves) -> Iterator[int]:
         """As `Program.through`."""
         seat = self._seat()
-        seat.enter()
+        seat.loaded.enter()
         try:
             yield from self._through(seat, block, steps, noise, saves)
         finally:
@@ -151,7 +160,7 @@ class CudaProgram(Program):
 
     def _on_device(self, seat: Seat, block: Array, noise: Noise) -> tuple[Any, int]:
         """(the frame of a block that is now on the device, the address of the block there)."""
-        *pieces, parts = seat.numbers
+        *pieces, parts = seat.loaded.numbers
         place, (rows, members) = seat.put(block), block.shape
         room = Room(
             parts=parts,

@@ -1,8 +1,8 @@
 """Graphics processors: the driver's answers, the devices, and the place of a thread on one."""
 
 import ctypes
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -13,7 +13,7 @@ from rigidmc.errors import NoDevice, NoRoom
 
 Array = NDArray[Any]
 THREADS = 128, 64, 256, 32  # threads of a block of PTX, the best first if as many are at work
-OLDEST = 7, 0  # compute capability
+TARGETS = (7, 0), (8, 0), (9, 0)  # compute capabilities that code is made for; later ones take it
 # Fused multiply-adds in float64 of a multiprocessor in a cycle, by compute capability; others 2
 FUSED = {(7, 0): 32, (8, 0): 32, (9, 0): 64, (10, 0): 64}
 
@@ -109,41 +109,61 @@ def chosen(number: int | None) -> tuple[Device, ...]:
     if number is not None and number >= len(every):
         raise NoDevice(f"cuda:{number}: the devices are cuda:0 to cuda:{len(every) - 1}")
     some = every if number is None else every[number : number + 1]
-    if old := [one for one in some if one.capability < OLDEST]:
-        rule = "{}.{}, and code is made for {}.{} or later".format(*old[0].capability, *OLDEST)
+    if old := [one for one in some if one.capability < TARGETS[0]]:
+        rule = "{}.{}, and code is made for {}.{} or later".format(*old[0].capability, *TARGETS[0])
         raise NoDevice(f"cuda:{old[0].number}: {old[0].name} has compute capability {rule}")
     return some
 
 
-class Seat:
-    """The place of a thread on a device: a stream, and a program's code and numbers there.
+class Loaded:
+    """A program's code and numbers on a device.
 
     ptx, kernel : the code, and the name of the function that is launched
+    numbers : addresses of copies of arrays;  threads, resident : of a block of PTX, and how many a
+        multiprocessor has at work at once
     """
 
-    def __init__(self, device: Device, ptx: str, kernel: str, numbers: Sequence[Array]) -> None:
-        self.device = device
+    def __init__(self, device: Device, ptx: str, kernel: str, arrays: Sequence[Array]) -> None:
         self._context = asked("cuDevicePrimaryCtxRetain", asked("cuDeviceGet", device.number))
         self.enter()
-        self.stream = asked("cuStreamCreate", 1)  # which waits for no other
-        self._held = list[Any]()
-        self.module = asked("cuModuleLoadData", ptx.encode() + b"\0")
-        self.kernel = asked("cuModuleGetFunction", self.module, kernel.encode())
-        self.numbers = [self.put(one) for one in numbers]
-        self._kept, self._held = self._held, []
+        self._module = asked("cuModuleLoadData", ptx.encode() + b"\0")
+        self.kernel = asked("cuModuleGetFunction", self._module, kernel.encode())
         self.threads, self.resident = self._threads()
-        self._pinned: tuple[Array, int] = (np.empty(0), 0)
+        self._home = Seat(self)
+        self.numbers = [self._home.put(one) for one in arrays]
 
     def enter(self) -> None:
         """Let this thread use this device."""
         asked("cuCtxSetCurrent", self._context)
 
+    @contextmanager
+    def entered(self) -> Iterator[None]:
+        """Let this thread use this device in the body of a `with`."""
+        asked("cuCtxPushCurrent", self._context)
+        try:
+            yield
+        finally:
+            asked("cuCtxPopCurrent")
+
     def _threads(self) -> tuple[int, int]:
-        """(threads of a block, threads of a multiprocessor at work) for the most of the latter."""
         name = "cuOccupancyMaxActiveBlocksPerMultiprocessor"
         at_work = {size: size * int(asked(name, self.kernel, size, 0)) for size in THREADS}
         best = max(at_work, key=lambda size: at_work[size])
         return best, at_work[best]
+
+    def __del__(self) -> None:
+        with suppress(Exception), self.entered():  # the driver may be gone at the end
+            asked("cuModuleUnload", self._module)
+
+
+class Seat:
+    """The place of a thread on a device: a stream, and memory."""
+
+    def __init__(self, loaded: Loaded) -> None:
+        self.loaded, self._held = loaded, list[Any]()
+        self._pinned: tuple[Array, int] = (np.empty(0), 0)
+        loaded.enter()
+        self._stream = asked("cuStreamCreate", 1)  # which waits for no other
 
     def room(self, size: int) -> int:
         """The address of so many bytes on the device, until `free`."""
@@ -159,19 +179,18 @@ class Seat:
 
     def write(self, address: int, array: Array) -> None:
         """Copy an array to the device."""
-        asked("cuMemcpyHtoDAsync", address, array.ctypes.data, array.nbytes, self.stream)
+        asked("cuMemcpyHtoDAsync", address, array.ctypes.data, array.nbytes, self._stream)
         self.wait()
 
     def read(self, array: Array, address: int) -> None:
         """Copy from the device to an array."""
-        asked("cuMemcpyDtoHAsync", array.ctypes.data, address, array.nbytes, self.stream)
+        asked("cuMemcpyDtoHAsync", array.ctypes.data, address, array.nbytes, self._stream)
         self.wait()
 
     def pinned(self, count: int) -> Array:
         """Memory of this machine for so many numbers, which a device writes to at full speed."""
         if self._pinned[0].size < count:
-            if self._pinned[1]:
-                asked("cuMemFreeHost", self._pinned[1])
+            self._unpin()
             address = int(asked("cuMemAllocHost", 8 * count))
             memory = (ctypes.c_double * count).from_address(address)
             self._pinned = np.ctypeslib.as_array(memory), address
@@ -179,26 +198,29 @@ class Seat:
 
     def launch(self, frame: int, members: int) -> None:
         """Let a thread for each member take it through the steps of a frame on the device."""
-        grid = -(-members // self.threads), 1, 1
+        size = self.loaded.threads
         given = (frame, 0, members), (ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64)
-        asked("cuLaunchKernel", self.kernel, *grid, self.threads, 1, 1, 0, self.stream, given, 0)
+        grid = -(-members // size), 1, 1, size, 1, 1
+        asked("cuLaunchKernel", self.loaded.kernel, *grid, 0, self._stream, given, 0)
 
     def wait(self) -> None:
         """Until all that was asked of the device is done."""
-        asked("cuStreamSynchronize", self.stream)
+        asked("cuStreamSynchronize", self._stream)
 
     def free(self) -> None:
-        """Give back the memory that was taken since the seat was made."""
+        """Give back the memory of `room` and `put`."""
         while self._held:
             with suppress(NoDevice):  # a device that is lost has said so before
                 asked("cuMemFree", self._held.pop())
 
+    def _unpin(self) -> None:
+        _, address = self._pinned
+        self._pinned = np.empty(0), 0
+        if address:
+            asked("cuMemFreeHost", address)
+
     def __del__(self) -> None:
-        with suppress(Exception):  # the driver may be gone at the end of the process
-            self.enter()
-            self._held += self._kept
+        with suppress(Exception), self.loaded.entered():  # the driver may be gone at the end
             self.free()
-            if self._pinned[1]:
-                asked("cuMemFreeHost", self._pinned[1])
-            asked("cuModuleUnload", self.module)
-            asked("cuStreamDestroy", self.stream)
+            self._unpin()
+            asked("cuStreamDestroy", self._stream)

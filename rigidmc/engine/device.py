@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterator
 from contextvars import ContextVar
 
-from rigidmc.engine.cuda_device import chosen, devices
+from rigidmc.engine.cuda_device import chosen
 from rigidmc.errors import NoDevice, OptionError, nearest
 
 WORDS = ("cpu", "cuda", "auto")
@@ -70,7 +70,7 @@ def settled_device(word: str) -> str:
         raise OptionError("", "device", word, rule, nearest(word, WORDS))
     if word == "auto":
         try:
-            devices()
+            chosen(None)
         except NoDevice:
             return "cpu"
         return "cuda"

@@ -186,7 +186,7 @@ class Program:
     ) -> Iterator[int]:
         """`advance` by calls that are no longer than a blink; the step after each of them.
 
-        No result depends on the calls. One that is called off leaves the block as it is then.
+        No result depends on the calls. A block that has not come to the last step is of no use.
         """
         # a step in many parts takes as many times as long
         most = max(1, CALL // (max(1, block.shape[1]) * (len(self.form.parts) - 1)))

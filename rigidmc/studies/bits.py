@@ -5,7 +5,6 @@ noise, works, neighbours, steps of members' own, and float32.
 """
 
 import hashlib
-import time
 from collections.abc import Collection, Iterator
 from typing import Any, NamedTuple
 
@@ -13,14 +12,11 @@ import numpy as np
 
 from rigidmc.effects import Bath, Gravity, RotatingField, SpaceTorque, ViscousDamping
 from rigidmc.engine.device import device
-from rigidmc.engine.frame import Run
 from rigidmc.engine.operations import step_operations
 from rigidmc.integrators import accepting
 from rigidmc.observables import Flips, Passage
-from rigidmc.planning.job import program_of
-from rigidmc.planning.plan import DEVICE_BLOCK
 from rigidmc.planning.settle import settled
-from rigidmc.planning.stage import stage
+from rigidmc.planning.tolerance.costs import cost_per_step
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.body import Body
 from rigidmc.scene.distributions import normal, uniform
@@ -126,31 +122,15 @@ def compared(word: str) -> Iterator[tuple[str, bool]]:
             yield case.name, digest(case.scene) == here
 
 
-def speeds(word: str, members: int = DEVICE_BLOCK) -> Iterator[tuple[str, float, float]]:
-    """(name, steps of members a second, operations a second) of graphics processors.
+def speeds(word: str) -> Iterator[tuple[str, float, float]]:
+    """(name, steps of members a second, operations a second) of a graphics processor.
 
-    The steps are those of a block that is on the device, saves and copies left out: the time of
-    twice as many steps, less that of as many.
+    The members of a block are on the device: saves and copies are left out.
     """
     for motion, name in (("free", "rk4"), ("heavy", "rk4"), ("free", "rk8"), ("free", "exact")):
-        scene = _motions()[motion].with_run(
-            integrator=name, dt=0.01, t_end=2e3, every=2e3, members=members, save=("energy",)
-        )
+        scene = _motions()[motion].with_run(integrator=name, dt=0.01, save=("energy",))
         with device(word):
             plan = settled(scene).plan
-            program = program_of(scene, plan)
-        assert program is not None
-        block, _ = stage(scene, 0, members, plan.carried, more=plan.watch.rows)
-        steps, took = 500, 0.0
-        while took < 0.2:  # [s], which launches of 50 ms and copies are short beside
-            steps *= 2
-            times = []
-            for count in (steps, 2 * steps):
-                run = Run(plan.dt, 1, 4 * steps, 4 * steps, 0, 0, count)
-                began = time.perf_counter()
-                program.advance(block.copy(), run)
-                times.append(time.perf_counter() - began)
-            took = times[1] - times[0]
-        rate = members * steps / took
+        rate = 1e9 / cost_per_step(scene, plan)
         each = step_operations(plan.form, scene.effects, plan.carried).all
         yield f"{motion}, {name}", rate, rate * each

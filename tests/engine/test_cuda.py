@@ -99,7 +99,7 @@ def test_ptx_has_only_operations_of_ieee_754(name, fake):
     that is not part of the code."""
     fake(compiled=False)
     for label, program in kernels((name,)).items():
-        for capability in ((8, 0), (9, 0)):
+        for capability in cuda_device.TARGETS:
             ptx = program.ptx(capability)
             assert f".target sm_{capability[0]}{capability[1]}" in ptx
             assert ".visible .entry members(" in ptx
@@ -247,7 +247,7 @@ def test_without_the_driver(monkeypatch):
 
 def test_old_devices_are_refused(fake, monkeypatch):
     fake()
-    monkeypatch.setattr(cuda_device, "OLDEST", (9, 1))
+    monkeypatch.setattr(cuda_device, "TARGETS", ((9, 1),))
     with pytest.raises(rm.NoDevice, match=r"compute capability 9\.0, and code is made for 9\.1"):
         rm.simulate(SCENE, device="cuda")
 

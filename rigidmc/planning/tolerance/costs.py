@@ -27,26 +27,39 @@ from rigidmc.scene.quantities import rows
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.start import Start
 
+LONG = 0.2  # seconds of launches that are long beside the first, shorter ones
+
 
 def cost_per_step(scene: Scene, plan: Plan, members: int = 256, seconds: float = 0.05) -> float:
     """Nanoseconds per member-step on one thread, measured on the first members of the scene.
 
-    On graphics processors: on one of them, with as many members as a block has.
+    On graphics processors: on one of them, with as many members as a block has, and without what
+    copies of them take.
     """
-    if plan.device != "cpu":
-        members = DEVICE_BLOCK
-    program, random = program_of(scene, plan), noise(scene, plan.indices(plan.first, members))
+    program = program_of(scene, plan)
     assert program is not None, "closed forms make no steps"
-    best, steps, own = math.inf, 16, int(plan.member_steps)
-    for _ in range(12):
-        block, _ = stage(scene, plan.first, members, plan.carried, more=plan.watch.rows)
-        order = NO_SAVES._replace(order=np.arange(block.shape[1]))
+    on_device, own = plan.device != "cpu", int(plan.member_steps)
+    members = DEVICE_BLOCK if on_device else members
+    random = noise(scene, plan.indices(plan.first, members))
+    staged, _ = stage(scene, plan.first, members, plan.carried, more=plan.watch.rows)
+    order = NO_SAVES._replace(order=np.arange(staged.shape[1]))
+
+    def timed(steps: int) -> float:
+        block = staged.copy()
         if own:
             block[layout.STEPS] = steps
         began = time.perf_counter()
         run = Run(plan.dt, steps if own else 1, steps, steps, own, 0, steps)
         program.advance(block, run, random, order)
-        took = time.perf_counter() - began
+        return time.perf_counter() - began
+
+    best, steps = math.inf, 16
+    if on_device:
+        while (took := timed(2 * steps) - timed(steps)) < LONG:
+            steps *= 2
+        return 1e9 * took / (members * steps)
+    for _ in range(12):
+        took = timed(steps)
         best = min(best, took / (members * steps))
         steps = int(min(1e6, max(16, steps * seconds / 4 / max(took, 1e-9))))
         seconds -= took
