@@ -24,6 +24,7 @@ LONG = (
     "tests/engine/test_compile_time.py",
     "tests/whole/test_random_scenes.py",
     "tests/whole/test_everywhere.py",
+    "tests/engine/test_cuda.py",
     "tests/effects/test_user.py",
     "tests/integrators/test_tables.py",
     "tests/views/test_viewer.py",
