@@ -36,13 +36,16 @@ class Attributes:
 
 
 class FakeDriver(types.ModuleType):
-    """devices : how many;  memory : bytes of each;  fail_at : the launch that fails"""
+    """devices : how many;  memory : bytes of each;  fail_at : the launch that fails
+    shown : bytes that are said to be free, in place of those that are
+    """
 
     CUdevice_attribute = Attributes()
 
-    def __init__(self, devices=1, memory=2**30, fail_at=None):
+    def __init__(self, devices=1, memory=2**30, fail_at=None, shown=None):
         super().__init__("driver")
         self.count, self.size, self.fail_at = devices, memory, fail_at
+        self.shown = shown
         self.held, self.taken, self.host = {}, 0, {}
         self.launches, self.most, self.used = [], 0, set()
 
@@ -97,6 +100,9 @@ class FakeDriver(types.ModuleType):
 
     def cuStreamSynchronize(self, stream):
         return (OK,)
+
+    def cuMemGetInfo(self):
+        return OK, self.shown or self.size - self.taken, self.size
 
     def cuMemAlloc(self, size):
         if self.taken + size > self.size:

@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 from rigidmc.engine.cache import kept_text, text_path
 from rigidmc.engine.compile_time import announced
 from rigidmc.engine.cuda_code import KERNEL, kernel_of, ptx_of
-from rigidmc.engine.cuda_device import TARGETS, Device, Loaded, Seat, chosen
+from rigidmc.engine.cuda_device import TARGETS, Device, Loaded, Seat, asked, chosen
 from rigidmc.engine.frame import Noise, Piece, Pieces, Room, Run, Saves, frame_type
 from rigidmc.engine.kinds import numbers_of
 from rigidmc.engine.pieces import config, signature_of
 from rigidmc.engine.program import NO_NOISE, NO_SAVES, Program, framed
-from rigidmc.errors import NoDevice
+from rigidmc.errors import NoDevice, NoRoom
 
 Array = NDArray[Any]
 LAUNCH = 0.05  # seconds of a launch
@@ -96,6 +96,21 @@ class CudaProgram(Program):
         each = f"{first.name} x {1 + len(others)}" if others else first.name
         resident = f"{seat.loaded.resident} of them at work on each multiprocessor"
         return f"{each}, blocks of {seat.loaded.threads} threads, {resident}"
+
+    def refuse_hopeless(self, members: int, saves: int, threads: int) -> None:
+        """Raise NoRoom if blocks of so many members on so many threads do not fit on a device.
+
+        saves : of a run, the start included
+        """
+        count = self.shape.values * members
+        each = 8 * (self.rows * members + count + min(count * saves, max(count, SAVED // 8)))
+        need = each * -(-threads // len(self.devices))
+        with self._seat().loaded.entered():
+            free, _ = asked("cuMemGetInfo")
+        if need > free:
+            rule = f"take {need / 1e9:.3g} GB, and {free / 1e9:.3g} GB are free"
+            ways = "take smaller blocks or fewer threads"
+            raise NoRoom(f"cuda: blocks of {members:,} members on {threads} threads {rule}; {ways}")
 
     def _seat(self) -> Seat:
         """The seat of this thread."""

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from rigidmc.engine import layout
+from rigidmc.engine.cuda import CudaProgram
 from rigidmc.engine.layout import whole_lanes
 from rigidmc.engine.program import Program
 from rigidmc.engine.threads import run_blocks
@@ -128,6 +129,8 @@ def compute(
             results = _in_original_units(job, results, original, shown, units)
         sink.take(job, results)
 
+    if isinstance(program, CudaProgram):
+        program.refuse_hopeless(plan.block, plan.times.size, threads)
     which = range(math.ceil(plan.members / plan.block)) if blocks is None else blocks
     with reporter(progress, plan.members if members is None else members, plan.steps) as report:
         run_blocks(make, which, threads, finished, report.step, report.poll)
