@@ -26,6 +26,8 @@ from rigidmc.integrators import accepting
 from rigidmc.planning.job import program_of
 from rigidmc.planning.plan import prepare
 from rigidmc.protocols import cross, effect, into_body, scale
+from rigidmc.runs.create import create
+from rigidmc.runs.resume import resume
 
 CAPABILITIES = (8, 0), (9, 0)
 ROUNDED = re.compile(r"^\s+(fma|add|sub|mul|div|rcp|sqrt)((?:\.\w+)*)\.f(?:64|32)\s", re.M)
@@ -123,7 +125,31 @@ def inspected(what, name, scene, watched, capability):
     }
 
 
-def on_devices():
+def saving(scene, members):
+    """The row of a run in memory with 100 saves of 9 values."""
+    save = "omega", "attitude", "energy", "l2"
+    scene = scene.with_run(members=members, t_end=10.0, every=0.1, save=save)
+    began = time.perf_counter()
+    result = rm.simulate(scene, device="cuda")
+    took = time.perf_counter() - began
+    size = sum(result[name].nbytes for name in save)
+    return {"kind": "whole", "what": f"{members:,} members, 100 saves of 9 values, in memory",
+            "seconds": took, "gigabytes a second": size / took / 1e9}  # fmt: skip
+
+
+def written(scene, members):
+    """The row of a run directory: 1,000 steps, of which the last is saved."""
+    save = "omega", "attitude"
+    scene = scene.with_run(members=members, t_end=10.0, every=10.0, save=save, keep="final")
+    with tempfile.TemporaryDirectory(prefix="rigidmc-bench-") as folder, rm.device("cuda"):
+        began = time.perf_counter()
+        resume(create(scene, os.path.join(folder, "run")))
+        took = time.perf_counter() - began
+    return {"kind": "whole", "what": f"{members:,} members, 1,000 steps, to a run directory",
+            "seconds": took}  # fmt: skip
+
+
+def on_devices(quick):
     """The rows of the devices of this machine, [] if there are none."""
     from rigidmc.engine.cuda_device import devices
     from rigidmc.studies.bits import compared, speeds
@@ -139,7 +165,12 @@ def on_devices():
     for name, steps, operations in speeds("cuda:0"):
         rows.append({"kind": "speed", "device": first.name, "what": name, "steps": steps,
                      "share": operations / first.peak})  # fmt: skip
-    return rows
+    free = scenes(True)["nothing"].with_run(integrator="rk4")
+    return [
+        *rows,
+        saving(free, 2**14 if quick else 2**20),
+        written(free, 10 ** (5 if quick else 8)),
+    ]
 
 
 def run(quick):
@@ -172,7 +203,7 @@ def run(quick):
                 at_most=True,
             ),
         ]  # fmt: skip
-    return [*rows, *on_devices(), *targets]
+    return [*rows, *on_devices(quick), *targets]
 
 
 def report(rows):
@@ -199,6 +230,15 @@ def report(rows):
             f"steps a second of {speeds[0]['device']}",
             ["", "G steps/s", "share of the peak in float64"],
             [[r["what"], f"{r['steps'] / 1e9:.2f}", f"{r['share']:.2f}"] for r in speeds],
+        )
+        harness.table(
+            "whole runs",
+            ["", "s", "GB/s"],
+            [
+                [r["what"], f"{r['seconds']:.1f}", f"{r.get('gigabytes a second', 0.0):.1f}"]
+                for r in rows
+                if r["kind"] == "whole"
+            ],
         )
     else:
         print("no device was at hand: the code was compiled and inspected, not run")

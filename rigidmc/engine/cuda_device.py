@@ -58,8 +58,10 @@ def asked(name: str, *arguments: Any) -> Any:
     driver = _library()
     try:
         error, *answer = getattr(driver, name)(*arguments)
-    except RuntimeError as missing:  # the driver's library itself is not there
-        raise NoDevice(f"cuda: no driver of NVIDIA was found ({missing})") from None
+    except RuntimeError as missing:  # the driver's library, or a function of it, is not there
+        raise NoDevice(
+            f"cuda: no driver of NVIDIA was found, or too old a one: {missing}"
+        ) from None
     if int(error) != 0:
         word = driver.cuGetErrorName(error)[1]
         reason = driver.cuGetErrorString(error)[1]
