@@ -130,7 +130,8 @@ define void @{KERNEL}(ptr %given, i64 %first, i64 %count) {{
   %mine = icmp ult i64 %number, %count
   br i1 %mine, label %live, label %end
 live:
-  call void @llvm.memcpy.p0.p0.i64(ptr %frame, ptr %given, i64 {record.itemsize}, i1 false)""",
+  call void @llvm.memcpy.p0.p0.i64(
+    ptr align 8 %frame, ptr align 8 %given, i64 {record.itemsize}, i1 false)""",
             *stores,
             f"""  %low = add i64 %first, %number
   call i32 @"{whole}"(ptr %result, ptr %error, ptr null, ptr null, ptr %frame, i64 %low)

@@ -135,6 +135,32 @@ def test_ptx_has_the_operations_of_the_processor(name, fake):
         assert here["fma"] > 0
 
 
+def loops(function):
+    """The lines of each innermost loop of a function of PTX."""
+    lines, found = function.splitlines(), []
+    places = {line[:-1]: i for i, line in enumerate(lines) if re.fullmatch(r"\$L\w+:", line)}
+    for i, line in enumerate(lines):
+        to = re.search(r"\bbra\S*\s+(\$L\w+);", line)
+        if to and places.get(to[1], i) < i:
+            found.append(lines[places[to[1]] : i + 1])
+    return found
+
+
+@pytest.mark.parametrize("name", NO_SPILL)
+def test_steps_touch_no_memory(name, fake):
+    """The state stays in registers from the first step of a launch to the last look."""
+    fake(compiled=False)
+    for label, program in kernels((name,)).items():
+        if "free" in label or f"heavy, {name}, 0.05" == label:
+            text = program.ptx((9, 0))
+            body = text[text.rindex(".func march") :]
+            memory = [
+                sum(bool(re.search(r"\b(ld|st)\.", line)) for line in loop)
+                for loop in loops(body[: body.index("\n}")])
+            ]
+            assert sorted(memory) == [0, 7], (label, memory)  # 7: the trace of what is watched
+
+
 def test_launches_are_short_and_change_no_bit(fake, monkeypatch):
     """A run in many launches, with room for one save, and on two devices by three threads."""
     alone = rm.simulate(SCENE)
