@@ -1,7 +1,8 @@
 """What graphics processors would run: the code of every integrator, and what it takes of a device.
 
-The code is compiled by the package as for a device, and assembled by `ptxas`, if there is one (of
-the package nvidia-cuda-nvcc-cu12). Where a device is at hand, its bits and speed are measured too.
+The code is compiled by the package as for a device, assembled by `ptxas` and read by `nvdisasm`, if
+they are there (packages nvidia-cuda-nvcc-cu12 and nvidia-cuda-nvdisasm). Where a device is at hand,
+its bits and speed are measured too.
 """
 
 import glob
@@ -69,26 +70,42 @@ def scenes(quick):
     }
 
 
-def ptxas():
-    """The path of an assembler, None if there is none."""
-    pattern = os.path.join(sysconfig.get_paths()["purelib"], "nvidia", "*", "bin", "ptxas")
-    return next(iter(glob.glob(pattern)), shutil.which("ptxas"))
+def tool(name):
+    """The path of `ptxas` or `nvdisasm`, None if it is not there."""
+    pattern = os.path.join(sysconfig.get_paths()["purelib"], "nvidia", "*", "bin", name)
+    return next(iter(glob.glob(pattern)), shutil.which(name))
+
+
+def march_of(text):
+    """The PTX of the steps."""
+    body = text[text.rindex(".func march") :]
+    return body[: body.index("\n}")]
+
+
+def sass_of(cubin):
+    """{instruction in float64: how many} of the steps in machine code; {} without `nvdisasm`."""
+    if (reader := tool("nvdisasm")) is None:
+        return {}
+    text = subprocess.run([reader, cubin], capture_output=True, text=True, check=True).stdout
+    body = text[text.index("$members$march:") :].partition(".type")[0]
+    return dict(Counter(re.findall(r"\b(DFMA|DMUL|DADD|MUFU\.\w+)\b", body)))
 
 
 def assembled(text, capability):
-    """{what: bytes or registers} that an assembler tells of PTX; {} without one."""
-    tool = ptxas()
-    if tool is None:
+    """{what: bytes, registers, instructions} that an assembler makes of PTX; {} without one."""
+    if (assembler := tool("ptxas")) is None:
         return {}
     with tempfile.TemporaryDirectory(prefix="rigidmc-bench-") as folder:
         source = os.path.join(folder, "members.ptx")
         with open(source, "w", encoding="ascii") as file:
             file.write(text)
         target = "-arch=sm_{}{}".format(*capability)
+        cubin = os.path.join(folder, "members.cubin")
         told = subprocess.run(
-            [tool, target, "-v", source, "-o", os.path.join(folder, "members.cubin")],
+            [assembler, target, "-v", source, "-o", cubin],
             capture_output=True, text=True, check=True,
         ).stderr  # fmt: skip
+        sass = sass_of(cubin)
     entry = re.search(r"properties for members\n\s*(\d+) bytes stack frame, (\d+) \D+(\d+)", told)
     steps = re.search(r"properties for march\n\s*\d+ \D+(\d+) bytes spill stores, (\d+)", told)
     return {
@@ -96,6 +113,7 @@ def assembled(text, capability):
         "local": int(entry[1]),
         "spills": int(entry[2]) + int(entry[3]),
         "spills in steps": int(steps[1]) + int(steps[2]),
+        "sass": sass,
     }
 
 
@@ -120,6 +138,7 @@ def inspected(what, name, scene, watched, capability):
         "div": counts["div"] + counts["rcp"],
         "sqrt": counts["sqrt"],
         "approximate": len(APPROXIMATE.findall(text)),
+        "steps": dict(Counter(kind for kind, _ in ROUNDED.findall(march_of(text)))),
         "modes": sorted({mode for _, mode in ROUNDED.findall(text)}),
         **assembled(text, capability),
     }
@@ -191,7 +210,7 @@ def run(quick):
             sum(row["approximate"] > 0 or row["modes"] != [".rn"] for row in rows), at_most=True,
         ),
     ]  # fmt: skip
-    if ptxas():
+    if tool("ptxas"):
         targets += [
             harness.target(
                 "kernels of rk4, rk8, strang, exact that spill, free, heavy and with an own effect",
@@ -222,6 +241,20 @@ def report(rows):
                 f"{row['seconds']:.1f}",
             ]
             for row in told
+        ],
+    )  # fmt: skip
+    kinds = "DFMA", "DMUL", "DADD"
+    harness.table(
+        "machine code of the steps: compute capability 9.0, with divisions and roots written out",
+        ["integrator", "acting", "PTX: fma", "add, mul", "SASS: DFMA", "DMUL", "DADD"],
+        [
+            [
+                row["integrator"], row["acting"], row["steps"]["fma"],
+                sum(row["steps"].get(kind, 0) for kind in ("add", "sub", "mul")),
+                *(row["sass"].get(kind, 0) for kind in kinds),
+            ]
+            for row in told
+            if row.get("sass") and not row["watched"]
         ],
     )  # fmt: skip
     speeds = [row for row in rows if row["kind"] == "speed"]

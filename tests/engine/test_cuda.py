@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 
 import rigidmc as rm
 from bench.bits import QUICK, sums
-from bench.gpu import APPROXIMATE, NO_SPILL, ROUNDED, inspected, ptxas, scenes
+from bench.gpu import APPROXIMATE, NO_SPILL, ROUNDED, inspected, march_of, scenes, tool
 from rigidmc.cli import app
 from rigidmc.engine import cuda, cuda_code, cuda_device, pieces
 from rigidmc.engine.device import device_now
@@ -153,10 +153,9 @@ def test_steps_touch_no_memory(name, fake):
     for label, program in kernels((name,)).items():
         if "free" in label or f"heavy, {name}, 0.05" == label:
             text = program.ptx((9, 0))
-            body = text[text.rindex(".func march") :]
             memory = [
                 sum(bool(re.search(r"\b(ld|st)\.", line)) for line in loop)
-                for loop in loops(body[: body.index("\n}")])
+                for loop in loops(march_of(text))
             ]
             assert sorted(memory) == [0, 7], (label, memory)  # 7: the trace of what is watched
 
@@ -214,13 +213,26 @@ class Foreign(NamedTuple):
         return (0.0, math.erf(t), 0.0)
 
 
-@pytest.mark.skipif(ptxas() is None, reason="nvidia-cuda-nvcc-cu12 is for Linux on x86 alone")
+ON_LINUX = pytest.mark.skipif(tool("ptxas") is None, reason="ptxas is for Linux on x86 alone")
+
+
+@ON_LINUX
 @pytest.mark.parametrize("name", NO_SPILL)
 def test_the_steps_spill_no_register(name):
     """`python -m bench gpu` has the table of all integrators and effects."""
     row = inspected("nothing", name, scenes(True)["nothing"], (), (9, 0))
     assert row["spills"] == 0 and 64 < row["registers"] < 256  # measured 132, 235, 200, 204
     assert row["fma"] > 50 and row["modes"] == [".rn"]
+
+
+@ON_LINUX
+def test_machine_code_fuses_no_other_products(fake):
+    """A step of rk8 has no division, which takes fused multiply-adds of its own."""
+    row = inspected("gravity", "rk8", scenes(True)["gravity"], (), (9, 0))
+    steps, sass = row["steps"], row["sass"]
+    assert (sass["DFMA"], sass["DMUL"]) == (steps["fma"], steps["mul"])  # measured 675, 179
+    assert sass["DADD"] == steps["add"] + steps.get("sub", 0)  # measured 8
+    assert steps["fma"] > 600
 
 
 @pytest.mark.parametrize(
