@@ -7,6 +7,7 @@ was taken and not yet given back: other addresses are refused.
 
 import ctypes
 import sys
+import threading
 import types
 from functools import partial
 
@@ -22,10 +23,10 @@ class Code(int):
     """A CUresult."""
 
 
-OK, INVALID, MEMORY, LOST = Code(0), Code(1), Code(2), Code(719)
+OK, INVALID, MEMORY, NO_CONTEXT, LOST = map(Code, (0, 1, 2, 201, 719))
 FOREVER = []  # all device memory: no address is used twice, so that no seat frees another's
 GUARD = 64  # bytes after each piece of memory, which nothing may change
-NAMES = {1: "INVALID_VALUE", 2: "OUT_OF_MEMORY", 719: "LAUNCH_FAILED"}
+NAMES = {1: "INVALID_VALUE", 2: "OUT_OF_MEMORY", 201: "INVALID_CONTEXT", 719: "LAUNCH_FAILED"}
 
 
 class Attributes:
@@ -35,19 +36,42 @@ class Attributes:
         return name.removeprefix("CU_DEVICE_ATTRIBUTE_")
 
 
+def current(method):
+    """A function of the driver that works for the context that is current in this thread."""
+
+    def checked(self, *arguments):
+        return method(self, *arguments) if self.context() is not None else (NO_CONTEXT,)
+
+    return checked
+
+
+class Thing:
+    """A stream or a function of a device; a stream has what was asked of it and is not done."""
+
+    def __init__(self, context, of=None):
+        self.context, self.of, self.asked = context, of, []
+
+
 class FakeDriver(types.ModuleType):
     """devices : how many;  memory : bytes of each;  fail_at : the launch that fails
     shown : bytes that are said to be free, in place of those that are
+
+    As on a device, each thread has a context of its own, memory and streams are of one context, and
+    copies and launches are made when a stream is waited for.
     """
 
     CUdevice_attribute = Attributes()
 
     def __init__(self, devices=1, memory=2**30, fail_at=None, shown=None):
         super().__init__("driver")
-        self.count, self.size, self.fail_at = devices, memory, fail_at
-        self.shown = shown
+        self.count, self.size, self.fail_at, self.shown = devices, memory, fail_at, shown
         self.held, self.taken, self.host = {}, 0, {}
         self.launches, self.most, self.used = [], 0, set()
+        self.stacks = threading.local()
+
+    def context(self):
+        stack = getattr(self.stacks, "all", [])
+        return stack[-1] if stack else None
 
     def cuInit(self, flags):
         return (OK,)
@@ -62,7 +86,7 @@ class FakeDriver(types.ModuleType):
         return OK, number
 
     def cuDeviceGetName(self, length, device):
-        return OK, f"Fake {device}".encode().ljust(length, b"\0")
+        return OK, (f"Fake {device}".encode() + b"\0").ljust(length)  # as cuda-bindings pads it
 
     def cuDeviceGetAttribute(self, name, device):
         known = {
@@ -82,102 +106,134 @@ class FakeDriver(types.ModuleType):
     def cuGetErrorString(self, error):
         return OK, NAMES[int(error)].lower().replace("_", " ").encode()
 
+    def cuDevicePrimaryCtxSetFlags(self, device, flags):
+        return (OK,)
+
     def cuDevicePrimaryCtxRetain(self, device):
         return OK, device
 
-    def cuCtxSetCurrent(self, context):
+    def cuCtxPushCurrent(self, context):
+        self.stacks.all = [*getattr(self.stacks, "all", []), context]
         self.used.add(context)
         return (OK,)
 
-    def cuCtxPushCurrent(self, context):
-        return (OK,)
-
     def cuCtxPopCurrent(self):
-        return OK, 0
+        return OK, self.stacks.all.pop()
 
+    @current
     def cuStreamCreate(self, flags):
-        return OK, object()
+        return OK, Thing(self.context())
 
-    def cuStreamSynchronize(self, stream):
+    @current
+    def cuStreamDestroy(self, stream):
         return (OK,)
 
+    @current
+    def cuStreamSynchronize(self, stream):
+        if stream.context != self.context():
+            return (INVALID,)
+        done, stream.asked = stream.asked, []
+        for work in done:
+            if (error := work()) is not None:
+                return (error,)
+        return (OK,)
+
+    @current
     def cuMemGetInfo(self):
         return OK, self.shown or self.size - self.taken, self.size
 
+    @current
     def cuMemAlloc(self, size):
         if self.taken + size > self.size:
             return MEMORY, None
         array = np.full(size + GUARD, 0xFF, np.uint8)  # device memory is not zero
-        self.held[array.ctypes.data] = array
+        self.held[array.ctypes.data] = array, self.context()
         FOREVER.append(array)
         self.taken += size
         self.most = max(self.most, self.taken)
         return OK, array.ctypes.data
 
+    @current
     def cuMemFree(self, address):
         if int(address) not in self.held:  # of a seat of an earlier stand-in
             return (INVALID,)
-        array = self.held.pop(int(address))
+        array, context = self.held.pop(int(address))
+        assert context == self.context()
         self.taken -= array.size - GUARD
         assert (array[-GUARD:] == 0xFF).all(), "a kernel wrote beyond memory"
         return (OK,)
 
+    @current
     def cuMemAllocHost(self, size):
         array = np.zeros(size, np.uint8)
         self.host[array.ctypes.data] = array
         return OK, array.ctypes.data
 
+    @current
     def cuMemFreeHost(self, address):
         del self.host[address]
         return (OK,)
 
     def _inside(self, address, size):
+        """Whether these bytes are memory of the current context."""
         return any(
-            a <= address and address + size <= a + x.size - GUARD for a, x in self.held.items()
+            a <= address and address + size <= a + x.size - GUARD and of == self.context()
+            for a, (x, of) in self.held.items()
         )
 
+    def _copied(self, device, to, source, size, stream):
+        if not self._inside(device, size) or stream.context != self.context():
+            return (INVALID,)
+        stream.asked.append(lambda: ctypes.memmove(to, source, size) and None)
+        return (OK,)
+
+    @current
     def cuMemcpyHtoDAsync(self, to, source, size, stream):
-        if not self._inside(to, size):
-            return (INVALID,)
-        ctypes.memmove(to, source, size)
-        return (OK,)
+        return self._copied(to, to, source, size, stream)
 
+    @current
     def cuMemcpyDtoHAsync(self, to, source, size, stream):
-        if not self._inside(source, size):
-            return (INVALID,)
-        ctypes.memmove(to, source, size)
-        return (OK,)
+        return self._copied(source, to, source, size, stream)
 
+    @current
     def cuModuleLoadData(self, text):
         module = llvm.parse_assembly(text.rstrip(b"\0").decode())
         engine = llvm.create_mcjit_compiler(module, host())
         engine.finalize_object()
-        return OK, engine
+        return OK, Thing(self.context(), engine)
 
-    def cuModuleUnload(self, engine):
+    @current
+    def cuModuleUnload(self, module):
         return (OK,)
 
-    def cuStreamDestroy(self, stream):
-        return (OK,)
-
-    def cuModuleGetFunction(self, engine, name):
+    @current
+    def cuModuleGetFunction(self, module, name):
         kind = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64)
-        function = kind(engine.get_function_address(name.decode()))
-        function.engine = engine  # which owns the code
-        return OK, function
+        function = kind(module.of.get_function_address(name.decode()))
+        function.engine = module.of  # which owns the code
+        return OK, Thing(module.context, function)
 
+    @current
     def cuOccupancyMaxActiveBlocksPerMultiprocessor(self, function, threads, memory):
-        return OK, 384 // threads  # as many registers as rk4 with gravity has
+        return OK, 256 // threads  # as many registers as rk4 with gravity has
 
+    @current
     def cuLaunchKernel(self, function, *rest):
-        x, y, z, a, b, c, shared, _stream, (values, _), extra = rest
+        x, y, z, a, b, c, shared, stream, (values, _), extra = rest
         frame, first, count = values
         assert (y, z, b, c, shared, extra) == (1, 1, 1, 1, 0, 0) and (x - 1) * a < count <= x * a
-        if len(self.launches) == self.fail_at:
-            return (LOST,)
-        self.launches.append(count)
-        for i in range(count):
-            function(frame, first + i, 1)
+        if {function.context, stream.context} != {self.context()} or not self._inside(frame, 1):
+            return (INVALID,)
+
+        def work():
+            if len(self.launches) == self.fail_at:
+                return LOST
+            self.launches.append(count)
+            for i in range(count):
+                function.of(frame, first + i, 1)
+            return None
+
+        stream.asked.append(work)
         return (OK,)
 
 

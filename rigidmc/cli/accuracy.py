@@ -8,7 +8,6 @@ import typer
 from rigidmc.cli.common import about, app, keep, load_scene, refuse_outputs, reported
 from rigidmc.cli.options import (
     AllowCode,
-    Device,
     Force,
     Output,
     Plot,
@@ -54,7 +53,6 @@ def accuracy(
     steps: Steps = 1_000_000,
     dt: Dt = None,
     threads: Threads = None,
-    device: Device = None,
     settings: Set = [],  # noqa: B006
     allow_code: AllowCode = False,
     output: Output = None,

@@ -43,15 +43,16 @@ def _different() -> int:
     from rigidmc.engine.cuda_device import chosen
     from rigidmc.studies.bits import compared, speeds
 
-    found = chosen(None)
-    for one in found:
-        print(f"cuda:{one.number}  {one.name}")
-    wrong, count = 0, 0
-    for name, same in compared("cuda"):
-        print(f"{'same bits ' if same else 'OTHER BITS'}  {name}", flush=True)
-        wrong, count = wrong + (not same), count + 1
-    print(f"{count - wrong} of {count} cases have the bits of this processor")
-    for name, steps, operations in speeds("cuda:0"):
-        share = operations / found[0].peak
-        print(f"{steps / 1e9:8.2f} G steps/s, {100 * share:.0f} % of the peak in float64  {name}")
+    wrong = 0
+    for one in chosen(None):
+        word, equal = f"cuda:{one.number}", list[bool]()
+        print(f"{word}: {one.name}")
+        for name, same in compared(word):
+            print(f"{'same bits ' if same else 'OTHER BITS'}  {name}", flush=True)
+            equal.append(same)
+        print(f"{sum(equal)} of {len(equal)} cases have the bits of this processor")
+        wrong += len(equal) - sum(equal)
+        for name, steps, operations in speeds(word):
+            share = 100 * operations / one.peak
+            print(f"{steps / 1e9:8.2f} G steps/s, {share:.0f} % of the peak in float64  {name}")
     return wrong

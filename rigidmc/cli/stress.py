@@ -19,7 +19,6 @@ from rigidmc.cli.common import (
 )
 from rigidmc.cli.options import (
     AllowCode,
-    Device,
     Force,
     Output,
     Plot,
@@ -78,7 +77,6 @@ def stress(
     bounds: Bounds = None,
     write_bounds: WriteBounds = None,
     threads: Threads = None,
-    device: Device = None,
     settings: Set = [],  # noqa: B006
     allow_code: AllowCode = False,
     output: Output = None,

@@ -50,6 +50,9 @@ def is_cached(kernel: Any, signature: Any) -> bool:
     return os.path.exists(files._data_path(files._name(key)))
 
 
+_texts: dict[tuple[Any, ...], str] = {}  # of this process
+
+
 def text_path(signatures: Sequence[Any], more: str) -> str | None:
     """The file of a text that follows from the types of pieces and from `more`, None if a user's
     class is among the types; OSError if there is no cache."""
@@ -60,9 +63,30 @@ def text_path(signatures: Sequence[Any], more: str) -> str | None:
     return os.path.join(private(os.path.join(private(cache_folder()), source_stamp())), name)
 
 
+def has_text(signatures: Sequence[Any], more: str) -> bool:
+    """Whether the text of `kept_text` is in memory or in the disk cache."""
+    if (*signatures, more) in _texts:
+        return True
+    with contextlib.suppress(OSError):  # there is no cache
+        path = text_path(signatures, more)
+        return path is not None and os.path.exists(path)
+    return False
+
+
 def kept_text(signatures: Sequence[Any], more: str, make: Callable[[], str]) -> str:
-    """The text of `text_path`, made and put there if it is not there. Its sha256 stands first."""
-    path = text = None
+    """The text that `make` makes, which follows from the types of pieces and from `more`.
+
+    From memory, or from the disk cache, where its sha256 stands before it.
+    """
+    key = (*signatures, more)
+    if key not in _texts:
+        _texts[key] = _from_disk(signatures, more, make)
+    return _texts[key]
+
+
+def _from_disk(signatures: Sequence[Any], more: str, make: Callable[[], str]) -> str:
+    """The text from the disk cache, or made and put there."""
+    path = None
     try:
         path = text_path(signatures, more)
         if path is not None:

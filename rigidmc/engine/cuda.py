@@ -11,13 +11,12 @@ import os
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import suppress
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.engine.cache import kept_text, text_path
+from rigidmc.engine.cache import has_text, kept_text
 from rigidmc.engine.compile_time import announced
 from rigidmc.engine.cuda_code import KERNEL, kernel_of, ptx_of
 from rigidmc.engine.cuda_device import TARGETS, Device, Loaded, Seat, asked, chosen
@@ -55,11 +54,7 @@ class CudaProgram(Program):
 
     def missing(self) -> list[str]:
         """["kernel"] if it is neither in memory nor in the disk cache."""
-        with suppress(OSError):  # there is no cache
-            path = text_path(*self._key(self._capability))
-            if path is not None and os.path.exists(path):
-                return []
-        return ["kernel"]
+        return [] if has_text(*self._key(self._capability)) else ["kernel"]
 
     def theirs(self) -> list[str]:
         """None: one process makes the one kernel."""
@@ -97,20 +92,20 @@ class CudaProgram(Program):
         resident = f"{seat.loaded.resident} of them at work on each multiprocessor"
         return f"{each}, blocks of {seat.loaded.threads} threads, {resident}"
 
-    def refuse_hopeless(self, members: int, saves: int, threads: int) -> None:
-        """Raise NoRoom if blocks of so many members on so many threads do not fit on a device.
+    def refuse_hopeless(self, members: int, saves: int, blocks: int) -> None:
+        """Raise NoRoom if so many blocks of so many members do not fit on the devices at once.
 
         saves : of a run, the start included
         """
         count = self.shape.values * members
         each = 8 * (self.rows * members + count + min(count * saves, max(count, SAVED // 8)))
-        need = each * -(-threads // len(self.devices))
+        need = each * -(-blocks // len(self.devices))
         with self._seat().loaded.entered():
             free, _ = asked("cuMemGetInfo")
         if need > free:
             rule = f"take {need / 1e9:.3g} GB, and {free / 1e9:.3g} GB are free"
             ways = "take smaller blocks or fewer threads"
-            raise NoRoom(f"cuda: blocks of {members:,} members on {threads} threads {rule}; {ways}")
+            raise NoRoom(f"cuda: {blocks} blocks of {members:,} members at once {rule}; {ways}")
 
     def _seat(self) -> Seat:
         """The seat of this thread."""
@@ -140,11 +135,11 @@ class CudaProgram(Program):
     def through(self, block: Array, steps: Run, noise: Noise, saves: Saves) -> Iterator[int]:
         """As `Program.through`."""
         seat = self._seat()
-        seat.loaded.enter()
-        try:
-            yield from self._through(seat, block, steps, noise, saves)
-        finally:
-            seat.free()
+        with seat.loaded.entered():
+            try:
+                yield from self._through(seat, block, steps, noise, saves)
+            finally:
+                seat.free()
 
     def _through(
         self, seat: Seat, block: Array, steps: Run, noise: Noise, saves: Saves

@@ -9,9 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.errors import NoDevice, NoRoom
+from rigidmc.errors import NoDevice
 
 Array = NDArray[Any]
+BLOCKING = 4  # CU_CTX_SCHED_BLOCKING_SYNC
 THREADS = 128, 64, 256, 32  # threads of a block of PTX, the best first if as many are at work
 TARGETS = (7, 0), (8, 0), (9, 0)  # compute capabilities that code is made for; later ones take it
 # Fused multiply-adds in float64 of a multiprocessor in a cycle, by compute capability; others 2
@@ -54,7 +55,7 @@ def _library() -> Any:
 
 
 def asked(name: str, *arguments: Any) -> Any:
-    """What a function of the driver answers; NoDevice or NoRoom with its reason if it fails."""
+    """What a function of the driver answers; NoDevice with its reason if it fails."""
     driver = _library()
     try:
         error, *answer = getattr(driver, name)(*arguments)
@@ -66,12 +67,12 @@ def asked(name: str, *arguments: Any) -> Any:
         word = driver.cuGetErrorName(error)[1]
         reason = driver.cuGetErrorString(error)[1]
         text = f"cuda: {name} failed: {_text(word)}, {_text(reason)}"
-        raise (NoRoom if b"OUT_OF_MEMORY" in (word or b"") else NoDevice)(text)
+        raise NoDevice(text)
     return answer[0] if len(answer) == 1 else answer
 
 
 def _text(word: bytes | None) -> str:
-    return (word or b"unknown").decode(errors="replace").rstrip("\0")
+    return (word or b"unknown").partition(b"\0")[0].decode(errors="replace").strip()
 
 
 @cache
@@ -106,15 +107,19 @@ def devices() -> tuple[Device, ...]:
 
 
 def chosen(number: int | None) -> tuple[Device, ...]:
-    """The devices that a run is to use: all, or the one of a number; NoDevice for others."""
+    """The devices that a run is to use: the one of a number, or all that are not too old.
+
+    NoDevice if there is none.
+    """
     every = devices()
     if number is not None and number >= len(every):
         raise NoDevice(f"cuda:{number}: the devices are cuda:0 to cuda:{len(every) - 1}")
     some = every if number is None else every[number : number + 1]
-    if old := [one for one in some if one.capability < TARGETS[0]]:
-        rule = "{}.{}, and code is made for {}.{} or later".format(*old[0].capability, *TARGETS[0])
-        raise NoDevice(f"cuda:{old[0].number}: {old[0].name} has compute capability {rule}")
-    return some
+    able = tuple(one for one in some if one.capability >= TARGETS[0])
+    if not able:
+        rule = "{}.{}, and code is made for {}.{} or later".format(*some[0].capability, *TARGETS[0])
+        raise NoDevice(f"cuda:{some[0].number}: {some[0].name} has compute capability {rule}")
+    return able
 
 
 class Loaded:
@@ -126,17 +131,16 @@ class Loaded:
     """
 
     def __init__(self, device: Device, ptx: str, kernel: str, arrays: Sequence[Array]) -> None:
-        self._context = asked("cuDevicePrimaryCtxRetain", asked("cuDeviceGet", device.number))
-        self.enter()
-        self._module = asked("cuModuleLoadData", ptx.encode() + b"\0")
-        self.kernel = asked("cuModuleGetFunction", self._module, kernel.encode())
-        self.threads, self.resident = self._threads()
-        self._home = Seat(self)
-        self.numbers = [self._home.put(one) for one in arrays]
-
-    def enter(self) -> None:
-        """Let this thread use this device."""
-        asked("cuCtxSetCurrent", self._context)
+        one = asked("cuDeviceGet", device.number)
+        with suppress(NoDevice):  # a thread that waits leaves its core to others
+            asked("cuDevicePrimaryCtxSetFlags", one, BLOCKING)
+        self._context = asked("cuDevicePrimaryCtxRetain", one)
+        with self.entered():
+            self._module = asked("cuModuleLoadData", ptx.encode() + b"\0")
+            self.kernel = asked("cuModuleGetFunction", self._module, kernel.encode())
+            self.threads, self.resident = self._threads()
+            self._home = Seat(self)
+            self.numbers = [self._home.put(one) for one in arrays]
 
     @contextmanager
     def entered(self) -> Iterator[None]:
@@ -164,8 +168,8 @@ class Seat:
     def __init__(self, loaded: Loaded) -> None:
         self.loaded, self._held = loaded, list[Any]()
         self._pinned: tuple[Array, int] = (np.empty(0), 0)
-        loaded.enter()
-        self._stream = asked("cuStreamCreate", 1)  # which waits for no other
+        with loaded.entered():
+            self._stream = asked("cuStreamCreate", 1)  # which waits for no other
 
     def room(self, size: int) -> int:
         """The address of so many bytes on the device, until `free`."""

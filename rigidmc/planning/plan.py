@@ -37,6 +37,7 @@ SLAB = 32 * 2**20  # bytes of saved values that a block may hold on its way to a
 # The same on graphics processors, one of which moves 50,000 members at once, as their registers
 # allow: a block is ten such waves, of which the last may be short.
 DEVICE_BLOCK, DEVICE_SLAB = 2**19, 2**27
+WAVE = 2**16  # members that take as long there as one
 ARC = 1.6  # [rad] that a member may move between two states of a step that are watched
 LARGEST_TURN = 3.0  # [rad] in a step that is watched: beyond it the attitude within is 1e-3 off
 # [rad] with noise, where only the ends of steps are known: of 50 heavy tops to t = 25 watched after
@@ -111,6 +112,11 @@ class Plan(NamedTuple):
     def values(self) -> int:
         """How many numbers a member records at a save."""
         return max((rows.stop for rows in self.saved.values()), default=0)
+
+    def moved_at_once(self, threads: int) -> float:
+        """For how many members a thread or a graphics processor needs the time of all of them."""
+        each = self.members / self.movers(threads)
+        return each if self.device == "cpu" else max(WAVE, each)
 
     def movers(self, threads: int) -> int:
         """How many threads or graphics processors move members at once."""
@@ -291,12 +297,25 @@ def spinning_up(scene: Scene) -> list[str]:
 def block_of(plan: Plan, threads: int, streaming: bool) -> int:
     """Members of a block: few enough to occupy all threads, and fewer on their way to a file."""
     blocks = (1 if plan.member_steps else 4) * threads
-    most, slab = (BLOCK, SLAB) if plan.device == "cpu" else (DEVICE_BLOCK, DEVICE_SLAB)
-    block = min(most, whole_lanes(math.ceil(plan.members / blocks)))
-    if not streaming:
-        return block
-    fitting = slab // (8 * max(1, plan.values) * plan.times.size)
-    return min(block, max(layout.LANES, fitting // layout.LANES * layout.LANES))
+    if plan.device != "cpu":
+        blocks = max(plan.movers(threads), min(blocks, plan.members // WAVE))
+        block = min(DEVICE_BLOCK, whole_lanes(math.ceil(plan.members / blocks)))
+        # in memory most saves are written where they stay
+        return min(block, fitting(plan, DEVICE_SLAB if streaming else 16 * DEVICE_SLAB))
+    block = min(BLOCK, whole_lanes(math.ceil(plan.members / blocks)))
+    return min(block, fitting(plan, SLAB)) if streaming else block
+
+
+def fitting(plan: Plan, slab: int) -> int:
+    """Members whose saved values take about `slab` bytes."""
+    values = 8 * max(1, plan.values) * plan.times.size
+    return max(layout.LANES, slab // values // layout.LANES * layout.LANES)
+
+
+def block_of_shard(plan: Plan, shard: int) -> int:
+    """Members of a block on graphics processors that divides a shard: all of it if they fit."""
+    most = min(2 * DEVICE_BLOCK, fitting(plan, DEVICE_SLAB))
+    return shard if shard <= most else block_in(shard, most)
 
 
 def block_in(shard: int, most: int) -> int:

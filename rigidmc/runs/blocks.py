@@ -129,9 +129,10 @@ def compute(
             results = _in_original_units(job, results, original, shown, units)
         sink.take(job, results)
 
+    which = range(math.ceil(plan.members / plan.block)) if blocks is None else list(blocks)
     if isinstance(program, CudaProgram):
-        program.refuse_hopeless(plan.block, plan.times.size, threads)
-    which = range(math.ceil(plan.members / plan.block)) if blocks is None else blocks
+        threads = max(threads, len(program.devices))  # each is a thread's
+        program.refuse_hopeless(plan.block, plan.times.size, min(threads, len(which)))
     with reporter(progress, plan.members if members is None else members, plan.steps) as report:
         run_blocks(make, which, threads, finished, report.step, report.poll)
     return flagged

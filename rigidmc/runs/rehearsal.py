@@ -6,10 +6,10 @@ import time
 
 import numpy as np
 
-from rigidmc.engine.layout import LANES
 from rigidmc.files.outputs import folder_beside
-from rigidmc.planning.plan import Plan, prepare
+from rigidmc.planning.plan import WAVE, Plan, prepare
 from rigidmc.planning.tolerance.choose import Chosen
+from rigidmc.planning.tolerance.costs import cost_per_step
 from rigidmc.runs.blocks import run
 from rigidmc.scene.scene import Scene
 
@@ -26,11 +26,12 @@ def predicted_seconds(
     Runs of 8192 and of three times as many members tell the cost of a member. Their results go to
     memory or to a file of the same kind, which the measured time of a kernel leaves out.
     """
-    size = REHEARSED
-    if plan.device != "cpu":  # few members take as long there as many
-        size = max(LANES, min(plan.block, plan.members // 8))
-    elif plan.members < 8 * size:
-        return plan.members / chosen.members_per_second
+    size = REHEARSED if plan.device == "cpu" else WAVE
+    if plan.members < 8 * size:
+        if plan.device == "cpu":
+            return plan.members / chosen.members_per_second
+        each = 1e-9 * cost_per_step(scene, plan) * plan.mean_steps
+        return each * plan.moved_at_once(threads)
     seconds = _rehearsed(scene, plan, threads, output, size)
     small = float(np.median(seconds[size][1:]))  # the first run warms up
     large = float(np.median(seconds[3 * size]))

@@ -9,12 +9,11 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from rigidmc.engine.device import device_now
 from rigidmc.engine.machine import this_machine
 from rigidmc.errors import FileError, SceneError
 from rigidmc.files.netcdf import read
 from rigidmc.files.reading import text_of, toml
-from rigidmc.planning.plan import DEVICE_BLOCK, Plan, block_in
+from rigidmc.planning.plan import Plan, block_of_shard
 from rigidmc.planning.settle import settled
 from rigidmc.planning.tolerance.choose import Chosen
 from rigidmc.planning.units import Internal, in_user_units
@@ -63,11 +62,9 @@ def planned(
     """
     refuse_study(directory)
     scene = scene_of_run(directory, allow_code)
-    if block is None:
-        shard = directory.facts["shard"]
-        on_cpu = device_now() == "cpu"
-        block = directory.facts["block"] if on_cpu else block_in(shard, DEVICE_BLOCK)
-    run = ready(scene, threads, block)
+    run = ready(scene, threads, block or directory.facts["block"])
+    if block is None and run.plan.device != "cpu":
+        run = ready(scene, threads, block_of_shard(run.plan, directory.facts["shard"]))
     if directory.chosen is not None:
         run = of_members(run, directory.chosen)
     if directory.facts["shard"] % run.plan.block:

@@ -12,7 +12,7 @@ import xarray as xr
 from rigidmc.engine.layout import LANES
 from rigidmc.engine.machine import threads_available
 from rigidmc.files.outputs import folder_beside
-from rigidmc.planning.plan import prepare
+from rigidmc.planning.plan import WAVE, prepare
 from rigidmc.planning.settle import Settled, settled
 from rigidmc.planning.tolerance.costs import cost_per_step
 from rigidmc.runs.blocks import run
@@ -91,7 +91,9 @@ def _seconds(
             return block * max(1.0, members / LANES / threads)
         assert scene.run.every is not None
         scene, share = scene.with_run(t_end=kept * scene.run.every), kept / saves
-    count, before = min(LANES, members), (0, 0.0)
+    # a graphics processor takes as long for a member as for a wave of them
+    count = min(LANES if ready.plan.device == "cpu" else WAVE, members)
+    before = 0, 0.0
     with folder_beside(folder) if folder else tempfile.TemporaryDirectory() as place:
         file = os.path.join(place, "rehearsal.nc") if folder else None
         _rehearsed(ready, scene, count, studied, threads, file)  # compiles

@@ -161,7 +161,7 @@ def _cost(scene: Scene, plan: Plan, threads: int) -> list[str]:
     assert program is not None  # closed forms are told apart before
     lines = [f"code         {to_compile(program)}"]
     cost = cost_per_step(scene, plan)
-    total = cost * 1e-9 * plan.members * plan.mean_steps / plan.movers(threads)
+    total = cost * 1e-9 * plan.moved_at_once(threads) * plan.mean_steps
     one, every = f"{cost:.2f} ns per member-step on one thread", f"{threads} threads"
     made = program_of(scene, plan)
     if isinstance(made, CudaProgram):
