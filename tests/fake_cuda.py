@@ -24,7 +24,7 @@ class Code(int):
 
 
 OK, INVALID, MEMORY, NO_CONTEXT, LOST = map(Code, (0, 1, 2, 201, 719))
-FOREVER = []  # all device memory: no address is used twice, so that no seat frees another's
+FOREVER = []  # all device memory: no address is used twice, so that no stream frees another's
 GUARD = 64  # bytes after each piece of memory, which nothing may change
 NAMES = {1: "INVALID_VALUE", 2: "OUT_OF_MEMORY", 201: "INVALID_CONTEXT", 719: "LAUNCH_FAILED"}
 
@@ -155,7 +155,7 @@ class FakeDriver(types.ModuleType):
 
     @current
     def cuMemFree(self, address):
-        if int(address) not in self.held:  # of a seat of an earlier stand-in
+        if int(address) not in self.held:  # of a stream of an earlier stand-in
             return (INVALID,)
         array, context = self.held.pop(int(address))
         assert context == self.context()
@@ -185,6 +185,13 @@ class FakeDriver(types.ModuleType):
         if not self._inside(device, size) or stream.context != self.context():
             return (INVALID,)
         stream.asked.append(lambda: ctypes.memmove(to, source, size) and None)
+        return (OK,)
+
+    @current
+    def cuMemcpyHtoD(self, to, source, size):
+        if not self._inside(to, size):
+            return (INVALID,)
+        ctypes.memmove(to, source, size)
         return (OK,)
 
     @current

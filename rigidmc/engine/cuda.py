@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from rigidmc.engine.cache import has_text, kept_text
 from rigidmc.engine.compile_time import announced
 from rigidmc.engine.cuda_code import KERNEL, kernel_of, ptx_of
-from rigidmc.engine.cuda_device import TARGETS, Device, Loaded, Seat, asked, chosen
+from rigidmc.engine.cuda_device import TARGETS, Device, Module, Stream, asked, chosen
 from rigidmc.engine.frame import Noise, Piece, Pieces, Room, Run, Saves, frame_type
 from rigidmc.engine.kinds import numbers_of
 from rigidmc.engine.pieces import config, signature_of
@@ -46,8 +46,8 @@ class CudaProgram(Program):
         self.devices = chosen(number)
         first = os.getpid() % len(self.devices)  # processes side by side begin with several
         self._turn = itertools.cycle(self.devices[first:] + self.devices[:first])
-        self._seats = threading.local()
-        self._loading, self._loaded = threading.Lock(), dict[Device, Loaded]()
+        self._streams = threading.local()
+        self._loading, self._modules = threading.Lock(), dict[Device, Module]()
         least = min(one.capability for one in self.devices)
         self._capability = max(one for one in TARGETS if one <= least)
         super().__init__(*arguments, **{**named, "lanes": 1})
@@ -85,44 +85,45 @@ class CudaProgram(Program):
             for name, (count, kind) in self.working_memory(self.rows).items()
         }
 
-    def on_devices(self) -> str:
-        """The devices, and how many of their threads are at work at once, in words."""
-        seat, (first, *others) = self._seat(), self.devices
+    def places(self, threads: int) -> tuple[str, str]:
+        """A device, and all of them with how many of their threads are at work at once."""
+        stream, (first, *others) = self._stream(), self.devices
         each = f"{first.name} x {1 + len(others)}" if others else first.name
-        resident = f"{seat.loaded.resident} of them at work on each multiprocessor"
-        return f"{each}, blocks of {seat.loaded.threads} threads, {resident}"
+        resident = f"{stream.module.resident} of them at work on each multiprocessor"
+        words = f"{each}, blocks of {stream.module.threads} threads, {resident}"
+        return "one device", words
 
-    def refuse_hopeless(self, members: int, saves: int, blocks: int) -> None:
-        """Raise NoRoom if so many blocks of so many members do not fit on the devices at once.
-
-        saves : of a run, the start included
-        """
+    def workers(self, threads: int, blocks: int, members: int, saves: int) -> int:
+        """As `Program.workers`; at least one for each device."""
+        threads = max(threads, len(self.devices))
+        blocks = min(threads, blocks)  # at once
         count = self.shape.values * members
         each = 8 * (self.rows * members + count + min(count * saves, max(count, SAVED // 8)))
         need = each * -(-blocks // len(self.devices))
-        with self._seat().loaded.entered():
+        with self._stream().module.entered():
             free, _ = asked("cuMemGetInfo")
         if need > free:
             rule = f"take {need / 1e9:.3g} GB, and {free / 1e9:.3g} GB are free"
             ways = "take smaller blocks or fewer threads"
             raise NoRoom(f"cuda: {blocks} blocks of {members:,} members at once {rule}; {ways}")
+        return threads
 
-    def _seat(self) -> Seat:
-        """The seat of this thread."""
-        if not hasattr(self._seats, "mine"):
+    def _stream(self) -> Stream:
+        """The stream of this thread."""
+        if not hasattr(self._streams, "mine"):
             with self._loading:
                 device = next(self._turn)
-                if device not in self._loaded:
-                    self._loaded[device] = self._load(device)
-            self._seats.mine = Seat(self._loaded[device])
-        seat: Seat = self._seats.mine
-        return seat
+                if device not in self._modules:
+                    self._modules[device] = self._load(device)
+            self._streams.mine = Stream(self._modules[device])
+        stream: Stream = self._streams.mine
+        return stream
 
-    def _load(self, device: Device) -> Loaded:
+    def _load(self, device: Device) -> Module:
         """The code on a device, and the numbers of the pieces and of the parts of a step."""
         parts = [one[1] if one else () for name, one in self.asked.items() if name != "advance"]
         numbers = [np.array(numbers_of(part) or [0.0]) for part in parts]
-        return Loaded(device, self._code, KERNEL, [*numbers, self.parts])
+        return Module(device, self._code, KERNEL, [*numbers, self.parts])
 
     def advance(
         self, block: Array, steps: Run, noise: Noise | None = None, saves: Saves | None = None
@@ -134,44 +135,44 @@ class CudaProgram(Program):
 
     def through(self, block: Array, steps: Run, noise: Noise, saves: Saves) -> Iterator[int]:
         """As `Program.through`."""
-        seat = self._seat()
-        with seat.loaded.entered():
+        stream = self._stream()
+        with stream.module.entered():
             try:
-                yield from self._through(seat, block, steps, noise, saves)
+                yield from self._through(stream, block, steps, noise, saves)
             finally:
-                seat.free()
+                stream.free()
 
     def _through(
-        self, seat: Seat, block: Array, steps: Run, noise: Noise, saves: Saves
+        self, stream: Stream, block: Array, steps: Run, noise: Noise, saves: Saves
     ) -> Iterator[int]:
         members = block.shape[1]
         count = self.shape.values * members if saves.columns else 0  # numbers of a save
         most = min(-(-steps.total // steps.stride), max(1, SAVED // (8 * count or 1)))
-        frame, place = self._on_device(seat, block, noise)
-        order, frame_at = seat.put(saves.order), seat.room(frame.nbytes)
-        values = seat.room(8 * count * (most + 1))  # the start is a save more
+        frame, place = self._on_device(stream, block, noise)
+        order, frame_at = stream.put(saves.order), stream.room(frame.nbytes)
+        values = stream.room(8 * count * (most + 1))  # the start is a save more
         first, length = steps.first, FIRST
         while first < steps.last:
             beyond = (first // steps.stride + most) * steps.stride
             last = min(steps.last, first + length, beyond)
             slots = saved_in(steps, first, last)
             out = Saves(values - 8 * count * slots.start, members if count else 0, 0, order)
-            seat.write(frame_at, framed(frame, steps._replace(first=first, last=last), out))
+            stream.write(frame_at, framed(frame, steps._replace(first=first, last=last), out))
             began = time.perf_counter()
-            seat.launch(frame_at, members)
-            seat.wait()
+            stream.launch(frame_at, members)
+            stream.wait()
             took = time.perf_counter() - began
             if count and slots:
-                self._keep(seat, values, slots, saves, members)
+                self._keep(stream, values, slots, saves, members)
             yield last
             length = int(max(1.0, (last - first) * min(GROWTH, LAUNCH / max(took, 1e-6))))
             first = last
-        seat.read(block, place)
+        stream.read(block, place)
 
-    def _on_device(self, seat: Seat, block: Array, noise: Noise) -> tuple[Any, int]:
+    def _on_device(self, stream: Stream, block: Array, noise: Noise) -> tuple[Any, int]:
         """(the frame of a block that is now on the device, the address of the block there)."""
-        *pieces, parts = seat.loaded.numbers
-        place, (rows, members) = seat.put(block), block.shape
+        *pieces, parts = stream.module.numbers
+        place, (rows, members) = stream.put(block), block.shape
         room = Room(
             parts=parts,
             part_rows=self.parts.size // 4,
@@ -182,14 +183,14 @@ class CudaProgram(Program):
             **dict.fromkeys(self.working_memory(rows), 0),  # each thread has its own
         )
         known = Pieces(*(Piece(0, 0, numbers) for numbers in pieces))
-        whose = Noise(noise.key, noise.other, seat.put(noise.streams), seat.put(noise.members))
+        whose = Noise(noise.key, noise.other, stream.put(noise.streams), stream.put(noise.members))
         return framed(self._frame, known, self.shape, whose, room), place
 
-    def _keep(self, seat: Seat, values: int, slots: range, saves: Saves, members: int) -> None:
+    def _keep(self, stream: Stream, values: int, slots: range, saves: Saves, members: int) -> None:
         """Bring the saves of a launch from the device to where they go."""
         shape = len(slots), self.shape.values, members
-        got = seat.pinned(math.prod(shape))
-        seat.read(got, values)
+        got = stream.pinned(math.prod(shape))
+        stream.read(got, values)
         size = self.shape.values * saves.columns
         out = saves.out.reshape(-1)[size * slots.start : size * slots.stop]
         wide = out.reshape(*shape[:2], saves.columns)

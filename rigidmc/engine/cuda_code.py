@@ -27,7 +27,7 @@ MACHINE = re.compile(r"^target .*\n|^source_filename.*\n| alignstack=\d+| aligns
 # What LLVM has for a device, or for every processor
 _HAS = re.compile(
     r"llvm\.(nvvm|fma|fabs|sqrt|copysign|floor|ceil|trunc|rint|round|min|max|mem|lifetime|assume"
-    r"|experimental\.noalias|[us](add|sub|mul|min|max)|abs|ct|bswap|fsh|vector|f?ptosi\.sat)"
+    r"|experimental\.noalias|[us](add|sub|mul|min|max)|abs|ct|bswap|fsh|vector|fptosi\.sat)"
 )
 # The number of a thread among all of a launch, in PTX's words; elsewhere there is one thread.
 _THREAD = """

@@ -1,4 +1,4 @@
-"""Graphics processors: the driver's answers, the devices, and the place of a thread on one."""
+"""Graphics processors: the driver's answers, the devices, modules of code, and streams."""
 
 import ctypes
 from collections.abc import Iterator, Sequence
@@ -122,8 +122,8 @@ def chosen(number: int | None) -> tuple[Device, ...]:
     return able
 
 
-class Loaded:
-    """A program's code and numbers on a device.
+class Module:
+    """A program's code and numbers on a device, loaded.
 
     ptx, kernel : the code, and the name of the function that is launched
     numbers : addresses of copies of arrays;  threads, resident : of a block of PTX, and how many a
@@ -136,11 +136,13 @@ class Loaded:
             asked("cuDevicePrimaryCtxSetFlags", one, BLOCKING)
         self._context = asked("cuDevicePrimaryCtxRetain", one)
         with self.entered():
-            self._module = asked("cuModuleLoadData", ptx.encode() + b"\0")
-            self.kernel = asked("cuModuleGetFunction", self._module, kernel.encode())
+            self._handle = asked("cuModuleLoadData", ptx.encode() + b"\0")
+            self.kernel = asked("cuModuleGetFunction", self._handle, kernel.encode())
             self.threads, self.resident = self._threads()
-            self._home = Seat(self)
-            self.numbers = [self._home.put(one) for one in arrays]
+            self._held = [asked("cuMemAlloc", one.nbytes) for one in arrays]
+            self.numbers = list(map(int, self._held))
+            for address, one in zip(self.numbers, arrays, strict=True):
+                asked("cuMemcpyHtoD", address, one.ctypes.data, one.nbytes)
 
     @contextmanager
     def entered(self) -> Iterator[None]:
@@ -159,17 +161,19 @@ class Loaded:
 
     def __del__(self) -> None:
         with suppress(Exception), self.entered():  # the driver may be gone at the end
-            asked("cuModuleUnload", self._module)
+            for address in self._held:
+                asked("cuMemFree", address)
+            asked("cuModuleUnload", self._handle)
 
 
-class Seat:
-    """The place of a thread on a device: a stream, and memory."""
+class Stream:
+    """A stream of a device, and the memory that its work takes."""
 
-    def __init__(self, loaded: Loaded) -> None:
-        self.loaded, self._held = loaded, list[Any]()
+    def __init__(self, module: Module) -> None:
+        self.module, self._held = module, list[Any]()
         self._pinned: tuple[Array, int] = (np.empty(0), 0)
-        with loaded.entered():
-            self._stream = asked("cuStreamCreate", 1)  # which waits for no other
+        with module.entered():
+            self._handle = asked("cuStreamCreate", 1)  # which waits for no other
 
     def room(self, size: int) -> int:
         """The address of so many bytes on the device, until `free`."""
@@ -185,12 +189,12 @@ class Seat:
 
     def write(self, address: int, array: Array) -> None:
         """Copy an array to the device."""
-        asked("cuMemcpyHtoDAsync", address, array.ctypes.data, array.nbytes, self._stream)
+        asked("cuMemcpyHtoDAsync", address, array.ctypes.data, array.nbytes, self._handle)
         self.wait()
 
     def read(self, array: Array, address: int) -> None:
         """Copy from the device to an array."""
-        asked("cuMemcpyDtoHAsync", array.ctypes.data, address, array.nbytes, self._stream)
+        asked("cuMemcpyDtoHAsync", array.ctypes.data, address, array.nbytes, self._handle)
         self.wait()
 
     def pinned(self, count: int) -> Array:
@@ -204,14 +208,14 @@ class Seat:
 
     def launch(self, frame: int, members: int) -> None:
         """Let a thread for each member take it through the steps of a frame on the device."""
-        size = self.loaded.threads
+        size = self.module.threads
         given = (frame, 0, members), (ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64)
         grid = -(-members // size), 1, 1, size, 1, 1
-        asked("cuLaunchKernel", self.loaded.kernel, *grid, 0, self._stream, given, 0)
+        asked("cuLaunchKernel", self.module.kernel, *grid, 0, self._handle, given, 0)
 
     def wait(self) -> None:
         """Until all that was asked of the device is done."""
-        asked("cuStreamSynchronize", self._stream)
+        asked("cuStreamSynchronize", self._handle)
 
     def free(self) -> None:
         """Give back the memory of `room` and `put`."""
@@ -226,7 +230,7 @@ class Seat:
             asked("cuMemFreeHost", address)
 
     def __del__(self) -> None:
-        with suppress(Exception), self.loaded.entered():  # the driver may be gone at the end
+        with suppress(Exception), self.module.entered():  # the driver may be gone at the end
             self.free()
             self._unpin()
-            asked("cuStreamDestroy", self._stream)
+            asked("cuStreamDestroy", self._handle)

@@ -181,6 +181,17 @@ class Program:
         able = helped({name: asked for name in missing if (asked := self.asked[name])})
         return divided(self.label, missing, self.effects, able)
 
+    def workers(self, threads: int, blocks: int, members: int, saves: int) -> int:
+        """How many threads take `blocks` blocks of so many members, who save so often.
+
+        Raises NoRoom if there is no memory for them where members move.
+        """
+        return threads
+
+    def places(self, threads: int) -> tuple[str, str]:
+        """Where members move, in words: one of these places, and all of them."""
+        return "one thread", f"{threads} threads"
+
     def through(
         self, block: NDArray[np.float64], steps: Run, noise: Noise, saves: Saves
     ) -> Iterator[int]:

@@ -11,7 +11,6 @@ from rigidmc.effects import EFFECTS
 from rigidmc.effects.parameters import blank
 from rigidmc.engine import layout
 from rigidmc.engine.compose import NumbaError, reason
-from rigidmc.engine.cuda import CudaProgram
 from rigidmc.engine.device import number_of
 from rigidmc.engine.frame import Noise
 from rigidmc.engine.operations import refuse_memory
@@ -69,6 +68,8 @@ def program_of(scene: Scene, plan: Plan, ask: bool = False) -> Program | None:
         events, running, shadow = plan.watch.compiled
         kind: Any = Program
         if plan.device != "cpu":
+            from rigidmc.engine.cuda import CudaProgram
+
             kind = partial(CudaProgram, number=number_of(plan.device))
         found: Program = kind(
             plan.form,

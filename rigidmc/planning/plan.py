@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from rigidmc.dynamics.methods import implements
 from rigidmc.effects import labelled
 from rigidmc.effects.protocol import facts, is_conservative, is_random
-from rigidmc.engine import layout
 from rigidmc.engine.cuda_device import chosen
 from rigidmc.engine.device import device_now, number_of
 from rigidmc.engine.layout import whole_lanes
@@ -18,6 +17,7 @@ from rigidmc.integrators import Form, keeps_remainders
 from rigidmc.integrators.protocol import Integrator, keeps_its_own
 from rigidmc.observables import value_rows
 from rigidmc.observables.keep import thinned
+from rigidmc.planning.block_size import WAVE, block_of
 from rigidmc.planning.closed_form import closed_form
 from rigidmc.planning.form import carries_attitude, form_of, largest_rates, mean_own_steps
 from rigidmc.planning.limits import SPUN_UP, Limits, limits
@@ -29,15 +29,6 @@ from rigidmc.scene.limits import PILOT
 from rigidmc.scene.quantities import is_shared
 from rigidmc.scene.scene import Scene
 
-# Members of a block: their 30 to 40 rows are 1 MB, and a call on them takes 10 ms or more. With
-# 4096 all rows would compete for one place in the cache, and a block would begin and end in 64 ns a
-# member, not 47.
-BLOCK = 4064
-SLAB = 32 * 2**20  # bytes of saved values that a block may hold on its way to a file
-# The same on graphics processors, one of which moves 50,000 members at once, as their registers
-# allow: a block is ten such waves, of which the last may be short.
-DEVICE_BLOCK, DEVICE_SLAB = 2**19, 2**27
-WAVE = 2**16  # members that take as long there as one
 ARC = 1.6  # [rad] that a member may move between two states of a step that are watched
 LARGEST_TURN = 3.0  # [rad] in a step that is watched: beyond it the attitude within is 1e-3 off
 # [rad] with noise, where only the ends of steps are known: of 50 heavy tops to t = 25 watched after
@@ -292,37 +283,6 @@ def spinning_up(scene: Scene) -> list[str]:
         and not facts(e).damps
         and not is_conservative(e)
     ]
-
-
-def block_of(plan: Plan, threads: int, streaming: bool) -> int:
-    """Members of a block: few enough to occupy all threads, and fewer on their way to a file."""
-    blocks = (1 if plan.member_steps else 4) * threads
-    if plan.device != "cpu":
-        blocks = max(plan.movers(threads), min(blocks, plan.members // WAVE))
-        block = min(DEVICE_BLOCK, whole_lanes(math.ceil(plan.members / blocks)))
-        # in memory most saves are written where they stay
-        return min(block, fitting(plan, DEVICE_SLAB if streaming else 16 * DEVICE_SLAB))
-    block = min(BLOCK, whole_lanes(math.ceil(plan.members / blocks)))
-    return min(block, fitting(plan, SLAB)) if streaming else block
-
-
-def fitting(plan: Plan, slab: int) -> int:
-    """Members whose saved values take about `slab` bytes."""
-    values = 8 * max(1, plan.values) * plan.times.size
-    return max(layout.LANES, slab // values // layout.LANES * layout.LANES)
-
-
-def block_of_shard(plan: Plan, shard: int) -> int:
-    """Members of a block on graphics processors that divides a shard: all of it if they fit."""
-    most = min(2 * DEVICE_BLOCK, fitting(plan, DEVICE_SLAB))
-    return shard if shard <= most else block_in(shard, most)
-
-
-def block_in(shard: int, most: int) -> int:
-    """Members of a block that divides a shard's, at most `most`."""
-    return layout.LANES * max(
-        n for n in range(1, most // layout.LANES + 1) if shard % (layout.LANES * n) == 0
-    )
 
 
 def _constant(scene: Scene) -> frozenset[str]:

@@ -10,7 +10,6 @@ import numpy as np
 import xarray as xr
 
 from rigidmc.engine import layout
-from rigidmc.engine.cuda import CudaProgram
 from rigidmc.engine.layout import whole_lanes
 from rigidmc.engine.program import Program
 from rigidmc.engine.threads import run_blocks
@@ -130,9 +129,8 @@ def compute(
         sink.take(job, results)
 
     which = range(math.ceil(plan.members / plan.block)) if blocks is None else list(blocks)
-    if isinstance(program, CudaProgram):
-        threads = max(threads, len(program.devices))  # each is a thread's
-        program.refuse_hopeless(plan.block, plan.times.size, min(threads, len(which)))
+    if program is not None:
+        threads = program.workers(threads, len(which), plan.block, plan.times.size)
     with reporter(progress, plan.members if members is None else members, plan.steps) as report:
         run_blocks(make, which, threads, finished, report.step, report.poll)
     return flagged

@@ -23,8 +23,8 @@ from rigidmc.files.outputs import (
     refuse_unwritable,
     write_bytes,
 )
+from rigidmc.planning.block_size import BLOCK, block_in
 from rigidmc.planning.notes import notes
-from rigidmc.planning.plan import BLOCK, block_in
 from rigidmc.planning.stage import stage
 from rigidmc.runs.capacity import refuse_hopeless
 from rigidmc.runs.reopen import Ready, of_members, ready, scene_in

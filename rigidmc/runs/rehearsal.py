@@ -7,7 +7,8 @@ import time
 import numpy as np
 
 from rigidmc.files.outputs import folder_beside
-from rigidmc.planning.plan import WAVE, Plan, prepare
+from rigidmc.planning.block_size import WAVE
+from rigidmc.planning.plan import Plan, prepare
 from rigidmc.planning.tolerance.choose import Chosen
 from rigidmc.planning.tolerance.costs import cost_per_step
 from rigidmc.runs.blocks import run

@@ -13,7 +13,8 @@ from rigidmc.engine.machine import this_machine
 from rigidmc.errors import FileError, SceneError
 from rigidmc.files.netcdf import read
 from rigidmc.files.reading import text_of, toml
-from rigidmc.planning.plan import Plan, block_of_shard
+from rigidmc.planning.block_size import block_of_shard
+from rigidmc.planning.plan import Plan
 from rigidmc.planning.settle import settled
 from rigidmc.planning.tolerance.choose import Chosen
 from rigidmc.planning.units import Internal, in_user_units

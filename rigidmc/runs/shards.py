@@ -10,12 +10,12 @@ from queue import SimpleQueue
 import numpy as np
 from numpy.typing import NDArray
 
-from rigidmc.engine.layout import LANES
 from rigidmc.engine.program import Program
 from rigidmc.errors import FileError, RigidmcError
 from rigidmc.files.netcdf import read
+from rigidmc.planning.block_size import BLOCK, SLAB, fitting
 from rigidmc.planning.job import Job
-from rigidmc.planning.plan import BLOCK, SLAB, Plan
+from rigidmc.planning.plan import Plan
 from rigidmc.progress import Progress
 from rigidmc.runs.blocks import compute
 from rigidmc.runs.reopen import Ready
@@ -34,8 +34,7 @@ Numbers = Sequence[int] | NDArray[np.int64]  # of shards
 def members_of(scene: Scene, plan: Plan, size: float = SHARD) -> tuple[int, int]:
     """(members of a block, members of a shard) of a run with shards of about `size` bytes; neither
     depends on the number of threads."""
-    values = 8 * max(1, plan.values) * plan.times.size
-    block = min(BLOCK, max(LANES, SLAB // values // LANES * LANES))
+    block = min(BLOCK, fitting(plan, SLAB))
     return block, block * max(1, int(size / sum(bytes_of_a_member(scene, plan)) / block))
 
 

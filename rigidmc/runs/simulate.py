@@ -15,8 +15,8 @@ from rigidmc.engine.device import device as moved_on
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import SceneError, SceneWarning
 from rigidmc.files.outputs import refuse_existing
+from rigidmc.planning.block_size import block_of
 from rigidmc.planning.notes import notes
-from rigidmc.planning.plan import block_of
 from rigidmc.planning.settle import settled
 from rigidmc.progress import Progress, announcing
 from rigidmc.runs.blocks import run

@@ -12,7 +12,8 @@ import xarray as xr
 from rigidmc.engine.layout import LANES
 from rigidmc.engine.machine import threads_available
 from rigidmc.files.outputs import folder_beside
-from rigidmc.planning.plan import WAVE, prepare
+from rigidmc.planning.block_size import WAVE
+from rigidmc.planning.plan import prepare
 from rigidmc.planning.settle import Settled, settled
 from rigidmc.planning.tolerance.costs import cost_per_step
 from rigidmc.runs.blocks import run

@@ -7,7 +7,6 @@ import numpy as np
 from rigidmc.effects import EFFECTS, labelled
 from rigidmc.effects.parameters import given
 from rigidmc.engine.compile_time import listed, rounded, seconds
-from rigidmc.engine.cuda import CudaProgram
 from rigidmc.engine.operations import torque_operations, why_one_at_a_time
 from rigidmc.engine.program import Program
 from rigidmc.integrators.protocol import keeps_its_own
@@ -162,11 +161,14 @@ def _cost(scene: Scene, plan: Plan, threads: int) -> list[str]:
     lines = [f"code         {to_compile(program)}"]
     cost = cost_per_step(scene, plan)
     total = cost * 1e-9 * plan.moved_at_once(threads) * plan.mean_steps
-    one, every = f"{cost:.2f} ns per member-step on one thread", f"{threads} threads"
     made = program_of(scene, plan)
-    if isinstance(made, CudaProgram):
-        one, every = f"{cost:.3g} ns per member-step on one device", made.on_devices()
-    lines.append(f"cost         {one} (measured now); about {total:.2g} s for the steps on {every}")
+    assert made is not None
+    one, every = made.places(threads)
+    digits = ".2f" if plan.device == "cpu" else ".3g"
+    lines.append(
+        f"cost         {cost:{digits}} ns per member-step on {one} (measured now);"
+        f" about {total:.2g} s for the steps on {every}"
+    )
     works, quiet = "work" in scene.run.save, cost
     if plan.watch.rows or works:
         quiet = cost_per_step(*some_of(scene, plan, range(len(scene.effects))))

@@ -26,8 +26,9 @@ from rigidmc.engine import cache, cuda, cuda_code, cuda_device, pieces
 from rigidmc.engine.device import device_now
 from rigidmc.errors import NoRoom
 from rigidmc.integrators import INTEGRATORS
+from rigidmc.planning.block_size import DEVICE_SLAB, WAVE, block_of_shard
 from rigidmc.planning.job import program_of
-from rigidmc.planning.plan import DEVICE_SLAB, WAVE, block_of_shard, prepare
+from rigidmc.planning.plan import prepare
 from rigidmc.planning.tolerance import costs
 from rigidmc.protocols import effect
 from rigidmc.runs import cluster

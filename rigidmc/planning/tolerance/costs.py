@@ -15,10 +15,11 @@ from rigidmc.engine.machine import threads_available
 from rigidmc.engine.program import NO_SAVES, Program
 from rigidmc.integrators import Form, accepting, keeps_remainders
 from rigidmc.observables.protocol import size
+from rigidmc.planning.block_size import BLOCK, DEVICE_BLOCK
 from rigidmc.planning.closed_form import closed_values
 from rigidmc.planning.form import form_of
 from rigidmc.planning.job import program_of
-from rigidmc.planning.plan import BLOCK, DEVICE_BLOCK, Plan
+from rigidmc.planning.plan import Plan
 from rigidmc.planning.stage import noise, stage
 from rigidmc.planning.tolerance.pilot import OBSERVED, Pilot, pilot
 from rigidmc.planning.tolerance.way import Way
