@@ -19,9 +19,9 @@ _NOW = ContextVar("device", default="cpu")
 def device(word: str | None) -> Iterator[str]:
     """Let runs and studies in the body of a `with` move their members on a device.
 
-    It holds for the thread that calls it, as a context of `decimal` does.
-    A member has the same bits everywhere. With CUDA, a thread of a graphics processor takes each
-    member through its steps; the package `cuda-bindings` is needed, `pip install 'rigidmc[cuda]'`.
+    The device is that of the thread that calls this, and no bit of a result depends on it. With
+    CUDA, a thread of a graphics processor takes each member through its steps; the package
+    `cuda-bindings` is needed, `pip install 'rigidmc[cuda]'`.
 
     Parameters
     ----------
