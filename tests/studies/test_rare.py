@@ -143,3 +143,28 @@ def test_members_may_branch_at_the_end():
     paths.scores[:-1], paths.scores[-1] = -1.0, 1.0
     paths.branch(np.array([0, 1]), np.array([5, 6]), 0.5)
     assert np.array_equal(paths.states[:, :2], paths.states[:, 5:7])
+
+
+@pytest.mark.parametrize("unit", [2.0**-66, 2.0**66])
+def test_the_unit_of_a_level_decides_nothing(unit):
+    """The level of a flip is a momentum: bodies of 1e-20 and 1e20 kg m2 have the same scores."""
+
+    def found(unit, of):
+        body = rm.Body.from_moments((unit, 2.0 * unit, 3.0 * unit))
+        start = rm.Start(omega=(rm.normal(0.0, 1e-3), 1.0, 0.0))
+        run = {"integrator": "rk8", "dt": 0.05, "t_end": 8.0}
+        return rare(rm.Scene(body, start=start), of, 1e-9, 60, 2, **run)
+
+    one, two = found(1.0, "p(flips >= 1)"), found(unit, "p(flips >= 1)")
+    for name in ("p", "probability", "score", "share", "member_steps"):
+        assert np.array_equal(one[name], two[name], equal_nan=True), name
+    assert one.score.max() < 1.0  # no member has flipped: measured 0.52
+    assert float(one.p) == 0.0  # at 5 standard deviations a flip takes more than 8 s
+
+
+def test_near_the_event_is_not_the_event():
+    """A level of 1e-17 of the scale rounds to the next count, which only the event may reach."""
+    _, score = scored(rm.Scene.load("dzhanibekov"), "p(flips >= 1)")
+    sized = score.sized(np.array([np.inf, 2.0, 1e-17]))
+    scores = sized.graded(np.array([0.0, 0.0, 1.0]), np.array([np.inf, 1e-17, np.inf]))
+    assert sized.scale == 2.0 and sized.reached(scores).tolist() == [False, False, True]

@@ -31,12 +31,15 @@ class Score(NamedTuple):
     An event of the scene, such as a passage, scores by how often it has happened, and how near its
     level is to 0::
 
-        score = count + 1/(1 + |level|)
+        score = count + 1/(1 + |level|/scale)
 
-    anything else by its number, with the sign that lets the score rise towards the event.
+    anything else by its number, with the sign that lets the score rise towards the event. A level
+    has any unit, so `scale` is a level that members of the scene have: members are in the same
+    order whatever it is, and their scores are the same numbers in all units.
 
     result : what is asked;  sign : 1 or -1;  goal, strict : the event is score >= goal, or > goal
     event : place of the event of the scene, None for a number
+    scale : in the unit of the level; 0 until `sized` has seen some
     """
 
     text: str
@@ -45,6 +48,7 @@ class Score(NamedTuple):
     goal: float
     strict: bool
     event: int | None = None
+    scale: float = 0.0
 
     def reached(self, score: Array) -> NDArray[np.bool_]:
         """Whether members with these scores have the event."""
@@ -57,9 +61,28 @@ class Score(NamedTuple):
             if self.result.axis is not None:
                 values = values[self.result.axis - 1]
             return np.where(np.isnan(values), -np.inf, self.sign * values)
+        return self.graded(*self.progress(moving, block))
+
+    def progress(self, moving: Moving, block: Array) -> tuple[Array, Array]:
+        """(how often, how far off) of the event of each member: |level|, inf while the event cannot
+        happen next; -inf times for a flagged member."""
+        assert self.event is not None
         count, level = moving.event(self.event, block)
-        nearness = np.where(level == 0.0, 0.0, 1.0 / (1.0 + np.abs(level)))
-        return np.where(block[layout.STATUS] == 0.0, count + nearness, -np.inf)
+        healthy = block[layout.STATUS] == 0.0
+        return np.where(healthy, count, -np.inf), np.where(level == 0.0, np.inf, np.abs(level))
+
+    def sized(self, off: Array) -> "Score":
+        """The Score with a scale, the largest of the levels `off` that members have, if it has
+        none yet."""
+        largest = float(off[np.isfinite(off)].max(initial=0.0))
+        return self if self.event is None or self.scale else self._replace(scale=largest)
+
+    def graded(self, count: Array, off: Array) -> Array:
+        """The scores of members from their `progress`."""
+        # No level was seen: no member is nearer than another, whatever the unit.
+        nearness = 1.0 / (1.0 + off / self.scale) if self.scale else np.zeros(off.shape)
+        # rounding to the next count would be the event itself, which has not happened
+        return np.minimum(count + nearness, np.nextafter(count + 1.0, -np.inf))
 
 
 def scored(scene: Scene, of: str) -> tuple[Scene, Score]:

@@ -87,9 +87,11 @@ class Paths:
         rows, column = np.nonzero(np.arange(1, ends.size)[:, None] > at)
         if rows.size == 0:  # all of them branch where the run ends
             return
-        states = self.states[rows + 1, which[column]].T
+        states = np.ascontiguousarray(self.states[rows + 1, which[column]].T)
+        if self.score.event is not None:
+            self.score = self.score.sized(self.score.progress(self.moving, states)[1])
         new = self.scores[1:, which]
-        new[rows, column] = self.score.of(self.moving, np.ascontiguousarray(states), ends.size - 2)
+        new[rows, column] = self.score.of(self.moving, states, ends.size - 2)
         self.scores[1:, which] = np.maximum.accumulate(new, axis=0)
 
 

@@ -40,11 +40,19 @@ class Members:
         """The scores of the members that are made from z, at their best."""
         moving, count = self.moving, z.shape[1]
         block = moving.start(Given(self.dimensions, ndtr(z)), count)[:, :count]
-        members, best = np.zeros(count, np.int64), np.full(count, -np.inf)
+        members = np.zeros(count, np.int64)
+        times, off = np.full(count, -np.inf), np.full(count, np.inf)
         for part in range(moving.ends.size - 1):
             block = moving.moved(block, members, part)
-            now = self.score.of(moving, block, part)
-            best = now if self.score.event is None else np.maximum(best, now)
+            if self.score.event is not None:
+                now, far = self.score.progress(moving, block)
+                off = np.where(now > times, far, np.where(now == times, np.minimum(off, far), off))
+                times = np.maximum(times, now)
+        if self.score.event is None:
+            best = self.score.of(moving, block, part)
+        else:
+            self.score = self.score.sized(off)
+            best = self.score.graded(times, off)
         self.steps += count * float(moving.ends[-1])
         self.flagged += int(np.isneginf(best).sum())
         return best
