@@ -11,6 +11,7 @@ import rigidmc as rm
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.runs.create import create
 from rigidmc.runs.resume import resume
+from rigidmc.studies.sections import paths
 from rigidmc.studies.sections.section import designed, section_of, table
 from rigidmc.views.section import section_points
 
@@ -73,6 +74,39 @@ def test_a_driven_body_crosses_when_scipy_says():
     assert len(times) == found.sizes["point"] >= 3
     assert np.abs(found.time.values - times).max() < 1e-11  # measured 2.4e-13
     assert np.abs(found.momentum.values.T - states).max() < 1e-12  # measured 3e-14
+
+
+def test_seldom_looks_at_a_fast_torque_find_the_crossings():
+    """The steps to a crossing go by the moments, in any unit, and by the steps of the run."""
+    unit, push = 0.01, np.array((0.0, 3.0, 2.0))
+    torque, i = rm.PeriodicTorque(tuple(unit * push), frequency=40.0), np.array([1.0, 2.0, 3.0])
+    body = rm.Body(tuple(unit * i))
+    scene = rm.Scene(body, torque, rm.Start(omega=(1.0, 0.2, 0.1))).with_run(
+        members=1, dt=0.005, t_end=30.0, integrator="rk8"
+    )
+    found = rm.section(scene, "momentum[2] = 0.001", way="falls", every=0.2)
+
+    def rhs(t, l):
+        return np.cross(l, l / i) + push * math.cos(40.0 * t)
+
+    times, _ = rotated(rhs, i * (1.0, 0.2, 0.1), lambda t, l: 0.1 - l[1], 30.0)
+    near = np.abs(times[:, None] - found.time.values).min(axis=0)
+    assert found.sizes["point"] >= 3 and found.attrs["lost"] == 0
+    assert near.max() < 1e-12  # measured 4e-14; 1e-3 if steps go by the free motion alone
+    norms = np.linalg.norm(found.attitude.values, axis=0)
+    assert np.abs(norms - 1.0).max() < 1e-14  # measured 1.1e-16
+
+
+def test_paths_that_do_not_converge_give_no_points(monkeypatch):
+    scene = FREE.with_run(t_end=100.0)
+    assert rm.section(scene, "omega[2] = 0").attrs["lost"] == 0
+    monkeypatch.setattr(paths, "FAIR", -1.0)
+    found = rm.section(scene, "omega[2] = 0")
+    assert found.sizes["point"] == 0 and found.attrs["lost"] == 9
+    assert "9; save more often" in table(found)[-1]
+    monkeypatch.setattr(paths, "MOST", 0)
+    with pytest.raises(OptionError, match="save more often"):
+        rm.section(scene, "omega[2] = 0")
 
 
 def test_hyperion_once_an_orbit():

@@ -33,7 +33,8 @@ def section(
 
     A member is integrated as always. Between two saves at which the quantity lies on both sides of
     the value, the crossing is sought by Chandrupatla's method, with steps of rk8 from the earlier
-    save. Two crossings between two saves are not seen.
+    save. These are no longer than those of the run, turn no member by more than 0.2 rad, and are
+    halved until halving changes nothing. Two crossings between two saves are not seen.
     Source: Henon, Physica D 5 (1982) 412; Chandrupatla, Adv. Eng. Softw. 28 (1997) 145.
 
     Parameters
@@ -57,7 +58,8 @@ def section(
     -------
     xarray.Dataset
         over point, in the order of members and times: `member`, `time`, attitude, momentum, and
-        whatever the scene saves
+        whatever the scene saves; the attribute `lost` is the number of crossings that were not
+        found, because steps between saves did not converge
 
     Raises
     ------
@@ -139,7 +141,7 @@ def _joined(
     scene: Scene, at: str, way: str, parts: Iterable[xr.Dataset], threads: int | None
 ) -> xr.Dataset:
     """The points of some results, one after the other."""
-    found, flagged, attrs = [], 0, dict[str, Any]()
+    found, flagged, lost, attrs = [], 0, 0, dict[str, Any]()
     crossing = None if period_of(scene, at) else crossing_of(scene, at, way)
     wider = _saving(scene, *((crossing.of.name,) if crossing else ()))
     observed = {name: one for name, one in wider.recorded().items() if of_the_state(scene, name)}
@@ -149,9 +151,11 @@ def _joined(
         if crossing is None:
             found.append(periodic(part, observed))
         else:
-            found.append(crossed(scene, part, crossing, observed, threads))
+            points, missing = crossed(scene, part, crossing, observed, threads)
+            found.append(points)
+            lost += missing
     observed = {name: one for name, one in observed.items() if name in attrs}
-    return _dataset(scene, at, way if crossing else "", observed, attrs, found, flagged)
+    return _dataset(scene, at, way if crossing else "", observed, attrs, found, flagged, lost)
 
 
 def _dataset(
@@ -162,8 +166,12 @@ def _dataset(
     about: Mapping[str, Any],
     found: Sequence[Mapping[str, Array]],
     flagged: int,
+    lost: int,
 ) -> xr.Dataset:
-    """The Dataset of points.  about : attributes of what is observed, those of the result"""
+    """The Dataset of points.
+
+    about : attributes of what is observed, those of the result;  lost : crossings not found
+    """
 
     def joined(name: str) -> Array:
         return np.concatenate([one[name] for one in found], axis=-1)
@@ -183,6 +191,7 @@ def _dataset(
         "way": way,
         "members": int(scene.run.members),
         "flagged": flagged,
+        "lost": lost,
         "scene": scene.dumps(),
     }
     return xr.Dataset(variables, coords, attrs)
@@ -202,5 +211,10 @@ def table(study: xr.Dataset) -> list[str]:
     if study.attrs["flagged"]:
         lines.append(
             f"  flagged members, whose later points are missing: {study.attrs['flagged']:,}"
+        )
+    if study.attrs["lost"]:
+        lines.append(
+            f"  crossings that were not found, since steps between the saves do not converge:"
+            f" {study.attrs['lost']:,}; save more often"
         )
     return lines
