@@ -11,6 +11,7 @@ from rigidmc.errors import SceneError
 from rigidmc.observables.protocol import Array, Record, event
 
 TABLE = "observables.flips"
+ALIKE = 1e-12  # two moments that differ by less, relative to the larger, are equal but for rounding
 _OUTPUTS = {
     "flips": (
         "1",
@@ -37,7 +38,8 @@ class Flips(NamedTuple):
     A flip is a change of sign of the angular momentum about the axis after L has come within an
     angle of either end of the axis. A free top that starts there flips every 2 K(m)/lambda
     (flip_interval of `rigidmc exact`), TdC (3.35) in closed form; a free top that wobbles about
-    another axis never flips.
+    another axis never flips. A body with two equal moments has no middle axis: unless `axis` names
+    one, it never flips, however it precesses.
 
     What comes and goes within a step counts too. With noise only the ends of steps are known.
 
@@ -72,19 +74,22 @@ class Flips(NamedTuple):
 
     def compiled(self, moments: Array, complete: bool, effects: Sequence[Any]) -> "Component":
         """The event for bodies of these moments (3, n); complete : whether these are all bodies."""
-        axes = [self.axis - 1]
+        axes, some_alike = [self.axis - 1], False
         if self.axis == 0:
             order = np.argsort(moments, axis=0, kind="stable")
             low, middle, high = np.take_along_axis(moments, order, axis=0)
-            if not np.any((middle - low > 1e-12 * high) & (high - middle > 1e-12 * high)):
+            different = (middle - low > ALIKE * middle) & (high - middle > ALIKE * high)
+            if not np.any(different):
                 rule = (
                     "no body of the scene has three different moments, so that none has a middle "
                     "axis; give axis = 1, 2 or 3"
                 )
                 raise SceneError(TABLE, "axis", self.axis, rule)
             axes = sorted({int(i) for i in order[1]}) if complete else [0, 1, 2]
+            some_alike = not complete or not different.all()
         one, two, three = (((0.0,) if i in axes else ()) for i in range(3))
-        return Component(one, two, three, math.cos(self.within) ** 2)
+        alike = (0.0,) if some_alike else ()
+        return Component(one, two, three, math.cos(self.within) ** 2, alike)
 
     def words(self) -> dict[str, Any]:
         """The axis and the angle."""
@@ -114,21 +119,37 @@ class Component(NamedTuple):
     one, two, three : (0.0,) if the axis of some body is this one, else (); if several are marked,
         the axis of the middle moment counts
     square : squared cosine of the angle within which the event arms
+    alike : (0.0,) if some bodies may have two equal moments, and then no flips, else ()
     """
 
     one: tuple[float, ...]
     two: tuple[float, ...]
     three: tuple[float, ...]
     square: float
+    alike: tuple[float, ...]
 
     def level(self, body, l):
         return component((self.one, self.two, self.three), body, l)
 
-    def armed(self, l, level, armed):
-        return armed | (level * level > self.square * dot(l, l))
+    def armed(self, body, l, level, armed):
+        near = armed | (level * level > self.square * dot(l, l))
+        return with_middle(self.alike, body, near)
 
     def past(self):
         return False
+
+
+def with_middle(alike, body, near):
+    """`near` for a body of three different moments; False for others, if there may be some."""
+    if len(alike) == 0:
+        return near
+    one, two, three = body.i1, body.i2, body.i3  # the inverse moments, as different as these
+    return near & unlike(one, two) & unlike(two, three) & unlike(three, one)
+
+
+def unlike(a, b):
+    """Whether two moments differ by more than rounding."""
+    return abs(a - b) > ALIKE * select(a > b, a, b)
 
 
 def component(marks, body, l):
