@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rigidmc.errors import OptionError, SceneError, SceneWarning
+from rigidmc.errors import FileError, OptionError, SceneError, SceneWarning
 from rigidmc.files.kinds import is_zarr
 from rigidmc.files.outputs import Path, refuse_existing
 from rigidmc.observables import OBSERVABLES, OUTCOMES, outputs, own
@@ -20,11 +20,13 @@ from rigidmc.runs.simulate import simulate
 from rigidmc.scene.amounts import counted, seconds
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.scene.settings import Run
+from rigidmc.scene.stored import refuse_twice
 from rigidmc.storage.export import write
 from rigidmc.storage.reader import open_result
 
-# variables of a member that the steps and saves decide; every other variable without times is part
-# of its start
+# by how much an input of a member may differ from what scene and seed give, of its size: versions
+# of scipy differ by 1e-12 in quantiles
+SAME_INPUT = 1e-6
 
 
 def rerun(
@@ -119,6 +121,7 @@ def chosen_members(member: int | range, run: Run, result: xr.Dataset, name: str)
     if not members or members.step != 1 or members[0] not in known or members[-1] not in known:
         rule = f"{name} has the members {known[0]} to {known[-1]}"
         raise OptionError("", "member", member, rule)
+    refuse_twice(result.member.values, name)
     if not np.isin(members, result.member.values).all():
         there = f"{result.sizes['member']:,} of its {run.members:,} members"
         raise OptionError("", "member", member, f"{name} has only {there}, and not this one")
@@ -211,6 +214,8 @@ def _compared(again: xr.Dataset, result: xr.Dataset, scene: Scene, source: str) 
             times = np.union1d(times, pair.times)
             rounded = digits is not None and pair.times.size > 0
         tolerance = 10.0 ** -(digits or 0) if rounded and not pair.name.endswith("_final") else None
+        if pair.times is None:
+            _refuse_other_inputs(pair, again.member.values, source)
         if not _equal(pair, tolerance):
             apart[pair.name] = float(np.nanmax(np.abs(pair.again - pair.before)))
     if apart:
@@ -225,6 +230,22 @@ def _compared(again: xr.Dataset, result: xr.Dataset, scene: Scene, source: str) 
         how = f"to the {digits} digits that were kept"
     count = f" at {times.size:,} times" if times.size else ""
     return f"equal {how}{count} in {', '.join(names)}"
+
+
+def _refuse_other_inputs(pair: Pair, members: NDArray[np.int64], source: str) -> None:
+    """FileError for inputs (..., member) that scene and seed do not give, as those of another run
+    have; rounding of another version is no matter."""
+    again, before = (np.reshape(x, (-1, members.size)) for x in (pair.again, pair.before))
+    size = np.nan_to_num(np.fmax(np.abs(again), np.abs(before))).max(0)
+    # inputs of impossible bodies and starts are nan
+    same = (np.abs(again - before) <= SAME_INPUT * size) | (np.isnan(again) & np.isnan(before))
+    other = np.flatnonzero(~same.all(0))
+    if other.size:
+        rule = (
+            f"the inputs of member {members[other[0]]} ({pair.name}) are not those of this scene"
+            " and seed: the result was changed, or put together from several runs"
+        )
+        raise FileError("", "member", None, rule, file=source)
 
 
 def _equal(pair: Pair, tolerance: float | None) -> bool:

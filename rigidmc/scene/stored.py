@@ -57,4 +57,16 @@ def _members(dataset: xr.Dataset, file: str) -> NDArray[Any]:
     members = dataset["member"].values
     if members.ndim != 1 or members.dtype.kind not in "iu" or members.min() < 0:
         raise FileError("", "member", None, "expected indices of members", file=file)
+    refuse_twice(members, file)
     return np.asarray(members)
+
+
+def refuse_twice(members: NDArray[Any], file: str) -> None:
+    """FileError if a result has a member more than once, as two results put together have."""
+    known, times = np.unique(members, return_counts=True)
+    if (times > 1).any():
+        rule = (
+            f"has member {known[times > 1][0]} more than once: these are members of several runs"
+            " put together; take the result of one run"
+        )
+        raise FileError("", "member", None, rule, file=file)
