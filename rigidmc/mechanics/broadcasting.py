@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rigidmc.arrays import floats
 from rigidmc.errors import SceneError
 
 Shape = tuple[int, ...]
@@ -20,13 +21,7 @@ def aligned(*arguments: tuple[str, ArrayLike, int]) -> tuple[Shape, list[NDArray
     """
     arrays = []
     for name, value, size in arguments:
-        try:
-            array = np.asarray(value, dtype=float)
-        except (TypeError, ValueError):
-            raise SceneError("", name, value, "expected numbers") from None
-        if size and (array.ndim == 0 or array.shape[-1] != size):
-            rule = f"has shape {array.shape}; its last axis must have {size} components"
-            raise SceneError("", name, None, rule)
+        array = floats(value, name, size)
         arrays.append(array if size else array[..., None])
     try:
         shape = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rigidmc.arrays import floats
 from rigidmc.errors import unknown
 from rigidmc.mechanics.rotation import euler_rate_matrix, hat
 
@@ -30,7 +31,7 @@ _FREE = (
 
 def matrix(coordinates: Coordinates, q: ArrayLike) -> NDArray[Any]:
     """A (..., 3, 3) at coordinates q (..., n), also at complex ones."""
-    q = np.asarray(q)
+    q = floats(q, "q", kinds="fiuc")
     if callable(coordinates):
         return np.asarray(coordinates(q))
     if coordinates == "rotation_vector":
@@ -52,7 +53,7 @@ def rate_matrix(coordinates: Coordinates, q: ArrayLike) -> NDArray[Any]:
     """
     if not callable(coordinates):
         _check_known(coordinates)
-        q = np.asarray(q)
+        q = floats(q, "q", 3, kinds="fiuc")
         if coordinates != "rotation_vector":
             return euler_rate_matrix(q, coordinates)
         _, second, third = _exponential_parts(q)
@@ -60,7 +61,7 @@ def rate_matrix(coordinates: Coordinates, q: ArrayLike) -> NDArray[Any]:
         rates: NDArray[Any] = np.eye(3) - second * k + third * (k @ k)
         return rates
     columns = []
-    a = matrix(coordinates, np.asarray(q, dtype=float))
+    a = matrix(coordinates, floats(q, "q"))
     for slope in _slopes(lambda x: matrix(coordinates, x), q, "coordinates A(q)"):
         m = np.swapaxes(a, -1, -2) @ slope
         one, two = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0]
@@ -75,7 +76,7 @@ def identity_residual(m: Callable[[NDArray[Any]], ArrayLike], q: ArrayLike) -> _
 
     m : function M(q) that takes complex numbers, e.g. lambda q: rate_matrix("zxz", q)
     """
-    value = np.asarray(m(np.asarray(q, dtype=float)))
+    value = np.asarray(m(floats(q, "q")))
     slopes = np.stack(list(_slopes(m, q, "M(q)")), -1)  # dM_is/dq_r as [..., i, s, r]
     epsilon = np.zeros((3, 3, 3))
     epsilon[[0, 1, 2], [1, 2, 0], [2, 0, 1]], epsilon[[0, 2, 1], [2, 1, 0], [1, 0, 2]] = 1.0, -1.0
@@ -96,7 +97,7 @@ def generalised_force(potential: Potential, coordinates: Coordinates, q: ArrayLi
 def torque_of_force(coordinates: Coordinates, q: ArrayLike, force: ArrayLike) -> _Floats:
     """Body torque tau = (M^-1)^T F (..., 3) of generalised forces (..., 3), TdC (3.33), (3.34)."""
     m = rate_matrix(coordinates, q)
-    column = np.asarray(force, dtype=float)[..., None]
+    column = floats(force, "force", 3)[..., None]
     tau: _Floats = np.linalg.solve(np.swapaxes(m, -1, -2), column)[..., 0]
     return tau
 
@@ -104,7 +105,7 @@ def torque_of_force(coordinates: Coordinates, q: ArrayLike, force: ArrayLike) ->
 def force_of_torque(coordinates: Coordinates, q: ArrayLike, torque: ArrayLike) -> _Floats:
     """Generalised forces F = M^T tau (..., n) of a body torque (..., 3)."""
     m = rate_matrix(coordinates, q)
-    force: _Floats = np.einsum("...ir,...i->...r", m, np.asarray(torque))
+    force: _Floats = np.einsum("...ir,...i->...r", m, floats(torque, "torque", 3))
     return force
 
 
@@ -115,7 +116,7 @@ def torque(potential: Potential, attitude: ArrayLike) -> _Floats:
 
     attitude : matrices A (..., 3, 3)
     """
-    a = np.asarray(attitude, dtype=float)
+    a = floats(attitude, "attitude", 3)
 
     def energy(e: NDArray[Any]) -> Any:
         return potential(a @ (np.eye(3) + hat(e)))
@@ -125,7 +126,7 @@ def torque(potential: Potential, attitude: ArrayLike) -> _Floats:
 
 def uniform_gravity(mass: float, centre: ArrayLike, g: float = 9.81) -> Potential:
     """V = m g z of the centre of mass (3,) [m] in body axes; its torque is -m g r x A^T e_z."""
-    centre = np.asarray(centre, dtype=float)
+    centre = floats(centre, "centre", 3)
     return lambda a: mass * g * (a[..., 2, :] * centre).sum(-1)
 
 
@@ -133,8 +134,8 @@ def spring(
     stiffness: float, body_point: ArrayLike, space_point: ArrayLike, rest_length: float = 0.0
 ) -> Potential:
     """V = k/2 (|A r - s| - l)^2 of a spring [N/m] from a body point r to a space point s [m]."""
-    body_point = np.asarray(body_point, dtype=float)
-    space_point = np.asarray(space_point, dtype=float)
+    body_point = floats(body_point, "body_point", 3)
+    space_point = floats(space_point, "space_point", 3)
 
     def potential(a: NDArray[Any]) -> Any:
         apart = a @ body_point - space_point
@@ -163,7 +164,7 @@ def equations_of_motion(
 
     moments : principal moments (3,) [kg m^2]
     """
-    moments = np.asarray(moments, dtype=float)
+    moments = floats(moments, "moments", 3)
 
     def rhs(t: float, y: _Floats) -> _Floats:
         q, rate = y[:3], y[3:]
@@ -198,7 +199,7 @@ def _slopes(
 
     ValueError if a complex step does not differentiate the function.
     """
-    q = np.asarray(q, dtype=float)
+    q = floats(q, "q")
     for r in range(q.shape[-1]):
         step = np.zeros(q.shape[-1])
         step[r] = 1.0

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import elliprd, elliprf, elliprj
 
+from rigidmc.arrays import floats
 from rigidmc.engine.formulas import evaluate
 from rigidmc.mechanics import jacobi as formulas
 
@@ -33,7 +34,7 @@ def jacobi(u: ArrayLike, m: ArrayLike | None = None, mc: ArrayLike | None = None
     |u|. nan if m is not in [0, 1] or u is not finite. mc below 1e-120 counts as 1e-120.
     """
     m, mc = _complements(m, mc)
-    u, m, mc = np.broadcast_arrays(np.asarray(u, dtype=float), m, mc)
+    u, m, mc = np.broadcast_arrays(floats(u, "u"), m, mc)
     values = evaluate(formulas.JacobiAt, 4, np.stack([u.ravel(), m.ravel(), mc.ravel()]))
     values[:, ~np.isfinite(u.ravel())] = np.nan
     return Jacobi(*values.reshape(4, *u.shape))
@@ -73,7 +74,7 @@ def third(
     DLMF 19.2.7 and 19.25.14; broadcasts.
     """
     turns, s, cc, dd, m, mc = _reduced(phi, m, mc)
-    n = np.asarray(n, dtype=float)
+    n = floats(n, "n")
     weight = elliprj(cc, dd, 1.0, 1.0 - n * s * s)
     value: _Floats = s * elliprf(cc, dd, 1.0) + n / 3.0 * s**3 * weight
     whole = elliprf(0.0, mc, 1.0) + n / 3.0 * elliprj(0.0, mc, 1.0, 1.0 - n)
@@ -90,7 +91,7 @@ def _complements(m: ArrayLike | None, mc: ArrayLike | None) -> tuple[_Floats, _F
     """(m, mc) from either, as arrays; nan outside [0, 1]."""
     if (m is None) == (mc is None):
         raise ValueError("give the parameter m or its complement mc = 1 - m, one of them")
-    given: Any = np.asarray(m if mc is None else mc, dtype=float)
+    given: Any = floats(m if mc is None else mc, "m" if mc is None else "mc")
     given = np.where((given >= 0.0) & (given <= 1.0), given, np.nan)
     return (given, 1.0 - given) if mc is None else (1.0 - given, given)
 
@@ -100,7 +101,7 @@ def _reduced(
 ) -> tuple[_Floats, _Floats, _Floats, _Floats, _Floats, _Floats]:
     """(n, sin rest, cos^2 rest, 1 - m sin^2 rest, m, mc) of phi = n pi + rest."""
     m, mc = _complements(m, mc)
-    phi = np.asarray(phi, dtype=float)
+    phi = floats(phi, "phi")
     n = np.round(phi / np.pi)
     rest = phi - n * np.pi
     s, cc = np.sin(rest), np.cos(rest) ** 2

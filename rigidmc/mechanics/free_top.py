@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rigidmc.arrays import floats
 from rigidmc.engine.formulas import evaluate
 from rigidmc.errors import flag
 from rigidmc.mechanics.broadcasting import Shape, aligned, spread
@@ -116,10 +117,10 @@ def free_top(moments: ArrayLike, momentum: ArrayLike, attitude: Attitude, t: Arr
     [[-0.084088, 0.492879, 0.173593], [0.184068, -0.464886, 0.197665]]
     """
     table, bodies, _ = _orbits(moments, momentum, attitude)
-    shape, index, times = spread(bodies, np.asarray(t, dtype=float))
+    shape, index, times = spread(bodies, floats(t, "t"))
     values = evaluate(Reached, 7, times[None], table, index).reshape(7, *shape)
     q, l = np.moveaxis(values[:4], 0, -1), np.moveaxis(values[4:], 0, -1)
-    return Motion(l, l / np.asarray(moments, dtype=float), q)
+    return Motion(l, l / floats(moments, "moments"), q)
 
 
 _AXES = np.array([[1, 3], [3, 2], [2, 1]])  # the axes of the body that `shift` made axes 1 and 3

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rigidmc.arrays import floats
 from rigidmc.dynamics.principal import Principal
 from rigidmc.errors import SceneError, flag
 
@@ -50,7 +51,7 @@ def of_particles(masses: ArrayLike, positions: ArrayLike) -> NDArray[np.float64]
 
     masses (..., N) [kg];  positions (..., N, 3) [m]. SceneError if their shapes do not fit.
     """
-    masses, positions = np.asarray(masses, dtype=float), np.asarray(positions, dtype=float)
+    masses, positions = floats(masses, "masses"), floats(positions, "positions")
     vectors = positions.ndim >= 2 and positions.shape[-1] == 3
     if not vectors or masses.shape[-1:] != positions.shape[-2:-1]:
         count = masses.shape[-1] if masses.ndim else 1
@@ -72,8 +73,10 @@ def moments_of_density(
     """
     x, y, z, volume = _nodes(region, points)
     try:
-        given = np.asarray(density(x, y, z) if callable(density) else density, dtype=float)
+        given = floats(density(x, y, z) if callable(density) else density, "density", table="body")
         values = np.broadcast_to(given, x.shape)
+    except SceneError:
+        raise
     except (TypeError, ValueError) as error:
         rule = f"must be a number or take and give arrays of one shape: {error}"
         raise SceneError("body", "density", None, rule) from None
@@ -101,7 +104,7 @@ def _nodes(region: tuple[Any, ...], points: int) -> tuple[NDArray[np.float64], .
 
     def stretched(low: Any, high: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(nodes, weights) from limits (...) to limits (...), along a new last axis."""
-        low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
+        low, high = floats(low, "region", table="body"), floats(high, "region", table="body")
         low, high = np.broadcast_arrays(low[..., None], high[..., None])
         if not (low <= high).all():
             rule = "a lower limit lies above its upper one, or is not finite"
@@ -133,7 +136,7 @@ def about_point(tensor: ArrayLike, mass: ArrayLike, offset: ArrayLike) -> NDArra
     tensor (..., 3, 3) about the centre of mass;  mass (...)
     offset : d (..., 3) between the two points, with either sign
     """
-    return np.asarray(tensor, dtype=float) + _of_point_mass(mass, offset)
+    return floats(tensor, "tensor") + _of_point_mass(mass, offset)
 
 
 def about_centre(tensor: ArrayLike, mass: ArrayLike, offset: ArrayLike) -> NDArray[np.float64]:
@@ -141,27 +144,27 @@ def about_centre(tensor: ArrayLike, mass: ArrayLike, offset: ArrayLike) -> NDArr
 
     The inverse of `about_point`.
     """
-    return np.asarray(tensor, dtype=float) - _of_point_mass(mass, offset)
+    return floats(tensor, "tensor") - _of_point_mass(mass, offset)
 
 
 def _of_point_mass(mass: ArrayLike, offset: ArrayLike) -> NDArray[np.float64]:
     """m (d^2 1 - d d^T) (..., 3, 3)."""
-    tensor: NDArray[np.float64] = np.asarray(mass, dtype=float)[..., None, None] * shift(
-        np.asarray(offset, dtype=float)
+    tensor: NDArray[np.float64] = floats(mass, "mass")[..., None, None] * shift(
+        floats(offset, "offset", 3)
     )
     return tensor
 
 
 def angular_momentum(tensor: ArrayLike, omega: ArrayLike) -> NDArray[np.float64]:
     """L = I omega (..., 3), TdC (3.25): along omega only on a principal axis."""
-    tensor, omega = np.asarray(tensor, dtype=float), np.asarray(omega, dtype=float)
+    tensor, omega = floats(tensor, "tensor", 3), floats(omega, "omega", 3)
     momentum: NDArray[np.float64] = np.einsum("...ij,...j->...i", tensor, omega)
     return momentum
 
 
 def kinetic_energy(tensor: ArrayLike, omega: ArrayLike) -> NDArray[np.float64]:
     """T = 1/2 omega I omega (...), TdC (3.16)."""
-    product = np.asarray(omega, dtype=float) * angular_momentum(tensor, omega)
+    product = floats(omega, "omega") * angular_momentum(tensor, omega)
     energy: NDArray[np.float64] = 0.5 * product.sum(-1)
     return energy
 
@@ -174,7 +177,7 @@ def survives(axis: ArrayLike, offset: ArrayLike, relative: float = 1e-12) -> NDA
 
     axis : e (..., 3);  offset : d of the point (..., 3);  relative : tolerance
     """
-    axis, offset = np.asarray(axis, dtype=float), np.asarray(offset, dtype=float)
+    axis, offset = floats(axis, "axis", 3), floats(offset, "offset", 3)
     size = np.linalg.norm(axis, axis=-1) * np.linalg.norm(offset, axis=-1)
     along, across = np.abs((axis * offset).sum(-1)), np.linalg.norm(np.cross(axis, offset), axis=-1)
     either: NDArray[np.bool_] = (along <= relative * size) | (across <= relative * size)
@@ -194,7 +197,7 @@ def principal_axes(tensor: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.f
     A tensor that is not symmetric, not positive or violates the triangle inequality gives nan, and
     a SceneWarning counts them. If all are bad, a SceneError says what is wrong.
     """
-    tensor = np.asarray(tensor, dtype=float)
+    tensor = floats(tensor, "tensor")
     if tensor.shape[-2:] != (3, 3):
         rule = f"has shape {tensor.shape}; its last two axes must be 3 and 3"
         raise SceneError("", "tensor", None, rule)
@@ -245,6 +248,6 @@ def growth_rate(moments: ArrayLike) -> NDArray[np.float64]:
 
     moments (..., 3) in any order. 0 if two are equal.
     """
-    one, two, three = np.moveaxis(np.sort(np.asarray(moments, dtype=float), axis=-1), -1, 0)
+    one, two, three = np.moveaxis(np.sort(floats(moments, "moments", 3), axis=-1), -1, 0)
     rate: NDArray[np.float64] = np.sqrt((two - one) / one * ((three - two) / three))
     return rate

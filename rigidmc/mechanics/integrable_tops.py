@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rigidmc.arrays import floats
 from rigidmc.errors import SceneError
 
 
@@ -24,7 +25,8 @@ def kovalevskaya(
 
     moments, c, momentum, up : (..., 3). SceneError for other moments or centres of mass.
     """
-    moments, c, momentum, up = (np.asarray(v, dtype=float) for v in (moments, c, momentum, up))
+    moments, c = floats(moments, "moments", 3), floats(c, "c", 3)
+    momentum, up = floats(momentum, "momentum", 3), floats(up, "up", 3)
     _check_ratio(moments, (2.0, 2.0, 1.0), "a Kovalevskaya top has I1 = I2 = 2 I3")
     rule = "a Kovalevskaya top has its centre of mass in the plane of axes 1 and 2"
     _check_zero(c[..., 2], c, "c", rule)
@@ -46,7 +48,8 @@ def goryachev_chaplygin(
 
     moments, c, momentum, up : (..., 3). SceneError for other moments, centres of mass or L_z.
     """
-    moments, c, l, up = (np.asarray(v, dtype=float) for v in (moments, c, momentum, up))
+    moments, c = floats(moments, "moments", 3), floats(c, "c", 3)
+    l, up = floats(momentum, "momentum", 3), floats(up, "up", 3)
     _check_ratio(moments, (4.0, 4.0, 1.0), "a Goryachev-Chaplygin top has I1 = I2 = 4 I3")
     rule = "a Goryachev-Chaplygin top has its centre of mass in the plane of axes 1 and 2"
     _check_zero(c[..., 2], c, "c", rule)
@@ -87,8 +90,8 @@ def grioli(moments: ArrayLike, weight: ArrayLike, t: ArrayLike) -> Precession:
     moments (..., 3) ascending [kg m^2];  weight k = m g |r| [N m];  t [s]. SceneError for moments
     that do not ascend.
     """
-    moments, k = np.asarray(moments, dtype=float), np.asarray(weight, dtype=float)
-    t = np.asarray(t, dtype=float)
+    moments, k = floats(moments, "moments", 3), floats(weight, "weight")
+    t = floats(t, "t")
     low, middle, high = np.moveaxis(moments, -1, 0)
     if not (np.all(low < middle) and np.all(middle < high) and np.all(k > 0)):
         rule = "Grioli's precession needs I1 < I2 < I3 and a weight"
@@ -123,7 +126,9 @@ def staude(
 
     moments, c, up : (..., 3), up of length 1.
     """
-    moments, c, up = np.broadcast_arrays(*(np.asarray(v, dtype=float) for v in (moments, c, up)))
+    moments, c, up = np.broadcast_arrays(
+        floats(moments, "moments", 3), floats(c, "c", 3), floats(up, "up", 3)
+    )
     inertia = moments * up
     arm, pull = np.cross(up, inertia), np.cross(up, c)
     with np.errstate(all="ignore"):

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rigidmc.arrays import floats
 from rigidmc.dynamics.quaternions import conjugate, multiply
 from rigidmc.engine.formulas import evaluate
 from rigidmc.errors import flag
@@ -142,7 +143,7 @@ def lagrange_top(
     [5.0, 5.0]
     """
     table, _, tops, _, below = _orbits(moments, weight, momentum, attitude, axis)
-    shape, index, times = spread(tops, np.asarray(t, dtype=float))
+    shape, index, times = spread(tops, floats(t, "t"))
     values = evaluate(Reached, 7, times[None], table, index)
     q = values[:4]
     with np.errstate(invalid="ignore"):  # a motion too fast for floats is nan
@@ -151,7 +152,7 @@ def lagrange_top(
         if axis != 3:
             q = np.stack(multiply(q, conjugate(_TURNS[axis])))
     l = np.moveaxis(np.roll(values[4:], axis - 3, 0).reshape(3, *shape), 0, -1)
-    omega = l / np.asarray(moments, dtype=float)
+    omega = l / floats(moments, "moments")
     return Motion(l, omega, np.moveaxis(q.reshape(4, *shape), 0, -1))
 
 
@@ -272,7 +273,7 @@ def effective_potential(
     moments (..., 3) with I_1 = I_2 [kg m^2];  weight k [N m];  p_phi = L_z, p_psi = L_3 [kg m^2/s]
     theta [rad]: at 0 and pi the limit of U, inf if it is not finite. All broadcast.
     """
-    moments = np.asarray(moments, dtype=float)
+    moments = floats(moments, "moments", 3)
     cosine, sine = np.cos(theta), np.sin(theta)
     with np.errstate(all="ignore"):
         across = np.where(
@@ -298,7 +299,7 @@ def steady_precession(
     nan if (I_3 omega_3)^2 < 4 I_1 k cos theta: there is no such precession. The fast rate is inf if
     cos theta = 0.
     """
-    moments = np.asarray(moments, dtype=float)
+    moments = floats(moments, "moments", 3)
     spin, rise = moments[..., 2] * omega3, moments[..., 0] * np.cos(theta)
     with np.errstate(all="ignore"):
         # the larger root first, which does not cancel
@@ -314,7 +315,7 @@ def sleeping_growth(moments: ArrayLike, weight: _Numbers, omega3: _Numbers) -> _
 
     moments (..., 3) with I_1 = I_2 [kg m^2];  weight k [N m];  omega3 [rad/s]. All broadcast.
     """
-    moments = np.asarray(moments, dtype=float)
+    moments = floats(moments, "moments", 3)
     square = 4.0 * moments[..., 0] * weight - (moments[..., 2] * omega3) ** 2
     rate: _Floats = np.sqrt(np.maximum(square, 0.0)) / (2.0 * moments[..., 0])
     return rate

@@ -11,6 +11,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rigidmc.arrays import floats
 from rigidmc.dynamics.elementary import sincos
 from rigidmc.dynamics.quaternions import multiply
 from rigidmc.errors import SceneError, flag
@@ -39,7 +40,7 @@ def quaternion(attitude: Attitude) -> _Floats:
     """
     if isinstance(attitude, Rotations):
         return np.asarray(attitude.as_quat(scalar_first=True))
-    array = np.asarray(attitude, dtype=float)
+    array = floats(attitude, "attitude")
     if array.shape[-2:] == (3, 3):
         return quaternion_from_matrix(array)
     if array.shape[-1:] != (4,):
@@ -81,7 +82,7 @@ def quaternion_from_matrix(matrix: ArrayLike, table: str = "", key: str = "matri
     """
     from scipy.spatial.transform import Rotation
 
-    array = np.asarray(matrix, dtype=float)
+    array = floats(matrix, "matrix")
     flat = array.reshape(-1, 3, 3)
     defect = np.abs(flat @ np.swapaxes(flat, -1, -2) - _EYE).max(axis=(-2, -1))
     mirrored = np.linalg.det(flat) < 0.0
@@ -117,7 +118,7 @@ def from_euler(angles: ArrayLike, convention: str = "zxz") -> _Floats:
 
     "zxz": A = Rz(phi) Rx(theta) Rz(psi), TdC (3.36);  "zyz": A = Rz(phi) Ry(theta) Rz(psi)
     """
-    phi, theta, psi = np.moveaxis(np.asarray(angles, dtype=float), -1, 0)
+    phi, theta, psi = np.moveaxis(floats(angles, "angles", 3), -1, 0)
     w, x, y, z = quaternion_from_euler(phi, theta, psi)
     return np.stack((w, x, y, z) if _is_zxz(convention) else (w, -y, x, z), -1)
 
@@ -141,7 +142,7 @@ def euler(attitude: Attitude, convention: str = "zxz") -> _Floats:
 
 def from_rotation_vector(vector: ArrayLike) -> _Floats:
     """Quaternions (..., 4) of rotation vectors (..., 3) [rad], of the length of the angle."""
-    v = np.asarray(vector, dtype=float)
+    v = floats(vector, "vector", 3)
     half = 0.5 * np.linalg.norm(v, axis=-1, keepdims=True)
     return np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * v], -1)
 
@@ -157,21 +158,21 @@ def rotation_vector(attitude: Attitude) -> _Floats:
 
 def to_space(attitude: Attitude, vector: ArrayLike) -> _Floats:
     """Space components x = A x' (..., 3) of vectors in body components, TdC (3.3)."""
-    vector = np.asarray(vector, dtype=float)
+    vector = floats(vector, "vector", 3)
     components: _Floats = np.einsum("...ij,...j->...i", matrix(attitude), vector)
     return components
 
 
 def to_body(attitude: Attitude, vector: ArrayLike) -> _Floats:
     """Body components x' = A^T x (..., 3) of vectors in space components, TdC (3.4), (3.5)."""
-    vector = np.asarray(vector, dtype=float)
+    vector = floats(vector, "vector", 3)
     components: _Floats = np.einsum("...ji,...j->...i", matrix(attitude), vector)
     return components
 
 
 def product(p: ArrayLike, q: ArrayLike) -> _Floats:
     """Hamilton products p q (..., 4): the rotation q first, then p."""
-    p, q = np.moveaxis(np.asarray(p), -1, 0), np.moveaxis(np.asarray(q), -1, 0)
+    p, q = np.moveaxis(floats(p, "p", 4), -1, 0), np.moveaxis(floats(q, "q", 4), -1, 0)
     return np.stack(multiply(p, q), -1)
 
 
@@ -212,7 +213,7 @@ def angular_velocity_of_series(
 
     SceneError for fewer than 2 samples, or times that do not ascend.
     """
-    t, q = np.asarray(t, dtype=float), quaternion(attitude)
+    t, q = floats(t, "t"), quaternion(attitude)
     if t.ndim != 1 or t.size < 2 or q.shape[0] != t.size or not np.all(np.diff(t) > 0):
         rule = (
             "give at least 2 ascending times and as many attitudes, "
@@ -239,7 +240,7 @@ def euler_rate_matrix(angles: ArrayLike, convention: str = "zxz") -> NDArray[Any
 
     angles (..., 3) [rad]; complex angles give a complex M
     """
-    _, theta, psi = np.moveaxis(np.asarray(angles), -1, 0)
+    _, theta, psi = np.moveaxis(floats(angles, "angles", 3, kinds="fiuc"), -1, 0)
     zero, one = 0.0 * theta, 1.0 + 0.0 * theta
     s, c, sp, cp = np.sin(theta), np.cos(theta), np.sin(psi), np.cos(psi)
     if _is_zxz(convention):
@@ -254,7 +255,7 @@ def omega_from_euler_rates(angles: ArrayLike, rates: ArrayLike, convention: str 
 
     omega_1 = phi' sin theta sin psi + theta' cos psi and so on
     """
-    rates = np.asarray(rates, dtype=float)
+    rates = floats(rates, "rates", 3)
     omega: _Floats = np.einsum("...ij,...j->...i", euler_rate_matrix(angles, convention), rates)
     return omega
 
@@ -264,7 +265,7 @@ def euler_rates(angles: ArrayLike, omega: ArrayLike, convention: str = "zxz") ->
 
     If sin(theta) = 0, phi' and psi' are not determined: they are nan, with a SceneWarning.
     """
-    angles, omega = np.asarray(angles, dtype=float), np.asarray(omega, dtype=float)
+    angles, omega = floats(angles, "angles", 3), floats(omega, "omega", 3)
     angles, omega = np.broadcast_arrays(angles, omega)
     one, two, three = np.moveaxis(omega, -1, 0)
     if not _is_zxz(convention):
@@ -282,13 +283,13 @@ def kinetic_energy_of_euler_rates(
 ) -> _Floats:
     """T = 1/2 sum I_i omega_i^2 (...) [J] of Euler angles and rates, TdC (3.39)."""
     omega = omega_from_euler_rates(angles, rates, convention)
-    energy: _Floats = 0.5 * (np.asarray(moments, dtype=float) * omega**2).sum(-1)
+    energy: _Floats = 0.5 * (floats(moments, "moments", 3) * omega**2).sum(-1)
     return energy
 
 
 def hat(v: ArrayLike) -> NDArray[Any]:
     """The matrices (..., 3, 3) with hat(v) x = v x x; complex v give complex ones."""
-    x, y, z = np.moveaxis(np.asarray(v), -1, 0)
+    x, y, z = np.moveaxis(floats(v, "v", 3, kinds="fiuc"), -1, 0)
     zero = 0.0 * x
     rows = (zero, -z, y), (z, zero, -x), (-y, x, zero)
     return np.stack([np.stack(row, -1) for row in rows], -2)

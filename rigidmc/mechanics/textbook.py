@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rigidmc.arrays import floats
 from rigidmc.errors import SceneError
 from rigidmc.mechanics import elliptic
 
@@ -16,12 +17,12 @@ def symmetric_omega(moments: ArrayLike, omega: ArrayLike, t: ArrayLike) -> NDArr
 
     moments [kg m^2], omega at t = 0 [rad/s] : (..., 3);  t (...) [s]. SceneError if I_1 != I_2.
     """
-    moments, omega = np.asarray(moments, dtype=float), np.asarray(omega, dtype=float)
+    moments, omega = floats(moments, "moments", 3), floats(omega, "omega", 3)
     if np.any(moments[..., 0] != moments[..., 1]):
         rule = "Example 3.5 is a body with I1 = I2; free_top takes any"
         raise SceneError("", "moments", moments.tolist(), rule)
     rate = (moments[..., 2] - moments[..., 0]) / moments[..., 0] * omega[..., 2]
-    angle = rate * np.asarray(t, dtype=float)
+    angle = rate * floats(t, "t")
     c, s = np.cos(angle), np.sin(angle)
     one = omega[..., 0] * c - omega[..., 1] * s
     two = omega[..., 1] * c + omega[..., 0] * s
@@ -49,8 +50,8 @@ def jacobi_omega(
     moments (..., 3) [kg m^2];  energy T (...) [J];  square L^2 (...) [kg^2 m^4/s^2];  t (...) [s].
     SceneError if the moments do not ascend; nan if no motion has these constants.
     """
-    moments, energy = np.asarray(moments, dtype=float), np.asarray(energy, float)
-    square, t = np.asarray(square, float), np.asarray(t, float)
+    moments, energy = floats(moments, "moments", 3), floats(energy, "energy")
+    square, t = floats(square, "square"), floats(t, "t")
     low, middle, high = np.moveaxis(moments, -1, 0)
     if not (np.all(low < middle) and np.all(middle < high)):
         rule = "Example 3.6 wants I1 < I2 < I3; free_top takes any"

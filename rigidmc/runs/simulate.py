@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from rigidmc.arrays import placed
 from rigidmc.engine.device import device as moved_on
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import SceneError, SceneWarning
@@ -134,6 +135,7 @@ def simulate(
 
 def _indices(members: NDArray[Any]) -> NDArray[np.int64]:
     """The indices of members as they are asked for; SceneError unless they rise from 0 or more."""
+    members = placed(members, "run", "members")
     sound = members.ndim == 1 and members.size and members.dtype.kind in "iu"
     if not sound or members[0] < 0 or not (np.diff(members) > 0).all():
         raise SceneError("run", "members", None, "expected indices of members that rise")

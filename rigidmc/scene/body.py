@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rigidmc.arrays import floats
 from rigidmc.errors import SceneError, nearest, unknown
 from rigidmc.mechanics import inertia, rotation, solids
 from rigidmc.scene import shape
@@ -103,13 +104,10 @@ class Body(MassDistribution, metaclass=_Hints):
         """
         if isinstance(tensor, UncertainInertia):
             return cls(tensor, mass, centre)
-        try:
-            matrix = np.asarray(tensor, dtype=float)
-        except (TypeError, ValueError):
-            matrix = np.empty(())
+        matrix = floats(tensor, "tensor", table="body")
         if matrix.shape != (3, 3):
             rule = (
-                f"expected 3x3 finite numbers, not {matrix.shape or 'laws or words'}; bodies that"
+                f"expected 3x3 finite numbers, not {matrix.shape or 'one number'}; bodies that"
                 " differ are given by moments, or by rm.UncertainInertia"
             )
             raise SceneError("body", "tensor", None, rule)
@@ -151,7 +149,8 @@ class Body(MassDistribution, metaclass=_Hints):
         >>> rm.Body.from_particles([1, 1, 1, 1], corners).moments
         (8.0, 2.0, 10.0)
         """
-        m, x = np.asarray(masses, dtype=float), np.asarray(positions, dtype=float)
+        m = floats(masses, "masses", table="body.particles")
+        x = floats(positions, "positions", table="body.particles")
         if m.ndim != 1 or x.shape != (m.size, 3):
             rule = f"{m.size} masses need positions of shape ({m.size}, 3), not {x.shape}"
             raise SceneError("body", "particles", None, rule)

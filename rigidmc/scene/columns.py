@@ -11,13 +11,15 @@ from rigidmc.files.reading import refuse_irregular
 from rigidmc.files.trial import refuse_unreadable
 
 SUFFIXES = (".csv", ".nc")
+_MOST = 6  # components of a variable
 
 
 def column(folder: str, file: str, name: str, table: str, key: str) -> NDArray[np.float64]:
     """A column of a file as an array; SceneError that names the file and its columns.
 
     CSV : comma-separated, with the names of the columns in the first line
-    netCDF : a variable with one dimension, or `name[i]` of a variable with the members last
+    netCDF : a variable with one dimension, or `name[i]` of a variable with the dimensions axis or
+        quat and member; without these names the members are last, and more than 6
     """
     path = os.path.join(folder or "", file)
     if not file.endswith(SUFFIXES):
@@ -34,9 +36,13 @@ def column(folder: str, file: str, name: str, table: str, key: str) -> NDArray[n
         error.rule += (
             "; columns are separated by commas"
             if file.endswith(".csv")
-            else "; columns are variables with one number per member"
+            else "; columns are variables with one number per member, and NAME[1], NAME[2], ... of"
+            " variables with the dimensions (axis, member)"
         )
         raise error
+    if columns[name] is None:
+        rule = f"{name} is the name of several columns: give each of them a name of its own"
+        raise SceneError(table, key, file, rule)
     values = np.ascontiguousarray(columns[name], float)
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
@@ -46,7 +52,7 @@ def column(folder: str, file: str, name: str, table: str, key: str) -> NDArray[n
 
 
 def _csv(path: str, table: str, key: str, file: str) -> dict[str, Any]:
-    """{name: values} of the columns of a CSV file; SceneError."""
+    """{name: values} of the columns of a CSV file, None for a name of several; SceneError."""
     refuse_irregular(path)
     with open(path, encoding="utf-8") as lines:
         try:
@@ -69,7 +75,8 @@ def _csv(path: str, table: str, key: str, file: str) -> dict[str, Any]:
             f" {rows.shape[1]}; columns are separated by commas"
         )
         raise SceneError(table, key, file, rule)
-    return dict(zip(names, rows.T, strict=True))
+    pairs = zip(names, rows.T, strict=True)
+    return {name: None if names.count(name) > 1 else values for name, values in pairs}
 
 
 def _netcdf(path: str) -> dict[str, Any]:
@@ -85,8 +92,22 @@ def _netcdf(path: str) -> dict[str, Any]:
             numeric = {str(k): v for k, v in file.data_vars.items() if v.dtype.kind in "fiu"}
             columns |= {name: v.values for name, v in numeric.items() if v.ndim == 1}
             for name, v in numeric.items():
-                if v.ndim == 2 and v.shape[0] <= 6:
-                    columns |= {f"{name}[{i + 1}]": v.values[i] for i in range(v.shape[0])}
+                rows = _components(v)
+                columns |= {f"{name}[{i + 1}]": row for i, row in enumerate(rows)}
     except (OSError, ValueError, TypeError, RuntimeError, KeyError, IndexError) as error:
         raise SceneError("", "file", None, f"cannot be read: {error}") from None
     return columns
+
+
+def _components(variable: Any) -> Any:
+    """The rows of a variable of two dimensions, one for each component; none if it has no
+    components, or does not say which dimension they are along."""
+    if variable.ndim != 2:
+        return ()
+    first, last = (name in ("axis", "quat") for name in variable.dims)
+    first, last = first or variable.dims[1] == "member", last or variable.dims[0] == "member"
+    rows = variable.values.T if last and not first else variable.values
+    named = first != last
+    # without names the members are last, unless both dimensions are short enough for components
+    short = len(rows) <= _MOST and (named or rows.shape[1] > _MOST)
+    return rows if short else ()

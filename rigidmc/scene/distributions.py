@@ -312,5 +312,10 @@ def _scipy_distribution(
 
 
 def is_number(value: Any) -> bool:
-    known = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
-    return known and math.isfinite(value)
+    known = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(
+        value, (bool, np.timedelta64)
+    )
+    try:
+        return known and math.isfinite(value)
+    except OverflowError:  # whole numbers of Python may be larger than floats
+        return False

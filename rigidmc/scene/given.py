@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from rigidmc.arrays import placed
 from rigidmc.dynamics.methods import implements, word_of
 from rigidmc.effects import EFFECTS, name_of
 from rigidmc.effects.parameters import shape
-from rigidmc.effects.protocol import Effect, is_effect
+from rigidmc.effects.protocol import Effect, facts, is_effect
 from rigidmc.errors import SceneError, unknown
 from rigidmc.integrators.protocol import Integrator
 from rigidmc.integrators.user_checks import known_facts
@@ -44,10 +45,9 @@ def checked_effect(effect: Any, driven: bool) -> Effect:
     table, values = f"effects.{name_of(effect)}", []
     for name, value in zip(effect._fields, effect, strict=True):
         size, (low, high) = shape(effect, name), limits(effect, name, driven)
-        if size is None and isinstance(value, (tuple, list)):
-            how = f'@effect(shapes={{"{name}": {len(value)}}})'
-            rule = f"a field that is a tuple needs its length: {how}"
-            raise SceneError(table, name, list(value), rule)
+        value = placed(value, table, name)
+        if isinstance(value, str) or (size is None and isinstance(value, (tuple, list))):
+            raise SceneError(table, name, value, _one_number(effect, name, value))
         one = quantity(value, table, name) if size is None else vector(value, table, name, size)
         for part in (one,) if size is None else one:
             if not is_open(part) and not (low <= np.min(part) and np.max(part) <= high):
@@ -55,6 +55,18 @@ def checked_effect(effect: Any, driven: bool) -> Effect:
                 raise SceneError(table, name, wrong, outside(effect, low, high))
         values.append(one)
     return type(effect)(*values)
+
+
+def _one_number(effect: Any, name: str, value: Any) -> str:
+    """The rule that text, or several numbers in place of one, break."""
+    kind, unit = type(effect), facts(effect).units.get(name, "1")
+    if kind not in EFFECTS.values() and not isinstance(value, str):
+        how = f'@effect(shapes={{"{name}": {len(value)}}})'
+        return f"a field that is a tuple needs its length: {how}"
+    size, unit = shape(effect, name), "" if unit == "1" else f" in {unit}"
+    what = "one number" if size is None else f"{size} numbers"
+    summary = (kind.__doc__ or "").splitlines()[0].rstrip(".")
+    return f"expected {what}{unit}, without a unit; {kind.__name__}: {summary}"
 
 
 def place(observable: Any) -> int:
@@ -76,7 +88,7 @@ def checked_observable(observable: Any) -> OverSteps | Observable:
         raise SceneError("observables", type(observable).__name__, None, rule)
     whole = {}  # 1e2 bins are 100 bins
     for name, kind in type(observable).__annotations__.items():
-        value = getattr(observable, name)
+        value = placed(getattr(observable, name), f"observables.{word}", name)
         real = isinstance(value, Real) and not isinstance(value, bool)
         if kind is int and real and float(value) == float(value) // 1:
             whole[name] = int(value)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rigidmc.arrays import floats
 from rigidmc.errors import SceneError
 from rigidmc.mechanics import inertia, rotation, turned_axes
 from rigidmc.mechanics.inertia import broken
@@ -62,13 +63,16 @@ class MassDistribution:
 
     def __post_init__(self) -> None:
         whole = isinstance(self.moments, Law)
+        uncertain = isinstance(self.moments, UncertainInertia)
         check = checked if whole else vector
         object.__setattr__(self, "moments", check(self.moments, "body", self.given))
         object.__setattr__(self, "mass", quantity(self.mass, "body", "mass"))
         object.__setattr__(self, "centre", vector(self.centre, "body", "centre"))
         if isinstance(self.moments, UncertainInertia):
             self._check_uncertain(self.moments)
-        elif self.axes != IDENTITY and not is_shared(self.centre):
+        else:
+            object.__setattr__(self, "axes", _checked_axes(self.axes))
+        if not uncertain and self.axes != IDENTITY and not is_shared(self.centre):
             rule = "a body given by a tensor takes plain numbers; give principal moments instead"
             raise SceneError("body", "centre", None, rule)
         if not is_open(self.mass) and not np.min(self.mass) > 0:
@@ -140,7 +144,7 @@ class MassDistribution:
         >>> body.to_principal((0.0, 0.0, 1.0)).round(12).tolist()
         [0.0, 0.0, 1.0]
         """
-        components: Array = np.asarray(vector, dtype=float) @ np.array(self.axes)
+        components: Array = floats(vector, "vector", 3) @ np.array(self.axes)
         return components
 
     def to_own(self, vector: ArrayLike) -> Array:
@@ -162,7 +166,7 @@ class MassDistribution:
         >>> body.to_own((0.0, 0.0, 1.0)).round(12).tolist()
         [0.0, 0.0, 1.0]
         """
-        components: Array = np.asarray(vector, dtype=float) @ np.array(self.axes).T
+        components: Array = floats(vector, "vector", 3) @ np.array(self.axes).T
         return components
 
     def own_attitude(self, attitude: ArrayLike) -> Array:
@@ -377,3 +381,18 @@ class MassDistribution:
         moments, turn = turned_axes.named(moments, axes, self.axes)
         centre = self._along_axes(np.stack([x, y, z]))
         return moments, mass, turned_axes.vectors_into(turn, centre), turn
+
+
+def _checked_axes(axes: Any) -> tuple[tuple[float, ...], ...]:
+    """Axes as a tuple of rows; SceneError unless they are a right-handed set of unit vectors."""
+    if isinstance(axes, tuple) and axes == IDENTITY:
+        return IDENTITY
+    columns = floats(axes, "axes", 3, "body")
+    square = columns.shape == (3, 3) and np.isfinite(columns).all()
+    # as of `rotation.quaternion_from_matrix`, without an import of scipy
+    if not square or np.abs(columns @ columns.T - np.eye(3)).max() > 1e-9:
+        rule = "expected 3x3 numbers whose columns are unit vectors at right angles"
+        raise SceneError("body", "axes", None, rule)
+    if np.linalg.det(columns) < 0.0:
+        raise SceneError("body", "axes", None, "are left-handed: turn one of them round")
+    return tuple(map(tuple, columns.tolist()))

@@ -102,7 +102,9 @@ class Parts:
         several = isinstance(self.effects, (list, tuple)) and not is_effect(self.effects)
         effects: Iterable[Any] = self.effects if several else (self.effects,)
         effects = canonical(tuple(checked_effect(e, self.run.anti_damping) for e in effects))
-        observables = sorted(map(checked_observable, self.observables), key=place)
+        alone = not isinstance(self.observables, (list, tuple)) or is_observable(self.observables)
+        given: Iterable[Any] = (self.observables,) if alone else self.observables
+        observables = sorted(map(checked_observable, given), key=place)
         for one in observables:
             if isinstance(one, Histogram):
                 check_histogram(one, observables)

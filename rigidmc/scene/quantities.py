@@ -8,6 +8,7 @@ from typing import Any, Protocol, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.arrays import placed
 from rigidmc.dynamics.functions import power
 from rigidmc.engine.streams import uniforms
 from rigidmc.errors import RigidmcError, SceneError
@@ -119,15 +120,17 @@ def quantity(value: Any, table: str, key: str) -> Any:
     anything else."""
     if isinstance(value, (Distribution, Grid)):
         return value
+    value = placed(value, table, key)
     if is_number(value):
         return float(value)
-    if isinstance(value, np.ndarray) and value.ndim == 1 and np.issubdtype(value.dtype, np.number):
+    if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind in "fiu":
         if not value.size:
             raise SceneError(table, key, None, "an array needs at least one row")
-        if not np.isfinite(value).all():
-            row = int(np.flatnonzero(~np.isfinite(value))[0])
-            raise SceneError(table, key, float(value[row]), f"row {row} is not finite")
-        column = np.array(value, dtype=float)
+        with np.errstate(over="ignore"):  # of long doubles
+            column = np.array(value, dtype=float)
+        if not np.isfinite(column).all():
+            row = int(np.flatnonzero(~np.isfinite(column))[0])
+            raise SceneError(table, key, float(column[row]), f"row {row} is not finite")
         column.flags.writeable = False
         return column
     rule = (
@@ -138,10 +141,14 @@ def quantity(value: Any, table: str, key: str) -> Any:
 
 def vector(values: Any, table: str, key: str, size: int = 3) -> tuple[Any, ...]:
     """A tuple of `size` quantities, from a sequence of them or an array (members, size)."""
-    if isinstance(values, np.ndarray) and values.ndim == 2 and values.shape[1] == size:
+    values = placed(values, table, key)
+    rule = f"expected {size} components, or an array of shape (members, {size})"
+    if isinstance(values, np.ndarray) and values.ndim != 1:
+        if values.ndim != 2 or values.shape[1] != size:
+            turned = "; give its transpose" if values.shape == (size, *values.shape[1:2]) else ""
+            raise SceneError(table, key, None, f"has the shape {values.shape}: {rule}{turned}")
         values = [np.ascontiguousarray(values[:, i]) for i in range(size)]
     if isinstance(values, str) or not hasattr(values, "__len__") or len(values) != size:
-        rule = f"expected {size} components, or an array of shape (members, {size})"
         raise SceneError(table, key, values, rule)
     return tuple(quantity(v, table, key) for v in values)
 

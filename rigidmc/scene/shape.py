@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rigidmc.arrays import floats
 from rigidmc.errors import SceneError, unknown
 from rigidmc.mechanics import rotation
 from rigidmc.mechanics.solids import COMPONENTS, SOLIDS
@@ -33,7 +34,7 @@ class Part(NamedTuple):
 
     def placed(self, at: ArrayLike, turned: ArrayLike = UPRIGHT) -> "Part":
         """The part after its body was turned about the origin, then moved."""
-        origin = rotation.to_space(turned, np.array(self.at)) + np.asarray(at, dtype=float)
+        origin = rotation.to_space(turned, np.array(self.at)) + floats(at, "at", 3)
         attitude = rotation.product(turned, self.turned)
         return self._replace(at=tuple(origin.tolist()), turned=tuple(attitude.tolist()))
 

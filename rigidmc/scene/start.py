@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.arrays import floats, placed
 from rigidmc.errors import SceneError, unknown
 from rigidmc.mechanics.rotation import quaternion_from_euler, quaternion_from_matrix
 from rigidmc.scene.laws import checked
@@ -207,22 +208,55 @@ def _attitude(value: Any) -> Any:
     if hasattr(value, "as_quat"):  # scipy's Rotation
         value = np.asarray(value.as_quat(scalar_first=True))
         value = value if value.ndim == 2 else tuple(value.tolist())
-    if not hasattr(value, "__len__") or isinstance(value, dict):
+    value = placed(value, "start", "attitude")
+    if not hasattr(value, "__len__"):
         rule = (
             'expected "uniform", "ensemble", a quaternion (w, x, y, z), Euler angles (phi, theta,'
             " psi), or a 3x3 matrix"
         )
         raise SceneError("start", "attitude", value, rule)
     shape = _shape(value)
-    if shape in ((3, 3), (len(value), 3, 3)):
-        q = quaternion_from_matrix(np.asarray(value, dtype=float), "start", "attitude")
+    if shape in ((3, 3), (len(value), 3, 3)) and not _is_columns(value):
+        matrices = floats(value, "attitude", table="start")
+        q = quaternion_from_matrix(matrices, "start", "attitude")
         value = tuple(q.tolist()) if q.ndim == 1 else q
     by_member = isinstance(value, np.ndarray) and len(shape) == 2
+    if by_member and shape[0] == 4:
+        _refuse_turned(value)
     size = 3 if (shape[1] if by_member else len(value)) == 3 else 4
     parts = vector(value, "start", "attitude", size)
     if size == 4:
         _check_quaternion(parts, value)
     return parts
+
+
+def _refuse_turned(value: Any) -> None:
+    """SceneError for four rows that are the components of quaternions and not those of members."""
+    rows, columns = (np.abs((value.astype(float) ** 2).sum(axis) - 1.0).max() for axis in (1, 0))
+    if columns < 1e-6 and (value.shape[1] != 4 or rows >= 1e-6):
+        rule = (
+            f"has the shape {value.shape}, and its columns are quaternions: an array has one row"
+            " per member; give its transpose"
+        )
+        raise SceneError("start", "attitude", None, rule)
+
+
+def _is_columns(value: Any) -> bool:
+    """Whether a value is Euler angles, each an array with one row per member, and no matrix;
+    SceneError if three arrays of three numbers could be both."""
+    if not isinstance(value, (list, tuple)) or not all(isinstance(x, np.ndarray) for x in value):
+        return False
+    if np.ndim(value[0]) != 1:
+        return False
+    columns = np.array(value, dtype=float)
+    if np.abs(columns @ columns.T - np.eye(3)).max() < 0.1:
+        rule = (
+            "three arrays of three numbers may be the rows of a matrix or Euler angles of three"
+            " members: give a matrix as one array, np.array(rows), and Euler angles as quaternions,"
+            " rigidmc.mechanics.rotation.from_euler(np.column_stack(angles))"
+        )
+        raise SceneError("start", "attitude", None, rule)
+    return True
 
 
 def _check_quaternion(parts: tuple[Any, ...], value: Any) -> None:

@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
+from rigidmc.arrays import floats
 from rigidmc.mechanics.free_top import free_motion, free_top
 from rigidmc.views.figure import GREY, HALO, INK, LIGHT, PATH, figure_of, new_figure
 from rigidmc.views.sphere import family
@@ -66,7 +67,7 @@ def polhodes(moments: ArrayLike, momentum: ArrayLike, axes: Axes | None = None) 
     moments (3,) [kg m^2], momentum (3,) [kg m^2/s] in principal axes
     """
     axes = axes if axes is not None else new_figure("", (5.2, 5.4)).add_subplot()
-    moments, momentum = np.asarray(moments, dtype=float), np.asarray(momentum, dtype=float)
+    moments, momentum = floats(moments, "moments", 3), floats(momentum, "momentum", 3)
     draw_sphere(axes, ("1", "2", "3"))
     curves, separatrices = family(moments)
     for curve in curves:

@@ -7,6 +7,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.arrays import floats, placed
 from rigidmc.dynamics.methods import word_of
 from rigidmc.errors import SceneError
 from rigidmc.scene.distributions import Distribution
@@ -117,9 +118,9 @@ def number(value: Any, where: str, name: str, least: float = -np.inf) -> Any:
 
     Of a distribution the 1e-9 quantile counts. A normal distribution is taken as meant.
     """
+    value = quantity(value, where, name)
     if isinstance(value, np.ndarray):
         raise SceneError(where, name, None, "expected a number, a distribution or a grid")
-    value = quantity(value, where, name)
     if isinstance(value, Distribution):
         low = 0.0 if value.name == "normal" else value.least()
     else:
@@ -131,6 +132,7 @@ def number(value: Any, where: str, name: str, least: float = -np.inf) -> Any:
 
 def numbers(values: Any, where: str, name: str, size: int) -> tuple[Any, ...]:
     """`size` numbers, distributions or grids; SceneError."""
+    values = placed(values, where, name)
     if isinstance(values, str) or not hasattr(values, "__len__") or len(values) != size:
         raise SceneError(where, name, values, f"expected {size} numbers")
     return tuple(number(x, where, name) for x in values)
@@ -141,10 +143,7 @@ def matrix(value: Any, where: str, name: str, sizes: Sequence[int]) -> tuple[Any
     SceneError."""
     wanted = " or ".join(f"{size}x{size}" for size in sizes)
     rule = f"expected a symmetric matrix of {wanted} finite numbers without negative eigenvalues"
-    try:
-        array = np.asarray(value, float)
-    except (TypeError, ValueError):
-        raise SceneError(where, name, None, rule) from None
+    array = floats(value, name, table=where, rule=rule)
     if array.shape not in {(size, size) for size in sizes} or not np.isfinite(array).all():
         raise SceneError(where, name, array.tolist(), rule)
     scale = np.sqrt(np.abs(array.diagonal()))

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from rigidmc.arrays import floats
 from rigidmc.dynamics.functions import cosine, sine
 from rigidmc.errors import SceneError
 from rigidmc.scene.distributions import Distribution
@@ -166,10 +167,7 @@ def lower_factor(c: Any) -> tuple[tuple[float, ...], ...]:
 def _covariance(value: Any, where: str) -> tuple[tuple[float, ...], ...]:
     """A symmetric positive definite 3x3 matrix as a tuple of rows; SceneError."""
     rule = "expected a symmetric matrix of 3x3 finite numbers"
-    try:
-        matrix = np.asarray(value, float)
-    except (TypeError, ValueError):
-        raise SceneError(where, "covariance", value, rule) from None
+    matrix = floats(value, "covariance", table=where, rule=rule)
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
         raise SceneError(where, "covariance", matrix.tolist(), rule)
     if np.abs(matrix - matrix.T).max() > 1e-9 * np.abs(matrix).max():
