@@ -183,8 +183,10 @@ def lagrange_motion(
     Nutation
         a NamedTuple of arrays (...):
 
-        - kind: "at rest", "sleeping", "steady precession", "homoclinic", "pendulum", "cusps",
-          "loops", "monotone precession" (waves), or "invalid" for bad input
+        - kind: "at rest", "sleeping" (upright, and stable: (I_3 omega_3)^2 >= 4 I_1 k), "unstable"
+          (upright, below that), "hanging" (it spins about the vertical), "steady precession",
+          "homoclinic", "pendulum", "cusps", "loops", "monotone precession" (waves), or "invalid"
+          for bad input
         - p_phi, p_psi: the constants L_z and L_3 [kg m^2/s] of TdC (3.40), (3.41)
         - energy: E [J], with the potential k cos theta
         - low, high: theta [rad] at the lowest and at the highest point of the axis: low is the
@@ -216,7 +218,8 @@ def lagrange_motion(
     (a, c, k, l1, l2, l3), q = columns[:6], columns[6:]
     with np.errstate(all="ignore"):
         fixed = (o.width <= SAME) | (o.v1 == o.v2)
-        vertical = fixed & ((o.v1 <= SAME) | (o.y2 <= SAME))
+        upright, hanging = fixed & (o.v1 <= SAME), fixed & (o.y2 <= SAME) & (k > 0.0)
+        awake = l3**2 < 4.0 * a * k * (1.0 - SAME)
         homoclinic = ~fixed & (o.mc < SAME)
         period = np.where(fixed | (o.mc == 0.0), np.inf, 2.0 * o.quarter / o.rate)
         lower, upper = o.e_minus + o.b * o.v1, o.e_minus + o.b * o.v2
@@ -231,7 +234,9 @@ def lagrange_motion(
         kinds = {
             "invalid": bad,
             "at rest": fixed & (l1**2 + l2**2 + l3**2 == 0.0),
-            "sleeping": vertical,
+            "unstable": upright & awake,
+            "hanging": hanging,
+            "sleeping": upright | (fixed & (o.y2 <= SAME)),  # without a weight either end is up
             "steady precession": fixed,
             "homoclinic": homoclinic,
             "pendulum": np.maximum(np.abs(o.e_plus), np.abs(o.b)) <= SAME * o.rate,
@@ -274,6 +279,8 @@ def effective_potential(
     theta [rad]: at 0 and pi the limit of U, inf if it is not finite. All broadcast.
     """
     moments = floats(moments, "moments", 3)
+    weight, p_phi = floats(weight, "weight"), floats(p_phi, "p_phi")
+    p_psi, theta = floats(p_psi, "p_psi"), floats(theta, "theta")
     cosine, sine = np.cos(theta), np.sin(theta)
     with np.errstate(all="ignore"):
         across = np.where(
@@ -296,16 +303,20 @@ def steady_precession(
     moments (..., 3) with I_1 = I_2 [kg m^2];  weight k [N m];  omega3 [rad/s];  theta [rad]. All
     broadcast.
 
-    nan if (I_3 omega_3)^2 < 4 I_1 k cos theta: there is no such precession. The fast rate is inf if
-    cos theta = 0.
+    nan if (I_3 omega_3)^2 < 4 I_1 k cos theta: there is no such precession. If cos theta = 0 to
+    rounding (9e-16) there is one, and the fast rate is inf.
     """
     moments = floats(moments, "moments", 3)
-    spin, rise = moments[..., 2] * omega3, moments[..., 0] * np.cos(theta)
+    omega3, theta = floats(omega3, "omega3"), floats(theta, "theta")
+    weight, cosine = floats(weight, "weight"), np.cos(theta)
+    # the cosine of pi/2 is 6e-17, and that of an angle from a quaternion has errors of 2e-16
+    cosine = np.where(np.abs(cosine) <= 4.0 * np.finfo(float).eps, 0.0, cosine)
+    spin, rise = moments[..., 2] * omega3, moments[..., 0] * cosine
     with np.errstate(all="ignore"):
         # the larger root first, which does not cancel
         root = np.copysign(np.sqrt(spin**2 - 4.0 * rise * weight), spin)
         larger = 0.5 * (spin + root)
-        return weight / larger, larger / rise
+        return np.where(larger == 0.0, np.nan, weight / larger), larger / rise
 
 
 def sleeping_growth(moments: ArrayLike, weight: _Numbers, omega3: _Numbers) -> _Floats:
@@ -316,6 +327,7 @@ def sleeping_growth(moments: ArrayLike, weight: _Numbers, omega3: _Numbers) -> _
     moments (..., 3) with I_1 = I_2 [kg m^2];  weight k [N m];  omega3 [rad/s]. All broadcast.
     """
     moments = floats(moments, "moments", 3)
-    square = 4.0 * moments[..., 0] * weight - (moments[..., 2] * omega3) ** 2
+    omega3 = floats(omega3, "omega3")
+    square = 4.0 * moments[..., 0] * floats(weight, "weight") - (moments[..., 2] * omega3) ** 2
     rate: _Floats = np.sqrt(np.maximum(square, 0.0)) / (2.0 * moments[..., 0])
     return rate

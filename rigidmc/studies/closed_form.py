@@ -15,6 +15,7 @@ from rigidmc.planning.closed_form import NONE, Case, closed_form
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.scene import Scene
 
+_UP = ("sleeping", "unstable")  # kinds of motion of an upright top
 Motions = list[tuple[NDArray[np.int_], Kind | Nutation]]  # [(members, their motion)]
 
 
@@ -92,13 +93,15 @@ def _steady(case: Case, motions: Motions, first: int) -> Iterator[str]:
     """Lines on the precessions without nutation, and the least spin of a sleeping top, of the first
     Lagrange top; Goldstein, Classical Mechanics, section 5.7, and TdC (3.77)."""
     for (form, members, part), (_, motion) in zip(case.parts(), motions, strict=True):
-        if isinstance(motion, Kind) or motion.kind[0] in ("at rest", "sleeping", "pendulum"):
+        if isinstance(motion, Kind) or motion.kind[0] in (*_UP, "at rest", "hanging", "pendulum"):
             continue
         moments, weight = np.roll(part.moments[0], 3 - form), part.weight[0]
         spin = part.momentum[0, form - 1] / moments[2]
         theta = float(np.arccos(np.clip(matrix(part.attitude[0])[2, form - 1], -1.0, 1.0)))
         slow, fast = steady_precession(moments, weight, spin, theta)
-        if np.isfinite(slow):
+        if np.isinf(fast):
+            words = f"{slow:.6g} rad/s, and no fast one"
+        elif np.isfinite(slow):
             words = f"slow {slow:.6g}, fast {fast:.6g} rad/s"
         else:
             least = 2.0 * np.sqrt(moments[0] * weight * np.cos(theta)) / moments[2]
@@ -117,10 +120,10 @@ def _sleep(case: Case, motions: Motions) -> Iterator[str]:
             continue
         moments = np.roll(part.moments, 3 - form, -1)
         spin, weight = part.momentum[:, form - 1] / moments[:, 2], part.weight
-        up = (motion.kind == "sleeping") & (motion.energy > 0.5 * moments[:, 2] * spin**2)
+        up = np.isin(motion.kind, _UP) & (weight != 0.0)
         growth = sleeping_growth(moments, np.abs(weight), spin)[up]
-        counts["stable"] += int((growth == 0.0).sum())
-        counts["unstable"] += int((growth > 0.0).sum())
+        counts["stable"] += int((motion.kind[up] == "sleeping").sum())
+        counts["unstable"] += int((motion.kind[up] == "unstable").sum())
         spins += list(2.0 * np.sqrt(moments[up, 0] * np.abs(weight[up])) / moments[up, 2])
         fastest = max(fastest, growth.max(initial=0.0))
     if spins:

@@ -15,6 +15,7 @@ from rigidmc.mechanics.rotation import (
     from_euler,
     matrix,
     omega_from_euler_rates,
+    product,
 )
 from rigidmc.studies.problems import PROBLEMS
 from tests import reference
@@ -118,7 +119,8 @@ def test_sleeping_top_stays_and_its_stability():
         half = 0.5 * spin / 0.7 * 1e3
         # 1.8e-12
         assert attitude_error(end.attitude[1], (np.cos(half), 0, 0, np.sin(half))) < 1e-11
-        assert lagrange_motion(I, K, (0.0, 0.0, spin), (1.0, 0, 0, 0)).kind == "sleeping"
+        kind = "sleeping" if spin == 6.0 else "unstable"  # from 2 sqrt(I1 k) = 3.3 on
+        assert lagrange_motion(I, K, (0.0, 0.0, spin), (1.0, 0, 0, 0)).kind == kind
     growth = sleeping_growth(I, K, 0.6 / 0.7)
     assert sleeping_growth(I, K, 6.0 / 0.7) == 0.0
     tilt = [
@@ -126,6 +128,53 @@ def test_sleeping_top_stays_and_its_stability():
         for t in (8.0, 9.0)
     ]
     assert np.log(tilt[1] / tilt[0]) == pytest.approx(growth, rel=1e-6)
+
+
+UP = (1.0, 0.0, 0.0, 0.0)
+
+
+def test_upright_tops_sleep_where_a_small_tilt_stays_small():
+    """400 tops in units from 1e-20 to 1e20, either way up, about each axis. The truth is the motion
+    from a tilt of 1e-7: below the threshold it grows 3,000 times and more in 30 of the times
+    sqrt(I_1/k), above it 4 times and less. Exactly at the threshold a top sleeps."""
+    rng, seen = np.random.default_rng(15), []
+    for number in range(400):
+        a, c, k = rng.uniform(0.5, 2.0, 3) * 10.0 ** rng.integers(-20, 21)
+        k *= 10.0 ** rng.integers(-12, 13)  # times from 1e-6 to 1e6 s
+        ratio = rng.choice([0.0, 0.3, 0.9, 0.97, 1.03, 1.2, 5.0]) * rng.choice([-1.0, 1.0])
+        weight, hangs = k * rng.choice([-1.0, 1.0]), number % 3 == 0
+        turned = (weight > 0.0) == hangs
+        q = (0.0, 1.0, 0.0, 0.0) if turned else UP
+        axis = rng.integers(1, 4)
+        q = product(q, {1: (0.5, -0.5, -0.5, -0.5), 2: (0.5, 0.5, 0.5, 0.5), 3: UP}[axis])
+        moments, l = (
+            np.roll((a, a, c), axis),
+            np.roll((0.0, 0.0, 2.0 * ratio * np.sqrt(a * k)), axis),
+        )
+        kind = lagrange_motion(moments, weight, l, q, int(axis)).kind
+        t = np.linspace(0.0, 30.0, 400) * np.sqrt(a / k)
+        tilted = product(q, (1.0, *np.roll((0.5e-7, 0.0, 0.0), axis)))
+        motion = lagrange_top(moments, weight, l, tilted, t, int(axis))
+        tilt = np.linalg.norm(np.cross(matrix(motion.attitude)[:, :, axis - 1], (0, 0, 1)), axis=-1)
+        grows = tilt.max() / 1e-7
+        seen.append((kind, grows))
+        wanted = "hanging" if hangs else "sleeping" if abs(ratio) > 1.0 else "unstable"
+        assert kind == (wanted if ratio else "at rest")
+        # measured: 4.18 at most, 3,023 at least
+        assert (grows < 6.0) if hangs or abs(ratio) > 1.0 else (grows > 2e3), (ratio, grows)
+    assert {kind.item() for kind, _ in seen} == {"hanging", "sleeping", "unstable", "at rest"}
+    threshold = (0.0, 0.0, 2.0 * np.sqrt(I[0] * K))
+    assert lagrange_motion(I, K, threshold, (1.0, 0, 0, 0)).kind == "sleeping"
+    assert lagrange_motion(I, 0.0, (0.0, 0.0, 1.0), (0, 1.0, 0, 0)).kind == "sleeping"
+
+
+def test_a_horizontal_axis_has_one_steady_precession():
+    for theta in (0.5 * np.pi, np.arccos(2e-16), np.arccos(-2e-16)):
+        slow, fast = steady_precession(I, K, 4.0, theta)
+        assert slow == pytest.approx(K / (I[2] * 4.0), rel=1e-15) and np.isinf(fast)  # k/(I3 w3)
+        assert np.isnan(steady_precession(I, K, 0.0, theta)).all()
+    slow, fast = steady_precession(I, K, 4.0, np.arccos(1e-12))
+    assert fast == pytest.approx(4.0 * I[2] / (I[0] * 1e-12), rel=1e-3)  # measured 9e-5
 
 
 def test_kinds_of_motion_and_their_angles():
