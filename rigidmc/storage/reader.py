@@ -13,7 +13,7 @@ from rigidmc.storage.border import as_result
 
 def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     """A result as a Dataset that is read lazily; FileError if the file is no result of rigidmc, see
-    `rigidmc.storage.border`."""
+    `rigidmc.storage.border`. Variables that a user added are kept."""
     path = os.fspath(path)
     dataset = open_undecoded(path)
     try:
@@ -28,14 +28,28 @@ def open_result(path: str | os.PathLike[str]) -> xr.Dataset:
     except BaseException:
         dataset.close()
         raise
-    if strange:
-        more = f" and {len(strange) - 5:,} more" if len(strange) > 5 else ""
-        names = ", ".join(strange[:5]) + more
+    left = []
+    for name in strange:
+        try:
+            result = result.assign({name: _added(dataset, name)})
+        except Exception:  # attributes of a file from outside may be anything
+            left.append(name)
+    if left:
+        more = f" and {len(left) - 5:,} more" if len(left) > 5 else ""
+        names = ", ".join(left[:5]) + more
         warnings.warn(
-            f"{path}: left out variables that no result of its scene has: {names}",
+            f"{path}: left out variables whose attributes cannot be decoded: {names}",
             SceneWarning,
             stacklevel=3,
         )
     result.set_close(dataset.close)
     result.encoding["source"] = dataset.encoding.get("source", os.path.abspath(path))
     return result
+
+
+def _added(dataset: xr.Dataset, name: str) -> xr.Variable:
+    """A variable that a user added to a result, as xarray reads it."""
+    whole = xr.Dataset({name: dataset.variables[name]})
+    decoded = xr.decode_cf(whole, decode_timedelta=False)
+    variable: xr.Variable = decoded.variables[name]
+    return variable

@@ -7,6 +7,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.dynamics.methods import implements
+from rigidmc.views.lazy import applied
 
 
 class States:
@@ -61,7 +62,8 @@ class States:
         Returns
         -------
         xarray.DataArray
-            vectors in the described axes, or attitudes of these
+            vectors in the described axes, or attitudes of these; lazy if the result is, and dask is
+            there
 
         Raises
         ------
@@ -87,16 +89,20 @@ class States:
             rule = "no vector in the body and no attitude of this result"
             raise ValueError(f"{name}: {rule}")
         kind = "quat" if "quat" in given.dims else "axis"
-        values = given.transpose(..., "member", kind)
-        turn = quaternion(np.array(body.axes))
+        axes = quaternion(np.array(body.axes))
+
+        def turned(values: NDArray[Any], own: NDArray[Any] | None = None) -> NDArray[Any]:
+            turn = axes if own is None else product(axes, own)
+            if kind == "axis":
+                return to_space(turn, values)
+            return product(values, np.stack(conjugate(np.moveaxis(turn, -1, 0)), -1))
+
+        parts = [(given, [kind])]
         if "principal_axes" in ds:
-            turn = product(turn, ds.principal_axes.transpose("member", "quat").values)
-        if kind == "axis":
-            found = to_space(turn, values.values)
-        else:
-            found = product(values.values, np.stack(conjugate(np.moveaxis(turn, -1, 0)), -1))
+            parts.append((ds.principal_axes.rename(quat="own"), ["own"]))
+        found = applied(turned, parts, [kind]).transpose(*given.dims)
         text = f"{given.attrs.get('long_name', name)}; in the described axes"
-        return values.copy(data=found).assign_attrs(long_name=text).transpose(*given.dims)
+        return found.assign_coords(given.coords).assign_attrs({**given.attrs, "long_name": text})
 
     def momentum(self) -> xr.DataArray:
         """Angular momentum in body axes, saved or from omega.
@@ -159,11 +165,18 @@ class States:
                 ' run with save=("attitude",) and keep="full"'
             )
         q = self._dataset.attitude.transpose("time", "member", "quat")
+        three = {"three": 3}
         words = {"phi": "precession", "theta": "nutation", "psi": "proper rotation"}
-        angles = np.moveaxis(euler(q.values), -1, 0)
+        angles = applied(
+            euler, [(q.rename(quat="angle").drop_vars("angle"), ["angle"])], ["three"], three
+        )
         variables = {
-            name: (("time", "member"), values, {"units": "rad", "long_name": f"angle of {word}"})
-            for (name, word), values in zip(words.items(), angles, strict=True)
+            name: (
+                ("time", "member"),
+                angles[..., i].variable.data,
+                {"units": "rad", "long_name": f"angle of {word}"},
+            )
+            for i, (name, word) in enumerate(words.items())
         }
         return xr.Dataset(variables, {name: q[name] for name in ("time", "member")})
 
@@ -192,9 +205,10 @@ class States:
         from rigidmc.mechanics.free_top import free_motion
 
         l = self.momentum().transpose("time", "member", "axis")
-        moments = np.broadcast_to(self._dataset.moments.transpose("member", "axis").values, l.shape)
+        parts = [(self._dataset.moments, ["axis"]), (l, ["axis"])]
+        phase = applied(lambda moments, l: free_motion(moments, l).phase, parts)
         return xr.DataArray(
-            free_motion(moments, l.values).phase,
+            phase.transpose("time", "member").variable.data,
             {name: l[name] for name in ("time", "member")},
             ("time", "member"),
             attrs={"units": "1", "long_name": "phase of the free motion, of its period"},

@@ -184,14 +184,35 @@ def test_encodings_in_a_result_are_not_decoded(result, tmp_path):
         assert odd.identical(good) and list(odd.quat.values) == ["w", "x", "y", "z"]
 
 
-def test_unknown_variables_of_a_result_are_left_out(result, tmp_path):
+def test_variables_that_a_user_added_are_kept(result, tmp_path):
+    """Of any type and dimensions, decoded as xarray decodes them."""
+    with rm.open(str(result)) as ds:
+        mine = ds.load().assign(
+            tip=("member", np.arange(40.0)),
+            good=("member", np.arange(40) % 3 == 0),
+            tag=("member", [f"run {i}" for i in range(40)]),
+            when=("member", np.datetime64("2026-01-01") + np.arange(40).astype("m8[D]")),
+            sensor=("sensor", [1.0, np.nan, 3.0]),
+            counts=(("time", "member"), np.ones((ds.sizes["time"], 40), int)),
+        )
+        mine = mine.assign_coords(site=("sensor", [5, 6, 7]), batch=7)
+        packed = {"dtype": "i2", "scale_factor": 0.5, "_FillValue": -99}
+        mine.to_netcdf(tmp_path / "mine.nc", encoding={"tip": packed})
+        mine.drop_vars(["tag", "quat"]).to_zarr(tmp_path / "mine.zarr", consolidated=False)
+    for name in ("mine.nc", "mine.zarr"):
+        with rm.open(tmp_path / name) as found:
+            for added in {"tip", "good", "tag", "when", "sensor", "counts", "site", "batch"} - (
+                {"tag"} if name == "mine.zarr" else set()
+            ):
+                wanted = mine[added].reset_coords(drop=True)
+                assert found[added].reset_coords(drop=True).equals(wanted), (name, added)
+            assert found.rigid.rerun(3).attrs["rerun"].startswith("equal to the bit")
+
+
+def test_what_cannot_be_decoded_is_left_out(result, tmp_path):
     def change(file):
-        file.variables["mine"] = [
-            ("member",),
-            "f8",
-            {"units": "days since 2000-01-01"},
-            np.zeros(40),
-        ]
+        about = {"units": "days since the flood", "calendar": "lunar"}
+        file.variables["mine"] = [("member",), "f8", about, np.zeros(40)]
 
     with (
         pytest.warns(SceneWarning, match="left out.*mine"),
