@@ -1,11 +1,14 @@
 """Locks of open files, which end with the process that holds them, whatever ends it."""
 
+import contextlib
 import errno
 import os
 import sys
 import tempfile
+import weakref
 from typing import IO, Any
 
+from rigidmc.files.forks import let_go
 from rigidmc.files.outputs import naming
 
 if sys.platform == "win32":
@@ -18,10 +21,21 @@ WITHOUT_LOCKS = (
     "With HDF5_USE_FILE_LOCKING=FALSE in the environment it works without locks; "
     "then make sure that only one process writes there"
 )
+_held: weakref.WeakSet[IO[Any]] = weakref.WeakSet()
+
+
+def _forked() -> None:
+    """In a fork: the locks are those of its origin, and end with that."""
+    let_go([file.fileno() for file in _held if not file.closed])
+    _held.clear()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forked)
 
 
 def lock(file: IO[Any], name: str, shared: bool = False) -> None:
-    """Hold the lock of an open file until the file is closed.
+    """Hold the lock of an open file until `unlock`, or the end of the process.
 
     Raises BlockingIOError if another process holds it, and OSError if the file system has no locks,
     unless the environment has HDF5_USE_FILE_LOCKING=FALSE.
@@ -30,6 +44,7 @@ def lock(file: IO[Any], name: str, shared: bool = False) -> None:
     """
     try:
         with naming(name):
+            _held.add(file)  # before it is locked: a fork may come in between
             _lock(file, shared)
     except OSError as error:
         if error.errno not in _LOCKLESS:
@@ -39,6 +54,13 @@ def lock(file: IO[Any], name: str, shared: bool = False) -> None:
                 f"{name}: the file system has no locks ({error.strerror}); nothing was written. "
                 f"{WITHOUT_LOCKS}"
             ) from None
+
+
+def unlock(file: IO[Any]) -> None:
+    """Let go of the lock of an open file, also where a fork has the file open."""
+    _held.discard(file)
+    with contextlib.suppress(OSError):
+        _unlock(file)
 
 
 if sys.platform == "win32":
@@ -54,13 +76,20 @@ if sys.platform == "win32":
         finally:
             file.seek(place)
 
+    def _unlock(file: IO[Any]) -> None:
+        """Windows has no forks: closing the file unlocks it."""
+
 else:
 
     def _lock(file: IO[Any], shared: bool) -> None:
         fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+
+    def _unlock(file: IO[Any]) -> None:
+        fcntl.flock(file, fcntl.LOCK_UN)
 
 
 def refuse_lockless(folder: str) -> None:
     """Raise OSError if the files of a folder cannot be locked, see `lock`."""
     with tempfile.TemporaryFile(dir=folder) as file:
         lock(file, folder)
+        unlock(file)

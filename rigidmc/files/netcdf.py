@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 
 from rigidmc.errors import FileError
+from rigidmc.files.forks import unlock
 from rigidmc.files.kinds import is_zarr
 from rigidmc.files.outputs import Path
 from rigidmc.files.trial import refuse_unreadable
@@ -50,8 +51,9 @@ def alone(function: Callable[..., T], *arguments: Any) -> T:
 
 def close_once(file: netCDF4.Dataset) -> None:
     """Close a file once. If that fails, the C library keeps a number for what it has freed, and
-    crashes when the file is closed again."""
+    crashes when the file is closed again. Its lock ends, also if a fork has the file open."""
     try:
+        unlock(file.filepath())
         file.close()
     except BaseException:
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(file))  # the collector would close it again

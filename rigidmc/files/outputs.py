@@ -18,6 +18,7 @@ import time
 from collections.abc import Callable, Iterator
 
 from rigidmc.errors import NoRoom, OutputExists
+from rigidmc.files.forks import descriptors, let_go
 from rigidmc.files.kinds import check_suffix, is_zarr
 
 Path = str | os.PathLike[str]
@@ -25,8 +26,17 @@ Path = str | os.PathLike[str]
 _PART = re.compile(r"\.part-(.+)-([0-9]+)-([0-9]+)(\.[A-Za-z0-9]{1,8})?")
 _numbers = itertools.count()
 _parts: set[str] = set()  # the parts that this process writes
+
+
+def _forked() -> None:
+    """In a fork: the parts are those of its origin."""
+    if _parts:
+        let_go(list(descriptors(_parts)))
+    _parts.clear()
+
+
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_parts.clear)
+    os.register_at_fork(after_in_child=_forked)
 
 
 def refuse_existing(path: Path, force: bool, kind: str = "results", size: float = 100_000) -> None:

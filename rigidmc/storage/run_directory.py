@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from rigidmc.errors import FileError, OutputExists
-from rigidmc.files.locks import lock
+from rigidmc.files.locks import lock, unlock
 from rigidmc.files.outputs import Path, clear, is_part
 from rigidmc.files.reading import bytes_of, json_of
 from rigidmc.scene.scene import Scene
@@ -218,7 +218,10 @@ class RunDirectory:
                 file.truncate(0)
                 file.write(f"process {os.getpid()} of {platform.node()}\n".encode())
             self.clear()
-            yield
+            try:
+                yield
+            finally:
+                unlock(file)
 
     def clear(self) -> None:
         """Delete the unfinished files of writers that were killed."""
