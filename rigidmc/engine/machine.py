@@ -9,6 +9,7 @@ import llvmlite.binding as llvm
 import numba
 
 config: Any = numba.config
+UNCOMPILED = {"compiled": "no (NUMBA_DISABLE_JIT)"}  # compiled code has no such entry
 
 
 def use_widest_vectors() -> None:
@@ -40,9 +41,17 @@ def threads_available() -> int:
 def this_machine(*more: str) -> tuple[dict[str, str], str]:
     """(versions of what computes and writes, the processor that code is compiled for).
 
-    The last bits of results may depend on the versions, and on no processor.
+    The last bits of results may depend on the versions, and on no processor. Among them is
+    UNCOMPILED if nothing is compiled.
     more : names of other packages that draw numbers of a scene
     """
     names = ("rigidmc", "numpy", "numba", "llvmlite", "netCDF4", *more)
     processor = f"{platform.machine()} {llvm.get_host_cpu_name()}, {vector_bits()} bit"
-    return {name: version(name) for name in names}, processor
+    plain = UNCOMPILED if is_uncompiled() else {}
+    return {**{name: version(name) for name in names}, **plain}, processor
+
+
+def is_uncompiled() -> bool:
+    """Whether NUMBA_DISABLE_JIT lets Python make the steps: thousands of times slower, and without
+    fused products, so that last bits differ. No other setting of Numba changes a bit."""
+    return bool(config.DISABLE_JIT)

@@ -65,12 +65,16 @@ def refuse_existing(path: Path, force: bool, kind: str = "results", size: float 
 
 
 def refuse_unwritable(folder: str, size: float = 100_000) -> None:
-    """Raise if a file of `size` bytes cannot be written to a folder.
+    """Raise if a file of `size` bytes cannot be written to a folder, or should not: everything in a
+    run directory is of the run, and what is not is deleted by `resume --repair`.
 
     The parts that ended processes left there are deleted first.
     """
     if not os.path.isdir(folder):
         raise FileNotFoundError(f"{folder}: no such folder; nothing was written")
+    if (run := _run_around(folder)) is not None:
+        rule = "has nothing but its own files: choose a place outside; nothing was written"
+        raise OutputExists(f"{folder}: the run directory {run} {rule}")
     clear(folder)
     probe = Part(os.path.join(folder, "probe"))
     try:
@@ -85,6 +89,17 @@ def refuse_unwritable(folder: str, size: float = 100_000) -> None:
         raise NoRoom(
             f"{folder}: {size / 1e6:.1f} MB are needed, of which {free / 1e6:.1f} MB are free"
         )
+
+
+def _run_around(folder: str) -> str | None:
+    """The run directory that a folder is, or lies in; None if there is none. The parts in it are
+    what its own process writes."""
+    at, above = "", os.path.realpath(folder)
+    while at != above and not is_part(os.path.basename(above)):
+        at, above = above, os.path.dirname(above)
+        if all(os.path.isfile(os.path.join(at, name)) for name in ("run.json", "scene.toml")):
+            return at
+    return None
 
 
 def _not_writable(error: OSError, path: Path) -> OSError:

@@ -17,6 +17,7 @@ from rigidmc.effects.gravity_gradient import GravityGradient
 from rigidmc.effects.parameters import blank, filled, shape
 from rigidmc.effects.protocol import facts
 from rigidmc.engine.compose import NumbaError
+from rigidmc.engine.machine import is_uncompiled
 from rigidmc.engine.operations import why_refused
 from rigidmc.engine.own_parts import slow_parts
 from rigidmc.errors import SceneError
@@ -55,6 +56,10 @@ CENTRES = {
 LIGHTEST, DENSEST = 1e-4, 22_590.0
 SMALLEST, LARGEST = 1e-21, 1e27  # kg: below are molecules, above are stars
 COLD = 1e6  # K: small bodies that tumble in a bath are colder
+UNCOMPILED = (
+    "NUMBA_DISABLE_JIT is set: Python makes the steps, thousands of times slower, and the last bits"
+    " differ from those of compiled steps; unset it for results that others can repeat"
+)
 Array = NDArray[np.float64]
 
 
@@ -80,6 +85,8 @@ def notes(scene: Scene, plan: Plan, units: Internal | None = None) -> tuple[str,
     of_plan = () if scene.run.integrator == "auto" else plan.notes
     if units is not None:
         of_plan = tuple(f"{note} (in units of {1.0 / units.time:.6g} s)" for note in of_plan)
+    if plan.form is not None and is_uncompiled():
+        of_plan += (UNCOMPILED,)
     seen = _seen(scene, plan)
     return (*of_plan, *(note for look in LOOKS for note in look(seen)))
 

@@ -9,7 +9,7 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from rigidmc.engine.machine import this_machine
+from rigidmc.engine.machine import UNCOMPILED, this_machine
 from rigidmc.errors import FileError, SceneError
 from rigidmc.files.netcdf import read
 from rigidmc.files.reading import text_of, toml
@@ -142,10 +142,12 @@ def refuse_others(directory: RunDirectory, accept: bool) -> None:
     """
     known = directory.facts["versions"]
     versions, _ = this_machine(*["scipy"] * ("scipy" in known))
+    compiled = dict.fromkeys(UNCOMPILED, "yes")
+    there, here = {**compiled, **known}, {**compiled, **versions}
     other = [
-        f"{name} {known.get(name)} there, {here} here"
-        for name, here in versions.items()
-        if known.get(name) != here
+        f"{name} {there.get(name)} there, {here.get(name)} here"
+        for name in {**here, **there}
+        if there.get(name) != here.get(name)
     ]
     if other and not accept:
         rule = (

@@ -23,6 +23,7 @@ import os
 import platform
 import re
 import time
+import warnings
 from collections.abc import Iterator, Sized
 from functools import cached_property
 from typing import Annotated, Any
@@ -31,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from rigidmc.errors import FileError, OutputExists
+from rigidmc.errors import FileError, OutputExists, SceneWarning
 from rigidmc.files.locks import lock, unlock
 from rigidmc.files.outputs import Path, clear, is_part
 from rigidmc.files.reading import bytes_of, json_of
@@ -53,6 +54,16 @@ class _Line(BaseModel):
     event: str = ""
     members: Count | None = None
     seconds: Annotated[float, Field(ge=0.0, le=1e11)] | None = None
+
+
+def _line(text: bytes) -> dict[str, Any] | None:
+    """The facts of a line of the journal; None if it is damaged."""
+    try:
+        line = json_of(text.decode("utf-8"))
+        known = _Line.model_validate(line).model_dump()
+    except ValueError:  # also of pydantic
+        return None
+    return {**line, **known}
 
 
 def hash_of(scene: Scene) -> str:
@@ -185,14 +196,20 @@ class RunDirectory:
             file.write(line + "\n")
 
     def journal(self) -> list[dict[str, Any]]:
-        """The last lines of the journal, without torn lines and lines of impossible values."""
-        lines: list[dict[str, Any]] = []
+        """The last lines of the journal. Nothing depends on it, so a line that is torn or says what
+        cannot be is left out, with a SceneWarning."""
         name = os.path.join(self.path, "journal.jsonl")
-        with contextlib.suppress(OSError, FileError):
-            for text in bytes_of(name, _JOURNAL, last=True).splitlines():
-                with contextlib.suppress(ValueError):  # also of pydantic
-                    line = json_of(text.decode("utf-8"))
-                    lines.append({**line, **_Line.model_validate(line).model_dump()})
+        try:
+            text = bytes_of(name, _JOURNAL, last=True)
+        except (OSError, FileError):
+            return []
+        # the first line of a part is no whole line
+        texts = text.splitlines()[1 if len(text) == _JOURNAL else 0 :]
+        found = [_line(one) for one in texts]
+        lines = [line for line in found if line is not None]
+        if damaged := len(found) - len(lines):
+            rule = f"{damaged:,} damaged lines are left out; nothing depends on them"
+            warnings.warn(f"{name}: {rule}", SceneWarning, stacklevel=2)
         return lines
 
     @contextlib.contextmanager

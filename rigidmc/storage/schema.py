@@ -14,6 +14,7 @@ from rigidmc.effects.parameters import shape
 from rigidmc.effects.protocol import Effect, facts
 from rigidmc.engine.cpu import LOOK
 from rigidmc.engine.layout import STATUSES
+from rigidmc.engine.machine import UNCOMPILED, is_uncompiled
 from rigidmc.observables import OBSERVABLES, outputs, title
 from rigidmc.observables.protocol import DIMENSIONS
 from rigidmc.scene.conservation import booked, conservation
@@ -274,6 +275,7 @@ def attributes(scene: Scene, plan: Layout) -> dict[str, Any]:
         **plan.bounds(),
         "parts_per_step": len(plan.form.parts) - 1 if plan.form else 0,
         **({"drawn": through} if (through := scene.drawn_through()) else {}),
+        **(UNCOMPILED if plan.form is not None and is_uncompiled() else {}),
     }
 
 

@@ -61,7 +61,8 @@ def price(
     """The Price of a study, measured on the first members of its scene.
 
     studied : what the study does with a result, also with one of few members
-    folder : the run directory of its members, beside which the rehearsal writes
+    folder : the run directory of its members, in which the rehearsal writes: if it is killed there,
+        `resume` deletes what it left
     """
     threads = threads or threads_available()
     ready = settled(scene, threads, folder is not None)
@@ -95,7 +96,8 @@ def _seconds(
     # a graphics processor takes as long for a member as for a wave of them
     count = min(LANES if ready.plan.device == "cpu" else WAVE, members)
     before = 0, 0.0
-    with folder_beside(folder) if folder else tempfile.TemporaryDirectory() as place:
+    part = folder and os.path.join(folder, "rehearsal")
+    with folder_beside(part) if part else tempfile.TemporaryDirectory() as place:
         file = os.path.join(place, "rehearsal.nc") if folder else None
         _rehearsed(ready, scene, count, studied, threads, file)  # compiles
         while True:

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 
 import netCDF4
 import numpy as np
@@ -321,21 +322,28 @@ def test_the_status_of_ten_million_shards_is_quick(directory):
     )
 
 
-def test_impossible_journal_entries_are_left_out(directory):
+def test_damaged_lines_of_the_journal_are_left_out(directory):
     resume.resume(directory)
+    journal = pathlib.Path(directory.path) / "journal.jsonl"
     lines = ['{"time": 1e308, "event": "begun"}', "[" * 100_000, '{"a": ' * 100_000, "9" * 5000,
         '{"time": 1' + "0" * 400 + "}", '{"time": NaN, "event": "begun"}',
              '{"time": 9e10, "event": "ended", "members": ' + "9" * 400 + ', "seconds": 1.0}',
+             "null", "1", "[]", '"x"', "true", "", "{}", '{"event": "begun"}', "\x00\xff",
              '{"time": 9e10, "event": "ended", "members": 5, "seconds": 1e-320}']  # fmt: skip
-    (pathlib.Path(directory.path) / "journal.jsonl").write_text("\n".join(lines) + "\n")
+    journal.write_text("\n".join(lines) + "\n", encoding="latin-1")
     # in the last line, which is well formed, 5/1e-320 overflows
-    assert run_directory.status(directory.path)["rate"] is None
+    with pytest.warns(SceneWarning, match=f"{len(lines) - 1} damaged lines are left out"):
+        assert run_directory.status(directory.path)["rate"] is None
+    for command in ("status", "resume", "verify", "summary"):
+        told = CliRunner().invoke(app, [command, directory.path])
+        assert told.exit_code == 0 and "Traceback" not in told.output, told.output
+        assert ("damaged lines" in told.stderr) == (command != "summary")
     lines.append("x" * 2_000_000 + '\n{"time": 9.05e10, "event": "begun"}')
     good = {"time": 9.1e10, "event": "ended", "members": 50, "seconds": 2.0, "flagged": {}}
-    (pathlib.Path(directory.path) / "journal.jsonl").write_text(
-        "\n".join([*lines, json.dumps(good)]) + "\n"
-    )
-    assert run_directory.status(directory.path)["rate"] == 25.0
+    journal.write_text("\n".join([*lines, json.dumps(good)]) + "\n", encoding="latin-1")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # the first line of the part that is read is cut
+        assert run_directory.status(directory.path)["rate"] == 25.0
 
 
 def test_a_part_of_a_process_that_does_not_exist_is_deleted(directory):
