@@ -26,6 +26,7 @@ from rigidmc.cli import (  # noqa: F401
     vocabulary,
     warm,
 )
+from rigidmc.cli.apart import keep_apart
 from rigidmc.cli.common import FLAGGED, INCOMPLETE, INTERRUPTED, IO, OK, app
 from rigidmc.cli.streams import guard
 
@@ -33,6 +34,7 @@ from rigidmc.cli.streams import guard
 def main() -> None:
     """Entry point of the `rigidmc` command."""
     out = guard()
+    keep_apart()
     code: Any = OK
     try:
         app()

@@ -8,7 +8,6 @@ and NamedTuples of the package. If it fails, or is slow, this process compiles e
 import contextlib
 import importlib
 import json
-import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -16,6 +15,7 @@ from typing import Any
 
 from rigidmc.engine.machine import threads_available
 from rigidmc.engine.pieces import Asked, is_kept, piece
+from rigidmc.files.helpers import can_start, start
 
 PATIENCE = 60.0  # [s] for what takes 1 to 3 s on two cores
 
@@ -26,8 +26,7 @@ def helped(asked: Mapping[str, Asked]) -> list[str]:
     These are the pieces that the disk cache keeps, if there is another core and a Python to start.
     asked : {name: what `piece` takes}
     """
-    name = os.path.basename(sys.executable or "").lower()
-    if "python" not in name or hasattr(sys, "frozen") or threads_available() < 2:
+    if not can_start() or threads_available() < 2:
         return []
     return [name for name, one in asked.items() if is_kept(*one)]
 
@@ -56,14 +55,8 @@ def _started(asked: Sequence[Asked]) -> subprocess.Popen[str] | None:
         [_name(function), _written(parts), dtype, lanes, arguments]
         for function, parts, dtype, lanes, arguments in asked
     ]
-    path = os.pathsep.join(p or os.getcwd() for p in sys.path)
     try:
-        process = subprocess.Popen(
-            [sys.executable, "-P", "-c", f"from {__name__} import main; main()"],
-            env={**os.environ, "PYTHONPATH": path}, stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True,
-            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),  # Windows alone has it
-        )  # fmt: skip
+        process = start(__name__, answers=False)
     except OSError:
         return None
     assert process.stdin is not None

@@ -16,6 +16,7 @@ import sys
 import threading
 
 from rigidmc.errors import FileError
+from rigidmc.files.helpers import start
 from rigidmc.files.locks import lock
 from rigidmc.files.outputs import Path
 from rigidmc.files.reading import refuse_irregular
@@ -24,7 +25,7 @@ if sys.platform != "win32":
     import resource
 
 SECONDS = 1.0  # of computing, not of waiting for a disk; a file of ours takes 0.01
-PATIENCE = 60.0  # seconds, waiting included, on systems without a clock of computing
+PATIENCE = 20.0  # seconds, waiting included: a link within a file may lead to a pipe
 MEMORY = 2**30
 PACKED = 1100  # zlib expands a byte to 1032 at most: no file holds more than PACKED times its size
 MOST = 10_000  # variables
@@ -41,6 +42,7 @@ def refuse_unreadable(path: Path) -> None:
     path = os.path.abspath(path)
     refuse_irregular(path)
     with open(path, "rb") as file:
+        file.read(1)  # as long as it takes: an archive may bring the file from a tape
         with _lock:
             complaint = _verdict(path)
         if complaint:
@@ -55,17 +57,15 @@ def _verdict(path: str) -> str:
     """The helper's complaint about a file, "" for none."""
     if not _helpers or _helpers[0].poll() is not None:
         _end()
-        words = [sys.executable, "-c", "from rigidmc.files.trial import main; main()"]
-        pipe = subprocess.PIPE
-        _helpers.append(
-            subprocess.Popen(words, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, text=True)
-        )
+        _helpers.append(start(__name__))
         atexit.register(_end)
+        if _helpers[0].stdout is None or not _helpers[0].stdout.readline():
+            _end()
+            raise OSError(f"{path}: not opened, as the process that tries files does not start")
     helper = _helpers[0]
     assert helper.stdin is not None and helper.stdout is not None
     clock = threading.Timer(PATIENCE, helper.kill)
-    if sys.platform == "win32":  # elsewhere the helper has a clock of its own
-        clock.start()
+    clock.start()
     try:
         with contextlib.suppress(BrokenPipeError, ValueError):
             helper.stdin.write(json.dumps(path) + "\n")
@@ -95,6 +95,7 @@ def main() -> None:
     import netCDF4  # noqa: F401  (before memory is counted)
 
     _limit_memory()
+    print(flush=True)  # it has started
     for line in sys.stdin:
         _limit_computing(SECONDS)
         words = complaint(json.loads(line))

@@ -8,6 +8,7 @@ import time
 from collections.abc import Sequence
 
 from rigidmc.errors import SceneError
+from rigidmc.files.helpers import start
 from rigidmc.planning.tolerance.pilot import Pilot, first_steps, follow, pilot
 from rigidmc.scene.scene import Scene
 
@@ -55,14 +56,7 @@ def _helper(pilot: Pilot, candidates: Sequence[Candidate]) -> subprocess.Popen[s
     except (SceneError, ValueError):  # rows of arrays, effects of the user's own
         return None
     task = json.dumps({"scene": text, "own": pilot.member_steps, "candidates": candidates})
-    code = "from rigidmc.planning.tolerance.compile_ahead import main; main()"
-    helper = subprocess.Popen(
-        [sys.executable, "-c", code],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        text=True,
-    )
+    helper = start(__name__, answers=False)
     assert helper.stdin is not None
     helper.stdin.write(task)
     helper.stdin.close()

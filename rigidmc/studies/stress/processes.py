@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rigidmc.errors import RigidmcError
+from rigidmc.files.helpers import start
 from rigidmc.integrators import INTEGRATORS
 from rigidmc.progress import reporter
 from rigidmc.studies.stress.case import Case
@@ -81,10 +82,7 @@ def _asked(
 
 
 def _started() -> Worker:
-    words = [sys.executable, "-c", "from rigidmc.studies.stress.processes import main; main()"]
-    return subprocess.Popen(
-        words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
-    )
+    return start(__name__)
 
 
 def _ended(worker: Worker) -> int:
