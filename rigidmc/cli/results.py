@@ -153,6 +153,9 @@ def animate(
     ],
     seconds: Annotated[float, time_option("--seconds", help="Length of the animation.")] = 10.0,
     fps: Annotated[int, count_option("--fps", 1, 60, help="Frames per second.")] = 25,
+    until: Annotated[
+        float | None, time_option("--until", help="End of the motion that is shown.")
+    ] = None,
     force: Force = False,
     allow_code: AllowCode = False,
 ) -> None:
@@ -170,7 +173,7 @@ def animate(
         except ValueError as error:
             fail(error, INVALID)
         steps = max(2, round(seconds * fps) - 1) * SMOOTH
-        dataset = frames(opened(file, allow_code), member, steps, allow_code)
+        dataset = frames(opened(file, allow_code), member, steps, allow_code, until)
         if int(dataset.status.values[0]) == 2:
             fail(f"{file}: member {member} never started: it has no such body or start", INVALID)
         count = -(-dataset.sizes["time"] // SMOOTH)

@@ -1,6 +1,7 @@
 """An animation: a rotating top beside the sphere on which its angular momentum moves."""
 
 import contextlib
+import math
 import subprocess
 from collections.abc import Callable, Iterator
 from os import PathLike
@@ -18,8 +19,10 @@ from numpy.typing import NDArray
 from rigidmc.files.kinds import check_suffix
 from rigidmc.files.outputs import Part, naming, refuse_existing
 from rigidmc.mechanics import rotation
+from rigidmc.planning.turns import ATTITUDE, sparse
 from rigidmc.scene.scene import scene_of
-from rigidmc.views.figure import COLOURS, GREY, INK, LIGHT, PATH
+from rigidmc.views.figure import ALARM, COLOURS, GREY, INK, LIGHT, PATH
+from rigidmc.views.resolution import fastest
 from rigidmc.views.surfaces import TONES, Surface, body_surface, cut, member_body
 
 ELEVATION, AZIMUTH = np.radians([20.0, -50.0])  # of the viewer, who is far away
@@ -125,6 +128,9 @@ def scene(ds: xr.Dataset) -> tuple[Figure, Draw]:
         _sphere(right, unit),
     )
     name = f"{ds.attrs.get('title', 'top')}: member {int(ds.member.values[0])}"
+    note = between_frames(ds)
+    if note:
+        figure.text(0.5, 0.9, note, ha="center", fontsize=9, color=ALARM)
 
     def draw(i: int) -> None:
         for part in parts:
@@ -132,6 +138,23 @@ def scene(ds: xr.Dataset) -> tuple[Figure, Draw]:
         title.set_text(f"{name}, t = {float(ds.time.values[i]):.2f} s")
 
     return figure, draw
+
+
+def between_frames(ds: xr.Dataset) -> str:
+    """What an animation of one member does not show: how far it turns between frames; "" if it
+    shows the motion."""
+    times = ds.time.values[::SMOOTH]
+    if times.size < 2:
+        return ""
+    between = float(np.diff(times).max())
+    found = sparse(fastest(ds, ATTITUDE), between)
+    if found is None:
+        return ""
+    frames = math.ceil((times[-1] - times[0]) / found.every) + 1
+    return (
+        f"the body {found.who()} between frames: it seems to turn otherwise;"
+        f" use frames <= {found.every:g} s apart, {frames:,} in all"
+    )
 
 
 def _axes(figure: Figure, left: float, title: str) -> Any:

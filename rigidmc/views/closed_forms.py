@@ -19,11 +19,14 @@ from rigidmc.mechanics.lagrange_top import (
     with_axis_third,
 )
 from rigidmc.planning.closed_form import NONE, Case
+from rigidmc.planning.turns import Drive, turning
 from rigidmc.views.figure import GREY, INK, MEDIAN, PATH, figure_of, new_figure
 from rigidmc.views.unit_sphere import CIRCLE, draw_curve, draw_sphere, polhodes, screen
 
 NARROW = 0.02  # rad: the least width of a nutation that the scale of a picture follows
 
+FINE = 0.5  # rad between two points of a curve: half a radian of a circle is a smooth line
+POINTS = 1600, 20_000  # of a curve, at least and at most
 UPRIGHT = 0.05  # of the largest sin theta: below it phi and psi run fast and in opposite ways
 
 
@@ -43,7 +46,7 @@ def axis_path(
     """
     axes = axes if axes is not None else new_figure("", (5.2, 5.4)).add_subplot()
     nutation = lagrange_motion(moments, weight, momentum, attitude)
-    t = _times(nutation, periods)
+    t = _times(moments, momentum, nutation, periods)
     q = lagrange_top(moments, weight, momentum, attitude, t).attitude
     w, x, y, z = np.moveaxis(q, -1, 0)
     tip = np.stack(
@@ -60,7 +63,10 @@ def axis_path(
     x, y, _ = screen(tip)
     axes.plot(x[:1], y[:1], "o", color=PATH, markersize=6, label="start")
     axes.legend(loc="lower center", ncols=2, fontsize=9, frameon=False)
-    axes.set_title(f"Axis of the top in space, {periods} nutations: {nutation.kind}", fontsize=10)
+    period = float(nutation.period)
+    whole = not t[-1] < 0.999 * periods * period
+    shown = f"{periods} nutations" if whole else f"{t[-1] / period:.2g} of a nutation"
+    axes.set_title(f"Axis of the top in space, {shown}: {nutation.kind}", fontsize=10)
     return figure_of(axes)
 
 
@@ -148,7 +154,7 @@ def lagrange_summary(
     figure, left, upper, lower = _three(title)
     axis_path(moments, weight, momentum, attitude, left)
     potential(moments, weight, momentum, attitude, upper)
-    t = _times(lagrange_motion(moments, weight, momentum, attitude), 4)
+    t = _times(moments, momentum, lagrange_motion(moments, weight, momentum, attitude), 4)
     euler_angles(lagrange_top(moments, weight, momentum, attitude, t).attitude, t, lower)
     return figure
 
@@ -163,12 +169,12 @@ def free_summary(
     """Momentum sphere, angular velocity and Euler angles of one free body."""
     figure, left, upper, lower = _three(title)
     polhodes(moments, momentum, left)
-    t = np.linspace(0.0, t_end, 1600)
+    t = _resolved(moments, momentum, t_end)
     motion = free_top(moments, momentum, attitude, t)
     for k, (color, style) in enumerate(((MEDIAN, "-"), (PATH, "--"), (INK, ":"))):
         label = f"$\\omega_{k + 1}$"
         upper.plot(t, motion.omega[:, k], style, color=color, linewidth=1.8, label=label)
-    upper.set(xlabel="time [s]", ylabel="angular velocity [rad/s]", xlim=(0.0, t_end))
+    upper.set(xlabel="time [s]", ylabel="angular velocity [rad/s]", xlim=(0.0, t[-1]))
     _finish(upper, "Angular velocity in body axes")
     euler_angles(motion.attitude, t, lower)
     return figure
@@ -202,11 +208,24 @@ def _finish(axes: Axes, title: str) -> None:
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, fontsize=9, frameon=False)
 
 
-def _times(nutation: Nutation, periods: int, count: int = 1600) -> NDArray[np.float64]:
+def _times(
+    moments: ArrayLike, momentum: ArrayLike, nutation: Nutation, periods: int
+) -> NDArray[np.float64]:
     """Times over some periods of the nutation.
 
     A top without a period has times over as many of its slow time 6/rate, a top at rest over 1 s.
     """
     rate = float(nutation.rate)
     period = float(nutation.period) if np.isfinite(nutation.period) else 6.0 / max(rate, 1e-300)
-    return np.linspace(0.0, periods * period if rate > 0.0 else 1.0, count)
+    return _resolved(moments, momentum, periods * period if rate > 0.0 else 1.0)
+
+
+def _resolved(moments: ArrayLike, momentum: ArrayLike, end: float) -> NDArray[np.float64]:
+    """Times to an end [s], between which a body turns by FINE at most; if they would be more than
+    POINTS[1], to as far as these reach."""
+    rates = turning(
+        np.asarray(moments, float)[:, None], np.asarray(momentum, float)[:, None], Drive(True)
+    )
+    rate = max(float(one[0]) for one in rates)
+    count = int(np.clip(np.ceil(rate * end / FINE), *POINTS))
+    return np.linspace(0.0, min(end, count * FINE / max(rate, 1e-300)), count)

@@ -16,9 +16,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 
-from rigidmc.views.figure import BAND, CORE, INK, MEDIAN, PATH, figure_of, legend_above
+from rigidmc.planning.turns import BODY
+from rigidmc.views.figure import BAND, CORE, INK, MEDIAN, PATH, figure_of, legend_above, titled
 from rigidmc.views.heading import headed_figure
 from rigidmc.views.hemispheres import axis_sphere, momentum_sphere
+from rigidmc.views.resolution import note_on
 from rigidmc.views.sample import drawn_members, members_in_words, sample, span, vectors
 from rigidmc.views.sphere import central_axis
 
@@ -79,7 +81,7 @@ def middle_component(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     axes.set(xlabel="time [s]", ylabel=f"${name}$ [rad/s]", xlim=(t[0], t[-1]))
     symmetric = central_axis(np.median(moments, axis=1)) != axis[0]
     where = "across the symmetry axis" if symmetric else "about the axis of the middle moment"
-    axes.set_title(f"Angular velocity {where}", fontsize=10, pad=20)
+    titled(axes, f"Angular velocity {where}", note_on(part, BODY), pad=20)
     legend_above(axes, 4)
     return figure_of(axes)
 

@@ -6,6 +6,7 @@ A picture is a matplotlib Figure; pyplot and its global state are not used.
 import io
 from os import PathLike
 from pathlib import Path
+from textwrap import fill
 from typing import cast
 
 from matplotlib.axes import Axes
@@ -53,6 +54,13 @@ def new_figure(title: str, size: tuple[float, float]) -> Figure:
 def figure_of(axes: Axes) -> Figure:
     """The figure that axes belong to."""
     return cast(Figure, axes.figure)
+
+
+def titled(axes: Axes, text: str, note: str = "", pad: float | None = None) -> None:
+    """Give axes a title; a note on what the picture does not show stands below it, in red."""
+    lines = [text, *([fill(note, 74)] if note else [])]
+    colour = ALARM if note else "black"
+    axes.set_title("\n".join(lines), fontsize=9 if note else 10, pad=pad, color=colour)
 
 
 def legend_above(axes: Axes, columns: int) -> None:

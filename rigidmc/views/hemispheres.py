@@ -12,8 +12,10 @@ from matplotlib.image import AxesImage
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from rigidmc.views.figure import DENSITY, HALO, INK, PATH, figure_of
+from rigidmc.planning.turns import AXIS, BODY
+from rigidmc.views.figure import DENSITY, HALO, INK, PATH, figure_of, titled
 from rigidmc.views.heading import headed_figure
+from rigidmc.views.resolution import note_on
 from rigidmc.views.sample import drawn_members, sample, span, vectors
 from rigidmc.views.sphere import central_axis, density, lambert, polhodes
 
@@ -61,7 +63,8 @@ def momentum_sphere(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     slopes = [slope, -slope] if one_body and 0.0 < slope < np.inf else []
     shown = l if len(l) > 2 else l[-1:]
     _hemispheres(axes, shown[:, order], paths[:, order], [str(i + 1) for i in order], slopes)
-    axes.set_title(f"Direction of the angular momentum in body axes, {when}", fontsize=10)
+    note = "" if free else note_on(part, BODY)  # polhodes need no saves
+    titled(axes, f"Direction of the angular momentum in body axes, {when}", note)
     return figure_of(axes)
 
 
@@ -85,7 +88,7 @@ def axis_sphere(ds: xr.Dataset, axes: Axes | None = None) -> Figure:
     axes = axes or headed_figure(ds, (8.0, 5.2)).add_subplot()
     shown = e3 if len(e3) > 2 else e3[-1:]
     _hemispheres(axes, shown, e3[..., drawn_members(e3)], ["x", "y", "z"])
-    axes.set_title(f"Axis 3 of the body in space, {span(part)}", fontsize=10)
+    titled(axes, f"Axis 3 of the body in space, {span(part)}", note_on(part, AXIS))
     return figure_of(axes)
 
 

@@ -12,6 +12,7 @@ import tomli_w
 from rigidmc.effects.gravity import Gravity
 from rigidmc.errors import OptionError
 from rigidmc.planning.form import largest_rates
+from rigidmc.planning.turns import of_scene
 from rigidmc.scene.body import Body
 from rigidmc.scene.scene import Scene
 from rigidmc.scene.tables import body_of, start_of
@@ -35,7 +36,8 @@ SIZES: dict[str, dict[str, Any]] = {
 TOP = {"cylinder": SIZES["cylinder"], "pivot": [0.0, 0.0, -0.04]}  # a disc on a pin of no mass
 STEP = 0.4  # rad in a step of rk8: 1e-8 after 10 s, see the table in README.md
 TURNS = 50  # from the start to the end, at least
-SAVES = 100
+FINE = 1.0  # rad at most between two saves: half of what lines stand
+SAVES = 100, 2000  # at least, and at most: 1,000 members of 8 numbers then take 128 MB
 SOLID = "SI units: kg, m; `rigidmc body FILE` shows its moments and principal axes"
 WORDS = {  # the comment on a key
     "title": "stands above pictures and in results",
@@ -120,6 +122,8 @@ def new_scene(
         "save": save,
     }
     words = WORDS | {"t_end": f"s, end: {turns:.3g} turns of the spin"}
+    if every == end:
+        words["every"] = "s between saves: the first and the last state; the motion needs many more"
     tables = {"[body]": table, "[effects.gravity]": {"g": motion.gravity}}
     tables |= {"[start]": _start(motion), "[run]": run}
     if not motion.gravity:
@@ -142,9 +146,17 @@ def _times(body: Body, motion: Motion, t_end: float | None) -> tuple[float, floa
         rule = "nothing moves: give a spin, or --gravity and a --pivot"
         raise OptionError("", "--spin", ",".join(f"{w:g}" for w in motion.spin), rule)
     end = _round(TURNS * 2.0 * math.pi / max(spin, swing)) if t_end is None else t_end
-    every = _decimal(end / SAVES)
+    every = _decimal(end / _saves(end, scene))
     # a save is a whole, round number of steps
     return end, every, _decimal(every / _round(max(1.0, every * rate / STEP)))
+
+
+def _saves(end: float, scene: Scene) -> int:
+    """How many saves to an end [s] show all that turns in a scene, a round number and at least
+    SAVES[0]; 1, of the last state alone, if they would be more than SAVES[1]."""
+    fastest = max(float(np.max(rate)) for rate in of_scene(scene))
+    wanted = _round(max(SAVES[0], end * fastest / FINE))
+    return round(wanted) if wanted <= SAVES[1] else 1
 
 
 def _round(value: float) -> float:

@@ -9,9 +9,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-TIMES = 400  # saves read at most
-MEMBERS, POINTS = 20_000, 2_000_000  # members read, or more up to so many vectors
+TIMES = 4000  # saves read at most: as many as a line on a picture can show
+# members read at most: MEMBERS, more up to POINTS vectors, fewer beyond VECTORS
+MEMBERS, POINTS, VECTORS = 20_000, 2_000_000, 8_000_000
 DRAWN = 4  # members drawn as lines: more are hard to follow
+
+SAVES = "rigidmc_saves"  # of the result, in the encoding of a sample
 
 _STATES = ("omega", "momentum", "attitude", "start_omega", "start_momentum")
 
@@ -22,13 +25,18 @@ def sample(ds: xr.Dataset) -> xr.Dataset:
     The last time is among them. A sample of a sample is the sample itself.
     """
     times, members = ds.sizes.get("time", 1), ds.sizes["member"]
-    every, stride = -(-times // TIMES), -(-members // max(MEMBERS, POINTS // min(times, TIMES)))
+    read = min(times, TIMES)
+    most = min(VECTORS // read, max(MEMBERS, POINTS // read))
+    every, stride = -(-times // TIMES), -(-members // most)
     states = [name for name in _STATES if name in ds]
     even = {
         "time": slice((times - 1) % every, None, every),
         "member": slice(None, None, stride),
     }
-    names = [*states, "moments", "status", "energy_drift_max", "l2_drift_max"]
+    # the momentum of rotors decides how fast omega turns, see `rigidmc.views.resolution`
+    held = [name for name in map(str, ds.data_vars) if name.endswith("_momentum")]
+    held = [name for name in held if name not in states and ds[name].dims == ("axis", "member")]
+    names = [*states, *held, "moments", "status", "energy_drift_max", "l2_drift_max"]
     part = ds[names].isel(even, missing_dims="ignore").load()
     good = part.status == 0
     for name in states:
@@ -38,7 +46,15 @@ def sample(ds: xr.Dataset) -> xr.Dataset:
         raise ValueError(
             f"nothing to draw: all of the {good.size:,} members looked at are flagged or not finite"
         )
-    return part if good.all() else part.isel(member=good.values)
+    part = part if good.all() else part.isel(member=good.values)
+    part.encoding[SAVES] = ds.encoding.get(SAVES) or _saves(ds)
+    return part
+
+
+def _saves(ds: xr.Dataset) -> tuple[int, float]:
+    """How many saves a result has, and the longest time between two [s]."""
+    t = np.atleast_1d(ds.time.values)
+    return t.size, float(np.diff(t).max(initial=0.0))
 
 
 def vectors(part: xr.Dataset, name: str) -> tuple[NDArray[np.float64], str]:

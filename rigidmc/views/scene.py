@@ -19,6 +19,7 @@ from rigidmc.planning.plan import Plan, prepare
 from rigidmc.planning.tolerance.choose import resolved
 from rigidmc.planning.tolerance.costs import cost_per_step
 from rigidmc.planning.tolerance.effect_costs import prices, some_of
+from rigidmc.planning.turns import sparse_saves
 from rigidmc.runs.capacity import BASE, free_memory, in_words, sizes
 from rigidmc.runs.shards import members_of
 from rigidmc.scene.conservation import conservation
@@ -134,6 +135,12 @@ def _steps(scene: Scene, plan: Plan) -> list[str]:
     less = f"; kept: {', '.join(keep)}, and all of flagged members" if keep else ""
     saved = ", ".join(run.save) or "nothing"
     lines.append(f"saves        {plan.times.size:,} times of {saved}{less}")
+    if (found := sparse_saves(scene)) is not None:
+        name, one = found
+        lines.append(
+            f"             {name} {one.who()} between saves: lines through them show another"
+            f" motion; use every <= {one.every:g} s"
+        )
     return lines
 
 

@@ -180,6 +180,49 @@ class States:
         }
         return xr.Dataset(variables, {name: q[name] for name in ("time", "member")})
 
+    def unwrapped(self, name: str) -> xr.DataArray:
+        """Follow an angle over the saves without jumps of 2 pi.
+
+        Parameters
+        ----------
+        name : str
+            "phi" or "psi", of `euler`, or a saved variable in rad, such as "orbit_angles"
+
+        Returns
+        -------
+        xarray.DataArray (time, ..., member) [rad]
+            the angle, whole turns included
+
+        Raises
+        ------
+        ValueError
+            if it was not saved, and if a member turns by more than 2 rad between saves, so that
+            turns could be lost; the message names the `every` to use
+
+        Examples
+        --------
+        >>> ds = rm.simulate(rm.Scene.load("heavy_top"), members=4, t_end=0.8)
+        >>> turns = ds.rigid.unwrapped("psi") / (2.0 * np.pi)
+        >>> turns[-1].values.round(1).tolist()
+        [25.9, 24.4, 24.9, 25.3]
+        """
+        from rigidmc.planning.turns import sparse
+        from rigidmc.views.resolution import angle_rates
+
+        ds = self._whole()
+        angles = self.euler()[name] if name in ("phi", "psi") else ds.get(name)
+        if angles is None or angles.attrs.get("units") != "rad" or "time" not in angles.dims:
+            raise ValueError(f"{name}: neither phi or psi nor an angle [rad] saved at all times")
+        between = float(np.diff(ds.time.values).max(initial=0.0))
+        found = sparse(angle_rates(ds, name), between, range(ds.sizes["member"]))
+        if found is not None:
+            raise ValueError(
+                f"{name}: {found.who()} between saves {between:.4g} s apart, so that turns may be"
+                f" lost: save with every <= {found.every:g} s, or rerun members with it"
+            )
+        axis = angles.dims.index("time")
+        return angles.copy(data=np.unwrap(angles.values, axis=axis))
+
     def phase(self) -> xr.DataArray:
         """Phase of the free motion, as a share of its period 4 K(m)/lambda.
 

@@ -11,7 +11,7 @@ from rigidmc.errors import OptionError
 from rigidmc.runs.frames import integrated
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.views.maps import colours_of
-from rigidmc.views.viewer.motion import TURN, encoded, motion, reach
+from rigidmc.views.viewer.motion import TURN, closer, encoded, motion, reach, unseen
 
 SIDE = 16  # pixels per side whose members are integrated for the page
 FRAMES = 240  # of each
@@ -37,11 +37,18 @@ def map_data(ds: xr.Dataset, allow_code: bool) -> tuple[Scene, dict[str, Any], l
         shown = integrated(scene, member, FRAMES, end, _step(scene))
         if int(shown.status.values[0]) == 2:
             continue
+        if (again := closer(shown, end)) is not None:  # as far as FRAMES show it
+            far = FRAMES * 2.0 * TURN / again[2]
+            shown = integrated(scene, member, FRAMES, min(end, far), _step(scene))
+        shown.attrs["frames"] += unseen(shown)
         known = motion(shown, scene) | {"pixel": (i, j), "rate": rate}
         if known["moments"] not in bodies and len(bodies) < BODIES:
             bodies.append(known["moments"])
         family = bodies.index(known["moments"]) if known["moments"] in bodies else -1
-        facts.append(known | {"status": "ok", "whole": end >= scene.run.t_end, "family": family})
+        facts.append(
+            known
+            | {"status": "ok", "whole": known["end"] >= 0.999 * scene.run.t_end, "family": family}
+        )
     data = {"members": facts, "density": None, "map": _pixels(ds)}
     return scene, data, bodies
 

@@ -13,8 +13,10 @@ from rigidmc.effects import labelled
 from rigidmc.effects.gravity_gradient import GravityGradient, place
 from rigidmc.effects.protocol import Effect
 from rigidmc.engine.layout import STATUSES
+from rigidmc.planning.turns import ATTITUDE, BODY, sparse
 from rigidmc.runs.rerun import rerun
 from rigidmc.scene.scene import Scene
+from rigidmc.views.resolution import fastest
 from rigidmc.views.sample import sample, vectors
 from rigidmc.views.surfaces import form_of, member_body, surface_of
 
@@ -49,6 +51,35 @@ def reach(start: xr.Dataset, end: float, most: int = MOST) -> tuple[int, float, 
     rate = float(np.linalg.norm(l[0, :, 0]) / start.moments.values.min())
     count = int(np.clip(np.ceil(rate * end / TURN), min(FEWEST, most), most))
     return count, min(end, count * 2.5 * TURN / rate) if rate > 0.0 else end, rate
+
+
+def closer(shown: xr.Dataset, end: float) -> tuple[int, float, float] | None:
+    """(frames, time that they reach, rate) of a member that turns too far between its frames; None
+    if it does not. A torque may spin it up beyond what its first momentum tells."""
+    if shown.sizes["time"] < 2:
+        return None
+    rate = float(_fastest(shown)[0])
+    if rate * float(np.diff(shown.time.values).max()) <= 2.5 * TURN * (1.0 + 1e-6):
+        return None
+    count = int(np.clip(np.ceil(rate * end / TURN), FEWEST, MOST))
+    return count, min(end, count * 2.5 * TURN / rate), rate
+
+
+def unseen(shown: xr.Dataset) -> str:
+    """What the page has to say of a member that turns too far between its frames, as one does with
+    noise, which has the steps of its run alone; "" if its frames show the motion."""
+    if shown.sizes["time"] < 2:
+        return ""
+    between = float(np.diff(shown.time.values).max())
+    found = sparse(_fastest(shown), between)
+    if found is None:
+        return ""
+    return f"; it {found.who()} between frames and seems to turn otherwise, dt <= {found.every:g} s"
+
+
+def _fastest(shown: xr.Dataset) -> Floats:
+    """The largest rate of what the page shows of a member (1,) [rad/s]."""
+    return np.maximum(fastest(shown, ATTITUDE), fastest(shown, BODY))
 
 
 def motion(shown: xr.Dataset, scene: Scene) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.views.sample import members_in_words, vectors
 from rigidmc.views.surfaces import ball, surface_of
 from rigidmc.views.viewer.maps import is_map, map_data
-from rigidmc.views.viewer.motion import density, drifts, motion, reach, status_of
+from rigidmc.views.viewer.motion import closer, density, drifts, motion, reach, status_of, unseen
 
 SHOWN, MOST = 4, 12  # members of a page by default, and at most
 
@@ -115,6 +115,10 @@ def _written(ds: xr.Dataset, members: list[int], until: float | None, allow_code
     for member in members:
         count, reached, rate = reach(ds.sel(member=[member]), end)
         shown = frames(ds, member, count, allow_code, until=reached)
+        if (again := closer(shown, end)) is not None:
+            count, reached, rate = again
+            shown = frames(ds, member, count, allow_code, until=reached)
+        shown.attrs["frames"] += unseen(shown)
         known = motion(shown, scene) | {"rate": rate, "status": status_of(ds, member)}
         known["whole"] = known["end"] >= 0.999 * end
         known["drift"] = drifts(ds, member, known["end"], allow_code)

@@ -1,0 +1,204 @@
+"""How fast what is saved and shown turns. This is the one place that decides how dense saves must
+be: between two values that a line joins, nothing turns by more than MOST.
+
+A quantity that turns by pi between saves seems to turn the other way, and one that turns by 2 pi
+to stand still. At 2 rad lines are coarse, and `numpy.unwrap` still finds every turn.
+"""
+
+import math
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rigidmc.dynamics.methods import argument_names
+from rigidmc.effects.protocol import facts
+from rigidmc.effects.rotor import Rotor
+from rigidmc.engine import layout
+from rigidmc.engine.forces import torques
+from rigidmc.planning.rates import physics
+from rigidmc.planning.stage import first_members
+from rigidmc.scene.scene import Scene
+
+MOST = 2.0  # rad
+LOOKED_AT = 64  # members whose effects tell how fast these swing a body
+ATTITUDES = 32  # at which their torque is looked at
+BODY, AXIS, ATTITUDE = "body", "axis", "attitude"  # what turns, see `Turning`
+Array = NDArray[np.float64]
+
+
+class Drive(NamedTuple):
+    """What the effects of a scene add to the rates of its motion.
+
+    attitude : whether a torque depends on the attitude: what is fixed in space then shows in omega
+    swing : rate of swings by the effects, sqrt |I^-1 torque| at its largest [rad/s]
+    frequency : largest frequency at which a torque is driven [rad/s]
+    rotor : momentum of what spins in the body, (3, 1) or (3, n) [kg m2/s]
+    """
+
+    attitude: bool = False
+    swing: float = 0.0
+    frequency: float = 0.0
+    rotor: Array = np.zeros((3, 1))
+
+
+class Turning(NamedTuple):
+    """Rates of some states [rad/s], arrays of one shape.
+
+    body : of vectors in the body, such as omega and the momentum
+    axis : of the directions of axis 3 in space, and of the Euler angles
+    attitude : of the body, |omega|
+    """
+
+    body: Array
+    axis: Array
+    attitude: Array
+
+
+def drive(scene: Scene, rotor: Array | None = None) -> Drive:
+    """The Drive of a scene, from its first members.
+
+    rotor : the momentum of rotors (3, n) of other members, which the scene draws
+    """
+    effects = scene.effects
+    if not effects:
+        return Drive()
+    block = first_members(scene.coarse(), LOOKED_AT, True).block[:, :LOOKED_AT]
+    body, filled = physics(effects, block)
+    inverse = block[layout.BODY : layout.BODY + 3]
+    frequency, held = 0.0, np.zeros((3, 1))
+    for effect in filled:
+        units = facts(effect).units
+        if "t" in argument_names(effect, "torque", "kick"):
+            driven = [getattr(effect, name) for name, unit in units.items() if unit == "rad s-1"]
+            frequency = max([frequency, *map(_largest, driven)])
+        if isinstance(effect, Rotor):
+            held = held + np.stack(np.broadcast_arrays(*effect.momentum))
+    turned = any("q" in argument_names(e, "torque", "kick", "energy") for e in effects)
+    swing = _swing(body, filled, inverse) if turned else 0.0
+    return Drive(turned, swing, frequency, held if rotor is None else rotor)
+
+
+def _swing(body: Any, effects: Any, inverse: Array) -> float:
+    """sqrt |I^-1 torque| of a body at rest at its largest, less what is the same at all attitudes
+    [rad/s]."""
+    rest = (np.zeros(inverse.shape[1]),) * 3
+    with np.errstate(all="ignore"):
+        felt = [
+            inverse * torques(effects, body, tuple(q / np.linalg.norm(q)), rest)
+            for q in np.random.default_rng(1).normal(size=(ATTITUDES, 4))
+        ]
+        return math.sqrt(_largest(np.linalg.norm(felt - np.mean(felt, axis=0), axis=1)))
+
+
+def turning(moments: Array, l: Array, by: Drive) -> Turning:
+    """The rates of states of momenta l (..., 3, n) of bodies of moments (3, n).
+
+    A free momentum runs round its polhode with lambda, which is at most |omega|:
+
+        lambda^2 = max - min of  L_i^2 (1/I_i - 1/I_j) (1/I_k - 1/I_i)
+
+    With a rotor of momentum h its rate is that of small motions about where it is: the second
+    coefficient c of the characteristic polynomial of dL/dt = M x omega, M = L + h:
+
+        c = |omega|^2 + sum M_i omega_i/I_i - M . omega sum 1/I_i + sum M_i^2/(I_j I_k)
+
+    Torques that depend on the attitude turn in the body with omega, and so does what they do. Axis
+    3 of a free body goes round L with |L| (L_1^2/I_1 + L_2^2/I_2)/(L_1^2 + L_2^2), which is at most
+    2 |omega| for a symmetric body; others exceed that only where axis 3 comes close to L.
+    """
+    rotor = by.rotor if by.rotor.shape[1] in (1, l.shape[-1]) else by.rotor.max(1, keepdims=True)
+    with np.errstate(all="ignore"):
+        inverse = 1.0 / moments
+        omega, whole = inverse * l, l + rotor
+        square, spin = l * l, np.sqrt((omega * omega).sum(-2))
+        if rotor.any():
+            c = omega * omega + whole * omega * inverse + whole**2 * inverse.prod(0) * moments
+            free = np.sqrt(np.abs(c.sum(-2) - (whole * omega).sum(-2) * inverse.sum(0)))
+        else:
+            gaps = inverse - np.roll(inverse, -1, 0)
+            products = square * (-gaps * np.roll(gaps, 1, 0))
+            free = np.sqrt(products.max(-2) - products.min(-2))
+        across = square[..., :2, :]
+        around = (across * inverse[:2]).sum(-2) / across.sum(-2)
+        around = np.where(across.sum(-2) > 0.0, around, inverse[:2].max(0))
+        around = np.minimum(np.sqrt(square.sum(-2)) * around, 2.0 * spin)
+    body = np.maximum(free, spin) if by.attitude else free
+    return Turning(
+        np.maximum(body, max(by.swing, by.frequency)),
+        np.maximum(around, by.swing),
+        np.maximum(spin, by.swing),
+    )
+
+
+def _largest(values: Array) -> float:
+    values = np.asarray(values, dtype=float)
+    return float(np.max(np.abs(values), where=np.isfinite(values), initial=0.0))
+
+
+KINDS = {"omega": BODY, "momentum": BODY, "attitude": ATTITUDE, "orbit_angles": ATTITUDE}
+FEW = 1e-3  # of the members may turn further unseen: no line and no quantile shows them
+
+
+class Sparse(NamedTuple):
+    """Members that turn by more than MOST between what is shown of them.
+
+    fast : how many;  members : of so many;  angle : by which the fastest turns [rad]
+    every : the time between values that would show it [s], rounded down to 2 digits
+    """
+
+    fast: int
+    members: int
+    angle: float
+    every: float
+
+    def who(self) -> str:
+        """The members in words, with what they do."""
+        if self.members == 1:
+            return f"turns by up to {self.angle:.3g} rad"
+        some = "all" if self.fast == self.members else f"{self.fast:,}"
+        return f"{some} of {self.members:,} members turn by up to {self.angle:.3g} rad"
+
+
+def sparse(rates: Array, between: float, drawn: Iterable[int] = ()) -> Sparse | None:
+    """What is too far apart to be joined by lines; None if nothing is.
+
+    rates : of each member at its fastest (n,) [rad/s];  between : two values [s]
+    drawn : members of which a picture shows each on its own; of the others one in a thousand may
+        turn further
+    """
+    with np.errstate(invalid="ignore"):
+        fast = rates * between > MOST * (1.0 + 1e-9)
+    count = int(np.count_nonzero(fast))
+    if count <= FEW * rates.size and not fast[list(drawn)].any():
+        return None
+    fastest = _largest(rates)
+    return Sparse(count, rates.size, fastest * between, rounded_down(MOST / fastest))
+
+
+def rounded_down(value: float) -> float:
+    """A number to two digits, not above it."""
+    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return float(f"{math.floor(value / unit * (1.0 + 1e-12)) * unit:.2g}")
+
+
+def of_scene(scene: Scene) -> Turning:
+    """The Turning of the first members of a scene at the start."""
+    block = first_members(scene.coarse(), LOOKED_AT, True).block[:, :LOOKED_AT]
+    with np.errstate(all="ignore"):
+        moments = 1.0 / block[layout.BODY : layout.BODY + 3]
+    return turning(moments, block[layout.MOMENTUM : layout.REST], drive(scene))
+
+
+def sparse_saves(scene: Scene) -> tuple[str, Sparse] | None:
+    """(saved quantity, Sparse) of the fastest of what a scene saves, as its start tells; None if
+    lines through the saves show the motion, or if there are only two."""
+    run, found = scene.run, []
+    if run.every is None or 2.0 * run.every > run.t_end:
+        return None
+    turns = of_scene(scene)
+    for name in run.save:
+        if name in KINDS and (one := sparse(getattr(turns, KINDS[name]), run.every)):
+            found.append((name, one))
+    return max(found, key=lambda pair: pair[1].angle, default=None)
