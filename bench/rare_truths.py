@@ -35,7 +35,7 @@ def bathed(steps=STEPS):
     return scene.with_run(integrator="strang", dt=STEP, t_end=STEP * steps, checks=False)
 
 
-def passed(level=LEVEL, steps=STEPS):
+def passed(level=LEVEL, steps=STEPS, start=0.0):
     """The probability that omega_3 has passed a level after a step, by quadrature over the density
     of those that have not."""
     x, weight = np.polynomial.legendre.leggauss(400)
@@ -44,7 +44,8 @@ def passed(level=LEVEL, steps=STEPS):
     kept = np.exp(-GAMMA * STEP)
     width = SPREAD * np.sqrt(1.0 - kept * kept)
     moves = stats.norm.pdf(x[:, None], kept * x[None, :], width)
-    density, p = stats.norm.pdf(x, 0.0, width), stats.norm.sf(level / width)
+    mean = kept * start
+    density, p = stats.norm.pdf(x, mean, width), stats.norm.sf((level - mean) / width)
     for _ in range(steps - 1):
         p += (weight * density * stats.norm.sf((level - kept * x) / width)).sum()
         density = moves @ (weight * density)

@@ -56,7 +56,7 @@ def frequencies(
         count, code = study.TERMS if terms is None else terms, where.allow_code
         does = of_members(
             where,
-            designed=lambda scene: study.designed(scene, of, **run),
+            designed=lambda scene: study.designed(scene, of, count, **run),
             now=lambda scene: study.frequencies(scene, of, count, where.threads, show_done, **run),
             of=lambda result: study.frequencies_of(result, of, count, code),
         )

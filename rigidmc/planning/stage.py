@@ -168,7 +168,9 @@ def _name(scene: Scene, stream: str, draw: int, word: int) -> str:
     if first == "attitude":
         angles = scene.start.by_euler_angles
         return f"{whole}.{('phi', 'theta', 'psi')[word]}" if angles else whole
-    value = getattr(getattr(scene, table), first, None)
+    if whole in ("body.mass", "body.tensor"):  # a tensor is a law of all its numbers
+        return whole
+    value = getattr(getattr(scene, table), first)
     return f"{whole}.{4 * draw + word + 1}" if isinstance(value, tuple) else whole
 
 

@@ -69,6 +69,20 @@ def _refuse_full_disk(plan: Plan, folder: str, size: int) -> None:
         )
 
 
+def refuse_count(count: int, what: str, each: float, cure: str = "take fewer") -> None:
+    """Raise NoRoom if so many of something need more memory than is free: what every study asks of
+    its counts before it begins.
+
+    what : in words, such as "families";  each : bytes that one of them keeps until the end
+    """
+    needed = count * each
+    if (free := short_of(needed)) is not None:
+        raise NoRoom(
+            f"{count:,} {what} need {in_words(needed)} of memory, of which {in_words(free)} are"
+            f" free: {cure}"
+        )
+
+
 def short_of(needed: float) -> int | None:
     """The free memory if fewer than `needed` bytes are free, else None."""
     free = None if needed < LITTLE else free_memory()

@@ -228,11 +228,12 @@ def refuse_unusable(path: str) -> None:
     refuse_lockless(folder)
 
 
-def refuse_many(count: int) -> None:
-    """Raise OptionError if a run would have too many shards."""
+def refuse_many(count: int, what: str = "shards") -> None:
+    """Raise OptionError if a run would have too many shards, each of which may be a task."""
     if count > MOST:
-        rule = f"{count:,} shards are too many, {MOST:,} is the most: make them larger"
-        raise OptionError("", "--shard-size", None, rule)
+        cure = "make them larger" if what == "shards" else "take fewer"
+        rule = f"{count:,} {what} are too many, {MOST:,} is the most of a run: {cure}"
+        raise OptionError("", "--shard-size" if what == "shards" else "-o", None, rule)
 
 
 def refuse_beyond(only: range | None, count: int) -> None:

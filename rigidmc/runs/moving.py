@@ -16,6 +16,7 @@ from rigidmc.planning.job import program_of
 from rigidmc.planning.settle import settled
 from rigidmc.planning.stage import Source, noise, staged
 from rigidmc.planning.units import in_user_units
+from rigidmc.scene.quantities import of_members
 from rigidmc.scene.scene import Scene
 from rigidmc.storage.schema import member_variables
 from rigidmc.threads import Task, threads_of
@@ -50,9 +51,16 @@ class Moving:
         original, shown = in_user_units(self.scene, self.plan, self._units)
         self._known = member_variables(original, shown.carried)
 
-    def start(self, source: Source, count: int) -> Array:
-        """The block of the first `count` members, drawn from `source`, and more to fill lanes."""
-        block, _ = staged(self.scene, source, count, self.plan.carried, self.plan.watch.rows)
+    def start(self, source: Source, count: int, rows: NDArray[np.int64] | None = None) -> Array:
+        """The block of `count` members, drawn from `source`, and more to fill lanes.
+
+        rows : the members of the scene whose numbers they have of its grids and tables; by default
+            those of the first
+        """
+        scene: Scene = self.scene
+        if rows is not None:
+            scene = scene.mapped(lambda quantity: of_members(quantity, rows))
+        block, _ = staged(scene, source, count, self.plan.carried, self.plan.watch.rows)
         return widened(block)
 
     def moved(self, block: Array, members: NDArray[np.int64], part: int) -> Array:

@@ -18,7 +18,7 @@ from rigidmc.files.outputs import Path
 from rigidmc.files.reading import json_of
 from rigidmc.progress import Progress, reporter
 from rigidmc.runs.cluster import Work, checked, compute_on
-from rigidmc.runs.create import Chosen, free_place, written
+from rigidmc.runs.create import Chosen, free_place, refuse_many, written
 from rigidmc.runs.reopen import STUDY, ready, refuse_others
 from rigidmc.runs.resume import missing_of, noted
 from rigidmc.runs.shards import Numbers
@@ -41,6 +41,7 @@ def create_tasks(
     Raises OutputExists if the folder contains anything.
     """
     place = free_place(path)
+    refuse_many(len(tasks), "tasks")
     chosen = Chosen(np.asarray(tasks, np.int64), 1, level)
     about = {STUDY: f"{name} {json.dumps(request, sort_keys=True)}"}
     return written(place, ready(scene), 1, 1, about, chosen)

@@ -21,14 +21,13 @@ from rigidmc.observables import OUTCOMES, is_own, outputs
 from rigidmc.observables.protocol import DIMENSIONS, Ensemble, Neighbour
 from rigidmc.observables.user_checks import check_user_observable
 from rigidmc.scene.changes import idle
-from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.given import named_integrators
 from rigidmc.scene.laws import Correlated
-from rigidmc.scene.laws.protocol import Law
 from rigidmc.scene.limits import ALLOWED, PILOT, limits, outside
 from rigidmc.scene.parts import Parts
 from rigidmc.scene.points import DESIGNS
 from rigidmc.scene.quantities import Grid, draw, is_shared, rows
+from rigidmc.scene.sampling import is_drawn, refuse_indexed
 
 
 def check(scene: Parts) -> None:
@@ -59,18 +58,11 @@ def check(scene: Parts) -> None:
 def _check_points(scene: Parts) -> None:
     """Raise SceneError for point sets that do not fit the ensemble."""
     run, last = scene.run, scene.run.first + scene.run.members
-    starts = (scene.body.moments, scene.start.omega, scene.start.momentum, scene.start.attitude)
-    drawn = (
-        any(isinstance(value, Law) for value in starts)
-        or scene.start.attitude == "uniform"
-        or any(isinstance(q, Distribution) for q in scene.quantities())
-    )
-    if run.points != "independent" and not drawn:
+    if run.points != "independent" and not is_drawn(scene):
         rule = "nothing in the scene is drawn: all numbers are given"
         raise SceneError("run", "points", run.points, rule)
-    if run.points in DESIGNS and any(isinstance(q, (Grid, np.ndarray)) for q in scene.quantities()):
-        rule = "members of a family differ by what is drawn: give laws in place of grids and tables"
-        raise SceneError("run", "points", run.points, rule)
+    if run.points in DESIGNS:
+        refuse_indexed(scene, "members of a family differ by what is drawn")
     if run.points == "sobol" and last > 2**30:
         raise SceneError("run", "members", last, "there are 2^30 Sobol points")
     if run.points == "latin_hypercube" and last > (run.strata or last):

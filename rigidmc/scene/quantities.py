@@ -48,7 +48,11 @@ class Grid:
 
     def at(self, first: int, count: int) -> Array:
         """The numbers of members first ... first + count - 1."""
-        return self._values(np.arange(first, first + count) // self.stride % self.count)
+        return self.of(np.arange(first, first + count))
+
+    def of(self, members: NDArray[np.int64]) -> Array:
+        """The numbers of members by their indices."""
+        return self._values(members // self.stride % self.count)
 
     def _values(self, index: NDArray[np.int64]) -> Array:
         """The numbers with these indices; all numbers of a grid may not fit into memory."""
@@ -160,6 +164,14 @@ def rows(*quantities: Any) -> int | None:
         rule = "arrays with one row per member must all have the same number of rows"
         raise SceneError("", "arrays", sorted(sizes), rule)
     return sizes.pop() if sizes else None
+
+
+def of_members(value: Any, members: NDArray[np.int64]) -> Any:
+    """A quantity of members by their indices: a grid or a table becomes the table of their numbers,
+    anything else stays."""
+    if isinstance(value, Grid):
+        return value.of(members)
+    return value[members] if isinstance(value, np.ndarray) else value
 
 
 def is_open(*values: Any) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from rigidmc.engine import layout
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import OptionError, unknown
 from rigidmc.integrators import refusal
@@ -21,6 +22,7 @@ from rigidmc.planning.tolerance.ladder import candidates, ladder
 from rigidmc.planning.tolerance.pilot import ROUNDING, Pilot, pilot
 from rigidmc.planning.tolerance.truth import Truth, truth
 from rigidmc.planning.tolerance.way import Way
+from rigidmc.runs.capacity import refuse_count
 from rigidmc.scene.amounts import counted, in_two_digits
 from rigidmc.scene.scene import Scene
 from rigidmc.version import VERSION
@@ -108,7 +110,9 @@ def accuracy(
             raise unknown("", "integrators", name, "integrator", known, OptionError)
         if why := refusal(name, scene.effects, known=known):
             raise OptionError("", "integrators", name, why)
-    first = pilot(scene, counted(members, "members"))
+    members = counted(members, "members")
+    refuse_count(members, "members of a pilot", 8 * layout.EFFECTS)
+    first = pilot(scene, members)
     check_pilot(scene, first)
     say = progress or (lambda line: None)
     say(f"first the truth for {first.members:,} members, then each integrator in many steps")

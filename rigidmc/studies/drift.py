@@ -8,11 +8,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from rigidmc.engine import layout
 from rigidmc.errors import OptionError, unknown
 from rigidmc.integrators import accepting, refusal
 from rigidmc.planning.tolerance.choose import check_pilot
 from rigidmc.planning.tolerance.deviation import drift_along
 from rigidmc.planning.tolerance.pilot import ROUNDING, pilot
+from rigidmc.runs.capacity import refuse_count
 from rigidmc.scene.amounts import counted, seconds
 from rigidmc.scene.conservation import conservation
 from rigidmc.scene.given import named_integrators
@@ -55,6 +57,7 @@ def long_drift(
             raise OptionError("", "integrators", name, why)
     dt = seconds(dt or scene.run.dt, "dt")
     steps, members = counted(steps, "steps"), counted(members, "members")
+    refuse_count(members, "members of a pilot", 8 * layout.EFFECTS)
     at = np.unique(np.append(2 ** np.arange(4, int(math.log2(steps)) + 1), steps))
     first = pilot(scene.with_run(t_end=dt * steps, every=None), members)
     check_pilot(scene, first)

@@ -12,6 +12,7 @@ from rigidmc.effects.protocol import is_random
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.observables import OBSERVABLES
 from rigidmc.planning.stage import source
+from rigidmc.runs.capacity import refuse_count
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.points import Design
 from rigidmc.scene.scene import Scene, scene_of
@@ -19,6 +20,7 @@ from rigidmc.storage.schema import member_variables
 from rigidmc.studies.measures import observing
 
 Array = NDArray[np.float64]
+KEPT = 64  # bytes of a member that a study keeps at least: a few numbers, and copies of them
 Asked = tuple[Scene, tuple[str, ...], dict[str, tuple[str, ...]]]  # scene, texts, {name: dims}
 _ANGLES = {"phi": 0, "theta": 1, "psi": 2}
 
@@ -38,7 +40,9 @@ def made(
     texts = (of,) if isinstance(of, str) else tuple(of)
     scene = observing(scene.with_run(**settings, points=points), texts)
     save = tuple(name for name in scene.run.save if name not in OBSERVABLES)
-    count = counted(families, "families") * size(scene)
+    many = counted(families, "families")
+    count = many * size(scene)
+    refuse_count(many, "families", KEPT * size(scene), "take fewer families")
     scene = scene.with_run(save=save, members=count, first=0)
     return scene, texts, {name: v.dims for name, v in member_variables(scene, False).items()}
 

@@ -10,6 +10,8 @@ from scipy.optimize import elementwise
 
 from rigidmc.errors import OptionError, nearest
 from rigidmc.progress import Progress
+from rigidmc.runs.capacity import refuse_count
+from rigidmc.scene.amounts import counted
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.studies.chunks import chunks, pieces, saves_of
 from rigidmc.studies.components import component_of
@@ -80,7 +82,7 @@ def frequencies(
     >>> found.frequency[0].values.round(12).tolist()
     [1.6]
     """
-    scene = designed(scene, of, **settings)
+    scene = designed(scene, of, terms, **settings)
 
     def joined(parts: Iterable[xr.Dataset]) -> xr.Dataset:
         return _joined(scene, of, terms, parts)
@@ -89,9 +91,11 @@ def frequencies(
     return joined(chunks(scene, size, threads, progress, lambda part: joined([part])))
 
 
-def designed(scene: Scene, of: str, **settings: Any) -> Scene:
+def designed(scene: Scene, of: str, terms: int = TERMS, **settings: Any) -> Scene:
     """The scene whose members are those of a study; arguments as of `frequencies`."""
     scene = scene.with_run(**settings)
+    counted(terms, "terms")
+    refuse_count(scene.run.members, "members with frequencies", 8 * (3 * terms + 8))
     found = component_of(scene, of, "of")
     more: Scene = scene.with_run(save=(found.name,), keep="full")
     return more

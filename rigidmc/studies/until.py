@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, SceneError, SceneWarning
 from rigidmc.files.outputs import refuse_existing
+from rigidmc.runs.capacity import refuse_count
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.quantities import rows
+from rigidmc.scene.sampling import is_sample, refuse_indexed
 from rigidmc.scene.scene import Scene
 from rigidmc.storage.schema import member_variables
 from rigidmc.studies.intervals import Interval, mean, probability
@@ -130,6 +132,7 @@ def simulate_until(
     if scene.run.points != "independent":
         rule = f"the spread of {scene.run.points} points gives no interval: see rigidmc.randomised"
         raise SceneError("run", "points", scene.run.points, f"{rule}; use independent ones")
+    _refuse_no_sample(scene, until)
     lean = _without_saves(scene)
     if (count := rows(*scene.quantities())) is not None:
         most = min(most, count - scene.run.first)
@@ -149,6 +152,14 @@ def simulate_until(
         attrs={"until": until, "found": f"{interval.value:.10g} in {ends}"},
     )
     return result, interval
+
+
+def _refuse_no_sample(scene: Scene, until: str) -> None:
+    """SceneError for members of which the first ones are no sample of all."""
+    if not is_sample(scene):
+        rule = "has no interval that members make narrower: nothing in the scene is drawn"
+        raise OptionError("run", "until", until, rule)
+    refuse_indexed(scene, "the first members have only the first of its numbers", tables=False)
 
 
 def _without_saves(scene: Scene) -> Scene:
@@ -275,6 +286,7 @@ def randomised(
     >>> bool(interval.low <= interval.value <= interval.high)
     True
     """
+    refuse_count(counted(randomisations, "randomisations"), "randomisations", 64)
     scene = _without_saves(observing(scene.with_run(members=members, **options), [text]))
     asked = measure(text, {name: v.dims for name, v in member_variables(scene, False).items()})
     values: list[float] = []

@@ -15,9 +15,10 @@ from rigidmc.planning.notes import notes
 from rigidmc.planning.settle import settled
 from rigidmc.progress import Progress, say
 from rigidmc.runs import tasks as runs
+from rigidmc.runs.capacity import refuse_count
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.once import once
-from rigidmc.scene.quantities import rows
+from rigidmc.scene.sampling import refuse_indexed
 from rigidmc.scene.scene import Scene
 from rigidmc.storage.schema import member_variables, saved_variables
 from rigidmc.studies import tasks
@@ -30,6 +31,7 @@ from rigidmc.studies.until import goal
 
 BATCH = 8192  # members of a task, and of a level at first
 MOST = 10**12
+MEMBER = 8 * 32  # bytes: what a path shows, and the coarse one beside it
 
 
 def multilevel(
@@ -125,6 +127,7 @@ def asked(
         "batch": counted(batch, "batch", 2),
         "confidence": confidence,
     }
+    refuse_count(request["batch"], "members of a batch", MEMBER, "take a smaller batch")
     understood(scene, **request)
     ready = settled(scene)
     plan = ready.plan._replace(notes=())  # on long steps, of which the study takes care
@@ -196,7 +199,7 @@ def _dataset(scene: Scene, request: runs.Request, found: dict[int, runs.Found]) 
 
 def _with_steps(scene: Scene) -> Scene:
     """The scene; SceneError unless its members are independent and make steps of one length."""
-    run, count = scene.run, rows(*scene.quantities())
+    run = scene.run
     if run.points != "independent":
         rule = "the levels of a study need independent members"
         raise SceneError("run", "points", run.points, rule)
@@ -205,9 +208,7 @@ def _with_steps(scene: Scene) -> Scene:
     if run.integrator in ("auto", "closed"):
         rule = "levels are made of the steps of one integrator: name it"
         raise SceneError("run", "integrator", run.integrator, rule)
-    if count is not None:
-        rule = f"there are {count:,} members in arrays, and every level draws members of its own"
-        raise SceneError("run", "members", None, rule)
+    refuse_indexed(scene, "every level draws members of its own")
     return scene
 
 

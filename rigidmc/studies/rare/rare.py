@@ -11,6 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy import stats
 
+from rigidmc.engine import layout
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import OptionError, SceneWarning
 from rigidmc.files.outputs import Path
@@ -18,18 +19,21 @@ from rigidmc.planning.notes import notes
 from rigidmc.planning.settle import settled
 from rigidmc.planning.stage import drawn
 from rigidmc.progress import Progress
+from rigidmc.runs.capacity import refuse_count
 from rigidmc.runs.tasks import Found, Request
 from rigidmc.scene.amounts import counted
+from rigidmc.scene.sampling import is_indexed
 from rigidmc.scene.scene import Scene
 from rigidmc.studies import tasks
-from rigidmc.studies.intervals import mean_of_skew
+from rigidmc.studies.intervals import mean_of_skew, probability
 from rigidmc.studies.rare.score import Score, is_noisy, scored
-from rigidmc.studies.rare.splitting import KILLED, PARTS, split
+from rigidmc.studies.rare.splitting import FEWER, KILLED, PARTS, split
 from rigidmc.studies.rare.subsets import KEPT, descend
 
 TARGET, MEMBERS, REPETITIONS = 1e-9, 1000, 16
 WIDE = 1.0  # spread of the repetitions, of their mean, beyond which the interval covers less
 LEAST = 20  # members of a repetition: two of them go on from a level
+REPETITION = 4096  # bytes of what one has found, with its levels
 METHODS = {True: "adaptive multilevel splitting", False: "subset simulation"}  # by is_noisy
 
 
@@ -57,8 +61,12 @@ def rare(
     random numbers of members walk towards the event; the estimate has a bias of the order
     1/members, a few per cent of its interval. Source: Au & Beck, Probab. Eng. Mech. 16 (2001) 263.
 
-    Both are repeated with the next seeds from the scene's on, and the interval is that of Student's
-    t over the repetitions.
+    Members of grids and tables take the row of a random member of the scene, and walk or branch
+    with it; p is the mean over all rows.
+
+    Both are repeated with the next seeds from the scene's on. The interval is that of the mean of a
+    skew law over the repetitions, see `rigidmc.studies.intervals.mean_of_skew`. If no member came
+    to the event, p is 0 and the upper end that of as many plain members without it.
 
     Parameters
     ----------
@@ -88,9 +96,9 @@ def rare(
     -------
     xarray.Dataset
         `p` with the ends `p_low` and `p_high` of its interval; over repetition `probability`,
-        `member_steps`, `flagged`, and whether it is `below_target`; over repetition and level
-        `score` and `share`, the probability to score more; `gain`: how many times as many
-        member-steps plain sampling takes for the same interval
+        `member_steps`, `flagged`, whether it is `below_target`, and whether it is `stuck`; over
+        repetition and level `score` and `share`, the probability to score more; `gain`: how many
+        times as many member-steps plain sampling takes for the same interval
 
     Raises
     ------
@@ -100,7 +108,7 @@ def rare(
     Warns
     -----
     SceneWarning
-        as `simulate`
+        as `simulate`, and if no way to the event was found
 
     Examples
     --------
@@ -118,8 +126,13 @@ def rare(
     ready = settled(scene, many)
     for note in notes(ready.scene, ready.plan, ready.units):
         warnings.warn(note, SceneWarning, stacklevel=2)
-    found = tasks.computed(KIND, scene, request, many, progress)
-    return dataset(scene, request, found, confidence)
+    found = dataset(
+        scene, request, tasks.computed(KIND, scene, request, many, progress), confidence
+    )
+    if float(found.p) == 0.0:
+        for why in _stuck(found):
+            warnings.warn(f"{of}: {why}", SceneWarning, stacklevel=2)
+    return found
 
 
 def asked(
@@ -132,11 +145,21 @@ def asked(
         counted(members, "members", LEAST),
         counted(repetitions, "repetitions", 2),
     )
+    refuse_count(repetitions, "repetitions", REPETITION)
+    refuse_count(members, "members", 4 * 8 * layout.EFFECTS, FEWER)
     moved, _ = scored(scene, of)
     if not is_noisy(moved) and not drawn(moved):
         rule = "nothing is random: no effect has noise, and all numbers of the scene are given"
         raise OptionError("", "scene", None, rule)
-    request = {"of": of, "target": target, "members": members, "repetitions": repetitions}
+    request: dict[str, Any] = {
+        "of": of,
+        "target": target,
+        "members": members,
+        "repetitions": repetitions,
+    }
+    if is_indexed(moved):  # members walk and branch with a row, of which there may be fewer
+        rows: int = moved.rows_to_run() or moved.run.members
+        request["rows"], members = rows, min(members, rows)
     return moved.with_run(members=members), request
 
 
@@ -153,7 +176,7 @@ def _cost(scene: Scene, request: Request, numbers: Sequence[int]) -> float:
 def _tasks(scene: Scene, request: Request, numbers: Sequence[int], threads: int) -> list[Found]:
     """What repetitions find; see `rigidmc.studies.tasks.Kind`."""
     moved, score = scored(scene, request["of"])
-    given = moved, score, request["members"], request["target"], threads
+    given = moved, score, request["members"], request["target"], threads, request.get("rows")
     way = split if is_noisy(moved) else partial(descend, parts=_parts(score))
     return [way(*given, seed=scene.run.seed + number).numbers() for number in numbers]
 
@@ -188,9 +211,8 @@ def dataset(
     numbers = sorted(found)
     p = np.array([float(found[i]["p"]) for i in numbers])
     steps = np.array([float(found[i]["steps"]) for i in numbers])
-    value, low, high = mean_of_skew(p, confidence)
-    if np.isfinite(low):
-        low, high = max(low, 0.0), min(high, 1.0)
+    deep = np.array([bool(found[i]["deep"]) for i in numbers])
+    value, low, high = _interval(p, deep, request, confidence)
     depth = max(found[i]["levels"].size for i in numbers)
     over = "repetition", "level"
     _, score = scored(scene, request["of"])
@@ -206,8 +228,9 @@ def dataset(
         "probability": (over[:1], p, "estimate of the repetition"),
         "member_steps": (over[:1], steps, "steps of all members of the repetition"),
         "flagged": (over[:1], [int(found[i]["flagged"]) for i in numbers], "flagged members"),
-        "below_target": (over[:1], [bool(found[i]["deep"]) for i in numbers],
-                         "whether it ended above the event, at the target"),
+        "below_target": (over[:1], deep, "whether it ended above the event, at the target"),
+        "stuck": (over[:1], (p == 0.0) & ~deep,
+                  "whether it ended above the event and the target: no member came nearer"),
         "score": (over, score.sign * columns["levels"], "level that members have to pass"),
         "share": (over, columns["shares"], "probability to pass the level"),
     }  # fmt: skip
@@ -230,6 +253,23 @@ def dataset(
     return xr.Dataset(variables, {"repetition": numbers}, attrs)
 
 
+def _interval(
+    p: NDArray[np.float64], deep: NDArray[np.bool_], request: Request, confidence: float
+) -> tuple[float, float, float]:
+    """(the mean of what repetitions found, ends of its interval).
+
+    Repetitions that stopped at the target count as 0 in the mean, and as the target in the upper
+    end. If no member of any came to the event, the upper end is no less than that of as many plain
+    members without it: one level at most says more, and by that of the target.
+    """
+    value, low, high = mean_of_skew(p, confidence)
+    high += float(deep.mean()) * request["target"]
+    if value == 0.0 and not deep.all():
+        members = request["members"] * p.size
+        high = max(high, float(probability(0, members, confidence, "clopper-pearson").high))
+    return value, max(low, 0.0), min(high, 1.0)
+
+
 def _padded(rows: list[NDArray[np.float64]], size: int) -> NDArray[np.float64]:
     """Rows of different lengths as an array, nan where a row has ended."""
     whole = np.full((len(rows), size), np.nan)
@@ -248,6 +288,21 @@ def _gain(scene: Scene, p: float, half: float, steps: float, confidence: float) 
     return plain * settled(scene).plan.steps / float(steps)
 
 
+def _stuck(study: xr.Dataset) -> list[str]:
+    """Why repetitions found no way to the event; [] if all did, or came to the target."""
+    stuck, done = int(study.stuck.sum()), study.sizes["repetition"]
+    if not stuck:
+        return []
+    if float(study.p) > 0.0:
+        return [f"{stuck:,} of {done:,} repetitions found no way to the event and count as 0"]
+    levels = int(np.isfinite(study.score.values).any(axis=0).sum())
+    why = "their members came no nearer" if levels else "all members score the same"
+    return [
+        f"no way to the event was found: {why}, and the interval is that of plain members; take"
+        " more members, or a number that tells better how near they are"
+    ]
+
+
 def table(study: xr.Dataset) -> list[str]:
     """The study in lines of text."""
     p, low, high = (float(study[name]) for name in ("p", "p_low", "p_high"))
@@ -257,6 +312,7 @@ def table(study: xr.Dataset) -> list[str]:
         lines.append(f"  {study.attrs['of']} is less than {study.attrs['target']:.3g}, the target")
     else:
         lines.append(f"  {study.attrs['of']} = {p:.4g} ({low:.3g} to {high:.3g})")
+        lines += [f"  {why}" for why in _stuck(study)]
     steps = float(study.member_steps.sum())
     lines.append(
         f"  {study.attrs['method']}: {done:,} repetitions of {study.attrs['members']:,} members,"

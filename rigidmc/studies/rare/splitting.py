@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.engine.streams import uniforms
-from rigidmc.errors import NoRoom
-from rigidmc.runs.capacity import in_words, short_of
+from rigidmc.runs.capacity import refuse_count
 from rigidmc.runs.moving import Moving
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.rare.score import Score
@@ -20,6 +19,7 @@ PARTS = 128  # of the run, after which members are looked at and may branch
 # (5 % with 0.1), and levels, each of which costs a fixed time, are 2.7 times fewer than with 0.1.
 KILLED = 0.25
 MOST = 10_000  # levels
+FEWER = "take fewer members and more repetitions, which are as good"
 
 
 class Found(NamedTuple):
@@ -48,12 +48,19 @@ class Paths:
     states : (parts + 1, members, rows);  scores : (parts + 1, members), the largest so far
     """
 
-    def __init__(self, moving: Moving, score: Score, count: int, seed: int) -> None:
+    def __init__(
+        self, moving: Moving, score: Score, count: int, seed: int, rows: int | None = None
+    ) -> None:
         self.moving, self.score = moving, score
         self.steps, self.used = 0.0, count
         parts = moving.ends.size - 1
-        _refuse_many(count, parts, moving.start(seed, 1).shape[0])
-        block = moving.start(seed, count)
+        # the states of all parts, and a copy of them
+        each = 2 * 8 * (parts + 1) * moving.start(seed, 1).shape[0]
+        refuse_count(count, "members", each, FEWER)
+        own = None
+        if rows is not None:
+            own = row_of(moving.scene, rows, even_shares(seed, count))
+        block = moving.start(seed, count, own)
         self.states = np.empty((parts + 1, count, block.shape[0]))
         self.states[0] = block[:, :count].T
         self.scores = np.full((parts + 1, count), -np.inf)
@@ -95,18 +102,26 @@ class Paths:
         self.scores[1:, which] = np.maximum.accumulate(new, axis=0)
 
 
-def _refuse_many(count: int, parts: int, rows: int) -> None:
-    """Raise NoRoom if the states of so many members, and a copy of them, need more than is free."""
-    needed = 2 * 8 * (parts + 1) * count * rows
-    if (free := short_of(needed)) is not None:
-        raise NoRoom(
-            f"{count:,} members need {in_words(needed)} of memory, of which {in_words(free)} are"
-            " free: take fewer members and more repetitions, which are as good"
-        )
+def even_shares(seed: int, count: int) -> Array:
+    """Random numbers in (0, 1), one in each of `count` equal parts."""
+    shares: Array = (np.arange(count) + uniforms(seed, "rare.rows", 0, count, 0)[0]) / count
+    return shares
+
+
+def row_of(scene: Scene, rows: int, share: Array) -> Indices:
+    """The members of a scene at shares of its rows, numbers in (0, 1)."""
+    found: Indices = scene.run.first + np.minimum((share * rows).astype(np.int64), rows - 1)
+    return found
 
 
 def split(
-    scene: Scene, score: Score, members: int, target: float, threads: int, seed: int
+    scene: Scene,
+    score: Score,
+    members: int,
+    target: float,
+    threads: int,
+    rows: int | None,
+    seed: int,
 ) -> Found:
     """The probability of an event by adaptive multilevel splitting.
 
@@ -117,12 +132,13 @@ def split(
 
         p = (share of the event at the end) prod_i (1 - k_i/n)
 
-    is unbiased for any number of members and parts.
+    is unbiased for any number of members and parts. Of grids and tables each has a random row, as
+    its copies do.
     Source: Cerou & Guyader, Stoch. Anal. Appl. 25 (2007) 417; Brehier, Gazeau, Goudenege, Lelievre
     & Rousset, Ann. Appl. Probab. 26 (2016) 3559.
     """
     moving = Moving(scene.with_run(seed=seed), PARTS, threads)
-    paths = Paths(moving, score, members, seed)
+    paths = Paths(moving, score, members, seed, rows)
     share, levels, shares, flagged = 1.0, list[float](), list[float](), 0
     for number in range(MOST):
         last = paths.scores[-1]

@@ -11,7 +11,7 @@ from rigidmc.runs.moving import Moving
 from rigidmc.scene.points import Dimension, Given
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.rare.score import Score
-from rigidmc.studies.rare.splitting import Found
+from rigidmc.studies.rare.splitting import Found, even_shares, row_of
 
 Array = NDArray[np.float64]
 KEPT = 0.1  # share of the members from which the next level goes on
@@ -22,16 +22,20 @@ MOST = 100  # levels
 
 
 class Members:
-    """Members made from normal deviates z (d, n), one for each number that a member draws."""
+    """Members made from normal deviates z (d, n), one for each number that a member draws. Of grids
+    and tables the last one tells the row.
 
-    def __init__(self, moving: Moving, score: Score, seed: int) -> None:
-        self.moving, self.score, self.seed = moving, score, seed
+    rows : how many rows there are, None without grids and tables
+    """
+
+    def __init__(self, moving: Moving, score: Score, seed: int, rows: int | None) -> None:
+        self.moving, self.score, self.seed, self.rows = moving, score, seed, rows
         self.dimensions: tuple[Dimension, ...] = drawn(moving.scene)
         self.steps, self.flagged, self._indices = 0.0, 0, np.empty(0, np.int64)
 
     def normals(self, count: int, name: str, number: int) -> Array:
         """Independent deviates (d, count), as a function of seed, name and number."""
-        d = len(self.dimensions)
+        d = len(self.dimensions) + (self.rows is not None)
         draws = [uniforms(self.seed, f"{name}.{number}", 0, count, i) for i in range(-(-d // 4))]
         deviates: Array = ndtri(np.concatenate(draws)[:d])
         return deviates
@@ -39,7 +43,10 @@ class Members:
     def scores(self, z: Array) -> Array:
         """The scores of the members that are made from z, at their best."""
         moving, count = self.moving, z.shape[1]
-        block = moving.start(Given(self.dimensions, ndtr(z)), count)[:, :count]
+        shares, rows = ndtr(z), None
+        if self.rows is not None:
+            rows = row_of(moving.scene, self.rows, shares[-1])
+        block = moving.start(Given(self.dimensions, shares), count, rows)[:, :count]
         members = np.zeros(count, np.int64)
         times, off = np.full(count, -np.inf), np.full(count, np.inf)
         for part in range(moving.ends.size - 1):
@@ -59,7 +66,14 @@ class Members:
 
 
 def descend(
-    scene: Scene, score: Score, members: int, target: float, threads: int, seed: int, parts: int
+    scene: Scene,
+    score: Score,
+    members: int,
+    target: float,
+    threads: int,
+    rows: int | None,
+    seed: int,
+    parts: int,
 ) -> Found:
     """The probability of an event by subset simulation.
 
@@ -78,8 +92,10 @@ def descend(
     parts : of the run, after each of which the score of an event is taken
     """
     moving = Moving(scene.with_run(seed=seed), parts, threads)
-    made = Members(moving, score, seed)
+    made = Members(moving, score, seed, rows)
     z = made.normals(members, "rare.start", 0)
+    if rows is not None:
+        z[-1] = ndtri(even_shares(seed, members))
     scores, share, pace = made.scores(z), 1.0, 1.0
     levels, shares = list[float](), list[float]()
     for number in range(MOST):
@@ -112,6 +128,8 @@ def _walked(
     while (missing := members - sum(one.size for one in all_scores)) > 0:
         z, scores = z[:, :missing], scores[:missing]
         width = np.minimum(1.0, pace * spread)
+        if made.rows is not None:  # every other step keeps the row: neighbours may be unlike
+            width = np.vstack([width[:-1], np.zeros(1) if walk % 2 else np.ones(1)])
         normals = made.normals(scores.size, f"rare.walk.{number}", walk)
         tried = np.clip(np.sqrt(1.0 - width**2) * z + width * normals, -FARTHEST, FARTHEST)
         found = made.scores(tried)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rigidmc.errors import OptionError, nearest
 from rigidmc.observables.protocol import DIMENSIONS
 from rigidmc.progress import Progress
+from rigidmc.runs.capacity import refuse_count
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.studies.chunks import chunks, pieces, saves_of
 from rigidmc.studies.components import of_the_state
@@ -19,6 +20,7 @@ from rigidmc.studies.sections.question import WAYS, crossing_of, period_of
 
 Array = NDArray[np.float64]
 BYTES = 2**27  # of saved states at once
+POINT = 2 * 8 * 14  # bytes of a point, and a copy of it: member, time, state and a quantity
 
 
 def section(
@@ -92,6 +94,7 @@ def designed(scene: Scene, at: str, **settings: Any) -> Scene:
     Arguments as of `section`.
     """
     scene = scene.with_run(**settings)
+    refuse_count(scene.run.members, "members of a section", POINT, "take fewer members")
     if period := period_of(scene, at):
         count = max(1, math.floor(scene.run.t_end / period * (1.0 + 1e-9)))
         dt = period / math.ceil(period / scene.run.dt * (1.0 - 1e-9))  # whole steps in a period
