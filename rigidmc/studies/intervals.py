@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special, stats
 
 from rigidmc.errors import OptionError, unknown
+from rigidmc.studies.rounding import is_constant
 
 METHODS = ("wilson", "clopper-pearson")
 
@@ -92,17 +93,20 @@ def correlation(
     tanh(artanh(r) +- z / sqrt(n - 3))
 
     The interval holds for pairs that are nearly normal. Pairs with a non-finite number are left
-    out. nan for fewer than two pairs or numbers that are all the same; ends are nan for fewer than
-    four.
+    out. nan for fewer than two pairs or numbers that are all the same to rounding; ends are nan for
+    fewer than four.
     Source: Fisher, Metron 1 (1921) 3.
     """
     _check(confidence)
     there = np.isfinite(one) & np.isfinite(other)
     n = there.sum(-1)
+    pairs = (np.where(there, x, np.nan) for x in (one, other))
+    same = np.logical_or(*map(is_constant, pairs))
     with np.errstate(all="ignore"):
         a, b = (np.where(there, x, 0.0) for x in (one, other))
         a, b = (np.where(there, x - (x.sum(-1) / n)[..., None], 0.0) for x in (a, b))
         size = np.sqrt((a * a).sum(-1)) * np.sqrt((b * b).sum(-1))
+        size = np.where(same, np.nan, size)
         r = np.clip((a * b).sum(-1) / size, -1.0, 1.0)
         width = special.ndtri(0.5 + 0.5 * confidence) / np.sqrt(np.where(n > 3, n - 3.0, np.nan))
         return Interval(r, *np.tanh(np.arctanh(r) + np.multiply.outer((-1.0, 1.0), width)))
@@ -124,10 +128,9 @@ def controlled(
     x, c = np.asarray(values, float), np.asarray(control, float)
     finite = np.isfinite(x) & np.isfinite(c)
     x, c = x[finite], c[finite]
-    variance = c.var()
-    b = ((x - x.mean()) * (c - c.mean())).mean() / variance if variance > 0.0 else 0.0
+    b = 0.0 if is_constant(c) else ((x - x.mean()) * (c - c.mean())).mean() / c.var()
     rest = x - b * (c - expected)
-    factor = float(x.var() / rest.var()) if rest.var() > 0.0 else np.inf
+    factor = np.inf if is_constant(rest) else float(x.var() / rest.var())
     return mean(rest, confidence=confidence), factor
 
 
@@ -141,7 +144,7 @@ def paired(values: ArrayLike, confidence: float = 0.95) -> tuple[Interval, float
     pairs = x[: len(x) // 2 * 2].reshape(-1, 2)
     pairs = pairs[np.isfinite(pairs).all(1)]
     average = pairs.mean(1)
-    factor = float(0.5 * pairs.var() / average.var()) if average.var() > 0.0 else np.inf
+    factor = np.inf if is_constant(average) else float(0.5 * pairs.var() / average.var())
     return mean(average, confidence=confidence), factor
 
 

@@ -17,11 +17,12 @@ from rigidmc.studies.chunks import chunks
 from rigidmc.studies.families import made, stored
 from rigidmc.studies.intervals import Interval
 from rigidmc.studies.measures import Measure, measure
+from rigidmc.studies.rounding import is_constant, resolution_of
 
 Array = NDArray[np.float64]
 FAMILIES = 4096
 CHUNK = 2**17  # members at once
-FEW = 10  # families for each control, below which its slope is not known
+FEW = 10  # families that have to differ; and for each control, below which its slope is not known
 KINDS = ("p", "mean")  # measures that are means over members
 WORDS = {
     "first": "share of the variance that the number causes alone",
@@ -142,27 +143,50 @@ def sensitivity_of(
 
 
 def indices(
-    values: Array, confidence: float = 0.95, controls: bool = True
+    values: Array,
+    confidence: float = 0.95,
+    controls: bool = True,
+    resolved: float | None = None,
 ) -> tuple[Interval, Interval]:
     """(first, total): the Sobol indices of d numbers as Intervals of arrays (d,).
 
+    They are nan if fewer than FEW families have members that differ. What seldom differs, n of
+    them with n < FEW k^2, k = <y^4>/<y^2>^2 (1/p of a small probability p), has no controls: <a b>
+    is then the mean of a few pairs of which both differ, or of none. And the interval of the first
+    index is wider by what may not have been seen, -ln((1 - confidence)/2) of the largest products:
+    3.7 families, as the rule of three has it.
+
     values : (families, d + 2), see `sensitivity`; families with a nan are left out
     controls : False for the means as they are
+    resolved : as of `rigidmc.studies.rounding.is_constant`
     """
     y = values[np.isfinite(values).all(axis=1)]
-    with np.errstate(all="ignore"), warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # a mean of nothing is nan
+    if differing(values, resolved) < FEW:
+        none = Interval(*np.full((3, values.shape[1] - 2), np.nan))
+        return none, none
+    with np.errstate(all="ignore"):
         y = y - y[:, :2].mean()
         a, b, c = y[:, :1], y[:, 1:2], y[:, 2:]
         zero = np.concatenate([a * b, b * b - a * a, c * c - a * a], axis=1)
-        if not controls or y.shape[0] < FEW * zero.shape[1]:
+        n, squares = y.shape[0], y[:, :2] ** 2
+        seldom = n < FEW * (squares**2).mean() ** 2 / squares.mean() ** 4
+        if not controls or seldom or n < FEW * zero.shape[1]:
             zero = zero[:, :0]
         size = 0.5 * (a * a + b * b)
         alone = _means(np.concatenate([size, b * (c - a)], axis=1), zero)
         shared = _means(np.concatenate([size, 0.5 * (a - c) ** 2], axis=1), zero)
-        free = y.shape[0] - 1 - zero.shape[1]
-        factor = stats.t.ppf(0.5 + 0.5 * confidence, max(free, 1)) ** 2
-        return _ratios(*alone, factor), _ratios(*shared, factor)
+        factor = stats.t.ppf(0.5 + 0.5 * confidence, max(n - 1 - zero.shape[1], 1)) ** 2
+        first, total = _ratios(*alone, factor), _ratios(*shared, factor)
+        unseen = -np.log(0.5 - 0.5 * confidence) * squares.max() / (n * squares.mean())
+        if seldom:
+            first = Interval(first.value, first.low - unseen, first.high + unseen)
+        return first, total
+
+
+def differing(values: Array, resolved: float | None = None) -> int:
+    """How many families have members that differ by more than rounding; see `indices`."""
+    y = values[np.isfinite(values).all(axis=1)]
+    return int((~is_constant(y, resolved=resolved)).sum())
 
 
 def _means(x: Array, zero: Array) -> tuple[Array, Array]:
@@ -221,12 +245,12 @@ def _dataset(
     scene: Scene, asked: Sequence[Measure], values: Array, confidence: float
 ) -> xr.Dataset:
     """The Dataset of values (measures, families, members of a family)."""
-    over, found = ("measure", "number"), [indices(one, confidence) for one in values]
+    over, resolved = ("measure", "number"), resolution_of(scene)
+    found = [indices(one, confidence, resolved=resolved) for one in values]
     variables: dict[str, Any] = {}
     for i, (name, words) in enumerate(WORDS.items()):
-        for end, more in ENDS.items():
+        for key, (end, more) in zip(_keys(name), ENDS.items(), strict=True):
             numbers = np.stack([getattr(one[i], end) for one in found])
-            key = name if end == "value" else f"{name}_{end}"
             variables[key] = over, numbers, {"long_name": words + more, "units": "1"}
     counts = np.logical_and.reduce(np.isfinite(values), axis=2)
     kept = [one[there][:, :2] for one, there in zip(values, counts, strict=True)]
@@ -235,6 +259,9 @@ def _dataset(
         means, variances = ([f(one) for one in kept] for f in (np.mean, np.var))
     variables["mean"] = ("measure", means, {"long_name": "the measure"})
     variables["variance"] = ("measure", variances, {"long_name": "its variance over members"})
+    differ = [differing(one, resolved) for one in values]
+    about = {"long_name": "families that count and whose members differ"}
+    variables["differing"] = "measure", differ, about
     variables["families"] = ("measure", counts.sum(axis=1), {"long_name": "families that count"})
     texts = [one.text for one in asked]
     attrs = {
@@ -247,27 +274,42 @@ def _dataset(
     return xr.Dataset(variables, {"measure": texts, "number": groups(scene)[0]}, attrs)
 
 
+def _shares(one: xr.Dataset) -> list[str]:
+    """The shares of a measure in lines of text, the largest first."""
+    if one.differing < FEW:
+        often = f"in {int(one.differing):,} families" if one.differing else "in no family"
+        return [
+            f"  its members differ by more than rounding {often}, and shares of a variance need"
+            f" {FEW}: add families, or ask for a number that differs more often"
+        ]
+    lines = [f"  {'':32s} {'alone':>22s} {'with others':>22s}"]
+    for i in np.argsort(-one.total.values, kind="stable"):
+        cells = []
+        for name in WORDS:
+            value, low, high = (f"{float(one[key][i]):.3f}" for key in _keys(name))
+            cells.append(f"{value} ({low} to {high})".replace("-0.000", "0.000"))
+        lines.append(f"  {one.number.values[i]!s:32s} {cells[0]:>22s} {cells[1]:>22s}")
+    if (one["first"] > one["total"]).any():
+        lines.append("  a share alone above that with others is noise of sampling: add families")
+    return lines
+
+
+def _keys(name: str) -> list[str]:
+    """The variables of an index: its value, and the ends of its interval."""
+    return [name if end == "value" else f"{name}_{end}" for end in ENDS]
+
+
 def table(study: xr.Dataset) -> list[str]:
     """The study in lines of text, the number that matters most first."""
     lines = [study.attrs["title"]]
     for text in study.measure.values:
         one = study.sel(measure=text)
-        lines += [
-            f"  {text} = {float(one['mean']):.6g}, {int(one.families):,} families of"
-            f" {2 + study.sizes['number']} members",
-            f"  {'':32s} {'alone':>22s} {'with others':>22s}",
-        ]
-        for i in np.argsort(-one.total.values, kind="stable"):
-            cells = [
-                f"{float(one[name][i]):.3f} ({float(one[f'{name}_low'][i]):.3f} to"
-                f" {float(one[f'{name}_high'][i]):.3f})"
-                for name in ("first", "total")
-            ]
-            lines.append(f"  {study.number.values[i]!s:32s} {cells[0]:>22s} {cells[1]:>22s}")
-        if (one["first"] > one["total"]).any():
-            lines.append(
-                "  a share alone above that with others is noise of sampling: add families"
-            )
+        members = f"{int(one.families):,} families of {2 + study.sizes['number']} members"
+        if not one.families:
+            lines.append(f"  {text}: no family has a value")
+            continue
+        lines.append(f"  {text} = {float(one['mean']):.6g}, {members}")
+        lines += _shares(one)
     if left := study.attrs["left_out"]:
         lines.append(f"  families with a member that is flagged or has no value: {left:,}")
     return lines

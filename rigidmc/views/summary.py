@@ -12,6 +12,7 @@ from rigidmc.files.reading import toml
 from rigidmc.scene.stored import scene_text
 from rigidmc.studies import intervals
 from rigidmc.studies.estimates import are_independent, estimate
+from rigidmc.studies.rounding import is_constant
 
 _PLAIN = ("status", "status_step", "status_time", "mass", "steps")  # not summarised
 
@@ -110,7 +111,7 @@ def _line(
     units = "" if variable.attrs.get("units", "1") == "1" else variable.attrs["units"]
     if not finite.size:
         return f"  {label:24s} never, for none of {values.size:,}"
-    if np.ptp(finite) == 0.0 and finite.size == values.size:
+    if finite.size == values.size and is_constant(finite):
         if label.startswith("moments"):
             return None
         return f"  {label:24s} {finite[0]:.6g} for all {units}".rstrip()

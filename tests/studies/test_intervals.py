@@ -7,7 +7,8 @@ from scipy import stats
 import rigidmc as rm
 from bench.coverage import INTERVALS, shares
 from rigidmc.studies import intervals as statistics
-from rigidmc.studies.intervals import mean, mean_of_skew, probability, quantile
+from rigidmc.studies.intervals import correlation, mean, mean_of_skew, probability, quantile
+from rigidmc.studies.rounding import is_constant
 
 REPEATED = 2000
 
@@ -128,3 +129,36 @@ def test_a_control_variate_and_antithetic_pairs_tell_what_they_gain():
         assert 60.0 < factor < 180.0 and 60.0 < gain < 180.0  # 101 in theory
         assert plain.half / by.half == pytest.approx(np.sqrt(factor), rel=0.02)
     assert (covered > 0.92 * 400).all() and (covered < 0.98 * 400).all()
+
+
+def test_constants_have_no_correlation():
+    """Rounding gave them 1 (1 to 1), or 0 with the interval of independent numbers."""
+    rng = np.random.default_rng(7)
+    for size in (0.1, 1e-200, 3e7, 1e300):
+        constant = np.full(1000, size)
+        rounded = size * (1.0 + 2.0**-52 * rng.integers(-3, 4, 1000))
+        varied = rng.normal(size=1000)
+        for one in (constant, rounded, np.zeros(1000)):
+            for other in (constant, rounded, varied):
+                assert np.isnan(correlation(one, other)).all()
+        narrow = 1.0 + 1e-12 * varied
+        assert correlation(narrow, varied).value == pytest.approx(1.0, abs=1e-3)  # measured 2e-8
+    with_gaps = np.where(rng.random(1000) < 0.5, 0.1, np.nan)
+    assert np.isnan(correlation(with_gaps, np.arange(1000.0))).all()
+    rows = correlation(np.stack([np.full(50, 0.1), np.arange(50.0)]), np.arange(50.0))
+    assert np.isnan(rows.value[0]) and rows.value[1] == pytest.approx(1.0)
+
+
+def test_a_constant_control_changes_nothing():
+    x, c = np.random.default_rng(8).normal(size=200), np.full(200, 0.1)
+    by, factor = statistics.controlled(x, c, 0.1)
+    assert by == statistics.mean(x) and factor == 1.0
+    assert statistics.paired(np.full(60, 0.1))[1] == np.inf
+
+
+def test_constant_to_rounding():
+    assert is_constant([0.1] * 7) and is_constant([]) and is_constant([np.nan, 2.0])
+    assert not is_constant([1.0, 1.0 + 1e-13]) and is_constant([1.0, 1.0 + 1e-13], resolved=1e-13)
+    assert not is_constant([0.0, 1e-300]) and not is_constant([-1.7e308, 1.7e308])
+    assert is_constant(np.float32([1.0, 1.0 + 1e-6])) and not is_constant(np.float32([1, 1.001]))
+    assert is_constant(np.ones((3, 4)), axis=0).tolist() == [True] * 4

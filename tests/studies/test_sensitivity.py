@@ -14,6 +14,7 @@ from rigidmc.planning.stage import groups, stage
 from rigidmc.runs.create import create
 from rigidmc.runs.resume import resume
 from rigidmc.scene.points import Saltelli
+from rigidmc.studies.rounding import resolution
 from rigidmc.studies.sensitivity import indices, sensitivity_of, table
 from rigidmc.views.sensitivity import sensitivity_bars
 
@@ -141,3 +142,73 @@ def test_what_is_no_study_is_refused():
     fixed = rm.Scene(rm.Body((1.0, 1.0, 2.0)), start=rm.Start(omega=(0.0, 0.0, 1.0)))
     with pytest.raises(rm.SceneError, match="nothing in the scene is drawn"):
         rm.sensitivity(fixed, "mean(energy_drift_max)", 10, t_end=1.0)
+
+
+def threshold(c, families, rng):
+    """Members of families of y = 1 if x_1 + x_2/2 > c, of normal numbers x."""
+    a, b = x = rng.standard_normal((2, families, 2))
+    swapped = [np.where(np.arange(2) == k, b, a) for k in range(2)]
+    return np.stack([(u @ (1.0, 0.5) > c).astype(float) for u in (*x, *swapped)], axis=1)
+
+
+def threshold_indices(c):
+    """(first, total) of `threshold`, by quadrature over one number."""
+    x = np.linspace(-9.0, 9.0, 20001)
+    weight = stats.norm.pdf(x) * (x[1] - x[0])
+    p = stats.norm.sf(c / 1.25**0.5)
+    means = stats.norm.sf((c - x) / 0.5), stats.norm.sf(c - 0.5 * x)
+    first = [((weight * one**2).sum() - p * p) / (p * (1.0 - p)) for one in means]
+    return np.array(first), 1.0 - np.array(first[::-1])
+
+
+def test_intervals_of_small_probabilities_cover():
+    """With controls they covered 3 to 60 % of the time, of probabilities below 5 %."""
+    for families, p in ((512, 0.05), (512, 0.02), (1024, 0.005), (4096, 0.01)):
+        c, rng = stats.norm.isf(p) * 1.25**0.5, np.random.default_rng(1)
+        first, total = threshold_indices(c)
+        hits = np.zeros((2, 2))
+        for _ in range(200):
+            found = indices(threshold(c, families, rng))
+            for hit, one, true in zip(hits, found, (first, total), strict=True):
+                hit += np.isnan(one.low) | ((one.low <= true) & (true <= one.high))
+        assert hits.min() >= 0.88 * 200  # measured 0.90 to 1
+
+
+def test_what_hardly_differs_has_no_indices():
+    """A constant is decided by rounding, a probability of a few members by these."""
+    rng = np.random.default_rng(2)
+    constant = 0.1 + 1e-17 * rng.standard_normal((600, 4))
+    constant += np.spacing(0.1) * rng.integers(-3, 4, constant.shape)
+    seldom = np.zeros((600, 4))
+    seldom[:9, 1] = 1.0
+    for values in (constant, seldom, np.full((600, 4), np.nan), np.empty((0, 4))):
+        for one in indices(values):
+            assert np.isnan(one).all() and one.value.shape == (2,)
+    seldom[9, 1] = 1.0
+    assert np.isfinite(indices(seldom)[1].value).all()
+    single = 0.1 + 1e-8 * rng.standard_normal((600, 4))  # of float32
+    assert np.isnan(indices(single, resolved=resolution("float32"))[0].value).all()
+
+
+def test_an_uncertain_tensor_is_one_number():
+    """The spin about axis 3 is the smaller the larger the moment there; nothing else matters."""
+    spread = np.diag([1e-4, 1e-4, 1e-2, 1e-5, 1e-5, 1e-5])
+    body = rm.Body.from_tensor(rm.UncertainInertia(np.diag([1.0, 1.5, 2.0]), spread))
+    start = rm.Start(momentum=(0.0, 0.0, rm.normal(1.0, 0.02)))
+    scene = rm.Scene(body, start=start).with_run(dt=0.1, t_end=0.1)
+    study = rm.sensitivity(scene, ["mean(omega_max[3])", "p(omega_max[3] >= 9)"], 300)
+    assert study.number.values.tolist() == ["body.tensor", "start.momentum.3"]
+    # (dI/I)^2 is 0.0025 and (dL/L)^2 0.0004
+    assert study.total.values[0] == pytest.approx((0.862, 0.138), abs=0.1)  # measured 0.002
+    assert study.differing.values.tolist() == [300, 0] and np.isnan(study.total.values[1]).all()
+    assert "shares of a variance need 10" in "\n".join(table(study))
+    sensitivity_bars(study)
+    never = rm.sensitivity(scene.with_run(save=("flips",)), "mean(flip_first)", 20)
+    assert "no family has a value" in table(never)[1] and int(never.families[0]) == 0
+
+
+def test_zero_is_written_without_a_sign():
+    study = rm.sensitivity(LINEAR, "mean(omega_mean[3])", 50, threads=1)
+    for name in ("first", "first_low", "first_high"):
+        study[name][:] = -1e-5
+    assert "-0.000" not in "\n".join(table(study)) and "0.000 (0.000 to" in table(study)[3]
