@@ -7,14 +7,13 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from rigidmc.engine.cache_folder import (
-    cache_folder,
     classes_of,
     forget_old,
+    kernels,
     log_once,
     of_package,
-    private,
-    source_stamp,
 )
+from rigidmc.files.opening import plain
 
 
 def cached(kernel: Any) -> Any:
@@ -24,9 +23,9 @@ def cached(kernel: Any) -> Any:
     the log says so.
     """
     try:
-        folder = private(os.path.join(private(cache_folder()), source_stamp()))
+        folder = kernels()
         stamp = os.path.basename(folder)
-        forget_old(cache_folder(), stamp)
+        forget_old(stamp)
         from rigidmc.engine.cache_files import Files, cache_class  # fails if Numba changes
 
         kernel._cache = cache_class(folder)(kernel.py_func)
@@ -60,7 +59,7 @@ def text_path(signatures: Sequence[Any], more: str) -> str | None:
         return None
     homes = [kind.__module__ for one in signatures for kind in classes_of(one)]
     name = hashlib.sha256(repr((signatures, homes, more)).encode()).hexdigest()
-    return os.path.join(private(os.path.join(private(cache_folder()), source_stamp())), name)
+    return os.path.join(kernels(), name)
 
 
 def has_text(signatures: Sequence[Any], more: str) -> bool:
@@ -90,7 +89,10 @@ def _from_disk(signatures: Sequence[Any], more: str, make: Callable[[], str]) ->
     try:
         path = text_path(signatures, more)
         if path is not None:
-            with contextlib.suppress(FileNotFoundError), open(path, encoding="ascii") as file:
+            with (
+                contextlib.suppress(FileNotFoundError),
+                open(path, encoding="ascii", opener=plain) as file,
+            ):
                 known, _, text = file.read().partition("\n")
                 if known == hashlib.sha256(text.encode()).hexdigest():
                     return text
@@ -99,7 +101,7 @@ def _from_disk(signatures: Sequence[Any], more: str, make: Callable[[], str]) ->
     text = make()
     if path is not None:
         with contextlib.suppress(OSError):
-            with open(f"{path}.{os.getpid()}", "w", encoding="ascii") as file:
+            with open(f"{path}.{os.getpid()}", "w", encoding="ascii", opener=plain) as file:
                 file.write(f"{hashlib.sha256(text.encode()).hexdigest()}\n{text}")
             os.replace(file.name, path)
     return text

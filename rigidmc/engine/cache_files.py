@@ -10,6 +10,7 @@ from typing import Any
 from numba.core import caching
 
 from rigidmc.engine.cache_folder import classes_of, log_once, of_package
+from rigidmc.files.opening import plain
 
 _SUM = hashlib.sha256().digest_size
 
@@ -38,7 +39,7 @@ class Files(caching.IndexDataCacheFile):
     def load(self, key: Any) -> Any:
         path = self._data_path(self._name(key))
         try:
-            with open(path, "rb") as file:
+            with open(path, "rb", opener=plain) as file:
                 data = file.read()
             if hashlib.sha256(data[:-_SUM]).digest() == data[-_SUM:]:
                 return self._load_data(self._name(key))  # pickle ends before the sum

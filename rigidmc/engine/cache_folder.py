@@ -1,8 +1,11 @@
 """The folder of the disk cache, and what may be kept in it."""
 
+import contextlib
+import errno
 import hashlib
 import logging
 import os
+import re
 import shutil
 import stat
 import sys
@@ -16,6 +19,8 @@ import platformdirs
 log = logging.getLogger("rigidmc")
 _PACKAGE = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 _TOLD: set[str] = set()  # folders whose failure has been logged
+_STAMP = re.compile("[0-9a-f]{32}")
+_MARK = "made-by-rigidmc"  # an empty file in each folder of kernels
 _KEEP_SECONDS = 30 * 86400  # kernels of other versions of the sources are deleted after a month
 
 
@@ -36,35 +41,56 @@ def source_stamp() -> str:
 
 
 def cache_folder() -> str:
-    """Where compiled kernels are kept: RIGIDMC_CACHE_DIR, else the user's cache folder."""
-    return os.environ.get("RIGIDMC_CACHE_DIR") or os.path.join(
-        platformdirs.user_cache_dir("rigidmc", appauthor=False), "kernels"
-    )
+    """Where compiled kernels are kept: a folder of our own in RIGIDMC_CACHE_DIR, or else in the
+    user's cache folder."""
+    named = os.environ.get("RIGIDMC_CACHE_DIR")
+    if named:
+        return os.path.join(named, "rigidmc-kernels")
+    return os.path.join(platformdirs.user_cache_dir("rigidmc", appauthor=False), "kernels")
+
+
+def home() -> str:
+    """The folder of the cache, made if there is none; OSError if it cannot be used."""
+    if named := os.environ.get("RIGIDMC_CACHE_DIR"):
+        private(named)
+    return private(cache_folder())
+
+
+def kernels() -> str:
+    """The folder of the kernels of these sources and compilers; OSError if it cannot be used."""
+    folder = private(os.path.join(home(), source_stamp()))
+    with contextlib.suppress(FileExistsError):
+        os.close(os.open(os.path.join(folder, _MARK), os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
+    return folder
 
 
 def private(folder: str) -> str:
-    """Make a folder that only this user can write to; OSError if that cannot be."""
+    """Make a folder that only this user can write to; OSError if that cannot be.
+
+    A folder of others is not touched: what they planted there could lead anywhere.
+    """
     os.makedirs(folder, mode=0o700, exist_ok=True)
     facts = os.stat(folder)
     if hasattr(os, "getuid") and (
         facts.st_uid != os.getuid() or stat.S_IMODE(facts.st_mode) & 0o022
     ):
-        rule = "is not private to this user; compiled code is not loaded from it"
+        rule = "is not private to this user; nothing is read from it or written to it"
         raise PermissionError(f"{folder} {rule}")
-    probe = os.path.join(folder, f".probe-{os.getpid()}")
-    with open(probe, "w"):
-        pass
-    os.unlink(probe)
+    if not os.access(folder, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), folder)
     return folder
 
 
-def forget_old(folder: str, stamp: str) -> None:
-    """Delete the kernels of other versions of the sources after a month."""
-    for name in os.listdir(folder):
-        path = os.path.join(folder, name)
-        other = name != stamp and os.path.isdir(path)
-        if other and time.time() - os.stat(path).st_mtime > _KEEP_SECONDS:
-            shutil.rmtree(path, ignore_errors=True)
+def forget_old(stamp: str) -> None:
+    """Delete the kernels of other versions of the sources after a month: folders that have the
+    name and the mark of such kernels, and nothing else."""
+    for entry in os.scandir(home()):
+        with contextlib.suppress(OSError):  # another process deletes it
+            facts = entry.stat(follow_symlinks=False)
+            ours = _STAMP.fullmatch(entry.name) and stat.S_ISDIR(facts.st_mode)
+            if ours and entry.name != stamp and time.time() - facts.st_mtime > _KEEP_SECONDS:
+                os.lstat(os.path.join(entry.path, _MARK))  # raises if it is not there
+                shutil.rmtree(entry.path, ignore_errors=True)
 
 
 def log_once(error: Exception) -> None:

@@ -11,7 +11,8 @@ import time
 from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
-from rigidmc.engine.cache_folder import cache_folder
+from rigidmc.engine.cache_folder import home
+from rigidmc.files.opening import plain
 from rigidmc.progress import say
 
 log = logging.getLogger("rigidmc")
@@ -146,7 +147,10 @@ def _pace() -> float:
 
     1 if that is not known.
     """
-    with contextlib.suppress(OSError, ValueError), open(_file(), encoding="ascii") as file:
+    with (
+        contextlib.suppress(OSError, ValueError),
+        open(_file(), encoding="ascii", opener=plain) as file,
+    ):
         pace = float(file.read(32))
         return min(5.0, max(0.2, pace)) if math.isfinite(pace) else 1.0
     return 1.0
@@ -154,11 +158,13 @@ def _pace() -> float:
 
 def _learn(pace: float) -> None:
     """Keep the pace for other processes, if there is a cache."""
-    with contextlib.suppress(OSError):
-        with open(f"{_file()}.{os.getpid()}", "w", encoding="ascii") as file:
+    with contextlib.suppress(OSError, ValueError):
+        place = _file()
+        with open(f"{place}.{os.getpid()}", "w", encoding="ascii", opener=plain) as file:
             file.write(f"{pace:.3f}\n")
-        os.replace(file.name, _file())
+        os.replace(file.name, place)
 
 
 def _file() -> str:
-    return os.path.join(cache_folder(), "pace")
+    """The file of the pace; OSError if the folder of the cache is not private."""
+    return os.path.join(home(), "pace")

@@ -17,9 +17,10 @@ import shutil
 import time
 from collections.abc import Callable, Iterator
 
-from rigidmc.errors import NoRoom, OutputExists
+from rigidmc.errors import FileError, NoRoom, OutputExists
 from rigidmc.files.forks import descriptors, let_go
 from rigidmc.files.kinds import check_suffix, is_zarr
+from rigidmc.files.opening import plain
 
 Path = str | os.PathLike[str]
 
@@ -76,15 +77,16 @@ def refuse_unwritable(folder: str, size: float = 100_000) -> None:
         rule = "has nothing but its own files: choose a place outside; nothing was written"
         raise OutputExists(f"{folder}: the run directory {run} {rule}")
     clear(folder)
-    probe = Part(os.path.join(folder, "probe"))
     try:
         # os.access may be wrong about a folder: only writing tells
-        with open(probe.path, "wb") as file:
-            file.write(bytes(4096))
+        probe = Part(os.path.join(folder, "probe"))
+        try:
+            with open(probe.path, "wb", opener=plain) as file:
+                file.write(bytes(4096))
+        finally:
+            probe.discard()
     except OSError as error:
         raise _not_writable(error, folder) from None
-    finally:
-        probe.discard()
     if (free := shutil.disk_usage(folder).free) < size:
         raise NoRoom(
             f"{folder}: {size / 1e6:.1f} MB are needed, of which {free / 1e6:.1f} MB are free"
@@ -108,23 +110,39 @@ def _not_writable(error: OSError, path: Path) -> OSError:
 
 
 class Part:
-    """An unfinished file or folder. Its content is written to `path`; `finish` gives it its name,
-    and `discard` deletes it.
+    """An unfinished file or folder. Its content is written to `path`, which exists and is empty;
+    `finish` gives it its name, and `discard` deletes it.
 
     As a context manager it gives `path`, finishes at the end, and discards if anything is raised.
     """
 
     def __init__(
-        self, final: Path, force: bool = False, before: Callable[[], None] | None = None
+        self,
+        final: Path,
+        force: bool = False,
+        before: Callable[[], None] | None = None,
+        folder: bool = False,
     ) -> None:
-        """before : called when the file is durable and does not have its name yet"""
+        """before : called when the file is durable and does not have its name yet
+
+        folder : whether it is a folder
+        """
         self.final, self.force, self.before = os.fspath(final), force, before
-        folder, name = os.path.split(os.path.abspath(self.final))
+        place, name = os.path.split(os.path.abspath(self.final))
         suffix = os.path.splitext(name)[1]  # writers of animations choose the format by it
-        # short, because the final name may have all of the 255 letters that are allowed
-        name = f".part-{_computer()}-{os.getpid()}-{next(_numbers)}"
-        self.path = os.path.join(folder, name + suffix * bool(_PART.fullmatch(name + suffix)))
-        _parts.add(self.path)
+        while True:
+            # short, because the final name may have all of the 255 letters that are allowed
+            name = f".part-{_computer()}-{os.getpid()}-{next(_numbers)}"
+            self.path = os.path.join(place, name + suffix * bool(_PART.fullmatch(name + suffix)))
+            _parts.add(self.path)
+            try:
+                with naming(self.final, self.path):
+                    _create(self.path, folder)
+                break
+            except BaseException as error:
+                _parts.discard(self.path)
+                if not isinstance(error, FileExistsError):  # others made a file of that name
+                    raise
 
     def __enter__(self) -> str:
         return self.path
@@ -144,7 +162,9 @@ class Part:
         try:
             with naming(final, self.path):
                 for file in _files_of(self.path):
-                    with open(file, "rb+") as one:  # Windows makes only writable files durable
+                    with open(
+                        file, "rb+", opener=plain
+                    ) as one:  # Windows makes only writable files durable
                         os.fsync(one.fileno())
                 if self.before is not None:
                     self.before()
@@ -172,7 +192,9 @@ class Part:
 
     def _replace_by_folder(self, final: str) -> None:
         """Systems replace no folder that has files: what exists is put aside for a moment."""
-        old = Part(final)
+        old = Part(final, folder=os.path.isdir(final) and not os.path.islink(final))
+        if os.name == "nt":  # Windows puts a folder in the place of no other
+            os.rmdir(old.path)
         os.replace(final, old.path)
         try:
             os.replace(self.path, final)
@@ -191,9 +213,8 @@ class Part:
 @contextlib.contextmanager
 def folder_beside(path: Path) -> Iterator[str]:
     """A folder beside a place, deleted in the end unless it was renamed."""
-    part = Part(path)
+    part = Part(path, folder=True)
     try:
-        os.mkdir(part.path)
         yield part.path
     finally:
         part.discard()
@@ -203,8 +224,20 @@ def write_bytes(
     path: Path, data: bytes, force: bool = False, before: Callable[[], None] | None = None
 ) -> None:
     """Write a file whole or not at all; `before` as for `Part`."""
-    with Part(path, force, before) as part, naming(path, part), open(part, "wb") as file:
+    with (
+        Part(path, force, before) as part,
+        naming(path, part),
+        open(part, "wb", opener=plain) as file,
+    ):
         file.write(data)
+
+
+def _create(path: str, folder: bool) -> None:
+    """Make an empty file or folder; FileExistsError if anything has this name, also a link."""
+    if folder:
+        os.mkdir(path)
+    else:
+        os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
 
 
 @contextlib.contextmanager
@@ -313,10 +346,21 @@ def _drop(part: str) -> None:
         if os.path.isdir(part) and not os.path.islink(part):
             shutil.rmtree(part, ignore_errors=True)
         else:
-            if os.lstat(part).st_nlink == 1:  # else the file has its final name already
-                with contextlib.suppress(OSError):
-                    os.truncate(part, 0)
+            _free(part)
             os.unlink(part)
+
+
+def _free(part: str) -> None:
+    """Free the space of a file, even if a library still has it open. What a link leads to, a file
+    that has its final name already, and a file of somebody else are left as they are."""
+    with (
+        contextlib.suppress(OSError, FileError),
+        open(part, "rb+", buffering=0, opener=plain) as file,
+    ):
+        facts = os.fstat(file.fileno())
+        mine = not hasattr(os, "getuid") or facts.st_uid == os.getuid()
+        if facts.st_nlink == 1 and mine:
+            file.truncate(0)
 
 
 def size_of(path: Path) -> int:
@@ -325,9 +369,10 @@ def size_of(path: Path) -> int:
 
 
 def content_of(folder: Path, name: str) -> bytes:
-    """The bytes of a file of a folder, b"" if there is none."""
-    path = os.path.join(folder, name)
-    if not os.path.isfile(path):
-        return b""
-    with open(path, "rb") as file:
+    """The bytes of a file of a folder, b"" if there is none; FileError for a link."""
+    with (
+        contextlib.suppress(FileNotFoundError),
+        open(os.path.join(folder, name), "rb", opener=plain) as file,
+    ):
         return file.read()
+    return b""

@@ -9,36 +9,27 @@ import contextlib
 import json
 import os
 import re
-import stat
 import tomllib
 from typing import Any
 
 from rigidmc.errors import FileError, SceneError
+from rigidmc.files.opening import plain, regular
 from rigidmc.files.outputs import Path
 
 TEXT = 16 * 2**20  # bytes of a text: TOML is read at 5 MB/s
 DEPTH = 100  # tables and lists within each other; scenes have 4
-_KINDS = {stat.S_ISDIR: "a folder", stat.S_ISFIFO: "a pipe", stat.S_ISSOCK: "a socket"}
 # strings and comments of TOML, in which brackets and dots have no meaning
 _STRINGS = re.compile(
     r'"""(?:\\.|[^\\])*?"""|\'\'\'.*?\'\'\'|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'|#[^\n]*', re.DOTALL
 )
 
 
-def refuse_irregular(path: Path, mode: int | None = None) -> None:
-    """Raise FileError for a pipe, a device or a folder; FileNotFoundError if there is nothing."""
-    mode = os.stat(path).st_mode if mode is None else mode
-    if not stat.S_ISREG(mode):
-        kind = next((words for test, words in _KINDS.items() if test(mode)), "a device")
-        rule = f"is {kind}, and only a regular file is read"
-        raise FileError("", "file", None, rule, file=os.fspath(path))
+def bytes_of(path: Path, most: int = TEXT, last: bool = False, links: bool = True) -> bytes:
+    """The bytes of a regular file; if it has more than `most`, the last ones or FileError.
 
-
-def bytes_of(path: Path, most: int = TEXT, last: bool = False) -> bytes:
-    """The bytes of a regular file; if it has more than `most`, the last ones or FileError."""
-    refuse_irregular(path)
-    with open(path, "rb", opener=_without_waiting) as file:
-        refuse_irregular(path, os.fstat(file.fileno()).st_mode)
+    links : whether a link is followed: of a path that the user names, but not within a folder
+    """
+    with open(path, "rb", opener=regular if links else plain) as file:
         if last:
             file.seek(max(0, os.fstat(file.fileno()).st_size - most))
             return file.read(most)
@@ -49,17 +40,12 @@ def bytes_of(path: Path, most: int = TEXT, last: bool = False) -> bytes:
     return data
 
 
-def text_of(path: Path) -> str:
-    """The text of a regular file; FileError if it is not UTF-8."""
+def text_of(path: Path, links: bool = True) -> str:
+    """The text of a regular file; FileError if it is not UTF-8. links : as of `bytes_of`"""
     try:
-        return bytes_of(path).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
+        return bytes_of(path, links=links).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError:
         raise FileError("", "file", None, "is no text in UTF-8", file=os.fspath(path)) from None
-
-
-def _without_waiting(path: str, flags: int) -> int:
-    """Open a file without waiting, even if a pipe without a writer has taken its place."""
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0))
 
 
 def toml(text: object, file: str | None = None) -> dict[str, Any]:

@@ -18,8 +18,8 @@ import threading
 from rigidmc.errors import FileError
 from rigidmc.files.helpers import start
 from rigidmc.files.locks import lock
+from rigidmc.files.opening import regular
 from rigidmc.files.outputs import Path
-from rigidmc.files.reading import refuse_irregular
 
 if sys.platform != "win32":
     import resource
@@ -40,8 +40,7 @@ def refuse_unreadable(path: Path) -> None:
     they are.
     """
     path = os.path.abspath(path)
-    refuse_irregular(path)
-    with open(path, "rb") as file:
+    with open(path, "rb", opener=regular) as file:
         file.read(1)  # as long as it takes: an archive may bring the file from a tape
         with _lock:
             complaint = _verdict(path)

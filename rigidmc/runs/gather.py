@@ -3,7 +3,6 @@ made one file."""
 
 import os
 import random
-import shutil
 import tempfile
 import warnings
 from collections.abc import Sequence
@@ -13,6 +12,7 @@ import xarray as xr
 
 from rigidmc.errors import FileError, OptionError, SceneWarning
 from rigidmc.files.netcdf import open_trusted, read
+from rigidmc.files.opening import copy
 from rigidmc.files.outputs import Part, Path, content_of, naming, refuse_existing, write_bytes
 from rigidmc.runs.capacity import refuse_hopeless
 from rigidmc.runs.create import is_free, new_directory, place_of, refuse_unusable
@@ -140,7 +140,7 @@ def _copy_shards(source: RunDirectory, target: RunDirectory) -> int:
             raise FileError("", "run", source.path, fault)
         final = os.path.join(target.path, "shards", os.path.basename(shard))
         with Part(final, True) as unfinished, naming(final, unfinished):
-            shutil.copyfile(shard, unfinished)
+            copy(shard, unfinished)
         copied += 1
     return copied
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rigidmc.engine.machine import UNCOMPILED, this_machine
 from rigidmc.errors import FileError, SceneError
 from rigidmc.files.netcdf import read
+from rigidmc.files.opening import plain
 from rigidmc.files.reading import text_of, toml
 from rigidmc.planning.block_size import block_of_shard
 from rigidmc.planning.plan import Plan
@@ -116,7 +117,7 @@ def scene_of_run(directory: RunDirectory, allow_code: bool | None = False) -> Sc
 
 def text_of_run(directory: RunDirectory, **settings: int) -> str:
     """The text of the scene of a run with other settings of [run], without a look at its parts."""
-    tables = toml(text_of(os.path.join(directory.path, "scene.toml")))
+    tables = toml(text_of(os.path.join(directory.path, "scene.toml"), links=False))
     tables["run"] = {**tables.get("run", {}), **settings}
     return tomli_w.dumps(tables)
 
@@ -126,12 +127,12 @@ def scene_in(folder: str, facts: dict[str, Any], allow_code: bool | None) -> Sce
     stored: Callable[[str], Any] | None = None
     if facts["columns"]:
         file = os.path.join(folder, "columns.nc")
-        if not os.path.isfile(file) or hash_of_file(file) != facts["columns"]:
+        if not os.path.isfile(file) or hash_of_file(file, plain) != facts["columns"]:
             rule = "is missing or was changed: the rows of the members are lost"
             raise FileError("", "columns.nc", None, rule, file=folder)
         stored = read(file).get
     name = os.path.join(folder, "scene.toml")
-    scene: Scene = loads(text_of(name), name, stored=stored, allow_code=allow_code)
+    scene: Scene = loads(text_of(name, links=False), name, stored=stored, allow_code=allow_code)
     return scene
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.errors import RigidmcError, SceneError, unknown
-from rigidmc.files.reading import refuse_irregular
+from rigidmc.files.opening import refuse_irregular
 from rigidmc.files.trial import refuse_unreadable
 
 SUFFIXES = (".csv", ".nc")

@@ -38,7 +38,7 @@ def write(dataset: xr.Dataset, path: Path, force: bool = False) -> None:
     if ending == ".nc":
         write_bytes(path, encoded(dataset), force)
         return
-    with Part(path, force) as part, naming(path, part):
+    with Part(path, force, folder=ending == ".zarr") as part, naming(path, part):
         if ending == ".zarr":
             # version 2 is read everywhere; version 3 has no text of fixed length yet
             plain = dataset.drop_encoding()

@@ -24,7 +24,7 @@ import platform
 import re
 import time
 import warnings
-from collections.abc import Iterator, Sized
+from collections.abc import Callable, Iterator, Sized
 from functools import cached_property
 from typing import Annotated, Any
 
@@ -34,6 +34,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from rigidmc.errors import FileError, OutputExists, SceneWarning
 from rigidmc.files.locks import lock, unlock
+from rigidmc.files.opening import below, held, plain, regular
 from rigidmc.files.outputs import Path, clear, is_part
 from rigidmc.files.reading import bytes_of, json_of
 from rigidmc.scene.scene import Scene
@@ -115,8 +116,9 @@ class RunDirectory:
         name = os.path.join(self.path, CHOSEN)
         if not os.path.isfile(name):
             raise FileError("", CHOSEN, None, "is missing", file=self.path)
-        count = min(int(self.facts["members"]), os.stat(name).st_size // 8)
-        members = np.fromfile(name, "<i8", count)
+        with open(name, "rb", opener=plain) as file:
+            count = min(int(self.facts["members"]), held(file.fileno()) // 8)
+            members = np.fromfile(file, "<i8", count)
         if facts_of_chosen(members)["chosen"] != self.facts["chosen"]:
             raise FileError("", CHOSEN, None, "was changed: its sum is another", file=self.path)
         return members.astype(np.int64)
@@ -190,8 +192,8 @@ class RunDirectory:
         line = json.dumps({**about, **facts})
         name = os.path.join(self.path, "journal.jsonl")
         with (
-            contextlib.suppress(OSError),
-            open(name, "a", encoding="utf-8", opener=_opener) as file,
+            contextlib.suppress(OSError, FileError),
+            open(name, "a", encoding="utf-8", opener=plain) as file,
         ):
             file.write(line + "\n")
 
@@ -200,7 +202,7 @@ class RunDirectory:
         cannot be is left out, with a SceneWarning."""
         name = os.path.join(self.path, "journal.jsonl")
         try:
-            text = bytes_of(name, _JOURNAL, last=True)
+            text = bytes_of(name, _JOURNAL, last=True, links=False)
         except (OSError, FileError):
             return []
         # the first line of a part is no whole line
@@ -221,7 +223,7 @@ class RunDirectory:
         """
         os.makedirs(self._folder, exist_ok=True)
         name = os.path.join(self.path, "lock")
-        with open(name, "ab+", buffering=0, opener=_opener) as file:
+        with open(name, "ab+", buffering=0, opener=plain) as file:
             try:
                 lock(file, name)
             except BlockingIOError:
@@ -252,29 +254,22 @@ def facts_of_chosen(members: NDArray[np.int64]) -> dict[str, Any]:
     return {"members": members.size, "chosen": hashlib.sha256(data).hexdigest()}
 
 
-def _opener(path: str, flags: int) -> int:
-    """Open a file of a run for writing. A link, which may lead out of the run, is refused; a pipe
-    does not block."""
-    more = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
-    return os.open(path, flags | more, 0o666)
-
-
 def flagged_of(path: str) -> int:
     """How many members of a shard are flagged, by its name."""
     name = _SHARD.fullmatch(os.path.basename(path))
     return int(name[2]) if name else 0
 
 
-def hash_of_file(path: Path) -> str:
-    """The sha256 of a file."""
-    with open(path, "rb") as file:
+def hash_of_file(path: Path, opener: Callable[[str, int], int] = regular) -> str:
+    """The sha256 of a file. opener : whose links it follows, see `rigidmc.files.opening`"""
+    with open(path, "rb", opener=opener) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def damaged(path: str) -> bool:
     """Whether the content of a shard contradicts its name."""
     name = _SHARD.fullmatch(os.path.basename(path))
-    return not name or hash_of_file(path)[:16] != name[3]
+    return not name or hash_of_file(path, below)[:16] != name[3]
 
 
 def status(path: Path) -> dict[str, Any]:

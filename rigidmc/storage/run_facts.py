@@ -42,7 +42,7 @@ class _Facts(BaseModel):
 
 def read_facts(path: str) -> dict[str, Any]:
     """The facts of a run.json; FileError if it is damaged or of another format."""
-    text = text_of(path)
+    text = text_of(path, links=False)
     try:
         facts = json_of(text)
         if isinstance(facts, dict):

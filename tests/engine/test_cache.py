@@ -19,7 +19,7 @@ import pytest
 
 import rigidmc
 from rigidmc.dynamics.euler import MassProperties
-from rigidmc.engine import cache_folder
+from rigidmc.engine import cache_folder, compile_time
 from rigidmc.engine.cache import cached
 from rigidmc.integrators.protocol import step
 from rigidmc.integrators.rk4 import RK4
@@ -132,14 +132,20 @@ def test_a_changed_source_changes_the_kernel(place):
 
     # back again, and the old kernel is still there; but what is very old is deleted
     source.write_text(text)
-    forgotten, kept = place / "cache" / ("0" * 32), place / "cache" / ("1" * 32)
-    for folder in (forgotten, kept):
+    ours = place / "cache" / "rigidmc-kernels"
+    forgotten, young, unmarked, linked = (ours / (digit * 32) for digit in "0123")
+    kept = [ours / "thesis", place / "cache" / "thesis", place / "cache" / ("4" * 32), unmarked]
+    for folder in (forgotten, young, *kept):
         folder.mkdir()
-    os.utime(forgotten, (0, 0))
+        if folder != unmarked:
+            (folder / "made-by-rigidmc").touch()
+    linked.symlink_to(kept[1])
+    for folder in (forgotten, *kept):
+        os.utime(folder, (0, 0))
     back, _ = ran(place)
     assert (back["hits"], back["misses"]) == (PIECES, 0)
     assert back["state"] == first["state"]
-    assert kept.exists()
+    assert all(folder.exists() for folder in (young, linked, *kept))
     assert not forgotten.exists()
 
 
@@ -173,6 +179,27 @@ def test_a_folder_that_is_read_only_or_not_private_is_refused(place, mode):
     _, log = ran(place, "small")
     assert WARNING in log
     assert mode == 0o500 or "not private" in log
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes")
+def test_a_folder_that_is_not_private_is_not_touched(tmp_path, monkeypatch):
+    """Before: a pipe named pace blocked each run, and a link pace.NUMBER emptied its target."""
+    shared, mine = tmp_path / "shared", tmp_path / "mine"
+    monkeypatch.setenv("RIGIDMC_CACHE_DIR", str(shared))
+    monkeypatch.setattr(cache_folder, "_TOLD", set())
+    for place in (shared, shared / "rigidmc-kernels"):
+        place.mkdir()
+        os.mkfifo(place / "pace")
+        mine.write_text("mine")
+        (place / f"pace.{os.getpid()}").symlink_to(mine)
+        place.chmod(0o777)
+    there = sorted(map(str, tmp_path.rglob("*")))
+    assert compile_time._pace() == 1.0
+    compile_time._learn(2.0)
+    with pytest.raises(PermissionError, match="not private"):
+        cache_folder.kernels()
+    assert cached(numba.njit(lambda x: 2.0 * x))(1.5) == 3.0
+    assert sorted(map(str, tmp_path.rglob("*"))) == there and mine.read_text() == "mine"
 
 
 def test_a_private_folder_is_accepted_silently(place):

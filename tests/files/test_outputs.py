@@ -290,7 +290,9 @@ def test_a_run_without_disk_space_does_not_begin(tmp_path):
 
 def test_parts_of_killed_runs_are_cleaned_up(tmp_path):
     """Before: a run to a file and a consolidation left a part each time they were killed."""
-    here = os.path.basename(outputs.Part(tmp_path / "x").path).rsplit("-", 2)[0]
+    some = outputs.Part(tmp_path / "x")
+    here = os.path.basename(some.path).rsplit("-", 2)[0]
+    some.discard()
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
     (tmp_path / f"{here}-{gone.pid}-3").mkdir()
@@ -319,12 +321,12 @@ TWICE = """
 import os, signal, sys, time
 import rigidmc.files.outputs
 from rigidmc.cli import main
-real = os.truncate
+real = rigidmc.files.outputs._free
 def slow(*given):
     print("cleaning", flush=True)
     time.sleep(0.5)
     return real(*given)
-os.truncate = slow
+rigidmc.files.outputs._free = slow
 main()
 """
 

@@ -381,7 +381,9 @@ def test_parts_of_running_writers_stay(tmp_path):
     gone.wait()
     # this process writes nothing now
     names = {os.getpid(): False, os.getppid(): True, gone.pid: False}
-    here = os.path.basename(Part(tmp_path / "x").path).rsplit("-", 2)[0]
+    some = Part(tmp_path / "x")
+    some.discard()
+    here = os.path.basename(some.path).rsplit("-", 2)[0]
     for process in names:
         (tmp_path / "run" / "shards" / f"{here}-{process}-7").touch()
     late, old = (tmp_path / "run" / f".part-elsewhere-{n}-7" for n in (1, 2))
@@ -397,7 +399,7 @@ def test_links_lead_nowhere(whole, tmp_path):
     for name in ("lock", "journal.jsonl"):
         started(tmp_path / "run")
         (tmp_path / "run" / name).symlink_to(tmp_path / "mine")
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError, FileError):
             resume.resume(tmp_path / "run", only=range(1))
         assert (tmp_path / "mine").read_text() == "mine"
         shutil.rmtree(tmp_path / "run")

@@ -1,0 +1,124 @@
+"""How files are opened whose place others could have prepared: a folder that was downloaded, or one
+that several people write to.
+
+No link is followed, nothing but a regular file is read or written, and no pipe blocks.
+"""
+
+import errno
+import os
+import shutil
+import stat
+
+from rigidmc.errors import FileError
+
+_WAITLESS = sum(getattr(os, name, 0) for name in ("O_NONBLOCK", "O_CLOEXEC", "O_BINARY"))
+_FLAGS = _WAITLESS | getattr(os, "O_NOFOLLOW", 0)
+_FOLDER = sum(getattr(os, name, 0) for name in ("O_DIRECTORY", "O_NOFOLLOW", "O_CLOEXEC"))
+_BY_FOLDER = os.open in os.supports_dir_fd and hasattr(os, "O_DIRECTORY")
+_SMALL = 2**16  # bytes of a file whose holes do not matter
+_PIECES = 10_000  # of data between holes that are counted
+_KINDS = {
+    stat.S_ISDIR: "a folder",
+    stat.S_ISFIFO: "a pipe",
+    stat.S_ISSOCK: "a socket",
+    stat.S_ISLNK: "a link",
+}
+
+
+def refuse_irregular(path: str | os.PathLike[str], mode: int | None = None) -> None:
+    """Raise FileError for a pipe, a device or a folder; FileNotFoundError if there is nothing."""
+    mode = os.stat(path).st_mode if mode is None else mode
+    if not stat.S_ISREG(mode):
+        kind = next((words for test, words in _KINDS.items() if test(mode)), "a device")
+        rule = f"is {kind}, and only a regular file is read"
+        raise FileError("", "file", None, rule, file=os.fspath(path))
+
+
+def regular(path: str, flags: int) -> int:
+    """Open a regular file that the user names, perhaps by a link; for `open(path, opener=...)`."""
+    refuse_irregular(path)  # a device may do something when it is opened
+    file = os.open(path, flags | _WAITLESS)
+    try:
+        refuse_irregular(path, os.fstat(file).st_mode)
+    except BaseException:
+        os.close(file)
+        raise
+    return file
+
+
+def plain(path: str, flags: int) -> int:
+    """Open a regular file that is no link; for `open(path, opener=plain)`."""
+    return _checked(path, path, flags, None)
+
+
+def below(path: str, flags: int) -> int:
+    """As `plain`, for a file whose folder may not be a link either."""
+    folder, name = os.path.split(path)
+    if not _BY_FOLDER:
+        if os.path.islink(folder):
+            refuse_irregular(folder, stat.S_IFLNK)
+        return plain(path, flags)
+    at = _opened(folder, folder, os.O_RDONLY | _FOLDER, None)
+    try:
+        return _checked(path, name, flags, at)
+    finally:
+        os.close(at)
+
+
+def _checked(path: str, name: str, flags: int, at: int | None) -> int:
+    """Open a file and refuse all but regular ones; name : relative to the open folder `at`."""
+    file = _opened(path, name, flags | _FLAGS, at)
+    try:
+        refuse_irregular(path, os.fstat(file).st_mode)
+    except BaseException:
+        os.close(file)
+        raise
+    return file
+
+
+def _opened(path: str, name: str, flags: int, at: int | None) -> int:
+    try:
+        return os.open(name, flags, 0o666, dir_fd=at)
+    except OSError as error:
+        # a link, or a pipe without a reader: what it is, if the system tells it
+        if error.errno in (errno.ELOOP, errno.EMLINK, errno.ENOTDIR, errno.ENXIO):
+            mode = os.lstat(path).st_mode
+            if not stat.S_ISDIR(mode):
+                refuse_irregular(path, mode)
+        raise type(error)(error.errno, error.strerror, path) from None
+
+
+def copy(path: str, to: str) -> None:
+    """Copy a file of a folder of others to an existing file."""
+    with open(path, "rb", opener=below) as source, open(to, "wb", opener=plain) as target:
+        shutil.copyfileobj(source, target, 2**20)
+
+
+def held(file: int) -> int:
+    """Bytes of an open file that hold data: its size without the holes of a sparse file.
+
+    A file of gigabytes may take no room at all. A file system that knows no holes tells the size.
+    """
+    size = os.fstat(file).st_size
+    if not hasattr(os, "SEEK_DATA") or size < _SMALL:
+        return size
+    data, at = 0, 0
+    try:
+        for _ in range(_PIECES):
+            begin = os.lseek(file, at, os.SEEK_DATA)
+            at = os.lseek(file, begin, os.SEEK_HOLE)
+            data += at - begin
+            if at >= size:
+                break
+    except OSError as error:
+        if error.errno != errno.ENXIO:  # no data after `at`
+            return size
+    finally:
+        os.lseek(file, 0, os.SEEK_SET)
+    return data
+
+
+def held_in(path: str | os.PathLike[str]) -> int:
+    """As `held`, of a regular file by its path."""
+    with open(path, "rb", opener=regular) as file:
+        return held(file.fileno())
