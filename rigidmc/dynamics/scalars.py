@@ -47,6 +47,11 @@ def root(x):
     return np.sqrt(x)
 
 
+def inverse(x):
+    """1/x, or 0 if x is 0: a share of nothing is none, in any unit."""
+    return select(x > 0.0, 1.0 / select(x > 0.0, x, 1.0), 0.0)
+
+
 def larger(a, b):
     """The larger of two numbers, element by element for arrays."""
     return select(b > a, b, a)

@@ -27,6 +27,7 @@ from rigidmc.dynamics.quaternions import (
 )
 from rigidmc.dynamics.scalars import (
     by_precision,
+    inverse,
     larger,
     opposite,
     root,
@@ -66,6 +67,7 @@ __all__ = [
     "gain",
     "gain4",
     "into_body",
+    "inverse",
     "joined",
     "larger",
     "moved",

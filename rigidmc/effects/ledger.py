@@ -38,6 +38,20 @@ def booked(start, ledger, works):
     return (start[0] + spent(ledger, works), start[1] / (1.0 + start[1] * gross(works))) + start[2:]
 
 
+def marked(ledger):
+    """(0.0,) if an effect of the ledger has no energy, else ()."""
+    if len(ledger) == 0:
+        return ()
+    return either(ledger[0], marked(ledger[1:]))
+
+
+def either(marks, others):
+    """Marks, or others if there are none."""
+    if len(marks) == 0:
+        return others
+    return marks
+
+
 def spent(ledger, works):
     """The sum of the works of those effects that have no () in `ledger`."""
     if len(works) == 0:

@@ -40,7 +40,8 @@ _block = _Table()
 ATTITUDE = _block.take(4)  # a quaternion
 MOMENTUM = _block.take(3)
 REST = _block.take(7)  # remainders of the sums of both, or what the integrator keeps instead
-# of the start: energy, 1/its scale, |L|^2, 1/|L|^2, 1/energies in play, L_z, 1/largest |L|
+# of the start: energy, what it is compared with, |L|^2, energies in play, L_z, largest |L|^2 that
+# these allow; and the largest kinetic energy since, see `rigidmc.engine.member.fastest`
 START = _block.take(7)
 DRIFT = _block.take(2)  # largest drifts of energy and of |L|^2 so far
 STATUS = _block.take(1)  # see STATUSES

@@ -14,8 +14,18 @@ import math
 import sys
 
 from rigidmc.dynamics.euler import angular_velocity, kinetic_energy
-from rigidmc.dynamics.so3 import dot, first_three, joined, scale, select, select_each, up
-from rigidmc.effects.ledger import booked, gross
+from rigidmc.dynamics.so3 import (
+    dot,
+    first_three,
+    inverse,
+    joined,
+    larger,
+    scale,
+    select,
+    select_each,
+    up,
+)
+from rigidmc.effects.ledger import booked, gross, marked, spent
 from rigidmc.effects.sums import total_energy, total_energy_scale
 from rigidmc.engine.compose import inline_all
 from rigidmc.engine.intrinsics import in_precision, like
@@ -103,23 +113,15 @@ def begin(kinds, numbers, parts, state, work):
     q, l, h = four_at(work, KNOWN + ATTITUDE), three_at(work, KNOWN + MOMENTUM), work[LENGTH]
     kinetic, squared = kinetic_energy(body, l), dot(l, l)
     energy = kinetic + total_energy(present, body, q)
-    in_play = kinetic + total_energy_scale(present, body)
-    compared = max(abs(energy), 1e-3 * in_play)
-    start = (
-        energy,
-        1.0 / select(compared > 0.0, compared, 1.0),
-        squared,
-        1.0 / select(squared > 0.0, squared, 1.0),
-        1.0 / select(in_play > 0.0, in_play, 1.0),
-    )
-    put(start, work, KNOWN + START)
-    largest = math.sqrt(2.0 / (start[4] * min(min(body.i1, body.i2), body.i3)))
-    scales = start[4], dot(up(q), l), 1.0 / select(largest > 0.0, largest, 1.0)
-    put(scales[1:], work, KNOWN + START + 5)
+    # a user's potential may tell no bound on itself
+    in_play = larger(kinetic + total_energy_scale(present, body), abs(energy))
+    compared = larger(abs(energy), 1e-3 * in_play)
+    widest = 2.0 * in_play / min(min(body.i1, body.i2), body.i3)
+    put((energy, compared, squared, in_play, dot(up(q), l), widest, 0.0), work, KNOWN + START)
 
     endless = select(is_finite(q, l, energy, squared), 0.0, 1.0)
-    at_start, omega = (scales[0], scales[1], 0.0), angular_velocity(body, l)
-    flaw = fault(limits, endless, start, at_start, q, l, omega, h, energy, squared)
+    omega = angular_velocity(body, l)
+    flaw = fault(limits, endless, work, ledger, (), q, l, omega, h, energy, squared)
     status = work[KNOWN + STATUS]
     status = select(status == 0.0, flaw, status)
     healthy = status == 0.0
@@ -161,11 +163,11 @@ def look(kinds, numbers, parts, state, work, rounds, slot):
     energy, squared = kinetic_energy(body, l) + total_energy(present, body, q), dot(l, l)
     put(q + l + (energy, squared), work, TRUE)
 
-    start = booked(four_at(work, KNOWN + START), ledger, works)
-    scales = eased(three_at(work, KNOWN + START + 4), works)
+    work[KNOWN + START + 6] = fastest(marked(ledger), work, kinetic_energy(body, l))
+    start = begun(work, ledger, works, squared)
     endless = select(is_finite(q, l, energy, squared), 0.0, 1.0)
     omega = angular_velocity(body, l)
-    flaw = fault(limits, endless, start, scales, q, l, omega, h, energy, squared)
+    flaw = fault(limits, endless, work, ledger, works, q, l, omega, h, energy, squared)
     steps = rounds * work[EACH] + done
     good = judged(flaw, start, energy, squared, steps, q, l, work)
     frozen = work[KNOWN + STATUS] > 0.0
@@ -184,7 +186,7 @@ def record(kinds, numbers, work, out, at, width, t, past):
     body, present = body_at(work, KNOWN + BODY), filled(effects, work, KNOWN + EFFECTS)
     works = tuple_at(ledger, work, KNOWN + EFFECTS + row_count(effects) + len(ledger))
     q, l = four_at(work, KNOWN + GOOD), three_at(work, KNOWN + GOOD + 4)
-    start = booked(four_at(work, KNOWN + START), ledger, works)
+    start = begun(work, ledger, works, dot(l, l))
     write_all(observables, body, present, t, q, l, start, works, work, out, at, width, past)
     return 0
 
@@ -201,18 +203,43 @@ def is_finite(q, l, energy, squared):
     return 0.0 * (energy + squared + q[0] + q[1] + q[2] + q[3]) == 0.0
 
 
-def fault(limits, endless, start, scales, q, l, omega, h, energy, squared):
+def fastest(marks, work, kinetic):
+    """The largest kinetic energy so far, which counts as in play: of bodies that start without any
+    energy, and if the work of effects without an energy is booked. Else 0."""
+    most = larger(work[KNOWN + START + 6], kinetic)
+    if len(marks) == 0:
+        return select(work[KNOWN + START + 3] == 0.0, most, 0.0)
+    return most
+
+
+def begun(work, ledger, works, squared):
+    """(E, 1/scale of E, |L|^2, 1/|L|^2) at the start, corrected by the works since.
+
+    The scale is no less than the energy that `fastest` counts, and |L|^2 of a body that starts at
+    rest is compared with that of now, `squared`: a drift is a pure number in every unit. 0 stands
+    for 1/0: there is nothing to compare with.
+    """
+    energy, compared, first = three_at(work, KNOWN + START)
+    scale = inverse(larger(compared, work[KNOWN + START + 6]))
+    start = energy, scale, first, inverse(select(first > 0.0, first, squared))
+    return booked(start, ledger, works)
+
+
+def fault(limits, endless, work, ledger, works, q, l, omega, h, energy, squared):
     """The status of a member: 1 if it is not finite, else the first limit that it exceeds, or 0.
 
-    endless : 1 if it is not finite;  scales = (1/energies in play, L_z(0), 1/largest |L|)
+    endless : 1 if it is not finite
     """
     if len(limits) == 0:
         return endless
-    w = scale(h, omega)
-    drift, drift2 = abs((energy - start[0]) * scales[0]), abs((squared - start[2]) * start[3])
-    drift_z = abs((dot(up(q), l) - scales[1]) * scales[2])
-    status = select(drift2 > limits[1], 4.0, select(drift_z > limits[2], 4.0, 0.0))
-    status = select(drift > limits[0], 3.0, status)
+    first, at_start = work[KNOWN + START + 2], three_at(work, KNOWN + START + 3)
+    in_play = larger(at_start[0], work[KNOWN + START + 6]) + gross(works)
+    before = work[KNOWN + START] + spent(ledger, works)
+    w, rise = scale(h, omega), dot(up(q), l) - at_start[1]
+    widest = limits[2] * limits[2] * larger(at_start[2], squared)
+    status = select(abs(squared - first) > limits[1] * first, 4.0, 0.0)
+    status = select(rise * rise > widest, 4.0, status)
+    status = select(abs(energy - before) > limits[0] * in_play, 3.0, status)
     status = select(dot(w, w) > limits[3] * limits[3], 5.0, status)
     status = select(
         abs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1.0) > limits[4], 6.0, status
@@ -251,13 +278,6 @@ def seen(state, work, compensated):
         (q[0] + rest[0], q[1] + rest[1], q[2] + rest[2], q[3] + rest[3]),
         (l[0] + more[0], l[1] + more[1], l[2] + more[2]),
     )
-
-
-def eased(scales, works):
-    """The scales of `fault` after works, which are all energies in play."""
-    if len(works) == 0:
-        return scales
-    return scales[0] / (1.0 + scales[0] * gross(works)), scales[1], scales[2]
 
 
 def freeze(frozen, good, state):

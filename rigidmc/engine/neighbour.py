@@ -9,7 +9,7 @@ import math
 import sys
 
 from rigidmc.dynamics.functions import logarithm
-from rigidmc.dynamics.so3 import difference, difference4, dot
+from rigidmc.dynamics.so3 import difference, difference4, dot, select
 from rigidmc.engine.compose import inline_all
 from rigidmc.engine.intrinsics import in_precision, like
 from rigidmc.engine.kinds import filled, parts_of
@@ -38,7 +38,9 @@ def begin_near(kinds, numbers, parts, state, work, near, row):
     """Put the neighbour at the distance NEAR, in a direction that is special for no body."""
     q, l = four_at(work, KNOWN + GOOD), three_at(work, KNOWN + GOOD + 4)
     body = body_at(work, KNOWN + BODY)
-    weight = 0.5 * work[KNOWN + START + 4] * min(min(body.i1, body.i2), body.i3)
+    in_play = work[KNOWN + START + 3]
+    scale = 1.0 / select(in_play > 0.0, in_play, 1.0)
+    weight = 0.5 * scale * min(min(body.i1, body.i2), body.i3)
     root = NEAR / math.sqrt(weight)
     a, b, c = 0.5 * NEAR * 0.31, 0.5 * NEAR * 0.43, 0.5 * NEAR * 0.38
     turned = (

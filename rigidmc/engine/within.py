@@ -8,6 +8,7 @@ import sys
 from typing import Any, NamedTuple
 
 from rigidmc.dynamics.so3 import joined, select_each
+from rigidmc.effects.ledger import either
 from rigidmc.engine.compose import inline_all
 from rigidmc.engine.dense import AHEAD, ahead, between, ended, smooth, time
 from rigidmc.engine.events import passed, settled, stopped
@@ -150,13 +151,6 @@ def any_averages(running):
     if len(running) == 0:
         return ()
     return either(averages(running[0][0]), any_averages(running[1:]))
-
-
-def either(marks, others):
-    """Marks, or others if there are none."""
-    if len(marks) == 0:
-        return others
-    return marks
 
 
 def halved(averages, running, moves, step, part, kept):

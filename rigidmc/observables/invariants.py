@@ -31,7 +31,12 @@ class L2(NamedTuple):
     conserved="energy_drift",
 )
 class EnergyDrift(NamedTuple):
-    """(E - E(0))/|E(0)|; if |E(0)| is under 1e-3 of the energies in play, relative to that."""
+    """(E - E(0))/|E(0)|; if |E(0)| is under 1e-3 of the energies in play, relative to that.
+
+    Where work is booked, E(0) and the scale grow by it, and the scale is no less than the largest
+    kinetic energy since; nor is that of a body that starts with no energy in play, at rest under
+    torques.
+    """
 
     def value(self, body, effects, q, l, start):
         return ((kinetic_energy(body, l) + total_energy(effects, body, q) - start[0]) * start[1],)
@@ -39,7 +44,7 @@ class EnergyDrift(NamedTuple):
 
 @observable(units="1", long_name="relative drift of |L|^2", dims=(), conserved="l2")
 class L2Drift(NamedTuple):
-    """(|L|^2 - |L(0)|^2)/|L(0)|^2; the absolute change for a top that starts at rest."""
+    """(|L|^2 - |L(0)|^2)/|L(0)|^2; relative to |L|^2, and so 1, for a body that starts at rest."""
 
     def value(self, l, start):
         return ((dot(l, l) - start[2]) * start[3],)

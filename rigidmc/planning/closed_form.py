@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rigidmc.dynamics.euler import kinetic_energy
-from rigidmc.dynamics.so3 import dot
+from rigidmc.dynamics.so3 import dot, inverse
 from rigidmc.effects import labelled, name_of
 from rigidmc.effects.sums import total_energy, total_energy_scale
 from rigidmc.engine import layout
@@ -209,9 +209,4 @@ def _first(body: Any, effects: tuple[Any, ...], q: Array, l: Array) -> tuple[Any
     kinetic, squared = kinetic_energy(body, l), dot(l, l)
     energy = kinetic + total_energy(effects, body, q)
     scale = np.maximum(np.abs(energy), 1e-3 * (kinetic + total_energy_scale(effects, body)))
-    return (
-        energy,
-        1.0 / np.where(scale > 0.0, scale, 1.0),
-        squared,
-        1.0 / np.where(squared > 0.0, squared, 1.0),
-    )
+    return energy, inverse(scale), squared, inverse(squared)

@@ -190,9 +190,9 @@ def _health_variables(scene: Scene) -> dict[str, Variable]:
     drift = "relative to the start's energy (to 1e-3 of the energies in play where that is smaller)"
     energy = "|E - E(0)|"
     if "work" in scene.run.save:
-        drift += " and the sizes of all works"
+        drift += " and the sizes of all works, or the largest kinetic energy where that is larger"
         energy = f"|E - E(0) - work of {', '.join(booked(scene)) or 'none'}|"
-    momentum = f"relative change of |L|^2 (absolute for a top that starts at rest), {over}"
+    momentum = f"relative change of |L|^2 (1 for a body that starts at rest and moves), {over}"
     values = np.array(list(STATUSES.values()), "i1")
     values.flags.writeable = False  # all results of a scene share it
     status = {

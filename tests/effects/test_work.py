@@ -245,3 +245,36 @@ def test_integrators_without_works():
         )
     with pytest.raises(rm.SceneError, match="no effects that could do work"):
         rm.simulate(rm.Scene(BODIES, (), SCENE.start).with_run(save=("work",)))
+
+
+def driven(unit, spin=0.0, **settings):
+    """A body that a torque drives and brings back to rest once a second; masses in a unit."""
+    torque = rm.PeriodicTorque((0.7 * unit, 1.4 * unit, 1.2 * unit), frequency=2.0 * math.pi)
+    body = rm.Body.from_moments((unit, 2.0 * unit, 2.5 * unit))
+    scene = rm.Scene(body, torque, rm.Start(omega=(spin, 0.0, 0.0)))
+    ways = {"integrator": "rk4", "dt": 0.1, "every": 0.1, "t_end": 20.0, "members": 1}
+    return rm.simulate(scene, **ways, save=("work", "energy", "energy_drift", "l2"), **settings)
+
+
+@pytest.mark.parametrize("unit", [1.0, 2.0**-66, 2.0**66])
+def test_a_drift_from_rest_is_a_pure_number(unit):
+    """Its energy is that which the motion has had: once a second it has none, and no work either.
+
+    Every save is a look, so that E, W and their largest values so far are in the result.
+    """
+    ds = driven(unit)
+    e, w = ds.energy.values[:, 0], ds.work.values[:, 0, 0]
+    scale = np.maximum.accumulate(e) + np.abs(w)
+    drift = np.abs(e - w)[1:] / scale[1:]
+    assert float(ds.energy_drift_max[0]) == pytest.approx(drift.max(), rel=1e-12)
+    assert 1e-3 < drift.max() < 0.01  # measured 7.0e-3, in the three units
+    assert float(ds.l2_drift_max[0]) == 1.0 and int(ds.status[0]) == 0
+    assert int(driven(unit, energy_limit=1e-3).status[0]) == 3
+
+
+@pytest.mark.parametrize("spin", [1e-9, 1e-3])
+def test_a_drift_from_near_rest_is_that_from_rest(spin):
+    """Relative to the energies of the start alone it is 3.7 and 2.1, and flags the member."""
+    near = driven(1.0, spin)
+    assert int(near.status[0]) == 0
+    assert float(near.energy_drift_max[0]) == pytest.approx(7.0e-3, rel=0.01)
