@@ -133,7 +133,7 @@ def source(scene: Scene) -> Source:
     if scene not in _sources:
         strata = run.strata or run.first + run.members
         if run.points in DESIGNS:
-            _sources[scene] = DESIGNS[run.points](run.seed, groups(scene)[1])
+            _sources[scene] = DESIGNS[run.points](run.seed, groups(scene)[1], run.dtype)
         else:
             _sources[scene] = points(run.seed, run.points, drawn(scene), strata)
     return _sources[scene]

@@ -29,9 +29,9 @@ BITS = 30
 # of neighbours, in probability: the last is 6e-8, of which a number of float64 has eight digits
 DISTANCES = tuple(0.25**k for k in range(1, 13))
 
-# of tangents, in probability: rounding of a thousand steps is 1e-5 of it, and what grows by a
-# million is still small
-NEAREST = 0.5**28
+# of tangents, in probability: rounding of a thousand steps in float64 is 1e-5 of it, and what grows
+# by a million is still small; in float32 it is 1 %, and so is the bend of what grows by 100
+NEAREST = {"float64": 0.5**28, "float32": 0.5**11}
 
 
 class Recorder:
@@ -198,13 +198,14 @@ class Tangents:
     """Families of a member and a neighbour at NEAREST along each of the d numbers.
 
     The first member of a family has a Sobol point u; member 1 + k has those numbers, but number k
-    has u + NEAREST, or u - NEAREST where u is not below 0.5.
+    has u + NEAREST, or u - NEAREST where u is not below 0.5, with the NEAREST of the precision.
 
     group : {dimension: anything}
     """
 
-    def __init__(self, seed: int, group: Mapping[Dimension, int]) -> None:
+    def __init__(self, seed: int, group: Mapping[Dimension, int], dtype: str = "float64") -> None:
         self.base, self.size = points(seed, "sobol", tuple(group)), 1 + len(group)
+        self.nearest = NEAREST[dtype]
 
     def words(self, name: str, first: int, count: int, draw: int, used: Sequence[int]) -> Array:
         member = np.arange(first, first + count)
@@ -213,7 +214,8 @@ class Tangents:
         words = self.base.words(name, low, high - low, draw, used)[:, family - low]
         for i in used:
             moved = place == 1 + self.base.place[name, draw, i]
-            words[i] += np.where(moved, np.where(words[i] < 0.5, NEAREST, -NEAREST), 0.0)
+            near = np.where(words[i] < 0.5, self.nearest, -self.nearest)
+            words[i] += np.where(moved, near, 0.0)
         return words
 
 
@@ -226,8 +228,9 @@ def points(
 
 
 Design = Saltelli | Neighbours | Tangents
-DESIGNS: dict[str, Callable[[int, Mapping[Dimension, int]], Design]] = {
-    "saltelli": Saltelli,
-    "neighbours": Neighbours,
+# of a seed, groups, and the precision of the run
+DESIGNS: dict[str, Callable[[int, Mapping[Dimension, int], str], Design]] = {
+    "saltelli": lambda seed, group, _: Saltelli(seed, group),
+    "neighbours": lambda seed, group, _: Neighbours(seed, group),
     "tangents": Tangents,
 }

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from rigidmc.errors import OptionError
-from rigidmc.planning.stage import groups
+from rigidmc.planning.stage import groups, stage
 from rigidmc.progress import Progress
 from rigidmc.scene.points import DISTANCES, Neighbours
 from rigidmc.scene.scene import Scene
@@ -18,10 +18,13 @@ from rigidmc.studies.chunks import chunks, pieces
 from rigidmc.studies.families import made, refuse_noise, started, stored
 from rigidmc.studies.intervals import Interval, probability
 from rigidmc.studies.measures import Measure, measure
+from rigidmc.studies.rounding import resolution_of
 
 Array = NDArray[np.float64]
 FAMILIES = 4096
 CHUNK = 2**17  # members at once
+SAMPLE = 64  # families for each number, by which distances are compared with rounding
+RESOLVED = 8.0  # resolutions: a distance is then known to an eighth
 LEAST = 10  # uncertain families that make a share worth a place in the fit
 
 
@@ -71,7 +74,8 @@ def basins(
     Returns
     -------
     xarray.Dataset
-        over distance: `uncertain`, the share of starts, with its interval; `alpha` and `dimension`
+        over distance: `uncertain`, the share of starts, with its interval, nan where a neighbour is
+        nearer than rounding; `alpha` and `dimension`
         with theirs, nan if less than three distances have more than 10 uncertain starts; over
         family `basin` (measure i adds 2^i if it holds, -1 for what is left out), and over number
         too `start`
@@ -170,13 +174,36 @@ def _slope(share: Array, count: int, largest: float) -> float:
 
 def line(study: xr.Dataset) -> Array:
     """The line of a study, whose slope is alpha, at its distances."""
-    share, count = study.uncertain.values, int((study.basin.values >= 0).sum())
+    share = np.nan_to_num(study.uncertain.values)  # nan where rounding decides
+    count = int((study.basin.values >= 0).sum())
     weight, logs = _weights(share, count, study.attrs["largest"]), np.log(study.distance.values)
     middle = (weight * np.log(np.maximum(share, 1e-300))).sum() / weight.sum()
     found: Array = np.exp(
         middle + float(study.alpha) * (logs - (weight * logs).sum() / weight.sum())
     )
     return found
+
+
+def resolved(scene: Scene) -> NDArray[np.bool_]:
+    """Whether neighbours at each of DISTANCES differ from their member by more than rounding, in 95
+    of 100 families of a scene: RESOLVED times the resolution of what these are made from.
+
+    An end beyond says nothing of the distance: in float32 the nearest neighbours have the same
+    start, and none would ever be uncertain.
+    """
+    size, groups_of = Neighbours.size, len(groups(scene)[0])
+    _, start = stage(scene.with_run(first=0), 0, SAMPLE * groups_of * size, True)
+    apart = np.zeros((SAMPLE * groups_of, size))
+    for name, values in start.items():
+        if name == "start_euler":  # start_attitude has it
+            continue
+        families = np.atleast_2d(values).reshape(-1, *apart.shape)
+        length = np.sqrt((families[..., 0] ** 2).sum(axis=0))
+        moved = np.sqrt(((families - families[..., :1]) ** 2).sum(axis=0))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            apart = np.fmax(apart, np.nan_to_num(moved / length[:, None]))
+    told: NDArray[np.bool_] = (apart[:, 1:] > RESOLVED * resolution_of(scene)).mean(axis=0) > 0.95
+    return told
 
 
 def _share_of(
@@ -217,9 +244,12 @@ def _dataset(
     there = np.isfinite(families).all(axis=1)
     uncertain = (families[there, 1:] != families[there, :1]).T
     _, each = np.unique(families[there, 0], return_counts=True)
+    told = resolved(scene)
+    uncertain &= told[:, None]
     largest = 1.0 - float(((each / max(1, there.sum())) ** 2).sum())
     alpha, d = exponent(uncertain, largest, confidence), len(dimensions)
-    shares = probability(uncertain.sum(axis=1), uncertain.shape[1], confidence)
+    found = probability(uncertain.sum(axis=1), uncertain.shape[1], confidence)
+    shares = Interval(*(np.where(told, x, np.nan) for x in found))
     variables: dict[str, Any] = {}
     for key, text, dims, found in (
         ("uncertain", "share of starts that end otherwise nearby", ("distance",), shares),
@@ -241,6 +271,7 @@ def _dataset(
         "members": int(scene.run.members),
         "numbers": d,
         "largest": largest,
+        "unresolved": int((~told).sum()),
         "left_out": int((~there).sum()),
         "scene": scene.dumps(),
     }
@@ -272,7 +303,7 @@ def table(study: xr.Dataset) -> list[str]:
     for one, text in basin_names(study).items():
         lines.append(f"  {(basin == one).sum() / counts:7.1%} end with {text}")
     lines.append(f"  {'distance':>10s}  uncertain")
-    for k in range(study.sizes["distance"]):
+    for k in np.flatnonzero(study.uncertain.notnull().values):
         share, low, high = (float(study[f"uncertain{end}"][k]) for end in ("", "_low", "_high"))
         lines.append(f"  {float(study.distance[k]):10.3g}  {share:.4f} ({low:.4f} to {high:.4f})")
     if math.isnan(float(study.alpha)):
@@ -286,6 +317,10 @@ def table(study: xr.Dataset) -> list[str]:
                 (f"dimension of the boundary, {study.attrs['numbers']} - alpha,", "dimension"),
             )
         ]
+    if rounded := study.attrs["unresolved"]:
+        lines.append(
+            f"  distances left out, at which neighbours differ by rounding alone: {rounded}"
+        )
     if left := study.attrs["left_out"]:
         lines.append(f"  families left out, with a member that is flagged or not there: {left:,}")
     return lines

@@ -14,11 +14,17 @@ from rigidmc.progress import Progress
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.chunks import chunks, pieces
 from rigidmc.studies.families import made, refuse_noise, size, started, stored
+from rigidmc.studies.rounding import resolution_of
 
 Array = NDArray[np.float64]
 FAMILIES = 16384
 CHUNK = 2**17  # members at once
 FAR = 0.1  # rad: neighbours that end farther apart tell no tangent
+RESOLVED = 30.0  # resolutions: growth is then known to 3 %
+CURE = (
+    "wider distributions, float64 or a shorter time have neighbours that can be told apart; an"
+    " exponent does not depend on the width"
+)
 ALIKE = 1e-8  # of the squares of two displacements: directions that differ by rounding alone
 STATE = "attitude_last", "omega_last"
 
@@ -64,8 +70,8 @@ def ftle(
     Returns
     -------
     xarray.Dataset
-        over family: `ftle` [1/s], nan where a member is flagged or the changes are not independent,
-        and `start`, over number
+        over family: `ftle` [1/s], nan where a member is flagged, the changes are not independent,
+        or a neighbour is nearer than rounding; and `start`, over number
 
     Raises
     ------
@@ -139,6 +145,21 @@ def exponents(start: Array, end: Array, unit: float, time: float) -> tuple[Array
     return found, apart
 
 
+def resolved(start: Array, end: Array, unit: float, eps: float) -> NDArray[np.bool_]:
+    """Whether the differences of families are more than rounding: all at the start, and the largest
+    at the end, RESOLVED times the resolution of their states.
+
+    eps : the relative resolution of these;  others as of `exponents`
+    """
+    sure = np.ones(start.shape[0], bool)
+    for states, least in ((start, np.min), (end, np.max)):
+        spin = unit * np.sqrt((states[:, 0, 4:] ** 2).sum(axis=-1))
+        long = np.sqrt((_changes(states, unit) ** 2).sum(axis=-1))
+        with np.errstate(invalid="ignore"):
+            sure &= ~(least(long, axis=-1) < RESOLVED * eps * np.hypot(1.0, spin))
+    return sure
+
+
 def _changes(states: Array, unit: float) -> Array:
     """(families, d, 7): angles and angles of angular velocity between neighbours and their member,
     of states (families, 1 + d, 7)."""
@@ -177,6 +198,8 @@ def _dataset(scene: Scene, parts: Iterable[xr.Dataset], unit: float | None) -> x
         raise OptionError("", "unit", unit, "expected a time above 0 s")
     start, end = states.reshape(2, count, many, 7)
     found, apart = exponents(start, end, unit, scene.run.t_end)
+    sure = resolved(start, end, unit, resolution_of(scene))
+    flat, found = np.isnan(found), np.where(sure, found, np.nan)
     about = {"long_name": "finite-time Lyapunov exponent", "units": "s-1"}
     variables: dict[str, Any] = {
         "ftle": ("family", found, about),
@@ -188,7 +211,8 @@ def _dataset(scene: Scene, parts: Iterable[xr.Dataset], unit: float | None) -> x
         "unit": unit,
         "numbers": many - 1,
         "far": int((apart > FAR).sum()),
-        "left_out": int(np.isnan(found).sum()),
+        "left_out": int((flat & sure).sum()),
+        "unresolved": int((~sure).sum()),
         "scene": scene.dumps(),
     }
     return xr.Dataset(variables, {"number": names, "units": ("number", units)}, attrs)
@@ -215,6 +239,11 @@ def table(study: xr.Dataset) -> list[str]:
         lines.append(
             f"  starts whose neighbours end more than {FAR} rad apart, where the growth may be"
             f" more: {far:,}"
+        )
+    if rounded := a["unresolved"]:
+        lines.append(
+            f"  starts left out, whose neighbours differ by little more than rounding: {rounded:,};"
+            f" {CURE}"
         )
     if left := a["left_out"]:
         lines.append(

@@ -9,7 +9,7 @@ from rigidmc.errors import OptionError, SceneError
 from rigidmc.runs.create import create
 from rigidmc.runs.resume import resume
 from rigidmc.scene.points import DISTANCES, Neighbours
-from rigidmc.studies.basins import basins_of, table
+from rigidmc.studies.basins import basins_of, resolved, table
 from rigidmc.views.basins import basins_and_shares
 
 
@@ -78,6 +78,19 @@ def test_a_run_directory_tells_the_same_also_in_part(tmp_path):
     few = rm.basins(PLANE, UP, 100)
     assert np.isnan(float(few.alpha)) and "add families" in "\n".join(table(few))
     basins_and_shares(few)
+
+
+def test_distances_are_compared_with_rounding():
+    """The nearest neighbours in float32, and of a narrow law, have the start of their member."""
+    single = rm.basins(PLANE, UP, 2000, dtype="float32")
+    assert np.isfinite(single.uncertain.values).sum() == 9 == 12 - single.attrs["unresolved"]
+    assert "neighbours differ by rounding alone: 3" in "\n".join(table(single))
+    basins_and_shares(single)
+    for width, many in ((1.0, 12), (1e-6, 12), (1e-9, 9), (1e-12, 4), (1e-16, 0)):
+        start = rm.Start(omega=(0.0, 0.0, rm.uniform(1.0 - width, 1.0 + width)))
+        scene = rm.Scene(PLANE.body, start=start).with_run(t_end=0.2, dt=0.1, points="neighbours")
+        told = resolved(scene)
+        assert told.sum() == many and told[:many].all()  # the nearest ones are left out
 
 
 def test_what_is_no_study_of_basins_is_refused():
