@@ -39,6 +39,28 @@ def broken(moments: Any) -> Any:
     return ~(positive & (2 * np.maximum(np.maximum(one, two), three) <= total))
 
 
+TOO_FAR = (
+    "with these moments and this mass the centre of mass cannot lie that far from the fixed point"
+    " (m sum c_i^2/(I_j + I_k - I_i) <= 1/2)"
+)
+
+
+def too_far(moments: Any, mass: Any, centre: Any) -> Any:
+    """Whether (...) no body has the moments (3, ...), the mass (...) and the centre of mass c
+    (3, ...) in the principal axes, although one has the moments.
+
+    The second moments about the centre of mass are
+
+        diag(S) - m c c^T,  S_i = (I_j + I_k - I_i)/2
+
+    and this matrix has no negative eigenvalue if m sum c_i^2/S_i <= 1.
+    """
+    second = 0.5 * moments.sum(0) - moments
+    with np.errstate(all="ignore"):
+        share = mass * np.where(centre == 0.0, 0.0, centre**2 / second).sum(0)
+        return share > 1.0 + 1e-9
+
+
 def shift(r: NDArray[np.float64]) -> NDArray[np.float64]:
     """r^2 1 - r r^T (..., 3, 3) of vectors (..., 3): the tensor of a unit mass at r."""
     square = np.einsum("...i,...i", r, r)[..., None, None]

@@ -21,7 +21,7 @@ from rigidmc.engine.machine import is_uncompiled
 from rigidmc.engine.operations import why_refused
 from rigidmc.engine.own_parts import slow_parts
 from rigidmc.errors import SceneError
-from rigidmc.mechanics.inertia import broken
+from rigidmc.mechanics.inertia import TOO_FAR, broken, too_far
 from rigidmc.planning.idle_notes import (
     idle_effects,
     idle_limits,
@@ -212,12 +212,8 @@ def _quaternions(seen: Seen) -> Iterator[str]:
 def _bodies(seen: Seen) -> Iterator[str]:
     """Bodies that cannot exist: I_i > I_j + I_k, or a centre of mass too far from the fixed point.
 
-    The second moments about the centre of mass c are
-
-        diag(S) - m c c^T,  S_i = (I_j + I_k - I_i)/2
-
-    This matrix has no negative eigenvalue if m sum c_i^2/S_i <= 1. Such bodies run: torques know
-    m c alone, and units in which m = 1 and m g c = 1 may leave no room for the centre.
+    Those run: torques know m c alone, and units in which m = 1 and m g c = 1 may leave no room for
+    the centre.
     """
     seed = seen.scene.run.seed
     mapped = any(isinstance(q, Grid) for q in seen.scene.body.quantities())
@@ -232,16 +228,11 @@ def _bodies(seen: Seen) -> Iterator[str]:
                 f"[body] moments: {np.count_nonzero(impossible):,} of {which} cannot exist (I_i > "
                 "I_j + I_k) and are flagged invalid_input"
             )
-    second = 0.5 * moments.sum(0) - moments
-    with np.errstate(all="ignore"):
-        share = mass * np.where(centre == 0.0, 0.0, centre**2 / second).sum(0)
-        bad = (share > 1.0 + 1e-9) & ~impossible
+    bad = too_far(moments, mass, centre) & ~impossible
     if bad.any():
         yield (
-            f"[body] centre: {np.count_nonzero(bad):,} of {which} cannot exist: with these moments "
-            "and this mass the centre of mass cannot lie that far from the fixed point (m sum "
-            "c_i^2/(I_j + I_k - I_i) <= 1/2); they are computed all the same, since the motion "
-            "depends on the moments and on m c alone"
+            f"[body] centre: {np.count_nonzero(bad):,} of {which} cannot exist: {TOO_FAR}; they "
+            "are computed all the same, since the motion depends on the moments and on m c alone"
         )
 
 

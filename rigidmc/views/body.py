@@ -51,6 +51,7 @@ def facts(body: Body) -> dict[str, Any]:
         "order": (order + 1).tolist(),
         "growth_per_turn_rate": float(inertia.growth_rate(moments)),
         "shape": shape_of(moments),
+        "exists": not bool(inertia.too_far(moments, body.mass, body.to_principal(body.centre))),
     }
 
 
@@ -93,7 +94,10 @@ def describe(body: Body, title: str) -> list[str]:
         principal = inertia.survives(axes.T, centre)
         words = ", ".join(str(k + 1) for k in range(3) if principal[k]) or "none"
         lines.append(f"axes that are principal about the centre of mass too: {words}")
-    return lines + _stability(moments, known)
+    lines += _stability(moments, known)
+    if not known["exists"]:
+        lines.append(f"note         such a body cannot exist: {inertia.TOO_FAR}")
+    return lines
 
 
 def _stability(moments: NDArray[np.float64], known: dict[str, Any]) -> list[str]:

@@ -1,5 +1,6 @@
 """What users write and read: counts, times, idle settings, mistakes, file endings, names."""
 
+import json
 import subprocess
 import sys
 
@@ -506,3 +507,15 @@ def test_a_run_that_is_too_large_names_memory_or_disk():
         OSError, match=r"GB of memory.*\(-o FILE\), which needs .*B of memory and .* GB of disk"
     ):
         rm.simulate(scene, members=2e9, every=None, save=("omega",), keep="final")
+
+
+def test_body_says_that_a_body_cannot_exist(tmp_path):
+    """A tensor about the centre of mass, as CAD gives it, beside the place of that centre."""
+    text = "[body]\ntensor = [[0.4, 0, 0], [0, 0.2, 0], [0, 0, 0.4]]\nmass = 20.0\n"
+    text += "centre = [C, 0, 0]\n"
+    for c, words in (("0.16", 1), ("0.05", 0)):
+        (tmp_path / "leg.toml").write_text(text.replace("C", c) + "[start]\nomega = [0, 0, 0]\n")
+        told = CliRunner().invoke(app, ["body", str(tmp_path / "leg.toml")])
+        assert told.exit_code == 0 and told.output.count("such a body cannot exist") == words
+        told = CliRunner().invoke(app, ["body", str(tmp_path / "leg.toml"), "--json"])
+        assert json.loads(told.stdout)["exists"] == (words == 0)

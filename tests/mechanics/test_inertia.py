@@ -363,3 +363,21 @@ def test_body_command_on_scenes():
     shown = CliRunner().invoke(app, ["body", "dzhanibekov"]).stdout
     assert "about axis 3 unstable: a disturbance grows as exp(0.637134 omega t)" in shown
     assert CliRunner().invoke(app, ["body", "nasa_brick", "--json"]).stdout.startswith("{")
+
+
+def test_a_centre_lies_too_far_where_second_moments_are_negative():
+    """500 bodies; the truth are eigenvalues of diag(S) - m c c^T. Of flat bodies a centre off the
+    plane is too far."""
+    rng, seen = np.random.default_rng(4), set()
+    for _ in range(500):
+        second = rng.uniform(0.1, 2.0, 3) * 10.0 ** rng.integers(-20, 21)
+        moments = second.sum() - second
+        mass, centre = rng.uniform(0.1, 9.0), rng.normal(size=3) * (rng.random(3) < 0.8)
+        centre *= np.sqrt(second.mean() / mass) * rng.uniform(0.1, 1.2)
+        least = np.linalg.eigvalsh(np.diag(second) - mass * np.outer(centre, centre))[0]
+        if abs(least) > 1e-6 * second.max():
+            assert inertia.too_far(moments, mass, centre) == (least < 0.0)
+            seen.add(bool(least < 0.0))
+    assert seen == {True, False}
+    for centre, far in (((0.1, 0.2, 0.0), False), ((0.0, 0.0, 0.1), True)):
+        assert inertia.too_far(np.array([1.0, 1.0, 2.0]), 1.0, np.array(centre)) == far

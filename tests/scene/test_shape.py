@@ -127,3 +127,15 @@ def test_too_many_parts_are_refused():
         load('[[body.shape]]\nsolid = "ball"\nradius = 1.0\n' * 201)
     with pytest.raises(SceneError, match="expected tables"):
         load('shape = "cube"')
+
+
+def test_a_body_of_many_corners_is_a_line():
+    """Before, a mesh of 2,562 corners made 120,414 characters of each notebook cell."""
+    mesh = pytest.importorskip("trimesh").creation.icosphere(4)
+    points = np.random.default_rng(1).normal(size=(1000, 3))
+    for body, words in (
+        (rm.Body.from_mesh(mesh, mass=1.0), "mesh(1,902 corners, 3,800 faces)"),
+        (rm.Body.from_particles(np.ones(1000), points), "particles(1,000 masses, 1,000 positions)"),
+        (rm.Body.box(1.0, (1, 2, 3)).pivoted_at((0, 0, 1)), "box(size=(1.0, 2.0, 3.0), at=(0.0"),
+    ):
+        assert words in repr(body) and len(repr(body)) < 500 and len(repr(rm.Scene(body))) < 2000
