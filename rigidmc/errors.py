@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 
 
 class RigidmcError(ValueError):
-    """A mistake in what the user gave, whatever it is; the command line ends with exit code 3.
+    """A mistake in what the user gave, whatever it is; the command line ends with exit code 3, see
+    `rigidmc.cli.codes`.
 
     The text names file, table, key, value, rule and the nearest right word, and each is an
     attribute.
@@ -108,6 +109,10 @@ class OutputExists(FileExistsError):
     Traceback (most recent call last):
     rigidmc.errors.OutputExists: flips.nc exists; nothing was written...
     """
+
+
+class NoSuchScene(FileNotFoundError):
+    """A word that is the name of no shipped scene, and of no file."""
 
 
 class NoRoom(OSError):

@@ -11,11 +11,19 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
+from rigidmc.cli.codes import FLAGGED as FLAGGED
+from rigidmc.cli.codes import INCOMPLETE as INCOMPLETE
+from rigidmc.cli.codes import INTERRUPTED as INTERRUPTED
+from rigidmc.cli.codes import INVALID as INVALID
+from rigidmc.cli.codes import IO as IO
+from rigidmc.cli.codes import OK as OK
+from rigidmc.cli.codes import REFUSED, TERMINATED, in_short
 from rigidmc.cli.panels import Commands
 from rigidmc.engine.device import use
 from rigidmc.errors import (
     FileError,
     NoRoom,
+    NoSuchScene,
     OptionError,
     OutputExists,
     RigidmcError,
@@ -30,9 +38,6 @@ if TYPE_CHECKING:
 
     from rigidmc.scene.scene import Scene
 
-OK, USAGE, INVALID, FLAGGED, INCOMPLETE, REFUSED = 0, 2, 3, 4, 5, 6
-IO, INTERRUPTED, TERMINATED = 74, 130, 143
-
 LEFT = "no incomplete file bears a final name, and `rigidmc resume` goes on with a run directory"
 
 app = typer.Typer(
@@ -41,8 +46,7 @@ app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
-    epilog="Exit codes: 0 done, 2 usage, 3 invalid scene, 4 some members flagged, 5 incomplete,"
-    " 6 refused to overwrite, 74 input or output failed, 130 / 143 stopped by a signal.",
+    epilog=in_short(),
 )
 
 
@@ -86,8 +90,10 @@ def reported() -> Iterator[None]:
             fail(error, REFUSED)
         except NoRoom as error:
             fail(f"{error}; nothing was written", IO)
+        except NoSuchScene as error:
+            fail(error, INVALID)
         except FileNotFoundError as error:
-            fail(_in_words(error), INVALID if "shipped scene" in str(error) else IO)
+            fail(_in_words(error), IO)
         except (OSError, RuntimeError) as error:
             if isinstance(error, RuntimeError) and not _of_files(error):
                 raise

@@ -1,5 +1,7 @@
 """What `rigidmc map` is asked: the options that describe a new map."""
 
+import errno
+import os
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rigidmc.cli.common import load_scene
@@ -72,6 +74,8 @@ class Request(NamedTuple):
                 raise OptionError("", "--z", self.z, rule)
             return True
         if plain and self.name not in shipped():
+            if self.name.lower().endswith((".nc", ".toml", "/")) and not os.path.exists(self.name):
+                raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), self.name)
             raise unknown("", "map", self.name, "map", MAPS, OptionError)
         missing = [
             key for key, value in (("--x", self.x), ("--y", self.y), ("--of", self.of)) if not value

@@ -3,7 +3,10 @@
 from inspect import cleandoc
 from typing import Any
 
+import typer
 from typer.core import TyperGroup
+
+from rigidmc.cli.codes import INVALID
 
 PANELS = ("Start", "Look", "Study", "Long runs", "Reference")
 START, LOOK, STUDY, LONG_RUNS, REFERENCE = PANELS
@@ -24,6 +27,16 @@ class Commands(TyperGroup):
         super().__init__(**settings)
         for command in self.commands.values():
             command.help = unwrapped(command.help or "")
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run a command; a value that an option cannot take ends it as one does that the command
+        itself finds wrong, and not as a wrong word."""
+        try:
+            return super().invoke(ctx)
+        except typer.BadParameter as error:
+            if type(error) is typer.BadParameter:  # a missing one is of a class of its own
+                error.exit_code = INVALID
+            raise
 
     def list_commands(self, ctx: Any) -> list[str]:
         def place(name: str) -> tuple[int, int]:

@@ -3,7 +3,7 @@
 import os
 from importlib import resources
 
-from rigidmc.errors import nearest
+from rigidmc.errors import NoSuchScene, nearest
 from rigidmc.files.reading import text_of
 
 _FOLDER = resources.files("rigidmc.scene.library")
@@ -16,7 +16,7 @@ def shipped() -> list[str]:
 
 def read_source(source: str) -> str:
     """The TOML text of a scene file or of a shipped scene; FileNotFoundError with the nearest name
-    if there is neither."""
+    if there is neither, NoSuchScene if it is no name of a file."""
     if source in shipped():
         return _FOLDER.joinpath(f"{source}.toml").read_text("utf-8")
     if os.path.exists(source):
@@ -24,7 +24,9 @@ def read_source(source: str) -> str:
     names = shipped()
     close = nearest(os.path.basename(source).removesuffix(".toml"), names)
     hint = f" (did you mean '{close}'?)" if close else ""
-    raise FileNotFoundError(
+    # a word like a file's name means a file, which is missing; any other is a wrong word
+    is_name = not os.path.splitext(source)[1] and os.path.basename(source) == source
+    raise (NoSuchScene if is_name else FileNotFoundError)(
         f"{source}: no such file, and no shipped scene of that name{hint};"
         f" shipped: {', '.join(names)}"
     )

@@ -16,6 +16,7 @@ whole. The list of shards is the state of the run.
 """
 
 import contextlib
+import errno
 import hashlib
 import json
 import math
@@ -88,6 +89,8 @@ class RunDirectory:
 
     def _read_facts(self) -> dict[str, Any]:
         name = os.path.join(self.path, "run.json")
+        if not os.path.lexists(self.path):
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), self.path)
         if not os.path.isfile(name):
             raise FileError("", "run", self.path, "is no run directory: it has no run.json")
         return read_facts(name)
