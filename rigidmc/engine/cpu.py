@@ -120,7 +120,8 @@ def begin(frame, low):
         call(frame.begin_watch, (flat.parts, flat.state, flat.work, frame.watched))
     if frame.shadow != 0:
         swap(frame, 0)
-        call(frame.begin_near, (flat.parts, flat.state, flat.work, flat.near, frame.near_at))
+        span = frame.total * frame.h  # a neighbour goes with equal steps only
+        call(frame.begin_near, (flat.parts, flat.state, flat.work, flat.near, frame.near_at, span))
     save(frame, low, 0)
 
 
@@ -174,7 +175,8 @@ def steps(frame, begun, first, last):
     while now < last:
         stop = last
         if frame.shadow != 0:
-            stop = smaller(last, (begun + now) // OFTEN * OFTEN + OFTEN - begun)
+            every = pause(begun + now)
+            stop = smaller(stop, ((begun + now) // every + 1) * every - begun)
         if frame.looks != 0:
             stop = smaller(stop, (now // TRACE + 1) * TRACE)
         if frame.member_steps != 0:
@@ -186,15 +188,32 @@ def steps(frame, begun, first, last):
             march(frame, moving, work, frame.looks if other == 0 else 0, rounds, now, stop)
             if idle:
                 put_aside(frame, moving, now, 0)
-        if frame.shadow != 0 and (begun + stop) % OFTEN == 0:
-            number = (begun + stop) // OFTEN * 1.0
-            call(frame.meet, (parts, state, work, near, frame.near_at, stop * 1.0, number))
+        if frame.shadow != 0 and is_meeting(begun + stop, frame.total):
+            before = last_meeting(begun + stop)
+            call(frame.meet, (parts, state, work, near, frame.near_at, stop * 1.0, before * 1.0))
         if frame.looks != 0:
             call(
                 frame.watch,
                 (parts, state, work, flat.trace, frame.watched, now, stop, frame.nodes),
             )
         now = stop
+
+
+def pause(step):
+    """The steps between two meetings with the neighbour after `step`: OFTEN, at first fewer, an
+    eighth of those made, because the growth is noted as even between two."""
+    return 1 if step < 16 else 2 if step < 32 else 4 if step < 64 else OFTEN
+
+
+def last_meeting(step):
+    """The step of the last meeting before that at `step`."""
+    every = pause(step - 1)
+    return (step - 1) // every * every
+
+
+def is_meeting(step, total):
+    """Whether the neighbour is met after a step, as after the last, `total`."""
+    return step == total or step % pause(step - 1) == 0
 
 
 def march(frame, state, work, traced, rounds, now, stop):

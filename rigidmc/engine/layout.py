@@ -91,7 +91,7 @@ EVENT = _event.end
 # Rows of the neighbour, after 14 of its state and the remainders of its sums.
 _neighbour = _Table()
 _neighbour.take(START)
-SUMS = _neighbour.take(3)  # sums of ln growth, of the same by number of looks, and of Y
+SUMS = _neighbour.take(3)  # sums of ln growth, and over steps of (d'/d) s and of Y
 WEIGHT = _neighbour.take(1)  # 1/|L|^2 of the motion
 SHADOW = _neighbour.end
 

@@ -1,6 +1,7 @@
 """A neighbour of each member, which makes the same steps: how fast it moves away.
 
-Every OFTEN steps the growth of its distance is noted and it is brought back to the distance NEAR.
+At each meeting the growth of its distance is noted and it is brought back to the distance NEAR:
+every OFTEN steps, after each of the first OFTEN, and after the last.
 Its rows are those up to SHADOW of `rigidmc.engine.layout`, from `row` of the member's state on;
 while steps are made its state is in `near`. Pieces as those of `rigidmc.engine.member`.
 """
@@ -8,8 +9,10 @@ while steps are made its state is in `near`. Pieces as those of `rigidmc.engine.
 import math
 import sys
 
+from rigidmc.dynamics.euler import kinetic_energy
 from rigidmc.dynamics.functions import logarithm
 from rigidmc.dynamics.so3 import difference, difference4, dot, select
+from rigidmc.effects.sums import total_energy_scale, total_torque
 from rigidmc.engine.compose import inline_all
 from rigidmc.engine.intrinsics import in_precision, like
 from rigidmc.engine.kinds import filled, parts_of
@@ -22,7 +25,6 @@ from rigidmc.engine.layout import (
     GOOD,
     KNOWN,
     LENGTH,
-    START,
     SUMS,
     WEIGHT,
     body_at,
@@ -31,16 +33,19 @@ from rigidmc.engine.layout import (
 )  # fmt: skip
 from rigidmc.engine.memory import four_at, put, three_at
 from rigidmc.integrators.protocol import closed, opened
-from rigidmc.observables.chaos import NEAR
+from rigidmc.observables.chaos import NEAR, TRIED
 
 
-def begin_near(kinds, numbers, parts, state, work, near, row):
-    """Put the neighbour at the distance NEAR, in a direction that is special for no body."""
+def begin_near(kinds, numbers, parts, state, work, near, row, span):
+    """Put the neighbour at the distance NEAR, in a direction that is special for no body.
+
+    span : of the run [s]
+    """
+    _, effects = parts_of(kinds, numbers)
+    body, present = body_at(work, KNOWN + BODY), filled(effects, work, KNOWN + EFFECTS)
     q, l = four_at(work, KNOWN + GOOD), three_at(work, KNOWN + GOOD + 4)
-    body = body_at(work, KNOWN + BODY)
-    in_play = work[KNOWN + START + 3]
-    scale = 1.0 / select(in_play > 0.0, in_play, 1.0)
-    weight = 0.5 * scale * min(min(body.i1, body.i2), body.i3)
+    lightest = min(min(body.i1, body.i2), body.i3)
+    weight = 0.5 * lightest / in_play(present, body, lightest, q, l, span)
     root = NEAR / math.sqrt(weight)
     a, b, c = 0.5 * NEAR * 0.31, 0.5 * NEAR * 0.43, 0.5 * NEAR * 0.38
     turned = (
@@ -55,10 +60,29 @@ def begin_near(kinds, numbers, parts, state, work, near, row):
     return 0
 
 
-def meet(kinds, numbers, parts, state, work, near, row, slot, number):
-    """Note how far the neighbour has moved away since look `number` - 1, and bring it back.
+def in_play(effects, body, lightest, q, l, span):
+    """The energy [J] by which the momentum of a motion is measured, of the largest of these:
 
-    slot : steps of the round so far
+    the kinetic energy at the start and the bounds on those of the effects; for effects without an
+    energy the largest torque on the body at the start, at TRIED times of the run, over 1 rad. A
+    body that nothing moves is measured by 1 rad in the run. lightest : 1/(largest moment)
+    """
+    energy, most = kinetic_energy(body, l) + total_energy_scale(effects, body), 0.0 * lightest
+    for k in range(TRIED):
+        # the golden section of the run goes through no period of a torque
+        t = span * (k * 0.6180339887498949 % 1.0)
+        torque = total_torque(effects, body, like(t, most), q, l)
+        most = max(most, dot(torque, torque))
+    energy = max(energy, math.sqrt(most))
+    return select(energy > 0.0, energy, 0.5 / (lightest * span * span))
+
+
+def meet(kinds, numbers, parts, state, work, near, row, slot, before):
+    """Note how far the neighbour has moved away since the last meeting, and bring it back.
+
+    slot, before : steps made so far, and at the last meeting
+
+    Between two meetings the distance is taken to grow at one rate: the integrals over it are exact.
     """
     integrator, effects = parts_of(kinds, numbers)
     body, present = body_at(work, KNOWN + BODY), filled(effects, work, KNOWN + EFFECTS)
@@ -78,8 +102,13 @@ def meet(kinds, numbers, parts, state, work, near, row, slot, number):
     turned = q[0] + back * dq[0], q[1] + back * dq[1], q[2] + back * dq[2], q[3] + back * dq[3]
     moved = l[0] + back * dl[0], l[1] + back * dl[1], l[2] + back * dl[2]
     settle(kinds, numbers, parts, work, slot, turned, moved, near, state)
-    by_time = sums[1] + (number - 0.5) * grown
-    new = sums[0] + grown, by_time, sums[2] + 2.0 * by_time / number
+    # S = int (d'/d) s ds and int 2 S/s ds, in steps
+    middle = 0.5 * (slot + before)
+    longer = logarithm(like(slot / max(before, 1.0), grown))
+    rest = sums[1] - grown * (0.5 * before * before / (slot - before))
+    new = (
+        sums[0] + grown, sums[1] + middle * grown, sums[2] + 2.0 * rest * longer + middle * grown
+    )  # fmt: skip
     put(in_precision(new, state), state, row + SUMS)
     return 0
 

@@ -136,7 +136,7 @@ class Program:
             begin_watch=asked(some, watching.begin_watch, (effects, events, running), "pswi"),
             watch=asked(some, watching.watch, (kept, effects, events, running, dense), "pswsiiii"),
             seek=asked(events, event.seek, (kept, effects, events), "pswswiii"),
-            begin_near=asked(shadow, neighbour.begin_near, (kept, effects), "pswsi"),
+            begin_near=asked(shadow, neighbour.begin_near, (kept, effects), "pswsif"),
             meet=asked(shadow, neighbour.meet, (kept, effects), "pswsiff"),
         )
         return {**pieces._asdict(), "advance": (advance, (), self.dtype, 0, "r")}

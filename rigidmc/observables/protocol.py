@@ -136,8 +136,8 @@ class Neighbour(OverSteps, Protocol):
 
     shadow: bool
 
-    def results(self, kept: Array, looks: int, h: Array) -> dict[str, Array]:
-        """The outputs from the sums (3, n) over `looks` looks; h : the step [s]."""
+    def results(self, kept: Array, steps: int, h: Array) -> dict[str, Array]:
+        """The outputs from the sums (3, n) over so many steps; h : the step [s]."""
 
 
 @runtime_checkable

@@ -13,7 +13,6 @@ from rigidmc.engine import layout
 from rigidmc.engine.events import record_of
 from rigidmc.engine.layout import EVENT, SHADOW, SUMS, Places, places, watch_rows
 from rigidmc.observables import dimensions, outputs, under
-from rigidmc.observables.chaos import OFTEN
 from rigidmc.observables.protocol import (
     Ensemble,
     Event,
@@ -164,5 +163,5 @@ def results(
         at += len(marks)
     for label, one in watched.of_shadow:
         distances = block[rows.neighbour + SUMS : rows.neighbour + SHADOW]
-        add(label, one, one.results(distances, total // OFTEN, h).values())
+        add(label, one, one.results(distances, total, h).values())
     return variables
