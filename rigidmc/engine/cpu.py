@@ -302,10 +302,10 @@ def leave(frame, low):
     if done != 0 and frame.records > 0:
         find(frame)
     flat, rows, members, works = flat_memory(frame), frame.rows, frame.width, frame.works
-    works_at = BODY + frame.works_at - BODY_AT
+    works_at, near = BODY + frame.works_at - BODY_AT, BODY + frame.near_at - BODY_AT
     call(
         frame.leave,
-        (flat.block, rows, members, low, works, works_at, done, flat.state, flat.work),
+        (flat.block, rows, members, low, works, works_at, near, done, flat.state, flat.work),
     )
 
 
@@ -320,10 +320,10 @@ def find(frame):
     for which in range(frame.records):
         seen = 0.0
         for k in range(lanes):
-            seen += abs(state[(frame.watched + which // 2 * EVENT + COUNT) * lanes + k])
+            seen += abs(work[(frame.watched + which // 2 * EVENT + COUNT) * lanes + k])
         tries = frame.tries if seen > 0.0 else 0
         for tried in range(tries + 1):
-            call(frame.seek, (parts, state, work, near, aside, frame.watched, which, tried))
+            call(frame.seek, (parts, work, near, aside, frame.watched, which, tried))
             if tried < tries:
                 march(frame, near, aside, 0, 0, 0, 1)
 

@@ -1,8 +1,9 @@
 """Events: whether one happened in a step, and when, to the order of the integrator.
 
-An event is EVENT rows of a state. When it happens, the state at the end of that step is noted. At
-the end of the run (`find` of `rigidmc.engine.cpu`) single steps are made back from there, by regula
-falsi for the length at which the level is 0: the time is as exact as the integrator.
+An event is EVENT rows of what is known of a member, see `rigidmc.engine.running`. When it happens,
+the state at the end of that step is noted. At the end of the run (`find` of `rigidmc.engine.cpu`)
+single steps are made back from there, by regula falsi for the length at which the level is 0: the
+time is as exact as the integrator.
 """
 
 import sys
@@ -11,15 +12,17 @@ import numpy as np
 
 from rigidmc.dynamics.so3 import opposite, select, select_each
 from rigidmc.engine.compose import inline_all
-from rigidmc.engine.intrinsics import any_of, in_precision, like
+from rigidmc.engine.intrinsics import any_of, in_precision
 from rigidmc.engine.kinds import filled, parts_of
 from rigidmc.engine.layout import (
+    ATTITUDE,
     BEGAN,
-    BODY_AT,
+    BODY,
     COUNT,
-    EFFECTS_AT,
+    EFFECTS,
     EVENT,
     FIRST_TAU,
+    KNOWN,
     LENGTH,
     LEVEL,
     RECORD,
@@ -52,32 +55,32 @@ def record_of(rows, healthy):
     return Record(count, first, last, rows[TAU], rows[FIRST_TAU], rows[SQUARES], seen)
 
 
-def begin_events(events, body, effects, t, q, l, state, row):
+def begin_events(events, body, effects, t, q, l, work, row):
     """Set the rows of events at the start, where an event may count as happened."""
     if len(events) == 0:
         return 0
     now = level(events[0], body, effects, t, q, l)
     count, since = at_start(holds(events[0]), past(events[0], now), t)
     first = select(armed(events[0], body, q, l, now, now != now), now, 0.0)
-    put((first, count, t, t, since, t, t), state, row)
+    put((first, count, t, t, since, t, t), work, row)
     noted = (t, 0.0, now, 0.0, now) + q + l
-    put(noted + noted, state, row + RECORDS)
-    return begin_events(events[1:], body, effects, t, q, l, state, row + EVENT)
+    put(noted + noted, work, row + RECORDS)
+    return begin_events(events[1:], body, effects, t, q, l, work, row + EVENT)
 
 
-def levels_at(events, state, row):
+def levels_at(events, work, row):
     """The levels of events after the last step, from their rows."""
     if len(events) == 0:
         return ()
-    return (state[row + LEVEL],) + levels_at(events[1:], state, row + EVENT)
+    return (work[row + LEVEL],) + levels_at(events[1:], work, row + EVENT)
 
 
-def put_levels(levels, state, row):
+def put_levels(levels, work, row):
     """Write what `levels_at` reads."""
     if len(levels) == 0:
         return 0
-    state[row + LEVEL] = levels[0]
-    return put_levels(levels[1:], state, row + EVENT)
+    work[row + LEVEL] = levels[0]
+    return put_levels(levels[1:], work, row + EVENT)
 
 
 def levels_of(events, body, effects, t, q, l):
@@ -113,33 +116,33 @@ def armed_again(events, moves, body, q, l, before, now):
     return (select(moves, new, before[0]),) + rest
 
 
-def stopped(events, state, row):
+def stopped(events, work, row):
     """1 if an event has stopped the member, else 0."""
     if len(events) == 0:
         return 0.0
     if len(stops(events[0])) == 0:
-        return stopped(events[1:], state, row + EVENT)
-    return select(state[row + COUNT] > 0.0, 1.0, 0.0)  # at most one event stops members
+        return stopped(events[1:], work, row + EVENT)
+    return select(work[row + COUNT] > 0.0, 1.0, 0.0)  # at most one event stops members
 
 
-def held(events, state, row, q, l):
+def held(events, work, row, q, l):
     """(q, L), or if an event has stopped the member the state at the end of that step."""
     if len(events) == 0:
         return q, l
     if len(stops(events[0])) == 0:
-        return held(events[1:], state, row + EVENT, q, l)
-    here, at = state[row + COUNT] > 0.0, row + RECORDS + 5
-    q, l = select_each(here, four_at(state, at), q), select_each(here, three_at(state, at + 4), l)
-    return held(events[1:], state, row + EVENT, q, l)
+        return held(events[1:], work, row + EVENT, q, l)
+    here, at = work[row + COUNT] > 0.0, row + RECORDS + 5
+    q, l = select_each(here, four_at(work, at), q), select_each(here, three_at(work, at + 4), l)
+    return held(events[1:], work, row + EVENT, q, l)
 
 
-def passed(events, moves, step, before, state, row):
+def passed(events, moves, step, before, work, row):
     """The levels of events after a step of which only the end is watched."""
     if len(events) == 0:
         return ()
     now = levels_of(events, step.body, step.effects, step.t, step.q, step.l)
     backs, back = all_begun(before), (0.0, 0.0)
-    return settled(events, moves, step, backs, before, back, step.q, step.l, now, state, row)
+    return settled(events, moves, step, backs, before, back, step.q, step.l, now, work, row)
 
 
 def all_begun(levels):
@@ -149,24 +152,24 @@ def all_begun(levels):
     return ((1.0, 0.0),) + all_begun(levels[1:])
 
 
-def settled(events, moves, step, backs, before, back, q, l, now, state, row):
+def settled(events, moves, step, backs, before, back, q, l, now, work, row):
     """The levels of events after a part of a step that ends in (q, L); what happened is written
     down. Arguments as of `note`."""
     if any_of(any_happened(before, now)):
-        note(events, moves, step, backs, before, back, now, state, row)
-    all_lasting(events, moves, step, back[0], now, state, row)
+        note(events, moves, step, backs, before, back, now, work, row)
+    all_lasting(events, moves, step, back[0], now, work, row)
     return armed_again(events, moves, step.body, q, l, before, now)
 
 
-def all_lasting(events, moves, step, back, now, state, row):
+def all_lasting(events, moves, step, back, now, work, row):
     """Count the events that have lasted by the end of a part of a step."""
     if len(events) == 0:
         return 0
-    lasting(holds(events[0]), moves, step, back, now[0], state, row)
-    return all_lasting(events[1:], moves, step, back, now[1:], state, row + EVENT)
+    lasting(holds(events[0]), moves, step, back, now[0], work, row)
+    return all_lasting(events[1:], moves, step, back, now[1:], work, row + EVENT)
 
 
-def note(events, moves, step, backs, before, back, now, state, row):
+def note(events, moves, step, backs, before, back, now, work, row):
     """Write down the events between two states of a step, of members that move.
 
     step : its Step;  backs, back : of the two states the parts of a step from its end back to
@@ -178,43 +181,43 @@ def note(events, moves, step, backs, before, back, now, state, row):
     if len(events) == 0:
         return 0
     hit = happened(before[0], now[0]) & moves
-    note_one(events[0], hit, step, backs[0], before[0], back, now[0], state, row)
-    return note(events[1:], moves, step, backs[1:], before[1:], back, now[1:], state, row + EVENT)
+    note_one(events[0], hit, step, backs[0], before[0], back, now[0], work, row)
+    return note(events[1:], moves, step, backs[1:], before[1:], back, now[1:], work, row + EVENT)
 
 
-def note_one(event, hit, step, first_back, before, back, now, state, row):
+def note_one(event, hit, step, first_back, before, back, now, work, row):
     """Write down an event of the members that it hit; arguments as of `note`."""
-    return note_by(holds(event), event, hit, step, first_back, before, back, now, state, row)
+    return note_by(holds(event), event, hit, step, first_back, before, back, now, work, row)
 
 
-def note_by(wait, event, hit, step, first_back, before, back, now, state, row):
+def note_by(wait, event, hit, step, first_back, before, back, now, work, row):
     """`note_one` of an event that has to last if there is a `wait`."""
     if len(wait) == 0:
-        return note_pass(hit, step, first_back, before, back, now, state, row)
-    return note_end(wait, event, hit, step, first_back, before, back, now, state, row)
+        return note_pass(hit, step, first_back, before, back, now, work, row)
+    return note_end(wait, event, hit, step, first_back, before, back, now, work, row)
 
 
-def note_pass(hit, step, first_back, before, back, now, state, row):
+def note_pass(hit, step, first_back, before, back, now, work, row):
     """`note_one` of an event that counts when its level passes through 0."""
     t, h, q, l = step.t, step.h, step.q, step.l
-    count, last = state[row + COUNT], state[row + TAU]
+    count, last = work[row + COUNT], work[row + TAU]
     apart = now - before
     share = now / select(apart == 0.0, 1.0, apart)
     tau = t - h * (back[0] + (first_back[0] - back[0]) * share)
     wait = select(hit & (count > 0.0), tau - last, 0.0)
-    state[row + SQUARES] = state[row + SQUARES] + wait * wait
-    state[row + TAU] = select(hit, tau, last)
-    state[row + COUNT] = select(hit, count + 1.0, count)
+    work[row + SQUARES] = work[row + SQUARES] + wait * wait
+    work[row + TAU] = select(hit, tau, last)
+    work[row + COUNT] = select(hit, count + 1.0, count)
     first = hit & (count == 0.0)
-    state[row + FIRST_TAU] = select(first, tau, state[row + FIRST_TAU])
+    work[row + FIRST_TAU] = select(first, tau, work[row + FIRST_TAU])
     noted = (t, back[0] - back[1], now, first_back[0] + first_back[1], before) + q + l
     if any_of(first):
-        write(first, noted, state, row + RECORDS)
-    write(hit, noted, state, row + RECORDS + RECORD)
+        write(first, noted, work, row + RECORDS)
+    write(hit, noted, work, row + RECORDS + RECORD)
     return 0
 
 
-def seek(kinds, numbers, parts, state, work, spare, aside, row, which, tried):
+def seek(kinds, numbers, parts, work, spare, aside, row, which, tried):
     """One try for the exact time of an event: prepare a step back to where its level should be 0.
 
     which : 2 i for the first, 2 i + 1 for the last of event i;  tried : steps back made so far
@@ -223,27 +226,28 @@ def seek(kinds, numbers, parts, state, work, spare, aside, row, which, tried):
     """
     integrator, effects, events = parts_of(kinds, numbers)
     at = row + which // 2 * EVENT + RECORDS + which % 2 * RECORD
-    body, present = body_at(state, BODY_AT), filled(effects, state, EFFECTS_AT)
-    t, h, ends = state[at], like(work[LENGTH], state), four_at(state, at + 1)
+    body, present = body_at(work, KNOWN + BODY), filled(effects, work, KNOWN + EFFECTS)
+    t, h, ends = work[at], work[LENGTH], four_at(work, at + 1)
     there, before = ends[1], ends[3]
     if tried > 0:
-        share = like(aside[TRUE + 4], state)
+        share = aside[TRUE + 4]
         by = -share * h
-        part = like(parts[0], state) * by, like(parts[1], state) * by, like(parts[2], state) * by
-        l = momentum_at(integrator, spare)
-        q, l = closed(integrator, body, present, t + by + parts[3] * by, part, four_at(spare, 0), l)
+        part = parts[0] * by, parts[1] * by, parts[2] * by
+        q = in_precision(four_at(spare, ATTITUDE), work)
+        l = in_precision(momentum_at(integrator, spare), work)
+        q, l = closed(integrator, body, present, t + by + parts[3] * by, part, q, l)
         here = level_of(events, which // 2, body, present, t + by, q, l)
-        ends = narrowed(in_precision(four_at(aside, TRUE), state), share, here)
+        ends = narrowed(four_at(aside, TRUE), share, here)
     share = guess(ends)
     by = -share * h
-    put(in_precision(ends + (share,), aside), aside, TRUE)
-    part = like(parts[0], state) * by, like(parts[1], state) * by, like(parts[2], state) * by
-    q, l = four_at(state, at + 5), three_at(state, at + 9)
+    put(ends + (share,), aside, TRUE)
+    part = parts[0] * by, parts[1] * by, parts[2] * by
+    q, l = four_at(work, at + 5), three_at(work, at + 9)
     q, l = opened(integrator, body, present, t + parts[3] * by, part, q, l)
-    put_opened(q, l, spare)
-    put(in_precision((t, by), aside), aside, BEGAN)
+    put_opened(in_precision(q, spare), in_precision(l, spare), spare)
+    put((t, by), aside, BEGAN)
     at_start = (before < 0.0) == (there < 0.0)
-    state[row + which // 2 * EVENT + TIMES + which % 2] = select(at_start, t, t + by)
+    work[row + which // 2 * EVENT + TIMES + which % 2] = select(at_start, t, t + by)
     return 0
 
 

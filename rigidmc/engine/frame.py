@@ -52,7 +52,7 @@ class Shape(NamedTuple):
 
     lanes : how many members are worked on side by side;  values : numbers of a save
     works_at, works : the first row of the works, and how many works are kept
-    watched, near_at : the first row of what is watched, and of the neighbour
+    watched, near_at : the first row of what is watched, in `work`, and of the neighbour
     looks, shadow : whether steps are watched, and whether there is a neighbour
     nodes : states that are watched in a step, the last of them at its end
     records : of events, two each;  tries : steps back to find the time of an event

@@ -2,8 +2,8 @@
 
 The one file with places of numbers. A block is an array (rows, members), members a multiple of
 LANES. Some members at a time have their rows copied, side by side, to two flat workspaces:
-`state`, in the precision of the run, for steps, and `work`, in float64, for looks. To a member's
-program they are rows of one number each.
+`state`, in the precision of the run, for steps, and `work`, in float64, for looks and for what is
+watched. To a member's program they are rows of one number each.
 """
 
 import math

@@ -84,10 +84,11 @@ def enter(kinds, numbers, block, rows, members, low, member_steps, h, round_time
     return 0
 
 
-def leave(kinds, numbers, block, rows, members, low, works, works_at, done, state, work):
+def leave(kinds, numbers, block, rows, members, low, works, works_at, near, done, state, work):
     """Put the rows of the members from `low` on back; if the run is done, with the last good state.
 
     works : how many, in the rows from `works_at` of the block on, followed by the last good ones
+    near : the first row of the neighbour, after those of what is watched
     """
     for i in range(rows):
         at = i * members + low
@@ -96,7 +97,7 @@ def leave(kinds, numbers, block, rows, members, low, works, works_at, done, stat
             store(block, at, x)
         elif i < BODY:
             store(block, at, work[KNOWN + i])
-        elif i >= works_at + 2 * works:
+        elif i >= near:
             store(block, at, like(state[BODY_AT + i - BODY], work))
         elif i >= works_at + works:
             store(block, at, work[KNOWN + i])

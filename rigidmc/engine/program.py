@@ -93,7 +93,7 @@ class Program:
             values=sum(size(o.dims, len(ledger)) for o in observables),
             works_at=rows.in_state(rows.works),
             works=len(ledger),
-            watched=rows.in_state(rows.events),
+            watched=KNOWN + rows.events,
             near_at=rows.in_state(rows.neighbour),
             looks=int(bool(events or running)),
             nodes=nodes,
@@ -128,14 +128,14 @@ class Program:
         some = events or running
         pieces = Pieces(
             enter=asked(True, member.enter, (), "piiiiffsw"),
-            leave=asked(True, member.leave, (), "piiiiiisw"),
+            leave=asked(True, member.leave, (), "piiiiiiisw"),
             begin=asked(True, member.begin, (kept, effects, limits, ledger), "psw"),
             march=asked(True, march, moved, MARCH),
             look=asked(True, member.look, (kept, effects, *marks, limits, ledger), "pswff"),
             record=asked(observables, member.record, (observables, effects, ledger), "wpiifi"),
             begin_watch=asked(some, watching.begin_watch, (effects, events, running), "pswi"),
             watch=asked(some, watching.watch, (kept, effects, events, running, dense), "pswsiiii"),
-            seek=asked(events, event.seek, (kept, effects, events), "pswswiii"),
+            seek=asked(events, event.seek, (kept, effects, events), "pwswiii"),
             begin_near=asked(shadow, neighbour.begin_near, (kept, effects), "pswsif"),
             meet=asked(shadow, neighbour.meet, (kept, effects), "pswsiff"),
         )

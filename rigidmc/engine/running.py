@@ -1,9 +1,11 @@
 """What is watched at every step and not saved: events, and running observables.
 
-Both are rows of a state from `row` on: EVENT rows for each event, see `rigidmc.engine.events`, then
-as many rows for each running observable as it has marks. Steps are made first, a few dozen at a
-time, and watched afterwards: no step depends on what is watched. Between the ends of a step there
-is a dense output, see `rigidmc.engine.within`. Pieces as those of `rigidmc.engine.member`.
+Both are rows of `work` from `row` on: EVENT rows for each event, see `rigidmc.engine.events`, then
+as many rows for each running observable as it has marks. They are float64, and so is all that is
+computed for them, whatever the precision of the steps: a sum over 1e7 steps and a time have no room
+in float32. Steps are made first, a few dozen at a time, and watched afterwards: no step depends on
+what is watched. Between the ends of a step there is a dense output, see `rigidmc.engine.within`.
+Pieces as those of `rigidmc.engine.member`.
 """
 
 import sys
@@ -23,9 +25,9 @@ from rigidmc.engine.kinds import filled, parts_of
 from rigidmc.engine.layout import (
     ATTITUDE,
     BEGAN,
-    BODY_AT,
+    BODY,
     EACH,
-    EFFECTS_AT,
+    EFFECTS,
     EVENT,
     GOOD,
     HELD,
@@ -45,11 +47,10 @@ from rigidmc.observables.protocol import begin
 def begin_watch(kinds, numbers, parts, state, work, row):
     """Set the rows of what is watched at the start."""
     effects, events, running = parts_of(kinds, numbers)
-    body, present = body_at(state, BODY_AT), filled(effects, state, EFFECTS_AT)
-    q = in_precision(four_at(work, KNOWN + GOOD), state)
-    l = in_precision(three_at(work, KNOWN + GOOD + 4), state)
-    begin_events(events, body, present, 0.0, q, l, state, row)
-    begin_running(running, body, present, 0.0, q, l, state, row + EVENT * len(events))
+    body, present = body_at(work, KNOWN + BODY), filled(effects, work, KNOWN + EFFECTS)
+    q, l = four_at(work, KNOWN + GOOD), three_at(work, KNOWN + GOOD + 4)
+    begin_events(events, body, present, 0.0, q, l, work, row)
+    begin_running(running, body, present, 0.0, q, l, work, row + EVENT * len(events))
     hold(events, state, work, row)
     return 0
 
@@ -60,21 +61,21 @@ def watch(kinds, numbers, parts, state, work, trace, row, first, last, nodes):
     nodes : states that are watched in a step, the last of them at its end
     """
     integrator, effects, events, running, dense = parts_of(kinds, numbers)
-    body, present = body_at(state, BODY_AT), filled(effects, state, EFFECTS_AT)
-    h, each = like(work[LENGTH], state), like(work[EACH], state)
-    levels, kept = levels_at(events, state, row), kept_at(running, state, row + EVENT * len(events))
+    body, present = body_at(work, KNOWN + BODY), filled(effects, work, KNOWN + EFFECTS)
+    h, each = work[LENGTH], work[EACH]
+    levels, kept = levels_at(events, work, row), kept_at(running, work, row + EVENT * len(events))
     t, q, l = traced(integrator, body, present, parts, state, work, trace, first, first)
     node = node_at(dense, events, running, Step(body, present, t, h, q, l, q, l))
     for s in range(first, last):
         p, m = q, l
         t, q, l = traced(integrator, body, present, parts, state, work, trace, s + 1, first)
-        moves = (each > s) & (stopped(events, state, row) <= 0.0)
+        moves = (each > s) & (stopped(events, work, row) <= 0.0)
         step = Step(body, present, t, h, q, l, p, m)
         levels, kept, node = through(
-            dense, events, running, moves, step, nodes, levels, kept, node, state, row
+            dense, events, running, moves, step, nodes, levels, kept, node, work, row
         )
-    put_levels(levels, state, row)
-    put_kept(kept, state, row + EVENT * len(events))
+    put_levels(levels, work, row)
+    put_kept(kept, work, row + EVENT * len(events))
     hold(events, state, work, row)
     return 0
 
@@ -82,47 +83,46 @@ def watch(kinds, numbers, parts, state, work, trace, row, first, last, nodes):
 def traced(integrator, body, effects, parts, state, work, trace, s, first):
     """(t, q, L) after step s of a round, from the trace of the steps from `first` on."""
     began, length = work[BEGAN], work[LENGTH]
-    part = (
-        like(parts[0] * length, state),
-        like(parts[1] * length, state),
-        like(parts[2] * length, state),
-    )
+    part = parts[0] * length, parts[1] * length, parts[2] * length
     at, more = 7 * (s - first), tuple_at(keeps(integrator), state, REST)
-    lead = like(began + (s * 1.0 + parts[3]) * length, state)
-    l = joined(three_at(trace, at + 4), more)
-    q, l = closed(integrator, body, effects, lead, part, four_at(trace, at), l)
-    return like(began + (s * 1.0) * length, state), q, first_three(l)
+    lead = began + (s * 1.0 + parts[3]) * length
+    q, l = four_at(trace, at), joined(three_at(trace, at + 4), more)
+    q, l = in_precision(q, work), in_precision(l, work)
+    q, l = closed(integrator, body, effects, lead, part, q, l)
+    return began + (s * 1.0) * length, q, first_three(l)
 
 
 def hold(events, state, work, row):
     """Tell the looks which members an event has stopped, and where."""
-    q, l = held(events, state, row, four_at(state, ATTITUDE), three_at(state, MOMENTUM))
-    work[STOPPED] = like(stopped(events, state, row), work)
-    put(in_precision(q + l, work), work, HELD)
+    q, l = four_at(state, ATTITUDE), three_at(state, MOMENTUM)
+    q, l = in_precision(q, work), in_precision(l, work)
+    q, l = held(events, work, row, q, l)
+    work[STOPPED] = like(stopped(events, work, row), work)
+    put(q + l, work, HELD)
     return 0
 
 
-def begin_running(running, body, effects, t, q, l, state, row):
+def begin_running(running, body, effects, t, q, l, work, row):
     """Set the rows of running observables at the start."""
     if len(running) == 0:
         return 0
-    put(begin(running[0][0], body, effects, t, q, l), state, row)
-    return begin_running(running[1:], body, effects, t, q, l, state, row + len(running[0][1]))
+    put(begin(running[0][0], body, effects, t, q, l), work, row)
+    return begin_running(running[1:], body, effects, t, q, l, work, row + len(running[0][1]))
 
 
-def kept_at(running, state, row):
+def kept_at(running, work, row):
     """The numbers of running observables, from their rows."""
     if len(running) == 0:
         return ()
-    first = filled(running[0][1], state, row)
-    return (first,) + kept_at(running[1:], state, row + len(running[0][1]))
+    first = filled(running[0][1], work, row)
+    return (first,) + kept_at(running[1:], work, row + len(running[0][1]))
 
 
-def put_kept(kept, state, row):
+def put_kept(kept, work, row):
     """Write what `kept_at` reads."""
     if len(kept) == 0:
         return row
-    return put_kept(kept[1:], state, put(kept[0], state, row))
+    return put_kept(kept[1:], work, put(kept[0], work, row))
 
 
 inline_all(sys.modules[__name__])

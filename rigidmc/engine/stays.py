@@ -31,15 +31,15 @@ def at_start(wait, there, t):
     return 0.0, select(there, t, math.inf)
 
 
-def note_end(wait, event, hit, step, first_back, before, back, now, state, row):
+def note_end(wait, event, hit, step, first_back, before, back, now, work, row):
     """Write down that a stay begins or ends; one that ends counts if it has lasted.
 
     wait : see `holds` of `rigidmc.observables.protocol`;  the rest : as of `note_one`
     """
     t = crossing(wait[1:], event, step, first_back[0], before, back[0], now)
-    count_stay(wait, hit & (before > 0.0), t, step, state, row)
-    since = state[row + SINCE]
-    state[row + SINCE] = select(hit, select(before < 0.0, t, math.inf), since)
+    count_stay(wait, hit & (before > 0.0), t, step, work, row)
+    since = work[row + SINCE]
+    work[row + SINCE] = select(hit, select(before < 0.0, t, math.inf), since)
     return 0
 
 
@@ -59,33 +59,33 @@ def crossing(known, event, step, first_back, before, back, now):
     return time(step, x)
 
 
-def lasting(wait, moves, step, back, now, state, row):
+def lasting(wait, moves, step, back, now, work, row):
     """Count a stay as soon as it has lasted; back, now : part of the step after the present state,
     and the level there."""
     if len(wait) == 0:
         return 0
-    return count_stay(wait, moves & (now >= 0.0), step.t - back * step.h, step, state, row)
+    return count_stay(wait, moves & (now >= 0.0), step.t - back * step.h, step, work, row)
 
 
-def count_stay(wait, beyond, t, step, state, row):
+def count_stay(wait, beyond, t, step, work, row):
     """Count the stay of members that are `beyond` until t, if it has lasted."""
-    since, count = state[row + SINCE], state[row + COUNT]
+    since, count = work[row + SINCE], work[row + COUNT]
     lasted = beyond & (t - since >= wait[0])
     first = lasted & (count == 0.0)
-    state[row + COUNT] = select(lasted, count + 1.0, count)
-    state[row + TAU] = select(lasted, since, state[row + TAU])
-    state[row + FIRST_TAU] = select(first, since, state[row + FIRST_TAU])
-    state[row + SINCE] = select(lasted, math.inf, since)
+    work[row + COUNT] = select(lasted, count + 1.0, count)
+    work[row + TAU] = select(lasted, since, work[row + TAU])
+    work[row + FIRST_TAU] = select(first, since, work[row + FIRST_TAU])
+    work[row + SINCE] = select(lasted, math.inf, since)
     if any_of(first):  # where an event that stops members stops them
         zero = 0.0 * t
         noted = (zero + step.t, zero, zero, zero, zero) + step.q + step.l
-        write(first, noted, state, row + RECORDS)
+        write(first, noted, work, row + RECORDS)
     return 0
 
 
-def write(condition, values, state, row):
+def write(condition, values, work, row):
     """Write a tuple to rows if the condition holds."""
-    return put(select_each(condition, values, filled(values, state, row)), state, row)
+    return put(select_each(condition, values, filled(values, work, row)), work, row)
 
 
 inline_all(sys.modules[__name__])

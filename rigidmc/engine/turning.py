@@ -178,7 +178,7 @@ def lowest(a, b, part):
     return part.b - width * back, value
 
 
-def turned(events, running, extrema, step, part, before, now, backs, levels, kept, state, row):
+def turned(events, running, extrema, step, part, before, now, backs, levels, kept, work, row):
     """(backs, levels, kept) after the states in a Part where numbers turn round.
 
     extrema : the Extremum of each number;  before, now : Nodes
@@ -197,7 +197,7 @@ def turned(events, running, extrema, step, part, before, now, backs, levels, kep
             if any_of(there):
                 x, q, l = turning_state(events, running, step, part, k, one.way, a[1], b[1], x)
                 kept = put_in(running, k - len(levels), there, step, x, q, l, kept)
-                backs, levels = noted(events, k, there, step, x, q, l, backs, levels, state, row)
+                backs, levels = noted(events, k, there, step, x, q, l, backs, levels, work, row)
     return backs, levels, kept
 
 
@@ -257,7 +257,7 @@ def put_one(limits, one, k, there, step, x, q, l, kept):
     return kept
 
 
-def noted(events, k, there, step, x, q, l, backs, levels, state, row):
+def noted(events, k, there, step, x, q, l, backs, levels, work, row):
     """(backs, levels) of events after the state where the level of event k turns round: it is
     written down if it has happened by then, and perhaps armed."""
     if len(events) == 0:
@@ -266,12 +266,12 @@ def noted(events, k, there, step, x, q, l, backs, levels, state, row):
     if k == 0:
         turn = levels_of(events[:1], step.body, step.effects, time(step, x), q, l)[0]
         hit = there & (turn * start <= 0.0) & (start != 0.0)
-        note_one(events[0], hit, step, (back, more), start, (1.0 - x, 0.0), turn, state, row)
+        note_one(events[0], hit, step, (back, more), start, (1.0 - x, 0.0), turn, work, row)
         anew = hit | (there & (start == 0.0))
         again = select(armed(events[0], step.body, q, l, turn, turn != turn), turn, 0.0)
         back, more = select(anew, 1.0 - x, back), select(anew, 0.0, more)
         start = select(anew, again, start)
-    rest = noted(events[1:], k - 1, there, step, x, q, l, backs[1:], levels[1:], state, row + EVENT)
+    rest = noted(events[1:], k - 1, there, step, x, q, l, backs[1:], levels[1:], work, row + EVENT)
     return ((back, more),) + rest[0], (start,) + rest[1]
 
 

@@ -58,48 +58,48 @@ def rates(then, now):
     return ((then[0] - now[0]) * (1.0 / AHEAD),) + rates(then[1:], now[1:])
 
 
-def through(dense, events, running, moves, step, nodes, levels, kept, node, state, row):
+def through(dense, events, running, moves, step, nodes, levels, kept, node, work, row):
     """(levels, kept, Node) at the end of a step, from those at its start.
 
     dense : () if only the end of the step is watched; (0.0,) if there is no inner node
     """
     if len(dense) == 0:
         kept = updated(running, moves, step, step.t, step.q, step.l, kept)
-        return passed(events, moves, step, levels, state, row), kept, node
+        return passed(events, moves, step, levels, work, row), kept, node
     end = node_at(dense, events, running, step)
     before, levels, kept, node = inner(
-        dense, events, running, moves, step, nodes, levels, kept, node, state, row
+        dense, events, running, moves, step, nodes, levels, kept, node, work, row
     )
     part = Part(before, 1.0, step.t, step.q, step.l)
-    levels, kept = across(events, running, moves, step, part, node, end, levels, kept, state, row)
+    levels, kept = across(events, running, moves, step, part, node, end, levels, kept, work, row)
     return levels, updated(running, moves, step, step.t, step.q, step.l, kept), end
 
 
-def inner(dense, events, running, moves, step, nodes, levels, kept, node, state, row):
+def inner(dense, events, running, moves, step, nodes, levels, kept, node, work, row):
     """(part of the step done, levels, kept, Node) at the last node within a step."""
     if len(dense) == 1:
         return 0.0, levels, kept, node
     x, path = 0.0 * step.h, smooth(step)
     for j in range(1, nodes):
-        before, x = x, like(j / nodes, state)
+        before, x = x, like(j / nodes, work)
         (q, l), then = between(path, x), between(path, x + AHEAD)
         part = Part(before, x, time(step, x), q, l)
         now = node_of(events, running, step, part.t, time(step, x + AHEAD), (q, l), then)
         levels, kept = across(
-            events, running, moves, step, part, node, now, levels, kept, state, row
+            events, running, moves, step, part, node, now, levels, kept, work, row
         )
         kept = averaged(running, moves, step, part.t, q, l, kept)
         node = now
     return x, levels, kept, node
 
 
-def across(events, running, moves, step, part, before, now, levels, kept, state, row):
+def across(events, running, moves, step, part, before, now, levels, kept, work, row):
     """(levels, kept) after a Part; before, now : the Nodes at its ends.
 
     Running observables are updated where numbers turn round and in the middle, not at the end.
     """
     kept = halved(any_averages(running), running, moves, step, part, kept)
-    going = moves & (stopped(events, state, row) <= 0.0)
+    going = moves & (stopped(events, work, row) <= 0.0)
     touched = all_touched(
         events, going, step, part, levels, before.numbers, before.slopes, now.numbers, now.slopes
     )
@@ -109,17 +109,17 @@ def across(events, running, moves, step, part, before, now, levels, kept, state,
     )  # fmt: skip
     backs, levels, kept = turned(
         events, running, joined(touched, extreme), step, part, before, now,
-        all_begun(levels, part), levels, kept, state, row,
+        all_begun(levels, part), levels, kept, work, row,
     )  # fmt: skip
-    return all_settled(events, going, step, part, now, backs, levels, state, row), kept
+    return all_settled(events, going, step, part, now, backs, levels, work, row), kept
 
 
-def all_settled(events, moves, step, part, now, backs, levels, state, row):
+def all_settled(events, moves, step, part, now, backs, levels, work, row):
     """The levels of events at the end of a Part; what happened in it is written down."""
     if len(events) == 0:
         return ()
     back, at_end = (1.0 - part.b, wider(part.b)), head(levels, now.numbers)
-    return settled(events, moves, step, backs, levels, back, part.q, part.l, at_end, state, row)
+    return settled(events, moves, step, backs, levels, back, part.q, part.l, at_end, work, row)
 
 
 def updated(running, moves, step, t, q, l, kept):
