@@ -52,7 +52,7 @@ class Composition:
 
     @property
     def evaluations(self) -> int:
-        """Torques per step; the last one of a step is the first of the next."""
+        """Torques a step; the last one of a step is the first of the next."""
         drifts, kicks = self.sequence()
         return min(len(drifts), len(kicks))
 
@@ -148,7 +148,8 @@ INTEGRATORS = {
         split=True,
     ),
     "chin4": Composition(
-        """Force gradient, order 4 with positive steps only: 2 drifts and 3 torques a step.
+        """Force gradient, order 4 with positive steps only: 2 drifts and 2 torques a step, each
+        with its rate of change.
 
         Source: Chin, Phys. Lett. A 226 (1997) 344, scheme A.""",
         order=4,

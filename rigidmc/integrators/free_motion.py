@@ -85,7 +85,7 @@ class FreeMotion:
     """
 
     order = float("inf")
-    evaluations = 1
+    evaluations = 0
     reversible = True
     compensated = True
     conserves = ("|q|", "|L|^2", "T", "L in space")
