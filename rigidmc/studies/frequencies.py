@@ -1,7 +1,7 @@
 """Frequency analysis: the fundamental frequencies of members, and how far they wander."""
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -15,11 +15,21 @@ from rigidmc.scene.amounts import counted
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.studies.chunks import chunks, pieces, saves_of
 from rigidmc.studies.components import component_of
+from rigidmc.studies.rounding import ULPS, resolution, resolution_of
 
 Array = NDArray[np.float64]
 TERMS = 3
 POWER = 3  # of the window: a line at a distance of n samples of the spectrum is n^-8 off
 NOTHING = 1e-12  # of the signal: what is left is rounding
+WIDTH = POWER + 1.0  # of a line, in periods of the whole time, to the first zero of the window
+DOUBLE = 0.5  # of a line: one as strong within its width is another line, not its artefact
+WHY = ("resolved", "nothing", "slow", "fast", "close", "flagged")
+WORDS = {  # of those in WHY that a table tells
+    "nothing": "is constant to rounding",
+    "slow": f"has fewer than {WIDTH:g} periods in the time",
+    "fast": "is folded, or nearly: saves have to be less than half a period apart",
+    "close": f"is one of two that are nearer than {WIDTH:g} periods of the time",
+}
 LEAST = 64  # saves of which a spectrum is made
 NUMBERS = 2**23  # of exponentials at once: 128 MB
 
@@ -64,7 +74,10 @@ def frequencies(
     xarray.Dataset
         over term and member: `frequency` [rad/s], `amplitude` and `phase` [rad]; over member
         `change`, the relative change of the first frequency from one half of the time to the other,
-        the start, and `status`. All are nan for flagged members
+        the start, and `status`. All are nan for flagged members, and for what a window of that
+        length does not resolve; `why`, over term and member, tells the reason: nothing but rounding
+        is left; fewer than 4 periods (of `change`, in each half); less than half a period between
+        saves, or nearly; another line nearer than 4 periods of the time
 
     Raises
     ------
@@ -131,7 +144,7 @@ def _joined(scene: Scene, of: str, terms: int, parts: Iterable[xr.Dataset]) -> x
             rule = f"a spectrum needs {LEAST} saves or more, and there are {part.sizes['time']}"
             raise OptionError("run", "every", scene.run.every, rule)
         signal = np.where(part.status.values == 0, asked.values(part), np.nan)
-        found.append(_studied(part, signal, terms))
+        found.append(_studied(part, signal, terms, resolution_of(scene)))
     study: xr.Dataset = xr.concat(found, "member", data_vars="minimal")
     units = part[asked.name].attrs.get("units", "1")
     study["amplitude"].attrs["units"] = units
@@ -139,17 +152,17 @@ def _joined(scene: Scene, of: str, terms: int, parts: Iterable[xr.Dataset]) -> x
     return study
 
 
-def _studied(part: xr.Dataset, signal: Array, terms: int) -> xr.Dataset:
-    """The study of signals (time, member)."""
+def _studied(part: xr.Dataset, signal: Array, terms: int, resolved: float) -> xr.Dataset:
+    """The study of signals (time, member), of a relative resolution."""
     times = part.time.values
-    found = oscillations(signal, times, terms)
+    found = oscillations(signal, times, terms, resolved)
     half = times.size // 2
     ends = [
-        oscillations(piece, times[: len(piece)], 1)[0][0]
+        oscillations(piece, times[: len(piece)], 1, resolved).frequency[0]
         for piece in (signal[:half], signal[-half:])
     ]
     with np.errstate(invalid="ignore", divide="ignore"):
-        change = np.abs(ends[1] - ends[0]) / found[0][0]
+        change = np.abs(ends[1] - ends[0]) / found.sought[0]
     words = {
         "frequency": {"long_name": "frequency of the oscillation", "units": "rad s-1"},
         "amplitude": {"long_name": "amplitude of the oscillation"},
@@ -157,8 +170,11 @@ def _studied(part: xr.Dataset, signal: Array, terms: int) -> xr.Dataset:
     }
     variables: dict[str, Any] = {
         name: (("term", "member"), values, words[name])
-        for name, values in zip(words, found, strict=True)
+        for name, values in zip(words, found[:3], strict=True)
     }
+    about = {"flag_values": list(range(len(WHY))), "flag_meanings": " ".join(WHY)}
+    why = np.where(np.isnan(signal).any(axis=0), WHY.index("flagged"), found.why).astype("i1")
+    variables["why"] = ("term", "member"), why, {"long_name": "why there is none", **about}
     text = "relative change of the first frequency between both halves of the time"
     variables["change"] = "member", change, {"long_name": text, "units": "1"}
     starts = [str(n) for n in part.data_vars if str(n).startswith("start_") or n == "status"]
@@ -167,26 +183,65 @@ def _studied(part: xr.Dataset, signal: Array, terms: int) -> xr.Dataset:
     ).merge(part[starts].drop_vars("time", errors="ignore"))
 
 
-def oscillations(signal: Array, times: Array, terms: int) -> tuple[Array, Array, Array]:
-    """(frequencies [rad/s], amplitudes, phases) of signals, each (terms, n), in the order found.
+class Oscillations(NamedTuple):
+    """Frequencies [rad/s], amplitudes and phases of signals, each (terms, n), in the order found;
+    nan for what the window cannot resolve.
 
-    They are nan beyond the last oscillation that is more than rounding.
+    why : the place in WHY of the reason;  sought : the frequencies with those that are not resolved
+    """
 
-    signal : (saves, n);  times : evenly spaced [s]
+    frequency: Array
+    amplitude: Array
+    phase: Array
+    why: NDArray[np.int64]
+    sought: Array
+
+
+def oscillations(
+    signal: Array, times: Array, terms: int, resolved: float | None = None
+) -> Oscillations:
+    """The Oscillations of signals.
+
+    A line of a signal of length T is as wide as WIDTH 2 pi/T: one nearer to 0, where the mean and
+    its own mirror image are, or to the highest frequency of the saves, has errors of up to its own
+    size. Of two that are nearer to each other the weaker is an artefact of the stronger, and if it
+    is nearly as strong, neither is known.
+
+    signal : (saves, n);  times : evenly spaced [s];  resolved : the relative resolution of signals
     """
     step = (times[-1] - times[0]) / (times.size - 1)
     weight = window(times.size)[:, None]
     found: list[Array] = []
     shares, left = _fitted(_waves(found, times, signal.shape[1]), signal, weight)
-    whole = np.sqrt((weight * left**2).sum(axis=0))
+    eps = resolution(signal.dtype) if resolved is None else resolved
+    noise = ULPS * eps * np.abs(signal).max(axis=0) * np.sqrt(times.size)
+    least = np.maximum(NOTHING * np.sqrt((weight * left**2).sum(axis=0)), noise)
     for _ in range(terms):
         rest = np.sqrt((weight * left**2).sum(axis=0))
         frequency = _strongest(left * weight, step)
-        found.append(np.where(rest > NOTHING * whole, frequency, np.nan))
+        found.append(np.where(rest > least, frequency, np.nan))
         shares, left = _fitted(_waves(found, times, signal.shape[1]), signal, weight)
-    frequency = np.array(found)
-    complex_shares = np.where(np.isfinite(frequency), shares[1::2] - 1j * shares[2::2], np.nan)
-    return frequency, np.abs(complex_shares), np.angle(complex_shares)
+    frequency, values = np.array(found), shares[1::2] - 1j * shares[2::2]
+    why = _unresolved(frequency, np.abs(values), step, times.size)
+    values[why > 0] = np.nan
+    known = np.where(why > 0, np.nan, frequency)
+    return Oscillations(known, np.abs(values), np.angle(values), why, frequency)
+
+
+def _unresolved(frequency: Array, size: Array, step: float, saves: int) -> NDArray[np.int64]:
+    """The places in WHY of the reasons why oscillations (terms, n) are not resolved."""
+    width = WIDTH * 2.0 * np.pi / ((saves - 1) * step)
+    why = np.zeros(frequency.shape, np.int64)
+    with np.errstate(invalid="ignore"):
+        for k in range(1, len(frequency)):
+            near = np.abs(frequency[:k] - frequency[k]) < width
+            alike = near & (size[k] > DOUBLE * size[:k])
+            why[k, near.any(axis=0)] = WHY.index("close")
+            why[:k][alike] = WHY.index("close")
+        why[frequency < width] = WHY.index("slow")
+        why[frequency > np.pi / step - width] = WHY.index("fast")
+    why[np.isnan(frequency)] = WHY.index("nothing")
+    return why
 
 
 def window(count: int) -> Array:
@@ -248,9 +303,17 @@ def table(study: xr.Dataset) -> list[str]:
     for one in few.member.values:
         row = few.sel(member=one)
         lines.append(f"  {one:<12d}" + "".join(f"{x:20.12g}" for x in row.frequency.values))
+    why = study.why.values[0, good]
+    for word, text in WORDS.items():
+        if count := int((why == WHY.index(word)).sum()):
+            lines.append(f"  nu_1 is not resolved, for {count:,} members: it {text}")
     change = study.change.values[good]
-    shares = [f"{(change > 10.0**-k).mean():.1%} by more than 1e-{k}" for k in (3, 6, 9)]
-    lines.append(f"  nu_1 changes from half to half: {', '.join(shares)}")
+    change = change[np.isfinite(change)]
+    if change.size:
+        shares = [f"{(change > 10.0**-k).mean():.1%} by more than 1e-{k}" for k in (3, 6, 9)]
+        lines.append(f"  nu_1 changes from half to half: {', '.join(shares)}")
+    if unknown := int(good.sum()) - change.size:
+        lines.append(f"  members whose halves are too short to tell a change: {unknown:,}")
     if not good.all():
         lines.append(f"  flagged members, which have no frequencies: {(~good).sum():,}")
     return lines

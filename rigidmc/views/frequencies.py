@@ -59,7 +59,7 @@ def _known(study: xr.Dataset) -> dict[str, NDArray[np.float64]]:
     """{name: values} of all numbers of the members."""
     found: dict[str, NDArray[np.float64]] = {}
     for name, one in study.data_vars.items():
-        if name in ("status", "change") or one.ndim > 2:
+        if name in ("status", "change", "why") or one.ndim > 2:
             continue
         dim = next((d for d in one.dims if d != "member"), None)
         if "member" not in one.dims:
