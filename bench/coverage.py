@@ -15,7 +15,7 @@ import rigidmc as rm
 from bench import cantor, harness, multilevel
 from bench.rare_truths import SPREAD, bathed, passed, spun
 from rigidmc.scene.points import Saltelli
-from rigidmc.studies import intervals
+from rigidmc.studies import censored, intervals
 from rigidmc.studies.sensitivity import indices
 
 FEW = 50  # studies of a quick run
@@ -108,6 +108,41 @@ def of_correlation(r, studies):
     return inside(intervals.correlation(x, r * x + (1.0 - r * r) ** 0.5 * y), r).sum(), studies
 
 
+def censored_times(law, share, several, saved, size):
+    """(signed times of a law, of which a share has not come; the law is known at saves alone).
+
+    share : later than the end of their member, which is one for all, or several: exponential ends
+        against an exponential law are met first with the probability rate/(rate + 1)
+    saved : time between saves, up to which times are rounded; 0 for exact ones
+    """
+    some = np.random.default_rng(5)
+    times = law.rvs(size, random_state=some)
+    ends = np.full(size, law.isf(share))
+    if several:
+        ends = some.exponential((1.0 - share) / share, size)
+    if saved:
+        times, ends = (saved * np.ceil(x / saved) for x in (times, ends))
+    return np.where(times <= ends, times, -ends)
+
+
+def of_censored_quantile(law, q, share, members, studies, several=False, saved=0.0):
+    """The same for a quantile of the time of an event, which has not come of a share."""
+    truth = law.ppf(q)
+    times = censored_times(law, share, several, saved, (studies, members))
+    found = censored.quantile(times, q, 0.95)
+    return inside(found, saved * np.ceil(truth / saved) if saved else truth).sum(), studies
+
+
+def of_censored_share(law, p, share, members, studies, several=False, saved=0.0):
+    """The same for the probability that the time is later than one before which a share 1 - p has
+    come, a time of a save."""
+    at = law.isf(p)
+    at = saved * np.ceil(at / saved) if saved else at
+    times = censored_times(law, share, several, saved, (studies, members))
+    found = censored.probability(times, ">", at, 0.95)
+    return inside(found, law.sf(at)).sum(), studies
+
+
 def of_rare(scene, of, truth, members, repetitions, studies):
     """The same for the probability of a rare event: studies of 16 repetitions, each of which is
     drawn from so many that are computed."""
@@ -135,6 +170,29 @@ FAR, STEPS, LEVEL = stats.norm.isf(1e-5), 10, 3.6 * SPREAD  # rad/s, steps, rad/
 THROWN = spun(), f"p(omega_max[3] >= {FAR:.17g})", 1e-5
 BATHED = bathed(STEPS), f"p(omega_max[3] >= {LEVEL:.17g})", passed(LEVEL, STEPS)
 MEAN, FASTEST = "mean(omega_mean[3])", f"p(omega_mean[3] > {FAST})"
+# Waiting times without memory, and the time at which Brownian motion with drift reaches a level:
+# closed forms of both.
+WAIT, HIT = stats.expon(), stats.invgauss(1.0)
+CENSORED = {
+    f"{what}, {100 * share:g} % not by {ends}, {n:,} members": (
+        partial(function, law, p, share, n, several=several, saved=saved), 1000)
+    for what, function, law, p, share, n, several, saved in (
+        ("median of waits", of_censored_quantile, WAIT, 0.5, 0.0, 300, False, 0.0),
+        ("median of waits", of_censored_quantile, WAIT, 0.5, 0.2, 40, False, 0.0),
+        ("median of waits", of_censored_quantile, WAIT, 0.5, 0.46, 100, False, 0.0),
+        ("median of waits", of_censored_quantile, WAIT, 0.5, 0.46, 1000, False, 0.0),
+        ("quartile of waits", of_censored_quantile, WAIT, 0.25, 0.6, 300, False, 0.0),
+        ("median of hits", of_censored_quantile, HIT, 0.5, 0.46, 300, False, 0.0),
+        ("tenth of hits", of_censored_quantile, HIT, 0.1, 0.6, 1000, False, 0.0),
+        ("median of waits", of_censored_quantile, WAIT, 0.5, 0.2, 100, True, 0.0),
+        ("median of waits", of_censored_quantile, WAIT, 0.5, 0.46, 300, True, 0.0),
+        ("quartile of waits", of_censored_quantile, WAIT, 0.25, 0.6, 300, True, 0.0),
+        ("share of waits", of_censored_share, WAIT, 0.5, 0.46, 20, True, 0.0),
+        ("share of waits", of_censored_share, WAIT, 0.7, 0.6, 100, True, 0.0),
+        ("share of waits at saves", of_censored_share, WAIT, 0.5, 0.46, 100, True, 0.2),
+    )
+    for ends in ("their ends" if several else "the end",)
+}  # fmt: skip
 # {what: (function of a number of studies, which returns (how many intervals cover, studies), and
 # that number)}. How many cover may be an array, for several intervals of each study.
 INTERVALS = {
@@ -157,6 +215,7 @@ INTERVALS = {
     "mean of 60 (Student)": (of_mean, 10_000),
     "median of 300 (ranks)": (of_median, 2000),
     "correlation 0.6 of 60 pairs (Fisher)": (partial(of_correlation, 0.6), 10_000),
+    **CENSORED,
 }  # fmt: skip
 
 

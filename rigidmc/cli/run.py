@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from rigidmc.scene.scene import Scene
-    from rigidmc.studies.intervals import Interval
+    from rigidmc.studies.intervals import Estimate
 
 Until = Annotated[
     str | None,
@@ -117,16 +117,14 @@ def _until(
     """Add members until a measure is known well enough; the result and the exit code."""
     from rigidmc.studies.until import goal_reached, simulate_until
 
-    def show(members: int, interval: "Interval") -> None:
+    def show(members: int, interval: "Estimate") -> None:
         line = f"  {members:,} members: {interval.value:.6g} +- {interval.half:.2g}"
         print(line, file=sys.stderr, flush=True)
 
     dataset, interval = simulate_until(
         scene, until, most, threads=threads, progress=show, output=output, force=force
     )
-    dataset.encoding["rigidmc"]["until"] = (
-        f"  {until}: {interval.value:.6g}, 95 % between {interval.low:.6g} and {interval.high:.6g}"
-    )
+    dataset.encoding["rigidmc"]["until"] = f"  {until}: {interval.words()}"
     return dataset, OK if goal_reached(until, interval) else INCOMPLETE
 
 

@@ -5,7 +5,7 @@ import ctypes
 import os
 import shutil
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
 import netCDF4
@@ -114,11 +114,19 @@ def _open_zarr(path: str) -> xr.Dataset:
         raise FileError("", "file", None, rule, file=path) from None
 
 
-def read(path: str, *names: str, mark: str | None = None) -> dict[str, NDArray[Any]]:
+def read(
+    path: str, *names: str, mark: str | None = None, newer: Sequence[str] = ()
+) -> dict[str, NDArray[Any]]:
     """{name: array} of variables of a file as they were written; of all if none are named.
 
+    newer : numbers by member that files of earlier versions lack, and that are nan for these
     Raises FileError for a shard of another `mark`, a damaged file and a missing variable.
     """
+
+    def values_of(file: netCDF4.Dataset, name: str) -> NDArray[Any]:
+        if name in newer and name not in file.variables:
+            return np.full(file["member"].shape, np.nan)
+        return np.asarray(file[name][:])
 
     def values() -> dict[str, NDArray[Any]]:
         with netCDF4.Dataset(path) as file:
@@ -128,7 +136,7 @@ def read(path: str, *names: str, mark: str | None = None) -> dict[str, NDArray[A
             file.set_auto_mask(False)
             file.set_auto_scale(False)
             file.set_auto_chartostring(False)
-            return {name: np.asarray(file[name][:]) for name in names or file.variables}
+            return {name: values_of(file, name) for name in names or file.variables}
 
     try:
         return alone(values)

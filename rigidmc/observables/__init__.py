@@ -54,8 +54,16 @@ _AT_SAVES = {word: kind for word, kind in _KINDS.items() if implements(kind, "va
 OBSERVABLES: dict[str, Any] = {w: kind for w, kind in _AT_SAVES.items() if not kind._fields}
 WITH_TABLE: dict[str, Any] = {w: kind for w, kind in _AT_SAVES.items() if kind._fields}
 WATCHED: dict[str, Any] = {word: kind for word, kind in _KINDS.items() if word not in _AT_SAVES}
-# Variables that every result has, whatever is saved and watched.
-OUTCOMES = ("energy_drift_max", "l2_drift_max", "status", "status_step", "status_time", "steps")
+# Variables that the steps decide, whatever is saved and watched; the last two not of all results.
+OUTCOMES = (
+    "energy_drift_max",
+    "l2_drift_max",
+    "status",
+    "status_step",
+    "status_time",
+    "steps",
+    "followed_until",
+)
 Statistics = dict[str, tuple[str, Any]]  # {name: (name of the observable, statistic)}
 
 

@@ -31,7 +31,7 @@ _OUTPUTS = {
 }
 
 
-@event(outputs=_OUTPUTS)
+@event(outputs=_OUTPUTS, event_times=("flip_first",))
 class Flips(NamedTuple):
     """How often a body turns over about a principal axis, by default that of the middle moment.
 

@@ -22,7 +22,8 @@ _CONE = "the cone of {angle:g} rad about the {about}{start}"
         "passages": ("1", "how often {axis} {way} " + _CONE, ()),
         "passage_first": ("s", "when {axis} first {way} " + _CONE + "; nan where it does not", ()),
         "passage_last": ("s", "when {axis} last {way} " + _CONE + "; nan where it does not", ()),
-    }
+    },
+    event_times=("passage_first",),
 )
 class Passage(NamedTuple):
     """When a principal axis of the body leaves, or reaches, a cone about a direction.

@@ -67,10 +67,14 @@ class OverSteps(Protocol):
 
     outputs : the variables of the result; {name} in a long_name stands for one of `words`
     stop : whether the member stops when the event has happened
+    event_times : names of the outputs that are times of events, each nan while its event has not
+        come: estimates take it for later than the end of the member. None for the first time of an
+        event, and for what a running observable gives in seconds; () if that is no such time
     """
 
     outputs: Outputs
     stop: bool
+    event_times: tuple[str, ...] | None
 
     def check(self) -> None:
         """Raise SceneError if a number of the observable is not allowed."""
@@ -179,7 +183,13 @@ def _as_it_stands(self: Any, moments: Array, complete: bool, effects: Sequence[A
     return self
 
 
-_OVER_STEPS = {"outputs": {}, "stop": False, "check": _no_check, "words": _no_words}
+_OVER_STEPS = {
+    "outputs": {},
+    "stop": False,
+    "event_times": None,
+    "check": _no_check,
+    "words": _no_words,
+}
 _DEFAULTS: dict[type, dict[str, Any]] = {
     Observable: {"conserved": ""},
     Event: {**_OVER_STEPS, "compiled": _as_it_stands},

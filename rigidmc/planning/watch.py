@@ -11,8 +11,9 @@ from rigidmc.dynamics.methods import depends
 from rigidmc.effects.parameters import parameter_count
 from rigidmc.engine import layout
 from rigidmc.engine.events import record_of
-from rigidmc.engine.layout import EVENT, SHADOW, SUMS, Places, places, watch_rows
+from rigidmc.engine.layout import EVENT, SHADOW, STATUSES, SUMS, Places, places, watch_rows
 from rigidmc.observables import dimensions, outputs, under
+from rigidmc.observables.event_times import FOLLOWED, event_times
 from rigidmc.observables.protocol import (
     Ensemble,
     Event,
@@ -138,24 +139,33 @@ def results(
 ) -> dict[str, NDArray[np.float64]]:
     """{variable: values of each member} of the Watch of a scene, nan if a member is not ok.
 
+    A member that is flagged keeps the times of events that came while it was still ok: without
+    them nobody could tell whether the event had come by then.
+
     block : its rows at the end of a run;  h : step of each member [s];  total : steps of each
         member;  nodes : as of a Plan
     """
-    healthy = block[layout.STATUS] == 0.0
+    healthy, everyone = block[layout.STATUS] == 0.0, np.ones(block.shape[1], bool)
+    known_until = np.where(healthy, h * total, h * block[layout.GOOD_STEP])
     rows = places_of(scene, watched)
     variables: dict[str, NDArray[np.float64]] = {}
-    steps = total
+    steps, lags = total, dict[str, float]()
 
     def add(label: str, one: Any, values: Any) -> None:
+        lags.update(times := event_times(label, one))
         for name, x in zip(outputs(label, one), values, strict=True):
-            variables[name] = np.where(healthy, x, np.nan)
+            known = healthy
+            if name in times:
+                known = healthy | (x <= known_until - times[name])
+            variables[name] = np.where(known, x, np.nan)
 
     for i, (label, one) in enumerate(watched.of_events):
         at = rows.events + EVENT * i
-        record = record_of(block[at : at + EVENT], healthy)
+        record = record_of(block[at : at + EVENT], everyone)
         add(label, one, one.results(record).values())
         if one.stop:
-            steps = np.where(np.isfinite(record.seen), np.rint(record.seen / h), steps)
+            seen = np.where(healthy, record.seen, np.nan)
+            steps = np.where(np.isfinite(seen), np.rint(seen / h), steps)
     at = rows.running
     for (label, one), (_, marks) in zip(watched.of_running, watched.running, strict=True):
         seen = 2.0 * nodes * steps if nodes and averages(one) else steps
@@ -164,4 +174,8 @@ def results(
     for label, one in watched.of_shadow:
         distances = block[rows.neighbour + SUMS : rows.neighbour + SHADOW]
         add(label, one, one.results(distances, total, h).values())
+    if lags:
+        started = block[layout.STATUS] != float(STATUSES["invalid_input"])
+        followed = np.where(healthy, h * steps, known_until)
+        variables[FOLLOWED] = np.where(started, followed, np.nan)
     return variables

@@ -23,6 +23,7 @@ from rigidmc.scene.amounts import counted
 from rigidmc.scene.scene import Scene
 from rigidmc.storage.run_directory import CHOSEN, RunDirectory, flagged_of
 from rigidmc.storage.schema import (
+    NEWER,
     ensemble_variables,
     flagged_variables,
     member_variables,
@@ -73,7 +74,8 @@ def _unlike(scene: Scene, path: str, member: int, threads: int | None) -> str:
     wrong = [
         name
         for name in names
-        if name not in stored or values[name].tobytes() != stored[name][..., [at]].tobytes()
+        if (name not in stored and name not in NEWER)
+        or (name in stored and values[name].tobytes() != stored[name][..., [at]].tobytes())
     ]
     if not wrong:
         return ""
@@ -193,7 +195,8 @@ def _write_shards(writer: Writer, directory: RunDirectory, run: Ready) -> None:
         if fault := fault_of(directory, i, shards[i]):
             rule = f"{fault}; `rigidmc resume --repair` computes it again"
             raise FileError("", "run", directory.path, rule)
-        writer.write(places.start, len(places), read(shards[i], *by_member))
+        of_members = read(shards[i], *by_member, newer=NEWER)
+        writer.write(places.start, len(places), of_members)
         for name, values in (read(shards[i], *summed) if summed else {}).items():
             sums[name] = sums.get(name, 0) + values
         if of_flagged and flagged_of(shards[i]):

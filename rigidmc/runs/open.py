@@ -18,6 +18,7 @@ from rigidmc.runs.reopen import Ready, planned, scene_of_run, text_of_run
 from rigidmc.storage.border import as_result
 from rigidmc.storage.run_directory import RunDirectory, flagged_of
 from rigidmc.storage.schema import (
+    NEWER,
     Variable,
     attributes,
     coordinates,
@@ -180,7 +181,7 @@ def _read(
     """A variable of a shard, whose mark, first member, shape and type are checked."""
     try:
         refuse_unreadable(path)
-        values = read(path, "member", name, mark=mark)
+        values = read(path, "member", name, mark=mark, newer=NEWER)
     except OSError as error:  # the file is gone
         rule = f"cannot be read: {error}; `rigidmc verify` tells more"
         raise FileError("", name, None, rule, file=path) from None

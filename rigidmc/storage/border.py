@@ -13,12 +13,14 @@ from rigidmc.effects.parameters import shape
 from rigidmc.engine.layout import STATUSES
 from rigidmc.errors import FileError, RigidmcError
 from rigidmc.observables import dimensions, is_opaque
+from rigidmc.observables.event_times import CENSORED, FOLLOWED
 from rigidmc.observables.protocol import DIMENSIONS
 from rigidmc.scene.conservation import booked_labels
 from rigidmc.scene.scene import Scene, loads
 from rigidmc.scene.settings import Run
 from rigidmc.storage.layout import Shape
 from rigidmc.storage.schema import (
+    NEWER,
     Variable,
     coordinates,
     ensemble_variables,
@@ -153,7 +155,7 @@ def _layout(scene: Scene, dataset: xr.Dataset) -> tuple[_Sizes, dict[str, Variab
         known |= _of_opaque(dataset, known)
     # only the code tells whether an effect has an energy; if none has, mass and centre may be
     # missing
-    free = ("mass", "centre") if opaque else ()
+    free = (*("mass", "centre") * bool(opaque), *NEWER)
     return sizes, known, [name for name in always if name not in free]
 
 
@@ -171,6 +173,8 @@ def _of_opaque(dataset: xr.Dataset, known: Mapping[str, Variable]) -> dict[str, 
         by_members = dims[-1:] in (("member",), ("flagged",)) and variable.dtype.kind == "f"
         if name not in known and by_members and {*dims} <= {*DIMENSIONS, *_OVER}:
             words = {k: str(variable.attrs.get(k, "")) for k in ("units", "long_name")}
+            if variable.attrs.get(CENSORED) == FOLLOWED:
+                words[CENSORED] = FOLLOWED
             more[str(name)] = Variable(dims, "f8", words)
     return more
 

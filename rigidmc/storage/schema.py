@@ -2,7 +2,7 @@
 netCDF file are the same."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +16,7 @@ from rigidmc.engine.cpu import LOOK
 from rigidmc.engine.layout import STATUSES
 from rigidmc.engine.machine import UNCOMPILED, is_uncompiled
 from rigidmc.observables import OBSERVABLES, outputs, title
+from rigidmc.observables.event_times import CENSORED, FOLLOWED, LAG, event_times
 from rigidmc.observables.protocol import DIMENSIONS
 from rigidmc.scene.conservation import booked, conservation
 from rigidmc.scene.once import once
@@ -36,7 +37,7 @@ class Variable(NamedTuple):
 Coordinate = tuple[tuple[str, ...], NDArray[Any], dict[str, Any]]  # dimensions, values, attributes
 
 
-def _by_member(long_name: str, units: str, dims: tuple[str, ...] = (), **more: str) -> Variable:
+def _by_member(long_name: str, units: str, dims: tuple[str, ...] = (), **more: Any) -> Variable:
     """A variable of floats by members."""
     return Variable((*dims, "member"), "f8", {"units": units, "long_name": long_name, **more})
 
@@ -160,10 +161,28 @@ def member_variables(scene: Scene, carried: bool) -> dict[str, Variable]:
                 axes = ", principal axes of the member" if turned else ""
                 units = facts(effect).units.get(name, "1")
                 variables[f"{label}_{name}"] = parameter_variable(label, name, size, units, axes)
+    lags: dict[str, float] = {}
     for label, one in scene.watched():
+        lags |= (times := event_times(label, one))
         for name, (units, text, dims) in outputs(label, one).items():
-            variables[name] = _by_member(text, units, dims)
+            variables[name] = _by_member(text, units, dims, **_censored(name, times))
+    if lags:
+        variables[FOLLOWED] = _by_member(_FOLLOWED, "s")
     return {**variables, **_start_variables(scene, carried)}
+
+
+NEWER = (FOLLOWED,)  # variables that results of earlier versions lack
+_FOLLOWED = (
+    "time until which the member was followed: t_end, or when it stopped or was last found to be ok"
+)
+
+
+def _censored(name: str, lags: Mapping[str, float]) -> dict[str, Any]:
+    """The attributes of a variable that tell the meaning of nan; lags : of the times of events."""
+    lag = lags.get(name)
+    if lag is None:
+        return {}
+    return {CENSORED: FOLLOWED, **({LAG: lag} if lag else {})}
 
 
 def is_turned(scene: Scene, effect: Effect, name: str) -> bool:

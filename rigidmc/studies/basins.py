@@ -17,7 +17,7 @@ from rigidmc.scene.scene import Scene
 from rigidmc.studies.chunks import chunks, pieces
 from rigidmc.studies.families import made, refuse_noise, started, stored
 from rigidmc.studies.intervals import Interval, probability
-from rigidmc.studies.measures import Measure, measure
+from rigidmc.studies.measures import Measure, Variables, measure
 from rigidmc.studies.rounding import resolution_of
 
 Array = NDArray[np.float64]
@@ -206,9 +206,7 @@ def resolved(scene: Scene) -> NDArray[np.bool_]:
     return told
 
 
-def _share_of(
-    text: str, variables: dict[str, tuple[str, ...]], may_save_more: bool = True
-) -> Measure:
+def _share_of(text: str, variables: Variables, may_save_more: bool = True) -> Measure:
     """The Measure of a text; OptionError unless it has two answers."""
     asked = measure(text, variables, may_save_more)
     if asked.kind != "p":
@@ -218,10 +216,10 @@ def _share_of(
 
 
 def _ends(part: xr.Dataset, asked: Sequence[Measure]) -> Array:
-    """Where members end (n,): 2^i for each measure i that holds; nan for flagged ones."""
-    ends = sum(one.values(part).astype(float) * 2.0**i for i, one in enumerate(asked))
-    found: Array = np.where(part.status.values == 0, ends, np.nan)
-    return found
+    """Where members end (n,): 2^i for each measure i that holds; nan for those that are flagged or
+    have no value."""
+    ends: Array = np.sum([one.numbers(part) * 2.0**i for i, one in enumerate(asked)], axis=0)
+    return ends
 
 
 def _dataset(
@@ -322,5 +320,6 @@ def table(study: xr.Dataset) -> list[str]:
             f"  distances left out, at which neighbours differ by rounding alone: {rounded}"
         )
     if left := study.attrs["left_out"]:
-        lines.append(f"  families left out, with a member that is flagged or not there: {left:,}")
+        why = "with a member that is flagged, has no value or is not there"
+        lines.append(f"  families left out, {why}: {left:,}")
     return lines

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rigidmc.errors import OptionError, nearest
 from rigidmc.files.reading import toml
 from rigidmc.scene.stored import scene_text
-from rigidmc.studies.intervals import Interval
+from rigidmc.studies.intervals import Estimate
 from rigidmc.studies.measures import Measure, measure
 
 MOST_GROUPS = 10_000
@@ -22,45 +22,52 @@ def are_independent(dataset: xr.Dataset) -> bool:
     return bool(settings.get("points", "independent") == "independent")
 
 
-def estimate(dataset: xr.Dataset, text: str, confidence: float = 0.95) -> Interval:
+def estimate(dataset: xr.Dataset, text: str, confidence: float = 0.95) -> Estimate:
     """A measure of the good members with its confidence interval.
 
     The ends are nan if the members are no independent draws. Raises OptionError for what is no
-    measure of the result.
+    measure of the result, and for the mean of a time that has not come of all members.
     """
-    asked, good = _asked(dataset, text), dataset.status.values == 0
-    found = _interval(dataset, asked, asked.values(dataset), good, confidence)
-    return Interval(*map(float, found))
+    asked = _asked(dataset, text)
+    who = asked.asks(dataset)
+    found = _interval(dataset, asked, asked.values(dataset), who, confidence).each(float)
+    asked.refuse_unknown(found)
+    return found
 
 
 def estimate_by(dataset: xr.Dataset, text: str, by: str, confidence: float = 0.95) -> xr.Dataset:
     """A measure of each group of good members: those for which the result `by` is the same.
 
-    Returns a Dataset over `by` of value, low, high and members. Raises OptionError for an unknown
-    result, and for more than MOST_GROUPS groups.
+    Returns a Dataset over `by` of value, low, high, members, and `without`, the share of these that
+    have no value. The mean of a time is nan in groups in which it has not come of all. Raises
+    OptionError for an unknown result, and for more than MOST_GROUPS groups.
     """
     asked, good = _asked(dataset, text), dataset.status.values == 0
-    labels = _labels(dataset, by)
-    groups, group = np.unique(labels[good], return_inverse=True)
+    labels, who = _labels(dataset, by), asked.asks(dataset)
+    some = (good | who) & (labels == labels)
+    groups, group = np.unique(labels[some], return_inverse=True)
     if groups.size > MOST_GROUPS:
         rule = f"takes {groups.size:,} values: at most {MOST_GROUPS:,} groups are told apart"
         raise OptionError("", "by", by, rule)
     order, counts = np.argsort(group, kind="stable"), np.bincount(group, minlength=groups.size)
     values = np.full((groups.size, counts.max(initial=0)), np.nan, asked.dtype)
     there = np.arange(values.shape[1]) < counts[:, None]
-    values[there] = asked.values(dataset)[good][order]
+    values[there] = asked.values(dataset)[some][order]
+    there[there] = who[some][order]
     found = _interval(dataset, asked, values, there, confidence)
     attrs = {"long_name": text, "confidence": confidence}
-    variables = {
+    variables: dict[str, Any] = {
         name: ((by,), numbers, attrs) for name, numbers in zip(found._fields, found, strict=True)
     }
+    about = {"long_name": "share of the members asked that have no value"}
+    variables["without"] = ((by,), found.without, about)
+    counts = np.bincount(group[good[some]], minlength=groups.size)
     members = ((by,), counts, {"long_name": "good members of the group"})
     return xr.Dataset({**variables, "members": members}, {by: groups})
 
 
 def _asked(dataset: xr.Dataset, text: str) -> Measure:
-    dims = {str(name): tuple(map(str, v.dims)) for name, v in dataset.data_vars.items()}
-    return measure(text, dims, may_save_more=False)
+    return measure(text, dataset.data_vars, may_save_more=False)
 
 
 def _labels(dataset: xr.Dataset, by: str) -> NDArray[np.generic]:
@@ -76,11 +83,11 @@ def _interval(
     dataset: xr.Dataset,
     asked: Measure,
     values: NDArray[Any],
-    good: NDArray[np.bool_],
+    who: NDArray[np.bool_],
     confidence: float,
-) -> Interval:
-    found = asked.interval(values, good, confidence)
+) -> Estimate:
+    found = asked.interval(values, who, confidence)
     if are_independent(dataset):
         return found
     unknown = np.full(np.shape(found.value), np.nan)
-    return Interval(found.value, unknown, unknown)
+    return Estimate(found.value, unknown, unknown, found.without, found.until)

@@ -17,11 +17,11 @@ from rigidmc.scene.amounts import counted
 from rigidmc.scene.points import Design
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.storage.schema import member_variables
-from rigidmc.studies.measures import observing
+from rigidmc.studies.measures import Variables, observing
 
 Array = NDArray[np.float64]
 KEPT = 64  # bytes of a member that a study keeps at least: a few numbers, and copies of them
-Asked = tuple[Scene, tuple[str, ...], dict[str, tuple[str, ...]]]  # scene, texts, {name: dims}
+Asked = tuple[Scene, tuple[str, ...], Variables]  # scene, texts, variables of its members
 _ANGLES = {"phi": 0, "theta": 1, "psi": 2}
 
 
@@ -44,7 +44,7 @@ def made(
     count = many * size(scene)
     refuse_count(many, "families", KEPT * size(scene), "take fewer families")
     scene = scene.with_run(save=save, members=count, first=0)
-    return scene, texts, {name: v.dims for name, v in member_variables(scene, False).items()}
+    return scene, texts, member_variables(scene, False)
 
 
 def stored(
@@ -59,7 +59,7 @@ def stored(
         rule = f'a study of {study} needs members drawn with [run] points = "{points}"'
         raise OptionError("run", "points", scene.run.points, rule)
     texts = (of,) if isinstance(of, str) else tuple(of)
-    return scene, texts, {str(n): tuple(map(str, v.dims)) for n, v in result.data_vars.items()}
+    return scene, texts, result.data_vars
 
 
 def refuse_noise(scene: Scene) -> None:

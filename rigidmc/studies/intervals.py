@@ -6,6 +6,8 @@ scipy.stats has most of them, one at a time: `binomtest` takes 0.7 ms for each p
 which is how far scipy's root finding goes.
 """
 
+import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,6 +31,56 @@ class Interval(NamedTuple):
     def half(self) -> Any:
         """Half the width."""
         return 0.5 * (self.high - self.low)
+
+
+class Estimate(Interval):
+    """An Interval of a measure, which also tells which members have no value.
+
+    without : share of the members asked that have no value, or whose event has not come by the end
+    until : the end until which members were followed, if the measure is about the time of an event
+        that has not come of all; else nan
+    """
+
+    without: Any
+    until: Any
+
+    def __new__(
+        cls, value: Any, low: Any, high: Any, without: Any = 0.0, until: Any = np.nan
+    ) -> "Estimate":
+        """A tuple of the first three."""
+        made = super().__new__(cls, value, low, high)
+        made.without, made.until = without, until
+        return made
+
+    def each(self, function: Callable[[Any], Any]) -> "Estimate":
+        """The Estimate of which each number is a function of that of this one."""
+        return Estimate(*map(function, (*self, self.without, self.until)))
+
+    def words(self, confidence: float = 0.95) -> str:
+        """The numbers in words, and the share of the members without a value."""
+        value, low, high = map(self._number, self)
+        if self.value != self.value:
+            return f"of no member{self.lacking()}"
+        ends = f", {100 * confidence:g} % between {low} and {high}" if self.low == self.low else ""
+        if np.isposinf(self.value) and ends:
+            ends = f", {100 * confidence:g} % above {low}"
+        return value + ends + self.lacking()
+
+    def lacking(self) -> str:
+        """In words, the share of the members without a value; "" if all have one."""
+        if not self.without > 0.0:
+            return ""
+        share = f"{100.0 * self.without:.3g} %"
+        if self.until == self.until:
+            return f"; {share} of the members had none by {self.until:.6g} s"
+        return f"; {share} of the members have no value"
+
+    def _number(self, x: float) -> str:
+        beyond = np.isposinf(x) and self.until == self.until
+        return f"beyond {self.until:.6g}" if beyond else f"{x:.6g}"
+
+    def __repr__(self) -> str:
+        return f"{super().__repr__()[:-1]}, without={self.without!r}, until={self.until!r})"
 
 
 def probability(
@@ -148,17 +200,21 @@ def paired(values: ArrayLike, confidence: float = 0.95) -> tuple[Interval, float
     return mean(average, confidence=confidence), factor
 
 
-def quantile(values: ArrayLike, q: float, confidence: float = 0.95) -> Interval:
+def quantile(
+    values: ArrayLike, q: float, confidence: float = 0.95, infinite: bool = False
+) -> Interval:
     """The quantile q of independent values, between two of them, for any distribution.
 
     The ranks of the ends follow from the binomial distribution. An end is infinite if there are too
     few values for the confidence. Non-finite values are left out.
+
+    infinite : whether inf is a value, above all others: then the quantile may be inf too
     """
     _check(confidence)
     if not 0.0 < q < 1.0:
         raise OptionError("", "q", q, "expected a share between 0 and 1")
     x = np.asarray(values, float)
-    x = np.sort(x[np.isfinite(x)])
+    x = np.sort(x[np.isfinite(x) | ((x == np.inf) & infinite)])
     if not x.size:
         return Interval(np.nan, np.nan, np.nan)
     # ranks from 0, with P(too low) and P(too high) at most `tail`
@@ -167,7 +223,10 @@ def quantile(values: ArrayLike, q: float, confidence: float = 0.95) -> Interval:
     low -= int(stats.binom.cdf(low, x.size, q) > tail)
     high = int(stats.binom.isf(tail, x.size, q))
     ends = x[low] if low >= 0 else -np.inf, x[high] if high < x.size else np.inf
-    return Interval(np.quantile(x, q), *ends)
+    if x[min(int(np.ceil(q * (x.size - 1))), x.size - 1)] < np.inf:
+        return Interval(np.quantile(np.minimum(x, x[x < np.inf][-1]), q), *ends)
+    # no value between a finite one and inf: the first that so many do not exceed
+    return Interval(x[max(0, math.ceil(q * x.size * (1.0 - 1e-12)) - 1)], *ends)
 
 
 def mean_of_skew(values: ArrayLike, confidence: float = 0.95) -> Interval:

@@ -16,7 +16,7 @@ from rigidmc.scene.scene import Scene
 from rigidmc.studies.chunks import chunks
 from rigidmc.studies.families import made, stored
 from rigidmc.studies.intervals import Interval
-from rigidmc.studies.measures import Measure, measure
+from rigidmc.studies.measures import Measure, Variables, measure
 from rigidmc.studies.rounding import is_constant, resolution_of
 
 Array = NDArray[np.float64]
@@ -224,9 +224,7 @@ def _ratios(means: Array, errors: Array, factor: float) -> Interval:
     return Interval(above / size, middle - half, middle + half)
 
 
-def _mean_of(
-    text: str, variables: dict[str, tuple[str, ...]], may_save_more: bool = True
-) -> Measure:
+def _mean_of(text: str, variables: Variables, may_save_more: bool = True) -> Measure:
     """The Measure of a text; OptionError unless it is a mean over members."""
     asked = measure(text, variables, may_save_more)
     if asked.kind not in KINDS:
@@ -237,8 +235,7 @@ def _mean_of(
 
 def _values(result: xr.Dataset, asked: Sequence[Measure]) -> Array:
     """The values of the measures (measures, members), nan for flagged members."""
-    good = result.status.values == 0
-    return np.stack([np.where(good, one.values(result).astype(float), np.nan) for one in asked])
+    return np.stack([one.numbers(result) for one in asked])
 
 
 def _dataset(

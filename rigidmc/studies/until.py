@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, SceneError, SceneWarning
 from rigidmc.files.outputs import refuse_existing
@@ -20,8 +19,8 @@ from rigidmc.scene.quantities import rows
 from rigidmc.scene.sampling import is_sample, refuse_indexed
 from rigidmc.scene.scene import Scene
 from rigidmc.storage.schema import member_variables
-from rigidmc.studies.intervals import Interval, mean, probability
-from rigidmc.studies.measures import Measure, measure, observing
+from rigidmc.studies.intervals import Estimate, Interval, mean, probability
+from rigidmc.studies.measures import Measure, Variables, measure, observing
 
 FIRST = 8192  # members of the first round
 MOST = 10_000_000
@@ -46,10 +45,10 @@ class Goal(NamedTuple):
         return self.half * abs(value) if self.relative else self.half
 
 
-def goal(text: str, variables: dict[str, tuple[str, ...]]) -> Goal:
+def goal(text: str, variables: Variables) -> Goal:
     """The Goal of a text such as "p(flips >= 1) +- 0.001" or "mean(flip_wait) +- 1 %".
 
-    variables : {name: dims} of a result;  raises OptionError if the text is no goal
+    variables : of a result;  raises OptionError if the text is no goal
     """
     parts = _SIGN.split(text.strip())
     width = _WIDTH.fullmatch(parts[1]) if len(parts) == 2 else None
@@ -65,11 +64,11 @@ def simulate_until(
     most: int = MOST,
     confidence: float = 0.95,
     threads: int | None = None,
-    progress: Callable[[int, Interval], object] | None = None,
+    progress: Callable[[int, Estimate], object] | None = None,
     output: str | PathLike[str] | None = None,
     force: bool = False,
     **options: Any,
-) -> tuple[xr.Dataset, Interval]:
+) -> tuple[xr.Dataset, Estimate]:
     """Grow an ensemble until the interval of a measure is narrow enough.
 
     The ensemble grows without the saves of the scene, at some 100 bytes of memory a member. The
@@ -90,7 +89,7 @@ def simulate_until(
     threads : int, optional
         as of `simulate`
     progress : callable, optional
-        a function of (members so far, the Interval)
+        a function of (members so far, the Estimate)
     output : path_like, optional
         as of `simulate`
     force : bool, optional
@@ -102,8 +101,8 @@ def simulate_until(
     -------
     result : xarray.Dataset
         the final ensemble, as of `simulate`
-    interval : Interval
-        the measure: value, low, high
+    interval : Estimate
+        the measure: value, low, high; `without`, the share of the members that have no value
 
     Raises
     ------
@@ -136,13 +135,13 @@ def simulate_until(
     lean = _without_saves(scene)
     if (count := rows(*scene.quantities())) is not None:
         most = min(most, count - scene.run.first)
-    wanted = goal(until, {name: v.dims for name, v in member_variables(lean, False).items()})
+    wanted = goal(until, member_variables(lean, False))
     size, interval = _grown(lean, until, wanted, most, confidence, threads, progress)
     if not goal_reached(until, interval):
         reached = f"{interval.value:.6g} +- {interval.half:.2g} by {size:,} members"
         rule = f"{until} is not reached: {reached}, which are all that may be"
         warnings.warn(rule, SceneWarning, stacklevel=2)
-    ends = f"{interval.low:.10g} to {interval.high:.10g}"
+    ends = f"{interval.low:.10g} to {interval.high:.10g}{interval.lacking()}"
     result = simulate(
         scene,
         members=range(scene.run.first, scene.run.first + size),
@@ -177,22 +176,26 @@ def _grown(
     most: int,
     confidence: float,
     threads: int | None,
-    progress: Callable[[int, Interval], object] | None,
-) -> tuple[int, Interval]:
-    """(members, Interval) when the goal is reached, or at `most` members."""
-    values, good = np.empty(0), np.empty(0, bool)
+    progress: Callable[[int, Estimate], object] | None,
+) -> tuple[int, Estimate]:
+    """(members, Estimate) when the goal is reached, or at `most` members."""
+    values, who = np.empty(0), np.empty(0, bool)
     known, size, first = 0, min(FIRST, most), scene.run.first
     while True:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SceneWarning)
             part = simulate(scene, members=range(first + known, first + size), threads=threads)
         values = np.append(values, wanted.measure.values(part))
-        good = np.append(good, part.status.values == 0)
-        interval = Interval(*map(float, wanted.measure.interval(values, good, confidence)))
+        who = np.append(who, wanted.measure.asks(part))
+        interval = wanted.measure.interval(values, who, confidence).each(float)
+        wanted.measure.refuse_unknown(interval)
         if progress is not None:
             progress(size, interval)
         if goal_reached(until, interval):
             return size, interval
+        if wanted.measure.kind == "quantile" and interval.low == interval.until:
+            rule = f"is later than {interval.until:g} s, until which members were followed"
+            raise OptionError("run", "until", until, f"{rule}: give a longer t_end")
         if known == 0:
             _check_first(until, wanted, interval, size)
         if size >= most:
@@ -208,9 +211,9 @@ def _grown(
         known, size = size, min(most, max(needed, size + FIRST))
 
 
-def _check_first(until: str, wanted: Goal, interval: Interval, size: int) -> None:
-    """SceneError if the first round shows that no number of members reaches the goal."""
-    if not np.isfinite(interval.value):
+def _check_first(until: str, wanted: Goal, interval: Estimate, size: int) -> None:
+    """OptionError if the first round shows that no number of members reaches the goal."""
+    if np.isnan(interval.value):
         rule = f"none of the first {size:,} members has a {wanted.measure.result.name}"
         raise OptionError("run", "until", until, rule)
     if wanted.half_at(interval.value) == 0.0:
@@ -219,7 +222,9 @@ def _check_first(until: str, wanted: Goal, interval: Interval, size: int) -> Non
 
 
 def goal_reached(until: str, interval: Interval) -> bool:
-    """Whether an Interval is as narrow as a text asks."""
+    """Whether an Interval is as narrow as a text asks; not if an end of it is not known."""
+    if not math.isfinite(interval.half):
+        return False
     width = _SIGN.split(until.strip())[1].strip()
     if width.endswith("%"):
         return bool(interval.half <= abs(interval.value) * float(width[:-1]) / 100.0)
@@ -288,10 +293,11 @@ def randomised(
     """
     refuse_count(counted(randomisations, "randomisations"), "randomisations", 64)
     scene = _without_saves(observing(scene.with_run(members=members, **options), [text]))
-    asked = measure(text, {name: v.dims for name, v in member_variables(scene, False).items()})
+    asked = measure(text, member_variables(scene, False))
     values: list[float] = []
     for i in range(randomisations):
         part = simulate(scene, seed=scene.run.seed + i, threads=threads)
-        good: NDArray[np.bool_] = part.status.values == 0
-        values.append(float(asked.interval(asked.values(part), good, confidence).value))
+        found = asked.interval(asked.values(part), asked.asks(part), confidence).each(float)
+        asked.refuse_unknown(found)
+        values.append(found.value)
     return mean(np.array(values), confidence=confidence)

@@ -17,12 +17,13 @@ from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
+from rigidmc.observables.event_times import CENSORED
 from rigidmc.studies.maps.case import MapCase
 from rigidmc.studies.maps.catalogue import MAPS
 from rigidmc.views.figure import ALARM, DENSITY, GREY, MEDIAN, VALUES, new_figure
 from rigidmc.views.sample import members_in_words
 
-BLANK = "#dddddd"  # pixels in which the measured event did not happen
+BLANK = "#dddddd"  # pixels in which the measure has no value
 # low, middle and high of three values, dark to light
 THREE = (MEDIAN, "#bbbbbb", "#fdd49e")
 # {part of a measure's name: (low, high, ticks)} of measures with a logarithmic scale
@@ -94,8 +95,11 @@ def _panel(
     image = axes.pcolormesh(*edges, values, cmap=scale[0], norm=scale[1], rasterized=True)
     axes.set_facecolor(BLANK)
     handles: list[Any] = []
-    if (np.isnan(values) & (ds.good.values > 0)).any():
-        handles.append(Patch(facecolor=BLANK, edgecolor=GREY, label="did not happen"))
+    unknown = ~np.isfinite(values) & (ds.good.values > 0)
+    if unknown.any():
+        some = "not by the end" if ds.attrs["members"] == 1 else "not of all members by the end"
+        words = some if CENSORED in ds[name].attrs else "no value"
+        handles.append(Patch(facecolor=BLANK, edgecolor=GREY, label=words))
     for mask, face, hatch, words in (
         ((ds.good == 0) & (ds.failed == 0), "white", "////", "no such body or start"),
         (ds.failed > 0, ALARM, "xx", "members failed"),

@@ -9,12 +9,14 @@ from numpy.typing import NDArray
 from rigidmc.engine.layout import STATUSES
 from rigidmc.errors import OptionError
 from rigidmc.files.reading import toml
+from rigidmc.observables.event_times import is_event_time
 from rigidmc.scene.stored import scene_text
-from rigidmc.studies import intervals
+from rigidmc.studies import censored, intervals
 from rigidmc.studies.estimates import are_independent, estimate
 from rigidmc.studies.rounding import is_constant
 
-_PLAIN = ("status", "status_step", "status_time", "mass", "steps")  # not summarised
+# not summarised
+_PLAIN = ("status", "status_step", "status_time", "mass", "steps", "followed_until")
 
 
 def summary(dataset: xr.Dataset, confidence: float = 0.95, of: str | Iterable[str] = ()) -> str:
@@ -24,7 +26,8 @@ def summary(dataset: xr.Dataset, confidence: float = 0.95, of: str | Iterable[st
         `rigidmc.studies.measures`
 
     The flagged members; of each number per member its mean with the confidence interval, its
-    median, the middle 90 %, and for how many members the event never happened.
+    median, the middle 90 %, and how many members have no value. Of the time of an event that has
+    not come of all members the median with its interval, where a time may be beyond the end.
     """
     settings = toml(scene_text(dataset))["run"]
     independent = are_independent(dataset)
@@ -32,8 +35,12 @@ def summary(dataset: xr.Dataset, confidence: float = 0.95, of: str | Iterable[st
     lines = [_heading(dataset, settings["members"]), _flagged(dataset)]
     if texts := (of,) if isinstance(of, str) else tuple(of):
         lines += [_measured(dataset, text, confidence) for text in texts]
+    sure = confidence if independent else None
     for label, numbers in () if texts else _numbers(dataset):
-        line = _line(label, numbers, numbers.values[good], confidence if independent else None)
+        if is_event_time(label, numbers.attrs) and _are_left(numbers.values[good]):
+            line: str | None = _time(dataset, label, sure)
+        else:
+            line = _line(label, numbers, numbers.values[good], sure)
         lines += [line] if line else []
     if not independent:
         lines.append(
@@ -43,7 +50,7 @@ def summary(dataset: xr.Dataset, confidence: float = 0.95, of: str | Iterable[st
     if texts:
         return "\n".join(lines)
     saved = [str(name) for name, v in dataset.data_vars.items() if "time" in v.dims]
-    lines.append(f"  saved at {dataset.sizes['time']:,} times: {', '.join(saved) or 'nothing'}")
+    lines.append(f"  {dataset.sizes['time']:,} save times: {', '.join(saved) or 'no variables'}")
     if thinned := [str(name) for name, v in dataset.data_vars.items() if "thinned_time" in v.dims]:
         lines.append(f"  and at {dataset.sizes['thinned_time']:,}: {', '.join(thinned)}")
     return "\n".join(lines)
@@ -62,14 +69,10 @@ def _heading(dataset: xr.Dataset, planned: int) -> str:
 def _measured(dataset: xr.Dataset, text: str, confidence: float) -> str:
     """A measure of the good members on a line; OptionError for what is no measure of the result."""
     try:
-        value, low, high = estimate(dataset, text, confidence)
+        return f"  {text}: {estimate(dataset, text, confidence).words(confidence)}"
     except OptionError as error:
         error.key = "of"
         raise
-    if not np.isfinite(value):
-        return f"  {text}: of no member"
-    ends = f", {100 * confidence:g} % between {low:.6g} and {high:.6g}" if low == low else ""
-    return f"  {text}: {value:.6g}{ends}"
 
 
 def _flagged(dataset: xr.Dataset) -> str:
@@ -100,6 +103,32 @@ def _numbers(dataset: xr.Dataset) -> Iterator[tuple[str, xr.DataArray]]:
                 yield f"{name}[{i}]", variable.isel({variable.dims[0]: i - 1})
 
 
+def _are_left(times: NDArray[np.float64]) -> bool:
+    """Whether some times have not come."""
+    return bool(np.isnan(times).any())
+
+
+def _time(dataset: xr.Dataset, name: str, confidence: float | None) -> str:
+    """The time of an event that has not come of all members, on a line."""
+    times = censored.signed(dataset, name, dataset[name].values)
+    there = times[~np.isnan(times)]
+    none, count = int(censored.is_censored(there).sum()), there.size
+    low, middle, high = (
+        censored.quantile(there, q, confidence or 0.95).each(float) for q in (0.05, 0.5, 0.95)
+    )
+    left = f"by {middle.until:.6g} s for {none:,} of {count:,} members"
+    if none == count:
+        return f"  {name:24s} not {left}"
+    words = (
+        f"beyond {x.until:.4g}" if np.isposinf(x.value) else f"{x.value:.4g}" for x in (low, high)
+    )
+    median = middle.words(confidence or 0.95).split(";")[0]
+    if confidence is None:
+        median = median.split(",")[0]
+    spread = "90 % in {} to {} s".format(*words)
+    return f"  {name:24s} median {median}, {spread}; not {left}"
+
+
 def _line(
     label: str, variable: xr.DataArray, values: NDArray[np.float64], confidence: float | None
 ) -> str | None:
@@ -110,7 +139,7 @@ def _line(
     finite = values[np.isfinite(values)]
     units = "" if variable.attrs.get("units", "1") == "1" else variable.attrs["units"]
     if not finite.size:
-        return f"  {label:24s} never, for none of {values.size:,}"
+        return f"  {label:24s} none of {values.size:,} members has a value"
     if finite.size == values.size and is_constant(finite):
         if label.startswith("moments"):
             return None
@@ -119,7 +148,7 @@ def _line(
     width = f" +- {mean.half:.2g}" if confidence else ""
     low, median, high = np.quantile(finite, (0.05, 0.5, 0.95))
     missing = values.size - finite.size
-    never = f"; never for {missing:,}" if missing else ""
+    never = f"; no value for {missing:,} of {values.size:,} members" if missing else ""
     spread = f"median {median:.6g}, 90 % in {low:.4g} to {high:.4g} {units}{never}".rstrip()
     conserved = variable.attrs.get("conserved", "yes")
     why = "" if conserved == "yes" else f"   (not conserved: {conserved.removeprefix('no: ')})"

@@ -90,8 +90,8 @@ def test_members_of_a_pixel_are_those_of_the_whole_map():
 def pixels_of(asked, values, low=None, high=None, known=None):
     """Pixels of one measure, those that are known."""
     known = np.ones(values.shape, bool) if known is None else known
-    parts = [values, values if low is None else low, values if high is None else high]
-    found = np.where(known, parts, np.nan).reshape(3, -1)
+    parts = [values, values if low is None else low, values if high is None else high, 0 * values]
+    found = np.where(known, parts, np.nan).reshape(4, -1)
     counts = np.zeros((3, values.size), "i4")
     counts[0] = known.ravel()
     return Pixels({asked.of[0]: found}, counts)

@@ -54,7 +54,8 @@ def test_a_probability_is_a_count(result):
 
 def test_several_measures_and_python(result):
     file, ds = result
-    texts = ["mean(flip_first)", "median(megno)", "quantile(megno, 0.9)", "start_omega[1]"]
+    some = "mean(flip_first | flips >= 1)"
+    texts = [some, "median(megno)", "quantile(megno, 0.9)", "start_omega[1]"]
     words = [word for text in texts for word in ("--of", text)]
     lines = invoke("summary", file, *words).output.splitlines()
     assert [line.strip().split(":")[0] for line in lines[2:]] == texts

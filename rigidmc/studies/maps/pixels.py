@@ -8,6 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rigidmc.engine.layout import STATUSES
+from rigidmc.observables.event_times import CENSORED, FOLLOWED
 from rigidmc.scene.scene import Scene
 from rigidmc.storage.schema import Variable
 from rigidmc.studies.maps.question import Question, units_of
@@ -28,7 +29,8 @@ _AT_ONCE = 2**17  # numbers whose intervals are taken at once: a sorted copy of 
 class Pixels(NamedTuple):
     """What the members of pixels say.
 
-    intervals : {measure: (3, pixels)}: value, low, high
+    intervals : {measure: (4, pixels)}: value, low, high, and the share of the members asked that
+        have no value
     counts : (3, pixels): members that are good, that failed, that have no body or start
     """
 
@@ -52,6 +54,7 @@ class Collected:
         shape = question.replicas, len(self.pixels)
         self._status = np.full(shape, _NOT_THERE, "i1")
         self._values = {one.text: np.zeros(shape, one.dtype) for one in measures}
+        self._asked = {one.text: np.zeros(shape, bool) for one in measures}
 
     def take(self, dataset: xr.Dataset) -> None:
         """Take the numbers of members."""
@@ -60,6 +63,7 @@ class Collected:
         self._status.reshape(-1)[place] = dataset.status.values
         for one in self.measures:
             self._values[one.text].reshape(-1)[place] = one.values(dataset)
+            self._asked[one.text].reshape(-1)[place] = one.asks(dataset)
 
     def missing(self) -> int:
         """How many members have not been computed."""
@@ -68,7 +72,7 @@ class Collected:
     def pixel_values(self) -> Pixels:
         """The intervals and counts of the pixels."""
         size = len(self.pixels)
-        intervals = {one.text: np.full((3, size), np.nan) for one in self.measures}
+        intervals = {one.text: np.full((4, size), np.nan) for one in self.measures}
         counts, step = np.zeros((3, size), "i4"), max(1, _AT_ONCE // self.question.replicas)
         for low in range(0, size, step):
             part = slice(low, low + step)
@@ -77,9 +81,9 @@ class Collected:
             failed = ~good & ~none & (status != _NOT_THERE)
             counts[:, part] = good.sum(1), failed.sum(1), none.sum(1)
             for one in self.measures:
-                values = self._values[one.text][:, part].T
-                found = one.interval(values, good, self.question.confidence)
-                intervals[one.text][:, part] = found
+                values, asked = (x[one.text][:, part].T for x in (self._values, self._asked))
+                found = one.interval(values, asked, self.question.confidence)
+                intervals[one.text][:, part] = *found, found.without
         return Pixels(intervals, counts)
 
 
@@ -92,10 +96,11 @@ def joined(parts: Sequence[Pixels]) -> Pixels:
     return Pixels(intervals, np.concatenate([part.counts for part in parts], axis=1))
 
 
-def names_of(measure: Measure) -> tuple[str, str, str]:
-    """The variables of a measure: its value, and the ends of its interval."""
+def names_of(measure: Measure) -> tuple[str, str, str, str]:
+    """The variables of a measure: its value, the ends of its interval, and the share of the members
+    without a value, which a map has if there are some."""
     name = measure.text.replace(" ", "")
-    return name, f"{name}_low", f"{name}_high"
+    return name, f"{name}_low", f"{name}_high", f"{name}_without"
 
 
 def map_dataset(
@@ -118,9 +123,15 @@ def map_dataset(
         text = f"{one.text}: {attrs.get('long_name', '')}"
         share = f"of its interval of {100 * question.confidence:g} %"
         ends = "", f", low end {share}", f", high end {share}"
-        for name, values, end in zip(names_of(one), pixels.intervals[one.text], ends, strict=True):
+        *names, lacking = names_of(one)
+        *numbers, without = pixels.intervals[one.text]
+        for name, values, end in zip(names, numbers, ends, strict=True):
             about = {"units": units, "long_name": text + end}
+            about |= {CENSORED: FOLLOWED} if one.result.timed else {}
             variables[name] = (dims, values.reshape(shape), about)
+        if (without > 0.0).any():
+            about = {"units": "1", "long_name": f"{one.text}: share of the members without a value"}
+            variables[lacking] = (dims, without.reshape(shape), about)
     for (name, text), count in zip(COUNTS.items(), pixels.counts, strict=True):
         about = {"units": "1", "long_name": text}
         variables[name] = (dims, count.reshape(shape), about)

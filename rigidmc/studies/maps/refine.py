@@ -134,7 +134,7 @@ def _classes(asked: Question, pixels: Pixels) -> tuple[NDArray[np.float64], Bool
     """
     found, sure = [np.where(pixels.counts[0] > 0, 0.0, _NEVER)], np.ones(asked.pixels, bool)
     for text, borders in asked.borders or ():
-        value, low, high = pixels.intervals[text]
+        value, low, high, _ = pixels.intervals[text]
         places = np.sort(borders) if borders else _equal_parts(asked, value)
         among, least, most = (
             np.where(np.isnan(one), _NEVER, np.searchsorted(places, one, side="right"))

@@ -158,8 +158,7 @@ def described(asked: Question, scene: Scene, carried: bool) -> Prepared:
 
     carried : whether the attitude is followed
     """
-    variables = {name: v.dims for name, v in member_variables(scene, False).items()}
-    measures = [measure(text, variables) for text in asked.of]
+    measures = [measure(text, member_variables(scene, False)) for text in asked.of]
     if asked.borders is not None:
         asked = asked._replace(borders=borders_of(measures, asked.borders))
     return Prepared(asked, scene, measures, member_variables(scene, carried))

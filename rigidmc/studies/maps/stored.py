@@ -16,7 +16,7 @@ from rigidmc.runs.reopen import planned, scene_of_run
 from rigidmc.runs.shards import SHARD
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.storage.run_directory import RunDirectory
-from rigidmc.storage.schema import lengths
+from rigidmc.storage.schema import NEWER, lengths
 from rigidmc.studies.maps.catalogue import with_theory
 from rigidmc.studies.maps.pixels import ASKED, COMPUTED, COUNTS, Collected, Pixels, names_of
 from rigidmc.studies.maps.question import MOST, Question, stored_question
@@ -117,18 +117,21 @@ def _map_in_file(path: str, allow_code: bool) -> xr.Dataset:
                 raise FileError("", name, None, f"expected {shape} numbers", file=path)
             return np.asarray(variable.values).reshape(-1)
 
-        intervals = {
-            one.text: np.stack([numbers(name, "f") for name in names_of(one)])
-            for one in ready.measures
-        }
+        intervals = {}
+        for one in ready.measures:
+            *names, lacking = names_of(one)
+            found = [numbers(name, "f") for name in names]
+            none = np.where(np.isnan(found[0]), np.nan, 0.0)
+            found.append(numbers(lacking, "f") if lacking in file.variables else none)
+            intervals[one.text] = np.stack(found)
         counts = np.stack([numbers(name, "iu") for name in COUNTS]).astype("i4")
         computed = None if asked.borders is None else numbers(COMPUTED, "iu") > 0
         more = {key: file.attrs[key] for key in ("seconds", "missing") if key in file.attrs}
         sound = all(isinstance(value, (float, int, np.number)) for value in more.values())
     if not sound:
         raise FileError("", "seconds", None, "expected a number", file=path)
-    found = finished(ready, Pixels(intervals, counts), computed)
-    return with_theory(found, asked.name).assign_attrs(more)
+    whole = finished(ready, Pixels(intervals, counts), computed)
+    return with_theory(whole, asked.name).assign_attrs(more)
 
 
 def question_of(directory: RunDirectory) -> Question:
@@ -183,15 +186,17 @@ def there(directory: RunDirectory, allow_code: bool = False) -> tuple[Prepared, 
     sizes = lengths(run.shown)
     for i, shard in sorted(directory.shards().items()):
         members = np.asarray(directory.members(i))
-        values = read(shard, "member", "status", *names, mark=directory.mark)
+        values = read(shard, "member", "status", *names, mark=directory.mark, newer=NEWER)
         variables: dict[str, Any] = {"status": (("member",), values["status"])}
-        variables |= {name: (v.dims, values[name]) for name, v in names.items()}
+        variables |= {name: (v.dims, values[name], v.attrs) for name, v in names.items()}
         wanted = {**sizes, "member": len(members)}
         fits = all(
-            np.shape(one) == tuple(wanted[dim] for dim in dims) for dims, one in variables.values()
+            np.shape(one) == tuple(wanted[dim] for dim in dims)
+            for dims, one, *_ in variables.values()
         )
         if not fits or not np.array_equal(values["member"], members):
             rule = "has the members of another shard; `rigidmc verify` tells more"
             raise FileError("", "shard", i, rule, file=shard)
-        collected.take(xr.Dataset(variables, {"member": members, "axis": [1, 2, 3]}))
+        t_end = {"t_end": ready.scene.run.t_end}
+        collected.take(xr.Dataset(variables, {"member": members, "axis": [1, 2, 3]}, t_end))
     return ready, collected

@@ -91,7 +91,7 @@ def _batches(
             first=level * APART + first * size, members=count * size, paired=sign < 0.0
         )
         result = run(ready.scene, plan, threads, units=ready.units)
-        values += sign * request.measure.values(result)
+        values += sign * request.measure.numbers(result)
         good &= result.status.values == 0
     parts = zip(values.reshape(count, size), good.reshape(count, size), strict=True)
     return [_summed(*part) for part in parts]

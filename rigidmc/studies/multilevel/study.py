@@ -142,7 +142,7 @@ def understood(
 ) -> tuple[Request, Asked]:
     """(what the tasks of a study have in common, what it is asked); OptionError."""
     known = {**member_variables(scene, False), **saved_variables(scene)}
-    wanted = goal(until, {name: v.dims for name, v in known.items()})
+    wanted = goal(until, known)
     if wanted.measure.kind != "mean" or wanted.measure.given is not None:
         rule = "has no corrections that become small: take the mean(NAME) of all members"
         raise OptionError("run", "until", until, rule)

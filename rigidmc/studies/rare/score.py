@@ -1,7 +1,7 @@
 """How near a member has come to the event that is asked for, as a number that never falls."""
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,8 @@ from rigidmc.effects.protocol import is_random
 from rigidmc.engine import layout
 from rigidmc.errors import OptionError
 from rigidmc.observables import outputs
-from rigidmc.observables.protocol import Event, Record
+from rigidmc.observables.event_times import roles_of
+from rigidmc.observables.protocol import Event
 from rigidmc.runs.moving import Moving
 from rigidmc.scene.scene import Scene
 from rigidmc.storage.schema import member_variables
@@ -60,7 +61,10 @@ class Score(NamedTuple):
             values = moving.results(block, part)[self.result.name]
             if self.result.axis is not None:
                 values = values[self.result.axis - 1]
-            return np.where(np.isnan(values), -np.inf, self.sign * values)
+            # a time that has not come is later than the end; without a value it is far from any
+            none = self.sign * np.inf if self.result.timed else -np.inf
+            values = np.where(np.isnan(values), none, self.sign * values)
+            return np.where(block[layout.STATUS] == 0.0, values, -np.inf)
         return self.graded(*self.progress(moving, block))
 
     def progress(self, moving: Moving, block: Array) -> tuple[Array, Array]:
@@ -91,8 +95,7 @@ def scored(scene: Scene, of: str) -> tuple[Scene, Score]:
     Raises OptionError for a text that asks for no event, or for one that has no score.
     """
     scene = observing(scene.with_run(points="independent"), (of,))
-    variables = {name: v.dims for name, v in member_variables(scene, False).items()}
-    asked = measure(of, variables)
+    asked = measure(of, member_variables(scene, False))
     if asked.kind != "p" or asked.given is not None or asked.relation == "==":
         raise OptionError("", "of", of, f"is no event: give it {WHOLE}")
     watched = [(label, one) for label, one in scene.watched() if isinstance(one, Event)]
@@ -101,7 +104,7 @@ def scored(scene: Scene, of: str) -> tuple[Scene, Score]:
     scene = scene.with_run(save=keeps, first=0, every=None)
     more, strict = asked.relation[0] == ">", len(asked.relation) == 1
     for i, (label, one) in enumerate(watched):
-        for name, kind in zip(outputs(label, one), _kinds(one), strict=True):
+        for name, kind in zip(outputs(label, one), roles_of(one), strict=True):
             if name == asked.result.name and kind == "count" and more:
                 # a score between n and n + 1 has n of them
                 goal = math.floor(asked.number) + 1.0 if strict else math.ceil(asked.number) + 0.0
@@ -115,6 +118,8 @@ def scored(scene: Scene, of: str) -> tuple[Scene, Score]:
     if is_noisy(scene) and not grows:
         raise OptionError("", "of", of, RULE)
     sign = 1.0 if more else -1.0
+    if asked.result.timed:
+        _until(scene, of, asked.number)
     _refuse_unwatched(scene, of, asked.result.name)
     return scene, Score(of, asked.result, sign, sign * asked.number, strict)
 
@@ -122,13 +127,6 @@ def scored(scene: Scene, of: str) -> tuple[Scene, Score]:
 def is_noisy(scene: Scene) -> bool:
     """Whether an effect of a scene is random."""
     return any(map(is_random, scene.effects))
-
-
-def _kinds(one: Any) -> list[str]:
-    """What each output of an event is: "count", "first", or "" for another."""
-    record = Record(*(np.array([x]) for x in (3.0, 5.0, 7.0, 7.25, 5.25, 11.0, 5.5)))
-    words = {3.0: "count", 5.0: "first", 5.25: "first"}
-    return [words.get(float(x[0]), "") for x in one.results(record).values()]
 
 
 def _until(scene: Scene, of: str, end: float) -> Scene:

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.engine import layout
 from rigidmc.engine.streams import uniforms
 from rigidmc.runs.capacity import refuse_count
 from rigidmc.runs.moving import Moving
@@ -152,7 +153,7 @@ def split(
         shares.append(share)
         if share < target:
             break
-        flagged += int(np.isneginf(last).sum())
+        flagged += int((paths.states[-1, ended, layout.STATUS] > 0.0).sum())
         alive = np.flatnonzero(np.isin(np.arange(members), ended, invert=True))
         chosen = uniforms(seed, "rare.parents", 0, ended.size, number)[0]
         paths.branch(ended, alive[(chosen * alive.size).astype(int)], float(level))

@@ -5,6 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
+from rigidmc.engine import layout
 from rigidmc.engine.streams import uniforms
 from rigidmc.planning.stage import drawn
 from rigidmc.runs.moving import Moving
@@ -61,7 +62,7 @@ class Members:
             self.score = self.score.sized(off)
             best = self.score.graded(times, off)
         self.steps += count * float(moving.ends[-1])
-        self.flagged += int(np.isneginf(best).sum())
+        self.flagged += int((block[layout.STATUS] > 0.0).sum())
         return best
 
 

@@ -85,7 +85,7 @@ def _pixels(ds: xr.Dataset) -> dict[str, Any]:
         for name in map(str, ds.data_vars)
         if f"{name}_low" in ds or name not in ("good", "failed", "none")
     ]
-    measures = [name for name in measures if not name.endswith(("_low", "_high"))]
+    measures = [name for name in measures if not name.endswith(("_low", "_high", "_without"))]
     return {
         "sides": [_side(ds[key]) for key in ("x", "y")],
         "members": int(ds.attrs["members"]),
