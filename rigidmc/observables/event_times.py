@@ -58,9 +58,10 @@ def is_event_time(name: str, attrs: Mapping[str, Any]) -> bool:
     attrs : of the variable; results of earlier versions do not say it, so there the shipped names
         tell
     """
+    if CENSORED in attrs:
+        return bool(attrs[CENSORED] == FOLLOWED)
     word, _, number = name.rpartition("_")
-    plain = word if number.isdigit() else name
-    return attrs.get(CENSORED) == FOLLOWED or plain in _SHIPPED
+    return (word if number.isdigit() else name) in _SHIPPED
 
 
 _SHIPPED = frozenset(name for kind in WATCHED.values() for name in kind.event_times or ())

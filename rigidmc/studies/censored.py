@@ -34,7 +34,7 @@ from scipy import special
 
 from rigidmc.errors import OptionError
 from rigidmc.files.reading import toml
-from rigidmc.observables.event_times import FOLLOWED, LAG
+from rigidmc.observables.event_times import CENSORED, FOLLOWED, LAG
 from rigidmc.scene.stored import scene_text
 from rigidmc.studies import intervals
 from rigidmc.studies.intervals import Estimate
@@ -54,7 +54,14 @@ def signed(dataset: xr.Dataset, name: str, times: Array) -> Array:
     """The times of an event of the members of a result (..., n), see above.
 
     name : the variable, whose attributes tell of an event that has to last
+    Raises OptionError for negative times, which no event has.
     """
+    if (times < 0.0).any():
+        rule = (
+            f"has negative values, which no time of an event has: state `event_times=()` in the"
+            f' class that gives {name}, or in Python `ds.{name}.attrs["{CENSORED}"] = "no"`'
+        )
+        raise OptionError("", "measure", name, rule)
     lag = float(dataset[name].attrs.get(LAG, 0.0))
     ends = ends_of(dataset) - lag
     come = np.isfinite(times) & ~(times > ends * SAME)

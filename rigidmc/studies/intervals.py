@@ -60,7 +60,8 @@ class Estimate(Interval):
         """The numbers in words, and the share of the members without a value."""
         value, low, high = map(self._number, self)
         if self.value != self.value:
-            return f"of no member{self.lacking()}"
+            few = "no member has a value" if self.without == 1.0 else "not known"
+            return "no member is asked" if self.without != self.without else few
         ends = f", {100 * confidence:g} % between {low} and {high}" if self.low == self.low else ""
         if np.isposinf(self.value) and ends:
             ends = f", {100 * confidence:g} % above {low}"

@@ -13,8 +13,10 @@ from scipy import stats
 import rigidmc as rm
 from bench.coverage import CENSORED, WAIT, of_censored_quantile, shares
 from rigidmc.errors import OptionError
+from rigidmc.files.netcdf import read
 from rigidmc.observables.event_times import event_times
 from rigidmc.protocols import event, running, select
+from rigidmc.storage.schema import NEWER
 from rigidmc.studies import censored, intervals
 from rigidmc.views.maps import stability_map as drawn
 from tests.studies.test_estimates import SCENE
@@ -150,6 +152,12 @@ def test_the_mean_of_what_is_not_known_is_refused(runs):
     found = short.rigid.measure("p(flip_wait >= 0)")
     assert found.value == 1.0 and found.without == pytest.approx(1.0 - has.mean())
     assert "of the members have no value" in found.words()
+    for text, words in (
+        ("mean(flip_wait | flips <= 1)", "no member has a value"),
+        ("mean(flip_wait | flips < 0)", "no member is asked"),
+    ):
+        assert short.rigid.measure(text).words() == words
+        assert short.rigid.summary(of=text).endswith(f"{text}: {words}")
     groups = short.rigid.measure("mean(flip_first)", by="flips")
     assert groups.without.values.tolist() == [float(n == 0) for n in groups.flips.values]
     assert np.isnan(groups.value.values[0]) and np.isfinite(groups.value.values[1:]).all()
@@ -184,6 +192,10 @@ def test_results_of_earlier_versions_and_of_others(runs, tmp_path):
             source = short if name == "new" else long
             assert there.flip_first.attrs["censored_at"] == "followed_until"
             assert tuple(there.rigid.measure(text)) == tuple(source.rigid.measure(text))
+    stored = read(str(tmp_path / "old.nc"), "flips", "followed_until", newer=NEWER)
+    assert np.isnan(stored["followed_until"]).all() and stored["flips"].max() > 1.0
+    with pytest.raises(rm.RigidmcError, match="followed_until"):
+        read(str(tmp_path / "old.nc"), "followed_until")
     # members that were followed for different times, put together by xarray
     parts = [one.drop_vars("time") for one in runs]
     both = xr.concat(
@@ -282,6 +294,17 @@ def test_which_outputs_are_times_of_events():
     wrong = type("Wrong", (SlowAt,), {"event_times": ("other",)})
     with pytest.raises(rm.SceneError, match=r"event_times: is .*expected a tuple of names"):
         SCENE.with_run(save=(wrong(),)).check()
+
+
+def test_negative_numbers_are_no_times_of_events(runs):
+    """Such as a lag in seconds, which a class did not say to be no time of an event."""
+    ds = runs[0].rename(flip_first="lag")
+    ds["lag"] = ds.lag - 3.0  # the attributes stay with xr.set_options(keep_attrs=True) alone
+    ds.lag.attrs["censored_at"] = "followed_until"
+    with pytest.raises(OptionError, match=r"lag.* has negative values.*event_times=\(\)"):
+        ds.rigid.measure("median(lag)")
+    ds.lag.attrs["censored_at"] = "no"
+    assert ds.rigid.measure("p(lag < 0)").without == pytest.approx(np.isnan(ds.lag).mean())
 
 
 def test_studies_take_a_time_that_has_not_come_for_later():

@@ -389,9 +389,11 @@ class Pixels {
     return [clamp(i, 0, this.rows - 1), clamp(j, 0, this.columns - 1)];
   }
   words(i, j) {
-    const m = this.measure, p = i * this.columns + j, [x, y] = this.map.sides, say = v => +v.toPrecision(4);
+    const m = this.measure, p = i * this.columns + j, [x, y] = this.map.sides;
+    const say = v => isFinite(v) ? +v.toPrecision(4) : "open";
     const units = m.units === "1" ? "" : " " + m.units;
-    const value = isNaN(m.values[p]) ? "none" : say(m.values[p]) + units +
+    const middle = m.values[p] === Infinity ? "beyond the end" : say(m.values[p]) + units;
+    const value = isNaN(m.values[p]) ? "none" : middle +
       (m.low && !isNaN(m.low[p]) ? ` [${say(m.low[p])}, ${say(m.high[p])}]` : "");
     return `${x.name.split(" ")[0]} = ${say(x.values[j])}, ${y.name.split(" ")[0]} = ${say(y.values[i])}: ${value}, ` +
       `${this.map.good[p]} of ${this.map.members} members`;
