@@ -1,6 +1,7 @@
 """Errors that tell what was given, where it stands, what is allowed, and the nearest right word."""
 
 import difflib
+import re
 import warnings
 from collections.abc import Iterable
 from typing import Any
@@ -146,9 +147,17 @@ class SceneWarning(UserWarning):
 
 
 def nearest(word: object, words: Iterable[object]) -> str | None:
-    """The word of `words` that is most like `word`, or None if none is like it."""
+    """The word of `words` that `word` is another name of, or else the one most like it; None if
+    none is like it."""
+    from rigidmc.synonyms import NAMES
+
     known = {str(w).lower(): str(w) for w in words}
-    close = difflib.get_close_matches(str(word).lower(), known, n=1, cutoff=0.5)
+    asked = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", str(word)).lower().strip().replace("-", "_")
+    for name in NAMES.get(asked.replace(" ", "_"), ()):
+        if same := next((known[w] for w in (name, name.replace("_", "")) if w in known), None):
+            return same
+    # "foo" and "book" are 0.57 alike, "sphere" and "shell" 0.55
+    close = difflib.get_close_matches(str(word).lower(), known, n=1, cutoff=0.6)
     return known[close[0]] if close else None
 
 

@@ -127,6 +127,13 @@ def is_random(effect: Effect | type[Effect]) -> bool:
     return facts(effect).stochastic
 
 
+def takes_noise(effect: Effect | type[Effect]) -> bool:
+    """Whether the engine fills in the field `noise` of an effect; that of an effect which is not
+    random is a parameter as any other."""
+    kind = effect if isinstance(effect, type) else type(effect)
+    return "noise" in kind._fields and is_random(kind)
+
+
 def is_conservative(effect: Effect) -> bool:
     """Whether kinetic plus potential energy are conserved under an effect."""
     if implements(effect, "conservative"):

@@ -12,8 +12,17 @@ from rigidmc.dynamics.methods import Method, implements
 from rigidmc.dynamics.so3 import exponential, multiply
 from rigidmc.dynamics.trials import State, Trial, states
 from rigidmc.effects import EFFECTS
-from rigidmc.effects.parameters import filled, numbers
-from rigidmc.effects.protocol import energy, energy_scale, kick, shake, torque, torque_rate
+from rigidmc.effects.parameters import filled, numbers, shape
+from rigidmc.effects.protocol import (
+    energy,
+    energy_scale,
+    is_random,
+    kick,
+    shake,
+    takes_noise,
+    torque,
+    torque_rate,
+)
 
 _VECTORS, _SCALARS = (torque, kick, shake, torque_rate), (energy, energy_scale)
 BODY = MassProperties.of((0.6, 0.8, 1.0), (0.05, -0.02, 0.3))
@@ -26,6 +35,15 @@ def check_user_effect(effect: Any) -> None:
         return
     trial = Trial("effects", sample(effect))
     trial.read(*_VECTORS, *_SCALARS)
+    if implements(kind, "shake") and not takes_noise(kind) and shape(kind, "noise") == 3:
+        rule = "the field `noise` is drawn for effects that are random: @effect(stochastic=True)"
+        raise trial.complaint("noise", rule)
+    if is_random(kind) and not (takes_noise(kind) and shape(kind, "noise") == 3):
+        rule = (
+            "is random, so that it needs a field for the normal deviates of a step: noise: Vector ="
+            ' (0.0, 0.0, 0.0), with shapes={"noise": 3} and hidden=("noise",) in @effect(...)'
+        )
+        raise trial.complaint("shake", rule)
     for state in states():
         values = _values(state)
         for method in _given(kind, _VECTORS):

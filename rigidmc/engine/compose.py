@@ -7,8 +7,10 @@ else. Numba's disk cache works, because no function is ever an argument.
 """
 
 import inspect
+import os
 import re
 import sys
+import sysconfig
 from collections.abc import Callable, Mapping
 from functools import cache
 from itertools import pairwise
@@ -22,13 +24,20 @@ from numba.core.typing.templates import AbstractTemplate
 
 import rigidmc.effects.protocol
 import rigidmc.integrators.protocol
-import rigidmc.observables.protocol  # noqa: F401  (imported so that METHODS is complete)
+import rigidmc.observables.protocol
 from rigidmc.dynamics.methods import METHODS, arguments
 from rigidmc.engine.intrinsics import CODED, coded, known_by
 from rigidmc.engine.pipeline import INLINE
 
 Function = Callable[..., Any]
 
+_INSTALLED = tuple(
+    os.path.join(path, "")
+    for path in {
+        *(sysconfig.get_path(word) for word in ("stdlib", "platstdlib", "purelib", "platlib")),
+        os.path.dirname(os.path.dirname(os.path.abspath(rigidmc.effects.protocol.__file__))),
+    }
+)
 _inlined: set[Function] = set()
 _done: set[str] = set()  # modules of the package
 
@@ -113,9 +122,9 @@ def compile_method(call: Any) -> None:
 def inline_all(module: ModuleType) -> None:
     """Let compiled code call every plain function of a module, and those that these may call.
 
-    The latter are the functions of all modules of the same package, or of rigidmc, from which the
-    module imports a function, and so on; modules of the engine are left out, because each calls
-    this for itself.
+    The latter are the functions of all modules of the same package, of rigidmc, or of a user's
+    files, from which the module imports a function, or which it imports, and so on; modules of the
+    engine are left out, because each calls this for itself.
     """
     inline_names(module.__name__, vars(module))
 
@@ -129,17 +138,25 @@ def inline_names(module: str, names: Mapping[str, Any]) -> None:
         if module in seen:
             continue
         seen.add(module)
-        for function in list(names.values()):
-            if not inspect.isfunction(function) or function in methods:
+        for one in list(names.values()):
+            if inspect.ismodule(one) and package != "rigidmc" and _is_own(one.__dict__):
+                pending.append((one.__name__, vars(one)))
+            if not inspect.isfunction(one) or one in methods:
                 continue
-            home = function.__module__
+            home = one.__module__
             same = str(home).partition(".")[0] in (package, "rigidmc")
             if home == module:
-                inline(function)
-            elif same and not home.startswith("rigidmc.engine.") and home in sys.modules:
-                pending.append((home, vars(sys.modules[home])))
+                inline(one)
+            elif (same and not home.startswith("rigidmc.engine.")) or _is_own(one.__globals__):
+                pending.append((home, one.__globals__))
     if package == "rigidmc":  # a user's module may get more functions later
         _done.update(seen)
+
+
+def _is_own(names: Mapping[str, Any]) -> bool:
+    """Whether what a module has comes from a file of the user's own, not from an installed one."""
+    file = names.get("__file__")
+    return isinstance(file, str) and not os.path.abspath(file).startswith(_INSTALLED)
 
 
 for _call in METHODS:

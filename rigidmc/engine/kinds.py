@@ -14,6 +14,7 @@ from numba.core.datamodel.models import OpaqueModel
 from numba.core.datamodel.registry import register_default
 from numba.extending import typeof_impl
 
+from rigidmc.effects.protocol import takes_noise
 from rigidmc.engine.intrinsics import coded
 from rigidmc.engine.memory import get_row
 
@@ -142,12 +143,12 @@ def _row_count(kind: Any) -> int:
 
 def noise_of(effect):
     """The normal deviates among an effect's numbers, new ones for each step; () if it has none."""
-    return effect.noise if "noise" in effect._fields else ()
+    return effect.noise if takes_noise(effect) else ()
 
 
 @coded(noise_of)
 def _noise_of(typing_context, effect):
-    if "noise" not in effect.instance_class._fields:
+    if not takes_noise(effect.instance_class):
         return types.Tuple(())(effect), lambda context, builder, sig, args: context.make_tuple(
             builder, sig.return_type, ()
         )

@@ -9,6 +9,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from rigidmc.dynamics.methods import implements
 from rigidmc.effects import labelled
+from rigidmc.effects.protocol import takes_noise
 from rigidmc.engine import events as event
 from rigidmc.engine import member, neighbour
 from rigidmc.engine import running as watching
@@ -87,7 +88,7 @@ class Program:
         marks = [len(m) for _, m in running]
         rows = places(row_count(effects), len(ledger), len(events), marks, bool(shadow))
         self.rows = rows.end
-        random = any("noise" in effect._fields for effect in effects)
+        random = any(map(takes_noise, effects))
         self.shape = Shape(
             lanes=self.lanes,
             values=sum(size(o.dims, len(ledger)) for o in observables),

@@ -5,6 +5,8 @@ import inspect
 import os
 import sys
 import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import ModuleType
 from typing import Any
 
@@ -56,7 +58,8 @@ def _run(file: str, path: str, table: str) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # as of any other module: classes find their own there
     try:
-        spec.loader.exec_module(module)
+        with _beside(os.path.dirname(file)):
+            spec.loader.exec_module(module)
     except Exception as error:  # the user's code may raise anything
         del sys.modules[name]
         frames = reversed(traceback.extract_tb(error.__traceback__))
@@ -65,6 +68,22 @@ def _run(file: str, path: str, table: str) -> ModuleType:
         rule = f"raises {type(error).__name__}{where}: {error}"
         raise SceneError(table, "module", path, rule) from None
     return module
+
+
+@contextmanager
+def _beside(folder: str) -> Iterator[None]:
+    """Let a file import from its own folder what is nowhere else, as from a script. What it has
+    imported there is forgotten: in another folder the same name is another file."""
+    before, path = set(sys.modules), list(sys.path)
+    sys.path.append(folder)  # last: no file of that folder hides a library
+    try:
+        yield
+    finally:
+        sys.path[:] = path
+        for name in set(sys.modules) - before:
+            where = getattr(sys.modules[name], "__file__", None)
+            if where and os.path.realpath(where).startswith(os.path.join(folder, "")):
+                del sys.modules[name]
 
 
 def source_of(kind: type[Any]) -> str | None:

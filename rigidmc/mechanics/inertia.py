@@ -241,16 +241,29 @@ def principal_axes(tensor: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.f
     moments = values[:3]
     # particles on a line that is no axis leave a moment of 6e-17 of the others, of either sign
     impossible = (broken(moments) | (moments.min(0) <= 1e-14 * moments.max(0))) & ~bad
-    example = ", ".join(f"{m:.4g}" for m in moments[:, np.argmax(impossible)])
-    rule = (
-        f"principal moments must be positive and obey I_i <= I_j + I_k, and ({example}) are not: "
-        "no mass is spread like that"
-    )
-    flag(impossible, rule)
+    flag(impossible, _why_none(moments[:, np.argmax(impossible)]) if impossible.any() else "")
     values[:, impossible] = np.nan
     shape = tensor.shape[:-2]
     axes = np.moveaxis(values[3:].reshape(3, 3, -1), -1, 0).swapaxes(1, 2)
     return values[:3].T.reshape(*shape, 3), axes.reshape(*shape, 3, 3)
+
+
+def _why_none(moments: NDArray[np.float64]) -> str:
+    """Why no body that can turn has these moments (3,)."""
+    example = ", ".join(f"{m:.4g}" for m in moments)
+    low, middle, high = np.sort(moments)
+    if high == low == 0.0:
+        return "all moments are 0: all mass lies at the fixed point, or there is none"
+    if abs(low) <= 1e-9 * high and high - middle <= 1e-9 * high:
+        return (
+            f"the moments are ({example}): all mass lies on a line through the fixed point, and the"
+            " rotation about this line has no inertia; give the body a thickness, as the radius of"
+            " a rod"
+        )
+    return (
+        f"principal moments must be positive and obey I_i <= I_j + I_k, and ({example}) are not: no"
+        " mass is spread like that"
+    )
 
 
 def _principal(six: NDArray[np.float64]) -> NDArray[np.float64]:

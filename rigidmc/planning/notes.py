@@ -34,7 +34,7 @@ from rigidmc.planning.units import Internal
 from rigidmc.scene.laws import GibbsMomentum
 from rigidmc.scene.limits import PILOT
 from rigidmc.scene.once import once
-from rigidmc.scene.quantities import Grid, draw, is_open
+from rigidmc.scene.quantities import Grid, draw, is_open, is_shared
 from rigidmc.scene.scene import Scene
 
 FEW = 64  # members whose effects and angles are looked at
@@ -215,25 +215,35 @@ def _bodies(seen: Seen) -> Iterator[str]:
     Those run: torques know m c alone, and units in which m = 1 and m g c = 1 may leave no room for
     the centre.
     """
-    seed = seen.scene.run.seed
-    mapped = any(isinstance(q, Grid) for q in seen.scene.body.quantities())
-    moments, mass, centre = seen.scene.coarse().body.sample(seed, 0, PILOT)
+    body, run = seen.scene.body, seen.scene.run
+    mapped = any(isinstance(q, Grid) for q in body.quantities())
+    count = PILOT if mapped else min(PILOT, run.first + run.members)
+    moments, mass, centre = seen.scene.coarse().body.sample(run.seed, 0, count)
     impossible = broken(moments)
+    which = f"of the first {count:,} bodies"
     if mapped:
-        which = f"{PILOT:,} bodies spread over the grid"  # blank parts of a map are impossible
-    else:
-        which = f"the first {PILOT:,} bodies"
-        if impossible.any():
-            yield (
-                f"[body] moments: {np.count_nonzero(impossible):,} of {which} cannot exist (I_i > "
-                "I_j + I_k) and are flagged invalid_input"
-            )
+        which = f"of {count:,} bodies spread over the grid"  # blank parts of a map are impossible
+    elif impossible.any():
+        yield (
+            f"[body] moments: {np.count_nonzero(impossible):,} {which} cannot exist (I_i > "
+            "I_j + I_k) and are flagged invalid_input"
+        )
     bad = too_far(moments, mass, centre) & ~impossible
     if bad.any():
+        alone = is_shared(body.moments, body.mass, body.centre)
+        which = "the body" if alone else f"{np.count_nonzero(bad):,} {which}"
         yield (
-            f"[body] centre: {np.count_nonzero(bad):,} of {which} cannot exist: {TOO_FAR}; they "
-            "are computed all the same, since the motion depends on the moments and on m c alone"
+            f"[body] centre: {which} cannot exist: {TOO_FAR}"
+            f"{_millimetres(moments, mass, centre)}; computed all the same, since the motion "
+            "depends on the moments and on m c alone"
         )
+
+
+def _millimetres(moments: Array, mass: Array, centre: Array) -> str:
+    """A question, if the centres would lie within the bodies in metres."""
+    size = np.sqrt(moments.max(0) / mass)
+    ratio = float(np.median(np.sqrt((centre * centre).sum(0)) / size))
+    return "; is centre in millimetres, and not in m?" if 30.0 < ratio < 3e4 else ""
 
 
 def _density(seen: Seen) -> Iterator[str]:

@@ -13,7 +13,7 @@ from rigidmc.dynamics.so3 import multiply
 from rigidmc.effects import labelled, shared
 from rigidmc.effects.parameters import parameter_count, shape
 from rigidmc.effects.protocol import facts as effect_facts
-from rigidmc.effects.protocol import is_random
+from rigidmc.effects.protocol import takes_noise
 from rigidmc.effects.sums import total_energy_scale
 from rigidmc.engine import layout
 from rigidmc.engine.forces import energies
@@ -324,7 +324,7 @@ def noise(scene: Scene, members: NDArray[np.int64]) -> Noise:
     streams = [
         stream_of(f"effects.{label}.noise")
         for label, effect in labelled(scene.effects)
-        if is_random(effect)
+        if takes_noise(effect)
     ]
     key, other = key_of(scene.run.seed)
     return Noise(key, other, np.array(streams or [0], np.uint64), members)

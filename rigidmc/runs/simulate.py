@@ -25,12 +25,13 @@ from rigidmc.runs.capacity import refuse_hopeless
 from rigidmc.runs.rehearsal import predicted_seconds
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.once import once
-from rigidmc.scene.scene import Scene
+from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.scene.settings import takes_settings
 from rigidmc.storage.export import is_streamed
 
 
 @takes_settings
+@takes_scene
 def simulate(
     scene: Scene,
     integrator: Any = None,
@@ -54,8 +55,8 @@ def simulate(
 
     Parameters
     ----------
-    scene : Scene
-        what is run
+    scene : Scene or path_like
+        what is run; also its file, or the name of a shipped one
     integrator : str or integrator, optional
         a name of `rigidmc integrators`, or "auto" for the cheapest one that keeps a tolerance, or
         one of your own; the

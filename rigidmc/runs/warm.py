@@ -15,7 +15,7 @@ from rigidmc.planning.stage import stage
 from rigidmc.progress import announcing
 from rigidmc.scene.laws.protocol import Law
 from rigidmc.scene.own import own_parts
-from rigidmc.scene.scene import Scene
+from rigidmc.scene.scene import Scene, takes_scene
 
 
 class Warmed(NamedTuple):
@@ -32,12 +32,13 @@ class Warmed(NamedTuple):
     skipped: str
 
 
+@takes_scene
 def warm(scene: Scene, all_integrators: bool = False, progress: bool = False) -> list[Warmed]:
     """Compile what a run of a scene needs.
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene or path_like
         what is to be run
     all_integrators : bool, optional
         also for the integrators that the scene does not name; those that cannot run it are skipped

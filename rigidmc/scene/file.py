@@ -1,6 +1,7 @@
 """Scene files as the parts of scenes. They hold data and execute nothing."""
 
 import os
+import re
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -104,16 +105,26 @@ def _put(components: list[Any], dotted: str, value: Any) -> None:
     components[int(word) - 1] = value
 
 
+def _value(text: str) -> Any:
+    """The value that a text stands for: TOML, also with numbers as .5 and 1., or a plain word."""
+    tried = [text]
+    if not {'"', "'"} & {*text}:
+        whole = re.sub(r"(?<![\w.])\.(?=\d)", "0.", text)
+        tried.append(re.sub(r"(?<=\d)\.(?!\d)(?=e|\W|$)", ".0", whole))
+    for one in tried:
+        try:
+            return toml(f"value = {one}")["value"]
+        except SceneError as error:
+            if "not valid" not in error.rule:
+                raise
+    return text
+
+
 def _set(data: dict[str, Any], dotted: str, value: str) -> None:
     """data[a][b] = value for the key a.b, or a component for a.b.3; the value is TOML, or else a
     plain word."""
     *tables, key = dotted.split(".")
-    try:
-        given = toml(f"value = {value}")["value"]
-    except SceneError as error:
-        if "not valid" not in error.rule:
-            raise
-        given = value
+    given = _value(value)
     for table in tables:
         data = data.setdefault(table, {})
         if isinstance(data, list) and table == tables[-1]:

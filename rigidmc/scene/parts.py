@@ -43,6 +43,11 @@ from rigidmc.scene.settings import Run
 from rigidmc.scene.start import Start
 
 Change = Callable[[Any], Any]
+_CURES = {
+    "body": ", such as rm.Body((1.0, 2.0, 2.5)); rm.Scene.load takes files and names",
+    "start": ", such as rm.Start(omega=(0.0, 0.0, 1.0))",
+    "run": ", such as rm.Run(dt=0.01, t_end=10.0)",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +103,7 @@ class Parts:
         for key, kind in (("body", Body), ("start", Start), ("run", Run)):
             value = getattr(self, key)
             if not isinstance(value, kind):
-                raise SceneError("", key, value, f"expected a {kind.__name__}")
+                raise SceneError("", key, value, f"expected a {kind.__name__}{_CURES[key]}")
         several = isinstance(self.effects, (list, tuple)) and not is_effect(self.effects)
         effects: Iterable[Any] = self.effects if several else (self.effects,)
         effects = canonical(tuple(checked_effect(e, self.run.anti_damping) for e in effects))

@@ -1,14 +1,16 @@
 """A scene: made in Python or from a file, checked, and written as text."""
 
+import functools
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 
-from rigidmc.errors import RigidmcError
+from rigidmc.errors import RigidmcError, SceneError
 from rigidmc.files.kinds import is_zarr
+from rigidmc.scene.body import Body
 from rigidmc.scene.checks import check
 from rigidmc.scene.file import Settings, located, parts_of
 from rigidmc.scene.parts import Parts
@@ -131,6 +133,39 @@ class Scene(Parts):
         title = "brick"
         """
         return dumps(self)
+
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def takes_scene(function: Function) -> Function:
+    """Decorate a function whose first argument is `scene`: it also takes the path of a scene, or
+    the name of a shipped one."""
+
+    @functools.wraps(function)
+    def wrapper(*arguments: Any, **keywords: Any) -> Any:
+        if arguments:
+            arguments = (_given(arguments[0]), *arguments[1:])
+        elif "scene" in keywords:
+            keywords["scene"] = _given(keywords["scene"])
+        return function(*arguments, **keywords)
+
+    return cast(Function, wrapper)
+
+
+def _given(scene: Any) -> Scene:
+    """A scene, or the one that a path or a name stands for; SceneError."""
+    if isinstance(scene, Scene):
+        return scene
+    if isinstance(scene, (str, os.PathLike)):
+        return Scene.load(scene)
+    rule = "expected a Scene, the path of one, or the name of a shipped one"
+    if isinstance(scene, Body):
+        rule = (
+            "a body alone does not say how it starts: give"
+            " rm.Scene(body, start=rm.Start(omega=(0.0, 0.0, 1.0)))"
+        )
+    raise SceneError("", "scene", None, f"is a {type(scene).__name__}; {rule}")
 
 
 def loads(

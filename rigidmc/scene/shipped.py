@@ -21,8 +21,13 @@ def read_source(source: str) -> str:
         return _FOLDER.joinpath(f"{source}.toml").read_text("utf-8")
     if os.path.exists(source):
         return text_of(source)
-    names = shipped()
-    close = nearest(os.path.basename(source).removesuffix(".toml"), names)
+    names, (folder, name) = shipped(), os.path.split(source)
+    if os.path.isdir(folder or os.curdir):
+        beside = [file for file in os.listdir(folder or os.curdir) if file.endswith(".toml")]
+    else:
+        beside = []
+    close = nearest(name, beside) or nearest(name.removesuffix(".toml"), names)
+    close = os.path.join(folder, close) if close in beside else close
     hint = f" (did you mean '{close}'?)" if close else ""
     # a word like a file's name means a file, which is missing; any other is a wrong word
     is_name = not os.path.splitext(source)[1] and os.path.basename(source) == source

@@ -24,7 +24,7 @@ from rigidmc.planning.tolerance.truth import Truth, truth
 from rigidmc.planning.tolerance.way import Way
 from rigidmc.runs.capacity import refuse_count
 from rigidmc.scene.amounts import counted, in_two_digits
-from rigidmc.scene.scene import Scene
+from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.version import VERSION
 
 TOLERANCES = tuple(10.0**-k for k in range(3, 13))
@@ -42,6 +42,7 @@ WORDS = {
 Statistic = Callable[[NDArray[np.float64]], Any]
 
 
+@takes_scene
 def accuracy(
     scene: Scene,
     integrators: Sequence[str] | None = None,
@@ -58,8 +59,8 @@ def accuracy(
 
     Parameters
     ----------
-    scene : Scene
-        what is run
+    scene : Scene or path_like
+        what is run; also its file, or the name of a shipped one
     integrators : sequence of str or integrators, optional
         names, and integrators of your own; by default all that take the scene, with those that the
         scene has

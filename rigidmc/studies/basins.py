@@ -13,7 +13,7 @@ from rigidmc.errors import OptionError
 from rigidmc.planning.stage import groups, stage
 from rigidmc.progress import Progress
 from rigidmc.scene.points import DISTANCES, Neighbours
-from rigidmc.scene.scene import Scene
+from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.studies.chunks import chunks, pieces
 from rigidmc.studies.families import made, refuse_noise, started, stored
 from rigidmc.studies.intervals import Interval, probability
@@ -28,6 +28,7 @@ RESOLVED = 8.0  # resolutions: a distance is then known to an eighth
 LEAST = 10  # uncertain families that make a share worth a place in the fit
 
 
+@takes_scene
 def basins(
     scene: Scene,
     of: str | Sequence[str],
@@ -54,7 +55,7 @@ def basins(
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene or path_like
         what is run, until members have come to an attractor; its distributions are the space
     of : str or sequence of str
         what tells the basins apart, "p(omega_last[3] >= 0)"; with several such measures a member

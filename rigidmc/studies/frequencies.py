@@ -12,7 +12,7 @@ from rigidmc.errors import OptionError, nearest
 from rigidmc.progress import Progress
 from rigidmc.runs.capacity import refuse_count
 from rigidmc.scene.amounts import counted
-from rigidmc.scene.scene import Scene, scene_of
+from rigidmc.scene.scene import Scene, scene_of, takes_scene
 from rigidmc.studies.chunks import chunks, pieces, saves_of
 from rigidmc.studies.components import component_of
 from rigidmc.studies.rounding import ULPS, resolution, resolution_of
@@ -34,6 +34,7 @@ LEAST = 64  # saves of which a spectrum is made
 NUMBERS = 2**23  # of exponentials at once: 128 MB
 
 
+@takes_scene
 def frequencies(
     scene: Scene,
     of: str,
@@ -55,8 +56,8 @@ def frequencies(
 
     Parameters
     ----------
-    scene : Scene
-        what is run
+    scene : Scene or path_like
+        what is run; also its file, or the name of a shipped one
     of : str
         what oscillates, such as "omega[1]": an observable at save times, or a component of it
     terms : int, optional

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rigidmc.errors import OptionError, SceneError
 from rigidmc.planning.stage import groups
 from rigidmc.progress import Progress
-from rigidmc.scene.scene import Scene
+from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.studies.chunks import chunks, pieces
 from rigidmc.studies.families import made, refuse_noise, size, started, stored
 from rigidmc.studies.rounding import resolution_of
@@ -29,6 +29,7 @@ ALIKE = 1e-8  # of the squares of two displacements: directions that differ by r
 STATE = "attitude_last", "omega_last"
 
 
+@takes_scene
 def ftle(
     scene: Scene,
     families: int = FAMILIES,
@@ -52,7 +53,7 @@ def ftle(
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene or path_like
         what is run; the numbers of its start that are distributions are those that change
     families : int, optional
         how many starts, evenly spread; each has a neighbour for every number

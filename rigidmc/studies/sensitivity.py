@@ -12,7 +12,7 @@ from scipy import stats
 from rigidmc.errors import OptionError
 from rigidmc.planning.stage import groups
 from rigidmc.progress import Progress
-from rigidmc.scene.scene import Scene
+from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.studies.chunks import chunks
 from rigidmc.studies.families import made, stored
 from rigidmc.studies.intervals import Interval
@@ -31,6 +31,7 @@ WORDS = {
 ENDS = {"value": "", "low": ": lower end", "high": ": upper end"}
 
 
+@takes_scene
 def sensitivity(
     scene: Scene,
     of: str | Sequence[str],
@@ -63,7 +64,7 @@ def sensitivity(
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene or path_like
         what is run; its distributions and laws are the uncertain numbers
     of : str or sequence of str
         one measure or several, a mean or a probability, such as "p(flips >= 1)"

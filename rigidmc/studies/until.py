@@ -17,7 +17,7 @@ from rigidmc.runs.simulate import simulate
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.quantities import rows
 from rigidmc.scene.sampling import is_sample, refuse_indexed
-from rigidmc.scene.scene import Scene
+from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.storage.schema import member_variables
 from rigidmc.studies.intervals import Estimate, Interval, mean, probability
 from rigidmc.studies.measures import Measure, Variables, measure, observing
@@ -58,6 +58,7 @@ def goal(text: str, variables: Variables) -> Goal:
     return Goal(measure(parts[0], variables), half, bool(width[2]))
 
 
+@takes_scene
 def simulate_until(
     scene: Scene,
     until: str,
@@ -78,8 +79,8 @@ def simulate_until(
 
     Parameters
     ----------
-    scene : Scene
-        what is run
+    scene : Scene or path_like
+        what is run; also its file, or the name of a shipped one
     until : str
         such as "p(flips >= 1) +- 0.001", see `rigidmc.studies.measures`
     most : int, optional
@@ -248,6 +249,7 @@ def members_for(
     return float(high)
 
 
+@takes_scene
 def randomised(
     scene: Scene,
     text: str,
@@ -264,8 +266,8 @@ def randomised(
 
     Parameters
     ----------
-    scene : Scene
-        what is run
+    scene : Scene or path_like
+        what is run; also its file, or the name of a shipped one
     text : str
         a measure, such as "p(flips >= 1)", see `rigidmc.studies.measures`
     members : int

@@ -4,6 +4,7 @@ The message of a failed check names the class, the line and the rule.
 """
 
 import math
+import sys
 from typing import NamedTuple
 
 import numpy as np
@@ -340,3 +341,84 @@ def test_functions_of_the_library_in_float32():
 def test_a_tuple_without_its_length_is_told_how_to_give_it():
     with pytest.raises(rm.SceneError, match=r"g = .*@effect\(shapes=\{\"g\": 3\}\)"):
         scene(Weight((1.0, 2.0, 3.0)))
+
+
+OWN = """
+from typing import NamedTuple
+
+import helper
+from helper import along
+
+class Hum(NamedTuple):
+    noise: float
+
+    def torque(self, l):
+        return along(self.noise)
+
+class Tug(NamedTuple):
+    size: float
+
+    def torque(self, l):
+        return helper.along(helper.scaled(self.size))
+"""
+HELPER = """
+def scaled(x):
+    return FACTOR * x
+
+def along(x):
+    return (x, 0.0, 0.0)
+"""
+BOTH = """
+[body]
+moments = [1.0, 1.4, 2.0]
+[effects.Hum]
+module = "own.py"
+noise = 0.5
+[effects.Tug]
+module = "own.py"
+size = 0.25
+[start]
+omega = [0.1, 1.0, 0.2]
+"""
+
+
+def test_a_field_named_noise_and_helpers_in_another_file(tmp_path):
+    """Files of the same name in two folders are two files, and hide no library."""
+    for factor in (2.0, 4.0):
+        folder = tmp_path / str(factor)
+        folder.mkdir()
+        (folder / "own.py").write_text(OWN)
+        (folder / "math.py").write_text("raise RuntimeError('hides a library')")
+        (folder / "helper.py").write_text("import math\n" + HELPER.replace("FACTOR", str(factor)))
+        (folder / "s.toml").write_text(BOTH)
+        own = rm.Scene.load(folder / "s.toml", allow_code=True)
+        torque = rm.BodyTorque((0.5 + factor * 0.25, 0.0, 0.0))
+        shipped = rm.Scene(own.body, torque, own.start)
+        run = {"integrator": "rk4", "dt": 0.01, "t_end": 1.0, "members": 2}
+        ends = [rm.simulate(one, **run).omega.values[-1] for one in (own, shipped)]
+        assert np.abs(ends[0] - ends[1]).max() < 1e-14  # measured 4.4e-16
+    assert not {"helper", "own"} & {*sys.modules}
+
+
+class Shaken(NamedTuple):
+    noise: tuple = (0.0, 0.0, 0.0)
+
+    shapes = {"noise": 3}
+
+    def shake(self, l):
+        return l
+
+
+class Random(NamedTuple):
+    size: float
+
+    stochastic = True
+
+    def shake(self, l):
+        return l
+
+
+@pytest.mark.parametrize("effect", [Shaken(), Random(1.0)])
+def test_noise_is_drawn_for_effects_that_say_so(effect):
+    with pytest.raises(rm.SceneError, match=r"stochastic=True|needs a field for the normal"):
+        scene(effect).with_run(integrator="strang").check()

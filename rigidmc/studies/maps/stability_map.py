@@ -16,7 +16,7 @@ from rigidmc.planning.tolerance.choose import resolved
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.laws.protocol import Law
-from rigidmc.scene.scene import Scene
+from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.storage.schema import Variable, member_variables
 from rigidmc.studies.maps.pixels import Collected, Pixels, joined, map_dataset
 from rigidmc.studies.maps.question import Borders, Question, Resolution, Side, adapted, question
@@ -30,6 +30,7 @@ RESOLUTION = 128  # pixels per side: 262,144 members with REPLICAS
 Progress = Callable[[int, int], object]
 
 
+@takes_scene
 def stability_map(
     scene: Scene,
     x: Side,
@@ -52,8 +53,8 @@ def stability_map(
 
     Parameters
     ----------
-    scene : Scene
-        what is run
+    scene : Scene or path_like
+        what is run; also its file, or the name of a shipped one
     x : tuple
         (parameter, low, high), or (parameter, low, high, True) for even ratios
     y : tuple

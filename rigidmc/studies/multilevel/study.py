@@ -19,7 +19,7 @@ from rigidmc.runs.capacity import refuse_count
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.once import once
 from rigidmc.scene.sampling import refuse_indexed
-from rigidmc.scene.scene import Scene
+from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.storage.schema import member_variables, saved_variables
 from rigidmc.studies import tasks
 from rigidmc.studies.measures import observing
@@ -34,6 +34,7 @@ MOST = 10**12
 MEMBER = 8 * 32  # bytes: what a path shows, and the coarse one beside it
 
 
+@takes_scene
 def multilevel(
     scene: Scene,
     until: str,
@@ -60,7 +61,7 @@ def multilevel(
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene or path_like
         what is run, mostly with a random effect; its step is that of the first level
     until : str
         a mean and half the width of its interval, such as "mean(energy_final) +- 0.001" or "+- 1 %"

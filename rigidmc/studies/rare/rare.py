@@ -23,7 +23,7 @@ from rigidmc.runs.capacity import refuse_count
 from rigidmc.runs.tasks import Found, Request
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.sampling import is_indexed
-from rigidmc.scene.scene import Scene
+from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.studies import tasks
 from rigidmc.studies.intervals import mean_of_skew, probability
 from rigidmc.studies.rare.score import Score, is_noisy, scored
@@ -37,6 +37,7 @@ REPETITION = 4096  # bytes of what one has found, with its levels
 METHODS = {True: "adaptive multilevel splitting", False: "subset simulation"}  # by is_noisy
 
 
+@takes_scene
 def rare(
     scene: Scene,
     of: str,
@@ -70,8 +71,8 @@ def rare(
 
     Parameters
     ----------
-    scene : Scene
-        what is run
+    scene : Scene or path_like
+        what is run; also its file, or the name of a shipped one
     of : str
         the event: p(NAME >= NUMBER) or p(NAME <= NUMBER) of what is watched over the steps, such as
         "p(nutation_max >= 2)", "p(passage_first < 60)", "p(flips >= 1)"; of a noisy scene what

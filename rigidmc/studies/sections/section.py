@@ -12,7 +12,7 @@ from rigidmc.errors import OptionError, nearest
 from rigidmc.observables.protocol import DIMENSIONS
 from rigidmc.progress import Progress
 from rigidmc.runs.capacity import refuse_count
-from rigidmc.scene.scene import Scene, scene_of
+from rigidmc.scene.scene import Scene, scene_of, takes_scene
 from rigidmc.studies.chunks import chunks, pieces, saves_of
 from rigidmc.studies.components import of_the_state
 from rigidmc.studies.sections.points import STATE, crossed, periodic
@@ -23,6 +23,7 @@ BYTES = 2**27  # of saved states at once
 POINT = 2 * 8 * 14  # bytes of a point, and a copy of it: member, time, state and a quantity
 
 
+@takes_scene
 def section(
     scene: Scene,
     at: str,
@@ -41,7 +42,7 @@ def section(
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene or path_like
         what is run; without noise
     at : str
         "omega[1] = 0": any observable that the scene can save, or a component of it; "every 12.5":

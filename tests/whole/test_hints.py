@@ -1,0 +1,161 @@
+"""Hints: what people write for what rigidmc calls by another name, and what they forget."""
+
+import numpy as np
+import pytest
+
+import rigidmc as rm
+from rigidmc.effects import EFFECTS
+from rigidmc.errors import nearest
+from rigidmc.integrators import INTEGRATORS
+from rigidmc.mechanics.solids import SOLIDS
+from rigidmc.observables import KNOWN
+from rigidmc.scene.file import _value
+from rigidmc.scene.laws import LAWS
+from rigidmc.scene.settings import Run
+from rigidmc.scene.shipped import shipped
+from rigidmc.synonyms import NAMES
+
+BODY = rm.Body.from_moments((1.0, 2.0, 2.5))
+SETTINGS = [*Run.model_fields, "threads", "output", "force"]
+
+
+@pytest.mark.parametrize(
+    ("word", "known", "right"),
+    [
+        ("sphere", SOLIDS, "ball"),  # 2/5, and not the 2/3 of a shell
+        ("Sphere", SOLIDS, "ball"),
+        ("hollow_sphere", SOLIDS, "shell"),
+        ("cuboid", SOLIDS, "box"),
+        ("disk", SOLIDS, "disc"),
+        ("cylindre", SOLIDS, "cylinder"),
+        ("gravitation", EFFECTS, "gravity"),
+        ("Gravitation", [kind.__name__ for kind in EFFECTS.values()], "Gravity"),
+        ("gravity_grad", EFFECTS, "gravity_gradient"),
+        ("drag", EFFECTS, "quadratic_drag"),
+        ("euler", KNOWN, "attitude"),
+        ("euler_angles", KNOWN, "attitude"),
+        ("omga", KNOWN, "omega"),
+        ("euler", INTEGRATORS, None),
+        ("dopri5", INTEGRATORS, "rk8"),
+        ("tmax", SETTINGS, "t_end"),
+        ("duration", SETTINGS, "t_end"),
+        ("n", SETTINGS, "members"),
+        ("time_step", SETTINGS, "dt"),
+        ("tol", SETTINGS, "tolerance"),
+        ("memebrs", SETTINGS, "members"),
+        ("foo", shipped(), None),
+        ("heavytop", shipped(), "heavy_top"),
+        ("gaussian", ["normal", "uniform"], "normal"),
+    ],
+)
+def test_the_nearest_word(word, known, right):
+    assert nearest(word, known) == right
+
+
+def test_every_hint_is_a_name_that_there_is():
+    """A name that is renamed would leave hints behind that name nothing."""
+    keys = {"mass", "centre", "radius", "height", "density", "particles", "tensor", "moments"}
+    keys |= {"normal", "uniform", "expon"} | {law.word for law in LAWS}
+    known = {*SOLIDS, *EFFECTS, *KNOWN, *INTEGRATORS, "closed", *SETTINGS, *keys}
+    assert {name for names in NAMES.values() for name in names} <= known
+
+
+def test_a_missing_file_is_not_a_book(tmp_path):
+    with pytest.raises(FileNotFoundError) as error:
+        rm.Scene.load(tmp_path / "foo.toml")
+    assert "did you mean" not in str(error.value)
+    (tmp_path / "my_rotor.toml").write_text("")
+    with pytest.raises(FileNotFoundError, match=r"did you mean '.*my_rotor.toml'"):
+        rm.Scene.load(tmp_path / "myrotor.toml")
+
+
+def test_a_scene_by_its_name_and_a_body_alone(tmp_path):
+    by_name = rm.simulate("heavy_top", members=2, t_end=0.1)
+    assert by_name.equals(rm.simulate(rm.Scene.load("heavy_top"), members=2, t_end=0.1))
+    assert by_name.equals(rm.simulate(scene="heavy_top", members=2, t_end=0.1))
+    (tmp_path / "s.toml").write_text(rm.Scene.load("heavy_top").dumps())
+    assert by_name.omega.equals(rm.simulate(tmp_path / "s.toml", members=2, t_end=0.1).omega)
+    settings = {"of": "p(flips >= 1)", "until": "p(flips >= 1) +- 0.1", "x": (), "y": ()}
+    for function, names in (
+        (rm.simulate, ()),
+        (rm.simulate_until, ("until",)),
+        (rm.accuracy, ()),
+        (rm.stability_map, ("x", "y", "of")),
+        (rm.sensitivity, ("of",)),
+        (rm.basins, ("of",)),
+        (rm.ftle, ()),
+        (rm.rare, ("of",)),
+        (rm.multilevel, ("until",)),
+        (rm.frequencies, ("of",)),
+        (rm.warm, ()),
+    ):
+        more = {name: settings[name] for name in names}
+        with pytest.raises(rm.SceneError, match=r"is a Body; .*rm.Scene\(body, start="):
+            function(BODY, **more)
+        with pytest.raises(rm.SceneError, match="is a int; expected a Scene, the path"):
+            function(3, **more)
+        with pytest.raises(FileNotFoundError, match="no shipped scene of that name"):
+            function("no such scene at all", **more)
+
+
+@pytest.mark.parametrize(
+    ("effect", "words"),
+    [
+        (rm.Gravity((0, 0, -9.81)), "expected one number in m s-2"),
+        (rm.Gravity("9.81 m/s2"), "expected one number in m s-2, without a unit"),
+        (rm.BodyTorque("1 N m"), "expected 3 numbers in N m"),
+    ],
+)
+def test_parameters_are_refused_in_the_words_of_users(effect, words):
+    with pytest.raises(rm.SceneError) as error:
+        rm.Scene(BODY, effect)
+    assert words in str(error.value) and "@effect" not in str(error.value)
+
+
+def test_keywords_that_other_programs_have():
+    for word, right in (("tmax", "t_end"), ("n", "members"), ("timestep", "dt")):
+        with pytest.raises(TypeError, match=f"did you mean '{right}'"):
+            rm.simulate("heavy_top", **{word: 3})
+
+
+def test_one_observable_alone():
+    assert rm.Scene(BODY, observables=rm.Flips()).observables == (rm.Flips(),)
+
+
+def test_a_dumbbell_has_its_mass_on_a_line():
+    with pytest.raises(rm.SceneError, match=r"lies on a line.*give the body a thickness"):
+        rm.Body.from_particles([1.0, 1.0], [[0, 0, 1], [0, 0, -1]])
+    with pytest.raises(rm.SceneError, match="no mass is spread like that"):
+        rm.Body.from_tensor(np.diag([1.0, 1.0, 3.0]))
+    with pytest.raises(rm.SceneError, match="all mass lies at the fixed point"):
+        rm.Body.from_particles([1.0], [[0, 0, 0]])
+
+
+@pytest.mark.parametrize(("centre", "asked"), [((0, 0, 40.0), True), ((0, 0, 0.2), False)])
+def test_a_centre_in_millimetres(centre, asked):
+    scene = rm.Scene(rm.Body((1e-3, 1e-3, 5e-4), mass=0.5, centre=centre), rm.Gravity(9.81))
+    with pytest.warns(rm.SceneWarning, match="centre: the body cannot exist") as found:
+        rm.simulate(scene, members=2, dt=1e-3, t_end=0.01)
+    assert any("in millimetres" in str(one.message) for one in found) == asked
+    assert not any("4,096" in str(one.message) for one in found)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        (".6", 0.6),
+        ("-.5", -0.5),
+        ("+.5", 0.5),
+        ("1.", 1.0),
+        ("2.e3", 2000.0),
+        ("[.6, 1., -.5]", [0.6, 1.0, -0.5]),
+        ("{normal=[0., .1]}", {"normal": [0.0, 0.1]}),
+        ("'.5'", ".5"),
+        ("a.toml", "a.toml"),
+        (".5 s", ".5 s"),
+        ("v1.0", "v1.0"),
+        ("1..2", "1..2"),
+    ],
+)
+def test_numbers_on_the_command_line(text, value):
+    assert _value(text) == value
