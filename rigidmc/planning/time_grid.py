@@ -30,9 +30,10 @@ def steps_and_saves(
         steps = multiples * ratio.numerator
         stride = multiples * ratio.denominator
         if steps > 2 * math.ceil(end / step) and steps > 1000:
+            saves = max(1, round(t_end / every))
             rule = (
-                f"no step near dt = {dt:g} divides both it and t_end = {t_end:g}; "
-                "choose an `every` that divides t_end"
+                f"no step near dt = {dt:g} divides both it and t_end = {t_end:g}: take t_end ="
+                f" {_times(every, saves)}, or every = {t_end / saves:.10g}"
             )
             raise SceneError("run", "every", every, rule)
     if steps > MOST_STEPS:
@@ -43,6 +44,11 @@ def steps_and_saves(
         return steps, reduced, stride, ()
     note = f"dt reduced from {dt:g} to {reduced:.10g} s, which divides t_end and every"
     return steps, reduced, stride, (note,)
+
+
+def _times(every: float, saves: int) -> str:
+    """A time of whole saves, as it is written."""
+    return str(float(Fraction(repr(every)) * saves))
 
 
 def rounds(t_end: float, every: float | None) -> tuple[int, float, int]:

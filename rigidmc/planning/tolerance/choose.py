@@ -14,10 +14,16 @@ from rigidmc.errors import SceneError
 from rigidmc.planning.rates import Array
 from rigidmc.planning.tolerance.compile_ahead import compile_ahead
 from rigidmc.planning.tolerance.costs import Costs
-from rigidmc.planning.tolerance.deviation import upper_quantile
+from rigidmc.planning.tolerance.deviation import errors, upper_quantile
 from rigidmc.planning.tolerance.growth import growth
 from rigidmc.planning.tolerance.ladder import candidates, ladder, measured
-from rigidmc.planning.tolerance.pilot import Pilot, pilot
+from rigidmc.planning.tolerance.pilot import (
+    ROUNDING,
+    Pilot,
+    first_steps,
+    follow,
+    pilot,
+)
 from rigidmc.planning.tolerance.truth import AGREED, Truth, check_agreement, integrated, truth
 from rigidmc.planning.tolerance.way import Way
 from rigidmc.scene.given import named_integrators
@@ -31,6 +37,9 @@ CONTENDERS = (
     "closed", "exact", "rk4", "rk8", "strang", "chin4", "srkn6", "srkn11", "aba864", "aba1064",
 )  # fmt: skip
 SINGLE_REACHES = 3e-7  # five roundings of float32: not tried below
+# least gain by half a step that counts as that of smooth torques, of order 4 and more; a kink has 2
+# to 4
+SMOOTH = 16.0
 SAFETY = 0.8  # of the tolerance, that a pilot must keep
 
 
@@ -276,11 +285,32 @@ def check_pilot(scene: Scene, pilot: Pilot) -> None:
         raise SceneError("body", "moments", None, rule)
 
 
+def _gain(pilot: Pilot, growth: float) -> float:
+    """By how much half the step divides the error of rk8; inf where rounding, which grows with the
+    motion, hides it."""
+    if not pilot.scene.effects:
+        return math.inf
+    steps = 2 * first_steps(pilot)
+    ends = [follow(pilot, "rk8", count) for count in (steps, 2 * steps, 4 * steps)]
+    coarse, fine = (upper_quantile(errors(pilot, end, ends[2])["state"]) for end in ends[:2])
+    hidden = not math.isfinite(coarse) or fine < 1e4 * ROUNDING * growth
+    return math.inf if hidden else coarse / fine
+
+
 def _unreachable(
     scene: Scene, tolerance: float, pilot: Pilot, nearest: float, why: str
 ) -> SceneError:
     factor, rate = growth(pilot)
     worst = upper_quantile(factor)
+    if (gain := _gain(pilot, worst)) < SMOOTH:
+        names = ", ".join(name_of(effect) for effect in scene.effects)
+        rule = (
+            f"out of reach: the best is {nearest:.1e}, and half the step divides the error of rk8"
+            f" by {gain:.2g}, where it is 256 for smooth torques. One of {names} has a kink or a"
+            " jump: round it off over a width that some steps resolve, as `rest` of dry_friction"
+            " does, or give an integrator and a step in place of a tolerance"
+        )
+        return SceneError("run", "tolerance", tolerance, rule)
     reason = (
         f"{why}; over {scene.run.t_end:g} s a change of the start grows {worst:.1e} times in the "
         "worst 1 % of members"
