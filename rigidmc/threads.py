@@ -8,15 +8,47 @@ lock that a worker needs: tasks and answers go through `SimpleQueue`, which is w
 """
 
 import atexit
+import math
 import os
 import time
 from _thread import start_new_thread
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import cache
 from queue import Empty, SimpleQueue
 from typing import Any
 
 MOMENT = 0.002  # s between two looks at a task that was dropped
+
+_end: ContextVar[float] = ContextVar("end", default=math.inf)
+
+
+class Late(Exception):
+    """Raised in work that has to end now, see `ending`."""
+
+
+@contextmanager
+def ending(at: float | None) -> Iterator[None]:
+    """Within this context `is_late` says whether a time has come.
+
+    at : on the clock of time.monotonic(); None for never
+    """
+    token = _end.set(min(_end.get(), math.inf if at is None else at))
+    try:
+        yield
+    finally:
+        _end.reset(token)
+
+
+def is_late() -> bool:
+    """Whether the work of this thread has to end now."""
+    return time.monotonic() >= end_of_work()
+
+
+def end_of_work() -> float:
+    """When the work of this thread has to end, on the clock of time.monotonic(); inf for never."""
+    return _end.get()
 
 
 class Task:

@@ -2,6 +2,7 @@
 
 import os
 import sys
+import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -18,6 +19,7 @@ from rigidmc.cli.options import (
     RunArgument,
     Shards,
     ShardSize,
+    ShardTime,
     Threads,
     count_option,
     gathering,
@@ -47,14 +49,18 @@ class Ways(NamedTuple):
     max_wall: float | None
     shards: str | None
     shard_size: float | None
+    shard_time: float | None
     cluster: str | None
 
 
 takes_ways = gathering(  # decorates a command that has a parameter `ways`
     "ways",
-    {"max_wall": MaxWall, "shards": Shards, "shard_size": ShardSize, "cluster": Cluster},
+    {
+        "max_wall": MaxWall, "shards": Shards, "shard_size": ShardSize, "shard_time": ShardTime,
+        "cluster": Cluster,
+    },
     lambda given: Ways(**given),
-)
+)  # fmt: skip
 
 
 def names_a_run(output: str) -> bool:
@@ -78,25 +84,24 @@ def refuse_force(output: str, force: bool) -> None:
         raise OptionError("", "--force", None, rule)
 
 
-def begun(
-    make: Callable[[float, range | None, int | None], "RunDirectory"],
-    ways: Ways,
-    threads: int | None,
-    allow_code: bool,
-) -> int:
-    """Make a run directory and compute its shards; the exit code.
+# makes a run directory: bytes of a shard, range of shards, number of threads, seconds of a shard
+Make = Callable[[float | None, range | None, int | None, float | None], "RunDirectory"]
 
-    make : of the bytes of a shard, the range of shards and the number of threads
-    """
+
+def begun(make: Make, ways: Ways, threads: int | None, allow_code: bool) -> tuple[int, bool]:
+    """Make a run directory and compute its shards; see `continued`."""
     from rigidmc.runs.cluster import checked
-    from rigidmc.runs.shards import SHARD
 
-    max_wall, shards, shard_size, cluster = ways
+    began = time.monotonic()
+    max_wall, shards, shard_size, shard_time, cluster = ways
     kind, count = ("", "") if cluster is None else checked(cluster)
     if shard_size is not None and not shard_size < 1e6:
         raise OptionError("", "--shard-size", shard_size, "expected megabytes, at most 1e6")
-    size = SHARD if shard_size is None else 1e6 * shard_size
-    directory = make(size, shards_of(shards), int(count) if kind == "local" else threads)
+    size = None if shard_size is None else 1e6 * shard_size
+    many = int(count) if kind == "local" else threads
+    directory = make(size, shards_of(shards), many, shard_time)
+    if max_wall is not None:  # what is left of it
+        max_wall = max(1e-9, max_wall - (time.monotonic() - began))
     return continued(
         directory.path,
         threads,
@@ -115,21 +120,22 @@ def continued(
     shards: str | None = None,
     allow_code: bool = False,
     cluster: str | None = None,
-) -> int:
-    """Compute the missing shards of a run and say which are done; the exit code."""
+) -> tuple[int, bool]:
+    """Compute the missing shards of a run, or of a range, and say which are done; (the exit code,
+    whether the whole run is done)."""
     from rigidmc.storage import run_directory
     from rigidmc.studies import tasks
     from rigidmc.studies.maps.growing import resume_growing
 
     directory = run_directory.RunDirectory(run)
-    study = tasks.kind_of(directory)
+    study, mine = tasks.kind_of(directory), shards_of(shards)
     directory, flagged = (resume_growing if study is None else tasks.resume)(
         directory,
         threads=threads,
         progress=True,
         accept=accept,
         max_wall=max_wall,
-        only=shards_of(shards),
+        only=mine,
         allow_code=allow_code,
         cluster=cluster,
     )
@@ -142,9 +148,25 @@ def continued(
     words = ", ".join(f"{n:,} {word}" for word, n in flagged.items() if n and word != "ok")
     older = f"; of all: {status['flagged']:,}" if status["members_done"] > computed else ""
     print(f"  flagged among these: {words or 'none'}{older}")
-    if not whole(status):
+    if whole(status):
+        return outcome(status), True
+    if mine is None or directory.missing_in(mine).size:
         print("  not done: `rigidmc resume` goes on")
-    return outcome(status)
+        return outcome(status), False
+    left = f"{status['shards'] - status['done']:,} of other tasks are left"
+    words = in_ranges(directory.missing().tolist())
+    print(f"  the shards {shards} are done; {left} ({words}), and `rigidmc merge` gathers all")
+    there = directory.shards()
+    mine_flagged = any(run_directory.flagged_of(there[i]) for i in mine if i in there)
+    return outcome(status, FLAGGED if mine_flagged else OK), False
+
+
+def in_ranges(numbers: list[int], most: int = 4) -> str:
+    """Rising numbers as FROM:TO of each gapless part, `most` of these at most."""
+    begins = [i for i, n in enumerate(numbers) if i == 0 or n != numbers[i - 1] + 1]
+    ends = [*begins[1:], len(numbers)]
+    words = [f"{numbers[i]}:{numbers[j - 1] + 1}" for i, j in zip(begins, ends, strict=True)]
+    return ", ".join(words[:most]) + ", ..." * (len(words) > most)
 
 
 def whole(status: dict[str, Any]) -> bool:
@@ -152,13 +174,13 @@ def whole(status: dict[str, Any]) -> bool:
     return status["done"] == status["shards"] and not status["growing"]
 
 
-def outcome(status: dict[str, Any]) -> int:
-    """The exit code that belongs to the status of a run."""
+def outcome(status: dict[str, Any], part: int = INCOMPLETE) -> int:
+    """The exit code that belongs to the status of a run; part : that of one with shards missing."""
     if status["strays"]:
         rule = "files among the shards are not of this run; `rigidmc verify` names them"
         fail(f"{status['strays']:,} {rule}", INVALID)
     if not whole(status):
-        return INCOMPLETE
+        return part
     return FLAGGED if status["flagged"] else OK
 
 
@@ -185,14 +207,14 @@ def resume(
     """Go on with a run: compute the missing shards, to the bits of an unbroken run. Existing shards
     are trusted by their names; `verify` and --repair read them.
 
-    Exit code 0 if the run is done, 4 if it is done and some members are flagged, 5 if shards are
-    missing (--max-wall, --shards)."""
+    Exit code 0 if the run, or the range of --shards, is done, 4 if some of these members are
+    flagged, 5 if shards of these are missing (--max-wall)."""
     with reported():
         if repair:
             from rigidmc.runs import gather
 
             print(f"  {gather.repair(run)} damaged shards were deleted")
-        code = continued(run, threads, accept, max_wall, shards, allow_code, cluster)
+        code, _ = continued(run, threads, accept, max_wall, shards, allow_code, cluster)
     raise typer.Exit(code)
 
 
@@ -300,7 +322,7 @@ def extend(
         if is_map(run):
             members = members_of_pixels(run, members)
         runs.extend(run, members, accept, allow_code)
-        code = continued(run, threads, accept, max_wall, None, allow_code, cluster)
+        code, _ = continued(run, threads, accept, max_wall, None, allow_code, cluster)
     raise typer.Exit(code)
 
 

@@ -51,10 +51,10 @@ class Request(NamedTuple):
                 raise OptionError("", f"--{key.replace('_', '-')}", value, rule)
         if self.border and not self.adaptive:
             raise OptionError("", "--border", self.border, "goes with --adaptive")
-        if self.adaptive and (ways.shards or ways.shard_size):
-            key, value = (
-                ("--shards", ways.shards) if ways.shards else ("--shard-size", ways.shard_size)
-            )
+        of_shards = {name: value for name, value in ways._asdict().items() if "shard" in name}
+        if self.adaptive and any(of_shards.values()):
+            name, value = next((name, value) for name, value in of_shards.items() if value)
+            key = f"--{name.replace('_', '-')}"
             rule = "the shards of an adaptive map follow from its pixels, and each level needs all"
             raise OptionError("", key, value, rule)
         return exists and self.zoom is None

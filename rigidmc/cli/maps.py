@@ -108,8 +108,9 @@ def make_map(
             refuse_outputs(force, plot=plot)
             refuse_force(output, force)
             make = partial(create_map, request.prepared(threads, allow_code), output)
-            if begun(make, ways, threads, allow_code) == INCOMPLETE:
-                raise typer.Exit(INCOMPLETE)
+            code, whole = begun(make, ways, threads, allow_code)
+            if not whole:
+                raise typer.Exit(code)
             dataset, output = open_map(output, allow_code), None
         else:
             refuse_ways(ways)

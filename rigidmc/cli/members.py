@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
-from rigidmc.cli.common import INCOMPLETE, keep, load_scene, opened, refuse_outputs
-from rigidmc.cli.directories import Ways, begun, names_a_run, refuse_force, refuse_ways
+from rigidmc.cli.common import keep, load_scene, opened, refuse_outputs
+from rigidmc.cli.directories import Make, Ways, begun, names_a_run, refuse_force, refuse_ways
 from rigidmc.cli.options import (
     AllowCode,
     Cluster,
@@ -19,6 +19,7 @@ from rigidmc.cli.options import (
     Set,
     Shards,
     ShardSize,
+    ShardTime,
     Threads,
     gathering,
 )
@@ -42,7 +43,7 @@ class Study(NamedTuple):
     """
 
     now: "Callable[[Scene], xr.Dataset]"
-    make: "Callable[[Scene, str], Callable[[float, range | None, int | None], RunDirectory]]"
+    make: "Callable[[Scene, str], Make]"
     of: "Callable[[str], xr.Dataset]"
 
 
@@ -75,7 +76,7 @@ takes_members = gathering(  # decorates a command that has a parameter `where`
         "settings": Set, "allow_code": AllowCode, "threads": Threads, "device": Device,
         "output": OutputOrRun,
         "plot": Plot, "force": Force, "max_wall": MaxWall, "shards": Shards,
-        "shard_size": ShardSize, "cluster": Cluster,
+        "shard_size": ShardSize, "shard_time": ShardTime, "cluster": Cluster,
     },
     _where,
 )  # fmt: skip
@@ -108,8 +109,10 @@ def of_members(
 
         members = designed(scene)
 
-        def make(size: float, only: range | None, threads: int | None) -> "RunDirectory":
-            directory = create(members, path, size, only, threads)
+        def make(
+            size: float | None, only: range | None, threads: int | None, limit: float | None
+        ) -> "RunDirectory":
+            directory = create(members, path, size, only, threads, limit=limit)
             priced(members, path)
             return directory
 
@@ -131,13 +134,15 @@ def of_tasks(
     """
 
     def maker(scene: "Scene", path: str) -> Any:
-        from rigidmc.runs.shards import SHARD
         from rigidmc.studies import tasks
 
-        def make(size: float, only: range | None, threads: int | None) -> "RunDirectory":
-            if size != SHARD:
-                rule = "is for members; here a shard is a task of the study"
-                raise OptionError("", "--shard-size", size / 1e6, rule)
+        def make(
+            size: float | None, only: range | None, threads: int | None, limit: float | None
+        ) -> "RunDirectory":
+            for key, value in (("--shard-size", size and size / 1e6), ("--shard-time", limit)):
+                if value is not None:
+                    rule = "is for members; here a shard is a task of the study"
+                    raise OptionError("", key, value, rule)
             return tasks.create(kind, *asked(scene), path)
 
         return make
@@ -161,8 +166,9 @@ def studied(name: str, where: Where, study: Study, **new: Any) -> "tuple[xr.Data
         return study.now(load_scene(name, where.settings, allow_code)), output
     refuse_force(folder, where.force)
     make = study.make(load_scene(name, where.settings, allow_code), folder)
-    if begun(make, ways, where.threads, allow_code) == INCOMPLETE:
-        raise typer.Exit(INCOMPLETE)
+    code, whole = begun(make, ways, where.threads, allow_code)
+    if not whole:
+        raise typer.Exit(code)
     return study.of(folder), None
 
 

@@ -246,7 +246,7 @@ MaxWall = Annotated[
     float | None,
     time_option(
         "--max-wall",
-        help="Start no shard that would end later than this; `rigidmc resume` goes on."
+        help="Stop after this time and keep what is unfinished; `rigidmc resume` goes on there."
         " 3h, 1h30m, 3600s or seconds.",
     ),
 ]
@@ -256,6 +256,15 @@ ShardSize = Annotated[
         min=0.001,
         help="Size of a shard of a run directory \\[MB], by default 67;"
         " at least one block of members.",
+    ),
+]
+ShardTime = Annotated[
+    float | None,
+    time_option(
+        "--shard-time",
+        help="The longest that one thread may need for a shard of a run directory, by a rate that"
+        " is measured; by default 120 s. With --shard-size alone no time counts, so that the shards"
+        " are the same on every machine.",
     ),
 ]
 Cluster = Annotated[

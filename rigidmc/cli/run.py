@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from rigidmc.scene.scene import Scene
+    from rigidmc.storage.run_directory import RunDirectory
     from rigidmc.studies.intervals import Estimate
 
 Until = Annotated[
@@ -83,13 +84,12 @@ def run_scene(
     with reported(), about(scene):
         loaded = load_scene(scene, settings, allow_code, run)
         if output is not None and names_a_run(output):
-            from rigidmc.runs.create import create
-
             if plot is not None or until is not None:
                 rule = "a run directory takes neither --plot nor --until: consolidate it first"
                 raise OptionError("", "--output", output, rule)
             refuse_force(output, force)
-            raise typer.Exit(begun(partial(create, loaded, output), ways, threads, allow_code))
+            make = partial(_created, loaded, output)
+            raise typer.Exit(begun(make, ways, threads, allow_code)[0])
         refuse_ways(ways)
         output = output and output.rstrip(os.sep)
         refuse_outputs(force, output, plot)
@@ -109,6 +109,16 @@ def run_scene(
         flagged = dataset.sizes["member"] - dataset.encoding["rigidmc"]["flagged"]["ok"]
         dataset.close()
     raise typer.Exit(code or (FLAGGED if flagged else OK))
+
+
+def _created(
+    scene: "Scene", path: str, size: float | None, only: range | None, threads: int | None,
+    limit: float | None,
+) -> "RunDirectory":  # fmt: skip
+    """A new run directory, as `Make` of `rigidmc.cli.directories`."""
+    from rigidmc.runs.create import create
+
+    return create(scene, path, size, only, threads, limit=limit)
 
 
 def _until(

@@ -10,7 +10,7 @@ import math
 import os
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Generator
 from typing import Any
 
 import numpy as np
@@ -133,7 +133,9 @@ class CudaProgram(Program):
         for _ in self.through(block, steps, noise, saves or NO_SAVES):
             pass
 
-    def through(self, block: Array, steps: Run, noise: Noise, saves: Saves) -> Iterator[int]:
+    def through(
+        self, block: Array, steps: Run, noise: Noise, saves: Saves
+    ) -> Generator[int, bool | None, None]:
         """As `Program.through`."""
         stream = self._stream()
         with stream.module.entered():
@@ -144,7 +146,7 @@ class CudaProgram(Program):
 
     def _through(
         self, stream: Stream, block: Array, steps: Run, noise: Noise, saves: Saves
-    ) -> Iterator[int]:
+    ) -> Generator[int, bool | None, None]:
         members = block.shape[1]
         count = self.shape.values * members if saves.columns else 0  # numbers of a save
         most = min(-(-steps.total // steps.stride), max(1, SAVED // (8 * count or 1)))
@@ -164,7 +166,8 @@ class CudaProgram(Program):
             took = time.perf_counter() - began
             if count and slots:
                 self._keep(stream, values, slots, saves, members)
-            yield last
+            while (yield last):
+                stream.read(block, place)
             length = int(max(1.0, (last - first) * min(GROWTH, LAUNCH / max(took, 1e-6))))
             first = last
         stream.read(block, place)

@@ -1,6 +1,6 @@
 """What moves the members of a scene: its pieces, compiled, and the memory that they work in."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -195,17 +195,19 @@ class Program:
 
     def through(
         self, block: NDArray[np.float64], steps: Run, noise: Noise, saves: Saves
-    ) -> Iterator[int]:
+    ) -> Generator[int, bool | None, None]:
         """`advance` by calls that are no longer than a blink; the step after each of them.
 
-        No result depends on the calls. A block that has not come to the last step is of no use.
+        No result depends on the calls. send(True) to this generator brings the state after the last
+        call to the block, from which other calls may go on at that step.
         """
         # a step in many parts takes as many times as long
         most = max(1, CALL // (max(1, block.shape[1]) * (len(self.form.parts) - 1)))
         for first in range(steps.first, steps.last, most):
             last = min(steps.last, first + most)
             self.advance(block, steps._replace(first=first, last=last), noise, saves)
-            yield last
+            while (yield last):  # the state is in the block
+                pass
 
     def advance(
         self, block: NDArray[np.float64], steps: Run, noise: Noise | None = None,

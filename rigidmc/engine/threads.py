@@ -7,12 +7,12 @@ import threading
 from collections.abc import Callable, Iterable
 from contextlib import closing, suppress
 from queue import Empty, SimpleQueue
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from rigidmc.engine.frame import Run, Saves
-from rigidmc.threads import Task, drop, threads_of
+from rigidmc.threads import Late, Task, drop, is_late, threads_of
 
 EVERY = np.empty(0, np.int64)  # the order of members that are in their order
 
@@ -21,29 +21,49 @@ class Stopped(Exception):
     """Raised in a worker whose run is called off."""
 
 
-def run_block(
-    job: Any, stop: threading.Event | None = None, progress: Callable[[float], Any] | None = None
-) -> Any:
-    """Take one block from the first step to the last, and return its job.
+class Keeper(Protocol):
+    """What keeps the states of blocks that are on their way, called by the threads of these."""
 
-    job : a Job of `rigidmc.planning.job`;  progress : called with member-steps as they are made
+    def is_due(self, job: Any) -> bool:
+        """Whether the state of a block is to be kept again."""
+
+    def keep(self, job: Any) -> None:
+        """Keep the state of a block after `job.done` steps; nothing is raised if that fails."""
+
+
+def run_block(
+    job: Any,
+    stop: threading.Event | None = None,
+    progress: Callable[[float], Any] | None = None,
+    keeper: Keeper | None = None,
+) -> Any:
+    """Take one block from the first step that is left to the last, and return its job.
+
+    job : a Job of `rigidmc.planning.job`;  progress : called with member-steps as they are made,
+        and with those that were made before
+    keeper : keeps the state now and then, and when the run is called off
     """
-    block, done = job.block, 0
+    block, done = job.block, job.done
     size, rounds_a_step = max(1, block.shape[1]), job.rounds / job.total
     if job.program is None:  # a closed form: there are no steps
         if progress is not None:
             progress(size * job.rounds)
         return job
+    if progress is not None and done:
+        progress(size * done * rounds_a_step)
     order = EVERY if job.order is None else job.order
     saves, member_steps = Saves(job.out, job.width, job.column, order), int(job.order is not None)
-    steps = Run(job.h, job.slots, job.stride, job.total, member_steps, 0, job.total)
+    steps = Run(job.h, job.slots, job.stride, job.total, member_steps, done, job.total)
     with closing(job.program.through(block, steps, job.noise, saves)) as calls:
         for last in calls:
             if progress is not None:
                 progress(size * (last - done) * rounds_a_step)
-            if stop is not None and stop.is_set():
+            done, stopped = last, stop is not None and stop.is_set()
+            if keeper is not None and done < job.total and (stopped or keeper.is_due(job)):
+                calls.send(True)  # brings the state to the block
+                keeper.keep(job._replace(done=done))
+            if stopped and done < job.total:
                 raise Stopped
-            done = last
     return job
 
 
@@ -54,23 +74,35 @@ def run_blocks(
     finished: Callable[[Any], Any],
     progress: Callable[[float], Any] | None = None,
     poll: Callable[[], Any] | None = None,
+    keeper: Keeper | None = None,
 ) -> None:
     """Run make(i) -> job for each index on threads, and finished(job) in this thread.
 
     At most threads + 2 blocks are alive at once. `poll` is called in this thread five times a
     second. Whatever is raised here or in a worker, Ctrl-C included, stops all workers within one
     kernel call and is raised again.
+
+    keeper : keeps the states of blocks that are stopped. When the work is late, see
+        `rigidmc.threads.ending`, these blocks are not finished, and nothing is raised; without a
+        keeper Late is
     """
     stop = threading.Event()
 
     def work(i: int) -> Any:
-        return run_block(make(i), stop, progress)
+        if stop.is_set():
+            raise Stopped
+        return run_block(make(i), stop, progress, keeper)
 
     pool, answers = threads_of("blocks", threads), SimpleQueue[Task]()
     pending: set[Task] = set()
     following = iter(indices)
     try:
         while True:
+            if not stop.is_set() and is_late():
+                if keeper is None:
+                    raise Late
+                stop.set()
+                following = iter(())
             while len(pending) < threads + 2 and (i := next(following, None)) is not None:
                 task = Task(work, i, answers=answers)
                 pending.add(task)
@@ -80,7 +112,8 @@ def run_blocks(
             with suppress(Empty):
                 task = answers.get(timeout=0.2 if poll else None)
                 pending.discard(task)
-                finished(task.result())
+                if not isinstance(task.error, Stopped):
+                    finished(task.result())
             if poll:
                 poll()
     finally:

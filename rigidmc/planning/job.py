@@ -34,6 +34,7 @@ class Job(NamedTuple):
     order : of the members in the block if they have steps of their own
     out, width, column : array for the values, its columns, and the block's first column
     h, slots, stride, total : step [s], slots in a round, steps between saves, steps in all
+    done : steps that are made already
     """
 
     first: int
@@ -52,6 +53,7 @@ class Job(NamedTuple):
     stride: int
     total: int
     rounds: int
+    done: int = 0
 
 
 @once

@@ -3,7 +3,7 @@
 import math
 import os
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Protocol
 
 import numpy as np
@@ -12,7 +12,7 @@ import xarray as xr
 from rigidmc.engine import layout
 from rigidmc.engine.layout import whole_lanes
 from rigidmc.engine.program import Program
-from rigidmc.engine.threads import run_blocks
+from rigidmc.engine.threads import Keeper, run_blocks
 from rigidmc.planning import watch
 from rigidmc.planning.job import Job, closed_job, job_of, program_of
 from rigidmc.planning.plan import Plan
@@ -31,6 +31,16 @@ class Sink(Protocol):
     def room(self, low: int, count: int) -> tuple[np.ndarray, int, int]:
         """Memory for what members low ... low + count - 1 save: an array, its width, and the first
         column of these members."""
+
+    def has(self, place: int) -> bool:
+        """Whether an earlier run left the results of the block at a place."""
+
+    def resumed(self, job: Job) -> Job:
+        """A block that goes on from where an earlier run left it, if there is anything of it."""
+
+    @property
+    def keeper(self) -> Keeper | None:
+        """What keeps the states of blocks on their way, None if nothing does."""
 
     def take(self, job: Job, results: dict[str, np.ndarray]) -> None:
         """Take a finished block and the results of its members."""
@@ -114,7 +124,7 @@ def compute(
         if scene.run.integrator == "closed":
             return closed_job(scene, plan, *place)
         assert program is not None  # only closed forms have none
-        return job_of(scene, plan, program, *place)
+        return sink.resumed(job_of(scene, plan, program, *place))
 
     def finished(job: Job) -> None:
         results = _results(job, scene, plan)
@@ -128,11 +138,21 @@ def compute(
             results = _in_original_units(job, results, original, shown, units)
         sink.take(job, results)
 
-    which = range(math.ceil(plan.members / plan.block)) if blocks is None else list(blocks)
+    members = plan.members if members is None else members
+    which = range(math.ceil(plan.members / plan.block)) if blocks is None else blocks
     if program is not None:
-        threads = program.workers(threads, len(which), plan.block, plan.times.size)
-    with reporter(progress, plan.members if members is None else members, plan.steps) as report:
-        run_blocks(make, which, threads, finished, report.step, report.poll)
+        count = math.ceil(members / plan.block)
+        threads = program.workers(threads, count, plan.block, plan.times.size)
+    with reporter(progress, members, plan.steps) as report:
+
+        def left() -> Iterator[int]:
+            for i in which:
+                if sink.has(plan.first + i * plan.block):
+                    report.step(plan.block * plan.steps)
+                else:
+                    yield i
+
+        run_blocks(make, left(), threads, finished, report.step, report.poll, sink.keeper)
     return flagged
 
 

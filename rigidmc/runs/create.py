@@ -28,7 +28,8 @@ from rigidmc.planning.notes import notes
 from rigidmc.planning.stage import stage
 from rigidmc.runs.capacity import refuse_hopeless
 from rigidmc.runs.reopen import Ready, of_members, ready, scene_in
-from rigidmc.runs.shards import SHARD, members_of, memory_of_shards
+from rigidmc.runs.shards import SHARD, TIME, members_of, memory_of_shards, shortened
+from rigidmc.scene.amounts import seconds
 from rigidmc.scene.own import own_parts
 from rigidmc.scene.quantities import rows
 from rigidmc.scene.scene import Scene
@@ -60,15 +61,19 @@ class Chosen(NamedTuple):
 def create(
     scene: Scene,
     path: Path,
-    size: float = SHARD,
+    size: float | None = None,
     only: range | None = None,
     threads: int | None = None,
     about: Mapping[str, str] = {},
     chosen: Chosen | None = None,
+    limit: float | None = None,
 ) -> RunDirectory:
     """Make a run directory for a scene.
 
-    size : approximate bytes of a shard, which has at least one block of members
+    size : approximate bytes of a shard, which has at least one block of members, by default SHARD
+    limit : seconds of one thread for a shard, by a rate that is measured: by default TIME, and none
+        if `size` is given or a range of shards, so that each machine makes the same shards. The
+        bits of members depend on neither
     only : the range of shards that will be computed
     threads : how many will compute, which decides how much memory is needed
     about : more attributes of the result
@@ -77,6 +82,8 @@ def create(
     Raises OutputExists if the folder contains anything, OptionError if the run has no shard in
     `only`, NoRoom if memory or disk is too small.
     """
+    limit = _limit(size, limit, only)
+    size = SHARD if size is None else size
     if not isinstance(size, (int, float)) or not 0.0 < size < math.inf:
         raise OptionError("", "size", size, "expected the bytes of a shard")
     path = free_place(path)
@@ -91,6 +98,8 @@ def create(
     if chosen is not None:
         shard = chosen.shard
         block = block_in(shard, block)
+    elif limit < math.inf:
+        block, shard = shortened(run, block, shard, limit)
     members = run.shown.members
     count = -(-members // shard)
     refuse_beyond(only, count)
@@ -99,6 +108,16 @@ def create(
     more = memory_of_shards(run.original, run.shown, min(shard, members), threads)
     refuse_hopeless(run.original, run.shown, threads, path, more)
     return written(path, run, shard, block, about, chosen)
+
+
+def _limit(size: float | None, limit: float | None, only: range | None) -> float:
+    """The seconds of a shard, inf for any; OptionError."""
+    if limit is None:
+        return TIME if size is None and only is None else math.inf
+    if only is not None:
+        rule = "every task of a job array would measure a rate of its own: give --shard-size"
+        raise OptionError("", "--shard-time", limit, rule)
+    return seconds(limit, "--shard-time")
 
 
 def written(

@@ -1,6 +1,7 @@
 """Members that are moved a part of the run at a time. Between the parts a study may look at them,
 copy them, and let the copies go on with noise of their own."""
 
+import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from rigidmc.engine import layout
 from rigidmc.engine.frame import Run
 from rigidmc.engine.layout import LANES, whole_lanes
+from rigidmc.engine.program import NO_SAVES
 from rigidmc.errors import SceneError
 from rigidmc.planning import watch
 from rigidmc.planning.job import program_of
@@ -19,7 +21,7 @@ from rigidmc.planning.units import in_user_units
 from rigidmc.scene.quantities import of_members
 from rigidmc.scene.scene import Scene
 from rigidmc.storage.schema import member_variables
-from rigidmc.threads import Task, threads_of
+from rigidmc.threads import Late, Task, end_of_work, threads_of
 
 Array = NDArray[np.float64]
 SHARE = 8 * LANES  # members that are worth a thread
@@ -64,19 +66,22 @@ class Moving:
         return widened(block)
 
     def moved(self, block: Array, members: NDArray[np.int64], part: int) -> Array:
-        """A block after a part of the run, from its state before.
+        """A block after a part of the run, from its state before. Raises Late if the work has to
+        end before that, see `rigidmc.threads.ending`.
 
         members : the index of each, which decides its noise
         """
         plan, count = self.plan, members.size
         first, last = map(int, self.ends[part : part + 2])
         run = Run(plan.dt, 1, plan.stride, plan.steps, 0, first, last)
-        size = max(SHARE, whole_lanes(-(-count // self._threads)))
+        size, end = max(SHARE, whole_lanes(-(-count // self._threads))), end_of_work()
 
         def advance(low: int) -> Array:
             mine = widened(block[:, low : low + size])
             indices = np.resize(members[low : low + size], mine.shape[1])
-            self._program.advance(mine, run, noise(self.scene, indices))
+            for _ in self._program.through(mine, run, noise(self.scene, indices), NO_SAVES):
+                if time.monotonic() >= end:
+                    raise Late
             return mine[:, : min(size, count - low)]
 
         tasks = [Task(advance, low) for low in range(0, count, size)]

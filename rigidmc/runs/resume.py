@@ -38,8 +38,8 @@ def resume(
 
     accept : go on even if versions differ from those of the start, which may change last bits;
         another type of processor makes the same bits
-    max_wall : time limit ("3h", or seconds): no shard begins that would end later, judged by the
-        time of the other shards without compiling
+    max_wall : time limit ("3h", or seconds), after which what is unfinished is kept: the next
+        resume goes on there. On a cluster no shard begins that would end later
     only : a range of shards, as in a job array whose directories are merged; it may end beyond the
         last shard
     block : members computed at once; no result depends on it
@@ -86,10 +86,7 @@ def resume(
 
 def missing_of(directory: RunDirectory, only: range | None) -> NDArray[np.int64]:
     """The numbers of the missing shards, or of those in a range."""
-    missing = directory.missing()
-    if only is None:
-        return missing
-    return missing[(missing >= only.start) & (missing < only.stop)]
+    return directory.missing() if only is None else directory.missing_in(only)
 
 
 def _refuse_hopeless(

@@ -4,48 +4,75 @@ by one thread."""
 import math
 import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from queue import SimpleQueue
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rigidmc.engine.layout import LANES
 from rigidmc.engine.program import Program
 from rigidmc.errors import FileError, RigidmcError
 from rigidmc.files.netcdf import read
-from rigidmc.planning.block_size import BLOCK, SLAB, fitting
+from rigidmc.planning.block_size import BLOCK, SLAB, WAVE, fitting
 from rigidmc.planning.job import Job
 from rigidmc.planning.plan import Plan
+from rigidmc.planning.tolerance.costs import cost_per_step
 from rigidmc.progress import Progress
 from rigidmc.runs.blocks import compute
+from rigidmc.runs.checkpoints import Checkpoints
 from rigidmc.runs.reopen import Ready
 from rigidmc.scene.scene import Scene
 from rigidmc.storage.run_directory import RunDirectory, damaged, flagged_of
 from rigidmc.storage.schema import bytes_of_a_member
 from rigidmc.storage.sinks import Arrays, Memory, Place, buffer
 from rigidmc.storage.writer import Writer
-from rigidmc.threads import Task, Threads, drop
+from rigidmc.threads import Task, Threads, drop, ending
 
 SHARD = 64 * 2**20  # bytes of a shard: a thousand of them are 67 GB
+TIME = 120.0  # seconds of one thread for a shard
+SLOW = 1e-6  # seconds of a member-step that takes long: of the package's own few take as much
+MANY = 10**5  # shards that a run has at most because of TIME
 
 Numbers = Sequence[int] | NDArray[np.int64]  # of shards
 
 
 def members_of(scene: Scene, plan: Plan, size: float = SHARD) -> tuple[int, int]:
     """(members of a block, members of a shard) of a run with shards of about `size` bytes; neither
-    depends on the number of threads."""
+    depends on the number of threads or on the machine."""
     block = min(BLOCK, fitting(plan, SLAB))
     return block, block * max(1, int(size / sum(bytes_of_a_member(scene, plan)) / block))
 
 
+def shortened(run: Ready, block: int, shard: int, limit: float) -> tuple[int, int]:
+    """(members of a block, members of a shard) so that one thread needs `limit` seconds for a shard
+    at most, by the rate that is measured here.
+
+    A shard has a power of 2 times the members of a block, or of LANES, so that a rate that is a
+    little different does not change it. Short runs are not measured.
+    """
+    plan = run.plan
+    if plan.form is None or min(shard, plan.members) * plan.mean_steps * SLOW < limit:
+        return block, shard
+    each = 1e-9 * cost_per_step(run.scene, plan) * plan.mean_steps
+    most = max(limit / each, plan.members / MANY)
+    if plan.device != "cpu":  # which needs as long for a member as for so many
+        most = max(most, WAVE)
+    if most >= min(shard, plan.members):
+        return block, shard
+    unit = block if most >= block else LANES
+    few = unit * 2 ** int(math.log2(max(1.0, most / unit)))
+    return min(block, few), few
+
+
 def memory_of_shards(scene: Scene, plan: Plan, shard: int, threads: int) -> int:
-    """Bytes of the shards that are in memory at once: shards being filled, one queued, and one
-    being written, which is held twice.
+    """Bytes of the shards that are in memory at once: shards being filled, of which one may be
+    on its way to a checkpoint, one queued, and one being written, which is held twice.
 
     shard : members of a shard
     """
     filled = math.ceil((threads + 2) * plan.block / shard)
-    return (4 + filled) * shard * sum(bytes_of_a_member(scene, plan))
+    return (5 + filled) * shard * sum(bytes_of_a_member(scene, plan))
 
 
 def fault_of(directory: RunDirectory, i: int, path: str) -> str:
@@ -80,30 +107,22 @@ def compute_shards(
     progress: Progress = False,
     stop: float | None = None,
 ) -> dict[str, int]:
-    """Compute the shards of these numbers; {status: members}.
+    """Compute the shards of these numbers, from where they were left; {status: members}, of those
+    that were finished now.
 
-    stop : time limit on the clock of time.monotonic(); no shard begins that would end later
+    stop : time limit on the clock of time.monotonic(): what is unfinished then is kept
     """
     plan = run.plan
-    started, begun = time.monotonic(), 0
     size = directory.facts["shard"] // plan.block  # blocks of a shard
     count = math.ceil(plan.members / plan.block)
-
-    def blocks() -> Iterator[int]:
-        nonlocal begun
-        for i in map(int, numbers):
-            took = (time.monotonic() - started) / sink.written if sink.written else 0.0
-            if stop is not None and time.monotonic() + took * (begun - sink.written + 1) > stop:
-                return
-            begun += 1
-            yield from range(i * size, min((i + 1) * size, count))
-
     sink = Shards(directory, run.original, run.shown)
+    blocks = (b for i in map(int, numbers) for b in range(i * size, min((i + 1) * size, count)))
     members = directory.members_of(numbers)
     try:
-        flagged = compute(
-            run.scene, plan, program, threads, sink, progress, run.units, blocks(), members
-        )
+        with ending(stop):
+            flagged = compute(
+                run.scene, plan, program, threads, sink, progress, run.units, blocks, members
+            )
         sink.finish()
     except BaseException:
         sink.discard()
@@ -125,8 +144,9 @@ class Shards:
         # one place: if the disk is slow, the computing threads wait and memory does not grow
         self._queue = SimpleQueue[tuple[int, Memory] | None]()
         self._open: dict[int, Memory] = {}  # shards that are being filled
-        self._filled: dict[int, int] = {}  # how many of their members are there
-        self.written = 0
+        self._there: dict[int, set[int]] = {}  # the places of their blocks that are there
+        self.keeper = Checkpoints(directory, plan)
+        self.keeper.drop(directory.shards().keys())  # of shards that were written before a kill
         self._dropped = False
         self._thread, self._writing = Threads(1), Task(self._work)
         self._thread.begin(self._writing)
@@ -135,19 +155,43 @@ class Shards:
         """The place for the values of `count` members."""
         return buffer(self.plan, count)
 
+    def has(self, place: int) -> bool:
+        """Whether the results of the block at a place are there, which a checkpoint may have."""
+        return place in self._opened(self._shard_of(place))
+
+    def resumed(self, job: Job) -> Job:
+        """A block where its checkpoint left it."""
+        return self.keeper.resumed(job)
+
     def take(self, job: Job, results: Arrays) -> None:
         """Add a finished block to its shard; a whole shard goes to the writing thread."""
-        facts = self.directory.facts
-        i = (job.first - facts["first"]) // facts["shard"]
-        places = self.directory.places(i)
-        if i not in self._open:
-            plan = self.plan._replace(first=places.start, members=len(places), block=facts["block"])
-            self._open[i], self._filled[i] = Memory(self.scene, plan, {}, False), 0
+        i = self._shard_of(job.first)
+        there, places = self._opened(i), self.directory.places(i)
         self._open[i].take(job, results)
-        self._filled[i] += job.size
-        if self._filled[i] == len(places):
-            del self._filled[i]
+        there.add(job.first)
+        if len(there) == -(-len(places) // self.plan.block):
+            del self._there[i]
             self._put((i, self._open.pop(i)))
+        else:
+            self.keeper.keep_shard(i, self._open[i], there, False)
+
+    def _shard_of(self, place: int) -> int:
+        facts = self.directory.facts
+        return int((place - facts["first"]) // facts["shard"])
+
+    def _opened(self, i: int) -> set[int]:
+        """The places of the blocks of shard i that are there."""
+        if i not in self._open:
+            places, block = self.directory.places(i), self.directory.facts["block"]
+            plan = self.plan._replace(first=places.start, members=len(places), block=block)
+            self._open[i] = Memory(self.scene, plan, {}, False)
+            self._there[i] = self.keeper.fill(i, self._open[i])
+        return self._there[i]
+
+    def _keep(self) -> None:
+        """Keep what there is of shards that are not whole."""
+        for i, there in self._there.items():
+            self.keeper.keep_shard(i, self._open[i], there, True)
 
     def _put(self, item: tuple[int, Memory] | None) -> None:
         """Hand a shard to the writing thread. An error of that thread is raised here, because the
@@ -160,17 +204,20 @@ class Shards:
         self._writing.result()
 
     def finish(self) -> None:
-        """Wait until all shards are written."""
+        """Wait until all shards are written; what is there of others is kept."""
+        self._keep()
         self._put(None)
         self._writing.wait()
         self._thread.end()
+        self.keeper.end()
 
     def discard(self) -> None:
-        """Drop the shards that are not written yet."""
+        """Drop the whole shards that are not written yet, and keep what there is of others."""
         self._dropped = True
         self._queue.put(None)
         drop([self._writing])
         self._thread.end()
+        self._keep()
         self._open.clear()
 
     def _work(self) -> None:
@@ -197,7 +244,7 @@ class Shards:
             writer.write(first, count, {name: values[name] for name in by_member})
             writer.write_all({name: v for name, v in values.items() if name not in by_member})
             writer.finish()
-            self.written += 1
+            self.keeper.drop([i])
         except BaseException:
             writer.discard()
             raise

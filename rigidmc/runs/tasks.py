@@ -5,6 +5,7 @@ import json
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from rigidmc.scene.amounts import counted, seconds
 from rigidmc.scene.scene import Scene
 from rigidmc.storage.run_directory import RunDirectory
 from rigidmc.storage.writer import write_columns
+from rigidmc.threads import Late, ending, is_late
 
 Request = Mapping[str, Any]  # what a study asks, as JSON has it
 Found = dict[str, NDArray[Any]]  # the numbers of a task
@@ -68,15 +70,15 @@ def compute_tasks(
 ) -> dict[str, int]:
     """Compute the shards of these numbers and write them; {status: tasks}.
 
-    stop : as of `rigidmc.runs.shards.compute_shards`;  together : how many are computed at once
+    stop : time limit on the clock of time.monotonic(), at which tasks are called off
+    together : how many are computed at once
     """
-    began, done = time.monotonic(), 0
-    with reporter(progress, len(numbers), 1) as report:
+    done = 0
+    with reporter(progress, len(numbers), 1) as report, ending(stop), suppress(Late):
         for first in range(0, len(numbers), together):
-            group = [int(i) for i in numbers[first : first + together]]
-            took = (time.monotonic() - began) / max(done, 1)
-            if stop is not None and time.monotonic() + took * len(group) > stop:
+            if is_late():
                 break
+            group = [int(i) for i in numbers[first : first + together]]
             places = [int(directory.members(i)[0]) for i in group]
             for i, number, found in zip(group, places, task(places, threads), strict=True):
                 _write(directory, i, number, found)

@@ -8,6 +8,8 @@
                    shards
     shards/        one netCDF4 file for each range of members; its bytes depend on scene and seed
                    alone, and its name tells how many members are flagged and the hash of the file
+    unfinished/    states of blocks that are on their way, and results of shards that are not whole:
+                   a resumed run goes on from there; see `rigidmc.runs.checkpoints`
     journal.jsonl  what happened: when, where, how fast; nothing depends on it
     lock           held by the process that writes
 
@@ -79,13 +81,19 @@ class RunDirectory:
     def __init__(self, path: Path) -> None:
         self.path = os.fspath(path)
         self.facts = self._read_facts()
-        if os.path.islink(self._folder):
-            rule = "is a link, and a run keeps to its folder"
-            raise FileError("", "shards", None, rule, file=self.path)
+        for folder in (self._folder, self.unfinished):
+            if os.path.islink(folder):
+                rule = "is a link, and a run keeps to its folder"
+                raise FileError("", os.path.basename(folder), None, rule, file=self.path)
 
     @property
     def _folder(self) -> str:
         return os.path.join(self.path, "shards")
+
+    @property
+    def unfinished(self) -> str:
+        """The folder of what there is of shards that are not whole."""
+        return os.path.join(self.path, "unfinished")
 
     def _read_facts(self) -> dict[str, Any]:
         name = os.path.join(self.path, "run.json")
@@ -189,6 +197,11 @@ class RunDirectory:
         gone[list(self.shards())] = False
         return np.flatnonzero(gone)
 
+    def missing_in(self, only: range) -> NDArray[np.int64]:
+        """The numbers of the missing shards of a range."""
+        missing = self.missing()
+        return missing[(missing >= only.start) & (missing < only.stop)]
+
     def note(self, **facts: Any) -> None:
         """Add a line to the journal if it can be written: nothing depends on it."""
         about = {"time": round(time.time(), 3), "host": platform.node(), "pid": os.getpid()}
@@ -247,7 +260,7 @@ class RunDirectory:
 
     def clear(self) -> None:
         """Delete the unfinished files of writers that were killed."""
-        for folder in (self.path, self._folder):
+        for folder in (self.path, self._folder, self.unfinished):
             clear(folder, _OLD)
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.layout import whole_lanes
 from rigidmc.engine.memory import aligned
+from rigidmc.engine.threads import Keeper
 from rigidmc.files.netcdf import open_trusted
 from rigidmc.files.outputs import Path
 from rigidmc.scene.scene import Scene
@@ -102,7 +103,29 @@ class Counts:
         return variables
 
 
-class Memory:
+class Whole:
+    """A result that is computed at once: no earlier run left anything of it."""
+
+    keeper: Keeper | None = None
+
+    def has(self, place: int) -> bool:
+        """Whether an earlier run left the results of the block at a place."""
+        return False
+
+    def resumed(self, job: Any) -> Any:
+        """A block where an earlier run left it: at its start."""
+        return job
+
+
+_ARRAY, _COUNTS, _FLAGGED = "array ", "counts ", "flagged "  # before the names in a part
+
+
+def _named(part: Mapping[str, NDArray[Any]], mark: str) -> Arrays:
+    """Copies of the arrays of a part whose names begin with a mark, by their names without it."""
+    return {n.removeprefix(mark): a.copy() for n, a in part.items() if n.startswith(mark)}
+
+
+class Memory(Whole):
     """Collects blocks in one Dataset.
 
     If all saved values are kept, the kernel writes them straight to their place.
@@ -165,6 +188,41 @@ class Memory:
             arrays |= _split(self.scene, values, self.plan.saved)
         return arrays
 
+    def part(self) -> Arrays:
+        """What is there of a result of which members are missing, for `fill`."""
+        counts, flagged = self.counts.counts, joined(self.flagged)
+        return {
+            **{f"{_ARRAY}{name}": self.arrays[name] for name in self._own()},
+            **{f"{_COUNTS}{name}": values for name, values in counts.items()},
+            **{f"{_FLAGGED}{name}": values for name, values in flagged.items()},
+        }
+
+    def fill(self, part: Mapping[str, NDArray[Any]]) -> bool:
+        """Take the part of a result; False, and nothing changes, if it is not of this one."""
+        mine = {f"{_ARRAY}{name}": self.arrays[name] for name in self._own()}
+        there = {name: array for name, array in part.items() if name in mine}
+        fits = there.keys() == mine.keys() and all(
+            (array.shape, array.dtype) == (mine[name].shape, mine[name].dtype)
+            for name, array in there.items()
+        )
+        if not fits:
+            return False
+        for name, array in there.items():
+            mine[name][...] = array
+        self.counts.counts = _named(part, _COUNTS)
+        self.flagged = [flagged] if (flagged := _named(part, _FLAGGED)) else []
+        return True
+
+    def largest(self) -> int:
+        """The most bytes that `part` may have: of flagged members it has all saves."""
+        saves = self.plan.times.size * max(1, self.plan.values) * self.plan.members
+        counts = sum(values.nbytes for values in self.counts.counts.values())
+        return sum(self.arrays[name].nbytes for name in self._own()) + 16 * saves + counts + 2**20
+
+    def _own(self) -> list[str]:
+        """Names of the arrays that have a number for each member."""
+        return [name for name in self.arrays if name not in self.plan.constant]
+
     def finish(self) -> xr.Dataset:
         """The result."""
         arrays = self.values()
@@ -213,7 +271,7 @@ def buffer(plan: Layout, count: int) -> Place:
     return values, width if plan.values else 0, 0
 
 
-class File:
+class File(Whole):
     """Writes blocks to a netCDF file as they are done."""
 
     def __init__(

@@ -127,7 +127,7 @@ def resume(
     scene = scene_of_run(directory, allow_code)
     stop = None if max_wall is None else time.monotonic() + seconds(max_wall, "max_wall")
     flagged: dict[str, int] = {}
-    left: float | None = None if stop is None else stop - time.monotonic()
+    left: float | None = None if stop is None else max(1e-9, stop - time.monotonic())
     while True:
         if options.get("progress") is True:
             _tell(kind, scene, request, directory, only, options.get("threads"))

@@ -25,7 +25,7 @@ H, TOTAL, STRIDE, MEMBERS = 0.01, 200, 30, 96
 def job(low, size, out):
     return SimpleNamespace(
         program=program(form(RK4()), EFFECTS, EVERYTHING), noise=None, order=None, h=H, slots=1,
-        total=TOTAL, stride=STRIDE, rounds=TOTAL,
+        total=TOTAL, stride=STRIDE, rounds=TOTAL, done=0,
         block=np.ascontiguousarray(tops()[:, low : low + size]), out=out, width=MEMBERS, column=low,
     )  # fmt: skip
 
@@ -163,7 +163,7 @@ print(count)
 
 def closed(i):
     """A job without steps."""
-    return SimpleNamespace(program=None, block=np.zeros((3, 4)), rounds=1, total=1)
+    return SimpleNamespace(program=None, block=np.zeros((3, 4)), rounds=1, total=1, done=0)
 
 
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="there are no timers of signals")

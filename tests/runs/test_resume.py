@@ -774,7 +774,7 @@ def test_the_process_that_ends_a_run_reports_flagged_members(tmp_path):
     started(tmp_path / "run", turn_limit=0.051)
     resume.resume(tmp_path / "run", only=range(3))
     invoke = CliRunner().invoke
-    assert invoke(app, ["resume", f"{tmp_path}/run", "--shards", "3:5"]).exit_code == 5
+    assert invoke(app, ["resume", f"{tmp_path}/run", "--shards", "3:5"]).exit_code == 4
     assert (
         invoke(app, ["resume", f"{tmp_path}/run"]).exit_code == 4
         and invoke(app, ["status", f"{tmp_path}/run"]).exit_code == 4
@@ -840,7 +840,9 @@ def test_commands(tmp_path):
         "-o",
         run,
     )
-    assert invoke(*words, "--shards", "0:1").exit_code == 5
+    task = invoke(*words, "--shards", "0:1")
+    assert task.exit_code == 0 and "the shards 0:1 are done; 4 of other tasks" in task.stdout
+    assert "(1:5), and `rigidmc merge`" in task.stdout
     assert invoke(*words).exit_code == 6
     assert (
         invoke(*words, "--force").exit_code == 3 and "--force" in invoke(*words, "--force").stderr

@@ -13,7 +13,6 @@ from rigidmc.files.netcdf import open_undecoded, read
 from rigidmc.files.outputs import Path
 from rigidmc.runs.create import Chosen, create
 from rigidmc.runs.reopen import planned, scene_of_run
-from rigidmc.runs.shards import SHARD
 from rigidmc.scene.scene import Scene, scene_of
 from rigidmc.storage.run_directory import RunDirectory
 from rigidmc.storage.schema import NEWER, lengths
@@ -29,16 +28,17 @@ MAP = "map"  # of the question, among the attributes in run.json
 def create_map(
     ready: Prepared,
     path: Path,
-    size: float = SHARD,
+    size: float | None = None,
     only: range | None = None,
     threads: int | None = None,
+    limit: float | None = None,
 ) -> RunDirectory:
     """Make a run directory for a map; the arguments and errors are those of `create`."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SceneWarning)  # `prepared` gave the notes
         asked, about = ready.question, {MAP: ready.question.text()}
         if asked.borders is None:
-            return create(ready.scene, path, size, only, threads, about)
+            return create(ready.scene, path, size, only, threads, about, None, limit)
         nothing = Collected(asked, ready.measures).pixel_values()
         first = refined(asked, nothing, BEGUN)
         shard = unit(asked) * asked.replicas

@@ -1,0 +1,192 @@
+"""Runs that are cut at any moment go on from where they were, to the same bytes."""
+
+import hashlib
+import json
+import os
+import shutil
+
+import numpy as np
+import pytest
+
+import rigidmc as rm
+from rigidmc.engine import program
+from rigidmc.runs import checkpoints, resume
+from rigidmc.runs.checkpoints import Checkpoints
+from rigidmc.runs.create import create
+from rigidmc.storage.checkpoint import read_checkpoint, write_checkpoint
+from rigidmc.storage.run_directory import RunDirectory
+from tests.runs.test_resume import HISTOGRAM, SCENE, SIZE, changed
+from tests.torture import sums
+
+STEPS = 8  # of a call, after each of which blocks are kept
+
+
+def started(scene, path, block=32, shard=192):
+    create(scene.with_run(members=448), path, SIZE)
+    changed(path, block=block, shard=shard)
+    return path
+
+
+@pytest.fixture
+def often(monkeypatch):
+    """Everything is kept whenever it can be."""
+    monkeypatch.setattr(checkpoints, "EVERY", 0.0)
+    monkeypatch.setattr(checkpoints, "COSTS", 0.0)
+    monkeypatch.setattr(program, "CALL", 32 * STEPS)
+    monkeypatch.setattr(os, "fsync", lambda file: None)  # no power is lost here
+
+
+class Made:
+    """Counts the member-steps that are made, and keeps what a kill would leave after some calls."""
+
+    def __init__(self, monkeypatch, path, every):
+        self.steps, self.calls, self.copies, self.every = 0, 0, [], every
+        advance, keep = program.Program.advance, Checkpoints.keep
+
+        def counting(this, block, steps, *more):
+            self.steps += block.shape[1] * (steps.last - steps.first)
+            return advance(this, block, steps, *more)
+
+        def copying(this, job):
+            keep(this, job)
+            self.calls += 1
+            if self.every and self.calls % self.every == 0:
+                self.copies.append(path.with_name(f"{path.name}{self.calls}"))
+                shutil.copytree(path, self.copies[-1], ignore_dangling_symlinks=True)
+
+        monkeypatch.setattr(program.Program, "advance", counting)
+        monkeypatch.setattr(Checkpoints, "keep", copying)
+
+
+KINDS = {
+    "saves": {},
+    "kept": {
+        "save": ("omega", "energy", "flips", HISTOGRAM),
+        "keep": {"omega": "thinned", "energy": "final"},
+        "thin": 2,
+        "turn_limit": 0.051,  # a third of the members is flagged
+    },
+    "steps of their own": {"turn": 0.05, "dt": None, "save": ("omega", "flips")},
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_run_goes_on_from_where_it_was_cut(kind, tmp_path, monkeypatch, often):
+    scene = SCENE.with_run(**KINDS[kind])
+    whole = started(scene, tmp_path / "whole")
+    made = Made(monkeypatch, whole, 7)
+    resume.resume(whole, threads=1)
+    all_steps, cuts, made.every = made.steps, made.copies, 0
+    assert len(cuts) >= 5 and not (whole / "unfinished").exists()
+    for cut in cuts:
+        assert len(os.listdir(cut / "unfinished")) >= 1
+        done = len(RunDirectory(cut).shards())
+        made.steps, seen = 0, list[int]()
+        resume.resume(cut, threads=1, progress=lambda *of: seen.append(of))  # noqa: B023
+        assert sums(cut) == sums(whole) and not (cut / "unfinished").exists()
+        assert seen[-1][0] == seen[-1][1]
+        # without checkpoints the steps of all missing shards are made: 192, 192 and 64 members
+        assert made.steps <= all_steps * (1.0 - 192 * done / 448) - 32 * STEPS
+        shutil.rmtree(cut)
+
+
+def test_a_checkpoint_that_is_not_whole_or_of_another_run_is_ignored(tmp_path, monkeypatch, often):
+    whole = started(SCENE, tmp_path / "whole")
+    made = Made(monkeypatch, whole, 12)
+    resume.resume(whole, threads=1)
+    cut, made.every = made.copies[0], 0
+    other = started(SCENE.with_run(seed=5), tmp_path / "other")
+    made = Made(monkeypatch, other, 12)
+    resume.resume(other, threads=1)
+    names = os.listdir(cut / "unfinished")
+    assert any("-" in name for name in names) and any("-" not in name for name in names)
+    spoil = {
+        "cut": lambda data: data[: len(data) // 2],
+        "a bit": lambda data: data[:300] + bytes([data[300] ^ 1]) + data[301:],
+        "the end": lambda data: data[:-1] + bytes([data[-1] ^ 1]),
+        "empty": lambda data: b"",
+        "longer": lambda data: data + bytes(10**6),
+    }
+    for word, spoilt in spoil.items():
+        path = tmp_path / word
+        shutil.copytree(cut, path)
+        for name in names:
+            data = (path / "unfinished" / name).read_bytes()
+            (path / "unfinished" / name).write_bytes(spoilt(data))
+        resume.resume(path, threads=2)
+        assert sums(path) == sums(whole), word
+    shutil.rmtree(cut / "unfinished")
+    shutil.copytree(made.copies[0] / "unfinished", cut / "unfinished")
+    resume.resume(cut, block=96)
+    assert sums(cut) == sums(whole)
+
+
+def test_a_checkpoint_asks_for_no_more_than_it_has(tmp_path):
+    """A sum is no proof of the author: a file from elsewhere may say anything."""
+    path, rows = tmp_path / "one", {"x": np.arange(6.0).reshape(2, 3), "n": np.array(4)}
+    assert write_checkpoint(path, "a", rows)
+    found = read_checkpoint(path, "a", 10**4)
+    assert all(np.array_equal(found[name], rows[name]) for name in rows)
+    assert read_checkpoint(path, "b", 10**4) is None
+    assert read_checkpoint(tmp_path / "none", "a", 10**4) is None
+    for about in (
+        [["x", "<f8", [10**12]]], [["x", "<f8", [-1, -6]]], [["x", "|O", [1]]], [["x", "<f8"]], 5,
+        [["x", "nonsense", [1]]], [["x", "<U9", [1]]], [["x", "<f8", ["a"]]],
+        [[[], "<f8", [10**400]]],
+    ):  # fmt: skip
+        (tmp_path / "bad").write_bytes(b"")
+        forged(tmp_path / "bad", {"key": "a", "arrays": about})
+        assert read_checkpoint(tmp_path / "bad", "a", 10**4) is None, about
+    for header in ([], {"key": "a"}, None, {"arrays": []}):
+        forged(tmp_path / "bad", header)
+        assert read_checkpoint(tmp_path / "bad", "a", 10**4) is None, header
+    os.truncate(path, 10**11)  # sparse
+    assert read_checkpoint(path, "a", 10**4) is None
+    (tmp_path / "link").symlink_to(path)
+    os.mkfifo(tmp_path / "pipe")
+    assert read_checkpoint(tmp_path / "pipe", "a", 10**4) is None
+    (tmp_path / "file").write_text("")
+    assert not write_checkpoint(tmp_path / "file" / "one", "a", rows)
+
+
+def test_a_state_that_cannot_be_is_not_gone_on_from(tmp_path, monkeypatch, often):
+    """Compiled code trusts the numbers of a state: a step before the first would be a place in
+    memory before the saves."""
+    whole = started(SCENE, tmp_path / "whole")
+    made, keyed = Made(monkeypatch, whole, 12), {}
+    write = checkpoints.write_checkpoint
+
+    def noting(path, key, arrays):
+        keyed[os.path.basename(path)] = key
+        return write(path, key, arrays)
+
+    monkeypatch.setattr(checkpoints, "write_checkpoint", noting)
+    resume.resume(whole, threads=1)
+    cut, made.every = made.copies[0], 0
+    names = sorted(os.listdir(cut / "unfinished"))[:2]
+    assert ["-" in name for name in names] == [False, True]
+    shard, block = (read_checkpoint(cut / "unfinished" / n, keyed[n], 10**8) for n in names)
+    assert shard is not None and block is not None
+    spoilt = [{**shard, "blocks": np.arange(6)}, dict(list(shard.items())[1:])]
+    spoilt += [{**block, "done": np.array(x)} for x in (-(10**6), 40, 0.5)]
+    spoilt += [{**block, "out": block["out"][:-1]}, {"done": block["done"]}]
+    for i, bad in enumerate(spoilt):
+        path, name = tmp_path / f"{i}", names["done" in bad]
+        shutil.copytree(cut, path)
+        write(path / "unfinished" / name, keyed[name], bad)
+        resume.resume(path, threads=1)
+        assert sums(path) == sums(whole), i
+
+
+def forged(path, header):
+    """A checkpoint with any header, and the sum that belongs to it."""
+    data = b"rigidmc checkpoint 1\n" + json.dumps(header).encode() + b"\n" + bytes(48)
+    path.write_bytes(data + hashlib.sha256(data).digest())
+
+
+def test_a_link_in_place_of_the_checkpoints_is_refused(tmp_path):
+    path = started(SCENE, tmp_path / "run")
+    (tmp_path / "mine").mkdir()
+    (path / "unfinished").symlink_to(tmp_path / "mine")
+    with pytest.raises(rm.FileError, match=r"unfinished.*is a link"):
+        resume.resume(path)
