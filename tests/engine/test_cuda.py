@@ -6,7 +6,9 @@ bits that another machine recorded. None of this says that a device was at hand.
 """
 
 import math
+import os
 import re
+import shutil
 import sys
 from collections import Counter
 from types import SimpleNamespace
@@ -31,7 +33,7 @@ from rigidmc.planning.job import program_of
 from rigidmc.planning.plan import prepare
 from rigidmc.planning.tolerance import costs
 from rigidmc.protocols import effect
-from rigidmc.runs import cluster
+from rigidmc.runs import checkpoints, cluster
 from rigidmc.runs.create import create
 from rigidmc.runs.resume import resume
 from rigidmc.studies import bits
@@ -401,6 +403,35 @@ def test_a_device_that_is_lost_leaves_a_run_that_goes_on(fake, tmp_path):
     with rm.open(tmp_path / "run") as ds:
         alone = rm.simulate(SCENE, members=9000)
         assert ds.omega.values.tobytes() == alone.omega.values.tobytes()
+
+
+def test_a_run_on_a_device_goes_on_on_the_processor_from_where_it_was_cut(
+    fake, tmp_path, monkeypatch
+):
+    """The state of a block is brought from the device when it is kept."""
+    fake()
+    monkeypatch.setattr(checkpoints, "EVERY", 0.0)
+    monkeypatch.setattr(checkpoints, "COSTS", 0.0)
+    monkeypatch.setattr(os, "fsync", lambda file: None)
+    monkeypatch.setattr(cuda, "GROWTH", 1.0)  # of 16 steps is each launch
+    keep, copies = checkpoints.Checkpoints.keep, []
+
+    def copying(this, job):
+        keep(this, job)
+        copies.append(tmp_path / f"cut{len(copies)}")
+        shutil.copytree(tmp_path / "run", copies[-1])
+
+    monkeypatch.setattr(checkpoints.Checkpoints, "keep", copying)
+    create(SCENE, tmp_path / "run", 1e3)
+    with rm.device("cuda"):
+        resume(tmp_path / "run", threads=1)
+    assert len(copies) >= 2
+    alone = rm.simulate(SCENE)
+    monkeypatch.setattr(checkpoints.Checkpoints, "keep", keep)
+    for path in ("run", *(copy.name for copy in copies[:4])):
+        resume(tmp_path / path)
+        with rm.open(tmp_path / path) as ds:
+            assert ds.omega.values.tobytes() == alone.omega.values.tobytes(), path
 
 
 def test_a_cluster_moves_members_on_devices(fake, tmp_path, monkeypatch):

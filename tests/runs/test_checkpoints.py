@@ -10,7 +10,7 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.engine import program
-from rigidmc.runs import checkpoints, resume
+from rigidmc.runs import checkpoints, resume, shards
 from rigidmc.runs.checkpoints import Checkpoints
 from rigidmc.runs.create import create
 from rigidmc.storage.checkpoint import read_checkpoint, write_checkpoint
@@ -190,3 +190,51 @@ def test_a_link_in_place_of_the_checkpoints_is_refused(tmp_path):
     (path / "unfinished").symlink_to(tmp_path / "mine")
     with pytest.raises(rm.FileError, match=r"unfinished.*is a link"):
         resume.resume(path)
+
+
+def test_shards_take_so_long_at_most_where_that_is_measured(tmp_path, monkeypatch):
+    """By size alone shards are the same on every machine; by time they follow from its rate, and
+    the bits of members from neither."""
+    scene, rates = SCENE.with_run(members=200_000, t_end=4000.0, every=4000.0), iter(range(10**6))
+    monkeypatch.setattr(shards, "cost_per_step", lambda *of: (next(rates), 50.0)[1])
+
+    def made(name, *sizes, **more):
+        run, seen = scene.with_run(**more.pop("run", {})), next(rates)
+        facts = create(run, tmp_path / name, *sizes, **more).facts
+        return facts["block"], facts["shard"], next(rates) - seen > 1
+
+    # 80,000 steps of 50 ns are 4 ms of each member, and 120 s are 30,000 members: 4 blocks
+    block, shard, measured = made("plain")
+    assert (block, shard, measured) == (
+        4064,
+        16256,
+        True,
+    ) and shard * 4e-3 < 120.0 < 2 * shard * 4e-3
+    assert made("by size", 64 * 2**20)[1:] == (made("as a task", None, range(1))[1], False)
+    assert made("short", run={"t_end": 4.0, "every": 4.0})[1:] == (
+        made("also", 64 * 2**20)[1],
+        False,
+    )
+    assert made("brief", limit=1.0)[:2] == (128, 128)  # of 250 members
+    assert made("briefer", limit=0.01)[:2] == (32, 32)
+    assert made("both", 1e6, limit=1e6)[1] == made("one", 1e6)[1]
+    assert made("many", limit=1e-9)[:2] == (32, 32)  # 100,000 shards at most, and these are 6,250
+    monkeypatch.setattr(shards, "cost_per_step", lambda *of: 53.0)
+    assert made("a little slower")[:2] == (4064, 16256)
+    with pytest.raises(rm.OptionError, match="every task of a job array would measure"):
+        made("task", None, range(1), limit=1.0)
+    for bad in (0.0, -1.0, "soon", float("nan")):
+        with pytest.raises(rm.OptionError, match="shard-time"):
+            made("bad", limit=bad)
+
+
+def test_bits_do_not_depend_on_the_shards(tmp_path, monkeypatch):
+    whole = rm.simulate(SCENE)
+    monkeypatch.setattr(shards, "SLOW", 1.0)
+    monkeypatch.setattr(shards, "cost_per_step", lambda *of: 1e6)
+    for name, limit in (("few", 4.0), ("many", 20.0)):
+        resume.resume(create(SCENE, tmp_path / name, limit=limit))
+        made = rm.open(tmp_path / name)
+        assert RunDirectory(tmp_path / name).count == {"few": 16, "many": 4}[name]
+        for variable in whole.data_vars:
+            assert np.array_equal(made[variable].values, whole[variable].values, equal_nan=True)
