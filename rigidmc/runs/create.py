@@ -99,7 +99,7 @@ def create(
         shard = chosen.shard
         block = block_in(shard, block)
     elif limit < math.inf:
-        block, shard = shortened(run, block, shard, limit)
+        block, shard = shortened(run.scene, run.plan, block, shard, limit)
     members = run.shown.members
     count = -(-members // shard)
     refuse_beyond(only, count)

@@ -44,17 +44,18 @@ def members_of(scene: Scene, plan: Plan, size: float = SHARD) -> tuple[int, int]
     return block, block * max(1, int(size / sum(bytes_of_a_member(scene, plan)) / block))
 
 
-def shortened(run: Ready, block: int, shard: int, limit: float) -> tuple[int, int]:
+def shortened(
+    scene: Scene, plan: Plan, block: int, shard: int, limit: float = TIME
+) -> tuple[int, int]:
     """(members of a block, members of a shard) so that one thread needs `limit` seconds for a shard
     at most, by the rate that is measured here.
 
     A shard has a power of 2 times the members of a block, or of LANES, so that a rate that is a
     little different does not change it. Short runs are not measured.
     """
-    plan = run.plan
     if plan.form is None or min(shard, plan.members) * plan.mean_steps * SLOW < limit:
         return block, shard
-    each = 1e-9 * cost_per_step(run.scene, plan) * plan.mean_steps
+    each = 1e-9 * cost_per_step(scene, plan) * plan.mean_steps
     most = max(limit / each, plan.members / MANY)
     if plan.device != "cpu":  # which needs as long for a member as for so many
         most = max(most, WAVE)

@@ -21,7 +21,7 @@ from rigidmc.planning.tolerance.costs import cost_per_step
 from rigidmc.planning.tolerance.effect_costs import prices, some_of
 from rigidmc.planning.turns import sparse_saves
 from rigidmc.runs.capacity import BASE, free_memory, in_words, sizes
-from rigidmc.runs.shards import members_of
+from rigidmc.runs.shards import members_of, shortened
 from rigidmc.scene.conservation import conservation
 from rigidmc.scene.distributions import Distribution
 from rigidmc.scene.laws.protocol import Law
@@ -150,14 +150,17 @@ def _room(scene: Scene, plan: Plan, threads: int) -> list[str]:
     free = free_memory()
     has = f"; {in_words(free)} are free" if free is not None else ""
     packed = scene.run.compress or scene.run.digits is not None
-    shard = members_of(scene, plan)[1]
-    shards = f"{-(-plan.members // shard):,} shards of {shard:,} members"
+    block, shard = members_of(scene, plan)
+    few = shortened(scene, plan, block, shard)[1]
+    shards = f"{-(-plan.members // few):,} shards of {few:,} members with -o RUN/"
+    if few != shard:
+        shards += f", by their time; {-(-plan.members // shard):,} of {shard:,} with --shards"
     return [
         f"members      {plan.members:,} in blocks of {plan.block:,} on {threads} threads",
         f"memory       {in_words(memory)} as a Dataset in memory, {in_words(with_file)} with"
         f" -o FILE, {in_words(BASE)} of it for interpreter and libraries{has}",
         f"file         {in_words(file)}{' before it is compressed' if packed else ''}",
-        f"directory    {shards} with -o RUN/",
+        f"directory    {shards}",
     ]
 
 
