@@ -316,6 +316,29 @@ def test_a_pixel_tells_its_numbers_and_shows_its_member(browser, map_page):
     opened.close()
 
 
+def test_names_of_others_are_text_and_never_code(browser, map_page, tmp_path):
+    """Before: three lists of names were put in as a part of the page's own code."""
+    text, evil = map_page[0].read_text(), "<img src=x onerror='window.executed=1'><b id=evil>"
+    own = text[text.rindex("<script>") :]
+    assert "innerHTML" not in own and "insertAdjacent" not in own and "document.write" not in own
+    data = data_of(text)
+    data["map"]["measures"][0]["name"] = evil
+    for side in data["map"]["sides"]:
+        side["name"] = evil
+    data["members"][0]["status"] = evil
+    changed = json.dumps(data).replace("</", "<\\/")
+    before = re.search(r'<script id="data"[^>]*>(.*?)</script>', text, re.S)[1]
+    (tmp_path / "evil.html").write_text(text.replace(before, changed))
+    opened = browser.new_page(viewport={"width": 1280, "height": 900})
+    opened.goto((tmp_path / "evil.html").as_uri())
+    opened.evaluate("ready")
+    assert opened.locator("#measure option").first.text_content() == evil
+    assert evil in opened.locator("#pixels text").all_text_contents()
+    assert evil in opened.locator("#member option").first.text_content()
+    assert opened.evaluate("window.executed === undefined && !document.getElementById('evil')")
+    opened.close()
+
+
 @pytest.mark.slow
 def test_the_local_vertical_turns_with_the_orbit(browser, orbit_page):
     tab = browser.new_page(viewport={"width": 1280, "height": 900})

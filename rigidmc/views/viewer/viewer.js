@@ -1,5 +1,13 @@
 "use strict";
 const $ = id => document.getElementById(id);
+// Names come from files of others: text is put in as text, never as a part of the page's own code.
+function filled(made, attributes, text) {
+  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+  if (text !== undefined) made.textContent = text;
+  return made;
+}
+const html = (tag, attributes, text) => filled(document.createElement(tag), attributes, text);
+const svg = (tag, attributes, text) => filled(document.createElementNS("http://www.w3.org/2000/svg", tag), attributes, text);
 const DATA = JSON.parse($("data").textContent);
 const TRAIL = 1500;         // frames of the trace of axis 3 that are shown
 const SHOWN_RATE = 3;       // rad/s at which the body turns on the screen at first
@@ -280,18 +288,18 @@ class Chart {
     const every = this.log ? Math.max(1, Math.ceil((high - low) / 4)) : 0;
     const marks = this.log ? Array.from({ length: Math.floor((high - low) / every) + 1 }, (_, k) => low + k * every) : ticks(low, high, 4);
     for (const v of marks)
-      parts.push(`<line class="rule" x1="${this.left}" x2="${this.right}" y1="${y(v)}" y2="${y(v)}"/>` +
-        `<text x="${this.left - 5}" y="${y(v) + 4}" text-anchor="end">${this.log ? (v <= -17 ? "0" : "1e" + v) : nice(v)}</text>`);
+      parts.push(svg("line", { class: "rule", x1: this.left, x2: this.right, y1: y(v), y2: y(v) }),
+        svg("text", { x: this.left - 5, y: y(v) + 4, "text-anchor": "end" }, this.log ? (v <= -17 ? "0" : "1e" + v) : nice(v)));
     for (const s of ticks(0, end, width < 500 ? 4 : 7))
-      parts.push(`<text x="${x(s)}" y="${height - 5}" text-anchor="${x(s) > this.right - 16 ? "end" : "middle"}">${nice(s)}</text>`);
-    parts.push(`<text x="${this.right}" y="${bottom - 4}" text-anchor="end">t [s]</text>`);
+      parts.push(svg("text", { x: x(s), y: height - 5, "text-anchor": x(s) > this.right - 16 ? "end" : "middle" }, nice(s)));
+    parts.push(svg("text", { x: this.right, y: bottom - 4, "text-anchor": "end" }, "t [s]"));
     series.forEach((s, k) => {
       let d = "";
       for (const i of thinned(s.values, 2 * (this.right - this.left))) d += (d ? "L" : "M") + x(t[i]).toFixed(1) + " " + y(s.values[i]).toFixed(1);
-      parts.push(`<path d="${d}" style="stroke:${COLOURS[k]}" stroke-dasharray="${DASHES[k]}"/>`);
+      parts.push(svg("path", { d, style: `stroke:${COLOURS[k]}`, "stroke-dasharray": DASHES[k] }));
     });
     this.svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
-    this.svg.innerHTML = parts.join("");
+    this.svg.replaceChildren(...parts);
   }
   cursor(t) {
     const x = this.left + (this.right - this.left) * t / this.end;
@@ -308,7 +316,7 @@ class Chart {
 }
 
 function legend(id, names) {
-  $(id).innerHTML = names.map((name, k) => `<b style="color:${COLOURS[k]}">${["—", "– –", "···"][k]} ${name}</b>`).join("");
+  $(id).replaceChildren(...names.map((name, k) => html("b", { style: `color:${COLOURS[k]}` }, `${["—", "– –", "···"][k]} ${name}`)));
 }
 
 // ---- the map -------------------------------------------------------------------------------
@@ -324,7 +332,7 @@ class Pixels {
     $("map").hidden = false;
     $("pick").hidden = true;
     $("drifting").hidden = true;
-    $("measure").innerHTML = map.measures.map((m, k) => `<option value="${k}">${m.name}</option>`).join("");
+    $("measure").replaceChildren(...map.measures.map((m, k) => html("option", { value: k }, m.name)));
     $("measure").onchange = () => this.draw();
     this.svg.addEventListener("pointermove", event => this.tell(...this.at(event)));
     this.svg.addEventListener("click", event => this.pick(...this.at(event)));
@@ -356,30 +364,31 @@ class Pixels {
     const width = this.svg.clientWidth || 600, height = this.svg.clientHeight || 420, m = this.measure;
     this.box = { left: 60, top: 6, right: width - 86, bottom: height - 38 };
     const { left, top, right, bottom } = this.box;
-    const parts = [`<image href="${this.picture()}" x="${left}" y="${top}" width="${right - left}" height="${bottom - top}" ` +
-      `preserveAspectRatio="none" style="image-rendering: pixelated"/>`];
+    const parts = [svg("image", { href: this.picture(), x: left, y: top, width: right - left, height: bottom - top,
+      preserveAspectRatio: "none", style: "image-rendering: pixelated" })];
     this.map.sides.forEach((side, k) => {
       const n = side.values.length, low = this.edge(side, 0), high = this.edge(side, n);
       const scale = side.log ? Math.log : x => x;
       const marks = side.log ? ticks(Math.log10(low), Math.log10(high), 5).map(e => 10 ** e) : ticks(low, high, 5);
       for (const v of marks) {
         const share = (scale(v) - scale(low)) / (scale(high) - scale(low));
-        parts.push(k ? `<text x="${left - 5}" y="${bottom - share * (bottom - top) + 4}" text-anchor="end">${nice(+v.toPrecision(3))}</text>`
-          : `<text x="${left + share * (right - left)}" y="${bottom + 15}" text-anchor="middle">${nice(+v.toPrecision(3))}</text>`);
+        const at = k ? { x: left - 5, y: bottom - share * (bottom - top) + 4, "text-anchor": "end" }
+          : { x: left + share * (right - left), y: bottom + 15, "text-anchor": "middle" };
+        parts.push(svg("text", at, nice(+v.toPrecision(3))));
       }
     });
     const [x, y] = this.map.sides, middle = (top + bottom) / 2;
-    parts.push(`<text x="${(left + right) / 2}" y="${height - 4}" text-anchor="middle">${x.name}</text>`,
-      `<text x="12" y="${middle}" text-anchor="middle" transform="rotate(-90 12 ${middle})">${y.name}</text>`);
+    parts.push(svg("text", { x: (left + right) / 2, y: height - 4, "text-anchor": "middle" }, x.name),
+      svg("text", { x: 12, y: middle, "text-anchor": "middle", transform: `rotate(-90 12 ${middle})` }, y.name));
     for (let k = 0; k < 64; k++) {
       const h = (bottom - top) / 64;
-      parts.push(`<rect x="${right + 14}" y="${bottom - (k + 1) * h}" width="14" height="${h + 0.5}" fill="rgb(${m.colours[4 * k + 2]})"/>`);
+      parts.push(svg("rect", { x: right + 14, y: bottom - (k + 1) * h, width: 14, height: h + 0.5, fill: `rgb(${m.colours[4 * k + 2]})` }));
     }
-    parts.push(`<text x="${right + 32}" y="${bottom}">${nice(+m.range[0].toPrecision(3))}</text>`,
-      `<text x="${right + 32}" y="${top + 10}">${nice(+m.range[1].toPrecision(3))}</text>`,
-      `<circle id="here" r="6" style="fill: none; stroke: var(--path); stroke-width: 3"/>`);
+    parts.push(svg("text", { x: right + 32, y: bottom }, nice(+m.range[0].toPrecision(3))),
+      svg("text", { x: right + 32, y: top + 10 }, nice(+m.range[1].toPrecision(3))),
+      svg("circle", { id: "here", r: 6, style: "fill: none; stroke: var(--path); stroke-width: 3" }));
     this.svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
-    this.svg.innerHTML = parts.join("");
+    this.svg.replaceChildren(...parts);
     this.mark();
   }
   at(event) {
@@ -519,8 +528,8 @@ function speeds() {
   for (let p = -6; p <= 6; p++) for (const s of [1, 2, 5]) list.push(+(s * 10 ** p).toPrecision(1));
   const near = list.reduce((a, b) => Math.abs(Math.log(b / wanted)) < Math.abs(Math.log(a / wanted)) ? b : a);
   const at = list.indexOf(near);
-  $("speed").innerHTML = list.slice(Math.max(0, at - 6), at + 8)
-    .map(s => `<option value="${s}"${s === near ? " selected" : ""}>× ${s}</option>`).join("");
+  $("speed").replaceChildren(...list.slice(Math.max(0, at - 6), at + 8)
+    .map(s => html("option", s === near ? { value: s, selected: "" } : { value: s }, `× ${s}`)));
   page.speed = near;
 }
 function choose(member) {
@@ -546,8 +555,8 @@ async function start() {
   const draws = document.createElement("canvas").getContext("webgl2");
   stages = {};
   for (const name of ["body", "sphere"]) stages[name] = draws ? await Stage.load(name) : new Blank(name);
-  $("member").innerHTML = DATA.members.map((m, k) =>
-    `<option value="${k}">${m.index}${m.status === "ok" ? "" : " ⚑ " + m.status}</option>`).join("");
+  $("member").replaceChildren(...DATA.members.map((m, k) =>
+    html("option", { value: k }, `${m.index}${m.status === "ok" ? "" : " ⚑ " + m.status}`)));
   $("crowd").textContent = DATA.density ? `Blue: how dense ${DATA.density.members.toLocaleString("en")} members are there.` : "";
   const pulls = [["radius", "local vertical of the orbit (r)"], ["gravity", "gravity"], ["field", "field"]]
     .filter(([name]) => stages.body.objects[name]).map(([, words]) => words);
