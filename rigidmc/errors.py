@@ -4,10 +4,16 @@ import difflib
 import re
 import warnings
 from collections.abc import Iterable
+from itertools import islice
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+
+_SCREEN, _WORD = 1600, 200  # letters of a message, and of a word: files of others may have more
+_MANY = 200  # words that are known
+# C0 without tab and newline, C1, and what changes the direction of writing
+_CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 
 
 class RigidmcError(ValueError):
@@ -58,11 +64,11 @@ class RigidmcError(ValueError):
         return type(self), (self.table, self.key, self.value, self.rule, self.nearest, self.file)
 
     def __str__(self) -> str:
-        file = f"{self.file}: " if self.file else ""
-        place = f"[{self.table}] " if self.table else ""
+        file = f"{_cut(self.file)}: " if self.file else ""
+        place = f"[{_cut(self.table, _WORD)}] " if self.table else ""
         given = "" if self.value is None else f" = {_short(self.value)}"
-        hint = f" (did you mean '{self.nearest}'?)" if self.nearest else ""
-        return f"{file}{place}{self.key}{given}: {self.rule}{hint}"
+        hint = f" (did you mean '{_cut(self.nearest, _WORD)}'?)" if self.nearest else ""
+        return shown(f"{file}{place}{_cut(self.key, _WORD)}{given}: {_cut(self.rule)}{hint}")
 
 
 class SceneError(RigidmcError):
@@ -151,7 +157,10 @@ def nearest(word: object, words: Iterable[object]) -> str | None:
     none is like it."""
     from rigidmc.synonyms import NAMES
 
-    known = {str(w).lower(): str(w) for w in words}
+    # a file may have a million long names: how alike two are takes the product of their lengths
+    known = {str(w).lower(): str(w) for w in islice(words, _MANY) if len(str(w)) <= _WORD}
+    if len(str(word)) > _WORD:
+        return None
     asked = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", str(word)).lower().strip().replace("-", "_")
     for name in NAMES.get(asked.replace(" ", "_"), ()):
         if same := next((known[w] for w in (name, name.replace("_", "")) if w in known), None):
@@ -170,7 +179,9 @@ def unknown(
     error: type[RigidmcError] = SceneError,
 ) -> RigidmcError:
     """The error for a word that is none of `words`."""
-    rule = f"no such {kind}; known: {', '.join(words)}"
+    words = list(words)
+    more = f" and {len(words) - _MANY:,} more" if len(words) > _MANY else ""
+    rule = f"no such {kind}; known: {', '.join(words[:_MANY])}{more}"
     return error(table, key, value, rule, nearest(value if value is not None else key, words))
 
 
@@ -186,6 +197,23 @@ def flag(bad: ArrayLike, rule: str, table: str = "", key: str = "input") -> None
         warnings.warn(some, SceneWarning, stacklevel=4)
 
 
+def shown(text: str) -> str:
+    """A text as a terminal may show it: what controls a terminal, or turns the direction of
+    writing, is there as an escape. Titles and names come from files of others."""
+    return text if text.isascii() and text.isprintable() else _CONTROLS.sub(_escaped, text)
+
+
+def _escaped(found: re.Match[str]) -> str:
+    return found[0].encode("unicode_escape").decode("ascii")
+
+
 def _short(value: object) -> str:
-    text = repr(value)
+    # repr of a number of more than 4300 digits is an error of its own
+    text = repr(value) if not isinstance(value, int) or abs(value) < 10**80 else "a huge number"
     return text if len(text) <= 80 else text[:77] + "..."
+
+
+def _cut(text: str, most: int = 0) -> str:
+    """A text of at most `most` letters, by default a screen: its begin and its end."""
+    most = most or _SCREEN
+    return text if len(text) <= most else f"{text[: most // 2]} ... {text[-most // 3 :]}"

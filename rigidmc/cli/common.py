@@ -292,8 +292,9 @@ def show_done(done: int, total: int) -> None:
     """Show how many members are done, on a terminal."""
     if sys.stderr.isatty():
         end = "" if done < total else "\n"
-        line = f"\r{100 * done / total:3.0f} % of {total:,} members"
-        print(line, end=end, file=sys.stderr, flush=True)
+        line = f"\r{100 * done / total:3.0f} % of {total:,} members{end}"
+        getattr(sys.stderr, "draw", sys.stderr.write)(line)
+        sys.stderr.flush()
 
 
 def keep(

@@ -7,6 +7,8 @@ import sys
 from collections.abc import Callable
 from typing import Any, TextIO, cast
 
+from rigidmc.errors import shown
+
 
 class Stream:
     """A standard stream that never fails.
@@ -23,6 +25,13 @@ class Stream:
             stream.reconfigure(errors="backslashreplace")  # type: ignore[attr-defined]
 
     def write(self, text: str) -> int:
+        """Write a text without what controls a terminal, unless rich writes: that draws help and
+        progress, of words that are our own."""
+        rich = sys._getframe(1).f_globals.get("__name__", "").startswith("rich.")
+        return self.draw(text if rich else shown(text))
+
+    def draw(self, text: str) -> int:
+        """Write a text as it is."""
         self._tried(self._stream.write, text)
         return len(text)
 

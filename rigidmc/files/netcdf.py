@@ -19,6 +19,7 @@ from rigidmc.files.forks import unlock
 from rigidmc.files.kinds import is_zarr
 from rigidmc.files.outputs import Path
 from rigidmc.files.trial import refuse_unreadable
+from rigidmc.files.zarr_store import refuse_hostile
 from rigidmc.threads import Task, threads_of
 
 T = TypeVar("T")
@@ -104,6 +105,7 @@ def _open_zarr(path: str) -> xr.Dataset:
     except ImportError as error:
         rule = f"is read with zarr: pip install 'rigidmc[zarr]' ({error})"
         raise FileError("", "file", None, rule, file=path) from None
+    refuse_hostile(path)
     try:
         # consolidated metadata may be missing, and listing a folder is quick
         return xr.open_dataset(
@@ -138,6 +140,7 @@ def read(
             file.set_auto_chartostring(False)
             return {name: values_of(file, name) for name in names or file.variables}
 
+    refuse_unreadable(path)
     try:
         return alone(values)
     except (OSError, RuntimeError, IndexError) as error:

@@ -34,6 +34,15 @@ def refuse_irregular(path: str | os.PathLike[str], mode: int | None = None) -> N
         raise FileError("", "file", None, rule, file=os.fspath(path))
 
 
+def refuse_unnamed(path: str | os.PathLike[str]) -> None:
+    """Raise FileError for a path that is not UTF-8, which the netCDF library cannot open."""
+    try:
+        os.path.abspath(path).encode("utf-8")
+    except UnicodeEncodeError:
+        rule = "is a path that is not UTF-8, as those of netCDF files have to be; nothing was done"
+        raise FileError("", "path", None, rule, file=repr(os.path.abspath(path))) from None
+
+
 def regular(path: str, flags: int) -> int:
     """Open a regular file that the user names, perhaps by a link; for `open(path, opener=...)`."""
     refuse_irregular(path)  # a device may do something when it is opened

@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator
 from rigidmc.errors import FileError, NoRoom, OutputExists
 from rigidmc.files.forks import descriptors, let_go
 from rigidmc.files.kinds import check_suffix, is_zarr
-from rigidmc.files.opening import plain
+from rigidmc.files.opening import plain, refuse_unnamed
 
 Path = str | os.PathLike[str]
 
@@ -62,6 +62,8 @@ def refuse_existing(path: Path, force: bool, kind: str = "results", size: float 
     if os.path.exists(path) and not (os.path.isfile(path) or store):
         raise OutputExists(f"{path}: is no file that could be replaced; nothing was written")
     check_suffix(path, kind)
+    if kind in ("results", "netCDF files"):
+        refuse_unnamed(path)
     refuse_unwritable(os.path.dirname(path) or os.curdir, size)
 
 

@@ -1,4 +1,4 @@
-"""A trial of netCDF files in a helper process.
+"""A trial of netCDF files, and of meshes, in a helper process.
 
 The C library never finishes reading some damaged files (5 of 7,500 with flipped bits), and some
 files claim more data than any machine holds. A file is refused if the helper crashes on it or needs
@@ -18,32 +18,46 @@ import threading
 from rigidmc.errors import FileError
 from rigidmc.files.helpers import start
 from rigidmc.files.locks import lock
-from rigidmc.files.opening import regular
+from rigidmc.files.meshes import loaded
+from rigidmc.files.opening import held_in, refuse_unnamed, regular
 from rigidmc.files.outputs import Path
 
 if sys.platform != "win32":
     import resource
 
+MESH_BYTES, MESH_SPEED = 50, 1e6  # memory for a byte of a mesh; bytes read in a second, of 5e6
 SECONDS = 1.0  # of computing, not of waiting for a disk; a file of ours takes 0.01
 PATIENCE = 20.0  # seconds, waiting included: a link within a file may lead to a pipe
-MEMORY = 2**30
+MEMORY = 3 * 2**28
 PACKED = 1100  # zlib expands a byte to 1032 at most: no file holds more than PACKED times its size
 MOST = 10_000  # variables
+_KEPT = 10_000  # files that were found sound; shards are read several times
+_sound: dict[tuple[str | int, ...], None] = {}
 _lock = threading.Lock()
 _helpers: list[subprocess.Popen[str]] = []
 
 
-def refuse_unreadable(path: Path) -> None:
-    """Raise FileError if a file is not netCDF, is damaged, or claims more data than it can hold.
+def refuse_unreadable(path: Path, kind: str = "netCDF") -> None:
+    """Raise FileError if a file is not of its kind, netCDF or mesh, is damaged, or claims more data
+    than it can hold.
 
-    Only the helper opens it as netCDF. Errors of the system, such as missing rights, are raised as
+    Only the helper opens it as such. Errors of the system, such as missing rights, are raised as
     they are.
     """
     path = os.path.abspath(path)
+    refuse_unnamed(path)
     with open(path, "rb", opener=regular) as file:
+        facts = os.fstat(file.fileno())
+        state = (kind, path, facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns)
+        if state in _sound:
+            return
         file.read(1)  # as long as it takes: an archive may bring the file from a tape
         with _lock:
-            complaint = _verdict(path)
+            complaint = _verdict(kind, path)
+        if not complaint:
+            _sound[state] = None
+            while len(_sound) > _KEPT:
+                _sound.pop(next(iter(_sound)), None)
         if complaint:
             # without locks the library only says that something is wrong
             with contextlib.suppress(BlockingIOError):
@@ -52,7 +66,7 @@ def refuse_unreadable(path: Path) -> None:
         raise FileError("", "file", None, complaint, file=path)
 
 
-def _verdict(path: str) -> str:
+def _verdict(kind: str, path: str) -> str:
     """The helper's complaint about a file, "" for none."""
     if not _helpers or _helpers[0].poll() is not None:
         _end()
@@ -63,17 +77,18 @@ def _verdict(path: str) -> str:
             raise OSError(f"{path}: not opened, as the process that tries files does not start")
     helper = _helpers[0]
     assert helper.stdin is not None and helper.stdout is not None
-    clock = threading.Timer(PATIENCE, helper.kill)
+    patience = PATIENCE + (os.stat(path).st_size / MESH_SPEED if kind == "mesh" else 0.0)
+    clock = threading.Timer(patience, helper.kill)
     clock.start()
     try:
         with contextlib.suppress(BrokenPipeError, ValueError):
-            helper.stdin.write(json.dumps(path) + "\n")
+            helper.stdin.write(json.dumps([kind, path]) + "\n")
             helper.stdin.flush()
             return str(json.loads(helper.stdout.readline()))
     finally:
         clock.cancel()
     _end()
-    return "is damaged: the netCDF library does not survive it"
+    return f"is damaged: the reader of {kind} files does not survive it"
 
 
 def _end() -> None:
@@ -93,22 +108,26 @@ def main() -> None:
     takes too long."""
     import netCDF4  # noqa: F401  (before memory is counted)
 
-    _limit_memory()
     print(flush=True)  # it has started
     for line in sys.stdin:
-        _limit_computing(SECONDS)
-        words = complaint(json.loads(line))
+        kind, path = json.loads(line)
+        size = os.stat(path).st_size
+        if kind == "mesh":
+            import trimesh.exchange.load  # noqa: F401  (before memory and time are counted)
+        _limit_memory(MEMORY + (MESH_BYTES * size if kind == "mesh" else 0))
+        _limit_computing(SECONDS + (size / MESH_SPEED if kind == "mesh" else 0.0))
+        words = complaint(path) if kind == "netCDF" else _mesh_complaint(path)
         _limit_computing(0.0)
         print(json.dumps(words), flush=True)
 
 
-def _limit_memory() -> None:
-    """Let this process take MEMORY bytes more than it has; no limit if the system does not tell
-    what it has."""
+def _limit_memory(more: int) -> None:
+    """Let this process take some bytes more than it has; no limit if the system does not tell what
+    it has."""
     if sys.platform != "win32":
         with contextlib.suppress(OSError, ValueError), open("/proc/self/statm") as file:
             pages = int(file.read().split()[0])
-            most = pages * os.sysconf("SC_PAGE_SIZE") + MEMORY
+            most = pages * os.sysconf("SC_PAGE_SIZE") + more
             resource.setrlimit(resource.RLIMIT_AS, (most, resource.RLIM_INFINITY))
 
 
@@ -127,7 +146,8 @@ def complaint(path: str) -> str:
 
     try:
         with netCDF4.Dataset(path) as file:
-            holds = PACKED * os.stat(path).st_size
+            holds = PACKED * held_in(path)
+            claims = 0
             if len(file.variables) > MOST or len(file.dimensions) > MOST:
                 return f"has more than {MOST:,} variables or dimensions"
             for name in file.ncattrs():
@@ -145,9 +165,20 @@ def complaint(path: str) -> str:
                 each = 16 if kind is str else kind.itemsize
                 pieces = variable.chunking()
                 chunk = math.prod(pieces) if isinstance(pieces, list) else 0
-                if each * max(math.prod(map(int, variable.shape)), chunk) > holds:
-                    size = " x ".join(f"{n:,}" for n in variable.shape)
-                    return f"{name} claims to be {size}, more than the file can hold"
+                size = each * math.prod(map(int, variable.shape))
+                claims += size
+                if claims > holds or max(size, each * chunk) > holds:
+                    shape = " x ".join(f"{n:,}" for n in variable.shape)
+                    return f"{name} claims to be {shape}, more than the file can hold"
     except Exception as error:  # the library raises whatever it likes
         return f"is damaged, or no netCDF file: {error}"
+    return ""
+
+
+def _mesh_complaint(path: str) -> str:
+    """Why a mesh must not be loaded, in words; "" if it may be."""
+    try:
+        loaded(path)
+    except Exception as error:  # the readers of trimesh raise all kinds of exceptions
+        return f"is no mesh that trimesh can read: {error}"
     return ""

@@ -9,8 +9,9 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rigidmc.errors import SceneError
-from rigidmc.files.opening import refuse_irregular
+from rigidmc.errors import FileError, SceneError
+from rigidmc.files.meshes import loaded
+from rigidmc.files.trial import refuse_unreadable
 
 _MIX = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio, odd
 
@@ -37,15 +38,17 @@ def load(path: "str | os.PathLike[str] | Mesh", scale: float = 1.0) -> NDArray[n
         return _closed(path, "Trimesh", scale)
     name = os.fspath(path)
     try:
-        import trimesh
+        import trimesh  # noqa: F401
     except ImportError as error:
         rule = f"meshes need trimesh: pip install 'rigidmc[mesh]' ({error})"
         raise SceneError("", "mesh", name, rule) from None
     if not os.path.exists(path):
         raise FileNotFoundError(f"{path}: no such file")
-    refuse_irregular(path)
     try:
-        mesh: Any = trimesh.load(name, force="mesh", process=False)
+        refuse_unreadable(name, "mesh")
+        mesh: Any = loaded(name)
+    except FileError as error:
+        raise SceneError("", "mesh", name, error.rule) from None
     except Exception as error:  # the readers of trimesh raise all kinds of exceptions
         rule = f"is no mesh that trimesh can read: {error}"
         raise SceneError("", "mesh", name, rule) from None

@@ -37,7 +37,9 @@ def steps_and_saves(
             )
             raise SceneError("run", "every", every, rule)
     if steps > MOST_STEPS:
-        rule = f"{steps:.3g} steps to t_end = {t_end:g}, more than the limit of {MOST_STEPS:.3g}"
+        # a whole number of more than 309 digits is no float
+        many = f"{min(steps, 10**300):.3g} steps to t_end = {t_end:g}"
+        rule = f"{many}, more than the limit of {MOST_STEPS:.3g}"
         raise SceneError("run", "dt", dt, rule)
     reduced = t_end / steps
     if abs(reduced / dt - 1) < 1e-9:

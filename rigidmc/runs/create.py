@@ -16,6 +16,7 @@ from rigidmc.engine.machine import this_machine, threads_available
 from rigidmc.errors import OptionError, OutputExists, SceneWarning
 from rigidmc.files.code import source_of
 from rigidmc.files.locks import refuse_lockless
+from rigidmc.files.opening import refuse_unnamed
 from rigidmc.files.outputs import (
     Path,
     folder_beside,
@@ -220,6 +221,7 @@ def free_place(path: Path) -> str:
     """The path of a new run directory; OutputExists if anything is there, OSError if the folder
     cannot be used."""
     path = place_of(path)
+    refuse_unnamed(path)
     if not is_free(path):
         hint = ""
         if os.path.isfile(os.path.join(path, "run.json")):

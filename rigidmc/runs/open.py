@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from rigidmc.errors import FileError, SceneWarning
 from rigidmc.files.netcdf import open_undecoded, read
 from rigidmc.files.outputs import Path
-from rigidmc.files.trial import refuse_unreadable
 from rigidmc.runs.reopen import Ready, planned, scene_of_run, text_of_run
 from rigidmc.storage.border import as_result
 from rigidmc.storage.run_directory import RunDirectory, flagged_of
@@ -180,7 +179,6 @@ def _read(
 ) -> NDArray[Any]:
     """A variable of a shard, whose mark, first member, shape and type are checked."""
     try:
-        refuse_unreadable(path)
         values = read(path, "member", name, mark=mark, newer=NEWER)
     except OSError as error:  # the file is gone
         rule = f"cannot be read: {error}; `rigidmc verify` tells more"

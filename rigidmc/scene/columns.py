@@ -1,13 +1,14 @@
 """Starts from files: columns of a CSV or a netCDF file, one row per member."""
 
 import os
+from collections import Counter
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.errors import RigidmcError, SceneError, unknown
-from rigidmc.files.opening import refuse_irregular
+from rigidmc.files.csv import numbers_of
 from rigidmc.files.trial import refuse_unreadable
 
 SUFFIXES = (".csv", ".nc")
@@ -53,30 +54,26 @@ def column(folder: str, file: str, name: str, table: str, key: str) -> NDArray[n
 
 def _csv(path: str, table: str, key: str, file: str) -> dict[str, Any]:
     """{name: values} of the columns of a CSV file, None for a name of several; SceneError."""
-    refuse_irregular(path)
-    with open(path, encoding="utf-8") as lines:
-        try:
-            header = lines.readline().strip().lstrip("\ufeff")
-            names = [word.strip().strip('"') for word in header.split(",")]
-            text = [line for line in lines if line.strip()]
-            rows = np.genfromtxt(text, delimiter=",", ndmin=2) if text else np.empty((0, 0))
-        except UnicodeDecodeError:
-            raise SceneError(table, key, file, "is not text in UTF-8") from None
-        except ValueError as error:
-            why = str(error).splitlines()[-1].strip()
-            rule = f"not a table of {len(names)} columns: {why}"
-            raise SceneError(table, key, file, rule) from None
+    try:
+        names, rows = numbers_of(path)
+    except UnicodeDecodeError:
+        raise SceneError(table, key, file, "is not text in UTF-8") from None
+    except RigidmcError:
+        raise
+    except ValueError as error:
+        why = str(error).splitlines()[-1].strip()
+        raise SceneError(table, key, file, f"not a table of numbers: {why}") from None
     if not rows.size:
         rule = "has no rows below its first line, which names the columns"
         raise SceneError(table, key, file, rule)
     if rows.shape[1] != len(names):
         rule = (
-            f"its first line names {len(names)} columns ({', '.join(names)}), its rows have"
+            f"its first line names {len(names)} columns ({', '.join(names[:20])}), its rows have"
             f" {rows.shape[1]}; columns are separated by commas"
         )
         raise SceneError(table, key, file, rule)
-    pairs = zip(names, rows.T, strict=True)
-    return {name: None if names.count(name) > 1 else values for name, values in pairs}
+    counts, pairs = Counter(names), zip(names, rows.T, strict=True)
+    return {name: None if counts[name] > 1 else values for name, values in pairs}
 
 
 def _netcdf(path: str) -> dict[str, Any]:

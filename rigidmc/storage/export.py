@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from rigidmc.files.csv import harmless
 from rigidmc.files.outputs import Part, Path, naming, refuse_existing, write_bytes
 from rigidmc.storage.writer import encoded
 
@@ -44,7 +45,10 @@ def write(dataset: xr.Dataset, path: Path, force: bool = False) -> None:
             plain = dataset.drop_encoding()
             plain.to_zarr(part, mode="w", zarr_format=2, write_empty_chunks=True)
         elif ending == ".csv":
-            table(dataset).to_csv(part, index=False, lineterminator="\n")
+            rows = table(dataset)
+            for name in rows.select_dtypes(["object", "string"]):
+                rows[name] = rows[name].map(harmless)
+            rows.rename(columns=harmless).to_csv(part, index=False, lineterminator="\n")
         else:
             table(dataset).to_parquet(part, index=False)
 

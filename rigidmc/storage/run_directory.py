@@ -37,7 +37,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from rigidmc.errors import FileError, OutputExists, SceneWarning
 from rigidmc.files.locks import lock, unlock
-from rigidmc.files.opening import below, held, plain, regular
+from rigidmc.files.opening import below, held, plain, refuse_unnamed, regular
 from rigidmc.files.outputs import Path, clear, is_part
 from rigidmc.files.reading import bytes_of, json_of
 from rigidmc.scene.scene import Scene
@@ -80,6 +80,7 @@ class RunDirectory:
 
     def __init__(self, path: Path) -> None:
         self.path = os.fspath(path)
+        refuse_unnamed(self.path)
         self.facts = self._read_facts()
         for folder in (self._folder, self.unfinished):
             if os.path.islink(folder):

@@ -1,5 +1,6 @@
 """What an ensemble is asked: "p(flips >= 1)", "mean(flip_wait | flips >= 2)", and so on."""
 
+import math
 import re
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple, Protocol
@@ -261,6 +262,8 @@ def measure(text: str, variables: Variables, may_save_more: bool = True) -> Meas
     if match is None:
         raise OptionError("", "measure", text, RULE)
     parts = match.groupdict()
+    if any(math.isinf(float(x)) for key, x in parts.items() if x and key.endswith("number")):
+        raise OptionError("", "measure", text, "expected numbers below 1.8e308")
     number = float(parts.get("number") or (0.5 if kind == "median" else 0.0))
     if kind == "quantile" and not 0.0 < number < 1.0:
         raise OptionError("", "measure", text, "a quantile has a share between 0 and 1")

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, SceneError
+from rigidmc.files.meshes import MESHES
 from rigidmc.mechanics import inertia
 from rigidmc.scene.body import Body
 from rigidmc.scene.quantities import is_shared
 
 SAME = 1e-12  # relative difference below which moments count as equal
-MESHES = (".stl", ".obj", ".ply", ".off")
 
 
 def body_of(

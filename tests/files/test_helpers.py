@@ -82,7 +82,10 @@ def test_a_helper_executes_nothing_of_the_folder(planted, module, monkeypatch):
     monkeypatch.chdir(planted)
     monkeypatch.setattr(sys, "path", ["", str(planted), *sys.path])
     monkeypatch.setenv("PYTHONPATH", f":{planted}")
-    task = {"files.trial": json.dumps(str(planted / "a.nc")), "engine.beside": "[]"}.get(module, "")
+    task = {
+        "files.trial": json.dumps(["netCDF", str(planted / "a.nc")]),
+        "engine.beside": "[]",
+    }.get(module, "")
     with helpers.start(f"rigidmc.{module}") as helper:
         out, _ = helper.communicate(task, timeout=100)
     assert untouched(planted) is True
@@ -123,6 +126,7 @@ def test_the_folders_of_a_helper_lack_the_working_directory(tmp_path, monkeypatc
 def test_a_helper_finds_the_package_by_its_place(planted, monkeypatch):
     """As one installed by PYTHONPATH, or beside a second one in site-packages."""
     trial._end()
+    trial._sound.clear()
     home = str(ROOT.parent)
     monkeypatch.setattr(sys, "path", [p for p in sys.path if p not in ("", home)])
     trial.refuse_unreadable(planted / "a.nc")
@@ -131,6 +135,7 @@ def test_a_helper_finds_the_package_by_its_place(planted, monkeypatch):
 
 def test_a_helper_that_does_not_start_is_said_to(planted, monkeypatch):
     trial._end()
+    trial._sound.clear()
     monkeypatch.setattr(sys, "path", [])
     monkeypatch.setattr(helpers, "folders", list)
     with pytest.raises(OSError, match="does not start"):

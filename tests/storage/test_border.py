@@ -400,7 +400,7 @@ def test_devices_folders_and_binary_files_are_named(tmp_path):
         ("zero.toml", "is a device"),
         ("latin.toml", "no text in UTF-8"),
         ("x.nc", "no netCDF file"),
-        ("long.toml", "more than the 16 MB"),
+        ("long.toml", "more than the 4 MB"),
     ):
         done = CliRunner().invoke(app, ["show", str(tmp_path / name)])
         assert done.exit_code == 3 and words in done.stderr and name in done.stderr, done.output

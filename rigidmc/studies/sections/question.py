@@ -39,7 +39,7 @@ def crossing_of(scene: Scene, at: str, way: str) -> Crossing:
     if way not in WAYS:
         raise OptionError("", "way", way, f"expected {', '.join(WAYS)}", nearest(way, WAYS))
     match = _CROSSING.fullmatch(at)
-    if match is None:
+    if match is None or math.isinf(float(match["value"])):
         raise OptionError("", "at", at, RULE)
     if noisy := [label for label, effect in labelled(scene.effects) if is_random(effect)]:
         rule = "a path with noise is not known between saves: no section"

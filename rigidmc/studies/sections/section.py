@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, nearest
 from rigidmc.observables.protocol import DIMENSIONS
+from rigidmc.planning.time_grid import MOST_STEPS
 from rigidmc.progress import Progress
 from rigidmc.runs.capacity import refuse_count
 from rigidmc.scene.scene import Scene, scene_of, takes_scene
@@ -97,6 +98,9 @@ def designed(scene: Scene, at: str, **settings: Any) -> Scene:
     scene = scene.with_run(**settings)
     refuse_count(scene.run.members, "members of a section", POINT, "take fewer members")
     if period := period_of(scene, at):
+        if not period / scene.run.dt < MOST_STEPS:
+            rule = f"more than {MOST_STEPS:.3g} steps to the first point"
+            raise OptionError("", "at", at, rule)
         count = max(1, math.floor(scene.run.t_end / period * (1.0 + 1e-9)))
         dt = period / math.ceil(period / scene.run.dt * (1.0 - 1e-9))  # whole steps in a period
         return _saving(scene, every=period, t_end=count * period, dt=dt)

@@ -13,6 +13,7 @@ import xarray as xr
 
 from rigidmc.engine.machine import threads_available
 from rigidmc.errors import FileError, OptionError, RigidmcError, unknown
+from rigidmc.files.csv import harmless
 from rigidmc.files.outputs import write_bytes
 from rigidmc.files.reading import text_of
 from rigidmc.integrators import INTEGRATORS
@@ -131,7 +132,8 @@ def save_bounds(study: xr.Dataset, path: str | PathLike[str], force: bool = Fals
             error = float(study.error.values[i, j])
             if math.isfinite(error):
                 bound = f"{_rounded_up(max(4.0 * error, 1e-16)):.0e}"
-                writer.writerow([study.group.values[i], case, name, bound, f"{error:.2g}"])
+                row = [study.group.values[i], case, name, bound, f"{error:.2g}"]
+                writer.writerow(map(harmless, row))
     write_bytes(path, text.getvalue().encode(), force)
 
 
