@@ -5,7 +5,7 @@
     scene = rm.Scene(rm.Body.from_moments((1, 2, 3)), start=start)
     ds = rm.simulate(scene, integrator="rk4", dt=1e-2, t_end=40.0, members=100_000, every=0.1)
 
-The names are loaded when first used: importing rigidmc compiles nothing and takes a millisecond.
+The names are loaded when first used: importing rigidmc compiles nothing and takes about 20 ms.
 A Dataset has `ds.rigid` as soon as rigidmc and xarray are imported, see `rigidmc.views.accessor`.
 """
 

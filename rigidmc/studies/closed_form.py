@@ -109,7 +109,7 @@ def _steady(case: Case, motions: Motions, first: int) -> Iterator[str]:
         degrees, member = np.degrees(theta), first + members[0]
         yield f"steady       {words}: precession of member {member} at {degrees:.6g} deg"
         least = 2.0 * np.sqrt(moments[0] * abs(weight)) / moments[2]
-        yield f"sleep        from a spin of {least:.6g} rad/s on it would; it has {spin:.6g}"
+        yield f"sleep        upright it sleeps above {least:.6g} rad/s; it has {spin:.6g}"
 
 
 def _sleep(case: Case, motions: Motions) -> Iterator[str]:

@@ -486,6 +486,14 @@ def test_every_map(name):
         assert (error < 0.01).mean() > 0.99
     if name == "disturbance":
         assert ds.error.values[ds.y.values > 1e-3].max() < 1e-8  # measured 1.3e-9
+        assert ds.error_first.values.max() < 1e-14  # measured 6e-16
+        # per factor e of the disturbance: 1/lambda, and 2/lambda between flips
+        low, high = (int(np.abs(np.log(ds.y.values / y)).argmin()) for y in (1e-4, 1e-2))
+        factors = np.log(ds.y.values[high] / ds.y.values[low])
+        for name, slope in (("mean(flip_first)", 1.0), ("mean(flip_wait)", 2.0)):
+            wait = ds[name].values
+            gain = (wait[low] - wait[high]).mean() / factors / np.sqrt(3.0)
+            assert abs(gain / slope - 1.0) < 1e-4  # measured 9e-6
     if name == "damped_axis":
         assert (ds.end.values != 0.0).all()
         # of 400 s; measured 124 at 256 pixels

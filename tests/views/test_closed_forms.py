@@ -54,7 +54,7 @@ def test_exact_tells_the_rates_of_steady_precession():
     slow, fast = np.sort(np.roots([MOMENTS[0] * np.cos(THETA), -MOMENTS[2] * SPIN, WEIGHT]))
     assert f"slow {slow:.6g}, fast {fast:.6g} rad/s" in told(SPIN)
     least = 2.0 * np.sqrt(MOMENTS[0] * WEIGHT) / MOMENTS[2]
-    assert f"from a spin of {least:.6g} rad/s on it would; it has 200" in told(SPIN)
+    assert f"upright it sleeps above {least:.6g} rad/s; it has 200" in told(SPIN)
     assert f"none below a spin of {least * np.sqrt(np.cos(THETA)):.6g} rad/s" in told(90.0)
     assert "motion       cusps\n" in told(SPIN)
 
