@@ -1,0 +1,217 @@
+"""Numbers of the documentation that nothing gives: `python -m bench.claims [--all]`.
+
+A number in README.md, docs, docstrings, help texts and shipped scenes that states what rigidmc does
+is drawn from a bench, printed by the page when it is built, or stands beside what gives it. This
+script lists the others: page, line, number, and its words. Its rules:
+
+Left out are code, commands, formulas, quoted text, links and citations; tables between bench marks
+and the first column of others; headings, dates and versions; parameters, that is numbers in code of
+the same page, in the scenes that this code loads, and constants of a docstring's own module; names
+("axis 3", "order 8", "section 11", "float64"); whole numbers to 12, 0.0 and 1.0, levels of
+confidence, full and right angles, powers of ten, and g.
+
+Given is a number if its paragraph, or its table and the paragraph before that, names a command
+(`rigidmc ...`, `python -m bench ...`), a test (`tests/...`) or the work that it is from ({cite},
+"et al.", a year in brackets), or if the paragraph leads to a cell that is executed when the page is
+built; a docstring's if it says what the tests compare, "measured", or a source.
+"""
+
+import ast
+import re
+import sys
+import tomllib
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).parents[1]
+NUMBER = re.compile(
+    r"(?<![\w.,/^_\-])[-\u2212]?\d{1,3}(?:(?:,\d{3})+|\d*)(?:\.\d+)?(?:e[-+]?\d+)?"
+    r"(?![\w/]|\.\d|-\w)",
+    re.IGNORECASE,
+)
+GIVEN = re.compile(
+    r"`rigidmc [^`]+`|python -m bench|pytest|tests/[\w/]+|\{cite|et al|\((?:1[6-9]|20)\d\d\)"
+    r"|benchmark|measured|TdC|DLMF|ISO|WGS|arXiv|[Tt]he tests compare"
+)
+LEADS = re.compile(r":\s*```\{(?:code-cell|output|picture)\}")
+FENCE = re.compile(r"^(```|~~~).*?^\1", re.S | re.M)
+DROPPED = (
+    re.compile(r"\A---\n.*?\n---\n", re.S),  # front matter
+    re.compile(r"<!-- bench:(\w+) -->.*?<!-- /bench:\1 -->", re.S),
+    FENCE,
+    re.compile(r"\$\$.*?\$\$|\$[^$\n]+(?:\n[^$\n]+)?\$", re.S),
+    re.compile(r"``[^`]+``|`[^`]*`"),
+    re.compile(r"\{[\w:]+\}`[^`]*`|\]\([^)]*\)|<[^>\n]+>|https?://\S+"),
+    re.compile(r"^#+ .*$", re.M),
+    re.compile(r"^\| *[\w.°%]+ *(?=\|)", re.M),  # the name of a row
+    re.compile(r"::\n\n(?:[ \t]*\n|    +.*\n)+"),  # code and formulas of docstrings
+    re.compile(r'"[^"\n]*"'),
+)
+NAMED = re.compile(
+    r"(?:\b(?:axis|axes|order|section|example|figure|table|equation|degree|member|issue|level|IEEE"
+    r"|exit code|capability|version|python|seed|chapter|appendix|check-case|case|float|int|utf|tm"
+    r"|group|note|index)s?|§|\bp\.)\s*(?:\d[\d.]*(?:,? (?:and|to|or) )?)+"
+    r"|\b\d{1,2} (?:January|February|March|April|May|June|July|August|September|October|November"
+    r"|December)\b|\b\d[\d.]*-(?:bit|sigma|vector|dimensional|digit)\w*|\b\d+ bits?\b"
+    r"|v?\d+\.\d+\.\d+",
+    re.IGNORECASE,
+)
+# levels, angles, powers of two and ten, and g
+PLAIN = {
+    "0.0", "0.5", "1.0", "1.5", "9.81", "20", "24", "25", "32", "50", "60", "64", "68", "75", "90",
+    "95", "99", "100", "128", "180", "256", "270", "360", "512", "1e3", "1e4", "1e5", "1e6", "1e-6",
+}  # fmt: skip
+
+SCENES = {
+    path.stem: path.read_text("utf-8")
+    for path in (ROOT / "rigidmc" / "scene" / "library").glob("*.toml")
+}
+
+
+class Claim(NamedTuple):
+    """A number in a paragraph; given : what gives it, "" if nothing is named."""
+
+    file: str
+    line: int
+    number: str
+    words: str
+    given: str
+
+
+def blanked(text: str, pattern: re.Pattern[str]) -> str:
+    """The text with each match replaced by spaces, and its lines kept."""
+    return pattern.sub(lambda one: re.sub(r"[^\n]", " ", one[0]), text)
+
+
+def numbers(text: str, parameters: set[str]) -> Iterator[tuple[int, str]]:
+    """(offset, number) of what may be a claim in plain words."""
+    text = blanked(text, NAMED)
+    for one in NUMBER.finditer(text):
+        word = one[0].replace(",", "").replace("\u2212", "-").lstrip("-")
+        if word in PLAIN or word in parameters:
+            continue
+        if re.fullmatch(r"\d+", word) and (int(word) <= 12 or 1600 <= int(word) <= 2035):
+            continue
+        if re.fullmatch(r"10*|0+", word):  # a power of ten
+            continue
+        yield one.start(), one[0]
+
+
+def parameters_of(code: str) -> set[str]:
+    """Numbers that code of a page has: what is given there need not be measured."""
+    found = re.findall(r"(?<![\w.])\d[\d_]*(?:\.\d+)?(?:e[-+]?\d+)?", code, re.I)
+    return {word.replace("_", "") for word in found} | {
+        f"{float(w.replace('_', '')):g}" for w in found
+    }
+
+
+def paragraphs(text: str) -> Iterator[tuple[int, str]]:
+    """(offset, paragraph); a table belongs to the paragraph before it."""
+    places = [0, *(one.end() for one in re.finditer(r"\n\s*\n", text)), len(text)]
+    held, begin = "", 0
+    for low, high in pairwise(places):
+        part = text[low:high]
+        if part.lstrip().startswith("|") and held:
+            held += part
+            continue
+        if held:
+            yield begin, held
+        held, begin = part, low
+    if held:
+        yield begin, held
+
+
+def of_text(file: str, text: str, first: int = 1, code: str = "") -> Iterator[Claim]:
+    """The claims in Markdown or in a docstring that begins in a line."""
+    blocks = [one[0] for one in FENCE.finditer(text)]
+    inline = re.findall(r"`[^`\n]+`", blanked(text, FENCE))
+    loaded = re.findall(r"[a-z_]+", " ".join([*blocks, *inline]))
+    scenes = [SCENES[word] for word in {*loaded} if word in SCENES]
+    known, plain = parameters_of(" ".join([*blocks, *inline, *scenes, code])), text
+    for pattern in DROPPED:
+        plain = blanked(plain, pattern)
+    for begin, part in paragraphs(plain):
+        whole = text[begin : begin + len(part)]
+        given = GIVEN.search(whole) or LEADS.search(whole)
+        for offset, number in numbers(part, known):
+            place = begin + offset
+            words = " ".join(text[max(0, place - 50) : place + 40].split())
+            line = first + text.count("\n", 0, place)
+            yield Claim(file, line, number, words, given[0] if given else "")
+
+
+def pages() -> Iterator[Claim]:
+    """The claims of README.md and of the pages of docs."""
+    for path in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]:
+        if "_build" not in path.parts and path.name not in ("changelog.md", "bibliography.md"):
+            yield from of_text(str(path.relative_to(ROOT)), path.read_text("utf-8"))
+
+
+def docstrings() -> Iterator[Claim]:
+    """The claims of docstrings and help texts of the package."""
+    kinds = (ast.Module, ast.ClassDef, ast.FunctionDef)
+    for path in sorted((ROOT / "rigidmc").rglob("*.py")):
+        tree = ast.parse(path.read_text("utf-8"))
+        code = constants(tree)
+        for node in ast.walk(tree):
+            if isinstance(node, kinds) and (text := ast.get_docstring(node, clean=False)):
+                line = node.body[0].lineno
+                shown = re.split(r"\n\s*Examples\n", text)[0]
+                yield from of_text(str(path.relative_to(ROOT)), shown, line, code)
+
+
+def helps() -> Iterator[Claim]:
+    """The claims of help texts: of options, and of the settings of a run."""
+    for path in sorted((ROOT / "rigidmc").rglob("*.py")):
+        tree = ast.parse(path.read_text("utf-8"))
+        code, file = constants(tree), str(path.relative_to(ROOT))
+        calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
+        for node in (word.value for call in calls for word in call.keywords if word.arg == "help"):
+            text = " ".join(
+                n.value
+                for n in ast.walk(node)
+                if isinstance(n, ast.Constant) and isinstance(n.value, str)
+            )
+            yield from of_text(file, text, node.lineno, code)
+
+
+def constants(tree: ast.AST) -> str:
+    """The numbers in the code of a module."""
+    values = [n.value for n in ast.walk(tree) if isinstance(n, ast.Constant)]
+    return " ".join(f"{v:.17g} {v:g}" for v in values if type(v) in (int, float))
+
+
+def scenes() -> Iterator[Claim]:
+    """The claims of the titles, summaries and sources of shipped scenes; their numbers are facts
+    of bodies if the source names a work."""
+    for path in sorted((ROOT / "rigidmc" / "scene" / "library").glob("*.toml")):
+        text = path.read_text("utf-8")
+        scene = tomllib.loads(text)
+        source = scene.get("source", "")
+        work = re.search(r"\b(1[6-9]|20)\d\d\b|closed form|uniform", source)
+        known = parameters_of(re.sub(r"(?m)^(title|summary|source) = .*$|#.*$", "", text))
+        for offset, number in numbers(f"{scene.get('summary', '')} {source}", known):
+            words = f"{scene.get('summary', '')} {source}"[max(0, offset - 50) : offset + 40]
+            yield Claim(str(path.relative_to(ROOT)), 1, number, words, work[0] if work else "")
+
+
+def claims() -> list[Claim]:
+    """All claims; those without `given` have nothing that gives them."""
+    return [*pages(), *docstrings(), *helps(), *scenes()]
+
+
+def main() -> None:
+    found = claims()
+    everything = "--all" in sys.argv
+    for one in found:
+        if everything or not one.given:
+            note = f"  [{one.given}]" if one.given else ""
+            print(f"{one.file}:{one.line}: {one.number}: ... {one.words} ...{note}")
+    left = sum(not one.given for one in found)
+    print(f"{len(found):,} numbers, {left:,} of them with nothing that gives them")
+
+
+if __name__ == "__main__":
+    main()
