@@ -46,7 +46,7 @@ RUNS = {
     "verify": (),
     "consolidate": ("-o", "y.nc"),
     "extend": ("--members", "10"),
-    "merge": ("empty",),
+    "merge": (),
 }
 # commands whose words are no files
 WORDS = {"new", "integrators", "effects", "observables", "doctor", "stress"}
@@ -88,8 +88,9 @@ def test_commands_on_results(here, command):
 
 @pytest.mark.parametrize("command", RUNS)
 def test_commands_on_runs(here, command):
-    assert code(command, "missing", *RUNS[command]) == codes.IO
-    assert code(command, "empty", *RUNS[command]) == codes.INVALID
+    new = ["new"] if command == "merge" else []  # its inputs are merged into a new run
+    assert code(command, *new, "missing", *RUNS[command]) == codes.IO
+    assert code(command, *new, "empty", *RUNS[command]) == codes.INVALID
 
 
 @pytest.mark.parametrize(("words", "expected"), [
