@@ -24,6 +24,7 @@ from rigidmc.effects.damping import MatrixDamping as MatrixDamping
 from rigidmc.effects.damping import QuadraticDrag as QuadraticDrag
 from rigidmc.effects.damping import DryFriction as DryFriction
 from rigidmc.effects.dissipation import EnergyDissipation as EnergyDissipation
+from rigidmc.effects.internal import InternalDissipation as InternalDissipation
 from rigidmc.effects.bath import Bath as Bath
 # isort: on
 

@@ -33,7 +33,8 @@ class EnergyDissipation(NamedTuple):
 
     G is the momentum of the whole: L, or L + H beside a `Rotor` that holds H. The direction of G in
     space wanders by about `loss` rad in each turn; that of a real body with moving parts inside
-    stays. Its kick is a rule of order 2 that rotates G: the size of G stays to rounding.
+    stays: take `InternalDissipation` where the attitude matters. The kick is a rule of order 2 that
+    rotates G: the size of G stays to rounding.
 
     A wobble about axis 3, with the spin w and a wheel along that axis, changes as exp(-t/T)::
 

@@ -29,6 +29,9 @@ class Effect(Protocol):
         energy(self, [body, q])             potential energy [J]
         energy_scale(self, [body])          a bound on |potential energy| [J], or the energy that a
                                             torque without a potential may bring
+        slip(self, [body, t, q, l])         angular velocity of the body beyond I^-1 L [rad/s], in
+                                            the principal axes: parts inside hold momentum; for
+                                            rk8 and cf4
         impel(self, [body, t, q, l, by, onto])  onto + by * torque, if it can be had more cheaply
 
     body, q, l : MassProperties, attitude, angular momentum in the principal axes [kg m^2/s]
@@ -185,6 +188,12 @@ def impel(effect, body, t, q, l, by, onto):
 def shake(effect, body, h, l):
     """L after the friction and noise of an effect over h."""
     return l
+
+
+@method
+def slip(effect, body, t, q, l):
+    """Angular velocity of the body beyond I^-1 L, principal axes [rad/s]; () if there is none."""
+    return ()
 
 
 @method

@@ -7,6 +7,7 @@ l : (x, y, z), or with the works of the effects behind them (`rigidmc.effects.le
 from rigidmc.dynamics.euler import angular_velocity, half_rotation, spun
 from rigidmc.dynamics.so3 import (
     add,
+    axpy,
     difference,
     dot,
     first_three,
@@ -17,7 +18,16 @@ from rigidmc.dynamics.so3 import (
     whole,
 )
 from rigidmc.effects.ledger import worked, worked_along
-from rigidmc.effects.protocol import energy, energy_scale, impel, kick, shake, torque, torque_rate
+from rigidmc.effects.protocol import (
+    energy,
+    energy_scale,
+    impel,
+    kick,
+    shake,
+    slip,
+    torque,
+    torque_rate,
+)
 
 
 def total_torque(effects, body, t, q, l):
@@ -68,15 +78,48 @@ def push(effects, body, t, h, q, l, change):
     if len(l) > 3:
         at = first_three(l)
         pushed = impelled(effects, body, t, q, at, (h, h, h), first_three(change))
-        return pushed + worked(effects, body, t, h, q, at, angular_velocity(body, at), change[3:])
+        w = slipped(effects, body, t, 2.0, q, at, angular_velocity(body, at))
+        works = worked(effects, body, t, h, q, at, w, change[3:])
+        return pushed + carried_along(effects, effects, body, t, h, q, at, works)
     return impelled(effects, body, t, q, l, (h, h, h), change)
 
 
 def changes(rates, effects, body, t, h, q, l):
     """(h dq/dt, h dL/dt) in a state; rates : Rates of the body over h."""
-    return spin(q, half_rotation(rates, l)), push(
-        effects, body, t, h, q, l, spun(rates, (0.0, 0.0, 0.0), l)
-    )
+    half = slipped(effects, body, t, h, q, l, half_rotation(rates, l))
+    return spin(q, half), push(effects, body, t, h, q, l, spun(rates, (0.0, 0.0, 0.0), l))
+
+
+def carried_along(effects, every, body, t, h, q, l, works):
+    """Works, where an effect that adds to the angular velocity pays for the work that all torques
+    do along with it: 1/2 L . I^-1 L does not get it."""
+    if len(effects) == 0:
+        return ()
+    more = slip(effects[0], body, t, q, l)
+    first = paid(more, every, body, t, h, q, l, works[0])
+    return (first,) + carried_along(effects[1:], every, body, t, h, q, l, works[1:])
+
+
+def paid(more, every, body, t, h, q, l, work):
+    """The work of an effect less that of all torques along its `slip`, () for none."""
+    if len(more) == 0:
+        return work
+    return work - h * dot(total_torque(every, body, t, q, l), more)
+
+
+def slipped(effects, body, t, h, q, l, half):
+    """Half the rotation vector of a time h, with what effects add to the angular velocity."""
+    if len(effects) == 0:
+        return half
+    more = slipped_one(slip(effects[0], body, t, q, first_three(l)), h, half)
+    return slipped(effects[1:], body, t, h, q, l, more)
+
+
+def slipped_one(more, h, half):
+    """The same with the angular velocity that one effect adds, () for none."""
+    if len(more) == 0:
+        return half
+    return axpy(half, 0.5 * h, more)
 
 
 def kicked(effects, body, t, h, q, l):

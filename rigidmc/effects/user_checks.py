@@ -19,12 +19,13 @@ from rigidmc.effects.protocol import (
     is_random,
     kick,
     shake,
+    slip,
     takes_noise,
     torque,
     torque_rate,
 )
 
-_VECTORS, _SCALARS = (torque, kick, shake, torque_rate), (energy, energy_scale)
+_VECTORS, _SCALARS = (torque, kick, shake, slip, torque_rate), (energy, energy_scale)
 BODY = MassProperties.of((0.6, 0.8, 1.0), (0.05, -0.02, 0.3))
 
 

@@ -115,6 +115,9 @@ def _refusal(
         return f"{_names(noisy)} is random, which splittings of order 2 take"
     if noisy and compensated:
         return f"its sums cannot be compensated with {_names(noisy)}, which acts on L as a whole"
+    slipping = [e for e in effects if implements(e, "slip")]
+    if slipping and not kind.slips:
+        return f"it turns the body by I^-1 L alone, but {_names(slipping)} has parts that move"
     if not effects or kind.accepts == "any torque":
         return None
     if kind.accepts == "no torque":

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from rigidmc.dynamics.euler import angular_velocity, free_rate
 from rigidmc.dynamics.so3 import add, axpy, cross, exponential, gain, moved, multiply, scale, whole
-from rigidmc.effects.sums import push
+from rigidmc.effects.sums import push, slipped
 
 
 def _rotation_rate(u, w):
@@ -58,6 +58,11 @@ def _force(body, effects, t, q, l):
     return push(effects, body, t, 1.0, q, l, free_rate(body, l))
 
 
+def _turning(body, effects, t, q, l):
+    """The angular velocity of the body, with the `slip` of effects."""
+    return slipped(effects, body, t, 2.0, q, l, angular_velocity(body, l))
+
+
 class CF4(NamedTuple):
     """Commutator-free Lie-group method of order 4: five exponentials; L by classical Runge-Kutta.
 
@@ -74,22 +79,23 @@ class CF4(NamedTuple):
     conserves = ("|q|",)
     accepts = "any torque"
     compensated = True
+    slips = True
     largest_turn = 2.0
 
     def step(self, body, effects, t, h, q, l):
         state, momentum = q, l
         q, l = whole(q), whole(l)
-        w1 = angular_velocity(body, l)
+        w1 = _turning(body, effects, t, q, l)
         dl1 = _force(body, effects, t, q, l)
         half = exponential(scale(0.5 * h, w1))
         q2, l2 = multiply(q, half), axpy(l, 0.5 * h, dl1)
-        w2 = angular_velocity(body, l2)
+        w2 = _turning(body, effects, t + 0.5 * h, q2, l2)
         dl2 = _force(body, effects, t + 0.5 * h, q2, l2)
         q3, l3 = multiply(q, exponential(scale(0.5 * h, w2))), axpy(l, 0.5 * h, dl2)
-        w3 = angular_velocity(body, l3)
+        w3 = _turning(body, effects, t + 0.5 * h, q3, l3)
         dl3 = _force(body, effects, t + 0.5 * h, q3, l3)
         q4, l4 = multiply(q2, exponential(scale(h, axpy(w3, -0.5, w1)))), axpy(l, h, dl3)
-        w4 = angular_velocity(body, l4)
+        w4 = _turning(body, effects, t + h, q4, l4)
         dl4 = _force(body, effects, t + h, q4, l4)
         middle = add(w2, w3)
         first = scale(h / 12.0, axpy(axpy(scale(2.0, middle), 3.0, w1), -1.0, w4))

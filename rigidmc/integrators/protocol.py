@@ -22,6 +22,7 @@ class Integrator(Protocol):
     Facts with a default, here::
 
         splitting : whether it alternates free motion with kicks
+        slips : whether it turns the body by the `slip` of effects too
         gradient : coefficient of the force gradient, of h^2
         largest_turn : angle by which a step may turn a body [rad]; None: by less than pi
         least_spin, largest_spin : angles per step [rad] between which `prepared` follows the spin
@@ -44,6 +45,7 @@ class Integrator(Protocol):
     accepts: str
     compensated: bool
     splitting: bool = False
+    slips: bool = False
     gradient: float = 0.0
     largest_turn: float | None = None
     least_spin: float = 0.0

@@ -88,6 +88,7 @@ class RK8(NamedTuple):
     """
 
     order = 8
+    slips = True
     evaluations = 12
     reversible = False
     conserves = ()

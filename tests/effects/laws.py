@@ -99,6 +99,7 @@ REFERENCE = {  # torque in space components: functions of effect, t, A, omega in
     "quadratic_drag": lambda e, t, a, w, b: -e.drag * np.linalg.norm(w) * w,
     "dry_friction": lambda e, t, a, w, b: -e.friction * w / math.hypot(np.linalg.norm(w), e.rest),
     "energy_dissipation": lambda e, t, a, w, b: dissipated(e, t, a, w, b),
+    "internal_dissipation": lambda e, t, a, w, b: dissipated(e, t, a, w, b),
 }
 
 
@@ -108,6 +109,19 @@ def dissipated(e, t, a, w, b):
     g = a @ (np.diag(b.moments) @ a.T @ w + wheel)
     n = g / np.linalg.norm(g)
     return -e.loss * np.linalg.norm(g) * (w - n * (n @ w))
+
+
+# What effects add in space to the angular velocity I^-1 L. A torque in the body that goes with it
+# is one in space less the change of axes, which turn faster.
+SLIPS = {
+    "internal_dissipation": lambda e, t, a, w, b: np.cross(unit_of_whole(e, t, a, w, b), w) * e.loss
+}
+
+
+def unit_of_whole(e, t, a, w, b):
+    """The direction of the momentum of the whole in space."""
+    g = a @ (np.diag(b.moments) @ a.T @ w + np.array(e.wheel) + t * np.array(e.motor))
+    return g / np.linalg.norm(g)
 
 
 def moved(effects, body, q, l, end):
@@ -120,8 +134,11 @@ def moved(effects, body, q, l, end):
     def rates(t, y):
         a, spin = y[:9].reshape(3, 3), y[9:]
         w = a @ ((a.T @ spin) / moments)
-        turn = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
         torque = sum((REFERENCE[name](e, t, a, w, body) for name, e in effects), np.zeros(3))
+        more = [SLIPS[name](e, t, a, w, body) for name, e in effects if name in SLIPS]
+        slip = sum(more, np.zeros(3))
+        torque, w = torque + np.cross(slip, spin), w + slip
+        turn = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
         return np.concatenate([(turn @ a).ravel(), torque])
 
     a = np.array(rotation(q))

@@ -39,8 +39,8 @@ def with_wheels(effects):
         field: tuple(np.sum([getattr(one, of) for one in rotors], axis=0))
         for field, of in (("wheel", "momentum"), ("motor", "motor"))
     }
-    friction = "energy_dissipation"
-    return [(n, one._replace(**whole) if n == friction else one) for n, one in effects]
+    friction = "energy_dissipation", "internal_dissipation"
+    return [(n, one._replace(**whole) if n in friction else one) for n, one in effects]
 
 
 def truths(scene, ds):

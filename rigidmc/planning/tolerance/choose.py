@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rigidmc.dynamics.methods import implements
 from rigidmc.effects import name_of
 from rigidmc.effects.protocol import is_random
 from rigidmc.engine import layout
@@ -50,7 +51,10 @@ def resolved(scene: Scene, threads: int | None = None) -> tuple[Scene, "Chosen |
     if run.integrator != "auto":
         return scene, None
     scene.check()
-    chosen = choose(scene.with_run(integrator="rk4"), run.tolerance, threads=threads)
+    # any that takes the scene stands for those to be tried
+    slips = any(implements(effect, "slip") for effect in scene.effects)
+    some = scene.with_run(integrator="rk8" if slips else "rk4")
+    chosen = choose(some, run.tolerance, threads=threads)
     way = chosen.way
     step = {"dt": way.dt} if way.turn is None else {"turn": way.turn}
     return scene.with_run(integrator=way.integrator, dtype=way.dtype, **step), chosen
