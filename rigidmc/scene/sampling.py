@@ -1,11 +1,11 @@
 """What members are a sample of: what a scene draws, and what goes by the index of a member."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
-from rigidmc.effects import labelled
+from rigidmc.effects import EFFECTS, labelled
 from rigidmc.effects.protocol import is_random
 from rigidmc.errors import SceneError
 from rigidmc.scene.distributions import Distribution
@@ -29,6 +29,30 @@ def is_sample(scene: Parts) -> bool:
     """
     tables = any(isinstance(q, np.ndarray) for q in scene.quantities())
     return tables or is_drawn(scene) or any(map(is_random, scene.effects))
+
+
+def is_sample_of(tables: Mapping[str, Any]) -> bool:
+    """As `is_sample`, by the tables of the TOML text that a result carries: without its rows, and
+    without the code of own parts, whose effects may be random."""
+    effects = tables.get("effects", {})
+    parts = [(name, one) for name, some in effects.items() for one in _several(some)]
+    noisy = any(name not in EFFECTS or is_random(EFFECTS[name]) for name, _ in parts)
+    body = {key: value for key, value in tables["body"].items() if key != "shape"}
+    values = [*body.values(), *tables.get("start", {}).values()]
+    values += [value for _, one in parts for value in one.values()]
+    words = isinstance(tables.get("start", {}).get("attitude"), str)
+    return noisy or words or any(map(_differs, values))
+
+
+def _several(tables: Any) -> list[Any]:
+    return tables if isinstance(tables, list) else [tables]
+
+
+def _differs(value: Any) -> bool:
+    """Whether a value of a scene file has a distribution, a law or a table in it."""
+    if isinstance(value, list):
+        return any(map(_differs, value))
+    return isinstance(value, dict) and "grid" not in value
 
 
 def is_indexed(scene: Parts) -> bool:

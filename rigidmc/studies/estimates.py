@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from rigidmc.errors import OptionError, nearest
 from rigidmc.files.reading import toml
+from rigidmc.scene.sampling import is_sample_of
 from rigidmc.scene.stored import scene_text
 from rigidmc.studies.intervals import Estimate
 from rigidmc.studies.measures import Measure, measure
@@ -15,18 +16,26 @@ from rigidmc.studies.measures import Measure, measure
 MOST_GROUPS = 10_000
 
 
-def are_independent(dataset: xr.Dataset) -> bool:
-    """Whether the members of a result are drawn independently, so that their spread tells how well
-    a measure is known."""
-    settings = toml(scene_text(dataset))["run"]
-    return bool(settings.get("points", "independent") == "independent")
+def why_no_interval(dataset: xr.Dataset) -> str:
+    """Why the spread of the members of a result does not tell how well a measure is known; "" if it
+    does, as that of members that are drawn independently."""
+    tables = toml(scene_text(dataset))
+    points = tables["run"].get("points", "independent")
+    if points != "independent":
+        return (
+            f"its members are {points} points, whose spread tells no interval: see"
+            " rigidmc.randomised"
+        )
+    if not is_sample_of(tables):
+        return "nothing is drawn: its members are all that there is, and no sample of more"
+    return ""
 
 
 def estimate(dataset: xr.Dataset, text: str, confidence: float = 0.95) -> Estimate:
     """A measure of the good members with its confidence interval.
 
-    The ends are nan if the members are no independent draws. Raises OptionError for what is no
-    measure of the result, and for the mean of a time that has not come of all members.
+    The ends are nan if the members are no independent draws: a grid is none. Raises OptionError for
+    what is no measure of the result, and for the mean of a time that has not come of all members.
     """
     asked = _asked(dataset, text)
     who = asked.asks(dataset)
@@ -87,7 +96,7 @@ def _interval(
     confidence: float,
 ) -> Estimate:
     found = asked.interval(values, who, confidence)
-    if are_independent(dataset):
+    if not why_no_interval(dataset):
         return found
     unknown = np.full(np.shape(found.value), np.nan)
     return Estimate(found.value, unknown, unknown, found.without, found.until)

@@ -151,7 +151,7 @@ class Rigid(States):
         -------
         Interval or xarray.Dataset
             value, low, high; of each group, with its `members`, over `by`. The ends are nan if the
-            members are no independent draws
+            members are no independent draws, as those of a grid
 
         Raises
         ------

@@ -12,7 +12,7 @@ from rigidmc.files.reading import toml
 from rigidmc.observables.event_times import is_event_time
 from rigidmc.scene.stored import scene_text
 from rigidmc.studies import censored, intervals
-from rigidmc.studies.estimates import are_independent, estimate
+from rigidmc.studies.estimates import estimate, why_no_interval
 from rigidmc.studies.rounding import is_constant
 
 # not summarised
@@ -30,23 +30,20 @@ def summary(dataset: xr.Dataset, confidence: float = 0.95, of: str | Iterable[st
     not come of all members the median with its interval, where a time may be beyond the end.
     """
     settings = toml(scene_text(dataset))["run"]
-    independent = are_independent(dataset)
+    unknown = why_no_interval(dataset)
     good = dataset.status.values == 0
     lines = [_heading(dataset, settings["members"]), _flagged(dataset)]
     if texts := (of,) if isinstance(of, str) else tuple(of):
         lines += [_measured(dataset, text, confidence) for text in texts]
-    sure = confidence if independent else None
+    sure = None if unknown else confidence
     for label, numbers in () if texts else _numbers(dataset):
         if is_event_time(label, numbers.attrs) and _are_left(numbers.values[good]):
             line: str | None = _time(dataset, label, sure)
         else:
             line = _line(label, numbers, numbers.values[good], sure)
         lines += [line] if line else []
-    if not independent:
-        lines.append(
-            f"  its members are {settings['points']} points, whose spread tells no interval:"
-            " see rigidmc.randomised"
-        )
+    if unknown:
+        lines.append(f"  {unknown}")
     if texts:
         return "\n".join(lines)
     saved = [str(name) for name, v in dataset.data_vars.items() if "time" in v.dims]

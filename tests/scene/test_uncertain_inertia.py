@@ -203,3 +203,18 @@ def test_mass_and_centre_are_means_and_starts_are_no_tables():
     start = rm.Start(omega=(np.array([1.0, 2.0]), 0.0, 0.0))
     with pytest.raises(SceneError, match="axes differ from member to member"):
         rm.Scene(rm.Body.from_tensor(law), start=start).with_run(members=2, dt=0.1, t_end=1).check()
+
+
+@pytest.mark.parametrize(("together", "low", "high"), [(0.9, 0.0, 0.02), (0.0, 0.4, 0.6)])
+def test_the_small_moment_of_a_slender_body_spreads_more(together, low, high):
+    """It is at least the difference of the other two, whose errors are larger than itself."""
+    mean = np.array([10.0, 56.0, 60.0])
+    known = 0.02 * mean
+    spread = np.zeros((6, 6))
+    spread[:3, :3] = np.diag(known**2)
+    spread[1, 2] = spread[2, 1] = together * known[1] * known[2]
+    body = rm.Body.from_tensor(rm.UncertainInertia(np.diag(mean), spread))
+    moments = body.sample(0, 0, 40_000)[0]
+    assert low < moments[0].std() / known[0] - 1.0 < high  # measured 0.007 and 0.51
+    off = (moments.mean(1) - mean) / known
+    assert np.abs(off).max() < 0.03  # measured 0.019

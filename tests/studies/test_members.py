@@ -1,12 +1,14 @@
 """Studies that move, copy or pair members, and the counts that studies take: what is refused before
 the first step."""
 
+import tomllib
+
 import numpy as np
 import pytest
 
 import rigidmc as rm
 from rigidmc.errors import NoRoom, OptionError, SceneError
-from rigidmc.scene.sampling import is_sample
+from rigidmc.scene.sampling import is_sample, is_sample_of
 from rigidmc.studies import accuracy, drift, tasks
 from rigidmc.studies.rare.rare import KIND, asked
 
@@ -63,9 +65,41 @@ def test_what_is_a_sample():
         (rm.Start(omega=(0.0, 0.0, 1.0), attitude="uniform"), (), True),
         (rm.Start(omega=rm.Sphere(1.0)), (), True),
     ):
-        assert is_sample(rm.Scene(BODY, effects, start)) == sample
+        scene = rm.Scene(BODY, effects, start)
+        assert is_sample(scene) == sample == is_sample_of(tomllib.loads(scene.dumps()))
     with pytest.raises(rm.RigidmcError, match="nothing in the scene is drawn"):
         rm.simulate_until(rm.Scene(BODY, (), grid), GOAL)
+
+
+def test_a_grid_has_no_intervals():
+    """p of ten members of a grid was 0.5 (0.24 to 0.76)."""
+    scene = rm.Scene(BODY, (), rm.Start(omega=(0.0, 0.0, rm.grid(0.0, 1.0, 10))))
+    run = {"dt": 0.1, "t_end": 0.1, "save": ("omega_max",)}
+    of = "p(omega_max[3] >= 0.5)"
+    result = rm.simulate(scene, members=10, **run)
+    for text, value in ((of, 0.5), ("mean(omega_max[3])", 0.5), ("median(omega_max[3])", 0.5)):
+        found = result.rigid.measure(text)
+        assert found.value == pytest.approx(value) and np.isnan(found[1:]).all()
+    words = result.rigid.summary(of=of)
+    assert "0.5" in words and "between" not in words
+    assert "+-" not in result.rigid.summary() and "no sample of more" in result.rigid.summary()
+    part = result.isel(member=slice(2, 7))  # without some of its rows
+    assert np.isnan(part.rigid.measure(of).low)
+    drawn = rm.Scene(BODY, rm.BodyTorque((0.0, 0.0, LAW)), scene.start)
+    assert np.isfinite(rm.simulate(drawn, members=40, **run).rigid.measure(of).low)
+    axes = {"x": ("start.omega.3", 0, 1), "y": ("start.omega.1", 0, 1), "resolution": 4}
+    for start, known in ((0.1, False), (LAW, True)):
+        mapped = rm.stability_map(
+            rm.Scene(BODY, (), rm.Start(omega=(0.0, start, 0.0))),
+            **axes,
+            of=of,
+            members=2,
+            dt=0.1,
+            t_end=0.1,
+        )
+        name = of.replace(" ", "")
+        assert np.isfinite(mapped[name]).all()
+        assert bool(np.isfinite(mapped[f"{name}_high"]).any()) == known
 
 
 SCENE = rm.Scene(BODY, (), rm.Start(omega=(0.0, 0.0, LAW))).with_run(dt=0.1, t_end=0.1)

@@ -62,9 +62,10 @@ class UncertainInertia(Law):
     covariance that the given one becomes by their rates of change: every draw is a body. Where
     moments of a compact body are known to 5 %, means are off by 0.01 deviations or less, deviations
     by 2 % and correlations by 0.03. The small moment of a slender body spreads more, because it is
-    at least the difference of the other two: with moments of (10, 56, 60) known to 2 to 3 % its
-    deviation is too large by 3 % if the errors of the large two are correlated by 0.9, and by 36 %
-    if they are independent. Draw some, `body.sample(0, 0, 10000)`, and compare.
+    at least the difference of the other two: with moments of (10, 56, 60) known to 2 % its
+    deviation is too large by 1 % if the errors of the large two are correlated by 0.9, and by half
+    if they are independent (`tests/scene/test_uncertain_inertia.py`). Draw some,
+    `body.sample(0, 0, 10000)`, and compare.
     Source: Rucker & Wensing, IEEE Robotics and Automation Letters 7 (2022) 2771.
 
     The principal axes differ from member to member, and each is named after the axis of the mean

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.layout import STATUSES
 from rigidmc.observables.event_times import CENSORED, FOLLOWED
+from rigidmc.scene.sampling import is_sample
 from rigidmc.scene.scene import Scene
 from rigidmc.storage.schema import Variable
 from rigidmc.studies.maps.question import Question, units_of
@@ -125,6 +126,8 @@ def map_dataset(
         ends = "", f", low end {share}", f", high end {share}"
         *names, lacking = names_of(one)
         *numbers, without = pixels.intervals[one.text]
+        if not is_sample(scene):  # the members of a pixel are one, whose number has no interval
+            numbers[1:] = np.full((2, without.size), np.nan)
         for name, values, end in zip(names, numbers, ends, strict=True):
             about = {"units": units, "long_name": text + end}
             about |= {CENSORED: FOLLOWED} if one.result.timed else {}
