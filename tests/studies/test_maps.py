@@ -16,6 +16,7 @@ from rigidmc.errors import OptionError, SceneError
 from rigidmc.mechanics.free_top import free_motion
 from rigidmc.observables import Flips
 from rigidmc.scene.parameters import parameters, with_parameter
+from rigidmc.storage.schema import Variable
 from rigidmc.studies.intervals import probability
 from rigidmc.studies.maps import cases
 from rigidmc.studies.maps.catalogue import MAPS, case_map
@@ -263,9 +264,9 @@ def test_names_of_parameters():
 
 
 VARIABLES = {
-    "flips": ("member",),
-    "omega_max": ("axis", "member"),
-    "omega": ("time", "axis", "member"),
+    "flips": Variable(("member",), "f8", {}),
+    "omega_max": Variable(("axis", "member"), "f8", {}),
+    "omega": Variable(("time", "axis", "member"), "f8", {}),
 }
 
 
