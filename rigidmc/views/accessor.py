@@ -120,8 +120,8 @@ class Rigid(States):
         -------
         str
             the flagged members; of each number per member its mean with the confidence interval,
-            its median, the middle 90 %, and for how many members the event never happened; or
-            the measures with their confidence intervals
+            its median, the middle 90 %, and how many members have no value; of the time of an event
+            that has not come of all members, its median; or the measures with their intervals
 
         Examples
         --------
@@ -149,14 +149,17 @@ class Rigid(States):
 
         Returns
         -------
-        Interval or xarray.Dataset
-            value, low, high; of each group, with its `members`, over `by`. The ends are nan if the
-            members are no independent draws, as those of a grid
+        Estimate or xarray.Dataset
+            value, low, high, and as attributes `without`, the fraction of the members without a
+            value, and `until`, the end of the run if the time of an event has not come of all
+            members: a quantile beyond it is inf. Of each group, with its `members` and `without`,
+            over `by`. The ends are nan if the members are no independent draws, as those of a grid
 
         Raises
         ------
         OptionError
-            for what is no measure of the result, and for an unknown `by`
+            for what is no measure of the result, for an unknown `by`, and for the mean of a time
+            that has not come of all members
 
         Examples
         --------
