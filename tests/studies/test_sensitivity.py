@@ -203,7 +203,7 @@ def test_an_uncertain_tensor_is_one_number():
     assert study.differing.values.tolist() == [300, 0] and np.isnan(study.total.values[1]).all()
     assert "shares of a variance need 10" in "\n".join(table(study))
     sensitivity_bars(study)
-    never = rm.sensitivity(scene.with_run(save=("flips",)), "mean(flip_first)", 20)
+    never = rm.sensitivity(scene.with_run(save=("flips",)), "mean(flip_wait)", 20)
     assert "no family has a value" in table(never)[1] and int(never.families[0]) == 0
 
 
