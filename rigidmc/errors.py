@@ -210,6 +210,7 @@ def _escaped(found: re.Match[str]) -> str:
 def _short(value: object) -> str:
     # repr of a number of more than 4300 digits is an error of its own
     text = repr(value) if not isinstance(value, int) or abs(value) < 10**80 else "a huge number"
+    text = " ".join(text.split())  # a Series shows itself on several lines
     return text if len(text) <= 80 else text[:77] + "..."
 
 

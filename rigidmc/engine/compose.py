@@ -7,10 +7,8 @@ else. Numba's disk cache works, because no function is ever an argument.
 """
 
 import inspect
-import os
 import re
 import sys
-import sysconfig
 from collections.abc import Callable, Mapping
 from functools import cache
 from itertools import pairwise
@@ -24,20 +22,14 @@ from numba.core.typing.templates import AbstractTemplate
 
 import rigidmc.effects.protocol
 import rigidmc.integrators.protocol
-import rigidmc.observables.protocol
+import rigidmc.observables.protocol  # noqa: F401  (imported so that METHODS is complete)
 from rigidmc.dynamics.methods import METHODS, arguments
 from rigidmc.engine.intrinsics import CODED, coded, known_by
 from rigidmc.engine.pipeline import INLINE
+from rigidmc.files.code import is_own
 
 Function = Callable[..., Any]
 
-_INSTALLED = tuple(
-    os.path.join(path, "")
-    for path in {
-        *(sysconfig.get_path(word) for word in ("stdlib", "platstdlib", "purelib", "platlib")),
-        os.path.dirname(os.path.dirname(os.path.abspath(rigidmc.effects.protocol.__file__))),
-    }
-)
 _inlined: set[Function] = set()
 _done: set[str] = set()  # modules of the package
 
@@ -139,7 +131,7 @@ def inline_names(module: str, names: Mapping[str, Any]) -> None:
             continue
         seen.add(module)
         for one in list(names.values()):
-            if inspect.ismodule(one) and package != "rigidmc" and _is_own(one.__dict__):
+            if inspect.ismodule(one) and package != "rigidmc" and is_own(one.__dict__):
                 pending.append((one.__name__, vars(one)))
             if not inspect.isfunction(one) or one in methods:
                 continue
@@ -147,16 +139,10 @@ def inline_names(module: str, names: Mapping[str, Any]) -> None:
             same = str(home).partition(".")[0] in (package, "rigidmc")
             if home == module:
                 inline(one)
-            elif (same and not home.startswith("rigidmc.engine.")) or _is_own(one.__globals__):
+            elif (same and not home.startswith("rigidmc.engine.")) or is_own(one.__globals__):
                 pending.append((home, one.__globals__))
     if package == "rigidmc":  # a user's module may get more functions later
         _done.update(seen)
-
-
-def _is_own(names: Mapping[str, Any]) -> bool:
-    """Whether what a module has comes from a file of the user's own, not from an installed one."""
-    file = names.get("__file__")
-    return isinstance(file, str) and not os.path.abspath(file).startswith(_INSTALLED)
 
 
 for _call in METHODS:

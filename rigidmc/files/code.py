@@ -2,17 +2,29 @@
 
 import importlib.util
 import inspect
+import itertools
 import os
 import sys
+import sysconfig
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from types import ModuleType
 from typing import Any
 
 from rigidmc.errors import SceneError, nearest
 
-_modules: dict[tuple[str, int], ModuleType] = {}  # by path and time of the last change
+_INSTALLED = tuple(
+    os.path.join(path, "")
+    for path in {
+        *(sysconfig.get_path(word) for word in ("stdlib", "platstdlib", "purelib", "platlib")),
+        os.path.dirname(os.path.dirname(os.path.abspath(__file__))),
+    }
+)
+_BESIDE = "__own_files__"  # what a module has imported from its folder
+_numbers = itertools.count()
+# {path: (when it and what it imports were changed last, the module)}
+_modules: dict[str, tuple[dict[str, int], ModuleType]] = {}
 
 
 def class_of(folder: str, path: str, name: str, table: str) -> type[Any]:
@@ -29,10 +41,10 @@ def class_of(folder: str, path: str, name: str, table: str) -> type[Any]:
         raise SceneError(table, "module", path, f"there is no file {file}")
     if not file.endswith(".py"):
         raise SceneError(table, "module", path, "is no Python file (.py)")
-    key = file, os.stat(file).st_mtime_ns
-    if key not in _modules:
-        _modules[key] = _run(file, path, table)
-    module = _modules[key]
+    known, module = _modules.get(file, ({}, None))
+    if module is None or known != _changed(known):
+        module = _run(file, path, table)
+        _modules[file] = _changed([file, *getattr(module, _BESIDE)]), module
     classes: dict[str, type[Any]] = {
         word: value
         for word, value in vars(module).items()
@@ -53,13 +65,14 @@ def _plain(name: str) -> str:
 
 
 def _run(file: str, path: str, table: str) -> ModuleType:
-    name = f"own_code_{len(_modules)}"
+    name = f"own_code_{next(_numbers)}"
     spec: Any = importlib.util.spec_from_file_location(name, file)
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # as of any other module: classes find their own there
     try:
-        with _beside(os.path.dirname(file)):
+        with _beside(os.path.dirname(file)) as files:
             spec.loader.exec_module(module)
+        setattr(module, _BESIDE, files)
     except Exception as error:  # the user's code may raise anything
         del sys.modules[name]
         frames = reversed(traceback.extract_tb(error.__traceback__))
@@ -71,19 +84,54 @@ def _run(file: str, path: str, table: str) -> ModuleType:
 
 
 @contextmanager
-def _beside(folder: str) -> Iterator[None]:
-    """Let a file import from its own folder what is nowhere else, as from a script. What it has
-    imported there is forgotten: in another folder the same name is another file."""
-    before, path = set(sys.modules), list(sys.path)
+def _beside(folder: str) -> Iterator[list[str]]:
+    """Let a file import from its own folder what is nowhere else, as from a script; yields a list
+    that has the imported files at the end. They are forgotten: in another folder the same name is
+    another file."""
+    before, path, files = set(sys.modules), list(sys.path), list[str]()
     sys.path.append(folder)  # last: no file of that folder hides a library
     try:
-        yield
+        yield files
     finally:
         sys.path[:] = path
         for name in set(sys.modules) - before:
-            where = getattr(sys.modules[name], "__file__", None)
-            if where and os.path.realpath(where).startswith(os.path.join(folder, "")):
+            where = os.path.realpath(getattr(sys.modules[name], "__file__", None) or os.sep)
+            if where.startswith(os.path.join(folder, "")):
                 del sys.modules[name]
+                files.append(where)
+
+
+def _changed(files: Iterable[str]) -> dict[str, int]:
+    """When files were changed last; 0 for those that are gone."""
+    return {file: os.stat(file).st_mtime_ns if os.path.isfile(file) else 0 for file in files}
+
+
+def is_own(names: Mapping[str, Any]) -> bool:
+    """Whether what a module has comes from a file of the user's own, not from an installed one."""
+    file = names.get("__file__")
+    return isinstance(file, str) and not os.path.abspath(file).startswith(_INSTALLED)
+
+
+def sources_of(kind: type[Any]) -> list[str]:
+    """The file of a user's class, and those of the user's files that it takes anything from."""
+    file = source_of(kind)
+    if file is None:
+        return []
+    methods = filter(inspect.isfunction, vars(kind).values())
+    pending: list[Mapping[str, Any]] = [method.__globals__ for method in methods]
+    files, seen = {file: None}, set[int]()
+    while pending:
+        names = pending.pop()
+        if id(names) in seen or not is_own(names):
+            continue
+        seen.add(id(names))
+        files |= dict.fromkeys([os.path.abspath(names["__file__"]), *names.get(_BESIDE, ())])
+        for one in list(names.values()):
+            if inspect.isfunction(one):
+                pending.append(one.__globals__)
+            elif inspect.ismodule(one):
+                pending.append(vars(one))
+    return [name for name in files if os.path.isfile(name)]
 
 
 def source_of(kind: type[Any]) -> str | None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rigidmc.engine.machine import this_machine, threads_available
 from rigidmc.errors import OptionError, OutputExists, SceneWarning
-from rigidmc.files.code import source_of
+from rigidmc.files.code import sources_of
 from rigidmc.files.locks import refuse_lockless
 from rigidmc.files.opening import refuse_unnamed
 from rigidmc.files.outputs import (
@@ -139,7 +139,7 @@ def _facts(run: Ready, shard: int, block: int, about: Mapping[str, str]) -> dict
     """The facts of run.json, with the hashes of scene and columns still empty."""
     scene = run.original
     versions, machine = this_machine(*["scipy"] * bool(scene.drawn_through()))
-    sources = [file for part in own_parts(scene) if (file := source_of(type(part))) is not None]
+    sources = [file for part in own_parts(scene) for file in sources_of(type(part))]
     return {
         "format": FORMAT,
         "scene": "",

@@ -61,7 +61,7 @@ def simulate(
         a name of `rigidmc integrators`, or "auto" for the cheapest one that keeps a tolerance, or
         one of your own; the
         choice rests on times measured here, and the result's attributes tell it
-    members : int, range or ndarray of int, optional
+    members : int, range or array_like of int, optional
         number of members, or a range of member indices, or rising indices; the bits of a member
         depend on scene, seed and its index alone
     threads : int, optional
@@ -103,6 +103,10 @@ def simulate(
     (('time', 'axis', 'member'), (3, 3, 4))
     """
     which = None
+    if not isinstance(members, (int, range)):
+        members = placed(members, "run", "members")
+    if isinstance(members, (list, tuple)):
+        members = np.array(members)
     if isinstance(members, np.ndarray):
         which = _indices(members)
         members = range(int(which[0]), int(which[-1]) + 1)
@@ -136,7 +140,6 @@ def simulate(
 
 def _indices(members: NDArray[Any]) -> NDArray[np.int64]:
     """The indices of members as they are asked for; SceneError unless they rise from 0 or more."""
-    members = placed(members, "run", "members")
     sound = members.ndim == 1 and members.size and members.dtype.kind in "iu"
     if not sound or members[0] < 0 or not (np.diff(members) > 0).all():
         raise SceneError("run", "members", None, "expected indices of members that rise")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rigidmc.arrays import floats
+from rigidmc.arrays import floats, placed
 from rigidmc.errors import SceneError, nearest, unknown
 from rigidmc.mechanics import inertia, rotation, solids
 from rigidmc.scene import shape
@@ -306,6 +306,7 @@ class Body(MassDistribution, metaclass=_Hints):
         >>> [round(moment, 12) for moment in rm.Body.from_density(2.0, box).moments]
         [13.0, 10.0, 5.0]
         """
+        region = placed(region, "body", "region")
         coarse, fine = (inertia.moments_of_density(density, region, points) for points in (24, 40))
         mass, first, second = fine[0], fine[1:4], fine[4:].reshape(3, 3)
         if not mass > 0:

@@ -1,6 +1,7 @@
 """Arrays count by their places alone: every door takes the same, and refuses what means more."""
 
 import itertools
+import re
 import types
 
 import numpy as np
@@ -254,10 +255,20 @@ def test_numbers_at_the_ends_of_the_range():
     assert placed(range(3)) == [0, 1, 2]
 
 
-def test_members_of_a_run_are_not_masked():
-    which = np.ma.masked_array([1, 2, 3], [0, 1, 0])
-    with pytest.raises(rm.SceneError, match="row 1 is masked"):
-        rm.simulate(rm.Scene(BODY), members=which)
+def test_members_of_a_run_are_indices():
+    scene = rm.Scene(BODY).with_run(dt=0.1, t_end=0.1, integrator="exact")
+    for which, word in (
+        (np.ma.masked_array([1, 2, 3], [0, 1, 0]), "row 1 is masked"),
+        (pd.Series([1, 2]), "x.to_numpy()"),
+        ({1, 2}, "has no order"),
+        ([2, 1], "that rise"),
+        ([1.0, 2.0], "that rise"),
+        ([], "that rise"),
+    ):
+        with pytest.raises(rm.SceneError, match=re.escape(word)):
+            rm.simulate(scene, members=which)
+    for which in ([1, 2, 5], (1, 2, 5), np.array([1, 2, 5])):
+        assert rm.simulate(scene, members=which).member.values.tolist() == [1, 2, 5]
 
 
 def test_axes_are_a_right_handed_set():
