@@ -256,9 +256,9 @@ def _why_none(moments: NDArray[np.float64]) -> str:
         return "all moments are 0: all mass lies at the fixed point, or there is none"
     if abs(low) <= 1e-9 * high and high - middle <= 1e-9 * high:
         return (
-            f"the moments are ({example}): all mass lies on a line through the fixed point, and the"
-            " rotation about this line has no inertia; give the body a thickness, as the radius of"
-            " a rod"
+            f"principal moments must be positive, and are ({example}): all mass lies on a line"
+            " through the fixed point, and the rotation about this line has no inertia; give the"
+            " body a thickness, as the radius of a rod"
         )
     return (
         f"principal moments must be positive and obey I_i <= I_j + I_k, and ({example}) are not: no"

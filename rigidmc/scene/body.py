@@ -104,12 +104,13 @@ class Body(MassDistribution, metaclass=_Hints):
         """
         if isinstance(tensor, UncertainInertia):
             return cls(tensor, mass, centre)
-        matrix = floats(tensor, "tensor", table="body")
+        wanted, cure = (
+            "expected 3x3 finite numbers, not",
+            ("; bodies that differ are given by moments, or by rm.UncertainInertia"),
+        )
+        matrix = floats(tensor, "tensor", table="body", rule=f"{wanted} laws or words{cure}")
         if matrix.shape != (3, 3):
-            rule = (
-                f"expected 3x3 finite numbers, not {matrix.shape or 'one number'}; bodies that"
-                " differ are given by moments, or by rm.UncertainInertia"
-            )
+            rule = f"{wanted} {matrix.shape or 'one number'}{cure}"
             raise SceneError("body", "tensor", None, rule)
         try:
             moments, axes = inertia.principal_axes(matrix)

@@ -105,10 +105,11 @@ def _put(components: list[Any], dotted: str, value: Any) -> None:
     components[int(word) - 1] = value
 
 
-def _value(text: str) -> Any:
-    """The value that a text stands for: TOML, also with numbers as .5 and 1., or a plain word."""
+def _value(text: Any) -> Any:
+    """The value that a text stands for: TOML, also with numbers as .5 and 1., or a plain word; in
+    Python other values stand for themselves."""
     tried = [text]
-    if not {'"', "'"} & {*text}:
+    if isinstance(text, str) and not {'"', "'"} & {*text}:
         whole = re.sub(r"(?<![\w.])\.(?=\d)", "0.", text)
         tried.append(re.sub(r"(?<=\d)\.(?!\d)(?=e|\W|$)", ".0", whole))
     for one in tried:

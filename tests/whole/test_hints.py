@@ -155,6 +155,8 @@ def test_a_centre_in_millimetres(centre, asked):
         (".5 s", ".5 s"),
         ("v1.0", "v1.0"),
         ("1..2", "1..2"),
+        (1.62, 1.62),
+        ([0.5, 1.0], [0.5, 1.0]),
     ],
 )
 def test_numbers_on_the_command_line(text, value):
