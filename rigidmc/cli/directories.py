@@ -151,7 +151,8 @@ def continued(
     if whole(status):
         return outcome(status), True
     if mine is None or directory.missing_in(mine).size:
-        print("  not done: `rigidmc resume` goes on")
+        kept = " with what is kept of unfinished shards" * os.path.isdir(directory.unfinished)
+        print(f"  not done: `rigidmc resume` goes on{kept}")
         return outcome(status), False
     left = f"{status['shards'] - status['done']:,} of other tasks are left"
     words = in_ranges(directory.missing().tolist())

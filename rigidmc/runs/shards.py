@@ -18,7 +18,7 @@ from rigidmc.planning.block_size import BLOCK, SLAB, WAVE, fitting
 from rigidmc.planning.job import Job
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.tolerance.costs import cost_per_step
-from rigidmc.progress import Progress
+from rigidmc.progress import Progress, say
 from rigidmc.runs.blocks import compute
 from rigidmc.runs.checkpoints import Checkpoints
 from rigidmc.runs.reopen import Ready
@@ -27,7 +27,7 @@ from rigidmc.storage.run_directory import RunDirectory, damaged, flagged_of
 from rigidmc.storage.schema import bytes_of_a_member
 from rigidmc.storage.sinks import Arrays, Memory, Place, buffer
 from rigidmc.storage.writer import Writer
-from rigidmc.threads import Task, Threads, drop, ending
+from rigidmc.threads import Task, Threads, drop, ending, is_late
 
 SHARD = 64 * 2**20  # bytes of a shard: a thousand of them are 67 GB
 TIME = 120.0  # seconds of one thread for a shard
@@ -121,6 +121,8 @@ def compute_shards(
     members = directory.members_of(numbers)
     try:
         with ending(stop):
+            if is_late():
+                say("the time limit was over before the first step")
             flagged = compute(
                 run.scene, plan, program, threads, sink, progress, run.units, blocks, members
             )
