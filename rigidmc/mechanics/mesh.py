@@ -60,7 +60,12 @@ def _closed(mesh: Mesh, name: str, scale: float) -> NDArray[np.float64]:
     if not len(mesh.faces):
         raise SceneError("", "mesh", name, "has no triangles")
     vertices = np.asarray(mesh.vertices, dtype=float) + 0.0  # turns -0.0 into 0.0
-    faces = merged(vertices)[np.asarray(mesh.faces)]
+    faces = np.asarray(mesh.faces)
+    if not (faces.min() >= 0 and faces.max() < len(vertices)):
+        raise SceneError("", "mesh", name, "has triangles of corners that it does not have")
+    if not np.isfinite(vertices).all():
+        raise SceneError("", "mesh", name, "has corners that are not finite")
+    faces = merged(vertices)[faces]
     # a triangle with two equal corners encloses nothing, and its edges would count as holes
     one, two, three = faces.T
     thin = (one == two) | (two == three) | (three == one)
