@@ -95,7 +95,7 @@ def hostile_zarr(some, good, folder):
         data["scene"] = hostile_toml(some, data["scene"]).decode("utf-8", "replace")
         written(file, json.dumps(data).encode())
     elif what == "chunk":
-        file = os.path.join(array, some.choice([name for name in files if name[0] != "."]))
+        file = os.path.join(array, some.choice([x for x in files if x[0] != "."] or ["0"]))
         with open(file, "rb") as chunk:
             data = chunk.read()
         bomb = numcodecs.Blosc().encode(np.zeros(2**22))

@@ -86,6 +86,8 @@ def _checked(path: str, name: str, flags: int, at: int | None) -> int:
 
 
 def _opened(path: str, name: str, flags: int, at: int | None) -> int:
+    if not hasattr(os, "O_NOFOLLOW") and os.path.islink(path):  # Windows
+        refuse_irregular(path, stat.S_IFLNK)
     try:
         return os.open(name, flags, 0o666, dir_fd=at)
     except OSError as error:

@@ -74,6 +74,15 @@ def test_density_is_largest_where_the_members_are(spun):
     assert (counts[:, 0] == 255).all() and (counts[:, 1:] == 0).all()
 
 
+def test_no_title_ends_the_data_of_a_page(spun, tmp_path):
+    """A comment in a script hides the end of the script from the browser."""
+    evil = spun.assign_attrs(title="<!--<script></script><b>")
+    view(evil, tmp_path / "evil.html")
+    text = (tmp_path / "evil.html").read_text()
+    data = re.search(r'<script id="data"[^>]*>(.*?)</script>', text, re.S)[1]
+    assert "<" not in data and "<!--<script>" not in text
+
+
 def test_what_a_page_refuses(spun, page, tmp_path):
     with pytest.raises(OutputExists):
         view(spun, page)
@@ -318,7 +327,8 @@ def test_a_pixel_tells_its_numbers_and_shows_its_member(browser, map_page):
 
 def test_names_of_others_are_text_and_never_code(browser, map_page, tmp_path):
     """Before: three lists of names were put in as a part of the page's own code."""
-    text, evil = map_page[0].read_text(), "<img src=x onerror='window.executed=1'><b id=evil>"
+    evil = "<img src=x onerror='window.executed=1'><b id=evil><!--<script></script>"
+    text = map_page[0].read_text()
     own = text[text.rindex("<script>") :]
     assert "innerHTML" not in own and "insertAdjacent" not in own and "document.write" not in own
     data = data_of(text)
@@ -326,7 +336,7 @@ def test_names_of_others_are_text_and_never_code(browser, map_page, tmp_path):
     for side in data["map"]["sides"]:
         side["name"] = evil
     data["members"][0]["status"] = evil
-    changed = json.dumps(data).replace("</", "<\\/")
+    changed = json.dumps(data).replace("<", "\\u003c")
     before = re.search(r'<script id="data"[^>]*>(.*?)</script>', text, re.S)[1]
     (tmp_path / "evil.html").write_text(text.replace(before, changed))
     opened = browser.new_page(viewport={"width": 1280, "height": 900})

@@ -192,7 +192,8 @@ def _filled(title: str, about: str, data: dict[str, Any]) -> str:
         "ABOUT": html.escape(about),
         "STYLE": own.joinpath("viewer.css").read_text(encoding="utf-8"),
         "LIBRARY": library.read_text(encoding="utf-8").replace("</script", "<\\/script"),
-        "DATA": json.dumps(data, separators=(",", ":")).replace("</", "<\\/"),
+        # no "<": it could end the script, or begin a comment in it that hides the end
+        "DATA": json.dumps(data, separators=(",", ":")).replace("<", "\\u003c"),
         "SCRIPT": own.joinpath("viewer.js").read_text(encoding="utf-8"),
     }
     text = own.joinpath("viewer.html").read_text(encoding="utf-8")
