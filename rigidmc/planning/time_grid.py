@@ -38,7 +38,8 @@ def steps_and_saves(
             raise SceneError("run", "every", every, rule)
     if steps > MOST_STEPS:
         # a whole number of more than 309 digits is no float
-        many = f"{min(steps, 10**300):.3g} steps to t_end = {t_end:g}"
+        count = f"{steps:.3g}" if steps < 10**300 else "over 1e+300"
+        many = f"{count} steps to t_end = {t_end:g}"
         rule = f"{many}, more than the limit of {MOST_STEPS:.3g}"
         raise SceneError("run", "dt", dt, rule)
     reduced = t_end / steps
