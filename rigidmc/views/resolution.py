@@ -89,10 +89,10 @@ def angle_rates(ds: xr.Dataset, name: str) -> Floats:
 
 
 def drive_of(ds: xr.Dataset) -> Drive:
-    """The Drive of a result. Effects whose code may not be run are left out; without a scene, its
-    conserved quantities tell whether there are torques."""
+    """The Drive of a result. Where the code of its effects may not be run, or there is no scene,
+    what is conserved tells whether there are torques; these may turn in the body with omega."""
     try:
-        scene = scene_of(ds, allow_code=None)
+        scene = scene_of(ds)
         rotor = [
             ds[name].transpose("axis", "member").values
             for name in map(str, ds.data_vars)

@@ -143,6 +143,11 @@ def test_every_picture_of_what_turns_too_far_says_so(tmp_path):
             assert ("use every <= 0.0034 s" in titles) is says
     truth = np.linalg.norm(fine.omega.values, axis=1).max()
     assert truth * 0.0034 < MOST < truth * 0.0035
+    # a scene of somebody's own code is not read: what is conserved tells whether there are torques
+    unread = coarse.copy()
+    del unread.attrs["scene"]
+    (title,) = (axes.get_title() for axes in unread.rigid.plot.middle_component().axes)
+    assert "of 16 members turn by up to" in title.replace("\n", " ")
     # of more saves than a picture can draw, the time to draw is named
     long = fine.isel(time=np.arange(40_000) % 2)
     long = long.assign_coords(time=np.arange(40_000) * 0.002)
