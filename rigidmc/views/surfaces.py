@@ -50,6 +50,11 @@ def surface_of(body: MassDistribution) -> Surface:
     return whole._replace(corners=body.to_principal(whole.corners))
 
 
+def size_of(surface: Surface) -> float:
+    """The largest distance of a corner from the origin."""
+    return float(np.linalg.norm(surface.corners, axis=1).max())
+
+
 def form_of(ds: xr.Dataset, body: MassDistribution) -> Floats:
     """The (3, 4) by which the first member's body is made of `surface_of`: x -> F x + shift.
 

@@ -83,6 +83,33 @@ def test_no_title_ends_the_data_of_a_page(spun, tmp_path):
     assert "<" not in data and "<!--<script>" not in text
 
 
+def test_bodies_of_any_size_reach_the_page_at_size_1():
+    """A moon of 190 km hid all of its page: the near plane of the camera follows the size."""
+    pytest.importorskip("k3d")
+    from rigidmc.views.surfaces import surface_of
+    from rigidmc.views.viewer.motion import motion
+    from rigidmc.views.viewer.stage import body_plot
+
+    for name in ("hyperion", "brownian_rotor", "toutatis", "heavy_top"):
+        scene = rm.Scene.load(name)
+        surface = surface_of(scene.body)
+        mesh = next(o for o in body_plot(surface, scene.effects).objects if o.name == "body")
+        given = np.array(mesh.vertices, float)
+        assert np.linalg.norm(given, axis=1).max() == pytest.approx(1.0, rel=1e-6)
+        settings = {"integrator": "rk8", "dt": scene.run.dt} if not scene.effects else {}
+        shown = rm.simulate(
+            scene, members=1, t_end=2 * scene.run.dt, every=scene.run.dt, threads=1,
+            save=("momentum", "attitude"), **settings,
+        )  # fmt: skip
+        shown.attrs["frames"] = ""
+        form = np.reshape(motion(shown, scene)["form"], (3, 4))
+        made = given @ form[:, :3].T + form[:, 3]
+        assert np.linalg.norm(made, axis=1).max() == pytest.approx(1.0, rel=1e-6)
+        if scene.body.shape:  # the same solid, to a factor
+            whole = surface.corners[surface.faces].reshape(-1, 3)
+            assert made == pytest.approx(whole / np.linalg.norm(whole, axis=1).max(), abs=1e-6)
+
+
 def test_what_a_page_refuses(spun, page, tmp_path):
     with pytest.raises(OutputExists):
         view(spun, page)

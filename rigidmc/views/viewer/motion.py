@@ -18,7 +18,7 @@ from rigidmc.runs.rerun import rerun
 from rigidmc.scene.scene import Scene
 from rigidmc.views.resolution import fastest
 from rigidmc.views.sample import sample, vectors
-from rigidmc.views.surfaces import form_of, member_body, surface_of
+from rigidmc.views.surfaces import form_of, member_body, size_of, surface_of
 
 TURN = 0.2  # rad between two frames: halfway there a chord is off by 5e-3 of the arc's radius, and
 # the page, which turns along the arc, by 1e-5
@@ -90,8 +90,11 @@ def motion(shown: xr.Dataset, scene: Scene) -> dict[str, Any]:
     size = np.linalg.norm(l, axis=1)
     largest = max(size.max(), 1e-300)
     form = form_of(shown, body)
-    corners = surface_of(body).corners @ form[:, :3].T + form[:, 3]
+    surface = surface_of(body)
+    corners = surface.corners @ form[:, :3].T + form[:, 3]
     scale = 1.0 / np.linalg.norm(corners, axis=1).max()
+    # the page has the surface at size 1, see `rigidmc.views.viewer.stage.body_plot`
+    form = np.column_stack([form[:, :3] * size_of(surface), form[:, 3]])
     return {
         "index": int(shown.member.values[0]),
         "end": float(shown.time.values[-1]),

@@ -16,7 +16,7 @@ from rigidmc.effects.gravity_gradient import GravityGradient
 from rigidmc.effects.protocol import Effect
 from rigidmc.scene.quantities import is_shared
 from rigidmc.views.sphere import family
-from rigidmc.views.surfaces import TONES, Surface, ball, revolved
+from rigidmc.views.surfaces import TONES, Surface, ball, revolved, size_of
 from rigidmc.views.viewer.motion import MOST
 
 Floats = NDArray[np.float64]
@@ -77,7 +77,9 @@ def body_plot(surface: Surface, effects: Sequence[Effect]) -> Any:
     The page gives the body the form of a member, fills the trace of axis 3, and turns it all.
     """
     plot = empty((1.9, -2.6, 1.1))
-    plot += solid(surface, "body")
+    # K3D puts the near plane of its camera by the size of what it is given: a moon of 190 km, as it
+    # is, would hide all that the page draws
+    plot += solid(surface._replace(corners=surface.corners / size_of(surface)), "body")
     plot += plain(revolved(*STICK, around=12), INK, "stick")
     for axis in range(3):
         plot += line(np.outer([0.0, 1.2], np.eye(3)[axis]), AXES[axis], f"axis{axis + 1}")
