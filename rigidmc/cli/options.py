@@ -98,11 +98,14 @@ _COMPLETED = {"integrator": completing(_integrators), "save": completing(_observ
 _TEXTS: dict[str, Callable[[str], Any]] = {"save": words_of, "keep": _keep_of}
 
 
-def setting(name: str) -> Any:
+def setting(name: str, words: str | None = None) -> Any:
     """The annotated type of the option for a run setting: key, parser and help text follow from the
-    field of `Run`."""
+    field of `Run`.
+
+    words : what the setting means for a command to which it means something else
+    """
     kind, key = types()[name], f"--{name.replace('_', '-')}"
-    description = Run.model_fields[name].description or ""
+    description = words or Run.model_fields[name].description or ""
     text: dict[str, Any] = {
         "help": f"{description[0].upper()}{description[1:]}.".replace("[", "\\["),
         "rich_help_panel": "Settings of the run, in place of the scene's",
@@ -123,13 +126,18 @@ def setting(name: str) -> Any:
 Command = Callable[..., None]
 
 
-def takes_settings(*names: str, but: Collection[str] = ()) -> Callable[[Command], Command]:
+def takes_settings(
+    *names: str, but: Collection[str] = (), words: Mapping[str, str] = {}
+) -> Callable[[Command], Command]:
     """Decorate a command that has a parameter `run`: give it an option for each run setting of
-    `names` (all by default, except those of `but`). `run` is the dict of the given settings."""
+    `names` (all by default, except those of `but`). `run` is the dict of the given settings.
+
+    words : {setting: what it means for this command}, where that is not what it means for a run
+    """
     chosen = [name for name in names or Run.model_fields if name not in but]
     return gathering(
         "run",
-        {name: setting(name) for name in chosen},
+        {name: setting(name, words.get(name)) for name in chosen},
         lambda given: {k: v for k, v in given.items() if v is not None},
     )
 

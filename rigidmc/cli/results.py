@@ -46,7 +46,14 @@ Member = Annotated[int, count_option("--member", 0, help="Index of the member.")
 
 
 @app.command(rich_help_panel=LOOK)
-@takes_settings("every", "save")
+@takes_settings(
+    "every",
+    "save",
+    words={
+        "every": "time between saves [s]; by default that of the run",
+        "save": "what to save; by default all observables",
+    },
+)
 def rerun(
     file: ResultArgument,
     member: Member,

@@ -43,7 +43,9 @@ Up = Annotated[
 
 
 @app.command(rich_help_panel=STUDY)
-@takes_settings()
+@takes_settings(
+    words={"every": "time between two looks for a crossing [s]; by default one step of the run"}
+)
 @takes_members
 def section(
     name: Name,

@@ -8,6 +8,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+import rigidmc as rm
 from rigidmc.cli import app
 from rigidmc.cli.panels import PANELS
 from rigidmc.version import VERSION
@@ -29,6 +30,19 @@ def test_help_has_no_broken_lines():
     for command in typer.main.get_command(app).commands.values():
         for paragraph in command.help.split("\n\n"):
             assert "\n" not in paragraph or paragraph.startswith("\b"), command.name
+
+
+def test_every_says_what_it_means_for_a_command():
+    """Of a run the first and the last state are saved by default; not so of others."""
+    texts = {
+        name: next(p.help for p in command.params if p.name == "every")
+        for name, command in typer.main.get_command(app).commands.items()
+        if any(p.name == "every" for p in command.params)
+    }
+    assert "the first and the last state" in texts["run"] and "first" not in texts["rerun"]
+    assert "that of the run" in texts["rerun"] and "one step" in texts["section"]
+    ds = rm.simulate(rm.Scene.load("dzhanibekov"), members=2, t_end=1.0, threads=1)
+    assert ds.rigid.rerun(1).sizes["time"] == ds.sizes["time"] == 6
 
 
 def test_short_options():
