@@ -96,8 +96,10 @@ def hostile_zarr(some, good, folder):
         written(file, json.dumps(data).encode())
     elif what == "chunk":
         file = os.path.join(array, some.choice([x for x in files if x[0] != "."] or ["0"]))
-        with open(file, "rb") as chunk:
-            data = chunk.read()
+        data = b""
+        if os.path.exists(file):
+            with open(file, "rb") as chunk:
+                data = chunk.read()
         bomb = numcodecs.Blosc().encode(np.zeros(2**22))
         written(file, some.choice((bytes_of(some, data), bomb, b"", some.randbytes(50))))
     elif what == "kind":

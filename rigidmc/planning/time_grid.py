@@ -18,6 +18,9 @@ def steps_and_saves(
     Raises SceneError if `every` and t_end have no common step of at least dt/2.
     """
     end, step = Fraction(repr(t_end)), Fraction(repr(dt))
+    for key, length in (("dt", dt), ("every", every)):
+        if length is not None:
+            _refuse_many(end / Fraction(repr(length)), key, length, t_end)
     if every is None or every >= t_end:
         steps = stride = max(1, math.ceil(end / step * (1 - Fraction(1, 10**9))))
     else:
@@ -36,17 +39,21 @@ def steps_and_saves(
                 f" {_times(every, saves)}, or every = {t_end / saves:.10g}"
             )
             raise SceneError("run", "every", every, rule)
-    if steps > MOST_STEPS:
-        # a whole number of more than 309 digits is no float
-        count = f"{steps:.3g}" if steps < 10**300 else "over 1e+300"
-        many = f"{count} steps to t_end = {t_end:g}"
-        rule = f"{many}, more than the limit of {MOST_STEPS:.3g}"
-        raise SceneError("run", "dt", dt, rule)
+    _refuse_many(steps, "dt", dt, t_end)
     reduced = t_end / steps
     if abs(reduced / dt - 1) < 1e-9:
         return steps, reduced, stride, ()
     note = f"dt reduced from {dt:g} to {reduced:.10g} s, which divides t_end and every"
     return steps, reduced, stride, (note,)
+
+
+def _refuse_many(steps: int | Fraction, key: str, length: float, t_end: float) -> None:
+    """Raise SceneError for more steps, or saves, than a run may have."""
+    if steps > MOST_STEPS:
+        # a whole number of more than 309 digits is no float
+        count = f"{float(steps):.3g}" if steps < 10**300 else "over 1e+300"
+        rule = f"{count} steps to t_end = {t_end:g}, more than the limit of {MOST_STEPS:.3g}"
+        raise SceneError("run", key, length, rule)
 
 
 def _times(every: float, saves: int) -> str:

@@ -263,14 +263,14 @@ def tried(good, seed, ended):
         messages = [
             line
             for line in text.splitlines()
-            if line.startswith("rigidmc: ") and not line.startswith("rigidmc: note")
+            if line.startswith(("rigidmc: ", "╭─ Error ─")) and not line.startswith("rigidmc: note")
         ]
         assert hostile_readers.content(os.path.join(folder, "user")) == user, said
         assert len(text) < LONGEST, said
         allowed = code in (2, 3, 6, 74) if kind == "words" else code in (3, 74)
         allowed = allowed or (command == "merge" and code == 6)
         assert allowed or code in (0, 4, 5), said
-        one = code in (3, 6, 74)
+        one = code in (2, 3, 6, 74)
         assert "Traceback" not in text and len(messages) == one, said
         longest = REFUSED_SECONDS if allowed else RESULT_SECONDS
         assert seconds < longest and size < BYTES, said
