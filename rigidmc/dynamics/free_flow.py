@@ -17,8 +17,9 @@ from rigidmc.dynamics.quaternions import conjugate, multiply
 from rigidmc.dynamics.scalars import by_precision, opposite, select, select_each
 from rigidmc.dynamics.vectors import add, dot, scale
 
-# |L|^2 below which a body is at rest: squares under 2e-308 lose digits, and the unit vector L/|L|
-# with them
+# |L|^2 [kg2 m4/s2] below which a body is at rest: squares under 2e-308 lose digits, and the unit
+# vector L/|L| with them. It is the end of float64, not of a unit: internal units keep momenta above
+# 1e-60, and in float32, where 1e-36 is that end, above 1e-6.
 _REST = 1e-306
 
 

@@ -119,6 +119,7 @@ class MatrixDamping(NamedTuple):
         C in units of its trace; arrays of matrices pass through.
         """
         size = abs(self.matrix[0]) + abs(self.matrix[1]) + abs(self.matrix[2])
+        # a matrix without a diagonal: any unit will do, its own elements then decide
         x, y, z, yz, zx, xy = (m / (size + (size == 0)) for m in self.matrix)
         pairs = (x * y - xy * xy < -1e-14) | (y * z - yz * yz < -1e-14) | (z * x - zx * zx < -1e-14)
         whole = x * y * z + 2 * xy * yz * zx - x * yz * yz - y * zx * zx - z * xy * xy
@@ -183,7 +184,7 @@ class QuadraticDrag(NamedTuple):
 
 @effect(
     units={"friction": "N m", "rest": "rad s-1"},
-    limits={"friction": (-math.inf, math.inf), "rest": (1e-300, math.inf)},
+    limits={"friction": (-math.inf, math.inf), "rest": (1e-300, math.inf)},  # rest: any above 0
     example=(0.4, 0.1),
     damps=True,
     isotropic=True,

@@ -79,6 +79,6 @@ class EnergyDissipation(NamedTuple):
 
 
 def _size(v):
-    """|v|, or 1 if v is 0."""
+    """|v|, or 1 if v is 0: what is divided by it is then 0 in any unit."""
     square = dot(v, v)
     return root(select(square > 0.0, square, 1.0))

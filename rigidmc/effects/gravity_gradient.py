@@ -13,7 +13,7 @@ _TURN = 6.283185307179586
     units={"mu": "m3 s-2", "distance": "m", "eccentricity": "1", "anomaly": "rad"},
     limits={
         "mu": (0.0, math.inf),
-        "distance": (1e-300, math.inf),
+        "distance": (1e-300, math.inf),  # any above 0
         "eccentricity": (0.0, 0.9),
         "anomaly": (-math.inf, math.inf),
     },

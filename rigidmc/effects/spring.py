@@ -50,13 +50,14 @@ class Spring(NamedTuple):
     def torque(self, q):
         end = into_body(q, self.to)
         d = difference(self.at, end)
+        # 1e-300 m2: where d is 0 the direction is arbitrary, and `cross` is 0 there
         pull = self.stiffness * (1.0 - self.length / root(dot(d, d) + 1e-300))
         return scale(pull, cross(self.at, end))
 
     def torque_rate(self, q, w):
         end = into_body(q, self.to)
         d, moves = difference(self.at, end), cross(end, w)
-        square = dot(d, d) + 1e-300
+        square = dot(d, d) + 1e-300  # m2, as in `torque`
         slack = self.length / root(square)
         pull, change = (
             self.stiffness * (1.0 - slack),

@@ -231,6 +231,7 @@ def turning_state(events, running, step, part, k, way, low, high, x):
     then = picked(numbers_at(events, running, step, time(step, x + AHEAD), p, m), k)
     slope, done, left = way * ((then - here) * (1.0 / AHEAD)), x - part.a, part.b - x
     bend = (slope - low) * left * left + (high - slope) * done * done
+    # a straight line does not turn round: what it is divided by does not count
     change = slope * (part.b - part.a) * done * left / select(bend > 0.0, bend, 1.0)
     change = -min(max(select(bend > 0.0, change, 0.0), -left), done)
     far = change * (1.0 / AHEAD)

@@ -54,6 +54,7 @@ def exact_drift(turns: Turns, largest: float) -> Symmetric | Exact:
     """
     if turns.symmetric:
         return Symmetric()
+    # 1e-300 rad: a free rate of 0 has no logarithm
     angle = max(min(turns.free * largest, PIECE_TURN), 1e-300)
     doublings = max(0, math.ceil(math.log2(angle / PANEL_TURN) - 1e-9))
     return Exact((1.0,) * doublings, (0.5**doublings,) * 2**doublings)

@@ -162,7 +162,9 @@ def momentum(body, h, w):
 def quarters(body, h):
     """h/4 times the reciprocal moments.
 
-    A step back to an event may have length 0, where w would lose L: then for a tiny step.
+    A step back to an event may have length 0, where w would lose L: then for 1e-30 s (1e-20 s in
+    float32), at which no body moves: internal units keep rates below 1e30/s, see
+    `rigidmc.planning.units.RANGE`.
     """
     h = select(h == 0.0, by_precision(h, 1e-30, 1e-20), h)
     return 0.25 * h * body.i1, 0.25 * h * body.i2, 0.25 * h * body.i3

@@ -19,6 +19,7 @@ from rigidmc.mechanics.rotation import attitude_error
 from rigidmc.planning.closed_form import closed_form
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.rates import physics
+from rigidmc.planning.tolerance.deviation import relative
 from rigidmc.planning.tolerance.pilot import Pilot, States, first_steps, follow, pilot
 from rigidmc.planning.units import scaled
 from rigidmc.scene.scene import Scene
@@ -180,7 +181,7 @@ def _distance(one: States, two: States) -> Errors:
     """
     with np.errstate(all="ignore"):
         size = np.maximum.accumulate(np.sqrt((two.l**2).sum(1)))
-        off = np.sqrt(((one.l - two.l) ** 2).sum(1)) / np.where(size > 0.0, size, 1.0)
+        off = relative(np.sqrt(((one.l - two.l) ** 2).sum(1)), size)
         angle = attitude_error(np.moveaxis(one.q, 1, -1), np.moveaxis(two.q, 1, -1))
     largest: Errors = np.maximum.accumulate(
         np.nan_to_num(np.maximum(off, angle), nan=math.inf, posinf=math.inf)

@@ -244,5 +244,6 @@ def colours_of(name: str, values: NDArray[np.float64], case: MapCase | None) -> 
             return VALUES, LogNorm(low, high), (list(ticks), [str(tick) for tick in ticks])
     low, high = np.quantile(finite, [0.005, 0.995])
     if high <= low:
+        # a scale of equal numbers; 1e-300 only keeps its ends apart, and is drawn as nothing
         low, high = low - 0.01 * abs(low) - 1e-300, high + 0.01 * abs(high) + 1e-300
     return VALUES, Normalize(low, high), None

@@ -8,7 +8,7 @@ import pytest
 
 import rigidmc as rm
 from rigidmc.integrators import INTEGRATORS
-from rigidmc.planning.tolerance.deviation import errors
+from rigidmc.planning.tolerance.deviation import drift_along, errors
 from rigidmc.planning.tolerance.pilot import follow, pilot
 from rigidmc.planning.tolerance.truth import truth
 from rigidmc.scene.amounts import in_two_digits
@@ -232,3 +232,19 @@ def test_pictures(study, drifts, tmp_path):
     assert [a.get_xlabel() for a in figure.axes] == ["steps", "steps"]
     assert "rk4: linear" in figure.axes[0].get_legend_handles_labels()[1]
     figure.savefig(tmp_path / "b.png")
+
+
+@pytest.mark.parametrize("unit", [2.0**-66, 2.0**66])
+def test_errors_of_a_body_from_rest_are_pure_numbers(unit):
+    """L_z of a pendulum that starts at rest is compared with the |L| of its swing, not with 1."""
+
+    def found(unit):
+        body = rm.Body.from_moments((unit, unit, 0.5 * unit), mass=unit, centre=(0.0, 0.0, -0.3))
+        scene = rm.Scene(body, rm.Gravity(9.81), rm.Start(omega=(0.0,) * 3, attitude=(0.3, 1.0, 0)))
+        one = pilot(scene.with_run(t_end=3.0, members=4), 4, 0)
+        return drift_along(one, "rk4", 64, [1, 8, 64], 3.0 / 64)
+
+    one, two = found(1.0), found(unit)
+    for name, values in one.items():
+        assert np.array_equal(values, two[name]), name
+    assert 1e-18 < one["lz"].max() < 1e-3  # measured 1e-16: of the |L| that the energies allow

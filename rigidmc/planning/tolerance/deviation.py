@@ -18,6 +18,20 @@ from rigidmc.planning.tolerance.pilot import Pilot, States, states_along
 QUANTITIES = ("state", "momentum", "attitude", "energy", "l2", "lz")
 
 
+def relative(change: Array, size: Array) -> Array:
+    """A change by a size of the same unit: 0 if nothing has changed, inf if the size alone is 0."""
+    with np.errstate(all="ignore"):
+        return np.where(change == 0.0, 0.0, change / size)
+
+
+def _sizes(body: Any, effects: Any, l: Any) -> tuple[Array, Array]:
+    """(energies in play [J], |L|) of members; at rest the largest |L| that these energies allow."""
+    play = kinetic_energy(body, l) + total_energy_scale(effects, body)
+    size = np.sqrt(dot(l, l))
+    widest = np.sqrt(2.0 * play / np.min([body.i1, body.i2, body.i3], axis=0))
+    return play, np.where(size > 0.0, size, widest)
+
+
 def errors(pilot: Pilot, states: States, true: States) -> dict[str, Array]:
     """{quantity: largest error over the checks of each member}.
 
@@ -29,25 +43,22 @@ def errors(pilot: Pilot, states: States, true: States) -> dict[str, Array]:
     checks: dict[str, list[Array]] = {name: [] for name in QUANTITIES}
     with np.errstate(all="ignore"):
         for q, l, true_q, true_l in zip(states.q, states.l, true.q, true.l, strict=True):
-            size = np.sqrt(dot(true_l, true_l))
-            size = np.where(size > 0.0, size, 1.0)
-            momentum = np.sqrt(((l - true_l) ** 2).sum(0)) / size
+            scale, size = _sizes(body, effects, true_l)
+            momentum = relative(np.sqrt(((l - true_l) ** 2).sum(0)), size)
             turned = attitude_error(q.T, true_q.T) if pilot.carried else zeros
-            kinetic = kinetic_energy(body, true_l)
             energy = np.abs(
                 kinetic_energy(body, l)
-                - kinetic
+                - kinetic_energy(body, true_l)
                 + energies(effects, body, q)
                 - energies(effects, body, true_q)
             )
-            scale = kinetic + total_energy_scale(effects, body)
             lz = dot(l, up(q)) - dot(true_l, up(true_q))
             checks["momentum"].append(momentum)
             checks["attitude"].append(turned)
             checks["state"].append(np.maximum(momentum, turned))
-            checks["energy"].append(energy / np.where(scale > 0.0, scale, 1.0))
-            checks["l2"].append(np.abs(dot(l, l) - dot(true_l, true_l)) / size**2)
-            checks["lz"].append(np.abs(lz) / size if pilot.carried else zeros)
+            checks["energy"].append(relative(energy, scale))
+            checks["l2"].append(relative(np.abs(dot(l, l) - dot(true_l, true_l)), size**2))
+            checks["lz"].append(relative(np.abs(lz), size) if pilot.carried else zeros)
     return {
         name: np.where(
             states.status == 0, np.max(np.nan_to_num(x, nan=np.inf, posinf=np.inf), axis=0), np.inf
@@ -68,12 +79,8 @@ def drift_along(
     body, effects = physics(pilot.scene.effects, pilot.block[:, : pilot.members])
     q0 = pilot.block[layout.ATTITUDE : layout.MOMENTUM, : pilot.members]
     l0 = pilot.block[layout.MOMENTUM : layout.REST, : pilot.members]
-    first, size = _conserved(body, effects, q0, l0), np.sqrt(dot(l0, l0))
-    scales = {
-        "energy": kinetic_energy(body, l0) + total_energy_scale(effects, body),
-        "l2": size**2,
-        "lz": size,
-    }
+    first, (play, size) = _conserved(body, effects, q0, l0), _sizes(body, effects, l0)
+    scales = {"energy": play, "l2": size**2, "lz": size}
     scene = pilot.scene.with_run(integrator=integrator, dt=dt)
     largest: dict[str, dict[int, float]] = {name: {} for name in scales}
     for total in dict.fromkeys((min(steps, looks), steps)):
@@ -83,9 +90,7 @@ def drift_along(
         after = np.append(np.arange(stride, total, stride), total)
         q, l = np.moveaxis(states.q, 1, 0), np.moveaxis(states.l, 1, 0)
         for name, values in _conserved(body, effects, q, l).items():
-            with np.errstate(all="ignore"):
-                scale = np.where(scales[name] > 0.0, scales[name], 1.0)
-                drift = np.abs(values - first[name]) / scale
+            drift = relative(np.abs(values - first[name]), scales[name])
             drift = np.nan_to_num(
                 np.where(states.status == 0, drift, np.inf), nan=np.inf, posinf=np.inf
             )

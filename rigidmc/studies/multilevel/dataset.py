@@ -41,7 +41,8 @@ def dataset(request: Request, asked: Asked, now: Stand) -> xr.Dataset:
     }
     for key, (value, text) in numbers.items():
         variables[key] = ((), value, {"long_name": text, "units": units})
-    variables["half"] = ("round", [h for _, h in rounds], {"long_name": "half the width so far"})
+    about = {"long_name": "half the width so far", "units": units}
+    variables["half"] = ("round", [h for _, h in rounds], about)
     variables["cost"] = ("round", [c for c, _ in rounds], {"long_name": "cost so far, in steps"})
     attrs = {
         "title": scene.title,

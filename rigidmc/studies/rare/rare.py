@@ -24,6 +24,7 @@ from rigidmc.runs.tasks import Found, Request
 from rigidmc.scene.amounts import counted
 from rigidmc.scene.sampling import is_indexed
 from rigidmc.scene.scene import Scene, takes_scene
+from rigidmc.storage.schema import member_variables
 from rigidmc.studies import tasks
 from rigidmc.studies.intervals import mean_of_skew, probability
 from rigidmc.studies.rare.score import Score, is_noisy, scored
@@ -216,7 +217,7 @@ def dataset(
     value, low, high = _interval(p, deep, request, confidence)
     depth = max(found[i]["levels"].size for i in numbers)
     over = "repetition", "level"
-    _, score = scored(scene, request["of"])
+    moved, score = scored(scene, request["of"])
     columns = {
         name: _padded([found[i][name] for i in numbers], depth) for name in ("levels", "shares")
     }
@@ -239,6 +240,9 @@ def dataset(
         name: (dims, values, {"long_name": text, "units": "1"})
         for name, (dims, values, text) in words.items()
     }
+    if score.event is None:  # a score is then a number of the motion
+        known = member_variables(moved, False)[score.result.name].attrs
+        variables["score"][2]["units"] = known.get("units", "1")
     attrs = {
         "title": scene.title,
         "of": request["of"],

@@ -96,6 +96,7 @@ def distance(
     """
     unit = np.max(np.abs(true_l)) or 1.0  # so that squares neither overflow nor vanish
     size = np.linalg.norm(true_l / unit, axis=1)
+    # where L is 0 the error is that in units of the largest |L|
     off = np.linalg.norm((l - true_l) / unit, axis=1) / np.where(size > 0.0, size, 1.0)
     angle = attitude_error(np.moveaxis(q, 1, -1), np.moveaxis(true_q, 1, -1))
     apart: NDArray[np.float64] = np.maximum(off, angle)
