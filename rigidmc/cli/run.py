@@ -141,6 +141,7 @@ def _until(
 def _summarise(dataset: "xr.Dataset", wall: float, files: list[str]) -> None:
     """Print what was run, what it cost, how well energy and |L|^2 are kept, and who is flagged."""
     from rigidmc.scene.amounts import in_two_digits
+    from rigidmc.scene.drifts import one_way
 
     cost = dataset.encoding["rigidmc"]
     count, steps, seconds = dataset.sizes["member"], cost["steps"], cost["run_seconds"]
@@ -162,6 +163,8 @@ def _summarise(dataset: "xr.Dataset", wall: float, files: list[str]) -> None:
         ("l2", "|L|^2"),
     ):
         _print_drift(dataset[f"{name}_drift_max"], word)
+    if line := one_way(dataset):
+        print(f"  {line}")
     flags = ", ".join(f"{v:,} {k}" for k, v in cost["flagged"].items() if v and k != "ok")
     where = "; see `status`, `status_step` and `status_time` for which and when" if flags else ""
     print(f"  flagged members: {flags or 'none'}{where}")

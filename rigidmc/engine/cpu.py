@@ -90,7 +90,7 @@ def live(frame, low):
         # no look where only a call ends: no result depends on calls
         if saved or (slot % LOOK == 0 and (frame.member_steps == 0 or slot < frame.slots)):
             rounds = begun // frame.slots * 1.0 if frame.member_steps != 0 else 0.0
-            idle = look(frame, rounds, slot)
+            idle = look(frame, rounds, slot, 1.0 if 2 * now > frame.total else 0.0)
         if saved:
             save(frame, low, now)
     leave(frame, low)
@@ -137,13 +137,15 @@ def smaller(a, b):
     return a if a < b else b
 
 
-def look(frame, rounds, slot):
+def look(frame, rounds, slot, late):
     """Look at the members after `slot` steps of a round, `rounds` of which are done.
+
+    late : 1 in the second half of the run, else 0
 
     True if all of them are stopped or frozen.
     """
     lanes, flat = frame.lanes, flat_memory(frame)
-    call(frame.look, (flat.parts, flat.state, flat.work, rounds, slot * 1.0))
+    call(frame.look, (flat.parts, flat.state, flat.work, rounds, slot * 1.0, late))
     work = flat.work
     moving = 0
     for k in range(lanes):

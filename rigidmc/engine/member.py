@@ -37,6 +37,7 @@ from rigidmc.engine.layout import (
     BODY_AT,
     DRIFT,
     EACH,
+    EARLY,
     EFFECTS,
     EFFECTS_AT,
     FAULT_STEP,
@@ -44,6 +45,7 @@ from rigidmc.engine.layout import (
     GOOD_STEP,
     HELD,
     KNOWN,
+    LEAST,
     LENGTH,
     MOMENTUM,
     REST,
@@ -126,8 +128,9 @@ def begin(kinds, numbers, parts, state, work):
     status = work[KNOWN + STATUS]
     status = select(status == 0.0, flaw, status)
     healthy = status == 0.0
-    drift = select(healthy, 0.0, math.nan)
+    drift, most = select(healthy, 0.0, math.nan), select(healthy, math.inf, math.nan)
     put((drift, drift, status, 0.0, select(healthy, -1.0, 0.0)), work, KNOWN + DRIFT)
+    put((drift, drift, most, most), work, KNOWN + EARLY)
     put(q + l, work, KNOWN + GOOD)
 
     l = joined(l, tuple_at(ledger, work, KNOWN + EFFECTS + row_count(effects)))
@@ -139,8 +142,10 @@ def begin(kinds, numbers, parts, state, work):
     return 0
 
 
-def look(kinds, numbers, parts, state, work, rounds, slot):
+def look(kinds, numbers, parts, state, work, rounds, slot, late):
     """Look at the state after `slot` steps of a round, `rounds` of which are done.
+
+    late : 1 in the second half of the run, else 0
 
     Its drifts and its health are noted. A member that is not well goes back to its last good state
     and stays there. If works are kept, the drift of the energy is what exceeds the work of effects
@@ -170,7 +175,7 @@ def look(kinds, numbers, parts, state, work, rounds, slot):
     omega = angular_velocity(body, l)
     flaw = fault(limits, endless, work, ledger, works, q, l, omega, h, energy, squared)
     steps = rounds * work[EACH] + done
-    good = judged(flaw, start, energy, squared, steps, q, l, work)
+    good = judged(flaw, start, energy, squared, steps, q, l, work, late)
     frozen = work[KNOWN + STATUS] > 0.0
     last_works = tuple_at(ledger, work, good_works)
     keep(frozen, last_works, works, work, good_works, state, works_at)
@@ -248,7 +253,7 @@ def fault(limits, endless, work, ledger, works, q, l, omega, h, energy, squared)
     return select(endless == 0.0, status, 1.0)
 
 
-def judged(flaw, start, energy, squared, steps, q, l, work):
+def judged(flaw, start, energy, squared, steps, q, l, work, late):
     """The last good state of a member after a look that found this flaw; drifts are noted too."""
     before = work[KNOWN + STATUS]
     well = before == 0.0
@@ -258,6 +263,12 @@ def judged(flaw, start, energy, squared, steps, q, l, work):
     most = work[KNOWN + DRIFT], work[KNOWN + DRIFT + 1]
     new = max(most[0], drifts[0]), max(most[1], drifts[1])
     put(select_each(counted, new, most), work, KNOWN + DRIFT)
+    if late == 0.0:
+        put(select_each(counted, new, most), work, KNOWN + EARLY)
+    else:
+        least = work[KNOWN + LEAST], work[KNOWN + LEAST + 1]
+        lower = min(least[0], drifts[0]), min(least[1], drifts[1])
+        put(select_each(counted, lower, least), work, KNOWN + LEAST)
     work[KNOWN + STATUS] = select(well, flaw, before)
     work[KNOWN + GOOD_STEP] = select(healthy, steps, work[KNOWN + GOOD_STEP])
     work[KNOWN + FAULT_STEP] = select(caught, steps, work[KNOWN + FAULT_STEP])

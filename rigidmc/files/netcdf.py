@@ -5,7 +5,7 @@ import ctypes
 import os
 import shutil
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, TypeVar
 
 import netCDF4
@@ -117,17 +117,18 @@ def _open_zarr(path: str) -> xr.Dataset:
 
 
 def read(
-    path: str, *names: str, mark: str | None = None, newer: Sequence[str] = ()
+    path: str, *names: str, mark: str | None = None, newer: Mapping[str, Any] | None = None
 ) -> dict[str, NDArray[Any]]:
     """{name: array} of variables of a file as they were written; of all if none are named.
 
-    newer : numbers by member that files of earlier versions lack, and that are nan for these
+    newer : {name: value} of numbers by member that files of earlier versions lack, and the value
+        that stands for these
     Raises FileError for a shard of another `mark`, a damaged file and a missing variable.
     """
 
     def values_of(file: netCDF4.Dataset, name: str) -> NDArray[Any]:
-        if name in newer and name not in file.variables:
-            return np.full(file["member"].shape, np.nan)
+        if newer and name in newer and name not in file.variables:
+            return np.full(file["member"].shape, newer[name])
         return np.asarray(file[name][:])
 
     def values() -> dict[str, NDArray[Any]]:

@@ -58,6 +58,7 @@ WATCHED: dict[str, Any] = {word: kind for word, kind in _KINDS.items() if word n
 OUTCOMES = (
     "energy_drift_max",
     "l2_drift_max",
+    "drift_law",
     "status",
     "status_step",
     "status_time",

@@ -19,6 +19,7 @@ from rigidmc.planning.plan import Plan
 from rigidmc.planning.stage import stage, stage_some
 from rigidmc.planning.units import Internal, in_user_units
 from rigidmc.progress import Progress, reporter
+from rigidmc.scene.drifts import drift_laws
 from rigidmc.scene.scene import Scene
 from rigidmc.storage.export import is_streamed
 from rigidmc.storage.schema import member_variables
@@ -162,14 +163,16 @@ def _results(job: Job, scene: Scene, plan: Plan) -> dict[str, np.ndarray]:
     status = rows[layout.STATUS, : job.size].astype("i1")
     flagged, fault = rows[layout.STATUS] > 0.0, rows[layout.FAULT_STEP]
     steps = rows[layout.STEPS]
+    made = plan.steps * steps
     return {
         "energy_drift_max": rows[layout.DRIFT],
         "l2_drift_max": rows[layout.DRIFT + 1],
-        **watch.results(scene, plan.watch, rows, plan.dt / steps, plan.steps * steps, plan.nodes),
+        "drift_law": drift_laws(scene, rows, made, plan.dtype),
+        **watch.results(scene, plan.watch, rows, plan.dt / steps, made, plan.nodes),
         "status_step": np.where(flagged, fault, -1.0),
         "status_time": np.where(flagged, fault * (plan.dt / steps), np.nan),
         "status": status,
-        "steps": steps * plan.steps,
+        "steps": made,
         **job.start,
     }
 

@@ -24,6 +24,7 @@ from rigidmc.runs.blocks import run
 from rigidmc.runs.capacity import refuse_hopeless
 from rigidmc.runs.rehearsal import predicted_seconds
 from rigidmc.scene.amounts import counted
+from rigidmc.scene.drifts import LARGE, one_way
 from rigidmc.scene.once import once
 from rigidmc.scene.scene import Scene, takes_scene
 from rigidmc.scene.settings import takes_settings
@@ -133,6 +134,8 @@ def simulate(
             if progress is True:
                 print("\n".join(ready.chosen.lines(ready.plan.members, expected)), file=sys.stderr)
         dataset = run(ready.scene, ready.plan, threads, progress, output, force, facts, ready.units)
+        if line := one_way(dataset, LARGE):
+            _warn(line)
         if expected is not None:
             dataset.encoding["rigidmc"]["predicted_seconds"] = expected
         return dataset

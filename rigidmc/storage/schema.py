@@ -19,6 +19,7 @@ from rigidmc.observables import OBSERVABLES, outputs, title
 from rigidmc.observables.event_times import CENSORED, FOLLOWED, LAG, event_times
 from rigidmc.observables.protocol import DIMENSIONS
 from rigidmc.scene.conservation import booked, conservation
+from rigidmc.scene.drifts import LAWS
 from rigidmc.scene.once import once
 from rigidmc.scene.quantities import is_shared, rows
 from rigidmc.scene.scene import Scene
@@ -171,7 +172,8 @@ def member_variables(scene: Scene, carried: bool) -> dict[str, Variable]:
     return {**variables, **_start_variables(scene, carried)}
 
 
-NEWER = (FOLLOWED,)  # variables that results of earlier versions lack
+# variables that results of earlier versions lack, and what stands for them
+NEWER = {FOLLOWED: np.nan, "drift_law": np.int8(LAWS["not_judged"])}
 _FOLLOWED = (
     "time until which the member was followed: t_end, or when it stopped or was last found to be ok"
 )
@@ -220,6 +222,12 @@ def _health_variables(scene: Scene) -> dict[str, Variable]:
         "flag_values": values,
         "flag_meanings": " ".join(STATUSES),
     }
+    law = {
+        "long_name": "how the drifts of what is conserved go: by rounding, bounded, or one way, in "
+        "the second half of the run never far below what they were in the first",
+        "flag_values": np.array(list(LAWS.values()), "i1"),
+        "flag_meanings": " ".join(LAWS),
+    }
     step = {
         "long_name": "steps made when a member was found not to be ok, at most "
         f"{LOOK} after it happened; -1 for those that are",
@@ -230,6 +238,7 @@ def _health_variables(scene: Scene) -> dict[str, Variable]:
             f"{energy} {drift}, {over}", "1", conserved=conserved["energy_drift"]
         ),
         "l2_drift_max": _by_member(momentum, "1", conserved=conserved["l2"]),
+        "drift_law": Variable(("member",), "i1", law),
         "status": Variable(("member",), "i1", status),
         "status_step": Variable(("member",), "i8", step),
         "status_time": _by_member(

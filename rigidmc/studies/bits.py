@@ -106,7 +106,8 @@ def _motions() -> dict[str, Scene]:
 def digest(scene: Scene, threads: int | None = 1) -> str:
     """The sha256 of all variables of the result of a scene."""
     result = simulate(scene, threads=threads, checks=False)
-    names = sorted(str(name) for name in result.data_vars)
+    # `drift_law` follows from sums that are compared
+    names = sorted(str(name) for name in result.data_vars if name != "drift_law")
     parts = (np.ascontiguousarray(result[name].values) for name in names)
     return hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest()
 

@@ -10,13 +10,22 @@ from rigidmc.engine.layout import STATUSES
 from rigidmc.errors import OptionError
 from rigidmc.files.reading import toml
 from rigidmc.observables.event_times import is_event_time
+from rigidmc.scene.drifts import one_way
 from rigidmc.scene.stored import scene_text
 from rigidmc.studies import censored, intervals
 from rigidmc.studies.estimates import estimate, why_no_interval
 from rigidmc.studies.rounding import is_constant
 
 # not summarised
-_PLAIN = ("status", "status_step", "status_time", "mass", "steps", "followed_until")
+_PLAIN = (
+    "status",
+    "status_step",
+    "status_time",
+    "drift_law",
+    "mass",
+    "steps",
+    "followed_until",
+)
 
 
 def summary(dataset: xr.Dataset, confidence: float = 0.95, of: str | Iterable[str] = ()) -> str:
@@ -33,6 +42,7 @@ def summary(dataset: xr.Dataset, confidence: float = 0.95, of: str | Iterable[st
     unknown = why_no_interval(dataset)
     good = dataset.status.values == 0
     lines = [_heading(dataset, settings["members"]), _flagged(dataset)]
+    lines += [f"  {line}" for line in (one_way(dataset),) if line]
     if texts := (of,) if isinstance(of, str) else tuple(of):
         lines += [_measured(dataset, text, confidence) for text in texts]
     sure = None if unknown else confidence

@@ -110,7 +110,7 @@ def test_layout_and_attributes():
     assert ds.energy.dims == ("time", "member")
     for name, variable in ds.data_vars.items():
         assert "long_name" in variable.attrs, name
-        assert "units" in variable.attrs or name == "status", name
+        assert "units" in variable.attrs or "flag_meanings" in variable.attrs, name
     assert ds.attrs["Conventions"] == "CF-1.11"
     assert ds.status.attrs["flag_meanings"].split()[0] == "ok"
     assert ds.energy_drift_max.attrs["conserved"].startswith("no: viscous_damping")
