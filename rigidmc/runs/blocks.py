@@ -18,7 +18,7 @@ from rigidmc.planning.job import Job, closed_job, job_of, program_of
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.stage import stage, stage_some
 from rigidmc.planning.units import Internal, in_user_units
-from rigidmc.progress import Progress, reporter
+from rigidmc.progress import Progress, Report, reporter
 from rigidmc.scene.drifts import drift_laws
 from rigidmc.scene.scene import Scene
 from rigidmc.storage.export import is_streamed
@@ -145,16 +145,18 @@ def compute(
         count = math.ceil(members / plan.block)
         threads = program.workers(threads, count, plan.block, plan.times.size)
     with reporter(progress, members, plan.steps) as report:
-
-        def left() -> Iterator[int]:
-            for i in which:
-                if sink.has(plan.first + i * plan.block):
-                    report.step(plan.block * plan.steps)
-                else:
-                    yield i
-
-        run_blocks(make, left(), threads, finished, report.step, report.poll, sink.keeper)
+        left = _left(which, plan, sink, report)
+        run_blocks(make, left, threads, finished, report.step, report.poll, sink.keeper)
     return flagged
+
+
+def _left(blocks: Iterable[int], plan: Plan, sink: Sink, report: Report) -> Iterator[int]:
+    """The blocks of which the sink does not have the results; those that it has count as done."""
+    for i in blocks:
+        if sink.has(plan.first + i * plan.block):
+            report.step(plan.block * plan.steps)
+        else:
+            yield i
 
 
 def _results(job: Job, scene: Scene, plan: Plan) -> dict[str, np.ndarray]:
