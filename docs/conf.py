@@ -51,3 +51,9 @@ html_sidebars = {
     name: []
     for name in ("first_ensemble", "gallery", "viewer", "comparison", "contributing", "changelog")
 }
+
+
+def setup(app):
+    """Let two processes read the pages: this extension only copies files once all are built, and
+    does not declare that it is safe."""
+    app.extensions["sphinx-mathjax-offline"].parallel_read_safe = True

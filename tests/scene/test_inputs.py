@@ -171,7 +171,7 @@ SCALARS = {k for k, (x, _) in DOORS.items() if x is COLUMN} - {
 
 @pytest.mark.parametrize("door", DOORS)
 def test_what_means_more_than_its_places_is_refused(door):
-    """1,150 cases of doors and objects; 1f1805b takes 398 of them as numbers."""
+    """1,150 cases of doors and objects: each is refused, none is taken as numbers."""
     array, take = DOORS[door]
     for what, (of, word) in REFUSED.items():
         if (what == "complex" and door in COMPLEX) or (
