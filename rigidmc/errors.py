@@ -211,7 +211,8 @@ def _short(value: object) -> str:
     # repr of a number of more than 4300 digits is an error of its own
     text = repr(value) if not isinstance(value, int) or abs(value) < 10**80 else "a huge number"
     text = " ".join(text.split())  # a Series shows itself on several lines
-    return text if len(text) <= 80 else text[:77] + "..."
+    # the end of a path tells which file it is
+    return text if len(text) <= 80 else f"{text[:38]}...{text[-39:]}"
 
 
 def _cut(text: str, most: int = 0) -> str:

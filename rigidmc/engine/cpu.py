@@ -88,9 +88,11 @@ def live(frame, low):
         now, slot = stop, stop - begun
         saved = now == frame.total or now % frame.stride == 0
         # no look where only a call ends: no result depends on calls
-        if saved or (slot % LOOK == 0 and (frame.member_steps == 0 or slot < frame.slots)):
+        planned = slot % LOOK == 0 and (frame.member_steps == 0 or slot < frame.slots)
+        if saved or planned:
             rounds = begun // frame.slots * 1.0 if frame.member_steps != 0 else 0.0
-            idle = look(frame, rounds, slot, 1.0 if 2 * now > frame.total else 0.0)
+            late = 1.0 if 2 * now > frame.total else 0.0
+            idle = look(frame, rounds, slot, late, 1.0 if planned else 0.0)
         if saved:
             save(frame, low, now)
     leave(frame, low)
@@ -137,15 +139,15 @@ def smaller(a, b):
     return a if a < b else b
 
 
-def look(frame, rounds, slot, late):
+def look(frame, rounds, slot, late, planned):
     """Look at the members after `slot` steps of a round, `rounds` of which are done.
 
-    late : 1 in the second half of the run, else 0
+    late : 1 in the second half of the run, else 0;  planned : 1 if no save asked for the look, or 0
 
     True if all of them are stopped or frozen.
     """
     lanes, flat = frame.lanes, flat_memory(frame)
-    call(frame.look, (flat.parts, flat.state, flat.work, rounds, slot * 1.0, late))
+    call(frame.look, (flat.parts, flat.state, flat.work, rounds, slot * 1.0, late, planned))
     work = flat.work
     moving = 0
     for k in range(lanes):

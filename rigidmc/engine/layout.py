@@ -41,8 +41,9 @@ ATTITUDE = _block.take(4)  # a quaternion
 MOMENTUM = _block.take(3)
 REST = _block.take(7)  # remainders of the sums of both, or what the integrator keeps instead
 # of the start: energy, what it is compared with, |L|^2, energies in play, L_z, largest |L|^2 that
-# these allow; and the largest kinetic energy since, see `rigidmc.engine.member.fastest`
-START = _block.take(7)
+# these allow; and the largest kinetic energies since, at planned looks and at all of them, see
+# `rigidmc.engine.member.fastest`
+START = _block.take(8)
 DRIFT = _block.take(2)  # largest drifts of energy and of |L|^2 so far
 STATUS = _block.take(1)  # see STATUSES
 GOOD_STEP = _block.take(1)  # step of the last good state

@@ -120,11 +120,12 @@ def begin(kinds, numbers, parts, state, work):
     in_play = larger(kinetic + total_energy_scale(present, body), abs(energy))
     compared = larger(abs(energy), 1e-3 * in_play)
     widest = 2.0 * in_play / min(min(body.i1, body.i2), body.i3)
-    put((energy, compared, squared, in_play, dot(up(q), l), widest, 0.0), work, KNOWN + START)
+    put((energy, compared, squared, in_play, dot(up(q), l), widest), work, KNOWN + START)
+    put((0.0 * kinetic, 0.0 * kinetic), work, KNOWN + START + 6)
 
     endless = select(is_finite(q, l, energy, squared), 0.0, 1.0)
     omega = angular_velocity(body, l)
-    flaw = fault(limits, endless, work, ledger, (), q, l, omega, h, energy, squared)
+    flaw = fault(limits, endless, work, ledger, (), 0.0, q, l, omega, h, energy, squared)
     status = work[KNOWN + STATUS]
     status = select(status == 0.0, flaw, status)
     healthy = status == 0.0
@@ -142,10 +143,10 @@ def begin(kinds, numbers, parts, state, work):
     return 0
 
 
-def look(kinds, numbers, parts, state, work, rounds, slot, late):
+def look(kinds, numbers, parts, state, work, rounds, slot, late, planned):
     """Look at the state after `slot` steps of a round, `rounds` of which are done.
 
-    late : 1 in the second half of the run, else 0
+    late : 1 in the second half of the run, else 0;  planned : 1 at a look that no save asked for
 
     Its drifts and its health are noted. A member that is not well goes back to its last good state
     and stays there. If works are kept, the drift of the energy is what exceeds the work of effects
@@ -169,11 +170,16 @@ def look(kinds, numbers, parts, state, work, rounds, slot, late):
     energy, squared = kinetic_energy(body, l) + total_energy(present, body, q), dot(l, l)
     put(q + l + (energy, squared), work, TRUE)
 
-    work[KNOWN + START + 6] = fastest(marked(ledger), work, kinetic_energy(body, l))
-    start = begun(work, ledger, works, squared)
+    kinetic = kinetic_energy(body, l)
+    # a saved drift knows of planned looks alone: else it would depend on what else is saved
+    known = fastest(marked(ledger), work, 6, kinetic)
+    most = fastest(marked(ledger), work, 7, kinetic)
+    work[KNOWN + START + 6] = select(planned > 0.0, known, work[KNOWN + START + 6])
+    work[KNOWN + START + 7] = most
+    start = begun(work, ledger, works, most, squared)
     endless = select(is_finite(q, l, energy, squared), 0.0, 1.0)
     omega = angular_velocity(body, l)
-    flaw = fault(limits, endless, work, ledger, works, q, l, omega, h, energy, squared)
+    flaw = fault(limits, endless, work, ledger, works, most, q, l, omega, h, energy, squared)
     steps = rounds * work[EACH] + done
     good = judged(flaw, start, energy, squared, steps, q, l, work, late)
     frozen = work[KNOWN + STATUS] > 0.0
@@ -192,7 +198,8 @@ def record(kinds, numbers, work, out, at, width, t, past):
     body, present = body_at(work, KNOWN + BODY), filled(effects, work, KNOWN + EFFECTS)
     works = tuple_at(ledger, work, KNOWN + EFFECTS + row_count(effects) + len(ledger))
     q, l = four_at(work, KNOWN + GOOD), three_at(work, KNOWN + GOOD + 4)
-    start = begun(work, ledger, works, dot(l, l))
+    most = fastest(marked(ledger), work, 6, kinetic_energy(body, l))
+    start = begun(work, ledger, works, most, dot(l, l))
     write_all(observables, body, present, t, q, l, start, works, work, out, at, width, past)
     return 0
 
@@ -209,37 +216,38 @@ def is_finite(q, l, energy, squared):
     return 0.0 * (energy + squared + q[0] + q[1] + q[2] + q[3]) == 0.0
 
 
-def fastest(marks, work, kinetic):
-    """The largest kinetic energy so far, which counts as in play: of bodies that start without any
-    energy, and if the work of effects without an energy is booked. Else 0."""
-    most = larger(work[KNOWN + START + 6], kinetic)
+def fastest(marks, work, row, kinetic):
+    """The largest kinetic energy, of now and of the looks so far, which counts as in play: of
+    bodies that start without any energy, and if the work of effects without an energy is booked.
+    Else 0.  row : 6 for planned looks, 7 for all"""
+    most = larger(work[KNOWN + START + row], kinetic)
     if len(marks) == 0:
         return select(work[KNOWN + START + 3] == 0.0, most, 0.0)
     return most
 
 
-def begun(work, ledger, works, squared):
+def begun(work, ledger, works, most, squared):
     """(E, 1/scale of E, |L|^2, 1/|L|^2) at the start, corrected by the works since.
 
-    The scale is no less than the energy that `fastest` counts, and |L|^2 of a body that starts at
-    rest is compared with that of now, `squared`: a drift is a pure number in every unit. 0 stands
-    for 1/0: there is nothing to compare with.
+    The scale is no less than `most`, the energy that `fastest` counts, and |L|^2 of a body that
+    starts at rest is compared with that of now, `squared`: a drift is a pure number in every unit.
+    0 stands for 1/0: there is nothing to compare with.
     """
     energy, compared, first = three_at(work, KNOWN + START)
-    scale = inverse(larger(compared, work[KNOWN + START + 6]))
+    scale = inverse(larger(compared, most))
     start = energy, scale, first, inverse(select(first > 0.0, first, squared))
     return booked(start, ledger, works)
 
 
-def fault(limits, endless, work, ledger, works, q, l, omega, h, energy, squared):
+def fault(limits, endless, work, ledger, works, most, q, l, omega, h, energy, squared):
     """The status of a member: 1 if it is not finite, else the first limit that it exceeds, or 0.
 
-    endless : 1 if it is not finite
+    endless : 1 if it is not finite;  most : of `fastest`
     """
     if len(limits) == 0:
         return endless
     first, at_start = work[KNOWN + START + 2], three_at(work, KNOWN + START + 3)
-    in_play = larger(at_start[0], work[KNOWN + START + 6]) + gross(works)
+    in_play = larger(at_start[0], most) + gross(works)
     before = work[KNOWN + START] + spent(ledger, works)
     w, rise = scale(h, omega), dot(up(q), l) - at_start[1]
     widest = limits[2] * limits[2] * larger(at_start[2], squared)

@@ -132,7 +132,7 @@ class Program:
             leave=asked(True, member.leave, (), "piiiiiiisw"),
             begin=asked(True, member.begin, (kept, effects, limits, ledger), "psw"),
             march=asked(True, march, moved, MARCH),
-            look=asked(True, member.look, (kept, effects, *marks, limits, ledger), "pswfff"),
+            look=asked(True, member.look, (kept, effects, *marks, limits, ledger), "pswffff"),
             record=asked(observables, member.record, (observables, effects, ledger), "wpiifi"),
             begin_watch=asked(some, watching.begin_watch, (effects, events, running), "pswi"),
             watch=asked(some, watching.watch, (kept, effects, events, running, dense), "pswsiiii"),

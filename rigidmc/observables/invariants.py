@@ -33,9 +33,9 @@ class L2(NamedTuple):
 class EnergyDrift(NamedTuple):
     """(E - E(0))/|E(0)|; if |E(0)| is under 1e-3 of the energies in play, relative to that.
 
-    Where work is booked, E(0) and the scale grow by it, and the scale is no less than the largest
-    kinetic energy since; nor is that of a body that starts with no energy in play, at rest under
-    torques.
+    Where work is booked, E(0) and the scale grow by it, and the scale is no less than the kinetic
+    energy of now and of every 64th step before; nor is that of a body that starts with no energy in
+    play, at rest under torques. `energy_drift_max` knows the kinetic energies at all saves.
     """
 
     def value(self, body, effects, q, l, start):

@@ -17,18 +17,18 @@ pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is com
 # members, compiled once for all scenes
 BOUNDS = {
     ("rk4", False, "omega,attitude"): {
-        "enter": 173, "leave": 431, "begin": 227, "march": 567, "look": 345, "record": 80,
+        "enter": 173, "leave": 431, "begin": 227, "march": 567, "look": 412, "record": 80,
         "advance": 3950,
-        # measured 98 (157), 143 (392), 206, 515 (433), 313, 73, 2908 (3594)
+        # measured 98 (157), 143 (392), 211, 515 (433), 375, 73, 2908 (3594)
     },
-    # measured 223, 729, 313
-    ("rk4", True, "omega,attitude"): {"begin": 246, "march": 802, "look": 345},
-    # measured 210, 2079, 297
-    ("rk8", True, "omega,attitude"): {"begin": 231, "march": 2290, "look": 327},
-    # measured 233, 1014, 331
-    ("strang", True, "omega,attitude"): {"begin": 256, "march": 1115, "look": 364},
-    # measured 210, 1515, 297
-    ("midpoint", True, "omega,attitude"): {"begin": 231, "march": 1667, "look": 327},
+    # measured 229, 729, 375
+    ("rk4", True, "omega,attitude"): {"begin": 252, "march": 802, "look": 412},
+    # measured 216, 2079, 359
+    ("rk8", True, "omega,attitude"): {"begin": 238, "march": 2290, "look": 395},
+    # measured 239, 1014, 393
+    ("strang", True, "omega,attitude"): {"begin": 263, "march": 1115, "look": 432},
+    # measured 216, 1515, 359
+    ("midpoint", True, "omega,attitude"): {"begin": 238, "march": 1667, "look": 395},
     # measured 100, 259, 165
     # measured 104, 832, 171
     ("rk4", True, "flips"): {"begin_watch": 114, "watch": 915, "seek": 188},

@@ -166,16 +166,16 @@ def test_bad_densities(density, region, rule):
         ),
         (
             lambda: Body.from_particles([1, 1], [(1, 1, 1), (2, 2, 2)]),
-            "no mass is spread like that",
+            "all mass lies on a line",
         ),  # a slanting line
         (
             lambda: Body.from_particles(
                 [1, 1, 0.3], [(1, 0.3, 0.7), (2, 0.6, 1.4), (-3, -0.9, -2.1)]
             ),
-            "no mass is spread",
+            "all mass lies on a line",
         ),
         (lambda: inertia.principal_axes(np.full((3, 3), np.nan)), "finite components"),
-        (lambda: inertia.principal_axes(np.zeros((3, 3))), r"\(0, 0, 0\)"),
+        (lambda: inertia.principal_axes(np.zeros((3, 3))), "all moments are 0"),
     ],
 )
 def test_bad_solids(make, rule):

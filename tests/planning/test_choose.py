@@ -71,7 +71,7 @@ def test_a_fast_top_is_split():
         rm.Scene.load("bruels_cardona"), 1e-9, integrators=("rk4", "rk8", "aba1064", "srkn11")
     )
     assert found.way.integrator in ("aba1064", "srkn11")
-    assert found.way.steps == 100  # one for each save; rk4 takes 30,000 (Bruels & Cardona 2010)
+    assert found.way.steps == 400  # one for each save; rk4 takes 30,000 (Bruels & Cardona 2010)
 
 
 def test_a_step_costs_the_same_where_the_method_throws_members_off():
