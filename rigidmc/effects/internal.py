@@ -31,9 +31,10 @@ class InternalDissipation(NamedTuple):
         dL/dt = L x Omega,   dA/dt = A hat(Omega),   Omega = omega + loss G x omega/|G|
 
     with omega = I^-1 L and G = L, or L + H beside a `Rotor` that holds H. L is the momentum of the
-    body and of the parts that move inside it; relative to the body these hold -loss I (G x
-    omega)/|G|, which is why it does not turn with I^-1 L. `omega` in results is I^-1 L, and Omega
-    differs from it by `loss` of its size at most. The energy 1/2 L . I^-1 L falls::
+    body and of the parts that move inside it; relative to the body these hold
+    `-loss I (G x omega)/|G|`, which is why it does not turn with I^-1 L. `omega` in results is
+    I^-1 L, and Omega differs from it by `loss` of its size at most. The energy 1/2 L . I^-1 L
+    falls::
 
         dE/dt = -loss |G x omega|^2/|G|
 

@@ -1,5 +1,6 @@
 """Mesh files, read by trimesh: nothing but the file itself, in one of the formats of a part."""
 
+import io
 import os
 from typing import Any
 
@@ -16,5 +17,7 @@ def loaded(path: str) -> Any:
     if ending not in MESHES:
         raise ValueError(f"its name ends in none of {', '.join(MESHES)}")
     with open(path, "rb", opener=regular) as file:
-        # by the open file: an OBJ file may name others, of materials, which may be pipes
-        return trimesh.load(file, file_type=ending[1:], force="mesh", process=False)
+        # by the bytes, which have no place: an OBJ file names others, of materials, and trimesh
+        # looks for them beside an open file; a pipe of such a name kept it waiting for 20 s
+        data = io.BytesIO(file.read())
+    return trimesh.load(data, file_type=ending[1:], force="mesh", process=False)

@@ -214,8 +214,10 @@ def test_a_mesh_is_one_message(text, ending, tmp_path):
     os.mkfifo(tmp_path / "pipe.mtl")
     path = tmp_path / f"part{ending}"
     path.write_text(text)
-    with bounded(), pytest.raises(SceneError):
+    with bounded(), pytest.raises(SceneError) as told:
         mesh.load(path)
+    if "pipe.mtl" in text and ending == ".obj":  # the pipe was not opened
+        assert "index 999999998" in str(told.value)
     path.write_bytes(bytes(80) + (2**31).to_bytes(4, "little"))  # an STL file's number of triangles
     with bounded(), pytest.raises(SceneError):
         mesh.load(path)

@@ -12,6 +12,7 @@ from scipy import stats
 
 import rigidmc as rm
 from rigidmc.effects.sums import total_energy
+from rigidmc.engine import layout
 from rigidmc.errors import SceneError
 from rigidmc.planning.rates import physics
 from rigidmc.planning.stage import stage
@@ -69,7 +70,7 @@ def test_a_shell_is_exact(direction):
     energy = 0.5 * (l * l / np.array(MOMENTS)[:, None]).sum(0) + total_energy(
         present, body, tuple(found["start_attitude"])
     )
-    assert np.abs(energy - 4.0).max() < 2e-14 and not block[23].any()
+    assert np.abs(energy - 4.0).max() < 2e-14 and not block[layout.STATUS].any()
     if direction is None:  # in components scaled by sqrt(I) it is even on a sphere
         v = l / np.sqrt(np.array(MOMENTS))[:, None]
         assert all(uniform(x, -1.0, 1.0) for x in v / np.linalg.norm(v, axis=0))
@@ -80,7 +81,7 @@ def test_a_shell_is_exact(direction):
 def test_a_shell_of_too_little_energy_has_no_member():
     found, block = drawn(momentum=rm.Shell(0.0), attitude="uniform", effects=(rm.Gravity(9.81),))
     none = np.isnan(found["start_momentum"]).any(0)
-    assert 0.3 < none.mean() < 0.7 and np.array_equal(none, block[23] == 2.0)
+    assert 0.3 < none.mean() < 0.7 and np.array_equal(none, block[layout.STATUS] == 2.0)
 
 
 def test_gibbs_has_its_temperature():
@@ -98,7 +99,7 @@ def test_second_moments_always_make_a_body():
         moments=rm.SecondMoments((rm.uniform(0.0, 1.0),) * 3), omega=(0.0, 1.0, 0.0)
     )
     i = found["moments"]
-    assert (2.0 * i.max(0) <= i.sum(0) * (1.0 + 1e-15)).all() and not block[23].any()
+    assert (2.0 * i.max(0) <= i.sum(0) * (1.0 + 1e-15)).all() and not block[layout.STATUS].any()
     assert uniform(0.5 * (i[1] + i[2] - i[0]), 0.0, 1.0)
 
 
@@ -393,7 +394,7 @@ def test_the_canonical_ensemble_is_that_of_gravity():
     )
     kappa = WEIGHT / 1.5
     law = lambda z: np.expm1(-kappa * (z + 1.0)) / np.expm1(-2.0 * kappa)  # noqa: E731
-    assert stats.kstest(height(found), law).pvalue > 0.01 and not block[23].any()
+    assert stats.kstest(height(found), law).pvalue > 0.01 and not block[layout.STATUS].any()
     # measured 2.2e-16
     assert np.abs(np.linalg.norm(found["start_attitude"], axis=0) - 1.0).max() < 1e-15
     again = drawn(
@@ -417,7 +418,7 @@ def test_the_microcanonical_ensemble_is_that_of_gravity(energy):
     top = min(1.0, energy / WEIGHT)
     left = lambda z: (energy - WEIGHT * np.minimum(z, top)) ** 1.5  # noqa: E731
     law = lambda z: (left(-1.0) - left(z)) / (left(-1.0) - left(top))  # noqa: E731
-    assert stats.kstest(height(found), law).pvalue > 0.01 and not block[23].any()
+    assert stats.kstest(height(found), law).pvalue > 0.01 and not block[layout.STATUS].any()
     body, present = physics((rm.Gravity(9.81),), block)
     l = found["start_momentum"]
     kinetic = 0.5 * (l * l / np.array(MOMENTS)[:, None]).sum(0)
