@@ -178,7 +178,7 @@ class FakeDriver(types.ModuleType):
         """Whether these bytes are memory of the current context."""
         return any(
             a <= address and address + size <= a + x.size - GUARD and of == self.context()
-            for a, (x, of) in self.held.items()
+            for a, (x, of) in list(self.held.items())  # other threads take memory
         )
 
     def _copied(self, device, to, source, size, stream):
