@@ -46,13 +46,7 @@ def refuse_unnamed(path: str | os.PathLike[str]) -> None:
 def regular(path: str, flags: int) -> int:
     """Open a regular file that the user names, perhaps by a link; for `open(path, opener=...)`."""
     refuse_irregular(path)  # a device may do something when it is opened
-    file = os.open(path, flags | _WAITLESS)
-    try:
-        refuse_irregular(path, os.fstat(file).st_mode)
-    except BaseException:
-        os.close(file)
-        raise
-    return file
+    return _kept_if_regular(path, os.open(path, flags | _WAITLESS))
 
 
 def plain(path: str, flags: int) -> int:
@@ -76,7 +70,11 @@ def below(path: str, flags: int) -> int:
 
 def _checked(path: str, name: str, flags: int, at: int | None) -> int:
     """Open a file and refuse all but regular ones; name : relative to the open folder `at`."""
-    file = _opened(path, name, flags | _FLAGS, at)
+    return _kept_if_regular(path, _opened(path, name, flags | _FLAGS, at))
+
+
+def _kept_if_regular(path: str, file: int) -> int:
+    """An open file, which is closed and refused if it is not a regular one."""
     try:
         refuse_irregular(path, os.fstat(file).st_mode)
     except BaseException:
