@@ -81,7 +81,7 @@ def floats(
 
 
 def _converted(value: Any, key: str, table: str, kinds: str, rule: str) -> NDArray[Any]:
-    """The numbers of what is no array of float64 yet; SceneError."""
+    """The numbers of an object that is not an array of float64 yet; SceneError."""
     value = placed(value, table, key, kinds)
     try:
         found = np.asarray(value)
@@ -154,7 +154,7 @@ def _cure(value: Any) -> str:
     if hasattr(value, "to_numpy"):
         return "has labels: give its numbers, x.to_numpy()"
     if hasattr(value, "__array__") or hasattr(value, "__dlpack__"):
-        return "is no array of numpy: give np.asarray(x)"
+        return "is not a NumPy array: give np.asarray(x)"
     if hasattr(value, "__iter__"):
         return "is no list: give list(x)"
     return ""

@@ -6,7 +6,7 @@ IO, INTERRUPTED, TERMINATED = 74, 130, 143
 
 # {code: (in a few words, when)}
 CODES = {
-    OK: ("done", "what was asked is done, and no member is flagged"),
+    OK: ("done", "the command did its work, and no member is flagged"),
     USAGE: ("usage", "no such command or option, or an argument is missing"),
     INVALID: (
         "invalid",

@@ -51,7 +51,7 @@ def refuse_unreadable(path: Path, kind: str = "netCDF") -> None:
         state = (kind, path, facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns)
         if state in _sound:
             return
-        file.read(1)  # as long as it takes: an archive may bring the file from a tape
+        file.read(1)  # without a limit of time: an archive may load the file from a tape
         with _lock:
             complaint = _verdict(kind, path)
         if not complaint:

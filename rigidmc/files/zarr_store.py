@@ -1,7 +1,7 @@
 """A look at a zarr store before zarr opens it: what is in its folder, and what its arrays claim.
 
 A store of some kB may claim gigabytes, since chunks that are missing are filled in; a chunk may
-unpack to more than its array tells, or name a codec that runs code (numcodecs had a `pickle`).
+unpack to more than its array claims, or name a codec that runs code (numcodecs had a `pickle`).
 """
 
 import contextlib

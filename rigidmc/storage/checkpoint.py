@@ -1,4 +1,4 @@
-"""A checkpoint: arrays in a file that is either whole and of what is asked for, or ignored."""
+"""A checkpoint: arrays in a file, which is ignored unless it is whole and matches its run."""
 
 import contextlib
 import hashlib

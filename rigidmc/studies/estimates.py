@@ -34,8 +34,8 @@ def why_no_interval(dataset: xr.Dataset) -> str:
 def estimate(dataset: xr.Dataset, text: str, confidence: float = 0.95) -> Estimate:
     """A measure of the good members with its confidence interval.
 
-    The ends are nan if the members are no independent draws: a grid is none. Raises OptionError for
-    what is no measure of the result, and for the mean of a time that has not come of all members.
+    The ends are nan if the members are not independent draws, as on a grid. Raises OptionError if
+    the result lacks the measure, and for the mean of a time that has not come for all members.
     """
     asked = _asked(dataset, text)
     who = asked.asks(dataset)

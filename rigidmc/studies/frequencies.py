@@ -24,7 +24,7 @@ NOTHING = 1e-12  # of the signal: what is left is rounding
 WIDTH = POWER + 1.0  # of a line, in periods of the whole time, to the first zero of the window
 DOUBLE = 0.5  # of a line: one as strong within its width is another line, not its artefact
 WHY = ("resolved", "nothing", "slow", "fast", "close", "flagged")
-WORDS = {  # of those in WHY that a table tells
+WORDS = {  # reasons of WHY that a table shows
     "nothing": "is constant to rounding",
     "slow": f"has fewer than {WIDTH:g} periods in the time",
     "fast": "is folded, or nearly: saves have to be less than half a period apart",

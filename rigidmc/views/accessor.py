@@ -153,12 +153,12 @@ class Rigid(States):
             value, low, high, and as attributes `without`, the fraction of the members without a
             value, and `until`, the end of the run if the time of an event has not come of all
             members: a quantile beyond it is inf. Of each group, with its `members` and `without`,
-            over `by`. The ends are nan if the members are no independent draws, as those of a grid
+            over `by`. The ends are nan if the members are not independent draws, as on a grid
 
         Raises
         ------
         OptionError
-            for what is no measure of the result, for an unknown `by`, and for the mean of a time
+            if the result lacks the measure, for an unknown `by`, and for the mean of a time
             that has not come of all members
 
         Examples

@@ -74,7 +74,7 @@ def _heading(dataset: xr.Dataset, planned: int) -> str:
 
 
 def _measured(dataset: xr.Dataset, text: str, confidence: float) -> str:
-    """A measure of the good members on a line; OptionError for what is no measure of the result."""
+    """A measure of the good members on a line; OptionError if the result lacks it."""
     try:
         return f"  {text}: {estimate(dataset, text, confidence).words(confidence)}"
     except OptionError as error:

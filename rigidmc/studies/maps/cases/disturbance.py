@@ -1,7 +1,7 @@
 """How long a body spun about its middle axis waits for its first flip, by its disturbance.
 
 A disturbance ten times as small adds ln 10/lambda to the first wait and 2 ln 10/lambda to those
-between flips: between flips it decays as long as it grows.
+between flips: between flips it decays for as much time as it grows.
 """
 
 import math
