@@ -257,6 +257,8 @@ def kills(count, folder, some, members=400_000, size=4, names=None):
             child.kill()
             child.join()
             told["kills"] += 1
+            if told["kills"] % 20 == 0:
+                print(f"{told['kills']} kills: {told}", file=sys.stderr, flush=True)
             is_run = os.path.isfile(os.path.join(path, "run.json"))
             there = sums(path) if is_run else {}
             told["before any shard"] += not {*there} - {"members"}

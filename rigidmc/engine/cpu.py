@@ -20,6 +20,7 @@ from rigidmc.engine.layout import (
     EVENT,
     INDEX,
     KNOWN,
+    LENGTH,
     START,
     STATUS,
     STOPPED,
@@ -80,7 +81,9 @@ def live(frame, low):
         # `begun` is the first step of the round; without member steps there is one round
         begun = now // frame.slots * frame.slots if frame.member_steps != 0 else 0
         stop = ending(frame, now, begun)
-        if frame.member_steps != 0 and now == begun:
+        if now == frame.head:
+            shorten(frame, (frame.slots if frame.member_steps != 0 else now) * 1.0)
+        elif frame.member_steps != 0 and now == begun:
             for k in range(frame.lanes):
                 flat.work[BEGAN * frame.lanes + k] = begun // frame.slots * frame.h
         if not idle:
@@ -101,10 +104,17 @@ def live(frame, low):
 
 def enter(frame, low):
     """Bring the rows of the members from `low` on side by side."""
-    flat, lanes, member_steps, h = flat_memory(frame), frame.lanes, frame.member_steps, frame.h
+    flat, lanes, member_steps, first = (
+        flat_memory(frame),
+        frame.lanes,
+        frame.member_steps,
+        frame.first,
+    )
     order, rows, members = memory(frame.order, lanes), frame.rows, frame.width
     indices = memory(frame.members, lanes)
-    time = frame.first // frame.slots * h if member_steps != 0 else 0.0
+    h, time = frame.h, first // frame.slots * frame.h if member_steps != 0 else 0.0
+    if first > frame.head:
+        h, time = frame.last_h, last_began(frame)
     call(
         frame.enter,
         (flat.block, rows, members, low, member_steps, h, time, flat.state, flat.work),
@@ -112,6 +122,44 @@ def enter(frame, low):
     for k in range(lanes if frame.noisy != 0 else 0):
         place = order[low + k] if member_steps != 0 else low + k
         flat.work[INDEX * lanes + k] = as_float(np.uint64(indices[place] + 1))
+
+
+def shorten(frame, slot):
+    """Begin the last interval, whose steps have a length of their own, after `slot` steps of the
+    round before it."""
+    flat, lanes, member_steps, h = flat_memory(frame), frame.lanes, frame.member_steps, frame.last_h
+    parts, state, work, began = flat.parts, flat.state, flat.work, last_began(frame)
+    if frame.reopens != 0:
+        for other in range(1 + frame.shadow):
+            moving = flat.near if other != 0 else state
+            call(frame.reopen, (parts, moving, work, slot, began, h, member_steps))
+    if frame.reweighs != 0:
+        call(frame.reweigh, (work, frame.watched, frame.h / h))
+    for k in range(lanes):
+        work[LENGTH * lanes + k] = h / work[EACH * lanes + k] if member_steps != 0 else h
+        work[BEGAN * lanes + k] = began
+
+
+def last_began(frame):
+    """When the round of the last interval began [s]; without rounds, when steps of its length would
+    have begun for step `head` to end where it does."""
+    h = frame.h if frame.member_steps != 0 else frame.h - frame.last_h
+    return frame.head // frame.slots * h
+
+
+def time_of(frame, now):
+    """The time at step `now`, the end of a round [s]."""
+    if now <= frame.head:
+        return now // frame.slots * frame.h
+    late = (now - frame.head) // frame.slots * frame.last_h
+    return frame.head // frame.slots * frame.h + late
+
+
+def position(frame, now):
+    """The time at step `now` in steps of the first length."""
+    if now <= frame.head:
+        return now * 1.0
+    return frame.head + (now - frame.head) * (frame.last_h / frame.h)
 
 
 def begin(frame, low):
@@ -122,7 +170,7 @@ def begin(frame, low):
         call(frame.begin_watch, (flat.parts, flat.state, flat.work, frame.watched))
     if frame.shadow != 0:
         swap(frame, 0)
-        span = frame.total * frame.h  # a neighbour goes with equal steps only
+        span = time_of(frame, frame.total)
         call(frame.begin_near, (flat.parts, flat.state, flat.work, flat.near, frame.near_at, span))
     save(frame, low, 0)
 
@@ -193,8 +241,8 @@ def steps(frame, begun, first, last):
             if idle:
                 put_aside(frame, moving, now, 0)
         if frame.shadow != 0 and is_meeting(begun + stop, frame.total):
-            before = last_meeting(begun + stop)
-            call(frame.meet, (parts, state, work, near, frame.near_at, stop * 1.0, before * 1.0))
+            at, before = position(frame, stop), position(frame, last_meeting(stop))
+            call(frame.meet, (parts, state, work, near, frame.near_at, stop * 1.0, at, before))
         if frame.looks != 0:
             call(
                 frame.watch,
@@ -287,7 +335,7 @@ def save(frame, low, now):
         last = (frame.total + frame.stride - 1) // frame.stride
         slot = last if now == frame.total else now // frame.stride
         base = slot * frame.values * frame.columns + frame.column
-        t, aside = now // frame.slots * frame.h, frame.member_steps != 0
+        t, aside = time_of(frame, now), frame.member_steps != 0
         to, at, pitch = (saved, 0, lanes) if aside else (out, base + low, frame.columns)
         call(frame.record, (work, to, at, pitch, t, 0 if aside else frame.past))
         for i in range(frame.values if aside else 0):
@@ -315,8 +363,11 @@ def leave(frame, low):
 
 def find(frame):
     """The exact times of the first and last of each event, by steps back from the noted states."""
-    lanes, flat = frame.lanes, flat_memory(frame)
+    lanes, flat, longer = frame.lanes, flat_memory(frame), 1.0
     parts, state, near, work, aside = flat.parts, flat.state, flat.near, flat.work, flat.aside
+    if frame.total > frame.head:
+        longer = frame.h / frame.last_h
+    ends = time_of(frame, smaller(frame.total, frame.head))  # of the steps before the last interval
     for i in range(KNOWN * lanes):
         aside[i] = work[i]
     for i in range((BODY_AT + frame.rows - BODY) * lanes):
@@ -327,7 +378,8 @@ def find(frame):
             seen += abs(work[(frame.watched + which // 2 * EVENT + COUNT) * lanes + k])
         tries = frame.tries if seen > 0.0 else 0
         for tried in range(tries + 1):
-            call(frame.seek, (parts, work, near, aside, frame.watched, which, tried))
+            given = parts, work, near, aside, frame.watched, which, tried, ends, longer
+            call(frame.seek, given)
             if tried < tries:
                 march(frame, near, aside, 0, 0, 0, 1)
 

@@ -217,18 +217,21 @@ def note_pass(hit, step, first_back, before, back, now, work, row):
     return 0
 
 
-def seek(kinds, numbers, parts, work, spare, aside, row, which, tried):
+def seek(kinds, numbers, parts, work, spare, aside, row, which, tried, ends, longer):
     """One try for the exact time of an event: prepare a step back to where its level should be 0.
 
     which : 2 i for the first, 2 i + 1 for the last of event i;  tried : steps back made so far
     spare, aside : a state, and what is known of it, for the step back. In the rows TRUE of `aside`
         are the ends between which the level is 0, and the length of the step
+    ends, longer : when the steps before the last interval end [s], and how many times as long as
+        those in it they are
     """
     integrator, effects, events = parts_of(kinds, numbers)
     at = row + which // 2 * EVENT + RECORDS + which % 2 * RECORD
     body, present = body_at(work, KNOWN + BODY), filled(effects, work, KNOWN + EFFECTS)
-    t, h, ends = work[at], work[LENGTH], four_at(work, at + 1)
-    there, before = ends[1], ends[3]
+    t, last_h, within = work[at], work[LENGTH], four_at(work, at + 1)
+    h = select(t < ends + 0.5 * last_h, last_h * longer, last_h)
+    there, before = within[1], within[3]
     if tried > 0:
         share = aside[TRUE + 4]
         by = -share * h
@@ -237,10 +240,10 @@ def seek(kinds, numbers, parts, work, spare, aside, row, which, tried):
         l = in_precision(momentum_at(integrator, spare), work)
         q, l = closed(integrator, body, present, t + by + parts[3] * by, part, q, l)
         here = level_of(events, which // 2, body, present, t + by, q, l)
-        ends = narrowed(four_at(aside, TRUE), share, here)
-    share = guess(ends)
+        within = narrowed(four_at(aside, TRUE), share, here)
+    share = guess(within)
     by = -share * h
-    put(ends + (share,), aside, TRUE)
+    put(within + (share,), aside, TRUE)
     part = parts[0] * by, parts[1] * by, parts[2] * by
     q, l = four_at(work, at + 5), three_at(work, at + 9)
     q, l = opened(integrator, body, present, t + parts[3] * by, part, q, l)

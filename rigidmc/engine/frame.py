@@ -24,6 +24,7 @@ class Piece(NamedTuple):
 
 
 NOTHING = Piece(0, 0, 0)  # for a piece that a scene does not use
+NEVER = 2**62  # the number of a step that no run makes
 
 
 class Pieces(NamedTuple):
@@ -31,7 +32,7 @@ class Pieces(NamedTuple):
 
     enter, leave, begin, look, record : see `rigidmc.engine.member`;  march : `rigidmc.engine.march`
     begin_watch, watch : `rigidmc.engine.running`;  seek : `rigidmc.engine.events`
-    begin_near, meet : `rigidmc.engine.neighbour`
+    begin_near, meet : `rigidmc.engine.neighbour`;  reopen, reweigh : `rigidmc.engine.last_interval`
     """
 
     enter: Piece
@@ -45,6 +46,8 @@ class Pieces(NamedTuple):
     seek: Piece
     begin_near: Piece
     meet: Piece
+    reopen: Piece
+    reweigh: Piece
 
 
 class Shape(NamedTuple):
@@ -57,6 +60,8 @@ class Shape(NamedTuple):
     nodes : states that are watched in a step, the last of them at its end
     records : of events, two each;  tries : steps back to find the time of an event
     noisy : whether effects are random
+    reopens, reweighs : whether the last interval, if its steps have a length of their own, begins
+        with the pieces of these names
     """
 
     lanes: int
@@ -71,6 +76,8 @@ class Shape(NamedTuple):
     records: int
     tries: int
     noisy: int
+    reopens: int
+    reweighs: int
 
 
 class Run(NamedTuple):
@@ -80,6 +87,7 @@ class Run(NamedTuple):
     slots : steps of a round; members with steps of their own make some number of them each
     stride : steps between saves; step `total` is always saved
     member_steps : 1 if members have steps of their own, else 0
+    head, last_h : the step after which h is `last_h`, see `rigidmc.engine.last_interval`
     """
 
     h: float
@@ -89,6 +97,8 @@ class Run(NamedTuple):
     member_steps: int
     first: int
     last: int
+    head: int = NEVER
+    last_h: float = 1.0
 
 
 class Noise(NamedTuple):
@@ -144,7 +154,12 @@ def frame_type(real: DTypeLike) -> np.dtype[Any]:
     Its field `real` is a number of the precision of the run.
     """
     code = np.dtype([("code", np.intp), ("numbers", np.intp)])
-    kinds: dict[str, Any] = {"h": np.float64, "key": np.uint64, "other": np.uint64}
+    kinds: dict[str, Any] = {
+        "h": np.float64,
+        "last_h": np.float64,
+        "key": np.uint64,
+        "other": np.uint64,
+    }
     numbers = [name for kind in (Shape, Run, Noise, Saves, Room) for name in kind._fields]
     pieces = [(name, code) for name in Pieces._fields]
     plain = [(name, kinds.get(name, np.intp)) for name in numbers]

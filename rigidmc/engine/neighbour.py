@@ -77,10 +77,11 @@ def in_play(effects, body, lightest, q, l, span):
     return select(energy > 0.0, energy, 0.5 / (lightest * span * span))
 
 
-def meet(kinds, numbers, parts, state, work, near, row, slot, before):
+def meet(kinds, numbers, parts, state, work, near, row, slot, now, before):
     """Note how far the neighbour has moved away since the last meeting, and bring it back.
 
-    slot, before : steps made so far, and at the last meeting
+    slot : steps made so far;  now, before : the times of this and of the last meeting, in steps of
+        the first length
 
     Between two meetings the distance is taken to grow at one rate: the integrals over it are exact.
     """
@@ -103,9 +104,9 @@ def meet(kinds, numbers, parts, state, work, near, row, slot, before):
     moved = l[0] + back * dl[0], l[1] + back * dl[1], l[2] + back * dl[2]
     settle(kinds, numbers, parts, work, slot, turned, moved, near, state)
     # S = int (d'/d) s ds and int 2 S/s ds, in steps
-    middle = 0.5 * (slot + before)
-    longer = logarithm(like(slot / max(before, 1.0), grown))
-    rest = sums[1] - grown * (0.5 * before * before / (slot - before))
+    middle = 0.5 * (now + before)
+    longer = logarithm(like(now / max(before, 1.0), grown))
+    rest = sums[1] - grown * (0.5 * before * before / (now - before))
     new = (
         sums[0] + grown, sums[1] + middle * grown, sums[2] + 2.0 * rest * longer + middle * grown
     )  # fmt: skip

@@ -26,6 +26,7 @@ from rigidmc.observables.protocol import (
     begin,
     level,
     past,
+    reweighed,
     sought,
     steady,
     stops,
@@ -110,6 +111,7 @@ def _seen(kinds, numbers, at):
     put(update(one, kept, body, present, t, q, l), at, 0)
     put(turning(one, body, present, t, q, l), at, 0)
     put_pairs(sought(one, kept), at)
+    put(reweighed(one, kept, t), at, 0)
     return len(averages(one)) + len(steady(one)) + len(stops(one))
 
 

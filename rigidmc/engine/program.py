@@ -11,7 +11,7 @@ from rigidmc.dynamics.methods import implements
 from rigidmc.effects import labelled
 from rigidmc.effects.protocol import takes_noise
 from rigidmc.engine import events as event
-from rigidmc.engine import member, neighbour
+from rigidmc.engine import last_interval, member, neighbour
 from rigidmc.engine import running as watching
 from rigidmc.engine.beside import beside, helped
 from rigidmc.engine.compile_time import announced, divided
@@ -35,7 +35,7 @@ from rigidmc.engine.memory import aligned
 from rigidmc.engine.own_parts import slow_parts
 from rigidmc.engine.pieces import Asked, config, is_ready, piece, run
 from rigidmc.engine.pipeline import LINE
-from rigidmc.integrators.protocol import group_count, keeping, keeps_its_own
+from rigidmc.integrators.protocol import changes_form, group_count, keeping, keeps_its_own
 from rigidmc.observables.protocol import size
 
 MARCH = "piswsikkuiii"  # the arguments of `march`, see `piece`
@@ -64,6 +64,7 @@ class Program:
         after steps and nothing in between
     paired : whether a step has the noise of two steps of half its length, which it then follows as
         closely as a path with such steps can; steps are those of all members alike
+    shortens : whether the last interval may have steps of a length of their own
     """
 
     def __init__(
@@ -71,7 +72,7 @@ class Program:
         attitude: bool = True, compensated: bool = False, dtype: DTypeLike = "float64",
         limits: Sequence[float] = (), ledger: Sequence[Any] = (), events: Sequence[Any] = (),
         running: Sequence[Any] = (), shadow: Sequence[float] = (), lanes: int | None = None,
-        ask: bool = False, nodes: int = 0, paired: bool = False,
+        ask: bool = False, nodes: int = 0, paired: bool = False, shortens: bool = False,
     ) -> None:  # fmt: skip
         compensated = compensated and not keeps_its_own(form.integrator)
         if compensated and implements(form.integrator, "with_sums"):
@@ -102,6 +103,8 @@ class Program:
             records=2 * len(events),
             tries=0 if random else event.TRIES,
             noisy=int(random),
+            reopens=int(shortens and changes_form(form.integrator)),
+            reweighs=int(shortens and bool(running)),
         )
         kept = (0.0,) * bool(attitude), (0.0,) * bool(compensated)
         self.paired = (0.0,) * bool(paired)
@@ -117,11 +120,11 @@ class Program:
 
         marks : (0.0,) or () for attitude and for remainders
         """
-        integrator, effects = self.form.integrator, self.effects
+        integrator, effects, shape = self.form.integrator, self.effects, self.shape
         groups = (0.0,) * min(self.lanes, group_count(integrator))
         several = (0.0,) * (len(self.form.parts) > 2)
         moved = (integrator, effects, *marks, (0.0,) * len(ledger), groups, several, self.paired)
-        kept, dense = keeping(integrator), (0.0,) * min(self.shape.nodes, 2)
+        kept, dense = keeping(integrator), (0.0,) * min(shape.nodes, 2)
 
         def asked(wanted: Any, function: Any, parts: Any, arguments: str) -> Any:
             return (function, parts, self.dtype, self.lanes, arguments) if wanted else None
@@ -136,9 +139,13 @@ class Program:
             record=asked(observables, member.record, (observables, effects, ledger), "wpiifi"),
             begin_watch=asked(some, watching.begin_watch, (effects, events, running), "pswi"),
             watch=asked(some, watching.watch, (kept, effects, events, running, dense), "pswsiiii"),
-            seek=asked(events, event.seek, (kept, effects, events), "pwswiii"),
+            seek=asked(events, event.seek, (kept, effects, events), "pwswiiiff"),
             begin_near=asked(shadow, neighbour.begin_near, (kept, effects), "pswsif"),
-            meet=asked(shadow, neighbour.meet, (kept, effects), "pswsiff"),
+            meet=asked(shadow, neighbour.meet, (kept, effects), "pswsifff"),
+            reopen=asked(
+                shape.reopens, last_interval.reopen, (kept, effects, marks[1], ledger), "pswfffi"
+            ),
+            reweigh=asked(shape.reweighs, last_interval.reweigh, (events, running), "wif"),
         )
         return {**pieces._asdict(), "advance": (advance, (), self.dtype, 0, "r")}
 

@@ -53,7 +53,8 @@ def run_block(
         progress(size * done * rounds_a_step)
     order = EVERY if job.order is None else job.order
     saves, member_steps = Saves(job.out, job.width, job.column, order), int(job.order is not None)
-    steps = Run(job.h, job.slots, job.stride, job.total, member_steps, done, job.total)
+    length = job.head, job.last_h
+    steps = Run(job.h, job.slots, job.stride, job.total, member_steps, done, job.total, *length)
     with closing(job.program.through(block, steps, job.noise, saves)) as calls:
         for last in calls:
             if progress is not None:

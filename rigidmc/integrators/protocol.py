@@ -124,5 +124,9 @@ def keeping(integrator: Any) -> Any:
 
     What is compiled for AsItIs serves most integrators.
     """
-    changes = any(implements(integrator, verb) for verb in ("keeps", "opened", "closed"))
-    return integrator if changes else AsItIs()
+    return integrator if changes_form(integrator) else AsItIs()
+
+
+def changes_form(integrator: Any) -> bool:
+    """Whether a program keeps (q, L) between steps in a form of its own."""
+    return any(implements(integrator, verb) for verb in ("keeps", "opened", "closed"))

@@ -4,11 +4,11 @@ A class is a NamedTuple with one of the decorators below, which states its facts
 and refuses a class that lacks the rest. Its fields are the numbers of a table [observables.NAME] in
 a scene.
 
-`value`, `monotone`, `begin`, `update`, `turning`, `sought`, `averages`, `steady`, `level`, `armed`,
-`past`, `holds` and `stops` are called from compiled code. As the methods of effects, they name the
-arguments that they depend on and are given no others: body, effects, t, q, l, and `value` also
-start and works. They are plain arithmetic, see `rigidmc.dynamics.methods`. All other methods are
-Python and take arrays, members last.
+`value`, `monotone`, `begin`, `update`, `turning`, `sought`, `averages`, `reweighed`, `steady`,
+`level`, `armed`, `past`, `holds` and `stops` are called from compiled code.
+As the methods of effects, they name the arguments that they depend on and are given no others:
+body, effects, t, q, l, and `value` also start and works. They are plain arithmetic, see
+`rigidmc.dynamics.methods`. All other methods are Python and take arrays, members last.
 """
 
 import inspect
@@ -131,7 +131,10 @@ class Running(OverSteps, Protocol):
     update: Callable[..., tuple[Any, ...]]
 
     def results(self, kept: Array, steps: Array) -> dict[str, Array]:
-        """The outputs from the numbers (marks, n) after so many steps of each member."""
+        """The outputs from the numbers (marks, n) after so many steps of each member.
+
+        If the last steps are shorter, the steps before them count for more, see `reweighed`.
+        """
 
 
 @runtime_checkable
@@ -140,8 +143,8 @@ class Neighbour(OverSteps, Protocol):
 
     shadow: bool
 
-    def results(self, kept: Array, steps: int, h: Array) -> dict[str, Array]:
-        """The outputs from the sums (3, n) over so many steps; h : the step [s]."""
+    def results(self, kept: Array, steps: float, h: Array) -> dict[str, Array]:
+        """The outputs from the sums (3, n) over a time of so many steps h [s]."""
 
 
 @runtime_checkable
@@ -291,6 +294,14 @@ def averages(observable):
     """(0.0,) if a running observable is a mean over time, else (): means are updated at states
     within a step too, which lie equally far apart."""
     return ()
+
+
+@method
+def reweighed(running, kept, longer):
+    """The numbers of a running observable if each step so far counts as `longer` steps to come: the
+    steps of a last interval may be shorter. Sums over steps times this are weighed by time; by
+    default nothing changes."""
+    return kept
 
 
 @method

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rigidmc.dynamics.methods import implements
 from rigidmc.dynamics.so3 import select
 from rigidmc.observables.protocol import Array, monotone, running, size, steady, value
 
@@ -83,6 +84,22 @@ def squared(sums, values, shifts):
     return (sums[0] + off * off,) + squared(sums[1:], values[1:], shifts[1:])
 
 
+def offsets(values, shifts):
+    """The differences of values from shifts."""
+    if len(values) == 0:
+        return ()
+    return (values[0] - shifts[0],) + offsets(values[1:], shifts[1:])
+
+
+def weighed(sums, ends, longer):
+    """Sums over steps times `longer`, by the trapezoidal rule: of the last value, which is `ends`,
+    half belongs to the steps to come."""
+    if len(sums) == 0:
+        return ()
+    first = sums[0] + (longer - 1.0) * (sums[0] - 0.5 * ends[0])
+    return (first,) + weighed(sums[1:], ends[1:], longer)
+
+
 def zeros(values):
     """As many zeros as values."""
     if len(values) == 0:
@@ -97,6 +114,20 @@ def head(like, a):
     return (a[0],) + head(like[1:], a[1:])
 
 
+def third(a):
+    """A tuple with a third as many numbers."""
+    if len(a) == 0:
+        return ()
+    return (a[0],) + third(a[3:])
+
+
+def fourth(a):
+    """A tuple with a fourth as many numbers."""
+    if len(a) == 0:
+        return ()
+    return (a[0],) + fourth(a[4:])
+
+
 def rest(like, a):
     """A tuple without its first len(like) numbers."""
     if len(like) == 0:
@@ -107,6 +138,15 @@ def rest(like, a):
 def by_rows(of: Any, rows: int, kept: Array) -> Array:
     """The rows (rows * values, n) of a block as (rows, values, n), or as they are of a number."""
     return kept.reshape(rows, -1, kept.shape[1]) if of.dims else kept
+
+
+def counts_steps(one: Any) -> bool:
+    """Whether a running observable takes all steps for equally long: its results depend on their
+    number, and it has no `reweighed`."""
+    if implements(one, "reweighed"):
+        return False
+    few, many = (one.results(np.ones((one.marks, 1)), np.array([n])) for n in (3.0, 5.0))
+    return any(not np.array_equal(few[name], many[name], equal_nan=True) for name in few)
 
 
 @running(word="smallest", squares=False)
@@ -191,6 +231,12 @@ class Mean(NamedTuple):
     def averages(self):
         return changing(steady(self.of))
 
+    def reweighed(self, kept, longer):
+        shifts = head(third(kept), kept)
+        sums = rest(shifts, kept)
+        last = rest(shifts, sums)
+        return shifts + weighed(head(shifts, sums), offsets(last, shifts), longer) + last
+
     def results(self, kept: Array, steps: Array) -> dict[str, Array]:
         """The mean; without steps it is the first value."""
         first, total, last = by_rows(self.of, 3, kept)
@@ -229,6 +275,19 @@ class Variance(NamedTuple):
 
     def averages(self):
         return changing(steady(self.of))
+
+    def reweighed(self, kept, longer):
+        shifts = head(fourth(kept), kept)
+        sums = rest(shifts, kept)
+        squares = rest(shifts, sums)
+        last = rest(shifts, squares)
+        end = offsets(last, shifts)
+        return (
+            shifts
+            + weighed(head(shifts, sums), end, longer)
+            + weighed(head(shifts, squares), squared(zeros(end), last, shifts), longer)
+            + last
+        )
 
     def results(self, kept: Array, steps: Array) -> dict[str, Array]:
         """The variance; without steps it is 0."""

@@ -23,6 +23,7 @@ from rigidmc.observables.protocol import (
     begin,
     level,
     past,
+    reweighed,
     size,
     sought,
     stops,
@@ -130,7 +131,7 @@ def _check_event(trial: Trial, effects: Any) -> None:
 
 
 def _check_running(trial: Trial, effects: Any, marks: int) -> None:
-    trial.read(begin, update, turning, sought, averages)
+    trial.read(begin, update, turning, sought, averages, reweighed)
     kept = None
     for state in states():
         some = {"body": BODY, "effects": effects, **state._asdict()}
@@ -143,6 +144,7 @@ def _check_running(trial: Trial, effects: Any, marks: int) -> None:
             rule = f"gives {pairs!r}, expected (low, high) for each number of turning: {count}"
             raise trial.complaint("sought", rule)
     trial.numbers(averages, {})
+    trial.numbers(reweighed, {"kept": kept, "longer": 1.5}, marks)
 
 
 def _check_results(trial: Trial, outputs: Mapping[str, Any], found: Any) -> None:

@@ -16,6 +16,7 @@ from rigidmc.mechanics.lagrange_top import lagrange_motion, lagrange_top
 from rigidmc.observables.protocol import value
 from rigidmc.planning.rates import Array, physics
 from rigidmc.planning.stage import Start, stage
+from rigidmc.planning.time_grid import Clock
 from rigidmc.scene.scene import Scene
 
 COVERED = (
@@ -158,8 +159,8 @@ def _uncovered(why: str) -> SceneError:
     return SceneError("", "scene", None, f"no closed form covers it: {why}; covered are {COVERED}")
 
 
-def closed_values(scene: Scene, block: Array, start: Start, times: Array, dt: float) -> Array:
-    """The values (times, rows, n) that a scene saves at `times`, which are 0 and multiples of dt.
+def closed_values(scene: Scene, block: Array, start: Start, times: Array, clock: Clock) -> Array:
+    """The values (times, rows, n) that a scene saves at `times`, at which steps of `clock` end.
 
     Final states, drifts and status go into the block. A member that is not healthy at the start
     stays there; one that becomes non-finite freezes at its last finite state, as in a kernel.
@@ -191,7 +192,7 @@ def closed_values(scene: Scene, block: Array, start: Start, times: Array, dt: fl
     largest = np.where(healthy[:, None], drifts, 0.0).max(0)
     block[layout.DRIFT : layout.STATUS] = np.where(healthy[0], largest, np.nan)
     block[: layout.MOMENTUM], block[layout.MOMENTUM : layout.REST] = q[-1], l[-1]
-    steps = np.rint(times / dt)
+    steps = clock.steps(times)
     block[layout.GOOD_STEP] = steps[last[-1]]
     bad_save = np.minimum(healthy.sum(0), len(times) - 1)
     block[layout.FAULT_STEP] = np.where(healthy[-1], -1.0, steps[bad_save])

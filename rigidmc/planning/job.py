@@ -34,6 +34,7 @@ class Job(NamedTuple):
     order : of the members in the block if they have steps of their own
     out, width, column : array for the values, its columns, and the block's first column
     h, slots, stride, total : step [s], slots in a round, steps between saves, steps in all
+    head, last_h : the step after which h is `last_h`
     done : steps that are made already
     """
 
@@ -52,6 +53,8 @@ class Job(NamedTuple):
     slots: int
     stride: int
     total: int
+    head: int
+    last_h: float
     rounds: int
     done: int = 0
 
@@ -88,6 +91,7 @@ def program_of(scene: Scene, plan: Plan, ask: bool = False) -> Program | None:
             ask=ask,
             nodes=plan.nodes,
             paired=plan.paired,
+            shortens=plan.is_shortened,
         )
         return found
     except NumbaError as error:
@@ -139,6 +143,8 @@ def job_of(
         slots=slots,
         stride=slots * plan.stride,
         total=slots * plan.steps,
+        head=slots * plan.head,
+        last_h=plan.last_dt,
         rounds=plan.steps,
     )
 
@@ -156,7 +162,7 @@ def closed_job(
     column: int,
 ) -> Job:
     """A block that needs no steps, because its saves are closed forms."""
-    values, saves = closed_values(scene, block, start, plan.times, plan.dt), len(plan.times)
+    values, saves = closed_values(scene, block, start, plan.times, plan.clock), len(plan.times)
     if width:
         size = block.shape[1]
         out.reshape(saves, -1, width)[:, :, column : column + size] = values
@@ -176,5 +182,7 @@ def closed_job(
         slots=1,
         stride=plan.stride,
         total=plan.steps,
+        head=plan.head,
+        last_h=plan.last_dt,
         rounds=plan.steps,
     )

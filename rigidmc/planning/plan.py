@@ -17,12 +17,13 @@ from rigidmc.integrators import Form, keeps_remainders
 from rigidmc.integrators.protocol import Integrator, keeps_its_own
 from rigidmc.observables import value_rows
 from rigidmc.observables.keep import thinned
+from rigidmc.observables.running import counts_steps
 from rigidmc.planning.block_size import WAVE, block_of
 from rigidmc.planning.closed_form import closed_form
 from rigidmc.planning.form import carries_attitude, form_of, largest_rates, mean_own_steps
 from rigidmc.planning.limits import SPUN_UP, Limits, limits
 from rigidmc.planning.stage import check_starts
-from rigidmc.planning.time_grid import rounds, steps_and_saves
+from rigidmc.planning.time_grid import Clock, Grid, grid, rounds
 from rigidmc.planning.watch import Watch, watch
 from rigidmc.scene.conservation import booked_labels
 from rigidmc.scene.limits import PILOT
@@ -44,6 +45,8 @@ class Plan(NamedTuple):
     which : the indices of the members at places 0, 1, ...; None if they are these numbers
     steps, dt, stride : steps to the end, their length [s], steps between saves; with member steps
         these are of rounds, in each of which a member makes some steps
+    head, last_dt : steps before the last interval if that is shorter than others, and the length of
+        those in it [s]; else all steps, and dt
     member_steps : whether members have steps of their own;  mean_steps : of a member to the end
     times : of the saves [s];  thinned : indices of the saves that are kept of thinned observables
     form : the compiled form of the integrator; None for closed forms
@@ -67,6 +70,8 @@ class Plan(NamedTuple):
     steps: int
     dt: float
     stride: int
+    head: int
+    last_dt: float
     member_steps: bool
     mean_steps: float
     times: NDArray[np.float64]
@@ -100,6 +105,16 @@ class Plan(NamedTuple):
         return self._replace(first=0, members=which.size, which=which)
 
     @property
+    def clock(self) -> Clock:
+        """When steps end."""
+        return Clock(self.dt, self.head, self.last_dt)
+
+    @property
+    def is_shortened(self) -> bool:
+        """Whether the steps of the last interval have a length of their own."""
+        return self.head < self.steps
+
+    @property
     def values(self) -> int:
         """How many numbers a member records at a save."""
         return max((rows.stop for rows in self.saved.values()), default=0)
@@ -128,20 +143,17 @@ class Plan(NamedTuple):
 class _Steps(NamedTuple):
     """The time grid of a run, and how far a step moves a member.
 
-    member_steps, steps, dt, stride, mean_steps : as in Plan
+    grid : of all members, or of the rounds of members with steps of their own
+    member_steps, mean_steps : as in Plan
     angle, theta : how far the fastest member of the pilot turns in a step at the start, and at its
         rate [rad]
-    notes : on dt
     """
 
+    grid: Grid
     member_steps: bool
-    steps: int
-    dt: float
-    stride: int
     mean_steps: float
     angle: float
     theta: float
-    notes: tuple[str, ...]
 
 
 def prepare(
@@ -155,46 +167,50 @@ def prepare(
     check_starts(scene.coarse())
     run, watched = scene.run, watch(scene)
     carried = carries_attitude(scene, watched)
-    grid = _steps(scene, carried)
-    form, rate, spin = (None, None, 0.0) if run.integrator == "closed" else form_of(scene, grid.dt)
-    mean = grid.mean_steps
-    notes = grid.notes + _step_notes(scene, grid)
+    steps = _steps(scene, carried)
+    times, mean = steps.grid, steps.mean_steps
+    form, rate, spin = (None, None, 0.0) if run.integrator == "closed" else form_of(scene, times.dt)
+    notes = times.notes + _step_notes(scene, steps)
     # torques may bring a member to theta
-    reach = grid.theta if scene.effects else grid.angle
-    notes += watched_notes(scene, watched, reach, grid.dt)
-    if grid.member_steps and (driving := spinning_up(scene)):
+    reach = steps.theta if scene.effects else steps.angle
+    notes += watched_notes(scene, watched, reach, times.dt)
+    if steps.member_steps and (driving := spinning_up(scene)):
         rule = (
             f"steps are those of the start, and {', '.join(driving)} may spin members up; one that "
             f"turns by {SPUN_UP:g} times as much in a step is flagged"
         )
         notes += (f"[run] turn = {run.turn:g}: {rule}; dt goes by no start",)
-    if (saves := grid.steps // grid.stride) > MOST_SAVES:
+    if (saves := times.steps // times.stride) > MOST_SAVES:
         rule = f"{saves:,} saves are more than the limit of {MOST_SAVES:,}"
         raise SceneError("run", "every", run.every, rule)
-    slots = np.append(np.arange(0, grid.steps, grid.stride), grid.steps)
+    if times.is_shortened:
+        _refuse_counts(scene, watched)
+    slots = np.append(np.arange(0, times.steps, times.stride), times.steps)
     saved = value_rows(scene.recorded(), len(scene.effects))
     few = thinned(len(slots), run.thin) if "thinned" in scene.kept().values() else np.empty(0, int)
     plan = Plan(
         first=run.first,
         members=run.members,
-        steps=grid.steps,
-        dt=grid.dt,
-        stride=grid.stride,
-        member_steps=grid.member_steps,
+        steps=times.steps,
+        dt=times.dt,
+        stride=times.stride,
+        head=times.head,
+        last_dt=times.last_dt,
+        member_steps=steps.member_steps,
         mean_steps=mean,
-        times=slots * grid.dt,
+        times=times.clock.time(slots),
         thinned=few,
         form=form,
         carried=carried,
         block=block or 0,  # or what `block_of` makes of this plan, below
         constant=_constant(scene),
-        angle=grid.angle,
+        angle=steps.angle,
         turn_rate=rate,
         dtype=run.dtype,
         compensated=not (form and keeps_its_own(form.integrator))
         and keeps_remainders(scene.integrator, scene.effects, run.dtype, run.compensated),
         notes=notes,
-        limits=limits(scene, carried, grid.theta, mean, form, spin) if form else (),
+        limits=limits(scene, carried, steps.theta, mean, form, spin) if form else (),
         labels=booked_labels(scene),
         watch=watched,
         nodes=nodes(scene, watched, reach),
@@ -208,28 +224,38 @@ def _steps(scene: Scene, carried: bool) -> _Steps:
     run = scene.run
     if run.integrator == "closed":
         closed_form(scene, whole_lanes(min(PILOT, run.members)))  # raises if there is none
-        steps, dt, stride = rounds(run.t_end, run.every)
-        return _Steps(False, steps, dt, stride, steps, 0.0, 0.0, ())
+        saves = rounds(run.t_end, run.every)
+        return _Steps(saves, False, saves.steps, 0.0, 0.0)
     if run.turn is not None:
-        steps, dt, stride = rounds(run.t_end, run.every)
-        mean = steps * mean_own_steps(scene, carried, dt)
-        return _Steps(True, steps, dt, stride, mean, run.turn, run.turn, ())
-    steps, dt, stride, notes = steps_and_saves(run.t_end, run.dt, run.every)
-    angle, theta = (dt * rate for rate in largest_rates(scene, carried))
-    return _Steps(False, steps, dt, stride, steps, angle, theta, notes)
+        made = rounds(run.t_end, run.every)
+        mean = made.steps * mean_own_steps(scene, carried, made.dt)
+        return _Steps(made, True, mean, run.turn, run.turn)
+    even = grid(run.t_end, run.dt, run.every)
+    angle, theta = (even.dt * rate for rate in largest_rates(scene, carried))
+    return _Steps(even, False, even.steps, angle, theta)
 
 
-def _step_notes(scene: Scene, grid: _Steps) -> tuple[str, ...]:
+def _refuse_counts(scene: Scene, watched: Watch) -> None:
+    """Raise SceneError for a user's observable over steps that cannot tell shorter steps apart."""
+    for label, one in watched.of_running:
+        if counts_steps(one):
+            rule = (
+                f"does not divide t_end = {scene.run.t_end:g} s, and the last steps are shorter:"
+                f" {label} needs a method reweighed, or an `every` that divides t_end"
+            )
+            raise SceneError("run", "every", scene.run.every, rule)
+
+
+def _step_notes(scene: Scene, steps: _Steps) -> tuple[str, ...]:
     """A note if steps are so long that the errors are large."""
     kind = scene.integrator
-    if kind.order == math.inf or grid.angle <= (most := longest_step(kind)):
+    if kind.order == math.inf or steps.angle <= (most := longest_step(kind)):
         return ()
-    would = (
-        f"turn <= {most:g}" if grid.member_steps else f"dt <= {most * grid.dt / grid.angle:.2g} s"
-    )
+    longest = f"dt <= {most * steps.grid.dt / steps.angle:.2g} s"
+    would = f"turn <= {most:g}" if steps.member_steps else longest
     return (
-        f"omega dt reaches {grid.angle:.3g} rad per step, more than {most:g}: expect large errors; "
-        f"{would} would do",
+        f"omega dt reaches {steps.angle:.3g} rad per step, more than {most:g}: expect large errors;"
+        f" {would} would do",
     )
 
 

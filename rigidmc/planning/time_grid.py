@@ -1,50 +1,152 @@
-"""The times of a run: how many steps it makes, and which of them end at a save."""
+"""The times of a run: how many steps it makes, how long they are, and which of them end at a save.
+
+Saves are at 0, `every`, 2 `every`, ... and at t_end. If `every` does not divide t_end, the last
+interval is shorter than the others, and so are the steps in it.
+"""
 
 import math
 from fractions import Fraction
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from rigidmc.errors import SceneError
 
 MOST_STEPS = 10**15
+# Steps of one length are taken if they are no more than twice as many as dt asks for, or this many
+FEW = 1000
+# Rounds of members with steps of their own take as many steps in a short last round as in others.
+# This is how much longer than t_end whole rounds may be: 5 % more steps.
+WASTE = Fraction(1, 20)
 
 
-def steps_and_saves(
-    t_end: float, dt: float, every: float | None
-) -> tuple[int, float, int, tuple[str, ...]]:
-    """(steps, dt, stride, notes): a whole number of steps to t_end, and of steps between saves,
-    with a step of at most dt.
+class Clock(NamedTuple):
+    """When steps end: the first `head` have the length dt [s], those after it last_dt [s].
 
-    Decimal numbers are taken as the fractions they are written as, so that 10 / 0.3 is 100/3.
-    Raises SceneError if `every` and t_end have no common step of at least dt/2.
+    Numbers, or arrays of members with steps of their own.
+    """
+
+    dt: Any
+    head: Any
+    last_dt: Any
+
+    def time(self, steps: Any) -> Any:
+        """The time after so many steps [s]."""
+        late = np.maximum(steps - self.head, 0.0)
+        return np.minimum(steps, self.head) * self.dt + late * self.last_dt
+
+    def position(self, steps: Any) -> Any:
+        """The time after so many steps, in steps of the first length."""
+        late = np.maximum(steps - self.head, 0.0)
+        return np.minimum(steps, self.head) + late * (self.last_dt / self.dt)
+
+    def steps(self, time: Any) -> Any:
+        """How many steps end by a time at which a step ends [s]."""
+        begun = self.head * self.dt
+        late = np.rint(np.maximum(time - begun, 0.0) / self.last_dt)
+        return np.rint(np.minimum(time, begun) / self.dt) + late
+
+    def weighed(self, steps: Any, made: Any) -> Any:
+        """The time after `steps` steps, in the last of the lengths that occur in `made` steps.
+
+        Sums over steps count the steps before the last interval by their length in this unit, see
+        `rigidmc.engine.last_interval`.
+        """
+        shorter = self.dt / self.last_dt
+        late = np.maximum(steps - self.head, 0.0)
+        return np.where(made > self.head, np.minimum(steps, self.head) * shorter + late, steps)
+
+    def of(self, each: Any) -> "Clock":
+        """The Clock of members that make `each` steps in a step of this one."""
+        return Clock(self.dt / each, self.head * each, self.last_dt / each)
+
+
+class Grid(NamedTuple):
+    """Steps of a run and its saves.
+
+    steps : to t_end;  dt : their length [s];  stride : steps between saves; step `steps` is saved
+    head, last_dt : steps before the last interval if that is shorter than others, and the length of
+        the steps in it [s]; else all steps, and dt
+    notes : on dt
+    """
+
+    steps: int
+    dt: float
+    stride: int
+    head: int
+    last_dt: float
+    notes: tuple[str, ...] = ()
+
+    @property
+    def clock(self) -> Clock:
+        """When steps end."""
+        return Clock(self.dt, self.head, self.last_dt)
+
+    @property
+    def is_shortened(self) -> bool:
+        """Whether the last interval, and the steps in it, are shorter than others."""
+        return self.head < self.steps
+
+
+def grid(t_end: float, dt: float, every: float | None) -> Grid:
+    """The Grid of a run, with a whole number of steps between saves and a step of at most dt.
+
+    Decimal numbers are taken as the fractions they are written as, so that 10 / 0.3 is 100/3. All
+    steps have one length if `every` and t_end have a common step that is not much shorter than dt.
+    Raises SceneError for more steps than a run may have.
     """
     end, step = Fraction(repr(t_end)), Fraction(repr(dt))
     for key, length in (("dt", dt), ("every", every)):
         if length is not None:
             _refuse_many(end / Fraction(repr(length)), key, length, t_end)
-    if every is None or every >= t_end:
-        steps = stride = max(1, math.ceil(end / step * (1 - Fraction(1, 10**9))))
-    else:
-        # steps must be a multiple of p for stride = steps q/p to be whole, with p/q = t_end/every
-        ratio = end / Fraction(repr(every))
-        # numbers that are only written to 16 digits, such as t_end/7 or 2^-30 s
-        simple = ratio.limit_denominator(1000)
-        ratio = simple if abs(simple / ratio - 1) < Fraction(1, 10**14) else ratio
-        multiples = max(1, math.ceil(end / step / ratio.numerator * (1 - Fraction(1, 10**9))))
-        steps = multiples * ratio.numerator
-        stride = multiples * ratio.denominator
-        if steps > 2 * math.ceil(end / step) and steps > 1000:
-            saves = max(1, round(t_end / every))
-            rule = (
-                f"no step near dt = {dt:g} divides both it and t_end = {t_end:g}: take t_end ="
-                f" {_times(every, saves)}, or every = {t_end / saves:.10g}"
-            )
-            raise SceneError("run", "every", every, rule)
-    _refuse_many(steps, "dt", dt, t_end)
-    reduced = t_end / steps
-    if abs(reduced / dt - 1) < 1e-9:
-        return steps, reduced, stride, ()
-    note = f"dt reduced from {dt:g} to {reduced:.10g} s, which divides t_end and every"
-    return steps, reduced, stride, (note,)
+    found = _saved_once(end, step, t_end)
+    if every is not None and every < t_end:
+        found = _even(end, step, every, t_end) or _with_rest(end, step, every)
+    _refuse_many(found.steps, "dt", dt, t_end)
+    if abs(found.dt / dt - 1) < 1e-9:
+        return found
+    whole = "every" if found.is_shortened else "t_end and every"
+    note = f"dt reduced from {dt:g} to {found.dt:.10g} s, which divides {whole}"
+    return found._replace(notes=(note,))
+
+
+def _saved_once(end: Fraction, step: Fraction, t_end: float) -> Grid:
+    """The Grid of a run that is saved at its end."""
+    steps = _count(end / step)
+    return Grid(steps, t_end / steps, steps, steps, t_end / steps)
+
+
+def _even(end: Fraction, step: Fraction, every: float, t_end: float) -> Grid | None:
+    """The Grid with steps of one length, or None if they would be too many."""
+    # steps must be a multiple of p for stride = steps q/p to be whole, with p/q = t_end/every
+    ratio = end / Fraction(repr(every))
+    # numbers that are only written to 16 digits, such as t_end/7 or 2^-30 s
+    simple = ratio.limit_denominator(1000)
+    ratio = simple if abs(simple / ratio - 1) < Fraction(1, 10**14) else ratio
+    # a rest of 1e-9 of `every` is how somebody wrote t_end/7
+    ratio = Fraction(round(ratio)) if abs(round(ratio) - ratio) < Fraction(1, 10**9) else ratio
+    # the step that `_with_rest` would take: a result keeps that, and has to come to the same grid
+    shorter = Fraction(repr(every / _count(Fraction(repr(every)) / step)))
+    if ratio.numerator > max(FEW, 2 * math.ceil(end / shorter)):
+        return None
+    multiples = _count(end / step / ratio.numerator)
+    steps = multiples * ratio.numerator
+    return Grid(steps, t_end / steps, multiples * ratio.denominator, steps, t_end / steps)
+
+
+def _with_rest(end: Fraction, step: Fraction, every: float) -> Grid:
+    """The Grid with a last interval that is shorter than the others."""
+    between = Fraction(repr(every))
+    whole = end // between
+    stride = _count(between / step)
+    dt, rest = every / stride, end - whole * between
+    last = _count(rest / Fraction(repr(dt)))
+    return Grid(whole * stride + last, dt, stride, whole * stride, float(rest / last))
+
+
+def _count(steps: Fraction) -> int:
+    """Steps that are whole, or one more; at least one. 1e-9 is rounding of a step."""
+    return max(1, math.ceil(steps * (1 - Fraction(1, 10**9))))
 
 
 def _refuse_many(steps: int | Fraction, key: str, length: float, t_end: float) -> None:
@@ -56,14 +158,19 @@ def _refuse_many(steps: int | Fraction, key: str, length: float, t_end: float) -
         raise SceneError("run", key, length, rule)
 
 
-def _times(every: float, saves: int) -> str:
-    """A time of whole saves, as it is written."""
-    return str(float(Fraction(repr(every)) * saves))
+def rounds(t_end: float, every: float | None) -> Grid:
+    """The Grid of the longest times that divide `every`, and t_end if that is possible.
 
-
-def rounds(t_end: float, every: float | None) -> tuple[int, float, int]:
-    """(rounds, length, rounds between saves): the longest times that divide t_end and `every`."""
+    They are the rounds of members with steps of their own, which take as many steps in a last,
+    shorter round as in others.
+    """
     if every is None or every >= t_end:
-        return 1, t_end, 1
-    count, length, stride, _ = steps_and_saves(t_end, every, every)
-    return count, length, stride
+        return Grid(1, t_end, 1, 1, t_end)
+    found = grid(t_end, every, every)
+    if not found.is_shortened:
+        return found._replace(notes=())
+    end, between = Fraction(repr(t_end)), Fraction(repr(every))
+    parts = next(
+        m for m in range(1, 21) if -(-end * m // between) * between / m <= end * (1 + WASTE)
+    )
+    return grid(t_end, every / parts, every)._replace(notes=())

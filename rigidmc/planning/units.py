@@ -135,7 +135,10 @@ class Internal(NamedTuple):
         if rate is not None and not plan.member_steps:
             rate = rate * self.time
         original = plan._replace(
-            dt=plan.dt / self.time, times=plan.times / self.time, turn_rate=rate
+            dt=plan.dt / self.time,
+            last_dt=plan.last_dt / self.time,
+            times=plan.times / self.time,
+            turn_rate=rate,
         )
         return scaled(scene, 1.0 / self.mass, 1.0, 1.0 / self.time), original
 

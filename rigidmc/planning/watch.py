@@ -27,6 +27,7 @@ from rigidmc.observables.protocol import (
     update,
     value,
 )
+from rigidmc.planning.time_grid import Clock
 from rigidmc.scene.limits import PILOT
 from rigidmc.scene.quantities import is_open, rows
 from rigidmc.scene.scene import Scene
@@ -135,18 +136,23 @@ def needs_attitude(scene: Scene, watched: Watch) -> bool:
 
 
 def results(
-    scene: Scene, watched: Watch, block: NDArray[np.float64], h: Any, total: Any, nodes: int = 0
+    scene: Scene,
+    watched: Watch,
+    block: NDArray[np.float64],
+    clock: Clock,
+    total: Any,
+    nodes: int = 0,
 ) -> dict[str, NDArray[np.float64]]:
     """{variable: values of each member} of the Watch of a scene, nan if a member is not ok.
 
     A member that is flagged keeps the times of events that came while it was still ok: without
     them nobody could tell whether the event had come by then.
 
-    block : its rows at the end of a run;  h : step of each member [s];  total : steps of each
-        member;  nodes : as of a Plan
+    block : its rows at the end of a run, or of a part of it;  clock : of the members
+    total : steps that each member has made;  nodes : as of a Plan
     """
     healthy, everyone = block[layout.STATUS] == 0.0, np.ones(block.shape[1], bool)
-    known_until = np.where(healthy, h * total, h * block[layout.GOOD_STEP])
+    known_until = clock.time(np.where(healthy, total, block[layout.GOOD_STEP]))
     rows = places_of(scene, watched)
     variables: dict[str, NDArray[np.float64]] = {}
     steps, lags = total, dict[str, float]()
@@ -165,17 +171,17 @@ def results(
         add(label, one, one.results(record).values())
         if one.stop:
             seen = np.where(healthy, record.seen, np.nan)
-            steps = np.where(np.isfinite(seen), np.rint(seen / h), steps)
-    at = rows.running
+            steps = np.where(np.isfinite(seen), clock.steps(seen), steps)
+    at, weighed = rows.running, clock.weighed(steps, total)
     for (label, one), (_, marks) in zip(watched.of_running, watched.running, strict=True):
-        seen = 2.0 * nodes * steps if nodes and averages(one) else steps
+        seen = 2.0 * nodes * weighed if nodes and averages(one) else weighed
         add(label, one, one.results(block[at : at + len(marks)], seen).values())
         at += len(marks)
     for label, one in watched.of_shadow:
         distances = block[rows.neighbour + SUMS : rows.neighbour + SHADOW]
-        add(label, one, one.results(distances, total, h).values())
+        add(label, one, one.results(distances, clock.position(total), clock.dt).values())
     if lags:
         started = block[layout.STATUS] != float(STATUSES["invalid_input"])
-        followed = np.where(healthy, h * steps, known_until)
+        followed = np.where(healthy, clock.time(steps), known_until)
         variables[FOLLOWED] = np.where(started, followed, np.nan)
     return variables

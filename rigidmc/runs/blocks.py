@@ -164,15 +164,15 @@ def _results(job: Job, scene: Scene, plan: Plan) -> dict[str, np.ndarray]:
     rows = job.block if job.order is None else job.block[:, np.argsort(job.order)]
     status = rows[layout.STATUS, : job.size].astype("i1")
     flagged, fault = rows[layout.STATUS] > 0.0, rows[layout.FAULT_STEP]
-    steps = rows[layout.STEPS]
-    made = plan.steps * steps
+    each = rows[layout.STEPS]
+    made, clock = plan.steps * each, plan.clock.of(each)
     return {
         "energy_drift_max": rows[layout.DRIFT],
         "l2_drift_max": rows[layout.DRIFT + 1],
         "drift_law": drift_laws(scene, rows, made, plan.dtype),
-        **watch.results(scene, plan.watch, rows, plan.dt / steps, made, plan.nodes),
+        **watch.results(scene, plan.watch, rows, clock, made, plan.nodes),
         "status_step": np.where(flagged, fault, -1.0),
-        "status_time": np.where(flagged, fault * (plan.dt / steps), np.nan),
+        "status_time": np.where(flagged, clock.time(fault), np.nan),
         "status": status,
         "steps": made,
         **job.start,

@@ -26,7 +26,7 @@ from rigidmc.storage.checkpoint import read_checkpoint, write_checkpoint
 from rigidmc.storage.run_directory import RunDirectory
 from rigidmc.storage.sinks import Memory
 
-EVERY = 30.0  # seconds between two checkpoints of a block or of a shard
+EVERY = 20.0  # seconds between two checkpoints of a block or of a shard
 COSTS = 20.0  # times that a checkpoint takes are spent on the run before the next
 _NAMES = re.compile(r"([0-9]{8})(-[0-9]{1,16})?")  # a shard, and the place of a block in it
 
@@ -68,7 +68,7 @@ class Checkpoints:
         return job._replace(done=int(found["done"]))
 
     def _key_of(self, job: Job) -> str:
-        steps = job.h, job.slots, job.stride, job.total
+        steps = job.h, job.slots, job.stride, job.total, job.head, job.last_h
         return f"{self._key} {job.first} {job.size} {job.block.shape} {job.out.size} {steps}"
 
     def keep_shard(self, i: int, shard: Memory, there: Collection[int], called_off: bool) -> None:

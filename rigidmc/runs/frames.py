@@ -4,6 +4,7 @@ import numpy as np
 import xarray as xr
 
 from rigidmc.effects.protocol import is_random
+from rigidmc.planning.time_grid import grid
 from rigidmc.runs.rerun import chosen_members, rerun
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.scene import Scene, scene_of
@@ -35,7 +36,12 @@ def frames(
     own = _own_step(run, result, member)
     whole = until is None or until >= end
     if whole and run.turn is None and own is not None and own * count <= end:
-        return _thinned(result, member, count, allow_code, run)
+        if not grid(end, own, run.every).is_shortened:
+            return _thinned(result, member, count, allow_code, run)
+        if any(map(is_random, scene.effects)):  # only the saves of the run are after its steps
+            again = rerun(result, member, save=SAVE, allow_code=allow_code)
+            again.attrs["frames"] = "steps as in the run, at its saves"
+            return again
     return integrated(scene, member, count, end if whole or until is None else until, own)
 
 

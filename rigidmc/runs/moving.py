@@ -73,7 +73,8 @@ class Moving:
         """
         plan, count = self.plan, members.size
         first, last = map(int, self.ends[part : part + 2])
-        run = Run(plan.dt, 1, plan.stride, plan.steps, 0, first, last)
+        lengths = plan.head, plan.last_dt
+        run = Run(plan.dt, 1, plan.stride, plan.steps, 0, first, last, *lengths)
         size, end = max(SHARE, whole_lanes(-(-count // self._threads))), end_of_work()
 
         def advance(low: int) -> Array:
@@ -93,7 +94,7 @@ class Moving:
     def results(self, block: Array, part: int) -> dict[str, Array]:
         """{variable: values of each member} of what is watched, after a part; nan if flagged."""
         plan, steps = self.plan, int(self.ends[part + 1])
-        found = watch.results(self.scene, plan.watch, block, plan.dt, steps, plan.nodes)
+        found = watch.results(self.scene, plan.watch, block, plan.clock, steps, plan.nodes)
         if self._units is None:
             return found
         units = {name: self._known[name].attrs.get("units", "1") for name in found}

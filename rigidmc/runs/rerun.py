@@ -15,6 +15,7 @@ from rigidmc.files.outputs import Path, refuse_existing
 from rigidmc.observables import OBSERVABLES, OUTCOMES, outputs, own
 from rigidmc.observables.keep import summaries
 from rigidmc.planning.plan import prepare
+from rigidmc.planning.time_grid import grid
 from rigidmc.runs.open import open_run
 from rigidmc.runs.simulate import simulate
 from rigidmc.scene.amounts import counted, seconds
@@ -133,9 +134,15 @@ def _whole_steps(run: Run, every: float) -> float:
     two differ."""
     if run.turn is not None or run.integrator == "closed" or every >= run.t_end:
         return every
-    steps, count = max(1, round(run.t_end / run.dt)), max(1, round(every / run.dt))
-    nearest = run.t_end * count / steps
-    if abs(every / nearest - 1.0) < 1e-9:
+    known, count = grid(run.t_end, run.dt, run.every), max(1, round(every / run.dt))
+    if known.is_shortened and every != run.every:
+        rule = (
+            f"the last steps of this run are shorter, because its every = {run.every:.10g} s does"
+            f" not divide t_end = {run.t_end:.10g} s: other saves would change the steps"
+        )
+        raise SceneError("run", "every", every, rule)
+    nearest = run.t_end * count / known.steps
+    if every == run.every or abs(every / nearest - 1.0) < 1e-9:
         return every
     note = (
         f"every = {every:.10g} s is no whole number of steps of {run.dt:.10g} s: saves are"

@@ -128,7 +128,9 @@ class Run(Table):
     )
     anti_damping: bool = _is(False, "allow negative damping, which drives the body")
     every: Time | None = _is(
-        None, "time between saves [s]; by default the first and the last state are saved"
+        None,
+        "time between saves [s], of which the last is at t_end and may come sooner; by default the"
+        " first and the last state are saved",
     )
     save: tuple[str, ...] = _is(
         ("omega",), "what to save and to watch, of `rigidmc observables`, e.g. omega,energy,flips"

@@ -289,6 +289,8 @@ def attributes(scene: Scene, plan: Layout) -> dict[str, Any]:
         looked = {"turn_rate": plan.turn_rate, **plan.bounds()}
     text = _text(scene, **looked, **({} if plan.member_steps else {"dt": plan.dt}))
     steps = {"turn": scene.run.turn} if plan.member_steps else {"dt": plan.dt, "steps": plan.steps}
+    if plan.head < plan.steps and not plan.member_steps:
+        steps |= {"last_steps": plan.steps - plan.head, "last_dt": plan.last_dt}
     return {
         "Conventions": "CF-1.11",
         "title": scene.title,

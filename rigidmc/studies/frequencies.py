@@ -156,6 +156,9 @@ def _joined(scene: Scene, of: str, terms: int, parts: Iterable[xr.Dataset]) -> x
 def _studied(part: xr.Dataset, signal: Array, terms: int, resolved: float) -> xr.Dataset:
     """The study of signals (time, member), of a relative resolution."""
     times = part.time.values
+    # the last save may lie nearer to the one before: a spectrum is of evenly spaced ones
+    if times[-1] - times[-2] < (times[1] - times[0]) * (1.0 - 1e-6):
+        times, signal = times[:-1], signal[:-1]
     found = oscillations(signal, times, terms, resolved)
     half = times.size // 2
     ends = [

@@ -128,7 +128,10 @@ def _steps(scene: Scene, plan: Plan) -> list[str]:
         own = f"its own for each member, {plan.mean_steps:,.1f} in the mean of the pilot"
         lines.append(f"steps        {f'{pieces.strip()}, ' if pieces else ''}{own}, {end}")
     else:
-        lines.append(f"steps        {plan.steps:,}{pieces}, dt = {plan.dt:.6g} s, {end}")
+        less = ""
+        if plan.is_shortened and plan.form:
+            less = f" (the last {plan.steps - plan.head:,}: {plan.last_dt:.6g} s)"
+        lines.append(f"steps        {plan.steps:,}{pieces}, dt = {plan.dt:.6g} s{less}, {end}")
     if plan.dtype == "float32":
         lines.append(f"float32      {single_precision(plan)}")
     keep = [f"{word} of {name}" for name, word in scene.kept().items() if word != "full"]

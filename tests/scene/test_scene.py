@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import rigidmc as rm
-from rigidmc.planning.time_grid import steps_and_saves
+from rigidmc.planning.time_grid import grid
 from rigidmc.scene.shipped import shipped
 
 GOOD = """
@@ -68,11 +68,6 @@ BAD = {  # what is replaced, by what, and what the message must say
         ["[run]", "seed", "greater than or equal to 0"],
     ),
     "save unknown": ("members = 100", 'save = ["omga"]', ["[run]", "save", "did you mean 'omega'"]),
-    "every indivisible": (
-        "members = 100",
-        "every = 3.14159\nt_end = 10.0",
-        ["[run]", "every", "divides"],
-    ),
     "quaternion zero": ('"uniform"', "[0, 0, 0, 0]", ["[start]", "attitude", "norm 0"]),
     "no rotation": (
         '"uniform"',
@@ -275,17 +270,14 @@ def test_bad_scenes_in_python(make, rule):
     ],
 )
 def test_steps_and_saves(t_end, dt, every, expected):
-    steps, made, stride, notes = steps_and_saves(t_end, dt, every)
-    assert (steps, stride) == expected
-    assert made <= dt * (1 + 1e-9)
-    assert steps * made == pytest.approx(t_end, rel=1e-15)
-    assert bool(notes) == (abs(made / dt - 1) > 1e-9)
+    made = grid(t_end, dt, every)
+    assert (made.steps, made.stride) == expected
+    assert made.dt <= dt * (1 + 1e-9)
+    assert made.steps * made.dt == pytest.approx(t_end, rel=1e-15)
+    assert (made.head, made.last_dt) == (made.steps, made.dt)
+    assert bool(made.notes) == (abs(made.dt / dt - 1) > 1e-9)
     # the reduced step is a fixed point
-    assert steps_and_saves(t_end, made, every)[:3] == (
-        steps,
-        made,
-        stride,
-    )
+    assert grid(t_end, made.dt, every)[:-1] == made[:-1]
 
 
 def test_negative_damping_needs_a_word():

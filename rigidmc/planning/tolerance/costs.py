@@ -21,6 +21,7 @@ from rigidmc.planning.form import form_of
 from rigidmc.planning.job import program_of
 from rigidmc.planning.plan import Plan
 from rigidmc.planning.stage import noise, stage
+from rigidmc.planning.time_grid import Clock
 from rigidmc.planning.tolerance.pilot import OBSERVED, Pilot, pilot
 from rigidmc.planning.tolerance.way import Way
 from rigidmc.scene.body import Body
@@ -128,7 +129,7 @@ class Costs:
         for _ in range(3):
             block, start = stage(scene, 0, count, self.pilot.carried)
             began = time.perf_counter()
-            closed_values(scene, block, start, times, times[1])
+            closed_values(scene, block, start, times, Clock(times[1], saves, times[1]))
             taken.append(time.perf_counter() - began)
         return 1e9 * min(taken) / (count * saves)
 

@@ -101,7 +101,9 @@ def pilot(scene: Scene, members: int, first: int | None = None) -> Pilot:
     block, _ = stage(scene, first, members, carried)
     padding = whole_lanes(members) - members
     block = np.ascontiguousarray(np.pad(block, ((0, 0), (0, padding)), mode="edge"))
-    base, _, stride = rounds(run.t_end, run.every)
+    saves = rounds(run.t_end, run.every)
+    # steps of a pilot are even: if those of the scene are not, so are the checks
+    base, stride = (CHECKPOINTS, 1) if saves.is_shortened else (saves.steps, saves.stride)
     stride *= max(1, math.ceil(base / stride / CHECKPOINTS))
     times = run.t_end * np.minimum(np.arange(stride, base + stride, stride), base) / base
     rate = rates(scene.effects, block)[:members]
