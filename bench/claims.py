@@ -6,14 +6,16 @@ script lists the others: page, line, number, and its words. Its rules:
 
 Left out are code, commands, formulas, quoted text, links and citations; tables between bench marks
 and the first column of others; headings, dates and versions; parameters, that is numbers in code of
-the same page, in the scenes that this code loads, and constants of a docstring's own module; names
-("axis 3", "order 8", "section 11", "float64"); whole numbers to 12, 0.0 and 1.0, levels of
-confidence, full and right angles, powers of ten, and g.
+the same page, in the scenes that this code loads, and constants of a docstring's own module or that
+it imports by name; names ("axis 3", "order 8", "section 11", "float64"); what one may write ("e.g.
+0.3"); whole numbers to 12, 0.0 and 1.0, levels of confidence, full and right angles, powers of ten,
+and g. A default ("by default 16") is one of a constant that the package has.
 
 Given is a number if its paragraph, or its table and the paragraph before that, names a command
-(`rigidmc ...`, `python -m bench ...`), a test (`tests/...`) or the work that it is from ({cite},
-"et al.", a year in brackets), or if the paragraph leads to a cell that is executed when the page is
-built; a docstring's if it says what the tests compare, "measured", or a source.
+(`rigidmc ...`, `python -m bench ...`) or the work that it is from ({cite}, "et al.", a year in
+brackets), or if the paragraph leads to a cell that is executed when the page is built. A test
+(`tests/...`) gives it if it has the number, or reads the page; the test of a docstring may stand
+anywhere in it.
 """
 
 import ast
@@ -21,6 +23,7 @@ import re
 import sys
 import tomllib
 from collections.abc import Iterator
+from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -32,9 +35,10 @@ NUMBER = re.compile(
     re.IGNORECASE,
 )
 GIVEN = re.compile(
-    r"`rigidmc [^`]+`|python -m bench|pytest|tests/[\w/]+|\{cite|et al|\((?:1[6-9]|20)\d\d\)"
-    r"|benchmark|measured|TdC|DLMF|ISO|WGS|arXiv|[Tt]he tests compare"
+    r"`rigidmc [^`]+`|python -m bench|`python -[^`]+`|\{cite|et al|\((?:1[6-9]|20)\d\d\)"
+    r"|TdC|DLMF|IEEE 754|ISO|WGS|arXiv"
 )
+TEST = re.compile(r"tests/[\w/]+\.py")
 LEADS = re.compile(r":\s*```\{(?:code-cell|output|picture)\}")
 FENCE = re.compile(r"^(```|~~~).*?^\1", re.S | re.M)
 DROPPED = (
@@ -43,7 +47,7 @@ DROPPED = (
     FENCE,
     re.compile(r"\$\$.*?\$\$|\$[^$\n]+(?:\n[^$\n]+)?\$", re.S),
     re.compile(r"``[^`]+``|`[^`]*`"),
-    re.compile(r"\{[\w:]+\}`[^`]*`|\]\([^)]*\)|<[^>\n]+>|https?://\S+"),
+    re.compile(r"\{[\w:]+\}`[^`]*`|\]\([^)]*\)|<[^>\n]+>|\b\w+://\S+"),
     re.compile(r"^#+ .*$", re.M),
     re.compile(r"^\| *[\w.°%]+ *(?=\|)", re.M),  # the name of a row
     re.compile(r"::\n\n(?:[ \t]*\n|    +.*\n)+"),  # code and formulas of docstrings
@@ -60,9 +64,15 @@ NAMED = re.compile(
 )
 # levels, angles, powers of two and ten, and g
 PLAIN = {
-    "0.0", "0.5", "1.0", "1.5", "9.81", "20", "24", "25", "32", "50", "60", "64", "68", "75", "90",
-    "95", "99", "100", "128", "180", "256", "270", "360", "512", "1e3", "1e4", "1e5", "1e6", "1e-6",
+    0.0, 0.5, 1.0, 1.5, 9.81, 20, 24, 25, 32, 50, 60, 64, 68, 75, 90, 95, 99, 128, 180, 256, 270,
+    360, 512, 1e-6,
 }  # fmt: skip
+# what one may write, not what is so: "e.g. 0.3 or 0.4", "such as 1e6"
+EXAMPLE = re.compile(
+    rf"\b(?:e\.g\.|such as)\s+{NUMBER.pattern}(?:(?:,\s*|\s+or\s+|\s+and\s+){NUMBER.pattern})*",
+    re.IGNORECASE,
+)
+DEFAULT = re.compile(r"\bby default(?:[^.;]|\.(?=\d))*", re.IGNORECASE)
 
 SCENES = {
     path.stem: path.read_text("utf-8")
@@ -85,26 +95,53 @@ def blanked(text: str, pattern: re.Pattern[str]) -> str:
     return pattern.sub(lambda one: re.sub(r"[^\n]", " ", one[0]), text)
 
 
-def numbers(text: str, parameters: set[str]) -> Iterator[tuple[int, str]]:
+def value(number: str) -> float:
+    """The value of a number as it is written, without its sign."""
+    return abs(float(number.replace(",", "").replace("_", "").replace("\u2212", "-")))
+
+
+def numbers(text: str, parameters: set[float]) -> Iterator[tuple[int, str]]:
     """(offset, number) of what may be a claim in plain words."""
-    text = blanked(text, NAMED)
+    for pattern in (NAMED, EXAMPLE):
+        text = blanked(text, pattern)
     for one in NUMBER.finditer(text):
-        word = one[0].replace(",", "").replace("\u2212", "-").lstrip("-")
-        if word in PLAIN or word in parameters:
+        size = value(one[0])
+        if size in PLAIN or size in parameters:
             continue
-        if re.fullmatch(r"\d+", word) and (int(word) <= 12 or 1600 <= int(word) <= 2035):
+        if size.is_integer() and (size <= 12 or 1600 <= size <= 2035):
             continue
-        if re.fullmatch(r"10*|0+", word):  # a power of ten
+        if re.fullmatch(r"10+", f"{size:.0f}"):  # a power of ten
             continue
         yield one.start(), one[0]
 
 
-def parameters_of(code: str) -> set[str]:
+def parameters_of(code: str) -> set[float]:
     """Numbers that code of a page has: what is given there need not be measured."""
     found = re.findall(r"(?<![\w.])\d[\d_]*(?:\.\d+)?(?:e[-+]?\d+)?", code, re.I)
-    return {word.replace("_", "") for word in found} | {
-        f"{float(w.replace('_', '')):g}" for w in found
-    }
+    return {value(word) for word in found} | {float(f"{value(word):g}") for word in found}
+
+
+def shows(test: str, number: str) -> bool:
+    """Whether a test has a number, or one that rounds to it; of 95 % it may have 0.95."""
+    digits, _, power = number.replace(",", "").lower().partition("e")
+    places = int(power or 0) - len(digits.partition(".")[2])
+    if places == 0:  # 54,000 is 53,960
+        places = len(digits) - len(digits.rstrip("0"))
+    half, size = 0.5000001 * 10.0**places, value(number)
+    found = [value(one[0]) for one in NUMBER.finditer((ROOT / test).read_text("utf-8"))]
+    return any(abs(factor * one - size) <= half for one in found for factor in (1.0, 100.0))
+
+
+def given_by(file: str, words: str, number: str, tests: str = "") -> str:
+    """What a paragraph of a file names that gives a number, "" if nothing."""
+    if found := GIVEN.search(words) or LEADS.search(words):
+        return found[0]
+    for test in TEST.findall(f"{words} {tests}"):
+        if (ROOT / test).is_file():
+            page = file.endswith(".md") and f'"{Path(file).name}"' in (ROOT / test).read_text()
+            if page or shows(test, number):
+                return test
+    return ""
 
 
 def paragraphs(text: str) -> Iterator[tuple[int, str]]:
@@ -123,8 +160,13 @@ def paragraphs(text: str) -> Iterator[tuple[int, str]]:
         yield begin, held
 
 
-def of_text(file: str, text: str, first: int = 1, code: str = "") -> Iterator[Claim]:
-    """The claims in Markdown or in a docstring that begins in a line."""
+def of_text(
+    file: str, text: str, first: int = 1, code: str = "", tests: str = ""
+) -> Iterator[Claim]:
+    """The claims in Markdown or in a docstring that begins in a line.
+
+    code : numbers in it are parameters;  tests : words that name tests of all of the text
+    """
     blocks = [one[0] for one in FENCE.finditer(text)]
     inline = re.findall(r"`[^`\n]+`", blanked(text, FENCE))
     loaded = re.findall(r"[a-z_]+", " ".join([*blocks, *inline]))
@@ -134,12 +176,14 @@ def of_text(file: str, text: str, first: int = 1, code: str = "") -> Iterator[Cl
         plain = blanked(plain, pattern)
     for begin, part in paragraphs(plain):
         whole = text[begin : begin + len(part)]
-        given = GIVEN.search(whole) or LEADS.search(whole)
+        defaults = [(one.start(), one.end()) for one in DEFAULT.finditer(part)]
         for offset, number in numbers(part, known):
+            if any(low <= offset < high for low, high in defaults) and value(number) in DEFAULTS:
+                continue
             place = begin + offset
             words = " ".join(text[max(0, place - 50) : place + 40].split())
             line = first + text.count("\n", 0, place)
-            yield Claim(file, line, number, words, given[0] if given else "")
+            yield Claim(file, line, number, words, given_by(file, whole, number, tests))
 
 
 def pages() -> Iterator[Claim]:
@@ -159,7 +203,7 @@ def docstrings() -> Iterator[Claim]:
             if isinstance(node, kinds) and (text := ast.get_docstring(node, clean=False)):
                 line = node.body[0].lineno
                 shown = re.split(r"\n\s*Examples\n", text)[0]
-                yield from of_text(str(path.relative_to(ROOT)), shown, line, code)
+                yield from of_text(str(path.relative_to(ROOT)), shown, line, code, shown)
 
 
 def helps() -> Iterator[Claim]:
@@ -178,9 +222,51 @@ def helps() -> Iterator[Claim]:
 
 
 def constants(tree: ast.AST) -> str:
-    """The numbers in the code of a module."""
+    """The numbers in the code of a module, and those of constants that it imports by name."""
     values = [n.value for n in ast.walk(tree) if isinstance(n, ast.Constant)]
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module in NAMED_CONSTANTS:
+            known = NAMED_CONSTANTS[node.module]
+            values += [known[one.name] for one in node.names if one.name in known]
     return " ".join(f"{v:.17g} {v:g}" for v in values if type(v) in (int, float))
+
+
+def named_constants(tree: ast.Module) -> dict[str, float]:
+    """{NAME: number} of a module."""
+    found = {}
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
+            with suppress(ValueError, TypeError, NameError, SyntaxError, AttributeError):
+                value = eval(ast.unparse(node.value), {"__builtins__": {}})
+                found[node.targets[0].id] = float(value)
+    return found
+
+
+def preset(tree: ast.Module) -> Iterator[float]:
+    """The numbers that parameters of functions and fields of classes have unless they are given."""
+    for node in ast.walk(tree):
+        several = []
+        if isinstance(node, ast.FunctionDef):
+            several = [*node.args.defaults, *node.args.kw_defaults]
+        elif isinstance(node, ast.AnnAssign):
+            several = [node.value]
+        for one in several:
+            if isinstance(one, ast.Constant) and type(one.value) in (int, float):
+                yield float(one.value)
+
+
+TREES = {
+    ".".join(path.relative_to(ROOT).with_suffix("").parts): ast.parse(path.read_text("utf-8"))
+    for path in sorted((ROOT / "rigidmc").rglob("*.py"))
+}
+NAMED_CONSTANTS = {module: named_constants(tree) for module, tree in TREES.items()}
+# bytes also in MB
+DEFAULTS = {
+    known
+    for module, tree in TREES.items()
+    for one in (*NAMED_CONSTANTS[module].values(), *preset(tree))
+    for known in (one, round(one / 1e6, 0))
+}
 
 
 def scenes() -> Iterator[Claim]:

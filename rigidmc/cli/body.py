@@ -34,7 +34,7 @@ Source = Annotated[
 Density = Annotated[float | None, typer.Option(help="Density of a mesh \\[kg/m3]; by default 1.")]
 Mass = Annotated[float | None, typer.Option(help="Mass of a mesh \\[kg], instead of its density.")]
 Scale = Annotated[
-    float, typer.Option(help="Metres per unit of a mesh file: 0.001 for millimetres.")
+    float, typer.Option(help="Metres per unit of a mesh file, e.g. 0.001 for millimetres.")
 ]
 
 

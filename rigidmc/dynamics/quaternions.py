@@ -107,7 +107,10 @@ def normalised(q):
 
 
 def touch_up(q):
-    """q (3 - |q|^2)/2: a Newton step to |q| = 1, exact to rounding if |q|^2 is within 1e-8 of 1."""
+    """q (3 - |q|^2)/2: a Newton step to |q| = 1.
+
+    Exact to rounding if |q|^2 is within 1e-8 of 1 (tests/dynamics/test_series.py).
+    """
     r = 1.5 - 0.5 * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return r * q[0], r * q[1], r * q[2], r * q[3]
 
@@ -115,7 +118,8 @@ def touch_up(q):
 def renewed(q):
     """q/|q| by two Newton steps, without root or division.
 
-    Exact to rounding if |q| is within 1e-4 of 1; the error is 4e-6 at 1e-3.
+    Exact to rounding if |q| is within 1e-4 of 1; the error is 3.4e-12 at 1e-3
+    (tests/dynamics/test_series.py).
     """
     n = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
     r = 1.5 - 0.5 * n
@@ -126,7 +130,7 @@ def renewed(q):
 def third_of(q):
     """1/|q| for a quaternion of norm about 3, by two Newton steps, without root or division.
 
-    Exact to rounding if | |q|/3 - 1 | < 1e-4.
+    Exact to rounding if | |q|/3 - 1 | < 1e-4 (tests/dynamics/test_series.py).
     """
     s = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
     r = 1.5 - (1.0 / 18.0) * s

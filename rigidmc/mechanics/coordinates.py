@@ -220,7 +220,7 @@ def _slopes(
 def _exponential_parts(v: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
     """(sin x/x, (1 - cos x)/x^2, (x - sin x)/x^3) as (..., 1, 1), x = |v|, also for complex v.
 
-    By series for x < 0.1.
+    By series where x is small.
     """
     square = (v * v).sum(-1)[..., None, None]
     small = np.abs(square) < 1e-2

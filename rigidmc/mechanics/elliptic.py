@@ -1,8 +1,8 @@
 """Elliptic functions and integrals of arrays, accurate also as the modulus goes to 1.
 
 All take the parameter m = k^2, 0 <= m <= 1, or its complement mc = 1 - m. Near 1 the complement
-counts: at m = 1 - 1e-14, m holds half the digits of mc, and scipy.special.ellipj has errors of 2
-(scipy issue 8480).
+counts: at m = 1 - 1e-14, m holds two digits of mc, and scipy.special.ellipj has errors of 2 and
+more (scipy issue 8480, tests/mechanics/test_elliptic.py).
 """
 
 from typing import Any, NamedTuple
@@ -30,8 +30,9 @@ class Jacobi(NamedTuple):
 def jacobi(u: ArrayLike, m: ArrayLike | None = None, mc: ArrayLike | None = None) -> Jacobi:
     """Jacobi's elliptic functions at any u, DLMF 22.2 and 22.16(i); u and m or mc broadcast.
 
-    Errors are below 2e-15 for all 0 <= m <= 1 and |u| <= K(m); beyond, add those of u mod 4K: 2e-16
-    |u|. nan if m is not in [0, 1] or u is not finite. mc below 1e-120 counts as 1e-120.
+    Errors are below 2e-15 for all 0 <= m <= 1 and |u| <= K(m); beyond, add those of u mod 4K, 4e-16
+    |u|. nan if m is not in [0, 1] or u is not finite. mc below 1e-120 counts as 1e-120
+    (tests/mechanics/test_elliptic.py).
     """
     m, mc = _complements(m, mc)
     u, m, mc = np.broadcast_arrays(floats(u, "u"), m, mc)

@@ -214,7 +214,8 @@ def principal_axes(tensor: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.f
     The columns of B are the axes. Moments ascend, the largest components of the first two axes are
     positive, and the third axis completes a right-handed set. A tensor that is diagonal to 4e-15
     keeps its axes and their order. If two or three moments are equal, the axes in their plane are
-    those that Jacobi's rotations reach from the tensor as given: the same bits for the same tensor.
+    those that Jacobi's rotations reach from the tensor as given: the same bits for the same tensor
+    (tests/dynamics/test_principal.py).
 
     A tensor that is not symmetric, not positive or violates the triangle inequality gives nan, and
     a SceneWarning counts them. If all are bad, a SceneError says what is wrong.

@@ -158,8 +158,7 @@ def _first_angles(m, thirds, s):
 
         mu s^3 (1/3 + e_1 s^2/5 + ...)
 
-    They contribute 4^-11 of an angle for u < 1, and a tenth of it at K(SMALLEST), where seven terms
-    leave an error of 1e-16.
+    They contribute 4^-11 of an angle for u < 1, and more next to the separatrix.
     """
     if len(thirds) == 0:
         return ()

@@ -303,8 +303,8 @@ def steady_precession(
     moments (..., 3) with I_1 = I_2 [kg m^2];  weight k [N m];  omega3 [rad/s];  theta [rad]. All
     broadcast.
 
-    nan if (I_3 omega_3)^2 < 4 I_1 k cos theta: there is no such precession. If cos theta = 0 to
-    rounding (9e-16) there is one, and the fast rate is inf.
+    nan if (I_3 omega_3)^2 < 4 I_1 k cos theta: there is no such precession. If cos theta is 0 to
+    4 units of rounding there is one, and the fast rate is inf.
     """
     moments = floats(moments, "moments", 3)
     omega3, theta = floats(omega3, "omega3"), floats(theta, "theta")

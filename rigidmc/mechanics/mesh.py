@@ -30,7 +30,7 @@ class Mesh(Protocol):
 def load(path: "str | os.PathLike[str] | Mesh", scale: float = 1.0) -> NDArray[np.float64]:
     """The triangles (n, 3, 3) [m] of a mesh file or a trimesh.Trimesh.
 
-    scale : metres per unit of the file; 0.001 for millimetres, the unit of most STL files
+    scale : metres per unit of the file, e.g. 0.001 for millimetres, the unit of most STL files
 
     SceneError for a mesh that is not closed, and says what is wrong; FileNotFoundError.
     """
@@ -82,7 +82,7 @@ def merged(vertices: NDArray[np.float64]) -> NDArray[np.int64]:
 
     An STL file repeats a vertex for each of its triangles. Only bitwise equal vertices are merged:
     trimesh merges what is closer than 1e-8, whatever the unit, and so makes holes in small parts
-    given in metres.
+    given in metres (tests/mechanics/test_mesh.py).
     """
     # sorted by a hash, because sorting by coordinates takes three times as long; different vertices
     # with the same hash could at worst keep equal ones apart

@@ -45,7 +45,8 @@ def jacobi_omega(
         A = 2 T I_3 - L^2,   B = L^2 - 2 T I_1,   D_ij = I_i - I_j,   p = sqrt(D32 B/(I_1 I_2 I_3))
 
     and otherwise the same with 1 and 3 exchanged. The differences cancel near the separatrix and
-    the axes: half the digits are lost at 1 - m = 1e-8, where `free_top` keeps all.
+    the axes: half the digits are lost at 1 - m = 1e-8, where `free_top` keeps all
+    (tests/mechanics/test_textbook.py).
 
     moments (..., 3) [kg m^2];  energy T (...) [J];  square L^2 (...) [kg^2 m^4/s^2];  t (...) [s].
     SceneError if the moments do not ascend; nan if no motion has these constants.

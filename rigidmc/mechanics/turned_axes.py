@@ -33,7 +33,8 @@ def named(moments: ArrayLike, axes: ArrayLike, mean: ArrayLike) -> tuple[Array, 
     moments (n, 3), axes (n, 3, 3) : of `rigidmc.mechanics.inertia.principal_axes`
     mean (3, 3) : axes of the one body
 
-    Of the 24 right-handed names those count for which the turn is the smallest: 63 deg or less.
+    Of the 24 right-handed names those count for which the turn is the smallest: less than 63 deg
+    (tests/scene/test_uncertain_inertia.py).
     """
     values, columns = np.asarray(moments, dtype=float).T, np.asarray(axes, dtype=float)
     own = np.asarray(mean, dtype=float)
@@ -53,7 +54,7 @@ def named(moments: ArrayLike, axes: ArrayLike, mean: ArrayLike) -> tuple[Array, 
 
 
 def quaternions(turn: Array) -> tuple[Array, ...]:
-    """The unit quaternions (w, x, y, z) of turns below 120 deg."""
+    """The unit quaternions (w, x, y, z) of the turns of `named`, which are far from 180 deg."""
     w = 0.5 * np.sqrt(1.0 + turn[0, 0] + turn[1, 1] + turn[2, 2])
     by = 0.25 / w
     parts = turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]

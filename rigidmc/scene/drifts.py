@@ -1,7 +1,8 @@
 """By what law the drifts of a run grow: rounding, a bounded error, or one way.
 
 A drift one way is small against all the energy, and yet it ends slow things: rk4 in steps of
-0.6 rad takes 1e-4 of the energy of a top, and with it all of its wobble of 0.01 rad.
+0.6 rad takes 1e-4 of the energy of a top, and with it all of its wobble of 0.01 rad
+(tests/runs/test_drift_law.py).
 """
 
 import math

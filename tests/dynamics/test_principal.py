@@ -56,6 +56,9 @@ def test_diagonal_tensor_keeps_its_axes_and_their_order():
     moments, b = axes_of(np.diag([3.0, 1.0, 2.0]))
     assert moments.tolist() == [3.0, 1.0, 2.0]
     assert (b == np.eye(3)).all()
+    nearly, beyond = np.diag([3.0, 1.0, 2.0]), np.diag([3.0, 1.0, 2.0])
+    nearly[0, 1], beyond[0, 1] = 3.0 * 4e-15, 3.0 * 5e-15
+    assert (axes_of(nearly)[1] == np.eye(3)).all() and (axes_of(beyond)[1] != np.eye(3)).any()
 
 
 @pytest.mark.parametrize("scale", [1e-150, 1e-46, 1e37, 1e150])

@@ -42,6 +42,7 @@ def test_round_solids_as_polyhedra_tend_to_their_closed_forms():
 @pytest.mark.parametrize("size", [1e-9, 1e-6, 1.0, 1e6])
 def test_the_unit_of_a_file_does_not_matter(size, tmp_path):
     """trimesh by default merges vertices closer than 1e-8, in whatever unit the file uses."""
+    assert trimesh.constants.tol.merge == 1e-8
     ball = trimesh.creation.icosphere(subdivisions=3)
     ball.apply_scale(size)
     ball.export(tmp_path / "ball.stl")
