@@ -52,6 +52,7 @@ DROPPED = (
     re.compile(r"^\| *[\w.°%]+ *(?=\|)", re.M),  # the name of a row
     re.compile(r"::\n\n(?:[ \t]*\n|    +.*\n)+"),  # code and formulas of docstrings
     re.compile(r'"[^"\n]*"'),
+    re.compile(r"\{ [^{}\n]* \}"),  # tables of a scene
 )
 NAMED = re.compile(
     r"(?:\b(?:axis|axes|order|section|example|figure|table|equation|degree|member|issue|level|IEEE"
@@ -128,7 +129,8 @@ def shows(test: str, number: str) -> bool:
     if places == 0:  # 54,000 is 53,960
         places = len(digits) - len(digits.rstrip("0"))
     half, size = 0.5000001 * 10.0**places, value(number)
-    found = [value(one[0]) for one in NUMBER.finditer((ROOT / test).read_text("utf-8"))]
+    text = re.sub(r"(?<=\d)_(?=\d)", "", (ROOT / test).read_text("utf-8"))
+    found = [value(one[0]) for one in NUMBER.finditer(text)]
     return any(abs(factor * one - size) <= half for one in found for factor in (1.0, 100.0))
 
 
@@ -232,13 +234,17 @@ def constants(tree: ast.AST) -> str:
 
 
 def named_constants(tree: ast.Module) -> dict[str, float]:
-    """{NAME: number} of a module."""
+    """{NAME: number} of a module, also of NAME, NAME = number, number."""
     found = {}
-    for node in tree.body:
-        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
-            with suppress(ValueError, TypeError, NameError, SyntaxError, AttributeError):
-                value = eval(ast.unparse(node.value), {"__builtins__": {}})
-                found[node.targets[0].id] = float(value)
+    for node in (one for one in tree.body if isinstance(one, ast.Assign)):
+        with suppress(ValueError, TypeError, NameError, SyntaxError, AttributeError):
+            values = eval(ast.unparse(node.value), {"__builtins__": {}})
+            target = node.targets[0]
+            if isinstance(target, ast.Name):
+                target, values = ast.Tuple([target]), [values]
+            if isinstance(target, ast.Tuple):
+                for name, one in zip(target.elts, values, strict=True):
+                    found[ast.unparse(name)] = float(one)
     return found
 
 

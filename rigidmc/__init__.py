@@ -1,5 +1,7 @@
 """rigidmc: Monte Carlo ensembles of rigid bodies with a fixed point, millions of tops in parallel.
 
+For example::
+
     import rigidmc as rm
     start = rm.Start(omega=(rm.normal(0, 1e-3), 1.0, 0.0))
     scene = rm.Scene(rm.Body.from_moments((1, 2, 3)), start=start)

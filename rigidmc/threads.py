@@ -3,7 +3,7 @@
 A signal raises its exception in the main thread between any two instructions: also in the Python
 code of `threading.Condition`, `queue.Queue` and `concurrent.futures`, between taking a lock and
 noting that it has the lock. The lock then stays locked. With them a run that two signals stopped
-waited for itself for ever, once in some 40 runs on a loaded machine. Here the main thread takes no
+sometimes waited for itself for ever. Here the main thread takes no
 lock that a worker needs: tasks and answers go through `SimpleQueue`, which is written in C.
 """
 
@@ -163,7 +163,7 @@ class Threads:
 def threads_of(work: str, count: int) -> Threads:
     """The threads for one kind of work, which stay.
 
-    To start and end two threads takes 0.3 ms: a fifth of a run of 64 members.
+    To start and end threads anew would take a good part of a short run.
     """
     return Threads(count)
 

@@ -44,8 +44,8 @@ def multilevel(
     """A mean of a noisy scene to a width, the error of the step included: nearly all members make
     the steps of the scene, which may be long, and few make shorter ones with the same noise
     (multilevel Monte Carlo). It saves the more, the narrower the interval: of a top, plain members
-    take 2 times as long at +- 0.001 rad/s, and 10 times at +- 0.0001. With -o RUN/ batches of
-    members are a run directory, which survives a kill.
+    take 2 times as long at +- 0.001 rad/s, and 10 times at +- 0.0001 (python -m bench rare). With
+    -o RUN/ batches of members are a run directory, which survives a kill.
 
     Exit code 5 if the width is not reached: because of --most, or in a run that has not ended."""
     with reported(), about(name):

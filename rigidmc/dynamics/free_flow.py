@@ -138,9 +138,9 @@ def summed(m, panels, u, at, slopes=()):
     at : the Share at u;  slopes : see `followed`
 
     The rule of a panel is exact for polynomials of degree 7: v, v', v'' at both ends, where they
-    come free with the flow, and v in the middle; its error is 5e-9 h^9 v^(8). Over many panels and
-    steps each inner end counts twice and its v' cancels; so every panel here counts its end twice
-    and its start not at all.
+    come free with the flow, and v in the middle; its error is h^9 v^(8)/(7! 8!). Over many panels
+    and steps each inner end counts twice and its v' cancels; so every panel here counts its end
+    twice and its start not at all.
     """
     if len(panels) == 0:
         return 0.0, at
@@ -231,8 +231,8 @@ def turn_between(m, u, change, angle, start, end):
     angle : half of the phase;  start, end : the Shares of the two momenta
 
     Written as |P(u)|^2 times a rotation about u plus a small term for the change, it keeps all
-    digits of the small rotation of a short step. The product of the three has an error of 1e-16
-    that is the same in every step, so it would grow in proportion to the number of steps.
+    digits of the small rotation of a short step. The product of the three has a rounding error that
+    is the same in every step, so it would grow in proportion to the number of steps.
     """
     s, c = sincos(angle)
     s = s * m.sign

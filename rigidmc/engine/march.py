@@ -188,7 +188,7 @@ def renewed(effect, noise, key, member, number, streams, i, state, paired):
     """An effect with the deviates of a member for a step from stream i, as it is without noise.
 
     Numba knows the length of an argument before it compiles the rest of a function. What draws
-    deviates takes 0.6 s to compile, which effects without noise do not wait for.
+    deviates takes long to compile, and effects without noise do not wait for it.
     """
     if len(noise) == 0:
         return effect

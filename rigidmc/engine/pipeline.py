@@ -66,11 +66,9 @@ class Inlined(JITCodeLibrary):
 def in_written_order() -> Iterator[None]:
     """Machine code keeps the order in which the physics is written.
 
-    LLVM's own order saves registers (a step of strang with gravity has 60 moves to and from the
-    stack, in this order 95) and costs time: splittings take 14 % to 20 % longer with 512 bits,
-    other steps as long, `rotations` alone 12 % less. With 256 bits there are half as many
-    registers: steps take up to 5 % less with LLVM's order (`rotations` 12 %), which is kept. The
-    bits are the same.
+    LLVM's own order saves registers and costs time: with 512 bits splittings take longer by it.
+    With 256 bits there are half as many registers, and LLVM's order, which is faster there, is
+    kept. The bits are the same.
     """
     if vector_bits() < 512:
         yield

@@ -1,7 +1,7 @@
 """A trial of netCDF files, and of meshes, in a helper process.
 
-The C library never finishes reading some damaged files (5 of 7,500 with flipped bits), and some
-files claim more data than any machine holds. A file is refused if the helper crashes on it or needs
+The C library never finishes reading some files with flipped bits, and some files claim more data
+than any machine holds. A file is refused if the helper crashes on it or needs
 more than a second of computing.
 """
 

@@ -47,8 +47,8 @@ def levelled(l, change):
     """The change of L; if l is a pair (value, remainder), without its part along L.
 
     That part is 0 but for rounding: the constants of motion are rounded alike at every step, so
-    |L| would grow by up to 3e-19 of its size each step. Without remainders the rounding of the
-    state hides that for 1e5 steps.
+    |L| would grow in proportion to the number of steps. Without remainders the rounding of the
+    state hides that.
     """
     if len(l) > 2:
         return change

@@ -31,7 +31,8 @@ class L2(NamedTuple):
     conserved="energy_drift",
 )
 class EnergyDrift(NamedTuple):
-    """(E - E(0))/|E(0)|; if |E(0)| is under 1e-3 of the energies in play, relative to that.
+    """(E - E(0))/|E(0)|; if |E(0)| is under 1e-3 of the energies in play, relative to that part
+    (tests/observables/test_observables.py).
 
     Where work is booked, E(0) and the scale grow by it, and the scale is no less than the kinetic
     energy of now and of every 64th step before; nor is that of a body that starts with no energy in

@@ -57,8 +57,8 @@ def limits(
 
         steps theta^(order + 1),  at least 5e6 + 50 steps roundings,  at most 0.05
 
-    The first is at least 380 times the drift of the shipped integrators (1 to 3,000 steps of 0.05
-    to 0.6 rad, free and heavy; strang comes nearest).
+    Where the first is below 0.05 it is at least 12 times the drift of the shipped integrators, free
+    and heavy; strang comes nearest (tests/planning/test_limits.py).
 
     A step may turn a member by the integrator's `largest_turn` (turn_limit), pi if it has none; a
     member that turns by more is aliased or divergent. A member with steps of its own may turn by

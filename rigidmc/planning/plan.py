@@ -262,10 +262,10 @@ def _step_notes(scene: Scene, steps: _Steps) -> tuple[str, ...]:
 def longest_step(kind: Integrator) -> float:
     """By how much a step may turn a body [rad] before a note says that errors are large.
 
-    Of 64 heavy tops a step errs by 1e-3 (median) beyond 0.9 rad with rk4, 1 with the Lie-group
-    methods and 2.7 with rk8 (free tops: 1.2, 1.7 and more than 2.7). `midpoint`, of order 2, solves
-    for no more than 0.5. A splitting turns exactly, however fast: it only sees the torque less
-    often.
+    Of 64 heavy tops a step errs by 1e-3 rad (median) from 0.86 rad on with rk4, 0.9 to 1.2 with the
+    Lie-group methods and 2.8 with rk8 (free tops: 1.1, 1.2 to 1.8 and 4.9;
+    tests/planning/test_limits.py). `midpoint`, of order 2, solves for no more than 0.5. A splitting
+    turns exactly, however fast: it only sees the torque less often.
     """
     return 3.0 if kind.splitting else round(max(1.0, (kind.order / 4.0) ** 1.45), 1)
 

@@ -91,7 +91,7 @@ class Grid(NamedTuple):
 def grid(t_end: float, dt: float, every: float | None) -> Grid:
     """The Grid of a run, with a whole number of steps between saves and a step of at most dt.
 
-    Decimal numbers are taken as the fractions they are written as, so that 10 / 0.3 is 100/3. All
+    Decimal numbers are taken as the fractions they are written as, so that `10 / 0.3` is 100/3. All
     steps have one length if `every` and t_end have a common step that is not much shorter than dt.
     Raises SceneError for more steps than a run may have.
     """

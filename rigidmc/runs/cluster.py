@@ -5,19 +5,17 @@ Workers that see the run directory write its shards there themselves. Other work
 back whole, and this process writes it. If a worker is lost, another one computes its shard; what
 was written stays.
 
-Ten thousand million members on a thousand workers, planned with what `python -m bench runs`
-measured (final state of free tops with attitude after 1,200 rk4 steps, 5.4 us of computing and
-122 bytes of file a member):
+Ten thousand million members on a thousand workers, by the rows of `python -m bench runs` (final
+state of free tops with attitude after 1,200 rk4 steps; tests/whole/test_claims.py):
 
-    computing   54,000 s of one thread: a minute of a thousand workers
-    files       1.22 TB; in shards of 500 MB (--shard-size 500) 2,440 files, each 22 s of one
-                worker; 64 MB, the default, would be 18,200 files
-    scheduler   4.3 ms of CPU a task: 10 s for 2,440 tasks beside that minute, 78 s for 18,200,
+    computing   38,000 s of one thread: less than a minute of a thousand workers
+    files       1.22 TB; in shards of 500 MB (--shard-size 500) 2,400 files, each 16 s of one
+                worker; 67 MB, the default, would be 18,000 files
+    scheduler   4.2 ms of CPU a task: 10 s for 2,400 tasks beside that minute, 77 s for 18,000,
                 which is longer than the work
     messages    some kB a task: scene.toml goes once to each worker; two tasks wait for each thread
-    memory      of a worker 0.25 GB, a few blocks and up to four shards: 2.3 GB with shards of
-                500 MB
-    status      5 ms for 1,000 shards by their names alone; rm.open 0.15 s
+    memory      of a worker a few blocks and up to four shards
+    status      6 ms for 1,000 shards by their names alone; rm.open 0.27 s
 
 A job array needs no scheduler: `rigidmc run SCENE -o part$I/ --shards A:B` and `rigidmc merge`,
 which reads and writes every byte once more.

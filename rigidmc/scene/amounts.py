@@ -54,8 +54,8 @@ def _refused(table: str, key: str | None, value: Any, rule: str) -> RigidmcError
 
 
 def _seconds_of(text: str) -> float:
-    """Seconds of a text, rounded only once, so that 3 ms is 0.003 to the bit; nan if the text is no
-    time."""
+    """Seconds of a text, rounded only once, so that `3 ms` is `0.003` to the bit; nan if the text
+    is no time."""
     text = text.strip()
     if _PLAIN.fullmatch(text):
         return float(text)
@@ -106,7 +106,7 @@ def _is_number(value: Any) -> TypeGuard[float]:
 
 
 def in_two_digits(number: float) -> str:
-    """A number with two digits or three: 0.5, 99, 1.3 k, 100 k, 3.4 M."""
+    """A number with two digits or three: `0.5`, `99`, `1.3 k`, `100 k`, `3.4 M`."""
     for size, word in ((1e6, " M"), (1e3, " k")):
         if number >= 99.5 * size:
             return f"{number / size:.0f}{word}"

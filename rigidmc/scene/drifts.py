@@ -34,9 +34,9 @@ def drift_laws(scene: Scene, rows: NDArray[np.float64], steps: Any, dtype: str) 
         eps (100 + 30 sqrt(steps))
 
     of the energies in play, or of |L|^2, a drift is rounding: 10 times that of 32 free tops after
-    1e6 steps by all integrators that conserve (6.5e-13). Reversible integrators are not asked for
-    more: their errors come back, but for rounded coefficients in float32, and looks in time with
-    the motion may not see it (18 of 1,024 tops by `rotations`).
+    1e6 steps by all integrators that conserve (6e-13, tests/runs/test_drift_law.py). Reversible
+    integrators are not asked for more: their errors come back, but for rounded coefficients in
+    float32, and looks in time with the motion may not see it.
     """
     kept, laws = conservation(scene), np.zeros(rows.shape[1], np.int8)
     floor = np.finfo(dtype).eps * (100.0 + 30.0 * np.sqrt(steps))

@@ -4,7 +4,7 @@
     .csv, .parquet   `table`: what each member has one number of; saves over time are left out, and
                      the last one stays
 
-All numbers keep their bits. `pandas.read_csv` before pandas 3.1 reads the last one only with
+All numbers keep their bits. `pandas.read_csv` before version 3.1 reads the last one only with
 float_precision="round_trip".
 """
 

@@ -193,7 +193,7 @@ class RunDirectory:
         return os.path.join(self._folder, f"{i:08d}-{flagged}-{hash_of_file(file)[:16]}.nc")
 
     def missing(self) -> NDArray[np.int64]:
-        """The numbers of the missing shards (80 MB if all of MOST shards are missing)."""
+        """The numbers of the missing shards, 8 bytes each."""
         gone = np.ones(self.count, bool)
         gone[list(self.shards())] = False
         return np.flatnonzero(gone)

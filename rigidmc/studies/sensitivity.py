@@ -154,8 +154,8 @@ def indices(
     They are nan if fewer than FEW families have members that differ. What seldom differs, n of
     them with n < FEW k^2, k = <y^4>/<y^2>^2 (1/p of a small probability p), has no controls: <a b>
     is then the mean of a few pairs of which both differ, or of none. And the interval of the first
-    index is wider by what may not have been seen, -ln((1 - confidence)/2) of the largest products:
-    3.7 families, as the rule of three has it.
+    index is wider by what may not have been seen, -ln((1 - confidence)/2) of the largest products,
+    as the rule of three has it.
 
     values : (families, d + 2), see `sensitivity`; families with a nan are left out
     controls : False for the means as they are
@@ -195,7 +195,7 @@ def _means(x: Array, zero: Array) -> tuple[Array, Array]:
     whose own means are known to be 0, tell of them by least squares.
 
     The covariance is the jackknife's, from leaving out one row at a time. That of a normal law is
-    too small for rows of skew numbers: with 512 families its intervals of 95 % cover in 93.
+    too small for rows of skew numbers.
 
     Source: Lavenberg & Welch, Manage. Sci. 27 (1981) 322; MacKinnon & White, J. Econometrics 29
     (1985) 305.

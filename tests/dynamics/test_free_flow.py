@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from fractions import Fraction
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -175,6 +176,13 @@ def test_the_phase_rule_is_of_order_8():
     # measured 8.98: the error of one step, so one more than the order
     assert abs(slopes[1] - 9.0) < 0.2
     assert abs(slopes[2] - 9.0) < 0.3  # measured 9.13
+
+
+def test_the_rule_of_a_panel_errs_by_its_term_of_order_9():
+    """h^9 v^(8)/(7! 8!), from v = t^8 over h = 1, whose 8th derivative is 8!; none of t^7."""
+    for power, error in ((7, Fraction(0)), (8, Fraction(1, math.factorial(7)))):
+        ends = Fraction(19, 70) - Fraction(power, 35) + Fraction(power * (power - 1), 840)
+        assert ends + Fraction(16, 35) / 2**power - Fraction(1, power + 1) == error
 
 
 def test_panels_cut_a_step_without_a_seam():

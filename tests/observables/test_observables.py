@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+import rigidmc as rm
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.effects import Gravity
 from rigidmc.integrators import INTEGRATORS
@@ -121,3 +122,26 @@ def test_outputs_over_all_steps(label):
         assert values.shape == (*[size((dim,)) for dim in dims], 2)
     if label in WATCHED:
         assert list(found) == list(one.outputs)
+
+
+def test_a_drift_is_relative_to_a_thousandth_of_the_energies_in_play_at_least():
+    """E(0) is 2e-4 kinetic, under 1e-3 of the 3 J in play, and 2 J beyond it."""
+    body = rm.Body.from_moments((1.0, 1.4, 2.0), mass=1.0, centre=(0.0, 0.0, 0.3))
+    for spin, relative_to in ((0.02, 1e-3 * (3.0 + 2e-4)), (2.0, 2.0)):
+        start = rm.Start(
+            omega=(spin, 0.0, 0.0), attitude=(np.cos(np.pi / 4), np.sin(np.pi / 4), 0.0, 0.0)
+        )
+        scene = rm.Scene(body, (rm.Gravity(10.0),), start)
+        ds = rm.simulate(
+            scene,
+            "rk4",
+            dt=0.1,
+            t_end=2.0,
+            every=0.5,
+            members=2,
+            checks=False,
+            save=("energy", "energy_drift"),
+        )
+        change = (ds.energy - ds.energy[0]).values[1:]
+        assert np.abs(change).min() > 1e-9
+        assert np.allclose(change / ds.energy_drift.values[1:], relative_to, rtol=1e-6)

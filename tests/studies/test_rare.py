@@ -69,7 +69,8 @@ def test_the_mean_of_many_repetitions():
     """15 s: the bias of subsets is far below their spread."""
     found = rare(spun(), f"p(omega_max[3] >= {norm.isf(1e-6):.17g})", 1e-12, 1000, 800)
     error = float(found.probability.std(ddof=1)) / 800**0.5
-    assert abs(float(found.p) - 1e-6) < 3.0 * error  # measured 0.029e-6, of 0.015e-6
+    # measured 1.03 and 0.015 of 1e-6
+    assert abs(float(found.p) - 1e-6) < 3.0 * error
     assert error < 0.03e-6
 
 
@@ -103,7 +104,7 @@ def test_nothing_found_is_no_zero():
     with pytest.warns(SceneWarning, match="no way to the event was found: all members score"):
         found = rare(scene, "p(flips >= 1)", 1e-9, 100, 4)
     assert float(found.p) == 0.0 and found.stuck.all()
-    assert 3.0 / 400.0 < float(found.p_high) < 4.0 / 400.0 and truth < float(found.p_high)
+    assert round(400.0 * float(found.p_high), 1) == 3.7 and truth < float(found.p_high)
     assert "no way to the event" in table(found)[2]
     # all repetitions end at the target
     deep = rare(spun(), "p(omega_max[3] >= 7)", 1e-5, 100, 4)

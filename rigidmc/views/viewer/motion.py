@@ -37,7 +37,7 @@ def encoded(values: ArrayLike) -> dict[str, Any]:
 
 
 def short(values: ArrayLike) -> dict[str, Any]:
-    """Numbers from -1 to 1 as base64 of 16 bits each: to 1.5e-5."""
+    """Numbers from -1 to 1 as base64 of 16 bits each: to 0.5/32767."""
     array = np.round(np.asarray(values) * 32767.0).astype("<i2")
     return {"shape": array.shape, "i2": base64.b64encode(array.tobytes()).decode()}
 

@@ -41,7 +41,7 @@ def view(
         member turning
     members : indices; by default SHOWN of them, evenly spaced, and the first that is flagged
     until : end of the motion that is shown [s]; by default that of the run, or as far as 4,000
-        frames reach
+        frames reach (tests/whole/test_claims.py)
     output : HTML file to write; force : replace it if it exists
 
     The members are integrated again, see `rigidmc.runs.frames`. Raises OptionError for members that
