@@ -5,6 +5,7 @@ The predictions hold for other members.
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 
 import rigidmc as rm
 from rigidmc.integrators import INTEGRATORS
@@ -226,7 +227,9 @@ def test_pictures(study, drifts, tmp_path):
     labels = axes.get_legend_handles_labels()[1]
     assert {"rk4", "rk8", "chin4", "closed", "rk4 in float32", "frontier"} <= set(labels)
     assert "members to t_end per second" in axes.get_ylabel()
-    assert "[rad]" in axes.get_xlabel()
+    assert "[rad]" in axes.get_xlabel() and axes.xaxis_inverted()
+    (frontier,) = (line for line in axes.lines if line.get_label() == "frontier")
+    assert np.ptp(to_rgb(frontier.get_color())) < 0.05  # grey
     figure.savefig(tmp_path / "a.png")
     figure = studies.long_drift(drifts)
     assert [a.get_xlabel() for a in figure.axes] == ["steps", "steps"]

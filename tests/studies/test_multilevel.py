@@ -61,6 +61,7 @@ def with_members(levels, counts):
 def test_members_are_those_that_cost_least():
     levels, half = falling(2.0)[0], 0.01
     wanted = members_for(levels, 2.0, half, 0.95)
+    assert list(wanted) == sorted(wanted, reverse=True)  # few make short steps
     enough = with_members(levels, wanted)
     assert estimate(enough, 2.0, 0.95).sampling == pytest.approx(half, rel=1e-3)
     some = np.random.default_rng(1)
