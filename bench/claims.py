@@ -15,7 +15,7 @@ Given is a number if its paragraph, or its table and the paragraph before that, 
 (`rigidmc ...`, `python -m bench ...`) or the work that it is from ({cite}, "et al.", a year in
 brackets), or if the paragraph leads to a cell that is executed when the page is built. A test
 (`tests/...`) gives it if it has the number, or reads the page; the test of a docstring may stand
-anywhere in it.
+anywhere in it. The "Source:" of a docstring gives a method, and no number.
 """
 
 import ast
@@ -24,6 +24,7 @@ import sys
 import tomllib
 from collections.abc import Iterator
 from contextlib import suppress
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -38,6 +39,7 @@ GIVEN = re.compile(
     r"`rigidmc [^`]+`|python -m bench|`python -[^`]+`|\{cite|et al|\((?:1[6-9]|20)\d\d\)"
     r"|TdC|DLMF|IEEE 754|ISO|WGS|arXiv"
 )
+SOURCE = re.compile(r"\bSources?:.*", re.S)  # of a method, at the end of a docstring
 TEST = re.compile(r"tests/[\w/]+\.py")
 LEADS = re.compile(r":\s*```\{(?:code-cell|output|picture)\}")
 FENCE = re.compile(r"^(```|~~~).*?^\1", re.S | re.M)
@@ -60,7 +62,8 @@ NAMED = re.compile(
     r"|group|note|index)s?|§|\bp\.)\s*(?:\d[\d.]*(?:,? (?:and|to|or) )?)+"
     r"|\b\d{1,2} (?:January|February|March|April|May|June|July|August|September|October|November"
     r"|December)\b|\b\d[\d.]*-(?:bit|sigma|vector|dimensional|digit)\w*|\b\d+ bits?\b"
-    r"|v?\d+\.\d+\.\d+",
+    r"|v?\d+\.\d+\.\d+"
+    r"|\b\d+[, ]+\((?:1[6-9]|20)\d\d\),? \d+|TdC (?:\(\d\.\d+\)[-\u2013, and]*)+",  # of works
     re.IGNORECASE,
 )
 # levels, angles, powers of two and ten, and g
@@ -129,13 +132,21 @@ def shows(test: str, number: str) -> bool:
     if places == 0:  # 54,000 is 53,960
         places = len(digits) - len(digits.rstrip("0"))
     half, size = 0.5000001 * 10.0**places, value(number)
+    return any(abs(one - size) <= half for one in numbers_of(test))
+
+
+@cache
+def numbers_of(test: str) -> tuple[float, ...]:
+    """The numbers of a test, and a hundred times each."""
     text = re.sub(r"(?<=\d)_(?=\d)", "", (ROOT / test).read_text("utf-8"))
-    found = [value(one[0]) for one in NUMBER.finditer(text)]
-    return any(abs(factor * one - size) <= half for one in found for factor in (1.0, 100.0))
+    found = {value(one[0]) for one in NUMBER.finditer(text)}
+    return *found, *(100.0 * one for one in found)
 
 
 def given_by(file: str, words: str, number: str, tests: str = "") -> str:
     """What a paragraph of a file names that gives a number, "" if nothing."""
+    if file.endswith(".py"):
+        words = SOURCE.sub("", words)
     if found := GIVEN.search(words) or LEADS.search(words):
         return found[0]
     for test in TEST.findall(f"{words} {tests}"):
@@ -176,10 +187,11 @@ def of_text(
     known, plain = parameters_of(" ".join([*blocks, *inline, *scenes, code])), text
     for pattern in DROPPED:
         plain = blanked(plain, pattern)
+    in_code = file.endswith(".py")
     for begin, part in paragraphs(plain):
         whole = text[begin : begin + len(part)]
         defaults = [(one.start(), one.end()) for one in DEFAULT.finditer(part)]
-        for offset, number in numbers(part, known):
+        for offset, number in numbers(blanked(part, SOURCE) if in_code else part, known):
             if any(low <= offset < high for low, high in defaults) and value(number) in DEFAULTS:
                 continue
             place = begin + offset

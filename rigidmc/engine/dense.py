@@ -2,7 +2,7 @@
 
 Attitude and momentum are polynomials of degree 5 in the part of the step that is done. They have
 the value, the first and the second derivative of the motion at both ends of the step. Over a turn
-of x [rad] the error of the attitude is (x/2)^6/46080 or less: 6e-6 at 1.6 rad, 2.5e-4 at 3 rad.
+of x [rad] the error of the attitude is (x/2)^6/46080 or less.
 Source: Hairer, Norsett & Wanner, Solving ODEs I (1993), II.6.
 """
 

@@ -40,7 +40,7 @@ class Midpoint(NamedTuple):
 
     For any torque; the only integrator that conserves the energy of a heavy top exactly. It is not
     symplectic in these variables and does not conserve L_z. The number of iterations is fixed for a
-    run and solves the stage to rounding: 8 for 0.01 rad a step, 32 for 0.5 rad, the largest step;
+    run and solves the stage to rounding: 8 to 0.0135 rad a step, 32 to 0.5 rad, the largest step;
     each asks for a torque, and the step for one more.
     Source: Hairer, Lubich & Wanner, Geometric Numerical Integration (2006), IV.2.1.
     """

@@ -84,6 +84,21 @@ def test_means_of_skew_laws_cover():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("spread", "low", "high"), [(0.6, 0.94, 0.96), (1.0, 0.92, 0.98)])
+def test_means_of_skewer_laws_cover(spread, low, high):
+    """Of 8 to 64 log-normal values and values of the gamma law. Of 40,000 samples measured 0.938 to
+    0.962 and 0.925 to 0.976."""
+    rng, width = np.random.default_rng(7), np.log(1.0 + spread**2) ** 0.5
+    for n in (8, 64):
+        for x in (
+            np.exp(rng.normal(-0.5 * width**2, width, (4000, n))),
+            rng.gamma(spread**-2, spread**2, (4000, n)),
+        ):
+            hit = np.mean([one.low < 1.0 < one.high for one in map(mean_of_skew, x)])
+            assert low - 0.01 < hit < high + 0.01
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("name", INTERVALS)
 def test_intervals_cover(name):
     """As `python -m bench coverage`: 93 to 97 %, over 1,000 repeated studies or more."""

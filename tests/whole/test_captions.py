@@ -1,6 +1,6 @@
-"""Captions of the gallery: what a caption states as a fact is computed here, is a row of a bench, or
-is shown by a test that the table names. A caption that is new or changed, and every number in one,
-needs a line."""
+"""Captions of the gallery: what a caption states as a fact is computed here, is a row of a bench,
+or is shown by a test that the table names. A caption that is new or changed, and every number in
+one, needs a line."""
 
 import json
 import re
@@ -259,7 +259,7 @@ def lean_and_spin():
     scene = rm.Scene.load("heavy_top", [tuple(one) for one in settings])
     study = rm.sensitivity(scene, re.findall(r'--of "(.*?)"', words), families=128)
     lean, spin = (
-        [i for i, name in enumerate(study.number.values) if word in name][0]
+        next(i for i, name in enumerate(study.number.values) if word in name)
         for word in ("attitude", "omega.3")
     )
     assert study.total.values.argmax(1).tolist() == [lean, spin]

@@ -14,9 +14,8 @@ is the change |f m_L - m_(L-1)| / (f - 1) that the last level made in this mean,
 fall with the order b or faster; b is the order that the last two corrections show where it is less
 than a, and a otherwise. With this width, z that of the confidence, the interval covers 95.0 to
 95.5 % if the error of the step is what it is said to be and less than half of the standard error,
-and more if it is larger.
-The cost of an error is least with N_l proportional to w_l sqrt(V_l / C_l), C_l the cost of a
-member.
+and more if it is larger (tests/studies/test_multilevel.py). The cost of an error is least with N_l
+proportional to w_l sqrt(V_l / C_l), C_l the cost of a member.
 Source: Giles, Oper. Res. 56 (2008) 607, eqs. (10), (12) and section 4.2; Talay & Tubaro, Stoch.
 Anal. Appl. 8 (1990) 483.
 """

@@ -37,8 +37,9 @@ def section(
 
     A member is integrated as always. Between two saves at which the quantity lies on both sides of
     the value, the crossing is sought by Chandrupatla's method, with steps of rk8 from the earlier
-    save. These are no longer than those of the run, turn no member by more than 0.2 rad, and are
-    halved until halving changes nothing. Two crossings between two saves are not seen.
+    save. These are no longer than those of the run, turn no member by more than 0.2 rad
+    (tests/whole/test_claims.py), and are halved until halving changes nothing. Two crossings
+    between two saves are not seen.
     Source: Henon, Physica D 5 (1982) 412; Chandrupatla, Adv. Eng. Softw. 28 (1997) 145.
 
     Parameters
