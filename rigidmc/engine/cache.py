@@ -6,13 +6,8 @@ import os
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from rigidmc.engine.cache_folder import (
-    classes_of,
-    forget_old,
-    kernels,
-    log_once,
-    of_package,
-)
+from rigidmc.engine.cache_folder import forget_old, kernels, log_once, of_package
+from rigidmc.engine.own_stamps import homes_of
 from rigidmc.files.opening import plain
 
 
@@ -36,13 +31,14 @@ def cached(kernel: Any) -> Any:
 
 
 def is_kept(kernel: Any, signature: Any) -> bool:
-    """Whether the disk cache keeps a kernel for a signature, once it is compiled."""
+    """Whether the disk cache keeps a kernel that another process can compile: one of the package's
+    classes."""
     return hasattr(kernel._cache, "_cache_file") and of_package(signature)
 
 
 def is_cached(kernel: Any, signature: Any) -> bool:
     """Whether the disk cache has a kernel for a signature, by the name of its file."""
-    if not is_kept(kernel, signature):
+    if not hasattr(kernel._cache, "_cache_file") or homes_of(signature) is None:
         return False
     files = kernel._cache._cache_file
     key = kernel._cache._index_key(signature, kernel.targetctx.codegen())
@@ -53,11 +49,11 @@ _texts: dict[tuple[Any, ...], str] = {}  # of this process
 
 
 def text_path(signatures: Sequence[Any], more: str) -> str | None:
-    """The file of a text that follows from the types of pieces and from `more`, None if a user's
-    class is among the types; OSError if there is no cache."""
-    if not all(map(of_package, signatures)):
+    """The file of a text that follows from the types of pieces and from `more`, None if a class
+    among the types has no stamp; OSError if there is no cache."""
+    homes = [homes_of(one) for one in signatures]
+    if None in homes:
         return None
-    homes = [kind.__module__ for one in signatures for kind in classes_of(one)]
     name = hashlib.sha256(repr((signatures, homes, more)).encode()).hexdigest()
     return os.path.join(kernels(), name)
 
@@ -101,6 +97,8 @@ def _from_disk(signatures: Sequence[Any], more: str, make: Callable[[], str]) ->
     text = make()
     if path is not None:
         with contextlib.suppress(OSError):
+            if text_path(signatures, more) != path:  # a class has changed meanwhile
+                return text
             with open(f"{path}.{os.getpid()}", "w", encoding="ascii", opener=plain) as file:
                 file.write(f"{hashlib.sha256(text.encode()).hexdigest()}\n{text}")
             os.replace(file.name, path)

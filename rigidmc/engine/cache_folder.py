@@ -5,6 +5,7 @@ import errno
 import hashlib
 import logging
 import os
+import platform
 import re
 import shutil
 import stat
@@ -14,10 +15,13 @@ from typing import Any
 
 import llvmlite
 import numba
+import numpy as np
 import platformdirs
 
 log = logging.getLogger("rigidmc")
 _PACKAGE = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+# LLVM computes functions of constants, such as sin(0.3), when it compiles
+_C_LIBRARY = " ".join(platform.libc_ver())
 _TOLD: set[str] = set()  # folders whose failure has been logged
 _STAMP = re.compile("[0-9a-f]{32}")
 _MARK = "made-by-rigidmc"  # an empty file in each folder of kernels
@@ -25,12 +29,14 @@ _KEEP_SECONDS = 30 * 86400  # kernels of other versions of the sources are delet
 
 
 def source_stamp() -> str:
-    """Hash of all the package's sources and of the compilers.
+    """Hash of all the package's sources, of the compilers, and of the libraries whose functions
+    they may compute with: NumPy and C's.
 
-    A change of either makes every cached kernel stale.
+    A change of any makes every cached kernel stale.
     """
     compilers = f"{sys.version} numba {numba.__version__} llvmlite {llvmlite.__version__}"
-    digest = hashlib.sha256(compilers.encode())
+    libraries = f"numpy {np.__version__} {_C_LIBRARY}"
+    digest = hashlib.sha256(f"{compilers} {libraries}".encode())
     for folder, folders, files in os.walk(_PACKAGE):
         folders.sort()
         for name in sorted(files):

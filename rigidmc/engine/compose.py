@@ -25,6 +25,7 @@ import rigidmc.integrators.protocol
 import rigidmc.observables.protocol  # noqa: F401  (imported so that METHODS is complete)
 from rigidmc.dynamics.methods import METHODS, arguments
 from rigidmc.engine.intrinsics import CODED, coded, known_by
+from rigidmc.engine.own_stamps import note
 from rigidmc.engine.pipeline import INLINE
 from rigidmc.files.code import is_own
 
@@ -85,6 +86,8 @@ def compile_method(call: Any) -> None:
     name, default, available = call.__name__, inline(call.default), call.available
 
     def resolve(typing_context: Any, part: Any, *values: Any) -> Any:
+        if not part.instance_class.__module__.startswith("rigidmc."):
+            note(part.instance_class)
         method = getattr(part.instance_class, name, None)
         named = available if method is None else arguments(method)
         places = [available.index(argument) for argument in named]

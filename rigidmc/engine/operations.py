@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 from numba import njit, typeof
+from numba.core.registry import cpu_target
 
 from rigidmc.dynamics.euler import MassProperties
 from rigidmc.dynamics.trials import RULE
@@ -12,6 +13,7 @@ from rigidmc.effects import EFFECTS
 from rigidmc.effects.parameters import blank
 from rigidmc.effects.protocol import energy, energy_scale, kick, shake, torque, torque_rate
 from rigidmc.effects.sums import total_torque
+from rigidmc.engine.cache import kept_text
 from rigidmc.engine.compose import NumbaError
 from rigidmc.engine.formulas import WIDTH
 from rigidmc.engine.kinds import filled, parts_of
@@ -27,6 +29,7 @@ _OPERATION = re.compile(
 )
 _CHOICE = re.compile(r"= (?:fcmp|select)\b[^<]*?(?:<(\d+) x )?double")
 DIVISION, ROOT = 10, 18  # in times of a product, in packed arithmetic (Zen 4, 512 bits)
+ONE_AT_A_TIME = "branches, or calls what takes one number at a time"
 _BODY, _AT, _SPIN = MassProperties(*[1.0] * 9), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
@@ -87,13 +90,16 @@ def why_one_at_a_time(effect: Any) -> str:
     if type(effect) in EFFECTS.values():
         return ""
     if type(effect) not in _side_by_side:
-        try:
-            dispatcher_of(_all_methods).compile(
-                signature_of(blank((effect,)), "float64", WIDTH, "s")
-            )
-            _side_by_side[type(effect)] = ""
-        except NumbaError:
-            _side_by_side[type(effect)] = "branches, or calls what takes one number at a time"
+        signature = signature_of(blank((effect,)), "float64", WIDTH, "s")
+
+        def tried() -> str:
+            try:
+                dispatcher_of(_all_methods).compile(signature)
+            except NumbaError:
+                return ONE_AT_A_TIME
+            return ""
+
+        _side_by_side[type(effect)] = kept_text([signature], "why_one_at_a_time", tried)
     return _side_by_side[type(effect)]
 
 
@@ -122,7 +128,12 @@ _side_by_side: dict[type, str] = {}
 def _torque_code(effect: Any) -> str:
     """LLVM's code of an effect's torque, compiled once for each class."""
     if type(effect) not in _codes:
-        _codes[type(effect)] = _code(_torque, *blank((effect,)), _BODY, 0.0, _AT, _SPIN)
+        given = *blank((effect,)), _BODY, 0.0, _AT, _SPIN
+        kinds = tuple(map(typeof, given))
+        machine = cpu_target.target_context.codegen().magic_tuple()
+        _codes[type(effect)] = kept_text(
+            [kinds], f"torque {machine}", lambda: _code(_torque, *given)
+        )
     return _codes[type(effect)]
 
 

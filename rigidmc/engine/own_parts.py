@@ -12,11 +12,12 @@ from rigidmc.dynamics.euler import MassProperties
 from rigidmc.dynamics.methods import implements
 from rigidmc.dynamics.so3 import first_three, select
 from rigidmc.dynamics.trials import RULE
+from rigidmc.engine.cache import kept_text
 from rigidmc.engine.compose import NumbaError, inline_all, reason
 from rigidmc.engine.formulas import WIDTH
 from rigidmc.engine.kinds import filled, parts_of
 from rigidmc.engine.memory import four_at, put, three_at
-from rigidmc.engine.operations import why_one_at_a_time
+from rigidmc.engine.operations import ONE_AT_A_TIME, why_one_at_a_time
 from rigidmc.engine.pieces import config, dispatcher_of, kind_of, signature_of
 from rigidmc.errors import SceneError
 from rigidmc.integrators.protocol import closed, constants, opened, step
@@ -72,21 +73,25 @@ def _why(
     """Why members cannot be worked on side by side with a part, or ""; SceneError."""
     parts = whole, tuple(effects)
     key = probe, kind_of(parts)
-    if key not in _found:
+
+    def tried() -> str:
+        found = ""
         try:
             code = _compiled(probe, parts, WIDTH)
-            _found[key] = ""
         except NumbaError:
-            _found[key] = "branches, or calls what takes one number at a time"
+            found = ONE_AT_A_TIME
             try:
                 code = _compiled(probe, parts, 1)
             except NumbaError as error:
-                del _found[key]
                 rule = f"cannot be compiled: {reason(error)}; {RULE}"
                 raise SceneError(table, type(own).__name__, None, rule) from None
         if "NRT_" in code:
-            del _found[key]
             raise SceneError(table, type(own).__name__, None, f"takes memory; {RULE}")
+        return found
+
+    if key not in _found:
+        signature = signature_of(parts, "float64", WIDTH, "s")
+        _found[key] = kept_text([signature], f"own_parts {probe.__name__}", tried)
     return _found[key]
 
 

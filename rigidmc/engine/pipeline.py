@@ -16,6 +16,7 @@ from numba.core.typed_passes import NativeLowering, NopythonTypeInference
 from rigidmc.engine.fused import fuse
 from rigidmc.engine.lean import LeanInference, LeanLower, LeanPasses
 from rigidmc.engine.machine import vector_bits
+from rigidmc.engine.own_stamps import compare, tag_of
 
 LINE = (
     64  # bytes of a cache line and of the widest vectors: across two lines they take two accesses
@@ -121,6 +122,8 @@ class FusingLowering(NativeLowering):
     def run_pass(self, state: Any) -> bool:
         context, name = state.targetctx, state.func_id.func_qualname
         if not state.flags.forceinline:
+            identity = state.func_ir.func_id
+            identity.unique_id = f"{identity.unique_id}{tag_of(state.args)}"
             state.library = Flat(context.codegen(), name)
             state.library.enable_object_caching()
             return bool(super().run_pass(state))
@@ -137,6 +140,17 @@ class FusingLowering(NativeLowering):
     @property
     def lowering_class(self) -> type:
         return FusingLower
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class OwnFusingLowering(FusingLowering):
+    """The same for a function of the user's own."""
+
+    _name = "rigidmc_own_fusing_lowering"
+
+    def run_pass(self, state: Any) -> bool:
+        compare(state.func_id.func, state.func_ir)
+        return super().run_pass(state)
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
@@ -167,7 +181,7 @@ class Pipeline(compiler.CompilerBase):
 
     def define_pipelines(self) -> list[Any]:
         passes = compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
-        others: dict[type, type] = {NativeLowering: FusingLowering}
+        others: dict[type, type] = {NativeLowering: OwnFusingLowering}
         needless: Collection[str] = ()
         if str(self.state.func_id.func.__module__).startswith("rigidmc."):
             passes.__class__, needless = LeanPasses, NEEDLESS
