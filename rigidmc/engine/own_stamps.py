@@ -142,7 +142,7 @@ class _Listener(event.Listener):
             note(dispatcher.py_func)
 
     def on_end(self, event: Any) -> None:
-        if dispatcher := _own(event):
+        if (dispatcher := _own(event)) and event.data["return_type"] is None:
             known = _compiled.setdefault(id(dispatcher), (dispatcher, set()))[1]
             known.add(tuple(event.data["args"]))
 
@@ -234,6 +234,7 @@ def _of_njit(function: Any) -> Words:
         type(function._cache) is NullCache  # Numba's own cache misses changes of other files
         and compile_.pipeline_class is compiler.Compiler
         and not compile_.locals
+        and function._can_compile  # for all types; signatures of the user's would convert numbers
         and all(key in _OPTIONS and type(value) in _PLAIN for key, value in options.items())
     )
     if not plain:

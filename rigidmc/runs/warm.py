@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from rigidmc.engine.compile_time import compiled
 from rigidmc.engine.layout import whole_lanes
+from rigidmc.engine.own_stamps import why_unkept
 from rigidmc.errors import RigidmcError
 from rigidmc.integrators import INTEGRATORS
 from rigidmc.planning.closed_form import closed_values
@@ -76,9 +77,11 @@ def warm(scene: Scene, all_integrators: bool = False, progress: bool = False) ->
 def _warmed(scene: Scene) -> Warmed:
     began, name, before = time.perf_counter(), scene.run.integrator, len(compiled)
     scene, plan, *_ = settled(scene)
-    compiled_ones = (part for part in own_parts(scene) if not isinstance(part, Law))
-    if user := [type(part).__name__ for part in compiled_ones]:
-        rule = f"{', '.join(user)}: parts of your own are compiled in every process"
+    compiled_ones = [type(part) for part in own_parts(scene) if not isinstance(part, Law)]
+    if found := {kind.__name__: why for kind in compiled_ones if (why := why_unkept(kind))}:
+        rule = "; ".join(
+            f"{user} is compiled in every process: {why}" for user, why in found.items()
+        )
         return Warmed(name, 0.0, (), rule)
     if plan.form is None:
         block, start = stage(scene, plan.first, whole_lanes(1), plan.carried, None, plan.watch.rows)

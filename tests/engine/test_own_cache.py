@@ -5,14 +5,22 @@ stamp tells is compiled in every process, and code from the disk is never taken 
 whether it agrees with the same method in plain Python, and how many functions Numba compiled.
 """
 
+import hashlib
+import itertools
 import json
 import os
+import pickle
 import subprocess
 import sys
 
 import pytest
+from numba.core.compiler import CompilerBase
 
+from rigidmc.dynamics.euler import MassProperties
+from rigidmc.engine import cache_folder, own_stamps, pieces
+from rigidmc.engine.forces import evaluated
 from rigidmc.engine.pieces import config
+from rigidmc.files.code import class_of
 
 pytestmark = [
     pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled"),
@@ -199,3 +207,286 @@ def test_what_changes_the_physics_changes_the_code_in_the_next_process(place):
 
     again = ran(place / "cache", *reversed(folders))
     assert again == [[other, True, 0, ""] for other, *_ in [*reversed(others), first]]
+
+
+BARE = """
+from typing import NamedTuple
+import ctypes, functools, math
+import numba
+from numba.extending import overload
+
+BEFORE
+
+class Push(NamedTuple):
+    size: float
+    other: float
+
+    def torque(self, l):
+        return TERM * self.size, self.other * l[0], 0.0
+"""
+UNKNOWN = {  # why it is not kept: (before the class, in it)
+    "Push.torque reads cosine, a _FuncPtr": (
+        "cosine = ctypes.CDLL(None).cos\ncosine.argtypes = [ctypes.c_double]\n"
+        "cosine.restype = ctypes.c_double",
+        "cosine(0.5)",
+    ),
+    "whole has attributes": (
+        "def whole(x):\n    return x\n@functools.wraps(whole)\ndef half(x):\n    return 0.5 * x",
+        "half(3.0)",
+    ),
+    "half has no source": ("exec('def half(x):\\n    return 0.5 * x')", "half(3.0)"),
+    "made.<locals>.half reads known, a module": (
+        "def made(known):\n    def half(x):\n        return 0.5 * known.cos(x)\n    return half\n"
+        "half = made(math)",
+        "half(3.0)",
+    ),
+    "half reads math, a module": (
+        "def half(x):\n    known = math\n    return 0.5 * known.cos(x)",
+        "half(3.0)",
+    ),
+    "half has options of njit that no stamp tells": (
+        "@numba.njit(cache=True)\ndef half(x):\n    return 0.5 * x",
+        "half(3.0)",
+    ),
+    "half was compiled before": (
+        "@numba.njit\ndef half(x):\n    return 0.5 * x\nhalf.compile('f4(f8)')",
+        "half(3.0)",
+    ),
+    "third has options of njit that no stamp tells": (
+        "@numba.njit('f4(f4)')\ndef third(x):\n    return 0.25 * x",
+        "third(3.0)",
+    ),
+    # its code calls itself by a name that Numba counted in the first process
+    "": ("@numba.njit\ndef f(n):\n    return 1.0 if n < 1 else n * f(n - 1)", "f(9)"),
+}
+
+
+def bare(place, name, before, term):
+    text = BARE.replace("BEFORE", before).replace("TERM", term)
+    return written(place, name, **{"mine.py": text})
+
+
+def test_what_no_stamp_tells_is_compiled_in_every_process(place):
+    folders = [bare(place, f"bare {i}", *code) for i, code in enumerate(UNKNOWN.values())]
+    for found in (ran(place / "bare", *folders), ran(place / "bare", *folders)):
+        for reason, (_, right, compiled, why) in zip(UNKNOWN, found, strict=True):
+            assert (why, right) == (reason, True) and compiled > 0, reason
+    assert not list((place / "bare").rglob("*.nbc"))
+
+
+def test_who_teaches_numba_is_compiled_in_every_process(place):
+    """No function of the class names what the overload computes."""
+    code = (
+        "def half(x):\n    return NUMBER * x\n"
+        "@overload(half)\ndef _(x):\n    return lambda x: NUMBER * x"
+    )
+    folders = [
+        bare(place, f"teaches {number}", code.replace("NUMBER", number), "half(3.0)")
+        for number in ("0.5", "0.25")
+    ]
+    one, other = (ran(place / "taught", folder)[0] for folder in folders)
+    assert one[0] != other[0] and one[1] and other[1] and one[2] > 0 and other[2] > 0
+    assert "extends Numba" in one[3] and not list((place / "taught").rglob("*.nbc"))
+
+
+NUMBERS = itertools.count()
+
+
+def loaded(place, name, before, term="half(3.0)"):
+    """The class of a variant of BARE, from its file."""
+    text = BARE.replace("BEFORE", before).replace("TERM", term)
+    name = f"{name} {next(NUMBERS)}"  # a file is read once
+    return class_of(written(place, name, **{"mine.py": text}), "mine.py", "Push", "effects")
+
+
+def stamp(place, name, before, term="half(3.0)"):
+    return own_stamps.stamp_of(loaded(place, name, before, term))
+
+
+HALF = "def half(x, by=2.0, *, more=0.0):\n    return NUMBER * x\nNUMBER = "
+
+
+def test_a_stamp_tells_numbers_by_their_bits_and_nothing_else(place):
+    numbers = "0.0", "-0.0", "0", "False", "None", "'0'", "1", "1.0", "True", "(1.0,)", "(1,)"
+    more = "math.nan", "-math.nan", "math.pi", "3.14159265358979", "math.sin", "math.cos", "abs"
+    stamps = {stamp(place, "numbers", HALF + number) for number in (*numbers, *more)}
+    assert len(stamps) == len(numbers) + len(more) and None not in stamps
+    plain = stamp(place, "numbers", HALF + "0.0")
+    spaced = HALF.replace("):", "):\n    # a comment\n\n") + "0.0  # another"
+    assert stamp(place, "elsewhere", spaced + "\nunused = [1]") == plain
+    for old, new in (("by=2.0", "by=3.0"), ("more=0.0", "more=1.0"), ("2.0, *,", "2.0,")):
+        assert stamp(place, "numbers", HALF.replace(old, new) + "0.0") not in (plain, None)
+
+
+@pytest.mark.parametrize(
+    "value",
+    ["[1.0]", "{}", "{1.0}", "b'1'", "1j", "...", "range(3)", "object()", "numba",
+     "ctypes.c_double", "type('Class', (), {})", "__import__('numpy').ones(2)", "(1.0, [2.0])",
+     "numba.vectorize(half)", "functools.partial(half, 1.0)", "type('Float', (float,), {})(1.0)",
+     "lambda x: missing", "numba.njit(half, fastmath={'nsz'})", "type.__call__"],
+)  # fmt: skip
+def test_other_values_have_no_stamp(place, value):
+    kind = loaded(place, "other", f"{HALF}0.0\nNUMBER = {value}")
+    assert own_stamps.why_unkept(kind) and own_stamps.stamp_of(kind) is None
+
+
+def test_what_changes_in_a_process_has_no_stamp_from_then_on(place):
+    """Numba keeps in memory what it has compiled: code of the old value would get the new stamp."""
+    kind = loaded(place, "steady", HALF + "1.0")
+    first = own_stamps.stamp_of(kind)
+    names = kind.torque.__globals__
+    names["NUMBER"] = 2.0
+    assert own_stamps.stamp_of(kind) is None
+    names["NUMBER"] = 1.0
+    assert "half has changed since" in own_stamps.why_unkept(kind)
+    assert own_stamps.stamp_of(loaded(place, "steady again", HALF + "1.0")) == first
+
+    kind = loaded(place, "method", HALF + "1.0")
+    own_stamps.note(kind)
+    kind.torque = lambda self: (0.0, 0.0, 0.0)
+    assert "Push has changed" in own_stamps.why_unkept(kind)
+
+
+def test_what_numba_reads_beyond_a_stamp_takes_it_away(place, monkeypatch):
+    kind = loaded(place, "beyond", "def half(x):\n    return NUMBER * x\nNUMBER = 1.0")
+    real = own_stamps._reads
+    monkeypatch.setattr(
+        own_stamps, "_reads", lambda code: real(code) if code.co_name != "half" else ()
+    )
+    assert own_stamps.stamp_of(kind)
+    evaluated((kind(0.3, 0.7),), MassProperties(*[1.0] * 9), (1.0, 0.0, 0.0, 0.0), (1.0, 2.0, 3.0))
+    assert "half has changed" in own_stamps.why_unkept(kind)
+
+
+@pytest.fixture
+def compiled(tmp_path, monkeypatch):
+    """What tells how many functions Numba compiles for a class, with an empty cache at first."""
+    monkeypatch.setenv("RIGIDMC_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(cache_folder, "_TOLD", set())
+    count, real = [], CompilerBase.__init__
+    monkeypatch.setattr(CompilerBase, "__init__", lambda *arguments: count.append(real(*arguments)))
+
+    def functions(kind):
+        count.clear()
+        monkeypatch.setattr(pieces, "_dispatchers", {})
+        state = (1.0, 0.0, 0.0, 0.0), (1.0, 2.0, 3.0)
+        found = evaluated((kind(0.3, 0.7),), MassProperties(*[1.0] * 9), *state)
+        assert found[:3].tolist() == pytest.approx([1.5 * 0.3, 0.7, 0.0], rel=1e-15)
+        return len(count)
+
+    return functions
+
+
+SIMPLE = "def half(x):\n    return 0.5 * x"
+
+
+def test_a_file_of_an_own_part_is_taken_from_a_private_cache_only(
+    place, compiled, tmp_path, caplog
+):
+    def again():
+        return compiled(loaded(place, "private", SIMPLE))
+
+    assert again() > 0 and again() == 0
+    (file,) = (tmp_path / "cache").rglob("*.nbc")
+    data, aside = file.read_bytes(), tmp_path / "aside"
+    torn = bytearray(data)
+    torn[len(data) // 2] ^= 1
+    file.write_bytes(torn)
+    assert again() > 0 and again() == 0 and not caplog.records
+
+    aside.write_bytes(data)
+    file.unlink()
+    file.symlink_to(aside)
+    assert again() > 0 and "is a link" in caplog.text
+    assert aside.read_bytes() == data and not file.is_symlink()
+
+    file.write_bytes(data)
+    for folder in (file.parent, file.parent.parent, tmp_path / "cache"):
+        cache_folder._TOLD.clear()
+        caplog.clear()
+        folder.chmod(0o770)
+        assert again() > 0 and "not private" in caplog.text
+        folder.chmod(0o700)
+    assert again() == 0
+
+
+class Planted:
+    def __reduce__(self):
+        return os.system, ("echo planted > planted",)
+
+
+def test_a_file_names_nothing_but_the_package_and_numba(
+    place, compiled, tmp_path, caplog, monkeypatch
+):
+    """With a right sum, before: the command ran."""
+    monkeypatch.chdir(tmp_path)
+    assert compiled(loaded(place, "planted", SIMPLE)) > 0
+    (file,) = (tmp_path / "cache").rglob("*.nbc")
+    packed = pickle.dumps(Planted())
+    file.write_bytes(packed + hashlib.sha256(packed).digest())
+    assert compiled(loaded(place, "planted", SIMPLE)) > 0
+    assert "a kernel names" in caplog.text and not (tmp_path / "planted").exists()
+    for word in (b"own_code_", b"__main__"):
+        assert word + b"\0" not in file.read_bytes()
+
+
+def test_two_classes_of_one_name_in_a_signature_keep_their_places(place, compiled):
+    """Each is written by its place: in the next process they may be loaded in another order."""
+    one = "def half(x):\n    return 0.25 * x"
+    kinds = [loaded(place, "two", code) for code in (SIMPLE, one)]
+    body, q, l = MassProperties(*[1.0] * 9), (1.0, 0.0, 0.0, 0.0), (1.0, 2.0, 3.0)
+    assert compiled(kinds[0]) > 0
+    first = evaluated((kinds[0](1.0, 0.0), kinds[1](0.0, 1.0)), body, q, l)
+    again = [loaded(place, "two", code) for code in (one, SIMPLE)][::-1]
+    assert compiled(again[0]) == 0
+    assert (evaluated((again[0](1.0, 0.0), again[1](0.0, 1.0)), body, q, l) == first).all()
+    swapped = evaluated((again[1](1.0, 0.0), again[0](0.0, 1.0)), body, q, l)
+    assert swapped.tolist() == [0.75, 1.0, 0.0, 0.0] != first.tolist()
+
+
+SCENE = """
+[body]
+moments = [1.0, 2.0, 2.8]
+
+[effects.Push]
+module = "mine.py"
+size = 0.3
+other = 0.7
+
+[start]
+omega = [0.1, 0.2, 0.3]
+
+[run]
+dt = 0.02
+t_end = 0.2
+every = 0.1
+save = ["omega"]
+"""
+SIMULATE = """
+import sys
+from numba.core import compiler
+count, plain = [], compiler.CompilerBase.__init__
+compiler.CompilerBase.__init__ = lambda *arguments: count.append(plain(*arguments))
+import rigidmc as rm
+scene = rm.Scene.load(sys.argv[1], allow_code=True)
+bits = rm.simulate(scene).omega.values.tobytes().hex()
+print(len(count), bits)
+print([one.compiled for one in rm.warm(scene)])
+"""
+
+
+def test_a_run_with_an_own_effect_compiles_nothing_in_the_next_process(place):
+    """Before, the second process compiled as many functions as the first, 132 for one effect."""
+    folder = bare(place, "simulated", SIMPLE, "half(3.0)")
+    with open(os.path.join(folder, "scene.toml"), "w") as file:
+        file.write(SCENE)
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("NUMBA")}
+    environment["RIGIDMC_CACHE_DIR"] = str(place / "simulate")
+    words = [sys.executable, "-c", SIMULATE, os.path.join(folder, "scene.toml")]
+    (first, bits, *_), (second, same, *warmed) = (
+        subprocess.run(
+            words, env=environment, capture_output=True, text=True, check=True
+        ).stdout.split()
+        for _ in range(2)
+    )
+    assert int(first) > 50 and int(second) == 0 and bits == same and warmed == ["[()]"]
