@@ -9,6 +9,7 @@ import math
 import os
 import pickle
 import re
+from collections import Counter
 from typing import Any
 
 from numba.core import caching
@@ -111,10 +112,11 @@ def is_closed(code: Any) -> bool:
     called = [one.name for one in module.functions if one.is_declaration]
     if defined != [code.fndesc.llvm_func_name] or not all(map(_CALLED.match, called)):
         return False
+    named = Counter(re.findall(r"@([-\w$.]+)", text))
     return all(
-        one.linkage.value in _PRIVATE
-        if not one.name.startswith("_ZN08NumbaEnv")
-        else len(re.findall(rf"@{re.escape(one.name)}\b", text)) == 1
+        named[one.name] == 1  # where it is defined
+        if one.name.startswith("_ZN08NumbaEnv")
+        else one.linkage.value in _PRIVATE
         for one in module.global_variables
     )
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import functools
 import hashlib
 import logging
 import os
@@ -28,6 +29,7 @@ _MARK = "made-by-rigidmc"  # an empty file in each folder of kernels
 _KEEP_SECONDS = 30 * 86400  # kernels of other versions of the sources are deleted after a month
 
 
+@functools.cache  # sources that change later are not those that this process has loaded
 def source_stamp() -> str:
     """Hash of all the package's sources, of the compilers, and of the libraries whose functions
     they may compute with: NumPy and C's.

@@ -13,6 +13,8 @@ import pickle
 import subprocess
 import sys
 
+import numba
+import numpy as np
 import pytest
 from numba.core.compiler import CompilerBase
 
@@ -490,3 +492,17 @@ def test_a_run_with_an_own_effect_compiles_nothing_in_the_next_process(place):
         for _ in range(2)
     )
     assert int(first) > 50 and int(second) == 0 and bits == same and warmed == ["[()]"]
+
+
+@pytest.mark.parametrize(
+    ("of", "name", "value"),
+    [
+        (np, "__version__", "0"),
+        (numba, "__version__", "0"),
+        (cache_folder, "_C_LIBRARY", "glibc 1"),
+    ],
+)
+def test_another_library_makes_all_kernels_stale(monkeypatch, of, name, value):
+    before = cache_folder.source_stamp.__wrapped__()
+    monkeypatch.setattr(of, name, value)
+    assert cache_folder.source_stamp.__wrapped__() != before
