@@ -198,8 +198,9 @@ def opened(some, path):
         return 3, f"rigidmc: {error}"
     except OSError as error:
         return 74, f"rigidmc: {error}"
-    except RuntimeError as error:
-        return (74, f"rigidmc: {error}") if "NetCDF" in str(error) else (1, repr(error))
+    except RuntimeError as error:  # values are read lazily: a damaged chunk is the library's error
+        known = "NetCDF" in str(error) or "decompression" in str(error)
+        return (74, f"rigidmc: {error}") if known else (1, repr(error))
     return 0, ""
 
 
