@@ -61,6 +61,7 @@ WORDS = [
     "4",
     "-o",
 ]
+AT_MOST = 4  # kills of one run, so that all kinds have their share
 ONE = ["--every", "1", "--save", "omega", "--shard-size", "1000", "-o"]
 TABLE = """
 [body]
@@ -231,6 +232,7 @@ def kills(count, folder, some, members=400_000, size=4, names=None):
         expected = study_of(known[name], whole)
         assert study_of(known[name], again) == expected
         kinds.append((known[name], sums(whole), expected))
+    ended = dict.fromkeys(names or known, 0)
     told = {
         "kills": 0,
         "before any shard": 0,
@@ -241,13 +243,13 @@ def kills(count, folder, some, members=400_000, size=4, names=None):
         "studies equal": 0,
         "torn shards seen": 0,
     }
-    for i in range(4 * count + 10):  # most of them are killed more than once
+    for i in range(4 * count + 10):
         if told["kills"] == count:
             break
         path, which = os.path.join(folder, f"run{i}"), i % len(kinds)
         kind, expected, study = kinds[which]
-        words = [*kind.words, path + "/"]
-        while told["kills"] < count:
+        words, mine = [*kind.words, path + "/"], 0
+        while told["kills"] < count and mine < AT_MOST:
             began, child = time.monotonic(), process(*words)
             child.join(some.uniform(0.2, 1.1) * lengths[which])
             if child.exitcode is not None:
@@ -257,6 +259,7 @@ def kills(count, folder, some, members=400_000, size=4, names=None):
             child.kill()
             child.join()
             told["kills"] += 1
+            mine += 1
             if told["kills"] % 20 == 0:
                 print(f"{told['kills']} kills: {told}", file=sys.stderr, flush=True)
             is_run = os.path.isfile(os.path.join(path, "run.json"))
@@ -273,8 +276,9 @@ def kills(count, folder, some, members=400_000, size=4, names=None):
             told["sha256 equal"] += sums(path) == expected
             told["studies"] += study is not None
             told["studies equal"] += study is not None and study_of(kind, path) == study
+            ended[(*(names or known),)[which]] += 1
         shutil.rmtree(path, ignore_errors=True)
-    return told
+    return {**told, **{f"runs of {name}": number for name, number in ended.items()}}
 
 
 def lost(count, folder, some, members=2_000_000):
