@@ -201,7 +201,7 @@ def outputs(label: str, one: Any) -> Outputs:
     label : as `watched` has it; the ends of variables are those of labels: passage_2, passages_2
     """
     if type(one) in STATISTICS.values():
-        units = " ".join(map(_squared, one.of.units.split())) if one.squares else one.of.units
+        units = squared(one.of.units) if one.squares else one.of.units
         return {label: (units, f"{one.word} {title(one.of)}, over the steps", one.of.dims)}
     end, words = label.removeprefix(word_of_observable(one)), one.words()
     return {
@@ -228,6 +228,11 @@ def dimensions(recorded: Mapping[str, Any], watched: Iterable[tuple[str, Any]]) 
     dims = [one.dims for one in recorded.values()]
     dims += [found[2] for pair in watched for found in outputs(*pair).values()]
     return tuple(dict.fromkeys(name for each in dims for name in each))
+
+
+def squared(units: str) -> str:
+    """Units squared: "s-2" of "s-1", "kg2 m4 s-2" of "kg m2 s-1"."""
+    return " ".join(map(_squared, units.split()))
 
 
 def _squared(unit: str) -> str:

@@ -64,11 +64,12 @@ def estimate_by(dataset: xr.Dataset, text: str, by: str, confidence: float = 0.9
     values[there] = asked.values(dataset)[some][order]
     there[there] = who[some][order]
     found = _interval(dataset, asked, values, there, confidence)
-    attrs = {"long_name": text, "confidence": confidence}
+    units = asked.units(dataset.data_vars)
+    attrs = {"long_name": text, "units": units, "confidence": confidence}
     variables: dict[str, Any] = {
         name: ((by,), numbers, attrs) for name, numbers in zip(found._fields, found, strict=True)
     }
-    about = {"long_name": "share of the members asked that have no value"}
+    about = {"long_name": "share of the members asked that have no value", "units": "1"}
     variables["without"] = ((by,), found.without, about)
     counts = np.bincount(group[good[some]], minlength=groups.size)
     members = ((by,), counts, {"long_name": "good members of the group"})

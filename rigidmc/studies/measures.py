@@ -95,6 +95,11 @@ class Measure(NamedTuple):
     other: Result | None = None
     given: Condition | None = None
 
+    def units(self, variables: "Variables") -> str:
+        """The units of the measure, of the variables of the members."""
+        pure = self.kind in ("p", "correlation")
+        return "1" if pure else str(variables[self.result.name].attrs.get("units", "1"))
+
     @property
     def results(self) -> tuple[Result, ...]:
         """The results that are needed."""

@@ -84,7 +84,7 @@ def sensitivity(
     -------
     xarray.Dataset
         over measure and number: `first` and `total`, with the ends `_low` and `_high` of their
-        intervals; over measure the mean of the measure, its variance, and how many families count:
+        intervals; over measure its `units`, its mean, its variance, and how many families count:
         those without a flagged member and without a member that has no value
 
     Raises
@@ -107,18 +107,20 @@ def sensitivity(
     >>> bool(found.total[0, 1] > found.total[0, 0])  # shares 0.9 and 0.1
     True
     """
-    scene, asked = designed(scene, of, families, **settings)
+    scene, asked, variables = designed(scene, of, families, **settings)
     parts = chunks(scene, CHUNK, threads, progress)
     values = np.concatenate([_values(part, asked) for part in parts], axis=1)
-    return _dataset(scene, asked, values.reshape(len(asked), families, -1), confidence)
+    values, units = values.reshape(len(asked), families, -1), _units(asked, variables)
+    return _dataset(scene, asked, units, values, confidence)
 
 
 def designed(
     scene: Scene, of: str | Sequence[str], families: int, **settings: Any
-) -> tuple[Scene, list[Measure]]:
-    """(the scene whose members are those of a study, its measures); arguments as `sensitivity`."""
+) -> tuple[Scene, list[Measure], Variables]:
+    """(the scene whose members are those of a study, its measures, the variables of the members);
+    arguments as `sensitivity`."""
     scene, texts, variables = made(scene, of, "saltelli", families, **settings)
-    return scene, [_mean_of(text, variables) for text in texts]
+    return scene, [_mean_of(text, variables) for text in texts], variables
 
 
 def sensitivity_of(
@@ -140,7 +142,7 @@ def sensitivity_of(
     size, members = 2 + len(groups(scene)[0]), result.member.values
     values = np.full((len(asked), int(members.max()) // size + 1, size), np.nan)
     values.reshape(len(asked), -1)[:, members] = _values(result, asked)
-    return _dataset(scene, asked, values, confidence)
+    return _dataset(scene, asked, _units(asked, variables), values, confidence)
 
 
 def indices(
@@ -239,10 +241,14 @@ def _values(result: xr.Dataset, asked: Sequence[Measure]) -> Array:
     return np.stack([one.numbers(result) for one in asked])
 
 
+def _units(asked: Sequence[Measure], variables: Variables) -> list[str]:
+    return [one.units(variables) for one in asked]
+
+
 def _dataset(
-    scene: Scene, asked: Sequence[Measure], values: Array, confidence: float
+    scene: Scene, asked: Sequence[Measure], units: list[str], values: Array, confidence: float
 ) -> xr.Dataset:
-    """The Dataset of values (measures, families, members of a family)."""
+    """The Dataset of values (measures, families, members of a family) in the units of measures."""
     over, resolved = ("measure", "number"), resolution_of(scene)
     found = [indices(one, confidence, resolved=resolved) for one in values]
     variables: dict[str, Any] = {}
@@ -255,12 +261,14 @@ def _dataset(
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         means, variances = ([f(one) for one in kept] for f in (np.mean, np.var))
-    variables["mean"] = ("measure", means, {"long_name": "the measure"})
-    variables["variance"] = ("measure", variances, {"long_name": "its variance over members"})
+    variables["mean"] = ("measure", means, {"long_name": "the measure, in its units"})
+    about = {"long_name": "its variance over members, in its units squared"}
+    variables["variance"] = ("measure", variances, about)
     differ = [differing(one, resolved) for one in values]
-    about = {"long_name": "families that count and whose members differ"}
+    about = {"long_name": "families that count and whose members differ", "units": "1"}
     variables["differing"] = "measure", differ, about
-    variables["families"] = ("measure", counts.sum(axis=1), {"long_name": "families that count"})
+    about = {"long_name": "families that count", "units": "1"}
+    variables["families"] = "measure", counts.sum(axis=1), about
     texts = [one.text for one in asked]
     attrs = {
         "title": scene.title,
@@ -269,7 +277,8 @@ def _dataset(
         "left_out": int((~counts).sum(axis=1).max()),
         "scene": scene.dumps(),
     }
-    return xr.Dataset(variables, {"measure": texts, "number": groups(scene)[0]}, attrs)
+    coordinates = {"measure": texts, "number": groups(scene)[0], "units": ("measure", units)}
+    return xr.Dataset(variables, coordinates, attrs)
 
 
 def _shares(one: xr.Dataset) -> list[str]:

@@ -71,7 +71,7 @@ def _dataset(
     }
     coordinates = {
         "check": np.array([check.name for check in checks], dtype=object),
-        "time": pilot.times,
+        "time": ("time", pilot.times, {"units": "s"}),
     }
     attrs = {
         "title": scene.title,

@@ -84,6 +84,8 @@ def test_groups_are_the_members_with_the_same_number(result):
         assert int(row.members) == chosen.sum()
         one = float(row.value), float(row.low), float(row.high)
         assert one == pytest.approx(tuple(alone), rel=1e-12, nan_ok=True)
+    assert found.value.units == found.low.units == "s" and found.without.units == "1"
+    assert result.rigid.measure("p(flip_first > 9)", by="flips").value.units == "1"
 
 
 def test_what_cannot_be_measured_is_told(result, monkeypatch):

@@ -159,7 +159,7 @@ def test_a_mean_in_thermal_equilibrium():
     assert found.attrs["reached"] == 1 and float(found.half[-1]) <= 0.01
     assert abs(float(found.value) - TRUTH) < 0.01  # measured 0.0012
     assert abs(float(found["mean"][0]) - TRUTH) > 10.0 * float(found.error[0])  # measured 22 times
-    assert found.value.attrs["units"] == "J"
+    assert found.value.attrs["units"] == "J" and found.variance.attrs["units"] == "J2"
     again = rm.multilevel(SCENE, f"{MEASURE} +- 0.01", threads=2)
     assert again.equals(found)
 

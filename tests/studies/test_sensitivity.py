@@ -81,6 +81,7 @@ def test_a_linear_top():
         assert off.max() < 0.04  # measured 0.013
     assert float(study["mean"][0]) == pytest.approx(1.0, abs=0.03)
     assert float(study.variance[0]) == pytest.approx(0.4, abs=0.02)
+    assert study.units.values.tolist() == ["rad s-1"]
 
 
 def test_laws_and_attitudes_are_groups():

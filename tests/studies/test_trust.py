@@ -24,6 +24,7 @@ def good():
 
 def test_a_good_scene_is_trusted_as_far_as_it_is_true(good):
     error = dict(zip(good.check.values, good.error.values[:, -1], strict=True))
+    assert good.time.units == "s"
     assert set(error) == {
         "another integrator (rk8)",
         "half the step",

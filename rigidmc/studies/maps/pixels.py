@@ -120,7 +120,6 @@ def map_dataset(
     shape, dims, variables = question.shape, tuple(question.sides), dict[str, Any]()
     for one in measures:
         attrs = known[one.result.name].attrs
-        units = "1" if one.kind in ("p", "correlation") else attrs.get("units", "1")
         text = f"{one.text}: {attrs.get('long_name', '')}"
         share = f"of its interval of {100 * question.confidence:g} %"
         ends = "", f", low end {share}", f", high end {share}"
@@ -129,7 +128,7 @@ def map_dataset(
         if not is_sample(scene):  # the members of a pixel are one, whose number has no interval
             numbers[1:] = np.full((2, without.size), np.nan)
         for name, values, end in zip(names, numbers, ends, strict=True):
-            about = {"units": units, "long_name": text + end}
+            about = {"units": one.units(known), "long_name": text + end}
             about |= {CENSORED: FOLLOWED} if one.result.timed else {}
             variables[name] = (dims, values.reshape(shape), about)
         if (without > 0.0).any():

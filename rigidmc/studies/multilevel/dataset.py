@@ -5,6 +5,7 @@ from typing import Any
 
 import xarray as xr
 
+from rigidmc.observables import squared
 from rigidmc.storage.schema import member_variables, saved_variables
 from rigidmc.studies.multilevel.corrections import Level, Plain, plain
 from rigidmc.studies.multilevel.driver import Stand
@@ -24,11 +25,15 @@ def dataset(request: Request, asked: Asked, now: Stand) -> xr.Dataset:
         "flagged": ([one.flagged for one in levels], "flagged members, left out", "1"),
         "mean": ([one.mean for one in levels], "mean of the corrections", units),
         "error": ([one.error for one in levels], "its standard error", units),
-        "variance": ([one.variance for one in levels], "variance of the corrections", ""),
+        "variance": (
+            [one.variance for one in levels],
+            "variance of the corrections",
+            squared(units),
+        ),
         "price": ([one.price for one in levels], "cost of a member, in steps", "1"),
     }
     variables: dict[str, Any] = {
-        key: ("level", values, {"long_name": text, "units": of} if of else {"long_name": text})
+        key: ("level", values, {"long_name": text, "units": of})
         for key, (values, text, of) in of_levels.items()
     }
     half = found.half
