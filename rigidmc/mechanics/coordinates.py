@@ -21,7 +21,7 @@ Potential = Callable[[NDArray[Any]], Any]
 Coordinates = str | Callable[[NDArray[Any]], ArrayLike]
 _Floats = NDArray[np.float64]
 
-STEP = 1e-30
+STEP = 1e-30  # of a coordinate, or of an angle [rad]: its square is 0 beside 1
 NAMED = ("zxz", "zyz", "rotation_vector")
 _FREE = (
     "it must take complex numbers and pass them on: "
@@ -169,11 +169,7 @@ def equations_of_motion(
     def rhs(t: float, y: _Floats) -> _Floats:
         q, rate = y[:3], y[3:]
         m = rate_matrix(coordinates, q)
-        if callable(coordinates):
-            slope = _along(coordinates, q, rate)
-        else:
-            slope = rate_matrix(coordinates, q + 1j * STEP * rate).imag / STEP
-        omega = m @ rate
+        slope, omega = _along(coordinates, q, rate), m @ rate
         tau = 0.0 if potential is None else torque(potential, matrix(coordinates, q))
         right = (np.cross(moments * omega, omega) + tau) / moments - slope @ rate
         return np.concatenate([rate, np.linalg.solve(m, right)])
@@ -182,13 +178,19 @@ def equations_of_motion(
 
 
 def _along(coordinates: Coordinates, q: _Floats, rate: _Floats) -> _Floats:
-    """dM/dt (3, n) of a user's coordinates along q', by a difference of order 4.
+    """dM/dt (3, n) along q'.
 
-    Not by a complex step: M is computed by one, and two do not nest.
+    The steps are shares of the fastest coordinate, in any unit of time. Those of a user's
+    coordinates are real, with a difference of order 4: their M is computed by a complex step, and
+    two do not nest.
     """
-    h = 1e-3 / max(1.0, float(np.abs(rate).max()))
-    near = [rate_matrix(coordinates, q + k * h * rate) for k in (-2, -1, 1, 2)]
-    slope: _Floats = (8.0 * (near[2] - near[1]) - (near[3] - near[0])) / (12.0 * h)
+    fastest = float(np.abs(rate).max())
+    way = rate / (fastest or 1.0)  # at rest it is 0, in any unit
+    if not callable(coordinates):
+        return fastest * rate_matrix(coordinates, q + 1j * STEP * way).imag / STEP
+    h = 1e-3
+    near = [rate_matrix(coordinates, q + k * h * way) for k in (-2, -1, 1, 2)]
+    slope: _Floats = (8.0 * (near[2] - near[1]) - (near[3] - near[0])) * (fastest / (12.0 * h))
     return slope
 
 
@@ -207,7 +209,8 @@ def _slopes(
             slope = np.asarray(function(q + 1j * STEP * step)).imag / STEP
         except TypeError as error:
             raise ValueError(f"{what} failed on complex numbers ({error}): {_FREE}") from None
-        # a function that drops the imaginary part is found out by a difference of order 2
+        # a function that drops the imaginary part is found out by a difference of order 2, at 1e-5
+        # of a coordinate: of an angle, or a number like one
         near = (np.real(function(q + 1e-5 * step)) - np.real(function(q - 1e-5 * step))) / 2e-5
         size = np.abs(near).max(initial=0.0) + np.abs(slope).max(initial=0.0)
         size = size + 1e-3 * np.abs(np.real(function(q))).max(initial=0.0)

@@ -74,6 +74,15 @@ def test_motion_in_them_is_that_of_the_quaternion_form(coordinates):
     assert np.abs(found - np.array(l, float)).max() < 5e-11  # 2.0e-12
 
 
+@pytest.mark.parametrize("coordinates", [*C.NAMED, own])
+@pytest.mark.parametrize("times", [1e-12, 1e12, 1e25])
+def test_free_motion_is_alike_at_any_rate(coordinates, times):
+    rhs, rate = C.equations_of_motion(coordinates, (0.6, 0.8, 1.0)), np.array([0.8, 0.4, -0.3])
+    bends, same = (rhs(0.0, np.array([*POINTS[0], *(x * rate)]))[3:] for x in (1.0, times))
+    assert np.abs(same / times**2 - bends).max() < 1e-12 * np.abs(bends).max()  # 2.5e-13
+    assert not rhs(0.0, np.array([*POINTS[0], 0.0, 0.0, 0.0])).any()
+
+
 @pytest.mark.parametrize("potential", [GRAVITY, SPRING, C.total(GRAVITY, SPRING)])
 @pytest.mark.parametrize("coordinates", [*C.NAMED, own])
 def test_torque_is_minus_the_inverse_transpose_of_m_times_the_slope(potential, coordinates):
