@@ -1,13 +1,12 @@
-"""Scenes, and all that is asked of them, in other units: pure numbers have to be the same.
+"""Scenes, and all that is asked of them, in other units; `tests.pure_numbers` compares.
 
 A Units has factors of masses and of times; lengths stay, so that moments and torques have the
 factor of the mass at fixed times. `asked(scene, units)` gives {function: function of no argument}
 for every public function that takes a scene, each of which returns {name: (values, unit)}.
 """
 
-import math
 import re
-import warnings
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,13 +16,13 @@ import rigidmc as rm
 from rigidmc.effects import EFFECTS
 from rigidmc.effects.parameters import filled, given, numbers
 from rigidmc.effects.protocol import facts, is_random
-from rigidmc.observables import OBSERVABLES, WATCHED, WATCHED_STATISTICS
+from rigidmc.observables import OBSERVABLES, WATCHED, WATCHED_STATISTICS, WITH_TABLE, squared
 from rigidmc.planning.units import scaled
+from rigidmc.scene.distributions import Distribution
+from rigidmc.studies.trust import trust
 
 # no numbers of the motion: what a computer takes, and what is found by rounding alone
 CLOCK = re.compile(r"second|ns_|cost|cheapest|gain")
-# notes on what a body may be made of, and in which units a user thinks, know SI units
-ABOUT_SI = re.compile(r"air|molecule|star|osmium|millimetre|degrees|kelvin| K\b")
 
 
 class Units(NamedTuple):
@@ -76,7 +75,7 @@ def scene(kind: str, seed: int) -> rm.Scene:
     moments: Any = tuple(second.sum() - second)
     centre = (0.0, 0.0, 0.0) if kind == "orbit" else tuple(0.3 * some.normal(size=3))
     if seed % 4 == 3:
-        table = some.uniform(0.3, 0.9, (3, 16))
+        table = some.uniform(0.3, 0.9, (3, 64))
         moments = tuple(table.sum(axis=0) - table)
     body = rm.Body.from_moments(moments, rm.normal(1.0, 0.01), centre)
     effects = tuple(_effect(word, some) for word in words)
@@ -112,30 +111,59 @@ def of_dataset(ds: xr.Dataset) -> dict[str, tuple[Any, str]]:
     """{name: (values, unit)} of the numbers of a Dataset."""
     found = {}
     for name, variable in ds.variables.items():
-        if "number" in variable.dims and "units" in ds.coords:  # numbers of different units
-            variable = variable.transpose(..., "number")
-            for i, unit in enumerate(ds.units.values):
-                if variable.dtype.kind in "fiub":
-                    found[f"{name} {i}"] = variable.values[..., i], str(unit)
-        elif variable.dtype.kind in "fiub" and not CLOCK.search(str(name)):
-            found[str(name)] = variable.values, variable.attrs.get("units", "1")
+        if variable.dtype.kind not in "fiub" or CLOCK.search(str(name)):
+            continue
+        own = variable.attrs.get("units")
+        if own is None and "units" in ds.coords and ds.units.dims[0] in variable.dims:
+            dim = ds.units.dims[0]  # along which numbers differ in their units
+            values = variable.transpose(..., dim).values
+            for i, unit in enumerate(map(str, ds.units.values)):
+                of = squared(unit) if name == "variance" else unit
+                found[f"{name} {i}"] = values[..., i], of
+        else:
+            found[str(name)] = variable.values, own or "1"
     return found
+
+
+def observed(one: rm.Scene, time: float) -> tuple[rm.Scene, list[str]]:
+    """A scene with every observable that it takes, in units of this time, and all their names."""
+    orbit = any(isinstance(effect, rm.GravityGradient) for effect in one.effects)
+    more = rm.PointingAngle(3), *([rm.OrbitAngles()] if orbit else [])
+    spins = rm.Histogram("omega[3]", -3.0 / time, 3.0 / time, 20)
+    saves = [name for name in (*OBSERVABLES, *WITH_TABLE, *WATCHED) if name != "histogram"]
+    saves += [name for name, (of, _) in WATCHED_STATISTICS.items() if of not in WITH_TABLE]
+    if not one.effects or any(map(is_random, one.effects)):
+        saves.remove("work")
+    if not orbit:
+        saves.remove("orbit_angles")
+    return replace(one, observables=(*one.observables, *more, spins)), saves
+
+
+def one_body(one: rm.Scene, start_alone: bool = False) -> rm.Scene:
+    """A scene with the first row of its table of bodies; start_alone : nothing but the start of it
+    is drawn, which is what `ftle` takes."""
+    moments: Any = tuple(np.ravel(x)[0] for x in one.body.moments)
+    body, effects = replace(one.body, moments=moments), one.effects
+    if start_alone:
+        body = replace(body, mass=_middle(body.mass))
+        effects = tuple(
+            filled(type(e), [_middle(value) for *_, value in numbers(e)]) for e in effects
+        )
+    return replace(one, body=body, effects=effects)
+
+
+def _middle(value: Any) -> Any:
+    return value.parameters[0] if isinstance(value, Distribution) else value
 
 
 def asked(one: rm.Scene, units: Units) -> dict[str, Any]:
     """{name: function} of all that a scene is asked, each {variable: (values, unit)}."""
-    noisy = any(map(is_random, one.effects))
+    every, single = one.run.t_end / 4.0, one_body(one)
     fast, t = "omega_max[3]", units.time
-    saves = [*OBSERVABLES, *(name for name in WATCHED if name != "histogram")]
-    saves += [name for name, (of, _) in WATCHED_STATISTICS.items() if of in ("omega", "energy")]
-    if noisy or one.run.integrator not in ("rk4", "rk8", "strang"):
-        saves.remove("work")
-    if "work" in saves and not one.effects:
-        saves.remove("work")
-    every = one.run.t_end / 4.0
 
     def simulated() -> Any:
-        return rm.simulate(one, save=saves, every=every)
+        scene, saves = observed(one, t)
+        return rm.simulate(scene, save=saves, every=every)
 
     def again() -> Any:
         ds = rm.simulate(one, save=("omega", "energy"), every=every)
@@ -145,25 +173,42 @@ def asked(one: rm.Scene, units: Units) -> dict[str, Any]:
         return rm.simulate(one, integrator="auto", tolerance=1e-6, save=("omega", "momentum"))
 
     def until() -> Any:
-        ds, interval = rm.simulate_until(one, f"mean({fast}) +- 20%", most=256)
+        ds, interval = rm.simulate_until(single, f"mean({fast}) +- 20%", most=256)
         return {**of_dataset(ds), **_interval(interval, "rad s-1")}
 
     def spread() -> Any:
-        points = one.with_run(points="sobol")
+        points = single.with_run(points="sobol")
         return _interval(rm.randomised(points, f"mean({fast})", 64), "rad s-1")
 
     def measured() -> Any:
-        ds = rm.simulate(one, save=("omega_max", "passage", "flips", "megno"), members=32)
+        ds = rm.simulate(single, save=("omega_max", "passage", "flips", "megno"), members=32)
         texts = (f"mean({fast})", "rad s-1"), (f"p({fast} >= {1.0 / t!r})", "1")
         texts += (("mean(lyapunov)", "s-1"), ("median(passage_first)", "s"))
         found = {text: _interval(ds.rigid.measure(text), unit) for text, unit in texts}
-        return {f"{i} {k}": v for i, one in enumerate(found.values()) for k, v in one.items()}
+        by = of_dataset(ds.rigid.measure(f"mean({fast})", by="passages"))
+        number = (("lyapunov" if i == 2 else i, one) for i, one in enumerate(found.values()))
+        return {**by, **{f"{i} {k}": v for i, one in number for k, v in one.items()}}
+
+    def followed() -> Any:
+        save = ("omega", "momentum", "attitude", "energy")
+        ds = rm.simulate(one, save=save, t_end=2.0 * t, every=0.05 * t)
+        numbers, rigid = of_dataset(ds.rigid.euler()), ds.rigid
+        arrays = {name: getattr(rigid, name)() for name in ("momentum", "phase", "energy", "drift")}
+        arrays |= {"psi": rigid.unwrapped("psi"), "polhode": rigid.polhode(1)}
+        arrays["described"] = rigid.described("omega")
+        return {**numbers, **{k: (x.values, x.attrs.get("units", "1")) for k, x in arrays.items()}}
 
     def mapped() -> Any:
+        return _plain(_map())
+
+    def nearer() -> Any:
+        return _plain(rm.zoom_map(_map(), (0.5 / t, 1.0 / t), (-0.5 / t, 0.5 / t)))
+
+    def _map() -> Any:
         ends = ((0.5 / t, 2.0 / t), (-1.0 / t, 1.0 / t))
         sides = [(f"start.omega.{i}", *e) for i, e in zip((1, 3), ends, strict=True)]
-        ds = rm.stability_map(one, *sides, ("mean(flips)", f"p({fast} >= {1.0 / t!r})"), 3, 2)
-        return ds.rename({name: _words(str(name)) for name in ds.data_vars})
+        asks = "mean(flips)", f"p({fast} >= {1.0 / t!r})", f"mean({fast})"
+        return rm.stability_map(single, *sides, asks, 3, 2)
 
     def cross() -> Any:
         return rm.section(one, "momentum[2] = 0", way="both", members=4)
@@ -175,15 +220,13 @@ def asked(one: rm.Scene, units: Units) -> dict[str, Any]:
         return rm.frequencies(one, "momentum[1]", 2, members=4, t_end=16.0 * t, every=0.1 * t)
 
     def grown() -> Any:
-        return rm.ftle(one, 8)
+        return rm.ftle(one_body(one, True), 8)
 
-    def shares() -> Any:  # measures have units of their own, which no attribute tells
-        found = of_dataset(rm.sensitivity(one, f"mean({fast})", 16))
-        units = {"mean": "s-1", "variance": "s-2"}
-        return {name: (x, units.get(name, unit)) for name, (x, unit) in found.items()}
+    def shares() -> Any:
+        return rm.sensitivity(single, f"mean({fast})", 16)
 
     def sure() -> Any:
-        return rm.basins(one, f"p(omega_last[3] >= {0.2 / t!r})", 16)
+        return rm.basins(single, f"p(omega_last[3] >= {0.2 / t!r})", 16)
 
     def seldom() -> Any:
         return rm.rare(one, "p(passages >= 1)", 1e-3, 40, 2)
@@ -192,97 +235,37 @@ def asked(one: rm.Scene, units: Units) -> dict[str, Any]:
         return rm.rare(one, f"p({fast} >= {4.0 / t!r})", 1e-3, 40, 2)
 
     def levels() -> Any:
-        found = of_dataset(rm.multilevel(one, f"mean({fast}) +- 20%", most=256))
-        return {**found, "variance": (found["variance"][0], "s-2")}
+        return rm.multilevel(single, f"mean({fast}) +- 20%", most=256)
 
-    def dear() -> Any:  # the ladder ends where steps take too long
+    def ladder() -> Any:  # its first steps: where it ends is a matter of rounding
         return rm.accuracy(one, ["rk4"], [1e-3], members=4).isel(row=slice(6))
+
+    def checked() -> Any:
+        return trust(one, quick=True)
 
     return {
         "simulate": simulated, "rerun": again, "simulate(tolerance)": chosen,
         "simulate_until": until, "randomised": spread, "rigid.measure": measured,
-        "stability_map": mapped, "section": cross, "section, every": periodic,
-        "frequencies": spectra, "ftle": grown, "sensitivity": shares, "basins": sure,
-        "rare, event": seldom, "rare, tail": tail, "multilevel": levels, "accuracy": dear,
+        "rigid": followed, "stability_map": mapped, "zoom_map": nearer, "section": cross,
+        "section, every": periodic, "frequencies": spectra, "ftle": grown, "sensitivity": shares,
+        "basins": sure, "rare, event": seldom, "rare, tail": tail, "multilevel": levels,
+        "accuracy": ladder, "stress --scene": checked,
     }  # fmt: skip
+
+
+def _plain(ds: xr.Dataset) -> xr.Dataset:
+    """A map, its variables named without the numbers of their measures, which have units."""
+    names = {name: without_numbers(str(name)) for name in ds.data_vars}
+    return ds.rename({name: f"{i} {word}" for i, (name, word) in enumerate(names.items())})
 
 
 def _interval(one: Any, unit: str) -> dict[str, tuple[Any, str]]:
     return {name: (getattr(one, name), unit) for name in ("value", "low", "high")}
 
 
-class Answer(NamedTuple):
-    """What a function gave: pure numbers, the notes without numbers, or the words of an error."""
-
-    numbers: dict[str, Any]
-    notes: tuple[str, ...]
-    error: str
-
-
-def answer(function: Any, units: Units) -> Answer:
-    """The Answer of a function of `asked`, its numbers divided by their units."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        try:
-            found = function()
-        except rm.RigidmcError as error:
-            return Answer({}, (), _words(str(error)))
-    if isinstance(found, xr.Dataset):
-        found = of_dataset(found)
-    numbers = {}
-    for name, (values, unit) in found.items():
-        with np.errstate(all="ignore"):
-            numbers[name] = np.asarray(values, float) / units.of(_unit(name, unit))
-    texts = {str(w.message) for w in caught if issubclass(w.category, rm.SceneWarning)}
-    return Answer(numbers, tuple(sorted(_words(x) for x in texts if not ABOUT_SI.search(x))), "")
-
-
-def _unit(name: str, unit: str) -> str:
-    return "1" if unit in ("", "degree", "%") else unit
-
-
-def _words(text: str) -> str:
-    """A text without its numbers."""
+def without_numbers(text: str) -> str:
+    """A text with # for each number."""
     return re.sub(r"[-+]?\d[\d,.]*(e[-+]?\d+)?", "#", text)
-
-
-def apart(one: Answer, two: Answer) -> tuple[float, str]:
-    """(largest difference of the numbers of two Answers, of the largest of each; where)."""
-    if one.error != two.error:
-        return math.inf, f"{one.error or 'no error'} / {two.error or 'no error'}"
-    if one.notes != two.notes:
-        return math.inf, f"notes {set(one.notes) ^ set(two.notes)}"
-    if one.numbers.keys() != two.numbers.keys():
-        return math.inf, f"variables {one.numbers.keys() ^ two.numbers.keys()}"
-    worst, where = 0.0, ""
-    for name, a in one.numbers.items():
-        b = two.numbers[name]
-        if a.shape != b.shape or not np.array_equal(np.isfinite(a), np.isfinite(b)):
-            return math.inf, f"{name}: {a} / {b}"
-        ends = np.isfinite(a)
-        if not ends.any():
-            continue
-        size = _size(name, one.numbers)
-        off = (
-            float(np.abs(a[ends] - b[ends]).max() / size)
-            if size > 0.0
-            else float(np.abs(b[ends]).max() > 0.0)
-        )
-        if off > worst:
-            worst, where = off, name
-    return worst, where
-
-
-def _size(name: str, numbers: dict[str, Any]) -> float:
-    """By what a difference is measured: the largest of the numbers; 1 for a drift, which is
-    relative, and the square of the mean for a variance, which may be rounding of a constant."""
-    a, mean = numbers[name], numbers.get(name.replace("variance", "mean"))
-    size = np.nanmax(np.abs(a[np.isfinite(a)]))
-    if "drift" in name:
-        return max(1.0, size)
-    if "variance" in name and mean is not None:
-        return max(size, np.nanmax(np.abs(mean)) ** 2)
-    return size
 
 
 def drivers() -> set[str]:

@@ -66,6 +66,7 @@ def moved(q, turn):
         # turn - 1 without cancellation; -turn is the same rotation, so the scalar part can be >= 0
         sign = select(turn[0] < 0.0, -1.0, 1.0)
         x, y, z = scale(sign, turn[1:])
+        # 1 + cos of half an angle: pure
         less = -(x * x + y * y + z * z) / (1.0 + abs(turn[0])), x, y, z
         return gain4(q, add4(multiply(value, less), multiply(rest, less)))
     return touch_up(multiply(q, turn))

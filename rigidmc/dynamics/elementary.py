@@ -79,6 +79,7 @@ def arctan2(y, x):
     """atan2(y, x), |relative error| <= 3.1e-16 (tests/dynamics/test_functions.py); 0 for (0, 0)."""
     a, b = abs(y), abs(x)
     low, high = smaller(a, b), larger(a, b)
+    # of (0, 0): 0 by anything is 0, in any unit
     high = select(high > 0.0, high, 1.0)
     far = low > _EIGHTH * high
     z = select(far, low - high, low) / select(far, high + low, high)

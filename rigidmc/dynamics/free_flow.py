@@ -112,8 +112,9 @@ def followed(m, a, slopes, u):
 
 
 def shares_back(m):
-    """(1/4x, 1/4y) for `returned`; 0 if x or y is 0."""
+    """(1/4x, 1/4y) for `returned`; 0 if x or y is 0, in any unit."""
     x, y = m.x > 0.0, m.y > 0.0
+    # what is divided by 1 is not taken
     return select(x, 0.25 / select(x, m.x, 1.0), 0.0), select(y, 0.25 / select(y, m.y, 1.0), 0.0)
 
 
@@ -183,6 +184,7 @@ def phase(m, time, integral):
 def motion(body, halvings, panels, h, l):
     """(Motion, u) of a free body; halvings, panels : see `free_flow`."""
     square = dot(l, l)
+    # the ends of float64 and float32, see _REST
     moves = square > by_precision(square, _REST, 1e-36)
     size = select(moves, math.sqrt(square), 0.0)
     # at rest any unit vector will do: nothing rotates

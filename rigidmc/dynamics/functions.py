@@ -176,6 +176,7 @@ def power(x, y):
 def hypotenuse(x, y):
     """sqrt(x^2 + y^2) without overflow or underflow."""
     large = larger(abs(x), abs(y))
+    # of (0, 0): 0 by anything is 0, in any unit
     small = smaller(abs(x), abs(y)) / select(large == 0.0, 1.0, large)
     return large * root(1.0 + small * small)
 

@@ -22,6 +22,7 @@ def _annulled(a, b, c, f, g, off):
     # t = tan of the smaller of the two angles that make `off` 0; 0 if `off` is 0 already
     # (the squares of small numbers underflow, hence `max`)
     size = abs(gap) + max(math.sqrt(gap * gap + twice * twice), abs(twice))
+    # where `off` is 0, t is 0 by anything
     t = twice / select(off == 0.0, 1.0, select(gap < 0.0, -size, size))
     cosine = 1.0 / math.sqrt(1.0 + t * t)
     sine = t * cosine

@@ -52,6 +52,7 @@ def exponential(u):
     """
     angle = math.sqrt(dot(u, u))
     s, c = sincos(0.5 * angle)
+    # an angle [rad]; what is divided by 1 is not taken
     r = select(angle > 0.0, s / select(angle > 0.0, angle, 1.0), 0.5)
     return c, r * u[0], r * u[1], r * u[2]
 

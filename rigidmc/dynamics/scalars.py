@@ -49,6 +49,7 @@ def root(x):
 
 def inverse(x):
     """1/x, or 0 if x is 0: a share of nothing is none, in any unit."""
+    # what is divided by 1 is not taken
     return select(x > 0.0, 1.0 / select(x > 0.0, x, 1.0), 0.0)
 
 

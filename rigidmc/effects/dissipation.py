@@ -81,4 +81,5 @@ class EnergyDissipation(NamedTuple):
 def _size(v):
     """|v|, or 1 if v is 0: what is divided by it is then 0 in any unit."""
     square = dot(v, v)
+    # of any unit, see above
     return root(select(square > 0.0, square, 1.0))

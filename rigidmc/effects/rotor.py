@@ -66,4 +66,5 @@ class Rotor(NamedTuple):
             (h * two * three * wheel[0], h * three * one * wheel[1], h * one * two * wheel[2]),
             (one * x, two * y, three * z),
         )
+        # where 1/I1 is 0 so is x, and 0 by anything is 0
         return axpy((x / select(one > 0.0, one, 1.0), y / two, z / three), -0.5 * h, self.motor)

@@ -201,7 +201,8 @@ def note_pass(hit, step, first_back, before, back, now, work, row):
     """`note_one` of an event that counts when its level passes through 0."""
     t, h, q, l = step.t, step.h, step.q, step.l
     count, last = work[row + COUNT], work[row + TAU]
-    apart = now - before  # both 0: the share of the step is 0, whatever the unit of the level
+    apart = now - before
+    # both 0: the share of the step is 0, whatever the unit of the level
     share = now / select(apart == 0.0, 1.0, apart)
     tau = t - h * (back[0] + (first_back[0] - back[0]) * share)
     wait = select(hit & (count > 0.0), tau - last, 0.0)

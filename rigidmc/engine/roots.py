@@ -13,6 +13,7 @@ def guess(ends):
     """
     low, below, high, above = ends
     apart = above - below
+    # what is divided by 1 is not taken
     share = low - (high - low) * (below / select(apart == 0.0, 1.0, apart))
     return select(apart == 0.0, low, min(max(share, min(low, high)), max(low, high)))
 

@@ -172,6 +172,7 @@ def lowest(a, b, part):
     middle = a[1] + b[1] - 3.0 * rate
     far = root(middle * middle - a[1] * b[1])
     apart = b[1] - a[1] + 2.0 * far
+    # a straight line: `far` is of its unit, and where all are 0, `back` is 0 by anything
     back = (b[1] + far - middle) / select(apart == 0.0, 1.0, apart)
     y, square = 1.0 - back, 3.0 * rate - b[1] - 2.0 * a[1]
     value = a[0] + width * y * (a[1] + y * (square + y * (a[1] + b[1] - 2.0 * rate)))

@@ -165,6 +165,7 @@ def quarters(body, h):
     float32), at which no body moves: internal units keep rates below 1e30/s, see
     `rigidmc.planning.units.RANGE`.
     """
+    # seconds, see above
     h = select(h == 0.0, by_precision(h, 1e-30, 1e-20), h)
     return 0.25 * h * body.i1, 0.25 * h * body.i2, 0.25 * h * body.i3
 

@@ -54,6 +54,7 @@ def levelled(l, change):
         return change
     middle = axpy(whole(l), 0.5, change)
     square = dot(middle, middle)
+    # at rest L has no direction, and the part along it is 0 by anything
     return axpy(change, -dot(middle, change) / select(square > 0.0, square, 1.0), middle)
 
 

@@ -64,6 +64,7 @@ def second(phi: ArrayLike, m: ArrayLike | None = None, mc: ArrayLike | None = No
         part = mc * (s * elliprf(cc, dd, 1.0) + m / 3.0 * s**3 * elliprd(cc, 1.0, dd))
         part = part + m * s * np.sqrt(cc / dd)
         whole = mc * (elliprf(0.0, mc, 1.0) + m / 3.0 * elliprd(0.0, 1.0, mc))
+    # E(1) = 1: pure
     return np.where(mc > 0.0, part, s) + _multiple(n, np.where(mc > 0.0, whole, 1.0))
 
 

@@ -231,6 +231,7 @@ def principal_axes(tensor: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.f
     infinite = ~np.isfinite(size)
     flag(infinite, "an inertia tensor has finite components")
     with np.errstate(invalid="ignore"):
+        # a tensor of zeros: 0 by anything is 0
         skew = np.abs(flat - np.swapaxes(flat, 1, 2)).max((1, 2)) / np.where(size > 0.0, size, 1.0)
     bad = infinite | ~(skew <= 1e-9)
     worst = np.max(skew, where=~infinite, initial=0.0)

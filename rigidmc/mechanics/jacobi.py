@@ -38,6 +38,7 @@ def third(nu, one_plus_nu, m_plus_nu):
 
 def divided(a, b):
     """a/b; 0 if b is 0."""
+    # what is divided by 1 is not taken
     return select(b == 0.0, 0.0, a / select(b == 0.0, 1.0, b))
 
 

@@ -153,6 +153,7 @@ def rotation_vector(attitude: Attitude) -> _Floats:
     q = np.where(q[..., :1] < 0.0, -q, q)
     size = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
     angle = 2.0 * np.arctan2(size, q[..., :1])
+    # a part of a unit quaternion; what is divided by 1 is not taken
     return np.where(size > 0.0, angle / np.where(size > 0.0, size, 1.0), 2.0) * q[..., 1:]
 
 

@@ -92,6 +92,7 @@ def _motion(form: int, case: Case, t: Array) -> Motion:
     # of either sign
     rate = case.damping
     with np.errstate(over="ignore", invalid="ignore"):  # a motion that overflows becomes nan
+        # what is divided by 1 is not taken
         passed = np.where(rate == 0.0, t, -np.expm1(-rate * t) / np.where(rate == 0.0, 1.0, rate))
         l, omega, q = free_top(case.moments, case.momentum, case.attitude, passed)
         left = np.exp(-rate * t)[..., None]

@@ -70,7 +70,8 @@ def idle_effects(effects: list[tuple[str, Any]], moments: Array, centre: Array) 
     moments, centre : (3, n) of the members
     """
     size, few = np.abs(centre).max(), moments.shape[1]
-    with np.errstate(all="ignore"):  # scaled to size 1, so that no torque underflows to 0
+    with np.errstate(all="ignore"):
+        # scaled to size 1, so that no torque underflows to 0; a centre of 0 is 0 by anything
         scaled = tuple(moments / moments.max()), tuple(centre / (size or 1.0))
         body = MassProperties.of(*scaled)
     chance = np.random.default_rng(1)

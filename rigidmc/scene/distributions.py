@@ -99,6 +99,7 @@ class Distribution:
         if self.name == "uniform":
             low, high = max(low, self.parameters[0]), min(high, self.parameters[1])
         law = Truncated("truncated", (self, float(low), float(high)))
+        # a probability
         if not law.share() > 1e-300:
             raise SceneError("", "between", given, "the distribution has no numbers between these")
         # a uniform one has bits of its own, which are the same for every version of scipy

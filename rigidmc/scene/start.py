@@ -265,6 +265,7 @@ def _check_quaternion(parts: tuple[Any, ...], value: Any) -> None:
         if rows(*parts) is not None:
             rule = "a quaternion has distributions or arrays as components, not both"
             raise SceneError("start", "attitude", None, rule)
+    # pure: components of a quaternion
     elif np.min(sum(p * p for p in parts)) < 1e-200:
         shown = value if is_shared(parts) else None
         raise SceneError("start", "attitude", shown, "a quaternion of norm 0 is no attitude")

@@ -261,6 +261,7 @@ def _horizon(
     """
     with np.errstate(divide="ignore"):
         left = np.log(1.0 / (ROUNDING * factor))
+        # what is divided by 1 is not taken
         chaotic = t_end + left / np.where(rate > 0.0, rate, 1.0)
         times = np.where(rate > 0.0, chaotic, t_end / (ROUNDING * factor))
     return {
@@ -320,5 +321,6 @@ def horizon_text(study: xr.Dataset) -> str:
             f"{growth}, in {share} exponentially (chaos or a separatrix): rounding alone makes"
             f" 1 % of them meaningless beyond t = {first:.3g} s, half of them beyond {median:.3g} s"
         )
+    # 1e-300 s: 0 has no logarithm
     exponent = math.floor(math.log10(max(first, 1e-300)))
     return f"{growth}, nowhere exponentially: no horizon within 1e{exponent} s"

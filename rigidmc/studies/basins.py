@@ -161,8 +161,10 @@ def _weights(share: Array, count: int, largest: float) -> Array:
     distance mixes everything, and below 2 LEAST uncertain families.
     """
     many = np.clip(share * count / LEAST - 1.0, 0.0, 1.0)
+    # shares are pure: 1e-300 stands for 0
     far = np.maximum(1.0 - share / max(largest, 1e-300), 0.0) ** 2
-    weights: Array = np.sqrt(share / np.maximum(1.0 - share, 1e-300)) * far * many
+    odds: Array = share / np.maximum(1.0 - share, 1e-300)  # pure, as above
+    weights: Array = np.sqrt(odds) * far * many
     return weights
 
 
@@ -170,6 +172,7 @@ def _slope(share: Array, count: int, largest: float) -> float:
     """The slope of the line through the logarithms of shares and distances."""
     weight, logs = _weights(share, count, largest), np.log(DISTANCES)
     apart = weight * (logs - (weight * logs).sum() / weight.sum())
+    # a share is pure; 0, which has no weight, has no logarithm either
     return float((apart * np.log(np.maximum(share, 1e-300))).sum() / (apart * logs).sum())
 
 
@@ -178,6 +181,7 @@ def line(study: xr.Dataset) -> Array:
     share = np.nan_to_num(study.uncertain.values)  # nan where rounding decides
     count = int((study.basin.values >= 0).sum())
     weight, logs = _weights(share, count, study.attrs["largest"]), np.log(study.distance.values)
+    # as in `_slope`
     middle = (weight * np.log(np.maximum(share, 1e-300))).sum() / weight.sum()
     found: Array = np.exp(
         middle + float(study.alpha) * (logs - (weight * logs).sum() / weight.sum())

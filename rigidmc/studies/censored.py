@@ -250,6 +250,7 @@ def _at_most(n: Array, p: float, k: Array) -> Array:
 
 def _at_least(n: Array, p: float, k: Array) -> Array:
     """P(B >= k) of a binomial number B of n, for real n and k too."""
+    # a count: what stands for 0 is not taken
     found: Array = np.where(k > 0.0, special.betainc(np.maximum(k, 1e-300), n - k + 1.0, p), 1.0)
     return found
 

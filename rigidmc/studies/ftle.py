@@ -194,6 +194,7 @@ def _dataset(scene: Scene, parts: Iterable[xr.Dataset], unit: float | None) -> x
     if unit is None:
         with np.errstate(all="ignore"):
             square = float(np.nanmean((states[..., 4:] ** 2).sum(axis=-1)))
+        # seconds: if nothing turns, no unit of angular velocities counts
         unit = 1.0 / math.sqrt(square) if square > 0.0 else 1.0
     elif not 0.0 < unit < math.inf:
         raise OptionError("", "unit", unit, "expected a time above 0 s")

@@ -114,6 +114,7 @@ def scene(ds: xr.Dataset) -> tuple[Figure, Draw]:
     q = ds.attitude.transpose("time", "quat", "member").values[..., 0]
     l = ds.momentum.transpose("time", "axis", "member").values[..., 0]
     size = np.linalg.norm(l, axis=1)
+    # at rest L is 0 by anything
     unit = l / np.where(size > 0.0, size, 1.0)[:, None]
     figure = Figure((9.6, 5.0))
     FigureCanvasAgg(figure)
@@ -179,6 +180,7 @@ def _body(
     scale = 1.0 / np.abs(surface.corners).max()
     triangles, tones = cut(scale * surface.corners[surface.faces], surface.tones, LONGEST)
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    # of a surface of size 1: a face without area has no normal
     normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
     colours = np.array([to_rgb(tone) for tone in TONES])[tones]
     # edges in the colours of the faces leave no gaps between slender triangles
@@ -217,6 +219,7 @@ def _momentum(
     axes: Any, turn: NDArray[np.float64], l: NDArray[np.float64], size: NDArray[np.float64]
 ) -> Draw:
     """The vertical, and the angular momentum in space: l (times, 3), its size (times,)."""
+    # at rest L is 0 by anything
     toward = np.einsum("tij,tj->ti", turn, l) / np.where(size > 0.0, size, 1.0)[:, None]
     axes.plot([0, 0], [0, 0], [-1.25, 1.25], ":", color=GREY, lw=1.0)
     axes.text(0.0, 0.0, 1.3, "z", color=GREY, ha="center")

@@ -73,14 +73,15 @@ def describe(body: Body, title: str) -> list[str]:
     """Lines of text about a body."""
     known = facts(body)
     moments, axes, centre = (np.array(known[key]) for key in ("moments", "axes", "centre"))
+    size = np.sqrt(moments.max() / known["mass"])  # m
     lines = [
         f"{title}: {known['shape']}",
         f"mass         {known['mass']:.12g} kg",
-        f"centre       ({_row(centre)}) m from the fixed point, in the body's own axes",
+        f"centre       ({_row(centre, size)}) m from the fixed point, in the body's own axes",
         "tensor       about the fixed point, in the body's own axes [kg m2]",
     ]
-    size = np.abs(known["tensor"]).max()
-    clean = [[0.0 if abs(x) < 1e-15 * size else x for x in row] for row in known["tensor"]]
+    largest = np.abs(known["tensor"]).max()
+    clean = [[0.0 if abs(x) < 1e-15 * largest else x for x in row] for row in known["tensor"]]
     lines += ["             " + " ".join(f"{x:18.10g}" for x in row) for row in clean]
     lines.append("principal    moment [kg m2]       axis in the body's own axes")
     names = dict(zip(known["order"], ("smallest", "middle", "largest"), strict=True))
@@ -90,7 +91,7 @@ def describe(body: Body, title: str) -> list[str]:
     for k in range(3):
         axis = f"({_row(axes[:, k])})"
         lines.append(f"  axis {k + 1}     {moments[k]:<18.12g}  {axis}   {names[k + 1]}")
-    if np.linalg.norm(centre) > SAME * np.sqrt(moments.max() / known["mass"]):
+    if np.linalg.norm(centre) > SAME * size:
         principal = inertia.survives(axes.T, centre)
         words = ", ".join(str(k + 1) for k in range(3) if principal[k]) or "none"
         lines.append(f"axes that are principal about the centre of mass too: {words}")
@@ -127,5 +128,6 @@ def _stability(moments: NDArray[np.float64], known: dict[str, Any]) -> list[str]
     ]
 
 
-def _row(values: NDArray[np.float64]) -> str:
-    return ", ".join(f"{0.0 if abs(x) < 1e-15 else x:.10g}" for x in values)
+def _row(values: NDArray[np.float64], size: float = 1.0) -> str:
+    """Numbers in words, those that are rounding of their size 0."""
+    return ", ".join(f"{0.0 if abs(x) < 1e-15 * size else x:.10g}" for x in values)

@@ -89,6 +89,7 @@ def potential(
     u = effective_potential(moments, weight, p_phi, p_psi, theta) - spin
     energy, floor = float(nutation.energy) - spin, u.min()
     size = max(float(np.median(np.abs(u))), abs(energy))
+    # energies that are all 0 are drawn in joules
     unit = 10.0 ** np.floor(np.log10(size)) if size > 0.0 else 1.0
     u, energy, floor = u / unit, energy / unit, floor / unit
     axes.plot(np.degrees(theta), u, color=MEDIAN, linewidth=2.0, label="effective potential")
@@ -99,6 +100,7 @@ def potential(
     inside = (theta >= high) & (theta <= low)
     degrees = np.degrees(theta)
     axes.fill_between(degrees, u, energy, where=inside, color=PATH, alpha=0.15, linewidth=0)
+    # of energies in `unit`, that of the drawing; 1e-300 only keeps its ends apart
     height = max(energy - floor, 1e-12 * max(abs(energy), 1e-300))
     if low - high < NARROW:  # the energy is all but that of the floor: the well gives the scale
         height = max(height, 0.5 * (u[[0, -1]].min() - floor))
@@ -213,11 +215,13 @@ def _times(
 ) -> NDArray[np.float64]:
     """Times over some periods of the nutation.
 
-    A top without a period has times over as many of its slow time 6/rate, a top at rest over 1 s.
+    A top without a period has times over as many of its slow time 6/rate, a top at rest, which does
+    nothing at any time, over 1 s.
     """
-    rate = float(nutation.rate)
-    period = float(nutation.period) if np.isfinite(nutation.period) else 6.0 / max(rate, 1e-300)
-    return _resolved(moments, momentum, periods * period if rate > 0.0 else 1.0)
+    rate, period = float(nutation.rate), float(nutation.period)
+    if not rate > 0.0:
+        return _resolved(moments, momentum, 1.0)  # second
+    return _resolved(moments, momentum, periods * (period if np.isfinite(period) else 6.0 / rate))
 
 
 def _resolved(moments: ArrayLike, momentum: ArrayLike, end: float) -> NDArray[np.float64]:
@@ -228,4 +232,5 @@ def _resolved(moments: ArrayLike, momentum: ArrayLike, end: float) -> NDArray[np
     )
     rate = max(float(one[0]) for one in rates)
     count = int(np.clip(np.ceil(rate * end / FINE), *POINTS))
-    return np.linspace(0.0, min(end, count * FINE / max(rate, 1e-300)), count)
+    last = min(end, count * FINE / rate) if rate > 0.0 else end
+    return np.linspace(0.0, last, count)

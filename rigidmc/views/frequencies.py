@@ -25,6 +25,7 @@ def frequency_map(
     """
     known = _known(study)
     spread = {
+        # numbers that are all 0 do not differ, by anything
         name: np.ptp(v) / (np.abs(v).max() or 1.0)
         for name, v in known.items()
         if name.startswith("start_")

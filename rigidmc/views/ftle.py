@@ -68,6 +68,7 @@ def _nearest(places: list[Array]) -> tuple[list[Array], NDArray[np.intp]]:
     """(edges of pixels across and up, the start nearest to each), of starts all over a plane."""
     side = int(np.clip(math.sqrt(2.0 * places[0].size), 16, PIXELS))
     edges = [np.linspace(x.min(), x.max(), side + 1) for x in places]
+    # a side of no length is drawn as one
     long = [max(float(np.ptp(x)), 1e-300) for x in places]
     centres = [0.5 * (e[1:] + e[:-1]) / w for e, w in zip(edges, long, strict=True)]
     grid = np.stack(np.meshgrid(*centres), axis=-1)

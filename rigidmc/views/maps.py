@@ -219,7 +219,9 @@ def _middles(lines: QuadContourSet, axes: Axes) -> list[tuple[float, float]]:
 def _edges(coordinate: xr.DataArray) -> NDArray[np.float64]:
     """The edges of pixels, halfway between their centres; by ratio if the scale is logarithmic."""
     x = np.log(coordinate.values) if coordinate.attrs["log"] else coordinate.values
-    step = x[1] - x[0] if x.size > 1 else max(abs(x[0]), 1.0)
+    # a single pixel is as wide as its number, or a factor of e
+    alone = 1.0 if coordinate.attrs["log"] else abs(x[0]) or 1.0
+    step = x[1] - x[0] if x.size > 1 else alone
     edges = np.concatenate([[x[0] - 0.5 * step], x + 0.5 * step])
     return np.exp(edges) if coordinate.attrs["log"] else edges
 

@@ -100,6 +100,7 @@ def _frontier(axes: Axes, rows: xr.Dataset) -> None:
     style: dict[str, Any] = {"color": LIGHT, "lw": 9, "solid_capstyle": "round", "zorder": 0}
     axes.step(x, y, where="post", label="frontier", **style)
     last, labelled = None, list[tuple[float, float]]()
+    # decades
     width, height = (np.ptp(np.log10(v)) or 1.0 for v in (error, speed))
     for i in corners:
         row = rows.isel(row=i)

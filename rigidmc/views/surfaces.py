@@ -211,6 +211,7 @@ def _t_handle(radius: float, bar: float, stem: float) -> Surface:
 def _particles(masses: tuple[float, ...], positions: tuple[tuple[float, ...], ...]) -> Surface:
     """Balls whose volume is as their mass, the largest of a tenth of the body's size."""
     m, x = np.array(masses), np.array(positions)
+    # 1e-300 m: particles that are all at the fixed point are drawn as nothing
     largest = 0.1 * max(np.linalg.norm(x, axis=1).max(), 1e-300)
     radii = largest * np.cbrt(m / m.max())
     around = AROUND if m.size <= 20 else 12 if m.size <= 300 else 4

@@ -103,7 +103,10 @@ def _polhode(moments: Vectors, u: Vectors) -> Vectors:
     """Momenta (n, 3) over one period of the free motion from the momentum u (3,)."""
     motion = free_motion(moments, u)
     rate = float(motion.rate)
-    period = float(motion.period) if np.isfinite(motion.period) else 40.0 / max(rate, 1e-300)
-    t = np.linspace(0.0, 1.0 if rate == 0.0 else period, 721)
+    period = float(motion.period)
+    if not np.isfinite(period) or rate == 0.0:
+        # where nothing moves, 1 s is as good as any time
+        period = 40.0 / rate if rate > 0.0 else 1.0
+    t = np.linspace(0.0, period, 721)
     path: Vectors = free_top(moments, u, (1.0, 0.0, 0.0, 0.0), t).momentum
     return path

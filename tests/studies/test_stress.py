@@ -76,6 +76,11 @@ def test_errors_are_seen():
     assert against_wrong("exact", 1.0) > 1e-4
     assert constant(scene, 10.0, conserved)("exact", 1.0) < 1e-14
     assert constant(scene, 10.0, direction)("exact", 1.0) > 0.1  # L does move
+
+    def of_no_size(body, effects, q, l):
+        return [(l, 0.0 * l[0, 0])]
+
+    assert constant(scene, 10.0, of_no_size)("exact", 1.0) == math.inf  # in any unit
     assert flips((1.0, 2.0, 3.0), (1e-4, 2.0, 0.0), 1)("exact", 1.0) < 1e-13
     # does not start where L3 = 0
     assert flips((1.0, 2.0, 3.0), (1e-4, 2.0, 1e-4), 1)("exact", 1.0) > 1e-3

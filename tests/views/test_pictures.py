@@ -12,7 +12,8 @@ pytest.importorskip("matplotlib")
 from matplotlib.figure import Figure
 
 import rigidmc as rm
-from rigidmc.views import ensemble, sphere
+from rigidmc.views import ensemble, maps, sphere
+from rigidmc.views.body import describe
 from rigidmc.views.figure import save
 from rigidmc.views.sample import DRAWN, MEMBERS, TIMES, sample, vectors
 
@@ -397,6 +398,20 @@ def test_what_is_read_is_bounded_and_ends_with_the_last_save():
     assert sample(part).sizes == part.sizes
     two = sample(dataset([0.0, 1.0], huge[0], omega=huge[:2]))
     assert two.sizes["member"] == 300_000  # under POINTS vectors all members are read
+
+
+@pytest.mark.parametrize("number", [1e-20, 1e20])
+def test_a_map_of_one_column_is_as_wide_as_its_number(number):
+    edges = maps._edges(xr.DataArray([number], attrs={"log": 0}))
+    assert edges.tolist() == pytest.approx([0.5 * number, 1.5 * number], rel=1e-12, abs=0.0)
+    edges = maps._edges(xr.DataArray([number], attrs={"log": 1}))
+    assert edges[1] / edges[0] == pytest.approx(np.e, rel=1e-12)
+
+
+def test_a_small_centre_is_told():
+    body = rm.Body.from_moments((1e-40, 1.2e-40, 2e-40), 1e-10, (1e-16, 2e-16, 0.0))
+    told = next(line for line in describe(body, "body") if line.startswith("centre"))
+    assert "(1e-16, 2e-16, 0) m" in told
 
 
 def test_a_picture_goes_into_given_axes(free):

@@ -150,6 +150,7 @@ def matrix(value: Any, where: str, name: str, sizes: Sequence[int]) -> tuple[Any
     scale = np.outer(scale, scale)
     if (np.abs(array - array.T) > 1e-9 * scale).any():
         raise SceneError(where, name, array.tolist(), rule)
+    # what is divided by 1 is not taken
     ones = np.where(scale > 0.0, array / np.where(scale > 0.0, scale, 1.0), 0.0)
     if np.linalg.eigvalsh(ones).min() < -1e-9 or (array[scale == 0.0] != 0.0).any():
         raise SceneError(where, name, array.tolist(), rule)

@@ -11,6 +11,7 @@ from rigidmc.dynamics.euler import kinetic_energy
 from rigidmc.dynamics.so3 import dot, up
 from rigidmc.effects.sums import total_energy_scale
 from rigidmc.engine.forces import energies
+from rigidmc.planning.tolerance.deviation import relative
 from rigidmc.scene.scene import Scene
 from rigidmc.studies.stress.case import ErrorOf
 from rigidmc.studies.stress.integrate import fastest_rate, run, staged_physics, worst
@@ -28,7 +29,7 @@ def constant(
     steps: int | None = None,
     **options: Any,
 ) -> ErrorOf:
-    """Largest change of some quantities, each relative to its scale (absolute if that is 0)."""
+    """Largest change of some quantities, each relative to its scale; inf if that alone is 0."""
 
     def error(integrator: str, share: float) -> float:
         n = max(saves, round(steps * share / saves) * saves) if steps else None
@@ -40,10 +41,8 @@ def constant(
         for values, scale in quantities(body, effects, q, l):
             values = np.reshape(values, (-1, *np.shape(values)[-2:]))
             change = np.abs(values - values[:, :1]).max((0, 1))
-            relative = np.nan_to_num(
-                change / np.where(scale > 0.0, scale, 1.0), nan=math.inf, posinf=math.inf
-            )
-            largest = np.maximum(largest, relative)
+            off = np.nan_to_num(relative(change, scale), nan=math.inf, posinf=math.inf)
+            largest = np.maximum(largest, off)
         return worst(ds, largest)
 
     return error

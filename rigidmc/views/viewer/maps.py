@@ -116,6 +116,7 @@ def _measure(ds: xr.Dataset, name: str) -> dict[str, Any]:
         "name": name,
         "words": ds[name].attrs.get("long_name", name),
         "units": ds[name].attrs.get("units", "1"),
+        # in the units of the variable; a scale without ends is that of a share
         "range": [float(norm.vmin or 0.0), float(norm.vmax or 1.0)],
         "places": encoded(places),
         "values": encoded(values),

@@ -88,6 +88,7 @@ def motion(shown: xr.Dataset, scene: Scene) -> dict[str, Any]:
     l = shown.momentum.transpose("time", "axis", "member").values[..., 0]
     q = shown.attitude.transpose("time", "quat", "member").values[..., 0]
     size = np.linalg.norm(l, axis=1)
+    # at rest L is 0 of anything [kg m2/s]
     largest = max(size.max(), 1e-300)
     form = form_of(shown, body)
     surface = surface_of(body)
@@ -104,6 +105,7 @@ def motion(shown: xr.Dataset, scene: Scene) -> dict[str, Any]:
         "form": (scale * form).ravel().tolist(),
         "centre": (scale * member_body(shown, body)[2]).tolist(),
         "q": short(_continuous(q)),
+        # at rest L is 0 by anything
         "u": short(l / np.where(size > 0.0, size, 1.0)[:, None]),
         "size": short(size / largest),
         **radius(shown, scene.effects),
@@ -153,10 +155,11 @@ def density(ds: xr.Dataset, corners: Floats) -> dict[str, Any]:
     l = l[::every, :, ::stride]
     times = part.time.values[::every] if len(l) > 1 else np.zeros(1)
     size = np.linalg.norm(l, axis=1, keepdims=True)
-    u = np.where(size > 0.0, l / np.where(size > 0.0, size, 1.0), 0.0)
+    u = l / np.where(size > 0.0, size, 1.0)  # at rest L is 0 by anything
     dense = np.empty((len(u), len(corners)))
     for k, directions in enumerate(u):
         dense[k] = np.exp((corners @ directions - 1.0) / WIDTH**2).sum(1)
+    # pure: no member, no density
     shown = np.round(255.0 * np.sqrt(dense / max(dense.max(), 1e-300))).astype(np.uint8)
     return {
         "t": encoded(times),

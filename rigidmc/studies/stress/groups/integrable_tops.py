@@ -80,6 +80,7 @@ def goryachev_constant(
     """L3 (L1^2 + L2^2) - 4 k C L1 u3 beside energy and L_z, for A = B = 4 C and L_z = 0."""
     u = up(q)
     value = l[2] * (l[0] * l[0] + l[1] * l[1]) - 4.0 * body.p1 / body.i3 * l[0] * u[2]
+    # the constant may be 0: 1 kg3 m6 s-3 is |L|^3 of these tops, as large as its terms
     return [*conserved(body, effects, q, l), (value, np.maximum(np.abs(value[0]), 1.0))]
 
 
