@@ -27,7 +27,7 @@ QUICK = ("section", "rare, event")
 # what a user has of the package, beside the functions that `asked` asks
 CLOSED_FORMS = {"free_top", "free_motion", "lagrange_top", "lagrange_motion"}  # below
 SCENES = {"Scene", "Body", "Start", "Run", "normal"}  # every scene of `units`
-DRAWN = {  # tests/scene/test_quantities.py and test_laws.py: drawn numbers times their unit
+DRAWN = {  # tests/scene/test_units.py
     *("uniform", "distribution", "mixture", "grid"),
     *(kind.__name__ for kind in LAWS),
 }
