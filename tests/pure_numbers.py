@@ -27,8 +27,10 @@ LIMITS = {
     # a neighbour at 1e-8 of the motion holds half the digits
     "lyapunov": 1e-5,
     "megno": 1e-5,
-    # neighbours of neighbouring starts hold the digits that their distance leaves
+    # neighbours at 2^-28 of a probability, here 1e-9 of a state, hold the seven digits beyond
     "ftle": 1e-4,
+    # what is the cheapest way to a tolerance of 1e-6 is a matter of the clock
+    "simulate(tolerance)": 1e-5,
 }
 SEEDS = range(4)
 
