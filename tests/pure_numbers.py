@@ -17,7 +17,17 @@ import xarray as xr
 
 import rigidmc as rm
 from tests import units
-from tests.units import KINDS, OTHERS, PLAIN, Units, asked, in_units, of_dataset, without_numbers
+from tests.units import (
+    KINDS,
+    OTHERS,
+    PLAIN,
+    T_END,
+    Units,
+    asked,
+    in_units,
+    of_dataset,
+    without_numbers,
+)
 
 # notes on what a body may be made of, and in which units a user thinks, know SI units
 ABOUT_SI = re.compile(r"air|molecule|star|osmium|millimetre|degrees|kelvin| K\b")
@@ -88,12 +98,15 @@ def differences(one: Answer, two: Answer) -> dict[str, float]:
 def _size(name: str, numbers: dict[str, Any]) -> float:
     """By what a difference is measured: the largest of the numbers. A drift and an error of a check
     are relative, to be measured by 1; a variance may be rounding of a constant, to be measured by
-    the square of the mean, and an error of a step that of the value."""
+    the square of the mean, and an error of a step that of the value; the exponent of a body that
+    stays at rest is rounding, to be measured by 1/t_end."""
     size = _largest(numbers[name])
     if "drift" in name or name in ("error", "error_median"):
         return max(1.0, size)
     if "variance" in name:
         return max(size, _largest(numbers.get(name.replace("variance", "mean"), 0.0)) ** 2)
+    if name == "ftle":
+        return max(size, 1.0 / T_END)
     return max(size, _largest(numbers["value"])) if name == "bias" else size
 
 
