@@ -132,7 +132,9 @@ def observed(one: rm.Scene, time: float) -> tuple[rm.Scene, list[str]]:
     more = rm.PointingAngle(3), *([rm.OrbitAngles()] if orbit else [])
     spins = rm.Histogram("omega[3]", -3.0 / time, 3.0 / time, 20)
     saves = [name for name in (*OBSERVABLES, *WITH_TABLE, *WATCHED) if name != "histogram"]
-    saves += [name for name, (of, _) in WATCHED_STATISTICS.items() if of not in WITH_TABLE]
+    # statistics know no effects: all of them beside six take minutes to compile
+    few = OBSERVABLES if len(one.effects) <= 2 else ("omega", "energy")
+    saves += [name for name, (of, _) in WATCHED_STATISTICS.items() if of in few]
     if not one.effects or any(map(is_random, one.effects)):
         saves.remove("work")
     if not orbit:
