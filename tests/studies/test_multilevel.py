@@ -51,6 +51,17 @@ def test_the_error_of_the_step_is_taken_out_or_told():
         assert found.bias == pytest.approx(1.96 * abs(found.value - 2.0), rel=1e-4)
 
 
+@pytest.mark.parametrize("unit", [1e-20, 1.0, 1e20])
+def test_corrections_of_rounding_tell_no_order(unit):
+    """Of an exact integrator, whose corrections grew: 1.4e-17 and -6.4e-17 of 1.78."""
+    variances = [unit**2 * x for x in (1e-3, 1e-36, 1e-36)]
+    rounded = made([unit * x for x in (1.78, 1.4e-17, -6.4e-17)], variances)
+    found = estimate(rounded, 2.0, 0.95)
+    assert np.isnan(found.order) and found.bias < 1e-15 * found.value
+    seen = made([unit * x for x in (1.78, 1e-9, 4e-9)], variances)
+    assert estimate(seen, 2.0, 0.95).bias == np.inf  # which no rounding makes
+
+
 def with_members(levels, counts):
     return [
         one._replace(members=n, squares=one.variance * (n - 1.0))

@@ -26,6 +26,8 @@ from typing import NamedTuple
 
 from scipy import special
 
+from rigidmc.studies.rounding import ULPS, resolution
+
 START = 24  # steps that take as long as the start and the end of a member: 1 us
 PAIRED = 1.4  # steps that take as long as one with the noise of two
 SAMPLING = 0.95  # of the width asked for; what is left is for the error of the step
@@ -111,13 +113,20 @@ def weights(levels: Sequence[Level], order: float) -> list[float]:
     return [1.0] * (len(levels) - 1) + [2.0**order / (2.0**order - 1.0)]
 
 
-def estimate(levels: Sequence[Level], order: float, confidence: float) -> Estimate:
-    """The Estimate of three levels or more, for an integrator of an order."""
+def estimate(
+    levels: Sequence[Level], order: float, confidence: float, dtype: str = "float64"
+) -> Estimate:
+    """The Estimate of three levels or more, for an integrator of an order and a precision.
+
+    Corrections that are rounding, as those of an integrator that is exact, tell no order.
+    """
     f, (before, last) = 2.0**order, levels[-2:]
     each = list(zip(weights(levels, order), levels, strict=True))
     z, variance = sigmas(confidence), sum((w * one.error) ** 2 for w, one in each)
     seen, spread = math.nan, math.nan
-    if all(abs(one.mean) > SURE * one.error for one in (before, last)):
+    size = math.hypot(levels[0].mean, math.sqrt(levels[0].variance))
+    rounding = ULPS * resolution(dtype, last.steps) * size
+    if all(abs(one.mean) > max(SURE * one.error, rounding) for one in (before, last)):
         seen = math.log2(abs(before.mean / last.mean))
     if before.variance > 0.0 and last.variance > 0.0:
         spread = math.log2(before.variance / last.variance)

@@ -48,7 +48,7 @@ def stand(request: Request, asked: Asked, sums: Mapping[int, Sums]) -> Stand:
             _filled(request, level, [sums[number] for number in numbers])
             for level, numbers in zip(more, tasks, strict=True)
         ]
-        found = estimate(levels, asked.order, asked.confidence)
+        found = estimate(levels, asked.order, asked.confidence, request.scene.run.dtype)
         rounds.append((_cost(levels), found.half))
         half = asked.goal.half_at(found.value)
         if found.half <= half:
