@@ -37,7 +37,7 @@ LIMITS = {
     # a neighbour at 1e-8 of the motion holds half the digits: measured 2.1e-6 and 2.9e-6
     "lyapunov": 1e-5,
     "megno": 1e-5,
-    # neighbours at 2^-28 of a probability, 1e-9 of a state, hold seven digits: 9.4e-6
+    # neighbours at 2^-28 of a probability, 1e-9 of a state, hold seven digits: 5.2e-6
     "ftle": 1e-4,
     # an error of 1.9e-7 of |L|^2 is a difference of near numbers: 3.1e-9 of it, 6e-16 of |L|^2
     "accuracy": 1e-7,

@@ -1,7 +1,7 @@
 """Other units change no pure number: of functions that take a scene, observables and closed forms.
 
 The quick tests take powers of 2, under which not a bit may change. All functions for 32 scenes with
-moments, masses and torques times 1e-20 and 1e20, and times times 1e-6 and 1e6 (an hour)::
+moments, masses and torques times 1e-20 and 1e20, and times times 1e-6 and 1e6 (half an hour)::
 
     pytest -n 0 -m slow tests/whole/test_units.py
 
