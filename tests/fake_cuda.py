@@ -6,10 +6,10 @@ was taken and not yet given back: other addresses are refused.
 """
 
 import ctypes
+import functools
 import sys
 import threading
 import types
-from functools import partial
 
 import llvmlite.binding as llvm
 import numpy as np
@@ -204,10 +204,7 @@ class FakeDriver(types.ModuleType):
 
     @current
     def cuModuleLoadData(self, text):
-        module = llvm.parse_assembly(text.rstrip(b"\0").decode())
-        engine = llvm.create_mcjit_compiler(module, host())
-        engine.finalize_object()
-        return OK, Thing(self.context(), engine)
+        return OK, Thing(self.context(), machine_code(text.rstrip(b"\0").decode()))
 
     @current
     def cuModuleUnload(self, module):
@@ -244,6 +241,20 @@ class FakeDriver(types.ModuleType):
         return (OK,)
 
 
+@functools.cache
+def optimised_text(text):
+    """A kernel's code, optimised for this processor: many tests take the same scene."""
+    return str(optimised(llvm.parse_assembly(text), host()))
+
+
+@functools.cache
+def machine_code(text):
+    """The engine that has a kernel's code, made for this processor."""
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(text), host())
+    engine.finalize_object()
+    return engine
+
+
 def host():
     """This processor, as LLVM compiles for it."""
     target = llvm.Target.from_default_triple()
@@ -267,8 +278,8 @@ def fake(monkeypatch):
         monkeypatch.setitem(sys.modules, "cuda.bindings", package.bindings)
         monkeypatch.setitem(sys.modules, "cuda.bindings.driver", driver)
         if compiled:
-            monkeypatch.setattr(cuda, "kernel_of", partial(kernel_of, host=True))
-            monkeypatch.setattr(cuda, "ptx_of", lambda module, _: str(optimised(module, host())))
+            monkeypatch.setattr(cuda, "kernel_of", functools.partial(kernel_of, host=True))
+            monkeypatch.setattr(cuda, "ptx_of", lambda module, _: optimised_text(str(module)))
             # which is no PTX and must not go to the disk cache
             monkeypatch.setattr(cuda, "kept_text", lambda types, more, make: make())
         cuda_device.devices.cache_clear()
