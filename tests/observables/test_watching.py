@@ -122,6 +122,8 @@ def test_no_bit_depends_on_blocks_or_on_what_else_is_watched(flipping):
 
 
 GRAVITY = (rm.Gravity(9.81),)
+# of all tests of heavy tops: their code is compiled once
+MANY = ("nutation", "precession", rm.Flips(2), rm.Passage(3, 1.2))
 
 
 @pytest.fixture(scope="module")
@@ -161,7 +163,7 @@ def lagrange():
 )
 def test_first_passage_is_as_exact_as_the_integrator(lagrange, integrator, step, bound):
     scene, case, cosine = lagrange
-    watched = ("nutation", "precession", rm.Passage(3, 1.2, stop=integrator == "srkn11"))
+    watched = *MANY[:-1], rm.Passage(3, 1.2, stop=integrator == "srkn11")
     ds = rm.simulate(scene, integrator=integrator, t_end=10.0, save=(*watched, "attitude"), **step)
     first = ds.passage_first.values
     passed = np.isfinite(first)
@@ -201,14 +203,17 @@ def test_first_passage_is_as_exact_as_the_integrator(lagrange, integrator, step,
         assert not ds.status.values.any()
 
 
+# of all tests below: their code is compiled once
+STATISTICS = ("omega_min", "omega_max", "omega_mean", "omega_variance", "energy_variance")
+
+
 def test_statistics_are_those_of_the_trajectory():
     """Of closed forms, in steps of up to 0.4 rad: extremes within steps count."""
     scene = rm.Scene(
         rm.Body.from_moments((1.0, 2.0, 3.0)),
         start=rm.Start(omega=(rm.normal(0, 0.3), 1.0, rm.normal(0, 0.3))),
     )
-    of = ("omega_min", "omega_max", "omega_mean", "omega_variance", "energy_variance")
-    ds = rm.simulate(scene, "rk8", members=64, dt=0.25, t_end=10.0, save=of)
+    ds = rm.simulate(scene, "rk8", members=64, dt=0.25, t_end=10.0, save=STATISTICS)
     t = np.linspace(0.0, 10.0, 4001)
     moments = np.array([1.0, 2.0, 3.0])
     start = ds.start_omega.values.T * moments
@@ -251,13 +256,7 @@ def test_a_flagged_member_has_no_summary():
         rm.Body.from_moments((1.0, 2.0, 3.0)),
         start=rm.Start(omega=np.array([[0.01, 1.0, 0.0], [1e200, 1e200, 1e200], [0.01, 1.0, 0.0]])),
     )
-    ds = rm.simulate(
-        scene,
-        dt=0.05,
-        t_end=10.0,
-        every=0.05,
-        save=("omega", "omega_min", "omega_max", "omega_mean", "omega_variance", "energy_variance"),
-    )
+    ds = rm.simulate(scene, "rk8", dt=0.05, t_end=10.0, every=0.05, save=("omega", *STATISTICS))
     assert (
         ds.status.values[1] > 0
         and np.isnan(ds.omega_max.values[:, 1]).all()
@@ -459,7 +458,7 @@ def test_statistics_of_members_with_steps_of_their_own():
     """
     omega = np.stack([np.full(64, 0.3), np.zeros(64), np.geomspace(1.0, 10.0, 64)], axis=1)
     scene = rm.Scene(rm.Body.from_moments((1.0, 1.0, 1.5)), start=rm.Start(omega=omega))
-    save = ("omega_mean", "omega_variance")
+    save = STATISTICS
     own = rm.simulate(scene, integrator="rk8", turn=0.02, t_end=10.0, save=save)
     t = np.linspace(0.0, 10.0, 20_001)
     rate = 0.5 * omega[:, 2]  # of a symmetric body: omega_1 = 0.3 cos(rate t)
@@ -511,7 +510,7 @@ def test_precession_from_the_half_line_where_turns_are_counted():
             dt=1e-3,
             t_end=1.0,
             members=1,
-            save=("nutation", "precession", rm.Passage(3, 1.2)),
+            save=MANY,
         )
         assert abs(ds.precession.values[0] - expected) < 1e-6
 
@@ -527,7 +526,7 @@ def test_nutation_near_the_vertical_keeps_its_digits():
             dt=0.02,
             t_end=1.0,
             members=1,
-            save=("nutation", "precession", rm.Passage(3, 1.2)),
+            save=MANY,
         )
         # the largest that its spin allows
         assert abs(ds.nutation_min.values[0] / lean - 1.0) < 1e-6
@@ -559,7 +558,6 @@ TOPS = rm.Scene(
     (rm.Gravity(9.81),),
     rm.Start(omega=tuple(rm.normal(0.0, 2.0) for _ in range(3)), attitude="uniform"),
 )
-MANY = ("nutation", "precession", "flips", rm.Passage(3, 1.2))
 
 
 @pytest.fixture(scope="module")
@@ -612,7 +610,7 @@ def test_what_is_watched_does_not_depend_on_the_step(in_small_steps, turn):
 def test_short_excursions_within_long_steps_are_found():
     """Cones that 200 tops leave for about 10 ms at their farthest, in steps of 1.6 rad (0.3 s)."""
     run = {"integrator": "rk8", "t_end": 10.0, "members": 200, "seed": 5, "threads": 2}
-    small = rm.simulate(TOPS, dt=1e-3, save=("nutation",), **run)
+    small = rm.simulate(TOPS, dt=1e-3, save=MANY, **run)
     found = []
     for i in range(0, 200, 10):
         farthest = float(small.nutation_max[i])

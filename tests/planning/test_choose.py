@@ -152,13 +152,17 @@ def test_a_tolerance_out_of_reach_is_refused():
         rm.simulate(scene, tolerance=2.0)
 
 
+def rubbed(rest):
+    """A body that friction brakes; smoothly if `rest` is large."""
+    start = rm.Start(omega=(rm.normal(0.1, 0.05), 1.0, 0.2))
+    return rm.Scene(rm.Body((1.0, 1.4, 2.0)), rm.DryFriction(0.5, rest), start)
+
+
 def test_a_kink_is_the_reason_where_it_is():
     """Friction that jumps at rest: half the step divides the error of rk8 by 0.4. With a width of
     1 rad/s the same torque is smooth, and keeps the tolerance."""
-    start = rm.Start(omega=(rm.normal(0.1, 0.05), 1.0, 0.2))
     for rest in (1e-9, 1.0):
-        scene = rm.Scene(rm.Body((1.0, 1.4, 2.0)), rm.DryFriction(0.5, rest), start)
-        scene = scene.with_run(t_end=3.0)
+        scene = rubbed(rest).with_run(t_end=3.0)
         if rest == 1.0:
             assert choose.choose(scene, 1e-6, integrators=("rk4",), **SMALL).predicted <= 1e-6
             continue
@@ -211,14 +215,10 @@ def test_a_prediction_above_the_tolerance_is_reported(bad, monkeypatch):
         # the first is the accuracy to which the truth is known
         return 2.0 * tolerance if 1 < len(calls) <= 1 + bad else real(values)
 
-    scene = rm.Scene(
-        rm.Body.from_moments((1.0, 1.4, 2.0)),
-        (rm.BodyTorque((0.1, 0.2, 0.1)),),
-        rm.Start(omega=rm.Sphere(1.0)),
-    )
-    plain = choose.choose(scene.with_run(t_end=5.0), tolerance, ("rk4",), **SMALL)
+    scene = rubbed(1.0).with_run(t_end=3.0)
+    plain = choose.choose(scene, tolerance, ("rk4",), **SMALL)
     monkeypatch.setattr(choose, "upper_quantile", told)
-    found = choose.choose(scene.with_run(t_end=5.0), tolerance, ("rk4",), **SMALL)
+    found = choose.choose(scene, tolerance, ("rk4",), **SMALL)
     if bad == 1:
         assert (
             found.way.steps > 1.1 * plain.way.steps
