@@ -1,5 +1,7 @@
 """Rare events: a Gaussian tail, a chain whose law is known by quadrature, run directories."""
 
+import functools
+
 import numpy as np
 import pytest
 from scipy.stats import norm
@@ -223,17 +225,19 @@ def test_members_may_branch_at_the_end():
     assert np.array_equal(paths.states[:, :2], paths.states[:, 5:7])
 
 
+@functools.cache
+def flips_of(unit):
+    """The study of flips of a body of about `unit` kg m2."""
+    body = rm.Body.from_moments((unit, 2.0 * unit, 3.0 * unit))
+    start = rm.Start(omega=(rm.normal(0.0, 1e-3), 1.0, 0.0))
+    run = {"integrator": "rk8", "dt": 0.05, "t_end": 8.0}
+    return rare(rm.Scene(body, start=start), "p(flips >= 1)", 1e-9, 60, 2, **run)
+
+
 @pytest.mark.parametrize("unit", [2.0**-66, 2.0**66])
 def test_the_unit_of_a_level_decides_nothing(unit):
     """The level of a flip is a momentum: bodies of 1e-20 and 1e20 kg m2 have the same scores."""
-
-    def found(unit, of):
-        body = rm.Body.from_moments((unit, 2.0 * unit, 3.0 * unit))
-        start = rm.Start(omega=(rm.normal(0.0, 1e-3), 1.0, 0.0))
-        run = {"integrator": "rk8", "dt": 0.05, "t_end": 8.0}
-        return rare(rm.Scene(body, start=start), of, 1e-9, 60, 2, **run)
-
-    one, two = found(1.0, "p(flips >= 1)"), found(unit, "p(flips >= 1)")
+    one, two = flips_of(1.0), flips_of(unit)
     for name in ("p", "probability", "score", "share", "member_steps"):
         assert np.array_equal(one[name], two[name], equal_nan=True), name
     assert one.score.max() < 1.0  # no member has flipped: measured 0.52

@@ -147,7 +147,7 @@ def test_directories_that_are_no_map_are_refused(tmp_path):
 
 
 def test_the_command_line_keeps_a_map_in_a_directory(tmp_path):
-    path, words = tmp_path / "map", ("sleeping_top", "--resolution", 64, "--members", 2)
+    path, words = tmp_path / "map", ("sleeping_top", "--resolution", 46, "--members", 2)
     told = invoke(*words, "-o", f"{path}/", "--shards", "0:1", "--shard-size", 0.01)
     assert told.exit_code == 0 and "of other tasks are left" in told.stdout
     told = invoke(path, "--plot", tmp_path / "part.png")
