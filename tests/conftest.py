@@ -1,33 +1,68 @@
 """Settings of all tests: which run first, what hypothesis draws, one compiling process a worker."""
 
+import functools
+import gc
 import os
 from collections import Counter
 
+import typer.main
+import typer.testing
 from hypothesis import HealthCheck, settings
 
-from rigidmc.engine import beside
+from rigidmc.engine import beside, pieces
 
 # No second process compiles: the workers of pytest use all cores (4 min instead of 7).
 beside.threads_available = lambda: 1
 
+
+def _compiled(dispatcher, signature, compiled=pieces._compiled):
+    """The code of a piece. What Numba keeps of it is looked through for garbage once and never
+    again: 1.8 s and not 3.1 of the 33 s that tests/effects/test_user.py takes."""
+    address = compiled(dispatcher, signature)
+    gc.collect(0)
+    gc.freeze()
+    return address
+
+
+pieces._compiled = _compiled
+
+# `CliRunner` makes all commands anew in each call, 25 of the 50 ms that `rigidmc show` takes.
+typer.testing._get_command = functools.cache(typer.main.get_command)
+
 # Files that compile nothing and fail within seconds if a step or Euler's equations are wrong.
 FIRST = ("tests/integrators/test_steps.py", "tests/dynamics/test_euler.py")
 
-# Files of few tests that take 20 to 200 s: at the end one worker would wait for them.
+# Files that take 10 to 80 s of a processor for few tests, the longest first: at the end one worker
+# would wait for them.
 LONG = (
     "tests/runs/test_resume.py",
+    "tests/engine/test_cuda.py",
     "tests/engine/test_bits.py",
+    "tests/whole/test_random_scenes.py",
+    "tests/observables/test_watching.py",
+    "tests/studies/test_rare.py",
+    "tests/whole/test_alone.py",
+    "tests/storage/test_border.py",
+    "tests/integrators/test_precision.py",
     "tests/whole/test_hostile.py",
-    "tests/engine/test_vectorisation.py",
     "tests/whole/test_extension.py",
     "tests/engine/test_cache.py",
-    "tests/engine/test_compile_time.py",
-    "tests/whole/test_random_scenes.py",
-    "tests/whole/test_everywhere.py",
-    "tests/engine/test_cuda.py",
     "tests/effects/test_user.py",
-    "tests/integrators/test_tables.py",
+    "tests/observables/test_keep.py",
+    "tests/planning/test_choose.py",
+    "tests/engine/test_compile_time.py",
+    "tests/whole/test_bad_input.py",
+    "tests/studies/test_multilevel.py",
+    "tests/storage/test_export.py",
+    "tests/effects/test_dissipation.py",
+    "tests/observables/test_directions.py",
     "tests/views/test_viewer.py",
+    "tests/cli/test_commands.py",
+    "tests/observables/test_chaos.py",
+    "tests/observables/test_angles.py",
+    "tests/studies/test_stored_maps.py",
+    "tests/files/test_outputs.py",
+    "tests/files/test_helpers.py",
 )
 
 # The same examples every time; HYPOTHESIS_PROFILE=nightly draws many more, and new ones.
