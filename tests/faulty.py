@@ -97,7 +97,7 @@ def torn(*error):
 
 
 def delay(real, given, named):
-    time.sleep(0.2)
+    time.sleep(0.05)
     return real(*given, **named)
 
 
