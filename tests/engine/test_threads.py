@@ -25,7 +25,7 @@ H, TOTAL, STRIDE, MEMBERS = 0.01, 200, 30, 96
 def job(low, size, out):
     return SimpleNamespace(
         program=program(form(RK4()), EFFECTS, EVERYTHING), noise=None, order=None, h=H, slots=1,
-        total=TOTAL, stride=STRIDE, rounds=TOTAL, done=0,
+        total=TOTAL, stride=STRIDE, rounds=TOTAL, done=0, head=TOTAL, last_h=H,
         block=np.ascontiguousarray(tops()[:, low : low + size]), out=out, width=MEMBERS, column=low,
     )  # fmt: skip
 
