@@ -139,8 +139,8 @@ def test_nothing_is_executed_but_what_was_allowed():
     """No pickle, eval, exec or yaml in the syntax trees of the package.
 
     One place runs a user's file, with --allow-code; one imports this package in a helper
-    process, one loads xarray, Numba and matplotlib. Numba pickles kernels: one place reads those of
-    the user's own cache, which may name Numba's classes and no others (tests/engine/test_own_cache).
+    process, one loads xarray, Numba and matplotlib. Numba pickles kernels: one place reads those
+    of the user's own cache, which may name Numba's classes and no others.
     """
     found = set()
     for path in PACKAGE.rglob("*.py"):
