@@ -16,6 +16,7 @@ from typing import NamedTuple
 from unittest.mock import Mock
 
 import llvmlite.binding as llvm
+import numpy as np
 import pytest
 import xarray as xr
 from typer.testing import CliRunner
@@ -39,6 +40,7 @@ from rigidmc.runs.resume import resume
 from rigidmc.studies import bits
 from rigidmc.studies.bits import cases
 from tests.engine.test_bits import changed
+from tests.engine.test_last_interval import scene as shortened
 from tests.fake_cuda import fake as fake
 
 pytestmark = [
@@ -71,6 +73,21 @@ def test_the_launches_of_every_integrator_give_the_recorded_bits(name, fake):
     fake()
     with rm.device("cuda"):
         assert not changed(sums((0,), (name,)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("settings", [
+    {"integrator": "strang", "save": ("omega", "flips", "omega_mean", "omega_variance")},
+    {"integrator": "rk4", "turn": 0.05, "save": ("omega", "flips", "omega_mean")},
+], ids=["equal steps", "own steps"])  # fmt: skip
+def test_a_shorter_last_interval_has_the_same_bits(settings, fake):
+    one = shortened().with_run(members=70, **settings)
+    here, driver = rm.simulate(one), fake()
+    with rm.device("cuda"):
+        there = rm.simulate(one)
+    assert driver.launches
+    for name in here.data_vars:
+        assert np.array_equal(here[name].values, there[name].values, equal_nan=True), name
 
 
 def test_the_comparison_sees_one_bit(fake, monkeypatch):
