@@ -22,7 +22,7 @@ from rigidmc.files.opening import plain
 _SUM = hashlib.sha256().digest_size
 # Modules that a file may name
 _KNOWN = re.compile(r"(numba|numpy|rigidmc|builtins|copyreg|collections)(\.|$)")
-# What code of the user's own may call: LLVM's functions and those of C that Python's math has too.
+# What code of the user's own may call: functions of LLVM, and of C if Python's math has them too.
 _CALLED = re.compile(rf"llvm\.|(numba_)?({'|'.join(dir(math))})f?$")
 _PRIVATE = 8, 9  # linkages of LLVM's that no other code sees: internal, private
 

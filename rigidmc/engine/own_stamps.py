@@ -15,7 +15,6 @@ something else than when it was first seen, as Numba keeps in memory what it has
 """
 
 import builtins
-import contextlib
 import dis
 import functools
 import hashlib
@@ -29,14 +28,13 @@ from types import CodeType, FunctionType, ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.core import compiler, event, imputils, ir
+from numba.core import compiler, event, ir
 from numba.core.caching import NullCache
-from numba.core.registry import CPUDispatcher, cpu_target
-from numba.core.typing import templates
-from numba.core.typing.typeof import typeof_impl
+from numba.core.registry import CPUDispatcher
 
 from rigidmc.dynamics.methods import METHODS
 from rigidmc.engine.cache_folder import classes_of
+from rigidmc.engine.numba_extensions import extension
 from rigidmc.files.helpers import PACKAGE
 
 _LIBRARIES = {"builtins", "math", "numpy", "rigidmc"}
@@ -162,7 +160,7 @@ def _stamp(kind: type[Any]) -> str:
     """The stamp of a class; raises Unknown."""
     with _lock:
         things, words, unknown = _walk(kind)
-        if foreign := _extension():
+        if foreign := extension():
             raise Unknown(f"{foreign} extends Numba")
     if unknown:
         raise unknown[0]
@@ -380,55 +378,3 @@ def _label(thing: Any) -> str:
 
 def _article(word: str) -> str:
     return f"{'an' if word[:1] in 'aeiou' else 'a'} {word}"
-
-
-# -- what others teach Numba: an `overload` of a user's changes the code of functions that do not
-# name it
-
-# Where what Numba comes with is from; "None" is code that Numba generates.
-_TEACHERS = _LIBRARIES | {"numba", "operator", "_operator", "heapq", "random", "None"}
-_scanned: dict[tuple[int, str], int] = {}  # {(id of a registry, its list): entries seen}
-_foreign: list[str] = []
-
-
-def _extension() -> str:
-    """A module, neither Numba's nor of this package, that has taught Numba something; or ""."""
-    typing, target = cpu_target.typing_context, cpu_target.target_context
-    known: list[Any] = [templates.builtin_registry, imputils.builtin_registry]
-    for registry in {id(r): r for r in [*known, *typing._registries, *target._registries]}.values():
-        for name, entries in vars(registry).items():
-            if isinstance(entries, list):
-                key = id(registry), name
-                for entry in entries[_scanned.get(key, 0) :]:
-                    _foreign.extend(set(_teachers(name, entry)) - _TEACHERS)
-                _scanned[key] = len(entries)
-    others = {home for one in typeof_impl.registry.values() for home in _makers(one, 0)}
-    return next(iter([*_foreign, *(others - _TEACHERS)]), "")
-
-
-def _teachers(name: str, entry: Any) -> Iterator[str]:
-    """The first words of the modules that an entry of a list of a registry comes from."""
-    if name == "globals":  # (what is known by a type, the type)
-        made = [type(entry[1]), *getattr(entry[1], "templates", ())]
-    else:  # a template; or (code, what it is for, ...)
-        made = [entry[0] if isinstance(entry, tuple) else entry]
-    for one in made:
-        yield from _makers(one, 3)
-
-
-def _makers(thing: Any, depth: int) -> Iterator[str]:
-    """The same of a function or class, and of the functions that it is made of."""
-    home = str(getattr(thing, "__module__", None)).partition(".")[0]
-    by_function = isinstance(thing, type) and home == "abc"
-    if not by_function:
-        yield home
-    inner = [getattr(thing, word, None) for word in ("_overload_func", "_definition_func")]
-    if by_function:
-        inner += vars(thing).values()
-    for cell in getattr(thing, "__closure__", None) or ():
-        with contextlib.suppress(ValueError):  # an empty one
-            inner.append(cell.cell_contents)
-    for one in inner:
-        function = getattr(one, "__func__", one)
-        if depth and isinstance(function, FunctionType):
-            yield from _makers(function, depth - 1)

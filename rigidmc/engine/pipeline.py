@@ -144,7 +144,7 @@ class FusingLowering(NativeLowering):
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class OwnFusingLowering(FusingLowering):
-    """The same for a function of the user's own."""
+    """The lowering of a user's own function, whose globals are compared with its stamp."""
 
     _name = "rigidmc_own_fusing_lowering"
 

@@ -91,7 +91,7 @@ def program_of(scene: Scene, plan: Plan, ask: bool = False) -> Program | None:
             ask=ask,
             nodes=plan.nodes,
             paired=plan.paired,
-            shortens=plan.is_shortened,
+            shortens=plan.grid.is_shortened,
         )
         return found
     except NumbaError as error:
@@ -162,7 +162,7 @@ def closed_job(
     column: int,
 ) -> Job:
     """A block that needs no steps, because its saves are closed forms."""
-    values, saves = closed_values(scene, block, start, plan.times, plan.clock), len(plan.times)
+    values, saves = closed_values(scene, block, start, plan.times, plan.grid.clock), len(plan.times)
     if width:
         size = block.shape[1]
         out.reshape(saves, -1, width)[:, :, column : column + size] = values

@@ -23,7 +23,7 @@ from rigidmc.planning.closed_form import closed_form
 from rigidmc.planning.form import carries_attitude, form_of, largest_rates, mean_own_steps
 from rigidmc.planning.limits import SPUN_UP, Limits, limits
 from rigidmc.planning.stage import check_starts
-from rigidmc.planning.time_grid import Clock, Grid, grid, rounds
+from rigidmc.planning.time_grid import Grid, grid, rounds
 from rigidmc.planning.watch import Watch, watch
 from rigidmc.scene.conservation import booked_labels
 from rigidmc.scene.limits import PILOT
@@ -105,14 +105,9 @@ class Plan(NamedTuple):
         return self._replace(first=0, members=which.size, which=which)
 
     @property
-    def clock(self) -> Clock:
-        """When steps end."""
-        return Clock(self.dt, self.head, self.last_dt)
-
-    @property
-    def is_shortened(self) -> bool:
-        """Whether the steps of the last interval have a length of their own."""
-        return self.head < self.steps
+    def grid(self) -> Grid:
+        """The steps, of rounds with member steps."""
+        return Grid(self.steps, self.dt, self.stride, self.head, self.last_dt)
 
     @property
     def values(self) -> int:

@@ -165,7 +165,7 @@ def _results(job: Job, scene: Scene, plan: Plan) -> dict[str, np.ndarray]:
     status = rows[layout.STATUS, : job.size].astype("i1")
     flagged, fault = rows[layout.STATUS] > 0.0, rows[layout.FAULT_STEP]
     each = rows[layout.STEPS]
-    made, clock = plan.steps * each, plan.clock.of(each)
+    made, clock = plan.steps * each, plan.grid.clock.of(each)
     return {
         "energy_drift_max": rows[layout.DRIFT],
         "l2_drift_max": rows[layout.DRIFT + 1],

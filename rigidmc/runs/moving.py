@@ -94,7 +94,7 @@ class Moving:
     def results(self, block: Array, part: int) -> dict[str, Array]:
         """{variable: values of each member} of what is watched, after a part; nan if flagged."""
         plan, steps = self.plan, int(self.ends[part + 1])
-        found = watch.results(self.scene, plan.watch, block, plan.clock, steps, plan.nodes)
+        found = watch.results(self.scene, plan.watch, block, plan.grid.clock, steps, plan.nodes)
         if self._units is None:
             return found
         units = {name: self._known[name].attrs.get("units", "1") for name in found}

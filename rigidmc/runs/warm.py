@@ -85,7 +85,7 @@ def _warmed(scene: Scene) -> Warmed:
         return Warmed(name, 0.0, (), rule)
     if plan.form is None:
         block, start = stage(scene, plan.first, whole_lanes(1), plan.carried, None, plan.watch.rows)
-        closed_values(scene, block, start, plan.times[:2], plan.clock)
+        closed_values(scene, block, start, plan.times[:2], plan.grid.clock)
     else:
         program_of(scene, plan)
     return Warmed(name, time.perf_counter() - began, tuple(compiled[before:]), "")

@@ -129,7 +129,7 @@ def _steps(scene: Scene, plan: Plan) -> list[str]:
         lines.append(f"steps        {f'{pieces.strip()}, ' if pieces else ''}{own}, {end}")
     else:
         less = ""
-        if plan.is_shortened and plan.form:
+        if plan.grid.is_shortened and plan.form:
             less = f" (the last {plan.steps - plan.head:,}: {plan.last_dt:.6g} s)"
         lines.append(f"steps        {plan.steps:,}{pieces}, dt = {plan.dt:.6g} s{less}, {end}")
     if plan.dtype == "float32":

@@ -102,7 +102,7 @@ def pilot(scene: Scene, members: int, first: int | None = None) -> Pilot:
     padding = whole_lanes(members) - members
     block = np.ascontiguousarray(np.pad(block, ((0, 0), (0, padding)), mode="edge"))
     saves = rounds(run.t_end, run.every)
-    # steps of a pilot are even: if those of the scene are not, so are the checks
+    # a pilot has steps of one length, so its checks are evenly spaced even if the saves are not
     base, stride = (CHECKPOINTS, 1) if saves.is_shortened else (saves.steps, saves.stride)
     stride *= max(1, math.ceil(base / stride / CHECKPOINTS))
     times = run.t_end * np.minimum(np.arange(stride, base + stride, stride), base) / base

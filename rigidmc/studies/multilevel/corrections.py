@@ -118,7 +118,7 @@ def estimate(
 ) -> Estimate:
     """The Estimate of three levels or more, for an integrator of an order and a precision.
 
-    Corrections that are rounding, as those of an integrator that is exact, tell no order.
+    Corrections that are rounding, such as an exact integrator makes, tell no order.
     """
     f, (before, last) = 2.0**order, levels[-2:]
     each = list(zip(weights(levels, order), levels, strict=True))
